@@ -254,10 +254,29 @@ mod tests {
         }
         // A line here is never edited, only replaced by that of the next version.
         let known = [
-            ("armplane.EstimatorCheckpoint.v2", 432, 0x0184_47d8_5cf1_979d),
-            ("armplane.AnalyzerCheckpoint.v2", 1888, 0xd183_645a_d89c_2cda),
-            ("armplane.ControllerCheckpoint.v7", 3736, 0x8514_6635_3162_42a8),
+            (
+                "armplane.EstimatorCheckpoint.v2",
+                432,
+                0x0184_47d8_5cf1_979d,
+            ),
+            (
+                "armplane.AnalyzerCheckpoint.v2",
+                1888,
+                0xd183_645a_d89c_2cda,
+            ),
+            (
+                "armplane.ControllerCheckpoint.v7",
+                3736,
+                0x8514_6635_3162_42a8,
+            ),
         ];
-        assert_eq!([of::<EstimatorCheckpoint>(), of::<AnalyzerCheckpoint>(), of::<ControllerCheckpoint>()], known);
+        assert_eq!(
+            [
+                of::<EstimatorCheckpoint>(),
+                of::<AnalyzerCheckpoint>(),
+                of::<ControllerCheckpoint>()
+            ],
+            known
+        );
     }
 }

@@ -6,7 +6,10 @@ pub type Named = (u32, &'static str);
 /// The name of `code` in `table`, or `"unknown"`.
 #[must_use]
 pub fn name_of(table: &[Named], code: u32) -> &'static str {
-    table.iter().find(|(known, _)| *known == code).map_or("unknown", |(_, name)| name)
+    table
+        .iter()
+        .find(|(known, _)| *known == code)
+        .map_or("unknown", |(_, name)| name)
 }
 
 /// The name of a singularity: its kind, or, for one found numerically, its place in the report (`s1`, `s2`, …).
@@ -22,7 +25,11 @@ pub fn singularity_name(kind: u32, place: usize) -> String {
 #[must_use]
 pub fn reason_text(reason: u32, joint: u32, upper: u32) -> String {
     let side = if upper > 0 { "upper" } else { "lower" };
-    let joint = if joint > 0 { format!(": joint {joint} at its {side} limit") } else { String::new() };
+    let joint = if joint > 0 {
+        format!(": joint {joint} at its {side} limit")
+    } else {
+        String::new()
+    };
     format!("{}{joint}", name_of(REASONS, reason))
 }
 

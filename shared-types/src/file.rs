@@ -30,7 +30,13 @@ impl InvalidFile {
     #[must_use]
     pub fn line(&self) -> Option<usize> {
         let start = self.span.as_ref()?.start.min(self.text.len());
-        Some(self.text.as_bytes()[..start].iter().filter(|&&byte| byte == b'\n').count() + 1)
+        Some(
+            self.text.as_bytes()[..start]
+                .iter()
+                .filter(|&&byte| byte == b'\n')
+                .count()
+                + 1,
+        )
     }
 }
 
@@ -64,27 +70,46 @@ pub struct Complaint {
 impl fmt::Display for Complaint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.path, self.message)?;
-        if self.remedy.is_empty() { Ok(()) } else { write!(f, " ({})", self.remedy) }
+        if self.remedy.is_empty() {
+            Ok(())
+        } else {
+            write!(f, " ({})", self.remedy)
+        }
     }
 }
 
 impl Complaint {
     /// A complaint about the value at `path`.
-    pub fn new(path: impl Into<String>, message: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self { path: path.into(), message: message.into(), remedy: remedy.into() }
+    pub fn new(
+        path: impl Into<String>,
+        message: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self {
+            path: path.into(),
+            message: message.into(),
+            remedy: remedy.into(),
+        }
     }
 
     /// The same complaint about a value inside `path`.
     #[must_use]
     pub fn within(self, path: &str) -> Self {
-        Self { path: format!("{path}.{}", self.path), ..self }
+        Self {
+            path: format!("{path}.{}", self.path),
+            ..self
+        }
     }
 
     /// Finds the place in the text, or the setting (`key.path=value`) that has laid a value over it: the last one for this key or for one around or
     /// inside it.
     #[must_use]
     pub fn locate_with(self, file: &str, text: &str, settings: &[String]) -> InvalidFile {
-        let is_within = |inner: &str, outer: &str| inner.strip_prefix(outer).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'));
+        let is_within = |inner: &str, outer: &str| {
+            inner
+                .strip_prefix(outer)
+                .is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+        };
         let concerns = |setting: &&String| {
             let key = setting.split_once('=').map_or("", |(key, _)| key.trim());
             is_within(key, &self.path) || is_within(&self.path, key)
@@ -118,14 +143,26 @@ impl Complaint {
 ///
 /// # Errors
 /// [`InvalidFile`] for a syntax error, an unknown key, a wrong type, or a setting that does not fit.
-pub fn parse<T: DeserializeOwned>(file: &str, text: &str, settings: &[String]) -> Result<T, InvalidFile> {
+pub fn parse<T: DeserializeOwned>(
+    file: &str,
+    text: &str,
+    settings: &[String],
+) -> Result<T, InvalidFile> {
     let invalid = |error: toml::de::Error| {
         let (message, remedy) = explain(error.message());
         // An error about a value, and not about the name of a key, which it tells itself.
-        let key =
-            error.span().filter(|_| !message.contains('`') || message.ends_with("does not fit here")).and_then(|span| key_at(text, &span));
+        let key = error
+            .span()
+            .filter(|_| !message.contains('`') || message.ends_with("does not fit here"))
+            .and_then(|span| key_at(text, &span));
         let message = key.map_or(message.clone(), |key| format!("`{key}`: {message}"));
-        InvalidFile { file: file.to_owned(), text: text.to_owned(), span: error.span(), message, remedy }
+        InvalidFile {
+            file: file.to_owned(),
+            text: text.to_owned(),
+            span: error.span(),
+            message,
+            remedy,
+        }
     };
     if settings.is_empty() {
         return toml::from_str(text).map_err(invalid);
@@ -144,13 +181,23 @@ pub fn parse<T: DeserializeOwned>(file: &str, text: &str, settings: &[String]) -
     toml::from_str::<T>(text).map_err(invalid)?;
     table.try_into().map_err(|error: toml::de::Error| {
         let (message, remedy) = explain(error.message());
-        InvalidFile { file: format!("--set {}", settings.join(" --set ")), text: String::new(), span: None, message, remedy }
+        InvalidFile {
+            file: format!("--set {}", settings.join(" --set ")),
+            text: String::new(),
+            span: None,
+            message,
+            remedy,
+        }
     })
 }
 
 fn lay_over(table: &mut toml::Table, setting: &str) -> Result<(), (String, String)> {
-    let (path, value) =
-        setting.split_once('=').ok_or_else(|| ("a setting needs `=`".to_owned(), "write it as control.k_p=400".to_owned()))?;
+    let (path, value) = setting.split_once('=').ok_or_else(|| {
+        (
+            "a setting needs `=`".to_owned(),
+            "write it as control.k_p=400".to_owned(),
+        )
+    })?;
     let value = toml::from_str::<toml::Table>(&format!("value = {value}"))
         .ok()
         .and_then(|mut parsed| parsed.remove("value"))
@@ -171,7 +218,9 @@ fn lay_over(table: &mut toml::Table, setting: &str) -> Result<(), (String, Strin
         // An element of a list that the file does not have.
         return Err(missing(path));
     }
-    let mut place = table.entry(first).or_insert_with(|| toml::Value::Table(toml::Table::new()));
+    let mut place = table
+        .entry(first)
+        .or_insert_with(|| toml::Value::Table(toml::Table::new()));
     while let Some(key) = keys.next() {
         let last = keys.peek().is_none();
         place = match place {
@@ -179,7 +228,9 @@ fn lay_over(table: &mut toml::Table, setting: &str) -> Result<(), (String, Strin
                 inner.insert(key.to_owned(), value);
                 return Ok(());
             }
-            toml::Value::Table(inner) => inner.entry(key).or_insert_with(|| toml::Value::Table(toml::Table::new())),
+            toml::Value::Table(inner) => inner
+                .entry(key)
+                .or_insert_with(|| toml::Value::Table(toml::Table::new())),
             toml::Value::Array(items) => {
                 let index: usize = key.parse().map_err(|_| missing(path))?;
                 let item = items.get_mut(index).ok_or_else(|| missing(path))?;
@@ -200,7 +251,11 @@ pub(crate) fn positive(path: &str, value: f64) -> Result<(), Complaint> {
     if value.is_finite() && value > 0.0 {
         Ok(())
     } else {
-        Err(Complaint::new(path, format!("`{path}` is {value}"), "it must be a positive number"))
+        Err(Complaint::new(
+            path,
+            format!("`{path}` is {value}"),
+            "it must be a positive number",
+        ))
     }
 }
 
@@ -234,13 +289,20 @@ const MOST_KEYS: usize = 6;
 fn key_at(text: &str, place: &Range<usize>) -> Option<String> {
     /// Looks into each value: a table that has a header of its own does not enclose its values in the text.
     fn look(value: &DeValue<'_>, place: &Range<usize>) -> Option<String> {
-        let inner = |name: String, value: &toml::Spanned<DeValue<'_>>| match look(value.get_ref(), place) {
-            Some(below) => Some(format!("{name}.{below}")),
-            None => (value.span().start <= place.start && place.end <= value.span().end).then_some(name),
-        };
+        let inner =
+            |name: String, value: &toml::Spanned<DeValue<'_>>| match look(value.get_ref(), place) {
+                Some(below) => Some(format!("{name}.{below}")),
+                None => (value.span().start <= place.start && place.end <= value.span().end)
+                    .then_some(name),
+            };
         match value {
-            DeValue::Table(table) => table.iter().find_map(|(key, value)| inner(key.get_ref().to_string(), value)),
-            DeValue::Array(items) => items.iter().enumerate().find_map(|(index, value)| inner(index.to_string(), value)),
+            DeValue::Table(table) => table
+                .iter()
+                .find_map(|(key, value)| inner(key.get_ref().to_string(), value)),
+            DeValue::Array(items) => items
+                .iter()
+                .enumerate()
+                .find_map(|(index, value)| inner(index.to_string(), value)),
             _ => None,
         }
     }
@@ -248,7 +310,11 @@ fn key_at(text: &str, place: &Range<usize>) -> Option<String> {
     let (document, _) = DeTable::parse_recoverable(text);
     let key = look(&DeValue::Table(document.into_inner()), place)?;
     // Of values within each other the first few tell which it is.
-    Some(key.match_indices('.').nth(MOST_KEYS - 1).map_or(key.clone(), |(end, _)| key[..end].to_owned()))
+    Some(
+        key.match_indices('.')
+            .nth(MOST_KEYS - 1)
+            .map_or(key.clone(), |(end, _)| key[..end].to_owned()),
+    )
 }
 
 #[cfg(test)]
@@ -263,12 +329,19 @@ mod tests {
         let text = TEXT.replace("duration_s", "duration");
         let error = parse::<Scenario>("a.toml", &text, &[]).unwrap_err();
         assert_eq!(error.line(), Some(6));
-        assert_eq!(error.to_string(), "a.toml:6: unknown field `duration` (did you mean `duration_s`?)");
+        assert_eq!(
+            error.to_string(),
+            "a.toml:6: unknown field `duration` (did you mean `duration_s`?)"
+        );
     }
 
     #[test]
     fn a_value_that_does_not_fit_is_named_by_its_key_with_what_is_allowed() {
-        let said = |text: &str| parse::<Scenario>("a.toml", text, &[]).unwrap_err().to_string();
+        let said = |text: &str| {
+            parse::<Scenario>("a.toml", text, &[])
+                .unwrap_err()
+                .to_string()
+        };
         let cases = [
             (
                 TEXT.replace("duration_s = 1.0", "duration_s = true"),
@@ -287,7 +360,10 @@ mod tests {
             assert_eq!(said(&text), sentence);
         }
         let deep = format!("deep = {}1{}\n{TEXT}", "[".repeat(300), "]".repeat(300));
-        let (nested, large) = (said(&deep), said(&format!("seed = 99999999999999999999\n{TEXT}")));
+        let (nested, large) = (
+            said(&deep),
+            said(&format!("seed = 99999999999999999999\n{TEXT}")),
+        );
         assert!(
             nested.starts_with("a.toml:1: `deep.0.0.0.0.0`: lists")
                 && nested.ends_with("nested too deeply (at most 80 are within each other)"),
@@ -298,32 +374,67 @@ mod tests {
 
     #[test]
     fn settings_are_laid_over() {
-        let settings = ["seed=7", "control.k_p=100.0", "segment.0.duration_s=2.5", "robot=planar3r"].map(str::to_owned);
+        let settings = [
+            "seed=7",
+            "control.k_p=100.0",
+            "segment.0.duration_s=2.5",
+            "robot=planar3r",
+        ]
+        .map(str::to_owned);
         let scenario: Scenario = parse("a.toml", TEXT, &settings).unwrap();
-        assert_eq!((scenario.seed, scenario.control.k_p, scenario.segment[0].duration_s), (7, 100.0, 2.5));
+        assert_eq!(
+            (
+                scenario.seed,
+                scenario.control.k_p,
+                scenario.segment[0].duration_s
+            ),
+            (7, 100.0, 2.5)
+        );
         assert_eq!(scenario.robot, "planar3r");
     }
 
     #[test]
     fn a_wrong_setting_is_refused_by_name() {
         let error = parse::<Scenario>("a.toml", TEXT, &["control.kp=1.0".to_owned()]).unwrap_err();
-        assert!(error.to_string().starts_with("--set control.kp=1.0: unknown field `kp`"), "{error}");
+        assert!(
+            error
+                .to_string()
+                .starts_with("--set control.kp=1.0: unknown field `kp`"),
+            "{error}"
+        );
         assert!(parse::<Scenario>("a.toml", TEXT, &["segment.3.duration_s=1".to_owned()]).is_err());
         assert!(parse::<Scenario>("a.toml", TEXT, &["seed".to_owned()]).is_err());
     }
 
     #[test]
     fn complaints_find_their_line() {
-        let located = Complaint::new("segment.0.duration_s", "too short", "").locate("a.toml", TEXT);
+        let located =
+            Complaint::new("segment.0.duration_s", "too short", "").locate("a.toml", TEXT);
         assert_eq!(located.line(), Some(6));
-        assert_eq!(Complaint::new("nowhere.at.all", "x", "").locate("a.toml", TEXT).line(), None);
+        assert_eq!(
+            Complaint::new("nowhere.at.all", "x", "")
+                .locate("a.toml", TEXT)
+                .line(),
+            None
+        );
     }
 
     #[test]
     fn a_complaint_about_a_setting_names_the_setting() {
-        let settings = ["segment.0.duration_s=2".to_owned(), "segment.0.duration_s=-1".to_owned(), "segment.01=3".to_owned()];
-        let place = |path: &str| Complaint::new(path, "x", "").locate_with("a.toml", TEXT, &settings).file;
-        assert_eq!(place("segment.0.duration_s"), "--set segment.0.duration_s=-1");
+        let settings = [
+            "segment.0.duration_s=2".to_owned(),
+            "segment.0.duration_s=-1".to_owned(),
+            "segment.01=3".to_owned(),
+        ];
+        let place = |path: &str| {
+            Complaint::new(path, "x", "")
+                .locate_with("a.toml", TEXT, &settings)
+                .file
+        };
+        assert_eq!(
+            place("segment.0.duration_s"),
+            "--set segment.0.duration_s=-1"
+        );
         assert_eq!(place("segment.0"), "--set segment.0.duration_s=-1");
         assert_eq!(place("segment.1.duration_s"), "a.toml");
     }

@@ -39,7 +39,11 @@ impl Graph {
     /// # Errors
     /// As [`Graph::parse`].
     pub fn built_in(is_steered: bool) -> Result<Self, InvalidFile> {
-        let (name, text) = if is_steered { ("servo.toml", STEERED) } else { ("graph.toml", BUILT_IN) };
+        let (name, text) = if is_steered {
+            ("servo.toml", STEERED)
+        } else {
+            ("graph.toml", BUILT_IN)
+        };
         Self::parse(name, text)
     }
 
@@ -59,13 +63,22 @@ impl Graph {
             }
             other => {
                 let message = format!("there is no graph `{other}` to extend");
-                return Err(
-                    Complaint::new("extends", message, format!("extends = \"{BUILT_IN_NAME}\", or \"{STEERED_NAME}\"")).locate(file, text)
-                );
+                return Err(Complaint::new(
+                    "extends",
+                    message,
+                    format!("extends = \"{BUILT_IN_NAME}\", or \"{STEERED_NAME}\""),
+                )
+                .locate(file, text));
             }
         };
         graph.read_everything();
-        let located = |complaint: Complaint| Complaint { path: place_in_file(&complaint.path, before), ..complaint }.locate(file, text);
+        let located = |complaint: Complaint| {
+            Complaint {
+                path: place_in_file(&complaint.path, before),
+                ..complaint
+            }
+            .locate(file, text)
+        };
         graph.check().map_err(located)?;
         Ok(graph)
     }
@@ -73,7 +86,8 @@ impl Graph {
     /// Puts the processes of a built-in graph before its own, but for those that have the name of one of its own; returns how many.
     fn extend(&mut self, text: &str) -> Result<usize, InvalidFile> {
         let mut base: Self = crate::file::parse("graph.toml", text, &[])?;
-        base.process.retain(|process| self.process(&process.name).is_none());
+        base.process
+            .retain(|process| self.process(&process.name).is_none());
         let before = base.process.len();
         base.process.append(&mut self.process);
         self.process = base.process;
@@ -84,20 +98,42 @@ impl Graph {
     /// Replaces `*` among the topics read.
     fn read_everything(&mut self) {
         let listed = TOPICS.iter().map(|topic| (*topic).to_owned());
-        let all: Vec<String> = listed.chain(self.topic.iter().map(|topic| topic.name.clone())).collect();
-        let written: Vec<String> = all.into_iter().filter(|topic| self.writer(topic).is_some()).collect();
-        for process in self.process.iter_mut().filter(|process| process.reads.iter().any(|topic| topic == EVERYTHING)) {
-            process.reads = written.iter().filter(|topic| !process.writes.contains(topic)).cloned().collect();
+        let all: Vec<String> = listed
+            .chain(self.topic.iter().map(|topic| topic.name.clone()))
+            .collect();
+        let written: Vec<String> = all
+            .into_iter()
+            .filter(|topic| self.writer(topic).is_some())
+            .collect();
+        for process in self
+            .process
+            .iter_mut()
+            .filter(|process| process.reads.iter().any(|topic| topic == EVERYTHING))
+        {
+            process.reads = written
+                .iter()
+                .filter(|topic| !process.writes.contains(topic))
+                .cloned()
+                .collect();
         }
     }
 }
 
 /// A path in a graph that `before` processes were put before, as a path in its file.
 fn place_in_file(path: &str, before: usize) -> String {
-    let inner = path.strip_prefix("process.").and_then(|rest| rest.split_once('.').or(Some((rest, ""))));
-    let Some((index, rest)) = inner.and_then(|(index, rest)| Some((index.parse::<usize>().ok()?, rest))) else { return path.to_owned() };
+    let inner = path
+        .strip_prefix("process.")
+        .and_then(|rest| rest.split_once('.').or(Some((rest, ""))));
+    let Some((index, rest)) =
+        inner.and_then(|(index, rest)| Some((index.parse::<usize>().ok()?, rest)))
+    else {
+        return path.to_owned();
+    };
     // A process that the file does not have: the file is wrong in that it extends the graph.
-    index.checked_sub(before).map_or_else(|| "extends".to_owned(), |index| format!("process.{index}.{rest}"))
+    index.checked_sub(before).map_or_else(
+        || "extends".to_owned(),
+        |index| format!("process.{index}.{rest}"),
+    )
 }
 
 #[cfg(test)]
@@ -106,7 +142,10 @@ mod tests {
     use crate::topics::ALWAYS;
 
     fn names<'a>(processes: impl IntoIterator<Item = &'a Process>) -> Vec<&'a str> {
-        processes.into_iter().map(|process| process.name.as_str()).collect()
+        processes
+            .into_iter()
+            .map(|process| process.name.as_str())
+            .collect()
     }
 
     const ENERGY: &str = "extends = \"armplane\"\n[[topic]]\nname = \"energy\"\ntype = \"armplane.Energy.v1\"\nfields = [\"header: Header\", \
@@ -116,35 +155,92 @@ mod tests {
     fn the_built_in_graph_has_every_program_and_every_topic() {
         let graph = Graph::parse("graph.toml", BUILT_IN).unwrap();
         assert_eq!(names(&graph.process), Program::ALL.map(Program::name));
-        assert!(graph.process.iter().all(|process| process.program().is_some()));
-        assert!(ALWAYS.iter().all(|topic| graph.writer(topic).is_some()), "a topic without a writer");
-        assert_eq!(graph.process("recorder").unwrap().reads, ALWAYS, "`*` is every topic that is written");
-        assert_eq!((graph.world().unwrap().name.as_str(), graph.writer("torque").unwrap().name.as_str()), ("plant", "controller"));
-        assert_eq!(names(graph.hops()), ["plant", "estimator", "analyzer", "controller"]);
-        assert_eq!(graph.chain().iter().map(|(hop, _)| *hop).collect::<Vec<_>>(), [0, 1, 2, 3]);
+        assert!(
+            graph
+                .process
+                .iter()
+                .all(|process| process.program().is_some())
+        );
+        assert!(
+            ALWAYS.iter().all(|topic| graph.writer(topic).is_some()),
+            "a topic without a writer"
+        );
+        assert_eq!(
+            graph.process("recorder").unwrap().reads,
+            ALWAYS,
+            "`*` is every topic that is written"
+        );
+        assert_eq!(
+            (
+                graph.world().unwrap().name.as_str(),
+                graph.writer("torque").unwrap().name.as_str()
+            ),
+            ("plant", "controller")
+        );
+        assert_eq!(
+            names(graph.hops()),
+            ["plant", "estimator", "analyzer", "controller"]
+        );
+        assert_eq!(
+            graph
+                .chain()
+                .iter()
+                .map(|(hop, _)| *hop)
+                .collect::<Vec<_>>(),
+            [0, 1, 2, 3]
+        );
     }
 
     #[test]
     fn a_steered_run_has_an_operator_before_its_controller() {
         let graph = Graph::parse("servo.toml", STEERED).unwrap();
         assert!(TOPICS.iter().all(|topic| graph.writer(topic).is_some()));
-        assert_eq!(names(graph.hops()), ["plant", "estimator", "analyzer", "operator", "controller"]);
+        assert_eq!(
+            names(graph.hops()),
+            ["plant", "estimator", "analyzer", "operator", "controller"]
+        );
         assert_eq!(graph.process("recorder").unwrap().reads, TOPICS);
     }
 
     #[test]
     fn a_graph_that_extends_adds_and_replaces() {
         let graph = Graph::parse("energy.toml", ENERGY).unwrap();
-        assert_eq!(names(&graph.process), ["plant", "estimator", "analyzer", "controller", "recorder", "energy"]);
-        assert_eq!(graph.process("recorder").unwrap().reads.last().unwrap(), "energy", "the recorder reads what is added");
-        assert_eq!(names(graph.hops()), ["plant", "estimator", "analyzer", "controller", "energy"]);
+        assert_eq!(
+            names(&graph.process),
+            [
+                "plant",
+                "estimator",
+                "analyzer",
+                "controller",
+                "recorder",
+                "energy"
+            ]
+        );
+        assert_eq!(
+            graph.process("recorder").unwrap().reads.last().unwrap(),
+            "energy",
+            "the recorder reads what is added"
+        );
+        assert_eq!(
+            names(graph.hops()),
+            ["plant", "estimator", "analyzer", "controller", "energy"]
+        );
         assert_eq!(graph.chain().len(), 4, "the loop does not wait for it");
-        assert_eq!(graph.layout("energy").unwrap().bytes, graph.layout("torque").unwrap().bytes - 64);
+        assert_eq!(
+            graph.layout("energy").unwrap().bytes,
+            graph.layout("torque").unwrap().bytes - 64
+        );
         let again = Graph::parse("again.toml", &toml::to_string(&graph).unwrap()).unwrap();
         assert_eq!(again, graph, "a graph that has been read is whole");
         let mine = "extends = \"armplane\"\n[[process]]\nname = \"plant\"\ncommand = [\"mine\"]\nfeedback = [\"torque\"]\nwrites = [\"sensor\", \"plant_state\"]\n";
         let graph = Graph::parse("mine.toml", mine).unwrap();
-        assert_eq!((graph.process.len(), graph.process("plant").unwrap().program()), (5, None));
+        assert_eq!(
+            (
+                graph.process.len(),
+                graph.process("plant").unwrap().program()
+            ),
+            (5, None)
+        );
     }
 
     #[test]
@@ -155,6 +251,9 @@ mod tests {
         );
         let graph = Graph::parse("late.toml", &late).unwrap();
         let chain = graph.chain();
-        assert_eq!(names(chain.iter().map(|(_, process)| *process)), ["plant", "estimator", "analyzer", "energy", "controller"]);
+        assert_eq!(
+            names(chain.iter().map(|(_, process)| *process)),
+            ["plant", "estimator", "analyzer", "energy", "controller"]
+        );
     }
 }

@@ -80,8 +80,15 @@ impl Job {
     /// # Errors
     /// [`Complaint`], its path relative to the job.
     pub fn check(&self) -> Result<(), Complaint> {
-        self.scenario.check().map_err(|complaint| complaint.within("scenario"))?;
-        self.graph.check().map_err(|complaint| complaint.within("graph"))?;
-        self.scenario.scheduled_faults(&self.graph).map(drop).map_err(|complaint| complaint.within("scenario"))
+        self.scenario
+            .check()
+            .map_err(|complaint| complaint.within("scenario"))?;
+        self.graph
+            .check()
+            .map_err(|complaint| complaint.within("graph"))?;
+        self.scenario
+            .scheduled_faults(&self.graph)
+            .map(drop)
+            .map_err(|complaint| complaint.within("scenario"))
     }
 }

@@ -74,15 +74,29 @@ impl DeclaredTopic {
         let mut fields = Vec::with_capacity(self.fields.len());
         let mut end = 0;
         for (i, text) in self.fields.iter().enumerate() {
-            let refuse = |message: String, remedy: &str| Err(Complaint::new(format!("fields.{i}"), message, remedy));
-            let Some((name, type_name)) = text.split_once(':').map(|(name, type_name)| (name.trim(), type_name.trim())) else {
-                return refuse(format!("`{text}` is no field"), "name: type, as in `kinetic_j: f64`");
+            let refuse = |message: String, remedy: &str| {
+                Err(Complaint::new(format!("fields.{i}"), message, remedy))
+            };
+            let Some((name, type_name)) = text
+                .split_once(':')
+                .map(|(name, type_name)| (name.trim(), type_name.trim()))
+            else {
+                return refuse(
+                    format!("`{text}` is no field"),
+                    "name: type, as in `kinetic_j: f64`",
+                );
             };
             if (i == 0) != (name == "header") || (i == 0) != (type_name == Header::ELEMENT) {
-                return refuse(format!("`{text}` at place {i}"), "a message begins with `header: Header`, once");
+                return refuse(
+                    format!("`{text}` at place {i}"),
+                    "a message begins with `header: Header`, once",
+                );
             }
             let Some((element, unit, count)) = parse_type(type_name) else {
-                return refuse(format!("`{type_name}` is no type of a field"), "f64, u64, u32, or an array as `[f64; 6]`");
+                return refuse(
+                    format!("`{type_name}` is no type of a field"),
+                    "f64, u64, u32, or an array as `[f64; 6]`",
+                );
             };
             if end % unit != 0 {
                 return refuse(
@@ -110,12 +124,19 @@ impl DeclaredTopic {
             });
             end += size;
             if end > MOST_BYTES {
-                return refuse(format!("the message has more than {MOST_BYTES} bytes"), "make it smaller");
+                return refuse(
+                    format!("the message has more than {MOST_BYTES} bytes"),
+                    "make it smaller",
+                );
             }
         }
         if fields.len() < 2 || !end.is_multiple_of(8) {
             let message = format!("a message of {end} bytes in {} fields", fields.len());
-            return Err(Complaint::new("fields", message, "a header and at least one more field, in all a multiple of 8 bytes"));
+            return Err(Complaint::new(
+                "fields",
+                message,
+                "a header and at least one more field, in all a multiple of 8 bytes",
+            ));
         }
         let mut hash = Fnv::of(&self.type_name, end, align_of::<u64>(), &fields);
         for field in &fields {
@@ -125,8 +146,20 @@ impl DeclaredTopic {
                 Header::hash_parts(&mut hash);
             }
         }
-        let Self { name, type_name, about, .. } = self.clone();
-        Ok(MessageLayout { topic: name, type_name, about, fields, bytes: end, hash: hash.value() })
+        let Self {
+            name,
+            type_name,
+            about,
+            ..
+        } = self.clone();
+        Ok(MessageLayout {
+            topic: name,
+            type_name,
+            about,
+            fields,
+            bytes: end,
+            hash: hash.value(),
+        })
     }
 }
 
@@ -138,7 +171,11 @@ fn is_field_name(name: &str) -> bool {
 
 /// Element and its size, alignment, and how many of them a type holds.
 fn parse_type(text: &str) -> Option<((&'static str, usize), usize, usize)> {
-    let scalar = |text: &str| [("f64", 8), ("u64", 8), ("u32", 4)].into_iter().find(|(name, _)| *name == text);
+    let scalar = |text: &str| {
+        [("f64", 8), ("u64", 8), ("u32", 4)]
+            .into_iter()
+            .find(|(name, _)| *name == text)
+    };
     if text == Header::ELEMENT {
         return Some(((Header::ELEMENT, size_of::<Header>()), 8, 1));
     }
@@ -147,7 +184,11 @@ fn parse_type(text: &str) -> Option<((&'static str, usize), usize, usize)> {
     }
     let (element, count) = text.strip_prefix('[')?.strip_suffix(']')?.split_once(';')?;
     let element = scalar(element.trim())?;
-    let count = count.trim().parse().ok().filter(|count| (1..=MOST_BYTES).contains(count))?;
+    let count = count
+        .trim()
+        .parse()
+        .ok()
+        .filter(|count| (1..=MOST_BYTES).contains(count))?;
     Some((element, element.1, count))
 }
 
@@ -172,22 +213,52 @@ mod tests {
 
     fn declared(fields: &[&str]) -> DeclaredTopic {
         let fields = fields.iter().map(ToString::to_string).collect();
-        DeclaredTopic { name: "mixed".into(), type_name: "armplane.Mixed.v3".into(), about: "Numbers of every kind.".into(), fields }
+        DeclaredTopic {
+            name: "mixed".into(),
+            type_name: "armplane.Mixed.v3".into(),
+            about: "Numbers of every kind.".into(),
+            fields,
+        }
     }
 
     #[test]
     fn a_declared_layout_is_that_of_the_type() {
-        let declared = declared(&["header: Header", "table: [f64; 6]", "count: u64", "codes: [u32; 2]"]).layout().unwrap();
+        let declared = declared(&[
+            "header: Header",
+            "table: [f64; 6]",
+            "count: u64",
+            "codes: [u32; 2]",
+        ])
+        .layout()
+        .unwrap();
         let known = MessageLayout::of::<Mixed>();
-        assert_eq!((declared.hash, declared.bytes), (Mixed::layout_hash(), size_of::<Mixed>()));
-        let places = |layout: &MessageLayout| layout.fields.iter().map(|field| (field.name.clone(), field.offset)).collect::<Vec<_>>();
-        assert_eq!((places(&declared), &declared.about), (places(&known), &known.about));
+        assert_eq!(
+            (declared.hash, declared.bytes),
+            (Mixed::layout_hash(), size_of::<Mixed>())
+        );
+        let places = |layout: &MessageLayout| {
+            layout
+                .fields
+                .iter()
+                .map(|field| (field.name.clone(), field.offset))
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(
+            (places(&declared), &declared.about),
+            (places(&known), &known.about)
+        );
     }
 
     #[test]
     fn another_layout_has_another_hash() {
-        let first = declared(&["header: Header", "a: f64", "b: f64"]).layout().unwrap().hash;
-        for other in [["header: Header", "b: f64", "a: f64"], ["header: Header", "a: f64", "b: u64"]] {
+        let first = declared(&["header: Header", "a: f64", "b: f64"])
+            .layout()
+            .unwrap()
+            .hash;
+        for other in [
+            ["header: Header", "b: f64", "a: f64"],
+            ["header: Header", "a: f64", "b: u64"],
+        ] {
             assert_ne!(declared(&other).layout().unwrap().hash, first);
         }
     }

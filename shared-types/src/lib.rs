@@ -37,8 +37,8 @@ pub mod wire;
 
 pub use checkpoints::{AnalyzerCheckpoint, ControllerCheckpoint, EstimatorCheckpoint};
 pub use messages::{
-    ControlState, PlantState, SensorSample, ServoState, SingularityReport, SingularityState, StateEstimate, Target, TargetContent,
-    TorqueCommand,
+    ControlState, PlantState, SensorSample, ServoState, SingularityReport, SingularityState,
+    StateEstimate, Target, TargetContent, TorqueCommand,
 };
 pub use topics::{ByTopic, Topic};
 pub use wire::{Checkpoint, Header, Layout, Message, Stamps};

@@ -226,7 +226,10 @@ wire! {
     }
 }
 
-const _: () = assert!(size_of::<TorqueCommand>() <= 256, "what a drive needs, at every tick");
+const _: () = assert!(
+    size_of::<TorqueCommand>() <= 256,
+    "what a drive needs, at every tick"
+);
 
 wire! {
     /// The control law's intermediate results and its reference: controller → recorder, for judging and showing.
@@ -294,7 +297,10 @@ mod tests {
         assert_eq!(a.content(), b.content());
         a.header.tick = 1;
         assert_ne!(a.content(), b.content());
-        assert_eq!(a.content().len(), size_of::<SensorSample>() - size_of::<Stamps>());
+        assert_eq!(
+            a.content().len(),
+            size_of::<SensorSample>() - size_of::<Stamps>()
+        );
     }
 
     #[test]

@@ -125,13 +125,21 @@ impl Process {
     /// The program of ours that runs as the process; `None` for a command, or a name that it does not know.
     #[must_use]
     pub fn program(&self) -> Option<Program> {
-        if self.command.is_empty() && !self.external && self.robot.is_empty() { Program::named(self.program_name()) } else { None }
+        if self.command.is_empty() && !self.external && self.robot.is_empty() {
+            Program::named(self.program_name())
+        } else {
+            None
+        }
     }
 
     /// The name of the program of ours that it asks for.
     #[must_use]
     pub fn program_name(&self) -> &str {
-        if self.program.is_empty() { &self.name } else { &self.program }
+        if self.program.is_empty() {
+            &self.name
+        } else {
+            &self.program
+        }
     }
 
     /// Whether a program takes part for it by an exchange page.
@@ -160,7 +168,13 @@ pub enum Program {
 
 impl Program {
     /// Those of the built-in graph, in the order of the data.
-    pub const ALL: [Self; 5] = [Self::Plant, Self::Estimator, Self::Analyzer, Self::Controller, Self::Recorder];
+    pub const ALL: [Self; 5] = [
+        Self::Plant,
+        Self::Estimator,
+        Self::Analyzer,
+        Self::Controller,
+        Self::Recorder,
+    ];
 
     /// Their names, in the same order.
     pub const NAMES: [&'static str; Self::ALL.len()] = {
@@ -189,6 +203,9 @@ impl Program {
     /// The one of that name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().chain([Self::Operator]).find(|program| program.name() == name)
+        Self::ALL
+            .into_iter()
+            .chain([Self::Operator])
+            .find(|program| program.name() == name)
     }
 }

@@ -46,7 +46,11 @@ mod tests {
     /// The first numbers of the reference implementation for seed 1234567 (Vigna, splitmix64.c).
     #[test]
     fn the_sequence_is_the_published_one() {
-        let published = [6_457_827_717_110_365_317_u64, 3_203_168_211_198_807_973, 9_817_491_932_198_370_423];
+        let published = [
+            6_457_827_717_110_365_317_u64,
+            3_203_168_211_198_807_973,
+            9_817_491_932_198_370_423,
+        ];
         assert_eq!([1, 2, 3].map(|index| at(1_234_567, index)), published);
         assert_eq!(mix(1_234_567), published[0]);
     }

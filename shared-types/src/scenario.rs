@@ -117,7 +117,9 @@ impl Scenario {
     /// [`InvalidFile`]: where, what, and what to do.
     pub fn parse(file: &str, text: &str, settings: &[String]) -> Result<Self, InvalidFile> {
         let scenario: Self = crate::file::parse(file, text, settings)?;
-        scenario.check().map_err(|complaint| complaint.locate_with(file, text, settings))?;
+        scenario
+            .check()
+            .map_err(|complaint| complaint.locate_with(file, text, settings))?;
         Ok(scenario)
     }
 
@@ -137,7 +139,12 @@ impl Scenario {
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         let steered = self.servo.as_ref().map_or(0.0, Servo::duration_s);
-        self.segment.iter().map(|segment| segment.duration_s).sum::<f64>() + steered + self.settle_s
+        self.segment
+            .iter()
+            .map(|segment| segment.duration_s)
+            .sum::<f64>()
+            + steered
+            + self.settle_s
     }
 
     /// Ticks that the task is planned to take.
@@ -155,29 +162,58 @@ impl Scenario {
 
     /// The checks that do not need the robot.
     pub(crate) fn check(&self) -> Result<(), Complaint> {
-        if self.name.is_empty() || !self.name.chars().all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c)) {
-            return Err(Complaint::new("name", format!("`{}` cannot be a name", self.name), "letters, digits, `-`, `_` and `.`"));
+        if self.name.is_empty()
+            || !self
+                .name
+                .chars()
+                .all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c))
+        {
+            return Err(Complaint::new(
+                "name",
+                format!("`{}` cannot be a name", self.name),
+                "letters, digits, `-`, `_` and `.`",
+            ));
         }
         if !(50..=20_000).contains(&self.rate_hz) {
-            return Err(Complaint::new("rate_hz", format!("rate {} Hz is out of range", self.rate_hz), "50 to 20000"));
+            return Err(Complaint::new(
+                "rate_hz",
+                format!("rate {} Hz is out of range", self.rate_hz),
+                "50 to 20000",
+            ));
         }
         if !(0.0..=600.0).contains(&self.settle_s) {
-            return Err(Complaint::new("settle_s", format!("`settle_s` is {}", self.settle_s), "0 to 600"));
+            return Err(Complaint::new(
+                "settle_s",
+                format!("`settle_s` is {}", self.settle_s),
+                "0 to 600",
+            ));
         }
         self.start.check()?;
         if let Some(servo) = &self.servo {
             servo.check()?;
             if !self.segment.is_empty() {
-                return Err(Complaint::new("segment", "a steered run has no segments", "leave out [servo], or the segments"));
+                return Err(Complaint::new(
+                    "segment",
+                    "a steered run has no segments",
+                    "leave out [servo], or the segments",
+                ));
             }
         } else if self.segment.is_empty() {
-            return Err(Complaint::new("segment", "the task is empty", "add a [[segment]] with a duration_s"));
+            return Err(Complaint::new(
+                "segment",
+                "the task is empty",
+                "add a [[segment]] with a duration_s",
+            ));
         }
         for (i, segment) in self.segment.iter().enumerate() {
             segment.check(i)?;
         }
         if self.duration_s() > 36_000.0 {
-            return Err(Complaint::new("segment", format!("the task takes {} s", self.duration_s()), "10 hours at most"));
+            return Err(Complaint::new(
+                "segment",
+                format!("the task takes {} s", self.duration_s()),
+                "10 hours at most",
+            ));
         }
         self.plant.check()?;
         self.estimator.check()?;
@@ -186,7 +222,11 @@ impl Scenario {
         self.record.check()?;
         self.goal.check()?;
         let mut faults = self.fault.iter().enumerate();
-        faults.try_for_each(|(i, fault)| fault.check(self.rate_hz).map_err(|complaint| complaint.within(&format!("fault.{i}"))))
+        faults.try_for_each(|(i, fault)| {
+            fault
+                .check(self.rate_hz)
+                .map_err(|complaint| complaint.within(&format!("fault.{i}")))
+        })
     }
 
     /// Its faults in their fixed-size form, for the processes of a graph.
@@ -196,11 +236,24 @@ impl Scenario {
     pub fn scheduled_faults(&self, graph: &Graph) -> Result<Vec<ScheduledFault>, Complaint> {
         let scheduled = |(i, fault): (usize, &Fault)| {
             let target = graph.target(&fault.process).ok_or_else(|| {
-                let names: Vec<_> = graph.process.iter().map(|process| process.name.as_str()).collect();
-                Complaint::new("process", format!("there is no process `{}`", fault.process), format!("the graph has {}", names.join(", ")))
+                let names: Vec<_> = graph
+                    .process
+                    .iter()
+                    .map(|process| process.name.as_str())
+                    .collect();
+                Complaint::new(
+                    "process",
+                    format!("there is no process `{}`", fault.process),
+                    format!("the graph has {}", names.join(", ")),
+                )
             });
-            let seed = self.seed.wrapping_mul(0x0100_0000_01b3).wrapping_add(i as u64);
-            target.and_then(|on| fault.schedule(&on, self.rate_hz, seed)).map_err(|complaint| complaint.within(&format!("fault.{i}")))
+            let seed = self
+                .seed
+                .wrapping_mul(0x0100_0000_01b3)
+                .wrapping_add(i as u64);
+            target
+                .and_then(|on| fault.schedule(&on, self.rate_hz, seed))
+                .map_err(|complaint| complaint.within(&format!("fault.{i}")))
         };
         self.fault.iter().enumerate().map(scheduled).collect()
     }
@@ -215,16 +268,52 @@ mod tests {
     #[test]
     fn wrong_values_are_refused_with_their_line() {
         let cases = [
-            ("duration_s = 1.0", "duration_s = -1.0", "the segment takes -1 s", 6),
-            ("duration_s = 1.0", "duration_s = 1.0\nturn = { about = \"zta\", by_deg = 1 }", "`zta` is not a direction", 7),
-            ("duration_s = 1.0", "duration_s = 1.0\nquaternion = [1, 1, 0, 0]", "norm² is 2", 7),
-            ("duration_s = 1.0", "duration_s = 1.0\nrotation = [[1,0,0],[0,1,0],[0,0,-1]]", "not a rotation", 7),
-            ("duration_s = 1.0", "duration_s = 1.0\nto_m = [0,0,0]\nby_m = [0,0,0]", "given more than once", 5),
-            ("posture = \"ready\"", "posture = \"ready\"\nq_rad = [0]", "given 2 times", 3),
-            ("name = \"x\"", "name = \"x\"\nrate_hz = 1", "out of range", 2),
+            (
+                "duration_s = 1.0",
+                "duration_s = -1.0",
+                "the segment takes -1 s",
+                6,
+            ),
+            (
+                "duration_s = 1.0",
+                "duration_s = 1.0\nturn = { about = \"zta\", by_deg = 1 }",
+                "`zta` is not a direction",
+                7,
+            ),
+            (
+                "duration_s = 1.0",
+                "duration_s = 1.0\nquaternion = [1, 1, 0, 0]",
+                "norm² is 2",
+                7,
+            ),
+            (
+                "duration_s = 1.0",
+                "duration_s = 1.0\nrotation = [[1,0,0],[0,1,0],[0,0,-1]]",
+                "not a rotation",
+                7,
+            ),
+            (
+                "duration_s = 1.0",
+                "duration_s = 1.0\nto_m = [0,0,0]\nby_m = [0,0,0]",
+                "given more than once",
+                5,
+            ),
+            (
+                "posture = \"ready\"",
+                "posture = \"ready\"\nq_rad = [0]",
+                "given 2 times",
+                3,
+            ),
+            (
+                "name = \"x\"",
+                "name = \"x\"\nrate_hz = 1",
+                "out of range",
+                2,
+            ),
         ];
         for (right, wrong, expected, line) in cases {
-            let error = Scenario::parse("a.toml", &TEXT.replacen(right, wrong, 1), &[]).unwrap_err();
+            let error =
+                Scenario::parse("a.toml", &TEXT.replacen(right, wrong, 1), &[]).unwrap_err();
             assert!(error.to_string().contains(expected), "{error}");
             assert_eq!(error.line(), Some(line), "{error}");
         }
@@ -233,19 +322,29 @@ mod tests {
     #[test]
     fn a_law_is_called_what_its_file_says() {
         for strategy in Strategy::ALL {
-            let named = Scenario::parse("a.toml", TEXT, &[format!("control.strategy={:?}", strategy.name())]).unwrap();
+            let named = Scenario::parse(
+                "a.toml",
+                TEXT,
+                &[format!("control.strategy={:?}", strategy.name())],
+            )
+            .unwrap();
             assert_eq!(named.control.strategy, strategy);
         }
     }
 
     #[test]
     fn a_scenario_survives_being_written_and_read() {
-        for floor in ["plant.floor_m=-0.5", "plant.floor_m=0", "plant.floor_m=\"none\""] {
+        for floor in [
+            "plant.floor_m=-0.5",
+            "plant.floor_m=0",
+            "plant.floor_m=\"none\"",
+        ] {
             let scenario = Scenario::parse("a.toml", TEXT, &[floor.to_owned()]).unwrap();
             let text = toml::to_string(&scenario).unwrap();
             assert_eq!(Scenario::parse("b.toml", &text, &[]).unwrap(), scenario);
         }
-        let word = Scenario::parse("a.toml", TEXT, &["plant.floor_m=\"never\"".to_owned()]).unwrap_err();
+        let word =
+            Scenario::parse("a.toml", TEXT, &["plant.floor_m=\"never\"".to_owned()]).unwrap_err();
         assert!(word.to_string().contains("or \"none\""), "{word}");
     }
 }

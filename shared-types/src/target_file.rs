@@ -16,7 +16,8 @@
 
 use crate::MAX_DOF;
 use crate::codes::{
-    FRAME_BASE, FRAMES, Named, SIDE_KEEP, SIDES, TARGET_END, TARGET_POSE, TARGET_POSTURE, TARGET_TWIST, TARGET_UNREADABLE, TARGETS, name_of,
+    FRAME_BASE, FRAMES, Named, SIDE_KEEP, SIDES, TARGET_END, TARGET_POSE, TARGET_POSTURE,
+    TARGET_TWIST, TARGET_UNREADABLE, TARGETS, name_of,
 };
 use crate::file::InvalidFile;
 use crate::messages::TargetContent;
@@ -62,8 +63,15 @@ impl InvalidRow {
     /// As the defect of a file, at the line.
     #[must_use]
     pub fn in_file(self, file: &str, text: &str) -> InvalidFile {
-        let before: usize = text.split_inclusive('\n').take(self.line.saturating_sub(1)).map(str::len).sum();
-        let line = text.get(before..).and_then(|rest| rest.lines().next()).map_or(0, str::len);
+        let before: usize = text
+            .split_inclusive('\n')
+            .take(self.line.saturating_sub(1))
+            .map(str::len)
+            .sum();
+        let line = text
+            .get(before..)
+            .and_then(|rest| rest.lines().next())
+            .map_or(0, str::len);
         InvalidFile {
             file: file.to_owned(),
             text: text.to_owned(),
@@ -79,7 +87,10 @@ impl InvalidRow {
 /// # Errors
 /// [`InvalidRow`]: the first line that is no target, or is earlier than the one before.
 pub fn parse(text: &str, rate_hz: u32) -> Result<Vec<Row>, InvalidRow> {
-    Ok(numbered(text, rate_hz)?.into_iter().map(|(_, row)| row).collect())
+    Ok(numbered(text, rate_hz)?
+        .into_iter()
+        .map(|(_, row)| row)
+        .collect())
 }
 
 /// Checks a text that somebody wrote for an arm of `dof` joints: beyond [`parse`], the slips of the pen that the controller would refuse in the run. A NaN
@@ -92,13 +103,25 @@ pub fn check(text: &str, rate_hz: u32, dof: usize) -> Result<(), InvalidRow> {
         let norm = target.quaternion.iter().map(|x| x * x).sum::<f64>();
         let message = match target.kind {
             TARGET_POSTURE if target.joints as usize != dof => {
-                format!("the posture has {} values, and the arm has {dof} joints", target.joints)
+                format!(
+                    "the posture has {} values, and the arm has {dof} joints",
+                    target.joints
+                )
             }
-            TARGET_POSE if FRAMES.iter().any(|(code, _)| *code == target.frame) && target.frame != FRAME_BASE => {
-                format!("a pose is in the frame base, not {}", name_of(FRAMES, target.frame))
+            TARGET_POSE
+                if FRAMES.iter().any(|(code, _)| *code == target.frame)
+                    && target.frame != FRAME_BASE =>
+            {
+                format!(
+                    "a pose is in the frame base, not {}",
+                    name_of(FRAMES, target.frame)
+                )
             }
             TARGET_POSE if (norm - 1.0).abs() > NORM => {
-                format!("the quaternion qw qx qy qz has the norm {:.3}: it must be 1", norm.sqrt())
+                format!(
+                    "the quaternion qw qx qy qz has the norm {:.3}: it must be 1",
+                    norm.sqrt()
+                )
             }
             _ => continue,
         };
@@ -111,30 +134,54 @@ pub fn check(text: &str, rate_hz: u32, dof: usize) -> Result<(), InvalidRow> {
 fn numbered(text: &str, rate_hz: u32) -> Result<Vec<(usize, Row)>, InvalidRow> {
     // Some editors begin a file with a mark of its encoding.
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let mut lines = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
+    let mut lines = text
+        .lines()
+        .enumerate()
+        .map(|(i, line)| (i + 1, line.trim()));
     let invalid = |line: usize, message: String| InvalidRow { line, message };
     let unit = lines.next().and_then(|(_, first)| first.strip_prefix(HEAD));
     // Divided by, so that 700 mm are the number nearest to 0.7 m.
     let per_metre = match unit.map(str::trim) {
         Some("m") => 1.0,
         Some("mm") => 1e3,
-        _ => return Err(invalid(1, format!("the first line must be `{HEAD}m`, or `mm`"))),
+        _ => {
+            return Err(invalid(
+                1,
+                format!("the first line must be `{HEAD}m`, or `mm`"),
+            ));
+        }
     };
     let mut rows: Vec<(usize, Row)> = Vec::new();
     for (number, line) in lines.filter(|(_, line)| !line.is_empty() && !line.starts_with('#')) {
         let (time, rest) = line.split_once(',').unwrap_or((line, ""));
-        let row = ticks(time, rate_hz).and_then(|tick| content(rest, per_metre, tick, rate_hz).map(|target| Row { tick, target }));
+        let row = ticks(time, rate_hz).and_then(|tick| {
+            content(rest, per_metre, tick, rate_hz).map(|target| Row { tick, target })
+        });
         let row = row.map_err(|message| invalid(number, message))?;
         if rows.last().is_some_and(|(_, last)| row.tick < last.tick) {
-            return Err(invalid(number, format!("the target at {} s comes after a later one: sort the lines by time", time.trim())));
+            return Err(invalid(
+                number,
+                format!(
+                    "the target at {} s comes after a later one: sort the lines by time",
+                    time.trim()
+                ),
+            ));
         }
         if rows.len() == MOST {
-            return Err(invalid(number, format!("more than {MOST} targets: leave out lines, or steer from standard input (`--from -`)")));
+            return Err(invalid(
+                number,
+                format!(
+                    "more than {MOST} targets: leave out lines, or steer from standard input (`--from -`)"
+                ),
+            ));
         }
         rows.push((number, row));
     }
     match rows.is_empty() {
-        true => Err(invalid(1, "there is no target: add a line such as `0, twist, base, 1, 0.01 0 0 0 0 0`".to_owned())),
+        true => Err(invalid(
+            1,
+            "there is no target: add a line such as `0, twist, base, 1, 0.01 0 0 0 0 0`".to_owned(),
+        )),
         false => Ok(rows),
     }
 }
@@ -143,10 +190,19 @@ fn numbered(text: &str, rate_hz: u32) -> Result<Vec<(usize, Row)>, InvalidRow> {
 ///
 /// # Errors
 /// The defect, in words.
-pub fn content(line: &str, per_metre: f64, tick: u64, rate_hz: u32) -> Result<TargetContent, String> {
+pub fn content(
+    line: &str,
+    per_metre: f64,
+    tick: u64,
+    rate_hz: u32,
+) -> Result<TargetContent, String> {
     let mut parts = line.split(',').map(str::trim);
     let mut next = || parts.next().filter(|part| !part.is_empty());
-    let mut target = TargetContent { given_tick: tick, kind: code(next().unwrap_or_default(), TARGETS, "kind")?, ..Default::default() };
+    let mut target = TargetContent {
+        given_tick: tick,
+        kind: code(next().unwrap_or_default(), TARGETS, "kind")?,
+        ..Default::default()
+    };
     if target.kind == TARGET_END {
         return Ok(target);
     }
@@ -162,7 +218,8 @@ pub fn content(line: &str, per_metre: f64, tick: u64, rate_hz: u32) -> Result<Ta
         *values.get_mut(count).ok_or("more than 13 values")? = number(text, "a value")?;
         count += 1;
     }
-    let linear = |at: usize| std::array::from_fn(|i| values[at + i] / if i < 3 { per_metre } else { 1.0 });
+    let linear =
+        |at: usize| std::array::from_fn(|i| values[at + i] / if i < 3 { per_metre } else { 1.0 });
     match (target.kind, count) {
         (TARGET_TWIST, 6) => target.twist = linear(0),
         (TARGET_POSE, 7 | 13) => {
@@ -174,20 +231,43 @@ pub fn content(line: &str, per_metre: f64, tick: u64, rate_hz: u32) -> Result<Ta
             target.q[..count].copy_from_slice(&values[..count]);
             target.joints = count as u32;
         }
-        (TARGET_TWIST, _) => return Err(format!("a twist has 6 values, not {count}: vx vy vz wx wy wz")),
-        (TARGET_POSE, _) => return Err(format!("a pose has 7 values, or 13 with its twist, not {count}: x y z qw qx qy qz")),
-        (TARGET_POSTURE, _) => return Err(format!("a posture has one value per joint, not {count}")),
-        (kind, _) => return Err(format!("a target of kind `{}` cannot be given", name_of(TARGETS, kind))),
+        (TARGET_TWIST, _) => {
+            return Err(format!(
+                "a twist has 6 values, not {count}: vx vy vz wx wy wz"
+            ));
+        }
+        (TARGET_POSE, _) => {
+            return Err(format!(
+                "a pose has 7 values, or 13 with its twist, not {count}: x y z qw qx qy qz"
+            ));
+        }
+        (TARGET_POSTURE, _) => {
+            return Err(format!("a posture has one value per joint, not {count}"));
+        }
+        (kind, _) => {
+            return Err(format!(
+                "a target of kind `{}` cannot be given",
+                name_of(TARGETS, kind)
+            ));
+        }
     }
     target.side = next().map_or(Ok(SIDE_KEEP), |side| code(side, SIDES, "side"))?;
     target.given_tick = next().map_or(Ok(tick), |given| ticks(given, rate_hz))?;
-    Ok(if target.is_finite() { target } else { unreadable(target.given_tick) })
+    Ok(if target.is_finite() {
+        target
+    } else {
+        unreadable(target.given_tick)
+    })
 }
 
 /// In place of a target with a NaN or an infinity, which no message may hold.
 #[must_use]
 pub fn unreadable(given_tick: u64) -> TargetContent {
-    TargetContent { given_tick, kind: TARGET_UNREADABLE, ..Default::default() }
+    TargetContent {
+        given_tick,
+        kind: TARGET_UNREADABLE,
+        ..Default::default()
+    }
 }
 
 /// The text of targets; [`parse`] gives them again, bit for bit.
@@ -199,18 +279,34 @@ pub fn write(rows: &[Row], rate_hz: u32) -> String {
         let line = match target.kind {
             TARGET_END => format!("{}, end", seconds(*tick)),
             _ => {
-                let frame =
-                    FRAMES.iter().find(|(code, _)| *code == target.frame).map_or(target.frame.to_string(), |(_, name)| (*name).to_owned());
+                let frame = FRAMES
+                    .iter()
+                    .find(|(code, _)| *code == target.frame)
+                    .map_or(target.frame.to_string(), |(_, name)| (*name).to_owned());
                 let values: Vec<f64> = match target.kind {
-                    TARGET_POSE => target.position.into_iter().chain(target.quaternion).chain(target.twist).collect(),
+                    TARGET_POSE => target
+                        .position
+                        .into_iter()
+                        .chain(target.quaternion)
+                        .chain(target.twist)
+                        .collect(),
                     TARGET_POSTURE => target.q[..(target.joints as usize).min(MAX_DOF)].to_vec(),
                     TARGET_TWIST => target.twist.to_vec(),
                     _ => vec![f64::NAN; 6],
                 };
-                let kind = if target.kind == TARGET_UNREADABLE { TARGET_TWIST } else { target.kind };
+                let kind = if target.kind == TARGET_UNREADABLE {
+                    TARGET_TWIST
+                } else {
+                    target.kind
+                };
                 let values: Vec<String> = values.iter().map(f64::to_string).collect();
                 let (kind, side) = (name_of(TARGETS, kind), name_of(SIDES, target.side));
-                let head = format!("{}, {kind}, {frame}, {}, {}", seconds(*tick), target.valid_s, values.join(" "));
+                let head = format!(
+                    "{}, {kind}, {frame}, {}, {}",
+                    seconds(*tick),
+                    target.valid_s,
+                    values.join(" ")
+                );
                 format!("{head}, {side}, {}", seconds(target.given_tick))
             }
         };
@@ -221,20 +317,34 @@ pub fn write(rows: &[Row], rate_hz: u32) -> String {
 }
 
 fn code(word: &str, table: &[Named], what: &str) -> Result<u32, String> {
-    let known = || table.iter().map(|(_, name)| *name).filter(|name| !["none", "unreadable"].contains(name)).collect::<Vec<_>>().join(", ");
-    let found = table.iter().find(|(_, name)| *name == word).map(|(code, _)| *code);
+    let known = || {
+        table
+            .iter()
+            .map(|(_, name)| *name)
+            .filter(|name| !["none", "unreadable"].contains(name))
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
+    let found = table
+        .iter()
+        .find(|(_, name)| *name == word)
+        .map(|(code, _)| *code);
     found.ok_or_else(|| format!("there is no {what} `{word}`; there are {}", known()))
 }
 
 fn number(text: &str, what: &str) -> Result<f64, String> {
-    text.parse().map_err(|_| format!("`{text}` is not a number ({what})"))
+    text.parse()
+        .map_err(|_| format!("`{text}` is not a number ({what})"))
 }
 
 fn ticks(text: &str, rate_hz: u32) -> Result<u64, String> {
     let time: f64 = number(text.trim(), "a time in s")?;
     match (0.0..=LATEST_S).contains(&time) {
         true => Ok((time * f64::from(rate_hz)).round() as u64),
-        false => Err(format!("the time {} s is out of range: 0 to {LATEST_S}", text.trim())),
+        false => Err(format!(
+            "the time {} s is out of range: 0 to {LATEST_S}",
+            text.trim()
+        )),
     }
 }
 
@@ -247,8 +357,18 @@ mod tests {
         let text = "# armplane targets 1, length mm\n\n0, twist, hand, 0.2, 5 0 0 0 0 0.1\n0.1, pose, base, 1, 500 0 700 0 1 0 0, keep, 0.05\n\
                     0.2,posture,joints,1, 0.1 0.2 0.3 0.4 0.5 0.6,positive\n0.3,twist,7,1,0 0 0 0 0 0\n0.4,twist,base,1,NaN 0 0 0 0 0\n1,end\n";
         let rows = parse(text, 1000).unwrap();
-        assert_eq!((rows.len(), rows[0].target.twist[0], rows[1].target.position), (6, 0.005, [0.5, 0.0, 0.7]));
-        assert_eq!((rows[1].target.given_tick, rows[3].target.frame, rows[4].target.kind), (50, 7, TARGET_UNREADABLE));
+        assert_eq!(
+            (rows.len(), rows[0].target.twist[0], rows[1].target.position),
+            (6, 0.005, [0.5, 0.0, 0.7])
+        );
+        assert_eq!(
+            (
+                rows[1].target.given_tick,
+                rows[3].target.frame,
+                rows[4].target.kind
+            ),
+            (50, 7, TARGET_UNREADABLE)
+        );
         let mut odd = rows.clone();
         odd[0].target.twist[1] = 0.1 + 0.2;
         assert_eq!(parse(&write(&odd, 1000), 1000).unwrap(), odd);
@@ -257,38 +377,81 @@ mod tests {
     #[test]
     fn a_line_that_is_no_target_is_named() {
         let cases = [
-            ("0, twist, base, 1, 0 0 0 0 0", 2, "a twist has 6 values, not 5"),
-            ("0, twist, tool, 1, 0 0 0 0 0 0", 2, "there is no frame `tool`; there are base, hand, singular"),
-            ("0, twst, base, 1, 0 0 0 0 0 0", 2, "there is no kind `twst`"),
+            (
+                "0, twist, base, 1, 0 0 0 0 0",
+                2,
+                "a twist has 6 values, not 5",
+            ),
+            (
+                "0, twist, tool, 1, 0 0 0 0 0 0",
+                2,
+                "there is no frame `tool`; there are base, hand, singular",
+            ),
+            (
+                "0, twst, base, 1, 0 0 0 0 0 0",
+                2,
+                "there is no kind `twst`",
+            ),
             ("1, end\n0, end", 3, "sort the lines by time"),
             ("-1, end", 2, "out of range"),
             ("NaN, end", 2, "out of range"),
-            ("0, twist, base, one, 0 0 0 0 0 0", 2, "`one` is not a number (valid_s)"),
-            ("0, posture, joints, 1, 0 0 0 0 0 0 0 0 0 0 0 0 0 0", 2, "more than 13 values"),
+            (
+                "0, twist, base, one, 0 0 0 0 0 0",
+                2,
+                "`one` is not a number (valid_s)",
+            ),
+            (
+                "0, posture, joints, 1, 0 0 0 0 0 0 0 0 0 0 0 0 0 0",
+                2,
+                "more than 13 values",
+            ),
             ("", 1, "there is no target"),
         ];
         for (lines, line, words) in cases {
             let error = parse(&format!("{HEAD}m\n{lines}\n"), 1000).unwrap_err();
-            assert!(error.line == line && error.message.contains(words), "{error}");
+            assert!(
+                error.line == line && error.message.contains(words),
+                "{error}"
+            );
         }
-        assert!(parse("time_s,vx\n", 1000).unwrap_err().message.contains("the first line must be"));
+        assert!(
+            parse("time_s,vx\n", 1000)
+                .unwrap_err()
+                .message
+                .contains("the first line must be")
+        );
     }
 
     #[test]
     fn a_line_that_this_arm_cannot_follow_is_named() {
         let cases = [
-            ("0, posture, joints, 1, 0 0 0 0 0 0 0", Some("7 values, and the arm has 6 joints")),
-            ("0, pose, hand, 1, 0 0 0 1 0 0 0", Some("in the frame base, not hand")),
+            (
+                "0, posture, joints, 1, 0 0 0 0 0 0 0",
+                Some("7 values, and the arm has 6 joints"),
+            ),
+            (
+                "0, pose, hand, 1, 0 0 0 1 0 0 0",
+                Some("in the frame base, not hand"),
+            ),
             ("0, pose, base, 1, 0 0 0 1 1 0 0", Some("the norm 1.414")),
             ("0, pose, base, 1, 0 0 0 1 0 0 0", None),
             ("0, pose, 7, 1, 0 0 0 1 0 0 0", None),
             ("0, twist, base, 1, NaN 0 0 0 0 0", None),
         ];
         for (line, words) in cases {
-            let checked = check(&format!("{HEAD}m\n0, twist, hand, 1, 0 0 0 0 0 0\n{line}\n"), 1000, 6);
+            let checked = check(
+                &format!("{HEAD}m\n0, twist, hand, 1, 0 0 0 0 0 0\n{line}\n"),
+                1000,
+                6,
+            );
             match words {
                 Some(words) => {
-                    assert!(checked.as_ref().is_err_and(|error| error.line == 3 && error.message.contains(words)), "{line}: {checked:?}")
+                    assert!(
+                        checked
+                            .as_ref()
+                            .is_err_and(|error| error.line == 3 && error.message.contains(words)),
+                        "{line}: {checked:?}"
+                    )
                 }
                 None => assert_eq!(checked, Ok(()), "{line}"),
             }

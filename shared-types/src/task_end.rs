@@ -21,13 +21,22 @@ impl TaskEnd {
     /// Before the first command of a run of `rate_hz` ticks per second and at most `limit` ticks.
     #[must_use]
     pub fn new(rate_hz: u32, limit: u64) -> Self {
-        Self { phase: PHASE_RUNNING, refused_ticks: 0, refused_limit: REFUSED_S * u64::from(rate_hz), limit }
+        Self {
+            phase: PHASE_RUNNING,
+            refused_ticks: 0,
+            refused_limit: REFUSED_S * u64::from(rate_hz),
+            limit,
+        }
     }
 
     /// Takes in the phase of a tick's command, one of `codes::PHASES`; `None`: none came, and the one before goes on.
     pub fn take(&mut self, phase: Option<u32>) {
         self.phase = phase.unwrap_or(self.phase);
-        self.refused_ticks = if self.phase == PHASE_REFUSED { self.refused_ticks + 1 } else { 0 };
+        self.refused_ticks = if self.phase == PHASE_REFUSED {
+            self.refused_ticks + 1
+        } else {
+            0
+        };
     }
 
     /// Whether the run is over after so many ticks.

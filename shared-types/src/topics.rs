@@ -6,7 +6,10 @@ use std::convert::Infallible;
 use std::fmt::Debug;
 use std::marker::PhantomData;
 
-use crate::messages::{ControlState, PlantState, SensorSample, ServoState, SingularityReport, StateEstimate, Target, TorqueCommand};
+use crate::messages::{
+    ControlState, PlantState, SensorSample, ServoState, SingularityReport, StateEstimate, Target,
+    TorqueCommand,
+};
 use crate::wire::Message;
 
 /// The list: each topic with its message, in the order in which a tick's data flows.
@@ -148,7 +151,12 @@ for_each_topic!(derive);
 pub const STEERED: [&str; 2] = [Target::TOPIC, ServoState::TOPIC];
 
 /// The topics of the control chain in the order of the data: one message of each is once around the loop.
-pub const CHAIN: [&str; 4] = [SensorSample::TOPIC, StateEstimate::TOPIC, SingularityReport::TOPIC, TorqueCommand::TOPIC];
+pub const CHAIN: [&str; 4] = [
+    SensorSample::TOPIC,
+    StateEstimate::TOPIC,
+    SingularityReport::TOPIC,
+    TorqueCommand::TOPIC,
+];
 
 /// Most topics of a run, those of its graph included: each has a bit on every doorbell.
 pub const MAX_TOPICS: usize = 29;
@@ -298,7 +306,9 @@ pub fn wire_hash() -> u64 {
             M::layout_hash()
         }
     }
-    each(&mut Hash).iter().fold(0, |hash: u64, layout| hash.rotate_left(7) ^ layout)
+    each(&mut Hash)
+        .iter()
+        .fold(0, |hash: u64, layout| hash.rotate_left(7) ^ layout)
 }
 
 #[cfg(test)]
@@ -314,12 +324,21 @@ mod tests {
             fn each<M: Topic>(&mut self) {
                 let mut end = 0;
                 for field in M::FIELDS {
-                    assert_eq!(field.offset, end, "{}.{}: padding before it", M::TYPE_NAME, field.name);
+                    assert_eq!(
+                        field.offset,
+                        end,
+                        "{}.{}: padding before it",
+                        M::TYPE_NAME,
+                        field.name
+                    );
                     end = field.offset + field.size;
                 }
                 assert_eq!(end, size_of::<M>(), "{}: padding at its end", M::TYPE_NAME);
                 assert_eq!(TOPICS[M::INDEX], M::TOPIC);
-                assert_eq!(M::zeroed().content().len(), size_of::<M>() - size_of::<Stamps>());
+                assert_eq!(
+                    M::zeroed().content().len(),
+                    size_of::<M>() - size_of::<Stamps>()
+                );
             }
         }
         each(&mut Check);
@@ -338,7 +357,13 @@ mod tests {
             }
         }
         let whole = ByTopic::<Whole>::build(&mut Tick(0));
-        assert_eq!((whole.sensor.header.tick, SensorSample::of(&whole).header.tick), (0, 0));
+        assert_eq!(
+            (
+                whole.sensor.header.tick,
+                SensorSample::of(&whole).header.tick
+            ),
+            (0, 0)
+        );
         assert_eq!(PlantState::of(&whole).header.tick, PlantState::INDEX as u64);
         let mut received = ByTopic::<Received>::from(&whole);
         assert_eq!(received.lent(), whole.lent());
@@ -357,7 +382,10 @@ mod tests {
         }
         assert_eq!(named("sensor", &mut Size), Some(size_of::<SensorSample>()));
         assert_eq!(named("weather", &mut Size), None);
-        assert_eq!(TOPICS.map(|topic| named(topic, &mut Size)), each(&mut Size).map(Some));
+        assert_eq!(
+            TOPICS.map(|topic| named(topic, &mut Size)),
+            each(&mut Size).map(Some)
+        );
     }
 
     #[test]

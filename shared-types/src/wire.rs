@@ -36,7 +36,11 @@ impl Stamps {
     #[must_use]
     #[inline]
     pub fn origin_ns(&self) -> u64 {
-        if self.due_ns > 0 { self.due_ns } else { self.sent_ns[0] }
+        if self.due_ns > 0 {
+            self.due_ns
+        } else {
+            self.sent_ns[0]
+        }
     }
 }
 
@@ -81,8 +85,19 @@ impl Field {
         size: usize,
         about: &'static str,
     ) -> Self {
-        let (name, type_name, element) = (Cow::Borrowed(name), Cow::Borrowed(type_name), Cow::Borrowed(element));
-        Self { name, type_name, element, offset, size, about: Cow::Borrowed(about.trim_ascii()) }
+        let (name, type_name, element) = (
+            Cow::Borrowed(name),
+            Cow::Borrowed(type_name),
+            Cow::Borrowed(element),
+        );
+        Self {
+            name,
+            type_name,
+            element,
+            offset,
+            size,
+            about: Cow::Borrowed(about.trim_ascii()),
+        }
     }
 
     /// Whether it is a floating-point number, or an array of them.
@@ -103,7 +118,12 @@ pub trait Layout: Part + Pod + Send + Sync + std::fmt::Debug {
 
     /// A hash of name, size, alignment and every field: two builds that agree on it agree on every byte.
     fn layout_hash() -> u64 {
-        let mut hash = Fnv::of(Self::TYPE_NAME, size_of::<Self>(), align_of::<Self>(), Self::FIELDS);
+        let mut hash = Fnv::of(
+            Self::TYPE_NAME,
+            size_of::<Self>(),
+            align_of::<Self>(),
+            Self::FIELDS,
+        );
         Self::hash_parts(&mut hash);
         hash.value()
     }
@@ -178,7 +198,13 @@ impl Part for Header {
         true
     }
     fn hash_parts(hash: &mut Fnv) {
-        for Field { name, element, size, .. } in Self::LAYOUT {
+        for Field {
+            name,
+            element,
+            size,
+            ..
+        } in Self::LAYOUT
+        {
             hash.text(name);
             hash.text(element);
             hash.number(*size);
@@ -189,23 +215,63 @@ impl Part for Header {
 impl Header {
     /// The layout, in order, the stamps looked into.
     pub const LAYOUT: &'static [Field] = &[
-        Field::known("received_ns", ["[u64; MAX_HOPS]", "u64"], 0, 64, "When hop i had its input in hand; ns on CLOCK_MONOTONIC"),
-        Field::known("sent_ns", ["[u64; MAX_HOPS]", "u64"], 64, 64, "When hop i sent its output; ns on CLOCK_MONOTONIC"),
-        Field::known("due_ns", ["u64", "u64"], 128, 8, "When the tick should have begun, 0 in lockstep; ns on CLOCK_MONOTONIC"),
-        Field::known("tick", ["u64", "u64"], 136, 8, "Tick of the sensor sample this message was computed from"),
-        Field::known("incarnation", ["u32", "u32"], 144, 4, "How often the writing process has been started in this run, from 1"),
-        Field::known("flags", ["u32", "u32"], 148, 4, "Bit flags, zero in this version"),
+        Field::known(
+            "received_ns",
+            ["[u64; MAX_HOPS]", "u64"],
+            0,
+            64,
+            "When hop i had its input in hand; ns on CLOCK_MONOTONIC",
+        ),
+        Field::known(
+            "sent_ns",
+            ["[u64; MAX_HOPS]", "u64"],
+            64,
+            64,
+            "When hop i sent its output; ns on CLOCK_MONOTONIC",
+        ),
+        Field::known(
+            "due_ns",
+            ["u64", "u64"],
+            128,
+            8,
+            "When the tick should have begun, 0 in lockstep; ns on CLOCK_MONOTONIC",
+        ),
+        Field::known(
+            "tick",
+            ["u64", "u64"],
+            136,
+            8,
+            "Tick of the sensor sample this message was computed from",
+        ),
+        Field::known(
+            "incarnation",
+            ["u32", "u32"],
+            144,
+            4,
+            "How often the writing process has been started in this run, from 1",
+        ),
+        Field::known(
+            "flags",
+            ["u32", "u32"],
+            148,
+            4,
+            "Bit flags, zero in this version",
+        ),
     ];
 }
-const _: () =
-    assert!(std::mem::offset_of!(Header, tick) == 136 && std::mem::offset_of!(Header, flags) == 148 && size_of::<Header>() == 152);
+const _: () = assert!(
+    std::mem::offset_of!(Header, tick) == 136
+        && std::mem::offset_of!(Header, flags) == 148
+        && size_of::<Header>() == 152
+);
 
 impl<T: Part, const N: usize> Part for [T; N] {
     const ELEMENT: &'static str = T::ELEMENT;
     #[inline]
     fn is_finite(&self) -> bool {
         // Without an early exit, so that the compiler makes vectors of it: this runs for every message.
-        self.iter().fold(true, |finite, part| finite & part.is_finite())
+        self.iter()
+            .fold(true, |finite, part| finite & part.is_finite())
     }
     fn hash_parts(hash: &mut Fnv) {
         T::hash_parts(hash);

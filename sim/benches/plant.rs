@@ -33,7 +33,13 @@ fn tick(bencher: Bencher, options: &scenario::Plant, settle: u32, extra: Joints)
     let mut step = move || {
         let x = *plant.state();
         let posture = (start - x.q) * 100.0 - x.qdot * 20.0;
-        let tau = plant.model().gravity(&x.q) + extra + if extra == Joints::zeros() { posture } else { -x.qdot * 20.0 };
+        let tau = plant.model().gravity(&x.q)
+            + extra
+            + if extra == Joints::zeros() {
+                posture
+            } else {
+                -x.qdot * 20.0
+            };
         plant.step(black_box(&tau)).unwrap();
         plant.touch().contacts
     };
@@ -51,20 +57,44 @@ fn free(bencher: Bencher) {
 
 #[divan::bench]
 fn reference(bencher: Bencher) {
-    tick(bencher, &scenario::Plant { model: PlantModel::Reference, ..Default::default() }, 10, Joints::zeros());
+    tick(
+        bencher,
+        &scenario::Plant {
+            model: PlantModel::Reference,
+            ..Default::default()
+        },
+        10,
+        Joints::zeros(),
+    );
 }
 
 /// Dry friction of an arm that touches nothing.
 #[divan::bench]
 fn dry_friction(bencher: Bencher) {
-    tick(bencher, &scenario::Plant { friction: true, ..Default::default() }, 10, Joints::zeros());
+    tick(
+        bencher,
+        &scenario::Plant {
+            friction: true,
+            ..Default::default()
+        },
+        10,
+        Joints::zeros(),
+    );
 }
 
 /// Pressed against the floor.
 #[divan::bench]
 fn contact(bencher: Bencher) {
-    let world = scenario::Plant { floor_m: Some(-0.3), ..Default::default() };
-    tick(bencher, &world, 4000, Joints::new(0.0, 15.0, 0.0, 0.0, 0.0, 0.0));
+    let world = scenario::Plant {
+        floor_m: Some(-0.3),
+        ..Default::default()
+    };
+    tick(
+        bencher,
+        &world,
+        4000,
+        Joints::new(0.0, 15.0, 0.0, 0.0, 0.0, 0.0),
+    );
 }
 
 #[divan::bench]
@@ -83,5 +113,9 @@ fn drive(bencher: Bencher) {
     let q = nominal();
     let tau = model.gravity(&q);
     let mut drive = Drive::new(model, 1000, 3, &q);
-    bencher.bench_local(|| drive.step(black_box(&q), &Joints::zeros(), Some(black_box(&tau))).tau);
+    bencher.bench_local(|| {
+        drive
+            .step(black_box(&q), &Joints::zeros(), Some(black_box(&tau)))
+            .tau
+    });
 }

@@ -3,8 +3,8 @@
 use model::Model;
 use nalgebra::{SMatrix, SVector};
 use shared_types::codes::{
-    DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_EFFORT, DRIVE_ENCODER, DRIVE_HOLDING, DRIVE_RATE, DRIVE_REFUSED, DRIVE_SPEED,
-    DRIVE_STALE, DRIVE_STOPPING,
+    DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_EFFORT, DRIVE_ENCODER, DRIVE_HOLDING,
+    DRIVE_RATE, DRIVE_REFUSED, DRIVE_SPEED, DRIVE_STALE, DRIVE_STOPPING,
 };
 
 /// Fastest change of applied torque, as a fraction of the effort limit per second: half of it in a millisecond.
@@ -97,11 +97,36 @@ impl<const N: usize> Drive<N> {
     /// Requires rate_hz > 0. An arm at rest is carried by its drives, so the torque before the first is g(q_start).
     #[must_use]
     pub fn new(model: Model<N>, rate_hz: u32, hold_ticks: u32, q_start: &SVector<f64, N>) -> Self {
-        let carried = model.gravity(q_start).zip_map(model.effort(), |g, limit| g.clamp(-limit, limit));
-        let rest = model.velocity().map(|limit| if limit.is_finite() { REST_RATIO * limit } else { REST_SPEED });
-        let applied = Applied { tau: carried, drive: DRIVE_ACTIVE, flags: 0, saturation_mask: 0, stale_ticks: 0, braked: false };
+        let carried = model
+            .gravity(q_start)
+            .zip_map(model.effort(), |g, limit| g.clamp(-limit, limit));
+        let rest = model.velocity().map(|limit| {
+            if limit.is_finite() {
+                REST_RATIO * limit
+            } else {
+                REST_SPEED
+            }
+        });
+        let applied = Applied {
+            tau: carried,
+            drive: DRIVE_ACTIVE,
+            flags: 0,
+            saturation_mask: 0,
+            stale_ticks: 0,
+            braked: false,
+        };
         let dt = 1.0 / f64::from(rate_hz);
-        Self { model, dt, hold_ticks, rest, applied, qdot_before: None, returning: false, stopping_ticks: 0, refused: 0 }
+        Self {
+            model,
+            dt,
+            hold_ticks,
+            rest,
+            applied,
+            qdot_before: None,
+            returning: false,
+            stopping_ticks: 0,
+            refused: 0,
+        }
     }
 
     /// The drives' actions over the last tick.
@@ -119,12 +144,23 @@ impl<const N: usize> Drive<N> {
     /// The torque for one tick from the state (q, q̇), given the command for it (`None`: none came).
     ///
     /// Ensures a finite torque within the effort limits. No allocation.
-    pub fn step(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, command: Option<&SVector<f64, N>>) -> &Applied<N> {
+    pub fn step(
+        &mut self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        command: Option<&SVector<f64, N>>,
+    ) -> &Applied<N> {
         self.answer(q, qdot, command, 0)
     }
 
     /// The same for a command that was computed from a state `age` ticks ago; one older than `hold_ticks` is refused and counts as absent.
-    pub fn answer(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, command: Option<&SVector<f64, N>>, age: u32) -> &Applied<N> {
+    pub fn answer(
+        &mut self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        command: Option<&SVector<f64, N>>,
+        age: u32,
+    ) -> &Applied<N> {
         let (fresh, flag) = match command {
             Some(_) if age > self.hold_ticks => (None, DRIVE_STALE),
             Some(tau) if tau.iter().all(|x| x.is_finite()) => (Some(*tau), 0),
@@ -148,10 +184,20 @@ impl<const N: usize> Drive<N> {
         age: u32,
         mut flags: u32,
     ) -> &Applied<N> {
-        self.refused = self.refused.saturating_add(u32::from(flags & (DRIVE_STALE | DRIVE_REFUSED | DRIVE_ENCODER) != 0));
-        let stale_ticks = if fresh.is_some() { age } else { self.applied.stale_ticks.saturating_add(1) };
+        self.refused = self.refused.saturating_add(u32::from(
+            flags & (DRIVE_STALE | DRIVE_REFUSED | DRIVE_ENCODER) != 0,
+        ));
+        let stale_ticks = if fresh.is_some() {
+            age
+        } else {
+            self.applied.stale_ticks.saturating_add(1)
+        };
         let drive = self.next(fresh.is_some(), stale_ticks, qdot);
-        self.stopping_ticks = if drive == DRIVE_STOPPING { self.stopping_ticks + 1 } else { 0 };
+        self.stopping_ticks = if drive == DRIVE_STOPPING {
+            self.stopping_ticks + 1
+        } else {
+            0
+        };
         self.returning = match (fresh, drive) {
             (Some(_), DRIVE_BRAKED) => true,
             (Some(_), _) => self.returning || self.applied.drive == DRIVE_STOPPING,
@@ -165,10 +211,16 @@ impl<const N: usize> Drive<N> {
             (None, DRIVE_STOPPING) => self.stop_law(q, qdot),
             (None, _) => SVector::zeros(),
         };
-        let rate = if self.returning { RETURN_RATE } else { TORQUE_RATE };
+        let rate = if self.returning {
+            RETURN_RATE
+        } else {
+            TORQUE_RATE
+        };
         let (tau, limited) = self.limit(q, qdot, &wanted, rate * self.dt);
         flags |= limited;
-        let saturation_mask = (0..N).filter(|i| tau[*i] != wanted[*i]).fold(0, |mask, i| mask | 1 << i);
+        let saturation_mask = (0..N)
+            .filter(|i| tau[*i] != wanted[*i])
+            .fold(0, |mask, i| mask | 1 << i);
 
         // The return is over, and the brakes release, when the applied torque is what the command comes to.
         let mut state = drive;
@@ -177,7 +229,14 @@ impl<const N: usize> Drive<N> {
             state = DRIVE_ACTIVE;
         }
         let braked = state == DRIVE_BRAKED;
-        self.applied = Applied { tau, drive: state, flags, saturation_mask, stale_ticks, braked };
+        self.applied = Applied {
+            tau,
+            drive: state,
+            flags,
+            saturation_mask,
+            stale_ticks,
+            braked,
+        };
         self.qdot_before = Some(*qdot);
         &self.applied
     }
@@ -195,14 +254,19 @@ impl<const N: usize> Drive<N> {
         match (self.applied.drive, fresh) {
             (DRIVE_BRAKED, _) => DRIVE_BRAKED,
             (_, true) => DRIVE_ACTIVE,
-            (DRIVE_ACTIVE | DRIVE_HOLDING, false) if stale_ticks <= self.hold_ticks => DRIVE_HOLDING,
+            (DRIVE_ACTIVE | DRIVE_HOLDING, false) if stale_ticks <= self.hold_ticks => {
+                DRIVE_HOLDING
+            }
             (DRIVE_STOPPING, false) if self.at_rest(qdot) => DRIVE_BRAKED,
             (_, false) => DRIVE_STOPPING,
         }
     }
 
     fn at_rest(&self, qdot: &SVector<f64, N>) -> bool {
-        let slow = qdot.iter().zip(self.rest.iter()).all(|(v, rest)| v.abs() <= *rest);
+        let slow = qdot
+            .iter()
+            .zip(self.rest.iter())
+            .all(|(v, rest)| v.abs() <= *rest);
         slow || f64::from(self.stopping_ticks) * self.dt >= STOP_TIME
     }
 
@@ -212,7 +276,13 @@ impl<const N: usize> Drive<N> {
     }
 
     /// The torque nearest to `wanted` that the limits allow, and which of them it met.
-    fn limit(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, wanted: &SVector<f64, N>, step: f64) -> (SVector<f64, N>, u32) {
+    fn limit(
+        &self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        wanted: &SVector<f64, N>,
+        step: f64,
+    ) -> (SVector<f64, N>, u32) {
         let mut flags = 0;
         let mut bound = |tau: &mut f64, low: f64, high: f64, flag: u32| {
             let inside = tau.clamp(low, high);
@@ -222,14 +292,29 @@ impl<const N: usize> Drive<N> {
             }
         };
         let speed = self.model.velocity();
-        let gained = self.qdot_before.map_or_else(SVector::zeros, |before| qdot - before);
-        let is_near = |i: usize| qdot[i].abs() + AHEAD_TICKS * gained[i].abs() > AHEAD_RATIO * speed[i];
+        let gained = self
+            .qdot_before
+            .map_or_else(SVector::zeros, |before| qdot - before);
+        let is_near =
+            |i: usize| qdot[i].abs() + AHEAD_TICKS * gained[i].abs() > AHEAD_RATIO * speed[i];
         let is_fast = (0..N).any(is_near);
         // The most that keeps a joint at its speed limit: what carries its weight, less damping of the excess.
-        let carried = if is_fast { self.model.gravity(q) } else { SVector::zeros() };
-        let A = if is_fast { self.model.mass_matrix(q) } else { SMatrix::zeros() };
+        let carried = if is_fast {
+            self.model.gravity(q)
+        } else {
+            SVector::zeros()
+        };
+        let A = if is_fast {
+            self.model.mass_matrix(q)
+        } else {
+            SMatrix::zeros()
+        };
         let inertia = A.diagonal();
-        let mobility = if is_fast { A.cholesky().map(|factors| factors.inverse().diagonal()) } else { None };
+        let mobility = if is_fast {
+            A.cholesky().map(|factors| factors.inverse().diagonal())
+        } else {
+            None
+        };
         let speed_gain = SPEED_GAIN.min(SPEED_SHARE / self.dt).max(STOP_GAIN);
         let mut tau = *wanted;
         for i in 0..N {
@@ -245,17 +330,28 @@ impl<const N: usize> Drive<N> {
                 // Without a model of the arm there is no more than what carries the joint.
                 let ahead = mobility.map_or(sign * carried[i], |mobility| {
                     let room = (-excess).max(0.0);
-                    let allowed = most_acceleration(room, step * effort * mobility[i] / self.dt, self.dt);
-                    sign * self.applied.tau[i] + (allowed - sign * gained[i] / self.dt) / mobility[i]
+                    let allowed =
+                        most_acceleration(room, step * effort * mobility[i] / self.dt, self.dt);
+                    sign * self.applied.tau[i]
+                        + (allowed - sign * gained[i] / self.dt) / mobility[i]
                 });
                 most = most.min(ahead);
             }
             // In this order it is a number whatever comes out above.
             let most = most.max(-effort);
-            let (low, high) = if sign > 0.0 { (f64::NEG_INFINITY, most) } else { (-most, f64::INFINITY) };
+            let (low, high) = if sign > 0.0 {
+                (f64::NEG_INFINITY, most)
+            } else {
+                (-most, f64::INFINITY)
+            };
             bound(&mut tau[i], low, high, DRIVE_SPEED);
             let last = self.applied.tau[i];
-            bound(&mut tau[i], last - step * effort, last + step * effort, DRIVE_RATE);
+            bound(
+                &mut tau[i],
+                last - step * effort,
+                last + step * effort,
+                DRIVE_RATE,
+            );
         }
         (tau, flags)
     }
@@ -301,7 +397,15 @@ mod tests {
         let tau = ARM.gravity(&start()) * 1.1;
         let mut drive = drive();
         let applied = *drive.step(&start(), &REST, Some(&tau));
-        assert_eq!((applied.tau, applied.drive, applied.flags, applied.saturation_mask), (tau, DRIVE_ACTIVE, 0, 0));
+        assert_eq!(
+            (
+                applied.tau,
+                applied.drive,
+                applied.flags,
+                applied.saturation_mask
+            ),
+            (tau, DRIVE_ACTIVE, 0, 0)
+        );
     }
 
     #[test]
@@ -312,7 +416,10 @@ mod tests {
             let mut tau = before;
             tau[4] = poison;
             let applied = *drive.step(&start(), &REST, Some(&tau));
-            assert_eq!((applied.drive, applied.flags, applied.stale_ticks), (DRIVE_HOLDING, DRIVE_REFUSED, 1));
+            assert_eq!(
+                (applied.drive, applied.flags, applied.stale_ticks),
+                (DRIVE_HOLDING, DRIVE_REFUSED, 1)
+            );
             assert_eq!((applied.tau, drive.refused()), (before, 1));
         }
     }
@@ -322,11 +429,22 @@ mod tests {
         let tau = ARM.gravity(&start());
         let mut drive = drive();
         let late = *drive.answer(&start(), &REST, Some(&tau), 2);
-        assert_eq!((late.drive, late.flags, late.stale_ticks), (DRIVE_ACTIVE, 0, 2), "late, but not too late");
-        assert_eq!(drive.step(&start(), &REST, None).drive, DRIVE_HOLDING, "the third tick");
+        assert_eq!(
+            (late.drive, late.flags, late.stale_ticks),
+            (DRIVE_ACTIVE, 0, 2),
+            "late, but not too late"
+        );
+        assert_eq!(
+            drive.step(&start(), &REST, None).drive,
+            DRIVE_HOLDING,
+            "the third tick"
+        );
         assert_eq!(drive.step(&start(), &REST, None).drive, DRIVE_STOPPING);
         let stale = *drive.answer(&start(), &REST, Some(&tau), 4);
-        assert_eq!((stale.flags & DRIVE_STALE, drive.refused()), (DRIVE_STALE, 1));
+        assert_eq!(
+            (stale.flags & DRIVE_STALE, drive.refused()),
+            (DRIVE_STALE, 1)
+        );
         assert_ne!(stale.drive, DRIVE_ACTIVE);
     }
 
@@ -342,7 +460,10 @@ mod tests {
         let applied = drive.applied();
         assert_eq!(applied.tau[1], ARM.effort()[1]);
         assert_eq!(applied.tau[5], -ARM.effort()[5]);
-        assert_eq!((applied.flags, applied.saturation_mask), (DRIVE_EFFORT, 0b10_0010));
+        assert_eq!(
+            (applied.flags, applied.saturation_mask),
+            (DRIVE_EFFORT, 0b10_0010)
+        );
     }
 
     #[test]
@@ -354,14 +475,21 @@ mod tests {
         tau[0] = before[0] - 0.4 * ARM.effort()[0];
         let applied = *drive.step(&start(), &REST, Some(&tau));
         assert!((step_ratio(&before, &applied.tau) - TORQUE_RATE * 1e-3).abs() < 1e-12);
-        assert_eq!((applied.flags, applied.saturation_mask), (DRIVE_RATE, 0b1000), "joint 1 is within the bound");
+        assert_eq!(
+            (applied.flags, applied.saturation_mask),
+            (DRIVE_RATE, 0b1000),
+            "joint 1 is within the bound"
+        );
     }
 
     /// The most speed of a joint, as a fraction of its limit, of an arm whose joint is driven at full torque from rest.
     fn most_speed_share(name: &str, joint: usize, sign: f64, push: f64) -> f64 {
         fn of<const N: usize>(robot: &Robot, joint: usize, sign: f64, push: f64) -> f64 {
             let model = Model::<N>::new(robot, None).unwrap();
-            let (mut q, mut qdot) = (SVector::<f64, N>::from_element(0.3), SVector::<f64, N>::zeros());
+            let (mut q, mut qdot) = (
+                SVector::<f64, N>::from_element(0.3),
+                SVector::<f64, N>::zeros(),
+            );
             let (mut drive, mut most, dt) = (Drive::new(model.clone(), 1000, 3, &q), 0.0_f64, 1e-3);
             for _ in 0..40 {
                 let mut tau = model.gravity(&q);
@@ -379,34 +507,70 @@ mod tests {
             most
         }
         let robot = Robot::builtin(name).unwrap();
-        if robot.joints.len() == 7 { of::<7>(&robot, joint, sign, push) } else { of::<6>(&robot, joint, sign, push) }
+        if robot.joints.len() == 7 {
+            of::<7>(&robot, joint, sign, push)
+        } else {
+            of::<6>(&robot, joint, sign, push)
+        }
     }
 
     #[test]
     fn no_torque_takes_a_joint_past_its_speed_limit() {
-        for (name, joint) in [("iiwa14", 3), ("iiwa14", 1), ("iiwa14", 5), ("puma560", 2), ("puma560", 4), ("ur5", 2), ("panda", 3)] {
-            for (sign, push) in [(1.0, 0.0), (-1.0, 0.0), (1.0, -0.1), (-1.0, 0.3), (1.0, 0.1), (-1.0, -0.2)] {
+        for (name, joint) in [
+            ("iiwa14", 3),
+            ("iiwa14", 1),
+            ("iiwa14", 5),
+            ("puma560", 2),
+            ("puma560", 4),
+            ("ur5", 2),
+            ("panda", 3),
+        ] {
+            for (sign, push) in [
+                (1.0, 0.0),
+                (-1.0, 0.0),
+                (1.0, -0.1),
+                (-1.0, 0.3),
+                (1.0, 0.1),
+                (-1.0, -0.2),
+            ] {
                 let share = most_speed_share(name, joint, sign, push);
-                assert!((0.6..1.05).contains(&share), "{name}: joint {joint} at {sign} with {push}: {share}");
+                assert!(
+                    (0.6..1.05).contains(&share),
+                    "{name}: joint {joint} at {sign} with {push}: {share}"
+                );
             }
         }
     }
 
     #[test]
     fn the_acceleration_that_is_left_ends_at_the_speed_limit() {
-        for (room, jerk, dt) in [(0.1, 1.7e5, 1e-3), (1e-9, 1e6, 1e-3), (1.0, 1e-3, 1e-3), (0.3, f64::INFINITY, 1e-3), (0.0, 1e5, 1e-3)] {
+        for (room, jerk, dt) in [
+            (0.1, 1.7e5, 1e-3),
+            (1e-9, 1e6, 1e-3),
+            (1.0, 1e-3, 1e-3),
+            (0.3, f64::INFINITY, 1e-3),
+            (0.0, 1e5, 1e-3),
+        ] {
             let a = most_acceleration(room, jerk, dt);
-            assert!(a >= 0.0 && (a * dt + a * a / (2.0 * jerk) - room).abs() <= 1e-12 * room.max(1e-9), "{room}, {jerk}: {a}");
+            assert!(
+                a >= 0.0 && (a * dt + a * a / (2.0 * jerk) - room).abs() <= 1e-12 * room.max(1e-9),
+                "{room}, {jerk}: {a}"
+            );
         }
     }
 
     #[test]
     fn beyond_its_speed_limit_a_joint_is_not_driven_on() {
         let limit = ARM.velocity()[0];
-        let tau = |torque: f64| Joints::new(torque, 0.0, 0.0, 0.0, 0.0, 0.0) + ARM.gravity(&start());
+        let tau =
+            |torque: f64| Joints::new(torque, 0.0, 0.0, 0.0, 0.0, 0.0) + ARM.gravity(&start());
         let after = |speed: f64, torque: f64| {
             let mut drive = drive();
-            *drive.step(&start(), &Joints::new(speed, 0.0, 0.0, 0.0, 0.0, 0.0), Some(&tau(torque)))
+            *drive.step(
+                &start(),
+                &Joints::new(speed, 0.0, 0.0, 0.0, 0.0, 0.0),
+                Some(&tau(torque)),
+            )
         };
         assert_eq!(after(0.99 * limit, 20.0).flags, 0);
         assert_eq!(after(1.01 * limit, -20.0).flags, 0, "braking is allowed");
@@ -420,11 +584,14 @@ mod tests {
     #[test]
     fn other_joints_at_full_torque_do_not_carry_a_joint_beyond_its_limit() {
         let limit = ARM.velocity();
-        let (mut drive, mut q, mut qdot, mut most) = (drive(), start(), Joints::zeros(), Joints::zeros());
+        let (mut drive, mut q, mut qdot, mut most) =
+            (drive(), start(), Joints::zeros(), Joints::zeros());
         for tick in 0..600 {
             // Every joint as hard as it can, in turns.
             let push = Joints::from_fn(|i, _| if (tick / 70 + i) % 2 == 0 { 1.0 } else { -1.0 });
-            let tau = drive.step(&q, &qdot, Some(&ARM.effort().component_mul(&push))).tau;
+            let tau = drive
+                .step(&q, &qdot, Some(&ARM.effort().component_mul(&push)))
+                .tau;
             qdot += ARM.forward_dynamics(&q, &qdot, &tau) * 1e-3;
             q += qdot * 1e-3;
             most = most.zip_map(&qdot.component_div(limit).abs(), f64::max);
@@ -441,7 +608,10 @@ mod tests {
         assert_eq!(last, command);
         for k in 1..=3 {
             let held = *drive.step(&start(), &moving, None);
-            assert_eq!((held.drive, held.stale_ticks, held.tau), (DRIVE_HOLDING, k, command));
+            assert_eq!(
+                (held.drive, held.stale_ticks, held.tau),
+                (DRIVE_HOLDING, k, command)
+            );
         }
         for _ in 0..20 {
             let stopping = *drive.step(&start(), &moving, None);
@@ -449,8 +619,12 @@ mod tests {
             assert!(step_ratio(&last, &stopping.tau) <= TORQUE_RATE * 1e-3 + 1e-12);
             last = stopping.tau;
         }
-        let expected = ARM.gravity(&start()) - ARM.mass_matrix(&start()).diagonal().component_mul(&moving) * STOP_GAIN;
-        assert!((last - expected.zip_map(ARM.effort(), |t, e| t.clamp(-e, e))).amax() < 1e-12, "the stop law");
+        let expected = ARM.gravity(&start())
+            - ARM.mass_matrix(&start()).diagonal().component_mul(&moving) * STOP_GAIN;
+        assert!(
+            (last - expected.zip_map(ARM.effort(), |t, e| t.clamp(-e, e))).amax() < 1e-12,
+            "the stop law"
+        );
         let mut braked = *drive.step(&start(), &REST, None);
         assert!(braked.braked && braked.drive == DRIVE_BRAKED);
         for _ in 0..20 {
@@ -468,7 +642,11 @@ mod tests {
             ticks += 1;
             assert!(ticks < 20, "the torque builds up in a bounded time");
         }
-        assert_eq!((last, drive.applied().drive), (heavy, DRIVE_ACTIVE), "released when the torque is there");
+        assert_eq!(
+            (last, drive.applied().drive),
+            (heavy, DRIVE_ACTIVE),
+            "released when the torque is there"
+        );
         assert!(ticks > 3);
     }
 
@@ -483,7 +661,11 @@ mod tests {
         let command = before + ARM.effort() * 0.35;
         let applied = *drive.step(&start(), &moving, Some(&command));
         assert_eq!(applied.drive, DRIVE_ACTIVE);
-        assert!((step_ratio(&before, &applied.tau) - 0.1).abs() < 1e-12, "{}", step_ratio(&before, &applied.tau));
+        assert!(
+            (step_ratio(&before, &applied.tau) - 0.1).abs() < 1e-12,
+            "{}",
+            step_ratio(&before, &applied.tau)
+        );
         assert_eq!(applied.flags & DRIVE_RATE, DRIVE_RATE);
     }
 
@@ -497,9 +679,17 @@ mod tests {
         let far = drive.applied().tau + ARM.effort() * 0.45;
         drive.step(&start(), &moving, Some(&far));
         let held = *drive.step(&start(), &moving, None);
-        assert_eq!((held.drive, held.flags & DRIVE_ABSENT), (DRIVE_HOLDING, DRIVE_ABSENT), "a torque that is held is not a fresh one");
+        assert_eq!(
+            (held.drive, held.flags & DRIVE_ABSENT),
+            (DRIVE_HOLDING, DRIVE_ABSENT),
+            "a torque that is held is not a fresh one"
+        );
         let again = *drive.step(&start(), &moving, Some(&far));
-        assert!((step_ratio(&held.tau, &again.tau) - 0.1).abs() < 1e-12, "{}", step_ratio(&held.tau, &again.tau));
+        assert!(
+            (step_ratio(&held.tau, &again.tau) - 0.1).abs() < 1e-12,
+            "{}",
+            step_ratio(&held.tau, &again.tau)
+        );
     }
 
     #[test]
@@ -513,7 +703,10 @@ mod tests {
     #[test]
     fn without_hold_ticks_the_arm_is_stopped_at_once() {
         let mut drive = Drive::new(ARM.clone(), 1000, 0, &start());
-        assert_eq!(drive.step(&start(), &Joints::repeat(1.0), None).drive, DRIVE_STOPPING);
+        assert_eq!(
+            drive.step(&start(), &Joints::repeat(1.0), None).drive,
+            DRIVE_STOPPING
+        );
     }
 
     proptest::proptest! {

@@ -14,8 +14,14 @@ const TOLERANCE: f64 = 1e-13;
 /// Gauss–Seidel finds it [Moreau 1988, *Unilateral contact and dry friction in finite freedom dynamics*].
 ///
 /// `most`: Coulomb friction times the length of the sub-step; N·m·s. NaN where A is not positive definite. No allocation.
-pub(crate) fn velocity_change<const N: usize>(A: &SMatrix<f64, N, N>, v: &SVector<f64, N>, most: &SVector<f64, N>) -> SVector<f64, N> {
-    let Some(A_inverse) = A.cholesky().map(|factor| factor.inverse()) else { return SVector::repeat(f64::NAN) };
+pub(crate) fn velocity_change<const N: usize>(
+    A: &SMatrix<f64, N, N>,
+    v: &SVector<f64, N>,
+    most: &SVector<f64, N>,
+) -> SVector<f64, N> {
+    let Some(A_inverse) = A.cholesky().map(|factor| factor.inverse()) else {
+        return SVector::repeat(f64::NAN);
+    };
     let (mut impulse, mut after) = (SVector::<f64, N>::zeros(), *v);
     for _ in 0..SWEEPS {
         let mut change = 0.0_f64;

@@ -33,18 +33,33 @@ impl<const N: usize> Encoders<N> {
     /// Requires robot.dof() ≤ N and bits < 53; the places of absent joints are ideal.
     #[must_use]
     pub fn new(robot: &Robot, bits: u32, noise_counts: f64, seed: u64) -> Self {
-        let resolution = SVector::from_fn(|i, _| match robot.joints.get(i).map(|joint| joint.kind) {
-            _ if bits == 0 => 0.0,
-            None => 0.0,
-            Some(JointKind::Prismatic) => 1.0 / (1u64 << bits) as f64,
-            Some(JointKind::Revolute | JointKind::Continuous) => std::f64::consts::TAU / (1u64 << bits) as f64,
-        });
+        let resolution =
+            SVector::from_fn(|i, _| match robot.joints.get(i).map(|joint| joint.kind) {
+                _ if bits == 0 => 0.0,
+                None => 0.0,
+                Some(JointKind::Prismatic) => 1.0 / (1u64 << bits) as f64,
+                Some(JointKind::Revolute | JointKind::Continuous) => {
+                    std::f64::consts::TAU / (1u64 << bits) as f64
+                }
+            });
         let tolerance = SVector::from_fn(|i, _| {
-            let is_sliding = robot.joints.get(i).is_some_and(|joint| joint.kind == JointKind::Prismatic);
-            let least = if is_sliding { CONTRADICTION.1 } else { CONTRADICTION.0 };
+            let is_sliding = robot
+                .joints
+                .get(i)
+                .is_some_and(|joint| joint.kind == JointKind::Prismatic);
+            let least = if is_sliding {
+                CONTRADICTION.1
+            } else {
+                CONTRADICTION.0
+            };
             least.max(resolution[i] * (UNLIKELY.0 + UNLIKELY.1 * noise_counts))
         });
-        Self { resolution, noise_counts, tolerance, seed }
+        Self {
+            resolution,
+            noise_counts,
+            tolerance,
+            seed,
+        }
     }
 
     /// The farthest that a reading may be from the drives' own sensors; rad (m for a sliding joint).
@@ -63,10 +78,18 @@ impl<const N: usize> Encoders<N> {
     /// The encoders' readings at `tick` with the joints at `q`; rad. A pure function of both.
     #[must_use]
     pub fn read(&self, tick: u64, q: &SVector<f64, N>) -> SVector<f64, N> {
-        let noise = if self.noise_counts == 0.0 { [0.0; N] } else { gaussians(self.seed, tick).map(|z| self.noise_counts * z) };
+        let noise = if self.noise_counts == 0.0 {
+            [0.0; N]
+        } else {
+            gaussians(self.seed, tick).map(|z| self.noise_counts * z)
+        };
         SVector::from_fn(|i, _| {
             let r = self.resolution[i];
-            if r == 0.0 { q[i] } else { r * (q[i] / r + noise[i]).round() }
+            if r == 0.0 {
+                q[i]
+            } else {
+                r * (q[i] / r + noise[i]).round()
+            }
         })
     }
 }
@@ -89,7 +112,12 @@ mod tests {
             let q = SVector::from_fn(|i, _| (k * 6 + i) as f64 * 1.618e-3 - 3.0);
             let reading = encoders(16, 0.0).read(k as u64, &q);
             assert!((reading - q).amax() <= 0.5 * count * (1.0 + 1e-9));
-            assert!(reading.iter().all(|x| (x / count - (x / count).round()).abs() < 1e-9), "on the grid");
+            assert!(
+                reading
+                    .iter()
+                    .all(|x| (x / count - (x / count).round()).abs() < 1e-9),
+                "on the grid"
+            );
         }
     }
 
@@ -98,11 +126,16 @@ mod tests {
         let count = std::f64::consts::TAU / 65536.0;
         let q = SVector::repeat(0.3);
         let n = 20_000;
-        let square: f64 = (0..n).map(|t| ((encoders(16, 3.0).read(t, &q) - q) / count).norm_squared()).sum();
+        let square: f64 = (0..n)
+            .map(|t| ((encoders(16, 3.0).read(t, &q) - q) / count).norm_squared())
+            .sum();
         let variance = square / (6 * n) as f64;
         // σ² and the variance of rounding; the standard error of a variance is √(2/n) of it.
         let expected = 9.0 + 1.0 / 12.0;
-        assert!((variance - expected).abs() < 5.0 * expected * (2.0 / (6 * n) as f64).sqrt(), "variance {variance}");
+        assert!(
+            (variance - expected).abs() < 5.0 * expected * (2.0 / (6 * n) as f64).sqrt(),
+            "variance {variance}"
+        );
     }
 
     #[test]
@@ -113,15 +146,29 @@ mod tests {
 
     #[test]
     fn noise_agrees_with_the_joints_and_a_frozen_reading_does_not() {
-        for (bits, noise, within, beyond) in [(16, 0.5, 0.029, 0.031), (0, 0.0, 0.029, 0.031), (8, 2.0, 0.41, 0.43)] {
+        for (bits, noise, within, beyond) in [
+            (16, 0.5, 0.029, 0.031),
+            (0, 0.0, 0.029, 0.031),
+            (8, 2.0, 0.41, 0.43),
+        ] {
             let encoders = encoders(bits, noise);
             for tick in 0..500 {
                 let q = SVector::from_fn(|i, _| (tick * 6 + i as u64) as f64 * 1.618e-3 - 3.0);
-                assert!(encoders.agrees(&encoders.read(tick, &q), &q), "{bits} bits, tick {tick}");
+                assert!(
+                    encoders.agrees(&encoders.read(tick, &q), &q),
+                    "{bits} bits, tick {tick}"
+                );
             }
             let at = |away: f64| SVector::from_fn(|i, _| if i == 4 { away } else { 0.0 });
             let agrees = |away| encoders.agrees(&at(away), &SVector::zeros());
-            assert!(agrees(within) && agrees(-within) && !agrees(beyond) && !agrees(-beyond) && !agrees(f64::NAN), "{bits} bits");
+            assert!(
+                agrees(within)
+                    && agrees(-within)
+                    && !agrees(beyond)
+                    && !agrees(-beyond)
+                    && !agrees(f64::NAN),
+                "{bits} bits"
+            );
         }
     }
 

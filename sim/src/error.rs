@@ -12,7 +12,9 @@ pub enum PlantError {
     #[error("the start posture cannot be: {0}")]
     Start(#[from] PostureError),
     /// The arm starts in the floor.
-    #[error("{link} starts in the floor at z = {floor_m} m: lower plant.floor_m, or start from another posture")]
+    #[error(
+        "{link} starts in the floor at z = {floor_m} m: lower plant.floor_m, or start from another posture"
+    )]
     StartInFloor {
         /// The link.
         link: String,
@@ -42,7 +44,9 @@ pub enum PlantError {
         coulomb: f64,
     },
     /// A link's inertia has a negative principal value.
-    #[error("{link} has a principal inertia of {least} kg·m²: move inertia to it from a neighbour, or use plant.model = \"reference\"")]
+    #[error(
+        "{link} has a principal inertia of {least} kg·m²: move inertia to it from a neighbour, or use plant.model = \"reference\""
+    )]
     NotRealisable {
         /// The link.
         link: String,
@@ -50,7 +54,9 @@ pub enum PlantError {
         least: f64,
     },
     /// A joint moves nothing.
-    #[error("the mass matrix of '{robot}' is singular at the start posture: give the outer links mass, or the joints armature")]
+    #[error(
+        "the mass matrix of '{robot}' is singular at the start posture: give the outer links mass, or the joints armature"
+    )]
     SingularMass {
         /// The robot's name.
         robot: String,

@@ -32,7 +32,11 @@ pub struct Touch {
 
 impl Default for Touch {
     fn default() -> Self {
-        Self { force: Vector3::zeros(), contacts: 0, limits: 0 }
+        Self {
+            force: Vector3::zeros(),
+            contacts: 0,
+            limits: 0,
+        }
     }
 }
 
@@ -104,14 +108,28 @@ impl<const N: usize> Hybrid<N> {
     ) -> Result<Self, PlantError> {
         let model = &smooth.model;
         let coulomb = *model.coulomb_friction();
-        let dry_friction = (options.friction && coulomb.iter().any(|c| *c > 0.0)).then_some(coulomb);
+        let dry_friction =
+            (options.friction && coulomb.iter().any(|c| *c > 0.0)).then_some(coulomb);
         let X_BL = model.link_poses(q);
         let h = tick_s / f64::from(options.substeps);
-        let world = World::new(robot, q, &X_BL, options.floor_m, options.self_collision, dry_friction.is_some(), h)?;
+        let world = World::new(
+            robot,
+            q,
+            &X_BL,
+            options.floor_m,
+            options.self_collision,
+            dry_friction.is_some(),
+            h,
+        )?;
         let clearance = world.clearance(&X_BL);
         Ok(Self {
             reach: reach(robot, world.solids()),
-            constraints: Constraints { clearance, touching: false, pushing: 0, effect: SVector::zeros() },
+            constraints: Constraints {
+                clearance,
+                touching: false,
+                pushing: 0,
+                effect: SVector::zeros(),
+            },
             is_steady: true,
             world,
             dry_friction,
@@ -129,10 +147,19 @@ impl<const N: usize> Hybrid<N> {
     }
 
     /// The state a tick after `x`, whose motion is `now`, and what constraints did meanwhile. A motion that leaves the finite numbers ends there.
-    pub(crate) fn tick(&mut self, smooth: &Smooth<N>, x: &State<N>, now: &ArmMotion<N>, tau: &SVector<f64, N>) -> (State<N>, Touch) {
+    pub(crate) fn tick(
+        &mut self,
+        smooth: &Smooth<N>,
+        x: &State<N>,
+        now: &ArmMotion<N>,
+        tau: &SVector<f64, N>,
+    ) -> (State<N>, Touch) {
         if !self.may_touch(smooth, x) {
             let free = self.free_tick(smooth, x, now, tau);
-            return free.map_or_else(|| self.tick_in(self.substeps, smooth, x, tau), |next| (next, Touch::default()));
+            return free.map_or_else(
+                || self.tick_in(self.substeps, smooth, x, tau),
+                |next| (next, Touch::default()),
+            );
         }
         #[cfg(test)]
         if self.equal {
@@ -150,7 +177,13 @@ impl<const N: usize> Hybrid<N> {
     }
 
     /// The tick after `x` in so many sub-steps.
-    fn tick_in(&mut self, substeps: u32, smooth: &Smooth<N>, x: &State<N>, tau: &SVector<f64, N>) -> (State<N>, Touch) {
+    fn tick_in(
+        &mut self,
+        substeps: u32,
+        smooth: &Smooth<N>,
+        x: &State<N>,
+        tau: &SVector<f64, N>,
+    ) -> (State<N>, Touch) {
         let (mut state, mut touch, h) = (*x, Touch::default(), self.tick_s / f64::from(substeps));
         self.is_steady = true;
         for _ in 0..substeps {
@@ -168,7 +201,13 @@ impl<const N: usize> Hybrid<N> {
     }
 
     /// The state a tick after `x`, where none may touch; `None` where a constraint may act meanwhile.
-    fn free_tick(&mut self, smooth: &Smooth<N>, x: &State<N>, now: &ArmMotion<N>, tau: &SVector<f64, N>) -> Option<State<N>> {
+    fn free_tick(
+        &mut self,
+        smooth: &Smooth<N>,
+        x: &State<N>,
+        now: &ArmMotion<N>,
+        tau: &SVector<f64, N>,
+    ) -> Option<State<N>> {
         if self.dry_friction.is_some() {
             return None;
         }
@@ -199,7 +238,14 @@ impl<const N: usize> Hybrid<N> {
     }
 
     /// One sub-step of `h` s. Adds what constraints did to `touch`, whose force is an impulse here; N·s.
-    fn step(&mut self, smooth: &Smooth<N>, x: &State<N>, tau: &SVector<f64, N>, h: f64, touch: &mut Touch) -> State<N> {
+    fn step(
+        &mut self,
+        smooth: &Smooth<N>,
+        x: &State<N>,
+        tau: &SVector<f64, N>,
+        h: f64,
+        touch: &mut Touch,
+    ) -> State<N> {
         let mut next = smooth.rk4(x, tau, h);
         touch.contacts = 0;
         let asks = self.may_touch(smooth, x);
@@ -226,9 +272,15 @@ impl<const N: usize> Hybrid<N> {
                     }
                 }
                 next = if pushing > self.constraints.pushing {
-                    State { q: x.q + moved + correction, qdot: response.state.qdot }
+                    State {
+                        q: x.q + moved + correction,
+                        qdot: response.state.qdot,
+                    }
                 } else {
-                    State { q: next.q + dv * (h / 2.0) + correction, qdot: next.qdot + dv }
+                    State {
+                        q: next.q + dv * (h / 2.0) + correction,
+                        qdot: next.qdot + dv,
+                    }
                 };
             }
             self.constraints.pushing = pushing;
@@ -238,11 +290,20 @@ impl<const N: usize> Hybrid<N> {
         } else {
             self.set_idle();
             if let Some(coulomb) = &self.dry_friction {
-                let dv = velocity_change(&smooth.model.mass_matrix(&x.q), &next.qdot, &(coulomb * h));
-                next = State { q: next.q + dv * (h / 2.0), qdot: next.qdot + dv };
+                let dv =
+                    velocity_change(&smooth.model.mass_matrix(&x.q), &next.qdot, &(coulomb * h));
+                next = State {
+                    q: next.q + dv * (h / 2.0),
+                    qdot: next.qdot + dv,
+                };
             }
         }
-        self.constraints.clearance -= self.reach.iter().zip((next.q - x.q).iter()).map(|(r, d)| r * d.abs()).sum::<f64>();
+        self.constraints.clearance -= self
+            .reach
+            .iter()
+            .zip((next.q - x.q).iter())
+            .map(|(r, d)| r * d.abs())
+            .sum::<f64>();
         next
     }
 
@@ -267,7 +328,10 @@ impl<const N: usize> Hybrid<N> {
         let (mut x, h) = (*x, self.tick_s / f64::from(self.substeps));
         for _ in 0..self.substeps {
             let response = self.world.step(&x, &smooth.driving(&x.qdot, tau), h);
-            assert!(response.contacts == 0 && response.state.qdot == response.free, "a constraint acts in free motion");
+            assert!(
+                response.contacts == 0 && response.state.qdot == response.free,
+                "a constraint acts in free motion"
+            );
             x = smooth.rk4(&x, tau, h);
         }
     }
@@ -281,5 +345,9 @@ impl<const N: usize> Hybrid<N> {
 
 /// The fraction of a correction that may be made where at most `room` is to be corrected.
 fn kept(room: f64, correction: f64) -> f64 {
-    if correction > room.max(0.0) { room.max(0.0) / correction } else { 1.0 }
+    if correction > room.max(0.0) {
+        room.max(0.0) / correction
+    } else {
+        1.0
+    }
 }

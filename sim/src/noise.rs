@@ -30,7 +30,10 @@ pub(crate) fn gaussians<const N: usize>(seed: u64, tick: u64) -> [f64; N] {
 fn of_channels<const N: usize>(seed: u64, tick: u64, channels: [u64; N]) -> [f64; N] {
     let of_tick = mix(mix(seed) ^ tick);
     let keys = channels.map(|channel| mix(of_tick ^ channel));
-    let (bits_1, bits_2) = (keys.map(mix), keys.map(|key| mix(key ^ 0x5851_f42d_4c95_7f2d)));
+    let (bits_1, bits_2) = (
+        keys.map(mix),
+        keys.map(|key| mix(key ^ 0x5851_f42d_4c95_7f2d)),
+    );
     // Apart from the multiplications of integers, and without a branch, so that the compiler makes vectors of it.
     let mut z = [0.0; N];
     for i in 0..N {
@@ -42,7 +45,10 @@ fn of_channels<const N: usize>(seed: u64, tick: u64, channels: [u64; N]) -> [f64
 /// ln u for 2⁻⁵³ ≤ u < 1, to the bits of libm: its method without the cases that do not come [FreeBSD msun, `e_log.c`].
 #[inline(always)]
 fn log_of_unit(u: f64) -> f64 {
-    const LN_2: [f64; 2] = [f64::from_bits(0x3FE6_2E42_FEE0_0000), f64::from_bits(0x3DEA_39EF_3579_3C76)];
+    const LN_2: [f64; 2] = [
+        f64::from_bits(0x3FE6_2E42_FEE0_0000),
+        f64::from_bits(0x3DEA_39EF_3579_3C76),
+    ];
     const LG: [f64; 7] = [
         f64::from_bits(0x3FE5_5555_5555_5593),
         f64::from_bits(0x3FD9_9999_9997_FA04),
@@ -76,7 +82,10 @@ fn log_of_unit(u: f64) -> f64 {
 fn cos_of_turn(u: f64) -> f64 {
     /// Adding this rounds a number to a whole one, which is then in its last bits.
     const ROUND: f64 = 1.5 / f64::EPSILON;
-    const HALF_PI: [f64; 2] = [f64::from_bits(0x3FF9_21FB_5440_0000), f64::from_bits(0x3DD0_B461_1A62_6331)];
+    const HALF_PI: [f64; 2] = [
+        f64::from_bits(0x3FF9_21FB_5440_0000),
+        f64::from_bits(0x3DD0_B461_1A62_6331),
+    ];
     const S: [f64; 6] = [
         f64::from_bits(0xBFC5_5555_5555_5549),
         f64::from_bits(0x3F81_1111_1110_F8A6),
@@ -122,23 +131,50 @@ mod tests {
     #[test]
     fn moments_are_those_of_the_standard_normal() {
         let n = 200_000u64;
-        let sum = |power: i32| (0..n).map(|tick| gaussian(7, tick, 2).powi(power)).sum::<f64>() / n as f64;
+        let sum = |power: i32| {
+            (0..n)
+                .map(|tick| gaussian(7, tick, 2).powi(power))
+                .sum::<f64>()
+                / n as f64
+        };
         // Standard errors: 1/√n, √(2/n), √(15/n), √(96/n); five of them each.
         let root = (n as f64).sqrt();
         assert!(sum(1).abs() < 5.0 / root, "mean {}", sum(1));
-        assert!((sum(2) - 1.0).abs() < 5.0 * 2f64.sqrt() / root, "variance {}", sum(2));
-        assert!(sum(3).abs() < 5.0 * 15f64.sqrt() / root, "third moment {}", sum(3));
-        assert!((sum(4) - 3.0).abs() < 5.0 * 96f64.sqrt() / root, "fourth moment {}", sum(4));
+        assert!(
+            (sum(2) - 1.0).abs() < 5.0 * 2f64.sqrt() / root,
+            "variance {}",
+            sum(2)
+        );
+        assert!(
+            sum(3).abs() < 5.0 * 15f64.sqrt() / root,
+            "third moment {}",
+            sum(3)
+        );
+        assert!(
+            (sum(4) - 3.0).abs() < 5.0 * 96f64.sqrt() / root,
+            "fourth moment {}",
+            sum(4)
+        );
     }
 
     #[test]
     fn neighbouring_arguments_are_uncorrelated() {
         let n = 100_000u64;
-        let correlation = |f: fn(u64) -> (f64, f64)| (0..n).map(f).map(|(a, b)| a * b).sum::<f64>() / n as f64;
+        let correlation =
+            |f: fn(u64) -> (f64, f64)| (0..n).map(f).map(|(a, b)| a * b).sum::<f64>() / n as f64;
         let bound = 5.0 / (n as f64).sqrt();
-        assert!(correlation(|t| (gaussian(1, t, 0), gaussian(1, t + 1, 0))).abs() < bound, "ticks");
-        assert!(correlation(|t| (gaussian(1, t, 0), gaussian(1, t, 1))).abs() < bound, "channels");
-        assert!(correlation(|t| (gaussian(1, t, 0), gaussian(2, t, 0))).abs() < bound, "seeds");
+        assert!(
+            correlation(|t| (gaussian(1, t, 0), gaussian(1, t + 1, 0))).abs() < bound,
+            "ticks"
+        );
+        assert!(
+            correlation(|t| (gaussian(1, t, 0), gaussian(1, t, 1))).abs() < bound,
+            "channels"
+        );
+        assert!(
+            correlation(|t| (gaussian(1, t, 0), gaussian(2, t, 0))).abs() < bound,
+            "seeds"
+        );
     }
 
     #[test]
@@ -158,12 +194,27 @@ mod tests {
                 let (u_1, u_2) = (unit(mix(tick)), unit(mix(tick ^ channel)));
                 assert_eq!(log_of_unit(u_1), libm::log(u_1));
                 let (cos, expected) = (cos_of_turn(u_2), libm::cos(std::f64::consts::TAU * u_2));
-                assert!((cos - expected).abs() <= expected.abs() * f64::EPSILON, "{u_2}: {cos} {expected}");
+                assert!(
+                    (cos - expected).abs() <= expected.abs() * f64::EPSILON,
+                    "{u_2}: {cos} {expected}"
+                );
             }
         }
-        for u in [unit(0), 0.5 * f64::EPSILON, 0.25, 0.5, 0.5_f64.sqrt(), 0.75, 1.0 - f64::EPSILON, unit(u64::MAX)] {
+        for u in [
+            unit(0),
+            0.5 * f64::EPSILON,
+            0.25,
+            0.5,
+            0.5_f64.sqrt(),
+            0.75,
+            1.0 - f64::EPSILON,
+            unit(u64::MAX),
+        ] {
             assert_eq!(log_of_unit(u), libm::log(u), "{u}");
-            assert!((cos_of_turn(u) - libm::cos(std::f64::consts::TAU * u)).abs() < 1e-16, "{u}");
+            assert!(
+                (cos_of_turn(u) - libm::cos(std::f64::consts::TAU * u)).abs() < 1e-16,
+                "{u}"
+            );
         }
     }
 

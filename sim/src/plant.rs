@@ -9,7 +9,9 @@ use shared_types::scenario::{self, PlantModel};
 
 /// The state left the finite numbers, and was kept as it was before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the arm's motion left the finite numbers: the torque is beyond what the robot can take; give its joints effort limits")]
+#[error(
+    "the arm's motion left the finite numbers: the torque is beyond what the robot can take; give its joints effort limits"
+)]
 pub struct Diverged;
 
 /// How the state is carried from tick to tick.
@@ -47,11 +49,26 @@ impl<const N: usize> Plant<N> {
         q_start: &SVector<f64, N>,
     ) -> Result<Self, PlantError> {
         check(rate_hz > 0, "rate_hz", rate_hz.into(), "at least 1")?;
-        check(options.substeps > 0, "plant.substeps", options.substeps.into(), "at least 1")?;
+        check(
+            options.substeps > 0,
+            "plant.substeps",
+            options.substeps.into(),
+            "at least 1",
+        )?;
         let factor = options.mass_factor;
-        check(factor > 0.0 && factor.is_finite(), "plant.mass_factor", factor, "positive")?;
+        check(
+            factor > 0.0 && factor.is_finite(),
+            "plant.mass_factor",
+            factor,
+            "positive",
+        )?;
         if let Some(floor_m) = options.floor_m {
-            check(floor_m.is_finite(), "plant.floor_m", floor_m, "a height in m")?;
+            check(
+                floor_m.is_finite(),
+                "plant.floor_m",
+                floor_m,
+                "a height in m",
+            )?;
         }
         let mut robot = robot.clone();
         for joint in &mut robot.joints {
@@ -63,22 +80,42 @@ impl<const N: usize> Plant<N> {
         if model.mass_matrix(q_start).cholesky().is_none() {
             return Err(PlantError::SingularMass { robot: robot.name });
         }
-        let viscous = if options.friction { *model.viscous_friction() } else { SVector::zeros() };
+        let viscous = if options.friction {
+            *model.viscous_friction()
+        } else {
+            SVector::zeros()
+        };
         let smooth = Smooth { model, viscous };
         let tick_s = 1.0 / f64::from(rate_hz);
         let back_end = match options.model {
             PlantModel::Reference => {
-                let dry = robot.joints.iter().find(|joint| options.friction && joint.coulomb_friction > 0.0);
+                let dry = robot
+                    .joints
+                    .iter()
+                    .find(|joint| options.friction && joint.coulomb_friction > 0.0);
                 if let Some(joint) = dry {
                     let (joint, coulomb) = (joint.name.clone(), joint.coulomb_friction);
-                    return Err(PlantError::DryFriction { robot: robot.name, joint, coulomb });
+                    return Err(PlantError::DryFriction {
+                        robot: robot.name,
+                        joint,
+                        coulomb,
+                    });
                 }
                 BackEnd::Reference
             }
-            PlantModel::Rapier => BackEnd::Hybrid(Box::new(Hybrid::new(&robot, &smooth, q_start, options, tick_s)?)),
+            PlantModel::Rapier => BackEnd::Hybrid(Box::new(Hybrid::new(
+                &robot, &smooth, q_start, options, tick_s,
+            )?)),
         };
         let state = State::at_rest(*q_start);
-        Ok(Self { motion: smooth.motion(&state), smooth, back_end, state, touch: Touch::default(), tick_s })
+        Ok(Self {
+            motion: smooth.motion(&state),
+            smooth,
+            back_end,
+            state,
+            touch: Touch::default(),
+            tick_s,
+        })
     }
 
     /// Advances one tick with the joint torques `tau` (N·m) held.
@@ -90,7 +127,11 @@ impl<const N: usize> Plant<N> {
     /// [`Diverged`], with the state as it was.
     pub fn step(&mut self, tau: &SVector<f64, N>) -> Result<(), Diverged> {
         let (state, touch) = match &mut self.back_end {
-            BackEnd::Reference => (self.smooth.advance(&self.state, &self.motion, tau, self.tick_s), Touch::default()),
+            BackEnd::Reference => (
+                self.smooth
+                    .advance(&self.state, &self.motion, tau, self.tick_s),
+                Touch::default(),
+            ),
             BackEnd::Hybrid(hybrid) => hybrid.tick(&self.smooth, &self.state, &self.motion, tau),
         };
         if !state.is_finite() {
@@ -159,10 +200,23 @@ impl<const N: usize> Plant<N> {
     /// Sub-steps in which the hybrid plant has asked rapier3d.
     #[cfg(test)]
     pub(crate) fn asked(&self) -> u32 {
-        if let BackEnd::Hybrid(hybrid) = &self.back_end { hybrid.asked } else { 0 }
+        if let BackEnd::Hybrid(hybrid) = &self.back_end {
+            hybrid.asked
+        } else {
+            0
+        }
     }
 }
 
-fn check(holds: bool, key: &'static str, value: f64, range: &'static str) -> Result<(), PlantError> {
-    if holds { Ok(()) } else { Err(PlantError::Range { key, value, range }) }
+fn check(
+    holds: bool,
+    key: &'static str,
+    value: f64,
+    range: &'static str,
+) -> Result<(), PlantError> {
+    if holds {
+        Ok(())
+    } else {
+        Err(PlantError::Range { key, value, range })
+    }
 }

@@ -11,7 +11,10 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 /// The text of a built-in scenario.
 #[must_use]
 pub fn text(name: &str) -> Option<&'static str> {
-    BUILT_IN.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
+    BUILT_IN
+        .iter()
+        .find(|(known, _)| *known == name)
+        .map(|(_, text)| *text)
 }
 
 #[cfg(test)]
@@ -21,9 +24,20 @@ mod tests {
     use model::Robot;
     use shared_types::scenario::Scenario;
 
-    fn starts<const N: usize>(robot: &Robot, scenario: &Scenario, q: &[f64]) -> Result<(), PlantError> {
+    fn starts<const N: usize>(
+        robot: &Robot,
+        scenario: &Scenario,
+        q: &[f64],
+    ) -> Result<(), PlantError> {
         let q = model::embedded::<N>(q);
-        Plant::<N>::new(robot, scenario.frame(), &scenario.plant, scenario.rate_hz, &q).map(|_| ())
+        Plant::<N>::new(
+            robot,
+            scenario.frame(),
+            &scenario.plant,
+            scenario.rate_hz,
+            &q,
+        )
+        .map(|_| ())
     }
 
     #[test]
@@ -34,7 +48,8 @@ mod tests {
             assert_eq!(scenario.name, name);
             let robot = Robot::builtin(&scenario.robot).unwrap();
             let q = robot.start_posture(&scenario.start).unwrap();
-            let started = model::with_dof!(robot.dof(), N => starts::<N>(&robot, &scenario, &q)).unwrap();
+            let started =
+                model::with_dof!(robot.dof(), N => starts::<N>(&robot, &scenario, &q)).unwrap();
             assert_eq!(started, Ok(()), "{name}");
         }
     }

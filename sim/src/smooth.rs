@@ -16,7 +16,10 @@ impl<const N: usize> State<N> {
     /// At rest at `q`.
     #[must_use]
     pub fn at_rest(q: SVector<f64, N>) -> Self {
-        Self { q, qdot: SVector::zeros() }
+        Self {
+            q,
+            qdot: SVector::zeros(),
+        }
     }
 
     /// Whether every number is finite, and the energy is one too.
@@ -51,15 +54,29 @@ impl<const N: usize> Smooth<N> {
         self.model.motion(&x.q, &x.qdot)
     }
 
-    fn qddot(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, tau: &SVector<f64, N>) -> SVector<f64, N> {
-        self.model.forward_dynamics(q, qdot, &self.driving(qdot, tau))
+    fn qddot(
+        &self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        tau: &SVector<f64, N>,
+    ) -> SVector<f64, N> {
+        self.model
+            .forward_dynamics(q, qdot, &self.driving(qdot, tau))
     }
 
     /// The state `t` s after `x`, whose motion is `now`, under constant torque: in equal steps of at most [`LONGEST_S`] by [`Model::advance`].
-    pub(crate) fn advance(&self, x: &State<N>, now: &ArmMotion<N>, tau: &SVector<f64, N>, t: f64) -> State<N> {
+    pub(crate) fn advance(
+        &self,
+        x: &State<N>,
+        now: &ArmMotion<N>,
+        tau: &SVector<f64, N>,
+        t: f64,
+    ) -> State<N> {
         let steps = (t / LONGEST_S).ceil();
         let step = |x: &State<N>, qddot: &SVector<f64, N>| {
-            let [q, qdot] = self.model.advance(&[x.q, x.qdot], qddot, tau, &self.viscous, t / steps);
+            let [q, qdot] =
+                self.model
+                    .advance(&[x.q, x.qdot], qddot, tau, &self.viscous, t / steps);
             State { q, qdot }
         };
         let first = step(x, &now.qddot(&self.driving(&x.qdot, tau)));
@@ -78,6 +95,9 @@ impl<const N: usize> Smooth<N> {
         let a_3 = self.qddot(&(x.q + v_2 * (h / 2.0)), &v_3, tau);
         let v_4 = x.qdot + a_3 * h;
         let a_4 = self.qddot(&(x.q + v_3 * h), &v_4, tau);
-        State { q: x.q + (v_1 + (v_2 + v_3) * 2.0 + v_4) * (h / 6.0), qdot: x.qdot + (a_1 + (a_2 + a_3) * 2.0 + a_4) * (h / 6.0) }
+        State {
+            q: x.q + (v_1 + (v_2 + v_3) * 2.0 + v_4) * (h / 6.0),
+            qdot: x.qdot + (a_1 + (a_2 + a_3) * 2.0 + a_4) * (h / 6.0),
+        }
     }
 }

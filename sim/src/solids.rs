@@ -26,36 +26,64 @@ pub(crate) struct Solid {
 
 /// The robot's own shapes, or, where it has none, capsules from joint to joint.
 pub(crate) fn solids(robot: &Robot) -> Vec<Solid> {
-    if robot.shapes.is_empty() { guessed(robot) } else { described(robot) }
+    if robot.shapes.is_empty() {
+        guessed(robot)
+    } else {
+        described(robot)
+    }
 }
 
 fn described(robot: &Robot) -> Vec<Solid> {
     let solid = |shape: &model::Shape| {
-        let along_z = |half: f64| (math::Vector::new(0.0, 0.0, -half), math::Vector::new(0.0, 0.0, half));
+        let along_z = |half: f64| {
+            (
+                math::Vector::new(0.0, 0.0, -half),
+                math::Vector::new(0.0, 0.0, half),
+            )
+        };
         let (solid, radius, X_LS) = match shape.geometry {
             Geometry::Box { size } => {
                 let half = size / 2.0;
-                (SharedShape::cuboid(half.x, half.y, half.z), half.norm(), shape.X_LS)
+                (
+                    SharedShape::cuboid(half.x, half.y, half.z),
+                    half.norm(),
+                    shape.X_LS,
+                )
             }
             // rapier's cylinder lies along y.
             Geometry::Cylinder { radius, length } => {
                 let half = length / 2.0;
-                (SharedShape::cylinder(half, radius), libm::hypot(half, radius), shape.X_LS * y_to_z())
+                (
+                    SharedShape::cylinder(half, radius),
+                    libm::hypot(half, radius),
+                    shape.X_LS * y_to_z(),
+                )
             }
             Geometry::Sphere { radius } => (SharedShape::ball(radius), radius, shape.X_LS),
             Geometry::Capsule { radius, length } => {
                 let (a, b) = along_z(length / 2.0);
-                (SharedShape::capsule(a, b, radius), length / 2.0 + radius, shape.X_LS)
+                (
+                    SharedShape::capsule(a, b, radius),
+                    length / 2.0 + radius,
+                    shape.X_LS,
+                )
             }
         };
-        Solid { link: shape.joint, X_LS, shape: solid, reach: X_LS.p.norm() + radius }
+        Solid {
+            link: shape.joint,
+            X_LS,
+            shape: solid,
+            reach: X_LS.p.norm() + radius,
+        }
     };
     robot.shapes.iter().map(solid).collect()
 }
 
 /// A rotation that takes y to z.
 fn y_to_z() -> Pose {
-    Pose::rotation(nalgebra::Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0))
+    Pose::rotation(nalgebra::Matrix3::new(
+        1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0,
+    ))
 }
 
 fn guessed(robot: &Robot) -> Vec<Solid> {
@@ -64,16 +92,28 @@ fn guessed(robot: &Robot) -> Vec<Solid> {
         Some(next) => next.X_PJ.p,
         // The farthest frame on the last link: the flange, or the end-effector.
         None => {
-            let frames = robot.frames.iter().filter(|frame| frame.joint == Some(last)).map(|frame| frame.X_LF.p);
-            frames.fold(Vector3::zeros(), |far, p| if p.norm() > far.norm() { p } else { far })
+            let frames = robot
+                .frames
+                .iter()
+                .filter(|frame| frame.joint == Some(last))
+                .map(|frame| frame.X_LF.p);
+            frames.fold(Vector3::zeros(), |far, p| {
+                if p.norm() > far.norm() { p } else { far }
+            })
         }
     };
     let capsule = |i: usize| {
         let p = end(i);
         let length = p.norm();
         let radius = (GUESS_RATIO * length).clamp(GUESS_RADIUS[0], GUESS_RADIUS[1]);
-        let shape = SharedShape::capsule(math::Vector::ZERO, math::Vector::new(p.x, p.y, p.z), radius);
-        (length > GUESS_SHORTEST).then(|| Solid { link: Some(i), X_LS: Pose::identity(), shape, reach: length + radius })
+        let shape =
+            SharedShape::capsule(math::Vector::ZERO, math::Vector::new(p.x, p.y, p.z), radius);
+        (length > GUESS_SHORTEST).then(|| Solid {
+            link: Some(i),
+            X_LS: Pose::identity(),
+            shape,
+            reach: length + radius,
+        })
     };
     (0..robot.dof()).filter_map(capsule).collect()
 }
@@ -90,7 +130,8 @@ pub(crate) fn distance(a: (&math::Pose, &SharedShape), b: (&math::Pose, &SharedS
 
 pub(crate) fn to_rapier(X: &Pose) -> math::Pose {
     let column = |j: usize| math::Vector::new(X.R[(0, j)], X.R[(1, j)], X.R[(2, j)]);
-    let R = math::Rotation::from_mat3(&math::Matrix::from_cols(column(0), column(1), column(2))).normalize();
+    let R = math::Rotation::from_mat3(&math::Matrix::from_cols(column(0), column(1), column(2)))
+        .normalize();
     math::Pose::from_parts(math::Vector::new(X.p.x, X.p.y, X.p.z), R)
 }
 
@@ -103,12 +144,22 @@ pub(crate) fn reach<const N: usize>(robot: &Robot, solids: &[Solid]) -> SVector<
         model::JointKind::Prismatic => robot.joints[i].lower.abs().max(robot.joints[i].upper.abs()),
         _ => 0.0,
     };
-    let own = |i: usize| solids.iter().filter(|s| s.link == Some(i)).map(|s| s.reach).fold(0.0, f64::max);
+    let own = |i: usize| {
+        solids
+            .iter()
+            .filter(|s| s.link == Some(i))
+            .map(|s| s.reach)
+            .fold(0.0, f64::max)
+    };
     let mut reach = SVector::zeros();
     let mut beyond = 0.0;
     for i in (0..robot.dof()).rev() {
         beyond = own(i).max(beyond);
-        reach[i] = if robot.joints[i].kind == model::JointKind::Prismatic { 1.0 } else { beyond };
+        reach[i] = if robot.joints[i].kind == model::JointKind::Prismatic {
+            1.0
+        } else {
+            beyond
+        };
         beyond += robot.joints[i].X_PJ.p.norm() + slide(i);
     }
     reach

@@ -23,18 +23,24 @@ fn puma() -> Robot {
 fn free_puma() -> Robot {
     let mut robot = puma();
     for joint in &mut robot.joints {
-        (joint.kind, joint.lower, joint.upper) = (JointKind::Continuous, f64::NEG_INFINITY, f64::INFINITY);
+        (joint.kind, joint.lower, joint.upper) =
+            (JointKind::Continuous, f64::NEG_INFINITY, f64::INFINITY);
     }
     robot
 }
 
 fn nominal() -> Joints {
-    static NOMINAL: LazyLock<Joints> = LazyLock::new(|| Joints::from_column_slice(&puma().postures["nominal"]));
+    static NOMINAL: LazyLock<Joints> =
+        LazyLock::new(|| Joints::from_column_slice(&puma().postures["nominal"]));
     *NOMINAL
 }
 
 fn options(model: PlantModel) -> scenario::Plant {
-    scenario::Plant { model, floor_m: None, ..scenario::Plant::default() }
+    scenario::Plant {
+        model,
+        floor_m: None,
+        ..scenario::Plant::default()
+    }
 }
 
 fn plant(robot: &Robot, options: &scenario::Plant, q: &Joints) -> Plant<6> {
@@ -53,7 +59,10 @@ fn free_motion_is_that_of_a_far_finer_integration() {
     let robot = free_puma();
     let arm = Model::<6>::new(&robot, None).unwrap();
     let mut hybrid = plant(&robot, &options(PlantModel::Rapier), &nominal());
-    let smooth = Smooth { model: arm.clone(), viscous: Joints::zeros() };
+    let smooth = Smooth {
+        model: arm.clone(),
+        viscous: Joints::zeros(),
+    };
     let mut fine = State::at_rest(nominal());
     for tick in 0..2 * RATE {
         let tau = waving(&arm, tick);
@@ -75,18 +84,32 @@ fn without_torque_energy_is_conserved() {
         hybrid.step(&Joints::zeros()).unwrap();
         worst = worst.max((hybrid.energy() - before).abs());
     }
-    let kinetic = hybrid.model().kinetic_energy(&hybrid.state().q, &hybrid.state().qdot);
+    let kinetic = hybrid
+        .model()
+        .kinetic_energy(&hybrid.state().q, &hybrid.state().qdot);
     println!("energy drift {worst:.2e} J with {kinetic:.1} J in motion");
-    assert!(worst < 1e-8 && kinetic > 5.0, "drift {worst:e} J, kinetic {kinetic} J");
+    assert!(
+        worst < 1e-8 && kinetic > 5.0,
+        "drift {worst:e} J, kinetic {kinetic} J"
+    );
 }
 
 #[test]
 fn viscous_friction_takes_out_what_it_should() {
-    let with = scenario::Plant { friction: true, ..options(PlantModel::Rapier) };
+    let with = scenario::Plant {
+        friction: true,
+        ..options(PlantModel::Rapier)
+    };
     let mut robot = free_puma();
-    robot.joints.iter_mut().for_each(|joint| joint.coulomb_friction = 0.0);
+    robot
+        .joints
+        .iter_mut()
+        .for_each(|joint| joint.coulomb_friction = 0.0);
     let mut arm = plant(&robot, &with, &nominal());
-    let smooth = Smooth { model: Model::new(&robot, None).unwrap(), viscous: *arm.model().viscous_friction() };
+    let smooth = Smooth {
+        model: Model::new(&robot, None).unwrap(),
+        viscous: *arm.model().viscous_friction(),
+    };
     let mut lost = 0.0;
     let before = arm.energy();
     for _ in 0..RATE {
@@ -96,7 +119,11 @@ fn viscous_friction_takes_out_what_it_should() {
         arm.step(&Joints::zeros()).unwrap();
         lost += (start + 4.0 * power(&middle) + power(arm.state())) * (1e-3 / 6.0); // Simpson
     }
-    assert!(lost > 1.0 && (before - arm.energy() - lost).abs() < 1e-7 * lost, "{} J of {lost} J", before - arm.energy());
+    assert!(
+        lost > 1.0 && (before - arm.energy() - lost).abs() < 1e-7 * lost,
+        "{} J of {lost} J",
+        before - arm.energy()
+    );
 }
 
 /// Runs two plants of the same arm side by side, one of them asking rapier3d at every sub-step: every bit is equal.
@@ -124,11 +151,23 @@ fn agrees_with_always_asking(
 
 #[test]
 fn where_rapier_is_not_asked_it_would_have_had_nothing_to_say() {
-    let world = scenario::Plant { floor_m: Some(-0.3), ..options(PlantModel::Rapier) };
+    let world = scenario::Plant {
+        floor_m: Some(-0.3),
+        ..options(PlantModel::Rapier)
+    };
     let arm = Model::<6>::new(&puma(), None).unwrap();
     // Freely about; then into the floor and the stops, and out again, several times.
-    let low = scenario::Plant { floor_m: Some(-0.9), ..options(PlantModel::Rapier) };
-    let free = agrees_with_always_asking(&free_puma(), &low, State::at_rest(nominal()), 600, |_, k| waving(&arm, k));
+    let low = scenario::Plant {
+        floor_m: Some(-0.9),
+        ..options(PlantModel::Rapier)
+    };
+    let free = agrees_with_always_asking(
+        &free_puma(),
+        &low,
+        State::at_rest(nominal()),
+        600,
+        |_, k| waving(&arm, k),
+    );
     assert_eq!(free.touch().contacts, 0);
     let bouncing = |plant: &Plant<6>, tick: u32| {
         let x = plant.state();
@@ -149,13 +188,24 @@ fn where_rapier_is_not_asked_it_would_have_had_nothing_to_say() {
 
 #[test]
 fn two_runs_are_the_same_to_the_last_bit() {
-    let world = scenario::Plant { floor_m: Some(-0.3), friction: true, ..options(PlantModel::Rapier) };
+    let world = scenario::Plant {
+        floor_m: Some(-0.3),
+        friction: true,
+        ..options(PlantModel::Rapier)
+    };
     let run = || {
         let mut arm = plant(&puma(), &world, &nominal());
         let mut trace = Vec::new();
         for _ in 0..800 {
             arm.step(&Joints::zeros()).unwrap();
-            trace.extend(arm.state().q.iter().chain(arm.state().qdot.iter()).chain(arm.touch().force.iter()).map(|x| x.to_bits()));
+            trace.extend(
+                arm.state()
+                    .q
+                    .iter()
+                    .chain(arm.state().qdot.iter())
+                    .chain(arm.touch().force.iter())
+                    .map(|x| x.to_bits()),
+            );
         }
         assert!(arm.touch().contacts > 0);
         trace
@@ -167,8 +217,17 @@ fn two_runs_are_the_same_to_the_last_bit() {
 fn rod(length: f64, mass: f64) -> Robot {
     let mut robot = Robot::builtin("planar3r").unwrap();
     robot.joints.truncate(1);
-    robot.frames.retain(|frame| frame.joint.is_none_or(|i| i == 0));
-    robot.default_frame = robot.frames.iter().rev().find(|frame| frame.joint == Some(0)).unwrap().name.clone();
+    robot
+        .frames
+        .retain(|frame| frame.joint.is_none_or(|i| i == 0));
+    robot.default_frame = robot
+        .frames
+        .iter()
+        .rev()
+        .find(|frame| frame.joint == Some(0))
+        .unwrap()
+        .name
+        .clone();
     robot.gravity = Vector3::new(0.0, 0.0, -9.81);
     robot.shapes = vec![model::Shape {
         joint: Some(0),
@@ -178,15 +237,29 @@ fn rod(length: f64, mass: f64) -> Robot {
     }];
     let joint = &mut robot.joints[0];
     joint.axis = -Vector3::y();
-    (joint.mass, joint.com, joint.inertia) = (mass, Vector3::new(length / 2.0, 0.0, 0.0), nalgebra::Matrix3::identity() * 0.1);
+    (joint.mass, joint.com, joint.inertia) = (
+        mass,
+        Vector3::new(length / 2.0, 0.0, 0.0),
+        nalgebra::Matrix3::identity() * 0.1,
+    );
     robot
 }
 
 #[test]
 fn a_resting_arm_presses_on_the_floor_with_the_weight_it_must() {
     let (length, mass, height) = (1.0, 4.0, -0.3);
-    let world = scenario::Plant { floor_m: Some(height), ..scenario::Plant::default() };
-    let mut arm = Plant::<1>::new(&rod(length, mass), None, &world, RATE, &SVector::<f64, 1>::new(0.0)).unwrap();
+    let world = scenario::Plant {
+        floor_m: Some(height),
+        ..scenario::Plant::default()
+    };
+    let mut arm = Plant::<1>::new(
+        &rod(length, mass),
+        None,
+        &world,
+        RATE,
+        &SVector::<f64, 1>::new(0.0),
+    )
+    .unwrap();
     let zero = SVector::<f64, 1>::zeros();
     let tip = |arm: &Plant<1>| length * libm::sin(arm.state().q[0]) - 0.05 - height;
     let (mut deepest, mut impact): (f64, f64) = (0.0, 0.0);
@@ -210,7 +283,11 @@ fn a_resting_arm_presses_on_the_floor_with_the_weight_it_must() {
         arm.state().qdot[0].abs()
     );
     assert_eq!(touch.contacts, 1);
-    assert!((moment - expected * at_x).abs() < 1e-4 * expected, "moment {moment} N·m, not {}", expected * at_x);
+    assert!(
+        (moment - expected * at_x).abs() < 1e-4 * expected,
+        "moment {moment} N·m, not {}",
+        expected * at_x
+    );
     assert!(arm.state().qdot[0].abs() < 1e-6, "at rest");
     assert!(tip(&arm).abs() < 1e-5, "rests {} m deep", -tip(&arm));
     assert!(deepest > -1e-3, "sank {} m in at the impact", -deepest);
@@ -220,17 +297,29 @@ fn a_resting_arm_presses_on_the_floor_with_the_weight_it_must() {
 fn a_pushed_arm_presses_back_with_the_push() {
     // The PUMA is lowered onto the floor and pressed down by a torque on joint 2 on top of gravity compensation.
     let (floor, press) = (-0.3, 15.0);
-    let world = scenario::Plant { floor_m: Some(floor), ..options(PlantModel::Rapier) };
+    let world = scenario::Plant {
+        floor_m: Some(floor),
+        ..options(PlantModel::Rapier)
+    };
     let mut arm = plant(&puma(), &world, &nominal());
     let mut extra = Joints::zeros();
     for _ in 0..4 * RATE {
         let x = *arm.state();
         let posture = (nominal() - x.q) * 300.0 - x.qdot * 40.0;
-        extra = Joints::from_fn(|i, _| if i == 1 { press - 40.0 * x.qdot[1] } else { posture[i] });
+        extra = Joints::from_fn(|i, _| {
+            if i == 1 {
+                press - 40.0 * x.qdot[1]
+            } else {
+                posture[i]
+            }
+        });
         arm.step(&(arm.model().gravity(&x.q) + extra)).unwrap();
     }
     let (touch, x) = (*arm.touch(), *arm.state());
-    println!("pressed: {touch:?}, speed {:.1e}, extra {extra:?}", x.qdot.amax());
+    println!(
+        "pressed: {touch:?}, speed {:.1e}, extra {extra:?}",
+        x.qdot.amax()
+    );
     assert!(touch.contacts > 0 && touch.limits == 0 && x.qdot.amax() < 1e-5);
     // At rest the contact's moment about every joint before it balances the extra torque: z_i·((P − p_i) × F) = −τ_i, for one
     // point P on the floor. Two joints give P, the third checks it.
@@ -242,10 +331,16 @@ fn a_pushed_arm_presses_back_with_the_push() {
         (cross, -extra[i] + p.dot(&cross) - cross.z * floor)
     };
     let (a, b, c) = (row(0), row(1), row(2));
-    let P = nalgebra::Matrix2::new(a.0.x, a.0.y, b.0.x, b.0.y).lu().solve(&nalgebra::Vector2::new(a.1, b.1)).unwrap();
+    let P = nalgebra::Matrix2::new(a.0.x, a.0.y, b.0.x, b.0.y)
+        .lu()
+        .solve(&nalgebra::Vector2::new(a.1, b.1))
+        .unwrap();
     let residual = c.0.x * P.x + c.0.y * P.y - c.1;
     println!("contact at {P:?}, residual {residual:.1e} N·m");
-    assert!(F.z > 5.0 && residual.abs() < 1e-3 * press, "residual {residual} N·m");
+    assert!(
+        F.z > 5.0 && residual.abs() < 1e-3 * press,
+        "residual {residual} N·m"
+    );
 }
 
 #[test]
@@ -267,10 +362,16 @@ fn a_joint_driven_into_its_stop_stays_there() {
             assert_eq!(arm.touch().limits, 1, "tick {tick}");
         }
     }
-    println!("stop hit at {fastest:.2} rad/s: {beyond:.2e} rad beyond, then {settled:.2e} rad/s, {:.2e} rad", arm.state().q[0] - upper);
+    println!(
+        "stop hit at {fastest:.2} rad/s: {beyond:.2e} rad beyond, then {settled:.2e} rad/s, {:.2e} rad",
+        arm.state().q[0] - upper
+    );
     assert!(fastest > 1.0, "it hit hard: {fastest} rad/s");
     // One sub-step of free motion goes by before rapier3d sees that the joint is beyond.
-    assert!(beyond < fastest * 0.25e-3 + STOP_DEPTH, "{beyond} rad beyond");
+    assert!(
+        beyond < fastest * 0.25e-3 + STOP_DEPTH,
+        "{beyond} rad beyond"
+    );
     assert!((arm.state().q[0] - upper).abs() < 10.0 * STOP_DEPTH);
     assert!(settled < 1e-6, "still moving at {settled} rad/s");
     // And it comes off again.
@@ -286,15 +387,22 @@ fn a_joint_driven_into_its_stop_stays_there() {
 fn dry_friction_stops_and_holds_as_coulomb_says() {
     let mut robot = puma();
     robot.gravity = Vector3::zeros();
-    let with = scenario::Plant { friction: true, ..options(PlantModel::Rapier) };
-    robot.joints.iter_mut().for_each(|joint| joint.viscous_friction = 0.0);
+    let with = scenario::Plant {
+        friction: true,
+        ..options(PlantModel::Rapier)
+    };
+    robot
+        .joints
+        .iter_mut()
+        .for_each(|joint| joint.viscous_friction = 0.0);
     // Joint 1 alone, the others held straight by symmetry of rest: A_11·q̈ = −c.
     let mut arm = plant(&robot, &with, &nominal());
     let c = robot.joints[0].coulomb_friction;
     let mut start = State::at_rest(nominal());
     // Below breakaway nothing moves.
     for _ in 0..500 {
-        arm.step(&Joints::new(0.9 * c, 0.0, 0.0, 0.0, 0.0, 0.0)).unwrap();
+        arm.step(&Joints::new(0.9 * c, 0.0, 0.0, 0.0, 0.0, 0.0))
+            .unwrap();
     }
     let crept = (arm.state().q - nominal()).amax();
     println!("crept {crept:.1e} rad in 0.5 s at 0.9 of breakaway");
@@ -305,7 +413,11 @@ fn dry_friction_stops_and_holds_as_coulomb_says() {
     arm.set_state(start);
     let before = arm.energy();
     let mut lost = 0.0;
-    let loss = |x: &State<6>| (0..6).map(|i| robot.joints[i].coulomb_friction * x.qdot[i].abs()).sum::<f64>();
+    let loss = |x: &State<6>| {
+        (0..6)
+            .map(|i| robot.joints[i].coulomb_friction * x.qdot[i].abs())
+            .sum::<f64>()
+    };
     for _ in 0..100 {
         let power = loss(arm.state());
         arm.step(&Joints::zeros()).unwrap();
@@ -323,7 +435,11 @@ fn dry_friction_stops_and_holds_as_coulomb_says() {
 #[test]
 fn dry_friction_is_that_of_rapier() {
     let arm = Model::<6>::new(&puma(), None).unwrap();
-    let with = scenario::Plant { friction: true, floor_m: Some(-0.9), ..options(PlantModel::Rapier) };
+    let with = scenario::Plant {
+        friction: true,
+        floor_m: Some(-0.9),
+        ..options(PlantModel::Rapier)
+    };
     let [mut own, mut rapiers] = [0, 1].map(|_| plant(&free_puma(), &with, &nominal()));
     rapiers.always_ask();
     for tick in 0..500 {
@@ -331,24 +447,41 @@ fn dry_friction_is_that_of_rapier() {
         own.step(&tau).unwrap();
         rapiers.step(&tau).unwrap();
     }
-    let (moved, error) = ((own.state().q - nominal()).amax(), (own.state().q - rapiers.state().q).amax());
+    let (moved, error) = (
+        (own.state().q - nominal()).amax(),
+        (own.state().q - rapiers.state().q).amax(),
+    );
     println!("dry friction: {error:.1e} rad from rapier3d's after {moved:.2} rad");
-    assert!(moved > 0.2 && error < 1e-6, "{error:e} rad after {moved} rad");
+    assert!(
+        moved > 0.2 && error < 1e-6,
+        "{error:e} rad after {moved} rad"
+    );
 }
 
 #[test]
 fn other_rates_and_sub_steps_work() {
     let robot = free_puma();
     let fall = |rate: u32, substeps: u32| {
-        let options = scenario::Plant { substeps, ..options(PlantModel::Rapier) };
+        let options = scenario::Plant {
+            substeps,
+            ..options(PlantModel::Rapier)
+        };
         let mut arm = Plant::<6>::new(&robot, None, &options, rate, &nominal()).unwrap();
         (0..rate / 2).for_each(|_| arm.step(&Joints::zeros()).unwrap());
         arm.state().q
     };
     let fine = fall(4000, 4);
-    for (rate, substeps, bound) in [(250, 8, 1e-8), (500, 4, 1e-8), (1000, 1, 1e-7), (2000, 2, 1e-9)] {
+    for (rate, substeps, bound) in [
+        (250, 8, 1e-8),
+        (500, 4, 1e-8),
+        (1000, 1, 1e-7),
+        (2000, 2, 1e-9),
+    ] {
         let error = (fall(rate, substeps) - fine).amax();
-        assert!(error < bound, "{rate} Hz, {substeps} sub-steps: {error:e} rad");
+        assert!(
+            error < bound,
+            "{rate} Hz, {substeps} sub-steps: {error:e} rad"
+        );
     }
 }
 
@@ -357,11 +490,19 @@ fn every_built_in_arm_and_one_with_massless_links_can_be_simulated() {
     for name in ["puma560", "puma560-ideal"] {
         let mut robot = Robot::builtin(name).unwrap();
         let zero = Joints::from_column_slice(&robot.postures["nominal"]);
-        let world = scenario::Plant { floor_m: Some(-0.3), self_collision: true, ..options(PlantModel::Rapier) };
+        let world = scenario::Plant {
+            floor_m: Some(-0.3),
+            self_collision: true,
+            ..options(PlantModel::Rapier)
+        };
         for _ in 0..2 {
             let mut arm = plant(&robot, &world, &zero);
             (0..1500).for_each(|_| arm.step(&Joints::zeros()).unwrap());
-            assert!(arm.touch().contacts > 0 && arm.state().is_finite(), "{name}: {:?}", arm.touch());
+            assert!(
+                arm.touch().contacts > 0 && arm.state().is_finite(),
+                "{name}: {:?}",
+                arm.touch()
+            );
             // Next time with a massless wrist: only armature carries its joints.
             for joint in &mut robot.joints[3..] {
                 (joint.mass, joint.inertia) = (0.0, nalgebra::Matrix3::zeros());
@@ -380,12 +521,21 @@ fn motion_diverges_before_its_energy_is_no_number() {
     let robot = Robot::builtin("planar3r").unwrap();
     let bent = SVector::<f64, 3>::from_column_slice(&robot.postures["bent"]);
     for model in [PlantModel::Rapier, PlantModel::Reference] {
-        let options = scenario::Plant { model, ..scenario::Plant::default() };
+        let options = scenario::Plant {
+            model,
+            ..scenario::Plant::default()
+        };
         let mut arm = Plant::<3>::new(&robot, None, &options, RATE, &bent).unwrap();
         // An arm without limits, pushed ever harder.
         let diverged = (0..400).find(|k| {
-            let is_over = arm.step(&SVector::from([10_f64.powi(*k), 0.0, -(10_f64.powi(*k))])).is_err();
-            assert!(arm.energy().is_finite() && arm.state().is_finite(), "{:?}", arm.state());
+            let is_over = arm
+                .step(&SVector::from([10_f64.powi(*k), 0.0, -(10_f64.powi(*k))]))
+                .is_err();
+            assert!(
+                arm.energy().is_finite() && arm.state().is_finite(),
+                "{:?}",
+                arm.state()
+            );
             is_over
         });
         assert!(diverged.is_some());
@@ -399,7 +549,16 @@ fn rapier_has_the_same_arm() {
     let arm = Model::<6>::new(&robot, None).unwrap();
     let tau = Joints::new(10.0, -20.0, 5.0, 1.0, 2.0, -3.0);
     let h = 0.25e-3;
-    let mut world = crate::world::World::<6>::new(&robot, &nominal(), &arm.link_poses(&nominal()), None, false, false, h).unwrap();
+    let mut world = crate::world::World::<6>::new(
+        &robot,
+        &nominal(),
+        &arm.link_poses(&nominal()),
+        None,
+        false,
+        false,
+        h,
+    )
+    .unwrap();
     for k in 0..20 {
         let q = nominal() + Joints::from_fn(|i, _| libm::sin((k * 6 + i) as f64) * 0.5);
         let response = world.step(&State::at_rest(q), &tau, h);
@@ -412,14 +571,27 @@ fn rapier_has_the_same_arm() {
 #[test]
 fn an_arm_that_cannot_be_simulated_is_refused_with_a_reason() {
     let refused = |robot: &Robot, options: &scenario::Plant, q: &Joints| {
-        Plant::<6>::new(robot, None, options, RATE, q).map(|_| ()).unwrap_err().to_string()
+        Plant::<6>::new(robot, None, options, RATE, q)
+            .map(|_| ())
+            .unwrap_err()
+            .to_string()
     };
-    let floor = scenario::Plant { floor_m: Some(0.2), ..options(PlantModel::Rapier) };
+    let floor = scenario::Plant {
+        floor_m: Some(0.2),
+        ..options(PlantModel::Rapier)
+    };
     assert!(refused(&puma(), &floor, &nominal()).contains("starts in the floor at z = 0.2 m"));
-    let dry = scenario::Plant { friction: true, ..options(PlantModel::Reference) };
+    let dry = scenario::Plant {
+        friction: true,
+        ..options(PlantModel::Reference)
+    };
     assert!(refused(&puma(), &dry, &nominal()).contains("no dry friction"));
     for (mass_factor, substeps) in [(0.0, 4), (-1.0, 4), (f64::NAN, 4), (1.0, 0)] {
-        let odd = scenario::Plant { mass_factor, substeps, ..options(PlantModel::Rapier) };
+        let odd = scenario::Plant {
+            mass_factor,
+            substeps,
+            ..options(PlantModel::Rapier)
+        };
         assert!(refused(&puma(), &odd, &nominal()).contains("plant."));
     }
     let beyond = nominal() + Joints::new(10.0, 0.0, 0.0, 0.0, 0.0, 0.0);
@@ -432,7 +604,16 @@ fn an_arm_that_cannot_be_simulated_is_refused_with_a_reason() {
         (joint.mass, joint.inertia, joint.armature) = (0.0, nalgebra::Matrix3::zeros(), 0.0);
     }
     assert!(refused(&weightless, &options(PlantModel::Rapier), &nominal()).contains("singular"));
-    assert!(matches!(Plant::<5>::new(&puma(), None, &options(PlantModel::Rapier), RATE, &SVector::zeros()), Err(PlantError::Model(_))));
+    assert!(matches!(
+        Plant::<5>::new(
+            &puma(),
+            None,
+            &options(PlantModel::Rapier),
+            RATE,
+            &SVector::zeros()
+        ),
+        Err(PlantError::Model(_))
+    ));
 }
 
 #[test]
@@ -445,8 +626,14 @@ fn an_absurd_torque_leaves_the_last_finite_state() {
 
 #[test]
 fn the_mass_factor_makes_the_arm_heavier() {
-    let heavy = scenario::Plant { mass_factor: 1.1, ..options(PlantModel::Rapier) };
-    let (plain, heavy) = (plant(&puma(), &options(PlantModel::Rapier), &nominal()), plant(&puma(), &heavy, &nominal()));
+    let heavy = scenario::Plant {
+        mass_factor: 1.1,
+        ..options(PlantModel::Rapier)
+    };
+    let (plain, heavy) = (
+        plant(&puma(), &options(PlantModel::Rapier), &nominal()),
+        plant(&puma(), &heavy, &nominal()),
+    );
     let ratio = heavy.model().gravity(&nominal()).norm() / plain.model().gravity(&nominal()).norm();
     assert!((ratio - 1.1).abs() < 1e-12);
     assert_eq!(heavy.model().armature(), plain.model().armature());

@@ -12,12 +12,14 @@ use crate::solids::{Solid, distance, placed, solids, to_rapier};
 use model::{Joint, JointKind, Pose, Robot};
 use nalgebra::{Matrix3, SVector, Vector3};
 use rapier3d::dynamics::{
-    CCDSolver, GenericJoint, GenericJointBuilder, ImpulseJointSet, IntegrationParameters, IslandManager, JointAxesMask, JointAxis,
-    MassProperties, Multibody, MultibodyJointHandle, MultibodyJointSet, RigidBodyBuilder, RigidBodyHandle, RigidBodySet, SoftBodySet,
+    CCDSolver, GenericJoint, GenericJointBuilder, ImpulseJointSet, IntegrationParameters,
+    IslandManager, JointAxesMask, JointAxis, MassProperties, Multibody, MultibodyJointHandle,
+    MultibodyJointSet, RigidBodyBuilder, RigidBodyHandle, RigidBodySet, SoftBodySet,
     SpringCoefficients,
 };
 use rapier3d::geometry::{
-    BroadPhaseBvh, ColliderBuilder, ColliderHandle, ColliderSet, Group, InteractionGroups, InteractionTestMode, NarrowPhase, SharedShape,
+    BroadPhaseBvh, ColliderBuilder, ColliderHandle, ColliderSet, Group, InteractionGroups,
+    InteractionTestMode, NarrowPhase, SharedShape,
 };
 use rapier3d::math;
 use rapier3d::pipeline::PhysicsPipeline;
@@ -110,7 +112,11 @@ impl<const N: usize> Arm<N> {
         let (mut links, mut axes, mut last) = ([base; N], [math::Vector::ZERO; N], None);
         for (i, joint) in robot.joints.iter().enumerate() {
             let mass = mass_properties(joint)?;
-            links[i] = bodies.insert(RigidBodyBuilder::dynamic().can_sleep(false).additional_mass_properties(mass));
+            links[i] = bodies.insert(
+                RigidBodyBuilder::dynamic()
+                    .can_sleep(false)
+                    .additional_mass_properties(mass),
+            );
             axes[i] = math::Vector::new(joint.axis.x, joint.axis.y, joint.axis.z);
             let parent = if i == 0 { base } else { links[i - 1] };
             last = joints.insert(parent, links[i], jointed(joint), true);
@@ -121,13 +127,29 @@ impl<const N: usize> Arm<N> {
         multibody.damping_mut().fill(0.0);
         for (i, joint) in robot.joints.iter().enumerate() {
             multibody.armature_mut()[i] = joint.armature;
-            multibody.frictions_mut()[i] = if dry_friction { joint.coulomb_friction } else { 0.0 };
+            multibody.frictions_mut()[i] = if dry_friction {
+                joint.coulomb_friction
+            } else {
+                0.0
+            };
         }
-        Ok(Self { bodies, joints, base, links, axes, last })
+        Ok(Self {
+            bodies,
+            joints,
+            base,
+            links,
+            axes,
+            last,
+        })
     }
 
     /// Gives each solid a collider that meets its partners in `pairs` alone; the colliders on links.
-    fn collide(&mut self, solids: &[Solid], pairs: &[(usize, Option<usize>)], colliders: &mut ColliderSet) -> Vec<ColliderHandle> {
+    fn collide(
+        &mut self,
+        solids: &[Solid],
+        pairs: &[(usize, Option<usize>)],
+        colliders: &mut ColliderSet,
+    ) -> Vec<ColliderHandle> {
         let mut moving = Vec::new();
         for (k, solid) in solids.iter().enumerate() {
             let partners = pairs.iter().filter_map(|&(a, b)| match b {
@@ -140,7 +162,10 @@ impl<const N: usize> Arm<N> {
                 .position(to_rapier(&solid.X_LS))
                 .density(0.0)
                 .friction(CONTACT_FRICTION)
-                .collision_groups(groups(group(solid.link), partners.fold(Group::NONE, |all, g| all | g)));
+                .collision_groups(groups(
+                    group(solid.link),
+                    partners.fold(Group::NONE, |all, g| all | g),
+                ));
             let body = solid.link.map_or(self.base, |i| self.links[i]);
             let handle = colliders.insert_with_parent(collider, body, &mut self.bodies);
             if solid.link.is_some() {
@@ -157,11 +182,20 @@ fn jointed(joint: &Joint) -> GenericJoint {
     let to_axis = Pose::rotation(x_to(&joint.axis));
     let (free, locked) = match joint.kind {
         JointKind::Prismatic => (JointAxis::LinX, JointAxesMask::LOCKED_PRISMATIC_AXES),
-        JointKind::Revolute | JointKind::Continuous => (JointAxis::AngX, JointAxesMask::LOCKED_REVOLUTE_AXES),
+        JointKind::Revolute | JointKind::Continuous => {
+            (JointAxis::AngX, JointAxesMask::LOCKED_REVOLUTE_AXES)
+        }
     };
-    let frames = GenericJointBuilder::new(locked).local_frame1(to_rapier(&(joint.X_PJ * to_axis))).local_frame2(to_rapier(&to_axis));
+    let frames = GenericJointBuilder::new(locked)
+        .local_frame1(to_rapier(&(joint.X_PJ * to_axis)))
+        .local_frame2(to_rapier(&to_axis));
     if joint.lower.is_finite() || joint.upper.is_finite() {
-        return frames.limits(free, [joint.lower.max(-f64::MAX), joint.upper.min(f64::MAX)]).build();
+        return frames
+            .limits(
+                free,
+                [joint.lower.max(-f64::MAX), joint.upper.min(f64::MAX)],
+            )
+            .build();
     }
     frames.build()
 }
@@ -197,15 +231,21 @@ impl<const N: usize> World<N> {
         h: f64,
     ) -> Result<Self, PlantError> {
         let solids = solids(robot);
-        let floor =
-            floor_m.map(|z| (math::Pose::from_translation(math::Vector::new(0.0, 0.0, z)), SharedShape::halfspace(math::Vector::Z)));
+        let floor = floor_m.map(|z| {
+            (
+                math::Pose::from_translation(math::Vector::new(0.0, 0.0, z)),
+                SharedShape::halfspace(math::Vector::Z),
+            )
+        });
         let pairs = touching(robot, &solids, floor.as_ref(), X_BL, self_collision)?;
 
         let mut arm = Arm::new(robot, dry_friction)?;
         let mut colliders = ColliderSet::new();
         let moving = arm.collide(&solids, &pairs, &mut colliders);
         if let Some((pose, shape)) = &floor {
-            let collider = ColliderBuilder::new(shape.clone()).position(*pose).friction(CONTACT_FRICTION);
+            let collider = ColliderBuilder::new(shape.clone())
+                .position(*pose)
+                .friction(CONTACT_FRICTION);
             colliders.insert(collider.collision_groups(groups(FLOOR, Group::ALL)));
         }
         let g = robot.gravity;
@@ -226,9 +266,24 @@ impl<const N: usize> World<N> {
             links: arm.links,
             axes: arm.axes,
             joints: robot.dof(),
-            sliding: std::array::from_fn(|i| robot.joints.get(i).is_some_and(|joint| joint.kind == JointKind::Prismatic)),
-            lower: std::array::from_fn(|i| robot.joints.get(i).map_or(f64::NEG_INFINITY, |joint| joint.lower)),
-            upper: std::array::from_fn(|i| robot.joints.get(i).map_or(f64::INFINITY, |joint| joint.upper)),
+            sliding: std::array::from_fn(|i| {
+                robot
+                    .joints
+                    .get(i)
+                    .is_some_and(|joint| joint.kind == JointKind::Prismatic)
+            }),
+            lower: std::array::from_fn(|i| {
+                robot
+                    .joints
+                    .get(i)
+                    .map_or(f64::NEG_INFINITY, |joint| joint.lower)
+            }),
+            upper: std::array::from_fn(|i| {
+                robot
+                    .joints
+                    .get(i)
+                    .map_or(f64::INFINITY, |joint| joint.upper)
+            }),
             solids,
             pairs,
             floor,
@@ -244,8 +299,13 @@ impl<const N: usize> World<N> {
         let between = |&(a, b): &(usize, Option<usize>)| {
             let of = |k: usize| placed(&self.solids[k], X_BL);
             match (b, &self.floor) {
-                (Some(b), _) => distance((&of(a), &self.solids[a].shape), (&of(b), &self.solids[b].shape)),
-                (None, Some((pose, shape))) => distance((&of(a), &self.solids[a].shape), (pose, shape)),
+                (Some(b), _) => distance(
+                    (&of(a), &self.solids[a].shape),
+                    (&of(b), &self.solids[b].shape),
+                ),
+                (None, Some((pose, shape))) => {
+                    distance((&of(a), &self.solids[a].shape), (pose, shape))
+                }
                 (None, None) => f64::INFINITY,
             }
         };
@@ -279,7 +339,9 @@ impl<const N: usize> World<N> {
             &(),
         );
         let (contacts, candidates, impulse) = self.contacts();
-        let Some((multibody, _)) = self.multibody_joints.get(self.arm) else { unreachable!("the arm is never removed from the world") };
+        let Some((multibody, _)) = self.multibody_joints.get(self.arm) else {
+            unreachable!("the arm is never removed from the world")
+        };
         let velocity = multibody.generalized_velocity();
         let acceleration = multibody.generalized_acceleration();
         let (mut state, mut free) = (*x, x.qdot);
@@ -287,12 +349,20 @@ impl<const N: usize> World<N> {
             (state.q[i], state.qdot[i]) = (coordinate(multibody, i, self.sliding[i]), velocity[i]);
             free[i] = x.qdot[i] + self.parameters.dt * acceleration[i];
         }
-        Response { state, free, contacts, candidates, impulse }
+        Response {
+            state,
+            free,
+            contacts,
+            candidates,
+            impulse,
+        }
     }
 
     /// Puts the arm into state `x`, to the last bit.
     fn load(&mut self, x: &State<N>) {
-        let Some((multibody, _)) = self.multibody_joints.get_mut(self.arm) else { unreachable!("the arm is never removed from the world") };
+        let Some((multibody, _)) = self.multibody_joints.get_mut(self.arm) else {
+            unreachable!("the arm is never removed from the world")
+        };
         // Coordinates can only be displaced. A displacement rounds, but less each time: a − b is exact for a ≈ b
         // (Sterbenz), so that the second or third one lands exactly.
         for _ in 0..4 {
@@ -309,11 +379,21 @@ impl<const N: usize> World<N> {
         for i in 0..self.joints {
             if let Some(link) = multibody.link_mut(i + 1) {
                 let is_beyond = x.q[i] < self.lower[i] || x.q[i] > self.upper[i];
-                let axis = if self.sliding[i] { JointAxesMask::LIN_X } else { JointAxesMask::ANG_X };
-                link.joint.data.limit_axes = if is_beyond { axis } else { JointAxesMask::empty() };
+                let axis = if self.sliding[i] {
+                    JointAxesMask::LIN_X
+                } else {
+                    JointAxesMask::ANG_X
+                };
+                link.joint.data.limit_axes = if is_beyond {
+                    axis
+                } else {
+                    JointAxesMask::empty()
+                };
             }
         }
-        multibody.generalized_velocity_mut().copy_from_slice(&x.qdot.as_slice()[..self.joints]);
+        multibody
+            .generalized_velocity_mut()
+            .copy_from_slice(&x.qdot.as_slice()[..self.joints]);
         multibody.forward_kinematics(&self.bodies, false);
         for (i, link) in self.links[..self.joints].iter().enumerate() {
             if let (Some(body), Some(at)) = (self.bodies.get_mut(*link), multibody.link(i + 1)) {
@@ -360,18 +440,27 @@ impl<const N: usize> World<N> {
                 (true, false) => -1.0,
             };
             for manifold in pair.manifolds() {
-                for point in manifold.points.iter().filter(|point| point.dist < PREDICTION) {
+                for point in manifold
+                    .points
+                    .iter()
+                    .filter(|point| point.dist < PREDICTION)
+                {
                     candidates += 1;
                     if point.data.impulse > 0.0 {
                         carrying += 1;
                         // The normal points from 1 to 2; the tangential impulse is the one on 1.
-                        let on_2 = manifold.data.normal * point.data.impulse - point.data.warmstart_tangent_world;
+                        let on_2 = manifold.data.normal * point.data.impulse
+                            - point.data.warmstart_tangent_world;
                         impulse += sign * on_2;
                     }
                 }
             }
         }
-        (carrying, candidates, Vector3::new(impulse.x, impulse.y, impulse.z))
+        (
+            carrying,
+            candidates,
+            Vector3::new(impulse.x, impulse.y, impulse.z),
+        )
     }
 }
 
@@ -405,7 +494,10 @@ fn touching<const N: usize>(
             let Some(i) = solid.link else { continue };
             if distance((&at[k], &solid.shape), (&floor.0, &floor.1)) == 0.0 {
                 let link = robot.joints[i].link.clone();
-                return Err(PlantError::StartInFloor { link, floor_m: floor.0.translation.z });
+                return Err(PlantError::StartInFloor {
+                    link,
+                    floor_m: floor.0.translation.z,
+                });
             }
             pairs.push((k, None));
         }
@@ -417,8 +509,12 @@ fn touching<const N: usize>(
         let of = |link: Option<usize>| (0..solids.len()).filter(move |k| solids[*k].link == link);
         for (place, near) in links.iter().enumerate() {
             for far in links.iter().skip(place + 2) {
-                let both: Vec<(usize, usize)> = of(*near).flat_map(|a| of(*far).map(move |b| (a, b))).collect();
-                let apart = |&(a, b): &(usize, usize)| distance((&at[a], &solids[a].shape), (&at[b], &solids[b].shape)) > 0.0;
+                let both: Vec<(usize, usize)> = of(*near)
+                    .flat_map(|a| of(*far).map(move |b| (a, b)))
+                    .collect();
+                let apart = |&(a, b): &(usize, usize)| {
+                    distance((&at[a], &solids[a].shape), (&at[b], &solids[b].shape)) > 0.0
+                };
                 if both.iter().all(apart) {
                     pairs.extend(both.into_iter().map(|(a, b)| (a, Some(b))));
                 }
@@ -437,20 +533,29 @@ fn mass_properties(joint: &model::Joint) -> Result<MassProperties, PlantError> {
     let principal = joint.inertia.symmetric_eigenvalues();
     let (least, most) = (principal.min(), principal.max());
     if least < -INERTIA_FLOOR * most.abs() {
-        return Err(PlantError::NotRealisable { link: joint.link.clone(), least });
+        return Err(PlantError::NotRealisable {
+            link: joint.link.clone(),
+            least,
+        });
     }
     let floor = (INERTIA_FLOOR * most).max(NO_MASS);
     let inertia = joint.inertia + Matrix3::identity() * (floor - least).max(0.0);
     let column = |j: usize| math::Vector::new(inertia[(0, j)], inertia[(1, j)], inertia[(2, j)]);
     let com = math::Vector::new(joint.com.x, joint.com.y, joint.com.z);
     let inertia = math::Matrix::from_cols(column(0), column(1), column(2));
-    Ok(MassProperties::with_inertia_matrix(com, joint.mass.max(NO_MASS), inertia))
+    Ok(MassProperties::with_inertia_matrix(
+        com,
+        joint.mass.max(NO_MASS),
+        inertia,
+    ))
 }
 
 /// Joint i's coordinate in the multibody, whose link 0 is the base.
 fn coordinate(multibody: &Multibody, i: usize, sliding: bool) -> f64 {
     let axis = if sliding { 0 } else { 3 };
-    multibody.link(i + 1).map_or(f64::NAN, |link| link.joint().coords()[axis])
+    multibody
+        .link(i + 1)
+        .map_or(f64::NAN, |link| link.joint().coords()[axis])
 }
 
 /// A rotation whose x axis is the unit vector `axis`.

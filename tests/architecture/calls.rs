@@ -32,14 +32,28 @@ fn is_type(name: &str) -> bool {
 /// Every call in a function, at every depth; `Self` is the type of its `impl` block.
 pub(crate) fn calls(from: &Function) -> BTreeSet<Call> {
     let mut found = BTreeSet::new();
-    let named = |word: String| if word == "Self" { from.owner.clone().unwrap_or(word) } else { word };
+    let named = |word: String| {
+        if word == "Self" {
+            from.owner.clone().unwrap_or(word)
+        } else {
+            word
+        }
+    };
     walk(&from.body, &mut |tokens| {
         for (at, token) in tokens.iter().enumerate() {
-            let TokenTree::Ident(name) = token else { continue };
+            let TokenTree::Ident(name) = token else {
+                continue;
+            };
             if is_called(&tokens[at + 1..]) {
                 let is_qualified = at > 2 && is_path_separator(&tokens[at - 2..]);
-                let qualifier = is_qualified.then(|| named(owner(&tokens[..at - 2]))).filter(|name| !name.is_empty());
-                found.insert(Call { name: name.to_string(), qualifier, is_method: at > 0 && is(&tokens[at - 1], ".") });
+                let qualifier = is_qualified
+                    .then(|| named(owner(&tokens[..at - 2])))
+                    .filter(|name| !name.is_empty());
+                found.insert(Call {
+                    name: name.to_string(),
+                    qualifier,
+                    is_method: at > 0 && is(&tokens[at - 1], "."),
+                });
             }
         }
     });
@@ -81,9 +95,21 @@ pub(crate) fn owner(before: &[TokenTree]) -> String {
 fn candidates<'a>(call: &Call, from: &Function, all: &'a [Function]) -> Vec<&'a Function> {
     let fits = |one: &&Function| !one.is_test() && call.may_be(&one.name, one.owner.as_deref());
     let found: Vec<&Function> = all.iter().filter(fits).collect();
-    let near = call.qualifier.as_deref().filter(|qualifier| !is_type(qualifier)).unwrap_or(&from.home);
-    let named: Vec<String> = if call.is_method { paths(&from.body).into_iter().flatten().collect() } else { Vec::new() };
-    let is_near = |one: &&Function| one.owner.as_ref().map_or(one.home == near, |owner| named.contains(owner));
+    let near = call
+        .qualifier
+        .as_deref()
+        .filter(|qualifier| !is_type(qualifier))
+        .unwrap_or(&from.home);
+    let named: Vec<String> = if call.is_method {
+        paths(&from.body).into_iter().flatten().collect()
+    } else {
+        Vec::new()
+    };
+    let is_near = |one: &&Function| {
+        one.owner
+            .as_ref()
+            .map_or(one.home == near, |owner| named.contains(owner))
+    };
     let nearest: Vec<&Function> = found.iter().copied().filter(is_near).collect();
     match (nearest.is_empty(), call.is_method && found.len() > METHODS) {
         (false, _) => nearest,
@@ -96,12 +122,22 @@ fn candidates<'a>(call: &Call, from: &Function, all: &'a [Function]) -> Vec<&'a 
 const METHODS: usize = 4;
 
 /// A function and those of its target that it calls, at most so many calls down.
-pub(crate) fn reached<'a>(from: &'a Function, all: &'a [Function], depth: usize) -> Vec<&'a Function> {
+pub(crate) fn reached<'a>(
+    from: &'a Function,
+    all: &'a [Function],
+    depth: usize,
+) -> Vec<&'a Function> {
     let mut seen: BTreeSet<*const Function> = BTreeSet::new();
     let (mut found, mut last) = (vec![from], vec![from]);
     for _ in 0..depth {
-        let next = last.iter().flat_map(|one| calls(one).into_iter().flat_map(|call| candidates(&call, one, all)));
-        last = next.filter(|one| seen.insert(std::ptr::from_ref(*one))).collect();
+        let next = last.iter().flat_map(|one| {
+            calls(one)
+                .into_iter()
+                .flat_map(|call| candidates(&call, one, all))
+        });
+        last = next
+            .filter(|one| seen.insert(std::ptr::from_ref(*one)))
+            .collect();
         found.extend(&last);
     }
     found

@@ -16,7 +16,10 @@ struct Command {
 
 /// Reads a command; the reason where cargo would not take it.
 fn parse(text: &str) -> Result<Command, String> {
-    let words = text.strip_prefix("cargo test").ok_or("it is no `cargo test`")?.split_whitespace();
+    let words = text
+        .strip_prefix("cargo test")
+        .ok_or("it is no `cargo test`")?
+        .split_whitespace();
     let (mut target, mut filters, mut is_behind) = (None, Vec::new(), false);
     let mut words = words.peekable();
     while let Some(word) = words.next() {
@@ -32,25 +35,39 @@ fn parse(text: &str) -> Result<Command, String> {
     if filters.len() > 1 && !is_behind {
         return Err("cargo takes one filter; more of them stand behind `--`".to_owned());
     }
-    Ok(Command { target: target.ok_or("it names no target")?, filters })
+    Ok(Command {
+        target: target.ok_or("it names no target")?,
+        filters,
+    })
 }
 
 /// The names of the tests that run of a target's files, as its harness lists them.
 fn tests<'a>(files: impl Iterator<Item = &'a File>) -> Vec<String> {
     let of = |file: &'a File| {
         let runs = |function: &crate::syntax::Function| {
-            let is_ignored = function.attributes.iter().any(|attribute| attribute.first().is_some_and(|name| is(name, "ignore")));
+            let is_ignored = function
+                .attributes
+                .iter()
+                .any(|attribute| attribute.first().is_some_and(|name| is(name, "ignore")));
             function.is_test() && !is_ignored
         };
-        let names = functions(&file.tokens).into_iter().filter(runs).map(|function| function.name);
-        names.map(|name| [&file.module[..], &[name]].concat().join("::")).collect::<Vec<_>>()
+        let names = functions(&file.tokens)
+            .into_iter()
+            .filter(runs)
+            .map(|function| function.name);
+        names
+            .map(|name| [&file.module[..], &[name]].concat().join("::"))
+            .collect::<Vec<_>>()
     };
     files.flat_map(of).collect()
 }
 
 /// The commands in backticks of a text that begin so.
 fn commands<'a>(text: &'a str, program: &'a str) -> impl Iterator<Item = &'a str> {
-    text.split('`').skip(1).step_by(2).filter(move |quoted| quoted.starts_with(program))
+    text.split('`')
+        .skip(1)
+        .step_by(2)
+        .filter(move |quoted| quoted.starts_with(program))
 }
 
 /// The commands of `armplane` in a text: in backticks, or a line each. Options in backticks behind one (`--without hold`) are tried with it.
@@ -83,15 +100,32 @@ fn arguments(command: &str) -> Vec<String> {
             _ => words.last_mut().expect("one word at least").push(letter),
         }
     }
-    let ends = |word: &String| word.starts_with('[') || ["#", ">", "|", "&", "…", ","].iter().any(|mark| word.contains(mark));
-    words.into_iter().skip(1).take_while(|word| !ends(word)).filter(|word| !word.is_empty()).collect()
+    let ends = |word: &String| {
+        word.starts_with('[')
+            || ["#", ">", "|", "&", "…", ","]
+                .iter()
+                .any(|mark| word.contains(mark))
+    };
+    words
+        .into_iter()
+        .skip(1)
+        .take_while(|word| !ends(word))
+        .filter(|word| !word.is_empty())
+        .collect()
 }
 
 /// The reason for which the program does not take these arguments: with `--help` at their end it reads them and does nothing.
 fn refusal(arguments: &[String]) -> Option<String> {
-    let output =
-        std::process::Command::new(env!("CARGO_BIN_EXE_armplane")).args(arguments).arg("--help").output().expect("armplane starts");
-    let reason = String::from_utf8_lossy(&output.stderr).lines().next().unwrap_or_default().to_owned();
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_armplane"))
+        .args(arguments)
+        .arg("--help")
+        .output()
+        .expect("armplane starts");
+    let reason = String::from_utf8_lossy(&output.stderr)
+        .lines()
+        .next()
+        .unwrap_or_default()
+        .to_owned();
     // A text may name an option without a value for it.
     (!output.status.success() && !reason.contains("a value is required")).then_some(reason)
 }
@@ -99,29 +133,53 @@ fn refusal(arguments: &[String]) -> Option<String> {
 #[test]
 fn the_program_takes_every_command_of_its_documentation() {
     let (mut checked, mut wrong) = (0, Vec::new());
-    let docs = std::fs::read_dir(source::root().join("docs")).unwrap().map(|entry| entry.unwrap().path());
-    for path in docs.filter(|path| path.extension().is_some_and(|end| end == "md")).chain([source::root().join("README.md")]) {
+    let docs = std::fs::read_dir(source::root().join("docs"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path());
+    for path in docs
+        .filter(|path| path.extension().is_some_and(|end| end == "md"))
+        .chain([source::root().join("README.md")])
+    {
         for command in own_commands(&std::fs::read_to_string(&path).unwrap()) {
             checked += 1;
-            let place = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            wrong.extend(refusal(&arguments(&command)).map(|reason| format!("{place}: `{command}`: {reason}")));
+            let place = path
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
+            wrong.extend(
+                refusal(&arguments(&command))
+                    .map(|reason| format!("{place}: `{command}`: {reason}")),
+            );
         }
     }
-    assert!(checked > 50, "{checked} commands: the check looks in the wrong place");
+    assert!(
+        checked > 50,
+        "{checked} commands: the check looks in the wrong place"
+    );
     assert!(wrong.is_empty(), "{wrong:#?}");
     assert_eq!(
         own_commands("`armplane drill`, which fails with `--without hold`\n    armplane list # names\narmplane is `--json`").len(),
         3
     );
-    assert_eq!(arguments("armplane bench hop --only \"same core\" > table # all"), ["bench", "hop", "--only", "same core"]);
-    for text in ["armplane verify --kils 500", "armplane nosuch", "armplane drill --without nosuch", "armplane verify --kills many"] {
+    assert_eq!(
+        arguments("armplane bench hop --only \"same core\" > table # all"),
+        ["bench", "hop", "--only", "same core"]
+    );
+    for text in [
+        "armplane verify --kils 500",
+        "armplane nosuch",
+        "armplane drill --without nosuch",
+        "armplane verify --kills many",
+    ] {
         assert!(refusal(&arguments(text)).is_some(), "{text}");
     }
 }
 
 #[test]
 fn each_guarantee_has_a_command_that_runs_a_test() {
-    let text = std::fs::read_to_string(source::root().join("docs/guarantees.md")).expect("the table");
+    let text =
+        std::fs::read_to_string(source::root().join("docs/guarantees.md")).expect("the table");
     let workspace = source::workspace();
     let targets = || workspace.iter().flat_map(|package| &package.targets);
     let (mut rows, mut wrong, mut has_command_above) = (0, Vec::new(), false);
@@ -129,7 +187,10 @@ fn each_guarantee_has_a_command_that_runs_a_test() {
     for row in text.lines().filter(is_row) {
         rows += 1;
         let test = row.split(" | ").nth(2).unwrap_or_default();
-        let has_command = commands(test, "armplane ").chain(commands(test, "cargo ")).next().is_some();
+        let has_command = commands(test, "armplane ")
+            .chain(commands(test, "cargo "))
+            .next()
+            .is_some();
         if !(has_command || test == "the same" && has_command_above) {
             wrong.push(format!("no command: {row}"));
         }
@@ -142,10 +203,15 @@ fn each_guarantee_has_a_command_that_runs_a_test() {
                     continue;
                 }
             };
-            let is_meant = |one: &&source::Target| one.kind == "lib" && target == "lib" || one.kind == "test" && one.name == target;
+            let is_meant = |one: &&source::Target| {
+                one.kind == "lib" && target == "lib" || one.kind == "test" && one.name == target
+            };
             let names = tests(targets().filter(is_meant).flat_map(|target| &target.files));
-            let unmatched = filters.iter().filter(|filter| !names.iter().any(|name| name.contains(filter.as_str())));
-            wrong.extend(unmatched.map(|filter| format!("`{command}`: no test is called {filter}")));
+            let unmatched = filters
+                .iter()
+                .filter(|filter| !names.iter().any(|name| name.contains(filter.as_str())));
+            wrong
+                .extend(unmatched.map(|filter| format!("`{command}`: no test is called {filter}")));
             if filters.is_empty() {
                 wrong.push(format!("`{command}` names no test"));
             }
@@ -158,13 +224,28 @@ fn each_guarantee_has_a_command_that_runs_a_test() {
 #[test]
 fn the_check_sees_a_command_that_tests_nothing() {
     let wrong = |text: &str| parse(text).unwrap_err();
-    assert!(wrong("cargo test --test system life faults").contains("behind `--`") && wrong("cargo test life").contains("target"));
+    assert!(
+        wrong("cargo test --test system life faults").contains("behind `--`")
+            && wrong("cargo test life").contains("target")
+    );
     let command = parse("cargo test --release --test system -- life faults").unwrap();
-    assert_eq!(command, Command { target: "system".into(), filters: vec!["life".into(), "faults".into()] });
-    assert_eq!(commands("`armplane drill`, or `cargo test --lib x`", "cargo ").collect::<Vec<_>>(), ["cargo test --lib x"]);
+    assert_eq!(
+        command,
+        Command {
+            target: "system".into(),
+            filters: vec!["life".into(), "faults".into()]
+        }
+    );
+    assert_eq!(
+        commands("`armplane drill`, or `cargo test --lib x`", "cargo ").collect::<Vec<_>>(),
+        ["cargo test --lib x"]
+    );
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("lib.rs");
     std::fs::write(&path, "#[test] fn runs() { assert!(f()); } #[test] #[ignore = \"long\"] fn waits() { assert!(f()); } fn helper() {}")
         .unwrap();
-    assert_eq!(tests(source::files_of(Path::new(&path), false).iter()), ["runs"]);
+    assert_eq!(
+        tests(source::files_of(Path::new(&path), false).iter()),
+        ["runs"]
+    );
 }

@@ -11,7 +11,8 @@ use crate::source;
 use crate::syntax::{is, is_path_separator, paths, tokens_of, use_leaves, walk};
 
 /// Crates on the way from a sensor sample to a torque.
-pub(crate) const CONTROL_PATH: [&str; 5] = ["model", "control", "estimator", "analyzer", "controller"];
+pub(crate) const CONTROL_PATH: [&str; 5] =
+    ["model", "control", "estimator", "analyzer", "controller"];
 
 /// Crates that pure code may depend on: pure ones, processes (their step only), and libraries that compute or read text.
 const PURE_DEPENDENCIES: [&str; 22] = [
@@ -67,7 +68,11 @@ const PURE_STANDARD: [&str; 21] = [
 /// Pure items of the other modules.
 const PURE_ITEMS: [&str; 2] = ["ptr::eq", "time::Duration"];
 /// Of the processor's instructions those of a register of four lanes: they compute, load and store. Others read clocks and noise.
-const PURE_INSTRUCTIONS: [&str; 3] = ["arch::x86_64::_mm256_", "arch::x86_64::__m256", "arch::x86_64::_CMP_"];
+const PURE_INSTRUCTIONS: [&str; 3] = [
+    "arch::x86_64::_mm256_",
+    "arch::x86_64::__m256",
+    "arch::x86_64::_CMP_",
+];
 /// The impure parts that these modules hold all the same: shared state, and maps whose order is another in every process.
 const IMPURE: [&str; 16] = [
     "HashMap",
@@ -89,8 +94,7 @@ const IMPURE: [&str; 16] = [
 ];
 
 /// Calls that read files or folders, of the standard library's paths and of libraries.
-const FILES: &str =
-    "canonicalize exists try_exists is_dir is_file is_symlink metadata symlink_metadata read_dir read_file read_from_file read_link";
+const FILES: &str = "canonicalize exists try_exists is_dir is_file is_symlink metadata symlink_metadata read_dir read_file read_from_file read_link";
 
 /// The names in code that are not pure: places of the standard library, other names of a crate's root, dependencies outside the list, mutable
 /// or hidden state, output.
@@ -98,7 +102,8 @@ pub(crate) fn impurities(code: &[TokenTree], dependencies: &[String]) -> BTreeSe
     let mut found = BTreeSet::new();
     let mut named = paths(code);
     for (name, path) in use_leaves(code) {
-        let root = ["std", "core", "alloc"].contains(&path[0].as_str()) || dependencies.contains(&path[0]);
+        let root =
+            ["std", "core", "alloc"].contains(&path[0].as_str()) || dependencies.contains(&path[0]);
         if root && (path.len() == 1 && name != path[0] || path.len() == 1 && name == "*") {
             found.insert(format!("{} as {name}", path[0]));
         }
@@ -112,17 +117,28 @@ pub(crate) fn impurities(code: &[TokenTree], dependencies: &[String]) -> BTreeSe
         let is_module = |word: &str| word.chars().all(|c| !c.is_uppercase());
         let is_pure = |rest: &[String]| {
             let item = rest.join("::");
-            let computes = PURE_INSTRUCTIONS.iter().any(|instruction| item.starts_with(instruction));
-            PURE_STANDARD.contains(&rest[0].as_str()) || PURE_ITEMS.contains(&item.as_str()) || computes
+            let computes = PURE_INSTRUCTIONS
+                .iter()
+                .any(|instruction| item.starts_with(instruction));
+            PURE_STANDARD.contains(&rest[0].as_str())
+                || PURE_ITEMS.contains(&item.as_str())
+                || computes
         };
         if standard && is_module(&path[1]) && !is_pure(&path[1..]) {
             found.insert(path.join("::"));
         }
-        if path.iter().any(|word| IMPURE.contains(&word.as_str()) && (path.len() > 1 || word.chars().any(char::is_uppercase))) {
+        if path.iter().any(|word| {
+            IMPURE.contains(&word.as_str())
+                && (path.len() > 1 || word.chars().any(char::is_uppercase))
+        }) {
             found.insert(path.join("::"));
         }
-        let is_allowed = PURE_DEPENDENCIES.iter().any(|pure| pure.replace('-', "_") == first)
-            || PURE_PARTS.iter().any(|part| path.join("::").starts_with(part));
+        let is_allowed = PURE_DEPENDENCIES
+            .iter()
+            .any(|pure| pure.replace('-', "_") == first)
+            || PURE_PARTS
+                .iter()
+                .any(|part| path.join("::").starts_with(part));
         if path.len() > 1 && dependencies.iter().any(|name| name == first) && !is_allowed {
             found.insert(path.join("::"));
         }
@@ -130,8 +146,17 @@ pub(crate) fn impurities(code: &[TokenTree], dependencies: &[String]) -> BTreeSe
     walk(code, &mut |tokens| {
         for (at, token) in tokens.iter().enumerate() {
             let after = tokens.get(at + 1);
-            let macros = ["println", "eprintln", "print", "eprint", "dbg", "thread_local", "option_env"];
-            if macros.iter().any(|name| is(token, name)) && after.is_some_and(|next| is(next, "!")) {
+            let macros = [
+                "println",
+                "eprintln",
+                "print",
+                "eprint",
+                "dbg",
+                "thread_local",
+                "option_env",
+            ];
+            if macros.iter().any(|name| is(token, name)) && after.is_some_and(|next| is(next, "!"))
+            {
                 found.insert(format!("{token}!"));
             }
             let is_called = matches!(after, Some(TokenTree::Group(group)) if group.delimiter() == Delimiter::Parenthesis);
@@ -141,9 +166,15 @@ pub(crate) fn impurities(code: &[TokenTree], dependencies: &[String]) -> BTreeSe
             }
             // `'static` is a lifetime.
             if is(token, "static") && !(at > 0 && is(&tokens[at - 1], "'")) {
-                found.insert(format!("static {}", after.map(ToString::to_string).unwrap_or_default()));
+                found.insert(format!(
+                    "static {}",
+                    after.map(ToString::to_string).unwrap_or_default()
+                ));
             }
-            if is(token, "extern") && after.is_some_and(|next| is(next, "crate") || matches!(next, TokenTree::Literal(_))) {
+            if is(token, "extern")
+                && after
+                    .is_some_and(|next| is(next, "crate") || matches!(next, TokenTree::Literal(_)))
+            {
                 found.insert("extern".to_owned());
             }
         }
@@ -156,22 +187,41 @@ fn rule_2_pure_code_touches_nothing_but_numbers() {
     let (mut checked, mut wrong) = (0, Vec::new());
     let workspace = source::workspace();
     for package in workspace {
-        let dependencies: Vec<String> = package.imports().map(|name| name.replace('-', "_")).collect();
+        let dependencies: Vec<String> = package
+            .imports()
+            .map(|name| name.replace('-', "_"))
+            .collect();
         let mut processes = processes(workspace);
         processes.retain(|process| package.imports().any(|import| import == *process));
-        for (file, because) in pure_files(package).into_iter().chain(claimed_pure(package).map(|file| (file, file))) {
+        for (file, because) in pure_files(package)
+            .into_iter()
+            .chain(claimed_pure(package).map(|file| (file, file)))
+        {
             checked += 1;
             let mut impure = impurities(&file.code, &dependencies);
             impure.extend(beyond_the_step(&file.code, &processes));
-            let place = format!("{} (pure because of {})", file.path.display(), because.path.display());
-            wrong.extend(impure.into_iter().map(|word| format!("{place} names {word}")));
+            let place = format!(
+                "{} (pure because of {})",
+                file.path.display(),
+                because.path.display()
+            );
+            wrong.extend(
+                impure
+                    .into_iter()
+                    .map(|word| format!("{place} names {word}")),
+            );
         }
         if PURE_CRATES.contains(&package.name.as_str()) {
-            let others = package.imports().filter(|name| !PURE_DEPENDENCIES.contains(name));
+            let others = package
+                .imports()
+                .filter(|name| !PURE_DEPENDENCIES.contains(name));
             wrong.extend(others.map(|name| format!("{} depends on {name}", package.name)));
         }
     }
-    assert!(checked > 30, "only {checked} files: the check looks in the wrong place");
+    assert!(
+        checked > 30,
+        "only {checked} files: the check looks in the wrong place"
+    );
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
@@ -226,8 +276,16 @@ const PLATFORM: &str = "sin cos tan sin_cos asin acos atan atan2 sinh cosh tanh 
 const TRIGONOMETRIC: &str = "from_euler_angles from_axis_angle from_scaled_axis from_matrix from_matrix_eps rotation_between scaled_rotation_between \
     rotation_between_axis euler_angles scaled_axis axis_angle angle_to angle new_rotation new_rotation_wrt_point slerp try_slerp look_at_rh look_at_lh";
 /// Types of nalgebra whose `new` calls them.
-const ROTATIONS: [&str; 8] =
-    ["Rotation2", "Rotation3", "UnitQuaternion", "UnitComplex", "Isometry2", "Isometry3", "Similarity2", "Similarity3"];
+const ROTATIONS: [&str; 8] = [
+    "Rotation2",
+    "Rotation3",
+    "UnitQuaternion",
+    "UnitComplex",
+    "Isometry2",
+    "Isometry3",
+    "Similarity2",
+    "Similarity3",
+];
 
 /// Whether a list of words has this one.
 fn has(words: &str, word: &str) -> bool {
@@ -246,13 +304,24 @@ fn platform_calls(code: &[TokenTree]) -> BTreeSet<String> {
     walk(code, &mut |tokens| {
         for at in 1..tokens.len() {
             let name = tokens[at].to_string();
-            let is_method = is(&tokens[at - 1], ".") && tokens.get(at + 1).is_some_and(|next| matches!(next, TokenTree::Group(_)));
+            let is_method = is(&tokens[at - 1], ".")
+                && tokens
+                    .get(at + 1)
+                    .is_some_and(|next| matches!(next, TokenTree::Group(_)));
             let of_a_path = at > 2 && is_path_separator(&tokens[at - 2..]);
-            let owner = if of_a_path { owner(&tokens[..at - 2]) } else { String::new() };
+            let owner = if of_a_path {
+                owner(&tokens[..at - 2])
+            } else {
+                String::new()
+            };
             let is_platform = has(PLATFORM, name.trim_start_matches("simd_")) && owner != "libm";
-            let is_rotation = has(TRIGONOMETRIC, &name) || name == "new" && ROTATIONS.contains(&owner.as_str());
+            let is_rotation =
+                has(TRIGONOMETRIC, &name) || name == "new" && ROTATIONS.contains(&owner.as_str());
             if (is_platform || is_rotation) && (is_method || of_a_path) {
-                found.insert(format!("{owner}{}{name}", if of_a_path { "::" } else { "." }));
+                found.insert(format!(
+                    "{owner}{}{name}",
+                    if of_a_path { "::" } else { "." }
+                ));
             }
         }
     });
@@ -264,9 +333,17 @@ fn functions_that_differ_between_machines_are_those_of_libm() {
     let mut wrong = Vec::new();
     for package in source::workspace() {
         let pure = pure_files(package);
-        let is_simulated = ["plant", "sim"].contains(&package.name.as_str()) || CONTROL_PATH.contains(&package.name.as_str());
-        for file in package.code().filter(|file| is_simulated || pure.iter().any(|(one, _)| one.path == file.path)) {
-            wrong.extend(platform_calls(&file.code).into_iter().map(|name| format!("{}: {name}", file.path.display())));
+        let is_simulated = ["plant", "sim"].contains(&package.name.as_str())
+            || CONTROL_PATH.contains(&package.name.as_str());
+        for file in package
+            .code()
+            .filter(|file| is_simulated || pure.iter().any(|(one, _)| one.path == file.path))
+        {
+            wrong.extend(
+                platform_calls(&file.code)
+                    .into_iter()
+                    .map(|name| format!("{}: {name}", file.path.display())),
+            );
         }
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
@@ -288,7 +365,13 @@ fn functions_that_differ_between_machines_are_those_of_libm() {
     ] {
         assert_eq!(seen(text), 1, "{text}");
     }
-    for text in ["libm::sin(x)", "v.map(libm::cos)", "x.sqrt()", "Vector3::new(x, y, z)", "let sin = a.sin;"] {
+    for text in [
+        "libm::sin(x)",
+        "v.map(libm::cos)",
+        "x.sqrt()",
+        "Vector3::new(x, y, z)",
+        "let sin = a.sin;",
+    ] {
         assert_eq!(seen(text), 0, "{text}");
     }
 }
@@ -296,15 +379,32 @@ fn functions_that_differ_between_machines_are_those_of_libm() {
 /// Types whose size is not in their type: nalgebra's, and a matrix made of vectors on the heap.
 fn dynamic_matrices(code: &[TokenTree]) -> BTreeSet<String> {
     let dynamic = |word: &str| {
-        let begins = ["DMatrix", "DVector", "RowDVector", "OMatrix", "OVector", "VecStorage"].iter().any(|name| word.starts_with(name));
+        let begins = [
+            "DMatrix",
+            "DVector",
+            "RowDVector",
+            "OMatrix",
+            "OVector",
+            "VecStorage",
+        ]
+        .iter()
+        .any(|name| word.starts_with(name));
         // Matrix6xX, MatrixXx3
-        begins || word == "Dyn" || word == "Dynamic" || word.starts_with("Matrix") && (word.contains("xX") || word.contains("Xx"))
+        begins
+            || word == "Dyn"
+            || word == "Dynamic"
+            || word.starts_with("Matrix") && (word.contains("xX") || word.contains("Xx"))
     };
-    let mut found: BTreeSet<String> = paths(code).into_iter().flatten().filter(|word| dynamic(word)).collect();
+    let mut found: BTreeSet<String> = paths(code)
+        .into_iter()
+        .flatten()
+        .filter(|word| dynamic(word))
+        .collect();
     walk(code, &mut |tokens| {
         for window in tokens.windows(5) {
             let words: Vec<String> = window.iter().map(ToString::to_string).collect();
-            if words[..4] == ["Vec", "<", "Vec", "<"] && ["f64", "f32"].contains(&words[4].as_str()) {
+            if words[..4] == ["Vec", "<", "Vec", "<"] && ["f64", "f32"].contains(&words[4].as_str())
+            {
                 found.insert(words.concat());
             }
         }
@@ -315,17 +415,35 @@ fn dynamic_matrices(code: &[TokenTree]) -> BTreeSet<String> {
 #[test]
 fn rule_6_the_control_path_has_no_dynamic_matrices() {
     let mut wrong = Vec::new();
-    for package in source::workspace().iter().filter(|package| CONTROL_PATH.contains(&package.name.as_str())) {
+    for package in source::workspace()
+        .iter()
+        .filter(|package| CONTROL_PATH.contains(&package.name.as_str()))
+    {
         for file in package.code() {
-            wrong.extend(dynamic_matrices(&file.code).into_iter().map(|word| format!("{} names {word}", file.path.display())));
+            wrong.extend(
+                dynamic_matrices(&file.code)
+                    .into_iter()
+                    .map(|word| format!("{} names {word}", file.path.display())),
+            );
         }
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
     let seen = |text: &str| dynamic_matrices(&tokens_of(text)).len();
-    for text in ["x: nalgebra::Matrix6xX<f64>", "x: MatrixXx3<f64>", "x: DMatrix<f64>", "x: Vec<Vec<f64>>", "x: DVectorView<f64>"] {
+    for text in [
+        "x: nalgebra::Matrix6xX<f64>",
+        "x: MatrixXx3<f64>",
+        "x: DMatrix<f64>",
+        "x: Vec<Vec<f64>>",
+        "x: DVectorView<f64>",
+    ] {
         assert_eq!(seen(text), 1, "{text}");
     }
-    for text in ["x: Matrix6<f64>", "x: SMatrix<f64, 6, N>", "x: Vec<f64>", "x: MatrixView6<f64>"] {
+    for text in [
+        "x: Matrix6<f64>",
+        "x: SMatrix<f64, 6, N>",
+        "x: Vec<f64>",
+        "x: MatrixView6<f64>",
+    ] {
         assert_eq!(seen(text), 0, "{text}");
     }
 }

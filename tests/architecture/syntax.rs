@@ -25,13 +25,25 @@ pub(crate) fn items(tokens: &[TokenTree]) -> Vec<Item<'_>> {
         let begin = at;
         let inner = is_inner(&tokens[at..]);
         let mut attributes = Vec::new();
-        while let Some((attribute, length)) = attribute(&tokens[at..]).filter(|_| is_inner(&tokens[at..]) == inner) {
+        while let Some((attribute, length)) =
+            attribute(&tokens[at..]).filter(|_| is_inner(&tokens[at..]) == inner)
+        {
             attributes.push(attribute);
             at += length;
         }
-        let end = if inner { at } else { at + length_of_item(&tokens[at..]) };
+        let end = if inner {
+            at
+        } else {
+            at + length_of_item(&tokens[at..])
+        };
         let for_tests = !inner && attributes.iter().any(|attribute| is_for_tests(attribute));
-        found.push(Item { attributes, body: &tokens[at..end], for_tests, inner, all: &tokens[begin..end] });
+        found.push(Item {
+            attributes,
+            body: &tokens[at..end],
+            for_tests,
+            inner,
+            all: &tokens[begin..end],
+        });
         at = end.max(begin + 1);
     }
     found
@@ -46,14 +58,24 @@ fn attribute(tokens: &[TokenTree]) -> Option<(Vec<TokenTree>, usize)> {
     tokens.first().filter(|token| is(token, "#"))?;
     let inner = usize::from(is_inner(tokens));
     match tokens.get(1 + inner) {
-        Some(TokenTree::Group(group)) if group.delimiter() == Delimiter::Bracket => Some((group.stream().into_iter().collect(), 2 + inner)),
+        Some(TokenTree::Group(group)) if group.delimiter() == Delimiter::Bracket => {
+            Some((group.stream().into_iter().collect(), 2 + inner))
+        }
         _ => None,
     }
 }
 
 fn length_of_item(tokens: &[TokenTree]) -> usize {
-    let words: Vec<String> = tokens.iter().take(8).filter(|token| !is_group(token)).map(ToString::to_string).collect();
-    let mut words = words.iter().map(String::as_str).skip_while(|word| *word == "pub");
+    let words: Vec<String> = tokens
+        .iter()
+        .take(8)
+        .filter(|token| !is_group(token))
+        .map(ToString::to_string)
+        .collect();
+    let mut words = words
+        .iter()
+        .map(String::as_str)
+        .skip_while(|word| *word == "pub");
     // `const fn` has a body; a constant ends with its semicolon, whatever blocks its value has.
     let to_semicolon = match words.next() {
         Some("use" | "static" | "type" | "let") => true,
@@ -61,9 +83,11 @@ fn length_of_item(tokens: &[TokenTree]) -> usize {
         _ => false,
     };
     for (at, token) in tokens.iter().enumerate() {
-        let is_block = matches!(token, TokenTree::Group(group) if group.delimiter() == Delimiter::Brace);
+        let is_block =
+            matches!(token, TokenTree::Group(group) if group.delimiter() == Delimiter::Brace);
         if is(token, ";") || is_block && !to_semicolon {
-            let trailing = usize::from(is_block && tokens.get(at + 1).is_some_and(|next| is(next, ";")));
+            let trailing =
+                usize::from(is_block && tokens.get(at + 1).is_some_and(|next| is(next, ";")));
             return at + 1 + trailing;
         }
     }
@@ -83,7 +107,9 @@ fn is_for_tests(attribute: &[TokenTree]) -> bool {
         }
     }
     match attribute {
-        [name, TokenTree::Group(group)] if is(name, "cfg") => needs_test(&group.stream().into_iter().collect::<Vec<_>>()),
+        [name, TokenTree::Group(group)] if is(name, "cfg") => {
+            needs_test(&group.stream().into_iter().collect::<Vec<_>>())
+        }
         _ => needs_test(attribute),
     }
 }
@@ -99,7 +125,11 @@ pub(crate) fn without_tests(tokens: &[TokenTree]) -> Vec<TokenTree> {
             kept.push(match token {
                 TokenTree::Group(group) => {
                     let inside: Vec<TokenTree> = group.stream().into_iter().collect();
-                    let inside = if group.delimiter() == Delimiter::Brace { without_tests(&inside) } else { inside };
+                    let inside = if group.delimiter() == Delimiter::Brace {
+                        without_tests(&inside)
+                    } else {
+                        inside
+                    };
                     TokenTree::Group(Group::new(group.delimiter(), inside.into_iter().collect()))
                 }
                 other => other.clone(),
@@ -112,10 +142,18 @@ pub(crate) fn without_tests(tokens: &[TokenTree]) -> Vec<TokenTree> {
 /// The items that are compiled for unit tests only, at every depth.
 pub(crate) fn only_tests(tokens: &[TokenTree]) -> Vec<TokenTree> {
     let inside = |token: &TokenTree| match token {
-        TokenTree::Group(group) if group.delimiter() == Delimiter::Brace => only_tests(group.inside()),
+        TokenTree::Group(group) if group.delimiter() == Delimiter::Brace => {
+            only_tests(group.inside())
+        }
         _ => Vec::new(),
     };
-    let of = |item: Item<'_>| if item.for_tests { item.all.to_vec() } else { item.body.iter().flat_map(inside).collect() };
+    let of = |item: Item<'_>| {
+        if item.for_tests {
+            item.all.to_vec()
+        } else {
+            item.body.iter().flat_map(inside).collect()
+        }
+    };
     items(tokens).into_iter().flat_map(of).collect()
 }
 
@@ -134,19 +172,41 @@ fn is_group(token: &TokenTree) -> bool {
 
 /// The inside of the documentation lines among the attributes of an item.
 pub(crate) fn documentation(attributes: &[Vec<TokenTree>]) -> String {
-    let lines = attributes.iter().filter_map(|attribute| match attribute.as_slice() {
-        [name, _, TokenTree::Literal(value)] if is(name, "doc") => Some(value.to_string()),
-        _ => None,
-    });
+    let lines = attributes
+        .iter()
+        .filter_map(|attribute| match attribute.as_slice() {
+            [name, _, TokenTree::Literal(value)] if is(name, "doc") => Some(value.to_string()),
+            _ => None,
+        });
     lines.collect::<Vec<_>>().join("\n")
 }
 
 /// The word after `fn`, `struct` and the like: the name of an item.
 pub(crate) fn name_of(item: &Item<'_>) -> Option<String> {
-    let kinds = ["fn", "struct", "enum", "union", "trait", "mod", "type", "const", "static", "macro_rules"];
-    let at = item.body.iter().position(|token| kinds.iter().any(|kind| is(token, kind)))?;
+    let kinds = [
+        "fn",
+        "struct",
+        "enum",
+        "union",
+        "trait",
+        "mod",
+        "type",
+        "const",
+        "static",
+        "macro_rules",
+    ];
+    let at = item
+        .body
+        .iter()
+        .position(|token| kinds.iter().any(|kind| is(token, kind)))?;
     item.body[at + 1..].iter().find_map(|token| match token {
-        TokenTree::Ident(ident) if !["fn", "unsafe", "async", "extern", "mut"].iter().any(|word| *ident == word) => Some(ident.to_string()),
+        TokenTree::Ident(ident)
+            if !["fn", "unsafe", "async", "extern", "mut"]
+                .iter()
+                .any(|word| *ident == word) =>
+        {
+            Some(ident.to_string())
+        }
         _ => None,
     })
 }
@@ -166,7 +226,9 @@ pub(crate) struct Function {
 impl Function {
     /// `#[test]`, also inside `proptest! { … }`.
     pub(crate) fn is_test(&self) -> bool {
-        self.attributes.iter().any(|attribute| matches!(attribute.as_slice(), [word] if is(word, "test")))
+        self.attributes
+            .iter()
+            .any(|attribute| matches!(attribute.as_slice(), [word] if is(word, "test")))
     }
 }
 
@@ -179,23 +241,41 @@ pub(crate) fn functions(tokens: &[TokenTree]) -> Vec<Function> {
 pub(crate) fn functions_of(home: &str, tokens: &[TokenTree]) -> Vec<Function> {
     let mut found = Vec::new();
     add_functions(tokens, None, &mut found);
-    found.iter_mut().for_each(|function: &mut Function| home.clone_into(&mut function.home));
+    found
+        .iter_mut()
+        .for_each(|function: &mut Function| home.clone_into(&mut function.home));
     found
 }
 
 fn add_functions(tokens: &[TokenTree], owner: Option<&str>, found: &mut Vec<Function>) {
     for item in items(tokens) {
         let is_function = item.body.iter().take(6).any(|token| is(token, "fn"));
-        if let (true, Some(name), Some(TokenTree::Group(block))) = (is_function, name_of(&item), item.body.last()) {
+        if let (true, Some(name), Some(TokenTree::Group(block))) =
+            (is_function, name_of(&item), item.body.last())
+        {
             let owner = owner.map(str::to_owned);
-            found.push(Function { name, owner, home: String::new(), attributes: item.attributes.clone(), body: block.inside().to_vec() });
+            found.push(Function {
+                name,
+                owner,
+                home: String::new(),
+                attributes: item.attributes.clone(),
+                body: block.inside().to_vec(),
+            });
         }
         let implemented = type_of_impl(item.body);
         for token in item.body {
             if let TokenTree::Group(group) = token
                 && group.delimiter() == Delimiter::Brace
             {
-                add_functions(group.inside(), if is_function { None } else { implemented.as_deref().or(owner) }, found);
+                add_functions(
+                    group.inside(),
+                    if is_function {
+                        None
+                    } else {
+                        implemented.as_deref().or(owner)
+                    },
+                    found,
+                );
             }
         }
     }
@@ -205,14 +285,17 @@ fn add_functions(tokens: &[TokenTree], owner: Option<&str>, found: &mut Vec<Func
 pub(crate) fn type_of_impl(body: &[TokenTree]) -> Option<String> {
     let head = body.iter().take_while(|token| !is(token, "where"));
     let words = head.skip_while(|token| !is(token, "impl")).skip(1);
-    body.first().filter(|first| is(first, "impl") || is(first, "unsafe"))?;
+    body.first()
+        .filter(|first| is(first, "impl") || is(first, "unsafe"))?;
     let (mut depth, mut last) = (0_i32, None);
     for token in words {
         match token {
             token if is(token, "<") => depth += 1,
             token if is(token, ">") => depth -= 1,
             token if is(token, "for") && depth == 0 => last = None,
-            TokenTree::Ident(name) if depth == 0 && !is(token, "dyn") => last = Some(name.to_string()),
+            TokenTree::Ident(name) if depth == 0 && !is(token, "dyn") => {
+                last = Some(name.to_string())
+            }
             TokenTree::Group(group) if group.delimiter() == Delimiter::Brace => break,
             _ => {}
         }
@@ -259,7 +342,9 @@ fn collect_paths(tokens: &[TokenTree], found: &mut Vec<Vec<String>>) {
                 let mut path = vec![first.to_string()];
                 at += 1;
                 while is_path_separator(&tokens[at..]) {
-                    let Some(TokenTree::Ident(next)) = tokens.get(at + 2) else { break };
+                    let Some(TokenTree::Ident(next)) = tokens.get(at + 2) else {
+                        break;
+                    };
                     path.push(next.to_string());
                     at += 3;
                 }
@@ -275,7 +360,11 @@ fn collect_paths(tokens: &[TokenTree], found: &mut Vec<Vec<String>>) {
 }
 
 /// The leaves of a `use` tree: the name bound and the full path.
-pub(crate) fn use_tree(tokens: &[TokenTree], before: &[String], found: &mut Vec<(String, Vec<String>)>) {
+pub(crate) fn use_tree(
+    tokens: &[TokenTree],
+    before: &[String],
+    found: &mut Vec<(String, Vec<String>)>,
+) {
     for branch in tokens.split(|token| is(token, ",") || is(token, ";")) {
         let mut path = before.to_vec();
         let mut name = None;
@@ -303,7 +392,10 @@ pub(crate) fn use_tree(tokens: &[TokenTree], before: &[String], found: &mut Vec<
         if path.last().is_some_and(|last| last == "self") && path.len() > 1 {
             path.pop();
         }
-        found.push((name.unwrap_or_else(|| path.last().cloned().unwrap_or_default()), path));
+        found.push((
+            name.unwrap_or_else(|| path.last().cloned().unwrap_or_default()),
+            path,
+        ));
     }
 }
 
@@ -311,8 +403,16 @@ pub(crate) fn use_tree(tokens: &[TokenTree], before: &[String], found: &mut Vec<
 pub(crate) fn use_leaves(tokens: &[TokenTree]) -> Vec<(String, Vec<String>)> {
     let mut found = Vec::new();
     walk(tokens, &mut |tokens| {
-        for (at, _) in tokens.iter().enumerate().filter(|(_, token)| is(token, "use")) {
-            let tree: Vec<TokenTree> = tokens[at + 1..].iter().take_while(|token| !is(token, ";")).cloned().collect();
+        for (at, _) in tokens
+            .iter()
+            .enumerate()
+            .filter(|(_, token)| is(token, "use"))
+        {
+            let tree: Vec<TokenTree> = tokens[at + 1..]
+                .iter()
+                .take_while(|token| !is(token, ";"))
+                .cloned()
+                .collect();
             use_tree(&tree, &[], &mut found);
         }
     });
@@ -322,5 +422,8 @@ pub(crate) fn use_leaves(tokens: &[TokenTree]) -> Vec<(String, Vec<String>)> {
 
 /// Code that a self-test writes down.
 pub(crate) fn tokens_of(text: &str) -> Vec<TokenTree> {
-    TokenStream::from_str(text).unwrap_or_else(|error| panic!("{text}: {error}")).into_iter().collect()
+    TokenStream::from_str(text)
+        .unwrap_or_else(|error| panic!("{text}: {error}"))
+        .into_iter()
+        .collect()
 }

@@ -76,7 +76,10 @@ impl FromStr for TokenStream {
     type Err = proc_macro2::LexError;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Ok(proc_macro2::TokenStream::from_str(text)?.into_iter().map(TokenTree::from).collect())
+        Ok(proc_macro2::TokenStream::from_str(text)?
+            .into_iter()
+            .map(TokenTree::from)
+            .collect())
     }
 }
 
@@ -84,7 +87,10 @@ impl From<proc_macro2::TokenTree> for TokenTree {
     fn from(token: proc_macro2::TokenTree) -> Self {
         use proc_macro2::TokenTree as Read;
         match token {
-            Read::Group(group) => Self::Group(Group::new(group.delimiter(), group.stream().into_iter().map(Self::from).collect())),
+            Read::Group(group) => Self::Group(Group::new(
+                group.delimiter(),
+                group.stream().into_iter().map(Self::from).collect(),
+            )),
             Read::Ident(ident) => Self::Ident(Ident(ident.to_string().into())),
             Read::Punct(punct) => Self::Punct(Punct(punct.as_char(), punct.spacing())),
             Read::Literal(literal) => Self::Literal(Literal(literal.to_string().into())),
@@ -147,7 +153,8 @@ impl fmt::Display for TokenTree {
 impl fmt::Display for TokenStream {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (at, token) in self.0.iter().enumerate() {
-            let is_joint = at > 0 && matches!(&self.0[at - 1], TokenTree::Punct(Punct(_, Spacing::Joint)));
+            let is_joint =
+                at > 0 && matches!(&self.0[at - 1], TokenTree::Punct(Punct(_, Spacing::Joint)));
             write!(f, "{}{token}", if at == 0 || is_joint { "" } else { " " })?;
         }
         Ok(())

@@ -23,31 +23,68 @@ fn every_wrong_input_is_refused_with_its_reason() {
     desk.file("good.toml", SCENARIO);
     scenario("typo.toml", "duration_s", "duration");
     scenario("robot.toml", "puma560", "puma650");
-    scenario("posture.toml", "posture = \"nominal\"", "q_deg = [0, 0, 0, 0, 170, 0]");
+    scenario(
+        "posture.toml",
+        "posture = \"nominal\"",
+        "q_deg = [0, 0, 0, 0, 170, 0]",
+    );
     scenario("joints.toml", "posture = \"nominal\"", "q_deg = [0, 0, 0]");
     scenario("syntax.toml", "[start]", "[start");
     desk.file("bare.urdf", URDF_WITHOUT_INERTIA);
     scenario("bare.toml", "puma560", "bare.urdf");
 
-    desk.file("macro.urdf", &URDF_WITHOUT_INERTIA.replace("</robot>", "<xacro:arm/></robot>"));
-    desk.file("hand.urdf", &URDF_WITHOUT_INERTIA.replace("<link name=\"arm\"/>", INERTIA_WITHOUT_MASS));
+    desk.file(
+        "macro.urdf",
+        &URDF_WITHOUT_INERTIA.replace("</robot>", "<xacro:arm/></robot>"),
+    );
+    desk.file(
+        "hand.urdf",
+        &URDF_WITHOUT_INERTIA.replace("<link name=\"arm\"/>", INERTIA_WITHOUT_MASS),
+    );
 
     let cases: [(&[&str], &str); 16] = [
-        (&["run", "fig5-wrist-rotatoin"], "did you mean `fig5-wrist-rotation`?"),
+        (
+            &["run", "fig5-wrist-rotatoin"],
+            "did you mean `fig5-wrist-rotation`?",
+        ),
         (&["run", "missing.toml"], "there is no file missing.toml"),
-        (&["run", "typo.toml"], "typo.toml:6: unknown field `duration` (did you mean `duration_s`?)"),
+        (
+            &["run", "typo.toml"],
+            "typo.toml:6: unknown field `duration` (did you mean `duration_s`?)",
+        ),
         (&["run", "syntax.toml"], "syntax.toml:3"),
-        (&["run", "robot.toml"], "robot.toml:2: there is no robot 'puma650'"),
+        (
+            &["run", "robot.toml"],
+            "robot.toml:2: there is no robot 'puma650'",
+        ),
         (&["run", "posture.toml"], "posture.toml:"),
         (&["run", "joints.toml"], "joints.toml:"),
         (&["run", "bare.toml"], "arm"),
-        (&["run", "good.toml", "--set", "control.kp=1"], "unknown field `kp`"),
-        (&["run", "good.toml", "--set", "rate_hz=7"], "rate 7 Hz is out of range"),
-        (&["run", "good.toml", "--out", "/proc/nowhere"], "choose another folder with --out"),
+        (
+            &["run", "good.toml", "--set", "control.kp=1"],
+            "unknown field `kp`",
+        ),
+        (
+            &["run", "good.toml", "--set", "rate_hz=7"],
+            "rate 7 Hz is out of range",
+        ),
+        (
+            &["run", "good.toml", "--out", "/proc/nowhere"],
+            "choose another folder with --out",
+        ),
         (&["run", "good.toml", "--graph", "typo.toml"], "typo.toml"),
-        (&["inspect", "--robot", "macro.urdf"], "<xacro:arm> is a macro: expand the file first"),
-        (&["inspect", "--robot", "hand.urdf"], "moving link 'arm' has no inertia"),
-        (&["inspect", "--robot", "r2d2", "--q", "0"], "there is no robot 'r2d2'"),
+        (
+            &["inspect", "--robot", "macro.urdf"],
+            "<xacro:arm> is a macro: expand the file first",
+        ),
+        (
+            &["inspect", "--robot", "hand.urdf"],
+            "moving link 'arm' has no inertia",
+        ),
+        (
+            &["inspect", "--robot", "r2d2", "--q", "0"],
+            "there is no robot 'r2d2'",
+        ),
         (&["inspect", "--q", "0,0,0"], "joint"),
     ];
     for (args, expected) in cases {
@@ -56,7 +93,10 @@ fn every_wrong_input_is_refused_with_its_reason() {
         assert!(said.err.contains(expected), "{args:?} said: {}", said.err);
         assert_nothing_left(said.launcher);
     }
-    assert!(!desk.path().join("runs").exists(), "no results of a run that did not begin");
+    assert!(
+        !desk.path().join("runs").exists(),
+        "no results of a run that did not begin"
+    );
 }
 
 #[test]
@@ -65,10 +105,24 @@ fn usage_errors_have_exit_code_2_and_help_an_example() {
     assert_eq!(desk.armplane(&["run", "--no-such-flag"]).code, 2);
     let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_armplane"));
     let not_utf_8 = std::ffi::OsStr::from_bytes(b"\xff\xfe");
-    let said = command.arg("run").arg(not_utf_8).arg("--no-such-flag").output().unwrap();
-    assert_eq!(said.status.code(), Some(2), "{}", String::from_utf8_lossy(&said.stderr));
+    let said = command
+        .arg("run")
+        .arg(not_utf_8)
+        .arg("--no-such-flag")
+        .output()
+        .unwrap();
+    assert_eq!(
+        said.status.code(),
+        Some(2),
+        "{}",
+        String::from_utf8_lossy(&said.stderr)
+    );
     for command in ["run", "list", "inspect", "graph", "doctor", "clean"] {
         let said = desk.armplane(&[command, "--help"]);
-        assert!(said.code == 0 && said.out.contains("Example"), "{command}: {}", said.out);
+        assert!(
+            said.code == 0 && said.out.contains("Example"),
+            "{command}: {}",
+            said.out
+        );
     }
 }

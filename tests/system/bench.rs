@@ -8,57 +8,139 @@ use crate::command::{Desk, assert_nothing_left, children_of_run, finish, until};
 #[test]
 fn hops_and_cycles_are_measured_beside_their_floors() {
     let desk = Desk::new();
-    let said = desk.armplane(&["bench", "hop", "cycle", "model", "record", "--samples", "1000", "--json", "--out", "bench"]);
+    let said = desk.armplane(&[
+        "bench",
+        "hop",
+        "cycle",
+        "model",
+        "record",
+        "--samples",
+        "1000",
+        "--json",
+        "--out",
+        "bench",
+    ]);
     assert_eq!(said.code, 0, "{}", said.err);
     assert_nothing_left(said.launcher);
     let json: Value = serde_json::from_str(&said.out).unwrap();
-    assert!(json["machine"]["cores"].as_u64().is_some_and(|cores| cores > 0));
+    assert!(
+        json["machine"]["cores"]
+            .as_u64()
+            .is_some_and(|cores| cores > 0)
+    );
     let rows = json["rows"].as_array().unwrap();
     let has = |bench: &str, mechanism: &str, bytes: Option<u64>| {
         let is_it = |row: &&Value| row["bench"] == bench && row["mechanism"] == mechanism;
-        assert!(rows.iter().filter(is_it).any(|row| bytes.is_none_or(|bytes| row["payload_bytes"] == bytes)), "{bench}: {mechanism}");
+        assert!(
+            rows.iter()
+                .filter(is_it)
+                .any(|row| bytes.is_none_or(|bytes| row["payload_bytes"] == bytes)),
+            "{bench}: {mechanism}"
+        );
     };
-    ["futex", "topic + doorbell", "pipe"].iter().for_each(|mechanism| has("cycle", mechanism, None));
+    ["futex", "topic + doorbell", "pipe"]
+        .iter()
+        .for_each(|mechanism| has("cycle", mechanism, None));
     // The real topic beside the same messages bare.
     let messages = size_of::<SensorSample>().midpoint(size_of::<PlantState>()) as u64;
-    ["futex", "pipe", "topic + doorbell", "iceoryx2 + doorbell"].iter().for_each(|mechanism| has("hop", mechanism, Some(messages)));
-    for mechanism in ["futex", "pipe", "topic + doorbell", "iceoryx2 + doorbell", "iceoryx2 Listener", "iceoryx2 WaitSet"] {
-        [64, 1024, 4096].iter().for_each(|bytes| has("hop", mechanism, Some(*bytes)));
+    ["futex", "pipe", "topic + doorbell", "iceoryx2 + doorbell"]
+        .iter()
+        .for_each(|mechanism| has("hop", mechanism, Some(messages)));
+    for mechanism in [
+        "futex",
+        "pipe",
+        "topic + doorbell",
+        "iceoryx2 + doorbell",
+        "iceoryx2 Listener",
+        "iceoryx2 WaitSet",
+    ] {
+        [64, 1024, 4096]
+            .iter()
+            .for_each(|bytes| has("hop", mechanism, Some(*bytes)));
     }
-    for mechanism in
-        ["futex", "pipe", "iceoryx2 + doorbell"].into_iter().chain((!said.err.contains("left out")).then_some("topic + doorbell"))
+    for mechanism in ["futex", "pipe", "iceoryx2 + doorbell"]
+        .into_iter()
+        .chain((!said.err.contains("left out")).then_some("topic + doorbell"))
     {
-        [16_384, 262_144, 4_194_304].iter().for_each(|bytes| has("hop", mechanism, Some(*bytes)));
+        [16_384, 262_144, 4_194_304]
+            .iter()
+            .for_each(|bytes| has("hop", mechanism, Some(*bytes)));
     }
-    ["judge", "recording", "messages"].iter().for_each(|part| has("record", part, None));
-    let record = |key: &str| json["record"][key].as_f64().unwrap_or_else(|| panic!("{key}: {}", json["record"]));
-    assert!(record("cpu_us_per_tick") > 0.0 && record("recording_mb_per_min") > 1.0 && record("messages_mb_per_min") > 1.0);
+    ["judge", "recording", "messages"]
+        .iter()
+        .for_each(|part| has("record", part, None));
+    let record = |key: &str| {
+        json["record"][key]
+            .as_f64()
+            .unwrap_or_else(|| panic!("{key}: {}", json["record"]))
+    };
+    assert!(
+        record("cpu_us_per_tick") > 0.0
+            && record("recording_mb_per_min") > 1.0
+            && record("messages_mb_per_min") > 1.0
+    );
     for row in rows {
         let number = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key}: {row}"));
-        assert!(number("samples") >= 1000.0 && number("p50_us") > 0.0, "{row}");
         assert!(
-            number("p50_us") <= number("p99_us") && number("p99_us") <= number("p999_us") && number("p999_us") <= number("max_us") * 1.001
+            number("samples") >= 1000.0 && number("p50_us") > 0.0,
+            "{row}"
+        );
+        assert!(
+            number("p50_us") <= number("p99_us")
+                && number("p99_us") <= number("p999_us")
+                && number("p999_us") <= number("max_us") * 1.001
         );
         if row["mechanism"] == "futex" {
-            assert_eq!((number("ratio_p50"), number("ratio_p99")), (1.0, 1.0), "{row}");
+            assert_eq!(
+                (number("ratio_p50"), number("ratio_p99")),
+                (1.0, 1.0),
+                "{row}"
+            );
         }
     }
-    for (file, begins) in
-        [("bench.json", &b"{"[..]), ("bench-hop.svg", b"<svg"), ("bench-hop.png", b"\x89PNG"), ("bench-record.svg", b"<svg")]
-    {
-        assert!(std::fs::read(desk.path().join("bench").join(file)).unwrap().starts_with(begins), "{file}");
+    for (file, begins) in [
+        ("bench.json", &b"{"[..]),
+        ("bench-hop.svg", b"<svg"),
+        ("bench-hop.png", b"\x89PNG"),
+        ("bench-record.svg", b"<svg"),
+    ] {
+        assert!(
+            std::fs::read(desk.path().join("bench").join(file))
+                .unwrap()
+                .starts_with(begins),
+            "{file}"
+        );
     }
 }
 
 #[test]
 fn only_the_rows_asked_for_are_measured_with_their_floor() {
     let desk = Desk::new();
-    let only = ["bench", "hop", "cycle", "--samples", "1000", "--json", "--only", "same core", "--only", "topic", "--only"];
+    let only = [
+        "bench",
+        "hop",
+        "cycle",
+        "--samples",
+        "1000",
+        "--json",
+        "--only",
+        "same core",
+        "--only",
+        "topic",
+        "--only",
+    ];
     let said = desk.armplane(&[&only[..], &["4096"]].concat());
     assert_eq!(said.code, 0, "{}", said.err);
     let json: Value = serde_json::from_str(&said.out).unwrap();
     let rows = json["rows"].as_array().unwrap().iter();
-    let rows: Vec<_> = rows.map(|row| (row["mechanism"].as_str().unwrap(), row["payload_bytes"].as_u64().unwrap())).collect();
+    let rows: Vec<_> = rows
+        .map(|row| {
+            (
+                row["mechanism"].as_str().unwrap(),
+                row["payload_bytes"].as_u64().unwrap(),
+            )
+        })
+        .collect();
     assert_eq!(rows, [("futex", 4096), ("topic + doorbell", 4096)]);
     let none = desk.armplane(&[&only[..], &["4097"]].concat());
     assert!(none.code == 2 && none.err.contains("4097"), "{}", none.err);
@@ -66,30 +148,77 @@ fn only_the_rows_asked_for_are_measured_with_their_floor() {
 
 /// A recorder that this machine leaves without a processor for seconds loses messages, and the soak must report it; nothing else may break.
 fn is_of_time(broken: &Value) -> bool {
-    ["messages", "the recording has numbers"].iter().any(|word| broken.as_str().unwrap().contains(word))
+    ["messages", "the recording has numbers"]
+        .iter()
+        .any(|word| broken.as_str().unwrap().contains(word))
 }
 
 #[test]
 fn a_short_soak_strikes_and_judges_and_leaves_nothing() {
     let desk = Desk::new();
-    let said = desk.armplane(&["bench", "soak", "--seconds", "6", "--seed", "8", "--rate", "500", "--json", "--out", "soak"]);
-    let json: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+    let said = desk.armplane(&[
+        "bench",
+        "soak",
+        "--seconds",
+        "6",
+        "--seed",
+        "8",
+        "--rate",
+        "500",
+        "--json",
+        "--out",
+        "soak",
+    ]);
+    let json: Value =
+        serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
     let soak = &json["soak"];
     let passed = soak["passed"] == true;
     assert_eq!(said.code, i32::from(!passed), "{}", said.err);
     assert_nothing_left(said.launcher);
     let round = &soak["rounds"][0];
     assert!(round["ticks"].as_u64().unwrap() > 500, "{round}");
-    assert!(round["broken"].as_array().unwrap().iter().all(is_of_time), "{round}");
+    assert!(
+        round["broken"].as_array().unwrap().iter().all(is_of_time),
+        "{round}"
+    );
     let injected = round["injected"].as_array().unwrap();
-    assert!(!injected.is_empty() && injected.iter().all(|one| one["kind"].is_string() && one["stopped_ms"].is_number()), "{round}");
+    assert!(
+        !injected.is_empty()
+            && injected
+                .iter()
+                .all(|one| one["kind"].is_string() && one["stopped_ms"].is_number()),
+        "{round}"
+    );
     let number = |key: &str| round["messages"][key].as_u64().unwrap();
-    assert_eq!(number("sent"), number("taken_in") + number("refused") + number("fenced") + number("lost"), "{}", round["messages"]);
-    let times: u64 = soak["kinds"].as_array().unwrap().iter().map(|kind| kind["times"].as_u64().unwrap()).sum();
+    assert_eq!(
+        number("sent"),
+        number("taken_in") + number("refused") + number("fenced") + number("lost"),
+        "{}",
+        round["messages"]
+    );
+    let times: u64 = soak["kinds"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|kind| kind["times"].as_u64().unwrap())
+        .sum();
     assert_eq!(times, injected.len() as u64);
-    assert_eq!(desk.path().join("soak/round-001").exists(), !passed, "what kept every guarantee is not kept");
-    for (file, begins) in [("bench.json", &b"{"[..]), ("soak.svg", b"<svg"), ("soak.png", b"\x89PNG")] {
-        assert!(std::fs::read(desk.path().join("soak").join(file)).unwrap().starts_with(begins), "{file}");
+    assert_eq!(
+        desk.path().join("soak/round-001").exists(),
+        !passed,
+        "what kept every guarantee is not kept"
+    );
+    for (file, begins) in [
+        ("bench.json", &b"{"[..]),
+        ("soak.svg", b"<svg"),
+        ("soak.png", b"\x89PNG"),
+    ] {
+        assert!(
+            std::fs::read(desk.path().join("soak").join(file))
+                .unwrap()
+                .starts_with(begins),
+            "{file}"
+        );
     }
 }
 
@@ -102,27 +231,74 @@ fn an_interrupted_soak_ends_cleanly() {
     // SAFETY: a plain signal to a child of ours.
     unsafe { libc::kill(child.id().cast_signed(), libc::SIGINT) };
     let said = finish(child);
-    assert!(said.code == 1 && said.err.contains("the soak was stopped by SIGINT"), "{}", said.err);
+    assert!(
+        said.code == 1 && said.err.contains("the soak was stopped by SIGINT"),
+        "{}",
+        said.err
+    );
     assert_nothing_left(said.launcher);
     let json: Value = serde_json::from_str(&said.out).unwrap();
     let soak = &json["soak"];
-    let broken: Vec<&Value> = soak["rounds"].as_array().unwrap().iter().flat_map(|round| round["broken"].as_array().unwrap()).collect();
-    assert_eq!((&soak["interrupted"], &soak["passed"]), (&"SIGINT".into(), &broken.is_empty().into()), "{soak}");
-    assert!(broken.iter().all(|broken| is_of_time(broken)), "{broken:?}: {soak}");
+    let broken: Vec<&Value> = soak["rounds"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .flat_map(|round| round["broken"].as_array().unwrap())
+        .collect();
+    assert_eq!(
+        (&soak["interrupted"], &soak["passed"]),
+        (&"SIGINT".into(), &broken.is_empty().into()),
+        "{soak}"
+    );
+    assert!(
+        broken.iter().all(|broken| is_of_time(broken)),
+        "{broken:?}: {soak}"
+    );
 }
 
 #[test]
 fn the_whole_graph_is_run_in_real_time_and_every_miss_has_its_cause() {
-    let said = Desk::new().armplane(&["bench", "realtime", "--rate", "500", "--seconds", "3", "--json"]);
+    let said = Desk::new().armplane(&[
+        "bench",
+        "realtime",
+        "--rate",
+        "500",
+        "--seconds",
+        "3",
+        "--json",
+    ]);
     assert_eq!(said.code, 0, "{}", said.err);
     assert_nothing_left(said.launcher);
     let json: Value = serde_json::from_str(&said.out).unwrap();
     let ran = &json["realtime"][0];
-    assert!(ran["rate_hz"] == 500 && ran["load"] == true && ran["ticks"].as_u64().unwrap() >= 1_500, "{ran}");
-    let sum = |of: &Value| of.as_object().unwrap().values().map(|count| count.as_u64().unwrap()).sum::<u64>();
+    assert!(
+        ran["rate_hz"] == 500 && ran["load"] == true && ran["ticks"].as_u64().unwrap() >= 1_500,
+        "{ran}"
+    );
+    let sum = |of: &Value| {
+        of.as_object()
+            .unwrap()
+            .values()
+            .map(|count| count.as_u64().unwrap())
+            .sum::<u64>()
+    };
     let processes = ran["processes"].as_array().unwrap();
     assert_eq!(processes.len(), 5);
-    assert!(processes.iter().all(|process| process["missed"] == sum(&process["causes"])), "{ran}");
-    assert_eq!(processes.iter().map(|process| process["missed"].as_u64().unwrap()).sum::<u64>(), ran["missed"].as_u64().unwrap());
-    assert!(ran["latency_us"]["chain"]["count"].as_u64().unwrap() >= ran["ticks"].as_u64().unwrap() - 2, "no tick is left out: {ran}");
+    assert!(
+        processes
+            .iter()
+            .all(|process| process["missed"] == sum(&process["causes"])),
+        "{ran}"
+    );
+    assert_eq!(
+        processes
+            .iter()
+            .map(|process| process["missed"].as_u64().unwrap())
+            .sum::<u64>(),
+        ran["missed"].as_u64().unwrap()
+    );
+    assert!(
+        ran["latency_us"]["chain"]["count"].as_u64().unwrap() >= ran["ticks"].as_u64().unwrap() - 2,
+        "no tick is left out: {ran}"
+    );
 }

@@ -6,7 +6,14 @@ use std::process::Command;
 use crate::command::{Desk, skipped};
 use crate::exchange::has_python;
 
-const SHORT: [&str; 6] = ["--set", "segment.0.duration_s=1", "--set", "segment.1.duration_s=1.5", "--out", "results"];
+const SHORT: [&str; 6] = [
+    "--set",
+    "segment.0.duration_s=1",
+    "--set",
+    "segment.1.duration_s=1.5",
+    "--out",
+    "results",
+];
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -15,10 +22,20 @@ fn root() -> &'static Path {
 /// Runs Python in the desk's folder, where it must print `good`.
 fn python(desk: &Desk, code: &str) {
     let mut command = Command::new("python3");
-    command.args(["-c", code]).current_dir(desk.path()).env("PYTHONDONTWRITEBYTECODE", "1").env("RUST_LOG", "error");
-    let said =
-        command.env("ARMPLANE", env!("CARGO_BIN_EXE_armplane")).env("PYTHONPATH", root().join("python")).output().expect("python3 runs");
-    let (out, err) = (String::from_utf8_lossy(&said.stdout), String::from_utf8_lossy(&said.stderr));
+    command
+        .args(["-c", code])
+        .current_dir(desk.path())
+        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .env("RUST_LOG", "error");
+    let said = command
+        .env("ARMPLANE", env!("CARGO_BIN_EXE_armplane"))
+        .env("PYTHONPATH", root().join("python"))
+        .output()
+        .expect("python3 runs");
+    let (out, err) = (
+        String::from_utf8_lossy(&said.stdout),
+        String::from_utf8_lossy(&said.stderr),
+    );
     assert!(out.ends_with("good\n"), "{out}\n{err}");
 }
 
@@ -159,7 +176,10 @@ fn program(page: &str) -> String {
 
 /// `rerun`, where Python's package brings it.
 fn rerun() -> Option<PathBuf> {
-    let found = Command::new("python3").args(["-c", "import shutil; print(shutil.which('rerun') or '')"]).output().ok()?;
+    let found = Command::new("python3")
+        .args(["-c", "import shutil; print(shutil.which('rerun') or '')"])
+        .output()
+        .ok()?;
     Some(PathBuf::from(String::from_utf8_lossy(&found.stdout).trim())).filter(|path| path.is_file())
 }
 
@@ -184,9 +204,25 @@ fn a_recording_of_several_parts_reads_as_one() {
                  assert list(one['tick']) == list(range(ticks)) and set(one.columns) == set(table.columns)\n\
                  assert (one['/signals:joint:q'].map(list) == table['/signals:joint:q'].map(list)).all()\nprint('good')";
     python(&desk, &format!("{}\n{check}", program("recording.md")));
-    let Some(rerun) = rerun() else { return skipped("there is no `rerun` beside python3") };
-    for file in ["results/run.rrd", "results/run-001.rrd", "results/run-002.rrd", "results/run-003.rrd", "one/run.rrd"] {
-        let said = Command::new(&rerun).args(["rrd", "verify", file]).current_dir(desk.path()).output().expect("rerun starts");
-        assert!(said.status.success(), "{file}: {}", String::from_utf8_lossy(&said.stderr));
+    let Some(rerun) = rerun() else {
+        return skipped("there is no `rerun` beside python3");
+    };
+    for file in [
+        "results/run.rrd",
+        "results/run-001.rrd",
+        "results/run-002.rrd",
+        "results/run-003.rrd",
+        "one/run.rrd",
+    ] {
+        let said = Command::new(&rerun)
+            .args(["rrd", "verify", file])
+            .current_dir(desk.path())
+            .output()
+            .expect("rerun starts");
+        assert!(
+            said.status.success(),
+            "{file}: {}",
+            String::from_utf8_lossy(&said.stderr)
+        );
     }
 }

@@ -9,47 +9,100 @@ fn read(desk: &Desk, path: &str) -> Value {
 }
 
 fn assert_pictures(desk: &Desk, path: &str) {
-    let file = |extension: &str| std::fs::read(desk.path().join(format!("{path}.{extension}"))).unwrap();
-    assert!(file("svg").starts_with(b"<svg ") && file("png").starts_with(b"\x89PNG"), "{path}");
+    let file =
+        |extension: &str| std::fs::read(desk.path().join(format!("{path}.{extension}"))).unwrap();
+    assert!(
+        file("svg").starts_with(b"<svg ") && file("png").starts_with(b"\x89PNG"),
+        "{path}"
+    );
 }
 
 #[test]
 fn laws_are_compared_on_a_scenario_and_on_lines() {
     let desk = Desk::new();
-    let args =
-        ["compare", "fig5-wrist-rotation", "sweep", "--count", "3", "--law", "blended,damped-least-squares", "--out", "out", "--json"];
+    let args = [
+        "compare",
+        "fig5-wrist-rotation",
+        "sweep",
+        "--count",
+        "3",
+        "--law",
+        "blended,damped-least-squares",
+        "--out",
+        "out",
+        "--json",
+    ];
     let said = desk.armplane(&args);
     assert_eq!(said.code, 0, "{}", said.err);
     let json: Value = serde_json::from_str(&said.out).unwrap();
-    assert_eq!(json, read(&desk, "out/compare.json"), "said and saved alike");
+    assert_eq!(
+        json,
+        read(&desk, "out/compare.json"),
+        "said and saved alike"
+    );
     assert_pictures(&desk, "out/fig5-wrist-rotation");
     assert_pictures(&desk, "out/sweep");
     let [ours, damped] = [0, 1].map(|law| &json["scenarios"][0]["laws"][law]);
-    assert!(ours["s1"] == true && damped["s1"] == false, "{ours} {damped}");
-    assert!(ours["orthogonal_max_mm"].as_f64().unwrap() < 0.1 && damped["orthogonal_max_mm"].as_f64().unwrap() > 1.0, "{ours} {damped}");
+    assert!(
+        ours["s1"] == true && damped["s1"] == false,
+        "{ours} {damped}"
+    );
+    assert!(
+        ours["orthogonal_max_mm"].as_f64().unwrap() < 0.1
+            && damped["orthogonal_max_mm"].as_f64().unwrap() > 1.0,
+        "{ours} {damped}"
+    );
     let sweep = &json["scenarios"][1]["laws"][0];
-    assert_eq!((&sweep["all"]["lines"], &sweep["near"]["wrist"]["lines"], &sweep["all"]["ends"]), (&3.into(), &1.into(), &3.into()));
-    assert_eq!(desk.armplane(&args).out, said.out, "the same again, whichever core does which run");
+    assert_eq!(
+        (
+            &sweep["all"]["lines"],
+            &sweep["near"]["wrist"]["lines"],
+            &sweep["all"]["ends"]
+        ),
+        (&3.into(), &1.into(), &3.into())
+    );
+    assert_eq!(
+        desk.armplane(&args).out,
+        said.out,
+        "the same again, whichever core does which run"
+    );
 }
 
 #[test]
 fn lines_through_exactly_singular_postures_of_an_arm_reach_their_goals() {
     let desk = Desk::new();
-    let args = ["compare", "sweep", "--robot", "ur5", "--count", "1", "--out", "out", "--json"];
+    let args = [
+        "compare", "sweep", "--robot", "ur5", "--count", "1", "--out", "out", "--json",
+    ];
     let said = desk.armplane(&args);
     assert_eq!(said.code, 0, "{}", said.err);
     let told: Value = serde_json::from_str(&said.out).unwrap();
-    assert_eq!(told, read(&desk, "out/compare.json"), "said and saved alike");
+    assert_eq!(
+        told,
+        read(&desk, "out/compare.json"),
+        "said and saved alike"
+    );
     let lines = told["sweep"]["lines"].as_array().unwrap();
-    let names: Vec<_> = lines.iter().map(|line| line["singularities"].as_str().unwrap()).collect();
+    let names: Vec<_> = lines
+        .iter()
+        .map(|line| line["singularities"].as_str().unwrap())
+        .collect();
     assert_eq!(names, ["elbow", "wrist", "overhead"]);
     for line in lines {
-        assert!(line["outcome"] == "reached" && line["score"]["speed_max_ratio"].as_f64().unwrap() <= 1.0, "{line}");
+        assert!(
+            line["outcome"] == "reached"
+                && line["score"]["speed_max_ratio"].as_f64().unwrap() <= 1.0,
+            "{line}"
+        );
     }
     let said = desk.armplane(&["compare", "sweep", "--robot", "ur6", "--out", "out"]);
     assert!(said.code == 2 && said.err.contains("ur5"), "{}", said.err);
     let said = desk.armplane(&["compare", "--robot", "ur5"]);
-    assert!(said.code == 2 && said.err.contains("armplane compare sweep --robot"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("armplane compare sweep --robot"),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
@@ -60,11 +113,28 @@ fn a_race_has_the_marks_of_a_steered_run_only_where_one_is_steered() {
         assert_eq!(said.code, 0, "{}", said.err);
         let recording = std::fs::read(desk.path().join(scenario).join("run.rrd")).unwrap();
         // Paths of entities stand in the heads of chunks as they are.
-        let has = |path: &str| recording.windows(path.len()).any(|bytes| bytes == path.as_bytes());
-        ["/world/rival/link", "/world/asked/motion", "/world/hand/reason"].map(has)
+        let has = |path: &str| {
+            recording
+                .windows(path.len())
+                .any(|bytes| bytes == path.as_bytes())
+        };
+        [
+            "/world/rival/link",
+            "/world/asked/motion",
+            "/world/hand/reason",
+        ]
+        .map(has)
     };
-    assert_eq!(marks("fig5-wrist-rotation"), [true, false, false], "the other arm, and no target");
-    assert_eq!(marks("servo-line-panda"), [true; 3], "the other arm, the twist that is asked for and the reason why it is no faster");
+    assert_eq!(
+        marks("fig5-wrist-rotation"),
+        [true, false, false],
+        "the other arm, and no target"
+    );
+    assert_eq!(
+        marks("servo-line-panda"),
+        [true; 3],
+        "the other arm, the twist that is asked for and the reason why it is no faster"
+    );
 }
 
 // covers: CK95 Figure 3
@@ -78,25 +148,61 @@ fn the_papers_figures_are_drawn_with_their_numbers() {
     }
     let numbers = read(&desk, "out/figures.json");
     let number = |figure: &str, key: &str| numbers[figure][key].as_f64().unwrap();
-    let (pseudo, consistent) = (number("fig1", "tip_error_max_mm"), number("fig2", "tip_error_max_mm"));
-    assert!(consistent < 1.0 && pseudo > 100.0 * consistent, "{pseudo} {consistent}");
-    let (pushed, still) = (number("fig1", "coupling_max_n"), number("fig2", "coupling_max_n"));
-    assert!(still < 1e-6 && pushed > 1.0, "force on the tip: {pushed} N, {still} N");
-    for (lock, class) in [("elbow", "type 1"), ("wrist", "type 2"), ("overhead", "mixed")] {
+    let (pseudo, consistent) = (
+        number("fig1", "tip_error_max_mm"),
+        number("fig2", "tip_error_max_mm"),
+    );
+    assert!(
+        consistent < 1.0 && pseudo > 100.0 * consistent,
+        "{pseudo} {consistent}"
+    );
+    let (pushed, still) = (
+        number("fig1", "coupling_max_n"),
+        number("fig2", "coupling_max_n"),
+    );
+    assert!(
+        still < 1e-6 && pushed > 1.0,
+        "force on the tip: {pushed} N, {still} N"
+    );
+    for (lock, class) in [
+        ("elbow", "type 1"),
+        ("wrist", "type 2"),
+        ("overhead", "mixed"),
+    ] {
         let one = &numbers["fig3"][lock];
-        assert!(one["type"] == class && one["s"].as_f64().unwrap().abs() < 1e-3, "{lock}: {one}");
+        assert!(
+            one["type"] == class && one["s"].as_f64().unwrap().abs() < 1e-3,
+            "{lock}: {one}"
+        );
     }
-    assert!((number("fig5", "zeta_turned_deg") - 90.0).abs() < 0.25 && number("fig5", "position_max_mm") < 0.1, "{numbers}");
-    assert!((number("fig4", "moved_mm").abs() - 80.0).abs() < 0.1 && number("fig4", "orthogonal_max_mm") < 0.05, "{numbers}");
+    assert!(
+        (number("fig5", "zeta_turned_deg") - 90.0).abs() < 0.25
+            && number("fig5", "position_max_mm") < 0.1,
+        "{numbers}"
+    );
+    assert!(
+        (number("fig4", "moved_mm").abs() - 80.0).abs() < 0.1
+            && number("fig4", "orthogonal_max_mm") < 0.05,
+        "{numbers}"
+    );
 }
 
 #[test]
 fn work_beyond_one_thread_is_left_out_by_name_or_refused() {
     let desk = Desk::new();
     let fault = "\n[[fault]]\nprocess = \"controller\"\nkind = \"kill\"\nat_tick = 100\n";
-    desk.file("faulty.toml", &[sim::scenarios::text("fig5-wrist-rotation").unwrap(), fault].concat());
+    desk.file(
+        "faulty.toml",
+        &[sim::scenarios::text("fig5-wrist-rotation").unwrap(), fault].concat(),
+    );
     let compare = |scenario: &str, more: &[&str]| {
-        let said = desk.armplane(&[&["compare", scenario, "--law", "blended", "--out", "out"], more].concat());
+        let said = desk.armplane(
+            &[
+                &["compare", scenario, "--law", "blended", "--out", "out"],
+                more,
+            ]
+            .concat(),
+        );
         assert_eq!(said.code, 0, "{}", said.err);
         said.out
     };
@@ -104,40 +210,110 @@ fn work_beyond_one_thread_is_left_out_by_name_or_refused() {
         let json: Value = serde_json::from_str(&compare(scenario, &["--json"])).unwrap();
         json["scenarios"][0].clone()
     });
-    assert_eq!((&json["faults_left_out"], &whole["faults_left_out"], &json["laws"]), (&1.into(), &0.into(), &whole["laws"]), "{json}");
+    assert_eq!(
+        (
+            &json["faults_left_out"],
+            &whole["faults_left_out"],
+            &json["laws"]
+        ),
+        (&1.into(), &0.into(), &whole["laws"]),
+        "{json}"
+    );
     assert!(compare("faulty.toml", &[]).contains("without its planned faults (1)"));
-    let said = desk.armplane(&["figures", "--set", "fault=[{process=\"controller\",kind=\"kill\",at_tick=100}]", "--out", "f"]);
-    assert!(said.code == 2 && said.err.contains("plans the `kill` of the controller"), "{}", said.err);
+    let said = desk.armplane(&[
+        "figures",
+        "--set",
+        "fault=[{process=\"controller\",kind=\"kill\",at_tick=100}]",
+        "--out",
+        "f",
+    ]);
+    assert!(
+        said.code == 2 && said.err.contains("plans the `kill` of the controller"),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
 fn wrong_input_is_said() {
     let desk = Desk::new();
     let cases: [(&[&str], &str); 6] = [
-        (&["compare", "fig5", "--law", "blendet"], "there is no control law `blendet`: did you mean `blended`?"),
-        (&["compare", "fig5-wrist-rotatoin"], "did you mean `fig5-wrist-rotation`?"),
-        (&["compare", "sweep", "--speed", "0"], "--speed is 0: it must be a positive number"),
-        (&["compare", "fig5-wrist-rotation", "--tune"], "armplane compare sweep --tune"),
-        (&["compare", "sweep", "--set", "control.baseline.truncated_svd_floor=-1"], "it must be a positive number"),
-        (&["figures", "--out", "/proc/nowhere"], "choose another folder with --out"),
+        (
+            &["compare", "fig5", "--law", "blendet"],
+            "there is no control law `blendet`: did you mean `blended`?",
+        ),
+        (
+            &["compare", "fig5-wrist-rotatoin"],
+            "did you mean `fig5-wrist-rotation`?",
+        ),
+        (
+            &["compare", "sweep", "--speed", "0"],
+            "--speed is 0: it must be a positive number",
+        ),
+        (
+            &["compare", "fig5-wrist-rotation", "--tune"],
+            "armplane compare sweep --tune",
+        ),
+        (
+            &[
+                "compare",
+                "sweep",
+                "--set",
+                "control.baseline.truncated_svd_floor=-1",
+            ],
+            "it must be a positive number",
+        ),
+        (
+            &["figures", "--out", "/proc/nowhere"],
+            "choose another folder with --out",
+        ),
     ];
     for (args, expected) in cases {
         let said = desk.armplane(args);
-        assert!(said.code == 2 && said.err.contains(expected), "{args:?} said {}: {}", said.code, said.err);
+        assert!(
+            said.code == 2 && said.err.contains(expected),
+            "{args:?} said {}: {}",
+            said.code,
+            said.err
+        );
     }
-    assert!(!desk.path().join("runs").exists(), "nothing is left of what did not begin");
+    assert!(
+        !desk.path().join("runs").exists(),
+        "nothing is left of what did not begin"
+    );
 }
 
 #[test]
 fn tables_fit_into_a_hundred_columns_and_name_the_winner() {
     let desk = Desk::new();
-    let compared = desk.armplane(&["compare", "fig5-wrist-rotation", "--law", "blended,damped-least-squares", "--out", "out"]);
+    let compared = desk.armplane(&[
+        "compare",
+        "fig5-wrist-rotation",
+        "--law",
+        "blended,damped-least-squares",
+        "--out",
+        "out",
+    ]);
     let listed = desk.armplane(&["fault", "--list"]);
     for said in [&compared, &listed] {
         assert_eq!(said.code, 0, "{}", said.err);
         let tables = said.out.lines().filter(|line| line.starts_with([' ', '─']));
-        assert!(tables.clone().count() > 4 && tables.clone().all(|line| line.chars().count() <= 100), "{}", said.out);
+        assert!(
+            tables.clone().count() > 4 && tables.clone().all(|line| line.chars().count() <= 100),
+            "{}",
+            said.out
+        );
     }
-    assert!(compared.out.contains("wins, S1") && compared.out.contains("damped-least-squares misses speed"), "{}", compared.out);
-    assert!(compared.out.contains("blended wins: at most 0.0") && compared.out.contains("next damped-least-squares: "), "{}", compared.out);
+    assert!(
+        compared.out.contains("wins, S1")
+            && compared.out.contains("damped-least-squares misses speed"),
+        "{}",
+        compared.out
+    );
+    assert!(
+        compared.out.contains("blended wins: at most 0.0")
+            && compared.out.contains("next damped-least-squares: "),
+        "{}",
+        compared.out
+    );
 }

@@ -28,7 +28,9 @@ impl Corpus {
 
 /// A file of `tests/fuzz`.
 fn fuzz(path: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fuzz").join(path)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/fuzz")
+        .join(path)
 }
 
 /// Some ticks in the middle of a scenario.
@@ -54,11 +56,25 @@ fn kept<M: Message>(corpus: &Corpus, choice: u8, messages: impl Iterator<Item = 
     keep.finish()?;
     let file = std::fs::read(folder.path().join(format!("{}.log", M::TOPIC)))?;
     // Whole; and behind the head that the target puts before it, with the checksums as they are and with new ones.
-    corpus.seed("message_log", &format!("{}-whole", M::TOPIC), &[&[choice], &file[..]].concat())?;
-    for (name, choices) in [("blocks", (8..16).chain(24..32)), ("sealed", (40..48).chain(56..64))] {
+    corpus.seed(
+        "message_log",
+        &format!("{}-whole", M::TOPIC),
+        &[&[choice], &file[..]].concat(),
+    )?;
+    for (name, choices) in [
+        ("blocks", (8..16).chain(24..32)),
+        ("sealed", (40..48).chain(56..64)),
+    ] {
         let is_it = |with_head: &u8| usize::from(*with_head) % COUNT == usize::from(choice);
-        let with_head = choices.into_iter().find(is_it).ok_or("one of sixteen leaves any rest")?;
-        corpus.seed("message_log", &format!("{}-{name}", M::TOPIC), &[&[with_head], &file[40..]].concat())?;
+        let with_head = choices
+            .into_iter()
+            .find(is_it)
+            .ok_or("one of sixteen leaves any rest")?;
+        corpus.seed(
+            "message_log",
+            &format!("{}-{name}", M::TOPIC),
+            &[&[with_head], &file[40..]].concat(),
+        )?;
     }
     Ok(())
 }
@@ -68,47 +84,86 @@ fn begin(corpus: &Corpus) -> Done {
         let text = sim::scenarios::text(name).unwrap_or_default();
         corpus.seed("scenario", name, text.as_bytes())?;
         let fault = "\n[[fault]]\nprocess = \"controller\"\nkind = \"corrupt\"\nas = \"huge\"\nfield = \"tau[1]\"\nat_s = 0.5\nfor_s = 0.1\nprobability = 0.5\n";
-        corpus.seed("scenario", &format!("{name}-fault"), [text, fault].concat().as_bytes())?;
+        corpus.seed(
+            "scenario",
+            &format!("{name}-fault"),
+            [text, fault].concat().as_bytes(),
+        )?;
         let place = place as u8;
         for law in 0..9 {
             // Nothing touched; then every message, in a run whose edges refuse what is not finite.
             corpus.seed("fingers", &format!("{name}-{law}"), &[place, law, 2])?;
-            let touched: Vec<u8> = (0..400_u32).map(|k| (k.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
-            corpus.seed("fingers", &format!("{name}-{law}-touched"), &[&[place, law, 2][..], &touched].concat())?;
+            let touched: Vec<u8> = (0..400_u32)
+                .map(|k| (k.wrapping_mul(2_654_435_761) >> 13) as u8)
+                .collect();
+            corpus.seed(
+                "fingers",
+                &format!("{name}-{law}-touched"),
+                &[&[place, law, 2][..], &touched].concat(),
+            )?;
         }
         let Ok(ticks) = ticks(name) else { continue };
-        let each = |part: fn(&Tick) -> Vec<u8>| ticks.iter().take(8).flat_map(part).collect::<Vec<u8>>();
+        let each =
+            |part: fn(&Tick) -> Vec<u8>| ticks.iter().take(8).flat_map(part).collect::<Vec<u8>>();
         let inputs = each(|tick| [bytes_of(&tick.estimate), bytes_of(&tick.singularity)].concat());
         corpus.seed("controller", name, &[&[place, 0, 0], &inputs[..]].concat())?;
-        corpus.seed("drive", name, &[&[place], &each(|tick| bytes_of(&tick.torque).to_vec())[..]].concat())?;
+        corpus.seed(
+            "drive",
+            name,
+            &[&[place], &each(|tick| bytes_of(&tick.torque).to_vec())[..]].concat(),
+        )?;
     }
     corpus.seed("target_file", "targets", crate::hostile::TARGETS.as_bytes())?;
-    corpus.seed("graph", "graph", include_bytes!("../../services/graph.toml"))?;
+    corpus.seed(
+        "graph",
+        "graph",
+        include_bytes!("../../services/graph.toml"),
+    )?;
     let robots = Path::new(env!("CARGO_MANIFEST_DIR")).join("services/model/robots");
-    for entry in std::fs::read_dir(robots)?.flatten().filter(|entry| entry.path().extension().is_some_and(|is| is == "urdf")) {
-        corpus.seed("urdf", &entry.file_name().to_string_lossy(), &std::fs::read(entry.path())?)?;
+    for entry in std::fs::read_dir(robots)?
+        .flatten()
+        .filter(|entry| entry.path().extension().is_some_and(|is| is == "urdf"))
+    {
+        corpus.seed(
+            "urdf",
+            &entry.file_name().to_string_lossy(),
+            &std::fs::read(entry.path())?,
+        )?;
     }
     let ticks = ticks("fig5-wrist-rotation")?;
     struct SeedEach<'a>(&'a Corpus, &'a [Tick]);
     impl Each for SeedEach<'_> {
         type Output = Done;
         fn each<M: Topic>(&mut self) -> Done {
-            self.0.seed("validation", M::TOPIC, bytes_of(M::of(&self.1[0])))?;
-            kept::<M>(self.0, M::INDEX as u8, self.1.iter().map(|tick| *M::of(tick)))
+            self.0
+                .seed("validation", M::TOPIC, bytes_of(M::of(&self.1[0])))?;
+            kept::<M>(
+                self.0,
+                M::INDEX as u8,
+                self.1.iter().map(|tick| *M::of(tick)),
+            )
         }
     }
     topics::try_each(&mut SeedEach(corpus, &ticks))?;
     corpus.seed("manifest", "manifest", properties::MANIFEST.as_bytes())?;
     serde_json::from_str::<Manifest>(properties::MANIFEST)?;
     // A planned kill in the first entry of the fault table: some words, each with its place.
-    let words = [(4_u32, 1_u64), (8, 2), (9, 1)].map(|(place, word)| [&place.to_ne_bytes()[..], &word.to_ne_bytes()[..]].concat());
+    let words = [(4_u32, 1_u64), (8, 2), (9, 1)]
+        .map(|(place, word)| [&place.to_ne_bytes()[..], &word.to_ne_bytes()[..]].concat());
     corpus.seed("control_page", "words", &words.concat())?;
     // Joins, answers, sends; then the same with a word of the head overwritten in between.
-    corpus.seed("exchange_page", "good", &[3, 4, 5, 7, 6, 8, 9, 0, 9, 1, 9, 2, 10])?;
+    corpus.seed(
+        "exchange_page",
+        "good",
+        &[3, 4, 5, 7, 6, 8, 9, 0, 9, 1, 9, 2, 10],
+    )?;
     corpus.seed(
         "exchange_page",
         "spoiled",
-        &[3, 1, 20, 7, 0, 0, 0, 4, 5, 7, 6, 1, 90, 1, 0, 0, 0, 8, 2, 0, 8, 255, 200, 9, 0, 10, 11, 255, 127, b'x', 9],
+        &[
+            3, 1, 20, 7, 0, 0, 0, 4, 5, 7, 6, 1, 90, 1, 0, 0, 0, 8, 2, 0, 8, 255, 200, 9, 0, 10,
+            11, 255, 127, b'x', 9,
+        ],
     )?;
     corpus.seed("results", "job", properties::job().as_bytes())?;
     let summary = serde_json::to_vec(&shared_types::summary::Summary::default())?;
@@ -145,26 +200,50 @@ fn holds(target: &str, bytes: &[u8]) -> bool {
 }
 
 fn entries(folder: &Path) -> Vec<PathBuf> {
-    std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect()
+    std::fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.path())
+        .collect()
 }
 
 #[test]
 fn every_input_that_fuzzing_begins_with_or_has_found_holds_its_property() -> Done {
     let built_in = tempfile::tempdir()?;
     begin(&Corpus(built_in.path().to_owned()))?;
-    let name = |path: &Path| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let name = |path: &Path| {
+        path.file_stem()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned()
+    };
     let mut tried = std::collections::BTreeMap::<String, u32>::new();
-    for folder in [entries(built_in.path()), entries(&fuzz("seeds"))].concat().into_iter().filter(|path| path.is_dir()) {
+    for folder in [entries(built_in.path()), entries(&fuzz("seeds"))]
+        .concat()
+        .into_iter()
+        .filter(|path| path.is_dir())
+    {
         // The chain of every arm under every law takes long: one arm stands for all.
-        let is_tried =
-            |input: &PathBuf| name(&folder) != "fingers" || !input.starts_with(built_in.path()) || name(input).starts_with("fig5");
+        let is_tried = |input: &PathBuf| {
+            name(&folder) != "fingers"
+                || !input.starts_with(built_in.path())
+                || name(input).starts_with("fig5")
+        };
         for input in entries(&folder).into_iter().filter(is_tried) {
-            assert!(holds(&name(&folder), &std::fs::read(&input)?), "{} is of no target", input.display());
+            assert!(
+                holds(&name(&folder), &std::fs::read(&input)?),
+                "{} is of no target",
+                input.display()
+            );
             *tried.entry(name(&folder)).or_default() += 1;
         }
     }
-    let without: Vec<String> =
-        entries(&fuzz("fuzz_targets")).iter().map(|path| name(path)).filter(|target| !tried.contains_key(target)).collect();
+    let without: Vec<String> = entries(&fuzz("fuzz_targets"))
+        .iter()
+        .map(|path| name(path))
+        .filter(|target| !tried.contains_key(target))
+        .collect();
     assert!(without.is_empty(), "targets without an input: {without:?}");
     Ok(())
 }

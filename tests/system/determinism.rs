@@ -16,13 +16,21 @@ fn the_same_seed_gives_the_same_bytes_and_another_seed_others() {
     let second = desk.run(&["--seed", "5", "--out", "recorded"]);
     assert_eq!(hashes(&first), hashes(&second), "recording or not");
     let third = desk.run(&["--seed", "6", "--no-record"]);
-    assert_ne!(first["topics"]["sensor"]["hash"], third["topics"]["sensor"]["hash"]);
+    assert_ne!(
+        first["topics"]["sensor"]["hash"],
+        third["topics"]["sensor"]["hash"]
+    );
 }
 
 #[test]
 fn one_thread_gives_the_bytes_that_five_processes_give() {
     let summary = Desk::new().run(&["--no-record"]);
-    let scenario = shared_types::scenario::Scenario::parse("built in", sim::scenarios::text("fig5-wrist-rotation").unwrap(), &[]).unwrap();
+    let scenario = shared_types::scenario::Scenario::parse(
+        "built in",
+        sim::scenarios::text("fig5-wrist-rotation").unwrap(),
+        &[],
+    )
+    .unwrap();
     let robot = model::Robot::builtin(&scenario.robot).unwrap();
     struct Hashes;
     impl Family for Hashes {
@@ -43,7 +51,11 @@ fn one_thread_gives_the_bytes_that_five_processes_give() {
             if topics::STEERED.contains(&topic) {
                 return;
             }
-            assert_eq!(self.1["topics"][topic]["hash"], format!("{:016x}", hash.digest()), "{topic}");
+            assert_eq!(
+                self.1["topics"][topic]["hash"],
+                format!("{:016x}", hash.digest()),
+                "{topic}"
+            );
             assert_eq!(self.1["topics"][topic]["count"], hash.count(), "{topic}");
         }
     }
@@ -59,8 +71,24 @@ fn one_thread_gives_the_bytes_that_five_processes_give() {
 fn two_runs_side_by_side_do_not_disturb_each_other() {
     let desk = Desk::new();
     let (one, two) = (
-        desk.start(&["run", "--seed", "9", "--no-record", "--json", "--out", "one"]),
-        desk.start(&["run", "--seed", "9", "--no-record", "--json", "--out", "two"]),
+        desk.start(&[
+            "run",
+            "--seed",
+            "9",
+            "--no-record",
+            "--json",
+            "--out",
+            "one",
+        ]),
+        desk.start(&[
+            "run",
+            "--seed",
+            "9",
+            "--no-record",
+            "--json",
+            "--out",
+            "two",
+        ]),
     );
     let (one, two) = (crate::command::finish(one), crate::command::finish(two));
     assert_eq!((one.code, two.code), (0, 0), "{}{}", one.err, two.err);

@@ -15,27 +15,48 @@ pub(crate) fn root() -> &'static Path {
 
 /// Whether Python is there, with these modules.
 pub(crate) fn has_python(modules: &str) -> bool {
-    let code = if modules.is_empty() { String::new() } else { format!("import {modules}") };
-    Command::new("python3").args(["-c", &code]).stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok_and(|status| status.success())
+    let code = if modules.is_empty() {
+        String::new()
+    } else {
+        format!("import {modules}")
+    };
+    Command::new("python3")
+        .args(["-c", &code])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status()
+        .is_ok_and(|status| status.success())
 }
 
 /// `armplane` with the Python package of the repository in the path of its programs.
 pub(crate) fn armplane(desk: &Desk, args: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_armplane"));
-    command.args(args).current_dir(desk.path()).env("PYTHONPATH", root().join("python")).env("PYTHONDONTWRITEBYTECODE", "1");
-    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+        .args(args)
+        .current_dir(desk.path())
+        .env("PYTHONPATH", root().join("python"))
+        .env("PYTHONDONTWRITEBYTECODE", "1");
+    command
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
     command
 }
 
 pub(crate) fn run(desk: &Desk, args: &[&str]) -> Said {
     let said = finish(armplane(desk, args).spawn().expect("armplane starts"));
     assert_nothing_left(said.launcher);
-    assert_eq!(programs_of(said.launcher), Vec::<i32>::new(), "a program outlives its run");
+    assert_eq!(
+        programs_of(said.launcher),
+        Vec::<i32>::new(),
+        "a program outlives its run"
+    );
     said
 }
 
 pub(crate) fn summary(said: &Said) -> Value {
-    serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err))
+    serde_json::from_str(&said.out)
+        .unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err))
 }
 
 /// Programs that have an exchange page of a launcher's run in their environment.
@@ -48,7 +69,10 @@ pub(crate) fn programs_of(launcher: u32) -> Vec<i32> {
             .map(String::from_utf8_lossy)
             .any(|entry| entry.starts_with("ARMPLANE_EXCHANGE=") && entry.contains(&marker))
     };
-    let pids = std::fs::read_dir("/proc").expect("proc").flatten().filter_map(|entry| entry.file_name().to_str()?.parse().ok());
+    let pids = std::fs::read_dir("/proc")
+        .expect("proc")
+        .flatten()
+        .filter_map(|entry| entry.file_name().to_str()?.parse().ok());
     pids.filter(is_one).collect()
 }
 
@@ -144,7 +168,11 @@ pub(crate) fn scenario(desk: &Desk, faults: &str) -> PathBuf {
 
 fn restarts(summary: &Value, name: &str) -> u64 {
     let processes = summary["processes"].as_array().expect("processes");
-    processes.iter().find(|process| process["name"] == name).and_then(|process| process["restarts"].as_u64()).expect("the process")
+    processes
+        .iter()
+        .find(|process| process["name"] == name)
+        .and_then(|process| process["restarts"].as_u64())
+        .expect("the process")
 }
 
 #[test]
@@ -156,17 +184,49 @@ fn a_process_in_python_is_as_deterministic_as_ours_faults_included() {
     let faults = "\n[[fault]]\nprocess = \"estimator\"\nkind = \"kill\"\nat_tick = 150\nfor_ticks = 2\n\
                   \n[[fault]]\nprocess = \"estimator\"\nkind = \"drop\"\nat_tick = 300\nfor_ticks = 40\nprobability = 0.2\n";
     estimator(&desk, "", "always", faults);
-    let (first, second) = (run(&desk, &["run", "short.toml", "--json"]), run(&desk, &["run", "short.toml", "--json"]));
+    let (first, second) = (
+        run(&desk, &["run", "short.toml", "--json"]),
+        run(&desk, &["run", "short.toml", "--json"]),
+    );
     assert_eq!(first.code, 0, "{}", first.err);
     let (first, second) = (summary(&first), summary(&second));
     assert_eq!(first["topics"], second["topics"], "the same bytes twice");
-    assert_eq!((restarts(&first, "estimator"), &first["outcome"]), (1, &Value::from("goal reached")), "{}", first["faults"]);
-    assert!(first["faults"].as_array().unwrap().iter().all(|fault| fault["occurred"] == true), "{}", first["faults"]);
+    assert_eq!(
+        (restarts(&first, "estimator"), &first["outcome"]),
+        (1, &Value::from("goal reached")),
+        "{}",
+        first["faults"]
+    );
+    assert!(
+        first["faults"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .all(|fault| fault["occurred"] == true),
+        "{}",
+        first["faults"]
+    );
     // The requests to the program are on record: the controller behind it computes the same again.
     let replayed = run(&desk, &["replay", "runs/short-001"]);
     assert_eq!(replayed.code, 0, "{}{}", replayed.out, replayed.err);
-    let verified = run(&desk, &["verify", "short.toml", "--runs", "2", "--set", "segment.0.duration_s=0.3", "--json"]);
-    assert_eq!((verified.code, &summary(&verified)["identical"]), (0, &Value::from(true)), "{}", verified.err);
+    let verified = run(
+        &desk,
+        &[
+            "verify",
+            "short.toml",
+            "--runs",
+            "2",
+            "--set",
+            "segment.0.duration_s=0.3",
+            "--json",
+        ],
+    );
+    assert_eq!(
+        (verified.code, &summary(&verified)["identical"]),
+        (0, &Value::from(true)),
+        "{}",
+        verified.err
+    );
 }
 
 #[test]
@@ -176,36 +236,70 @@ fn bad_programs_are_named_in_the_log_and_among_the_faults() {
     }
     let cases = [
         ("dies", "ended with exit code 7 at tick 200"),
-        ("nan", "wrote a number that is not finite into q of `estimate` at tick 200"),
+        (
+            "nan",
+            "wrote a number that is not finite into q of `estimate` at tick 200",
+        ),
         ("tick", "answered tick 7 where tick 200 was asked"),
         ("silent", "has not answered tick 200 within 1 s"),
         ("count", "wrote the count of answers 9999 at tick 200"),
         ("code", "gave the answer 77 at tick 200"),
-        ("state", "says of its checkpoint of tick 200 that it has 1073741824 bytes; there is room for 4096"),
+        (
+            "state",
+            "says of its checkpoint of tick 200 that it has 1073741824 bytes; there is room for 4096",
+        ),
         ("raises", "cannot go on at tick 200: ValueError: no idea"),
-        ("garbage", "wrote the count of answers 4294967295 at tick 200"),
+        (
+            "garbage",
+            "wrote the count of answers 4294967295 at tick 200",
+        ),
         ("cut", "has cut its exchange page short"),
-        ("version", "speaks version 7 of the exchange page, armplane speaks version 1"),
-        ("layout", "uses armplane.SensorSample.v2 (0000000000000123) for `sensor`, armplane uses armplane.SensorSample.v"),
+        (
+            "version",
+            "speaks version 7 of the exchange page, armplane speaks version 1",
+        ),
+        (
+            "layout",
+            "uses armplane.SensorSample.v2 (0000000000000123) for `sensor`, armplane uses armplane.SensorSample.v",
+        ),
         ("absent", "ended with exit code 0 before it joined"),
-        ("refuses", "refuses the exchange page: RuntimeError: no licence"),
+        (
+            "refuses",
+            "refuses the exchange page: RuntimeError: no licence",
+        ),
     ];
     for (how, expected) in cases {
         let desk = Desk::new();
         estimator(&desk, how, "never", "");
         let said = run(&desk, &["run", "short.toml", "--no-record", "--json"]);
         assert_eq!(said.code, 1, "{how}: {}", said.err);
-        assert!(said.err.contains(&format!("the program of estimator {expected}")), "{how}: {}", said.err);
+        assert!(
+            said.err
+                .contains(&format!("the program of estimator {expected}")),
+            "{how}: {}",
+            said.err
+        );
         let summary = summary(&said);
         let faults = &summary["faults"];
-        assert_eq!((&faults[0]["plan"]["process"], &faults[0]["origin"]), (&"estimator".into(), &"detected".into()), "{how}: {faults}");
+        assert_eq!(
+            (&faults[0]["plan"]["process"], &faults[0]["origin"]),
+            (&"estimator".into(), &"detected".into()),
+            "{how}: {faults}"
+        );
         assert_eq!(
             (faults.as_array().unwrap().len(), &faults[0]["kind"]),
-            (1, &Value::from(if how == "cut" { "signal" } else { "exit" })),
+            (
+                1,
+                &Value::from(if how == "cut" { "signal" } else { "exit" })
+            ),
             "{faults}"
         );
         let (tick, reason) = (&faults[0]["tick"], summary["reason"].as_str().unwrap());
-        assert!(reason.contains(&format!(" at tick {tick}")) && reason.contains(": the program of estimator"), "{how}: {reason}: {faults}");
+        assert!(
+            reason.contains(&format!(" at tick {tick}"))
+                && reason.contains(": the program of estimator"),
+            "{how}: {reason}: {faults}"
+        );
     }
 }
 
@@ -219,16 +313,37 @@ fn the_graph_decides_whether_a_bad_program_is_started_again() {
     let said = run(&desk, &["run", "short.toml", "--json"]);
     let first = summary(&said);
     // A tenth of a second without torque in the middle of the motion leaves its mark on the path; the run goes to its end.
-    assert_eq!((restarts(&first, "estimator"), &first["completed"]), (1, &Value::from(true)), "{}", said.err);
+    assert_eq!(
+        (restarts(&first, "estimator"), &first["completed"]),
+        (1, &Value::from(true)),
+        "{}",
+        said.err
+    );
     let faults = first["faults"].as_array().unwrap();
-    assert_eq!((faults.len(), &faults[0]["plan"]["at_tick"]), (1, &Value::from(200)), "{faults:?}");
+    assert_eq!(
+        (faults.len(), &faults[0]["plan"]["at_tick"]),
+        (1, &Value::from(200)),
+        "{faults:?}"
+    );
     assert!(faults[0]["recovered_ms"].is_number(), "{faults:?}");
     let detail = faults[0]["detail"].as_str().unwrap();
     let expected = "estimator ended with exit code 1 at tick 200; its replacement answers from tick 300 on; its last line: the program of estimator ended with exit code 7";
-    assert!(faults[0]["kind"] == "exit" && detail.starts_with(expected), "{faults:?}");
+    assert!(
+        faults[0]["kind"] == "exit" && detail.starts_with(expected),
+        "{faults:?}"
+    );
     // The run leaves the scenario in which that death is planned; the program lives, and the shell dies instead: the same bytes.
     estimator(&desk, "", "always", "");
-    let again = summary(&run(&desk, &["run", "runs/short-001/scenario.toml", "--graph", "graph.toml", "--json"]));
+    let again = summary(&run(
+        &desk,
+        &[
+            "run",
+            "runs/short-001/scenario.toml",
+            "--graph",
+            "graph.toml",
+            "--json",
+        ],
+    ));
     assert_eq!(again["topics"], first["topics"]);
 }
 
@@ -243,27 +358,68 @@ fn a_program_that_is_killed_before_it_joins_is_replaced() {
         return skipped("there is no python3");
     }
     // By a signal; and in a shell that gives the signal as its exit code.
-    for how in ["kill -KILL $$", "sh -c 'kill -KILL $$'; exit $?", "kill -TERM $$"] {
+    for how in [
+        "kill -KILL $$",
+        "sh -c 'kill -KILL $$'; exit $?",
+        "kill -TERM $$",
+    ] {
         let desk = Desk::new();
         estimator(&desk, "", "always", "");
         let graph = std::fs::read_to_string(desk.path().join("graph.toml")).expect("the graph");
         let ours = "[\"python3\", \"estimator.py\", \"\"]";
         assert!(graph.contains(ours), "{graph}");
-        desk.file("graph.toml", &graph.replace(ours, &killed_first(how, "python3 estimator.py")));
+        desk.file(
+            "graph.toml",
+            &graph.replace(ours, &killed_first(how, "python3 estimator.py")),
+        );
         let said = run(&desk, &["run", "short.toml", "--json"]);
         let first = summary(&said);
-        assert_eq!((restarts(&first, "estimator"), &first["outcome"]), (1, &Value::from("goal reached")), "{how}: {}", said.err);
+        assert_eq!(
+            (restarts(&first, "estimator"), &first["outcome"]),
+            (1, &Value::from("goal reached")),
+            "{how}: {}",
+            said.err
+        );
         let fault = &first["faults"][0];
-        let kind = if how.contains("TERM") { "signal" } else { "kill" };
-        assert_eq!((&fault["kind"], &fault["tick"], &fault["process"]), (&kind.into(), &0.into(), &"estimator".into()), "{fault}");
-        assert!(fault["detail"].as_str().is_some_and(|detail| detail.contains("before it joined")), "{fault}");
+        let kind = if how.contains("TERM") {
+            "signal"
+        } else {
+            "kill"
+        };
+        assert_eq!(
+            (&fault["kind"], &fault["tick"], &fault["process"]),
+            (&kind.into(), &0.into(), &"estimator".into()),
+            "{fault}"
+        );
+        assert!(
+            fault["detail"]
+                .as_str()
+                .is_some_and(|detail| detail.contains("before it joined")),
+            "{fault}"
+        );
         // The file `once` is there: the plan kills it now.
-        let again = summary(&run(&desk, &["run", "runs/short-001/scenario.toml", "--json"]));
-        assert_eq!((&again["topics"], restarts(&again, "estimator")), (&first["topics"], 1), "{how}");
-        desk.file("graph.toml", &std::fs::read_to_string(desk.path().join("graph.toml")).unwrap().replace("\"always\"", "\"never\""));
+        let again = summary(&run(
+            &desk,
+            &["run", "runs/short-001/scenario.toml", "--json"],
+        ));
+        assert_eq!(
+            (&again["topics"], restarts(&again, "estimator")),
+            (&first["topics"], 1),
+            "{how}"
+        );
+        desk.file(
+            "graph.toml",
+            &std::fs::read_to_string(desk.path().join("graph.toml"))
+                .unwrap()
+                .replace("\"always\"", "\"never\""),
+        );
         std::fs::remove_file(desk.path().join("once")).expect("the mark");
         let said = run(&desk, &["run", "short.toml", "--json"]);
-        assert!(said.code == 1 && said.err.contains("the program of estimator ended with"), "{how}: {}", said.err);
+        assert!(
+            said.code == 1 && said.err.contains("the program of estimator ended with"),
+            "{how}: {}",
+            said.err
+        );
     }
 }
 
@@ -271,14 +427,29 @@ fn a_program_that_is_killed_before_it_joins_is_replaced() {
 fn a_program_of_its_own_that_is_killed_before_it_joins_is_replaced() {
     for how in ["kill -KILL $$", "sh -c 'kill -KILL $$'; exit $?"] {
         let desk = Desk::new();
-        let command = killed_first(how, &format!("{} estimator", env!("CARGO_BIN_EXE_armplane")));
-        let process =
-            format!("name = \"estimator\"\ncommand = {command}\nreads = [\"sensor\"]\nwrites = [\"estimate\"]\nrestart = \"always\"\n");
-        desk.file("graph.toml", &format!("extends = \"armplane\"\n[[process]]\n{process}"));
+        let command = killed_first(
+            how,
+            &format!("{} estimator", env!("CARGO_BIN_EXE_armplane")),
+        );
+        let process = format!(
+            "name = \"estimator\"\ncommand = {command}\nreads = [\"sensor\"]\nwrites = [\"estimate\"]\nrestart = \"always\"\n"
+        );
+        desk.file(
+            "graph.toml",
+            &format!("extends = \"armplane\"\n[[process]]\n{process}"),
+        );
         scenario(&desk, "");
         let first = summary(&run(&desk, &["run", "short.toml", "--json"]));
-        assert_eq!((restarts(&first, "estimator"), &first["outcome"]), (1, &Value::from("goal reached")), "{how}: {}", first["faults"]);
-        let again = summary(&run(&desk, &["run", "runs/short-001/scenario.toml", "--json"]));
+        assert_eq!(
+            (restarts(&first, "estimator"), &first["outcome"]),
+            (1, &Value::from("goal reached")),
+            "{how}: {}",
+            first["faults"]
+        );
+        let again = summary(&run(
+            &desk,
+            &["run", "runs/short-001/scenario.toml", "--json"],
+        ));
         assert_eq!(again["topics"], first["topics"], "{how}");
     }
 }
@@ -287,7 +458,10 @@ fn a_program_of_its_own_that_is_killed_before_it_joins_is_replaced() {
 fn with_descendants(desk: &Desk, then: &str) {
     let command = format!("sleep 600 & setsid sleep 601 & sleep 0.3; {then}");
     let process = "[[process]]\nname = \"watch\"\nexchange = true\nreads = [\"estimate\"]\n";
-    desk.file("graph.toml", &format!("extends = \"armplane\"\n{process}command = [\"sh\", \"-c\", \"{command}\"]\n"));
+    desk.file(
+        "graph.toml",
+        &format!("extends = \"armplane\"\n{process}command = [\"sh\", \"-c\", \"{command}\"]\n"),
+    );
 }
 
 #[test]
@@ -296,20 +470,33 @@ fn the_descendants_of_a_program_end_with_the_run() {
     with_descendants(&desk, "exit 3");
     // `run` looks for programs that are left.
     let said = run(&desk, &["run", "--graph", "graph.toml", "--no-record"]);
-    assert!(said.code == 1 && said.err.contains("the program of watch ended with exit code 3 before it joined"), "{}", said.err);
+    assert!(
+        said.code == 1
+            && said
+                .err
+                .contains("the program of watch ended with exit code 3 before it joined"),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
 fn the_descendants_of_a_program_end_with_a_killed_launcher() {
     let desk = Desk::new();
     with_descendants(&desk, "sleep 602");
-    let launcher = armplane(&desk, &["run", "--graph", "graph.toml", "--no-record"]).spawn().expect("armplane starts");
+    let launcher = armplane(&desk, &["run", "--graph", "graph.toml", "--no-record"])
+        .spawn()
+        .expect("armplane starts");
     let id = launcher.id();
     until("the program to start others", || programs_of(id).len() >= 4);
     crate::life::signal(id as i32, "KILL");
     finish(launcher);
-    until("the program and its descendants to go", || programs_of(id).is_empty());
-    until("the processes to go", || crate::command::children_of_run(id).is_empty());
+    until("the program and its descendants to go", || {
+        programs_of(id).is_empty()
+    });
+    until("the processes to go", || {
+        crate::command::children_of_run(id).is_empty()
+    });
     assert_eq!(desk.armplane(&["clean"]).code, 0);
     assert_nothing_left(id);
 }
@@ -319,9 +506,19 @@ fn a_full_volume_is_refused_where_it_would_have_no_effect() {
     let desk = Desk::new();
     let process = "[[process]]\nname = \"watch\"\nexchange = true\nreads = [\"estimate\"]\ncommand = [\"true\"]\n";
     desk.file("graph.toml", &format!("extends = \"armplane\"\n{process}"));
-    scenario(&desk, "\n[[fault]]\nprocess = \"watch\"\nkind = \"disk-full\"\nat_tick = 10\n");
+    scenario(
+        &desk,
+        "\n[[fault]]\nprocess = \"watch\"\nkind = \"disk-full\"\nat_tick = 10\n",
+    );
     let said = run(&desk, &["run", "short.toml"]);
-    assert!(said.code == 2 && said.err.contains("`disk-full` cannot happen to watch: its program writes its files itself"), "{}", said.err);
+    assert!(
+        said.code == 2
+            && said.err.contains(
+                "`disk-full` cannot happen to watch: its program writes its files itself"
+            ),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
@@ -329,12 +526,20 @@ fn a_ninth_process_with_time_stamps_is_refused() {
     let desk = Desk::new();
     let mut text = String::from("extends = \"armplane\"\n");
     for number in 1..=5 {
-        text += &format!("[[topic]]\nname = \"t{number}\"\ntype = \"A.B{number}.v1\"\nfields = [\"header: Header\", \"v: f64\"]\n");
-        text += &format!("[[process]]\nname = \"p{number}\"\ncommand = [\"true\"]\nreads = [\"estimate\"]\nwrites = [\"t{number}\"]\n");
+        text += &format!(
+            "[[topic]]\nname = \"t{number}\"\ntype = \"A.B{number}.v1\"\nfields = [\"header: Header\", \"v: f64\"]\n"
+        );
+        text += &format!(
+            "[[process]]\nname = \"p{number}\"\ncommand = [\"true\"]\nreads = [\"estimate\"]\nwrites = [\"t{number}\"]\n"
+        );
     }
     desk.file("graph.toml", &text);
     let said = run(&desk, &["run", "--graph", "graph.toml"]);
-    assert!(said.code == 2 && said.err.contains("9 processes write messages"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("9 processes write messages"),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
@@ -344,11 +549,12 @@ fn an_external_program_is_awaited() {
     }
     let desk = Desk::new();
     let program = desk.file("estimator.py", ESTIMATOR);
-    let graph =
-        "extends = \"armplane\"\n[[process]]\nname = \"estimator\"\nexternal = true\nreads = [\"sensor\"]\nwrites = [\"estimate\"]\n";
+    let graph = "extends = \"armplane\"\n[[process]]\nname = \"estimator\"\nexternal = true\nreads = [\"sensor\"]\nwrites = [\"estimate\"]\n";
     desk.file("graph.toml", graph);
     scenario(&desk, "");
-    let mut launcher = armplane(&desk, &["run", "short.toml", "--no-record", "--json"]).spawn().expect("armplane starts");
+    let mut launcher = armplane(&desk, &["run", "short.toml", "--no-record", "--json"])
+        .spawn()
+        .expect("armplane starts");
     let said = BufReader::new(launcher.stderr.take().expect("piped"));
     let page = said.lines().map_while(Result::ok).find_map(|line| {
         let (_, rest) = line.split_once("ARMPLANE_EXCHANGE=")?;
@@ -363,7 +569,11 @@ fn an_external_program_is_awaited() {
         .status()
         .expect("python3 runs");
     let said = finish(launcher);
-    assert!(started.success() && said.code == 0, "{started}: {}", said.out);
+    assert!(
+        started.success() && said.code == 0,
+        "{started}: {}",
+        said.out
+    );
     assert_eq!(summary(&said)["outcome"], "goal reached");
     assert_nothing_left(said.launcher);
 }
@@ -385,5 +595,9 @@ fn an_observer_in_python_sees_every_tick() {
     let said = run(&desk, &["run", "short.toml", "--no-record", "--json"]);
     assert_eq!(said.code, 0, "{}", said.err);
     let ticks = summary(&said)["ticks"].as_u64().expect("ticks");
-    assert!(said.err.contains(&format!("saw {ticks} ticks")), "{ticks}: {}", said.err);
+    assert!(
+        said.err.contains(&format!("saw {ticks} ticks")),
+        "{ticks}: {}",
+        said.err
+    );
 }

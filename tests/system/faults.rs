@@ -36,21 +36,39 @@ fn planned_deaths_and_lost_messages_give_the_same_bytes_every_time_and_the_goal_
     for (i, one) in plan.iter().enumerate() {
         let desk = Desk::new();
         // The last one comes with all others: the drill's pairs, and more.
-        let faults = if i + 1 == plan.len() { plan.concat() } else { one.clone() };
+        let faults = if i + 1 == plan.len() {
+            plan.concat()
+        } else {
+            one.clone()
+        };
         desk.file("s.toml", &scenario(&faults));
         let runs = ["a", "b"].map(|out| {
             let said = desk.armplane(&["run", "s.toml", "--json", "--out", out]);
             assert_nothing_left(said.launcher);
-            let summary: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+            let summary: Value = serde_json::from_str(&said.out)
+                .unwrap_or_else(|error| panic!("{error}: {}", said.err));
             // It strays on its way, and gets there.
             assert_eq!(summary["completed"], true, "{faults}\n{}", said.err);
-            assert!(summary["task"]["final_position_mm"].as_f64().unwrap() < 1.0, "{}", summary["task"]);
+            assert!(
+                summary["task"]["final_position_mm"].as_f64().unwrap() < 1.0,
+                "{}",
+                summary["task"]
+            );
             summary
         });
         assert_eq!(topics(&runs[0]), topics(&runs[1]), "{faults}");
         // Together, the dead send nothing that could be corrupted.
-        let injected = runs[0]["faults"].as_array().unwrap().iter().filter(|fault| fault["occurred"] == true).count();
-        assert!(injected == 1 || i + 1 == plan.len() && injected + 1 >= plan.len(), "{}", runs[0]["faults"]);
+        let injected = runs[0]["faults"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter(|fault| fault["occurred"] == true)
+            .count();
+        assert!(
+            injected == 1 || i + 1 == plan.len() && injected + 1 >= plan.len(),
+            "{}",
+            runs[0]["faults"]
+        );
         assert!(runs[0]["joints"]["torque_max_ratio"].as_f64().unwrap() <= 1.0);
     }
 }
@@ -59,16 +77,38 @@ fn planned_deaths_and_lost_messages_give_the_same_bytes_every_time_and_the_goal_
 fn an_estimate_that_no_arm_can_have_moved_to_gets_no_torque() {
     for (field, amount) in [("q[1]", "1e6"), ("qdot[4]", "1000.0")] {
         let desk = Desk::new();
-        let corrupt = format!("as = \"huge\"\nfield = \"{field}\"\namount = {amount}\nfor_ticks = 80");
-        desk.file("absurd.toml", &scenario(&fault("estimator", "corrupt", &corrupt)));
+        let corrupt =
+            format!("as = \"huge\"\nfield = \"{field}\"\namount = {amount}\nfor_ticks = 80");
+        desk.file(
+            "absurd.toml",
+            &scenario(&fault("estimator", "corrupt", &corrupt)),
+        );
         let summary = desk.run(&["absurd.toml", "--no-record"]);
-        assert_eq!(summary["faults"][0]["occurred"], true, "{}", summary["faults"]);
-        assert_eq!(summary["outcome"], "goal reached", "{field}: {}", summary["reason"]);
-        assert!(summary["reason"].as_str().unwrap().contains("set aside for 80 ticks"), "{field}: {}", summary["reason"]);
+        assert_eq!(
+            summary["faults"][0]["occurred"], true,
+            "{}",
+            summary["faults"]
+        );
+        assert_eq!(
+            summary["outcome"], "goal reached",
+            "{field}: {}",
+            summary["reason"]
+        );
+        assert!(
+            summary["reason"]
+                .as_str()
+                .unwrap()
+                .contains("set aside for 80 ticks"),
+            "{field}: {}",
+            summary["reason"]
+        );
         // It takes 22 % of the limits to follow the path, and as much to be brought to rest: not the full torque of 80 ms.
         let torque = summary["joints"]["torque_max_ratio"].as_f64().unwrap();
         assert!(torque < 0.3, "{field}: {torque} of the torque limit");
-        assert!(summary["joints"]["speed_max_ratio"].as_f64().unwrap() < 0.3, "{field}");
+        assert!(
+            summary["joints"]["speed_max_ratio"].as_f64().unwrap() < 0.3,
+            "{field}"
+        );
     }
 }
 
@@ -77,9 +117,16 @@ fn a_killed_recorder_loses_nothing_in_lockstep() {
     let desk = Desk::new();
     desk.file("whole.toml", &scenario(""));
     desk.file("killed.toml", &scenario(&fault("recorder", "kill", "")));
-    let (whole, killed) = (desk.run(&["whole.toml", "--out", "a"]), desk.run(&["killed.toml", "--out", "b"]));
+    let (whole, killed) = (
+        desk.run(&["whole.toml", "--out", "a"]),
+        desk.run(&["killed.toml", "--out", "b"]),
+    );
     assert_eq!(topics(&whole), topics(&killed));
-    assert_eq!((&whole["task"], &whole["joints"]), (&killed["task"], &killed["joints"]), "the figures too");
+    assert_eq!(
+        (&whole["task"], &whole["joints"]),
+        (&killed["task"], &killed["joints"]),
+        "the figures too"
+    );
     assert_eq!(killed["recorder"]["parts"], 2);
     assert!(desk.path().join("b/run-001.rrd").exists());
 }
@@ -88,11 +135,18 @@ fn a_killed_recorder_loses_nothing_in_lockstep() {
 fn a_recorder_killed_from_outside_loses_nothing_either() {
     let desk = Desk::new();
     let long = ["run", "--set", "segment.1.duration_s=30", "--json", "--out"];
-    let whole: Value = serde_json::from_str(&desk.armplane(&[&long[..], &["whole"]].concat()).out).unwrap();
+    let whole: Value =
+        serde_json::from_str(&desk.armplane(&[&long[..], &["whole"]].concat()).out).unwrap();
     let child = desk.start(&[&long[..], &["killed"]].concat());
     let kept = desk.path().join("killed/messages/torque.log");
-    until("messages to be kept", || std::fs::metadata(&kept).is_ok_and(|file| file.len() > 500_000));
-    let victim = children_of_run(child.id()).into_iter().find(|(name, _)| name == "recorder").unwrap().1;
+    until("messages to be kept", || {
+        std::fs::metadata(&kept).is_ok_and(|file| file.len() > 500_000)
+    });
+    let victim = children_of_run(child.id())
+        .into_iter()
+        .find(|(name, _)| name == "recorder")
+        .unwrap()
+        .1;
     signal(victim, "KILL");
     let said = finish(child);
     assert_eq!(said.code, 0, "{}", said.err);
@@ -103,7 +157,10 @@ fn a_recorder_killed_from_outside_loses_nothing_either() {
         (&killed["task"], &killed["joints"], &killed["modes"]),
         "and the figures"
     );
-    assert_eq!((&killed["faults"][0]["origin"], &killed["recorder"]["parts"]), (&"detected".into(), &2.into()));
+    assert_eq!(
+        (&killed["faults"][0]["origin"], &killed["recorder"]["parts"]),
+        (&"detected".into(), &2.into())
+    );
     let mut ticks = Vec::new();
     let collect = |piece: viz::Piece| {
         if let viz::Piece::Rows(rows) = piece {
@@ -113,7 +170,11 @@ fn a_recorder_killed_from_outside_loses_nothing_either() {
     };
     viz::read(&viz::parts_in(&desk.path().join("killed")), collect).unwrap();
     ticks.sort_unstable();
-    assert_eq!(ticks, (0..killed["ticks"].as_u64().unwrap()).collect::<Vec<_>>(), "every tick once in the recording");
+    assert_eq!(
+        ticks,
+        (0..killed["ticks"].as_u64().unwrap()).collect::<Vec<_>>(),
+        "every tick once in the recording"
+    );
     assert_nothing_left(said.launcher);
 }
 
@@ -122,17 +183,34 @@ fn a_recorder_killed_from_outside_loses_nothing_either() {
 fn a_recorder_killed_from_outside_loses_nothing_where_no_message_is_kept() {
     let desk = Desk::new();
     let long = ["run", "--set", "segment.1.duration_s=20", "--json"];
-    let whole: Value = serde_json::from_str(&desk.armplane(&[&long[..], &["--no-record"]].concat()).out).unwrap();
+    let whole: Value =
+        serde_json::from_str(&desk.armplane(&[&long[..], &["--no-record"]].concat()).out).unwrap();
     for none in ["--no-record", "--no-messages"] {
         let child = desk.start(&[&long[..], &[none]].concat());
         // Further than the retainers reach back, and not just behind a checkpoint that is due for its age.
-        until("thousands of ticks", || crate::patience::ticks(&child) > 6_000);
-        let victim = children_of_run(child.id()).into_iter().find(|(name, _)| name == "recorder").unwrap().1;
+        until("thousands of ticks", || {
+            crate::patience::ticks(&child) > 6_000
+        });
+        let victim = children_of_run(child.id())
+            .into_iter()
+            .find(|(name, _)| name == "recorder")
+            .unwrap()
+            .1;
         signal(victim, "KILL");
         let said = finish(child);
-        let killed: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
-        assert_eq!((said.code, &killed["recorder"]["lost"]), (0, &0.into()), "{none}: {}", said.err);
-        assert_eq!(killed["faults"].as_array().map(Vec::len), Some(1), "{none}: the run ended before the kill");
+        let killed: Value =
+            serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+        assert_eq!(
+            (said.code, &killed["recorder"]["lost"]),
+            (0, &0.into()),
+            "{none}: {}",
+            said.err
+        );
+        assert_eq!(
+            killed["faults"].as_array().map(Vec::len),
+            Some(1),
+            "{none}: the run ended before the kill"
+        );
         assert_eq!(
             (topics(&whole), &whole["task"]),
             (topics(&killed), &killed["task"]),
@@ -144,7 +222,14 @@ fn a_recorder_killed_from_outside_loses_nothing_where_no_message_is_kept() {
 #[test]
 fn a_live_fault_is_recorded_and_its_run_can_be_repeated() {
     let desk = Desk::new();
-    let child = desk.start(&["run", "--set", "segment.1.duration_s=12", "--json", "--out", "live"]);
+    let child = desk.start(&[
+        "run",
+        "--set",
+        "segment.1.duration_s=12",
+        "--json",
+        "--out",
+        "live",
+    ]);
     let run = format!("-{}-", child.id());
     until("the run to take a fault", || {
         let runs: Value = serde_json::from_str(&desk.armplane(&["doctor", "--json"]).out).unwrap();
@@ -155,12 +240,29 @@ fn a_live_fault_is_recorded_and_its_run_can_be_repeated() {
             .filter_map(|one| one["run"].as_str())
             .find(|name| name.contains(&run))
             .map(str::to_owned);
-        name.is_some_and(|name| desk.armplane(&["fault", "controller", "kill", "--for", "50ms", "--run", &name]).code == 0)
+        name.is_some_and(|name| {
+            desk.armplane(&[
+                "fault",
+                "controller",
+                "kill",
+                "--for",
+                "50ms",
+                "--run",
+                &name,
+            ])
+            .code
+                == 0
+        })
     });
     let said = finish(child);
     assert_eq!(said.code, 0, "{}", said.err);
     let live: Value = serde_json::from_str(&said.out).unwrap();
-    assert_eq!((&live["faults"][0]["origin"], &live["faults"][0]["occurred"]), (&"live".into(), &true.into()), "{}", live["faults"]);
+    assert_eq!(
+        (&live["faults"][0]["origin"], &live["faults"][0]["occurred"]),
+        (&"live".into(), &true.into()),
+        "{}",
+        live["faults"]
+    );
     let again = desk.run(&["live/scenario.toml", "--out", "again"]);
     assert_eq!(topics(&live), topics(&again));
     assert_eq!(again["faults"][0]["origin"], "planned");
@@ -170,75 +272,186 @@ fn a_live_fault_is_recorded_and_its_run_can_be_repeated() {
 #[test]
 fn a_budget_that_is_spent_ends_the_run_with_a_sentence() {
     let desk = Desk::new();
-    let kills = |k: usize| format!("[[fault]]\nprocess = \"controller\"\nkind = \"kill\"\nat_tick = {}\nfor_ticks = 10\n", 100 * (k + 1));
+    let kills = |k: usize| {
+        format!(
+            "[[fault]]\nprocess = \"controller\"\nkind = \"kill\"\nat_tick = {}\nfor_ticks = 10\n",
+            100 * (k + 1)
+        )
+    };
     desk.file("s.toml", &scenario(&(0..6).map(kills).collect::<String>()));
     let said = desk.armplane(&["run", "s.toml", "--out", "r"]);
     assert_eq!(said.code, 1);
-    assert!(said.err.contains("at tick 600 after 5 restarts, all that its budget allows"), "{}", said.err);
+    assert!(
+        said.err
+            .contains("at tick 600 after 5 restarts, all that its budget allows"),
+        "{}",
+        said.err
+    );
     assert_nothing_left(said.launcher);
     // The tick is that of the last death, wherever the plan lists it.
-    desk.file("s.toml", &scenario(&(0..6).map(|k| kills((k + 5) % 6)).collect::<String>()));
+    desk.file(
+        "s.toml",
+        &scenario(&(0..6).map(|k| kills((k + 5) % 6)).collect::<String>()),
+    );
     let said = desk.armplane(&["run", "s.toml", "--out", "r"]);
-    assert!(said.code == 1 && said.err.contains("controller") && said.err.contains("at tick 600 after 5 restarts"), "{}", said.err);
+    assert!(
+        said.code == 1
+            && said.err.contains("controller")
+            && said.err.contains("at tick 600 after 5 restarts"),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
 fn drill_judges_a_cell_and_takes_only_cells_that_exist() {
     let desk = Desk::new();
     desk.file("s.toml", &scenario(""));
-    for cell in ["controller:kill", "plant:kill", "recorder:disk-full", "plant:delay", "controller:zombie"] {
+    for cell in [
+        "controller:kill",
+        "plant:kill",
+        "recorder:disk-full",
+        "plant:delay",
+        "controller:zombie",
+    ] {
         let said = desk.armplane(&["drill", "s.toml", "--only", cell, "--json"]);
         assert_eq!(said.code, 0, "{}\n{}", said.out, said.err);
         let drill: Value = serde_json::from_str(&said.out).unwrap();
         let one = &drill["cells"][0];
-        assert_eq!((&drill["passed"], &one["replayed_identically"]), (&true.into(), &true.into()), "{one}");
-        assert!(one["stale_ticks"].as_u64().unwrap() <= 3 && one["torque_max_ratio"].as_f64().unwrap() <= 1.0, "{one}");
-        assert_eq!(one["goal_reached"], !cell.starts_with("plant:kill"), "{one}");
+        assert_eq!(
+            (&drill["passed"], &one["replayed_identically"]),
+            (&true.into(), &true.into()),
+            "{one}"
+        );
+        assert!(
+            one["stale_ticks"].as_u64().unwrap() <= 3
+                && one["torque_max_ratio"].as_f64().unwrap() <= 1.0,
+            "{one}"
+        );
+        assert_eq!(
+            one["goal_reached"],
+            !cell.starts_with("plant:kill"),
+            "{one}"
+        );
         assert_nothing_left(said.launcher);
     }
     // The bounds stay, whatever a scenario allows itself.
-    let said = desk.armplane(&["drill", "s.toml", "--only", "controller:kill", "--set", "plant.hold_ticks=200"]);
-    assert!(said.code == 1 && said.out.contains("a torque was in force for"), "{}\n{}", said.out, said.err);
+    let said = desk.armplane(&[
+        "drill",
+        "s.toml",
+        "--only",
+        "controller:kill",
+        "--set",
+        "plant.hold_ticks=200",
+    ]);
+    assert!(
+        said.code == 1 && said.out.contains("a torque was in force for"),
+        "{}\n{}",
+        said.out,
+        said.err
+    );
     // Nor does it pass without what it tests.
     for (without, cell, broken) in [
         ("hold", "controller:kill", "a torque was in force for"),
-        ("torque-check", "controller:corrupt:huge", "of its limit at tick"),
-        ("fencing", "controller:zombie", "messages of a dead incarnation have changed the run"),
+        (
+            "torque-check",
+            "controller:corrupt:huge",
+            "of its limit at tick",
+        ),
+        (
+            "fencing",
+            "controller:zombie",
+            "messages of a dead incarnation have changed the run",
+        ),
     ] {
         let said = desk.armplane(&["drill", "s.toml", "--only", cell, "--without", without]);
-        assert!(said.code == 1 && said.out.contains(broken), "{}\n{}", said.out, said.err);
+        assert!(
+            said.code == 1 && said.out.contains(broken),
+            "{}\n{}",
+            said.out,
+            said.err
+        );
     }
-    let said = desk.armplane(&["drill", "s.toml", "--only", "controller:kill", "--set", "goal.position_mm=1e-7"]);
-    assert!(said.code == 1 && said.err.contains("without a fault does not reach its goal"), "{}\n{}", said.out, said.err);
+    let said = desk.armplane(&[
+        "drill",
+        "s.toml",
+        "--only",
+        "controller:kill",
+        "--set",
+        "goal.position_mm=1e-7",
+    ]);
+    assert!(
+        said.code == 1 && said.err.contains("without a fault does not reach its goal"),
+        "{}\n{}",
+        said.out,
+        said.err
+    );
     let said = desk.armplane(&["drill", "--only", "recorder:drop"]);
-    assert!(said.code == 2 && said.err.contains("can happen to plant"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("can happen to plant"),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
 fn a_cut_edge_keeps_messages_from_one_reader_alone() {
     let desk = Desk::new();
-    desk.file("s.toml", &scenario(&fault("controller", "cut", "topic = \"estimate\"\nfor_ticks = 2")));
+    desk.file(
+        "s.toml",
+        &scenario(&fault(
+            "controller",
+            "cut",
+            "topic = \"estimate\"\nfor_ticks = 2",
+        )),
+    );
     let summary = desk.run(&["s.toml", "--no-record"]);
     let count = |topic: &str| summary["topics"][topic]["count"].as_u64().unwrap();
-    assert_eq!((count("estimate"), count("singularity")), (count("plant_state"), count("plant_state")), "the others have them");
-    assert_eq!(count("torque") + 2, count("estimate"), "and it has nothing to answer");
+    assert_eq!(
+        (count("estimate"), count("singularity")),
+        (count("plant_state"), count("plant_state")),
+        "the others have them"
+    );
+    assert_eq!(
+        count("torque") + 2,
+        count("estimate"),
+        "and it has nothing to answer"
+    );
     assert_eq!(summary["outcome"], "goal reached", "{}", summary["reason"]);
     let fault = &summary["faults"][0];
-    assert!(fault["occurred"] == true && fault["detected_ms"].is_number() && summary["processes"][3]["restarts"] == 0, "{fault}");
+    assert!(
+        fault["occurred"] == true
+            && fault["detected_ms"].is_number()
+            && summary["processes"][3]["restarts"] == 0,
+        "{fault}"
+    );
 }
 
 #[test]
 fn slow_processes_and_pages_that_are_gone_change_no_byte_in_lockstep() {
     let desk = Desk::new();
-    let everywhere =
-        |kind: &str, processes: &[&str]| processes.iter().map(|process| fault(process, kind, "for_ticks = 20")).collect::<String>();
+    let everywhere = |kind: &str, processes: &[&str]| {
+        processes
+            .iter()
+            .map(|process| fault(process, kind, "for_ticks = 20"))
+            .collect::<String>()
+    };
     let stages = ["plant", "estimator", "analyzer", "controller"];
-    let faults = everywhere("slow", &stages) + &everywhere("page-out", &[&stages[..], &["recorder"]].concat());
+    let faults = everywhere("slow", &stages)
+        + &everywhere("page-out", &[&stages[..], &["recorder"]].concat());
     desk.file("calm.toml", &scenario(""));
     desk.file("slow.toml", &scenario(&faults));
-    let (calm, slow) = (desk.run(&["calm.toml", "--out", "a"]), desk.run(&["slow.toml", "--out", "b"]));
+    let (calm, slow) = (
+        desk.run(&["calm.toml", "--out", "a"]),
+        desk.run(&["slow.toml", "--out", "b"]),
+    );
     assert_eq!(topics(&calm), topics(&slow));
-    let injected = slow["faults"].as_array().unwrap().iter().filter(|fault| fault["occurred"] == true).count();
+    let injected = slow["faults"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|fault| fault["occurred"] == true)
+        .count();
     assert_eq!(injected, 9, "{}", slow["faults"]);
 }
 
@@ -247,29 +460,57 @@ fn a_fault_that_makes_no_sense_is_one_sentence() {
     let desk = Desk::new();
     desk.file("s.toml", &scenario(&fault("recorder", "drop", "")));
     let said = desk.armplane(&["run", "s.toml"]);
-    assert!(said.code == 2 && said.err.contains("cannot happen to the recorder"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("cannot happen to the recorder"),
+        "{}",
+        said.err
+    );
     desk.file("s.toml", &scenario(&fault("plant", "sensor", "joint = 9")));
     let said = desk.armplane(&["run", "s.toml"]);
-    assert!(said.code == 2 && said.err.contains("has 6 joints"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("has 6 joints"),
+        "{}",
+        said.err
+    );
     let said = desk.armplane(&["fault", "controller", "kill", "--run", "nowhere"]);
-    assert!(said.code == 2 && said.err.contains("nowhere"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("nowhere"),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
 fn a_run_of_another_folder_is_named_before_anything_happens_to_it() {
     let (desk, elsewhere) = (Desk::new(), Desk::new());
-    let child = desk.start(&["run", "--set", "segment.1.duration_s=500", "--json", "--no-record", "--out", "r"]);
+    let child = desk.start(&[
+        "run",
+        "--set",
+        "segment.1.duration_s=500",
+        "--json",
+        "--no-record",
+        "--out",
+        "r",
+    ]);
     until("the first ticks", || crate::patience::ticks(&child) > 0);
     let said = elsewhere.armplane(&["fault", "controller", "kill"]);
     assert!(
-        said.code == 2 && said.err.contains(&crate::command::run_of(child.id()).unwrap()) && said.err.contains("--run"),
+        said.code == 2
+            && said
+                .err
+                .contains(&crate::command::run_of(child.id()).unwrap())
+            && said.err.contains("--run"),
         "{}",
         said.err
     );
     signal(child.id() as i32, "INT");
     let said = finish(child);
     let summary: Value = serde_json::from_str(&said.out).unwrap();
-    assert_eq!(summary["faults"], Value::Array(vec![]), "nothing happened to it");
+    assert_eq!(
+        summary["faults"],
+        Value::Array(vec![]),
+        "nothing happened to it"
+    );
     assert_nothing_left(said.launcher);
 }
 
@@ -277,15 +518,34 @@ fn a_run_of_another_folder_is_named_before_anything_happens_to_it() {
 fn a_recorder_killed_after_the_last_tick_loses_nothing() {
     let desk = Desk::new();
     // It is behind at the end.
-    desk.file("slow.toml", &scenario(&fault("recorder", "slow-disk", "for_ticks = 100000\namount = 300.0\n")));
+    desk.file(
+        "slow.toml",
+        &scenario(&fault(
+            "recorder",
+            "slow-disk",
+            "for_ticks = 100000\namount = 300.0\n",
+        )),
+    );
     let expected = desk.run(&["slow.toml", "--out", "expected"]);
     let child = desk.start(&["run", "slow.toml", "--out", "results", "--json"]);
-    let has = |process: &str| children_of_run(child.id()).into_iter().find(|(name, _)| name == process).map(|(_, pid)| pid);
-    until("the processes", || has("plant").is_some() && has("recorder").is_some());
+    let has = |process: &str| {
+        children_of_run(child.id())
+            .into_iter()
+            .find(|(name, _)| name == process)
+            .map(|(_, pid)| pid)
+    };
+    until("the processes", || {
+        has("plant").is_some() && has("recorder").is_some()
+    });
     until("the plant to end", || has("plant").is_none());
     signal(has("recorder").unwrap(), "KILL");
     let said = finish(child);
     let summary: Value = serde_json::from_str(&said.out).unwrap();
-    assert_eq!((said.code, &summary["topics"], &summary["recorder"]["lost"]), (0, &expected["topics"], &0.into()), "{}", said.err);
+    assert_eq!(
+        (said.code, &summary["topics"], &summary["recorder"]["lost"]),
+        (0, &expected["topics"], &0.into()),
+        "{}",
+        said.err
+    );
     assert_nothing_left(said.launcher);
 }

@@ -11,36 +11,73 @@ use crate::life::signal;
 #[test]
 fn six_runs_at_once_take_six_folders() {
     let desk = Desk::new();
-    let runs: Vec<_> = (0..6).map(|seed| desk.start(&["run", "--json", "--no-record", "--seed", &seed.to_string()])).collect();
+    let runs: Vec<_> = (0..6)
+        .map(|seed| desk.start(&["run", "--json", "--no-record", "--seed", &seed.to_string()]))
+        .collect();
     let hashes: BTreeSet<String> = runs
         .into_iter()
         .map(|run| {
             let said = finish(run);
             assert_eq!(said.code, 0, "{}", said.err);
             let summary: Value = serde_json::from_str(&said.out).unwrap();
-            summary["topics"]["sensor"]["hash"].as_str().unwrap().to_owned()
+            summary["topics"]["sensor"]["hash"]
+                .as_str()
+                .unwrap()
+                .to_owned()
         })
         .collect();
-    let folders = std::fs::read_dir(desk.path().join("runs")).unwrap().flatten().map(|entry| entry.path());
+    let folders = std::fs::read_dir(desk.path().join("runs"))
+        .unwrap()
+        .flatten()
+        .map(|entry| entry.path());
     let kept = |folder: std::path::PathBuf| {
-        let summary: Value = serde_json::from_slice(&std::fs::read(folder.join("summary.json")).unwrap()).unwrap();
-        summary["topics"]["sensor"]["hash"].as_str().unwrap().to_owned()
+        let summary: Value =
+            serde_json::from_slice(&std::fs::read(folder.join("summary.json")).unwrap()).unwrap();
+        summary["topics"]["sensor"]["hash"]
+            .as_str()
+            .unwrap()
+            .to_owned()
     };
-    assert_eq!(folders.map(kept).collect::<BTreeSet<_>>(), hashes, "each run's own summary in a folder of its own");
+    assert_eq!(
+        folders.map(kept).collect::<BTreeSet<_>>(),
+        hashes,
+        "each run's own summary in a folder of its own"
+    );
 }
 
 #[test]
 fn a_folder_into_which_a_run_writes_is_refused_to_another() {
     let desk = Desk::new();
-    let first = desk.start(&["run", "--set", "segment.1.duration_s=500", "--json", "--out", "same"]);
+    let first = desk.start(&[
+        "run",
+        "--set",
+        "segment.1.duration_s=500",
+        "--json",
+        "--out",
+        "same",
+    ]);
     until("the first ticks", || crate::patience::ticks(&first) > 0);
     let second = desk.armplane(&["run", "--out", "same"]);
-    assert!(second.code == 2 && second.err.contains("another run writes its results into"), "{}", second.err);
+    assert!(
+        second.code == 2 && second.err.contains("another run writes its results into"),
+        "{}",
+        second.err
+    );
     signal(first.id() as i32, "INT");
     let said = finish(first);
     let summary: Value = serde_json::from_str(&said.out).unwrap();
-    assert_eq!((&summary["outcome"], desk.path().join("same/summary.json").exists()), (&"interrupted".into(), true));
-    assert_eq!(desk.run(&["--out", "same"])["outcome"], "goal reached", "the folder is free again");
+    assert_eq!(
+        (
+            &summary["outcome"],
+            desk.path().join("same/summary.json").exists()
+        ),
+        (&"interrupted".into(), true)
+    );
+    assert_eq!(
+        desk.run(&["--out", "same"])["outcome"],
+        "goal reached",
+        "the folder is free again"
+    );
 }
 
 #[test]
@@ -66,13 +103,18 @@ fn ctrl_c_at_the_end_costs_no_summary() {
     for attempt in 0..12 {
         let out = format!("r{attempt}");
         let run = desk.start(&["run", "--no-record", "--out", &out]);
-        until("the run to begin", || !in_shared_memory(run.id()).is_empty());
+        until("the run to begin", || {
+            !in_shared_memory(run.id()).is_empty()
+        });
         // Removed by the launcher when all processes have ended: the summary is written after it.
         until("the run to end", || in_shared_memory(run.id()).is_empty());
         std::thread::sleep(Duration::from_micros(runtime::random(attempt, 0) % 1_000));
         // SAFETY: as above.
         unsafe { libc::kill(run.id().cast_signed(), libc::SIGINT) };
         finish(run);
-        assert!(desk.path().join(&out).join("summary.json").exists(), "attempt {attempt}");
+        assert!(
+            desk.path().join(&out).join("summary.json").exists(),
+            "attempt {attempt}"
+        );
     }
 }

@@ -15,24 +15,60 @@ fn a_plant_in_one_c_file_runs_like_ours() {
     let desk = Desk::new();
     desk.file("armplane.h", &wire(&desk, "c"));
     for file in ["plant.c", "graph.toml", "two-links.toml"] {
-        desk.file(file, &std::fs::read_to_string(root().join("examples/c").join(file)).expect("the example"));
+        desk.file(
+            file,
+            &std::fs::read_to_string(root().join("examples/c").join(file)).expect("the example"),
+        );
     }
     let built = Command::new("cc")
-        .args(["-O2", "-std=gnu11", "-Wall", "-Wextra", "-Werror", "-o", "plant", "plant.c", "-lm"])
+        .args([
+            "-O2",
+            "-std=gnu11",
+            "-Wall",
+            "-Wextra",
+            "-Werror",
+            "-o",
+            "plant",
+            "plant.c",
+            "-lm",
+        ])
         .current_dir(desk.path())
         .output();
-    let Ok(built) = built else { return skipped("there is no cc") };
-    assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
+    let Ok(built) = built else {
+        return skipped("there is no cc");
+    };
+    assert!(
+        built.status.success(),
+        "{}",
+        String::from_utf8_lossy(&built.stderr)
+    );
     let theirs = run(&desk, &["run", "two-links.toml", "--json"]);
     assert_eq!(theirs.code, 0, "{}", theirs.err);
-    let again = summary(&run(&desk, &["run", "two-links.toml", "--no-record", "--json"]));
-    assert_eq!(again["topics"], summary(&theirs)["topics"], "the same bytes twice");
+    let again = summary(&run(
+        &desk,
+        &["run", "two-links.toml", "--no-record", "--json"],
+    ));
+    assert_eq!(
+        again["topics"],
+        summary(&theirs)["topics"],
+        "the same bytes twice"
+    );
     let ideal = ["--set", "plant.encoder_bits=0"];
     let text = std::fs::read_to_string(desk.path().join("two-links.toml")).expect("the example");
     desk.file("plain.toml", &text.replace("graph = \"graph.toml\"\n", ""));
-    let ours = run(&desk, &[&["run", "plain.toml", "--out", "ours", "--json"], &ideal[..]].concat());
+    let ours = run(
+        &desk,
+        &[
+            &["run", "plain.toml", "--out", "ours", "--json"],
+            &ideal[..],
+        ]
+        .concat(),
+    );
     assert_eq!(ours.code, 0, "{}", ours.err);
-    let apart = furthest_apart(&desk.path().join("runs/two-links-001"), &desk.path().join("ours"));
+    let apart = furthest_apart(
+        &desk.path().join("runs/two-links-001"),
+        &desk.path().join("ours"),
+    );
     assert!(apart < 1e-6, "joints {apart} rad apart");
 }
 
@@ -49,12 +85,23 @@ fn lacking(modules: &str) -> String {
 /// The largest difference between the true joint positions of two runs; rad.
 fn furthest_apart(one: &Path, other: &Path) -> f64 {
     let states = |folder: &Path| {
-        let mut log = LogReader::<PlantState>::open(&folder.join("messages")).expect("a message log");
+        let mut log =
+            LogReader::<PlantState>::open(&folder.join("messages")).expect("a message log");
         std::iter::from_fn(|| log.next_message().expect("a whole log")).collect::<Vec<_>>()
     };
     let (one, other) = (states(one), states(other));
-    assert!(one.len().abs_diff(other.len()) <= 100 && one.len() > 100, "{} and {} ticks", one.len(), other.len());
-    let joints = |(a, b): (&PlantState, &PlantState)| a.q.iter().zip(&b.q).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(
+        one.len().abs_diff(other.len()) <= 100 && one.len() > 100,
+        "{} and {} ticks",
+        one.len(),
+        other.len()
+    );
+    let joints = |(a, b): (&PlantState, &PlantState)| {
+        a.q.iter()
+            .zip(&b.q)
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f64::max)
+    };
     one.iter().zip(&other).map(joints).fold(0.0, f64::max)
 }
 
@@ -64,7 +111,10 @@ fn mujoco_is_the_plant_of_figure_5() {
         return skipped(lacking(MUJOCO));
     }
     let desk = Desk::new();
-    let graph = root().join("examples/mujoco/graph.toml").display().to_string();
+    let graph = root()
+        .join("examples/mujoco/graph.toml")
+        .display()
+        .to_string();
     let args = ["run", "fig5-wrist-rotation", "--graph", &graph, "--json"];
     let (first, second) = (run(&desk, &args), run(&desk, &args));
     assert_eq!(first.code, 0, "{}", first.err);
@@ -73,8 +123,14 @@ fn mujoco_is_the_plant_of_figure_5() {
     assert_eq!(first["outcome"], "goal reached");
     let replayed = run(&desk, &["replay", "runs/fig5-wrist-rotation-001"]);
     assert_eq!(replayed.code, 0, "{}{}", replayed.out, replayed.err);
-    run(&desk, &["run", "fig5-wrist-rotation", "--out", "ours", "--json"]);
-    let apart = furthest_apart(&desk.path().join("runs/fig5-wrist-rotation-001"), &desk.path().join("ours"));
+    run(
+        &desk,
+        &["run", "fig5-wrist-rotation", "--out", "ours", "--json"],
+    );
+    let apart = furthest_apart(
+        &desk.path().join("runs/fig5-wrist-rotation-001"),
+        &desk.path().join("ours"),
+    );
     assert!(apart < 2e-3, "joints {apart} rad apart");
 }
 
@@ -84,10 +140,17 @@ fn a_controller_in_python_follows_a_line() {
         return skipped(lacking(MUJOCO));
     }
     let desk = Desk::new();
-    let scenario = root().join("examples/python/line.toml").display().to_string();
+    let scenario = root()
+        .join("examples/python/line.toml")
+        .display()
+        .to_string();
     let said = run(&desk, &["run", &scenario, "--no-record", "--json"]);
     assert_eq!(said.code, 0, "{}", said.err);
-    assert!(said.err.contains("hand at"), "the observer prints: {}", said.err);
+    assert!(
+        said.err.contains("hand at"),
+        "the observer prints: {}",
+        said.err
+    );
     assert_eq!(summary(&said)["outcome"], "goal reached");
 }
 
@@ -98,7 +161,9 @@ fn results_and_models_are_read_in_python() {
     }
     let desk = Desk::new();
     let short = scenario(&desk, "");
-    let text = std::fs::read_to_string(&short).expect("the scenario").replace("graph = \"graph.toml\"\n", "");
+    let text = std::fs::read_to_string(&short)
+        .expect("the scenario")
+        .replace("graph = \"graph.toml\"\n", "");
     desk.file("short.toml", &text);
     let code = "import armplane, numpy as np\nr = armplane.run('short.toml', seed=3, settings={'control.k_p': 500})\nassert r.goal_reached, r\n\
                 for topic in r.summary['topics']:\n    m = r.messages(topic)\n    assert len(m) == r.summary['topics'][topic]['count'] and \
@@ -115,7 +180,12 @@ fn results_and_models_are_read_in_python() {
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .output()
         .expect("python3 runs");
-    assert_eq!(String::from_utf8_lossy(&said.stdout), "good\n", "{}", String::from_utf8_lossy(&said.stderr));
+    assert_eq!(
+        String::from_utf8_lossy(&said.stdout),
+        "good\n",
+        "{}",
+        String::from_utf8_lossy(&said.stderr)
+    );
 }
 
 #[test]
@@ -124,11 +194,23 @@ fn a_run_is_listened_to_from_outside() {
         return skipped(lacking(TOPICS));
     }
     let desk = Desk::new();
-    let launcher =
-        armplane(&desk, &["run", "fig5-wrist-rotation", "--mode", "realtime", "--no-record", "--json"]).spawn().expect("armplane starts");
+    let launcher = armplane(
+        &desk,
+        &[
+            "run",
+            "fig5-wrist-rotation",
+            "--mode",
+            "realtime",
+            "--no-record",
+            "--json",
+        ],
+    )
+    .spawn()
+    .expect("armplane starts");
     let mut run = None;
     until("the run", || {
-        run = run_of(launcher.id()).filter(|run| Path::new("/dev/shm").join(run).join("job.json").exists());
+        run = run_of(launcher.id())
+            .filter(|run| Path::new("/dev/shm").join(run).join("job.json").exists());
         run.is_some()
     });
     let code = "import sys, armplane\nticks = [m.header.tick for m in armplane.subscribe('estimate', sys.argv[1])]\n\
@@ -139,7 +221,12 @@ fn a_run_is_listened_to_from_outside() {
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .output()
         .expect("python3 runs");
-    assert_eq!(String::from_utf8_lossy(&said.stdout), "good\n", "{}", String::from_utf8_lossy(&said.stderr));
+    assert_eq!(
+        String::from_utf8_lossy(&said.stdout),
+        "good\n",
+        "{}",
+        String::from_utf8_lossy(&said.stderr)
+    );
     let said = finish(launcher);
     assert_eq!(said.code, 0, "{}", said.err);
     assert_nothing_left(said.launcher);

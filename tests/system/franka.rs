@@ -22,7 +22,12 @@ fn python() -> String {
 fn simulator(args: &[&str]) -> Command {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/franka/simulator.py");
     let mut command = Command::new(python());
-    command.arg(script).args(args).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    command
+        .arg(script)
+        .args(args)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
     command
 }
 
@@ -32,7 +37,9 @@ fn missing(desk: &Desk) -> Option<&'static str> {
     if said.err.contains("built without") {
         return Some("armplane is built without Franka's control interface (--features fci)");
     }
-    let installed = simulator(&["--check"]).status().is_ok_and(|status| status.success());
+    let installed = simulator(&["--check"])
+        .status()
+        .is_ok_and(|status| status.success());
     (!installed).then_some("franka-sim is not installed (docs/franka.md; ARMPLANE_FRANKA_PYTHON names a Python that has it)")
 }
 
@@ -45,11 +52,28 @@ struct Simulator {
 impl Simulator {
     /// Its temporary files are in the desk's folder.
     fn start(desk: &Desk) -> Self {
-        let port = TcpListener::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).expect("a free port").port();
-        let options = ["--no-gripper", "--enforce-motion-limits", "--enforce-comm-constraints", "--port", &port.to_string()];
-        let process = simulator(&options).env("TMPDIR", desk.path()).spawn().expect("the simulator starts");
-        until("the simulator", || TcpStream::connect(("127.0.0.1", port)).is_ok());
-        Self { process, address: format!("fci://127.0.0.1:{port}") }
+        let port = TcpListener::bind("127.0.0.1:0")
+            .and_then(|socket| socket.local_addr())
+            .expect("a free port")
+            .port();
+        let options = [
+            "--no-gripper",
+            "--enforce-motion-limits",
+            "--enforce-comm-constraints",
+            "--port",
+            &port.to_string(),
+        ];
+        let process = simulator(&options)
+            .env("TMPDIR", desk.path())
+            .spawn()
+            .expect("the simulator starts");
+        until("the simulator", || {
+            TcpStream::connect(("127.0.0.1", port)).is_ok()
+        });
+        Self {
+            process,
+            address: format!("fci://127.0.0.1:{port}"),
+        }
     }
 }
 
@@ -61,7 +85,8 @@ impl Drop for Simulator {
 }
 
 fn summary(said: &Said) -> Value {
-    serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err))
+    serde_json::from_str(&said.out)
+        .unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err))
 }
 
 #[test]
@@ -72,20 +97,49 @@ fn an_arm_behind_its_control_interface_is_the_plant() {
     }
     let simulator = Simulator::start(&desk);
     desk.file("line.toml", LINE);
-    let said = desk.armplane(&["run", "line.toml", "--plant", &simulator.address, "--out", "out", "--json"]);
+    let said = desk.armplane(&[
+        "run",
+        "line.toml",
+        "--plant",
+        &simulator.address,
+        "--out",
+        "out",
+        "--json",
+    ]);
     assert_nothing_left(said.launcher);
     assert_eq!(said.code, 0, "{}\n{}", said.out, said.err);
     let summary = summary(&said);
-    assert_eq!((&summary["outcome"], &summary["mode"]), (&"goal reached".into(), &"realtime".into()), "{}", said.err);
+    assert_eq!(
+        (&summary["outcome"], &summary["mode"]),
+        (&"goal reached".into(), &"realtime".into()),
+        "{}",
+        said.err
+    );
     assert!(summary["ticks"].as_u64().unwrap() >= 2300, "{summary}");
-    assert!(summary["task"]["position_max_mm"].as_f64().unwrap() < 1.0, "{}", summary["task"]);
+    assert!(
+        summary["task"]["position_max_mm"].as_f64().unwrap() < 1.0,
+        "{}",
+        summary["task"]
+    );
     assert!(said.err.contains("of the commands in time"), "{}", said.err);
     // The arm is the robot's own: its URDF has other names than the built-in one.
-    let urdf = std::fs::read_to_string(desk.path().join("out/robot.urdf")).expect("the robot's URDF is kept");
+    let urdf = std::fs::read_to_string(desk.path().join("out/robot.urdf"))
+        .expect("the robot's URDF is kept");
     assert!(urdf.contains("\"joint1\"") && desk.path().join("out/run.rrd").exists());
     // The clock of the robot does not run in lockstep.
-    let said = desk.armplane(&["run", "line.toml", "--plant", &simulator.address, "--mode", "lockstep"]);
-    assert!(said.code == 2 && said.err.contains("real time"), "{}", said.err);
+    let said = desk.armplane(&[
+        "run",
+        "line.toml",
+        "--plant",
+        &simulator.address,
+        "--mode",
+        "lockstep",
+    ]);
+    assert!(
+        said.code == 2 && said.err.contains("real time"),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
@@ -95,28 +149,65 @@ fn a_robot_that_is_lost_ends_the_run_in_words() {
         return skipped(why);
     }
     let mut simulator = Simulator::start(&desk);
-    desk.file("line.toml", &LINE.replace("duration_s = 2.0", "duration_s = 60.0"));
-    let run = desk.start(&["run", "line.toml", "--plant", &simulator.address, "--out", "out", "--json"]);
+    desk.file(
+        "line.toml",
+        &LINE.replace("duration_s = 2.0", "duration_s = 60.0"),
+    );
+    let run = desk.start(&[
+        "run",
+        "line.toml",
+        "--plant",
+        &simulator.address,
+        "--out",
+        "out",
+        "--json",
+    ]);
     until("a hundred ticks", || crate::patience::ticks(&run) > 100);
-    simulator.process.kill().expect("the simulator can be ended");
+    simulator
+        .process
+        .kill()
+        .expect("the simulator can be ended");
     let said = finish(run);
     assert_nothing_left(said.launcher);
     assert_eq!(said.code, 1, "{}", said.err);
     assert!(said.err.contains("is lost at tick"), "{}", said.err);
-    let kept: Value = serde_json::from_slice(&std::fs::read(desk.path().join("out/summary.json")).unwrap()).unwrap();
-    assert!(kept["reason"].as_str().unwrap().contains("is lost at tick"), "{}", kept["reason"]);
-    assert!(kept["faults"].as_array().unwrap().iter().any(|fault| fault["process"] == "plant"), "{}", kept["faults"]);
+    let kept: Value =
+        serde_json::from_slice(&std::fs::read(desk.path().join("out/summary.json")).unwrap())
+            .unwrap();
+    assert!(
+        kept["reason"].as_str().unwrap().contains("is lost at tick"),
+        "{}",
+        kept["reason"]
+    );
+    assert!(
+        kept["faults"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .any(|fault| fault["process"] == "plant"),
+        "{}",
+        kept["faults"]
+    );
 }
 
 #[test]
 fn a_robot_that_does_not_answer_is_refused_before_anything_starts() {
     let desk = Desk::new();
-    for (address, expected) in
-        [("fci://127.0.0.1:9", "fci"), ("127.0.0.1", "is no address of a robot"), ("fci://", "is no address of a robot")]
-    {
+    for (address, expected) in [
+        ("fci://127.0.0.1:9", "fci"),
+        ("127.0.0.1", "is no address of a robot"),
+        ("fci://", "is no address of a robot"),
+    ] {
         let said = desk.armplane(&["run", "fr3-wrist", "--plant", address]);
         assert_nothing_left(said.launcher);
-        assert!(said.code != 0 && said.err.contains(expected) && !said.err.contains("panicked"), "{address}: {}", said.err);
-        assert!(!desk.path().join("runs/fr3-wrist-001").exists(), "a folder without results");
+        assert!(
+            said.code != 0 && said.err.contains(expected) && !said.err.contains("panicked"),
+            "{address}: {}",
+            said.err
+        );
+        assert!(
+            !desk.path().join("runs/fr3-wrist-001").exists(),
+            "a folder without results"
+        );
     }
 }

@@ -15,9 +15,21 @@ const SHORT: &str = "name = \"short\"\nrobot = \"puma560\"\nstart.posture = \"no
 #[test]
 fn random_deaths_repeat_themselves_byte_for_byte() {
     let desk = Desk::new();
-    let said = desk.armplane(&["verify", "--kills", "5", "--set", "segment.1.duration_s=1", "--json"]);
-    let killed: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
-    assert_eq!((said.code, &killed["unrepeated"], &killed["histories"]), (0, &Value::Array(vec![]), &5.into()), "{killed}");
+    let said = desk.armplane(&[
+        "verify",
+        "--kills",
+        "5",
+        "--set",
+        "segment.1.duration_s=1",
+        "--json",
+    ]);
+    let killed: Value =
+        serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+    assert_eq!(
+        (said.code, &killed["unrepeated"], &killed["histories"]),
+        (0, &Value::Array(vec![]), &5.into()),
+        "{killed}"
+    );
     assert!(killed["deaths"].as_u64().unwrap() >= 3, "{killed}");
 }
 
@@ -26,9 +38,21 @@ fn a_death_between_two_outputs_of_a_tick_is_planned_and_repeats() {
     let desk = Desk::new();
     let count = |topics: &Value, topic: &str| topics[topic]["count"].as_u64().unwrap();
     let fault = |more: &str| {
-        desk.file("s.toml", &format!("{SHORT}[[fault]]\nprocess = \"controller\"\nkind = \"kill\"\nat_tick = 300\n{more}"));
+        desk.file(
+            "s.toml",
+            &format!(
+                "{SHORT}[[fault]]\nprocess = \"controller\"\nkind = \"kill\"\nat_tick = 300\n{more}"
+            ),
+        );
         // The arm leaves its path while no torque comes, and its task ends before it is back.
-        let run = |out| serde_json::from_str::<Value>(&desk.armplane(&["run", "s.toml", "--json", "--out", out]).out).expect("a summary");
+        let run = |out| {
+            serde_json::from_str::<Value>(
+                &desk
+                    .armplane(&["run", "s.toml", "--json", "--out", out])
+                    .out,
+            )
+            .expect("a summary")
+        };
         let [one, other] = ["a", "b"].map(|out| run(out)["topics"].take());
         assert_eq!(one, other, "{more}");
         (count(&one, "control_state"), count(&one, "torque"))
@@ -36,10 +60,21 @@ fn a_death_between_two_outputs_of_a_tick_is_planned_and_repeats() {
     let (states, torques) = fault("");
     assert_eq!(states, torques, "a whole tick");
     let (states, torques) = fault("after_outputs = 1");
-    assert_eq!(states, torques + 1, "the state of its last tick, and no torque");
-    desk.file("t.toml", &format!("{SHORT}[[fault]]\nprocess = \"plant\"\nkind = \"drop\"\nafter_outputs = 1"));
+    assert_eq!(
+        states,
+        torques + 1,
+        "the state of its last tick, and no torque"
+    );
+    desk.file(
+        "t.toml",
+        &format!("{SHORT}[[fault]]\nprocess = \"plant\"\nkind = \"drop\"\nafter_outputs = 1"),
+    );
     let said = desk.armplane(&["run", "t.toml"]);
-    assert!(said.code == 2 && said.err.contains("after_outputs"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("after_outputs"),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
@@ -47,40 +82,97 @@ fn deaths_during_start_up_repeat_themselves() {
     let desk = Desk::new();
     desk.file("s.toml", SHORT);
     let run = desk.start(&["run", "s.toml", "--json", "--out", "a"]);
-    for (process, name) in [("estimator", "KILL"), ("analyzer", "BUS"), ("recorder", "SEGV"), ("controller", "KILL")] {
-        let pid = || children_of_run(run.id()).into_iter().find(|(name, _)| name == process).map(|(_, pid)| pid);
+    for (process, name) in [
+        ("estimator", "KILL"),
+        ("analyzer", "BUS"),
+        ("recorder", "SEGV"),
+        ("controller", "KILL"),
+    ] {
+        let pid = || {
+            children_of_run(run.id())
+                .into_iter()
+                .find(|(name, _)| name == process)
+                .map(|(_, pid)| pid)
+        };
         until("the process", || pid().is_some());
         signal(pid().unwrap(), name);
     }
     let said = finish(run);
-    let one: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
-    assert_eq!((said.code, &one["outcome"]), (0, &"goal reached".into()), "{}", said.err);
-    assert!(one["processes"].as_array().unwrap().iter().any(|process| process["restarts"] == 1), "{}", one["processes"]);
+    let one: Value =
+        serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+    assert_eq!(
+        (said.code, &one["outcome"]),
+        (0, &"goal reached".into()),
+        "{}",
+        said.err
+    );
+    assert!(
+        one["processes"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .any(|process| process["restarts"] == 1),
+        "{}",
+        one["processes"]
+    );
     assert_nothing_left(said.launcher);
-    assert_eq!(one["topics"], desk.run(&["a/scenario.toml", "--out", "b"])["topics"]);
+    assert_eq!(
+        one["topics"],
+        desk.run(&["a/scenario.toml", "--out", "b"])["topics"]
+    );
 }
 
 #[test]
 fn a_process_killed_while_it_makes_a_connection_holds_nobody_up() {
     let desk = Desk::new();
-    let run = desk.start(&["run", "--set", "segment.1.duration_s=5", "--json", "--no-record", "--out", "r"]);
+    let run = desk.start(&[
+        "run",
+        "--set",
+        "segment.1.duration_s=5",
+        "--json",
+        "--no-record",
+        "--out",
+        "r",
+    ]);
     until("the first ticks", || ticks(&run) > 0);
-    let (_, analyzer) = children_of_run(run.id()).into_iter().find(|(name, _)| name == "analyzer").unwrap();
+    let (_, analyzer) = children_of_run(run.id())
+        .into_iter()
+        .find(|(name, _)| name == "analyzer")
+        .unwrap();
     let launcher = run.id().cast_signed();
     signal(launcher, "STOP");
     let maps = std::fs::read_to_string(format!("/proc/{analyzer}/maps")).unwrap();
-    let connections = maps.lines().filter_map(|line| line.split_once('/').map(|(_, path)| PathBuf::from(format!("/{path}"))));
-    let connections: Vec<_> = connections.filter(|path| path.extension().is_some_and(|extension| extension == "connection")).collect();
+    let connections = maps.lines().filter_map(|line| {
+        line.split_once('/')
+            .map(|(_, path)| PathBuf::from(format!("/{path}")))
+    });
+    let connections: Vec<_> = connections
+        .filter(|path| {
+            path.extension()
+                .is_some_and(|extension| extension == "connection")
+        })
+        .collect();
     signal(analyzer, "KILL");
     for connection in &connections {
         let _ = std::fs::remove_file(connection);
         // As a process leaves it that is killed between the first two steps of making it.
-        std::fs::OpenOptions::new().write(true).create_new(true).mode(0o200).open(connection).unwrap();
+        std::fs::OpenOptions::new()
+            .write(true)
+            .create_new(true)
+            .mode(0o200)
+            .open(connection)
+            .unwrap();
     }
     signal(launcher, "CONT");
     let said = finish(run);
-    let summary: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+    let summary: Value =
+        serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
     assert!(connections.len() >= 3, "{connections:?}");
-    assert_eq!((&summary["outcome"], &summary["processes"][2]["restarts"]), (&"goal reached".into(), &1.into()), "{}", said.err);
+    assert_eq!(
+        (&summary["outcome"], &summary["processes"][2]["restarts"]),
+        (&"goal reached".into(), &1.into()),
+        "{}",
+        said.err
+    );
     assert_nothing_left(said.launcher);
 }

@@ -8,38 +8,55 @@ use std::process::Command;
 use proptest::prelude::*;
 use serde_json::Value;
 
-use crate::command::{Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, run_of, skipped, until};
+use crate::command::{
+    Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, run_of, skipped, until,
+};
 use crate::properties;
 
 /// A valid text with pieces cut out, doubled, moved and replaced.
 fn broken(valid: Vec<String>) -> impl Strategy<Value = String> {
-    let edit = (any::<prop::sample::Index>(), 0_usize..40, any::<prop::sample::Index>(), 0_u8..4, "[\\PC\n]{0,6}");
-    (prop::sample::select(valid), prop::collection::vec(edit, 0..6)).prop_map(|(text, edits)| {
-        let mut text: Vec<char> = text.chars().collect();
-        for (from, length, to, kind, insert) in edits {
-            if text.is_empty() {
-                break;
+    let edit = (
+        any::<prop::sample::Index>(),
+        0_usize..40,
+        any::<prop::sample::Index>(),
+        0_u8..4,
+        "[\\PC\n]{0,6}",
+    );
+    (
+        prop::sample::select(valid),
+        prop::collection::vec(edit, 0..6),
+    )
+        .prop_map(|(text, edits)| {
+            let mut text: Vec<char> = text.chars().collect();
+            for (from, length, to, kind, insert) in edits {
+                if text.is_empty() {
+                    break;
+                }
+                let from = from.index(text.len());
+                let piece: Vec<char> = text[from..(from + length).min(text.len())].to_vec();
+                if kind < 2 {
+                    text.drain(from..from + piece.len());
+                }
+                let to = to.index(text.len() + 1);
+                match kind {
+                    0 => {}
+                    1 | 2 => drop(text.splice(to..to, piece)),
+                    _ => drop(text.splice(to..to, insert.chars())),
+                }
             }
-            let from = from.index(text.len());
-            let piece: Vec<char> = text[from..(from + length).min(text.len())].to_vec();
-            if kind < 2 {
-                text.drain(from..from + piece.len());
-            }
-            let to = to.index(text.len() + 1);
-            match kind {
-                0 => {}
-                1 | 2 => drop(text.splice(to..to, piece)),
-                _ => drop(text.splice(to..to, insert.chars())),
-            }
-        }
-        text.into_iter().collect()
-    })
+            text.into_iter().collect()
+        })
 }
 
 fn files(folder: &str, extension: &str) -> Vec<String> {
     let listing = std::fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)).unwrap();
-    let paths = listing.flatten().map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|found| found == extension));
-    paths.map(|path| std::fs::read_to_string(path).unwrap()).collect()
+    let paths = listing
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| path.extension().is_some_and(|found| found == extension));
+    paths
+        .map(|path| std::fs::read_to_string(path).unwrap())
+        .collect()
 }
 
 /// A file of targets with a line of each kind.
@@ -62,19 +79,28 @@ fn number() -> impl Strategy<Value = f64> {
 
 /// Bytes of messages: mostly plausible numbers, some of them poison.
 fn bytes(words: usize) -> impl Strategy<Value = Vec<u8>> {
-    let plausible = prop::collection::vec(number(), words).prop_map(|numbers| numbers.into_iter().flat_map(f64::to_ne_bytes).collect());
+    let plausible = prop::collection::vec(number(), words)
+        .prop_map(|numbers| numbers.into_iter().flat_map(f64::to_ne_bytes).collect());
     let tame = prop::collection::vec(-2.0..2.0, words);
-    let spoiled = (tame, any::<prop::sample::Index>(), number()).prop_map(|(mut numbers, place, poison)| {
-        let place = place.index(numbers.len());
-        numbers[place] = poison;
-        numbers.into_iter().flat_map(f64::to_ne_bytes).collect()
-    });
-    prop_oneof![plausible, spoiled, prop::collection::vec(any::<u8>(), 0..8 * words)]
+    let spoiled =
+        (tame, any::<prop::sample::Index>(), number()).prop_map(|(mut numbers, place, poison)| {
+            let place = place.index(numbers.len());
+            numbers[place] = poison;
+            numbers.into_iter().flat_map(f64::to_ne_bytes).collect()
+        });
+    prop_oneof![
+        plausible,
+        spoiled,
+        prop::collection::vec(any::<u8>(), 0..8 * words)
+    ]
 }
 
 /// Random inputs of each property; `PROPTEST_CASES` for a longer search.
 fn cases() -> u32 {
-    std::env::var("PROPTEST_CASES").ok().and_then(|cases| cases.parse().ok()).unwrap_or(200)
+    std::env::var("PROPTEST_CASES")
+        .ok()
+        .and_then(|cases| cases.parse().ok())
+        .unwrap_or(200)
 }
 
 proptest! {
@@ -149,7 +175,13 @@ proptest! {
 #[test]
 fn a_runs_memory_is_its_users_alone() {
     let desk = Desk::new();
-    let run = desk.start(&["run", "--set", "segment.1.duration_s=500", "--no-record", "--json"]);
+    let run = desk.start(&[
+        "run",
+        "--set",
+        "segment.1.duration_s=500",
+        "--no-record",
+        "--json",
+    ]);
     until("five processes", || children_of_run(run.id()).len() == 5);
     let names = || in_shared_memory(run.id());
     // The directory, the node counter, and a data segment for each of five topics.
@@ -157,23 +189,54 @@ fn a_runs_memory_is_its_users_alone() {
     for name in names() {
         let path = Path::new("/dev/shm").join(&name);
         // A file of a passing moment may be gone.
-        let Ok(metadata) = std::fs::metadata(&path) else { continue };
-        assert_eq!(metadata.mode() & 0o077, 0, "{} has mode {:o}", path.display(), metadata.mode());
+        let Ok(metadata) = std::fs::metadata(&path) else {
+            continue;
+        };
+        assert_eq!(
+            metadata.mode() & 0o077,
+            0,
+            "{} has mode {:o}",
+            path.display(),
+            metadata.mode()
+        );
     }
-    let inside = names().into_iter().find(|name| !name.contains('.')).unwrap();
+    let inside = names()
+        .into_iter()
+        .find(|name| !name.contains('.'))
+        .unwrap();
     for secret in ["control_page", "manifest.json", "job.json"] {
-        assert!(Path::new("/dev/shm").join(&inside).join(secret).exists(), "behind a door that only the user opens: {secret}");
+        assert!(
+            Path::new("/dev/shm").join(&inside).join(secret).exists(),
+            "behind a door that only the user opens: {secret}"
+        );
     }
     let is_root = std::fs::metadata("/proc/self").is_ok_and(|own| own.uid() == 0);
     if is_root {
         // Only root can act as another user.
         let paths = names().into_iter().map(|name| format!("/dev/shm/{name}"));
-        let insides = ["", "/control_page", "/job.json", "/nodes"].map(|name| format!("/dev/shm/{inside}{name}"));
+        let insides = ["", "/control_page", "/job.json", "/nodes"]
+            .map(|name| format!("/dev/shm/{inside}{name}"));
         for path in paths.chain(insides).filter(|path| Path::new(path).exists()) {
-            for attempt in ["cat \"$1\"", "ls \"$1/\"", "echo x >> \"$1\"", "touch \"$1/x\"", "rm -rf \"$1\"", "mv \"$1\" /dev/shm/mine"] {
+            for attempt in [
+                "cat \"$1\"",
+                "ls \"$1/\"",
+                "echo x >> \"$1\"",
+                "touch \"$1/x\"",
+                "rm -rf \"$1\"",
+                "mv \"$1\" /dev/shm/mine",
+            ] {
                 let mut somebody = Command::new("sh");
-                let said = somebody.args(["-c", attempt, "sh", &path]).uid(65534).gid(65534).current_dir("/").output().unwrap();
-                assert!(!said.status.success() && said.stdout.is_empty(), "{attempt}: {path}: {said:?}");
+                let said = somebody
+                    .args(["-c", attempt, "sh", &path])
+                    .uid(65534)
+                    .gid(65534)
+                    .current_dir("/")
+                    .output()
+                    .unwrap();
+                assert!(
+                    !said.status.success() && said.stdout.is_empty(),
+                    "{attempt}: {path}: {said:?}"
+                );
             }
             assert!(Path::new(&path).exists(), "{path}");
         }
@@ -192,7 +255,10 @@ fn on_one_core<T>(act: impl FnOnce() -> T) -> T {
     unsafe {
         let mut set: libc::cpu_set_t = std::mem::zeroed();
         all.iter().for_each(|core| libc::CPU_SET(*core, &mut set));
-        assert_eq!(libc::sched_setaffinity(0, size_of::<libc::cpu_set_t>(), &raw const set), 0);
+        assert_eq!(
+            libc::sched_setaffinity(0, size_of::<libc::cpu_set_t>(), &raw const set),
+            0
+        );
     }
     done
 }
@@ -201,16 +267,37 @@ fn on_one_core<T>(act: impl FnOnce() -> T) -> T {
 fn two_graphs_that_compete_for_one_core_come_to_their_ends() {
     let desk = Desk::new();
     let verify = |scenario: &str| desk.start(&["verify", scenario, "--runs", "2", "--json"]);
-    for said in on_one_core(|| ["fig5-wrist-rotation", "fig1-pseudo-inverse"].map(verify)).map(finish) {
-        let json: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+    for said in
+        on_one_core(|| ["fig5-wrist-rotation", "fig1-pseudo-inverse"].map(verify)).map(finish)
+    {
+        let json: Value =
+            serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
         assert_eq!((said.code, &json["identical"]), (0, &true.into()), "{json}");
         assert_nothing_left(said.launcher);
     }
-    let pace = |out: &str| desk.start(&["run", "--mode", "realtime", "--json", "--no-record", "--out", out]);
+    let pace = |out: &str| {
+        desk.start(&[
+            "run",
+            "--mode",
+            "realtime",
+            "--json",
+            "--no-record",
+            "--out",
+            out,
+        ])
+    };
     for said in on_one_core(|| ["a", "b"].map(pace)).map(finish) {
-        let summary: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
-        let held = summary["joints"]["torque_max_ratio"].as_f64().is_some_and(|ratio| ratio <= 1.0);
-        assert!(held && summary["outcome"] != "failed", "{}: {}", summary["reason"], said.err);
+        let summary: Value =
+            serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+        let held = summary["joints"]["torque_max_ratio"]
+            .as_f64()
+            .is_some_and(|ratio| ratio <= 1.0);
+        assert!(
+            held && summary["outcome"] != "failed",
+            "{}: {}",
+            summary["reason"],
+            said.err
+        );
         assert_nothing_left(said.launcher);
     }
 }
@@ -223,7 +310,11 @@ fn two_graphs_side_by_side_are_both_bit_identical() {
     for said in two {
         assert_eq!(said.code, 0, "{}{}", said.out, said.err);
         let json: Value = serde_json::from_str(&said.out).unwrap();
-        assert_eq!((&json["identical"], json["runs"].as_array().map(Vec::len)), (&true.into(), Some(3)), "{json}");
+        assert_eq!(
+            (&json["identical"], json["runs"].as_array().map(Vec::len)),
+            (&true.into(), Some(3)),
+            "{json}"
+        );
         assert_nothing_left(said.launcher);
     }
 }
@@ -277,15 +368,26 @@ fn a_results_folder_that_was_tampered_with_is_one_sentence() {
                     "{name}, damage {which}, {command:?}: {}: {text}",
                     said.code
                 );
-                assert!(said.code != 2 || said.err.starts_with("armplane: "), "{name}, damage {which}, {command:?}: {text}");
+                assert!(
+                    said.code != 2 || said.err.starts_with("armplane: "),
+                    "{name}, damage {which}, {command:?}: {text}"
+                );
             }
         }
         std::fs::write(&path, whole).unwrap();
     }
     let job = std::fs::read_to_string(run.join("job.json")).unwrap();
-    std::fs::write(run.join("job.json"), job.replace("\"rate_hz\": 1000", "\"rate_hz\": 0")).unwrap();
+    std::fs::write(
+        run.join("job.json"),
+        job.replace("\"rate_hz\": 1000", "\"rate_hz\": 0"),
+    )
+    .unwrap();
     let said = desk.armplane(&["replay", "run"]);
-    assert!(said.code == 2 && said.err.contains("rate 0 Hz is out of range"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("rate 0 Hz is out of range"),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
@@ -295,7 +397,15 @@ fn a_full_volume_ends_the_recording_and_nothing_else() {
     let script = "mkdir small && mount -t tmpfs -o size=3m none small && touch mounted || exit 0
         \"$1\" run --set segment.1.duration_s=6 --json --out small/run > said.json; test $? = 1 && ls -A small/run > left && cp small/run/*.json . && \"$1\" export small/run --out out; test $? = 1";
     let said = Command::new("unshare")
-        .args(["--map-root-user", "--mount", "sh", "-c", script, "sh", env!("CARGO_BIN_EXE_armplane")])
+        .args([
+            "--map-root-user",
+            "--mount",
+            "sh",
+            "-c",
+            script,
+            "sh",
+            env!("CARGO_BIN_EXE_armplane"),
+        ])
         .current_dir(desk.path())
         .output();
     let said = match said {
@@ -303,31 +413,69 @@ fn a_full_volume_ends_the_recording_and_nothing_else() {
         Err(error) => return skipped(format!("no small volume to fill: {error}")),
     };
     if !desk.path().join("mounted").exists() {
-        return skipped(format!("no small volume to fill: {}", String::from_utf8_lossy(&said.stderr).trim()));
+        return skipped(format!(
+            "no small volume to fill: {}",
+            String::from_utf8_lossy(&said.stderr).trim()
+        ));
     }
     assert!(said.status.success(), "{said:?}");
     let read = |name: &str| std::fs::read_to_string(desk.path().join(name)).unwrap();
     let summary: Value = serde_json::from_str(&read("said.json")).unwrap();
-    assert_eq!((&summary["outcome"], &summary["recorder"]["lost"]), (&"goal reached".into(), &0.into()), "{summary}");
-    assert!(summary["recorder"]["error"].as_str().unwrap().contains("No space left on device"), "{}", summary["recorder"]);
-    assert_eq!(serde_json::from_str::<Value>(&read("summary.json")).unwrap(), summary);
-    assert!(read("left").contains("job.json") && !read("left").contains(".armplane"), "{}", read("left"));
+    assert_eq!(
+        (&summary["outcome"], &summary["recorder"]["lost"]),
+        (&"goal reached".into(), &0.into()),
+        "{summary}"
+    );
+    assert!(
+        summary["recorder"]["error"]
+            .as_str()
+            .unwrap()
+            .contains("No space left on device"),
+        "{}",
+        summary["recorder"]
+    );
+    assert_eq!(
+        serde_json::from_str::<Value>(&read("summary.json")).unwrap(),
+        summary
+    );
+    assert!(
+        read("left").contains("job.json") && !read("left").contains(".armplane"),
+        "{}",
+        read("left")
+    );
     assert!(
         String::from_utf8_lossy(&said.stderr).contains("No space left on device"),
         "the export says that the recording was cut: {said:?}"
     );
-    assert!(read("out/signals.csv").lines().count() > 100, "what came before the end is readable");
+    assert!(
+        read("out/signals.csv").lines().count() > 100,
+        "what came before the end is readable"
+    );
 }
 
 #[test]
 fn a_live_fault_of_a_joint_that_the_arm_does_not_have_is_refused() {
     let desk = Desk::new();
-    let run = desk.start(&["run", "--set", "segment.1.duration_s=500", "--no-record", "--json"]);
+    let run = desk.start(&[
+        "run",
+        "--set",
+        "segment.1.duration_s=500",
+        "--no-record",
+        "--json",
+    ]);
     until("five processes", || children_of_run(run.id()).len() == 5);
     let name = run_of(run.id()).unwrap();
-    let fault = |joint: &str| desk.armplane(&["fault", "plant", "sensor", "--joint", joint, "--run", &name]);
+    let fault = |joint: &str| {
+        desk.armplane(&["fault", "plant", "sensor", "--joint", joint, "--run", &name])
+    };
     let said = fault("7");
-    assert!(said.code == 2 && said.err.contains("there is no joint 7") && said.err.contains("has 6 joints"), "{}", said.err);
+    assert!(
+        said.code == 2
+            && said.err.contains("there is no joint 7")
+            && said.err.contains("has 6 joints"),
+        "{}",
+        said.err
+    );
     until("the run to take a fault", || fault("6").code == 0);
     // SAFETY: a plain signal to a child of ours.
     unsafe { libc::kill(run.id().cast_signed(), libc::SIGINT) };

@@ -12,21 +12,42 @@ fn numbers(value: &Value) -> Vec<f64> {
 }
 
 fn list(value: &Value) -> String {
-    numbers(value).iter().map(|x| format!("{x:e}")).collect::<Vec<_>>().join(",")
+    numbers(value)
+        .iter()
+        .map(|x| format!("{x:e}"))
+        .collect::<Vec<_>>()
+        .join(",")
 }
 
 #[test]
 fn inspect_agrees_with_the_golden_states() {
     let desk = Desk::new();
-    for (robot, golden) in
-        [("puma560", include_str!("../golden/reference_puma560.json")), ("planar3r", include_str!("../golden/reference_planar3.json"))]
-    {
+    for (robot, golden) in [
+        ("puma560", include_str!("../golden/reference_puma560.json")),
+        ("planar3r", include_str!("../golden/reference_planar3.json")),
+    ] {
         let golden: Value = serde_json::from_str(golden).unwrap();
-        let within = |q: &[f64]| robot != "puma560" || q.iter().zip([2.7, 0.7, 3.9, 2.9, 1.7, 4.6]).all(|(q, upper)| *q < upper);
-        let above = |q: &[f64]| robot != "puma560" || q.iter().zip([-2.7, -3.9, -0.7, -1.9, -1.7, -4.6]).all(|(q, lower)| *q > lower);
+        let within = |q: &[f64]| {
+            robot != "puma560"
+                || q.iter()
+                    .zip([2.7, 0.7, 3.9, 2.9, 1.7, 4.6])
+                    .all(|(q, upper)| *q < upper)
+        };
+        let above = |q: &[f64]| {
+            robot != "puma560"
+                || q.iter()
+                    .zip([-2.7, -3.9, -0.7, -1.9, -1.7, -4.6])
+                    .all(|(q, lower)| *q > lower)
+        };
         let states = golden["states"].as_array().unwrap().iter();
-        let states: Vec<_> = states.filter(|state| within(&numbers(&state["q"])) && above(&numbers(&state["q"]))).take(5).collect();
-        assert!(states.len() >= 3, "{robot}: too few states within its limits");
+        let states: Vec<_> = states
+            .filter(|state| within(&numbers(&state["q"])) && above(&numbers(&state["q"])))
+            .take(5)
+            .collect();
+        assert!(
+            states.len() >= 3,
+            "{robot}: too few states within its limits"
+        );
         for state in states {
             let said = desk.armplane(&[
                 "inspect",
@@ -38,11 +59,20 @@ fn inspect_agrees_with_the_golden_states() {
             ]);
             assert_eq!(said.code, 0, "{}", said.err);
             let found: Value = serde_json::from_str(&said.out).unwrap();
-            for (ours, theirs) in [("J", "J"), ("A", "M"), ("gravity", "g"), ("bias", "nle"), ("Jdot_qdot", "Jdot_qd")] {
+            for (ours, theirs) in [
+                ("J", "J"),
+                ("A", "M"),
+                ("gravity", "g"),
+                ("bias", "nle"),
+                ("Jdot_qdot", "Jdot_qd"),
+            ] {
                 let (ours_all, theirs_all) = (numbers(&found[ours]), numbers(&state[theirs]));
                 assert_eq!(ours_all.len(), theirs_all.len(), "{robot} {ours}");
                 for (a, b) in ours_all.iter().zip(&theirs_all) {
-                    assert!((a - b).abs() <= 1e-11 * (1.0 + b.abs()), "{robot} {ours}: {a} against {b}");
+                    assert!(
+                        (a - b).abs() <= 1e-11 * (1.0 + b.abs()),
+                        "{robot} {ours}: {a} against {b}"
+                    );
                 }
             }
         }
@@ -53,23 +83,58 @@ fn inspect_agrees_with_the_golden_states() {
 fn wrist_lock_is_named_and_classified() {
     let said = Desk::new().armplane(&["inspect", "--q-deg=20,-60,170,0,0,0", "--json"]);
     let found: Value = serde_json::from_str(&said.out).unwrap();
-    let wrist = found["singularities"].as_array().unwrap().iter().find(|s| s["name"] == "wrist").unwrap();
-    assert_eq!((&wrist["inside"], &wrist["type"]), (&true.into(), &"type 2".into()));
+    let wrist = found["singularities"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|s| s["name"] == "wrist")
+        .unwrap();
+    assert_eq!(
+        (&wrist["inside"], &wrist["type"]),
+        (&true.into(), &"type 2".into())
+    );
     assert_eq!(found["rank"], 5);
     assert!(numbers(&found["det"])[0].abs() < 1e-12);
-    let elbow = found["singularities"].as_array().unwrap().iter().find(|s| s["name"] == "elbow").unwrap();
-    assert_eq!((&elbow["inside"], &elbow["type"]), (&false.into(), &"type 1".into()));
+    let elbow = found["singularities"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|s| s["name"] == "elbow")
+        .unwrap();
+    assert_eq!(
+        (&elbow["inside"], &elbow["type"]),
+        (&false.into(), &"type 1".into())
+    );
 }
 
 #[test]
 fn list_and_graph_speak_json_and_drawings() {
     let desk = Desk::new();
     let listed: Value = serde_json::from_str(&desk.armplane(&["list", "--json"]).out).unwrap();
-    assert!(listed["scenarios"].as_array().unwrap().iter().any(|s| s["name"] == "fig5-wrist-rotation"));
-    assert!(listed["robots"].as_array().unwrap().iter().any(|r| r["name"] == "puma560"));
+    assert!(
+        listed["scenarios"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .any(|s| s["name"] == "fig5-wrist-rotation")
+    );
+    assert!(
+        listed["robots"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .any(|r| r["name"] == "puma560")
+    );
     let dot = desk.armplane(&["graph", "--format", "dot"]).out;
-    assert!(dot.contains("controller -> plant [label=\"torque\", style=dashed]"), "{dot}");
-    assert!(desk.armplane(&["graph", "--format", "mermaid"]).out.contains("plant -->|sensor| estimator"));
+    assert!(
+        dot.contains("controller -> plant [label=\"torque\", style=dashed]"),
+        "{dot}"
+    );
+    assert!(
+        desk.armplane(&["graph", "--format", "mermaid"])
+            .out
+            .contains("plant -->|sensor| estimator")
+    );
     let graph: Value = serde_json::from_str(&desk.armplane(&["graph", "--json"]).out).unwrap();
     assert_eq!(graph["process"].as_array().unwrap().len(), 5);
 }
@@ -79,9 +144,13 @@ fn list_and_graph_speak_json_and_drawings() {
 fn arms_of_any_size_are_inspected_in_the_middle_of_their_ranges() {
     let desk = Desk::new();
     for joints in [2, 5, 8] {
-        let axes = ["0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "0 0 1", "1 0 0", "0 1 0"];
+        let axes = [
+            "0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "0 0 1", "1 0 0", "0 1 0",
+        ];
         let body = r#"<inertial><origin xyz="0.1 0 0.1"/><mass value="1"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial>"#;
-        let mut urdf = r#"<robot name="arm"><link name="l0"/><drake:ignored><deep/></drake:ignored>"#.to_owned();
+        let mut urdf =
+            r#"<robot name="arm"><link name="l0"/><drake:ignored><deep/></drake:ignored>"#
+                .to_owned();
         for (i, axis) in axes[..joints].iter().enumerate() {
             let (parent, child) = (i, i + 1);
             urdf += &format!(
@@ -94,7 +163,10 @@ fn arms_of_any_size_are_inspected_in_the_middle_of_their_ranges() {
         assert_eq!(said.code, 0, "{}", said.err);
         let found: Value = serde_json::from_str(&said.out).unwrap();
         assert_eq!(numbers(&found["q"]), vec![0.25; joints]);
-        assert_eq!((numbers(&found["A"]).len(), numbers(&found["J"]).len()), (joints * joints, 6 * joints));
+        assert_eq!(
+            (numbers(&found["A"]).len(), numbers(&found["J"]).len()),
+            (joints * joints, 6 * joints)
+        );
         assert_eq!(found["rank"], joints.min(6));
     }
 }
@@ -118,7 +190,10 @@ fn an_arm_from_another_base_on_is_the_rest_of_the_chain() {
             assert!((a - b).abs() < 1e-12, "A[{row}, {column}]: {a} against {b}");
         }
     }
-    for (a, b) in numbers(&whole["gravity"])[1..].iter().zip(numbers(&rest["gravity"])) {
+    for (a, b) in numbers(&whole["gravity"])[1..]
+        .iter()
+        .zip(numbers(&rest["gravity"]))
+    {
         assert!((a - b).abs() < 1e-12, "gravity: {a} against {b}");
     }
     let none = desk.armplane(&["inspect", "--robot", "ur5", "--base", "wheel"]);
@@ -143,16 +218,42 @@ fn a_frame_chooses_one_of_several_arms() {
     let arms = [("left", 0.2), ("right", -0.2)];
     let parts = arms.map(|(side, y)| {
         let (upper, fore) = (format!("{side}_upper"), format!("{side}_fore"));
-        [link(&upper), link(&fore), joint(&format!("{side}_1"), "base", &upper, y), joint(&format!("{side}_2"), &upper, &fore, 0.0)]
-            .concat()
+        [
+            link(&upper),
+            link(&fore),
+            joint(&format!("{side}_1"), "base", &upper, y),
+            joint(&format!("{side}_2"), &upper, &fore, 0.0),
+        ]
+        .concat()
     });
-    desk.file("two.urdf", &format!("<robot name=\"two\"><link name=\"base\"/>{}</robot>", parts.concat()));
+    desk.file(
+        "two.urdf",
+        &format!(
+            "<robot name=\"two\"><link name=\"base\"/>{}</robot>",
+            parts.concat()
+        ),
+    );
     let said = desk.armplane(&["inspect", "--robot", "two.urdf"]);
-    assert!(said.code == 2 && said.err.contains("branches at link 'base'"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("branches at link 'base'"),
+        "{}",
+        said.err
+    );
     for (side, y) in arms {
-        let said = desk.armplane(&["inspect", "--robot", "two.urdf", "--frame", &format!("{side}_fore"), "--q=0,0", "--json"]);
-        let seen: serde_json::Value = serde_json::from_str(&said.out).unwrap_or_else(|_| panic!("{}{}", said.out, said.err));
-        let position: Vec<f64> = (0..3).map(|row| seen["pose"][row][3].as_f64().expect("a number")).collect();
+        let said = desk.armplane(&[
+            "inspect",
+            "--robot",
+            "two.urdf",
+            "--frame",
+            &format!("{side}_fore"),
+            "--q=0,0",
+            "--json",
+        ]);
+        let seen: serde_json::Value =
+            serde_json::from_str(&said.out).unwrap_or_else(|_| panic!("{}{}", said.out, said.err));
+        let position: Vec<f64> = (0..3)
+            .map(|row| seen["pose"][row][3].as_f64().expect("a number"))
+            .collect();
         assert_eq!(position, [0.6, y, 0.0], "{seen}");
     }
 }

@@ -7,10 +7,20 @@ use serde_json::Value;
 use crate::command::{Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, until};
 
 /// Long enough to be interrupted.
-const LONG: [&str; 6] = ["run", "--set", "segment.1.duration_s=500", "--json", "--out", "results"];
+const LONG: [&str; 6] = [
+    "run",
+    "--set",
+    "segment.1.duration_s=500",
+    "--json",
+    "--out",
+    "results",
+];
 
 pub(crate) fn signal(pid: i32, name: &str) {
-    let status = Command::new("kill").args([format!("-{name}"), pid.to_string()]).status().unwrap();
+    let status = Command::new("kill")
+        .args([format!("-{name}"), pid.to_string()])
+        .status()
+        .unwrap();
     assert!(status.success());
 }
 
@@ -28,15 +38,35 @@ fn ctrl_c_stops_cleanly_and_keeps_the_recording() {
     let said = finish(child);
     assert_eq!(said.code, 1, "{}", said.err);
     let summary: Value = serde_json::from_str(&said.out).unwrap();
-    assert_eq!((&summary["outcome"], &summary["completed"]), (&"interrupted".into(), &false.into()), "{summary}");
-    let sentence: Value = serde_json::from_str(&said.err).unwrap_or_else(|error| panic!("{error}: {}", said.err));
-    assert!(sentence["error"]["message"].as_str().unwrap().contains(": the run was stopped by SIGINT after "), "{sentence}");
-    assert!(summary["recorder"]["bytes"].as_u64().unwrap() > 2_000_000 && summary["recorder"]["lost"] == 0, "{}", summary["recorder"]);
+    assert_eq!(
+        (&summary["outcome"], &summary["completed"]),
+        (&"interrupted".into(), &false.into()),
+        "{summary}"
+    );
+    let sentence: Value =
+        serde_json::from_str(&said.err).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+    assert!(
+        sentence["error"]["message"]
+            .as_str()
+            .unwrap()
+            .contains(": the run was stopped by SIGINT after "),
+        "{sentence}"
+    );
+    assert!(
+        summary["recorder"]["bytes"].as_u64().unwrap() > 2_000_000
+            && summary["recorder"]["lost"] == 0,
+        "{}",
+        summary["recorder"]
+    );
     assert_nothing_left(said.launcher);
 }
 
 fn kill(child: &std::process::Child, process: &str) {
-    let victim = children_of_run(child.id()).into_iter().find(|(name, _)| name == process).unwrap().1;
+    let victim = children_of_run(child.id())
+        .into_iter()
+        .find(|(name, _)| name == process)
+        .unwrap()
+        .1;
     signal(victim, "KILL");
 }
 
@@ -48,24 +78,52 @@ fn the_death_of_a_process_is_mended_and_recorded() {
         until("the recording to grow", || has_recorded_ticks(&desk));
         let before = children_of_run(child.id());
         kill(&child, process);
-        let pid = |children: &[(String, i32)]| children.iter().find(|(name, _)| name == process).map(|(_, pid)| *pid);
-        until("a replacement", || pid(&children_of_run(child.id())).is_some_and(|now| Some(now) != pid(&before)));
+        let pid = |children: &[(String, i32)]| {
+            children
+                .iter()
+                .find(|(name, _)| name == process)
+                .map(|(_, pid)| *pid)
+        };
+        until("a replacement", || {
+            pid(&children_of_run(child.id())).is_some_and(|now| Some(now) != pid(&before))
+        });
         // The replacement joins within this; what it does then, other tests tell.
         std::thread::sleep(std::time::Duration::from_millis(500));
         signal(child.id() as i32, "INT");
         let said = finish(child);
         let summary: Value = serde_json::from_str(&said.out).unwrap();
-        assert_eq!(summary["outcome"], "interrupted", "{process}: {}\n{}", summary["reason"], said.err);
+        assert_eq!(
+            summary["outcome"], "interrupted",
+            "{process}: {}\n{}",
+            summary["reason"], said.err
+        );
         let fault = &summary["faults"][0];
-        assert_eq!((&fault["process"], &fault["kind"], &fault["origin"]), (&process.into(), &"kill".into(), &"detected".into()), "{fault}");
-        let restarts = summary["processes"].as_array().unwrap().iter().find(|one| one["name"] == process).unwrap()["restarts"].as_u64();
+        assert_eq!(
+            (&fault["process"], &fault["kind"], &fault["origin"]),
+            (&process.into(), &"kill".into(), &"detected".into()),
+            "{fault}"
+        );
+        let restarts = summary["processes"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|one| one["name"] == process)
+            .unwrap()["restarts"]
+            .as_u64();
         assert_eq!(restarts, Some(1));
         assert_nothing_left(said.launcher);
     }
 }
 
 fn restarts(summary: &Value, process: &str) -> u64 {
-    summary["processes"].as_array().unwrap().iter().find(|one| one["name"] == process).unwrap()["restarts"].as_u64().unwrap()
+    summary["processes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|one| one["name"] == process)
+        .unwrap()["restarts"]
+        .as_u64()
+        .unwrap()
 }
 
 /// A run in real time with something done to it, until it is interrupted.
@@ -77,7 +135,11 @@ fn in_real_time(act: impl Fn(&Desk, &std::process::Child)) -> Value {
     signal(child.id() as i32, "INT");
     let said = finish(child);
     let summary: Value = serde_json::from_str(&said.out).unwrap();
-    assert_eq!(summary["outcome"], "interrupted", "{}\n{}", summary["reason"], said.err);
+    assert_eq!(
+        summary["outcome"], "interrupted",
+        "{}\n{}",
+        summary["reason"], said.err
+    );
     assert_nothing_left(said.launcher);
     summary
 }
@@ -88,7 +150,10 @@ fn pause_ms(ms: u64) {
 
 /// The run of a launcher, as `armplane fault` names it.
 fn run_of(child: &std::process::Child) -> String {
-    in_shared_memory(child.id()).into_iter().find(|name| !name.contains('.')).unwrap()
+    in_shared_memory(child.id())
+        .into_iter()
+        .find(|name| !name.contains('.'))
+        .unwrap()
 }
 
 #[test]
@@ -98,25 +163,53 @@ fn in_real_time_a_death_costs_one_restart_and_no_message() {
             kill(child, process);
             pause_ms(1_000);
         });
-        assert_eq!(restarts(&summary, process), 1, "{process}: {}", summary["faults"]);
+        assert_eq!(
+            restarts(&summary, process),
+            1,
+            "{process}: {}",
+            summary["faults"]
+        );
         // A process that is away for longer than the writers' buffers, a second, may lose messages; this machine may be that busy.
         let away_ms = summary["faults"][0]["recovered_ms"].as_f64().unwrap();
-        assert!(summary["recorder"]["lost"] == 0 || process == "recorder" && away_ms > 600.0, "{process}: {}", summary["recorder"]);
+        assert!(
+            summary["recorder"]["lost"] == 0 || process == "recorder" && away_ms > 600.0,
+            "{process}: {}",
+            summary["recorder"]
+        );
         let ticks = summary["topics"]["plant_state"]["count"].as_u64().unwrap();
-        assert!(away_ms > 600.0 || ticks + 1 >= summary["ticks"].as_u64().unwrap(), "{process}: {}", summary["topics"]);
+        assert!(
+            away_ms > 600.0 || ticks + 1 >= summary["ticks"].as_u64().unwrap(),
+            "{process}: {}",
+            summary["topics"]
+        );
     }
 }
 
 #[test]
 fn in_real_time_a_stopped_process_is_replaced_whatever_befell_it_before() {
     let summary = in_real_time(|desk, child| {
-        let said = desk.armplane(&["fault", "analyzer", "delay", "--for", "20ms", "--run", &run_of(child)]);
+        let said = desk.armplane(&[
+            "fault",
+            "analyzer",
+            "delay",
+            "--for",
+            "20ms",
+            "--run",
+            &run_of(child),
+        ]);
         assert_eq!(said.code, 0, "{}", said.err);
         pause_ms(100);
-        let analyzer = || children_of_run(child.id()).into_iter().find(|(name, _)| name == "analyzer").map(|(_, pid)| pid);
+        let analyzer = || {
+            children_of_run(child.id())
+                .into_iter()
+                .find(|(name, _)| name == "analyzer")
+                .map(|(_, pid)| pid)
+        };
         let stopped = analyzer().unwrap();
         signal(stopped, "STOP");
-        until("a replacement", || analyzer().is_some_and(|pid| pid != stopped));
+        until("a replacement", || {
+            analyzer().is_some_and(|pid| pid != stopped)
+        });
     });
     assert_eq!(restarts(&summary, "analyzer"), 1, "{}", summary["faults"]);
 }
@@ -124,7 +217,15 @@ fn in_real_time_a_stopped_process_is_replaced_whatever_befell_it_before() {
 #[test]
 fn in_real_time_who_waits_for_a_silent_one_is_not_killed() {
     let summary = in_real_time(|desk, child| {
-        let said = desk.armplane(&["fault", "analyzer", "drop", "--for", "3s", "--run", &run_of(child)]);
+        let said = desk.armplane(&[
+            "fault",
+            "analyzer",
+            "drop",
+            "--for",
+            "3s",
+            "--run",
+            &run_of(child),
+        ]);
         assert_eq!(said.code, 0, "{}", said.err);
         pause_ms(3_200);
     });
@@ -133,7 +234,8 @@ fn in_real_time_who_waits_for_a_silent_one_is_not_killed() {
 
 #[test]
 fn the_death_of_the_plant_or_of_a_process_without_a_budget_ends_the_run_and_is_named() {
-    let graph = include_str!("../../services/graph.toml").replace("restart = \"always\"", "restart = \"never\"");
+    let graph = include_str!("../../services/graph.toml")
+        .replace("restart = \"always\"", "restart = \"never\"");
     for process in ["plant", "controller"] {
         let desk = Desk::new();
         desk.file("graph.toml", &graph);
@@ -142,7 +244,11 @@ fn the_death_of_the_plant_or_of_a_process_without_a_budget_ends_the_run_and_is_n
         kill(&child, process);
         let said = finish(child);
         assert_eq!(said.code, 1, "{}", said.err);
-        assert!(said.err.contains(process) && said.err.contains("signal 9"), "{process}: {}", said.err);
+        assert!(
+            said.err.contains(process) && said.err.contains("signal 9"),
+            "{process}: {}",
+            said.err
+        );
         let summary: Value = serde_json::from_str(&said.out).unwrap();
         assert_eq!(summary["outcome"], "failed");
         assert_nothing_left(said.launcher);
@@ -156,14 +262,27 @@ fn no_process_outlives_a_killed_launcher_and_clean_removes_what_it_left() {
     until("the recording to grow", || has_recorded_ticks(&desk));
     signal(child.id() as i32, "KILL");
     let said = finish(child);
-    until("the processes to go", || children_of_run(said.launcher).is_empty());
-    assert!(!in_shared_memory(said.launcher).is_empty(), "a killed launcher cannot clean up");
+    until("the processes to go", || {
+        children_of_run(said.launcher).is_empty()
+    });
+    assert!(
+        !in_shared_memory(said.launcher).is_empty(),
+        "a killed launcher cannot clean up"
+    );
     let doctor: Value = serde_json::from_str(&desk.armplane(&["doctor", "--json"]).out).unwrap();
     let recovered = desk.armplane(&["recover", "results", "--json"]);
     assert_eq!(recovered.code, 0, "{}", recovered.err);
     let summary: Value = serde_json::from_str(&recovered.out).unwrap();
     let ticks = summary["ticks"].as_u64().unwrap();
-    assert!(ticks > 100 && summary["topics"]["torque"]["count"].as_u64().unwrap().abs_diff(ticks) <= 512, "{summary}");
+    assert!(
+        ticks > 100
+            && summary["topics"]["torque"]["count"]
+                .as_u64()
+                .unwrap()
+                .abs_diff(ticks)
+                <= 512,
+        "{summary}"
+    );
     assert_eq!(summary["outcome"], "interrupted");
     let mut rows = 0;
     let count = |piece: viz::Piece| {
@@ -179,9 +298,17 @@ fn no_process_outlives_a_killed_launcher_and_clean_removes_what_it_left() {
         assert_eq!(said.code, 0, "{command:?}: {}", said.err);
     }
     let again = desk.armplane(&["recover", "results"]);
-    assert!(again.code == 2 && again.err.contains("nothing to recover"), "{}", again.err);
+    assert!(
+        again.code == 2 && again.err.contains("nothing to recover"),
+        "{}",
+        again.err
+    );
     let ours = format!("-{}-", said.launcher);
-    let found = doctor["runs"].as_array().unwrap().iter().any(|run| run["run"].as_str().unwrap().contains(&ours) && run["alive"] == false);
+    let found = doctor["runs"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .any(|run| run["run"].as_str().unwrap().contains(&ours) && run["alive"] == false);
     assert!(found, "{doctor}");
     assert_eq!(desk.armplane(&["clean"]).code, 0);
     assert_nothing_left(said.launcher);
@@ -190,22 +317,37 @@ fn no_process_outlives_a_killed_launcher_and_clean_removes_what_it_left() {
 #[test]
 fn a_launcher_that_stood_still_goes_on_and_its_run_did_not_notice() {
     let desk = Desk::new();
-    let child = desk.start(&["run", "--set", "segment.1.duration_s=20", "--json", "--out", "results"]);
+    let child = desk.start(&[
+        "run",
+        "--set",
+        "segment.1.duration_s=20",
+        "--json",
+        "--out",
+        "results",
+    ]);
     until("the recording to grow", || has_recorded_ticks(&desk));
     signal(child.id() as i32, "STOP");
-    let size = || std::fs::metadata(desk.path().join("results/run.rrd")).map_or(0, |file| file.len());
+    let size =
+        || std::fs::metadata(desk.path().join("results/run.rrd")).map_or(0, |file| file.len());
     let before = size();
     until("the run to go on without it", || size() > before);
     signal(child.id() as i32, "CONT");
     let said = finish(child);
     let summary: Value = serde_json::from_str(&said.out).unwrap();
-    assert_eq!((said.code, &summary["outcome"], &summary["faults"]), (0, &"goal reached".into(), &Value::Array(vec![])), "{}", said.err);
+    assert_eq!(
+        (said.code, &summary["outcome"], &summary["faults"]),
+        (0, &"goal reached".into(), &Value::Array(vec![])),
+        "{}",
+        said.err
+    );
     assert_nothing_left(said.launcher);
 }
 
 #[test]
 fn every_signal_that_would_end_the_launcher_ends_the_run_and_leaves_nothing() {
-    for name in ["QUIT", "HUP", "USR1", "USR2", "ALRM", "VTALRM", "PROF", "XCPU", "IO"] {
+    for name in [
+        "QUIT", "HUP", "USR1", "USR2", "ALRM", "VTALRM", "PROF", "XCPU", "IO",
+    ] {
         let desk = Desk::new();
         let child = desk.start(&LONG);
         until("the first ticks", || crate::patience::ticks(&child) > 0);
@@ -213,10 +355,13 @@ fn every_signal_that_would_end_the_launcher_ends_the_run_and_leaves_nothing() {
         signal(child.id() as i32, "PIPE");
         signal(child.id() as i32, name);
         let said = finish(child);
-        let summary: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{name}: {error}: {}", said.err));
+        let summary: Value = serde_json::from_str(&said.out)
+            .unwrap_or_else(|error| panic!("{name}: {error}: {}", said.err));
         let reason = summary["reason"].as_str().unwrap_or_default();
         assert!(
-            said.code == 1 && summary["outcome"] == "interrupted" && reason.starts_with(&format!("stopped by SIG{name} ")),
+            said.code == 1
+                && summary["outcome"] == "interrupted"
+                && reason.starts_with(&format!("stopped by SIG{name} ")),
             "{summary}"
         );
         assert_nothing_left(said.launcher);
@@ -226,14 +371,31 @@ fn every_signal_that_would_end_the_launcher_ends_the_run_and_leaves_nothing() {
 #[test]
 fn a_terminal_that_goes_away_costs_the_run_nothing() {
     let desk = Desk::new();
-    let mut child = desk.start(&["run", "--set", "segment.1.duration_s=10", "--no-record", "--out", "results"]);
+    let mut child = desk.start(&[
+        "run",
+        "--set",
+        "segment.1.duration_s=10",
+        "--no-record",
+        "--out",
+        "results",
+    ]);
     until("the first ticks", || crate::patience::ticks(&child) > 0);
     drop((child.stdout.take(), child.stderr.take()));
     // The launcher reports the death on standard error.
     kill(&child, "controller");
     let said = finish(child);
-    let summary: Value = serde_json::from_slice(&std::fs::read(desk.path().join("results/summary.json")).unwrap()).unwrap();
-    assert_eq!((said.code, &summary["completed"], summary["faults"].as_array().map(Vec::len)), (0, &true.into(), Some(1)), "{summary}");
+    let summary: Value =
+        serde_json::from_slice(&std::fs::read(desk.path().join("results/summary.json")).unwrap())
+            .unwrap();
+    assert_eq!(
+        (
+            said.code,
+            &summary["completed"],
+            summary["faults"].as_array().map(Vec::len)
+        ),
+        (0, &true.into(), Some(1)),
+        "{summary}"
+    );
     assert_nothing_left(said.launcher);
 }
 
@@ -244,31 +406,57 @@ fn a_run_that_is_killed_at_any_moment_of_its_start_is_recovered_or_its_folder_is
         let out = format!("r{attempt}");
         let child = desk.start(&[&LONG[..5], &[&out]].concat());
         // Every third one before its first process; the others at any moment after that.
-        let sign = desk.path().join(&out).join(if attempt % 3 == 0 { "summary.json.reserved" } else { "job.json" });
+        let sign = desk.path().join(&out).join(if attempt % 3 == 0 {
+            "summary.json.reserved"
+        } else {
+            "job.json"
+        });
         while !sign.exists() {
             std::hint::spin_loop();
         }
-        std::thread::sleep(std::time::Duration::from_millis(if attempt % 3 == 0 { 0 } else { runtime::random(attempt, 0) % 100 }));
+        std::thread::sleep(std::time::Duration::from_millis(if attempt % 3 == 0 {
+            0
+        } else {
+            runtime::random(attempt, 0) % 100
+        }));
         // SAFETY: a plain signal to a child of ours that has not been waited for.
         unsafe { libc::kill(child.id().cast_signed(), libc::SIGKILL) };
         let said = finish(child);
-        until("the processes to go", || children_of_run(said.launcher).is_empty());
+        until("the processes to go", || {
+            children_of_run(said.launcher).is_empty()
+        });
         assert_eq!(desk.armplane(&["clean"]).code, 0);
         let folder = desk.path().join(&out);
         let names = || {
             let entries = std::fs::read_dir(&folder).into_iter().flatten().flatten();
-            entries.map(|entry| entry.file_name()).collect::<std::collections::BTreeSet<_>>()
+            entries
+                .map(|entry| entry.file_name())
+                .collect::<std::collections::BTreeSet<_>>()
         };
         let before = names();
         let again = desk.armplane(&["recover", &out, "--json"]);
         if again.code == 0 {
             let summary: Value = serde_json::from_str(&again.out).unwrap();
-            let (ticks, reason) = (summary["ticks"].as_u64().unwrap(), summary["reason"].as_str().unwrap());
-            assert_eq!((&summary["outcome"], reason.contains("before the messages of a whole tick")), (&"interrupted".into(), ticks == 0));
+            let (ticks, reason) = (
+                summary["ticks"].as_u64().unwrap(),
+                summary["reason"].as_str().unwrap(),
+            );
+            assert_eq!(
+                (
+                    &summary["outcome"],
+                    reason.contains("before the messages of a whole tick")
+                ),
+                (&"interrupted".into(), ticks == 0)
+            );
             let reported = desk.armplane(&["report", &out]);
             assert_eq!(reported.code, 0, "{ticks} ticks: {}", reported.err);
         } else {
-            assert_eq!((attempt % 3, again.code, again.err.lines().count()), (0, 2, 1), "{}", again.err);
+            assert_eq!(
+                (attempt % 3, again.code, again.err.lines().count()),
+                (0, 2, 1),
+                "{}",
+                again.err
+            );
             assert!(again.err.contains("makes the run in it"), "{}", again.err);
             assert_eq!(names(), before);
         }
@@ -278,6 +466,10 @@ fn a_run_that_is_killed_at_any_moment_of_its_start_is_recovered_or_its_folder_is
     std::fs::create_dir(&folder).unwrap();
     desk.file("early/summary.json.reserved", "");
     let refused = desk.armplane(&["recover", "early"]);
-    assert!(refused.code == 2 && refused.err.contains("makes the run in it"), "{}", refused.err);
+    assert!(
+        refused.code == 2 && refused.err.contains("makes the run in it"),
+        "{}",
+        refused.err
+    );
     assert!(folder.join("summary.json.reserved").exists());
 }

@@ -16,7 +16,13 @@ pub(crate) fn is_root() -> bool {
 
 /// A command of another user.
 fn neighbour(script: &str) -> Output {
-    Command::new("sh").args(["-c", script]).uid(65534).gid(65534).current_dir("/").output().expect("a shell")
+    Command::new("sh")
+        .args(["-c", script])
+        .uid(65534)
+        .gid(65534)
+        .current_dir("/")
+        .output()
+        .expect("a shell")
 }
 
 pub(crate) fn text(bytes: &[u8]) -> String {
@@ -32,23 +38,51 @@ fn another_user_costs_a_run_neither_its_results_nor_its_cleaning() {
     let target = desk.file("target", "x");
     let mode = || std::fs::metadata(&target).unwrap().mode();
     let before = mode();
-    let run = desk.start(&["run", "--set", "segment.1.duration_s=5", "--json", "--no-record", "--out", "r"]);
+    let run = desk.start(&[
+        "run",
+        "--set",
+        "segment.1.duration_s=5",
+        "--json",
+        "--no-record",
+        "--out",
+        "r",
+    ]);
     until("the first ticks", || ticks(&run) > 0);
     let name = run_of(run.id()).unwrap();
     // A look-alike of a dead run, and files that bear the name of the living one.
     let dead = "/dev/shm/armplane-0-4194998-1f-0";
-    let script = format!("touch /dev/shm/{name}.x && ln -s {} /dev/shm/{name}.link && mkdir {dead} && touch {dead}.y", target.display());
+    let script = format!(
+        "touch /dev/shm/{name}.x && ln -s {} /dev/shm/{name}.link && mkdir {dead} && touch {dead}.y",
+        target.display()
+    );
     let planted = neighbour(&script);
     let said = finish(run);
     let cleaned = desk.armplane(&["clean"]);
-    let left: Vec<bool> = [format!("/dev/shm/{name}.x"), format!("{dead}.y")].iter().map(|path| Path::new(path).exists()).collect();
-    for path in [format!("/dev/shm/{name}.x"), format!("/dev/shm/{name}.link"), format!("{dead}.y")] {
+    let left: Vec<bool> = [format!("/dev/shm/{name}.x"), format!("{dead}.y")]
+        .iter()
+        .map(|path| Path::new(path).exists())
+        .collect();
+    for path in [
+        format!("/dev/shm/{name}.x"),
+        format!("/dev/shm/{name}.link"),
+        format!("{dead}.y"),
+    ] {
         let _ = std::fs::remove_file(path);
     }
     let _ = std::fs::remove_dir(dead);
     assert!(planted.status.success(), "{}", text(&planted.stderr));
-    assert_eq!((said.code, desk.path().join("r/summary.json").exists()), (0, true), "{}", said.err);
-    assert_eq!((cleaned.code, left), (0, vec![true; 2]), "foreign files are no concern of ours: {}", cleaned.err);
+    assert_eq!(
+        (said.code, desk.path().join("r/summary.json").exists()),
+        (0, true),
+        "{}",
+        said.err
+    );
+    assert_eq!(
+        (cleaned.code, left),
+        (0, vec![true; 2]),
+        "foreign files are no concern of ours: {}",
+        cleaned.err
+    );
     assert_eq!(mode(), before);
     assert_nothing_left(said.launcher);
 }
@@ -69,7 +103,12 @@ fn a_full_memory_file_system_is_refused_in_bytes_and_one_that_fills_up_later_cos
         return skipped("this machine lets no test mount a file system");
     }
     let said = text(&refused.stderr);
-    assert!(refused.status.code() == Some(1) && said.contains("bytes are missing") && said.lines().count() == 1, "{said}");
+    assert!(
+        refused.status.code() == Some(1)
+            && said.contains("bytes are missing")
+            && said.lines().count() == 1,
+        "{said}"
+    );
     assert!(!desk.path().join("small").exists(), "nothing began");
     let filled = within(
         "48m",
@@ -77,7 +116,17 @@ fn a_full_memory_file_system_is_refused_in_bytes_and_one_that_fills_up_later_cos
          until test -n \"$(ls /dev/shm/*.connection 2>/dev/null)\"; do sleep 0.01; done; sleep 0.5
          cat /dev/zero > /dev/shm/filler 2>/dev/null; wait $run; code=$?; rm /dev/shm/filler; ls /dev/shm; exit $code",
     );
-    assert_eq!((filled.status.code(), text(&filled.stdout)), (Some(0), String::new()), "{}", text(&filled.stderr));
-    let summary: Value = serde_json::from_slice(&std::fs::read(desk.path().join("filled/summary.json")).unwrap()).unwrap();
-    assert_eq!((&summary["outcome"], &summary["recorder"]["lost"]), (&"goal reached".into(), &0.into()));
+    assert_eq!(
+        (filled.status.code(), text(&filled.stdout)),
+        (Some(0), String::new()),
+        "{}",
+        text(&filled.stderr)
+    );
+    let summary: Value =
+        serde_json::from_slice(&std::fs::read(desk.path().join("filled/summary.json")).unwrap())
+            .unwrap();
+    assert_eq!(
+        (&summary["outcome"], &summary["recorder"]["lost"]),
+        (&"goal reached".into(), &0.into())
+    );
 }

@@ -20,15 +20,26 @@ fn the_end_of_an_observer_has_one_tick() {
     if !has_python("") {
         return skipped("there is no python3");
     }
-    for (at_100, kind) in [("os.kill(os.getpid(), 9)", "exit"), ("os.kill(os.getppid(), 9)", "kill")] {
+    for (at_100, kind) in [
+        ("os.kill(os.getpid(), 9)", "exit"),
+        ("os.kill(os.getppid(), 9)", "kill"),
+    ] {
         let desk = Desk::new();
         watch(&desk, at_100);
         let said = run(&desk, &["run", "short.toml", "--no-record", "--json"]);
         let summary = summary(&said);
         let (fault, reason) = (&summary["faults"][0], summary["reason"].as_str().unwrap());
         let at = format!(" at tick {}", fault["tick"]);
-        assert_eq!((said.code, &fault["kind"], &fault["plan"]["at_tick"]), (1, &kind.into(), &fault["tick"]), "{}", said.err);
-        assert!(reason.contains(&at) && fault["detail"].as_str().unwrap().contains(&at), "{reason}: {fault}");
+        assert_eq!(
+            (said.code, &fault["kind"], &fault["plan"]["at_tick"]),
+            (1, &kind.into(), &fault["tick"]),
+            "{}",
+            said.err
+        );
+        assert!(
+            reason.contains(&at) && fault["detail"].as_str().unwrap().contains(&at),
+            "{reason}: {fault}"
+        );
         assert!(kind == "kill" || fault["tick"] == 100, "{fault}");
     }
 }
@@ -40,15 +51,32 @@ fn a_program_that_hangs_ends_quietly_with_an_interrupted_run() {
     }
     let desk = Desk::new();
     watch(&desk, "print('hangs', flush=True); time.sleep(600)");
-    let mut launcher = armplane(&desk, &["run", "short.toml", "--no-record", "--json"]).spawn().expect("armplane starts");
-    let mut lines = BufReader::new(launcher.stderr.take().expect("piped")).lines().map_while(Result::ok);
-    assert!(lines.by_ref().any(|line| line.contains("hangs")), "it does not come to tick 100");
+    let mut launcher = armplane(&desk, &["run", "short.toml", "--no-record", "--json"])
+        .spawn()
+        .expect("armplane starts");
+    let mut lines = BufReader::new(launcher.stderr.take().expect("piped"))
+        .lines()
+        .map_while(Result::ok);
+    assert!(
+        lines.by_ref().any(|line| line.contains("hangs")),
+        "it does not come to tick 100"
+    );
     signal(launcher.id().cast_signed(), "INT");
     let rest: Vec<String> = lines.collect();
     let said = finish(launcher);
     let summary = summary(&said);
-    assert_eq!((&summary["outcome"], summary["faults"].as_array().map(Vec::len)), (&"interrupted".into(), Some(0)), "{summary}");
-    assert!(!rest.iter().any(|line| line.contains("has not answered")), "{rest:?}");
+    assert_eq!(
+        (
+            &summary["outcome"],
+            summary["faults"].as_array().map(Vec::len)
+        ),
+        (&"interrupted".into(), Some(0)),
+        "{summary}"
+    );
+    assert!(
+        !rest.iter().any(|line| line.contains("has not answered")),
+        "{rest:?}"
+    );
     assert_nothing_left(said.launcher);
     assert_eq!(programs_of(said.launcher), Vec::<i32>::new());
 }

@@ -5,7 +5,9 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::command::{Desk, Said, assert_nothing_left, children_of_run, finish, run_of, skipped, until};
+use crate::command::{
+    Desk, Said, assert_nothing_left, children_of_run, finish, run_of, skipped, until,
+};
 use crate::life::signal;
 
 const PROCESSES: [&str; 5] = ["plant", "estimator", "analyzer", "controller", "recorder"];
@@ -13,12 +15,17 @@ const PROCESSES: [&str; 5] = ["plant", "estimator", "analyzer", "controller", "r
 const RUN: [&str; 5] = ["run", "--set", "segment.1.duration_s=8", "--json", "--out"];
 
 fn pid_of(run: &Child, process: &str) -> Option<i32> {
-    children_of_run(run.id()).into_iter().find(|(name, _)| name == process).map(|(_, pid)| pid)
+    children_of_run(run.id())
+        .into_iter()
+        .find(|(name, _)| name == process)
+        .map(|(_, pid)| pid)
 }
 
 /// Ticks that a run has begun.
 pub(crate) fn ticks(run: &Child) -> u64 {
-    let Some(run) = run_of(run.id()).and_then(|name| runtime::RunDir::open(&std::path::Path::new("/dev/shm").join(name)).ok()) else {
+    let Some(run) = run_of(run.id())
+        .and_then(|name| runtime::RunDir::open(&std::path::Path::new("/dev/shm").join(name)).ok())
+    else {
         return 0;
     };
     runtime::ControlPage::open(&run).map_or(0, |page| page.process(0).ticks())
@@ -31,7 +38,10 @@ fn run_with(desk: &Desk, out: &str, more: &[&str], act: impl FnOnce(&Child)) -> 
     act(&run);
     let said = finish(run);
     assert_nothing_left(said.launcher);
-    (serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err)), said)
+    (
+        serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err)),
+        said,
+    )
 }
 
 #[test]
@@ -47,13 +57,34 @@ fn stopped_and_traced_processes_are_waited_for_and_no_byte_changes() {
             signal(pid, "CONT");
         }
     });
-    assert_eq!((&stopped["topics"], &stopped["faults"]), (&calm["topics"], &Value::Array(vec![])), "{}", said.err);
-    assert!(said.err.contains("estimator is stopped (SIGSTOP): waiting"), "{}", said.err);
+    assert_eq!(
+        (&stopped["topics"], &stopped["faults"]),
+        (&calm["topics"], &Value::Array(vec![])),
+        "{}",
+        said.err
+    );
+    assert!(
+        said.err.contains("estimator is stopped (SIGSTOP): waiting"),
+        "{}",
+        said.err
+    );
     let mut is_traced = true;
-    let (traced, said) = run_with(&desk, "traced", &[], |run| is_traced = trace(pid_of(run, "controller").unwrap()));
-    assert_eq!((&traced["topics"], &traced["faults"]), (&calm["topics"], &Value::Array(vec![])), "{}", said.err);
+    let (traced, said) = run_with(&desk, "traced", &[], |run| {
+        is_traced = trace(pid_of(run, "controller").unwrap())
+    });
+    assert_eq!(
+        (&traced["topics"], &traced["faults"]),
+        (&calm["topics"], &Value::Array(vec![])),
+        "{}",
+        said.err
+    );
     if is_traced {
-        assert!(said.err.contains("controller is held by a debugger: waiting"), "{}", said.err);
+        assert!(
+            said.err
+                .contains("controller is held by a debugger: waiting"),
+            "{}",
+            said.err
+        );
     } else {
         skipped("this machine lets no process trace another one");
     }
@@ -79,9 +110,26 @@ fn trace(pid: i32) -> bool {
 #[test]
 fn a_user_may_set_a_limit_after_which_a_stopped_process_is_replaced() {
     let desk = Desk::new();
-    let (summary, said) = run_with(&desk, "r", &["--silence-limit", "0.2"], |run| signal(pid_of(run, "analyzer").unwrap(), "STOP"));
-    assert_eq!((said.code, &summary["faults"][0]["process"], &summary["faults"][0]["kind"]), (0, &"analyzer".into(), &"kill".into()));
-    assert!(said.err.contains("analyzer has done nothing for"), "{}", said.err);
+    let (summary, said) = run_with(&desk, "r", &["--silence-limit", "0.2"], |run| {
+        signal(pid_of(run, "analyzer").unwrap(), "STOP")
+    });
+    assert_eq!(
+        (
+            said.code,
+            &summary["faults"][0]["process"],
+            &summary["faults"][0]["kind"]
+        ),
+        (0, &"analyzer".into(), &"kill".into())
+    );
+    assert!(
+        said.err.contains("analyzer has done nothing for"),
+        "{}",
+        said.err
+    );
     let said = desk.armplane(&["run", "--silence-limit=-1"]);
-    assert!(said.code == 2 && said.err.contains("--silence-limit"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("--silence-limit"),
+        "{}",
+        said.err
+    );
 }

@@ -9,7 +9,13 @@ const SHORT: &str = "name = \"short\"\nrobot = \"puma560\"\nsettle_s = 0.3\n[sta
 
 fn make_pipe(path: &std::path::Path) {
     let _ = std::fs::remove_file(path);
-    assert!(std::process::Command::new("mkfifo").arg(path).status().expect("mkfifo").success());
+    assert!(
+        std::process::Command::new("mkfifo")
+            .arg(path)
+            .status()
+            .expect("mkfifo")
+            .success()
+    );
 }
 
 #[test]
@@ -21,18 +27,30 @@ fn a_pipe_without_a_writer_is_refused_in_one_sentence_by_every_command() {
         make_pipe(&desk.path().join(name));
     }
     desk.file("robot.toml", &SHORT.replace("\"puma560\"", "\"p.urdf\""));
-    desk.file("graph.toml", &SHORT.replace("settle_s", "graph = \"p.toml\"\nsettle_s"));
+    desk.file(
+        "graph.toml",
+        &SHORT.replace("settle_s", "graph = \"p.toml\"\nsettle_s"),
+    );
     let refused = |args: &[&str], words: &str, codes: &[i32]| {
         let began = Instant::now();
         let said = desk.armplane(args);
         assert!(
-            codes.contains(&said.code) && said.err.lines().next().is_some_and(|sentence| sentence.contains(words)),
+            codes.contains(&said.code)
+                && said
+                    .err
+                    .lines()
+                    .next()
+                    .is_some_and(|sentence| sentence.contains(words)),
             "{args:?}: {}: {}{}",
             said.code,
             said.out,
             said.err
         );
-        assert!(began.elapsed() < Duration::from_secs(20), "{args:?} took {:?}", began.elapsed());
+        assert!(
+            began.elapsed() < Duration::from_secs(20),
+            "{args:?} took {:?}",
+            began.elapsed()
+        );
     };
     for args in [
         &["run", "p.toml"][..],
@@ -78,7 +96,11 @@ fn a_pipe_without_a_writer_is_refused_in_one_sentence_by_every_command() {
                 said.out,
                 said.err
             );
-            assert!(began.elapsed() < Duration::from_secs(20), "{command} with {name} took {:?}", began.elapsed());
+            assert!(
+                began.elapsed() < Duration::from_secs(20),
+                "{command} with {name} took {:?}",
+                began.elapsed()
+            );
         }
         std::fs::remove_file(file(name)).unwrap();
         std::fs::write(file(name), kept).unwrap();
@@ -95,11 +117,17 @@ fn a_scenario_comes_through_a_pipe_that_the_shell_makes() {
             .current_dir(desk.path())
             .output()
             .expect("bash");
-        let summary: serde_json::Value =
-            serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(&output.stderr)));
+        let summary: serde_json::Value = serde_json::from_slice(&output.stdout)
+            .unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(&output.stderr)));
         summary["topics"].clone()
     };
     let expected = desk.run(&["short.toml", "--out", "r"])["topics"].clone();
-    assert_eq!(of("\"$0\" run <(sleep 0.2; cat short.toml) --out s --json"), expected);
-    assert_eq!(of("cat short.toml | \"$0\" run /dev/stdin --out t --json"), expected);
+    assert_eq!(
+        of("\"$0\" run <(sleep 0.2; cat short.toml) --out s --json"),
+        expected
+    );
+    assert_eq!(
+        of("cat short.toml | \"$0\" run /dev/stdin --out t --json"),
+        expected
+    );
 }

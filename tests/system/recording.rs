@@ -28,21 +28,44 @@ impl Desk {
     }
 
     fn read(&self, name: &str) -> String {
-        std::fs::read_to_string(self.path().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+        std::fs::read_to_string(self.path().join(name))
+            .unwrap_or_else(|error| panic!("{name}: {error}"))
     }
 }
 
-const SHORT: [&str; 4] = ["--set", "segment.0.duration_s=1", "--set", "segment.1.duration_s=1.5"];
+const SHORT: [&str; 4] = [
+    "--set",
+    "segment.0.duration_s=1",
+    "--set",
+    "segment.1.duration_s=1.5",
+];
 
 #[test]
 fn without_a_viewer_one_sentence_says_how_to_get_one() {
     let desk = Desk::new();
     desk.run(&[&SHORT[..], &["--out", "results"]].concat());
     let said = desk.with_viewer(Path::new("/there/is/no/viewer"), &["view", "results"]);
-    assert_eq!((said.code, said.err.lines().count()), (1, 1), "{}", said.err);
-    assert!(said.err.contains("pip install rerun-sdk==0.36.3") && said.err.contains("/there/is/no/viewer"), "{}", said.err);
-    let live = desk.with_viewer(Path::new("/there/is/no/viewer"), &["run", "--live", "--out", "live"]);
-    assert!(live.code == 1 && live.err.contains("pip install"), "{}", live.err);
+    assert_eq!(
+        (said.code, said.err.lines().count()),
+        (1, 1),
+        "{}",
+        said.err
+    );
+    assert!(
+        said.err.contains("pip install rerun-sdk==0.36.3")
+            && said.err.contains("/there/is/no/viewer"),
+        "{}",
+        said.err
+    );
+    let live = desk.with_viewer(
+        Path::new("/there/is/no/viewer"),
+        &["run", "--live", "--out", "live"],
+    );
+    assert!(
+        live.code == 1 && live.err.contains("pip install"),
+        "{}",
+        live.err
+    );
     assert!(!desk.path().join("live").exists(), "nothing was started");
 }
 
@@ -50,12 +73,22 @@ fn without_a_viewer_one_sentence_says_how_to_get_one() {
 #[test]
 fn the_real_viewer_shows_the_layout_that_was_asked_for() {
     let viewer = std::env::var_os("ARMPLANE_RERUN").unwrap_or_else(|| "rerun".into());
-    let answers = |command: &mut Command| command.stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok_and(|status| status.success());
+    let answers = |command: &mut Command| {
+        command
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .status()
+            .is_ok_and(|status| status.success())
+    };
     if !answers(Command::new(viewer).arg("--version")) {
         return skipped("there is no Rerun viewer");
     }
-    if !Path::new("/usr/share/vulkan/icd.d/lvp_icd.x86_64.json").exists() || !answers(Command::new("python3").args(["-c", "import PIL"])) {
-        return skipped("there is no software Vulkan driver, or no Pillow, to take a picture of the viewer with");
+    if !Path::new("/usr/share/vulkan/icd.d/lvp_icd.x86_64.json").exists()
+        || !answers(Command::new("python3").args(["-c", "import PIL"]))
+    {
+        return skipped(
+            "there is no software Vulkan driver, or no Pillow, to take a picture of the viewer with",
+        );
     }
     let desk = Desk::new();
     desk.run(&[&SHORT[..], &["--out", "results"]].concat());
@@ -63,14 +96,30 @@ fn the_real_viewer_shows_the_layout_that_was_asked_for() {
     // The share of the upper left pane that is the ground of a view of the arm.
     let shown = |layout: &[&str]| {
         let mut command = Command::new("python3");
-        command.arg(&script).arg("shown.png").arg(env!("CARGO_BIN_EXE_armplane")).args(["view", "results"]).args(layout);
-        let said = command.current_dir(desk.path()).output().expect("python3 starts");
+        command
+            .arg(&script)
+            .arg("shown.png")
+            .arg(env!("CARGO_BIN_EXE_armplane"))
+            .args(["view", "results"])
+            .args(layout);
+        let said = command
+            .current_dir(desk.path())
+            .output()
+            .expect("python3 starts");
         let text = String::from_utf8_lossy(&said.stdout);
-        text.trim().parse::<f64>().unwrap_or_else(|error| panic!("{error}: {text}{}", String::from_utf8_lossy(&said.stderr)))
+        text.trim().parse::<f64>().unwrap_or_else(|error| {
+            panic!("{error}: {text}{}", String::from_utf8_lossy(&said.stderr))
+        })
     };
     let (control, timing) = (shown(&[]), shown(&["--layout", "timing"]));
-    assert!(control > 0.5, "the arm is in the upper left of the layout `control`: {control}");
-    assert!(timing < 0.1, "latencies are in the upper left of the layout `timing`: {timing}");
+    assert!(
+        control > 0.5,
+        "the arm is in the upper left of the layout `control`: {control}"
+    );
+    assert!(
+        timing < 0.1,
+        "latencies are in the upper left of the layout `timing`: {timing}"
+    );
 }
 
 #[test]
@@ -84,51 +133,138 @@ fn view_opens_the_latest_run_and_another_layout() {
     let folder = "runs/fig5-wrist-rotation-002";
     let parts = ["run.rrd", "run-001.rrd", "run-002.rrd"].map(|name| format!("{folder}/{name}"));
     assert_eq!(seen.trim(), format!("{} --bind 127.0.0.1", parts.join(" ")));
-    assert_eq!(desk.with_viewer(&viewer, &["view", "fig5-wrist-rotation-001", "--layout", "timing"]).code, 0);
-    let layout = std::fs::read(desk.path().join("runs/fig5-wrist-rotation-001/timing.rbl")).expect("the layout");
+    assert_eq!(
+        desk.with_viewer(
+            &viewer,
+            &["view", "fig5-wrist-rotation-001", "--layout", "timing"]
+        )
+        .code,
+        0
+    );
+    let layout = std::fs::read(desk.path().join("runs/fig5-wrist-rotation-001/timing.rbl"))
+        .expect("the layout");
     assert_eq!(&layout[..4], b"RRF2", "a Rerun blueprint");
     // The viewer shows the layout it reads last: it gets the recording first, in one stream.
-    let reading = desk.viewer("reading.sh", "echo \"$@\" > seen; [ \"$1\" = - ] && cat > got; true");
-    assert_eq!(desk.with_viewer(&reading, &["view", "fig5-wrist-rotation-001", "--layout", "timing"]).code, 0);
+    let reading = desk.viewer(
+        "reading.sh",
+        "echo \"$@\" > seen; [ \"$1\" = - ] && cat > got; true",
+    );
+    assert_eq!(
+        desk.with_viewer(
+            &reading,
+            &["view", "fig5-wrist-rotation-001", "--layout", "timing"]
+        )
+        .code,
+        0
+    );
     assert_eq!(desk.read("seen").trim(), "- --bind 127.0.0.1");
-    let recording = std::fs::read(desk.path().join("runs/fig5-wrist-rotation-001/run.rrd")).expect("the recording");
-    let layout = std::fs::read(desk.path().join("runs/fig5-wrist-rotation-001/timing.rbl")).expect("the layout");
+    let recording = std::fs::read(desk.path().join("runs/fig5-wrist-rotation-001/run.rrd"))
+        .expect("the recording");
+    let layout = std::fs::read(desk.path().join("runs/fig5-wrist-rotation-001/timing.rbl"))
+        .expect("the layout");
     let got = std::fs::read(desk.path().join("got")).expect("what the viewer has read");
-    assert!(got.len() == recording.len() + layout.len() && got.starts_with(&recording) && got.ends_with(&layout));
-    std::fs::copy(desk.path().join(folder).join("run.rrd"), desk.path().join("mine.rrd")).expect("a copy");
+    assert!(
+        got.len() == recording.len() + layout.len()
+            && got.starts_with(&recording)
+            && got.ends_with(&layout)
+    );
+    std::fs::copy(
+        desk.path().join(folder).join("run.rrd"),
+        desk.path().join("mine.rrd"),
+    )
+    .expect("a copy");
     assert_eq!(desk.with_viewer(&viewer, &["view", "mine.rrd"]).code, 0);
     assert_eq!(desk.read("seen").trim(), "mine.rrd --bind 127.0.0.1");
     let old = desk.viewer("old.sh", "[ \"$1\" = --version ] && echo rerun-cli 0.20.1");
     let said = desk.with_viewer(&old, &["view"]);
-    assert!(said.err.contains("is 0.20") && said.err.contains("pip install rerun-sdk==0.36.3"), "{}", said.err);
+    assert!(
+        said.err.contains("is 0.20") && said.err.contains("pip install rerun-sdk==0.36.3"),
+        "{}",
+        said.err
+    );
     let failing = desk.viewer("failing.sh", "exit 3");
     let said = desk.with_viewer(&failing, &["view"]);
-    assert!(said.code == 1 && said.err.contains("failing.sh"), "{}", said.err);
+    assert!(
+        said.code == 1 && said.err.contains("failing.sh"),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
 fn live_passes_on_every_byte_of_every_part() {
     let desk = Desk::new();
-    let viewer = desk.viewer("viewer.sh", "[ \"$1\" = - ] && cat > got.draft && mv got.draft got");
-    let said = desk.with_viewer(&viewer, &[&["run", "--live", "--out", "results", "--set", "record.part_s=1.2"], &SHORT[..]].concat());
+    let viewer = desk.viewer(
+        "viewer.sh",
+        "[ \"$1\" = - ] && cat > got.draft && mv got.draft got",
+    );
+    let said = desk.with_viewer(
+        &viewer,
+        &[
+            &[
+                "run",
+                "--live",
+                "--out",
+                "results",
+                "--set",
+                "record.part_s=1.2",
+            ],
+            &SHORT[..],
+        ]
+        .concat(),
+    );
     assert_eq!((said.code, said.err.as_str()), (0, ""), "{}", said.out);
     assert_nothing_left(said.launcher);
-    crate::command::until("the viewer to have everything", || desk.path().join("got").exists());
-    let parts =
-        ["run.rrd", "run-001.rrd", "run-002.rrd"].map(|name| std::fs::read(desk.path().join("results").join(name)).expect("a part"));
-    assert!(std::fs::read(desk.path().join("got")).expect("bytes") == parts.concat(), "what was shown is what is kept");
+    crate::command::until("the viewer to have everything", || {
+        desk.path().join("got").exists()
+    });
+    let parts = ["run.rrd", "run-001.rrd", "run-002.rrd"]
+        .map(|name| std::fs::read(desk.path().join("results").join(name)).expect("a part"));
+    assert!(
+        std::fs::read(desk.path().join("got")).expect("bytes") == parts.concat(),
+        "what was shown is what is kept"
+    );
 }
 
 #[test]
 fn no_process_waits_for_a_viewer_that_is_closed_or_stuck() {
     let desk = Desk::new();
     let plain = desk.run(&SHORT);
-    for (name, text, expected) in [("closed.sh", "exit 0", "closed"), ("stuck.sh", "echo $$ > pid; exec sleep 600", "stopped reading")] {
+    for (name, text, expected) in [
+        ("closed.sh", "exit 0", "closed"),
+        (
+            "stuck.sh",
+            "echo $$ > pid; exec sleep 600",
+            "stopped reading",
+        ),
+    ] {
         let viewer = desk.viewer(name, text);
-        let said = desk.with_viewer(&viewer, &[&["run", "--live", "--json", "--out", name.trim_end_matches(".sh")], &SHORT[..]].concat());
-        assert!(said.code == 0 && said.err.contains(expected) && said.err.contains("the recording is whole"), "{name}: {}", said.err);
+        let said = desk.with_viewer(
+            &viewer,
+            &[
+                &[
+                    "run",
+                    "--live",
+                    "--json",
+                    "--out",
+                    name.trim_end_matches(".sh"),
+                ],
+                &SHORT[..],
+            ]
+            .concat(),
+        );
+        assert!(
+            said.code == 0
+                && said.err.contains(expected)
+                && said.err.contains("the recording is whole"),
+            "{name}: {}",
+            said.err
+        );
         let summary: serde_json::Value = serde_json::from_str(&said.out).expect("JSON");
-        assert_eq!(summary["topics"], plain["topics"], "the same run, to the byte");
+        assert_eq!(
+            summary["topics"], plain["topics"],
+            "the same run, to the byte"
+        );
     }
     let pid = desk.read("pid");
     Command::new("kill").arg(pid.trim()).status().expect("kill");
@@ -137,15 +273,30 @@ fn no_process_waits_for_a_viewer_that_is_closed_or_stuck() {
 #[test]
 fn csv_has_a_row_for_every_tick_of_every_part() {
     let desk = Desk::new();
-    let summary = desk.run(&[&SHORT[..], &["--set", "record.part_s=1.2", "--out", "results"]].concat());
+    let summary = desk.run(
+        &[
+            &SHORT[..],
+            &["--set", "record.part_s=1.2", "--out", "results"],
+        ]
+        .concat(),
+    );
     assert_eq!(summary["recorder"]["parts"], 3);
     let said = desk.armplane(&["export", "results", "--out", "tables", "--json"]);
     assert_eq!(said.code, 0, "{}", said.err);
     let table = desk.read("tables/signals.csv");
     let mut lines = table.lines();
     let names: Vec<&str> = lines.next().expect("headings").split(',').collect();
-    let column = |name: &str| names.iter().position(|known| *known == name).unwrap_or_else(|| panic!("no {name} in {names:?}"));
-    let (tick, s, q5) = (column("tick"), column("singularity.s.wrist"), column("joint.q.5"));
+    let column = |name: &str| {
+        names
+            .iter()
+            .position(|known| *known == name)
+            .unwrap_or_else(|| panic!("no {name} in {names:?}"))
+    };
+    let (tick, s, q5) = (
+        column("tick"),
+        column("singularity.s.wrist"),
+        column("joint.q.5"),
+    );
     column("error.position_mm.orthogonal");
     column("latency.us.sensor_to_torque");
     column("hand.position.x");
@@ -153,25 +304,45 @@ fn csv_has_a_row_for_every_tick_of_every_part() {
         .map(|line| {
             let fields: Vec<&str> = line.split(',').collect();
             assert_eq!(fields.len(), names.len());
-            [tick, s, q5].map(|column| fields[column].parse().expect("a number")).to_vec()
+            [tick, s, q5]
+                .map(|column| fields[column].parse().expect("a number"))
+                .to_vec()
         })
         .collect();
-    assert_eq!(rows.len() as u64, summary["ticks"].as_u64().expect("a number"), "nothing is lost in lockstep");
+    assert_eq!(
+        rows.len() as u64,
+        summary["ticks"].as_u64().expect("a number"),
+        "nothing is lost in lockstep"
+    );
     assert!(rows.iter().enumerate().all(|(k, row)| row[0] == k as f64));
     let end = rows.last().expect("rows");
-    assert!((end[1] - end[2].sin()).abs() < 1e-3, "the wrist's measure is sin q5: {end:?}");
+    assert!(
+        (end[1] - end[2].sin()).abs() < 1e-3,
+        "the wrist's measure is sin q5: {end:?}"
+    );
     let events = desk.read("tables/events.csv");
-    assert!(events.lines().any(|line| line.contains("state,mode/wrist,reorient")), "{events}");
+    assert!(
+        events
+            .lines()
+            .any(|line| line.contains("state,mode/wrist,reorient")),
+        "{events}"
+    );
 }
 
 #[test]
 fn every_format_of_an_export_is_written() {
     let desk = Desk::new();
     desk.run(&[&SHORT[..], &["--out", "results"]].concat());
-    for (format, file, magic) in [("parquet", "signals.parquet", b"PAR1"), ("mcap", "run.mcap", b"\x89MCA")] {
+    for (format, file, magic) in [
+        ("parquet", "signals.parquet", b"PAR1"),
+        ("mcap", "run.mcap", b"\x89MCA"),
+    ] {
         let said = desk.armplane(&["export", "results", "--format", format]);
         assert_eq!(said.code, 0, "{}", said.err);
-        assert_eq!(&std::fs::read(desk.path().join("results").join(file)).expect("a file")[..4], magic);
+        assert_eq!(
+            &std::fs::read(desk.path().join("results").join(file)).expect("a file")[..4],
+            magic
+        );
     }
     let said = desk.armplane(&["export", "results", "--layout", "timing"]);
     assert!(said.code == 2 && said.err.contains("rbl"), "{}", said.err);
@@ -184,22 +355,63 @@ fn a_report_stands_alone() {
     let said = desk.armplane(&["report", "results"]);
     assert_eq!(said.code, 0, "{}", said.err);
     let page = desk.read("results/report.html");
-    assert!(page.matches("<svg").count() >= 4 && page.contains("<polyline"), "plots");
-    for foreign in ["<script ", "<link", "src=", "url(", "@import", "fetch(", "import(", "XMLHttpRequest", "<img", "<iframe"] {
+    assert!(
+        page.matches("<svg").count() >= 4 && page.contains("<polyline"),
+        "plots"
+    );
+    for foreign in [
+        "<script ",
+        "<link",
+        "src=",
+        "url(",
+        "@import",
+        "fetch(",
+        "import(",
+        "XMLHttpRequest",
+        "<img",
+        "<iframe",
+    ] {
         assert!(!page.contains(foreign), "{foreign}");
     }
-    assert!(page.contains("default-src 'none'") && page.len() < 5_000_000, "no network, and {} bytes", page.len());
+    assert!(
+        page.contains("default-src 'none'") && page.len() < 5_000_000,
+        "no network, and {} bytes",
+        page.len()
+    );
     let poses = page.matches("<figure class=\"pose\"").count();
-    assert!((3..=5).contains(&poses) && page.contains("<b>Locked</b>") && page.contains("<b>End</b>"), "{poses} poses");
-    assert!(page.find("class=\"poses\"").unwrap() < page.find("<h2>").unwrap(), "the page begins with the arm");
-    assert!(page.matches("class=\"cursor\"").count() >= 8 && page.contains("type=\"range\""), "a slider, and its line in every plot");
-    let hash = summary["topics"]["torque"]["hash"].as_str().expect("a hash");
-    for expected in ["goal reached", "wrist", "type 2", "reorient", hash, env!("CARGO_PKG_VERSION"), "Linux", "No fault, refusal or loss."]
-    {
+    assert!(
+        (3..=5).contains(&poses) && page.contains("<b>Locked</b>") && page.contains("<b>End</b>"),
+        "{poses} poses"
+    );
+    assert!(
+        page.find("class=\"poses\"").unwrap() < page.find("<h2>").unwrap(),
+        "the page begins with the arm"
+    );
+    assert!(
+        page.matches("class=\"cursor\"").count() >= 8 && page.contains("type=\"range\""),
+        "a slider, and its line in every plot"
+    );
+    let hash = summary["topics"]["torque"]["hash"]
+        .as_str()
+        .expect("a hash");
+    for expected in [
+        "goal reached",
+        "wrist",
+        "type 2",
+        "reorient",
+        hash,
+        env!("CARGO_PKG_VERSION"),
+        "Linux",
+        "No fault, refusal or loss.",
+    ] {
         assert!(page.contains(expected), "{expected} is not in the page");
     }
     desk.run(&[&SHORT[..], &["--out", "plain", "--no-record"]].concat());
-    assert_eq!(desk.armplane(&["report", "plain", "--out", "plain.html"]).code, 0);
+    assert_eq!(
+        desk.armplane(&["report", "plain", "--out", "plain.html"])
+            .code,
+        0
+    );
     assert!(desk.read("plain.html").contains("There is no recording"));
 }
 
@@ -214,21 +426,34 @@ fn a_folder_that_is_no_run_is_named_in_one_sentence() {
         (&["export", "empty"], "not the folder of a run"),
         (&["export", "plain"], "without --no-record"),
         (&["view", "plain"], "without --no-record"),
-        (&["view", "plain", "--layout", "pretty"], "control, timing and faults"),
+        (
+            &["view", "plain", "--layout", "pretty"],
+            "control, timing and faults",
+        ),
     ] {
         let said = desk.armplane(args);
-        assert!(said.code == 2 && said.err.contains(expected), "{args:?}: {}", said.err);
+        assert!(
+            said.code == 2 && said.err.contains(expected),
+            "{args:?}: {}",
+            said.err
+        );
     }
     std::fs::write(desk.path().join("plain/run.rrd"), "not a recording").expect("a file");
     let said = desk.armplane(&["export", "plain"]);
-    assert!(said.code == 2 && said.err.contains("is not a recording of armplane"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("is not a recording of armplane"),
+        "{}",
+        said.err
+    );
 }
 
 /// Of a recording that was cut what is left is exported, with a sentence about the rest.
 #[test]
 fn a_recording_that_lacks_something_is_said_to() {
     let desk = Desk::new();
-    let ticks = desk.run(&[&SHORT[..], &["--out", "run"]].concat())["ticks"].as_u64().expect("a number");
+    let ticks = desk.run(&[&SHORT[..], &["--out", "run"]].concat())["ticks"]
+        .as_u64()
+        .expect("a number");
     let path = desk.path().join("run/run.rrd");
     let whole = std::fs::read(&path).expect("bytes");
     let cut = |bytes: usize| std::fs::write(&path, &whole[..bytes]).expect("room");
@@ -238,24 +463,54 @@ fn a_recording_that_lacks_something_is_said_to() {
             let out = format!("out-{bytes}-{format}");
             let said = desk.armplane(&["export", "run", "--format", format, "--out", &out]);
             assert_eq!(said.err.lines().count(), 1, "{bytes}: {}", said.err);
-            assert!(said.err.contains("`armplane run run/scenario.toml` makes the run again"), "{bytes}: {}", said.err);
+            assert!(
+                said.err
+                    .contains("`armplane run run/scenario.toml` makes the run again"),
+                "{bytes}: {}",
+                said.err
+            );
             let is_left = desk.path().join(&out).exists();
-            assert_eq!((said.code, is_left), if bytes > 5_000 { (1, true) } else { (2, false) }, "{bytes} {format}: {}", said.err);
+            assert_eq!(
+                (said.code, is_left),
+                if bytes > 5_000 { (1, true) } else { (2, false) },
+                "{bytes} {format}: {}",
+                said.err
+            );
             if is_left && format == "csv" {
                 let rows = desk.read(&format!("{out}/signals.csv")).lines().count() - 1;
                 assert!(rows > 100 && (rows as u64) <= ticks, "{rows} of {ticks}");
-                assert!(said.err.contains(&format!("{rows} of {ticks} rows")), "{}", said.err);
+                assert!(
+                    said.err.contains(&format!("{rows} of {ticks} rows")),
+                    "{}",
+                    said.err
+                );
             }
         }
         let said = desk.armplane(&["report", "run", "--out", "page.html"]);
-        assert!((1..=2).contains(&said.code) && said.err.contains("makes the run again"), "{bytes}: {}", said.err);
+        assert!(
+            (1..=2).contains(&said.code) && said.err.contains("makes the run again"),
+            "{bytes}: {}",
+            said.err
+        );
     }
-    assert!(desk.read("page.html").contains(" rows of the recording can be read"), "the page says it, too");
+    assert!(
+        desk.read("page.html")
+            .contains(" rows of the recording can be read"),
+        "the page says it, too"
+    );
     cut(whole.len());
-    assert_eq!(desk.armplane(&["export", "run", "--out", "out"]).code, 0, "whole again");
+    assert_eq!(
+        desk.armplane(&["export", "run", "--out", "out"]).code,
+        0,
+        "whole again"
+    );
     std::fs::remove_file(&path).expect("the file");
     let said = desk.armplane(&["view", "run"]);
-    assert!(said.code == 2 && said.err.contains("0 of ") && !said.err.contains("--no-record"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("0 of ") && !said.err.contains("--no-record"),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
@@ -263,23 +518,49 @@ fn ticks_without_an_answer_of_a_dead_process_are_rows_of_the_recording() {
     let desk = Desk::new();
     let fault = "fault=[{process=\"estimator\", kind=\"kill\", at_tick=500}]";
     let run = |fault: &str, out: &str| -> serde_json::Value {
-        let said = desk.armplane(&[&["run", "--json"], &SHORT[..], &["--set", fault, "--out", out]].concat());
+        let said = desk.armplane(
+            &[
+                &["run", "--json"],
+                &SHORT[..],
+                &["--set", fault, "--out", out],
+            ]
+            .concat(),
+        );
         serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err))
     };
     let summary = run(fault, "run");
-    let (ticks, rows) = (summary["ticks"].as_u64().expect("a number"), summary["recorder"]["rows"].as_u64().expect("a number"));
-    assert_eq!((rows, summary["topics"]["sensor"]["count"].as_u64()), (ticks + 100, Some(rows)), "the estimator is away for 100 ticks");
+    let (ticks, rows) = (
+        summary["ticks"].as_u64().expect("a number"),
+        summary["recorder"]["rows"].as_u64().expect("a number"),
+    );
+    assert_eq!(
+        (rows, summary["topics"]["sensor"]["count"].as_u64()),
+        (ticks + 100, Some(rows)),
+        "the estimator is away for 100 ticks"
+    );
     let path = desk.path().join("run/run.rrd");
     let whole = std::fs::read(&path).expect("bytes");
     std::fs::write(&path, &whole[..whole.len() - 1]).expect("room");
     for command in ["export", "report"] {
         let said = desk.armplane(&[command, "run"]);
-        assert!(said.code == 1 && said.err.contains(&format!("{rows} of {rows} rows")), "{command}: {}", said.err);
+        assert!(
+            said.code == 1 && said.err.contains(&format!("{rows} of {rows} rows")),
+            "{command}: {}",
+            said.err
+        );
     }
     // A recorder that is killed counts on, and one whose volume is full.
     for (name, kind) in [("killed", "kill"), ("full", "disk-full")] {
-        let more = fault.replace(']', &format!(", {{process=\"recorder\", kind=\"{kind}\", at_tick=900}}]"));
+        let more = fault.replace(
+            ']',
+            &format!(", {{process=\"recorder\", kind=\"{kind}\", at_tick=900}}]"),
+        );
         let summary = run(&more, name);
-        assert_eq!(summary["recorder"]["rows"].as_u64(), Some(rows), "{name}: {}", summary["recorder"]);
+        assert_eq!(
+            summary["recorder"]["rows"].as_u64(),
+            Some(rows),
+            "{name}: {}",
+            summary["recorder"]
+        );
     }
 }

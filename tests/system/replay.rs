@@ -6,14 +6,22 @@ use crate::command::{Desk, finish, run_of, until};
 
 fn replay(desk: &Desk, args: &[&str]) -> (i32, Value) {
     let said = desk.armplane(&[&["replay", "--json"], args].concat());
-    (said.code, serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err)))
+    (
+        said.code,
+        serde_json::from_str(&said.out)
+            .unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err)),
+    )
 }
 
 #[test]
 fn every_process_computes_again_what_it_computed_in_the_run() {
     let desk = Desk::new();
     let summary = desk.run(&["--seed", "3", "--out", "run"]);
-    assert!(summary["recorder"]["messages_bytes"].as_u64().unwrap() > 0, "{}", summary["recorder"]);
+    assert!(
+        summary["recorder"]["messages_bytes"].as_u64().unwrap() > 0,
+        "{}",
+        summary["recorder"]
+    );
     for (process, topics) in [
         ("plant", vec!["sensor", "plant_state"]),
         ("estimator", vec!["estimate"]),
@@ -21,11 +29,31 @@ fn every_process_computes_again_what_it_computed_in_the_run() {
         ("controller", vec!["control_state", "torque"]),
     ] {
         let (code, json) = replay(&desk, &["run", "--process", process]);
-        assert_eq!((code, &json["identical"], &json["difference"]), (0, &true.into(), &Value::Null), "{json}");
-        assert_eq!((&json["without_input"], &json["ended"]), (&0.into(), &"".into()), "{json}");
-        let replayed: Vec<_> = json["topics"].as_array().unwrap().iter().map(|topic| topic["topic"].as_str().unwrap()).collect();
+        assert_eq!(
+            (code, &json["identical"], &json["difference"]),
+            (0, &true.into(), &Value::Null),
+            "{json}"
+        );
+        assert_eq!(
+            (&json["without_input"], &json["ended"]),
+            (&0.into(), &"".into()),
+            "{json}"
+        );
+        let replayed: Vec<_> = json["topics"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|topic| topic["topic"].as_str().unwrap())
+            .collect();
         assert_eq!(replayed, topics);
-        assert!(json["topics"].as_array().unwrap().iter().all(|topic| topic["messages"] == summary["ticks"]), "{json}");
+        assert!(
+            json["topics"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .all(|topic| topic["messages"] == summary["ticks"]),
+            "{json}"
+        );
     }
 }
 
@@ -37,18 +65,42 @@ fn a_changed_controller_is_told_where_it_first_differs_and_by_how_much() {
     let (code, json) = replay(&desk, &["run", "--set", "segment.1.turn.by_deg=44"]);
     assert_eq!((code, &json["identical"]), (1, &false.into()), "{json}");
     let difference = &json["difference"];
-    assert!(difference["tick"].as_u64().unwrap() > 1000 && difference["topic"] == "control_state", "{difference}");
+    assert!(
+        difference["tick"].as_u64().unwrap() > 1000 && difference["topic"] == "control_state",
+        "{difference}"
+    );
     let value = |of: &Value| of.as_str().unwrap().parse::<f64>().unwrap();
-    assert_ne!(value(&difference["recorded"]), value(&difference["replayed"]));
-    let torque = json["topics"].as_array().unwrap().iter().find(|topic| topic["topic"] == "torque").unwrap();
+    assert_ne!(
+        value(&difference["recorded"]),
+        value(&difference["replayed"])
+    );
+    let torque = json["topics"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|topic| topic["topic"] == "torque")
+        .unwrap();
     let fields = torque["fields"].as_array().unwrap();
-    let of = |name: &str| fields.iter().find(|field| field["field"] == name).unwrap_or_else(|| panic!("{name}: {json}"));
+    let of = |name: &str| {
+        fields
+            .iter()
+            .find(|field| field["field"] == name)
+            .unwrap_or_else(|| panic!("{name}: {json}"))
+    };
     let tau = of("tau");
     let (recorded, replayed) = (value(&tau["recorded"]), value(&tau["replayed"]));
-    assert!((tau["largest"].as_f64().unwrap() - (recorded - replayed).abs()).abs() < 1e-12 && recorded != replayed, "{tau}");
+    assert!(
+        (tau["largest"].as_f64().unwrap() - (recorded - replayed).abs()).abs() < 1e-12
+            && recorded != replayed,
+        "{tau}"
+    );
     assert!(tau["tick"].as_u64().unwrap() >= difference["tick"].as_u64().unwrap());
     let said = desk.armplane(&["replay", "run", "--set", "segment.1.turn.by_deg=44"]);
-    assert!(said.code == 1 && said.out.contains("controller first differs at tick"), "{}", said.out);
+    assert!(
+        said.code == 1 && said.out.contains("controller first differs at tick"),
+        "{}",
+        said.out
+    );
 }
 
 #[test]
@@ -59,11 +111,22 @@ fn a_process_that_cannot_be_replayed_says_why() {
     for (args, expected) in [
         (&["replay", "nowhere"][..], "is not the folder of a run"),
         (&["replay", "bare"], "without --no-messages"),
-        (&["replay", "run", "--set", "control.kp=1"], "unknown field `kp`"),
-        (&["replay", "run", "--set", "robot=ur5"], "keeps the robot of its run"),
+        (
+            &["replay", "run", "--set", "control.kp=1"],
+            "unknown field `kp`",
+        ),
+        (
+            &["replay", "run", "--set", "robot=ur5"],
+            "keeps the robot of its run",
+        ),
     ] {
         let said = desk.armplane(args);
-        assert!(said.code == 2 && said.err.contains(expected), "{args:?}: {}{}", said.out, said.err);
+        assert!(
+            said.code == 2 && said.err.contains(expected),
+            "{args:?}: {}{}",
+            said.out,
+            said.err
+        );
     }
 }
 
@@ -71,16 +134,37 @@ fn a_process_that_cannot_be_replayed_says_why() {
 fn a_death_and_a_return_are_replayed_too() {
     let desk = Desk::new();
     let scenario = sim::scenarios::text("fig5-wrist-rotation").unwrap();
-    let fault =
-        |process: &str, tick: u64| format!("\n[[fault]]\nprocess = \"{process}\"\nkind = \"kill\"\nat_tick = {tick}\nfor_ticks = 20\n");
-    desk.file("deaths.toml", &[scenario, &fault("controller", 1000), &fault("estimator", 2500)].concat());
+    let fault = |process: &str, tick: u64| {
+        format!(
+            "\n[[fault]]\nprocess = \"{process}\"\nkind = \"kill\"\nat_tick = {tick}\nfor_ticks = 20\n"
+        )
+    };
+    desk.file(
+        "deaths.toml",
+        &[
+            scenario,
+            &fault("controller", 1000),
+            &fault("estimator", 2500),
+        ]
+        .concat(),
+    );
     let said = desk.armplane(&["run", "deaths.toml", "--out", "run", "--json"]);
-    let summary: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err));
-    let restarted = summary["processes"].as_array().unwrap().iter().filter(|process| process["restarts"] == 1).count();
+    let summary: Value = serde_json::from_str(&said.out)
+        .unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err));
+    let restarted = summary["processes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|process| process["restarts"] == 1)
+        .count();
     assert_eq!(restarted, 2, "{summary}");
     for process in ["plant", "estimator", "analyzer", "controller"] {
         let (code, json) = replay(&desk, &["run", "--process", process]);
-        assert_eq!((code, &json["identical"], &json["ended"]), (0, &true.into(), &"".into()), "{process}: {json}");
+        assert_eq!(
+            (code, &json["identical"], &json["ended"]),
+            (0, &true.into(), &"".into()),
+            "{process}: {json}"
+        );
     }
 }
 
@@ -95,31 +179,80 @@ fn a_message_that_a_fault_kept_from_leaving_is_computed_too() {
     let desk = Desk::new();
     for (process, fault) in [
         // The filter's state goes on from samples whose estimates were not recorded.
-        ("estimator", "process = \"estimator\"\nkind = \"drop\"\nprobability = 0.5"),
-        ("estimator", "process = \"estimator\"\nkind = \"corrupt\"\nas = \"nan\"\nprobability = 0.3"),
-        ("controller", "process = \"controller\"\nkind = \"stale\"\nprobability = 0.5"),
-        ("controller", "process = \"controller\"\nkind = \"corrupt\"\nas = \"flip\"\nfield = \"tau[2]\""),
-        ("controller", "process = \"controller\"\nkind = \"delay\"\ndelay_ticks = 2\njitter_ticks = 3"),
-        ("plant", "process = \"plant\"\nkind = \"corrupt\"\nas = \"huge\""),
+        (
+            "estimator",
+            "process = \"estimator\"\nkind = \"drop\"\nprobability = 0.5",
+        ),
+        (
+            "estimator",
+            "process = \"estimator\"\nkind = \"corrupt\"\nas = \"nan\"\nprobability = 0.3",
+        ),
+        (
+            "controller",
+            "process = \"controller\"\nkind = \"stale\"\nprobability = 0.5",
+        ),
+        (
+            "controller",
+            "process = \"controller\"\nkind = \"corrupt\"\nas = \"flip\"\nfield = \"tau[2]\"",
+        ),
+        (
+            "controller",
+            "process = \"controller\"\nkind = \"delay\"\ndelay_ticks = 2\njitter_ticks = 3",
+        ),
+        (
+            "plant",
+            "process = \"plant\"\nkind = \"corrupt\"\nas = \"huge\"",
+        ),
         ("plant", "process = \"plant\"\nkind = \"duplicate\""),
     ] {
         desk.file("short.toml", &short(fault));
         desk.armplane(&["run", "short.toml", "--out", "run", "--json"]);
         let (code, json) = replay(&desk, &["run", "--process", process]);
-        assert_eq!((code, &json["identical"], &json["ended"]), (0, &true.into(), &"".into()), "{fault}: {json}");
-        assert!(json["topics"][0]["messages"].as_u64().unwrap() > 800, "{fault}: {json}");
+        assert_eq!(
+            (code, &json["identical"], &json["ended"]),
+            (0, &true.into(), &"".into()),
+            "{fault}: {json}"
+        );
+        assert!(
+            json["topics"][0]["messages"].as_u64().unwrap() > 800,
+            "{fault}: {json}"
+        );
     }
 }
 
 #[test]
 fn a_fault_that_nobody_planned_is_known_to_the_replay() {
     let desk = Desk::new();
-    let child = desk.start(&["run", "--set", "segment.1.duration_s=12", "--json", "--out", "run"]);
-    let lie = ["fault", "plant", "sensor", "--as", "bias", "--joint", "2", "--run"];
-    until("the run to take a fault", || run_of(child.id()).is_some_and(|name| desk.armplane(&[&lie[..], &[&name]].concat()).code == 0));
+    let child = desk.start(&[
+        "run",
+        "--set",
+        "segment.1.duration_s=12",
+        "--json",
+        "--out",
+        "run",
+    ]);
+    let lie = [
+        "fault", "plant", "sensor", "--as", "bias", "--joint", "2", "--run",
+    ];
+    until("the run to take a fault", || {
+        run_of(child.id())
+            .is_some_and(|name| desk.armplane(&[&lie[..], &[&name]].concat()).code == 0)
+    });
     let said = finish(child);
-    let summary: Value = serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err));
-    assert_eq!((&summary["faults"][0]["origin"], &summary["faults"][0]["occurred"]), (&"live".into(), &true.into()), "{summary}");
+    let summary: Value = serde_json::from_str(&said.out)
+        .unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err));
+    assert_eq!(
+        (
+            &summary["faults"][0]["origin"],
+            &summary["faults"][0]["occurred"]
+        ),
+        (&"live".into(), &true.into()),
+        "{summary}"
+    );
     let (code, json) = replay(&desk, &["run", "--process", "plant"]);
-    assert_eq!((code, &json["identical"], &json["ended"]), (0, &true.into(), &"".into()), "{json}");
+    assert_eq!(
+        (code, &json["identical"], &json["ended"]),
+        (0, &true.into(), &"".into()),
+        "{json}"
+    );
 }

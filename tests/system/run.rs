@@ -14,17 +14,32 @@ fn the_default_scenario_reaches_its_goal_and_leaves_a_recording() {
 
     let ticks = summary["ticks"].as_u64().unwrap();
     for topic in ALWAYS {
-        assert_eq!(summary["topics"][topic]["count"], ticks, "{topic}: every tick, once");
+        assert_eq!(
+            summary["topics"][topic]["count"], ticks,
+            "{topic}: every tick, once"
+        );
         assert_eq!(summary["topics"][topic]["hash"].as_str().unwrap().len(), 16);
     }
     assert_eq!(summary["recorder"]["lost"], 0);
     assert_eq!(summary["recorder"]["messages"], ALWAYS.len() as u64 * ticks);
     assert_eq!(summary["processes"].as_array().unwrap().len(), 5);
 
-    let recording = desk.path().join("results").join(summary["recorder"]["file"].as_str().unwrap());
-    assert_eq!(std::fs::metadata(&recording).unwrap().len(), summary["recorder"]["bytes"].as_u64().unwrap());
-    assert_eq!(&std::fs::read(&recording).unwrap()[..4], b"RRF2", "a Rerun recording");
-    let on_disk: serde_json::Value = serde_json::from_slice(&std::fs::read(desk.path().join("results/summary.json")).unwrap()).unwrap();
+    let recording = desk
+        .path()
+        .join("results")
+        .join(summary["recorder"]["file"].as_str().unwrap());
+    assert_eq!(
+        std::fs::metadata(&recording).unwrap().len(),
+        summary["recorder"]["bytes"].as_u64().unwrap()
+    );
+    assert_eq!(
+        &std::fs::read(&recording).unwrap()[..4],
+        b"RRF2",
+        "a Rerun recording"
+    );
+    let on_disk: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(desk.path().join("results/summary.json")).unwrap())
+            .unwrap();
     assert_eq!(on_disk, summary, "what is printed is what is kept");
 }
 
@@ -32,20 +47,48 @@ fn the_default_scenario_reaches_its_goal_and_leaves_a_recording() {
 #[test]
 fn figure_5_turns_the_singular_direction_and_then_moves_along_it() {
     let summary = Desk::new().run(&["fig5-wrist-rotation", "--no-record"]);
-    let wrist = summary["singularities"].as_array().unwrap().iter().find(|s| s["name"] == "wrist").expect("the wrist is reported");
+    let wrist = summary["singularities"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|s| s["name"] == "wrist")
+        .expect("the wrist is reported");
     assert_eq!(wrist["type"], "type 2");
     let start: Vec<f64> = serde_json::from_value(summary["joints"]["q_start"].clone()).unwrap();
     let end: Vec<f64> = serde_json::from_value(summary["joints"]["q_end"].clone()).unwrap();
     let degrees = |joint: usize| (end[joint] - start[joint]).to_degrees();
-    assert!((degrees(3).abs() - 90.0).abs() < 0.1, "joint 4 turned by {}°", degrees(3));
-    assert!((degrees(4).abs() - 45.0).abs() < 0.1, "joint 5 turned by {}°", degrees(4));
-    assert!((degrees(5).abs() - 90.0).abs() < 0.1, "joint 6 turned by {}°", degrees(5));
+    assert!(
+        (degrees(3).abs() - 90.0).abs() < 0.1,
+        "joint 4 turned by {}°",
+        degrees(3)
+    );
+    assert!(
+        (degrees(4).abs() - 45.0).abs() < 0.1,
+        "joint 5 turned by {}°",
+        degrees(4)
+    );
+    assert!(
+        (degrees(5).abs() - 90.0).abs() < 0.1,
+        "joint 6 turned by {}°",
+        degrees(5)
+    );
     let task = &summary["task"];
     // The bars of the exact plant (0.01 mm, 0.02°), within a factor of 5 with encoder noise.
     assert!(task["position_max_mm"].as_f64().unwrap() < 0.05, "{task}");
-    assert!(task["orientation_max_deg"].as_f64().unwrap() < 0.1, "{task}");
-    assert!(summary["joints"]["torque_max_ratio"].as_f64().unwrap() < 1.0 && summary["joints"]["speed_max_ratio"].as_f64().unwrap() < 1.0);
-    let modes: Vec<&str> = summary["modes"].as_array().unwrap().iter().filter_map(|change| change["mode"].as_str()).collect();
+    assert!(
+        task["orientation_max_deg"].as_f64().unwrap() < 0.1,
+        "{task}"
+    );
+    assert!(
+        summary["joints"]["torque_max_ratio"].as_f64().unwrap() < 1.0
+            && summary["joints"]["speed_max_ratio"].as_f64().unwrap() < 1.0
+    );
+    let modes: Vec<&str> = summary["modes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter_map(|change| change["mode"].as_str())
+        .collect();
     assert!(modes.contains(&"reorient"), "{modes:?}");
 }
 
@@ -65,8 +108,14 @@ fn without_a_name_for_the_results_each_run_gets_the_next_folder() {
 fn real_time_keeps_its_rate_and_counts_its_deadlines() {
     let summary = Desk::new().run(&["--mode", "realtime", "--no-record"]);
     assert_eq!(summary["mode"], "realtime");
-    let (ticks, wall_s) = (summary["ticks"].as_f64().unwrap(), summary["wall_s"].as_f64().unwrap());
-    assert!(wall_s > 0.98 * ticks / 1000.0, "{ticks} ticks at 1 kHz cannot take {wall_s} s");
+    let (ticks, wall_s) = (
+        summary["ticks"].as_f64().unwrap(),
+        summary["wall_s"].as_f64().unwrap(),
+    );
+    assert!(
+        wall_s > 0.98 * ticks / 1000.0,
+        "{ticks} ticks at 1 kHz cannot take {wall_s} s"
+    );
     assert!(summary["deadlines"]["total"].as_u64().unwrap() > 0);
 }
 
@@ -100,8 +149,10 @@ encoder_noise_counts = 0
     );
     let summary = desk.run(&["ideal.toml", "--no-record"]);
     assert_eq!(summary["outcome"], "goal reached", "{}", summary["reason"]);
-    let (end, most) =
-        (summary["task"]["final_orientation_deg"].as_f64().unwrap(), summary["task"]["orientation_max_deg"].as_f64().unwrap());
+    let (end, most) = (
+        summary["task"]["final_orientation_deg"].as_f64().unwrap(),
+        summary["task"]["orientation_max_deg"].as_f64().unwrap(),
+    );
     assert!(end < 1e-3 && most < 0.5, "{}", summary["task"]);
 }
 
@@ -115,6 +166,10 @@ fn an_arm_of_two_joints_follows_a_path() {
     );
     let summary = desk.run(&["two.toml"]);
     assert_eq!(summary["outcome"], "goal reached", "{}", summary["reason"]);
-    assert!(summary["task"]["orthogonal_max_mm"].as_f64().unwrap() < 0.5, "{}", summary["task"]);
+    assert!(
+        summary["task"]["orthogonal_max_mm"].as_f64().unwrap() < 0.5,
+        "{}",
+        summary["task"]
+    );
     assert_eq!(summary["joints"]["q_end"].as_array().unwrap().len(), 2);
 }

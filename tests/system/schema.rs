@@ -43,10 +43,15 @@ fn violations(root: &Value, schema: &Value, value: &Value, at: &str) -> Vec<Stri
         "anyOf",
     ];
     let rules = schema.as_object().expect("a schema is an object");
-    assert!(rules.keys().all(|rule| known.contains(&rule.as_str())), "a keyword that this test does not know: {schema}");
+    assert!(
+        rules.keys().all(|rule| known.contains(&rule.as_str())),
+        "a keyword that this test does not know: {schema}"
+    );
     let mut bad = Vec::new();
     if let Some(name) = rules.get("$ref").and_then(Value::as_str) {
-        let target = root.pointer(name.trim_start_matches('#')).unwrap_or_else(|| panic!("{name} is not there"));
+        let target = root
+            .pointer(name.trim_start_matches('#'))
+            .unwrap_or_else(|| panic!("{name} is not there"));
         bad.extend(violations(root, target, value, at));
     }
     let is_of = |kind: &str| match kind {
@@ -67,30 +72,61 @@ fn violations(root: &Value, schema: &Value, value: &Value, at: &str) -> Vec<Stri
     if rules.get("const").is_some_and(|constant| constant != value) {
         bad.push(format!("{at}: {value} is not {}", rules["const"]));
     }
-    if value.as_f64().zip(rules.get("minimum").and_then(Value::as_f64)).is_some_and(|(value, least)| value < least) {
+    if value
+        .as_f64()
+        .zip(rules.get("minimum").and_then(Value::as_f64))
+        .is_some_and(|(value, least)| value < least)
+    {
         bad.push(format!("{at}: {value} is too small"));
     }
-    for (rule, is_right) in [("oneOf", (|n| n == 1) as fn(usize) -> bool), ("anyOf", |n| n > 0)] {
-        let Some(ways) = rules.get(rule).and_then(Value::as_array) else { continue };
-        let fitting = ways.iter().filter(|way| violations(root, way, value, at).is_empty()).count();
+    for (rule, is_right) in [
+        ("oneOf", (|n| n == 1) as fn(usize) -> bool),
+        ("anyOf", |n| n > 0),
+    ] {
+        let Some(ways) = rules.get(rule).and_then(Value::as_array) else {
+            continue;
+        };
+        let fitting = ways
+            .iter()
+            .filter(|way| violations(root, way, value, at).is_empty())
+            .count();
         if !is_right(fitting) {
             bad.push(format!("{at}: {value} fits {fitting} of {rule}"));
         }
     }
     if let Some(items) = value.as_array() {
-        let bound = |rule: &str, or: u64| rules.get(rule).and_then(Value::as_u64).unwrap_or(or) as usize;
+        let bound =
+            |rule: &str, or: u64| rules.get(rule).and_then(Value::as_u64).unwrap_or(or) as usize;
         if !(bound("minItems", 0)..=bound("maxItems", u64::from(u32::MAX))).contains(&items.len()) {
             bad.push(format!("{at}: {} items", items.len()));
         }
-        let each = rules.get("items").into_iter().flat_map(|schema| items.iter().enumerate().map(move |item| (schema, item)));
-        bad.extend(each.flat_map(|(schema, (i, item))| violations(root, schema, item, &format!("{at}/{i}"))));
+        let each = rules
+            .get("items")
+            .into_iter()
+            .flat_map(|schema| items.iter().enumerate().map(move |item| (schema, item)));
+        bad.extend(
+            each.flat_map(|(schema, (i, item))| {
+                violations(root, schema, item, &format!("{at}/{i}"))
+            }),
+        );
     }
     if let Some(fields) = value.as_object() {
-        let required = rules.get("required").and_then(Value::as_array).into_iter().flatten();
-        bad.extend(required.filter(|key| !fields.contains_key(key.as_str().unwrap())).map(|key| format!("{at}: {key} is missing")));
+        let required = rules
+            .get("required")
+            .and_then(Value::as_array)
+            .into_iter()
+            .flatten();
+        bad.extend(
+            required
+                .filter(|key| !fields.contains_key(key.as_str().unwrap()))
+                .map(|key| format!("{at}: {key} is missing")),
+        );
         for (key, value) in fields {
             let at = format!("{at}/{key}");
-            match (rules.get("properties").and_then(|all| all.get(key)), rules.get("additionalProperties")) {
+            match (
+                rules.get("properties").and_then(|all| all.get(key)),
+                rules.get("additionalProperties"),
+            ) {
                 (Some(schema), _) => bad.extend(violations(root, schema, value, &at)),
                 (None, Some(Value::Bool(false))) => bad.push(format!("{at} is not known")),
                 (None, Some(schema)) => bad.extend(violations(root, schema, value, &at)),
@@ -108,9 +144,13 @@ fn strict(mut schema: Value) -> Value {
             if rules.contains_key("properties") {
                 rules.entry("additionalProperties").or_insert(json!(false));
             }
-            rules.values_mut().for_each(|value| *value = strict(value.take()));
+            rules
+                .values_mut()
+                .for_each(|value| *value = strict(value.take()));
         }
-        Value::Array(all) => all.iter_mut().for_each(|value| *value = strict(value.take())),
+        Value::Array(all) => all
+            .iter_mut()
+            .for_each(|value| *value = strict(value.take())),
         _ => {}
     }
     schema
@@ -118,12 +158,27 @@ fn strict(mut schema: Value) -> Value {
 
 /// The scenarios of the repository.
 fn scenarios() -> Vec<PathBuf> {
-    let folders = ["sim/scenarios", "examples/python", "examples/c", "examples/energy"];
-    let files =
-        folders.iter().flat_map(|folder| std::fs::read_dir(root().join(folder)).expect("a folder").flatten()).map(|file| file.path());
+    let folders = [
+        "sim/scenarios",
+        "examples/python",
+        "examples/c",
+        "examples/energy",
+    ];
+    let files = folders
+        .iter()
+        .flat_map(|folder| {
+            std::fs::read_dir(root().join(folder))
+                .expect("a folder")
+                .flatten()
+        })
+        .map(|file| file.path());
     let is_scenario = |path: &PathBuf| {
-        path.extension().is_some_and(|extension| extension == "toml")
-            && std::fs::read_to_string(path).expect("text").lines().any(|line| line.starts_with("robot = "))
+        path.extension()
+            .is_some_and(|extension| extension == "toml")
+            && std::fs::read_to_string(path)
+                .expect("text")
+                .lines()
+                .any(|line| line.starts_with("robot = "))
     };
     files.filter(is_scenario).collect()
 }
@@ -135,13 +190,30 @@ fn every_scenario_of_the_repository_names_and_keeps_its_schema() {
     assert!(all.len() >= 16, "{all:?}");
     for path in all {
         let text = std::fs::read_to_string(&path).expect("text");
-        let named = text.lines().next().and_then(|line| line.strip_prefix("#:schema ")).map(|file| path.with_file_name(file));
-        assert!(named.as_ref().is_some_and(|file| file.is_file()), "{}: {named:?}", path.display());
+        let named = text
+            .lines()
+            .next()
+            .and_then(|line| line.strip_prefix("#:schema "))
+            .map(|file| path.with_file_name(file));
+        assert!(
+            named.as_ref().is_some_and(|file| file.is_file()),
+            "{}: {named:?}",
+            path.display()
+        );
         let value: Value = toml::from_str(&text).expect("TOML");
-        assert_eq!(violations(&schema, &schema, &value, ""), Vec::<String>::new(), "{}", path.display());
+        assert_eq!(
+            violations(&schema, &schema, &value, ""),
+            Vec::<String>::new(),
+            "{}",
+            path.display()
+        );
     }
     let wrong = json!({"name": "x", "robot": "puma560", "start": {"q_dg": []}, "segment": [{"duration_s": "1", "path": "straight"}]});
-    assert_eq!(violations(&schema, &schema, &wrong, "").len(), 3, "the check finds what is wrong");
+    assert_eq!(
+        violations(&schema, &schema, &wrong, "").len(),
+        3,
+        "the check finds what is wrong"
+    );
 }
 
 #[test]
@@ -153,23 +225,49 @@ fn a_summary_keeps_its_schema_and_has_no_other_key() {
          duration_s = 0.6\n[[fault]]\nprocess = \"controller\"\nkind = \"kill\"\nat_s = 0.2\n",
     );
     let said = desk.armplane(&["run", "s.toml", "--json"]);
-    let summary: Value = serde_json::from_str(&said.out).unwrap_or_else(|_| panic!("{}{}", said.out, said.err));
-    assert!(summary["faults"][0]["plan"].is_object() && !summary["modes"].as_array().expect("modes").is_empty(), "{summary}");
+    let summary: Value =
+        serde_json::from_str(&said.out).unwrap_or_else(|_| panic!("{}{}", said.out, said.err));
+    assert!(
+        summary["faults"][0]["plan"].is_object()
+            && !summary["modes"].as_array().expect("modes").is_empty(),
+        "{summary}"
+    );
     let strict = strict(schema(&desk, "summary"));
-    assert_eq!(violations(&strict, &strict, &summary, ""), Vec::<String>::new());
+    assert_eq!(
+        violations(&strict, &strict, &summary, ""),
+        Vec::<String>::new()
+    );
 }
 
 /// The keys that serde names when it is given another one.
 fn taken<T: DeserializeOwned>() -> BTreeSet<String> {
-    let error = toml::from_str::<T>("zz = 1").err().expect("zz is no key").message().to_owned();
-    let (_, listed) = error.split_once("expected").unwrap_or_else(|| panic!("{error}"));
-    listed.split('`').skip(1).step_by(2).map(str::to_owned).collect()
+    let error = toml::from_str::<T>("zz = 1")
+        .err()
+        .expect("zz is no key")
+        .message()
+        .to_owned();
+    let (_, listed) = error
+        .split_once("expected")
+        .unwrap_or_else(|| panic!("{error}"));
+    listed
+        .split('`')
+        .skip(1)
+        .step_by(2)
+        .map(str::to_owned)
+        .collect()
 }
 
 #[test]
 fn each_table_of_a_scenario_has_the_keys_that_the_program_takes() {
     let schema = schema(&Desk::new(), "scenario");
-    let keys = |table: &Value| table["properties"].as_object().expect("a table").keys().cloned().collect::<BTreeSet<_>>();
+    let keys = |table: &Value| {
+        table["properties"]
+            .as_object()
+            .expect("a table")
+            .keys()
+            .cloned()
+            .collect::<BTreeSet<_>>()
+    };
     assert_eq!(keys(&schema), taken::<of::Scenario>());
     macro_rules! check {
         ($($table:ident),*) => { $( assert_eq!(keys(&schema["$defs"][stringify!($table)]), taken::<of::$table>(), stringify!($table)); )* };
@@ -200,6 +298,14 @@ fn the_schemas_are_those_of_the_types() {
     if !has_python("") {
         return skipped("there is no python3");
     }
-    let said = Command::new("python3").arg(root().join("docs/schema/make.py")).arg("--check").output().expect("python3 runs");
-    assert!(said.status.success(), "{}", String::from_utf8_lossy(&said.stderr));
+    let said = Command::new("python3")
+        .arg(root().join("docs/schema/make.py"))
+        .arg("--check")
+        .output()
+        .expect("python3 runs");
+    assert!(
+        said.status.success(),
+        "{}",
+        String::from_utf8_lossy(&said.stderr)
+    );
 }

@@ -9,25 +9,56 @@ use crate::command::{Desk, skipped};
 #[test]
 fn completions_are_those_of_the_commands() {
     let desk = Desk::new();
-    for (shell, expected) in [("bash", "_armplane()"), ("zsh", "#compdef armplane"), ("fish", "complete -c armplane")] {
+    for (shell, expected) in [
+        ("bash", "_armplane()"),
+        ("zsh", "#compdef armplane"),
+        ("fish", "complete -c armplane"),
+    ] {
         let said = desk.armplane(&["completions", shell]);
         assert_eq!((said.code, said.err.as_str()), (0, ""));
-        assert!(said.out.contains(expected) && said.out.contains("completions"), "{shell}");
+        assert!(
+            said.out.contains(expected) && said.out.contains("completions"),
+            "{shell}"
+        );
         desk.file(shell, &said.out);
     }
     let code = "source ./bash && COMP_WORDS=(armplane exp) COMP_CWORD=1 && _armplane armplane exp armplane && echo \"${COMPREPLY[@]}\"";
-    let Ok(said) = Command::new("bash").args(["-c", code]).current_dir(desk.path()).output() else { return skipped("there is no bash") };
-    assert_eq!(String::from_utf8_lossy(&said.stdout), "export\n", "{}", String::from_utf8_lossy(&said.stderr));
+    let Ok(said) = Command::new("bash")
+        .args(["-c", code])
+        .current_dir(desk.path())
+        .output()
+    else {
+        return skipped("there is no bash");
+    };
+    assert_eq!(
+        String::from_utf8_lossy(&said.stdout),
+        "export\n",
+        "{}",
+        String::from_utf8_lossy(&said.stderr)
+    );
 }
 
 #[test]
 fn every_command_has_a_manual_page_and_no_process_has() {
     let desk = Desk::new();
     let said = desk.armplane(&["man", "pages"]);
-    assert_eq!((said.code, said.out.as_str(), said.err.as_str()), (0, "", ""));
+    assert_eq!(
+        (said.code, said.out.as_str(), said.err.as_str()),
+        (0, "", "")
+    );
     let page = |name: &str| std::fs::read_to_string(desk.path().join("pages").join(name));
-    for name in ["armplane.1", "armplane-run.1", "armplane-export.1", "armplane-man.1"] {
-        assert!(page(name).unwrap_or_else(|_| panic!("{name}")).contains(".TH"), "{name}");
+    for name in [
+        "armplane.1",
+        "armplane-run.1",
+        "armplane-export.1",
+        "armplane-man.1",
+    ] {
+        assert!(
+            page(name)
+                .unwrap_or_else(|_| panic!("{name}"))
+                .contains(".TH"),
+            "{name}"
+        );
     }
     assert!(page("armplane-plant.1").is_err() && page("armplane-bench-peer.1").is_err());
     assert_eq!(desk.armplane(&["man", "/proc/nowhere"]).code, 2);
@@ -56,19 +87,40 @@ fn an_error_for_machines_is_one_object() {
         (&["graph", "nothing.toml"], "input", "nothing.toml"),
         (&["topics", "nothing.toml"], "input", "nothing.toml"),
         (&["fault", "controller", "explode"], "usage", "explode"),
-        (&["top", "--run", "nobody"], "input", "no run nobody is alive"),
+        (
+            &["top", "--run", "nobody"],
+            "input",
+            "no run nobody is alive",
+        ),
         (&["man", "/proc/nowhere"], "input", "cannot write"),
     ];
     for (args, kind, expected) in cases {
         let said = desk.armplane(&[args, &["--json"]].concat());
         let last = said.err.lines().last().unwrap_or_default();
-        let error: Value = serde_json::from_str(last).unwrap_or_else(|_| panic!("{args:?}: {}", said.err));
+        let error: Value =
+            serde_json::from_str(last).unwrap_or_else(|_| panic!("{args:?}: {}", said.err));
         let error = &error["error"];
         assert_eq!((said.code, said.out.as_str()), (2, ""), "{args:?}");
-        assert_eq!((error["kind"].as_str(), error["exit_code"].as_i64()), (Some(kind), Some(2)), "{args:?}: {error}");
-        assert!(error["message"].as_str().is_some_and(|message| message.contains(expected)), "{args:?}: {error}");
+        assert_eq!(
+            (error["kind"].as_str(), error["exit_code"].as_i64()),
+            (Some(kind), Some(2)),
+            "{args:?}: {error}"
+        );
+        assert!(
+            error["message"]
+                .as_str()
+                .is_some_and(|message| message.contains(expected)),
+            "{args:?}: {error}"
+        );
     }
     let said = desk.armplane(&["run", "bad.toml", "--json"]);
-    let error: Value = serde_json::from_str(said.err.lines().last().expect("a line")).expect("JSON");
-    assert_eq!((error["error"]["place"]["file"].as_str(), error["error"]["place"]["line"].as_u64()), (Some("bad.toml"), Some(6)));
+    let error: Value =
+        serde_json::from_str(said.err.lines().last().expect("a line")).expect("JSON");
+    assert_eq!(
+        (
+            error["error"]["place"]["file"].as_str(),
+            error["error"]["place"]["line"].as_u64()
+        ),
+        (Some("bad.toml"), Some(6))
+    );
 }

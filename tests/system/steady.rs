@@ -5,7 +5,9 @@ use std::path::Path;
 
 use runtime::{ControlPage, Manifest, RunDir};
 
-use crate::command::{Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, skipped, until};
+use crate::command::{
+    Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, skipped, until,
+};
 
 /// Ticks over which calls are counted.
 const TICKS: u64 = 300;
@@ -41,7 +43,10 @@ impl Traced {
         let mut status = 0;
         // SAFETY: a plain system call that fills an integer.
         let waited = unsafe { libc::waitpid(self.pid, &raw mut status, libc::__WALL) };
-        assert!(waited == self.pid && libc::WIFSTOPPED(status), "the process has ended: {status:x}");
+        assert!(
+            waited == self.pid && libc::WIFSTOPPED(status),
+            "the process has ended: {status:x}"
+        );
         status
     }
 
@@ -50,16 +55,26 @@ impl Traced {
         let mut signal = 0;
         loop {
             // SAFETY: the process is stopped and ours to continue.
-            assert_eq!(unsafe { libc::ptrace(libc::PTRACE_SYSCALL, self.pid, 0, signal) }, 0);
+            assert_eq!(
+                unsafe { libc::ptrace(libc::PTRACE_SYSCALL, self.pid, 0, signal) },
+                0
+            );
             let status = self.wait();
             let stop = libc::WSTOPSIG(status);
-            signal = if status >> 16 == 0 && stop != libc::SIGTRAP | 0x80 { stop } else { 0 };
+            signal = if status >> 16 == 0 && stop != libc::SIGTRAP | 0x80 {
+                stop
+            } else {
+                0
+            };
             if stop == libc::SIGTRAP | 0x80 {
                 // SAFETY: `ptrace_syscall_info` is plain integers; the kernel fills at most its size.
                 let info = unsafe {
                     let mut info: libc::ptrace_syscall_info = std::mem::zeroed();
                     let size = size_of::<libc::ptrace_syscall_info>();
-                    assert!(libc::ptrace(libc::PTRACE_GET_SYSCALL_INFO, self.pid, size, &raw mut info) > 0);
+                    assert!(
+                        libc::ptrace(libc::PTRACE_GET_SYSCALL_INFO, self.pid, size, &raw mut info)
+                            > 0
+                    );
                     info
                 };
                 if info.op == libc::PTRACE_SYSCALL_INFO_ENTRY {
@@ -91,19 +106,39 @@ fn calls(pid: libc::pid_t, ticks: impl Fn() -> u64) -> Option<BTreeMap<u64, u64>
 
 fn in_the_steady_state(mode: &str, judge: impl Fn(&str, &BTreeMap<u64, u64>)) {
     let desk = Desk::new();
-    let child = desk.start(&["run", "--mode", mode, "--set", "segment.1.duration_s=500", "--no-record", "--json"]);
+    let child = desk.start(&[
+        "run",
+        "--mode",
+        mode,
+        "--set",
+        "segment.1.duration_s=500",
+        "--no-record",
+        "--json",
+    ]);
     until("five processes", || children_of_run(child.id()).len() == 5);
-    let name = in_shared_memory(child.id()).into_iter().find(|name| !name.contains('.')).unwrap();
+    let name = in_shared_memory(child.id())
+        .into_iter()
+        .find(|name| !name.contains('.'))
+        .unwrap();
     let run = RunDir::open(&Path::new("/dev/shm").join(name)).unwrap();
-    let (manifest, control_page) = (Manifest::read(&run).unwrap(), ControlPage::open(&run).unwrap());
-    let ticks = |process: &str| control_page.process(manifest.index_of(process).unwrap()).ticks();
+    let (manifest, control_page) = (
+        Manifest::read(&run).unwrap(),
+        ControlPage::open(&run).unwrap(),
+    );
+    let ticks = |process: &str| {
+        control_page
+            .process(manifest.index_of(process).unwrap())
+            .ticks()
+    };
     until("the steady state", || ticks("controller") > 500);
     let children = children_of_run(child.id());
     for process in ["plant", "estimator", "analyzer", "controller"] {
         let pid = children.iter().find(|(name, _)| name == process).unwrap().1;
         match calls(pid, || ticks(process)) {
             Some(calls) => judge(process, &calls),
-            None => skipped(format!("this machine does not allow ptrace: the system calls of the {process} are not counted")),
+            None => skipped(format!(
+                "this machine does not allow ptrace: the system calls of the {process} are not counted"
+            )),
         }
     }
     // SAFETY: a plain signal to a child of ours.
@@ -133,10 +168,19 @@ fn futex_bound(process: &str) -> u64 {
 #[test]
 fn in_lockstep_a_tick_is_turns_on_the_core_or_a_sleep_and_a_ring() {
     in_the_steady_state("lockstep", |process, calls| {
-        assert!(calls.keys().all(|call| [FUTEX, SCHED_YIELD].contains(call)), "{process} makes other system calls: {calls:?}");
+        assert!(
+            calls.keys().all(|call| [FUTEX, SCHED_YIELD].contains(call)),
+            "{process} makes other system calls: {calls:?}"
+        );
         let count = |call: u64| calls.get(&call).copied().unwrap_or_default();
-        assert!(count(FUTEX) <= futex_bound(process), "{process}: {calls:?} in {TICKS} ticks");
-        assert!(count(SCHED_YIELD) <= TICKS * waits(process), "{process}: {calls:?} in {TICKS} ticks");
+        assert!(
+            count(FUTEX) <= futex_bound(process),
+            "{process}: {calls:?} in {TICKS} ticks"
+        );
+        assert!(
+            count(SCHED_YIELD) <= TICKS * waits(process),
+            "{process}: {calls:?} in {TICKS} ticks"
+        );
     });
 }
 
@@ -145,9 +189,16 @@ fn in_real_time_the_plant_sleeps_to_its_deadline_besides() {
     in_the_steady_state("realtime", |process, calls| {
         let count = |call: u64| calls.get(&call).copied().unwrap_or_default();
         let allowed = [FUTEX, CLOCK_NANOSLEEP, GETRUSAGE];
-        assert!(calls.keys().all(|call| allowed.contains(call)), "{process}: {calls:?}");
+        assert!(
+            calls.keys().all(|call| allowed.contains(call)),
+            "{process}: {calls:?}"
+        );
         assert!(count(FUTEX) <= futex_bound(process), "{process}: {calls:?}");
-        let sleeps = if process == "plant" { TICKS + TICKS / 10 } else { 0 };
+        let sleeps = if process == "plant" {
+            TICKS + TICKS / 10
+        } else {
+            0
+        };
         assert!(count(CLOCK_NANOSLEEP) <= sleeps, "{process}: {calls:?}");
         // The kernel's counters are read at a missed deadline, and this tracing causes some; and every 64th tick.
         assert!(count(GETRUSAGE) <= TICKS, "{process}: {calls:?}");

@@ -18,13 +18,25 @@ fn desk() -> Desk {
 }
 
 fn sweep_file(desk: &Desk, name: &str, more: &str) {
-    desk.file(&format!("{name}.toml"), &format!("name = \"{name}\"\nscenario = \"short.toml\"\n{more}"));
+    desk.file(
+        &format!("{name}.toml"),
+        &format!("name = \"{name}\"\nscenario = \"short.toml\"\n{more}"),
+    );
 }
 
 /// Every file of the table by its name.
 fn tables(folder: &Path) -> BTreeMap<String, Vec<u8>> {
-    let entries = std::fs::read_dir(folder.join("runs")).expect("the folder of the table").flatten();
-    entries.map(|entry| (entry.file_name().into_string().unwrap(), std::fs::read(entry.path()).unwrap())).collect()
+    let entries = std::fs::read_dir(folder.join("runs"))
+        .expect("the folder of the table")
+        .flatten();
+    entries
+        .map(|entry| {
+            (
+                entry.file_name().into_string().unwrap(),
+                std::fs::read(entry.path()).unwrap(),
+            )
+        })
+        .collect()
 }
 
 fn report(desk: &Desk, args: &[&str]) -> Value {
@@ -40,7 +52,10 @@ fn runs_drawn_at_random_have_the_bytes_of_five_processes() {
     let fault = "[[fault]]\nprocess = \"plant\"\nkind = \"sensor\"\nas = \"bias\"\njoint = 5\namount = 0.01\nat_s = 0.1\nfor_s = 0.2\n";
     desk.file("short.toml", &[SCENARIO, fault].concat());
     let keys = [
-        ("control.strategy", "values = [\"blended\", \"chang-khatib\", \"damped-least-squares\", \"joint-pd\"]"),
+        (
+            "control.strategy",
+            "values = [\"blended\", \"chang-khatib\", \"damped-least-squares\", \"joint-pd\"]",
+        ),
         ("control.k_p", "from = 100\nto = 900\nscale = \"log\""),
         ("plant.mass_factor", "from = 0.8\nto = 1.2"),
         ("plant.encoder_noise_counts", "from = 0\nto = 3"),
@@ -57,15 +72,39 @@ fn runs_drawn_at_random_have_the_bytes_of_five_processes() {
 #[test]
 fn faults_drawn_at_random_have_the_bytes_of_five_processes() {
     let desk = Desk::new();
-    let fault = |process: &str, kind: &str| format!("[[fault]]\nprocess = \"{process}\"\nkind = \"{kind}\"\nat_tick = 1\nfor_ticks = 1\n");
-    desk.file("short.toml", &[SCENARIO, &fault("controller", "kill"), &fault("plant", "drop")].concat());
+    let fault = |process: &str, kind: &str| {
+        format!(
+            "[[fault]]\nprocess = \"{process}\"\nkind = \"{kind}\"\nat_tick = 1\nfor_ticks = 1\n"
+        )
+    };
+    desk.file(
+        "short.toml",
+        &[
+            SCENARIO,
+            &fault("controller", "kill"),
+            &fault("plant", "drop"),
+        ]
+        .concat(),
+    );
     let keys = [
-        ("fault.0.process", "values = [\"estimator\", \"analyzer\", \"controller\"]"),
-        ("fault.0.kind", "values = [\"kill\", \"crash\", \"hang\", \"cut\"]"),
+        (
+            "fault.0.process",
+            "values = [\"estimator\", \"analyzer\", \"controller\"]",
+        ),
+        (
+            "fault.0.kind",
+            "values = [\"kill\", \"crash\", \"hang\", \"cut\"]",
+        ),
         ("fault.0.at_tick", "from = 0\nto = 400"),
         ("fault.0.for_ticks", "from = 1\nto = 120"),
-        ("fault.1.process", "values = [\"plant\", \"estimator\", \"analyzer\", \"controller\"]"),
-        ("fault.1.kind", "values = [\"delay\", \"drop\", \"duplicate\", \"reorder\", \"stale\", \"corrupt\", \"zombie\"]"),
+        (
+            "fault.1.process",
+            "values = [\"plant\", \"estimator\", \"analyzer\", \"controller\"]",
+        ),
+        (
+            "fault.1.kind",
+            "values = [\"delay\", \"drop\", \"duplicate\", \"reorder\", \"stale\", \"corrupt\", \"zombie\"]",
+        ),
         ("fault.1.at_tick", "from = 0\nto = 400"),
         ("fault.1.for_ticks", "from = 1\nto = 120"),
         ("seed", "from = 1\nto = 1000000"),
@@ -76,15 +115,23 @@ fn faults_drawn_at_random_have_the_bytes_of_five_processes() {
 #[test]
 fn a_steered_session_is_swept_and_has_the_bytes_of_five_processes() {
     let desk = Desk::new();
-    let file = "name = \"steered\"\nscenario = \"servo-hostile\"\n[[key]]\nkey = \"seed\"\nvalues = [3]\n";
+    let file =
+        "name = \"steered\"\nscenario = \"servo-hostile\"\n[[key]]\nkey = \"seed\"\nvalues = [3]\n";
     desk.file("steered.toml", file);
     let said = desk.armplane(&["sweep", "steered.toml"]);
     assert_eq!(said.code, 0, "{}", said.err);
     let report = report(&desk, &["runs/steered", "--worst", "1"]);
     let run = &report["worst"][0];
     let summary = desk.run(&["servo-hostile", "--seed", "3", "--out", "r"]);
-    assert_eq!((&run["outcome"], &run["hashes"]["torque"]), (&summary["outcome"], &summary["topics"]["torque"]["hash"]), "{report}");
-    assert_eq!(run["hashes"]["servo_state"], summary["topics"]["servo_state"]["hash"], "{report}");
+    assert_eq!(
+        (&run["outcome"], &run["hashes"]["torque"]),
+        (&summary["outcome"], &summary["topics"]["torque"]["hash"]),
+        "{report}"
+    );
+    assert_eq!(
+        run["hashes"]["servo_state"], summary["topics"]["servo_state"]["hash"],
+        "{report}"
+    );
 }
 
 #[test]
@@ -103,19 +150,40 @@ fn targets_that_have_changed_are_not_those_of_the_sweep() {
     assert_eq!(said.code, 0, "{}", said.err);
     targets(50);
     let said = sweep(&["s.toml", "--shard", "1/2", "--out", "one"]);
-    assert!(said.code == 2 && said.err.contains("its robot or its targets changed"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("its robot or its targets changed"),
+        "{}",
+        said.err
+    );
     let said = sweep(&["s.toml", "--shard", "2/2", "--out", "two"]);
     assert_eq!(said.code, 0, "{}", said.err);
     let said = sweep(&["--merge", "one", "two", "--out", "whole"]);
-    assert!(said.code == 2 && said.err.contains("different fingerprints"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("different fingerprints"),
+        "{}",
+        said.err
+    );
     targets(100);
     let said = sweep(&["s.toml", "--shard", "1/2", "--out", "one", "--json"]);
-    assert!(said.code == 0 && said.out.contains("\"found\":1"), "{}{}", said.out, said.err);
+    assert!(
+        said.code == 0 && said.out.contains("\"found\":1"),
+        "{}{}",
+        said.out,
+        said.err
+    );
     // Files that a key lists are read, too.
-    desk.file("s.toml", &file.replace("\"seed\"\nvalues = [1, 2]", "\"servo.input\"\nvalues = [\"targets.csv\", \"nowhere.csv\"]"));
+    desk.file(
+        "s.toml",
+        &file.replace(
+            "\"seed\"\nvalues = [1, 2]",
+            "\"servo.input\"\nvalues = [\"targets.csv\", \"nowhere.csv\"]",
+        ),
+    );
     let said = sweep(&["s.toml", "--out", "three"]);
     assert!(
-        said.code == 2 && said.err.contains("s.toml:6: there is no file ") && said.err.contains("nowhere.csv: give the path"),
+        said.code == 2
+            && said.err.contains("s.toml:6: there is no file ")
+            && said.err.contains("nowhere.csv: give the path"),
         "{}",
         said.err
     );
@@ -127,41 +195,128 @@ fn runs_that_come_to_nothing_are_in_the_exit_code() {
     let file = |name: &str, keys: &str| sweep_file(&desk, name, keys);
     let folder = |name: &str| desk.path().join("runs").join(name).display().to_string();
     // A run that is refused is a row: a range of starts shows where the arm can begin.
-    file("some", "[[key]]\nkey = \"start.q_deg.1\"\nfrom = -500\nto = -60\nsteps = 2\n");
+    file(
+        "some",
+        "[[key]]\nkey = \"start.q_deg.1\"\nfrom = -500\nto = -60\nsteps = 2\n",
+    );
     let said = desk.armplane(&["sweep", "some.toml"]);
-    assert!(said.code == 0 && said.out.contains("refused    1 of 2 runs, for example: "), "{}{}", said.out, said.err);
+    assert!(
+        said.code == 0 && said.out.contains("refused    1 of 2 runs, for example: "),
+        "{}{}",
+        said.out,
+        said.err
+    );
     // Of the listed ones each has a result.
-    file("listed", "[[key]]\nkey = \"start.q_deg.1\"\nvalues = [-500, -60]\n");
+    file(
+        "listed",
+        "[[key]]\nkey = \"start.q_deg.1\"\nvalues = [-500, -60]\n",
+    );
     let said = desk.armplane(&["sweep", "listed.toml", "--json"]);
     let error: Value = serde_json::from_str(&said.err).unwrap();
-    let (done, sentence): (Value, _) = (serde_json::from_str(&said.out).unwrap(), error["error"]["message"].as_str().unwrap());
-    assert_eq!((said.code, &done["computed"], &done["refused"], &done["failed"]), (1, &1.into(), &1.into(), &0.into()), "{done}");
-    assert!(sentence.contains("no run with start.q_deg.1 = -500 has a result: "), "{sentence}");
-    assert_eq!(tables(&desk.path().join("runs/listed")).len(), 1, "the table is there");
-    assert_eq!(desk.armplane(&["sweep", "listed.toml"]).code, 1, "the same again, from the table");
-    file("none", "[[key]]\nkey = \"start.q_deg.1\"\nfrom = -500\nto = -490\nsteps = 2\n");
+    let (done, sentence): (Value, _) = (
+        serde_json::from_str(&said.out).unwrap(),
+        error["error"]["message"].as_str().unwrap(),
+    );
+    assert_eq!(
+        (
+            said.code,
+            &done["computed"],
+            &done["refused"],
+            &done["failed"]
+        ),
+        (1, &1.into(), &1.into(), &0.into()),
+        "{done}"
+    );
+    assert!(
+        sentence.contains("no run with start.q_deg.1 = -500 has a result: "),
+        "{sentence}"
+    );
+    assert_eq!(
+        tables(&desk.path().join("runs/listed")).len(),
+        1,
+        "the table is there"
+    );
+    assert_eq!(
+        desk.armplane(&["sweep", "listed.toml"]).code,
+        1,
+        "the same again, from the table"
+    );
+    file(
+        "none",
+        "[[key]]\nkey = \"start.q_deg.1\"\nfrom = -500\nto = -490\nsteps = 2\n",
+    );
     let said = desk.armplane(&["sweep", "none.toml"]);
-    assert!(said.code == 1 && said.err.contains("no run of 2 has a result: "), "{}", said.err);
-    assert!(said.err.lines().last().unwrap().contains("runs/none"), "{} {}", said.err, folder("none"));
+    assert!(
+        said.code == 1 && said.err.contains("no run of 2 has a result: "),
+        "{}",
+        said.err
+    );
+    assert!(
+        said.err.lines().last().unwrap().contains("runs/none"),
+        "{} {}",
+        said.err,
+        folder("none")
+    );
     // Values of faults that the graph has no process for.
-    desk.file("short.toml", &[SCENARIO, "[[fault]]\nprocess = \"controller\"\nkind = \"kill\"\nat_tick = 100\n"].concat());
-    file("fault", "[[key]]\nkey = \"fault.0.process\"\nvalues = [\"estimator\", \"nobody\"]\n");
+    desk.file(
+        "short.toml",
+        &[
+            SCENARIO,
+            "[[fault]]\nprocess = \"controller\"\nkind = \"kill\"\nat_tick = 100\n",
+        ]
+        .concat(),
+    );
+    file(
+        "fault",
+        "[[key]]\nkey = \"fault.0.process\"\nvalues = [\"estimator\", \"nobody\"]\n",
+    );
     let said = desk.armplane(&["sweep", "fault.toml"]);
-    assert!(said.code == 1 && said.err.contains("no run with fault.0.process = nobody has a result: "), "{}", said.err);
+    assert!(
+        said.code == 1
+            && said
+                .err
+                .contains("no run with fault.0.process = nobody has a result: "),
+        "{}",
+        said.err
+    );
     // A shard is judged when all of them are put together.
-    file("parts", "partition = 1\n[[key]]\nkey = \"start.q_deg.1\"\nvalues = [-500, -60]\n");
+    file(
+        "parts",
+        "partition = 1\n[[key]]\nkey = \"start.q_deg.1\"\nvalues = [-500, -60]\n",
+    );
     for shard in ["1", "2"] {
-        let said = desk.armplane(&["sweep", "parts.toml", "--shard", &format!("{shard}/2"), "--out", shard]);
+        let said = desk.armplane(&[
+            "sweep",
+            "parts.toml",
+            "--shard",
+            &format!("{shard}/2"),
+            "--out",
+            shard,
+        ]);
         assert_eq!(said.code, 0, "{}", said.err);
     }
     let said = desk.armplane(&["sweep", "--merge", "1", "2", "--out", "merged"]);
-    assert!(said.code == 1 && said.err.contains("no run with start.q_deg.1 = -500 has a result: "), "{}", said.err);
+    assert!(
+        said.code == 1
+            && said
+                .err
+                .contains("no run with start.q_deg.1 = -500 has a result: "),
+        "{}",
+        said.err
+    );
 }
 
 /// A sweep of runs drawn from `keys`: the command that it gives for each has the same hashes and figures in five processes.
 fn drawn_runs_are_those_of_five_processes(desk: &Desk, keys: &[(&str, &str)], count: usize) {
-    let keys: String = keys.iter().map(|(key, values)| format!("[[key]]\nkey = \"{key}\"\n{values}\n")).collect();
-    sweep_file(desk, "drawn", &format!("{keys}[sample]\nruns = {count}\nseed = 5\n"));
+    let keys: String = keys
+        .iter()
+        .map(|(key, values)| format!("[[key]]\nkey = \"{key}\"\n{values}\n"))
+        .collect();
+    sweep_file(
+        desk,
+        "drawn",
+        &format!("{keys}[sample]\nruns = {count}\nseed = 5\n"),
+    );
     let said = desk.armplane(&["sweep", "drawn.toml"]);
     assert_eq!(said.code, 0, "{}", said.err);
     let report = report(desk, &["runs/drawn", "--worst", &count.to_string()]);
@@ -169,16 +324,43 @@ fn drawn_runs_are_those_of_five_processes(desk: &Desk, keys: &[(&str, &str)], co
     assert_eq!(runs.len(), count, "{report}");
     for run in runs {
         // The command as a person would paste it.
-        let command = run["command"].as_str().unwrap().replacen("armplane", env!("CARGO_BIN_EXE_armplane"), 1);
-        let said = Command::new("sh").args(["-c", &format!("{command} --json")]).current_dir(desk.path()).output().unwrap();
-        let summary: Value = serde_json::from_slice(&said.stdout).unwrap_or_else(|_| panic!("{command}\n{said:?}"));
+        let command = run["command"].as_str().unwrap().replacen(
+            "armplane",
+            env!("CARGO_BIN_EXE_armplane"),
+            1,
+        );
+        let said = Command::new("sh")
+            .args(["-c", &format!("{command} --json")])
+            .current_dir(desk.path())
+            .output()
+            .unwrap();
+        let summary: Value =
+            serde_json::from_slice(&said.stdout).unwrap_or_else(|_| panic!("{command}\n{said:?}"));
         assert_eq!(summary["outcome"], run["outcome"], "{command}");
-        assert_eq!(summary["task"]["position_max_mm"], run["value"], "{command}");
-        let hashes: BTreeMap<_, _> = summary["topics"].as_object().unwrap().iter().map(|(topic, it)| (topic, &it["hash"])).collect();
+        assert_eq!(
+            summary["task"]["position_max_mm"], run["value"],
+            "{command}"
+        );
+        let hashes: BTreeMap<_, _> = summary["topics"]
+            .as_object()
+            .unwrap()
+            .iter()
+            .map(|(topic, it)| (topic, &it["hash"]))
+            .collect();
         // A topic that the run does not have is a column without a hash.
-        let found: BTreeMap<_, _> = run["hashes"].as_object().unwrap().iter().filter(|(_, hash)| **hash != "–").collect();
+        let found: BTreeMap<_, _> = run["hashes"]
+            .as_object()
+            .unwrap()
+            .iter()
+            .filter(|(_, hash)| **hash != "–")
+            .collect();
         assert_eq!(found, hashes, "{command}");
-        assert!(desk.path().join(format!("drawn-run-{}/run.rrd", run["run"])).exists(), "a recording");
+        assert!(
+            desk.path()
+                .join(format!("drawn-run-{}/run.rrd", run["run"]))
+                .exists(),
+            "a recording"
+        );
     }
 }
 
@@ -187,26 +369,45 @@ fn a_sweep_that_is_killed_goes_on_and_its_table_is_that_of_one_piece() {
     let desk = desk();
     let keys = "partition = 5\n[[key]]\nkey = \"control.k_p\"\nfrom = 100\nto = 900\nsteps = 8\n[[key]]\nkey = \"seed\"\nfrom = 1\nto = 8\nsteps = 8\n";
     sweep_file(&desk, "killed", keys);
-    assert_eq!(desk.armplane(&["sweep", "killed.toml", "--out", "whole"]).code, 0);
+    assert_eq!(
+        desk.armplane(&["sweep", "killed.toml", "--out", "whole"])
+            .code,
+        0
+    );
     let whole = tables(&desk.path().join("whole"));
     assert_eq!(whole.len(), 13);
     // Of a partition that has its table the journal may still be there.
     let finished = || {
         let out = desk.path().join("out");
-        let tables = if out.join("runs").exists() { tables(&out) } else { BTreeMap::new() };
-        let journals = std::fs::read_dir(out.join("journal")).into_iter().flatten().flatten().map(|entry| entry.path());
+        let tables = if out.join("runs").exists() {
+            tables(&out)
+        } else {
+            BTreeMap::new()
+        };
+        let journals = std::fs::read_dir(out.join("journal"))
+            .into_iter()
+            .flatten()
+            .flatten()
+            .map(|entry| entry.path());
         let begun = journals.filter(|path| {
             let table = path.with_extension("parquet");
-            path.extension().is_some_and(|extension| extension == "journal")
-                && table.file_name().and_then(|name| name.to_str()).is_some_and(|name| !tables.contains_key(name))
+            path.extension()
+                .is_some_and(|extension| extension == "journal")
+                && table
+                    .file_name()
+                    .and_then(|name| name.to_str())
+                    .is_some_and(|name| !tables.contains_key(name))
         });
-        let lines = |path| std::fs::read_to_string(path).map_or(0, |text| text.matches('\n').count());
+        let lines =
+            |path| std::fs::read_to_string(path).map_or(0, |text| text.matches('\n').count());
         5 * tables.len() + begun.map(lines).sum::<usize>()
     };
     let (mut kills, mut seen) = (0, 0);
     for wanted in [3, 17, 31] {
         let mut child = desk.start(&["sweep", "killed.toml", "--out", "out"]);
-        until("runs to be finished", || finished() >= wanted || child.try_wait().unwrap().is_some());
+        until("runs to be finished", || {
+            finished() >= wanted || child.try_wait().unwrap().is_some()
+        });
         child.kill().unwrap();
         kills += u32::from(finish(child).code == -1);
         assert!(finished() >= seen, "no run is lost");
@@ -216,41 +417,83 @@ fn a_sweep_that_is_killed_goes_on_and_its_table_is_that_of_one_piece() {
     let said = desk.armplane(&["sweep", "killed.toml", "--out", "out", "--json"]);
     assert_eq!(said.code, 0, "{}", said.err);
     let done: Value = serde_json::from_str(&said.out).unwrap();
-    assert_eq!((&done["runs"], done["found"].as_u64()), (&64.into(), Some(seen.min(64) as u64)), "no run is repeated");
+    assert_eq!(
+        (&done["runs"], done["found"].as_u64()),
+        (&64.into(), Some(seen.min(64) as u64)),
+        "no run is repeated"
+    );
     assert!(tables(&desk.path().join("out")) == whole, "the same files");
     assert!(!desk.path().join("out/journal").exists());
     let said = desk.armplane(&["sweep", "killed.toml", "--out", "out", "--json"]);
-    assert_eq!(serde_json::from_str::<Value>(&said.out).unwrap()["found"], 64, "nothing is left to do");
+    assert_eq!(
+        serde_json::from_str::<Value>(&said.out).unwrap()["found"],
+        64,
+        "nothing is left to do"
+    );
 }
 
 #[test]
 fn shards_put_together_are_the_sweep_in_one_piece_and_gaps_and_overlaps_are_refused() {
     let desk = desk();
-    sweep_file(&desk, "grid", "partition = 2\n[[key]]\nkey = \"control.k_p\"\nfrom = 100\nto = 800\nsteps = 8\n");
+    sweep_file(
+        &desk,
+        "grid",
+        "partition = 2\n[[key]]\nkey = \"control.k_p\"\nfrom = 100\nto = 800\nsteps = 8\n",
+    );
     assert_eq!(desk.armplane(&["sweep", "grid.toml"]).code, 0);
     for shard in ["1", "2", "3"] {
-        let said = desk.armplane(&["sweep", "grid.toml", "--shard", &format!("{shard}/3"), "--out", &format!("shard-{shard}")]);
+        let said = desk.armplane(&[
+            "sweep",
+            "grid.toml",
+            "--shard",
+            &format!("{shard}/3"),
+            "--out",
+            &format!("shard-{shard}"),
+        ]);
         assert_eq!(said.code, 0, "{}", said.err);
     }
     let refused = |args: &[&str], expected: &str| {
         let said = desk.armplane(&[&["sweep", "--merge"], args, &["--out", "merged"]].concat());
-        assert!(said.code == 2 && said.err.contains(expected) && said.err.lines().count() == 1, "{} {}", said.code, said.err);
+        assert!(
+            said.code == 2 && said.err.contains(expected) && said.err.lines().count() == 1,
+            "{} {}",
+            said.code,
+            said.err
+        );
         assert!(!desk.path().join("merged").exists());
     };
-    refused(&["shard-1", "shard-3"], "2 of 8 runs are missing: compute shard 2/3");
-    refused(&["shard-1", "shard-2", "shard-3", "shard-2"], "runs 2 to 3 are in both");
+    refused(
+        &["shard-1", "shard-3"],
+        "2 of 8 runs are missing: compute shard 2/3",
+    );
+    refused(
+        &["shard-1", "shard-2", "shard-3", "shard-2"],
+        "runs 2 to 3 are in both",
+    );
     refused(&["shard-1", "short.toml"], "not the folder of a shard");
     let manifest = desk.path().join("shard-2/sweep.json");
     let text = std::fs::read_to_string(&manifest).unwrap();
-    let program = serde_json::from_str::<Value>(&text).unwrap()["program"].as_str().unwrap().to_owned();
+    let program = serde_json::from_str::<Value>(&text).unwrap()["program"]
+        .as_str()
+        .unwrap()
+        .to_owned();
     std::fs::write(&manifest, text.replace(&program, "0123456789abcdef")).unwrap();
-    refused(&["shard-1", "shard-2", "shard-3"], "different builds of armplane");
+    refused(
+        &["shard-1", "shard-2", "shard-3"],
+        "different builds of armplane",
+    );
     std::fs::write(&manifest, &text).unwrap();
-    let said = desk.armplane(&["sweep", "--merge", "shard-3", "shard-1", "shard-2", "--out", "merged"]);
+    let said = desk.armplane(&[
+        "sweep", "--merge", "shard-3", "shard-1", "shard-2", "--out", "merged",
+    ]);
     assert_eq!(said.code, 0, "{}", said.err);
     assert!(tables(&desk.path().join("merged")) == tables(&desk.path().join("runs/grid")));
     let said = desk.armplane(&["sweep", "grid.toml", "--shard", "1/9"]);
-    assert!(said.code == 2 && said.err.contains("at most 4"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("at most 4"),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
@@ -259,13 +502,27 @@ fn a_sweep_that_cannot_be_is_refused_in_a_sentence() {
     let refused = |more: &str, expected: &str| {
         sweep_file(&desk, "bad", more);
         let said = desk.armplane(&["sweep", "bad.toml"]);
-        assert!(said.code == 2 && said.err.contains(expected), "{} {}", said.code, said.err);
+        assert!(
+            said.code == 2 && said.err.contains(expected),
+            "{} {}",
+            said.code,
+            said.err
+        );
         assert!(!desk.path().join("runs/bad").exists());
     };
     refused("", "the grid is empty");
-    refused("[[key]]\nkey = \"control.kp\"\nvalues = [1.0]\n", "did you mean `k_p`?");
-    refused("[[key]]\nkey = \"start.q_deg.4\"\nunit = \"rad\"\nvalues = [1.0]\n", "is in °, not in rad");
-    refused("[[key]]\nkey = \"start.q_rad\"\nvalues = [[0.0]]\n", "given 2 times");
+    refused(
+        "[[key]]\nkey = \"control.kp\"\nvalues = [1.0]\n",
+        "did you mean `k_p`?",
+    );
+    refused(
+        "[[key]]\nkey = \"start.q_deg.4\"\nunit = \"rad\"\nvalues = [1.0]\n",
+        "is in °, not in rad",
+    );
+    refused(
+        "[[key]]\nkey = \"start.q_rad\"\nvalues = [[0.0]]\n",
+        "given 2 times",
+    );
     let seed = "[[key]]\nkey = \"seed\"\n";
     for (more, expected) in [
         ("fault = 1\n".to_owned(), "unknown field `fault`"),
@@ -273,9 +530,18 @@ fn a_sweep_that_cannot_be_is_refused_in_a_sentence() {
             format!("{seed}values = [99999999999999999999]\n"),
             "bad.toml:5: `key.0.values.0`: the whole number `99999999999999999999` does not",
         ),
-        (format!("{seed}from = 0\nto = 1e300\nsteps = 3\n"), "it takes whole numbers only (both ends must be whole, and within"),
-        (format!("{seed}from = 1\nto = 4\nsteps = 3\n"), "`seed` takes whole numbers only, and 3 steps from 1 to 4 are no"),
-        (format!("{seed}values = [{}1{}]\n", "[".repeat(200), "]".repeat(200)), "nested too deeply (at most 80 are within each other)"),
+        (
+            format!("{seed}from = 0\nto = 1e300\nsteps = 3\n"),
+            "it takes whole numbers only (both ends must be whole, and within",
+        ),
+        (
+            format!("{seed}from = 1\nto = 4\nsteps = 3\n"),
+            "`seed` takes whole numbers only, and 3 steps from 1 to 4 are no",
+        ),
+        (
+            format!("{seed}values = [{}1{}]\n", "[".repeat(200), "]".repeat(200)),
+            "nested too deeply (at most 80 are within each other)",
+        ),
         (
             "[[key]]\nkey = \"fault\"\nvalues = [[1]]\n".to_owned(),
             "`fault = [1]`: the whole number `1` does not fit here (it must be a table)",
@@ -288,42 +554,97 @@ fn a_sweep_that_cannot_be_is_refused_in_a_sentence() {
             "[[key]]\nkey = \"rate_hz\"\nvalues = [5000000000]\n".to_owned(),
             "`rate_hz = 5000000000`: the whole number `5000000000` does not fit here (it must be a whole number from 0 to 4294967295)",
         ),
-        (format!("set = [\"seed2=1\"]\n{seed}values = [1]\n"), "bad.toml:3: `seed2=1`: unknown field `seed2`"),
+        (
+            format!("set = [\"seed2=1\"]\n{seed}values = [1]\n"),
+            "bad.toml:3: `seed2=1`: unknown field `seed2`",
+        ),
     ] {
         refused(&more, expected);
     }
-    let fault = |fault: &str| format!("set = [\"fault=[{{{fault}, at_tick=10}}]\"]\n[[key]]\nkey = \"seed\"\nvalues = [1]\n");
+    let fault = |fault: &str| {
+        format!(
+            "set = [\"fault=[{{{fault}, at_tick=10}}]\"]\n[[key]]\nkey = \"seed\"\nvalues = [1]\n"
+        )
+    };
     refused(&fault("process='plant', kind='kill'"), "it ends the run");
-    refused(&fault("process='recorder', kind='slow-disk'"), "one thread has no such process");
-    let grid = |values: &str| sweep_file(&desk, "grid", &format!("[[key]]\nkey = \"control.k_p\"\nvalues = {values}\n"));
+    refused(
+        &fault("process='recorder', kind='slow-disk'"),
+        "one thread has no such process",
+    );
+    let grid = |values: &str| {
+        sweep_file(
+            &desk,
+            "grid",
+            &format!("[[key]]\nkey = \"control.k_p\"\nvalues = {values}\n"),
+        )
+    };
     grid("[100, 200]");
     assert_eq!(desk.armplane(&["sweep", "grid.toml"]).code, 0);
     grid("[100, 300]");
     let said = desk.armplane(&["sweep", "grid.toml"]);
-    assert!(said.code == 2 && said.err.contains("before its file, its scenario, its robot or its targets changed"), "{}", said.err);
-    sweep_file(&desk, "other", "[[key]]\nkey = \"control.k_p\"\nvalues = [100]\n");
+    assert!(
+        said.code == 2
+            && said
+                .err
+                .contains("before its file, its scenario, its robot or its targets changed"),
+        "{}",
+        said.err
+    );
+    sweep_file(
+        &desk,
+        "other",
+        "[[key]]\nkey = \"control.k_p\"\nvalues = [100]\n",
+    );
     let said = desk.armplane(&["sweep", "other.toml", "--out", "runs/grid"]);
-    assert!(said.code == 2 && said.err.contains("the results of the sweep `grid`"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("the results of the sweep `grid`"),
+        "{}",
+        said.err
+    );
     let said = desk.armplane(&["sweep", "report", "runs/grid", "--by", "reason"]);
-    assert!(said.code == 2 && said.err.contains("has no numbers"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("has no numbers"),
+        "{}",
+        said.err
+    );
     let said = desk.armplane(&["sweep", "report", "."]);
-    assert!(said.code == 2 && said.err.contains("no sweep.json"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("no sweep.json"),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
 fn nothing_is_written_through_a_link_and_damaged_results_are_refused_with_a_remedy() {
     let desk = desk();
-    sweep_file(&desk, "grid", "partition = 4\n[[key]]\nkey = \"control.k_p\"\nfrom = 100\nto = 800\nsteps = 8\n");
+    sweep_file(
+        &desk,
+        "grid",
+        "partition = 4\n[[key]]\nkey = \"control.k_p\"\nfrom = 100\nto = 800\nsteps = 8\n",
+    );
     assert_eq!(desk.armplane(&["sweep", "grid.toml", "--out", "g"]).code, 0);
-    let (folder, part) = (desk.path().join("g"), desk.path().join("g/runs/part-00001.parquet"));
+    let (folder, part) = (
+        desk.path().join("g"),
+        desk.path().join("g/runs/part-00001.parquet"),
+    );
     let refused = |args: &[&str], words: &str| {
         let said = desk.armplane(args);
-        assert!(said.code == 2 && said.err.contains(words) && said.err.lines().count() == 1, "{args:?}: {}: {}", said.code, said.err);
+        assert!(
+            said.code == 2 && said.err.contains(words) && said.err.lines().count() == 1,
+            "{args:?}: {}: {}",
+            said.code,
+            said.err
+        );
     };
     let rows = std::fs::read(&part).unwrap();
     for bytes in [&rows[..0], &rows[..rows.len() / 2], &rows[..rows.len() - 1]] {
         std::fs::write(&part, bytes).unwrap();
-        for args in [&["sweep", "grid.toml", "--out", "g"][..], &["sweep", "report", "g"], &["sweep", "--merge", "g", "--out", "m"]] {
+        for args in [
+            &["sweep", "grid.toml", "--out", "g"][..],
+            &["sweep", "report", "g"],
+            &["sweep", "--merge", "g", "--out", "m"],
+        ] {
             refused(args, "part-00001.parquet");
             refused(args, "; remove it, and run the sweep again");
         }
@@ -334,17 +655,36 @@ fn nothing_is_written_through_a_link_and_damaged_results_are_refused_with_a_reme
     let journal = folder.join("journal/part-00001.journal");
     for link in [&part, &journal] {
         std::os::unix::fs::symlink(&elsewhere, link).unwrap();
-        refused(&["sweep", "grid.toml", "--out", "g"], "has the name of a result and is none: remove it");
+        refused(
+            &["sweep", "grid.toml", "--out", "g"],
+            "has the name of a result and is none: remove it",
+        );
         std::fs::remove_file(link).unwrap();
     }
     std::fs::remove_dir_all(folder.join("runs")).unwrap();
     std::fs::create_dir(desk.path().join("other")).unwrap();
     std::os::unix::fs::symlink(desk.path().join("other"), folder.join("runs")).unwrap();
-    refused(&["sweep", "grid.toml", "--out", "g"], "g/runs has the name of a result and is none: remove it");
-    assert!(std::fs::read_dir(desk.path().join("other")).unwrap().next().is_none(), "nothing is written through a link");
+    refused(
+        &["sweep", "grid.toml", "--out", "g"],
+        "g/runs has the name of a result and is none: remove it",
+    );
+    assert!(
+        std::fs::read_dir(desk.path().join("other"))
+            .unwrap()
+            .next()
+            .is_none(),
+        "nothing is written through a link"
+    );
     assert_eq!(std::fs::read_to_string(elsewhere).unwrap(), "mine");
     std::fs::remove_file(folder.join("runs")).unwrap();
-    assert_eq!(desk.armplane(&["sweep", "grid.toml", "--out", "g"]).code, 0, "what is gone is computed again");
+    assert_eq!(
+        desk.armplane(&["sweep", "grid.toml", "--out", "g"]).code,
+        0,
+        "what is gone is computed again"
+    );
     std::fs::write(folder.join("sweep.json"), "{").unwrap();
-    refused(&["sweep", "report", "g"], "; restore it, or compute the sweep again in another folder");
+    refused(
+        &["sweep", "report", "g"],
+        "; restore it, or compute the sweep again in another folder",
+    );
 }

@@ -9,9 +9,19 @@ use crate::command::{Desk, assert_nothing_left, children_of_run, finish, in_shar
 #[test]
 fn a_run_is_seen_from_outside() {
     let desk = Desk::new();
-    let run = desk.start(&["run", "--set", "segment.1.duration_s=500", "--no-record", "--json"]);
+    let run = desk.start(&[
+        "run",
+        "--set",
+        "segment.1.duration_s=500",
+        "--no-record",
+        "--json",
+    ]);
     until("five processes", || children_of_run(run.id()).len() == 5);
-    let directory = || in_shared_memory(run.id()).into_iter().find(|name| !name.contains('.'));
+    let directory = || {
+        in_shared_memory(run.id())
+            .into_iter()
+            .find(|name| !name.contains('.'))
+    };
     let name = directory().unwrap();
     let look = || {
         let said = desk.armplane(&["top", "--run", &name, "--once", "--json"]);
@@ -22,43 +32,111 @@ fn a_run_is_seen_from_outside() {
     until("the first tick", || ticks(&look()) > 0);
     let (before, after) = (look(), look());
     assert!(ticks(&after) > ticks(&before), "{after}");
-    let mut of_run: Vec<i64> = children_of_run(run.id()).into_iter().map(|(_, pid)| i64::from(pid)).collect();
-    let mut seen: Vec<i64> = after["processes"].as_array().unwrap().iter().map(|process| process["pid"].as_i64().unwrap()).collect();
+    let mut of_run: Vec<i64> = children_of_run(run.id())
+        .into_iter()
+        .map(|(_, pid)| i64::from(pid))
+        .collect();
+    let mut seen: Vec<i64> = after["processes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|process| process["pid"].as_i64().unwrap())
+        .collect();
     of_run.sort_unstable();
     seen.sort_unstable();
     assert_eq!(seen, of_run);
-    assert!(after["processes"].as_array().unwrap().iter().all(|process| process["state"] == "running"), "{after}");
-    for process in after["processes"].as_array().unwrap().iter().filter(|process| process["name"] != "recorder") {
-        let number = |what: &str, key: &str| process[what][key].as_f64().unwrap_or_else(|| panic!("{what} {key}: {process}"));
+    assert!(
+        after["processes"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .all(|process| process["state"] == "running"),
+        "{after}"
+    );
+    for process in after["processes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|process| process["name"] != "recorder")
+    {
+        let number = |what: &str, key: &str| {
+            process[what][key]
+                .as_f64()
+                .unwrap_or_else(|| panic!("{what} {key}: {process}"))
+        };
         for what in ["step_us", "age_us"] {
             assert!(
-                number(what, "count") > 0.0 && number(what, "p50") <= number(what, "p99") && number(what, "p99") <= number(what, "max")
+                number(what, "count") > 0.0
+                    && number(what, "p50") <= number(what, "p99")
+                    && number(what, "p99") <= number(what, "max")
             );
         }
     }
-    let wrist = after["singularities"].as_array().unwrap().iter().find(|one| one["name"] == "wrist").unwrap_or_else(|| panic!("{after}"));
-    assert!(wrist["s"].as_f64().unwrap().abs() < 0.1 && wrist["inside"] == true && wrist["type"] == "type 2", "{wrist}");
-    assert!(after["drive"] == "active" && after["phase"] == "running", "{after}");
-    assert!(Command::new("kill").args(["-INT", &run.id().to_string()]).status().unwrap().success());
+    let wrist = after["singularities"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|one| one["name"] == "wrist")
+        .unwrap_or_else(|| panic!("{after}"));
+    assert!(
+        wrist["s"].as_f64().unwrap().abs() < 0.1
+            && wrist["inside"] == true
+            && wrist["type"] == "type 2",
+        "{wrist}"
+    );
+    assert!(
+        after["drive"] == "active" && after["phase"] == "running",
+        "{after}"
+    );
+    assert!(
+        Command::new("kill")
+            .args(["-INT", &run.id().to_string()])
+            .status()
+            .unwrap()
+            .success()
+    );
     let said = finish(run);
     assert_nothing_left(said.launcher);
-    assert_eq!(desk.armplane(&["top", "--run", &name, "--once"]).code, 2, "it is gone");
+    assert_eq!(
+        desk.armplane(&["top", "--run", &name, "--once"]).code,
+        2,
+        "it is gone"
+    );
 }
 
 #[test]
 fn being_watched_changes_no_byte() {
     let desk = Desk::new();
-    let args = ["run", "--seed", "21", "--set", "segment.1.duration_s=20", "--no-record", "--json"];
+    let args = [
+        "run",
+        "--seed",
+        "21",
+        "--set",
+        "segment.1.duration_s=20",
+        "--no-record",
+        "--json",
+    ];
     let alone: Value = serde_json::from_str(&desk.armplane(&args).out).unwrap();
     let run = desk.start(&args);
     until("five processes", || children_of_run(run.id()).len() == 5);
-    let name = in_shared_memory(run.id()).into_iter().find(|name| !name.contains('.')).unwrap();
+    let name = in_shared_memory(run.id())
+        .into_iter()
+        .find(|name| !name.contains('.'))
+        .unwrap();
     let watcher = desk.start(&["top", "--run", &name, "--every-ms", "10", "--json"]);
     let watched = finish(run);
     let seen = finish(watcher);
-    assert!(seen.code == 0 && seen.out.lines().count() > 3, "{}{}", seen.out, seen.err);
+    assert!(
+        seen.code == 0 && seen.out.lines().count() > 3,
+        "{}{}",
+        seen.out,
+        seen.err
+    );
     let last: Value = serde_json::from_str(seen.out.lines().last().unwrap()).unwrap();
-    assert!(last["processes"][0]["ticks"].as_u64().unwrap() > 0, "{last}");
+    assert!(
+        last["processes"][0]["ticks"].as_u64().unwrap() > 0,
+        "{last}"
+    );
     let watched: Value = serde_json::from_str(&watched.out).unwrap();
     assert_eq!(watched["topics"], alone["topics"]);
 }

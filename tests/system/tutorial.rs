@@ -18,7 +18,9 @@ fn steps(page: &str) -> Vec<Step> {
     let mut steps = Vec::new();
     let mut lines = page.lines();
     while let Some(line) = lines.next() {
-        let Some(head) = line.strip_prefix("```") else { continue };
+        let Some(head) = line.strip_prefix("```") else {
+            continue;
+        };
         let text: Vec<&str> = lines.by_ref().take_while(|line| *line != "```").collect();
         let text = text.join("\n") + "\n";
         match head.split_once(' ') {
@@ -36,9 +38,19 @@ fn every_file_and_command_of_the_tutorial_works() {
     let desk = Desk::new();
     let armplane = Path::new(env!("CARGO_BIN_EXE_armplane"));
     let programs = armplane.parent().expect("a folder");
-    let profile = programs.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-    let path = format!("{}:{}", programs.display(), std::env::var("PATH").unwrap_or_default());
-    let python = Command::new("python3").arg("--version").output().is_ok_and(|output| output.status.success());
+    let profile = programs
+        .file_name()
+        .and_then(|name| name.to_str())
+        .unwrap_or_default();
+    let path = format!(
+        "{}:{}",
+        programs.display(),
+        std::env::var("PATH").unwrap_or_default()
+    );
+    let python = Command::new("python3")
+        .arg("--version")
+        .output()
+        .is_ok_and(|output| output.status.success());
     let (mut files, mut commands) = (0, 0);
     for step in steps(page) {
         match step {
@@ -64,14 +76,22 @@ fn every_file_and_command_of_the_tutorial_works() {
                         .env("ARMPLANE_RERUN", "true")
                         .output()
                         .expect("a shell");
-                    let [out, err] = [done.stdout, done.stderr].map(|text| String::from_utf8_lossy(&text).into_owned());
-                    assert!(done.status.success(), "`{line}` ended with {}:\n{out}\n{err}", done.status);
+                    let [out, err] = [done.stdout, done.stderr]
+                        .map(|text| String::from_utf8_lossy(&text).into_owned());
+                    assert!(
+                        done.status.success(),
+                        "`{line}` ended with {}:\n{out}\n{err}",
+                        done.status
+                    );
                     commands += 1;
                 }
             }
         }
     }
-    assert!(files >= 7 && commands >= 18, "{files} files, {commands} commands: is the page still read?");
+    assert!(
+        files >= 7 && commands >= 18,
+        "{files} files, {commands} commands: is the page still read?"
+    );
     for (left, said) in [
         ("reach/report.html", "Locked"),
         ("faulty/report.html", "fault in force"),
@@ -79,7 +99,12 @@ fn every_file_and_command_of_the_tutorial_works() {
         ("swing/summary.json", "goal reached"),
     ] {
         if left != "s1.svg" || python {
-            assert!(std::fs::read_to_string(desk.path().join(left)).expect(left).contains(said), "{left} lacks `{said}`");
+            assert!(
+                std::fs::read_to_string(desk.path().join(left))
+                    .expect(left)
+                    .contains(said),
+                "{left} lacks `{said}`"
+            );
         }
     }
 }

@@ -35,22 +35,44 @@ fn verify(args: &[&str]) -> (i32, Value) {
     desk.file("recorder.toml", &[FAULTS, RECORDER].concat());
     let said = desk.armplane(&[&["verify", "--json"], args].concat());
     assert_nothing_left(said.launcher);
-    assert_eq!(std::fs::read_dir(desk.path()).unwrap().count(), 2, "verify left something in the folder");
-    (said.code, serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err)))
+    assert_eq!(
+        std::fs::read_dir(desk.path()).unwrap().count(),
+        2,
+        "verify left something in the folder"
+    );
+    (
+        said.code,
+        serde_json::from_str(&said.out)
+            .unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err)),
+    )
 }
 
 #[test]
 fn no_circumstance_changes_a_byte() {
     let (code, json) = verify(&["--runs", "6", "--seed", "11"]);
-    assert_eq!((code, &json["identical"], &json["difference"]), (0, &true.into(), &Value::Null), "{json}");
+    assert_eq!(
+        (code, &json["identical"], &json["difference"]),
+        (0, &true.into(), &Value::Null),
+        "{json}"
+    );
     let runs = json["runs"].as_array().unwrap();
-    let mut conditions: Vec<_> = runs.iter().map(|run| run["condition"].as_str().unwrap()).collect();
+    let mut conditions: Vec<_> = runs
+        .iter()
+        .map(|run| run["condition"].as_str().unwrap())
+        .collect();
     conditions.sort_unstable();
     conditions.dedup();
-    assert_eq!((runs.len(), conditions.len()), (6, 6), "each under a condition of its own: {conditions:?}");
+    assert_eq!(
+        (runs.len(), conditions.len()),
+        (6, 6),
+        "each under a condition of its own: {conditions:?}"
+    );
     for run in runs {
         for topic in ALWAYS {
-            assert_eq!(run["topics"][topic]["hash"], json["reference"]["topics"][topic]["hash"]);
+            assert_eq!(
+                run["topics"][topic]["hash"],
+                json["reference"]["topics"][topic]["hash"]
+            );
             assert_eq!(run["topics"][topic]["count"], json["reference"]["ticks"]);
         }
     }
@@ -61,67 +83,150 @@ fn a_process_that_is_not_in_order_is_caught_with_tick_topic_and_field() {
     let (code, json) = verify(&["--runs", "2", "--unordered"]);
     assert_eq!((code, &json["identical"]), (1, &false.into()), "{json}");
     let difference = &json["difference"];
-    assert!(difference["tick"].as_u64().is_some_and(|tick| tick > 0), "the start is the scenario's: {difference}");
+    assert!(
+        difference["tick"].as_u64().is_some_and(|tick| tick > 0),
+        "the start is the scenario's: {difference}"
+    );
     // A torque of another tick shows first in the plant's own state.
-    assert!(["sensor", "plant_state"].contains(&difference["topic"].as_str().unwrap()), "{difference}");
-    let [field, expected, found] = ["field", "expected", "found"].map(|key| difference[key].as_str().unwrap());
-    assert!(field.starts_with("q") || field.starts_with("tau"), "{difference}");
-    assert_ne!(expected.parse::<f64>().unwrap(), found.parse::<f64>().unwrap(), "{difference}");
+    assert!(
+        ["sensor", "plant_state"].contains(&difference["topic"].as_str().unwrap()),
+        "{difference}"
+    );
+    let [field, expected, found] =
+        ["field", "expected", "found"].map(|key| difference[key].as_str().unwrap());
+    assert!(
+        field.starts_with("q") || field.starts_with("tau"),
+        "{difference}"
+    );
+    assert_ne!(
+        expected.parse::<f64>().unwrap(),
+        found.parse::<f64>().unwrap(),
+        "{difference}"
+    );
 }
 
 #[test]
 fn runs_with_faults_are_compared_with_one_thread() {
     let (code, json) = verify(&["faults.toml", "--runs", "2"]);
-    assert_eq!((code, &json["identical"], &json["difference"]), (0, &true.into(), &Value::Null), "{json}");
-    assert_eq!((&json["faults"], &json["reference_run"]), (&2.into(), &Value::Null), "{json}");
-    assert!(json["reference"]["topics"]["torque"]["count"].as_u64().unwrap() < json["reference"]["ticks"].as_u64().unwrap(), "{json}");
+    assert_eq!(
+        (code, &json["identical"], &json["difference"]),
+        (0, &true.into(), &Value::Null),
+        "{json}"
+    );
+    assert_eq!(
+        (&json["faults"], &json["reference_run"]),
+        (&2.into(), &Value::Null),
+        "{json}"
+    );
+    assert!(
+        json["reference"]["topics"]["torque"]["count"]
+            .as_u64()
+            .unwrap()
+            < json["reference"]["ticks"].as_u64().unwrap(),
+        "{json}"
+    );
 }
 
 #[test]
 fn runs_with_faults_that_one_thread_cannot_have_are_compared_with_each_other_and_that_is_said() {
     let (code, json) = verify(&["recorder.toml", "--runs", "3"]);
-    assert_eq!((code, &json["identical"], &json["difference"]), (0, &true.into(), &Value::Null), "{json}");
-    assert_eq!((&json["faults"], &json["reference_run"]), (&3.into(), &1.into()), "{json}");
+    assert_eq!(
+        (code, &json["identical"], &json["difference"]),
+        (0, &true.into(), &Value::Null),
+        "{json}"
+    );
+    assert_eq!(
+        (&json["faults"], &json["reference_run"]),
+        (&3.into(), &1.into()),
+        "{json}"
+    );
     assert_eq!(json["runs"].as_array().unwrap().len(), 3);
     assert_eq!(json["reference"], json["runs"][0]);
-    assert!(json["runs"][2]["topics"]["torque"]["count"].as_u64().unwrap() < json["reference"]["ticks"].as_u64().unwrap(), "{json}");
+    assert!(
+        json["runs"][2]["topics"]["torque"]["count"]
+            .as_u64()
+            .unwrap()
+            < json["reference"]["ticks"].as_u64().unwrap(),
+        "{json}"
+    );
     let desk = Desk::new();
     desk.file("recorder.toml", &[FAULTS, RECORDER].concat());
     let said = desk.armplane(&["verify", "recorder.toml", "--runs", "2"]);
-    assert!(said.code == 0 && said.out.contains("run 1 is the reference of the others"), "{}{}", said.out, said.err);
+    assert!(
+        said.code == 0 && said.out.contains("run 1 is the reference of the others"),
+        "{}{}",
+        said.out,
+        said.err
+    );
     let said = desk.armplane(&["verify", "recorder.toml", "--runs", "1"]);
-    assert!(said.code == 2 && said.err.contains("at least --runs 2"), "{}", said.err);
+    assert!(
+        said.code == 2 && said.err.contains("at least --runs 2"),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
 fn the_first_difference_between_runs_with_faults_is_found_too() {
     let (code, json) = verify(&["recorder.toml", "--runs", "3", "--unordered"]);
-    assert_eq!((code, &json["identical"], &json["reference_run"]), (1, &false.into(), &1.into()), "{json}");
+    assert_eq!(
+        (code, &json["identical"], &json["reference_run"]),
+        (1, &false.into(), &1.into()),
+        "{json}"
+    );
     let difference = &json["difference"];
-    assert!(difference["run"].as_u64().is_some_and(|run| run > 1) && difference["tick"].as_u64().is_some(), "{json}");
+    assert!(
+        difference["run"].as_u64().is_some_and(|run| run > 1)
+            && difference["tick"].as_u64().is_some(),
+        "{json}"
+    );
     assert_ne!(difference["expected"], difference["found"], "{difference}");
 }
 
 #[test]
 fn a_budget_that_deaths_spend_is_the_end_on_one_thread_too() {
     let desk = Desk::new();
-    let deaths: String =
-        (0..6).map(|i| format!("[[fault]]\nprocess = \"analyzer\"\nkind = \"kill\"\nat_tick = {}\n", 120 * (i + 1))).collect();
+    let deaths: String = (0..6)
+        .map(|i| {
+            format!(
+                "[[fault]]\nprocess = \"analyzer\"\nkind = \"kill\"\nat_tick = {}\n",
+                120 * (i + 1)
+            )
+        })
+        .collect();
     let task = FAULTS.split("[[fault]]").next().unwrap();
     desk.file("spent.toml", &[task, &deaths].concat());
     let said = desk.armplane(&["verify", "spent.toml", "--runs", "1", "--json"]);
     let json: Value = serde_json::from_str(&said.out).unwrap();
-    assert!(json["runs"][0]["failure"].as_str().unwrap().contains("analyzer"), "{json}");
-    assert_eq!(json["runs"][0]["topics"]["torque"], json["reference"]["topics"]["torque"], "{json}");
+    assert!(
+        json["runs"][0]["failure"]
+            .as_str()
+            .unwrap()
+            .contains("analyzer"),
+        "{json}"
+    );
+    assert_eq!(
+        json["runs"][0]["topics"]["torque"], json["reference"]["topics"]["torque"],
+        "{json}"
+    );
 }
 
 #[test]
 fn an_end_that_a_fault_plans_is_the_end_of_every_run() {
     let desk = Desk::new();
-    desk.file("end.toml", &FAULTS.replace("process = \"controller\"", "process = \"plant\""));
+    desk.file(
+        "end.toml",
+        &FAULTS.replace("process = \"controller\"", "process = \"plant\""),
+    );
     let said = desk.armplane(&["verify", "end.toml", "--runs", "2", "--json"]);
     let json: Value = serde_json::from_str(&said.out).unwrap();
     assert_eq!((said.code, &json["identical"]), (0, &true.into()), "{json}");
-    assert!(json["runs"][1]["failure"].as_str().unwrap().contains("plant"), "{json}");
+    assert!(
+        json["runs"][1]["failure"]
+            .as_str()
+            .unwrap()
+            .contains("plant"),
+        "{json}"
+    );
     assert_eq!(json["runs"][1]["topics"]["sensor"]["count"], 300, "{json}");
 }

@@ -23,7 +23,12 @@ fn layouts(json: &str) -> Vec<String> {
             // A keyword in C++ and Python.
             let name = field["name"].as_str().unwrap();
             let name = if name == "class" { "class_" } else { name };
-            format!("{} {name} {} {}", structure["name"].as_str().unwrap(), field["offset"], field["bytes"])
+            format!(
+                "{} {name} {} {}",
+                structure["name"].as_str().unwrap(),
+                field["offset"],
+                field["bytes"]
+            )
         })
     });
     lines.collect()
@@ -31,8 +36,12 @@ fn layouts(json: &str) -> Vec<String> {
 
 /// `SensorSample` as `sensor_sample`.
 fn snake(name: &str) -> String {
-    let parts =
-        name.char_indices().flat_map(|(i, c)| (i > 0 && c.is_ascii_uppercase()).then_some('_').into_iter().chain([c.to_ascii_lowercase()]));
+    let parts = name.char_indices().flat_map(|(i, c)| {
+        (i > 0 && c.is_ascii_uppercase())
+            .then_some('_')
+            .into_iter()
+            .chain([c.to_ascii_lowercase()])
+    });
     parts.collect()
 }
 
@@ -51,9 +60,15 @@ fn the_c_header_compiles_in_c_and_cpp_and_has_the_layouts_of_the_wire() {
         )
     };
     let lines: Vec<String> = expected.iter().map(print).collect();
-    let code = format!("#include \"armplane.h\"\nint main(void) {{\n{}\nreturn 0;\n}}\n", lines.join("\n"));
+    let code = format!(
+        "#include \"armplane.h\"\nint main(void) {{\n{}\nreturn 0;\n}}\n",
+        lines.join("\n")
+    );
     let cpp = ["-std=c++11", "-Wno-invalid-offsetof"];
-    for (compiler, file, options) in [("cc", "layouts.c", &["-std=gnu11"][..]), ("c++", "layouts.cpp", &cpp)] {
+    for (compiler, file, options) in [
+        ("cc", "layouts.c", &["-std=gnu11"][..]),
+        ("c++", "layouts.cpp", &cpp),
+    ] {
         desk.file(file, &code);
         let built = Command::new(compiler)
             .args(options)
@@ -64,9 +79,18 @@ fn the_c_header_compiles_in_c_and_cpp_and_has_the_layouts_of_the_wire() {
             skipped(format!("there is no {compiler}"));
             continue;
         };
-        assert!(built.status.success(), "{compiler}: {}", String::from_utf8_lossy(&built.stderr));
-        let said = Command::new(desk.path().join("layouts")).output().expect("it runs");
-        let found: Vec<String> = String::from_utf8_lossy(&said.stdout).lines().map(str::to_owned).collect();
+        assert!(
+            built.status.success(),
+            "{compiler}: {}",
+            String::from_utf8_lossy(&built.stderr)
+        );
+        let said = Command::new(desk.path().join("layouts"))
+            .output()
+            .expect("it runs");
+        let found: Vec<String> = String::from_utf8_lossy(&said.stdout)
+            .lines()
+            .map(str::to_owned)
+            .collect();
         assert_eq!(found, expected, "{compiler}");
     }
 }
@@ -74,14 +98,31 @@ fn the_c_header_compiles_in_c_and_cpp_and_has_the_layouts_of_the_wire() {
 #[test]
 fn the_python_module_is_that_of_this_program_and_has_the_layouts_of_the_wire() {
     let desk = Desk::new();
-    let kept = std::fs::read_to_string(root().join("python/armplane/wire.py")).expect("the module in the repository");
-    assert_eq!(kept.trim_end(), wire(&desk, "python").trim_end(), "run: armplane wire --lang python > python/armplane/wire.py");
+    let kept = std::fs::read_to_string(root().join("python/armplane/wire.py"))
+        .expect("the module in the repository");
+    assert_eq!(
+        kept.trim_end(),
+        wire(&desk, "python").trim_end(),
+        "run: armplane wire --lang python > python/armplane/wire.py"
+    );
     if !has_python("ctypes") {
         return skipped("there is no python3");
     }
     let code = "import ctypes, armplane.wire as w\nfor s in [v for v in vars(w).values() if isinstance(v, type)]:\n    for f in s._fields_:\n        \
                 d = getattr(s, f[0])\n        print(s.__name__, f[0], d.offset, d.size)";
-    let said = Command::new("python3").args(["-c", code]).env("PYTHONPATH", root().join("python")).output().expect("python3 runs");
-    let found: Vec<String> = String::from_utf8_lossy(&said.stdout).lines().map(str::to_owned).collect();
-    assert_eq!(found, layouts(&wire(&desk, "json")), "{}", String::from_utf8_lossy(&said.stderr));
+    let said = Command::new("python3")
+        .args(["-c", code])
+        .env("PYTHONPATH", root().join("python"))
+        .output()
+        .expect("python3 runs");
+    let found: Vec<String> = String::from_utf8_lossy(&said.stdout)
+        .lines()
+        .map(str::to_owned)
+        .collect();
+    assert_eq!(
+        found,
+        layouts(&wire(&desk, "json")),
+        "{}",
+        String::from_utf8_lossy(&said.stderr)
+    );
 }

@@ -14,7 +14,10 @@ mod synthetic;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
-    let folder: PathBuf = arguments.next().ok_or("usage: synthetic FOLDER [REPEATS] [control|timing|faults]")?.into();
+    let folder: PathBuf = arguments
+        .next()
+        .ok_or("usage: synthetic FOLDER [REPEATS] [control|timing|faults]")?
+        .into();
     let repeats: u64 = arguments.next().map_or(Ok(1), |text| text.parse())?;
     let layout = match arguments.next().as_deref() {
         None | Some("control") => Layout::Control,
@@ -35,7 +38,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         lives: viz::Lives::default(),
     };
     let mut motion = synthetic::Run::new(&robot);
-    let messages: Vec<_> = (0..(synthetic::Run::DURATION_S * 1e3) as u64).map(|_| motion.step()).collect();
+    let messages: Vec<_> = (0..(synthetic::Run::DURATION_S * 1e3) as u64)
+        .map(|_| motion.step())
+        .collect();
 
     let mut recording = Recording::create(&folder, &run)?;
     let mut best_us = f64::INFINITY;
@@ -68,5 +73,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// CPU time of this thread, which other load does not lengthen; ns.
 fn cpu_ns() -> Result<f64, Box<dyn std::error::Error>> {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat")?;
-    Ok(text.split(' ').next().ok_or("schedstat is empty")?.parse()?)
+    Ok(text
+        .split(' ')
+        .next()
+        .ok_or("schedstat is empty")?
+        .parse()?)
 }

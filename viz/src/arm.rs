@@ -40,13 +40,35 @@ impl Ring {
     /// About the middle of what the link's figure has along its axis: joints whose frames coincide keep apart.
     fn of(joint: &Joint, mesh: &Mesh, radius: f32) -> Option<Self> {
         let axis = vec3(&joint.axis).normalize_or(Vec3::Z);
-        let along = mesh.positions.iter().map(|p| Vec3::from_array(*p).dot(axis));
-        let (low, high) = along.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), z| (low.min(z), high.max(z)));
-        let middle = if low.is_finite() { (low + high) / 2.0 } else { 0.0 };
-        let body = mesh.positions.iter().map(|p| Vec3::from_array(*p).reject_from_normalized(axis)).sum::<Vec3>();
+        let along = mesh
+            .positions
+            .iter()
+            .map(|p| Vec3::from_array(*p).dot(axis));
+        let (low, high) = along.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), z| {
+            (low.min(z), high.max(z))
+        });
+        let middle = if low.is_finite() {
+            (low + high) / 2.0
+        } else {
+            0.0
+        };
+        let body = mesh
+            .positions
+            .iter()
+            .map(|p| Vec3::from_array(*p).reject_from_normalized(axis))
+            .sum::<Vec3>();
         let body = (body / mesh.positions.len().max(1) as f32).clamp_length_max(1.0);
-        let out = if body.length() > 0.1 * radius { axis.cross(body).normalize() } else { axis.any_orthonormal_vector() };
-        (joint.kind != JointKind::Prismatic).then_some(Self { axis, centre: axis * middle, out, radius })
+        let out = if body.length() > 0.1 * radius {
+            axis.cross(body).normalize()
+        } else {
+            axis.any_orthonormal_vector()
+        };
+        (joint.kind != JointKind::Prismatic).then_some(Self {
+            axis,
+            centre: axis * middle,
+            out,
+            radius,
+        })
     }
 }
 
@@ -54,7 +76,9 @@ impl Figure {
     /// A PUMA with the proportions of its joints, else the robot's own shapes, else capsules; `floor_m` is the floor's height in the base frame.
     pub(crate) fn new(robot: &Robot, floor_m: f32) -> Self {
         let joints: f64 = robot.joints.iter().map(|joint| joint.X_PJ.p.norm()).sum();
-        let tool = robot.frame(&robot.default_frame).map_or(0.0, |frame| frame.X_LF.p.norm());
+        let tool = robot
+            .frame(&robot.default_frame)
+            .map_or(0.0, |frame| frame.X_LF.p.norm());
         let reach = ((joints + tool) as f32).max(0.1);
         let (base, links) = match robot.factors {
             Factors::Puma { .. } => puma(robot, floor_m),
@@ -67,10 +91,28 @@ impl Figure {
             }
             Factors::Numeric => capsules(robot, reach),
         };
-        let rings = robot.joints.iter().zip(&links).map(|(joint, mesh)| Ring::of(joint, mesh, 0.13 * reach)).collect();
-        let joints = robot.joints.iter().map(|joint| placement(&joint.X_PJ)).collect();
-        let tip = robot.frame(&robot.default_frame).map(|frame| vec3(&frame.X_LF.p));
-        Self { base, links, rings, joints, tip, reach }
+        let rings = robot
+            .joints
+            .iter()
+            .zip(&links)
+            .map(|(joint, mesh)| Ring::of(joint, mesh, 0.13 * reach))
+            .collect();
+        let joints = robot
+            .joints
+            .iter()
+            .map(|joint| placement(&joint.X_PJ))
+            .collect();
+        let tip = robot
+            .frame(&robot.default_frame)
+            .map(|frame| vec3(&frame.X_LF.p));
+        Self {
+            base,
+            links,
+            rings,
+            joints,
+            tip,
+            reach,
+        }
     }
 }
 
@@ -81,7 +123,14 @@ pub(crate) fn vec3(v: &Vector3<f64>) -> Vec3 {
 
 /// f64 to f32, for eyes.
 pub(crate) fn placement(X: &Pose) -> Placement {
-    Placement { R: Mat3::from_cols(vec3(&X.R.column(0).into()), vec3(&X.R.column(1).into()), vec3(&X.R.column(2).into())), p: vec3(&X.p) }
+    Placement {
+        R: Mat3::from_cols(
+            vec3(&X.R.column(0).into()),
+            vec3(&X.R.column(1).into()),
+            vec3(&X.R.column(2).into()),
+        ),
+        p: vec3(&X.p),
+    }
 }
 
 /// A solid's frame in the plane across `axis`: x stays x.
@@ -98,28 +147,102 @@ fn puma(robot: &Robot, floor: f32) -> (Mesh, Vec<Mesh>) {
     let upright = Placement::IDENTITY;
 
     let mut base = Mesh::default();
-    base.add_extrusion(upright, &[disc(0.0, 0.0, 0.165)], floor, floor + 0.03, 0.008, DARK);
+    base.add_extrusion(
+        upright,
+        &[disc(0.0, 0.0, 0.165)],
+        floor,
+        floor + 0.03,
+        0.008,
+        DARK,
+    );
     base.add_cone(upright, 0.125, 0.1, floor + 0.03, floor + 0.07, SHELL);
-    base.add_extrusion(upright, &[disc(0.0, 0.0, 0.1)], floor + 0.06, -0.175, 0.004, SHELL);
-    base.add_extrusion(upright, &[disc(0.0, 0.0, 0.112)], -0.2, -0.165, 0.006, JOINT);
+    base.add_extrusion(
+        upright,
+        &[disc(0.0, 0.0, 0.1)],
+        floor + 0.06,
+        -0.175,
+        0.004,
+        SHELL,
+    );
+    base.add_extrusion(
+        upright,
+        &[disc(0.0, 0.0, 0.112)],
+        -0.2,
+        -0.165,
+        0.006,
+        JOINT,
+    );
     // The cable box at the back of the column.
-    base.add_box(Placement { p: Vec3::new(-0.1, 0.0, floor + 0.2), ..upright }, Vec3::new(0.09, 0.13, 0.26), DARK);
+    base.add_box(
+        Placement {
+            p: Vec3::new(-0.1, 0.0, floor + 0.2),
+            ..upright
+        },
+        Vec3::new(0.09, 0.13, 0.26),
+        DARK,
+    );
 
     // The shoulder's inner face of the upper arm; without a shoulder offset the arm sits on the trunk itself.
     let face = shoulder_offset - 0.05;
     let mut shoulder = Mesh::default();
     shoulder.add_extrusion(upright, &[disc(0.0, 0.0, 0.1)], -0.16, 0.06, 0.02, SHELL);
     let lateral = across(Vec3::Y);
-    shoulder.add_extrusion(lateral, &[disc(0.0, 0.0, 0.098)], -0.16, (face - 0.02).max(0.08), 0.02, SHELL);
-    shoulder.add_extrusion(lateral, &[disc(0.0, 0.0, 0.104)], (face - 0.03).max(0.07), face.max(0.09), 0.004, JOINT);
+    shoulder.add_extrusion(
+        lateral,
+        &[disc(0.0, 0.0, 0.098)],
+        -0.16,
+        (face - 0.02).max(0.08),
+        0.02,
+        SHELL,
+    );
+    shoulder.add_extrusion(
+        lateral,
+        &[disc(0.0, 0.0, 0.104)],
+        (face - 0.03).max(0.07),
+        face.max(0.09),
+        0.004,
+        JOINT,
+    );
 
     // z2 is the shoulder's axis; the forearm runs at z2 = elbow_offset, inside the upper arm.
     let (inner, outer) = (-0.045, 0.055);
     let mut upper = Mesh::default();
-    upper.add_extrusion(upright, &[disc(-0.2, 0.0, 0.085), disc(0.0, 0.0, 0.118), disc(upper_arm, 0.0, 0.082)], inner, outer, 0.014, SHELL);
-    upper.add_extrusion(upright, &[disc(0.0, 0.0, 0.075)], outer - 0.002, outer + 0.014, 0.005, JOINT);
-    upper.add_extrusion(upright, &[disc(upper_arm, 0.0, 0.055)], outer - 0.002, outer + 0.01, 0.004, JOINT);
-    upper.add_extrusion(upright, &[disc(-0.2, 0.0, 0.055)], outer - 0.002, outer + 0.008, 0.004, METAL);
+    upper.add_extrusion(
+        upright,
+        &[
+            disc(-0.2, 0.0, 0.085),
+            disc(0.0, 0.0, 0.118),
+            disc(upper_arm, 0.0, 0.082),
+        ],
+        inner,
+        outer,
+        0.014,
+        SHELL,
+    );
+    upper.add_extrusion(
+        upright,
+        &[disc(0.0, 0.0, 0.075)],
+        outer - 0.002,
+        outer + 0.014,
+        0.005,
+        JOINT,
+    );
+    upper.add_extrusion(
+        upright,
+        &[disc(upper_arm, 0.0, 0.055)],
+        outer - 0.002,
+        outer + 0.01,
+        0.004,
+        JOINT,
+    );
+    upper.add_extrusion(
+        upright,
+        &[disc(-0.2, 0.0, 0.055)],
+        outer - 0.002,
+        outer + 0.008,
+        0.004,
+        METAL,
+    );
 
     // Frame 3 sits at the elbow; the forearm runs along −y3, its motors stand out behind along +y3.
     let half = 0.045f32;
@@ -135,7 +258,11 @@ fn puma(robot: &Robot, floor: f32) -> (Mesh, Vec<Mesh>) {
     );
     fore.add_extrusion(
         upright,
-        &[disc(elbow_shift * 0.5, 0.14, 0.052), disc(0.0, 0.0, 0.08), disc(elbow_shift, -(forearm - 0.13), 0.046)],
+        &[
+            disc(elbow_shift * 0.5, 0.14, 0.052),
+            disc(0.0, 0.0, 0.08),
+            disc(elbow_shift, -(forearm - 0.13), 0.046),
+        ],
         -half,
         half,
         0.014,
@@ -146,35 +273,106 @@ fn puma(robot: &Robot, floor: f32) -> (Mesh, Vec<Mesh>) {
 
     // Frames 4 to 6 meet at the wrist centre: a fork along z4, a hub on z5 = y4 between its prongs, a flange on z6.
     let mut fork = Mesh::default();
-    fork.add_extrusion(upright, &[disc(0.0, 0.0, 0.045)], -0.09, -0.062, 0.005, JOINT);
+    fork.add_extrusion(
+        upright,
+        &[disc(0.0, 0.0, 0.045)],
+        -0.09,
+        -0.062,
+        0.005,
+        JOINT,
+    );
     for side in [-1.0f32, 1.0] {
         let prong = Placement::along(Vec3::ZERO, Vec3::Y, Vec3::X);
         // In this solid's plane x is x4 and y is −z4.
         let (a, b) = (side * 0.026, side * 0.043);
-        fork.add_extrusion(prong, &[disc(0.0, 0.068, 0.03), disc(0.0, 0.0, 0.03)], a.min(b), a.max(b), 0.004, METAL);
-        fork.add_extrusion(prong, &[disc(0.0, 0.0, 0.017)], (side * 0.04).min(side * 0.049), (side * 0.04).max(side * 0.049), 0.002, DARK);
+        fork.add_extrusion(
+            prong,
+            &[disc(0.0, 0.068, 0.03), disc(0.0, 0.0, 0.03)],
+            a.min(b),
+            a.max(b),
+            0.004,
+            METAL,
+        );
+        fork.add_extrusion(
+            prong,
+            &[disc(0.0, 0.0, 0.017)],
+            (side * 0.04).min(side * 0.049),
+            (side * 0.04).max(side * 0.049),
+            0.002,
+            DARK,
+        );
     }
     let mut hub = Mesh::default();
-    hub.add_extrusion(upright, &[disc(0.0, 0.0, 0.03)], -0.0245, 0.0245, 0.003, DARK);
-    hub.add_extrusion(across(-Vec3::Y), &[disc(0.0, 0.0, 0.022)], 0.0, 0.036, 0.002, DARK);
+    hub.add_extrusion(
+        upright,
+        &[disc(0.0, 0.0, 0.03)],
+        -0.0245,
+        0.0245,
+        0.003,
+        DARK,
+    );
+    hub.add_extrusion(
+        across(-Vec3::Y),
+        &[disc(0.0, 0.0, 0.022)],
+        0.0,
+        0.036,
+        0.002,
+        DARK,
+    );
     let mut flange = Mesh::default();
-    flange.add_extrusion(upright, &[disc(0.0, 0.0, 0.034)], 0.036, 0.05625, 0.003, METAL);
-    hand(&mut flange, Placement { p: Vec3::Z * 0.05625, ..upright });
+    flange.add_extrusion(
+        upright,
+        &[disc(0.0, 0.0, 0.034)],
+        0.036,
+        0.05625,
+        0.003,
+        METAL,
+    );
+    hand(
+        &mut flange,
+        Placement {
+            p: Vec3::Z * 0.05625,
+            ..upright
+        },
+    );
     (base, vec![shoulder, upper, fore, fork, hub, flange])
 }
 
 /// The pedestal of an arm whose base is above the floor.
 fn pedestal(base: &mut Mesh, floor: f32, radius: f32) {
-    base.add_extrusion(Placement::IDENTITY, &[disc(0.0, 0.0, 1.7 * radius)], floor, floor + 0.02, 0.006, DARK);
-    base.add_extrusion(Placement::IDENTITY, &[disc(0.0, 0.0, radius)], floor + 0.01, -0.01, 0.004, JOINT);
-    base.add_extrusion(Placement::IDENTITY, &[disc(0.0, 0.0, 1.35 * radius)], -0.025, -0.001, 0.004, DARK);
+    base.add_extrusion(
+        Placement::IDENTITY,
+        &[disc(0.0, 0.0, 1.7 * radius)],
+        floor,
+        floor + 0.02,
+        0.006,
+        DARK,
+    );
+    base.add_extrusion(
+        Placement::IDENTITY,
+        &[disc(0.0, 0.0, radius)],
+        floor + 0.01,
+        -0.01,
+        0.004,
+        JOINT,
+    );
+    base.add_extrusion(
+        Placement::IDENTITY,
+        &[disc(0.0, 0.0, 1.35 * radius)],
+        -0.025,
+        -0.001,
+        0.004,
+        DARK,
+    );
 }
 
 /// The longest side; m.
 fn extent(geometry: &Geometry) -> f64 {
     match geometry {
         Geometry::Box { size } => size.amax(),
-        Geometry::Cylinder { radius, length } | Geometry::Capsule { radius, length } => length.max(2.0 * radius),
+        Geometry::Cylinder { radius, length } | Geometry::Capsule { radius, length } => {
+            length.max(2.0 * radius)
+        }
         Geometry::Sphere { radius } => 2.0 * radius,
     }
 }
@@ -184,29 +382,50 @@ fn shapes(robot: &Robot, reach: f32) -> (Mesh, Vec<Mesh>) {
     let mut base = Mesh::default();
     let mut links = vec![Mesh::default(); robot.joints.len()];
     // A shape without extent is none: its link would not be seen.
-    for shape in robot.shapes.iter().filter(|shape| extent(&shape.geometry) > 1e-4 * f64::from(reach)) {
+    for shape in robot
+        .shapes
+        .iter()
+        .filter(|shape| extent(&shape.geometry) > 1e-4 * f64::from(reach))
+    {
         let (mesh, colour) = match shape.joint {
             None => (&mut base, DARK),
             Some(i) => (&mut links[i], if i % 2 == 0 { SHELL } else { METAL }),
         };
-        let colour = shape.colour.map_or(colour, |rgba| rgba.map(|part| (255.0 * part).round() as u8));
+        let colour = shape
+            .colour
+            .map_or(colour, |rgba| rgba.map(|part| (255.0 * part).round() as u8));
         let at = placement(&shape.X_LS);
         match shape.geometry {
             Geometry::Box { size } => mesh.add_box(at, vec3(&size), colour),
             Geometry::Cylinder { radius, length } => {
                 let (radius, half) = (radius as f32, length as f32 / 2.0);
-                mesh.add_extrusion(at, &[disc(0.0, 0.0, radius)], -half, half, (0.16 * radius).min(0.5 * half), colour);
+                mesh.add_extrusion(
+                    at,
+                    &[disc(0.0, 0.0, radius)],
+                    -half,
+                    half,
+                    (0.16 * radius).min(0.5 * half),
+                    colour,
+                );
             }
             Geometry::Sphere { radius } => mesh.add_sphere(at, radius as f32, colour),
-            Geometry::Capsule { radius, length } => mesh.add_capsule(at, radius as f32, length as f32, colour),
+            Geometry::Capsule { radius, length } => {
+                mesh.add_capsule(at, radius as f32, length as f32, colour)
+            }
         }
     }
-    for (i, link) in links.iter_mut().enumerate().filter(|(_, link)| link.positions.is_empty()) {
+    for (i, link) in links
+        .iter_mut()
+        .enumerate()
+        .filter(|(_, link)| link.positions.is_empty())
+    {
         capsule(link, robot, i, 0.035 * reach);
     }
     if let (Some(frame), Some(last)) = (robot.frame(&robot.default_frame), links.last_mut())
         && robot.task.0[2]
-        && frame.joint.is_some_and(|joint| joint + 1 == robot.joints.len())
+        && frame
+            .joint
+            .is_some_and(|joint| joint + 1 == robot.joints.len())
     {
         let E = placement(&frame.X_LF);
         let beyond = |p: &[f32; 3]| (Vec3::from_array(*p) - E.p).dot(E.R.z_axis);
@@ -219,10 +438,17 @@ fn shapes(robot: &Robot, reach: f32) -> (Mesh, Vec<Mesh>) {
 
 /// A two-finger hand on a flange, drawn only: it shows how the flange is turned.
 fn hand(mesh: &mut Mesh, flange: Placement) {
-    let at = |x: f32, z: f32| Placement { R: flange.R, p: flange.R * Vec3::new(x, 0.0, z) + flange.p };
+    let at = |x: f32, z: f32| Placement {
+        R: flange.R,
+        p: flange.R * Vec3::new(x, 0.0, z) + flange.p,
+    };
     mesh.add_box(at(0.0, 0.014), Vec3::new(0.085, 0.034, 0.028), DARK);
     for side in [-1.0, 1.0] {
-        mesh.add_box(at(side * 0.032, 0.052), Vec3::new(0.012, 0.024, 0.055), METAL);
+        mesh.add_box(
+            at(side * 0.032, 0.052),
+            Vec3::new(0.012, 0.024, 0.055),
+            METAL,
+        );
     }
 }
 
@@ -230,7 +456,14 @@ fn hand(mesh: &mut Mesh, flange: Placement) {
 fn capsules(robot: &Robot, reach: f32) -> (Mesh, Vec<Mesh>) {
     let radius = 0.035 * reach;
     let mut base = Mesh::default();
-    base.add_extrusion(Placement::IDENTITY, &[disc(0.0, 0.0, 2.2 * radius)], -1.5 * radius, -0.9 * radius, 0.1 * radius, DARK);
+    base.add_extrusion(
+        Placement::IDENTITY,
+        &[disc(0.0, 0.0, 2.2 * radius)],
+        -1.5 * radius,
+        -0.9 * radius,
+        0.1 * radius,
+        DARK,
+    );
     let links = (0..robot.joints.len()).map(|i| {
         let mut mesh = Mesh::default();
         capsule(&mut mesh, robot, i, radius);
@@ -241,12 +474,29 @@ fn capsules(robot: &Robot, reach: f32) -> (Mesh, Vec<Mesh>) {
 
 /// The link of joint `i` as a drum on its axis and a capsule to the next joint, or to the end-effector frame.
 fn capsule(mesh: &mut Mesh, robot: &Robot, i: usize, radius: f32) {
-    let tip = robot.frame(&robot.default_frame).map_or(Vec3::ZERO, |frame| vec3(&frame.X_LF.p));
-    let end = robot.joints.get(i + 1).map_or(tip, |next| vec3(&next.X_PJ.p));
+    let tip = robot
+        .frame(&robot.default_frame)
+        .map_or(Vec3::ZERO, |frame| vec3(&frame.X_LF.p));
+    let end = robot
+        .joints
+        .get(i + 1)
+        .map_or(tip, |next| vec3(&next.X_PJ.p));
     let axis = Placement::along(Vec3::ZERO, vec3(&robot.joints[i].axis), Vec3::X);
-    mesh.add_extrusion(axis, &[disc(0.0, 0.0, 1.3 * radius)], -1.25 * radius, 1.25 * radius, 0.15 * radius, JOINT);
+    mesh.add_extrusion(
+        axis,
+        &[disc(0.0, 0.0, 1.3 * radius)],
+        -1.25 * radius,
+        1.25 * radius,
+        0.15 * radius,
+        JOINT,
+    );
     if end.length() > radius {
-        mesh.add_capsule(Placement::along(end / 2.0, end, Vec3::X), radius, end.length(), SHELL);
+        mesh.add_capsule(
+            Placement::along(end / 2.0, end, Vec3::X),
+            radius,
+            end.length(),
+            SHELL,
+        );
     }
 }
 
@@ -259,11 +509,16 @@ mod tests {
     fn a_link_whose_shapes_have_no_extent_is_seen() {
         let mut robot = Robot::builtin("ur5").expect("built in");
         let of_link = |shape: &&mut model::Shape| shape.joint == Some(2);
-        let emptied =
-            robot.shapes.iter_mut().filter(of_link).map(|shape| shape.geometry = model::Geometry::Box { size: Default::default() });
+        let emptied = robot.shapes.iter_mut().filter(of_link).map(|shape| {
+            shape.geometry = model::Geometry::Box {
+                size: Default::default(),
+            }
+        });
         assert!(emptied.count() > 0);
         let link = &Figure::new(&robot, -0.6).links[2];
-        let apart = |p: &[f32; 3]| glam::Vec3::from_array(*p).distance(glam::Vec3::from_array(link.positions[0]));
+        let apart = |p: &[f32; 3]| {
+            glam::Vec3::from_array(*p).distance(glam::Vec3::from_array(link.positions[0]))
+        };
         assert!(link.positions.iter().map(apart).fold(0.0, f32::max) > 0.2);
     }
 
@@ -274,11 +529,25 @@ mod tests {
             let figure = Figure::new(&robot, -0.6);
             assert_eq!(figure.links.len(), robot.dof());
             let meshes = figure.links.iter().chain([&figure.base]);
-            assert!(figure.links.iter().any(|mesh| !mesh.triangles.is_empty()), "{name}");
+            assert!(
+                figure.links.iter().any(|mesh| !mesh.triangles.is_empty()),
+                "{name}"
+            );
             for mesh in meshes {
                 let vertices = mesh.positions.len() as u32;
-                assert!(mesh.triangles.iter().flatten().all(|corner| *corner < vertices));
-                assert!(mesh.positions.iter().flatten().all(|x| x.is_finite() && x.abs() < 3.0), "{name}: a vertex far away");
+                assert!(
+                    mesh.triangles
+                        .iter()
+                        .flatten()
+                        .all(|corner| *corner < vertices)
+                );
+                assert!(
+                    mesh.positions
+                        .iter()
+                        .flatten()
+                        .all(|x| x.is_finite() && x.abs() < 3.0),
+                    "{name}: a vertex far away"
+                );
             }
         }
     }

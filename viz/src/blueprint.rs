@@ -10,7 +10,9 @@ mod subject;
 use re_chunk::{Chunk, ChunkResult};
 use re_log_types::StoreId;
 use re_sdk_types::blueprint::archetypes::{PanelBlueprint, TimePanelBlueprint, ViewportBlueprint};
-use re_sdk_types::blueprint::components::{AbsoluteTimeRange, LoopMode, PanelState, PlayState, RootContainer, TimelineName};
+use re_sdk_types::blueprint::components::{
+    AbsoluteTimeRange, LoopMode, PanelState, PlayState, RootContainer, TimelineName,
+};
 use re_sdk_types::datatypes::TimeInt;
 use shared_types::scenario::Layout;
 
@@ -24,7 +26,10 @@ fn layout(subject: &Subject, layout: Layout) -> Vec<ChunkResult<Chunk>> {
     let mut sheet = Sheet::new(layout);
     Desk::new(&mut sheet, subject).arrange(layout);
     let root = RootContainer(sheet.root.into());
-    sheet.log("viewport", &ViewportBlueprint::new().with_root_container(root));
+    sheet.log(
+        "viewport",
+        &ViewportBlueprint::new().with_root_container(root),
+    );
     for panel in ["blueprint_panel", "selection_panel"] {
         sheet.log(panel, &PanelBlueprint::new().with_state(PanelState::Hidden));
     }
@@ -34,7 +39,9 @@ fn layout(subject: &Subject, layout: Layout) -> Vec<ChunkResult<Chunk>> {
 }
 
 fn time_panel() -> TimePanelBlueprint {
-    TimePanelBlueprint::new().with_state(PanelState::Collapsed).with_timeline(TimelineName("t".into()))
+    TimePanelBlueprint::new()
+        .with_state(PanelState::Collapsed)
+        .with_timeline(TimelineName("t".into()))
 }
 
 /// Writes a layout as a blueprint store into `sink` and activates it.
@@ -57,19 +64,45 @@ pub(crate) struct Ending {
 
 /// Adds the ending to a blueprint that has been sent, and activates it again: the viewer works on a copy made at activation. With
 /// `is_changed`, because the subject is another than the blueprint was sent for, all of its views too.
-pub(crate) fn send_ending(sink: &mut Sink, store: &StoreId, subject: &Subject, which: Layout, ending: &Ending, is_changed: bool) {
+pub(crate) fn send_ending(
+    sink: &mut Sink,
+    store: &StoreId,
+    subject: &Subject,
+    which: Layout,
+    ending: &Ending,
+    is_changed: bool,
+) {
     // The ids of the same layout again, without its other chunks.
-    let mut places = if is_changed { Sheet::new(which) } else { Sheet::without_chunks(which) };
+    let mut places = if is_changed {
+        Sheet::new(which)
+    } else {
+        Sheet::without_chunks(which)
+    };
     Desk::new(&mut places, subject).arrange(which);
-    let views = [(places.view_named(close_up_name(subject)), Some(ending.close_up)), (places.view_named(world_name(subject)), ending.main)];
+    let views = [
+        (
+            places.view_named(close_up_name(subject)),
+            Some(ending.close_up),
+        ),
+        (places.view_named(world_name(subject)), ending.main),
+    ];
     places.make_chunks();
     if is_changed {
         let root = RootContainer(places.root.into());
-        places.log("viewport", &ViewportBlueprint::new().with_root_container(root));
+        places.log(
+            "viewport",
+            &ViewportBlueprint::new().with_root_container(root),
+        );
     }
     let (min, max) = ending.loop_ns;
-    let range = AbsoluteTimeRange(re_sdk_types::datatypes::AbsoluteTimeRange { min: TimeInt(min), max: TimeInt(max) });
-    let time = time_panel().with_loop_mode(LoopMode::Selection).with_time_selection(range).with_play_state(PlayState::Playing);
+    let range = AbsoluteTimeRange(re_sdk_types::datatypes::AbsoluteTimeRange {
+        min: TimeInt(min),
+        max: TimeInt(max),
+    });
+    let time = time_panel()
+        .with_loop_mode(LoopMode::Selection)
+        .with_time_selection(range)
+        .with_play_state(PlayState::Playing);
     places.log("time_panel", &time);
     for (view, eye) in views.into_iter().filter_map(|(view, eye)| view.zip(eye)) {
         places.eye(&view, &eye);
@@ -88,20 +121,39 @@ mod tests {
 
     /// Ids of views, with their classes.
     fn views(layout: Layout) -> Vec<(String, String)> {
-        let subject = Subject { joints: 6, singularities: vec![("wrist".to_owned(), [255; 4])], outer: vec![2.0], ..Subject::default() };
-        let chunks: Vec<Chunk> = super::layout(&subject, layout).into_iter().map(|chunk| chunk.expect("a chunk")).collect();
+        let subject = Subject {
+            joints: 6,
+            singularities: vec![("wrist".to_owned(), [255; 4])],
+            outer: vec![2.0],
+            ..Subject::default()
+        };
+        let chunks: Vec<Chunk> = super::layout(&subject, layout)
+            .into_iter()
+            .map(|chunk| chunk.expect("a chunk"))
+            .collect();
         let class = |chunk: &Chunk| {
-            let column = chunk.components().get(ViewBlueprint::descriptor_class_identifier().component)?;
+            let column = chunk
+                .components()
+                .get(ViewBlueprint::descriptor_class_identifier().component)?;
             Some(format!("{:?}", column.list_array.value(0)))
         };
-        chunks.iter().filter_map(|chunk| Some((chunk.entity_path().to_string(), class(chunk)?))).collect()
+        chunks
+            .iter()
+            .filter_map(|chunk| Some((chunk.entity_path().to_string(), class(chunk)?)))
+            .collect()
     }
 
     #[test]
     fn no_legend_has_more_entries_than_its_plot_has_room_for() {
-        let singularities = ["elbow", "wrist", "overhead"].map(|name| (name.to_owned(), [255; 4])).to_vec();
-        let tested = [3, 6, 7].into_iter().flat_map(|joints| [false, true].map(|faults| (joints, faults)));
-        for ((joints, faults), which) in tested.flat_map(|run| Layout::ALL.map(|layout| (run, layout))) {
+        let singularities = ["elbow", "wrist", "overhead"]
+            .map(|name| (name.to_owned(), [255; 4]))
+            .to_vec();
+        let tested = [3, 6, 7]
+            .into_iter()
+            .flat_map(|joints| [false, true].map(|faults| (joints, faults)));
+        for ((joints, faults), which) in
+            tested.flat_map(|run| Layout::ALL.map(|layout| (run, layout)))
+        {
             let subject = Subject {
                 joints,
                 faults,
@@ -114,9 +166,13 @@ mod tests {
             Desk::new(&mut sheet, &subject).arrange(which);
             assert!(!sheet.legends.is_empty());
             for (plot, entries) in &sheet.legends {
-                let is_large = which == Layout::Faults || (which == Layout::Timing && plot.starts_with("Latency"));
+                let is_large = which == Layout::Faults
+                    || (which == Layout::Timing && plot.starts_with("Latency"));
                 let room = if is_large { 8 } else { 6 };
-                assert!(*entries <= room, "{which:?}, {joints} joints: {plot:?} has {entries} entries");
+                assert!(
+                    *entries <= room,
+                    "{which:?}, {joints} joints: {plot:?} has {entries} entries"
+                );
             }
         }
     }
@@ -130,6 +186,10 @@ mod tests {
             assert_eq!(classes.insert(id, class).unwrap_or(class), class, "{id}");
         }
         assert_eq!(classes.len(), all.len(), "each has its own");
-        assert_eq!(views(Layout::Control), views(Layout::Control), "the same in every file");
+        assert_eq!(
+            views(Layout::Control),
+            views(Layout::Control),
+            "the same in every file"
+        );
     }
 }

@@ -136,7 +136,10 @@ pub(crate) fn life((place, name): (usize, &str)) -> String {
 /// The lane at a path.
 pub(crate) fn lane(path: &str) -> String {
     let path = path.trim_start_matches('/');
-    match path.split_once('.').and_then(|(place, name)| Some((place.parse().ok()?, name))) {
+    match path
+        .split_once('.')
+        .and_then(|(place, name)| Some((place.parse().ok()?, name)))
+    {
         Some((1..=LIVES, name)) => format!("process/{name}"),
         Some((_, name)) => name.to_owned(),
         // Older recordings have no numbers.
@@ -155,11 +158,28 @@ mod tests {
         for name in ["mode/wrist", "mode/s1", "drive", "phase", "fault"] {
             assert_eq!(lane(&state(name)), name);
         }
-        for (place, name) in ["plant", "c", "drive", "a.b", "recorder"].into_iter().enumerate() {
-            assert_eq!(lane(&life((place, name))), format!("process/{name}"), "a process may have any name");
+        for (place, name) in ["plant", "c", "drive", "a.b", "recorder"]
+            .into_iter()
+            .enumerate()
+        {
+            assert_eq!(
+                lane(&life((place, name))),
+                format!("process/{name}"),
+                "a process may have any name"
+            );
         }
-        assert_eq!((lane("/plant"), lane("/fault")), ("process/plant".to_owned(), "fault".to_owned()), "as in older recordings");
-        let order = [state("fault"), life((0, "plant")), life((1, "estimator")), life((4, "recorder")), state("drive")];
+        assert_eq!(
+            (lane("/plant"), lane("/fault")),
+            ("process/plant".to_owned(), "fault".to_owned()),
+            "as in older recordings"
+        );
+        let order = [
+            state("fault"),
+            life((0, "plant")),
+            life((1, "estimator")),
+            life((4, "recorder")),
+            state("drive"),
+        ];
         assert!(order.is_sorted(), "{order:?}");
     }
 }

@@ -55,16 +55,33 @@ pub fn export(
     out: &Path,
     news: &mut dyn FnMut(ReadNews<'_>),
 ) -> Result<Vec<PathBuf>, ExportError> {
-    let Exported { parts, mut messages, slides, steered } = what;
+    let Exported {
+        parts,
+        mut messages,
+        slides,
+        steered,
+    } = what;
     let mut format = opened(format, out)?;
     let mut columns: Option<Columns> = None;
     let mut rate_hz = 1000.0;
     read(parts, |piece| {
-        let mut event = |tick: u64, kind, subject, text| format.event(&Event { tick, t_s: tick as f64 / rate_hz, kind, subject, text });
+        let mut event = |tick: u64, kind, subject, text| {
+            format.event(&Event {
+                tick,
+                t_s: tick as f64 / rate_hz,
+                kind,
+                subject,
+                text,
+            })
+        };
         match (piece, &mut columns) {
             (Piece::About(about), None) => {
                 rate_hz = about.rate_hz();
-                format.begin(columns.insert(Columns::new(about, messages.as_ref().map(|_| steered), slides)))
+                format.begin(columns.insert(Columns::new(
+                    about,
+                    messages.as_ref().map(|_| steered),
+                    slides,
+                )))
             }
             (Piece::Rows(rows), Some(columns)) => {
                 news(ReadNews::Rows(rows.ticks.len() as u64));
@@ -78,7 +95,12 @@ pub fn export(
             (Piece::Event { tick, level, text }, _) => event(tick, "log", level, text),
             (Piece::State { tick, lane, state }, _) => event(tick, "state", lane, state),
             (Piece::Solid(solid), _) => format.solid(&solid),
-            (Piece::Place { tick, of, p, xyzw }, _) => format.place(&Place { t_s: tick as f64 / rate_hz, of, p, xyzw }),
+            (Piece::Place { tick, of, p, xyzw }, _) => format.place(&Place {
+                t_s: tick as f64 / rate_hz,
+                of,
+                p,
+                xyzw,
+            }),
             (Piece::Damaged(damage), _) => {
                 news(ReadNews::Damaged(&damage));
                 Ok(())

@@ -31,7 +31,11 @@ impl Frames {
     /// When the file cannot be opened.
     pub(crate) fn open(path: &Path) -> io::Result<Self> {
         let file = files::open(path)?;
-        Ok(Self { size: file.metadata()?.len(), file: BufReader::new(file), place: 0 })
+        Ok(Self {
+            size: file.metadata()?.len(),
+            file: BufReader::new(file),
+            place: 0,
+        })
     }
 
     /// How far the file has been read; bytes.
@@ -44,7 +48,9 @@ impl Frames {
     /// # Errors
     /// The defect of the bytes; the rest of the file cannot be read either.
     pub(crate) fn next_chunk(&mut self) -> Result<Option<Chunk>, String> {
-        Ok(self.next_of(|kind| kind == StoreKind::Recording)?.map(|(_, chunk)| chunk))
+        Ok(self
+            .next_of(|kind| kind == StoreKind::Recording)?
+            .map(|(_, chunk)| chunk))
     }
 
     /// The next chunk with the store it belongs to, the recording's or its blueprint's; `None` at the end.
@@ -52,19 +58,37 @@ impl Frames {
     /// # Errors
     /// As [`next_chunk`](Self::next_chunk).
     pub(crate) fn next_stored(&mut self) -> Result<Option<(StoreId, Chunk)>, String> {
-        let Some((store, chunk)) = self.next_of(|_| true)? else { return Ok(None) };
-        StoreId::try_from(store).map(|store| Some((store, chunk))).map_err(|error| error.to_string())
+        let Some((store, chunk)) = self.next_of(|_| true)? else {
+            return Ok(None);
+        };
+        StoreId::try_from(store)
+            .map(|store| Some((store, chunk)))
+            .map_err(|error| error.to_string())
     }
 
-    fn next_of(&mut self, is_wanted: impl Fn(StoreKind) -> bool) -> Result<Option<(Store, Chunk)>, String> {
+    fn next_of(
+        &mut self,
+        is_wanted: impl Fn(StoreKind) -> bool,
+    ) -> Result<Option<(Store, Chunk)>, String> {
         if self.place == 0 {
-            let head = self.take(StreamHeader::ENCODED_SIZE_BYTES as u64)?.ok_or("it is too short to be a recording")?;
-            let head = guarded(|| StreamHeader::from_rrd_bytes(&head).and_then(StreamHeader::to_version_and_options))?;
+            let head = self
+                .take(StreamHeader::ENCODED_SIZE_BYTES as u64)?
+                .ok_or("it is too short to be a recording")?;
+            let head = guarded(|| {
+                StreamHeader::from_rrd_bytes(&head).and_then(StreamHeader::to_version_and_options)
+            })?;
             head.map_err(|error| error.to_string())?;
         }
         while let Some(head) = self.take(MessageHeader::ENCODED_SIZE_BYTES as u64)? {
-            let MessageHeader { kind, len } = MessageHeader::from_rrd_bytes(&head).map_err(|error| error.to_string())?;
-            let Some(body) = (if kind == MessageKind::End { None } else { self.take(len)? }) else { break };
+            let MessageHeader { kind, len } =
+                MessageHeader::from_rrd_bytes(&head).map_err(|error| error.to_string())?;
+            let Some(body) = (if kind == MessageKind::End {
+                None
+            } else {
+                self.take(len)?
+            }) else {
+                break;
+            };
             if kind == MessageKind::ArrowMsg
                 && let Some(chunk) = guarded(|| chunk(&body, &is_wanted))??
             {
@@ -93,11 +117,24 @@ impl Frames {
 }
 
 /// The chunk of a message and its store; `None` where that is not of a wanted kind.
-fn chunk(message: &[u8], is_wanted: impl Fn(StoreKind) -> bool) -> Result<Option<(Store, Chunk)>, String> {
+fn chunk(
+    message: &[u8],
+    is_wanted: impl Fn(StoreKind) -> bool,
+) -> Result<Option<(Store, Chunk)>, String> {
     let mut message = ArrowMsg::from_rrd_bytes(message).map_err(|error| error.to_string())?;
-    let Some(store) = message.store_id.take().filter(|store| is_wanted(store.kind())) else { return Ok(None) };
-    let message = believable(message)?.to_application(()).map_err(|error| error.to_string())?;
-    Chunk::from_arrow_msg(&message).map(|chunk| Some((store, chunk))).map_err(|error| error.to_string())
+    let Some(store) = message
+        .store_id
+        .take()
+        .filter(|store| is_wanted(store.kind()))
+    else {
+        return Ok(None);
+    };
+    let message = believable(message)?
+        .to_application(())
+        .map_err(|error| error.to_string())?;
+    Chunk::from_arrow_msg(&message)
+        .map(|chunk| Some((store, chunk)))
+        .map_err(|error| error.to_string())
 }
 
 thread_local! {
@@ -117,7 +154,14 @@ fn guarded<T>(work: impl FnOnce() -> T) -> Result<T, String> {
         let usual = take_hook();
         set_hook(Box::new(move |info: &PanicHookInfo| {
             let is_guarded = SAID.with_borrow_mut(|said| {
-                said.as_mut().map(|said| *said = info.payload_as_str().unwrap_or("its decoder failed").to_owned()).is_some()
+                said.as_mut()
+                    .map(|said| {
+                        *said = info
+                            .payload_as_str()
+                            .unwrap_or("its decoder failed")
+                            .to_owned()
+                    })
+                    .is_some()
             });
             if !is_guarded {
                 usual(info);
@@ -137,14 +181,26 @@ fn guarded<T>(work: impl FnOnce() -> T) -> Result<T, String> {
 fn believable(message: ArrowMsg) -> Result<ArrowMsg, String> {
     /// No byte of an LZ4 block stands for more.
     const MOST_EXPANSION: u64 = 255;
-    let ArrowMsg { ref payload, uncompressed_size, .. } = message;
+    let ArrowMsg {
+        ref payload,
+        uncompressed_size,
+        ..
+    } = message;
     let message = match message.compression() {
         Compression::Lz4 if uncompressed_size > MOST_EXPANSION * payload.len() as u64 => {
-            return Err(format!("{} bytes cannot be {uncompressed_size} bytes packed", payload.len()));
+            return Err(format!(
+                "{} bytes cannot be {uncompressed_size} bytes packed",
+                payload.len()
+            ));
         }
         Compression::Lz4 => {
-            let unpacked = decompress(payload, uncompressed_size as usize).map_err(|error| error.to_string())?;
-            ArrowMsg { payload: unpacked.into(), compression: Compression::None as i32, ..message }
+            let unpacked = decompress(payload, uncompressed_size as usize)
+                .map_err(|error| error.to_string())?;
+            ArrowMsg {
+                payload: unpacked.into(),
+                compression: Compression::None as i32,
+                ..message
+            }
         }
         _ => message,
     };
@@ -155,10 +211,21 @@ fn believable(message: ArrowMsg) -> Result<ArrowMsg, String> {
         if head[..4] != [0xff; 4] || length == 0 {
             break;
         }
-        let described = after.split_at_checked(length).ok_or_else(|| format!("a description of {length} bytes"))?;
-        let body = root_as_message(described.0).map_err(|error| error.to_string())?.bodyLength();
-        let size = usize::try_from(body).ok().filter(|size| *size <= described.1.len());
-        rest = &described.1[size.ok_or_else(|| format!("a table of {body} bytes where {} are left", described.1.len()))?..];
+        let described = after
+            .split_at_checked(length)
+            .ok_or_else(|| format!("a description of {length} bytes"))?;
+        let body = root_as_message(described.0)
+            .map_err(|error| error.to_string())?
+            .bodyLength();
+        let size = usize::try_from(body)
+            .ok()
+            .filter(|size| *size <= described.1.len());
+        rest = &described.1[size.ok_or_else(|| {
+            format!(
+                "a table of {body} bytes where {} are left",
+                described.1.len()
+            )
+        })?..];
     }
     Ok(message)
 }
@@ -171,7 +238,9 @@ mod tests {
     fn a_panic_is_an_error_and_the_next_one_is_none() {
         let bytes = [1, 2, 3];
         assert_eq!(guarded(|| bytes[1]), Ok(2));
-        assert!(guarded(|| bytes[bytes.len() + 4]).is_err_and(|said| said.contains("out of bounds")));
+        assert!(
+            guarded(|| bytes[bytes.len() + 4]).is_err_and(|said| said.contains("out of bounds"))
+        );
         assert_eq!(guarded(|| bytes[2]), Ok(3));
     }
 }

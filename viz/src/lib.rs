@@ -44,8 +44,8 @@ mod tint;
 pub use export::{ExportError, ExportFormat, Exported, Messages, export};
 pub use read::{About, Damage, Piece, ReadError, ReadNews, Rows, Solid, read};
 pub use recording::{
-    Level, MergeError, Options, Recording, RunInfo, Written, bytes_in, checksums, complete, cut_behind, merge, part_name, parts_in,
-    save_blueprint,
+    Level, MergeError, Options, Recording, RunInfo, Written, bytes_in, checksums, complete,
+    cut_behind, merge, part_name, parts_in, save_blueprint,
 };
 pub use report::{Report, ReportError, report};
 pub use shortfall::{Reading, Shortfall, altered, has_rows, rows_in};

@@ -25,34 +25,62 @@ pub(crate) struct Ellipsoid {
 impl Ellipsoid {
     /// {J q̇ : |q̇_i| bounded in the ellipsoidal norm of the joints' speed limits}: half axes √λ(J diag(q̇_max²) Jᵀ). Where a joint has no limit,
     /// all count as equally fast.
-    pub(crate) fn velocity<const N: usize>(J: &SMatrix<f64, 6, N>, qdot_max: &SVector<f64, N>, half: Half) -> Self {
+    pub(crate) fn velocity<const N: usize>(
+        J: &SMatrix<f64, 6, N>,
+        qdot_max: &SVector<f64, N>,
+        half: Half,
+    ) -> Self {
         // A joint that does not move the frame, an absent one among them, does not count.
-        let limited = qdot_max.iter().enumerate().all(|(i, limit)| limit.is_finite() || J.column(i).iter().all(|x| *x == 0.0));
+        let limited = qdot_max
+            .iter()
+            .enumerate()
+            .all(|(i, limit)| limit.is_finite() || J.column(i).iter().all(|x| *x == 0.0));
         let scaled = SMatrix::<f64, 6, N>::from_fn(|row, column| {
             let limit = qdot_max[column];
-            J[(row, column)] * if limited && limit.is_finite() { limit } else { 1.0 }
+            J[(row, column)]
+                * if limited && limit.is_finite() {
+                    limit
+                } else {
+                    1.0
+                }
         });
         Self::of(&block(&(scaled * scaled.transpose()), half), f64::sqrt)
     }
 
     /// {Λ⁻¹ F : |F| = 1}, accelerations for unit forces: half axes λ(J A⁻¹ Jᵀ); along a lost direction Λ is infinite. `None` without A⁻¹.
-    pub(crate) fn mobility<const N: usize>(J: &SMatrix<f64, 6, N>, A: &SMatrix<f64, N, N>, half: Half) -> Option<Self> {
+    pub(crate) fn mobility<const N: usize>(
+        J: &SMatrix<f64, 6, N>,
+        A: &SMatrix<f64, N, N>,
+        half: Half,
+    ) -> Option<Self> {
         let A_inverse = A.try_inverse()?;
-        Some(Self::of(&block(&(J * A_inverse * J.transpose()), half), |lambda| lambda))
+        Some(Self::of(
+            &block(&(J * A_inverse * J.transpose()), half),
+            |lambda| lambda,
+        ))
     }
 
     fn of(W: &Matrix3<f64>, half_axis: impl Fn(f64) -> f64) -> Self {
-        let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(*W);
+        let SymmetricEigen {
+            eigenvalues,
+            eigenvectors,
+        } = SymmetricEigen::new(*W);
         let lengths = eigenvalues.map(|lambda| half_axis(lambda.max(0.0)));
         let longest = lengths.max().max(f64::MIN_POSITIVE);
         let axis = |i: usize| vec3(&Vector3::from(eigenvectors.column(i)));
         let (x, y) = (axis(0), axis(1));
-        Self { axes: Mat3::from_cols(x, y, x.cross(y)), half_axes: vec3(&(lengths / longest)) }
+        Self {
+            axes: Mat3::from_cols(x, y, x.cross(y)),
+            half_axes: vec3(&(lengths / longest)),
+        }
     }
 }
 
 /// The Jacobian at C from that at E: v_C = v_E + ω × (p_C − p_E).
-pub(crate) fn at_point<const N: usize>(mut J: SMatrix<f64, 6, N>, r_EC: &Vector3<f64>) -> SMatrix<f64, 6, N> {
+pub(crate) fn at_point<const N: usize>(
+    mut J: SMatrix<f64, 6, N>,
+    r_EC: &Vector3<f64>,
+) -> SMatrix<f64, 6, N> {
     let angular = J.fixed_rows::<3>(3).into_owned();
     let lever = -r_EC.cross_matrix() * angular;
     let mut linear = J.fixed_rows_mut::<3>(0);
@@ -61,7 +89,11 @@ pub(crate) fn at_point<const N: usize>(mut J: SMatrix<f64, 6, N>, r_EC: &Vector3
 }
 
 /// Singular values of J at C, largest first: lengths divided by `length_m`, rows that are no axes of the `task` zero.
-pub(crate) fn singular_values<const N: usize>(J: &SMatrix<f64, 6, N>, length_m: f64, task: &[bool; 6]) -> [f64; 6]
+pub(crate) fn singular_values<const N: usize>(
+    J: &SMatrix<f64, 6, N>,
+    length_m: f64,
+    task: &[bool; 6],
+) -> [f64; 6]
 where
     nalgebra::Const<6>: nalgebra::DimMin<nalgebra::Const<N>, Output = nalgebra::Const<6>>,
 {
@@ -80,7 +112,10 @@ fn block(W: &SMatrix<f64, 6, 6>, half: Half) -> Matrix3<f64> {
 }
 
 fn pseudo_inverse(W: &Matrix3<f64>) -> Matrix3<f64> {
-    let SymmetricEigen { eigenvalues, eigenvectors: V } = SymmetricEigen::new(*W);
+    let SymmetricEigen {
+        eigenvalues,
+        eigenvectors: V,
+    } = SymmetricEigen::new(*W);
     let floor = 1e-9 * eigenvalues.max();
     let inverse = eigenvalues.map(|lambda| if lambda > floor { 1.0 / lambda } else { 0.0 });
     V * Matrix3::from_diagonal(&inverse) * V.transpose()
@@ -97,7 +132,11 @@ mod tests {
         let robot = Robot::builtin("puma560").expect("built in");
         let arm = Model::<6>::new(&robot, None).expect("six joints");
         let cases = [
-            ("elbow", Half::Linear, [0.3, -0.9, 1.617_633_433_908_135_6, 0.2, 0.8, 0.1]),
+            (
+                "elbow",
+                Half::Linear,
+                [0.3, -0.9, 1.617_633_433_908_135_6, 0.2, 0.8, 0.1],
+            ),
             ("wrist", Half::Angular, [0.35, -1.05, 2.97, 0.4, 0.0, 0.2]),
         ];
         for (name, half, q) in cases {
@@ -106,27 +145,49 @@ mod tests {
             // C, the wrist centre: where the axes of joints 4 to 6 meet.
             let p_BC = arm.link_poses(&q)[5].p;
             let J = at_point(J_E, &(p_BC - X_BE.p));
-            let shapes =
-                [Ellipsoid::velocity(&J, arm.velocity(), half), Ellipsoid::mobility(&J, &arm.mass_matrix(&q), half).expect("A is regular")];
+            let shapes = [
+                Ellipsoid::velocity(&J, arm.velocity(), half),
+                Ellipsoid::mobility(&J, &arm.mass_matrix(&q), half).expect("A is regular"),
+            ];
             for shape in shapes {
-                assert!((shape.half_axes.max_element() - 1.0).abs() < 1e-6 && shape.half_axes.min_element() < 1e-3, "{name}: {shape:?}");
+                assert!(
+                    (shape.half_axes.max_element() - 1.0).abs() < 1e-6
+                        && shape.half_axes.min_element() < 1e-3,
+                    "{name}: {shape:?}"
+                );
                 assert!((shape.axes.determinant() - 1.0).abs() < 1e-5);
-                let flat = (0..3).min_by(|a, b| shape.half_axes[*a].total_cmp(&shape.half_axes[*b])).expect("three");
+                let flat = (0..3)
+                    .min_by(|a, b| shape.half_axes[*a].total_cmp(&shape.half_axes[*b]))
+                    .expect("three");
                 let zeta = shape.axes.col(flat);
                 let zeta = Vector3::new(f64::from(zeta.x), f64::from(zeta.y), f64::from(zeta.z));
                 let null = match half {
                     Half::Linear => J.fixed_rows::<3>(0).transpose() * zeta,
                     // Only the wrist's joints turn the hand while C stands.
-                    Half::Angular => SVector::<f64, 6>::from_fn(|i, _| if i < 3 { 0.0 } else { J.fixed_view::<3, 1>(3, i).dot(&zeta) }),
+                    Half::Angular => SVector::<f64, 6>::from_fn(|i, _| {
+                        if i < 3 {
+                            0.0
+                        } else {
+                            J.fixed_view::<3, 1>(3, i).dot(&zeta)
+                        }
+                    }),
                 };
                 assert!(null.norm() < 1e-4, "{name}: {null}");
             }
         }
         // Away from its locks the arm can do something in every direction.
         let q = SVector::<f64, 6>::from([0.3, -0.9, 2.9, 0.2, 0.8, 0.1]);
-        let J = at_point(arm.jacobian(&q), &(arm.link_poses(&q)[5].p - arm.forward_kinematics(&q).p));
+        let J = at_point(
+            arm.jacobian(&q),
+            &(arm.link_poses(&q)[5].p - arm.forward_kinematics(&q).p),
+        );
         for half in [Half::Linear, Half::Angular] {
-            assert!(Ellipsoid::velocity(&J, arm.velocity(), half).half_axes.min_element() > 0.05);
+            assert!(
+                Ellipsoid::velocity(&J, arm.velocity(), half)
+                    .half_axes
+                    .min_element()
+                    > 0.05
+            );
         }
     }
 
@@ -137,8 +198,14 @@ mod tests {
         let J = arm.jacobian(&SVector::<f64, 3>::from([0.5, 0.9, 0.7]));
         assert!(arm.velocity().iter().all(|limit| limit.is_infinite()));
         let unlimited = Ellipsoid::velocity(&J, arm.velocity(), Half::Linear);
-        assert_eq!(unlimited, Ellipsoid::velocity(&J, &SVector::<f64, 3>::repeat(1.0), Half::Linear));
-        assert!(unlimited.axes.is_finite() && unlimited.half_axes.is_finite(), "{unlimited:?}");
+        assert_eq!(
+            unlimited,
+            Ellipsoid::velocity(&J, &SVector::<f64, 3>::repeat(1.0), Half::Linear)
+        );
+        assert!(
+            unlimited.axes.is_finite() && unlimited.half_axes.is_finite(),
+            "{unlimited:?}"
+        );
     }
 
     #[test]
@@ -148,14 +215,26 @@ mod tests {
         let arm = Model::<8>::new(&robot, None).expect("six joints");
         let sigma = |q5: f64, task: &[bool; 6]| {
             let q = SVector::<f64, 8>::from([0.3, -0.9, 2.9, 0.2, q5, 0.1, 0.0, 0.0]);
-            (singular_values(&arm.jacobian(&q), robot.length_m, task), arm.jacobian(&q).fixed_columns::<6>(0).determinant())
+            (
+                singular_values(&arm.jacobian(&q), robot.length_m, task),
+                arm.jacobian(&q).fixed_columns::<6>(0).determinant(),
+            )
         };
         let (regular, det) = sigma(0.8, &[true; 6]);
-        assert!((regular.iter().product::<f64>() - det.abs() / robot.length_m.powi(3)).abs() < 1e-13, "{regular:?} {det}");
-        assert!(regular.is_sorted_by(|a, b| a >= b) && regular[5] > 0.03, "{regular:?}");
+        assert!(
+            (regular.iter().product::<f64>() - det.abs() / robot.length_m.powi(3)).abs() < 1e-13,
+            "{regular:?} {det}"
+        );
+        assert!(
+            regular.is_sorted_by(|a, b| a >= b) && regular[5] > 0.03,
+            "{regular:?}"
+        );
         assert!(sigma(0.0, &[true; 6]).0[5] < 1e-14);
         let position = sigma(0.0, &[true, true, true, false, false, false]).0;
-        assert!(position[2] > 0.03 && position[3..].iter().all(|x| *x < 1e-14), "{position:?}");
+        assert!(
+            position[2] > 0.03 && position[3..].iter().all(|x| *x < 1e-14),
+            "{position:?}"
+        );
     }
 
     #[test]
@@ -169,7 +248,10 @@ mod tests {
             let mut step = SVector::<f64, 6>::zeros();
             step[i] = 1e-6;
             let difference = (p(&(q + step)) - p(&(q - step))) / 2e-6;
-            assert!((J.fixed_view::<3, 1>(0, i) - difference).norm() < 1e-8, "joint {i}");
+            assert!(
+                (J.fixed_view::<3, 1>(0, i) - difference).norm() < 1e-8,
+                "joint {i}"
+            );
         }
     }
 }

@@ -47,14 +47,28 @@ pub(crate) const MODE_STATES: States = &[
 ];
 
 /// Lanes of the drive.
-pub(crate) const DRIVE_STATES: States =
-    &[("active", 0x3f7f55ff), ("holding", 0xb59a2fff), ("stopping", 0xc2602fff), ("braked", 0xb03a3aff)];
+pub(crate) const DRIVE_STATES: States = &[
+    ("active", 0x3f7f55ff),
+    ("holding", 0xb59a2fff),
+    ("stopping", 0xc2602fff),
+    ("braked", 0xb03a3aff),
+];
 
 /// Lanes of the task.
-pub(crate) const PHASE_STATES: States = &[("running", 0x3a6fb0ff), ("settling", 0x5a8fa0ff), ("done", 0x3f7f55ff), ("refused", 0xb03a3aff)];
+pub(crate) const PHASE_STATES: States = &[
+    ("running", 0x3a6fb0ff),
+    ("settling", 0x5a8fa0ff),
+    ("done", 0x3f7f55ff),
+    ("refused", 0xb03a3aff),
+];
 
 /// Lanes of the processes.
-pub(crate) const LIFE_STATES: States = &[("up", 0x3d5f4bff), ("silent", 0xb0602fff), ("waiting", 0x5a626cff), ("restarted", 0xb59a2fff)];
+pub(crate) const LIFE_STATES: States = &[
+    ("up", 0x3d5f4bff),
+    ("silent", 0xb0602fff),
+    ("waiting", 0x5a626cff),
+    ("restarted", 0xb59a2fff),
+];
 
 /// Colours of the lane of faults: of one in force, and of none.
 pub(crate) const FAULT_COLOUR: u32 = 0xc03030ff;
@@ -99,7 +113,10 @@ pub(crate) struct History {
 impl History {
     /// Of a run whose hand should stand still, or of another.
     pub(crate) fn new(stands_still: bool) -> Self {
-        Self { off_m: stands_still.then_some(0.0), ..Self::default() }
+        Self {
+            off_m: stands_still.then_some(0.0),
+            ..Self::default()
+        }
     }
 
     /// Takes a tick in.
@@ -107,17 +124,31 @@ impl History {
         for (i, one) in row.singularities().iter().enumerate() {
             if one.inside == 1 {
                 let (_, modes) = self.present[i].get_or_insert((row.tick, [0; MODES.len()]));
-                let mode = row.control_state.map_or(MODE_REGULAR, |state| state.mode[i]);
+                let mode = row
+                    .control_state
+                    .map_or(MODE_REGULAR, |state| state.mode[i]);
                 if let Some(ticks) = modes.get_mut(mode as usize) {
                     *ticks += 1;
                 }
             } else if let Some((first, modes)) = self.present[i].take() {
-                let mode = (0..).zip(modes).max_by_key(|(_, ticks)| *ticks).map_or(MODE_REGULAR, |(mode, _)| mode);
-                self.past[i] = Some(Stay { first, end: row.tick, mode });
+                let mode = (0..)
+                    .zip(modes)
+                    .max_by_key(|(_, ticks)| *ticks)
+                    .map_or(MODE_REGULAR, |(mode, _)| mode);
+                self.past[i] = Some(Stay {
+                    first,
+                    end: row.tick,
+                    mode,
+                });
             }
         }
-        if let (Some(off_m), Some(state), Some(desired)) = (&mut self.off_m, row.plant_state, row.control_state) {
-            let off = (0..3).map(|i| (state.p_BE[i] - desired.p_BE_d[i]).powi(2)).sum::<f64>().sqrt();
+        if let (Some(off_m), Some(state), Some(desired)) =
+            (&mut self.off_m, row.plant_state, row.control_state)
+        {
+            let off = (0..3)
+                .map(|i| (state.p_BE[i] - desired.p_BE_d[i]).powi(2))
+                .sum::<f64>()
+                .sqrt();
             *off_m = off_m.max(off);
         }
     }
@@ -125,10 +156,16 @@ impl History {
     /// The state that the words depend on, at a tick that has been taken in.
     pub(crate) fn situation(&self, row: &TickRow) -> Situation {
         let off_um = self.off_m.map(|off_m| {
-            let digit = 10f64.powf((off_m * 1e6).max(1.0).log10().floor() - 1.0).max(1.0);
+            let digit = 10f64
+                .powf((off_m * 1e6).max(1.0).log10().floor() - 1.0)
+                .max(1.0);
             ((off_m * 1e6 / digit).round() * digit) as u32
         });
-        Situation { past: self.past, off_um, ..Situation::of(row) }
+        Situation {
+            past: self.past,
+            off_um,
+            ..Situation::of(row)
+        }
     }
 }
 
@@ -143,17 +180,29 @@ struct Singular {
 
 impl Situation {
     pub(crate) fn of(row: &TickRow) -> Self {
-        let mut situation = Self { count: row.singularities().len(), ..Self::default() };
+        let mut situation = Self {
+            count: row.singularities().len(),
+            ..Self::default()
+        };
         for (i, one) in row.singularities().iter().enumerate() {
-            let mode = row.control_state.map_or(MODE_REGULAR, |command| command.mode[i]);
-            situation.singularities[i] =
-                Singular { kind: one.kind, class: one.class, inside: one.inside == 1, angular: one.angular == 1, mode };
+            let mode = row
+                .control_state
+                .map_or(MODE_REGULAR, |command| command.mode[i]);
+            situation.singularities[i] = Singular {
+                kind: one.kind,
+                class: one.class,
+                inside: one.inside == 1,
+                angular: one.angular == 1,
+                mode,
+            };
         }
         if let Some(state) = row.control_state {
             situation.segment = state.segment;
             situation.clipped = state.clipped == 1;
         }
-        situation.servo = row.servo_state.map(|state| [state.reason, state.joint, state.upper]);
+        situation.servo = row
+            .servo_state
+            .map(|state| [state.reason, state.joint, state.upper]);
         if let Some(torque) = row.torque {
             situation.phase = Some(torque.phase);
         } else {
@@ -164,7 +213,10 @@ impl Situation {
 
     /// Singularities that the arm is inside of.
     fn inside(&self) -> impl Iterator<Item = (usize, &Singular)> {
-        self.singularities[..self.count].iter().enumerate().filter(|(_, one)| one.inside)
+        self.singularities[..self.count]
+            .iter()
+            .enumerate()
+            .filter(|(_, one)| one.inside)
     }
 
     /// Markdown: the singularity that the arm is in, the motion that is lost there, and the arm's response.
@@ -176,7 +228,11 @@ impl Situation {
             _ => "the drives have braked the arm",
         });
         if let Some(fault) = run.fault {
-            let _ = writeln!(text, "## {fault}: {}\n", drives.unwrap_or("the arm goes on"));
+            let _ = writeln!(
+                text,
+                "## {fault}: {}\n",
+                drives.unwrap_or("the arm goes on")
+            );
         } else if let Some(drives) = drives {
             let _ = writeln!(text, "## No torque comes: {drives}\n");
         }
@@ -189,23 +245,45 @@ impl Situation {
         if locks == 0 {
             if let Some(off_um) = self.off_um {
                 let off_mm = f64::from(off_um) * 1e-3;
-                let _ = writeln!(text, "{mark} The joints move; the hand should stand still\n\n{}\n", run.title);
+                let _ = writeln!(
+                    text,
+                    "{mark} The joints move; the hand should stand still\n\n{}\n",
+                    run.title
+                );
                 let _ = writeln!(text, "It has been **{off_mm} mm** off its place at most.\n");
                 text.push_str(
                     "*Amber: its way off its place, 50 times as large. Blue body: speeds the hand can reach. Net: accelerations.*\n",
                 );
                 return text;
             }
-            let near = self.singularities[..self.count].iter().enumerate().find(|(_, one)| one.mode != MODE_REGULAR);
+            let near = self.singularities[..self.count]
+                .iter()
+                .enumerate()
+                .find(|(_, one)| one.mode != MODE_REGULAR);
             // A headline of one line: a title may take two, and the table below needs the room, of more than two locks all of it.
-            let below = self.past[..self.count].iter().flatten().count() + usize::from(self.servo.is_some());
-            let second = |words: String| if below <= ROOM { words + "\n" } else { String::new() };
+            let below = self.past[..self.count].iter().flatten().count()
+                + usize::from(self.servo.is_some());
+            let second = |words: String| {
+                if below <= ROOM {
+                    words + "\n"
+                } else {
+                    String::new()
+                }
+            };
             let _ = match near {
                 Some((i, one)) => {
                     let (name, doing) = (singularity_name(one.kind, i), capital(doing(one.mode)));
-                    writeln!(text, "{mark} Near the {name} singularity, free to move\n\n{}", second(doing + "."))
+                    writeln!(
+                        text,
+                        "{mark} Near the {name} singularity, free to move\n\n{}",
+                        second(doing + ".")
+                    )
                 }
-                None => writeln!(text, "{mark} Free: the hand can move in every direction\n\n{}", second(run.title.to_owned())),
+                None => writeln!(
+                    text,
+                    "{mark} Free: the hand can move in every direction\n\n{}",
+                    second(run.title.to_owned())
+                ),
             };
             self.tell_reason(&mut text);
             if self.tell_past(&mut text, run) {
@@ -213,19 +291,34 @@ impl Situation {
                 return text;
             }
         } else {
-            let rank = format!("rank {} of {}", run.directions.saturating_sub(locks), run.directions);
+            let rank = format!(
+                "rank {} of {}",
+                run.directions.saturating_sub(locks),
+                run.directions
+            );
             let _ = match self.inside().next() {
                 Some((i, one)) if locks == 1 => {
                     // One that was found by number has no name but that.
-                    let name =
-                        if one.kind == KIND_NUMERIC { "Singular".to_owned() } else { capital(&singularity_name(one.kind, i)) + " lock" };
-                    writeln!(text, "{mark} {name}: the hand cannot {} · {rank}\n", lost(one.angular))
+                    let name = if one.kind == KIND_NUMERIC {
+                        "Singular".to_owned()
+                    } else {
+                        capital(&singularity_name(one.kind, i)) + " lock"
+                    };
+                    writeln!(
+                        text,
+                        "{mark} {name}: the hand cannot {} · {rank}\n",
+                        lost(one.angular)
+                    )
                 }
-                _ => writeln!(text, "{mark} {locks} locks at once: {locks} directions lost · {rank}\n"),
+                _ => writeln!(
+                    text,
+                    "{mark} {locks} locks at once: {locks} directions lost · {rank}\n"
+                ),
             };
             tell_head(&mut text);
             for (i, one) in self.inside() {
-                let (name, (colour, _)) = (singularity_name(one.kind, i), named_colour(one.kind, i));
+                let (name, (colour, _)) =
+                    (singularity_name(one.kind, i), named_colour(one.kind, i));
                 let _ = writeln!(
                     text,
                     "| **{name}** ({colour}, {}): {} | {} | {} |",
@@ -258,14 +351,23 @@ impl Situation {
     /// Of a steered arm: what it does and why.
     fn tell_reason(&self, text: &mut String) {
         if let Some([reason, joint, upper]) = self.servo {
-            let _ = writeln!(text, "\nSteered: **{}**.\n", reason_text(reason, joint, upper));
+            let _ = writeln!(
+                text,
+                "\nSteered: **{}**.\n",
+                reason_text(reason, joint, upper)
+            );
         }
     }
 
     /// The singularities that the arm has been in: when, the motion that was lost, the arm's response. Whether there are any.
     fn tell_past(&self, text: &mut String, run: &Run) -> bool {
-        let past = self.singularities[..self.count].iter().zip(&self.past).enumerate();
-        let mut past: Vec<_> = past.filter_map(|(i, (one, stay))| Some((i, one, (*stay)?))).collect();
+        let past = self.singularities[..self.count]
+            .iter()
+            .zip(&self.past)
+            .enumerate();
+        let mut past: Vec<_> = past
+            .filter_map(|(i, (one, stay))| Some((i, one, (*stay)?)))
+            .collect();
         past.sort_by_key(|(_, _, stay)| stay.first);
         if past.is_empty() {
             return false;
@@ -300,7 +402,10 @@ const PADDING: [usize; 2] = [77, 55];
 /// The head of a table of singularities.
 fn tell_head(text: &mut String) {
     let [first, last] = PADDING.map(|count| "\u{a0}".repeat(count));
-    let _ = writeln!(text, "| singularity{first} | the hand cannot | the arm{last} |\n|---|---|---|");
+    let _ = writeln!(
+        text,
+        "| singularity{first} | the hand cannot | the arm{last} |\n|---|---|---|"
+    );
 }
 
 /// The properties of a run that its words depend on.
@@ -318,19 +423,29 @@ pub(crate) struct Run<'a> {
 
 /// The label at the mark, as short as can be: of several marks each has one.
 pub(crate) fn label(one: &SingularityState, index: usize) -> String {
-    let verb = if one.angular == 1 { "cannot turn" } else { "cannot move" };
+    let verb = if one.angular == 1 {
+        "cannot turn"
+    } else {
+        "cannot move"
+    };
     format!("{}: {verb}", singularity_name(one.kind, index))
 }
 
 /// With a capital letter.
 pub(crate) fn capital(name: &str) -> String {
     let mut letters = name.chars();
-    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
+    letters.next().map_or(String::new(), |first| {
+        first.to_uppercase().chain(letters).collect()
+    })
 }
 
 /// The motion that the hand has lost.
 pub(crate) fn lost(angular: bool) -> &'static str {
-    if angular { "turn about ζ" } else { "move along ζ" }
+    if angular {
+        "turn about ζ"
+    } else {
+        "move along ζ"
+    }
 }
 
 fn reason(kind: u32, joints: usize) -> &'static str {
@@ -366,39 +481,93 @@ mod tests {
     use shared_types::messages::{ControlState, PlantState, SensorSample, SingularityReport};
     use shared_types::topics::ByTopic;
 
-    const RUN: Run = Run { title: "a title", joints: 6, rate_hz: 1000, directions: 6, fault: None };
+    const RUN: Run = Run {
+        title: "a title",
+        joints: 6,
+        rate_hz: 1000,
+        directions: 6,
+        fault: None,
+    };
 
     #[test]
     fn words_name_the_singularity_and_what_is_lost() {
-        let mut report = SingularityReport { count: 2, ..SingularityReport::default() };
-        report.singularities[0] = SingularityState { kind: KIND_ELBOW, class: TYPE_1, ..SingularityState::default() };
-        report.singularities[1] =
-            SingularityState { kind: KIND_WRIST, class: TYPE_2, inside: 1, angular: 1, ..SingularityState::default() };
+        let mut report = SingularityReport {
+            count: 2,
+            ..SingularityReport::default()
+        };
+        report.singularities[0] = SingularityState {
+            kind: KIND_ELBOW,
+            class: TYPE_1,
+            ..SingularityState::default()
+        };
+        report.singularities[1] = SingularityState {
+            kind: KIND_WRIST,
+            class: TYPE_2,
+            inside: 1,
+            angular: 1,
+            ..SingularityState::default()
+        };
         let (mut command, torque) = <(ControlState, TorqueCommand)>::default();
         command.mode[1] = MODE_REORIENT;
         let row = TickRow::new(
             0,
-            ByTopic { singularity: Some(&report), control_state: Some(&command), torque: Some(&torque), ..ByTopic::default() },
+            ByTopic {
+                singularity: Some(&report),
+                control_state: Some(&command),
+                torque: Some(&torque),
+                ..ByTopic::default()
+            },
         );
         let words = Situation::of(&row).markdown(&RUN);
-        for expected in
-            ["Wrist lock: the hand cannot turn about ζ · rank 5 of 6", "**wrist** (magenta, type 2)", "axes 4 and 6", "joints turn ζ"]
-        {
+        for expected in [
+            "Wrist lock: the hand cannot turn about ζ · rank 5 of 6",
+            "**wrist** (magenta, type 2)",
+            "axes 4 and 6",
+            "joints turn ζ",
+        ] {
             assert!(words.contains(expected), "{expected:?} is not in {words}");
         }
-        assert!(!words.contains("elbow"), "the arm is not in the elbow singularity");
+        assert!(
+            !words.contains("elbow"),
+            "the arm is not in the elbow singularity"
+        );
         assert_eq!(Situation::of(&row), Situation::of(&row));
         report.singularities[0].inside = 1;
-        let row = TickRow::new(0, ByTopic { singularity: Some(&report), torque: Some(&torque), ..ByTopic::default() });
-        let words = Situation::of(&row).markdown(&Run { fault: Some("Analyzer hangs"), ..RUN });
-        assert!(words.contains("## Analyzer hangs: the arm goes on") && words.contains("2 locks at once"), "{words}");
-        assert!(words.contains("rank 4 of 6") && words.contains("| **elbow** (orange"), "{words}");
+        let row = TickRow::new(
+            0,
+            ByTopic {
+                singularity: Some(&report),
+                torque: Some(&torque),
+                ..ByTopic::default()
+            },
+        );
+        let words = Situation::of(&row).markdown(&Run {
+            fault: Some("Analyzer hangs"),
+            ..RUN
+        });
+        assert!(
+            words.contains("## Analyzer hangs: the arm goes on")
+                && words.contains("2 locks at once"),
+            "{words}"
+        );
+        assert!(
+            words.contains("rank 4 of 6") && words.contains("| **elbow** (orange"),
+            "{words}"
+        );
     }
 
     #[test]
     fn a_lock_that_is_over_is_told_with_its_times_and_its_longest_response() {
-        let mut report = SingularityReport { count: 1, ..SingularityReport::default() };
-        report.singularities[0] = SingularityState { kind: KIND_WRIST, class: TYPE_2, angular: 1, ..SingularityState::default() };
+        let mut report = SingularityReport {
+            count: 1,
+            ..SingularityReport::default()
+        };
+        report.singularities[0] = SingularityState {
+            kind: KIND_WRIST,
+            class: TYPE_2,
+            angular: 1,
+            ..SingularityState::default()
+        };
         let (mut command, torque) = <(ControlState, TorqueCommand)>::default();
         let mut history = History::new(false);
         for tick in 0..30 {
@@ -406,7 +575,12 @@ mod tests {
             command.mode[0] = if tick < 22 { MODE_REORIENT } else { MODE_TRACK };
             let row = TickRow::new(
                 tick,
-                ByTopic { singularity: Some(&report), control_state: Some(&command), torque: Some(&torque), ..ByTopic::default() },
+                ByTopic {
+                    singularity: Some(&report),
+                    control_state: Some(&command),
+                    torque: Some(&torque),
+                    ..ByTopic::default()
+                },
             );
             history.push(&row);
             let words = history.situation(&row).markdown(&RUN);
@@ -417,7 +591,8 @@ mod tests {
 
     #[test]
     fn of_a_hand_that_should_stand_still_the_words_say_how_far_it_was_off() {
-        let (mut state, command, report) = <(PlantState, ControlState, SingularityReport)>::default();
+        let (mut state, command, report) =
+            <(PlantState, ControlState, SingularityReport)>::default();
         let torque = TorqueCommand::default();
         let mut history = History::new(true);
         for off_m in [0.0, 0.008_462, 0.001] {
@@ -434,17 +609,38 @@ mod tests {
             );
             history.push(&row);
             let words = history.situation(&row).markdown(&RUN);
-            assert_eq!(words.contains("**8.5 mm** off its place at most"), off_m > 0.0, "{words}");
+            assert_eq!(
+                words.contains("**8.5 mm** off its place at most"),
+                off_m > 0.0,
+                "{words}"
+            );
         }
     }
 
     #[test]
     fn without_a_command_the_words_say_what_the_drive_does() {
-        let report = SingularityReport { count: 1, ..SingularityReport::default() };
-        let sensor = SensorSample { drive: DRIVE_BRAKED, ..SensorSample::default() };
-        let words = Situation::of(&TickRow::new(0, ByTopic { singularity: Some(&report), sensor: Some(&sensor), ..ByTopic::default() }))
-            .markdown(&RUN);
-        assert!(words.contains("No torque comes: the drives have braked the arm") && !words.contains("Free"), "{words}");
+        let report = SingularityReport {
+            count: 1,
+            ..SingularityReport::default()
+        };
+        let sensor = SensorSample {
+            drive: DRIVE_BRAKED,
+            ..SensorSample::default()
+        };
+        let words = Situation::of(&TickRow::new(
+            0,
+            ByTopic {
+                singularity: Some(&report),
+                sensor: Some(&sensor),
+                ..ByTopic::default()
+            },
+        ))
+        .markdown(&RUN);
+        assert!(
+            words.contains("No torque comes: the drives have braked the arm")
+                && !words.contains("Free"),
+            "{words}"
+        );
     }
 
     /// About how wide the viewer draws a text, px: its font in three classes of letters, within 3 % of what it was seen to draw.
@@ -462,27 +658,55 @@ mod tests {
     fn the_head_is_the_widest_cell_of_every_column_and_the_table_fits_its_pane() {
         let mut head = String::new();
         tell_head(&mut head);
-        let cells: Vec<&str> = head.lines().next().unwrap_or("").split('|').map(|cell| cell.trim_matches(' ')).collect();
+        let cells: Vec<&str> = head
+            .lines()
+            .next()
+            .unwrap_or("")
+            .split('|')
+            .map(|cell| cell.trim_matches(' '))
+            .collect();
         let (first, lost_width, last) = (width(cells[1]), width(cells[2]), width(cells[3]));
         // The pane is 676 px wide, half of the window, with margins of 14; gaps and frame of the table are 45.
-        assert!(first + lost_width + last + 45.0 <= 676.0 - 2.0 * 14.0, "{first} {lost_width} {last}");
+        assert!(
+            first + lost_width + last + 45.0 <= 676.0 - 2.0 * 14.0,
+            "{first} {lost_width} {last}"
+        );
         for mode in 0..MODES.len() as u32 {
             // Less the error of `width`.
-            assert!(0.97 * width(doing(mode)) <= last, "{:?} is wider than its column", doing(mode));
+            assert!(
+                0.97 * width(doing(mode)) <= last,
+                "{:?} is wider than its column",
+                doing(mode)
+            );
         }
         assert!(width(lost(true)).max(width(lost(false))) <= lost_width);
-        for ((kind, _), class, joints) in
-            KINDS.iter().flat_map(|kind| TYPES.iter().flat_map(move |class| [(kind, class, 6), (kind, class, 7)]))
-        {
+        for ((kind, _), class, joints) in KINDS.iter().flat_map(|kind| {
+            TYPES
+                .iter()
+                .flat_map(move |class| [(kind, class, 6), (kind, class, 7)])
+        }) {
             // The type is unknown of those found by number only.
             if *kind != KIND_NUMERIC && class.0 == TYPE_UNKNOWN {
                 continue;
             }
             let (name, (colour, _)) = (singularity_name(*kind, 7), named_colour(*kind, 1));
             // Bold letters are a little wider; less the error of `width`.
-            let present = 1.08 * width(&name) + width(&format!(" ({colour}, {}): {}", class.1, reason(*kind, joints)));
-            assert!(0.97 * present <= first, "{name} {colour} {}: {present} px in {first}", class.1);
-            assert!(1.08 * width(&name) + width(&format!(" ({colour}), 10000.00 to 20000.00 s")) <= first, "{name}");
+            let present = 1.08 * width(&name)
+                + width(&format!(
+                    " ({colour}, {}): {}",
+                    class.1,
+                    reason(*kind, joints)
+                ));
+            assert!(
+                0.97 * present <= first,
+                "{name} {colour} {}: {present} px in {first}",
+                class.1
+            );
+            assert!(
+                1.08 * width(&name) + width(&format!(" ({colour}), 10000.00 to 20000.00 s"))
+                    <= first,
+                "{name}"
+            );
         }
         assert!(width(COLOURS) < 640.0);
     }
@@ -491,22 +715,38 @@ mod tests {
     fn words_fit_their_pane_whatever_the_number_of_locks() {
         let (command, torque) = <(ControlState, TorqueCommand)>::default();
         for locks in 0..=3 {
-            let mut report = SingularityReport { count: 3, ..SingularityReport::default() };
+            let mut report = SingularityReport {
+                count: 3,
+                ..SingularityReport::default()
+            };
             for one in &mut report.singularities[..locks] {
                 one.inside = 1;
             }
             let row = TickRow::new(
                 0,
-                ByTopic { singularity: Some(&report), control_state: Some(&command), torque: Some(&torque), ..ByTopic::default() },
+                ByTopic {
+                    singularity: Some(&report),
+                    control_state: Some(&command),
+                    torque: Some(&torque),
+                    ..ByTopic::default()
+                },
             );
             let situation = Situation::of(&row);
             let mut afterwards = situation;
             if locks == 0 {
-                afterwards.past[..3].fill(Some(Stay { first: 100, end: 200, mode: MODE_TRACK }));
+                afterwards.past[..3].fill(Some(Stay {
+                    first: 100,
+                    end: 200,
+                    mode: MODE_TRACK,
+                }));
             }
             // 23 px a row, 38 px the headline, 16 px of frame and gap around a table, of the 172 px below the pane's tab and margin.
             for words in [situation, afterwards].map(|situation| situation.markdown(&RUN)) {
-                let rows = words.lines().skip(1).filter(|line| !line.is_empty() && !line.starts_with("|--")).count();
+                let rows = words
+                    .lines()
+                    .skip(1)
+                    .filter(|line| !line.is_empty() && !line.starts_with("|--"))
+                    .count();
                 assert!(38 + 23 * rows + 2 * 16 <= 172, "{locks} locks: {rows} rows");
             }
         }
@@ -514,7 +754,13 @@ mod tests {
 
     #[test]
     fn every_code_has_a_lane_colour() {
-        let lanes = |table: &[Named], states: States| table.iter().all(|(_, name)| states.iter().any(|(state, _)| state == name));
-        assert!(lanes(MODES, MODE_STATES) && lanes(DRIVES, DRIVE_STATES) && lanes(PHASES, PHASE_STATES));
+        let lanes = |table: &[Named], states: States| {
+            table
+                .iter()
+                .all(|(_, name)| states.iter().any(|(state, _)| state == name))
+        };
+        assert!(
+            lanes(MODES, MODE_STATES) && lanes(DRIVES, DRIVE_STATES) && lanes(PHASES, PHASE_STATES)
+        );
     }
 }

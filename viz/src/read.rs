@@ -6,7 +6,9 @@ use std::sync::Arc;
 
 use re_chunk::Chunk;
 use re_chunk::external::arrow::array::{Array, AsArray, ListArray};
-use re_chunk::external::arrow::datatypes::{ArrowPrimitiveType, Float32Type, Float64Type, UInt32Type};
+use re_chunk::external::arrow::datatypes::{
+    ArrowPrimitiveType, Float32Type, Float64Type, UInt32Type,
+};
 
 use crate::entity;
 use crate::frames::Frames;
@@ -49,7 +51,11 @@ impl About {
     /// The control rate; 1/s.
     #[must_use]
     pub fn rate_hz(&self) -> f64 {
-        self.properties.get("rate_hz").and_then(|text| text.parse().ok()).filter(|rate| *rate > 0.0).unwrap_or(1000.0)
+        self.properties
+            .get("rate_hz")
+            .and_then(|text| text.parse().ok())
+            .filter(|rate| *rate > 0.0)
+            .unwrap_or(1000.0)
     }
 }
 
@@ -128,9 +134,17 @@ impl Solid<'_> {
     /// The corners' colours: red, green, blue, opacity.
     #[must_use]
     pub fn colours(&self) -> Vec<[u8; 4]> {
-        let all = self.chunk.components().get("Mesh3D:vertex_colors".into()).map(|column| column.list_array.values().clone());
-        let all = all.as_ref().and_then(|all| all.as_primitive_opt::<UInt32Type>());
-        all.map_or(Vec::new(), |all| all.values().iter().map(|rgba| rgba.to_be_bytes()).collect())
+        let all = self
+            .chunk
+            .components()
+            .get("Mesh3D:vertex_colors".into())
+            .map(|column| column.list_array.values().clone());
+        let all = all
+            .as_ref()
+            .and_then(|all| all.as_primitive_opt::<UInt32Type>());
+        all.map_or(Vec::new(), |all| {
+            all.values().iter().map(|rgba| rgba.to_be_bytes()).collect()
+        })
     }
 }
 
@@ -144,14 +158,26 @@ pub struct Damage<'a> {
 
 impl<'a> Damage<'a> {
     pub(crate) fn new(path: &'a Path, bytes: u64, reason: String) -> Self {
-        Self { path, bytes, reason }
+        Self {
+            path,
+            bytes,
+            reason,
+        }
     }
 }
 
 impl std::fmt::Display for Damage<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { path, bytes, reason } = self;
-        write!(f, "{} is damaged before its byte {bytes} ({reason}); what follows there is left out", path.display())
+        let Self {
+            path,
+            bytes,
+            reason,
+        } = self;
+        write!(
+            f,
+            "{} is damaged before its byte {bytes} ({reason}); what follows there is left out",
+            path.display()
+        )
     }
 }
 
@@ -188,7 +214,10 @@ const HELD: u64 = 64;
 impl Slow {
     /// The row that holds at a tick.
     fn row(&self, tick: u64) -> Option<usize> {
-        let row = self.ticks.partition_point(|known| *known <= tick).checked_sub(1)?;
+        let row = self
+            .ticks
+            .partition_point(|known| *known <= tick)
+            .checked_sub(1)?;
         (tick - self.ticks[row] < HELD).then_some(row)
     }
 }
@@ -196,7 +225,10 @@ impl Slow {
 impl Rows {
     /// The row of signals of a lower rate that holds at a tick: at the beginning of a chunk the last one of the chunk before.
     fn slow_row(&self, tick: u64) -> Option<(&Vec<(Signal, ListArray)>, usize)> {
-        self.slow.iter().rev().find_map(|slow| Some((&slow.columns, slow.row(tick)?)))
+        self.slow
+            .iter()
+            .rev()
+            .find_map(|slow| Some((&slow.columns, slow.row(tick)?)))
     }
 
     /// The values of a signal in a row, appended to `into`; nothing where its messages were missing.
@@ -204,7 +236,10 @@ impl Rows {
         if let Some((of, derive)) = self.limits.derive(signal) {
             let first = into.len();
             self.values(of, row, into);
-            into[first..].iter_mut().enumerate().for_each(|(i, value)| *value = derive(i, *value));
+            into[first..]
+                .iter_mut()
+                .enumerate()
+                .for_each(|(i, value)| *value = derive(i, *value));
             return;
         }
         let (columns, row) = match signal.width() {
@@ -214,7 +249,9 @@ impl Rows {
             },
             _ => (&self.columns, row),
         };
-        let Some((_, lists)) = columns.iter().find(|(known, _)| *known == signal) else { return };
+        let Some((_, lists)) = columns.iter().find(|(known, _)| *known == signal) else {
+            return;
+        };
         if !lists.is_valid(row) {
             return;
         }
@@ -222,7 +259,11 @@ impl Rows {
         if let Some(all) = lists.values().as_primitive_opt::<Float64Type>() {
             into.extend_from_slice(&all.values()[range]);
         } else if let Some(all) = lists.values().as_primitive_opt::<Float32Type>() {
-            let value = if signal.width() == Width::Log { from_logarithm } else { f64::from };
+            let value = if signal.width() == Width::Log {
+                from_logarithm
+            } else {
+                f64::from
+            };
             into.extend(all.values()[range].iter().map(|x| value(*x)));
         }
     }
@@ -232,7 +273,10 @@ impl Rows {
 ///
 /// # Errors
 /// [`ReadError`] where a file cannot be opened or holds no recording, or what `each` answers.
-pub fn read<E: From<ReadError>>(parts: &[PathBuf], mut each: impl FnMut(Piece) -> Result<(), E>) -> Result<(), E> {
+pub fn read<E: From<ReadError>>(
+    parts: &[PathBuf],
+    mut each: impl FnMut(Piece) -> Result<(), E>,
+) -> Result<(), E> {
     let (mut about, mut slow) = (About::default(), <[Arc<Slow>; 2]>::default());
     for path in parts {
         read_part(path, &mut about, &mut slow, &mut each)?;
@@ -246,7 +290,10 @@ fn read_part<E: From<ReadError>>(
     slow: &mut [Arc<Slow>; 2],
     each: &mut impl FnMut(Piece) -> Result<(), E>,
 ) -> Result<(), E> {
-    let mut frames = Frames::open(path).map_err(|source| ReadError::Open { path: path.to_owned(), source })?;
+    let mut frames = Frames::open(path).map_err(|source| ReadError::Open {
+        path: path.to_owned(),
+        source,
+    })?;
     let (mut introduced, mut any) = (false, false);
     loop {
         let chunk = match frames.next_chunk() {
@@ -256,55 +303,125 @@ fn read_part<E: From<ReadError>>(
                 each(Piece::Damaged(Damage::new(path, frames.place(), reason)))?;
                 break;
             }
-            Err(reason) => return Err(ReadError::NotARecording { path: path.to_owned(), reason }.into()),
+            Err(reason) => {
+                return Err(ReadError::NotARecording {
+                    path: path.to_owned(),
+                    reason,
+                }
+                .into());
+            }
         };
         any = true;
         let at = chunk.entity_path().to_string();
         if chunk.is_static() {
             learn(&chunk, &at, about);
-            if chunk.components().contains_component("Mesh3D:triangle_indices".into()) {
-                each(Piece::Solid(Solid { of: &at, chunk: &chunk }))?;
+            if chunk
+                .components()
+                .contains_component("Mesh3D:triangle_indices".into())
+            {
+                each(Piece::Solid(Solid {
+                    of: &at,
+                    chunk: &chunk,
+                }))?;
             }
             continue;
         }
         if at == entity::DRAWN {
             slow.swap(0, 1);
-            slow[1] = Arc::new(Slow { ticks: ticks(&chunk), columns: columns(&chunk) });
+            slow[1] = Arc::new(Slow {
+                ticks: ticks(&chunk),
+                columns: columns(&chunk),
+            });
         } else if at == entity::SIGNALS {
             if !introduced {
                 introduced = true;
                 each(Piece::About(about))?;
             }
             let (slow, limits) = (slow.clone(), Arc::clone(&about.limits));
-            each(Piece::Rows(&Rows { ticks: ticks(&chunk), columns: columns(&chunk), slow, limits }))?;
+            each(Piece::Rows(&Rows {
+                ticks: ticks(&chunk),
+                columns: columns(&chunk),
+                slow,
+                limits,
+            }))?;
         } else if at == entity::LOG {
             let levels = texts(&chunk, "TextLog:level");
-            for (i, (tick, text)) in ticks(&chunk).into_iter().zip(texts(&chunk, "TextLog:text")).enumerate() {
+            for (i, (tick, text)) in ticks(&chunk)
+                .into_iter()
+                .zip(texts(&chunk, "TextLog:text"))
+                .enumerate()
+            {
                 // The viewer's line begins with its time.
-                let text = text.split_once(entity::AFTER_TIME).map_or(text.as_str(), |(_, text)| text).to_owned();
-                each(Piece::Event { tick, level: levels.get(i).cloned().unwrap_or_default(), text })?;
+                let text = text
+                    .split_once(entity::AFTER_TIME)
+                    .map_or(text.as_str(), |(_, text)| text)
+                    .to_owned();
+                each(Piece::Event {
+                    tick,
+                    level: levels.get(i).cloned().unwrap_or_default(),
+                    text,
+                })?;
             }
-        } else if chunk.components().contains_component("StateChange:state".into()) {
+        } else if chunk
+            .components()
+            .contains_component("StateChange:state".into())
+        {
             let lane = entity::lane(&at);
-            for (tick, state) in ticks(&chunk).into_iter().zip(texts(&chunk, "StateChange:state")) {
-                each(Piece::State { tick, lane: lane.clone(), state })?;
+            for (tick, state) in ticks(&chunk)
+                .into_iter()
+                .zip(texts(&chunk, "StateChange:state"))
+            {
+                each(Piece::State {
+                    tick,
+                    lane: lane.clone(),
+                    state,
+                })?;
             }
-        } else if chunk.components().contains_component("Transform3D:translation".into()) {
-            let (places, turns) = (vectors::<3>(&chunk, "Transform3D:translation"), vectors::<4>(&chunk, "Transform3D:quaternion"));
+        } else if chunk
+            .components()
+            .contains_component("Transform3D:translation".into())
+        {
+            let (places, turns) = (
+                vectors::<3>(&chunk, "Transform3D:translation"),
+                vectors::<4>(&chunk, "Transform3D:quaternion"),
+            );
             for (row, (tick, p)) in ticks(&chunk).into_iter().zip(places).enumerate() {
-                let xyzw = turns.get(row).copied().flatten().unwrap_or([0.0, 0.0, 0.0, 1.0]);
+                let xyzw = turns
+                    .get(row)
+                    .copied()
+                    .flatten()
+                    .unwrap_or([0.0, 0.0, 0.0, 1.0]);
                 if let Some(p) = p {
-                    each(Piece::Place { tick, of: &at, p, xyzw })?;
+                    each(Piece::Place {
+                        tick,
+                        of: &at,
+                        p,
+                        xyzw,
+                    })?;
                 }
             }
-        } else if chunk.components().contains_component("Points3D:labels".into()) {
-            for (tick, text) in ticks(&chunk).into_iter().zip(texts(&chunk, "Points3D:labels")) {
-                each(Piece::Label { tick, of: &at, text })?;
+        } else if chunk
+            .components()
+            .contains_component("Points3D:labels".into())
+        {
+            for (tick, text) in ticks(&chunk)
+                .into_iter()
+                .zip(texts(&chunk, "Points3D:labels"))
+            {
+                each(Piece::Label {
+                    tick,
+                    of: &at,
+                    text,
+                })?;
             }
         }
     }
     if !any {
-        return Err(ReadError::NotARecording { path: path.to_owned(), reason: "it is empty".to_owned() }.into());
+        return Err(ReadError::NotARecording {
+            path: path.to_owned(),
+            reason: "it is empty".to_owned(),
+        }
+        .into());
     }
     Ok(())
 }
@@ -318,16 +435,29 @@ fn learn(chunk: &Chunk, at: &str, about: &mut About) {
                     about.joints = column.list_array.values().len();
                     Arc::make_mut(&mut about.limits).torque = numbers(&column.list_array);
                 }
-                "joint:qdot_limit" => Arc::make_mut(&mut about.limits).speed = numbers(&column.list_array),
-                "joint:q_centre" => Arc::make_mut(&mut about.limits).centre = numbers(&column.list_array),
-                "joint:q_half_range" => Arc::make_mut(&mut about.limits).half_range = numbers(&column.list_array),
-                entity::SINGULARITY_NAMES => about.singularities = texts(chunk, entity::SINGULARITY_NAMES),
+                "joint:qdot_limit" => {
+                    Arc::make_mut(&mut about.limits).speed = numbers(&column.list_array)
+                }
+                "joint:q_centre" => {
+                    Arc::make_mut(&mut about.limits).centre = numbers(&column.list_array)
+                }
+                "joint:q_half_range" => {
+                    Arc::make_mut(&mut about.limits).half_range = numbers(&column.list_array)
+                }
+                entity::SINGULARITY_NAMES => {
+                    about.singularities = texts(chunk, entity::SINGULARITY_NAMES)
+                }
                 _ => {}
             }
         }
     } else if at.ends_with("/run") {
         for (name, column) in chunk.components().iter() {
-            let text = column.list_array.values().as_string_opt::<i32>().filter(|texts| !texts.is_empty()).map(|texts| texts.value(0));
+            let text = column
+                .list_array
+                .values()
+                .as_string_opt::<i32>()
+                .filter(|texts| !texts.is_empty())
+                .map(|texts| texts.value(0));
             if let Some(text) = text {
                 let key = name.as_str().strip_prefix("run:").unwrap_or(name.as_str());
                 about.properties.insert(key.to_owned(), text.to_owned());
@@ -337,41 +467,90 @@ fn learn(chunk: &Chunk, at: &str, about: &mut About) {
 }
 
 fn ticks(chunk: &Chunk) -> Vec<u64> {
-    chunk.timelines().get(&"tick".into()).map_or(Vec::new(), |times| times.times_raw().iter().map(|tick| (*tick).max(0) as u64).collect())
+    chunk
+        .timelines()
+        .get(&"tick".into())
+        .map_or(Vec::new(), |times| {
+            times
+                .times_raw()
+                .iter()
+                .map(|tick| (*tick).max(0) as u64)
+                .collect()
+        })
 }
 
 fn numbers(lists: &ListArray) -> Vec<f64> {
-    lists.values().as_primitive_opt::<Float64Type>().map_or(Vec::new(), |all| all.values().to_vec())
+    lists
+        .values()
+        .as_primitive_opt::<Float64Type>()
+        .map_or(Vec::new(), |all| all.values().to_vec())
 }
 
 fn texts(chunk: &Chunk, component: &'static str) -> Vec<String> {
-    let values = chunk.components().get(component.into()).and_then(|column| column.list_array.values().as_string_opt::<i32>().cloned());
-    values.map_or(Vec::new(), |values| values.iter().map(|text| text.unwrap_or_default().to_owned()).collect())
+    let values = chunk
+        .components()
+        .get(component.into())
+        .and_then(|column| column.list_array.values().as_string_opt::<i32>().cloned());
+    values.map_or(Vec::new(), |values| {
+        values
+            .iter()
+            .map(|text| text.unwrap_or_default().to_owned())
+            .collect()
+    })
 }
 
 /// All tuples of a component, whatever their rows.
-fn tuples<T: ArrowPrimitiveType, const K: usize>(chunk: &Chunk, component: &'static str) -> Vec<[T::Native; K]> {
-    let Some(column) = chunk.components().get(component.into()) else { return Vec::new() };
-    let all = column.list_array.values().as_fixed_size_list_opt().map(|all| all.values().clone());
+fn tuples<T: ArrowPrimitiveType, const K: usize>(
+    chunk: &Chunk,
+    component: &'static str,
+) -> Vec<[T::Native; K]> {
+    let Some(column) = chunk.components().get(component.into()) else {
+        return Vec::new();
+    };
+    let all = column
+        .list_array
+        .values()
+        .as_fixed_size_list_opt()
+        .map(|all| all.values().clone());
     let numbers = all.as_ref().and_then(|all| all.as_primitive_opt::<T>());
-    numbers.map_or(Vec::new(), |numbers| numbers.values().as_chunks::<K>().0.to_vec())
+    numbers.map_or(Vec::new(), |numbers| {
+        numbers.values().as_chunks::<K>().0.to_vec()
+    })
 }
 
 /// The first vector of each row of a component; `None` where a row has none.
 fn vectors<const K: usize>(chunk: &Chunk, component: &'static str) -> Vec<Option<[f32; K]>> {
-    let Some(column) = chunk.components().get(component.into()) else { return Vec::new() };
+    let Some(column) = chunk.components().get(component.into()) else {
+        return Vec::new();
+    };
     let lists = &column.list_array;
-    let Some(all) = lists.values().as_fixed_size_list_opt() else { return Vec::new() };
-    let Some(numbers) = all.values().as_primitive_opt::<Float32Type>() else { return Vec::new() };
+    let Some(all) = lists.values().as_fixed_size_list_opt() else {
+        return Vec::new();
+    };
+    let Some(numbers) = all.values().as_primitive_opt::<Float32Type>() else {
+        return Vec::new();
+    };
     let first = |ends: &[i32]| {
         let place = ends[0] as usize;
-        (ends[1] > ends[0]).then(|| numbers.values().get(K * place..K * (place + 1)))??.try_into().ok()
+        (ends[1] > ends[0])
+            .then(|| numbers.values().get(K * place..K * (place + 1)))??
+            .try_into()
+            .ok()
     };
     lists.value_offsets().windows(2).map(first).collect()
 }
 
 /// The signals that a chunk has.
 fn columns(chunk: &Chunk) -> Vec<(Signal, ListArray)> {
-    let column = |signal: &Signal| Some((*signal, chunk.components().get(signal.component().into())?.list_array.clone()));
+    let column = |signal: &Signal| {
+        Some((
+            *signal,
+            chunk
+                .components()
+                .get(signal.component().into())?
+                .list_array
+                .clone(),
+        ))
+    };
     Signal::ALL.iter().filter_map(column).collect()
 }

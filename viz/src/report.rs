@@ -55,13 +55,28 @@ pub struct Report {
 ///
 /// # Errors
 /// [`ReportError`] where the recording cannot be read or a plot not be drawn.
-pub fn report(summary: &Summary, job: &Job, parts: &[PathBuf], damage: &[String], path: &Path) -> Result<Report, ReportError> {
+pub fn report(
+    summary: &Summary,
+    job: &Job,
+    parts: &[PathBuf],
+    damage: &[String],
+    path: &Path,
+) -> Result<Report, ReportError> {
     let mut reading = Reading::default();
     let recorded = &Recorded::read(parts, summary, &mut reading)?;
-    let shortfall = reading.shortfall(parts, Some(summary)).map(|shortfall| shortfall.to_string());
-    let lacks: Vec<String> = shortfall.into_iter().chain(damage.iter().cloned()).collect();
+    let shortfall = reading
+        .shortfall(parts, Some(summary))
+        .map(|shortfall| shortfall.to_string());
+    let lacks: Vec<String> = shortfall
+        .into_iter()
+        .chain(damage.iter().cloned())
+        .collect();
     let mut page = Html::default();
-    let title = if job.scenario.title.is_empty() { &summary.scenario } else { &job.scenario.title };
+    let title = if job.scenario.title.is_empty() {
+        &summary.scenario
+    } else {
+        &job.scenario.title
+    };
     let title = escaped(title);
     page.add(format_args!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\
@@ -83,14 +98,27 @@ pub fn report(summary: &Summary, job: &Job, parts: &[PathBuf], damage: &[String]
         page.add(format_args!("<p class=\"bad\">{}</p>", escaped(lack)));
     }
     let singularities = Named::all(&recorded.singularities);
-    let RobotText { name, description, urdf } = job.robot.clone();
-    let robot = Robot::from_source(&RobotSource { name, description, urdf }).ok();
-    let mut stage = robot.as_ref().and_then(|robot| Stage::new(robot, job, recorded, &singularities));
+    let RobotText {
+        name,
+        description,
+        urdf,
+    } = job.robot.clone();
+    let robot = Robot::from_source(&RobotSource {
+        name,
+        description,
+        urdf,
+    })
+    .ok();
+    let mut stage = robot
+        .as_ref()
+        .and_then(|robot| Stage::new(robot, job, recorded, &singularities));
     if let Some(stage) = &mut stage {
         stage.moments(&mut page, job, summary, recorded, &singularities);
     }
     if recorded.lines.is_empty() {
-        page.add(format_args!("<p class=\"soft\">There is no recording, hence neither pictures nor plots.</p>"));
+        page.add(format_args!(
+            "<p class=\"soft\">There is no recording, hence neither pictures nor plots.</p>"
+        ));
     } else {
         page.heading("Arm and signals");
         page.add(format_args!("<div class=\"desk\">"));
@@ -109,7 +137,10 @@ pub fn report(summary: &Summary, job: &Job, parts: &[PathBuf], damage: &[String]
         stage.script(&mut page);
     }
     page.add(format_args!("</body></html>"));
-    Ok(Report { text: page.text, lacks })
+    Ok(Report {
+        text: page.text,
+        lacks,
+    })
 }
 
 fn tables(page: &mut Html, summary: &Summary) {
@@ -120,18 +151,47 @@ fn tables(page: &mut Html, summary: &Summary) {
     page.table(
         &["task error", "largest", "orthogonal to ζ", "at the end"],
         &[
-            row("position, mm", [task.position_max_mm, task.orthogonal_max_mm, task.final_position_mm]),
-            row("orientation, °", [task.orientation_max_deg, task.orthogonal_max_deg, task.final_orientation_deg]),
+            row(
+                "position, mm",
+                [
+                    task.position_max_mm,
+                    task.orthogonal_max_mm,
+                    task.final_position_mm,
+                ],
+            ),
+            row(
+                "orientation, °",
+                [
+                    task.orientation_max_deg,
+                    task.orthogonal_max_deg,
+                    task.final_orientation_deg,
+                ],
+            ),
         ],
     );
     let joints = &summary.joints;
-    let percent = |ratio: f64, has_limit: bool| if has_limit { format!("{:.1} %", 100.0 * ratio) } else { "no limit".to_owned() };
+    let percent = |ratio: f64, has_limit: bool| {
+        if has_limit {
+            format!("{:.1} %", 100.0 * ratio)
+        } else {
+            "no limit".to_owned()
+        }
+    };
     page.table(
         &["joint load, of the robot's limit", "largest"],
         &[
-            vec!["torque".to_owned(), percent(joints.torque_max_ratio, joints.has_torque_limit)],
-            vec!["torque step in one tick".to_owned(), percent(joints.torque_step_max_ratio, joints.has_torque_limit)],
-            vec!["speed".to_owned(), percent(joints.speed_max_ratio, joints.has_speed_limit)],
+            vec![
+                "torque".to_owned(),
+                percent(joints.torque_max_ratio, joints.has_torque_limit),
+            ],
+            vec![
+                "torque step in one tick".to_owned(),
+                percent(joints.torque_step_max_ratio, joints.has_torque_limit),
+            ],
+            vec![
+                "speed".to_owned(),
+                percent(joints.speed_max_ratio, joints.has_speed_limit),
+            ],
         ],
     );
     let singularities: Vec<Vec<String>> = summary
@@ -148,28 +208,53 @@ fn tables(page: &mut Html, summary: &Summary) {
             ]
         })
         .collect();
-    page.table(&["singularity", "type", "min |s|", "inside, ticks", "entries", "ζ turned, °"], &singularities);
+    page.table(
+        &[
+            "singularity",
+            "type",
+            "min |s|",
+            "inside, ticks",
+            "entries",
+            "ζ turned, °",
+        ],
+        &singularities,
+    );
 }
 
 /// Least |s|/η and least error that a plot shows: what is smaller is as good as zero.
 const LEAST: f64 = 1e-4;
 
 /// `turns`: whether the task has an orientation.
-fn plots(page: &mut Html, job: &Job, recorded: &Recorded, singularities: &[Named], turns: bool, path: &Path) -> Result<(), PlotError> {
+fn plots(
+    page: &mut Html,
+    job: &Job,
+    recorded: &Recorded,
+    singularities: &[Named],
+    turns: bool,
+    path: &Path,
+) -> Result<(), PlotError> {
     let rate_hz = f64::from(job.scenario.rate_hz.max(1));
     let joint = |name: &str| format!("q{name}");
     let joints: Vec<Color> = JOINTS.map(ink).to_vec();
     let own: Vec<Color> = singularities.iter().map(|one| ink(one.colour)).collect();
     let analysis = &job.scenario.analysis;
 
-    let mut near = recorded.blank("|s|/η: how near to each singularity", Axis::default().logarithmic().within(1e-3..30.0));
+    let mut near = recorded.blank(
+        "|s|/η: how near to each singularity",
+        Axis::default().logarithmic().within(1e-3..30.0),
+    );
     near.floor("treated as singular", Color { 3: 0.13, ..RED }, 1.0);
     for (i, one) in singularities.iter().enumerate() {
         let shade = Color { 3: 0.13, ..own[i] };
-        recorded.stretches(&format!("mode/{}", one.name), "regular", rate_hz).into_iter().for_each(|stretch| near.band("", shade, stretch));
+        recorded
+            .stretches(&format!("mode/{}", one.name), "regular", rate_hz)
+            .into_iter()
+            .for_each(|stretch| near.band("", shade, stretch));
     }
     recorded.draw_scaled(&mut near, Signal::Measure, &own, |i, s| {
-        let eta = singularities.get(i).map_or(1.0, |one| analysis.eta_in.of(one.kind));
+        let eta = singularities
+            .get(i)
+            .map_or(1.0, |one| analysis.eta_in.of(one.kind));
         (s.abs() / eta.max(1e-12)).clamp(LEAST, 1e6)
     });
     page.broad_figure(
@@ -182,37 +267,98 @@ fn plots(page: &mut Html, job: &Job, recorded: &Recorded, singularities: &[Named
     let errors = [ink(ACROSS), ink(ALONG)];
     let error = |title: &str, signal, tolerance: f64, most: f64| {
         let mut panel = recorded.blank(title, Axis::default().logarithmic().within(LEAST..most));
-        recorded.draw_scaled(&mut panel, signal, &errors, |_, value| value.clamp(LEAST, most));
+        recorded.draw_scaled(&mut panel, signal, &errors, |_, value| {
+            value.clamp(LEAST, most)
+        });
         if tolerance < most {
-            panel.dashed("goal", RED, &[(0.0, tolerance), (recorded.end_s, tolerance)]);
+            panel.dashed(
+                "goal",
+                RED,
+                &[(0.0, tolerance), (recorded.end_s, tolerance)],
+            );
         }
         panel
     };
     let goal = &job.scenario.goal;
-    let position = error("position error, mm", Signal::PositionError, goal.position_mm, 100.0);
-    let orientation = error("orientation error, °", Signal::OrientationError, goal.orientation_deg, 100.0);
+    let position = error(
+        "position error, mm",
+        Signal::PositionError,
+        goal.position_mm,
+        100.0,
+    );
+    let orientation = error(
+        "orientation error, °",
+        Signal::OrientationError,
+        goal.orientation_deg,
+        100.0,
+    );
     page.figure(
         path,
         std::iter::once(position).chain(turns.then_some(orientation)),
         "Desired against true pose, orthogonal to and along the singular directions ζ that the arm is inside of.",
     )?;
 
-    let (torque, of) =
-        recorded.over_limit([Signal::TorqueTaskRatio, Signal::TorqueNullRatio], [Signal::TorqueTask, Signal::TorqueNull], "N·m");
-    let task = recorded.panel(&format!("hand torque, with gravity{of}"), torque[0], Axis::default(), &joints, joint);
-    let null = recorded.panel(&format!("null-space torque{of}"), torque[1], Axis::default(), &joints, joint);
-    let range =
-        recorded.panel("joints between their limits ±1", Signal::PositionInRange, Axis::default().within(-1.05..1.05), &joints, joint);
+    let (torque, of) = recorded.over_limit(
+        [Signal::TorqueTaskRatio, Signal::TorqueNullRatio],
+        [Signal::TorqueTask, Signal::TorqueNull],
+        "N·m",
+    );
+    let task = recorded.panel(
+        &format!("hand torque, with gravity{of}"),
+        torque[0],
+        Axis::default(),
+        &joints,
+        joint,
+    );
+    let null = recorded.panel(
+        &format!("null-space torque{of}"),
+        torque[1],
+        Axis::default(),
+        &joints,
+        joint,
+    );
+    let range = recorded.panel(
+        "joints between their limits ±1",
+        Signal::PositionInRange,
+        Axis::default().within(-1.05..1.05),
+        &joints,
+        joint,
+    );
     let ([speed], of) = recorded.over_limit([Signal::SpeedRatio], [Signal::Speed], "rad/s");
-    let speed = recorded.panel(&format!("joint speeds{of}"), speed, Axis::default(), &joints, joint);
-    page.figure(path, [task, null, range, speed], "The joints; colours are the same in all four.")?;
+    let speed = recorded.panel(
+        &format!("joint speeds{of}"),
+        speed,
+        Axis::default(),
+        &joints,
+        joint,
+    );
+    page.figure(
+        path,
+        [task, null, range, speed],
+        "The joints; colours are the same in all four.",
+    )?;
 
-    let mut scale = recorded.blank("β (1: hand, 0: null space) and governor", Axis::default().within(-0.05..1.05));
+    let mut scale = recorded.blank(
+        "β (1: hand, 0: null space) and governor",
+        Axis::default().within(-0.05..1.05),
+    );
     recorded.draw(&mut scale, Signal::Beta, &own, |name| format!("β {name}"));
-    for (i, line) in recorded.lines.get(Signal::Scale.name()).into_iter().flatten().enumerate() {
+    for (i, line) in recorded
+        .lines
+        .get(Signal::Scale.name())
+        .into_iter()
+        .flatten()
+        .enumerate()
+    {
         scale.dashed(&line.name, numbered(i + 4), &line.points);
     }
-    let latency = recorded.panel("latency per hop, µs", Signal::Latency, Axis::default().logarithmic(), &joints, str::to_owned);
+    let latency = recorded.panel(
+        "latency per hop, µs",
+        Signal::Latency,
+        Axis::default().logarithmic(),
+        &joints,
+        str::to_owned,
+    );
     page.figure(
         path,
         [scale, latency],
@@ -230,7 +376,10 @@ fn facts(page: &mut Html, summary: &Summary) {
         ("mode", format!("{}, seed {}", summary.mode, summary.seed)),
         (
             "length",
-            format!("{} ticks at {} Hz: {simulated_s:.3} s of the arm's time in {:.2} s", summary.ticks, summary.rate_hz, summary.wall_s),
+            format!(
+                "{} ticks at {} Hz: {simulated_s:.3} s of the arm's time in {:.2} s",
+                summary.ticks, summary.rate_hz, summary.wall_s
+            ),
         ),
         ("run", summary.run.clone()),
     ]);
@@ -238,34 +387,81 @@ fn facts(page: &mut Html, summary: &Summary) {
 
 fn happened(page: &mut Html, summary: &Summary, recorded: &Recorded) {
     page.heading("Modes and faults");
-    let modes: Vec<Vec<String>> =
-        summary.modes.iter().map(|change| vec![change.tick.to_string(), change.singularity.clone(), change.mode.clone()]).collect();
+    let modes: Vec<Vec<String>> = summary
+        .modes
+        .iter()
+        .map(|change| {
+            vec![
+                change.tick.to_string(),
+                change.singularity.clone(),
+                change.mode.clone(),
+            ]
+        })
+        .collect();
     page.some("No mode changed.", &["tick", "singularity", "mode"], &modes);
     let faults: Vec<Vec<String>> = summary
         .faults
         .iter()
-        .map(|fault| vec![fault.tick.to_string(), fault.process.clone(), fault.kind.clone(), fault.detail.clone()])
+        .map(|fault| {
+            vec![
+                fault.tick.to_string(),
+                fault.process.clone(),
+                fault.kind.clone(),
+                fault.detail.clone(),
+            ]
+        })
         .collect();
-    page.some("No fault, refusal or loss.", &["tick", "process", "fault", "what happened"], &faults);
+    page.some(
+        "No fault, refusal or loss.",
+        &["tick", "process", "fault", "what happened"],
+        &faults,
+    );
     if summary.deadlines.total > 0 {
-        page.add(format_args!("<p>{} deadlines missed of {}.</p>", summary.deadlines.missed, summary.deadlines.total));
-        let causes: Vec<Vec<String>> =
-            summary.deadlines.by_cause.iter().map(|(cause, count)| vec![cause.clone(), count.to_string()]).collect();
+        page.add(format_args!(
+            "<p>{} deadlines missed of {}.</p>",
+            summary.deadlines.missed, summary.deadlines.total
+        ));
+        let causes: Vec<Vec<String>> = summary
+            .deadlines
+            .by_cause
+            .iter()
+            .map(|(cause, count)| vec![cause.clone(), count.to_string()])
+            .collect();
         page.some("", &["cause", "missed"], &causes);
     }
     let latency: Vec<Vec<String>> = summary
         .latency_us
         .iter()
-        .map(|(hop, l)| vec![hop.clone(), l.count.to_string(), digits(l.p50), digits(l.p99), digits(l.p999), digits(l.max)])
+        .map(|(hop, l)| {
+            vec![
+                hop.clone(),
+                l.count.to_string(),
+                digits(l.p50),
+                digits(l.p99),
+                digits(l.p999),
+                digits(l.max),
+            ]
+        })
         .collect();
-    page.some("", &["latency, µs", "samples", "p50", "p99", "p99.9", "max"], &latency);
+    page.some(
+        "",
+        &["latency, µs", "samples", "p50", "p99", "p99.9", "max"],
+        &latency,
+    );
     if !recorded.log.is_empty() {
         page.heading("Log");
-        let lines: Vec<Vec<String>> =
-            recorded.log.iter().take(LOG_LINES).map(|(tick, level, text)| vec![tick.to_string(), level.clone(), text.clone()]).collect();
+        let lines: Vec<Vec<String>> = recorded
+            .log
+            .iter()
+            .take(LOG_LINES)
+            .map(|(tick, level, text)| vec![tick.to_string(), level.clone(), text.clone()])
+            .collect();
         page.table(&["tick", "level", "what"], &lines);
         if recorded.log.len() > LOG_LINES {
-            page.add(format_args!("<p class=\"soft\">{} more lines are in the recording.</p>", recorded.log.len() - LOG_LINES));
+            page.add(format_args!(
+                "<p class=\"soft\">{} more lines are in the recording.</p>",
+                recorded.log.len() - LOG_LINES
+            ));
         }
     }
 }
@@ -274,24 +470,54 @@ fn provenance(page: &mut Html, summary: &Summary) {
     page.heading("Provenance");
     facts(page, summary);
     let Machine { cpu, cores, kernel } = &summary.machine;
-    let recording = match (summary.recorder.file.as_str(), summary.recorder.error.as_str()) {
+    let recording = match (
+        summary.recorder.file.as_str(),
+        summary.recorder.error.as_str(),
+    ) {
         ("", "") => "none".to_owned(),
-        (file, "") => format!("{file}, {:.1} MB, {} part(s)", summary.recorder.bytes as f64 / 1e6, summary.recorder.parts.max(1)),
+        (file, "") => format!(
+            "{file}, {:.1} MB, {} part(s)",
+            summary.recorder.bytes as f64 / 1e6,
+            summary.recorder.parts.max(1)
+        ),
         (_, error) => error.to_owned(),
     };
     page.facts(&[
         ("armplane", summary.version.clone()),
-        ("machine", if cpu.is_empty() { "not recorded".to_owned() } else { format!("{cpu}, {cores} cores, {kernel}") }),
+        (
+            "machine",
+            if cpu.is_empty() {
+                "not recorded".to_owned()
+            } else {
+                format!("{cpu}, {cores} cores, {kernel}")
+            },
+        ),
         ("recording", recording),
-        ("messages", format!("{} received, {} lost", summary.recorder.messages, summary.recorder.lost)),
+        (
+            "messages",
+            format!(
+                "{} received, {} lost",
+                summary.recorder.messages, summary.recorder.lost
+            ),
+        ),
     ]);
     let processes: Vec<Vec<String>> = summary
         .processes
         .iter()
-        .map(|one| vec![one.name.clone(), one.pid.to_string(), one.restarts.to_string(), one.exit.clone()])
+        .map(|one| {
+            vec![
+                one.name.clone(),
+                one.pid.to_string(),
+                one.restarts.to_string(),
+                one.exit.clone(),
+            ]
+        })
         .collect();
     page.some("", &["process", "pid", "restarts", "exit"], &processes);
-    let topics: Vec<Vec<String>> =
-        summary.topics.iter().map(|(name, topic)| vec![name.clone(), topic.count.to_string(), topic.hash.clone()]).collect();
+    let topics: Vec<Vec<String>> = summary
+        .topics
+        .iter()
+        .map(|(name, topic)| vec![name.clone(), topic.count.to_string(), topic.hash.clone()])
+        .collect();
     page.some("", &["topic", "messages", "hash of the contents"], &topics);
 }

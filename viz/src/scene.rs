@@ -3,7 +3,9 @@
 use glam::{Mat3, Quat, Vec3};
 use nalgebra::{Matrix3, Vector3, Vector6};
 use shared_types::MAX_DOF;
-use shared_types::codes::{KIND_ELBOW, KIND_OVERHEAD, KIND_SHOULDER, KIND_WRIST, MODE_TRACK, TYPE_1};
+use shared_types::codes::{
+    KIND_ELBOW, KIND_OVERHEAD, KIND_SHOULDER, KIND_WRIST, MODE_TRACK, TYPE_1,
+};
 use shared_types::messages::SingularityState;
 
 use crate::arm::{Figure, Ring, vec3};
@@ -43,11 +45,18 @@ pub(crate) struct Mark {
 impl Mark {
     /// The mark of a singularity whose centre C is at `p_BC`.
     pub(crate) fn new(one: &SingularityState, p_BC: [f64; 3]) -> Self {
-        let zeta = if one.angular == 1 { &one.zeta_B[3..] } else { &one.zeta_B[..3] };
+        let zeta = if one.angular == 1 {
+            &one.zeta_B[3..]
+        } else {
+            &one.zeta_B[..3]
+        };
         let zeta = Vec3::new(zeta[0] as f32, zeta[1] as f32, zeta[2] as f32).normalize_or(Vec3::X);
         let R = one.R_BS.map(|x| x as f32);
         // x exactly along ζ; y as the report has it.
-        let y = Vec3::from_slice(&R[3..6]).reject_from_normalized(zeta).try_normalize().unwrap_or_else(|| zeta.any_orthonormal_vector());
+        let y = Vec3::from_slice(&R[3..6])
+            .reject_from_normalized(zeta)
+            .try_normalize()
+            .unwrap_or_else(|| zeta.any_orthonormal_vector());
         let (s, near) = (one.s.abs(), 2.0 * one.eta_out);
         let presence = match one.inside {
             1 => Presence::Inside,
@@ -56,8 +65,14 @@ impl Mark {
         };
         let size = |s: f64| 0.25 + 0.75 * ((near - s) / near.max(1e-9)).clamp(0.0, 1.0) as f32;
         Self {
-            look: Look { presence, angular: one.angular == 1 },
-            X_BS: Placement { R: Mat3::from_cols(zeta, y, zeta.cross(y)), p: vec3(&Vector3::from(p_BC)) },
+            look: Look {
+                presence,
+                angular: one.angular == 1,
+            },
+            X_BS: Placement {
+                R: Mat3::from_cols(zeta, y, zeta.cross(y)),
+                p: vec3(&Vector3::from(p_BC)),
+            },
             size: size(s),
             edge: size(one.eta_in),
         }
@@ -87,14 +102,26 @@ pub(crate) fn glyph(angular: bool, colour: Rgba) -> Mesh {
         let radius = 0.72;
         let point = |turn: f32| {
             let (sin, cos) = (std::f32::consts::TAU * turn).sin_cos();
-            (Vec3::new(0.0, radius * cos, radius * sin), Vec3::new(0.0, -sin, cos))
+            (
+                Vec3::new(0.0, radius * cos, radius * sin),
+                Vec3::new(0.0, -sin, cos),
+            )
         };
         let (from, to) = (0.03, 0.78);
-        let arc: Vec<Vec3> = (0..=32).map(|k| point(from + (to - from) * k as f32 / 32.0).0).collect();
+        let arc: Vec<Vec3> = (0..=32)
+            .map(|k| point(from + (to - from) * k as f32 / 32.0).0)
+            .collect();
         mesh.add_tube(&arc, 0.035, colour);
         for (turn, sense) in [(from, -1.0), (to, 1.0)] {
             let (p, tangent) = point(turn);
-            mesh.add_cone(Placement::along(p, tangent * sense, Vec3::X), 0.11, 0.0, -0.02, 0.26, colour);
+            mesh.add_cone(
+                Placement::along(p, tangent * sense, Vec3::X),
+                0.11,
+                0.0,
+                -0.02,
+                0.26,
+                colour,
+            );
         }
     }
     mesh
@@ -103,7 +130,10 @@ pub(crate) fn glyph(angular: bool, colour: Rgba) -> Mesh {
 /// A dashed line: every other piece of `dashes`, which begin with `phase` 0 or 1.
 pub(crate) fn dashed(from: Vec3, to: Vec3, dashes: usize, phase: usize) -> Vec<[[f32; 3]; 2]> {
     let at = |k: usize| from.lerp(to, k as f32 / dashes.max(1) as f32).to_array();
-    (phase..dashes).step_by(2).map(|k| [at(k), at(k + 1)]).collect()
+    (phase..dashes)
+        .step_by(2)
+        .map(|k| [at(k), at(k + 1)])
+        .collect()
 }
 
 /// Lines on a link: the link, their ends in its frame, and whether they are the second of two axes that become one.
@@ -115,7 +145,11 @@ pub(crate) fn reasons(kind: u32, figure: &Figure, dependent: &[usize]) -> Vec<Re
     let half = 0.42 * figure.reach;
     let axis = |link: usize, phase: usize| {
         let axis = figure.rings.get(link).copied().flatten()?.axis;
-        Some((link, dashed(-half * axis, half * axis, 21, phase), phase == 1))
+        Some((
+            link,
+            dashed(-half * axis, half * axis, 21, phase),
+            phase == 1,
+        ))
     };
     let bone = |link: usize, from: Vec3, to: Vec3| {
         // Beyond its end it goes on dashed: whether the next one lies on it is seen.
@@ -125,17 +159,42 @@ pub(crate) fn reasons(kind: u32, figure: &Figure, dependent: &[usize]) -> Vec<Re
     };
     let origin = |joint: usize| figure.joints.get(joint).map(|X_PJ| X_PJ.p);
     // The parent's origin, in the link's frame, where it lies on the joint's axis.
-    let back = |joint: usize| figure.joints.get(joint).map(|X_PJ| X_PJ.R.transpose() * -X_PJ.p);
+    let back = |joint: usize| {
+        figure
+            .joints
+            .get(joint)
+            .map(|X_PJ| X_PJ.R.transpose() * -X_PJ.p)
+    };
     match kind {
-        KIND_WRIST if n >= 6 => [axis(n - 3, 0), axis(n - 1, 1)].into_iter().flatten().collect(),
+        KIND_WRIST if n >= 6 => [axis(n - 3, 0), axis(n - 1, 1)]
+            .into_iter()
+            .flatten()
+            .collect(),
         KIND_SHOULDER if n >= 3 => [axis(0, 0), axis(2, 1)].into_iter().flatten().collect(),
         KIND_OVERHEAD => {
-            let axis = figure.rings.first().copied().flatten().map_or(Vec3::Z, |ring| ring.axis);
-            vec![(0, dashed(-0.3 * figure.reach * axis, 1.15 * figure.reach * axis, 31, 0), false)]
+            let axis = figure
+                .rings
+                .first()
+                .copied()
+                .flatten()
+                .map_or(Vec3::Z, |ring| ring.axis);
+            vec![(
+                0,
+                dashed(
+                    -0.3 * figure.reach * axis,
+                    1.15 * figure.reach * axis,
+                    31,
+                    0,
+                ),
+                false,
+            )]
         }
         KIND_ELBOW if n == 7 => match (back(2), origin(3), back(4), origin(5)) {
             (Some(shoulder), Some(elbow), Some(from), Some(wrist)) => {
-                vec![bone(2, shoulder, elbow), (4, vec![[from.to_array(), wrist.to_array()]], false)]
+                vec![
+                    bone(2, shoulder, elbow),
+                    (4, vec![[from.to_array(), wrist.to_array()]], false),
+                ]
             }
             _ => Vec::new(),
         },
@@ -143,20 +202,32 @@ pub(crate) fn reasons(kind: u32, figure: &Figure, dependent: &[usize]) -> Vec<Re
             let upper = if n >= 6 { 1 } else { 0 };
             match (origin(upper + 1), origin(upper + 2).or(figure.tip)) {
                 (Some(elbow), Some(wrist)) => {
-                    vec![bone(upper, Vec3::ZERO, elbow), (upper + 1, vec![[[0.0; 3], wrist.to_array()]], false)]
+                    vec![
+                        bone(upper, Vec3::ZERO, elbow),
+                        (upper + 1, vec![[[0.0; 3], wrist.to_array()]], false),
+                    ]
                 }
                 _ => Vec::new(),
             }
         }
-        _ => dependent.iter().enumerate().filter_map(|(k, link)| axis(*link, k % 2)).collect(),
+        _ => dependent
+            .iter()
+            .enumerate()
+            .filter_map(|(k, link)| axis(*link, k % 2))
+            .collect(),
     }
 }
 
 /// The joints whose motions together do not move the hand: those with a share in the null vector of J, of which `columns` are the joints'.
-pub(crate) fn dependent_joints(J: &nalgebra::SMatrix<f64, 6, MAX_DOF>, columns: usize, length_m: f64) -> Vec<usize> {
+pub(crate) fn dependent_joints(
+    J: &nalgebra::SMatrix<f64, 6, MAX_DOF>,
+    columns: usize,
+    length_m: f64,
+) -> Vec<usize> {
     // Columns that are no joint's keep out of the way.
     let gram = nalgebra::SMatrix::<f64, MAX_DOF, MAX_DOF>::from_fn(|i, k| {
-        let product = |rows: std::ops::Range<usize>| rows.map(|row| J[(row, i)] * J[(row, k)]).sum::<f64>();
+        let product =
+            |rows: std::ops::Range<usize>| rows.map(|row| J[(row, i)] * J[(row, k)]).sum::<f64>();
         let absent = if i == k && i >= columns { 1e6 } else { 0.0 };
         product(0..3) / (length_m * length_m) + product(3..6) + absent
     });
@@ -164,14 +235,24 @@ pub(crate) fn dependent_joints(J: &nalgebra::SMatrix<f64, 6, MAX_DOF>, columns: 
     let least = eigen.eigenvalues.imin();
     let vector = eigen.eigenvectors.column(least);
     let most = vector.amax();
-    (0..columns).filter(|joint| vector[*joint].abs() > 0.3 * most).collect()
+    (0..columns)
+        .filter(|joint| vector[*joint].abs() > 0.3 * most)
+        .collect()
 }
 
 /// A filled sector about `centre`, through successive directions.
 pub(crate) fn sector(centre: Vec3, directions: &[Vec3], radius: f32) -> Mesh {
-    let mut mesh = Mesh { positions: vec![centre.to_array()], ..Mesh::default() };
-    mesh.positions.extend(directions.iter().map(|direction| (centre + *direction * radius).to_array()));
-    mesh.triangles.extend((1..directions.len() as u32).map(|k| [0, k, k + 1]));
+    let mut mesh = Mesh {
+        positions: vec![centre.to_array()],
+        ..Mesh::default()
+    };
+    mesh.positions.extend(
+        directions
+            .iter()
+            .map(|direction| (centre + *direction * radius).to_array()),
+    );
+    mesh.triangles
+        .extend((1..directions.len() as u32).map(|k| [0, k, k + 1]));
     mesh
 }
 
@@ -186,7 +267,10 @@ pub(crate) fn label_sides(marks: &[Mark]) -> Vec<f32> {
         }
         let room = |side: f32| {
             let at = mark.X_BS.p + side * mark.zeta();
-            let nearest = taken.iter().map(|other| other.distance(at)).fold(4.0f32, f32::min);
+            let nearest = taken
+                .iter()
+                .map(|other| other.distance(at))
+                .fold(4.0f32, f32::min);
             nearest + 0.1 * (side * mark.zeta()).z
         };
         let side = if room(1.0) >= room(-1.0) { 1.0 } else { -1.0 };
@@ -236,7 +320,13 @@ const TURN_STEP: f64 = 0.06;
 impl NullMotion {
     pub(crate) fn new(length_m: f64) -> Self {
         let still = [0.0; MAX_DOF];
-        Self { length_m, postures: Vec::with_capacity(GHOSTS), start: None, turned: still, asked: still }
+        Self {
+            length_m,
+            postures: Vec::with_capacity(GHOSTS),
+            start: None,
+            turned: still,
+            asked: still,
+        }
     }
 
     /// Takes a tick in; returns whether the postures changed.
@@ -244,12 +334,23 @@ impl NullMotion {
     /// Motion counts as null-space motion where |V_E|, with lengths over L, is below a twentieth of |q̇|, and where the null space is what
     /// tracks the path along a Type 1 singularity's ζ.
     pub(crate) fn update(&mut self, row: &TickRow) -> bool {
-        let Some(state) = row.plant_state else { return false };
-        let speed = state.qdot.iter().map(|rate| rate * rate).sum::<f64>().sqrt();
+        let Some(state) = row.plant_state else {
+            return false;
+        };
+        let speed = state
+            .qdot
+            .iter()
+            .map(|rate| rate * rate)
+            .sum::<f64>()
+            .sqrt();
         let V = Vector6::from(state.V_BE);
-        let hand_speed =
-            (V.fixed_rows::<3>(0).norm_squared() / (self.length_m * self.length_m) + V.fixed_rows::<3>(3).norm_squared()).sqrt();
-        let (p, R) = (Vector3::from(state.p_BE), Matrix3::from_column_slice(&state.R_BE));
+        let hand_speed = (V.fixed_rows::<3>(0).norm_squared() / (self.length_m * self.length_m)
+            + V.fixed_rows::<3>(3).norm_squared())
+        .sqrt();
+        let (p, R) = (
+            Vector3::from(state.p_BE),
+            Matrix3::from_column_slice(&state.R_BE),
+        );
         if let Some((p_0, R_0, _)) = self.start {
             let turned = model::rotation_log(&(R * R_0.transpose())).norm();
             if (p - p_0).norm() / self.length_m + turned > 0.15 {
@@ -260,7 +361,9 @@ impl NullMotion {
             }
         }
         let tracks = row.control_state.is_some_and(|command| {
-            let of = |(one, mode): (&SingularityState, &u32)| one.inside == 1 && one.class == TYPE_1 && *mode == MODE_TRACK;
+            let of = |(one, mode): (&SingularityState, &u32)| {
+                one.inside == 1 && one.class == TYPE_1 && *mode == MODE_TRACK
+            };
             row.singularities().iter().zip(&command.mode).any(of)
         });
         if speed < 0.03 || (hand_speed > 0.05 * speed && !tracks) {
@@ -268,7 +371,14 @@ impl NullMotion {
         }
         let (_, _, q_0) = self.start.get_or_insert((p, R, state.q));
         self.turned = std::array::from_fn(|i| state.q[i] - q_0[i]);
-        let far = |from: &[f64; MAX_DOF]| from.iter().zip(&state.q).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt() > GHOST_STEP;
+        let far = |from: &[f64; MAX_DOF]| {
+            from.iter()
+                .zip(&state.q)
+                .map(|(a, b)| (a - b) * (a - b))
+                .sum::<f64>()
+                .sqrt()
+                > GHOST_STEP
+        };
         if self.postures.last().is_none_or(far) {
             if self.postures.len() == GHOSTS {
                 self.postures.remove(0);
@@ -281,7 +391,11 @@ impl NullMotion {
 
     /// How far each joint has moved in the present null-space motion, where that has changed enough to be drawn; rad.
     pub(crate) fn turned(&mut self, anyhow: bool) -> Option<[f64; MAX_DOF]> {
-        let changed = self.turned.iter().zip(&self.asked).any(|(now, before)| (now - before).abs() > TURN_STEP);
+        let changed = self
+            .turned
+            .iter()
+            .zip(&self.asked)
+            .any(|(now, before)| (now - before).abs() > TURN_STEP);
         let ended = self.start.is_none() && self.asked != [0.0; MAX_DOF];
         (changed || ended || anyhow).then(|| {
             self.asked = self.turned;
@@ -294,13 +408,20 @@ impl NullMotion {
 pub(crate) fn turning(ring: &Ring, X_BL: &Placement, angle: f32) -> Vec<[f32; 3]> {
     let angle = angle.clamp(-6.0, 6.0);
     let turn = |angle: f32| Quat::from_axis_angle(ring.axis, angle);
-    let out = if (X_BL.R * (turn(-angle) * ring.out)).z < 0.0 { -ring.out } else { ring.out };
-    let point = |angle: f32, radius: f32| X_BL.R * (ring.centre + turn(angle) * out * radius) + X_BL.p;
+    let out = if (X_BL.R * (turn(-angle) * ring.out)).z < 0.0 {
+        -ring.out
+    } else {
+        ring.out
+    };
+    let point =
+        |angle: f32, radius: f32| X_BL.R * (ring.centre + turn(angle) * out * radius) + X_BL.p;
     let steps = (angle.abs() / 0.15).ceil().max(1.0);
     let barb = (0.3f32).min(0.6 * angle.abs()).copysign(angle);
     let (tip, r) = (point(0.0, ring.radius), ring.radius);
     let arc = (0..=steps as usize).map(|k| point(-angle * (1.0 - k as f32 / steps), r));
-    arc.chain([point(-barb, 0.84 * r), tip, point(-barb, 1.16 * r)]).map(|p| p.to_array()).collect()
+    arc.chain([point(-barb, 0.84 * r), tip, point(-barb, 1.16 * r)])
+        .map(|p| p.to_array())
+        .collect()
 }
 
 /// A ghost link is drawn only where it does not lie in the real one: further than this, m or rad.
@@ -336,17 +457,29 @@ mod tests {
 
     #[test]
     fn marks_grow_towards_the_singularity() {
-        let sizes: Vec<f32> = [0.5, 0.3, 0.1, 0.0].iter().map(|s| Mark::new(&wrist(*s, 0), [0.0; 3]).size).collect();
+        let sizes: Vec<f32> = [0.5, 0.3, 0.1, 0.0]
+            .iter()
+            .map(|s| Mark::new(&wrist(*s, 0), [0.0; 3]).size)
+            .collect();
         assert!(sizes.windows(2).all(|pair| pair[0] < pair[1]), "{sizes:?}");
         assert_eq!(sizes[3], 1.0);
         let presence = |s, inside| Mark::new(&wrist(s, inside), [0.0; 3]).look.presence;
-        assert_eq!([presence(0.5, 0), presence(-0.3, 0), presence(0.15, 1)], [Presence::Hidden, Presence::Near, Presence::Inside]);
+        assert_eq!(
+            [presence(0.5, 0), presence(-0.3, 0), presence(0.15, 1)],
+            [Presence::Hidden, Presence::Near, Presence::Inside]
+        );
     }
 
     #[test]
     fn the_mark_frame_is_a_rotation_with_x_along_zeta() {
         for R_BS in [wrist(0.0, 1).R_BS, [0.0; 9]] {
-            let mark = Mark::new(&SingularityState { R_BS, ..wrist(0.0, 1) }, [0.1, 0.2, 0.3]);
+            let mark = Mark::new(
+                &SingularityState {
+                    R_BS,
+                    ..wrist(0.0, 1)
+                },
+                [0.1, 0.2, 0.3],
+            );
             assert!((mark.zeta() - Vec3::new(0.0, 0.6, 0.8)).length() < 1e-6);
             assert!((mark.X_BS.R.determinant() - 1.0).abs() < 1e-5);
         }
@@ -354,7 +487,8 @@ mod tests {
 
     #[test]
     fn labels_of_marks_on_one_axis_go_to_both_sides() {
-        let marks = [wrist(0.0, 1), wrist(0.0, 1), wrist(0.5, 0)].map(|one| Mark::new(&one, [0.0; 3]));
+        let marks =
+            [wrist(0.0, 1), wrist(0.0, 1), wrist(0.5, 0)].map(|one| Mark::new(&one, [0.0; 3]));
         let sides = label_sides(&marks);
         assert_eq!(sides[0], 1.0, "the first upwards");
         assert_eq!(sides[1], -1.0, "the second where the first is not");
@@ -364,20 +498,39 @@ mod tests {
     fn the_wrist_lock_shows_axes_4_and_6_that_become_one() {
         let robot = model::Robot::builtin("puma560").expect("built in");
         let lines = reasons(KIND_WRIST, &Figure::new(&robot, -0.6), &[]);
-        assert_eq!(lines.iter().map(|(link, _, second)| (*link, *second)).collect::<Vec<_>>(), [(3, false), (5, true)]);
+        assert_eq!(
+            lines
+                .iter()
+                .map(|(link, _, second)| (*link, *second))
+                .collect::<Vec<_>>(),
+            [(3, false), (5, true)]
+        );
         let arm = model::Model::<MAX_DOF>::new(&robot, None).expect("fits");
         let mut q = nalgebra::SVector::<f64, MAX_DOF>::zeros();
         (q[1], q[2]) = (-1.0, 2.9);
-        assert_eq!(dependent_joints(&arm.jacobian(&q), 6, 0.43), [3, 5], "the numeric counterpart finds the same axes");
+        assert_eq!(
+            dependent_joints(&arm.jacobian(&q), 6, 0.43),
+            [3, 5],
+            "the numeric counterpart finds the same axes"
+        );
     }
 
     #[test]
     fn ghosts_follow_null_motion_and_leave_with_the_hand() {
         let mut motion = NullMotion::new(0.43);
         let identity = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
-        let mut state = PlantState { R_BE: identity, ..PlantState::default() };
+        let mut state = PlantState {
+            R_BE: identity,
+            ..PlantState::default()
+        };
         let update = |motion: &mut NullMotion, state: &PlantState| {
-            motion.update(&TickRow::new(0, ByTopic { plant_state: Some(state), ..ByTopic::default() }))
+            motion.update(&TickRow::new(
+                0,
+                ByTopic {
+                    plant_state: Some(state),
+                    ..ByTopic::default()
+                },
+            ))
         };
         // Rest, then joints 4 and 6 against each other with the hand still.
         assert!(!update(&mut motion, &state));
@@ -386,9 +539,16 @@ mod tests {
             (state.q[3], state.q[5]) = (0.01 * f64::from(k), -0.01 * f64::from(k));
             update(&mut motion, &state);
         }
-        assert_eq!(motion.postures.len(), 5, "1.4 rad of motion at 0.3 rad a ghost");
+        assert_eq!(
+            motion.postures.len(),
+            5,
+            "1.4 rad of motion at 0.3 rad a ghost"
+        );
         let turned = motion.turned(false).expect("they have turned");
-        assert!((turned[3] - 0.99).abs() < 1e-9 && (turned[5] + 0.99).abs() < 1e-9 && turned[0] == 0.0, "{turned:?}");
+        assert!(
+            (turned[3] - 0.99).abs() < 1e-9 && (turned[5] + 0.99).abs() < 1e-9 && turned[0] == 0.0,
+            "{turned:?}"
+        );
         assert_eq!(motion.turned(false), None, "nothing new to draw");
         // The same speeds with the hand moving are no null-space motion.
         state.V_BE[0] = 0.2;
@@ -397,37 +557,76 @@ mod tests {
         // The hand has left: the ghosts go.
         state.p_BE[0] = 0.1;
         assert!(update(&mut motion, &state) && motion.postures.is_empty());
-        assert_eq!(motion.turned(false), Some([0.0; MAX_DOF]), "the arcs go too");
+        assert_eq!(
+            motion.turned(false),
+            Some([0.0; MAX_DOF]),
+            "the arcs go too"
+        );
         assert_eq!(motion.turned(false), None);
     }
 
     #[test]
     fn the_null_space_takes_the_hand_out_of_a_type_1_lock() {
         let mut motion = NullMotion::new(0.43);
-        let mut report = SingularityReport { count: 1, ..SingularityReport::default() };
-        report.singularities[0] = SingularityState { class: TYPE_1, inside: 1, ..SingularityState::default() };
-        let mut state = PlantState { R_BE: [1., 0., 0., 0., 1., 0., 0., 0., 1.], ..PlantState::default() };
+        let mut report = SingularityReport {
+            count: 1,
+            ..SingularityReport::default()
+        };
+        report.singularities[0] = SingularityState {
+            class: TYPE_1,
+            inside: 1,
+            ..SingularityState::default()
+        };
+        let mut state = PlantState {
+            R_BE: [1., 0., 0., 0., 1., 0., 0., 0., 1.],
+            ..PlantState::default()
+        };
         (state.qdot[2], state.V_BE[0]) = (1.0, 0.1);
         let mut command = ControlState::default();
         let mut update = |command: &ControlState| {
             motion.update(&TickRow::new(
                 0,
-                ByTopic { plant_state: Some(&state), singularity: Some(&report), control_state: Some(command), ..ByTopic::default() },
+                ByTopic {
+                    plant_state: Some(&state),
+                    singularity: Some(&report),
+                    control_state: Some(command),
+                    ..ByTopic::default()
+                },
             ))
         };
-        assert!(!update(&command), "the hand moves, and not by the null space");
+        assert!(
+            !update(&command),
+            "the hand moves, and not by the null space"
+        );
         command.mode[0] = MODE_TRACK;
         assert!(update(&command));
     }
 
     #[test]
     fn an_arc_begins_where_the_joint_was_and_ends_where_it_is() {
-        let ring = Ring { axis: Vec3::Z, centre: Vec3::new(0.0, 0.0, 0.2), out: Vec3::Y, radius: 0.1 };
-        let X_BL = Placement { R: Mat3::from_rotation_z(0.8), p: Vec3::X };
+        let ring = Ring {
+            axis: Vec3::Z,
+            centre: Vec3::new(0.0, 0.0, 0.2),
+            out: Vec3::Y,
+            radius: 0.1,
+        };
+        let X_BL = Placement {
+            R: Mat3::from_rotation_z(0.8),
+            p: Vec3::X,
+        };
         let arc = turning(&ring, &X_BL, 0.8);
-        let (first, tip) = (Vec3::from_array(arc[0]), Vec3::from_array(arc[arc.len() - 2]));
+        let (first, tip) = (
+            Vec3::from_array(arc[0]),
+            Vec3::from_array(arc[arc.len() - 2]),
+        );
         let out = Vec3::Y * 0.1;
-        assert!((first - (Vec3::new(1.0, 0.0, 0.2) + out)).length() < 1e-6, "{first}");
-        assert!((tip - (Vec3::new(1.0, 0.0, 0.2) + X_BL.R * out)).length() < 1e-6, "{tip}");
+        assert!(
+            (first - (Vec3::new(1.0, 0.0, 0.2) + out)).length() < 1e-6,
+            "{first}"
+        );
+        assert!(
+            (tip - (Vec3::new(1.0, 0.0, 0.2) + X_BL.R * out)).length() < 1e-6,
+            "{tip}"
+        );
     }
 }

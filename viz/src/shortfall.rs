@@ -34,7 +34,10 @@ impl Reading {
     /// part of a run, or of another run than the summary beside it: it is judged by itself only.
     #[must_use]
     pub fn shortfall(self, parts: &[PathBuf], summary: Option<&Summary>) -> Option<Shortfall> {
-        let is_own = parts.first().is_none_or(|part| part.parent().is_some_and(|folder| parts_in(folder) == parts));
+        let is_own = parts.first().is_none_or(|part| {
+            part.parent()
+                .is_some_and(|folder| parts_in(folder) == parts)
+        });
         let run = summary.filter(|summary| is_own && !summary.recorder.file.is_empty());
         let mut causes = self.damages;
         // Any other defect tells more.
@@ -43,24 +46,37 @@ impl Reading {
         {
             causes.extend(altered(parts, &run.recorder.checksums));
         }
-        for part in parts.iter().filter(|part| !is_complete(part).unwrap_or(false)) {
+        for part in parts
+            .iter()
+            .filter(|part| !is_complete(part).unwrap_or(false))
+        {
             causes.push(format!("{} has no end", part.display()));
         }
         if let Some(run) = run {
             let bytes = bytes_in(parts);
             let is_short = self.rows < run.recorder.rows;
             if bytes < run.recorder.bytes {
-                causes.push(format!("there are {bytes} of the {} bytes that the recorder wrote", run.recorder.bytes));
+                causes.push(format!(
+                    "there are {bytes} of the {} bytes that the recorder wrote",
+                    run.recorder.bytes
+                ));
             }
             if !run.recorder.error.is_empty() {
                 causes.push(run.recorder.error.clone());
             } else if is_short && run.recorder.lost > 0 {
-                causes.push(format!("the recorder lost {} messages while the run lasted", run.recorder.lost));
+                causes.push(format!(
+                    "the recorder lost {} messages while the run lasted",
+                    run.recorder.lost
+                ));
             } else if is_short && run.completed && run.mode == "lockstep" && causes.is_empty() {
                 causes.push("a part of its bytes is passed over".to_owned());
             }
         }
-        (!causes.is_empty()).then(|| Shortfall { rows: self.rows, of: run.map(|run| run.recorder.rows).filter(|rows| *rows > 0), causes })
+        (!causes.is_empty()).then(|| Shortfall {
+            rows: self.rows,
+            of: run.map(|run| run.recorder.rows).filter(|rows| *rows > 0),
+            causes,
+        })
     }
 }
 
@@ -71,12 +87,22 @@ pub fn altered(parts: &[PathBuf], of_run: &[String]) -> Option<String> {
         return None;
     }
     if let Some(part) = parts.get(of_run.len()) {
-        return Some(format!("{} is no file of this run, whose summary.json has {} of them", part.display(), of_run.len()));
+        return Some(format!(
+            "{} is no file of this run, whose summary.json has {} of them",
+            part.display(),
+            of_run.len()
+        ));
     }
     match checksums(parts) {
         Ok(found) => {
-            let (part, _) = parts.iter().zip(found.iter().zip(of_run)).find(|(_, (found, written))| found != written)?;
-            Some(format!("{} is not as it was written, or of another run: its checksum is not the one in summary.json", part.display()))
+            let (part, _) = parts
+                .iter()
+                .zip(found.iter().zip(of_run))
+                .find(|(_, (found, written))| found != written)?;
+            Some(format!(
+                "{} is not as it was written, or of another run: its checksum is not the one in summary.json",
+                part.display()
+            ))
         }
         Err(error) => Some(format!("its files cannot be read: {error}")),
     }
@@ -94,7 +120,11 @@ impl fmt::Display for Shortfall {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { rows, of, causes } = self;
         let of = of.map_or(String::new(), |of| format!(" of {of}"));
-        write!(f, "{rows}{of} rows of the recording can be read: {}", causes.join("; "))
+        write!(
+            f,
+            "{rows}{of} rows of the recording can be read: {}",
+            causes.join("; ")
+        )
     }
 }
 
@@ -126,7 +156,13 @@ pub fn has_rows(parts: &[PathBuf]) -> Result<bool, ReadError> {
             Self::Unreadable(error)
         }
     }
-    match read(parts, |piece| if matches!(piece, Piece::Rows(_)) { Err(Stop::Found) } else { Ok(()) }) {
+    match read(parts, |piece| {
+        if matches!(piece, Piece::Rows(_)) {
+            Err(Stop::Found)
+        } else {
+            Ok(())
+        }
+    }) {
         Ok(()) => Ok(false),
         Err(Stop::Found) => Ok(true),
         Err(Stop::Unreadable(error)) => Err(error),

@@ -42,17 +42,23 @@ impl<'a> std::ops::Deref for TickRow<'a> {
 impl TickRow<'_> {
     /// Joint positions, rad: the simulator's, else the estimator's.
     pub(crate) fn q(&self) -> Option<&[f64]> {
-        self.plant_state.map(|state| &state.q[..]).or_else(|| self.estimate.map(|estimate| &estimate.q[..]))
+        self.plant_state
+            .map(|state| &state.q[..])
+            .or_else(|| self.estimate.map(|estimate| &estimate.q[..]))
     }
 
     /// Joint velocities, rad/s: the simulator's, else the estimator's.
     pub(crate) fn qdot(&self) -> Option<&[f64]> {
-        self.plant_state.map(|state| &state.qdot[..]).or_else(|| self.estimate.map(|estimate| &estimate.qdot[..]))
+        self.plant_state
+            .map(|state| &state.qdot[..])
+            .or_else(|| self.estimate.map(|estimate| &estimate.qdot[..]))
     }
 
     /// The singularities reported.
     pub(crate) fn singularities(&self) -> &[SingularityState] {
-        self.singularity.map_or(&[], |report| &report.singularities[..(report.count as usize).min(report.singularities.len())])
+        self.singularity.map_or(&[], |report| {
+            &report.singularities[..(report.count as usize).min(report.singularities.len())]
+        })
     }
 
     /// Stamps of as many hops as the data has passed.
@@ -100,7 +106,11 @@ pub(crate) fn share(value: f64) -> f32 {
 
 /// The value of a recorded logarithm.
 pub(crate) fn from_logarithm(recorded: f32) -> f64 {
-    if recorded <= LEAST.log10() as f32 { 0.0 } else { 10f64.powf(f64::from(recorded)) }
+    if recorded <= LEAST.log10() as f32 {
+        0.0
+    } else {
+        10f64.powf(f64::from(recorded))
+    }
 }
 
 macro_rules! signals {
@@ -199,7 +209,9 @@ impl Signal {
             | Self::TorqueNull
             | Self::TorqueTaskRatio
             | Self::TorqueNullRatio => (1..=joints).map(|i| i.to_string()).collect(),
-            Self::Measure | Self::Auxiliary | Self::AuxiliaryReference | Self::Beta => singularities.to_vec(),
+            Self::Measure | Self::Auxiliary | Self::AuxiliaryReference | Self::Beta => {
+                singularities.to_vec()
+            }
             Self::SingularValues => (1..=joints.min(6)).map(|i| i.to_string()).collect(),
             Self::PositionError | Self::OrientationError => named(&["orthogonal", "along"]),
             Self::Scale => named(&["time", "task", "null"]),
@@ -230,7 +242,10 @@ pub type ChainHops = [usize; CHAIN.len()];
 #[must_use]
 pub fn chain_hops(graph: &Graph) -> Option<ChainHops> {
     let hops = graph.hops();
-    let place = |topic| hops.iter().position(|hop| hop.writes.iter().any(|one| one == topic));
+    let place = |topic| {
+        hops.iter()
+            .position(|hop| hop.writes.iter().any(|one| one == topic))
+    };
     let [sensor, estimate, singularity, torque] = CHAIN.map(place);
     Some([sensor?, estimate?, singularity?, torque?])
 }
@@ -247,10 +262,18 @@ impl Lives {
     /// Those of a graph. A process that writes several of the topics has one lane.
     #[must_use]
     pub fn of(graph: &Graph) -> Self {
-        let recorder = graph.process.iter().find(|process| process.program() == Some(Program::Recorder));
-        let processes = CHAIN.iter().map(|topic| graph.writer(topic)).chain([recorder]);
+        let recorder = graph
+            .process
+            .iter()
+            .find(|process| process.program() == Some(Program::Recorder));
+        let processes = CHAIN
+            .iter()
+            .map(|topic| graph.writer(topic))
+            .chain([recorder]);
         let mut names: [String; LIVES] = Default::default();
-        names.iter_mut().zip(processes).for_each(|(name, process)| *name = process.map_or(String::new(), |process| process.name.clone()));
+        names.iter_mut().zip(processes).for_each(|(name, process)| {
+            *name = process.map_or(String::new(), |process| process.name.clone())
+        });
         for i in 1..LIVES {
             if names[..i].contains(&names[i]) {
                 names[i].clear();
@@ -261,7 +284,11 @@ impl Lives {
 
     /// Place and name of each.
     pub(crate) fn named(&self) -> impl Iterator<Item = (usize, &str)> {
-        self.0.iter().map(String::as_str).enumerate().filter(|(_, name)| !name.is_empty())
+        self.0
+            .iter()
+            .map(String::as_str)
+            .enumerate()
+            .filter(|(_, name)| !name.is_empty())
     }
 }
 
@@ -284,9 +311,17 @@ pub(crate) struct Limits {
 impl Limits {
     pub(crate) fn new(robot: &Robot) -> Self {
         let range = |lower: f64, upper: f64| {
-            if (upper - lower).is_finite() { (0.5 * (lower + upper), 0.5 * (upper - lower)) } else { (0.0, std::f64::consts::PI) }
+            if (upper - lower).is_finite() {
+                (0.5 * (lower + upper), 0.5 * (upper - lower))
+            } else {
+                (0.0, std::f64::consts::PI)
+            }
         };
-        let (centre, half_range) = robot.joints.iter().map(|joint| range(joint.lower, joint.upper)).unzip();
+        let (centre, half_range) = robot
+            .joints
+            .iter()
+            .map(|joint| range(joint.lower, joint.upper))
+            .unzip();
         Self {
             centre,
             half_range,
@@ -309,7 +344,9 @@ impl Limits {
             _ => return None,
         };
         let at = |values: &[f64], i: usize| values.get(i).copied().unwrap_or(f64::NAN);
-        Some((of, move |i: usize, value: f64| (value - centre.map_or(0.0, |centre| at(centre, i))) / at(scale, i)))
+        Some((of, move |i: usize, value: f64| {
+            (value - centre.map_or(0.0, |centre| at(centre, i))) / at(scale, i)
+        }))
     }
 }
 
@@ -338,7 +375,15 @@ pub(crate) const SHARES: f64 = 2048.0;
 const NEAREST: f64 = -3.0;
 
 impl Drawn {
-    pub(crate) const ALL: &[Self] = &[Self::Nearness, Self::InRange, Self::Speed, Self::Hand, Self::Gravity, Self::Null, Self::Fault];
+    pub(crate) const ALL: &[Self] = &[
+        Self::Nearness,
+        Self::InRange,
+        Self::Speed,
+        Self::Hand,
+        Self::Gravity,
+        Self::Null,
+        Self::Fault,
+    ];
 
     pub(crate) const fn component(self) -> &'static str {
         match self {
@@ -354,18 +399,36 @@ impl Drawn {
 }
 
 /// Gives what is drawn of a tick to `put`; `gravity` are the torques that carry the arm, N·m.
-pub(crate) fn draw(row: &TickRow, limits: &Limits, gravity: &[f64], mut put: impl FnMut(Drawn, &[f64])) {
+pub(crate) fn draw(
+    row: &TickRow,
+    limits: &Limits,
+    gravity: &[f64],
+    mut put: impl FnMut(Drawn, &[f64]),
+) {
     let n = limits.dof();
     // One unit for all joints: shares of limits only where each has one.
     let units = |limits: &[f64]| -> [f64; MAX_DOF] {
         let is_limited = limits.iter().all(|limit| limit.is_finite());
         std::array::from_fn(|i| limits.get(i).copied().filter(|_| is_limited).unwrap_or(1.0))
     };
-    let joints = |value: &dyn Fn(usize) -> f64| -> [f64; MAX_DOF] { std::array::from_fn(|i| if i < n { value(i) } else { 0.0 }) };
-    let near = |one: &SingularityState| (one.s.abs() / one.eta_in.max(1e-9)).max(1e-9).log10().max(NEAREST);
-    put(Drawn::Nearness, &of_each(row.singularities(), near)[..row.singularities().len()]);
+    let joints = |value: &dyn Fn(usize) -> f64| -> [f64; MAX_DOF] {
+        std::array::from_fn(|i| if i < n { value(i) } else { 0.0 })
+    };
+    let near = |one: &SingularityState| {
+        (one.s.abs() / one.eta_in.max(1e-9))
+            .max(1e-9)
+            .log10()
+            .max(NEAREST)
+    };
+    put(
+        Drawn::Nearness,
+        &of_each(row.singularities(), near)[..row.singularities().len()],
+    );
     if let Some(q) = row.q() {
-        put(Drawn::InRange, &joints(&|i| (q[i] - limits.centre[i]) / limits.half_range[i])[..n]);
+        put(
+            Drawn::InRange,
+            &joints(&|i| (q[i] - limits.centre[i]) / limits.half_range[i])[..n],
+        );
     }
     if let Some(qdot) = row.qdot() {
         let units = units(&limits.speed);
@@ -373,14 +436,25 @@ pub(crate) fn draw(row: &TickRow, limits: &Limits, gravity: &[f64], mut put: imp
     }
     if let Some(command) = row.control_state {
         let units = units(&limits.torque);
-        put(Drawn::Hand, &joints(&|i| (command.tau_task[i] - gravity[i]) / units[i])[..n]);
+        put(
+            Drawn::Hand,
+            &joints(&|i| (command.tau_task[i] - gravity[i]) / units[i])[..n],
+        );
         put(Drawn::Gravity, &joints(&|i| gravity[i] / units[i])[..n]);
-        put(Drawn::Null, &joints(&|i| command.tau_null[i] / units[i])[..n]);
+        put(
+            Drawn::Null,
+            &joints(&|i| command.tau_null[i] / units[i])[..n],
+        );
     }
 }
 
 /// Gives each signal's values at a tick to `put`; a signal whose messages are missing is not given, nor are the singular values, which no message has.
-pub(crate) fn sample(row: &TickRow, limits: &Limits, hops: Option<ChainHops>, mut put: impl FnMut(Signal, &[f64])) {
+pub(crate) fn sample(
+    row: &TickRow,
+    limits: &Limits,
+    hops: Option<ChainHops>,
+    mut put: impl FnMut(Signal, &[f64]),
+) {
     let n = limits.dof();
     if let Some(q) = row.q() {
         put(Signal::Position, &q[..n]);
@@ -391,7 +465,10 @@ pub(crate) fn sample(row: &TickRow, limits: &Limits, hops: Option<ChainHops>, mu
     if let Some(command) = row.control_state {
         put(Signal::TorqueTask, &command.tau_task[..n]);
         put(Signal::TorqueNull, &command.tau_null[..n]);
-        put(Signal::Scale, &[command.time_scale, command.task_scale, command.null_scale]);
+        put(
+            Signal::Scale,
+            &[command.time_scale, command.task_scale, command.null_scale],
+        );
         let count = row.singularities().len();
         put(Signal::AuxiliaryReference, &command.aux_d[..count]);
         put(Signal::Beta, &command.beta[..count]);
@@ -402,20 +479,33 @@ pub(crate) fn sample(row: &TickRow, limits: &Limits, hops: Option<ChainHops>, mu
         put(Signal::Auxiliary, &of_each(all, |one| one.aux)[..count]);
     }
     if let Some(state) = row.plant_state {
-        put(Signal::Contact, &[Vector3::from(state.contact_force_n).norm()]);
+        put(
+            Signal::Contact,
+            &[Vector3::from(state.contact_force_n).norm()],
+        );
         if let Some(command) = row.control_state {
             let error = TaskError::new(state, command, row.singularities());
             put(Signal::PositionError, &error.position_m.map(|e| 1e3 * e));
-            put(Signal::OrientationError, &error.orientation_rad.map(f64::to_degrees));
+            put(
+                Signal::OrientationError,
+                &error.orientation_rad.map(f64::to_degrees),
+            );
         }
     }
-    if let Some(hops) = row.stamps().zip(hops).and_then(|(stamps, hops)| hops_us(&stamps, hops)) {
+    if let Some(hops) = row
+        .stamps()
+        .zip(hops)
+        .and_then(|(stamps, hops)| hops_us(&stamps, hops))
+    {
         put(Signal::Latency, &hops);
     }
 }
 
 /// A number of each singularity, and zeros behind them.
-fn of_each(singularities: &[SingularityState], value: impl Fn(&SingularityState) -> f64) -> [f64; MAX_SINGULARITIES] {
+fn of_each(
+    singularities: &[SingularityState],
+    value: impl Fn(&SingularityState) -> f64,
+) -> [f64; MAX_SINGULARITIES] {
     std::array::from_fn(|i| singularities.get(i).map_or(0.0, &value))
 }
 
@@ -428,9 +518,14 @@ pub(crate) struct TaskError {
 
 impl TaskError {
     /// e = [p_d − p; log(R_d Rᵀ)], each half split into its part in span{ζ_i : inside} and the rest; base axes.
-    pub(crate) fn new(state: &PlantState, command: &ControlState, singularities: &[SingularityState]) -> Self {
+    pub(crate) fn new(
+        state: &PlantState,
+        command: &ControlState,
+        singularities: &[SingularityState],
+    ) -> Self {
         let p = Vector3::from(command.p_BE_d) - Vector3::from(state.p_BE);
-        let R_error = Matrix3::from_column_slice(&command.R_BE_d) * Matrix3::from_column_slice(&state.R_BE).transpose();
+        let R_error = Matrix3::from_column_slice(&command.R_BE_d)
+            * Matrix3::from_column_slice(&state.R_BE).transpose();
         let r = model::rotation_log(&R_error);
         let directions = |angular: u32, offset: usize| {
             singularities
@@ -438,7 +533,10 @@ impl TaskError {
                 .filter(move |one| one.inside == 1 && one.angular == angular)
                 .map(move |one| Vector3::from_column_slice(&one.zeta_B[offset..offset + 3]))
         };
-        Self { position_m: split(p, directions(0, 0)), orientation_rad: split(r, directions(1, 3)) }
+        Self {
+            position_m: split(p, directions(0, 0)),
+            orientation_rad: split(r, directions(1, 3)),
+        }
     }
 }
 
@@ -447,20 +545,32 @@ fn split(e: Vector3<f64>, directions: impl Iterator<Item = Vector3<f64>>) -> [f6
     let mut basis: [Vector3<f64>; 3] = [Vector3::zeros(); 3];
     let mut taken = 0;
     for direction in directions {
-        let rest = basis[..taken].iter().fold(direction, |rest, b| rest - b * b.dot(&rest));
+        let rest = basis[..taken]
+            .iter()
+            .fold(direction, |rest, b| rest - b * b.dot(&rest));
         if taken < 3 && rest.norm() > 1e-6 {
             basis[taken] = rest.normalize();
             taken += 1;
         }
     }
-    let along = basis[..taken].iter().fold(Vector3::zeros(), |sum, b| sum + b * b.dot(&e));
+    let along = basis[..taken]
+        .iter()
+        .fold(Vector3::zeros(), |sum, b| sum + b * b.dot(&e));
     [(e - along).norm(), along.norm()]
 }
 
 /// Times of the hops, µs; `None` where the data has not passed them all or clocks ran backwards.
 fn hops_us(stamps: &Stamps, hops: ChainHops) -> Option<[f64; HOPS]> {
-    let (received, sent) = (hops.map(|hop| stamps.received_ns[hop]), hops.map(|hop| stamps.sent_ns[hop]));
-    let span = |from: u64, to: u64| (from > 0).then(|| to.checked_sub(from)).flatten().map(|ns| ns as f64 * 1e-3);
+    let (received, sent) = (
+        hops.map(|hop| stamps.received_ns[hop]),
+        hops.map(|hop| stamps.sent_ns[hop]),
+    );
+    let span = |from: u64, to: u64| {
+        (from > 0)
+            .then(|| to.checked_sub(from))
+            .flatten()
+            .map(|ns| ns as f64 * 1e-3)
+    };
     let mut times = [0.0; HOPS];
     for (part, time) in times.iter_mut().enumerate() {
         *time = match (part / 2, part % 2) {
@@ -480,14 +590,39 @@ mod tests {
 
     #[test]
     fn an_error_along_zeta_is_not_orthogonal_to_it() {
-        let mut state = PlantState { R_BE: [1., 0., 0., 0., 1., 0., 0., 0., 1.], ..PlantState::default() };
+        let mut state = PlantState {
+            R_BE: [1., 0., 0., 0., 1., 0., 0., 0., 1.],
+            ..PlantState::default()
+        };
         state.p_BE = [0.1, 0.2, 0.3];
-        let mut command = ControlState { R_BE_d: state.R_BE, p_BE_d: [0.103, 0.2, 0.304], ..ControlState::default() };
+        let mut command = ControlState {
+            R_BE_d: state.R_BE,
+            p_BE_d: [0.103, 0.2, 0.304],
+            ..ControlState::default()
+        };
         // A turn of 0.02 rad about z.
-        command.R_BE_d = *nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), 0.02).matrix().as_slice().first_chunk().expect("nine");
-        let elbow = SingularityState { inside: 1, zeta_B: [1., 0., 0., 0., 0., 0.], ..SingularityState::default() };
-        let wrist = SingularityState { inside: 1, angular: 1, zeta_B: [0., 0., 0., 0., 0., 1.], ..SingularityState::default() };
-        let close = |a: [f64; 2], b: [f64; 2]| assert!((a[0] - b[0]).abs() < 1e-12 && (a[1] - b[1]).abs() < 1e-12, "{a:?} {b:?}");
+        command.R_BE_d = *nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), 0.02)
+            .matrix()
+            .as_slice()
+            .first_chunk()
+            .expect("nine");
+        let elbow = SingularityState {
+            inside: 1,
+            zeta_B: [1., 0., 0., 0., 0., 0.],
+            ..SingularityState::default()
+        };
+        let wrist = SingularityState {
+            inside: 1,
+            angular: 1,
+            zeta_B: [0., 0., 0., 0., 0., 1.],
+            ..SingularityState::default()
+        };
+        let close = |a: [f64; 2], b: [f64; 2]| {
+            assert!(
+                (a[0] - b[0]).abs() < 1e-12 && (a[1] - b[1]).abs() < 1e-12,
+                "{a:?} {b:?}"
+            )
+        };
         let outside = TaskError::new(&state, &command, &[]);
         close(outside.position_m, [0.005, 0.0]);
         close(outside.orientation_rad, [0.02, 0.0]);
@@ -512,12 +647,22 @@ mod tests {
     fn hops_add_up_to_the_chain() {
         // The chain's processes stand at places 0, 1, 3 and 2 of the stamps.
         let received_ns = [0, 2_000, 9_000, 5_000, 0, 0, 0, 0];
-        let stamps = Stamps { received_ns, sent_ns: [1_000, 4_000, 12_500, 8_000, 0, 0, 0, 0], due_ns: 0 };
+        let stamps = Stamps {
+            received_ns,
+            sent_ns: [1_000, 4_000, 12_500, 8_000, 0, 0, 0, 0],
+            due_ns: 0,
+        };
         let hops = hops_us(&stamps, [0, 1, 3, 2]).expect("complete");
         assert_eq!(hops, [1.0, 2.0, 1.0, 3.0, 1.0, 3.5, 11.5]);
         assert_eq!(hops[..6].iter().sum::<f64>(), hops[6]);
         assert_eq!(
-            hops_us(&Stamps { sent_ns: [1_000, 0, 0, 0, 0, 0, 0, 0], ..stamps }, [0, 1, 3, 2]),
+            hops_us(
+                &Stamps {
+                    sent_ns: [1_000, 0, 0, 0, 0, 0, 0, 0],
+                    ..stamps
+                },
+                [0, 1, 3, 2]
+            ),
             None,
             "data that has not passed every hop has no latency"
         );
@@ -529,9 +674,18 @@ mod tests {
         let limits = Limits::new(&robot);
         let mut seen = Vec::new();
         let estimate = StateEstimate::default();
-        sample(&TickRow::new(0, ByTopic { estimate: Some(&estimate), ..ByTopic::default() }), &limits, None, |signal, values| {
-            seen.push((signal, values.len()))
-        });
+        sample(
+            &TickRow::new(
+                0,
+                ByTopic {
+                    estimate: Some(&estimate),
+                    ..ByTopic::default()
+                },
+            ),
+            &limits,
+            None,
+            |signal, values| seen.push((signal, values.len())),
+        );
         assert_eq!(seen, [(Signal::Position, 6), (Signal::Speed, 6)]);
     }
 
@@ -544,11 +698,22 @@ mod tests {
             state.q[i] = if i % 2 == 0 { joint.upper } else { joint.lower };
             state.qdot[i] = joint.velocity;
         }
-        for (signal, values) in [(Signal::PositionInRange, state.q), (Signal::SpeedRatio, state.qdot)] {
+        for (signal, values) in [
+            (Signal::PositionInRange, state.q),
+            (Signal::SpeedRatio, state.qdot),
+        ] {
             let (_, derive) = limits.derive(signal).expect("derived");
             for (i, value) in values.into_iter().take(6).enumerate() {
-                let expected = if signal == Signal::PositionInRange && i % 2 == 1 { -1.0 } else { 1.0 };
-                assert!((derive(i, value) - expected).abs() < 1e-12, "{signal:?} of joint {}", i + 1);
+                let expected = if signal == Signal::PositionInRange && i % 2 == 1 {
+                    -1.0
+                } else {
+                    1.0
+                };
+                assert!(
+                    (derive(i, value) - expected).abs() < 1e-12,
+                    "{signal:?} of joint {}",
+                    i + 1
+                );
             }
         }
     }
@@ -556,9 +721,16 @@ mod tests {
     #[test]
     fn a_logarithm_reads_back_as_its_value() {
         for value in [2e-6, 0.034, 1.0, 8.5, 741.25] {
-            assert!((from_logarithm(logarithm(value)) / value - 1.0).abs() < 6e-4, "{value}");
+            assert!(
+                (from_logarithm(logarithm(value)) / value - 1.0).abs() < 6e-4,
+                "{value}"
+            );
             for value in [value, -value, 1e9 * value] {
-                assert_eq!(share(value), ((value * SHARES).round() / SHARES) as f32, "{value}");
+                assert_eq!(
+                    share(value),
+                    ((value * SHARES).round() / SHARES) as f32,
+                    "{value}"
+                );
             }
         }
         assert!(share(f64::NAN).is_nan() && share(f64::INFINITY) == f32::INFINITY);
@@ -568,16 +740,30 @@ mod tests {
     #[test]
     fn the_edge_of_a_neighbourhood_is_drawn_at_nought() {
         let limits = Limits::new(&Robot::builtin("puma560").expect("built in"));
-        let mut report = shared_types::messages::SingularityReport { count: 3, ..Default::default() };
+        let mut report = shared_types::messages::SingularityReport {
+            count: 3,
+            ..Default::default()
+        };
         for (one, s) in report.singularities.iter_mut().zip([0.1, -0.01, 0.0]) {
             (one.s, one.eta_in) = (s, 0.1);
         }
-        let row = TickRow::new(0, ByTopic { singularity: Some(&report), ..ByTopic::default() });
+        let row = TickRow::new(
+            0,
+            ByTopic {
+                singularity: Some(&report),
+                ..ByTopic::default()
+            },
+        );
         let mut nearness: Vec<f64> = Vec::new();
         draw(&row, &limits, &[0.0; 6], |drawn, values| {
             assert_eq!(drawn, Drawn::Nearness);
             nearness.extend(values);
         });
-        assert!(nearness[0].abs() < 1e-12 && (nearness[1] + 1.0).abs() < 1e-12 && nearness[2] == NEAREST, "{nearness:?}");
+        assert!(
+            nearness[0].abs() < 1e-12
+                && (nearness[1] + 1.0).abs() < 1e-12
+                && nearness[2] == NEAREST,
+            "{nearness:?}"
+        );
     }
 }

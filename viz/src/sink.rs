@@ -6,7 +6,9 @@
 
 use re_chunk::{Chunk, ChunkResult};
 use re_log_types::external::re_tuid::Tuid;
-use re_log_types::{BlueprintActivationCommand, LogMsg, SetStoreInfo, StoreId, StoreInfo, StoreSource};
+use re_log_types::{
+    BlueprintActivationCommand, LogMsg, SetStoreInfo, StoreId, StoreInfo, StoreSource,
+};
 
 use crate::storage::{RecordError, Storage};
 use crate::stream::Stream;
@@ -39,13 +41,21 @@ impl Sink {
     /// Starts a stream.
     pub(crate) fn new(storage: Box<dyn Storage>) -> Result<Self, RecordError> {
         let stream = Stream::begin(storage)?;
-        Ok(Self { bytes: stream.bytes(), stream: Some(stream), chunks: 0, error: None })
+        Ok(Self {
+            bytes: stream.bytes(),
+            stream: Some(stream),
+            chunks: 0,
+            error: None,
+        })
     }
 
     /// Announces a store, before its first chunk.
     pub(crate) fn announce(&mut self, store: &StoreId) {
         let source = StoreSource::Other(concat!("armplane ", env!("CARGO_PKG_VERSION")).into());
-        let message = LogMsg::SetStoreInfo(SetStoreInfo { row_id: Tuid::new(), info: StoreInfo::new(store.clone(), source) });
+        let message = LogMsg::SetStoreInfo(SetStoreInfo {
+            row_id: Tuid::new(),
+            info: StoreInfo::new(store.clone(), source),
+        });
         self.write(|stream| stream.message(&message));
     }
 
@@ -56,7 +66,10 @@ impl Sink {
                 self.chunks += 1;
                 self.write(|stream| stream.chunk(store, chunk));
             }
-            Err(error) => self.fail(RecordError::Encode { bytes: self.bytes, reason: error.to_string() }),
+            Err(error) => self.fail(RecordError::Encode {
+                bytes: self.bytes,
+                reason: error.to_string(),
+            }),
         }
     }
 
@@ -76,7 +89,9 @@ impl Sink {
     }
 
     fn write(&mut self, write: impl FnOnce(&mut Stream) -> Result<(), RecordError>) {
-        let Some(stream) = &mut self.stream else { return };
+        let Some(stream) = &mut self.stream else {
+            return;
+        };
         let written = write(stream);
         self.bytes = stream.bytes();
         if let Err(error) = written {
@@ -123,7 +138,9 @@ impl Sink {
     }
 
     fn close(&mut self) -> Result<(), RecordError> {
-        let Some(stream) = self.stream.take() else { return Ok(()) };
+        let Some(stream) = self.stream.take() else {
+            return Ok(());
+        };
         let (bytes, ended) = stream.end();
         self.bytes = bytes;
         ended

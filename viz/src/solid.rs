@@ -14,7 +14,10 @@ pub(crate) struct Disc {
 
 /// A disc at (x, y) with a radius; m.
 pub(crate) const fn disc(x: f32, y: f32, radius: f32) -> Disc {
-    Disc { centre: Vec2::new(x, y), radius }
+    Disc {
+        centre: Vec2::new(x, y),
+        radius,
+    }
 }
 
 /// Where a mesh stands in the frame it is drawn in: `p ↦ R·p + p`.
@@ -25,13 +28,22 @@ pub(crate) struct Placement {
 }
 
 impl Placement {
-    pub(crate) const IDENTITY: Self = Self { R: Mat3::IDENTITY, p: Vec3::ZERO };
+    pub(crate) const IDENTITY: Self = Self {
+        R: Mat3::IDENTITY,
+        p: Vec3::ZERO,
+    };
 
     /// At `p`, with the solid's z axis along `axis` and its x axis as near to `x` as that allows.
     pub(crate) fn along(p: Vec3, axis: Vec3, x: Vec3) -> Self {
         let z = axis.normalize_or(Vec3::Z);
-        let x = x.reject_from_normalized(z).try_normalize().unwrap_or_else(|| z.any_orthonormal_vector());
-        Self { R: Mat3::from_cols(x, z.cross(x), z), p }
+        let x = x
+            .reject_from_normalized(z)
+            .try_normalize()
+            .unwrap_or_else(|| z.any_orthonormal_vector());
+        Self {
+            R: Mat3::from_cols(x, z.cross(x), z),
+            p,
+        }
     }
 }
 
@@ -51,7 +63,15 @@ pub(crate) const FACETS: usize = 24;
 
 impl Mesh {
     /// The convex hull of discs, extruded from `z0` to `z1` with edges rounded by `bevel`: a cylinder, a slab, a tapered arm.
-    pub(crate) fn add_extrusion(&mut self, at: Placement, discs: &[Disc], z0: f32, z1: f32, bevel: f32, colour: Rgba) {
+    pub(crate) fn add_extrusion(
+        &mut self,
+        at: Placement,
+        discs: &[Disc],
+        z0: f32,
+        z1: f32,
+        bevel: f32,
+        colour: Rgba,
+    ) {
         // A fine edge needs few facets, a ball many: meshes are a tenth of a short recording.
         let steps = match bevel {
             ball if ball > 0.03 => 7,
@@ -59,24 +79,47 @@ impl Mesh {
             _ => 1,
         };
         // Up the rounding: how far below the end, how far in, and the normal's slope.
-        let edge = (0..=steps).map(|k| (std::f32::consts::FRAC_PI_2 * k as f32 / steps as f32).sin_cos());
-        let edge: Vec<_> = edge.map(|(sin, cos)| (bevel * (1.0 - sin), bevel * (1.0 - cos), sin)).collect();
+        let edge =
+            (0..=steps).map(|k| (std::f32::consts::FRAC_PI_2 * k as f32 / steps as f32).sin_cos());
+        let edge: Vec<_> = edge
+            .map(|(sin, cos)| (bevel * (1.0 - sin), bevel * (1.0 - cos), sin))
+            .collect();
         // (z, inset of the outline, slope of the normal): bottom cap, rounding, side, rounding, top cap.
         let mut profile = vec![(z0, bevel, -1.0)];
-        profile.extend(edge.iter().rev().map(|(below, inset, slope)| (z0 + below, *inset, -slope)));
-        profile.extend(edge.iter().map(|(below, inset, slope)| (z1 - below, *inset, *slope)));
+        profile.extend(
+            edge.iter()
+                .rev()
+                .map(|(below, inset, slope)| (z0 + below, *inset, -slope)),
+        );
+        profile.extend(
+            edge.iter()
+                .map(|(below, inset, slope)| (z1 - below, *inset, *slope)),
+        );
         profile.push((z1, bevel, 1.0));
         self.add_profile(at, discs, &profile, colour);
     }
 
     /// A frustum from radius `r0` at `z0` to `r1` at `z1` (0: a cone's tip), closed at both ends.
-    pub(crate) fn add_cone(&mut self, at: Placement, r0: f32, r1: f32, z0: f32, z1: f32, colour: Rgba) {
+    pub(crate) fn add_cone(
+        &mut self,
+        at: Placement,
+        r0: f32,
+        r1: f32,
+        z0: f32,
+        z1: f32,
+        colour: Rgba,
+    ) {
         let slope = (r0 - r1) / (r0 - r1).hypot(z1 - z0);
         let flat = -(z1 - z0).signum();
         self.add_profile(
             at,
             &[disc(0.0, 0.0, r0)],
-            &[(z0, 0.0, flat), (z0, 0.0, slope), (z1, r0 - r1, slope), (z1, r0 - r1, -flat)],
+            &[
+                (z0, 0.0, flat),
+                (z0, 0.0, slope),
+                (z1, r0 - r1, slope),
+                (z1, r0 - r1, -flat),
+            ],
             colour,
         );
     }
@@ -88,14 +131,22 @@ impl Mesh {
 
     /// A capsule along z, centred; `length` between the centres of its caps.
     pub(crate) fn add_capsule(&mut self, at: Placement, radius: f32, length: f32, colour: Rgba) {
-        self.add_extrusion(at, &[disc(0.0, 0.0, radius)], -radius - length / 2.0, radius + length / 2.0, radius, colour);
+        self.add_extrusion(
+            at,
+            &[disc(0.0, 0.0, radius)],
+            -radius - length / 2.0,
+            radius + length / 2.0,
+            radius,
+            colour,
+        );
     }
 
     /// A box of full side lengths `size`, centred, with slightly rounded edges.
     pub(crate) fn add_box(&mut self, at: Placement, size: Vec3, colour: Rgba) {
         let bevel = 0.08 * size.min_element();
         let corner = size.truncate() / 2.0 - bevel;
-        let discs = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)].map(|(x, y)| disc(x * corner.x, y * corner.y, bevel));
+        let discs = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]
+            .map(|(x, y)| disc(x * corner.x, y * corner.y, bevel));
         self.add_extrusion(at, &discs, -size.z / 2.0, size.z / 2.0, bevel, colour);
     }
 
@@ -103,10 +154,19 @@ impl Mesh {
     pub(crate) fn add_tube(&mut self, path: &[Vec3], radius: f32, colour: Rgba) {
         const AROUND: usize = 8;
         let first = self.positions.len() as u32;
-        let Some(mut side) = path.get(1).map(|next| (*next - path[0]).normalize_or(Vec3::X).any_orthonormal_vector()) else { return };
+        let Some(mut side) = path.get(1).map(|next| {
+            (*next - path[0])
+                .normalize_or(Vec3::X)
+                .any_orthonormal_vector()
+        }) else {
+            return;
+        };
         for (i, p) in path.iter().enumerate() {
-            let tangent = (path[(i + 1).min(path.len() - 1)] - path[i.saturating_sub(1)]).normalize_or(Vec3::X);
-            side = side.reject_from_normalized(tangent).normalize_or(tangent.any_orthonormal_vector());
+            let tangent = (path[(i + 1).min(path.len() - 1)] - path[i.saturating_sub(1)])
+                .normalize_or(Vec3::X);
+            side = side
+                .reject_from_normalized(tangent)
+                .normalize_or(tangent.any_orthonormal_vector());
             let up = tangent.cross(side);
             for k in 0..AROUND {
                 let (sin, cos) = (std::f32::consts::TAU * k as f32 / AROUND as f32).sin_cos();
@@ -118,7 +178,13 @@ impl Mesh {
     }
 
     /// Rings of the hull's outline, stacked: each (z, inset of the outline, z part of the normal), from the bottom to the top, closed at both.
-    fn add_profile(&mut self, at: Placement, discs: &[Disc], profile: &[(f32, f32, f32)], colour: Rgba) {
+    fn add_profile(
+        &mut self,
+        at: Placement,
+        discs: &[Disc],
+        profile: &[(f32, f32, f32)],
+        colour: Rgba,
+    ) {
         let first = self.positions.len() as u32;
         self.solids.push(self.positions.len());
         for &(z, inset, slope) in profile {
@@ -126,7 +192,9 @@ impl Mesh {
                 let (sin, cos) = (std::f32::consts::TAU * k as f32 / FACETS as f32).sin_cos();
                 let u = Vec2::new(cos, sin);
                 // The hull's support point in direction u: insetting every radius keeps normals and topology.
-                let Some(far) = discs.iter().max_by(|a, b| (a.centre.dot(u) + a.radius).total_cmp(&(b.centre.dot(u) + b.radius))) else {
+                let Some(far) = discs.iter().max_by(|a, b| {
+                    (a.centre.dot(u) + a.radius).total_cmp(&(b.centre.dot(u) + b.radius))
+                }) else {
                     return;
                 };
                 let rim = far.centre + u * (far.radius - inset);
@@ -169,7 +237,10 @@ mod tests {
     /// Volume by the divergence theorem: positive only where every face points outwards.
     fn volume(mesh: &Mesh) -> f32 {
         let corner = |i: u32| Vec3::from_array(mesh.positions[i as usize]);
-        mesh.triangles.iter().map(|[a, b, c]| corner(*a).dot(corner(*b).cross(corner(*c))) / 6.0).sum()
+        mesh.triangles
+            .iter()
+            .map(|[a, b, c]| corner(*a).dot(corner(*b).cross(corner(*c))) / 6.0)
+            .sum()
     }
 
     #[test]
@@ -177,29 +248,66 @@ mod tests {
         type Build = fn(&mut Mesh, Rgba);
         let cases: [(&str, f32, Build); 5] = [
             ("cylinder", std::f32::consts::PI * 0.01 * 0.5, |m, white| {
-                m.add_extrusion(Placement::IDENTITY, &[disc(0.3, 0.0, 0.1)], -0.2, 0.3, 0.0, white)
+                m.add_extrusion(
+                    Placement::IDENTITY,
+                    &[disc(0.3, 0.0, 0.1)],
+                    -0.2,
+                    0.3,
+                    0.0,
+                    white,
+                )
             }),
-            ("sphere", 4.0 / 3.0 * std::f32::consts::PI * 0.001, |m, white| {
-                m.add_sphere(Placement::along(Vec3::ONE, Vec3::Y, Vec3::X), 0.1, white)
+            (
+                "sphere",
+                4.0 / 3.0 * std::f32::consts::PI * 0.001,
+                |m, white| m.add_sphere(Placement::along(Vec3::ONE, Vec3::Y, Vec3::X), 0.1, white),
+            ),
+            (
+                "cone",
+                std::f32::consts::PI * 0.01 * 0.3 / 3.0,
+                |m, white| m.add_cone(Placement::IDENTITY, 0.1, 0.0, 0.0, 0.3, white),
+            ),
+            ("box", 0.2 * 0.3 * 0.4, |m, white| {
+                m.add_box(Placement::IDENTITY, Vec3::new(0.2, 0.3, 0.4), white)
             }),
-            ("cone", std::f32::consts::PI * 0.01 * 0.3 / 3.0, |m, white| m.add_cone(Placement::IDENTITY, 0.1, 0.0, 0.0, 0.3, white)),
-            ("box", 0.2 * 0.3 * 0.4, |m, white| m.add_box(Placement::IDENTITY, Vec3::new(0.2, 0.3, 0.4), white)),
-            ("stadium", (0.4 * 0.2 + std::f32::consts::PI * 0.01) * 0.1, |m, white| {
-                m.add_extrusion(Placement::IDENTITY, &[disc(0.0, 0.0, 0.1), disc(0.4, 0.0, 0.1)], 0.0, 0.1, 0.0, white)
-            }),
+            (
+                "stadium",
+                (0.4 * 0.2 + std::f32::consts::PI * 0.01) * 0.1,
+                |m, white| {
+                    m.add_extrusion(
+                        Placement::IDENTITY,
+                        &[disc(0.0, 0.0, 0.1), disc(0.4, 0.0, 0.1)],
+                        0.0,
+                        0.1,
+                        0.0,
+                        white,
+                    )
+                },
+            ),
         ];
         for (name, exact, build) in cases {
             let mut mesh = Mesh::default();
             build(&mut mesh, [255; 4]);
             let relative = volume(&mesh) / exact - 1.0;
-            assert!(relative.abs() < 0.03, "{name}: volume {} against {exact}", volume(&mesh));
+            assert!(
+                relative.abs() < 0.03,
+                "{name}: volume {} against {exact}",
+                volume(&mesh)
+            );
         }
     }
 
     #[test]
     fn normals_point_out_of_a_convex_solid() {
         let mut mesh = Mesh::default();
-        mesh.add_extrusion(Placement::IDENTITY, &[disc(-0.1, 0.0, 0.05), disc(0.2, 0.0, 0.03)], -0.04, 0.04, 0.01, [255; 4]);
+        mesh.add_extrusion(
+            Placement::IDENTITY,
+            &[disc(-0.1, 0.0, 0.05), disc(0.2, 0.0, 0.03)],
+            -0.04,
+            0.04,
+            0.01,
+            [255; 4],
+        );
         let centre = Vec3::new(0.05, 0.0, 0.0);
         for (position, normal) in mesh.positions.iter().zip(&mesh.normals) {
             let (position, normal) = (Vec3::from_array(*position), Vec3::from_array(*normal));

@@ -33,7 +33,9 @@ impl Storage for File {
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     /// The file could not be made.
-    #[error("cannot create the recording {path}: {source}; choose another folder with --out, or run with --no-record")]
+    #[error(
+        "cannot create the recording {path}: {source}; choose another folder with --out, or run with --no-record"
+    )]
     Create {
         /// The file.
         path: String,
@@ -63,7 +65,9 @@ pub enum RecordError {
         source: io::Error,
     },
     /// A chunk could not be built or encoded: a defect of ours.
-    #[error("the recording ends early because a chunk could not be encoded: {reason}; please report this")]
+    #[error(
+        "the recording ends early because a chunk could not be encoded: {reason}; please report this"
+    )]
     Encode {
         /// Bytes kept.
         bytes: u64,
@@ -85,16 +89,26 @@ impl RecordError {
 
 /// Without the number of bytes: the file gets its end, and may get a table of contents, after this.
 fn ends(bytes: u64) -> &'static str {
-    if bytes == 0 { "cannot begin" } else { "ends early" }
+    if bytes == 0 {
+        "cannot begin"
+    } else {
+        "ends early"
+    }
 }
 
 fn kept(bytes: u64) -> &'static str {
-    if bytes == 0 { "" } else { "; what came before is kept and readable" }
+    if bytes == 0 {
+        ""
+    } else {
+        "; what came before is kept and readable"
+    }
 }
 
 fn remedy(source: &io::Error) -> &'static str {
     match source.kind() {
-        io::ErrorKind::FileTooLarge => "Raise the shell's limit on the size of files with `ulimit -f unlimited`",
+        io::ErrorKind::FileTooLarge => {
+            "Raise the shell's limit on the size of files with `ulimit -f unlimited`"
+        }
         _ => "Free space there",
     }
 }

@@ -44,7 +44,10 @@ impl Each for Begin<'_> {
 /// A quintic from 0 to 1 over [from, to] and its rate.
 fn smooth_step(t: f64, from: f64, to: f64) -> (f64, f64) {
     let x = ((t - from) / (to - from)).clamp(0.0, 1.0);
-    (x * x * x * (10.0 + x * (6.0 * x - 15.0)), 30.0 * x * x * (1.0 - x) * (1.0 - x) / (to - from))
+    (
+        x * x * x * (10.0 + x * (6.0 * x - 15.0)),
+        30.0 * x * x * (1.0 - x) * (1.0 - x) / (to - from),
+    )
 }
 
 fn smoothstep(x: f64) -> f64 {
@@ -67,10 +70,18 @@ impl Run {
     /// # Panics
     /// For a robot that is no PUMA.
     pub(crate) fn new(robot: &Robot) -> Self {
-        let Factors::Puma { a2, a3, d4 } = robot.factors else { panic!("the synthetic run is a PUMA's") };
+        let Factors::Puma { a2, a3, d4 } = robot.factors else {
+            panic!("the synthetic run is a PUMA's")
+        };
         let arm = Model::<6>::new(robot, None).expect("six joints");
         let effort = *arm.effort();
-        Self { arm, effort, lengths: [a2, a3, d4], inside: [false; 3], tick: 0 }
+        Self {
+            arm,
+            effort,
+            lengths: [a2, a3, d4],
+            inside: [false; 3],
+            tick: 0,
+        }
     }
 
     /// Joint positions and velocities at a time.
@@ -106,14 +117,29 @@ impl Run {
         let V = terms.J * qdot;
         let X = terms.X_BE;
         let mut m = Messages::default();
-        let stamp = |hop: u64| 1_000_000_000 + tick * 1_000_000 + hop * 14_000 + (3_000.0 * (1.0 + noise(tick, hop))) as u64;
+        let stamp = |hop: u64| {
+            1_000_000_000
+                + tick * 1_000_000
+                + hop * 14_000
+                + (3_000.0 * (1.0 + noise(tick, hop))) as u64
+        };
         let stamps = Stamps {
             received_ns: std::array::from_fn(|i| stamp(2 * i as u64)),
             sent_ns: std::array::from_fn(|i| stamp(2 * i as u64 + 1)),
             due_ns: 0,
         };
-        topics::each(&mut Begin(&mut m, shared_types::Header { stamps, tick, incarnation: 1, flags: 0 }));
-        let pad = |v: &SVector<f64, 6>| std::array::from_fn(|i| v.as_slice().get(i).copied().unwrap_or(0.0));
+        topics::each(&mut Begin(
+            &mut m,
+            shared_types::Header {
+                stamps,
+                tick,
+                incarnation: 1,
+                flags: 0,
+            },
+        ));
+        let pad = |v: &SVector<f64, 6>| {
+            std::array::from_fn(|i| v.as_slice().get(i).copied().unwrap_or(0.0))
+        };
         m.sensor.q_encoder = pad(&q);
         m.plant_state.q = pad(&q);
         m.plant_state.qdot = pad(&qdot);
@@ -127,7 +153,12 @@ impl Run {
         m
     }
 
-    fn report(&mut self, q: &SVector<f64, 6>, terms: &model::Terms<6>, report: &mut SingularityReport) {
+    fn report(
+        &mut self,
+        q: &SVector<f64, 6>,
+        terms: &model::Terms<6>,
+        report: &mut SingularityReport,
+    ) {
         let [a2, a3, d4] = self.lengths;
         let forearm = a3.hypot(d4);
         let theta = q[2] - d4.atan2(a3);
@@ -136,17 +167,46 @@ impl Run {
         let out = wrist - shoulder;
         let towards = (out - terms.z[1] * terms.z[1].dot(&out)).normalize();
         let cases = [
-            (KIND_ELBOW, TYPE_1, theta.sin(), towards, false, theta, (0.10, 0.20)),
-            (KIND_WRIST, TYPE_2, q[4].sin(), terms.z[3].cross(&terms.z[4]), true, q[3], (0.10, 0.20)),
-            (KIND_OVERHEAD, TYPE_MIXED, radius / (a2 + forearm), -terms.z[1], false, q[0], (0.08, 0.16)),
+            (
+                KIND_ELBOW,
+                TYPE_1,
+                theta.sin(),
+                towards,
+                false,
+                theta,
+                (0.10, 0.20),
+            ),
+            (
+                KIND_WRIST,
+                TYPE_2,
+                q[4].sin(),
+                terms.z[3].cross(&terms.z[4]),
+                true,
+                q[3],
+                (0.10, 0.20),
+            ),
+            (
+                KIND_OVERHEAD,
+                TYPE_MIXED,
+                radius / (a2 + forearm),
+                -terms.z[1],
+                false,
+                q[0],
+                (0.08, 0.16),
+            ),
         ];
         report.count = 3;
         report.rank = 6;
         report.length_m = 0.43;
         report.p_BC = wrist.into();
-        for (i, (kind, class, s, zeta, angular, aux, (eta_in, eta_out))) in cases.into_iter().enumerate() {
+        for (i, (kind, class, s, zeta, angular, aux, (eta_in, eta_out))) in
+            cases.into_iter().enumerate()
+        {
             self.inside[i] = s.abs() < if self.inside[i] { eta_out } else { eta_in };
-            let other = zeta.cross(&terms.z[0]).try_normalize(1e-3).unwrap_or_else(|| zeta.cross(&terms.z[5]).normalize());
+            let other = zeta
+                .cross(&terms.z[0])
+                .try_normalize(1e-3)
+                .unwrap_or_else(|| zeta.cross(&terms.z[5]).normalize());
             let R = Matrix3::from_columns(&[zeta, other, zeta.cross(&other)]);
             let mut zeta_B = [0.0; 6];
             let half = if angular { 3 } else { 0 };
@@ -167,27 +227,50 @@ impl Run {
         }
     }
 
-    fn command(&self, t: f64, tick: u64, q: &SVector<f64, 6>, qdot: &SVector<f64, 6>, qddot: &SVector<f64, 6>, m: &mut Messages) {
+    fn command(
+        &self,
+        t: f64,
+        tick: u64,
+        q: &SVector<f64, 6>,
+        qdot: &SVector<f64, 6>,
+        qddot: &SVector<f64, 6>,
+        m: &mut Messages,
+    ) {
         let tau = self.arm.mass_matrix(q) * qddot + self.arm.bias(q, qdot);
         let null = t < 2.5;
-        let (p, R) = (Vector3::from(m.plant_state.p_BE), Matrix3::from_column_slice(&m.plant_state.R_BE));
+        let (p, R) = (
+            Vector3::from(m.plant_state.p_BE),
+            Matrix3::from_column_slice(&m.plant_state.R_BE),
+        );
         let wobble = 2e-5 * noise(tick, 40);
         let command = &mut m.control_state;
         for i in 0..6 {
-            let null_part = if null && i >= 3 { tau[i] } else { 0.0 } + 2e-4 * self.effort[i] * noise(tick, 20 + i as u64);
+            let null_part = if null && i >= 3 { tau[i] } else { 0.0 }
+                + 2e-4 * self.effort[i] * noise(tick, 20 + i as u64);
             command.tau_null[i] = null_part;
             command.tau_task[i] = tau[i] - null_part;
             m.torque.tau[i] = tau[i];
         }
-        command.p_BE_d = (p + Vector3::new(3e-5, -1e-5, 2e-5) * (1.0 + V_norm(qdot)) + Vector3::repeat(wobble)).into();
-        command.R_BE_d = *(Rotation3::from_scaled_axis(Vector3::new(4e-4, 1e-4, -2e-4) * V_norm(qdot)).matrix() * R)
-            .as_slice()
-            .first_chunk()
-            .expect("nine");
-        (command.time_scale, command.null_scale, command.task_scale) =
-            (1.0 - 0.2 * smooth_step(t, 4.6, 5.2).0 * (1.0 - smooth_step(t, 5.8, 6.4).0), 1.0, 1.0);
+        command.p_BE_d =
+            (p + Vector3::new(3e-5, -1e-5, 2e-5) * (1.0 + V_norm(qdot)) + Vector3::repeat(wobble))
+                .into();
+        command.R_BE_d =
+            *(Rotation3::from_scaled_axis(Vector3::new(4e-4, 1e-4, -2e-4) * V_norm(qdot)).matrix()
+                * R)
+                .as_slice()
+                .first_chunk()
+                .expect("nine");
+        (command.time_scale, command.null_scale, command.task_scale) = (
+            1.0 - 0.2 * smooth_step(t, 4.6, 5.2).0 * (1.0 - smooth_step(t, 5.8, 6.4).0),
+            1.0,
+            1.0,
+        );
         command.path_time_s = t;
-        m.torque.phase = if t > 8.85 { PHASE_SETTLING } else { PHASE_RUNNING };
+        m.torque.phase = if t > 8.85 {
+            PHASE_SETTLING
+        } else {
+            PHASE_RUNNING
+        };
         command.segment = u32::from(t > 2.5) + u32::from(t > 4.3);
         for (i, one) in m.singularity.singularities.iter().take(3).enumerate() {
             let blend = smoothstep((one.s.abs() - one.eta_in) / (one.eta_out - one.eta_in));

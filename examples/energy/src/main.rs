@@ -35,8 +35,17 @@ fn main() -> ExitCode {
 fn run() -> Result<(), ProcessError> {
     let shell = Shell::from_environment()?;
     let job = shell.job()?;
-    let RobotText { name, description, urdf } = job.robot;
-    let robot = Robot::from_source(&RobotSource { name, description, urdf }).map_err(ProcessError::setup)?;
+    let RobotText {
+        name,
+        description,
+        urdf,
+    } = job.robot;
+    let robot = Robot::from_source(&RobotSource {
+        name,
+        description,
+        urdf,
+    })
+    .map_err(ProcessError::setup)?;
     let mut cycle = Cycle::new(&robot, job.scenario.frame()).map_err(ProcessError::setup)?;
     let mut estimates = shell.reader::<StateEstimate>()?;
     let mut energies = shell.writer::<Energy>()?;

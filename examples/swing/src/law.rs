@@ -29,18 +29,42 @@ impl Law {
     /// The missing part of the scenario, in words.
     pub(crate) fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, String> {
         let arm = Model::new(robot, scenario.frame()).map_err(|error| error.to_string())?;
-        let start = robot.start_posture(&scenario.start).map_err(|error| error.to_string())?;
-        let first = scenario.segment.first().ok_or("the scenario has no segment")?;
-        let goal = first.posture_deg.as_ref().ok_or("the first segment has no posture_deg")?;
+        let start = robot
+            .start_posture(&scenario.start)
+            .map_err(|error| error.to_string())?;
+        let first = scenario
+            .segment
+            .first()
+            .ok_or("the scenario has no segment")?;
+        let goal = first
+            .posture_deg
+            .as_ref()
+            .ok_or("the first segment has no posture_deg")?;
         if goal.len() != start.len() {
-            return Err(format!("posture_deg has {} values: the arm has {} joints", goal.len(), start.len()));
+            return Err(format!(
+                "posture_deg has {} values: the arm has {} joints",
+                goal.len(),
+                start.len()
+            ));
         }
         let goal: Vec<f64> = goal.iter().map(|degrees| degrees.to_radians()).collect();
         let (start, goal) = (embedded(&start), embedded::<MAX_DOF>(&goal));
-        Ok(Self { arm, start, way: goal - start, duration_s: first.duration_s, settle_s: scenario.settle_s, dt_s: scenario.dt_s() })
+        Ok(Self {
+            arm,
+            start,
+            way: goal - start,
+            duration_s: first.duration_s,
+            settle_s: scenario.settle_s,
+            dt_s: scenario.dt_s(),
+        })
     }
 
-    pub(crate) fn step(&self, estimate: &StateEstimate, state: &mut ControlState, torque: &mut TorqueCommand) {
+    pub(crate) fn step(
+        &self,
+        estimate: &StateEstimate,
+        state: &mut ControlState,
+        torque: &mut TorqueCommand,
+    ) {
         let t = estimate.header.tick as f64 * self.dt_s;
         let (q, qdot): (Joints, Joints) = (joints(&estimate.q), joints(&estimate.qdot));
         let u = (t / self.duration_s).min(1.0);
@@ -57,7 +81,10 @@ impl Law {
             _ => PHASE_DONE,
         };
         // The recorder judges and draws these.
-        let (X_BE, X_BE_d) = (self.arm.forward_kinematics(&q), self.arm.forward_kinematics(&q_d));
+        let (X_BE, X_BE_d) = (
+            self.arm.forward_kinematics(&q),
+            self.arm.forward_kinematics(&q_d),
+        );
         state.tau_task = torque.tau;
         state.p_BE_d = X_BE_d.p.into();
         state.R_BE_d.copy_from_slice(X_BE_d.R.as_slice());
@@ -80,11 +107,17 @@ mod tests {
                     posture_deg = [0, -60, 170, 0, 30, 0]\nduration_s = 1.0\n";
         let scenario = Scenario::parse("x.toml", text, &[]).unwrap();
         let law = Law::new(&robot, &scenario).unwrap();
-        let mut estimate = StateEstimate { q: padded(&law.start), ..StateEstimate::default() };
+        let mut estimate = StateEstimate {
+            q: padded(&law.start),
+            ..StateEstimate::default()
+        };
         let (mut state, mut torque) = (ControlState::default(), TorqueCommand::default());
         law.step(&estimate, &mut state, &mut torque);
         let gravity = law.arm.gravity(&law.start);
-        assert!(gravity.norm() > 1.0 && (joints::<MAX_DOF>(&torque.tau) - gravity).norm() < 1e-9, "{torque:?}");
+        assert!(
+            gravity.norm() > 1.0 && (joints::<MAX_DOF>(&torque.tau) - gravity).norm() < 1e-9,
+            "{torque:?}"
+        );
         assert_eq!(torque.phase, PHASE_RUNNING);
         estimate.header.tick = 1_000_000;
         law.step(&estimate, &mut state, &mut torque);

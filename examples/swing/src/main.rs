@@ -31,15 +31,27 @@ fn main() -> ExitCode {
 fn run() -> Result<(), ProcessError> {
     let shell = Shell::from_environment()?;
     let job = shell.job()?;
-    let RobotText { name, description, urdf } = job.robot;
-    let robot = Robot::from_source(&RobotSource { name, description, urdf }).map_err(ProcessError::setup)?;
+    let RobotText {
+        name,
+        description,
+        urdf,
+    } = job.robot;
+    let robot = Robot::from_source(&RobotSource {
+        name,
+        description,
+        urdf,
+    })
+    .map_err(ProcessError::setup)?;
     let law = Law::new(&robot, &job.scenario).map_err(ProcessError::setup)?;
     let mut estimates = shell.reader::<StateEstimate>()?;
     let mut states = shell.writer::<ControlState>()?;
     let mut torques = shell.writer::<TorqueCommand>()?;
     // The law has no state but the tick: a replacement needs no checkpoint.
     while let Some(estimate) = estimates.next()? {
-        let (mut state, mut torque) = (states.loan(estimate.header.tick)?, torques.loan(estimate.header.tick)?);
+        let (mut state, mut torque) = (
+            states.loan(estimate.header.tick)?,
+            torques.loan(estimate.header.tick)?,
+        );
         law.step(estimate, &mut state, &mut torque);
         state.send()?;
         torque.send()?;

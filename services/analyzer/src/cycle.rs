@@ -14,7 +14,12 @@ pub trait Step {
     fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport);
     /// The same with the [`Terms`] of this estimate, where another step in this address space has computed them for the same arm and frame; terms of
     /// another size are not used.
-    fn step_knowing(&mut self, terms: &dyn Any, estimate: &StateEstimate, out: &mut SingularityReport);
+    fn step_knowing(
+        &mut self,
+        terms: &dyn Any,
+        estimate: &StateEstimate,
+        out: &mut SingularityReport,
+    );
     /// The [`Report`](control::Report) that the last message has, for another step in this address space.
     fn report(&self) -> &dyn Any;
     /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its input.
@@ -43,7 +48,12 @@ impl<const N: usize> Cycle<N> {
         let model = Model::new(robot, scenario.frame())?;
         let terms = model.evaluate(&SVector::zeros(), &SVector::zeros());
         let analyzer = Analyzer::new(robot, &scenario.analysis);
-        Ok(Self { model, report: analyzer.unexamined(), analyzer, terms })
+        Ok(Self {
+            model,
+            report: analyzer.unexamined(),
+            analyzer,
+            terms,
+        })
     }
 }
 
@@ -59,13 +69,26 @@ impl<const N: usize> Step for Cycle<N> {
     fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport) {
         let (q, qdot) = (joints(&estimate.q), joints(&estimate.qdot));
         self.model.evaluate_into(&q, &qdot, &mut self.terms);
-        self.analyzer.step_into(&q, &qdot, &self.terms, &mut self.report);
+        self.analyzer
+            .step_into(&q, &qdot, &self.terms, &mut self.report);
         wire::report_message(estimate.header.tick, &self.report, out);
     }
 
-    fn step_knowing(&mut self, terms: &dyn Any, estimate: &StateEstimate, out: &mut SingularityReport) {
-        let Some(terms) = terms.downcast_ref() else { return self.step(estimate, out) };
-        self.analyzer.step_into(&joints(&estimate.q), &joints(&estimate.qdot), terms, &mut self.report);
+    fn step_knowing(
+        &mut self,
+        terms: &dyn Any,
+        estimate: &StateEstimate,
+        out: &mut SingularityReport,
+    ) {
+        let Some(terms) = terms.downcast_ref() else {
+            return self.step(estimate, out);
+        };
+        self.analyzer.step_into(
+            &joints(&estimate.q),
+            &joints(&estimate.qdot),
+            terms,
+            &mut self.report,
+        );
         wire::report_message(estimate.header.tick, &self.report, out);
     }
 

@@ -27,7 +27,10 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
     let mut estimates = shell.reader::<StateEstimate>()?;
     let mut reports = shell.writer::<SingularityReport>()?;
     let mut checkpoint = shell.checkpoint::<AnalyzerCheckpoint>()?;
-    checkpoint.previous().into_iter().for_each(|last| cycle.restore(last));
+    checkpoint
+        .previous()
+        .into_iter()
+        .for_each(|last| cycle.restore(last));
     while let Some(estimate) = estimates.next()? {
         let mut report = reports.loan_as_is(estimate.header.tick)?;
         cycle.step(estimate, &mut report);

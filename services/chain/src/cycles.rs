@@ -34,10 +34,16 @@ impl Cycles {
 
     /// Gives the plant those of `faults`, the scenario's, that concern a tick. As the plant process does it: also at the first tick that none concerns any
     /// more.
-    pub(crate) fn apply_faults<'a>(&mut self, tick: u64, faults: impl Iterator<Item = &'a ScheduledFault>) {
+    pub(crate) fn apply_faults<'a>(
+        &mut self,
+        tick: u64,
+        faults: impl Iterator<Item = &'a ScheduledFault>,
+    ) {
         let had_faults = !self.in_force.is_empty();
         self.in_force.clear();
-        let is_of_joint = |fault: &ScheduledFault| fault.concerns(tick) && fault.kind().is_some_and(|kind| kind.concerns_joint());
+        let is_of_joint = |fault: &ScheduledFault| {
+            fault.concerns(tick) && fault.kind().is_some_and(|kind| kind.concerns_joint())
+        };
         self.in_force.extend(faults.copied().filter(is_of_joint));
         if had_faults || !self.in_force.is_empty() {
             self.plant.apply_faults(tick, &self.in_force);
@@ -47,5 +53,8 @@ impl Cycles {
 
 /// The operator of a steered run, at tick 0.
 pub(crate) fn operator(scenario: &Scenario) -> Option<operator::Cycle> {
-    scenario.servo.as_ref().map(|session| operator::Cycle::new(session, scenario.rate_hz))
+    scenario
+        .servo
+        .as_ref()
+        .map(|session| operator::Cycle::new(session, scenario.rate_hz))
 }

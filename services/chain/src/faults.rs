@@ -7,8 +7,8 @@ use shared_types::graph::{Graph, Role};
 use shared_types::process::Program;
 use shared_types::scenario::Scenario;
 use shared_types::{
-    AnalyzerCheckpoint, ControlState, ControllerCheckpoint, EstimatorCheckpoint, Message, PlantState, SensorSample, ServoState,
-    SingularityReport, StateEstimate, Target, TorqueCommand,
+    AnalyzerCheckpoint, ControlState, ControllerCheckpoint, EstimatorCheckpoint, Message,
+    PlantState, SensorSample, ServoState, SingularityReport, StateEstimate, Target, TorqueCommand,
 };
 
 use crate::cycles::{Cycles, operator};
@@ -32,7 +32,9 @@ pub fn planned_faults(scenario: &Scenario) -> Result<Vec<ScheduledFault>, Refuse
     }
     let graph = graph(scenario)?;
     for fault in &scenario.fault {
-        let role = graph.process(&fault.process).map(shared_types::process::Process::role);
+        let role = graph
+            .process(&fault.process)
+            .map(shared_types::process::Process::role);
         let (name, kind, process) = (&scenario.name, fault.kind.name(), &fault.process);
         let because = match role {
             Some(Role::World) if fault.kind.ends_process(fault.way) => "it ends the run",
@@ -49,7 +51,10 @@ pub fn planned_faults(scenario: &Scenario) -> Result<Vec<ScheduledFault>, Refuse
 /// Whether a scenario plans faults of processes or of their messages, besides those of the arm's own sensors and drives.
 #[must_use]
 pub fn plans_faults_of_processes(scenario: &Scenario) -> bool {
-    scenario.fault.iter().any(|fault| !fault.kind.concerns_joint())
+    scenario
+        .fault
+        .iter()
+        .any(|fault| !fault.kind.concerns_joint())
 }
 
 /// The places of the processes in their graph.
@@ -64,8 +69,17 @@ struct Places {
 
 impl Places {
     fn of(graph: &Graph) -> Result<Self, Refused> {
-        let place = |program| graph.process.iter().position(|process| process.program() == Some(program));
-        let needed = |program: Program| place(program).ok_or_else(|| Refused::because(format_args!("the graph has no {}", program.name())));
+        let place = |program| {
+            graph
+                .process
+                .iter()
+                .position(|process| process.program() == Some(program))
+        };
+        let needed = |program: Program| {
+            place(program).ok_or_else(|| {
+                Refused::because(format_args!("the graph has no {}", program.name()))
+            })
+        };
         Ok(Self {
             plant: needed(Program::Plant)?,
             estimator: needed(Program::Estimator)?,
@@ -93,7 +107,11 @@ struct UnderFaults<'a, O> {
 ///
 /// # Errors
 /// As [`planned_faults`], and [`Refused`] by the first cycle that does not accept the robot or the scenario.
-pub fn run_under_faults(robot: &Robot, scenario: &Scenario, sink: &mut impl Sink) -> Result<Option<String>, Refused> {
+pub fn run_under_faults(
+    robot: &Robot,
+    scenario: &Scenario,
+    sink: &mut impl Sink,
+) -> Result<Option<String>, Refused> {
     let (graph, faults) = (graph(scenario)?, planned_faults(scenario)?);
     let mut chain = UnderFaults {
         at: Places::of(&graph)?,
@@ -157,9 +175,13 @@ impl<O: Sink> UnderFaults<'_, O> {
         }
         if self.run.has_fallen(me) {
             self.run.restart(me)?;
-            self.cycles.estimator = estimator::cycle(self.robot, self.scenario).map_err(Ended::because)?;
-            let last = self.estimator_states.resume(|tick| self.run.may_resume_from(me, tick));
-            last.into_iter().for_each(|last| self.cycles.estimator.restore(last));
+            self.cycles.estimator =
+                estimator::cycle(self.robot, self.scenario).map_err(Ended::because)?;
+            let last = self
+                .estimator_states
+                .resume(|tick| self.run.may_resume_from(me, tick));
+            last.into_iter()
+                .for_each(|last| self.cycles.estimator.restore(last));
         }
         Ok(())
     }
@@ -176,15 +198,21 @@ impl<O: Sink> UnderFaults<'_, O> {
         }
         if self.run.has_fallen(me) {
             self.run.restart(me)?;
-            self.cycles.analyzer = analyzer::cycle(self.robot, self.scenario).map_err(Ended::because)?;
-            let last = self.analyzer_states.resume(|tick| self.run.may_resume_from(me, tick));
-            last.into_iter().for_each(|last| self.cycles.analyzer.restore(last));
+            self.cycles.analyzer =
+                analyzer::cycle(self.robot, self.scenario).map_err(Ended::because)?;
+            let last = self
+                .analyzer_states
+                .resume(|tick| self.run.may_resume_from(me, tick));
+            last.into_iter()
+                .for_each(|last| self.cycles.analyzer.restore(last));
         }
         Ok(())
     }
 
     fn steer(&mut self) -> Result<(), Ended> {
-        let (Some(me), Some(cycle)) = (self.at.operator, &mut self.cycles.operator) else { return Ok(()) };
+        let (Some(me), Some(cycle)) = (self.at.operator, &mut self.cycles.operator) else {
+            return Ok(());
+        };
         while let Some(sample) = self.run.next::<SensorSample>(me, self.tick) {
             let mut target = of_tick::<Target>(sample.header.tick);
             cycle.step(&sample, &mut target);
@@ -201,15 +229,29 @@ impl<O: Sink> UnderFaults<'_, O> {
         let me = self.at.controller;
         while let Some(report) = self.run.next::<SingularityReport>(me, self.tick) {
             let tick = report.header.tick;
-            let Some(estimate) = self.run.at::<StateEstimate>(me, tick) else { continue };
-            let (mut state, mut torque) = (of_tick::<ControlState>(tick), of_tick::<TorqueCommand>(tick));
+            let Some(estimate) = self.run.at::<StateEstimate>(me, tick) else {
+                continue;
+            };
+            let (mut state, mut torque) = (
+                of_tick::<ControlState>(tick),
+                of_tick::<TorqueCommand>(tick),
+            );
             if self.cycles.operator.is_some() {
-                let (target, mut servo) = (self.run.at::<Target>(me, tick), of_tick::<ServoState>(tick));
-                self.cycles.controller.steer((&estimate, &report), target.as_ref(), &mut servo, &mut state, &mut torque);
+                let (target, mut servo) =
+                    (self.run.at::<Target>(me, tick), of_tick::<ServoState>(tick));
+                self.cycles.controller.steer(
+                    (&estimate, &report),
+                    target.as_ref(),
+                    &mut servo,
+                    &mut state,
+                    &mut torque,
+                );
                 self.cycles.controller.save(self.controller_states.slot());
                 self.run.send(me, servo)?;
             } else {
-                self.cycles.controller.step(&estimate, &report, &mut state, &mut torque);
+                self.cycles
+                    .controller
+                    .step(&estimate, &report, &mut state, &mut torque);
                 self.cycles.controller.save(self.controller_states.slot());
             }
             self.run.send(me, state)?;
@@ -219,9 +261,13 @@ impl<O: Sink> UnderFaults<'_, O> {
         }
         if self.run.has_fallen(me) {
             self.run.restart(me)?;
-            self.cycles.controller = controller::cycle(self.robot, self.scenario).map_err(Ended::because)?;
-            let last = self.controller_states.resume(|tick| self.run.may_resume_from(me, tick));
-            last.into_iter().for_each(|last| self.cycles.controller.restore(last));
+            self.cycles.controller =
+                controller::cycle(self.robot, self.scenario).map_err(Ended::because)?;
+            let last = self
+                .controller_states
+                .resume(|tick| self.run.may_resume_from(me, tick));
+            last.into_iter()
+                .for_each(|last| self.cycles.controller.restore(last));
         }
         Ok(())
     }

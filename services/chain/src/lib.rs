@@ -33,23 +33,55 @@ impl Chain {
     /// [`Refused`] by the first cycle that does not accept the robot or the scenario, or where the scenario plans faults other than those of the
     /// arm's sensors and drives: [`run_under_faults`] has them, and [`without_faults`] takes all of them out.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
-        Ok(Self { faults: hardware_faults(scenario)?, cycles: Cycles::new(robot, scenario)?, tick: 0 })
+        Ok(Self {
+            faults: hardware_faults(scenario)?,
+            cycles: Cycles::new(robot, scenario)?,
+            tick: 0,
+        })
     }
 
     /// One tick: sample, estimate, analyse, control, move. Fills the messages of the chain; those of other processes stay as they are.
     pub fn step(&mut self, tick: &mut Tick) {
         self.cycles.apply_faults(self.tick, self.faults.iter());
-        let Cycles { plant, estimator, analyzer, controller, operator, .. } = &mut self.cycles;
-        let Tick { sensor, plant_state, estimate, singularity, target, servo_state, control_state, torque, .. } = tick;
+        let Cycles {
+            plant,
+            estimator,
+            analyzer,
+            controller,
+            operator,
+            ..
+        } = &mut self.cycles;
+        let Tick {
+            sensor,
+            plant_state,
+            estimate,
+            singularity,
+            target,
+            servo_state,
+            control_state,
+            torque,
+            ..
+        } = tick;
         plant.sample(self.tick, sensor, plant_state);
         estimator.step(sensor, estimate);
         analyzer.step_knowing(estimator.terms(), estimate, singularity);
         match operator {
             Some(operator) => {
                 operator.step(sensor, target);
-                controller.steer((estimate, singularity), Some(target), servo_state, control_state, torque);
+                controller.steer(
+                    (estimate, singularity),
+                    Some(target),
+                    servo_state,
+                    control_state,
+                    torque,
+                );
             }
-            None => controller.step_knowing([estimator.terms(), analyzer.report()], (estimate, singularity), control_state, torque),
+            None => controller.step_knowing(
+                [estimator.terms(), analyzer.report()],
+                (estimate, singularity),
+                control_state,
+                torque,
+            ),
         }
         topics::each(&mut First(tick));
         plant.step(Some(&tick.torque));
@@ -77,7 +109,11 @@ impl Chain {
 
 /// The planned faults, which must be those of sensors and drives: then each process sends one message of each of its topics a tick.
 fn hardware_faults(scenario: &Scenario) -> Result<Vec<ScheduledFault>, Refused> {
-    if let Some(fault) = scenario.fault.iter().find(|fault| !fault.kind.concerns_joint()) {
+    if let Some(fault) = scenario
+        .fault
+        .iter()
+        .find(|fault| !fault.kind.concerns_joint())
+    {
         let (name, kind, process) = (&scenario.name, fault.kind.name(), &fault.process);
         let what = format_args!(
             "{name} plans the `{kind}` of the {process}, and this is computed without one: take it out, or see it with `armplane run`"
@@ -100,7 +136,10 @@ impl Each for First<'_> {
 /// A scenario as one thread can compute it: nothing goes wrong in it.
 #[must_use]
 pub fn without_faults(scenario: &Scenario) -> Scenario {
-    Scenario { fault: Vec::new(), ..scenario.clone() }
+    Scenario {
+        fault: Vec::new(),
+        ..scenario.clone()
+    }
 }
 
 /// Runs a scenario to its end, handing each tick to `each`.
@@ -142,7 +181,9 @@ pub fn try_first_tick(robot: &Robot, scenario: &Scenario) -> Result<Option<Strin
     match first.torque.phase {
         PHASE_REFUSED => {
             let why = name_of(REFUSALS, first.control_state.refusal);
-            Err(Refused::because(format_args!("the control law refuses the start: {why}")))
+            Err(Refused::because(format_args!(
+                "the control law refuses the start: {why}"
+            )))
         }
         _ => Ok(chain.warning()),
     }
@@ -160,15 +201,32 @@ mod tests {
         );
         let scenario = Scenario::parse("t.toml", &text, &[]).unwrap();
         let mut torques = Vec::new();
-        run(&Robot::builtin("ur5").unwrap(), &scenario, |tick| torques.push(tick.torque.tau)).unwrap();
+        run(&Robot::builtin("ur5").unwrap(), &scenario, |tick| {
+            torques.push(tick.torque.tau)
+        })
+        .unwrap();
         torques
     }
 
     #[test]
     fn a_target_is_in_the_torque_of_its_own_tick() {
-        let [one, other] = ["twist, base, 1, 0.2 0 0 0 0 0", "posture, joints, 1, 0 -1 1 -1 1 0"].map(torques);
-        assert_eq!(one.iter().zip(&other).position(|(one, other)| one != other), Some(100));
-        let [one, other] = ["twist, base, 1, 0.2 0 0 0 0 0", "twist, base, 1, -0.2 0 0 0 0 0"].map(torques);
-        assert_eq!(one.iter().zip(&other).position(|(one, other)| one != other), Some(100));
+        let [one, other] = [
+            "twist, base, 1, 0.2 0 0 0 0 0",
+            "posture, joints, 1, 0 -1 1 -1 1 0",
+        ]
+        .map(torques);
+        assert_eq!(
+            one.iter().zip(&other).position(|(one, other)| one != other),
+            Some(100)
+        );
+        let [one, other] = [
+            "twist, base, 1, 0.2 0 0 0 0 0",
+            "twist, base, 1, -0.2 0 0 0 0 0",
+        ]
+        .map(torques);
+        assert_eq!(
+            one.iter().zip(&other).position(|(one, other)| one != other),
+            Some(100)
+        );
     }
 }

@@ -40,7 +40,10 @@ fn counted(work: impl FnOnce()) -> u64 {
 }
 
 fn parsed(name: &str, settings: &[&str]) -> (Robot, Scenario) {
-    let settings: Vec<String> = settings.iter().map(|setting| (*setting).to_owned()).collect();
+    let settings: Vec<String> = settings
+        .iter()
+        .map(|setting| (*setting).to_owned())
+        .collect();
     let scenario = Scenario::parse(name, sim::scenarios::text(name).unwrap(), &settings).unwrap();
     (Robot::builtin(&scenario.robot).unwrap(), scenario)
 }
@@ -73,7 +76,12 @@ fn the_judge_allocates_where_something_happens_and_not_tick_by_tick() {
     for name in ["fig5-wrist-rotation", "straight-up", "iiwa-posture"] {
         let (robot, scenario) = parsed(name, &[]);
         let planned_ticks = scenario.duration_s() * f64::from(scenario.rate_hz);
-        let mut judge = recorder::Judge::new(recorder::limits(&robot), scenario.goal.clone(), planned_ticks).at_rate(scenario.rate_hz);
+        let mut judge = recorder::Judge::new(
+            recorder::limits(&robot),
+            scenario.goal.clone(),
+            planned_ticks,
+        )
+        .at_rate(scenario.rate_hz);
         let (mut chain, mut tick) = (Chain::new(&robot, &scenario).unwrap(), Tick::default());
         let (mut ticks, mut with_allocations) = (0, 0);
         while !chain.is_over() && ticks < 2_000 {
@@ -84,14 +92,20 @@ fn the_judge_allocates_where_something_happens_and_not_tick_by_tick() {
             with_allocations += u64::from(counted(|| judge.tick(std::hint::black_box(whole))) > 0);
         }
         // The first tick makes its tables; a turn, a limit reached and a new range of a histogram make room for themselves.
-        assert!(ticks > 500 && with_allocations * 50 < ticks, "{name}: {with_allocations} of {ticks} ticks allocate");
+        assert!(
+            ticks > 500 && with_allocations * 50 < ticks,
+            "{name}: {with_allocations} of {ticks} ticks allocate"
+        );
     }
 }
 
 #[test]
 fn nothing_is_allocated_where_singularities_are_found_by_number() {
     for name in ["straight-up", "elbow-in-and-out", "iiwa-posture"] {
-        let (robot, scenario) = parsed(name, &["analysis.numeric=true", "plant.model=\"reference\""]);
+        let (robot, scenario) = parsed(
+            name,
+            &["analysis.numeric=true", "plant.model=\"reference\""],
+        );
         let (mut chain, mut tick) = (Chain::new(&robot, &scenario).unwrap(), Tick::default());
         let mut moved = 0.0_f64;
         let count = counted(|| {

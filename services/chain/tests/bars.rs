@@ -42,7 +42,10 @@ struct Figures {
 const SWITCH_S: f64 = 0.025;
 
 fn run(robot: &Robot, scenario: &Scenario) -> Figures {
-    let mut out = Figures { clean: true, ..Figures::default() };
+    let mut out = Figures {
+        clean: true,
+        ..Figures::default()
+    };
     let mut steps = vec![];
     let mut torques: Vec<Vec<f64>> = vec![];
     let mut last: Option<Tick> = None;
@@ -58,7 +61,9 @@ fn run(robot: &Robot, scenario: &Scenario) -> Figures {
         let mut step = 0.0_f64;
         let mut jump = 0.0;
         for (i, joint) in robot.joints.iter().enumerate().take(n) {
-            out.speed = out.speed.max(tick.plant_state.qdot[i].abs() / joint.velocity);
+            out.speed = out
+                .speed
+                .max(tick.plant_state.qdot[i].abs() / joint.velocity);
             out.torque = out.torque.max(tick.torque.tau[i].abs() / joint.effort);
             if let Some(last) = &last {
                 let change = tick.torque.tau[i] - last.torque.tau[i];
@@ -67,11 +72,24 @@ fn run(robot: &Robot, scenario: &Scenario) -> Figures {
             }
         }
         steps.push(step);
-        torques.push(robot.joints.iter().enumerate().map(|(i, joint)| tick.torque.tau[i] / joint.effort).collect());
+        torques.push(
+            robot
+                .joints
+                .iter()
+                .enumerate()
+                .map(|(i, joint)| tick.torque.tau[i] / joint.effort)
+                .collect(),
+        );
         if let Some(last) = &last {
-            let changes = (0..4).filter(|i| last.control_state.mode[*i] != tick.control_state.mode[*i]).count();
+            let changes = (0..4)
+                .filter(|i| last.control_state.mode[*i] != tick.control_state.mode[*i])
+                .count();
             out.switches += changes;
-            out.switch_j += if changes > 0 { jump.abs() * SWITCH_S } else { 0.0 };
+            out.switch_j += if changes > 0 {
+                jump.abs() * SWITCH_S
+            } else {
+                0.0
+            };
         }
         out.saturated_ticks += usize::from(tick.torque.saturation_mask != 0);
         phase = tick.torque.phase;
@@ -81,7 +99,9 @@ fn run(robot: &Robot, scenario: &Scenario) -> Figures {
     };
     chain::run(robot, scenario, each).unwrap();
     out.hiss = hiss(&torques);
-    out.step_tick = (0..steps.len()).max_by(|a, b| steps[*a].total_cmp(&steps[*b])).unwrap_or(0);
+    out.step_tick = (0..steps.len())
+        .max_by(|a, b| steps[*a].total_cmp(&steps[*b]))
+        .unwrap_or(0);
     steps.sort_by(f64::total_cmp);
     out.step_p95 = steps[steps.len() * 95 / 100];
     out.step_p99 = steps[steps.len() * 99 / 100];
@@ -98,7 +118,9 @@ fn hiss(torques: &[Vec<f64>]) -> [f64; 2] {
     for i in 0..torques.first().map_or(0, Vec::len) {
         let fast: Vec<f64> = torques
             .windows(2 * HALF + 1)
-            .map(|window| window[HALF][i] - window.iter().map(|tau| tau[i]).sum::<f64>() / window.len() as f64)
+            .map(|window| {
+                window[HALF][i] - window.iter().map(|tau| tau[i]).sum::<f64>() / window.len() as f64
+            })
             .collect();
         out[1] = fast.iter().fold(out[1], |most, x| most.max(x.abs()));
         for half_second in fast.chunks_exact(500) {
@@ -115,11 +137,17 @@ fn split(tick: &Tick) -> ([f64; 2], [f64; 2]) {
     let p = Vector3::from(command.p_BE_d) - Vector3::from(truth.p_BE);
     let w = model::rotation_log(&(matrix(&command.R_BE_d) * matrix(&truth.R_BE).transpose()));
     let (mut linear, mut angular) = (p, w);
-    for (i, s) in tick.singularity.singularities[..tick.singularity.count as usize].iter().enumerate() {
+    for (i, s) in tick.singularity.singularities[..tick.singularity.count as usize]
+        .iter()
+        .enumerate()
+    {
         if command.mode[i] == MODE_REGULAR {
             continue;
         }
-        let (v, turn) = (Vector3::from_column_slice(&s.zeta_B[..3]), Vector3::from_column_slice(&s.zeta_B[3..]));
+        let (v, turn) = (
+            Vector3::from_column_slice(&s.zeta_B[..3]),
+            Vector3::from_column_slice(&s.zeta_B[3..]),
+        );
         linear -= v * v.dot(&linear);
         angular -= turn * turn.dot(&angular);
     }
@@ -182,8 +210,12 @@ fn scenarios_with_noise() {
         let f = run(&robot, &scenario);
         print(name, &f);
         let hisses = ["fig5-wrist-rotation", "overhead-pass"].contains(&name) && f.hiss[0] > HISS;
-        let within = [f.along[0], f.along[1], f.orthogonal[0], f.orthogonal[1]].iter().zip(bar).all(|(value, bar)| *value <= bar);
-        if !(within && f.end[0] < 0.1 && f.clean && f.step_p95 < 0.5 && f.switch_j < 2.5) || hisses {
+        let within = [f.along[0], f.along[1], f.orthogonal[0], f.orthogonal[1]]
+            .iter()
+            .zip(bar)
+            .all(|(value, bar)| *value <= bar);
+        if !(within && f.end[0] < 0.1 && f.clean && f.step_p95 < 0.5 && f.switch_j < 2.5) || hisses
+        {
             missed.push(name);
         }
     }
@@ -203,7 +235,11 @@ fn sweep(seed: u64, count: usize, speed: f64, settings: &[&str]) -> [usize; 3] {
         let ends = f.end[0] < 1.0 && f.end[1] < 0.5;
         let clean = ends && f.clean && f.speed <= 1.0 && f.saturated_ticks <= 10;
         let s1 = clean && f.orthogonal[0] < 1.0 && f.orthogonal[1] < 0.5;
-        let s2 = clean && f.orthogonal[0] < 1.0 && f.orthogonal[1] < 3.0 && f.along[0] < 10.0 && f.along[1] < 5.0;
+        let s2 = clean
+            && f.orthogonal[0] < 1.0
+            && f.orthogonal[1] < 3.0
+            && f.along[0] < 10.0
+            && f.along[1] < 5.0;
         for (count, yes) in counts.iter_mut().zip([s1, s2, ends]) {
             *count += usize::from(yes);
         }
@@ -239,7 +275,10 @@ fn sweep(seed: u64, count: usize, speed: f64, settings: &[&str]) -> [usize; 3] {
 #[ignore = "minutes: the sweep of the acceptance table"]
 fn sweep_with_noise() {
     let [s1, s2, ends] = sweep(11, 210, 0.28, &[]);
-    assert!(s1 >= 200 && s2 >= 208 && ends == 210, "S1 {s1}, S2 {s2}, ends {ends}");
+    assert!(
+        s1 >= 200 && s2 >= 208 && ends == 210,
+        "S1 {s1}, S2 {s2}, ends {ends}"
+    );
 }
 
 #[test]
@@ -247,7 +286,10 @@ fn sweep_with_noise() {
 fn fast_sweeps_with_noise() {
     for speed in [0.5, 1.0] {
         let [_, s2, ends] = sweep(12, 105, speed, &[]);
-        assert!(s2 >= 100 && ends == 105, "{speed} m/s: S2 {s2}, ends {ends}");
+        assert!(
+            s2 >= 100 && ends == 105,
+            "{speed} m/s: S2 {s2}, ends {ends}"
+        );
     }
 }
 
@@ -258,14 +300,28 @@ const OBSERVER_OFF: [&str; 1] = ["estimator.disturbance_bandwidth=0.0"];
 #[ignore = "a minute: a wrong mass, with the observer off and on"]
 fn a_wrong_mass_on_the_hybrid_plant() {
     let mut missed = vec![];
-    for name in ["fig5-wrist-rotation", "fig4-elbow-and-wrist", "overhead-pass"] {
+    for name in [
+        "fig5-wrist-rotation",
+        "fig4-elbow-and-wrist",
+        "overhead-pass",
+    ] {
         for mass in ["plant.mass_factor=0.9", "plant.mass_factor=1.1"] {
             for observer in [false, true] {
-                let settings: Vec<&str> =
-                    [mass].into_iter().chain(if observer { &[] } else { &OBSERVER_OFF[..] }.iter().copied()).collect();
+                let settings: Vec<&str> = [mass]
+                    .into_iter()
+                    .chain(
+                        if observer { &[] } else { &OBSERVER_OFF[..] }
+                            .iter()
+                            .copied(),
+                    )
+                    .collect();
                 let (robot, scenario) = built_in(name, &settings);
                 let f = run(&robot, &scenario);
-                let label = format!("{name} {} {}", &mass[18..], if observer { "observer" } else { "" });
+                let label = format!(
+                    "{name} {} {}",
+                    &mass[18..],
+                    if observer { "observer" } else { "" }
+                );
                 print(&label, &f);
                 let worst = f.along[0].max(f.orthogonal[0]);
                 // 2.5 and 0.5 mm with an exact plant; with noise five times that.
@@ -283,18 +339,35 @@ fn a_wrong_mass_on_the_hybrid_plant() {
 fn unmodelled_friction_on_the_hybrid_plant() {
     for coulomb in [false, true] {
         for observer in [false, true] {
-            let settings: Vec<&str> =
-                ["plant.friction=true"].into_iter().chain(if observer { &[] } else { &OBSERVER_OFF[..] }.iter().copied()).collect();
+            let settings: Vec<&str> = ["plant.friction=true"]
+                .into_iter()
+                .chain(
+                    if observer { &[] } else { &OBSERVER_OFF[..] }
+                        .iter()
+                        .copied(),
+                )
+                .collect();
             let (mut robot, scenario) = built_in("overhead-pass", &settings);
             if !coulomb {
-                robot.joints.iter_mut().for_each(|joint| joint.coulomb_friction = 0.0);
+                robot
+                    .joints
+                    .iter_mut()
+                    .for_each(|joint| joint.coulomb_friction = 0.0);
             }
             let f = run(&robot, &scenario);
             print(
-                &format!("overhead-pass, {} {}", if coulomb { "all friction" } else { "viscous" }, if observer { "observer" } else { "" }),
+                &format!(
+                    "overhead-pass, {} {}",
+                    if coulomb { "all friction" } else { "viscous" },
+                    if observer { "observer" } else { "" }
+                ),
                 &f,
             );
-            assert!(!observer || coulomb || f.orthogonal[0] < 2.5, "orthogonal {} mm", f.orthogonal[0]);
+            assert!(
+                !observer || coulomb || f.orthogonal[0] < 2.5,
+                "orthogonal {} mm",
+                f.orthogonal[0]
+            );
         }
     }
 }

@@ -87,21 +87,34 @@ pub(crate) enum Bench {
 pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let chosen = |bench: Bench| {
         args.what.contains(&bench)
-            || args.what.is_empty() && !matches!(bench, Bench::Lockstep | Bench::Realtime | Bench::Hour | Bench::Soak)
+            || args.what.is_empty()
+                && !matches!(
+                    bench,
+                    Bench::Lockstep | Bench::Realtime | Bench::Hour | Bench::Soak
+                )
     };
-    let load::Loaded { scenario, robot, .. } = load::scenario(load::DEFAULT_SCENARIO, &[], None)?;
+    let load::Loaded {
+        scenario, robot, ..
+    } = load::scenario(load::DEFAULT_SCENARIO, &[], None)?;
     let out = args.out.as_deref().map(folder).transpose()?;
     let terminal = Terminal::default();
     let observer: session::Observer<'_> = &|progress| terminal.show(progress);
     let (mut rows, mut record, mut realtime, mut hour) = (Vec::new(), None, Vec::new(), None);
     if args.only.iter().any(|word| word.trim().is_empty()) {
-        return Err(Failure::Input("--only needs a word or a number of bytes, as in --only \"same core\" --only 4096".to_owned()));
+        return Err(Failure::Input(
+            "--only needs a word or a number of bytes, as in --only \"same core\" --only 4096"
+                .to_owned(),
+        ));
     }
     if chosen(Bench::Hop) {
         rows.extend(benchmarks::hop(args.samples, &Only(&args.only), observer)?);
     }
     if chosen(Bench::Cycle) {
-        rows.extend(benchmarks::cycle(args.samples, &Only(&args.only), observer)?);
+        rows.extend(benchmarks::cycle(
+            args.samples,
+            &Only(&args.only),
+            observer,
+        )?);
     }
     if rows.is_empty() && !args.only.is_empty() {
         return Err(Failure::Input(format!(
@@ -111,7 +124,11 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
     }
     if chosen(Bench::Paced) {
         for rate_hz in [1_000, 4_000] {
-            rows.extend(benchmarks::paced(rate_hz, args.seconds.unwrap_or(5), observer)?);
+            rows.extend(benchmarks::paced(
+                rate_hz,
+                args.seconds.unwrap_or(5),
+                observer,
+            )?);
         }
     }
     if chosen(Bench::Model) {
@@ -129,22 +146,50 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
         record = Some(account);
     }
     let lockstep = match chosen(Bench::Lockstep) || args.against.is_some() {
-        true => Some(benchmarks::lockstep(args.runs, args.against.as_deref(), observer)?),
+        true => Some(benchmarks::lockstep(
+            args.runs,
+            args.against.as_deref(),
+            observer,
+        )?),
         false => None,
     };
     if chosen(Bench::Realtime) {
-        let rates = if args.rate.is_empty() { vec![1_000, 4_000] } else { args.rate.clone() };
+        let rates = if args.rate.is_empty() {
+            vec![1_000, 4_000]
+        } else {
+            args.rate.clone()
+        };
         for rate_hz in rates {
-            let seconds = args.seconds.unwrap_or(if rate_hz > 1_000 { 20 } else { 60 });
-            realtime.push(benchmarks::realtime::graph(&robot, &scenario, rate_hz, seconds, !args.idle, observer)?);
+            let seconds = args
+                .seconds
+                .unwrap_or(if rate_hz > 1_000 { 20 } else { 60 });
+            realtime.push(benchmarks::realtime::graph(
+                &robot, &scenario, rate_hz, seconds, !args.idle, observer,
+            )?);
         }
     }
     if chosen(Bench::Hour) {
-        hour = Some(benchmarks::hour::hour(&robot, &scenario, args.seconds.unwrap_or(3600), observer)?);
+        hour = Some(benchmarks::hour::hour(
+            &robot,
+            &scenario,
+            args.seconds.unwrap_or(3600),
+            observer,
+        )?);
     }
     let soaked = if chosen(Bench::Soak) {
-        let (rate_hz, seconds) = (args.rate.first().copied().unwrap_or(1_000), args.seconds.unwrap_or(1_800));
-        Some(faults::soak::soak(&robot, &scenario, rate_hz, seconds, args.seed, out.as_deref(), observer)?)
+        let (rate_hz, seconds) = (
+            args.rate.first().copied().unwrap_or(1_000),
+            args.seconds.unwrap_or(1_800),
+        );
+        Some(faults::soak::soak(
+            &robot,
+            &scenario,
+            rate_hz,
+            seconds,
+            args.seed,
+            out.as_deref(),
+            observer,
+        )?)
     } else {
         None
     };
@@ -159,7 +204,11 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
         None => Vec::new(),
     };
     if let (Some(out), Some(soaked)) = (&out, &soaked) {
-        pictures.extend(faults::soak::picture(soaked).save(&out.join("soak")).map_err(Failure::work)?);
+        pictures.extend(
+            faults::soak::picture(soaked)
+                .save(&out.join("soak"))
+                .map_err(Failure::work)?,
+        );
     }
     if as_json {
         say!("{whole}");
@@ -167,7 +216,10 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
         if !rows.is_empty() {
             show(&Rows(&rows));
             if !args.only.is_empty() {
-                say!("only the rows with {}, and their baseline: the whole table without --only", args.only.join(", "));
+                say!(
+                    "only the rows with {}, and their baseline: the whole table without --only",
+                    args.only.join(", ")
+                );
             }
         }
         record.iter().for_each(show);
@@ -182,7 +234,10 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
             None => say!("pictures: --out DIR"),
         }
     }
-    match soaked.as_ref().map(|soaked| (soaked.passed, soaked.interrupted.as_deref())) {
+    match soaked
+        .as_ref()
+        .map(|soaked| (soaked.passed, soaked.interrupted.as_deref()))
+    {
         Some((_, Some(signal))) => Err(Failure::Work(format!("the soak was stopped by {signal}"))),
         Some((false, None)) => Ok(ExitCode::from(1)),
         _ => Ok(ExitCode::SUCCESS),
@@ -198,16 +253,30 @@ pub(crate) fn peer(args: &BenchPeerArgs) -> Result<ExitCode, Failure> {
 /// The folder for what is saved, made before anything is measured.
 fn folder(out: &Path) -> Result<PathBuf, Failure> {
     let made = std::fs::create_dir_all(out).and_then(|()| out.canonicalize());
-    made.map_err(|error| Failure::Input(format!("cannot write to {}: {error}; choose another folder with --out", out.display())))
+    made.map_err(|error| {
+        Failure::Input(format!(
+            "cannot write to {}: {error}; choose another folder with --out",
+            out.display()
+        ))
+    })
 }
 
-fn save(out: &Path, whole: &serde_json::Value, rows: &[Row], machine: &str) -> Result<Vec<PathBuf>, Failure> {
+fn save(
+    out: &Path,
+    whole: &serde_json::Value,
+    rows: &[Row],
+    machine: &str,
+) -> Result<Vec<PathBuf>, Failure> {
     let path = out.join("bench.json");
     let text = serde_json::to_vec_pretty(whole).map_err(Failure::work)?;
-    std::fs::write(&path, text).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
+    std::fs::write(&path, text)
+        .map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
     let mut paths = vec![path];
     for (bench, page) in benchmarks::pictures(rows, machine) {
-        paths.extend(page.save(&out.join(format!("bench-{bench}"))).map_err(Failure::work)?);
+        paths.extend(
+            page.save(&out.join(format!("bench-{bench}")))
+                .map_err(Failure::work)?,
+        );
     }
     Ok(paths)
 }

@@ -16,13 +16,24 @@ pub(crate) fn clean(as_json: bool) -> Result<ExitCode, Failure> {
             removed.iter().map(|run| json!({"run": run.name, "launcher_pid": run.launcher_pid, "bytes": run.bytes})).collect();
         say!("{}", json!({"removed": removed, "folders": folders}));
     } else if removed.is_empty() && folders.is_empty() {
-        say!("nothing to clean: no dead run has left anything in {} or the temporary folder", runtime::SHM);
+        say!(
+            "nothing to clean: no dead run has left anything in {} or the temporary folder",
+            runtime::SHM
+        );
     } else {
         for run in &removed {
-            say!("removed {} ({:.1} MB), left by launcher {}", run.name, run.bytes as f64 / 1e6, run.launcher_pid);
+            say!(
+                "removed {} ({:.1} MB), left by launcher {}",
+                run.name,
+                run.bytes as f64 / 1e6,
+                run.launcher_pid
+            );
         }
         for folder in &folders {
-            say!("removed {}, left by an experiment that was killed", folder.display());
+            say!(
+                "removed {}, left by an experiment that was killed",
+                folder.display()
+            );
         }
     }
     Ok(ExitCode::SUCCESS)

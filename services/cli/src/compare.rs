@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Args;
-use lab::studies::compare::{self, ArmSweep, Compared, Ranked, Request, SWEEP, SweepSize, missed, worth};
+use lab::studies::compare::{
+    self, ArmSweep, Compared, Ranked, Request, SWEEP, SweepSize, missed, worth,
+};
 use serde_json::json;
 use session::{Failure, load};
 use shared_types::scenario::Strategy;
@@ -60,14 +62,20 @@ pub(crate) struct CompareArgs {
 pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let laws = compare::laws(&args.law)?;
     if !(args.speed.is_finite() && args.speed > 0.0) {
-        return Err(Failure::Input(format!("--speed is {}: it must be a positive number of m/s", args.speed)));
+        return Err(Failure::Input(format!(
+            "--speed is {}: it must be a positive number of m/s",
+            args.speed
+        )));
     }
     if args.race {
         return race(args, as_json);
     }
     if let Some(robot) = &args.robot {
         if args.scenarios != [SWEEP] {
-            return Err(Failure::Input("--robot draws the lines of the sweep: armplane compare sweep --robot ROBOT".to_owned()));
+            return Err(Failure::Input(
+                "--robot draws the lines of the sweep: armplane compare sweep --robot ROBOT"
+                    .to_owned(),
+            ));
         }
         let sweep = ArmSweep {
             robot,
@@ -89,7 +97,10 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
         settings: &args.set,
         seed: args.seed,
         out: args.out.as_deref(),
-        size: SweepSize { count: args.count, speed: args.speed },
+        size: SweepSize {
+            count: args.count,
+            speed: args.speed,
+        },
     };
     let terminal = Terminal::default();
     let mut each = |compared: &Compared| {
@@ -97,17 +108,25 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
             show(compared);
         }
     };
-    let (whole, folder) = compare::compare(&request, &|progress| terminal.show(progress), &mut each)?;
+    let (whole, folder) =
+        compare::compare(&request, &|progress| terminal.show(progress), &mut each)?;
     if as_json {
         say!("{whole}");
     } else {
-        say!("{}\n  compare.json and a picture of each table, SVG and PNG", folder.display());
+        say!(
+            "{}\n  compare.json and a picture of each table, SVG and PNG",
+            folder.display()
+        );
     }
     Ok(ExitCode::SUCCESS)
 }
 
 /// Lines through exactly singular postures of one arm.
-fn lines_of_an_arm(sweep: &ArmSweep<'_>, out: Option<&Path>, as_json: bool) -> Result<ExitCode, Failure> {
+fn lines_of_an_arm(
+    sweep: &ArmSweep<'_>,
+    out: Option<&Path>,
+    as_json: bool,
+) -> Result<ExitCode, Failure> {
     let terminal = Terminal::default();
     let lines = sweep.run(&|progress| terminal.show(progress))?;
     let folder = lines.save(out)?;
@@ -115,7 +134,10 @@ fn lines_of_an_arm(sweep: &ArmSweep<'_>, out: Option<&Path>, as_json: bool) -> R
         say!("{}", lines.json());
     } else {
         show(&lines);
-        say!("{}\n  compare.json, and a scenario for each line that did not reach its goal", folder.display());
+        say!(
+            "{}\n  compare.json, and a scenario for each line that did not reach its goal",
+            folder.display()
+        );
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -123,43 +145,73 @@ fn lines_of_an_arm(sweep: &ArmSweep<'_>, out: Option<&Path>, as_json: bool) -> R
 /// Two laws in one recording.
 fn race(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let ([scenario], [] | [_]) = (&args.scenarios[..], &args.law[..]) else {
-        return Err(Failure::Input("--race takes one scenario and at most one --law".to_owned()));
+        return Err(Failure::Input(
+            "--race takes one scenario and at most one --law".to_owned(),
+        ));
     };
     if scenario == SWEEP {
-        return Err(Failure::Input("--race takes a scenario with one path, not the sweep".to_owned()));
+        return Err(Failure::Input(
+            "--race takes a scenario with one path, not the sweep".to_owned(),
+        ));
     }
     let rival = match compare::laws(&args.law)?[..] {
         [rival] => rival,
         _ => Strategy::DampedLeastSquares,
     };
     let terminal = Terminal::default();
-    let race = compare::race(scenario, &args.set, args.seed, rival, args.out.as_deref(), &|progress| terminal.show(progress))?;
+    let race = compare::race(
+        scenario,
+        &args.set,
+        args.seed,
+        rival,
+        args.out.as_deref(),
+        &|progress| terminal.show(progress),
+    )?;
     if as_json {
-        say!("{}", serde_json::to_string_pretty(&race).map_err(Failure::work)?);
+        say!(
+            "{}",
+            serde_json::to_string_pretty(&race).map_err(Failure::work)?
+        );
         return Ok(ExitCode::SUCCESS);
     }
     show(&race);
-    say!("{}\n  run.rrd  both arms; open it with: armplane view {}", race.folder.display(), race.folder.display());
+    say!(
+        "{}\n  run.rrd  both arms; open it with: armplane view {}",
+        race.folder.display(),
+        race.folder.display()
+    );
     Ok(ExitCode::SUCCESS)
 }
 
 /// Searches each law's parameters and prints the best.
 fn tune(args: &CompareArgs, laws: &[Strategy], as_json: bool) -> Result<ExitCode, Failure> {
     if args.scenarios != [SWEEP] {
-        return Err(Failure::Input("--tune searches on the lines of the sweep: armplane compare sweep --tune".to_owned()));
+        return Err(Failure::Input(
+            "--tune searches on the lines of the sweep: armplane compare sweep --tune".to_owned(),
+        ));
     }
-    let size = SweepSize { count: args.count, speed: args.speed };
+    let size = SweepSize {
+        count: args.count,
+        speed: args.speed,
+    };
     let mut searched = Vec::new();
     let mut each = |law: Strategy, seed: u64, ranked: &Ranked<'_>| {
-        searched.push(json!({"law": law.name(), "points": ranked.iter().map(|(point, scores)| {
+        searched.push(
+            json!({"law": law.name(), "points": ranked.iter().map(|(point, scores)| {
             let [s2, s1, ends] = worth(scores);
             json!({"settings": point.settings, "s2": s2, "s1": s1, "ends": ends})
-        }).collect::<Vec<_>>()}));
+        }).collect::<Vec<_>>()}),
+        );
         if as_json {
             return;
         }
         let lines = ranked.first().map_or(0, |(_, scores)| scores.len());
-        say!("{}: {} settings on {lines} lines at {} m/s (seed {seed})", law.name(), ranked.len(), args.speed);
+        say!(
+            "{}: {} settings on {lines} lines at {} m/s (seed {seed})",
+            law.name(),
+            ranked.len(),
+            args.speed
+        );
         let mut rows = table(&["S2", "S1", "ends", "settings", "S2 missed by"]);
         for (point, scores) in ranked.iter().take(SHOWN) {
             let mut row = worth(scores).map(number).to_vec();
@@ -169,9 +221,19 @@ fn tune(args: &CompareArgs, laws: &[Strategy], as_json: bool) -> Result<ExitCode
         say!("{rows}");
     };
     let terminal = Terminal::default();
-    let (seed, lines) = compare::tune(&args.set, args.seed, size, laws, &|progress| terminal.show(progress), &mut each)?;
+    let (seed, lines) = compare::tune(
+        &args.set,
+        args.seed,
+        size,
+        laws,
+        &|progress| terminal.show(progress),
+        &mut each,
+    )?;
     if as_json {
-        say!("{}", json!({"lines": lines, "seed": seed, "speed_m_s": args.speed, "laws": searched}));
+        say!(
+            "{}",
+            json!({"lines": lines, "seed": seed, "speed_m_s": args.speed, "laws": searched})
+        );
     }
     Ok(ExitCode::SUCCESS)
 }

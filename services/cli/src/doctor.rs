@@ -36,5 +36,9 @@ pub(crate) fn doctor(as_json: bool) -> Result<ExitCode, Failure> {
             }
         }
     }
-    Ok(if sound { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    Ok(if sound {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(1)
+    })
 }

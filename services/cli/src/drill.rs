@@ -64,10 +64,19 @@ pub(crate) fn drill(args: &DrillArgs, as_json: bool) -> Result<ExitCode, Failure
     let terminal = Terminal::default();
     let drilled = lab::faults::drill::drill(&request, &|progress| terminal.show(progress))?;
     if as_json {
-        say!("{}", serde_json::to_string_pretty(&drilled.json).map_err(Failure::work)?);
+        say!(
+            "{}",
+            serde_json::to_string_pretty(&drilled.json).map_err(Failure::work)?
+        );
     } else {
         show(&drilled);
-        args.out.iter().for_each(|out| say!("{0}/drill.json, drill.svg, drill.png", out.display()));
+        args.out
+            .iter()
+            .for_each(|out| say!("{0}/drill.json, drill.svg, drill.png", out.display()));
     }
-    Ok(if drilled.passed { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    Ok(if drilled.passed {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(1)
+    })
 }

@@ -47,20 +47,32 @@ pub(crate) fn export(args: &ExportArgs, as_json: bool) -> Result<ExitCode, Failu
     let out = args.out.clone().unwrap_or_else(|| run.folder.clone());
     let form = match args.format {
         ExportFormat::Rbl => Form::Layout(args.layout),
-        _ if args.layout.is_some() => return Err(Failure::Input("--layout goes with --format rbl only".to_owned())),
+        _ if args.layout.is_some() => {
+            return Err(Failure::Input(
+                "--layout goes with --format rbl only".to_owned(),
+            ));
+        }
         ExportFormat::Csv => Form::Numbers(viz::ExportFormat::Csv),
         ExportFormat::Parquet => Form::Numbers(viz::ExportFormat::Parquet),
         ExportFormat::Mcap => Form::Numbers(viz::ExportFormat::Mcap),
         ExportFormat::Rrd => Form::Whole,
     };
     let terminal = Terminal::default();
-    let session::Export { files, shortfall } = session::export(&run, form, &out, &|news| terminal.show(news))?;
+    let session::Export { files, shortfall } =
+        session::export(&run, form, &out, &|news| terminal.show(news))?;
     let bytes = |path: &PathBuf| std::fs::metadata(path).map_or(0, |file| file.len());
     if as_json {
-        let files: Vec<_> = files.iter().map(|path| serde_json::json!({"file": path, "bytes": bytes(path)})).collect();
+        let files: Vec<_> = files
+            .iter()
+            .map(|path| serde_json::json!({"file": path, "bytes": bytes(path)}))
+            .collect();
         say!("{}", serde_json::json!({"files": files}));
     } else {
-        files.iter().for_each(|path| say!("{}  {}", path.display(), size(bytes(path))));
+        files
+            .iter()
+            .for_each(|path| say!("{}  {}", path.display(), size(bytes(path))));
     }
-    shortfall.map_or(Ok(ExitCode::SUCCESS), |shortfall| Err(Failure::Work(shortfall)))
+    shortfall.map_or(Ok(ExitCode::SUCCESS), |shortfall| {
+        Err(Failure::Work(shortfall))
+    })
 }

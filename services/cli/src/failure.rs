@@ -18,19 +18,30 @@ pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
     };
     if as_json {
         let place = match &failure {
-            Failure::File(error) => json!({"file": error.file, "line": error.line(), "remedy": error.remedy}),
+            Failure::File(error) => {
+                json!({"file": error.file, "line": error.line(), "remedy": error.remedy})
+            }
             _ => json!(null),
         };
-        tell(&json!({"error": {"kind": kind, "exit_code": code, "message": failure.to_string(), "place": place}}));
+        tell(
+            &json!({"error": {"kind": kind, "exit_code": code, "message": failure.to_string(), "place": place}}),
+        );
         return ExitCode::from(code);
     }
     tell(&format_args!("armplane: {failure}"));
     if let Failure::File(error) = failure
         && let Some(span) = error.span.clone()
     {
-        let label = LabeledSpan::new_with_span((!error.remedy.is_empty()).then(|| error.remedy.clone()), span);
+        let label = LabeledSpan::new_with_span(
+            (!error.remedy.is_empty()).then(|| error.remedy.clone()),
+            span,
+        );
         let diagnostic = MietteDiagnostic::new(error.message.clone()).with_label(label);
-        tell_painted(&format_args!("{:?}", Report::from(diagnostic).with_source_code(NamedSource::new(&error.file, error.text.clone()))));
+        tell_painted(&format_args!(
+            "{:?}",
+            Report::from(diagnostic)
+                .with_source_code(NamedSource::new(&error.file, error.text.clone()))
+        ));
     }
     ExitCode::from(code)
 }
@@ -48,11 +59,19 @@ pub(crate) fn usage(error: &clap::Error) -> ExitCode {
         let _ = error.print();
     } else if wants_json() {
         let text = with_remedy(&error.render().to_string());
-        let message = text.split("\n\n").next().unwrap_or_default().trim_start_matches("error: ");
+        let message = text
+            .split("\n\n")
+            .next()
+            .unwrap_or_default()
+            .trim_start_matches("error: ");
         tell(&json!({"error": {"kind": "usage", "exit_code": code, "message": message}}));
     } else {
         let styled = error.render();
-        let text = if std::io::stderr().is_terminal() { styled.ansi().to_string() } else { styled.to_string() };
+        let text = if std::io::stderr().is_terminal() {
+            styled.ansi().to_string()
+        } else {
+            styled.to_string()
+        };
         tell_painted(&with_remedy(&text).trim_end());
     }
     ExitCode::from(code)
@@ -62,11 +81,19 @@ pub(crate) fn usage(error: &clap::Error) -> ExitCode {
 fn with_remedy(text: &str) -> String {
     [
         ("invalid digit found in string", "give a whole number"),
-        ("cannot parse integer from empty string", "give a whole number"),
-        ("number too large to fit in target type", "give a smaller number"),
+        (
+            "cannot parse integer from empty string",
+            "give a whole number",
+        ),
+        (
+            "number too large to fit in target type",
+            "give a smaller number",
+        ),
         ("invalid float literal", "give a number"),
         ("cannot parse float from empty string", "give a number"),
     ]
     .iter()
-    .fold(text.to_owned(), |text, (words, remedy)| text.replace(words, remedy))
+    .fold(text.to_owned(), |text, (words, remedy)| {
+        text.replace(words, remedy)
+    })
 }

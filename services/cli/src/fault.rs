@@ -20,7 +20,13 @@ impl std::str::FromStr for Length {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let seconds = |number: &str, unit: f64| number.trim().parse::<f64>().ok().map(|number| Self::Seconds(number * unit));
+        let seconds = |number: &str, unit: f64| {
+            number
+                .trim()
+                .parse::<f64>()
+                .ok()
+                .map(|number| Self::Seconds(number * unit))
+        };
         let parsed = match text.strip_suffix("ms") {
             Some(number) => seconds(number, 1e-3),
             None => match text.strip_suffix('s') {
@@ -77,7 +83,10 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
     let (Some(process), Some(kind)) = (&args.process, args.kind) else {
         if args.list {
             match as_json {
-                true => say!("{}", serde_json::to_string_pretty(&FaultKinds.json()).map_err(Failure::work)?),
+                true => say!(
+                    "{}",
+                    serde_json::to_string_pretty(&FaultKinds.json()).map_err(Failure::work)?
+                ),
                 false => show(&FaultKinds),
             }
             return Ok(ExitCode::SUCCESS);
@@ -88,8 +97,20 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
     };
     let fault = Fault {
         way: args.way,
-        for_ticks: args.length.and_then(|length| if let Length::Ticks(ticks) = length { Some(ticks) } else { None }),
-        for_s: args.length.and_then(|length| if let Length::Seconds(s) = length { Some(s) } else { None }),
+        for_ticks: args.length.and_then(|length| {
+            if let Length::Ticks(ticks) = length {
+                Some(ticks)
+            } else {
+                None
+            }
+        }),
+        for_s: args.length.and_then(|length| {
+            if let Length::Seconds(s) = length {
+                Some(s)
+            } else {
+                None
+            }
+        }),
         probability: args.probability,
         delay_ticks: args.delay,
         jitter_ticks: args.jitter,
@@ -101,7 +122,10 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
     };
     let (name, in_force) = inject(args.run.as_deref(), &fault)?;
     if as_json {
-        say!("{}", json!({ "run": name, "tick": in_force.at_tick, "fault": in_force }));
+        say!(
+            "{}",
+            json!({ "run": name, "tick": in_force.at_tick, "fault": in_force })
+        );
     } else {
         say!("{in_force} ({name})");
     }
@@ -117,6 +141,11 @@ mod tests {
         assert_eq!("100ms".parse(), Ok(Length::Seconds(0.1)));
         assert_eq!("0.5 s".parse(), Ok(Length::Seconds(0.5)));
         assert_eq!("40".parse(), Ok(Length::Ticks(40)));
-        assert!("soon".parse::<Length>().unwrap_err().contains("a number of ticks"));
+        assert!(
+            "soon"
+                .parse::<Length>()
+                .unwrap_err()
+                .contains("a number of ticks")
+        );
     }
 }

@@ -21,7 +21,10 @@ pub(crate) struct FiguresArgs {
 
 pub(crate) fn figures(args: &FiguresArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let terminal = Terminal::default();
-    let (figures, numbers) = lab::studies::figures::figures(&args.set, args.out.as_deref(), &|progress| terminal.show(progress))?;
+    let (figures, numbers) =
+        lab::studies::figures::figures(&args.set, args.out.as_deref(), &|progress| {
+            terminal.show(progress)
+        })?;
     if as_json {
         say!("{numbers}");
         return Ok(ExitCode::SUCCESS);

@@ -23,13 +23,28 @@ pub(crate) struct InspectArgs {
     #[arg(long, value_name = "LINK")]
     frame: Option<String>,
     /// Joint positions in rad, separated by commas, or a posture's name [default: the middle of the joints' ranges].
-    #[arg(long, value_name = "Q", allow_hyphen_values = true, conflicts_with = "q_deg")]
+    #[arg(
+        long,
+        value_name = "Q",
+        allow_hyphen_values = true,
+        conflicts_with = "q_deg"
+    )]
     q: Option<String>,
     /// Joint positions in degrees, separated by commas.
-    #[arg(long, value_name = "Q", allow_hyphen_values = true, value_delimiter = ',')]
+    #[arg(
+        long,
+        value_name = "Q",
+        allow_hyphen_values = true,
+        value_delimiter = ','
+    )]
     q_deg: Option<Vec<f64>>,
     /// Joint velocities in rad/s, separated by commas [default: at rest].
-    #[arg(long, value_name = "QDOT", allow_hyphen_values = true, value_delimiter = ',')]
+    #[arg(
+        long,
+        value_name = "QDOT",
+        allow_hyphen_values = true,
+        value_delimiter = ','
+    )]
     qdot: Option<Vec<f64>>,
 }
 
@@ -42,13 +57,21 @@ pub(crate) fn inspect(args: &InspectArgs, as_json: bool) -> Result<ExitCode, Fai
     let q = posture(args, &robot)?;
     let qdot = args.qdot.clone().unwrap_or_else(|| vec![0.0; q.len()]);
     if qdot.len() != q.len() || qdot.iter().any(|rate| !rate.is_finite()) {
-        return Err(Failure::Input(format!("--qdot has {} values; {} has {} joints", qdot.len(), robot.name, q.len())));
+        return Err(Failure::Input(format!(
+            "--qdot has {} values; {} has {} joints",
+            qdot.len(),
+            robot.name,
+            q.len()
+        )));
     }
     let evaluated = evaluate(&robot, args.frame.as_deref(), &q, &qdot)?;
     if as_json {
         say!("{}", evaluated.json(&robot));
     } else {
-        show(&PostureText { posture: &evaluated, robot: &robot });
+        show(&PostureText {
+            posture: &evaluated,
+            robot: &robot,
+        });
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -56,12 +79,28 @@ pub(crate) fn inspect(args: &InspectArgs, as_json: bool) -> Result<ExitCode, Fai
 /// The posture asked for: numbers, or a name from the robot's description.
 fn posture(args: &InspectArgs, robot: &Robot) -> Result<Vec<f64>, Failure> {
     let start = match (&args.q, &args.q_deg) {
-        (_, Some(degrees)) => Start { q_deg: Some(degrees.clone()), ..Start::default() },
-        (Some(text), None) => match text.split(',').map(|number| number.trim().parse()).collect::<Result<Vec<f64>, _>>() {
-            Ok(radians) => Start { q_rad: Some(radians), ..Start::default() },
-            Err(_) => Start { posture: Some(text.clone()), ..Start::default() },
+        (_, Some(degrees)) => Start {
+            q_deg: Some(degrees.clone()),
+            ..Start::default()
         },
-        (None, None) => Start { q_rad: Some(robot.middle()), ..Start::default() },
+        (Some(text), None) => match text
+            .split(',')
+            .map(|number| number.trim().parse())
+            .collect::<Result<Vec<f64>, _>>()
+        {
+            Ok(radians) => Start {
+                q_rad: Some(radians),
+                ..Start::default()
+            },
+            Err(_) => Start {
+                posture: Some(text.clone()),
+                ..Start::default()
+            },
+        },
+        (None, None) => Start {
+            q_rad: Some(robot.middle()),
+            ..Start::default()
+        },
     };
     robot.start_posture(&start).map_err(Failure::input)
 }

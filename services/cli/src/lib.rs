@@ -159,7 +159,9 @@ enum Command {
     )]
     View(view::ViewArgs),
     /// Write a run up as one HTML page with plots, tables and the log, for people without a viewer.
-    #[command(after_help = "Examples:\n  armplane report\n  armplane report runs/fig5-wrist-rotation-001 --out fig5.html")]
+    #[command(
+        after_help = "Examples:\n  armplane report\n  armplane report runs/fig5-wrist-rotation-001 --out fig5.html"
+    )]
     Report(report::ReportArgs),
     /// Write a run's numbers and events for other tools.
     #[command(
@@ -202,10 +204,14 @@ enum Command {
     )]
     Recover(recover::RecoverArgs),
     /// Show which process reads and writes what.
-    #[command(after_help = "Examples:\n  armplane graph\n  armplane graph --format dot | dot -Tsvg > graph.svg")]
+    #[command(
+        after_help = "Examples:\n  armplane graph\n  armplane graph --format dot | dot -Tsvg > graph.svg"
+    )]
     Graph(graph::GraphArgs),
     /// List the topics of a graph: types, sizes, writers, readers.
-    #[command(after_help = "Examples:\n  armplane topics\n  armplane topics examples/energy/graph.toml --json")]
+    #[command(
+        after_help = "Examples:\n  armplane topics\n  armplane topics examples/energy/graph.toml --json"
+    )]
     Topics(topics::TopicsArgs),
     /// Print the wire for programs in other languages: every message with offsets, sizes, units and meaning.
     #[command(
@@ -246,7 +252,9 @@ enum Command {
 /// Parses the arguments of the process and executes the command; the exit code of the program.
 #[must_use]
 pub fn main() -> ExitCode {
-    launcher::with_room(work).unwrap_or_else(|error| failure::report(session::Failure::work(error), failure::wants_json()))
+    launcher::with_room(work).unwrap_or_else(|error| {
+        failure::report(session::Failure::work(error), failure::wants_json())
+    })
 }
 
 fn work() -> ExitCode {
@@ -259,7 +267,8 @@ fn work() -> ExitCode {
         1 => "info",
         _ => "debug",
     };
-    let filter = tracing_subscriber::EnvFilter::try_from_env("ARMPLANE_LOG").unwrap_or_else(|_| level.into());
+    let filter = tracing_subscriber::EnvFilter::try_from_env("ARMPLANE_LOG")
+        .unwrap_or_else(|_| level.into());
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
@@ -268,7 +277,10 @@ fn work() -> ExitCode {
         .with_target(false)
         .init();
     let json = cli.json;
-    let done = match cli.command.unwrap_or_else(|| Command::Run(run::RunArgs::default())) {
+    let done = match cli
+        .command
+        .unwrap_or_else(|| Command::Run(run::RunArgs::default()))
+    {
         Command::Run(args) => run::run(&args, json),
         Command::Servo(args) => servo::servo(&args, json),
         Command::Verify(args) => verify::verify(&args, json),

@@ -35,7 +35,9 @@ impl Panel {
     /// [`Failure::Input`] where standard input is no terminal that can be read key by key.
     pub(crate) fn of_keyboard(run: &RunDir) -> Result<Self, Failure> {
         let socket = UnixDatagram::unbound().map_err(Failure::work)?;
-        enable_raw_mode().map_err(|error| Failure::Input(format!("the terminal gives no single keys: {error}")))?;
+        enable_raw_mode().map_err(|error| {
+            Failure::Input(format!("the terminal gives no single keys: {error}"))
+        })?;
         let path = run.path().join(Servo::SOCKET);
         std::thread::spawn(move || read_keys(&socket, &path));
         Self::show(run, Keys::HELP, true)
@@ -57,7 +59,10 @@ impl Panel {
                 // To the beginning of the line, and clear it.
                 let state = page.live_state();
                 let kind = |place: usize| state.singularities.get(place).map(|one| one.kind);
-                print(format_args!("\r\x1b[K{}", steered::describe(&state.servo, kind)));
+                print(format_args!(
+                    "\r\x1b[K{}",
+                    steered::describe(&state.servo, kind)
+                ));
                 std::thread::sleep(EVERY);
             }
         });
@@ -83,17 +88,25 @@ fn print(text: std::fmt::Arguments<'_>) {
 
 /// Sends the lines of standard input to a run; at the end of input the session ends with its last target.
 pub(crate) fn send_lines(run: &RunDir) -> Result<(), Failure> {
-    let (socket, path) = (UnixDatagram::unbound().map_err(Failure::work)?, run.path().join(Servo::SOCKET));
+    let (socket, path) = (
+        UnixDatagram::unbound().map_err(Failure::work)?,
+        run.path().join(Servo::SOCKET),
+    );
     std::thread::spawn(move || {
         let send = |line: &[u8]| {
             // The operator makes its socket when it starts.
-            while socket.send_to(line, &path).is_err() && path.parent().is_some_and(|run| run.exists()) {
+            while socket.send_to(line, &path).is_err()
+                && path.parent().is_some_and(|run| run.exists())
+            {
                 std::thread::sleep(AGAIN);
             }
         };
         let mut input = std::io::stdin().lock();
         let mut line = Vec::new();
-        while input.read_until(b'\n', &mut line).is_ok_and(|bytes| bytes > 0) {
+        while input
+            .read_until(b'\n', &mut line)
+            .is_ok_and(|bytes| bytes > 0)
+        {
             // A line longer than any target, cut: the operator refuses it as it does every other that is none.
             let end = line.trim_ascii_end().len().min(LONGEST_LINE);
             send(String::from_utf8_lossy(&line[..end]).as_bytes());

@@ -39,9 +39,17 @@ pub(crate) fn plain(text: &str) -> Cow<'_, str> {
 pub(crate) fn painted(text: &str) -> Cow<'_, str> {
     /// Bytes of the colour (ESC [ numbers m) at the beginning of a text; 0 where there is none.
     fn colour(text: &str) -> usize {
-        let Some(rest) = text.strip_prefix("\x1b[") else { return 0 };
-        let numbers = rest.find(|letter: char| !(letter.is_ascii_digit() || letter == ';')).unwrap_or(rest.len());
-        if rest[numbers..].starts_with('m') { text.len() - rest.len() + numbers + 1 } else { 0 }
+        let Some(rest) = text.strip_prefix("\x1b[") else {
+            return 0;
+        };
+        let numbers = rest
+            .find(|letter: char| !(letter.is_ascii_digit() || letter == ';'))
+            .unwrap_or(rest.len());
+        if rest[numbers..].starts_with('m') {
+            text.len() - rest.len() + numbers + 1
+        } else {
+            0
+        }
     }
     escaped(text, colour)
 }
@@ -61,7 +69,11 @@ fn escaped(text: &str, kept: fn(&str) -> usize) -> Cow<'_, str> {
             written.push_str(&code[..keep]);
         } else {
             // Writing to a string does not fail.
-            let _ = write!(written, "\\u{:04x}", code.chars().next().map_or(0, u32::from));
+            let _ = write!(
+                written,
+                "\\u{:04x}",
+                code.chars().next().map_or(0, u32::from)
+            );
         }
         rest = &code[keep.max(one)..];
     }
@@ -75,12 +87,23 @@ mod tests {
 
     #[test]
     fn no_code_that_a_terminal_obeys_is_left_but_colours_where_they_are_painted() {
-        let hostile = "a\x1b]0;title\x07\x1b[2Jb\u{9b}31m\x7f\r\tend\n\x1b[1;31mred\x1b[0m\x1b[\x1b[3";
+        let hostile =
+            "a\x1b]0;title\x07\x1b[2Jb\u{9b}31m\x7f\r\tend\n\x1b[1;31mred\x1b[0m\x1b[\x1b[3";
         let all = "a\\u001b]0;title\\u0007\\u001b[2Jb\\u009b31m\\u007f\\u000d\tend\n";
-        assert_eq!(plain(hostile), format!("{all}\\u001b[1;31mred\\u001b[0m\\u001b[\\u001b[3"));
-        assert_eq!(painted(hostile), format!("{all}\x1b[1;31mred\x1b[0m\\u001b[\\u001b[3"));
+        assert_eq!(
+            plain(hostile),
+            format!("{all}\\u001b[1;31mred\\u001b[0m\\u001b[\\u001b[3")
+        );
+        assert_eq!(
+            painted(hostile),
+            format!("{all}\x1b[1;31mred\x1b[0m\\u001b[\\u001b[3")
+        );
         let json = serde_json::json!({"reason": "\u{9b}\x7f\x1b"}).to_string();
-        assert_eq!(serde_json::from_str::<serde_json::Value>(&plain(&json)).unwrap()["reason"], "\u{9b}\x7f\x1b", "JSON reads back");
+        assert_eq!(
+            serde_json::from_str::<serde_json::Value>(&plain(&json)).unwrap()["reason"],
+            "\u{9b}\x7f\x1b",
+            "JSON reads back"
+        );
         assert!(matches!(plain("ζ = (0, 1)\n"), Cow::Borrowed(_)));
     }
 }

@@ -41,9 +41,14 @@ impl Part {
 
 impl FromArgMatches for Command {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
-        let chosen =
-            matches.subcommand().and_then(|(name, matches)| Some((Part::named(name)?, matches.get_one::<PathBuf>("run").cloned())));
-        let (part, run) = chosen.ok_or_else(|| clap::Error::new(clap::error::ErrorKind::InvalidSubcommand))?;
+        let chosen = matches.subcommand().and_then(|(name, matches)| {
+            Some((
+                Part::named(name)?,
+                matches.get_one::<PathBuf>("run").cloned(),
+            ))
+        });
+        let (part, run) =
+            chosen.ok_or_else(|| clap::Error::new(clap::error::ErrorKind::InvalidSubcommand))?;
         Ok(Self { part, run })
     }
 
@@ -55,11 +60,23 @@ impl FromArgMatches for Command {
 
 impl Subcommand for Command {
     fn augment_subcommands(command: clap::Command) -> clap::Command {
-        let names = Program::ALL.into_iter().chain([Program::Operator]).map(Program::name);
-        names.chain([EXCHANGE, GUARD, ROBOT]).fold(command, |command, name| {
-            let run = Arg::new("run").long("run").value_name("DIR").value_parser(value_parser!(PathBuf));
-            command.subcommand(clap::Command::new(name).hide(true).arg(run.help("The run's directory in shared memory")))
-        })
+        let names = Program::ALL
+            .into_iter()
+            .chain([Program::Operator])
+            .map(Program::name);
+        names
+            .chain([EXCHANGE, GUARD, ROBOT])
+            .fold(command, |command, name| {
+                let run = Arg::new("run")
+                    .long("run")
+                    .value_name("DIR")
+                    .value_parser(value_parser!(PathBuf));
+                command.subcommand(
+                    clap::Command::new(name)
+                        .hide(true)
+                        .arg(run.help("The run's directory in shared memory")),
+                )
+            })
     }
 
     fn augment_subcommands_for_update(command: clap::Command) -> clap::Command {
@@ -98,10 +115,26 @@ fn work(Command { part, run }: &Command) -> Result<(), ProcessError> {
         Some(Program::Recorder) => recorder::run(&shell, &robot, &job, shell.run_dir()),
         Some(Program::Operator) => operator::run(&shell, &job.scenario),
         None if matches!(part, Part::Robot) => {
-            let address = job.graph.process(name).map(|process| process.robot.as_str()).unwrap_or_default();
-            plant_fci::run(&shell, &robot, &job.scenario, &address.parse().map_err(ProcessError::Setup)?)
+            let address = job
+                .graph
+                .process(name)
+                .map(|process| process.robot.as_str())
+                .unwrap_or_default();
+            plant_fci::run(
+                &shell,
+                &robot,
+                &job.scenario,
+                &address.parse().map_err(ProcessError::Setup)?,
+            )
         }
-        None => exchange::run(&shell, &job.graph, name, robot.dof(), job.scenario.planned_ticks(), load::command(&job.graph, name)),
+        None => exchange::run(
+            &shell,
+            &job.graph,
+            name,
+            robot.dof(),
+            job.scenario.planned_ticks(),
+            load::command(&job.graph, name),
+        ),
     };
     done.inspect(|()| shell.pass_early_signal_on())
 }

@@ -19,9 +19,15 @@ pub(crate) fn recover(args: &RecoverArgs, as_json: bool) -> Result<ExitCode, Fai
     let _signals = session::interrupts()?;
     let summary = session::recover(&args.run)?;
     if as_json {
-        say!("{}", serde_json::to_string_pretty(&summary).map_err(Failure::work)?);
+        say!(
+            "{}",
+            serde_json::to_string_pretty(&summary).map_err(Failure::work)?
+        );
     } else {
-        show(&RunText { summary: &summary, folder: &args.run });
+        show(&RunText {
+            summary: &summary,
+            folder: &args.run,
+        });
     }
     session::whole(&summary).map(|()| ExitCode::SUCCESS)
 }

@@ -25,11 +25,19 @@ pub(crate) struct ReplayArgs {
 
 pub(crate) fn replay(args: &ReplayArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let terminal = Terminal::default();
-    let (job, replayed) = replay::replay(&args.run, args.process.as_deref(), &args.set, &|progress| terminal.show(progress))?;
+    let (job, replayed) =
+        replay::replay(&args.run, args.process.as_deref(), &args.set, &|progress| {
+            terminal.show(progress)
+        })?;
     if as_json {
         say!("{}", replayed.json(&job, &args.set));
     } else {
-        show(&ReplayedText { job: &job, replayed: &replayed });
+        show(&ReplayedText {
+            job: &job,
+            replayed: &replayed,
+        });
     }
-    Ok(ExitCode::from(u8::from(replayed.first().is_some() || !replayed.is_complete())))
+    Ok(ExitCode::from(u8::from(
+        replayed.first().is_some() || !replayed.is_complete(),
+    )))
 }

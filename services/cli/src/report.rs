@@ -21,14 +21,27 @@ pub(crate) struct ReportArgs {
 
 pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let run = Run::find(args.run.as_deref())?;
-    let path = args.out.clone().unwrap_or_else(|| run.folder.join("report.html"));
+    let path = args
+        .out
+        .clone()
+        .unwrap_or_else(|| run.folder.join("report.html"));
     let session::Page { text, shortfall } = session::report(&run, &path)?;
-    std::fs::write(&path, &text)
-        .map_err(|error| Failure::Work(format!("cannot write {}: {error}; name another file with --out", path.display())))?;
+    std::fs::write(&path, &text).map_err(|error| {
+        Failure::Work(format!(
+            "cannot write {}: {error}; name another file with --out",
+            path.display()
+        ))
+    })?;
     if as_json {
         say!("{}", serde_json::json!({"file": path, "bytes": text.len()}));
     } else {
-        say!("{}  {}; open it with any browser", path.display(), size(text.len() as u64));
+        say!(
+            "{}  {}; open it with any browser",
+            path.display(),
+            size(text.len() as u64)
+        );
     }
-    shortfall.map_or(Ok(ExitCode::SUCCESS), |shortfall| Err(Failure::Work(shortfall)))
+    shortfall.map_or(Ok(ExitCode::SUCCESS), |shortfall| {
+        Err(Failure::Work(shortfall))
+    })
 }

@@ -51,8 +51,13 @@ pub(crate) struct RunArgs {
 
 /// A number of seconds that a clock can count.
 fn seconds(text: &str) -> Result<Duration, String> {
-    let parsed = text.parse().ok().filter(|seconds| (0.001..=1e6).contains(seconds));
-    parsed.map(Duration::from_secs_f64).ok_or_else(|| format!("`{text}` is not a time: seconds from 0.001 to 1000000"))
+    let parsed = text
+        .parse()
+        .ok()
+        .filter(|seconds| (0.001..=1e6).contains(seconds));
+    parsed
+        .map(Duration::from_secs_f64)
+        .ok_or_else(|| format!("`{text}` is not a time: seconds from 0.001 to 1000000"))
 }
 
 impl Default for RunArgs {
@@ -97,7 +102,14 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
         seed: args.seed,
         graph: args.graph.clone(),
         plant: args.plant.clone(),
-        mode: args.mode.map_or(if args.plant.is_some() { Mode::Realtime } else { Mode::Lockstep }, Mode::from),
+        mode: args.mode.map_or(
+            if args.plant.is_some() {
+                Mode::Realtime
+            } else {
+                Mode::Lockstep
+            },
+            Mode::from,
+        ),
         out: args.out.clone(),
         record: !args.no_record,
         messages: !args.no_messages,
@@ -107,9 +119,15 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let terminal = Terminal::default();
     let finished = session::run(&request, &|progress| terminal.show(progress))?;
     if as_json {
-        say!("{}", serde_json::to_string_pretty(&finished.summary).map_err(Failure::work)?);
+        say!(
+            "{}",
+            serde_json::to_string_pretty(&finished.summary).map_err(Failure::work)?
+        );
     } else {
-        show(&RunText { summary: &finished.summary, folder: &finished.folder });
+        show(&RunText {
+            summary: &finished.summary,
+            folder: &finished.folder,
+        });
     }
     if let End::Failed(failure) = &finished.end {
         return Err(Failure::Work(failure.to_string()));
@@ -117,7 +135,15 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
     finished.saved?;
     // For people the outcome is the first line of all; a program that keeps the summary may not look into it.
     if as_json && matches!(finished.end, End::Interrupted { .. }) {
-        return Err(Failure::Work(format!("{}: the run was {}", finished.folder.display(), finished.summary.reason)));
+        return Err(Failure::Work(format!(
+            "{}: the run was {}",
+            finished.folder.display(),
+            finished.summary.reason
+        )));
     }
-    Ok(if finished.summary.outcome == "goal reached" { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    Ok(if finished.summary.outcome == "goal reached" {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(1)
+    })
 }

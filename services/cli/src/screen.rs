@@ -27,7 +27,13 @@ impl Screen {
         }
         crossterm::terminal::enable_raw_mode().map_err(Failure::work)?;
         let (send, keys) = channel();
-        std::thread::spawn(move || stdin().lock().bytes().map_while(Result::ok).try_for_each(|key| send.send(key)));
+        std::thread::spawn(move || {
+            stdin()
+                .lock()
+                .bytes()
+                .map_while(Result::ok)
+                .try_for_each(|key| send.send(key))
+        });
         put("\x1b[?1049h\x1b[?25l");
         Ok(Some(Self { keys }))
     }
@@ -50,7 +56,8 @@ impl Screen {
 
     /// Columns and rows.
     pub(crate) fn size() -> (usize, usize) {
-        crossterm::terminal::size().map_or((80, 24), |(columns, rows)| (columns.into(), rows.into()))
+        crossterm::terminal::size()
+            .map_or((80, 24), |(columns, rows)| (columns.into(), rows.into()))
     }
 
     /// Shows these lines.

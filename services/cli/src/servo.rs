@@ -24,7 +24,11 @@ pub(crate) struct ServoArgs {
     subject: Vec<String>,
     /// Where the targets come from: a file (docs/servo.md has the format), `-` for lines of standard input without times, `keyboard`, `gamepad`
     /// (in a build with that feature), or `topic` for a process of the graph [default: the scenario's own].
-    #[arg(long, value_name = "FILE|-|keyboard|gamepad|topic", conflicts_with = "random")]
+    #[arg(
+        long,
+        value_name = "FILE|-|keyboard|gamepad|topic",
+        conflicts_with = "random"
+    )]
     from: Option<String>,
     /// Random twists of this seed, in place of a file.
     #[arg(long, value_name = "SEED")]
@@ -69,26 +73,47 @@ const RANDOM_S: f64 = 60.0;
 /// A duration that a session can have.
 fn seconds(text: &str) -> Result<f64, String> {
     let longest = 36_000.0;
-    let duration = text.parse().ok().filter(|duration: &f64| *duration > 0.0 && *duration <= longest);
-    duration.ok_or_else(|| format!("it must be a number of seconds, more than 0 and at most {longest}"))
+    let duration = text
+        .parse()
+        .ok()
+        .filter(|duration: &f64| *duration > 0.0 && *duration <= longest);
+    duration
+        .ok_or_else(|| format!("it must be a number of seconds, more than 0 and at most {longest}"))
 }
 
 pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let terminal = Terminal::default();
     if let Some(seeds) = args.seeds {
-        let robots =
-            if args.subject == [DEFAULT] { steered::robots().into_iter().map(str::to_owned).collect() } else { args.subject.clone() };
+        let robots = if args.subject == [DEFAULT] {
+            steered::robots().into_iter().map(str::to_owned).collect()
+        } else {
+            args.subject.clone()
+        };
         let plan = |robot: &String| steering(args, robot, Targets::Text(String::new()));
         let subjects: Vec<Steering> = robots.iter().map(plan).collect();
-        let scores = steered::random(&subjects, seeds, args.duration.unwrap_or(RANDOM_S), &|progress| terminal.show(progress))?;
+        let scores = steered::random(
+            &subjects,
+            seeds,
+            args.duration.unwrap_or(RANDOM_S),
+            &|progress| terminal.show(progress),
+        )?;
         match as_json {
-            true => say!("{}", serde_json::to_string_pretty(&scores).map_err(Failure::work)?),
+            true => say!(
+                "{}",
+                serde_json::to_string_pretty(&scores).map_err(Failure::work)?
+            ),
             false => show(&ScoresText(&scores)),
         }
-        return Ok(if scores.iter().all(Score::is_kept) { ExitCode::SUCCESS } else { ExitCode::from(1) });
+        return Ok(if scores.iter().all(Score::is_kept) {
+            ExitCode::SUCCESS
+        } else {
+            ExitCode::from(1)
+        });
     }
     let [subject] = args.subject.as_slice() else {
-        return Err(Failure::Input("one robot or scenario at a time; several only with --seeds N".to_owned()));
+        return Err(Failure::Input(
+            "one robot or scenario at a time; several only with --seeds N".to_owned(),
+        ));
     };
     let targets = match (args.from.as_deref(), args.random) {
         (_, Some(seed)) => Targets::Text(steered::twists(seed, args.duration.unwrap_or(RANDOM_S))),
@@ -100,7 +125,10 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
     let loaded = steering(args, subject, targets).load()?;
     // Before anything is made for the run.
     if args.from.as_deref() == Some(KEYBOARD) && !std::io::stdin().is_terminal() {
-        return Err(Failure::Input("standard input is no terminal: give targets with --from FILE, or lines with --from -".to_owned()));
+        return Err(Failure::Input(
+            "standard input is no terminal: give targets with --from FILE, or lines with --from -"
+                .to_owned(),
+        ));
     }
     let mut gamepad = match args.from.as_deref() {
         Some(GAMEPAD) => Some(Gamepad::open().map_err(Failure::Input)?),
@@ -123,7 +151,12 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
     let mut begin = |run: &RunDir| -> Result<(), Failure> {
         match args.from.as_deref() {
             Some(KEYBOARD) => panel = Some(Panel::of_keyboard(run)?),
-            Some(GAMEPAD) => panel = gamepad.take().map(|gamepad| Panel::of_gamepad(gamepad, run)).transpose()?,
+            Some(GAMEPAD) => {
+                panel = gamepad
+                    .take()
+                    .map(|gamepad| Panel::of_gamepad(gamepad, run))
+                    .transpose()?
+            }
             Some(LINES) => live::send_lines(run)?,
             _ => {}
         }
@@ -140,17 +173,30 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
     drop(panel);
     let finished = finished?;
     match as_json {
-        true => say!("{}", serde_json::to_string_pretty(&finished.summary).map_err(Failure::work)?),
+        true => say!(
+            "{}",
+            serde_json::to_string_pretty(&finished.summary).map_err(Failure::work)?
+        ),
         false => {
-            show(&RunText { summary: &finished.summary, folder: &finished.folder });
-            say!("  scenario.toml, targets.csv  run it again with: armplane run {}/scenario.toml", finished.folder.display());
+            show(&RunText {
+                summary: &finished.summary,
+                folder: &finished.folder,
+            });
+            say!(
+                "  scenario.toml, targets.csv  run it again with: armplane run {}/scenario.toml",
+                finished.folder.display()
+            );
         }
     }
     if let End::Failed(failure) = &finished.end {
         return Err(Failure::Work(failure.to_string()));
     }
     finished.saved?;
-    Ok(if finished.summary.outcome == "goal reached" { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    Ok(if finished.summary.outcome == "goal reached" {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(1)
+    })
 }
 
 fn steering(args: &ServoArgs, subject: &str, targets: Targets) -> Steering {

@@ -15,7 +15,10 @@ pub(crate) struct CompletionsArgs {
     shell: clap_complete::Shell,
 }
 
-pub(crate) fn completions(args: &CompletionsArgs, mut command: Command) -> Result<ExitCode, Failure> {
+pub(crate) fn completions(
+    args: &CompletionsArgs,
+    mut command: Command,
+) -> Result<ExitCode, Failure> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut command, "armplane", &mut script);
     say!("{}", String::from_utf8_lossy(&script).trim_end());
@@ -30,8 +33,14 @@ pub(crate) struct ManArgs {
 }
 
 pub(crate) fn man(args: &ManArgs, command: Command) -> Result<ExitCode, Failure> {
-    let written = std::fs::create_dir_all(&args.folder).and_then(|()| clap_mangen::generate_to(command, &args.folder));
-    written.map_err(|error| Failure::Input(format!("cannot write to {}: {error}; choose another folder", args.folder.display())))?;
+    let written = std::fs::create_dir_all(&args.folder)
+        .and_then(|()| clap_mangen::generate_to(command, &args.folder));
+    written.map_err(|error| {
+        Failure::Input(format!(
+            "cannot write to {}: {error}; choose another folder",
+            args.folder.display()
+        ))
+    })?;
     Ok(ExitCode::SUCCESS)
 }
 

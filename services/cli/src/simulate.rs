@@ -26,8 +26,21 @@ pub(crate) struct SimulateArgs {
 
 pub(crate) fn simulate(args: &SimulateArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let (terminal, began) = (Terminal::default(), Instant::now());
-    let simulated = lab::conformance::simulate::simulate(args.seed, args.histories, args.defect, &|progress| terminal.show(progress))?;
-    let (Simulated { histories, deaths, steps, failures }, wall_s) = (&simulated, began.elapsed().as_secs_f64());
+    let simulated = lab::conformance::simulate::simulate(
+        args.seed,
+        args.histories,
+        args.defect,
+        &|progress| terminal.show(progress),
+    )?;
+    let (
+        Simulated {
+            histories,
+            deaths,
+            steps,
+            failures,
+        },
+        wall_s,
+    ) = (&simulated, began.elapsed().as_secs_f64());
     let per_minute = *histories as f64 / wall_s.max(1e-9) * 60.0;
     if as_json {
         say!(
@@ -35,12 +48,25 @@ pub(crate) fn simulate(args: &SimulateArgs, as_json: bool) -> Result<ExitCode, F
             json!({"seed": args.seed, "histories": histories, "deaths": deaths, "steps": steps, "wall_s": wall_s, "failures": failures})
         );
     } else {
-        failures.iter().take(5).for_each(|failure| say!("{failure}"));
+        failures
+            .iter()
+            .take(5)
+            .for_each(|failure| say!("{failure}"));
         let verdict = match failures.len() {
             0 => "each ends, and its plan repeats it".to_owned(),
-            count => format!("{count} of {} batches hold one that does not keep its guarantees", args.histories.div_ceil(250)),
+            count => format!(
+                "{count} of {} batches hold one that does not keep its guarantees",
+                args.histories.div_ceil(250)
+            ),
         };
-        say!("seed {}: {histories} histories, {deaths} deaths, {steps} steps, {per_minute:.0} a minute: {verdict}", args.seed);
+        say!(
+            "seed {}: {histories} histories, {deaths} deaths, {steps} steps, {per_minute:.0} a minute: {verdict}",
+            args.seed
+        );
     }
-    Ok(if failures.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    Ok(if failures.is_empty() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(1)
+    })
 }

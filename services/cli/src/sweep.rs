@@ -34,7 +34,9 @@ pub(crate) struct SweepArgs {
 #[derive(Subcommand)]
 enum SweepCommand {
     /// Outcomes, distributions, a map over two keys, and the worst runs with the commands that repeat them.
-    #[command(after_help = "Example:\n  armplane sweep report runs/gains --by orientation_max_deg --map control.k_p,plant.mass_factor")]
+    #[command(
+        after_help = "Example:\n  armplane sweep report runs/gains --by orientation_max_deg --map control.k_p,plant.mass_factor"
+    )]
     Report(ReportArgs),
 }
 
@@ -55,9 +57,13 @@ struct ReportArgs {
 }
 
 fn shard(text: &str) -> Result<Shard, String> {
-    let numbers = text.split_once('/').and_then(|(index, of)| Some((index.parse().ok()?, of.parse().ok()?)));
+    let numbers = text
+        .split_once('/')
+        .and_then(|(index, of)| Some((index.parse().ok()?, of.parse().ok()?)));
     let valid = numbers.filter(|(index, of)| (1..=*of).contains(index));
-    valid.map(|(index, of)| Shard { index, of }).ok_or_else(|| format!("`{text}` is not a shard: 1/4, 2/4, 3/4 and 4/4 are those of four"))
+    valid
+        .map(|(index, of)| Shard { index, of })
+        .ok_or_else(|| format!("`{text}` is not a shard: 1/4, 2/4, 3/4 and 4/4 are those of four"))
 }
 
 pub(crate) fn sweep(args: &SweepArgs, as_json: bool) -> Result<ExitCode, Failure> {
@@ -70,8 +76,21 @@ pub(crate) fn sweep(args: &SweepArgs, as_json: bool) -> Result<ExitCode, Failure
         let merged = sweeps::merge(&args.merge, args.out.as_deref(), &observer)?;
         return print(&merged, &merged.folder, true, merged.lack(), as_json);
     };
-    let done = sweeps::run(&Request { file, out: args.out.as_deref(), shard: args.shard }, &observer)?;
-    print(&done, &done.folder, args.shard.is_none(), done.lack(), as_json)
+    let done = sweeps::run(
+        &Request {
+            file,
+            out: args.out.as_deref(),
+            shard: args.shard,
+        },
+        &observer,
+    )?;
+    print(
+        &done,
+        &done.folder,
+        args.shard.is_none(),
+        done.lack(),
+        as_json,
+    )
 }
 
 /// A folder of results, and how to go on with it; a failure where something that was asked for has no result.
@@ -87,17 +106,33 @@ fn print(
     } else {
         show(done);
         say!("\n{}", folder.display());
-        say!("  runs/*.parquet  a row a run: duckdb -c \"FROM '{}/runs/*.parquet'\"", folder.display());
+        say!(
+            "  runs/*.parquet  a row a run: duckdb -c \"FROM '{}/runs/*.parquet'\"",
+            folder.display()
+        );
         if is_whole {
-            say!("  look at it with: armplane sweep report {}", folder.display());
+            say!(
+                "  look at it with: armplane sweep report {}",
+                folder.display()
+            );
         }
     }
     lack.map_or(Ok(ExitCode::SUCCESS), |lack| Err(Failure::Work(lack)))
 }
 
 fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let ReportArgs { folder, by, map, worst } = args;
-    let report = sweeps::report(&ReportRequest { folder, by, map, worst: *worst })?;
+    let ReportArgs {
+        folder,
+        by,
+        map,
+        worst,
+    } = args;
+    let report = sweeps::report(&ReportRequest {
+        folder,
+        by,
+        map,
+        worst: *worst,
+    })?;
     if as_json {
         say!("{}", report.json());
     } else {

@@ -28,15 +28,27 @@ pub(crate) struct TopArgs {
 pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let mut observer = Observer::open(&choose(args.run.as_deref())?)?;
     let every = Duration::from_millis(args.every_ms);
-    let mut screen = if as_json || args.once { None } else { Screen::open()? };
+    let mut screen = if as_json || args.once {
+        None
+    } else {
+        Screen::open()?
+    };
     // A signal ends the command, and leaves the terminal as it was.
-    let mut signals = if screen.is_some() { Some(session::interrupts()?) } else { None };
+    let mut signals = if screen.is_some() {
+        Some(session::interrupts()?)
+    } else {
+        None
+    };
     let is_coloured = screen.is_some() && std::env::var_os("NO_COLOR").is_none();
     loop {
         match &screen {
             None => std::thread::sleep(every),
             Some(screen) => {
-                if screen.ends_within(every, &mut || signals.as_mut().is_some_and(|signals| signals.pending().is_some())) {
+                if screen.ends_within(every, &mut || {
+                    signals
+                        .as_mut()
+                        .is_some_and(|signals| signals.pending().is_some())
+                }) {
                     return Ok(ExitCode::SUCCESS);
                 }
             }
@@ -47,11 +59,20 @@ pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
             screen = None;
         }
         if as_json {
-            say!("{}", serde_json::to_string(&observation).map_err(Failure::work)?);
+            say!(
+                "{}",
+                serde_json::to_string(&observation).map_err(Failure::work)?
+            );
         } else if screen.is_some() {
-            Screen::show(&observation_lines(&observation, is_coloured, Screen::size()));
+            Screen::show(&observation_lines(
+                &observation,
+                is_coloured,
+                Screen::size(),
+            ));
         } else {
-            observation_lines(&observation, false, (100, usize::MAX)).iter().for_each(|line| say!("{line}"));
+            observation_lines(&observation, false, (100, usize::MAX))
+                .iter()
+                .for_each(|line| say!("{line}"));
         }
         if args.once || is_over {
             if is_over && !as_json {

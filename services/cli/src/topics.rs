@@ -18,7 +18,10 @@ pub(crate) struct TopicsArgs {
 pub(crate) fn topics(args: &TopicsArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let graph = load::graph(args.graph.as_deref())?;
     match as_json {
-        true => say!("{}", serde_json::to_string_pretty(&Topics(&graph).json()).map_err(Failure::work)?),
+        true => say!(
+            "{}",
+            serde_json::to_string_pretty(&Topics(&graph).json()).map_err(Failure::work)?
+        ),
         false => show(&Topics(&graph)),
     }
     Ok(ExitCode::SUCCESS)

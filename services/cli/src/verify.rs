@@ -45,14 +45,28 @@ pub(crate) struct VerifyArgs {
 
 pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let _signals = session::interrupts()?;
-    let load::Loaded { scenario, robot, graph } = load::scenario_in(args.graph.as_deref(), &args.scenario, &args.set, args.seed)?;
+    let load::Loaded {
+        scenario,
+        robot,
+        graph,
+    } = load::scenario_in(args.graph.as_deref(), &args.scenario, &args.set, args.seed)?;
     let terminal = Terminal::default();
     if let Some(histories) = args.kills {
-        let request =
-            kills::Request { scenario: &scenario, robot: &robot, graph: &graph, histories, seed: scenario.seed, out: args.out.as_deref() };
+        let request = kills::Request {
+            scenario: &scenario,
+            robot: &robot,
+            graph: &graph,
+            histories,
+            seed: scenario.seed,
+            out: args.out.as_deref(),
+        };
         let killed = kills::verify_kills(&request, &|progress| terminal.show(progress))?;
         print_killed(&scenario, &killed, as_json);
-        return Ok(if killed.unrepeated.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(1) });
+        return Ok(if killed.unrepeated.is_empty() {
+            ExitCode::SUCCESS
+        } else {
+            ExitCode::from(1)
+        });
     }
     let request = Request {
         name: &args.scenario,
@@ -67,13 +81,27 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
     if as_json {
         say!("{}", verified.json(&scenario));
     } else {
-        show(&VerifiedText { scenario: &scenario, verified: &verified });
+        show(&VerifiedText {
+            scenario: &scenario,
+            verified: &verified,
+        });
     }
-    Ok(if verified.is_identical { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    Ok(if verified.is_identical {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(1)
+    })
 }
 
 fn print_killed(scenario: &Scenario, killed: &Killed, as_json: bool) {
-    let Killed { histories, deaths, within_tick, at_start, unrepeated, folder } = killed;
+    let Killed {
+        histories,
+        deaths,
+        within_tick,
+        at_start,
+        unrepeated,
+        folder,
+    } = killed;
     if as_json {
         let one = |run: &kills::Unrepeated| {
             let place = run.place.as_ref().map(|place| json!({"tick": place.tick, "topic": place.topic, "field": place.difference.field}));
@@ -87,16 +115,36 @@ fn print_killed(scenario: &Scenario, killed: &Killed, as_json: bool) {
         return;
     }
     for kills::Unrepeated { number, place, .. } in unrepeated {
-        if let Some(Place { tick, topic, difference: Difference { field, expected, found }, .. }) = place {
+        if let Some(Place {
+            tick,
+            topic,
+            difference:
+                Difference {
+                    field,
+                    expected,
+                    found,
+                },
+            ..
+        }) = place
+        {
             say!(
                 "run {number} and its repetition first differ at tick {tick}, topic {topic}, field {field}: {found} instead of {expected}"
             );
         }
     }
     if let Some(folder) = folder {
-        say!("the runs that were not repeated are in {}", folder.display());
+        say!(
+            "the runs that were not repeated are in {}",
+            folder.display()
+        );
     }
-    let deaths = format!("{deaths} deaths, {within_tick} between two messages of a tick, {at_start} of replacements that had not answered");
+    let deaths = format!(
+        "{deaths} deaths, {within_tick} between two messages of a tick, {at_start} of replacements that had not answered"
+    );
     let repeated = *histories as usize - unrepeated.len();
-    say!("{}, seed {}: {repeated} of {histories} runs repeated byte for byte ({deaths})", scenario.name, scenario.seed);
+    say!(
+        "{}, seed {}: {repeated} of {histories} runs repeated byte for byte ({deaths})",
+        scenario.name,
+        scenario.seed
+    );
 }

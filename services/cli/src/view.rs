@@ -24,20 +24,31 @@ pub(crate) struct ViewArgs {
 pub(crate) fn view(args: &ViewArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let run = Run::find(args.run.as_deref())?;
     let files = run.recording()?;
-    let layout = args.layout.map(|layout| (layout, run.folder.join(format!("{}.rbl", layout.name()))));
+    let layout = args
+        .layout
+        .map(|layout| (layout, run.folder.join(format!("{}.rbl", layout.name()))));
     if let Some((layout, path)) = &layout {
         save_blueprint(&run, *layout, path)?;
     }
     let layout = layout.map(|(_, path)| path);
     if as_json {
-        say!("{}", serde_json::json!({"viewer": viewer_command(), "files": files.iter().chain(&layout).collect::<Vec<_>>()}));
+        say!(
+            "{}",
+            serde_json::json!({"viewer": viewer_command(), "files": files.iter().chain(&layout).collect::<Vec<_>>()})
+        );
     }
     let altered = run.altered();
     let terminal = Terminal::default();
     if let Some(sentence) = &altered {
         terminal.show(session::Progress::Line(&format!("armplane: {sentence}")));
     }
-    show(files, layout.as_deref(), &|progress| terminal.show(progress))?;
+    show(files, layout.as_deref(), &|progress| {
+        terminal.show(progress)
+    })?;
     // The viewer may show something else than the run did.
-    Ok(if altered.is_none() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if altered.is_none() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    })
 }

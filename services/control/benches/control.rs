@@ -16,13 +16,48 @@ fn main() {
 
 /// Name, joints, scenario, whether its formulas are ignored.
 const SCENARIOS: [(&str, usize, &str, bool); 7] = [
-    ("fig5: wrist", 6, include_str!("../../../sim/scenarios/fig5-wrist-rotation.toml"), false),
-    ("straight-up: all three", 6, include_str!("../../../sim/scenarios/straight-up.toml"), false),
-    ("straight-up, by number", 6, include_str!("../../../sim/scenarios/straight-up.toml"), true),
-    ("sweep: regular", 6, include_str!("../../../sim/scenarios/sweep.toml"), false),
-    ("ur5: wrist", 6, include_str!("../../../sim/scenarios/ur5-wrist.toml"), false),
-    ("iiwa: elbow", 7, include_str!("../../../sim/scenarios/iiwa-posture.toml"), false),
-    ("iiwa: elbow, by number", 7, include_str!("../../../sim/scenarios/iiwa-posture.toml"), true),
+    (
+        "fig5: wrist",
+        6,
+        include_str!("../../../sim/scenarios/fig5-wrist-rotation.toml"),
+        false,
+    ),
+    (
+        "straight-up: all three",
+        6,
+        include_str!("../../../sim/scenarios/straight-up.toml"),
+        false,
+    ),
+    (
+        "straight-up, by number",
+        6,
+        include_str!("../../../sim/scenarios/straight-up.toml"),
+        true,
+    ),
+    (
+        "sweep: regular",
+        6,
+        include_str!("../../../sim/scenarios/sweep.toml"),
+        false,
+    ),
+    (
+        "ur5: wrist",
+        6,
+        include_str!("../../../sim/scenarios/ur5-wrist.toml"),
+        false,
+    ),
+    (
+        "iiwa: elbow",
+        7,
+        include_str!("../../../sim/scenarios/iiwa-posture.toml"),
+        false,
+    ),
+    (
+        "iiwa: elbow, by number",
+        7,
+        include_str!("../../../sim/scenarios/iiwa-posture.toml"),
+        true,
+    ),
 ];
 
 struct Loop<const N: usize> {
@@ -39,7 +74,12 @@ fn start<const N: usize>(text: &str, numeric: bool) -> Loop<N> {
     let model = Model::<N>::new(&robot, None).unwrap();
     let q = start_posture(&robot, &scenario).unwrap();
     let controller = Controller::new(model.clone(), &robot, &scenario, q).unwrap();
-    Loop { model, analyzer: Analyzer::new(&robot, &scenario.analysis), controller, q }
+    Loop {
+        model,
+        analyzer: Analyzer::new(&robot, &scenario.analysis),
+        controller,
+        q,
+    }
 }
 
 fn analyse<const N: usize>(bencher: Bencher, text: &str, numeric: bool) {
@@ -54,7 +94,9 @@ fn analyse<const N: usize>(bencher: Bencher, text: &str, numeric: bool) {
 fn control<const N: usize>(bencher: Bencher, text: &str, numeric: bool) {
     let mut arm = start::<N>(text, numeric);
     let qdot = SVector::<f64, N>::zeros();
-    let report = arm.analyzer.step(&arm.q, &qdot, &arm.model.evaluate(&arm.q, &qdot));
+    let report = arm
+        .analyzer
+        .step(&arm.q, &qdot, &arm.model.evaluate(&arm.q, &qdot));
     let mut state = shared_types::ControllerCheckpoint::default();
     arm.controller.save(&mut state);
     bencher.bench_local(|| {
@@ -66,11 +108,19 @@ fn control<const N: usize>(bencher: Bencher, text: &str, numeric: bool) {
 #[divan::bench(args = SCENARIOS.map(|(name, ..)| name))]
 fn analyzer(bencher: Bencher, name: &str) {
     let (_, joints, text, numeric) = *SCENARIOS.iter().find(|(known, ..)| *known == name).unwrap();
-    if joints == 7 { analyse::<7>(bencher, text, numeric) } else { analyse::<6>(bencher, text, numeric) }
+    if joints == 7 {
+        analyse::<7>(bencher, text, numeric)
+    } else {
+        analyse::<6>(bencher, text, numeric)
+    }
 }
 
 #[divan::bench(args = SCENARIOS.map(|(name, ..)| name))]
 fn controller(bencher: Bencher, name: &str) {
     let (_, joints, text, numeric) = *SCENARIOS.iter().find(|(known, ..)| *known == name).unwrap();
-    if joints == 7 { control::<7>(bencher, text, numeric) } else { control::<6>(bencher, text, numeric) }
+    if joints == 7 {
+        control::<7>(bencher, text, numeric)
+    } else {
+        control::<6>(bencher, text, numeric)
+    }
 }

@@ -52,16 +52,33 @@ impl<const N: usize> Analyzer<N> {
     ///
     /// Units `q` rad, `qdot` rad/s · Frame of every vector in the report: B, at C.
     /// Requires finite `q`, `qdot` and `terms` of this very posture. Cost about 1 µs for six joints, no allocation.
-    pub fn step(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>) -> Report<N> {
+    pub fn step(
+        &mut self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        terms: &Terms<N>,
+    ) -> Report<N> {
         let mut report = self.unexamined();
         self.step_into(q, qdot, terms, &mut report);
         report
     }
 
     /// [`step`](Self::step) into place: `report` is one of this analyzer's, its last or [`unexamined`](Self::unexamined).
-    pub fn step_into(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>, report: &mut Report<N>) {
+    pub fn step_into(
+        &mut self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        terms: &Terms<N>,
+        report: &mut Report<N>,
+    ) {
         let at = self.list(q, qdot, terms, report);
-        conditioning(report, &at.J, &terms.J, self.factors.determinant(q.as_slice()), &self.task);
+        conditioning(
+            report,
+            &at.J,
+            &terms.J,
+            self.factors.determinant(q.as_slice()),
+            &self.task,
+        );
     }
 
     /// A report of no posture: no singularity, and all else zero.
@@ -74,7 +91,12 @@ impl<const N: usize> Analyzer<N> {
     ///
     /// Cost about 0.5 µs for six joints, no allocation.
     #[inline]
-    pub(crate) fn listed(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>) -> Report<N> {
+    pub(crate) fn listed(
+        &mut self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        terms: &Terms<N>,
+    ) -> Report<N> {
         let mut report = self.unexamined();
         self.list(q, qdot, terms, &mut report);
         report
@@ -82,20 +104,42 @@ impl<const N: usize> Analyzer<N> {
 
     /// Fills a report but for rank, determinant and manipulability; returns the kinematics at C.
     #[inline]
-    fn list(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, terms: &Terms<N>, report: &mut Report<N>) -> AtCentre<N> {
+    fn list(
+        &mut self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        terms: &Terms<N>,
+        report: &mut Report<N>,
+    ) -> AtCentre<N> {
         let family = self.family.get_mut();
         let p_C = family.centre(terms);
         let at = AtCentre::new(terms, &p_C, &terms.omega[N - 1]);
-        let posture = Posture { q, qdot, terms, at: &at };
+        let posture = Posture {
+            q,
+            qdot,
+            terms,
+            at: &at,
+        };
         report.p_BC = p_C;
         let before = report.count;
         report.count = family.measure(&posture, &mut report.singularities);
-        for left in report.singularities.iter_mut().take(before).skip(report.count) {
+        for left in report
+            .singularities
+            .iter_mut()
+            .take(before)
+            .skip(report.count)
+        {
             *left = Singularity::none();
         }
-        for (singularity, inside) in report.singularities[..report.count].iter_mut().zip(&mut self.inside) {
+        for (singularity, inside) in report.singularities[..report.count]
+            .iter_mut()
+            .zip(&mut self.inside)
+        {
             let kind = singularity.kind.code();
-            let neighborhood = Neighborhood { eta_in: self.analysis.eta_in.of(kind), eta_out: self.analysis.eta_out.of(kind) };
+            let neighborhood = Neighborhood {
+                eta_in: self.analysis.eta_in.of(kind),
+                eta_out: self.analysis.eta_out.of(kind),
+            };
             *inside = neighborhood.update(*inside, singularity.s);
             singularity.inside = *inside;
             (singularity.eta_in, singularity.eta_out) = (neighborhood.eta_in, neighborhood.eta_out);
@@ -154,7 +198,8 @@ fn conditioning<const N: usize>(
 fn volume_of<const N: usize>(J: &SMatrix<f64, 6, N>, task: &[bool; 6]) -> f64 {
     let rows = task.iter().filter(|counts| **counts).count();
     if rows > N {
-        let mut columns: [Vector6<f64>; N] = std::array::from_fn(|j| Vector6::from_fn(|k, _| if task[k] { J[(k, j)] } else { 0.0 }));
+        let mut columns: [Vector6<f64>; N] =
+            std::array::from_fn(|j| Vector6::from_fn(|k, _| if task[k] { J[(k, j)] } else { 0.0 }));
         return volume(&mut columns);
     }
     let (mut counted, mut count) = ([SVector::<f64, N>::zeros(); 6], 0);

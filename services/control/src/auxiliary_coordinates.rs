@@ -33,12 +33,21 @@ pub(crate) struct Coordinates<'a, const N: usize> {
 
 impl<const N: usize> Coordinates<'_, N> {
     /// Step 2: for each singularity, the target by its type, the mode by the transition table, and the auxiliary loop's demand.
-    pub(crate) fn step(&self, state: &mut State<N>, now: &Inputs<'_, N>, motion: &Motion<N>) -> Result<Auxiliary<N>, LawError> {
+    pub(crate) fn step(
+        &self,
+        state: &mut State<N>,
+        now: &Inputs<'_, N>,
+        motion: &Motion<N>,
+    ) -> Result<Auxiliary<N>, LawError> {
         self.check_rank(now.report)?;
         let control = self.control;
         let ahead = self.path.ahead(&state.progress, *now.p_EC);
         let planned = state.qdot_planned;
-        let mut out = Auxiliary { actives: Actives::none(), telemetry: Telemetry::default(), load: 0.0 };
+        let mut out = Auxiliary {
+            actives: Actives::none(),
+            telemetry: Telemetry::default(),
+            load: 0.0,
+        };
         for (i, singularity) in now.report.listed().iter().enumerate() {
             let kind = singularity.kind.code();
             let rate_max = self.rate_max(i, singularity);
@@ -58,10 +67,17 @@ impl<const N: usize> Coordinates<'_, N> {
                 clips: motion.clips,
             };
             let target = self.strategy(i, singularity, state, &situation, (now, motion))?;
-            let gains = Gains { k: control.k_aux, k_v: control.k_v, rate_max, slew: control.aux_slew.of(kind) };
+            let gains = Gains {
+                k: control.k_aux,
+                k_v: control.k_v,
+                rate_max,
+                slew: control.aux_slew.of(kind),
+            };
             let one = &mut state.loops[i];
             let demand = match control.strategy {
-                Strategy::ChangKhatib => one.step_switched(singularity, &target, &gains, motion.clock, self.dt_s),
+                Strategy::ChangKhatib => {
+                    one.step_switched(singularity, &target, &gains, motion.clock, self.dt_s)
+                }
                 _ => one.step(singularity, &target, &gains, motion.clock, self.dt_s),
             };
             if self.control.strategy.is_ours() {
@@ -98,22 +114,33 @@ impl<const N: usize> Coordinates<'_, N> {
         situation: &Situation<'_, N>,
         (now, motion): (&Inputs<'_, N>, &Motion<N>),
     ) -> Result<Target, LawError> {
-        let commanded = motion.leg.and_then(|leg| leg.reorient.map(|(place, angle)| (place, angle, leg.duration_s)));
+        let commanded = motion.leg.and_then(|leg| {
+            leg.reorient
+                .map(|(place, angle)| (place, angle, leg.duration_s))
+        });
         let branch = motion.leg.map_or(0, |leg| leg.branch) + state.servo.branch();
         let memory = &mut state.loops[place].memory;
         let target = match &motion.planned {
             // A fold with a formula keeps it; the plan decides its side.
             Some(_) if s.class == Class::Type1 && self.has_formula(place, s) => {
-                memory.side = self.guide.side(s, now.q, state.route_time_s).unwrap_or(memory.side);
+                memory.side = self
+                    .guide
+                    .side(s, now.q, state.route_time_s)
+                    .unwrap_or(memory.side);
                 self.by_type(s, situation, 0, memory)
             }
             Some(planned) => self.guide.target(s, planned, now.q, motion.clock),
             None => self.by_type(s, situation, branch, memory),
         };
         match commanded {
-            Some((turned, angle, duration_s)) if turned == place => self.reorient(state, now, s, angle, duration_s),
+            Some((turned, angle, duration_s)) if turned == place => {
+                self.reorient(state, now, s, angle, duration_s)
+            }
             // A planned leg lies within reach: what the formula of a fold misses there is tracking error.
-            _ => Ok(Target { clipped: target.clipped && motion.planned.is_none(), ..target }),
+            _ => Ok(Target {
+                clipped: target.clipped && motion.planned.is_none(),
+                ..target
+            }),
         }
     }
 
@@ -124,7 +151,10 @@ impl<const N: usize> Coordinates<'_, N> {
 
     /// Whether the singularity at a place of the report has codimension two or more, so that a self-motion leads around it.
     fn has_higher_codimension(&self, place: usize) -> bool {
-        self.family.get().first_of_higher_codimension().is_some_and(|first| place >= first)
+        self.family
+            .get()
+            .first_of_higher_codimension()
+            .is_some_and(|first| place >= first)
     }
 
     /// Largest auxiliary rate, rad/s: the scenario's, and for the self-motion of an arm with spare joints a share of what the joints have.
@@ -136,17 +166,28 @@ impl<const N: usize> Coordinates<'_, N> {
         }
         // As fast as a joint may be where only it moves.
         let size = s.aux_row.norm_squared().max(1e-12);
-        (0..N).fold(stated, |rate, i| rate.min(JOINT_SHARE * self.model.velocity()[i] * size / s.aux_row[i].abs().max(1e-9)))
+        (0..N).fold(stated, |rate, i| {
+            rate.min(JOINT_SHARE * self.model.velocity()[i] * size / s.aux_row[i].abs().max(1e-9))
+        })
     }
 
     /// The target of one auxiliary coordinate: the computed type decides the strategy, for every arm.
-    fn by_type(&self, s: &Singularity<N>, at: &Situation<'_, N>, branch: i32, memory: &mut Memory) -> Target {
+    fn by_type(
+        &self,
+        s: &Singularity<N>,
+        at: &Situation<'_, N>,
+        branch: i32,
+        memory: &mut Memory,
+    ) -> Target {
         if memory.side == 0.0 {
             memory.side = if s.s < 0.0 { -1.0 } else { 1.0 };
         }
         let family = self.family.get();
         match s.class {
-            Class::Type1 => family.fold(s, at).map_or_else(|| type_2::target(None), |fold| type_1::target(&fold, branch, memory)),
+            Class::Type1 => family.fold(s, at).map_or_else(
+                || type_2::target(None),
+                |fold| type_1::target(&fold, branch, memory),
+            ),
             Class::Type2 | Class::Mixed => type_2::target(family.direction(s, at, memory)),
             Class::Unknown => type_2::target(None),
         }
@@ -162,8 +203,16 @@ impl<const N: usize> Coordinates<'_, N> {
         duration_s: f64,
     ) -> Result<Target, LawError> {
         if state.turn.duration_s == 0.0 {
-            let motion = |angle: f64| self.family.get().turning(s, now.terms, &now.report.p_BC, angle);
-            let room = turn_plan::Room { q: now.q, model: self.model, control: self.control };
+            let motion = |angle: f64| {
+                self.family
+                    .get()
+                    .turning(s, now.terms, &now.report.p_BC, angle)
+            };
+            let room = turn_plan::Room {
+                q: now.q,
+                model: self.model,
+                control: self.control,
+            };
             state.turn = turn_plan::plan(s, angle, duration_s, &room, motion)?;
         }
         let [share, share_rate, _] = self.path.fraction(&state.progress);
@@ -178,7 +227,10 @@ impl<const N: usize> Coordinates<'_, N> {
         let full = self.task.iter().filter(|counts| **counts).count().min(N);
         let listed = report.listed().iter().filter(|s| s.inside).count();
         if self.control.strategy.is_ours() && report.rank as usize + listed < full {
-            return Err(LawError::Unlisted { rank: report.rank, listed });
+            return Err(LawError::Unlisted {
+                rank: report.rank,
+                listed,
+            });
         }
         Ok(())
     }

@@ -10,16 +10,28 @@ use shared_types::scenario::Goal;
 /// A goal that no posture of the arm has, found before the first tick, in words.
 pub(crate) fn warning<const N: usize>(guide: &Guide<N>) -> Option<String> {
     let (leg, _) = guide.beyond_reach()?;
-    Some(format!("the goal of segment {leg} is beyond reach: the arm will go as far as the boundary and slide along it"))
+    Some(format!(
+        "the goal of segment {leg} is beyond reach: the arm will go as far as the boundary and slide along it"
+    ))
 }
 
 /// The command, marked as clipped where a leg whose goal is beyond reach has ended short of it, by more than the scenario's `goal` allows in the axes
 /// that count, `task`.
 #[inline]
-pub(crate) fn marked<const N: usize>(command: Command<N>, guide: &Guide<N>, task: &[bool; 6], goal: &Goal) -> Command<N> {
-    let is_over = guide.beyond_reach().is_some_and(|(leg, _)| command.segment as usize > leg);
+pub(crate) fn marked<const N: usize>(
+    command: Command<N>,
+    guide: &Guide<N>,
+    task: &[bool; 6],
+    goal: &Goal,
+) -> Command<N> {
+    let is_over = guide
+        .beyond_reach()
+        .is_some_and(|(leg, _)| command.segment as usize > leg);
     let served = Vector6::from_fn(|k, _| if task[k] { command.error[k] } else { 0.0 });
-    let arrived =
-        within(linear(&served).norm() * 1e3, goal.position_mm) && within(angular(&served).norm().to_degrees(), goal.orientation_deg);
-    Command { clipped: command.clipped || is_over && !arrived, ..command }
+    let arrived = within(linear(&served).norm() * 1e3, goal.position_mm)
+        && within(angular(&served).norm().to_degrees(), goal.orientation_deg);
+    Command {
+        clipped: command.clipped || is_over && !arrived,
+        ..command
+    }
 }

@@ -33,10 +33,15 @@ impl<const N: usize> AtCentre<N> {
                     column[k] += v[k];
                 }
             }
-            let a = linear(&Jdot_qdot) + angular(&Jdot_qdot).cross(&r) + omega.cross(&omega.cross(&r));
+            let a =
+                linear(&Jdot_qdot) + angular(&Jdot_qdot).cross(&r) + omega.cross(&omega.cross(&r));
             Jdot_qdot = stack(&a, &angular(&Jdot_qdot));
         }
-        Self { p: *p_BC, J, Jdot_qdot }
+        Self {
+            p: *p_BC,
+            J,
+            Jdot_qdot,
+        }
     }
 }
 
@@ -57,7 +62,12 @@ impl PoseMotion {
     /// At rest in `X`.
     #[must_use]
     pub fn rest(X: &Pose) -> Self {
-        Self { R: X.R, p: X.p, V: Vector6::zeros(), a: Vector6::zeros() }
+        Self {
+            R: X.R,
+            p: X.p,
+            V: Vector6::zeros(),
+            a: Vector6::zeros(),
+        }
     }
 
     /// The same motion of the body, seen at the point `p_E` (coordinates in the body's own axes).
@@ -70,7 +80,10 @@ impl PoseMotion {
             R: self.R,
             p: self.p + r,
             V: stack(&(linear(&self.V) + w.cross(&r)), &w),
-            a: stack(&(linear(&self.a) + alpha.cross(&r) + w.cross(&w.cross(&r))), &alpha),
+            a: stack(
+                &(linear(&self.a) + alpha.cross(&r) + w.cross(&w.cross(&r))),
+                &alpha,
+            ),
         }
     }
 }

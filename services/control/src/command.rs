@@ -19,9 +19,16 @@ pub(crate) fn running<const N: usize>(
     torque: &LimitedTorque<N>,
     settle_s: f64,
 ) -> Command<N> {
-    let Motion { leg, desired_E, error, .. } = motion;
+    let Motion {
+        leg,
+        desired_E,
+        error,
+        ..
+    } = motion;
     let telemetry = &auxiliary.telemetry;
-    let planned = leg.and_then(|leg| leg.reorient).filter(|_| state.turn.duration_s > 0.0);
+    let planned = leg
+        .and_then(|leg| leg.reorient)
+        .filter(|_| state.turn.duration_s > 0.0);
     Command {
         tau: state.sent.tau,
         tau_task: state.sent.tau - state.sent.null,
@@ -37,7 +44,11 @@ pub(crate) fn running<const N: usize>(
         beta: telemetry.beta,
         aux_d: telemetry.aux_d,
         aux_rate_d: telemetry.aux_rate_d,
-        plan: planned.map(|(place, _)| Plan { place, by: state.turn.by, duration_s: state.turn.duration_s }),
+        plan: planned.map(|(place, _)| Plan {
+            place,
+            by: state.turn.by,
+            duration_s: state.turn.duration_s,
+        }),
         mode: telemetry.mode,
         segment: state.progress.leg as u32,
         phase: match (leg, state.progress.time_s < settle_s) {
@@ -55,8 +66,14 @@ pub(crate) fn running<const N: usize>(
 
 /// The torque that brings an arm to rest, within the limits: gravity and Coriolis held, each joint's speed damped by `damping`, 1/s, through the whole
 /// mass matrix, so that no joint is thrown by the braking of another; zero where the state is not finite.
-pub(crate) fn braking<const N: usize>(known: Option<(&Terms<N>, &SVector<f64, N>)>, damping: f64, limits: &SVector<f64, N>) -> Limited<N> {
-    let mut tau = known.map_or_else(SVector::zeros, |(terms, qdot)| terms.bias() - terms.A * qdot * damping);
+pub(crate) fn braking<const N: usize>(
+    known: Option<(&Terms<N>, &SVector<f64, N>)>,
+    damping: f64,
+    limits: &SVector<f64, N>,
+) -> Limited<N> {
+    let mut tau = known.map_or_else(SVector::zeros, |(terms, qdot)| {
+        terms.bias() - terms.A * qdot * damping
+    });
     if !tau.iter().all(|x| x.is_finite()) {
         tau = SVector::zeros();
     }
@@ -67,11 +84,23 @@ pub(crate) fn braking<const N: usize>(known: Option<(&Terms<N>, &SVector<f64, N>
             tau[i] = tau[i].clamp(-limits[i], limits[i]);
         }
     }
-    Limited { tau, task: tau, null: SVector::zeros(), null_scale: 0.0, task_scale: 0.0, mask, load: 0.0 }
+    Limited {
+        tau,
+        task: tau,
+        null: SVector::zeros(),
+        null_scale: 0.0,
+        task_scale: 0.0,
+        mask,
+        load: 0.0,
+    }
 }
 
 /// The command of a tick in which the arm is brought to rest, its torque already in `state`.
-pub(crate) fn resting<const N: usize>(state: &State<N>, saturation_mask: u32, rate_mask: u32) -> Command<N> {
+pub(crate) fn resting<const N: usize>(
+    state: &State<N>,
+    saturation_mask: u32,
+    rate_mask: u32,
+) -> Command<N> {
     let start = state.progress.start;
     Command {
         tau: state.sent.tau,

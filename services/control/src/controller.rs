@@ -65,7 +65,12 @@ impl<const N: usize> Controller<N> {
     ///
     /// # Errors
     /// [`SetupError`] if the scenario does not fit the robot.
-    pub fn new(model: Model<N>, robot: &Robot, scenario: &Scenario, q_start: SVector<f64, N>) -> Result<Self, SetupError> {
+    pub fn new(
+        model: Model<N>,
+        robot: &Robot,
+        scenario: &Scenario,
+        q_start: SVector<f64, N>,
+    ) -> Result<Self, SetupError> {
         let rest = model.evaluate(&q_start, &SVector::zeros());
         let mut analyzer = Analyzer::new(robot, &scenario.analysis);
         let report = analyzer.step(&q_start, &SVector::zeros(), &rest);
@@ -73,7 +78,15 @@ impl<const N: usize> Controller<N> {
         let path = Path::new(scenario, &report)?;
         let mut postures = Postures::new(robot, scenario, q_start)?;
         let fresh = Analyzer::new(robot, &scenario.analysis);
-        let (plan, obstacle) = match route_ahead(&model, robot, scenario, &path, &fresh, &q_start, postures.goals()) {
+        let (plan, obstacle) = match route_ahead(
+            &model,
+            robot,
+            scenario,
+            &path,
+            &fresh,
+            &q_start,
+            postures.goals(),
+        ) {
             Ok(plan) => (plan, None),
             Err(obstacle) => (None, Some(obstacle)),
         };
@@ -88,7 +101,16 @@ impl<const N: usize> Controller<N> {
             length_m: robot.length_m,
             postures,
             guide,
-            state: State::begin(&rest, q_start, model.effort(), if obstacle.is_some() { Refusal::Route } else { Refusal::None }),
+            state: State::begin(
+                &rest,
+                q_start,
+                model.effort(),
+                if obstacle.is_some() {
+                    Refusal::Route
+                } else {
+                    Refusal::None
+                },
+            ),
             obstacle,
             model,
             steered,
@@ -149,7 +171,11 @@ impl<const N: usize> Controller<N> {
                 &evaluated
             }
         };
-        if !self.state.plausible.take(q, qdot, &Bounds::of(&self.model, terms, self.scenario.dt_s())) {
+        if !self.state.plausible.take(
+            q,
+            qdot,
+            &Bounds::of(&self.model, terms, self.scenario.dt_s()),
+        ) {
             return self.reject();
         }
         self.act((q, qdot), tau_disturbance, report, terms)
@@ -174,7 +200,18 @@ impl<const N: usize> Controller<N> {
         let p_EC = &(terms.X_BE.R.transpose() * (report.p_BC - terms.X_BE.p));
         // On a copy: a tick that is refused half-way leaves no half-made state.
         let mut state = self.state;
-        match self.tick(&mut state, &Inputs { q, qdot, tau_disturbance, report, terms, at, p_EC }) {
+        match self.tick(
+            &mut state,
+            &Inputs {
+                q,
+                qdot,
+                tau_disturbance,
+                report,
+                terms,
+                at,
+                p_EC,
+            },
+        ) {
             Ok(command) if is_finite(&command.tau) => {
                 self.state = state;
                 command
@@ -188,9 +225,18 @@ impl<const N: usize> Controller<N> {
     ///
     /// Shapes N · Units rad, rad/s · Ensures a torque that brings the arm to rest: gravity compensated and joints damped where `q` and `qdot` are finite,
     /// else zero · Errors none: the reason is in the command · Cost that of the model's terms, no allocation
-    pub fn refuse(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, why: Refusal) -> Command<N> {
+    pub fn refuse(
+        &mut self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        why: Refusal,
+    ) -> Command<N> {
         self.state.refusal = why;
-        if is_finite(q) && is_finite(qdot) { self.refusal(Some((&self.model.evaluate(q, qdot), qdot))) } else { self.refusal(None) }
+        if is_finite(q) && is_finite(qdot) {
+            self.refusal(Some((&self.model.evaluate(q, qdot), qdot)))
+        } else {
+            self.refusal(None)
+        }
     }
 
     /// Brings the arm to rest from where it plausibly is, its path's clock with it; after too long it refuses to go on.
@@ -226,7 +272,11 @@ impl<const N: usize> Controller<N> {
             path_time_s: self.state.path_time_s,
             time_scale: clock,
             mode: self.state.loops.map(|one| one.mode),
-            phase: if running { Phase::Running } else { Phase::Settling },
+            phase: if running {
+                Phase::Running
+            } else {
+                Phase::Settling
+            },
             refusal: Refusal::None,
             ..rest
         }
@@ -243,7 +293,14 @@ impl<const N: usize> Controller<N> {
         let auxiliary = self.coordinates().step(state, now, &motion)?;
         let torques = self.torques(state, now, &motion, &auxiliary)?;
         let torque = self.limits(state, now, &motion, &torques)?;
-        let command = command::running(state, now, &motion, &auxiliary, &torque, self.scenario.settle_s);
+        let command = command::running(
+            state,
+            now,
+            &motion,
+            &auxiliary,
+            &torque,
+            self.scenario.settle_s,
+        );
         let command = beyond_reach::marked(command, &self.guide, &self.task, &self.scenario.goal);
         self.clock(state, now, &motion, &torques, auxiliary.load);
         Ok(command)
@@ -251,13 +308,34 @@ impl<const N: usize> Controller<N> {
 
     /// The arm, the path and the terms of the auxiliary coordinates.
     fn coordinates(&self) -> Coordinates<'_, N> {
-        let Self { model, family, path, guide, task, scenario, .. } = self;
-        Coordinates { model, family, path, guide, task: *task, control: &scenario.control, dt_s: scenario.dt_s() }
+        let Self {
+            model,
+            family,
+            path,
+            guide,
+            task,
+            scenario,
+            ..
+        } = self;
+        Coordinates {
+            model,
+            family,
+            path,
+            guide,
+            task: *task,
+            control: &scenario.control,
+            dt_s: scenario.dt_s(),
+        }
     }
 
     /// The path, and the terms on which it is followed.
     fn followed(&self) -> Followed<'_, N> {
-        Followed { path: &self.path, guide: &self.guide, task: self.task, control: &self.scenario.control }
+        Followed {
+            path: &self.path,
+            guide: &self.guide,
+            task: self.task,
+            control: &self.scenario.control,
+        }
     }
 
     /// Step 3: torques by the scenario's law.
@@ -270,8 +348,19 @@ impl<const N: usize> Controller<N> {
     ) -> Result<Torques<N>, LawError> {
         let actives = &auxiliary.actives;
         let a = self.bounded_return(now.report, &auxiliary.telemetry.mode, motion);
-        let Control { k_p, k_v, baseline: tuned, .. } = &self.scenario.control;
-        let avoided = (self.family.get().first_of_higher_codimension().filter(|_| self.scenario.control.strategy.is_ours()), &self.task);
+        let Control {
+            k_p,
+            k_v,
+            baseline: tuned,
+            ..
+        } = &self.scenario.control;
+        let avoided = (
+            self.family
+                .get()
+                .first_of_higher_codimension()
+                .filter(|_| self.scenario.control.strategy.is_ours()),
+            &self.task,
+        );
         let wanted = &Wanted {
             A: &now.terms.A,
             at: now.at,
@@ -281,7 +370,13 @@ impl<const N: usize> Controller<N> {
             a_path: motion.along_path(&a, self.length_m),
             V: motion.V_nominal,
             a_feed: motion.a_feed,
-            posture: self.postures.acceleration(&self.scenario.control, (&self.path, &state.progress), now, motion, avoided),
+            posture: self.postures.acceleration(
+                &self.scenario.control,
+                (&self.path, &state.progress),
+                now,
+                motion,
+                avoided,
+            ),
         };
         let arm = &resolved_rate::Arm {
             q: now.q,
@@ -299,26 +394,70 @@ impl<const N: usize> Controller<N> {
             Strategy::ChangKhatib if actives.is_empty() => blended::torques(wanted, actives),
             Strategy::ChangKhatib => chang_khatib::torques(wanted, actives),
             Strategy::OperationalSpace => blended::torques(wanted, &Actives::none()),
-            Strategy::PseudoInverse => null_space::torques(wanted, null_space::Projector::PseudoInverse),
-            Strategy::DynamicallyConsistent => null_space::torques(wanted, null_space::Projector::DynamicallyConsistent),
-            Strategy::DampedLeastSquares => resolved_rate::resolved(arm, wanted, Inverse::Damped(tuned.damped_least_squares)),
-            Strategy::TruncatedSvd => resolved_rate::resolved(arm, wanted, Inverse::Truncated { floor: tuned.truncated_svd_floor }),
-            Strategy::HoldAndBlend => hold_and_blend::torques(arm, wanted, memory, &tuned.hold_and_blend, &self.model),
+            Strategy::PseudoInverse => {
+                null_space::torques(wanted, null_space::Projector::PseudoInverse)
+            }
+            Strategy::DynamicallyConsistent => {
+                null_space::torques(wanted, null_space::Projector::DynamicallyConsistent)
+            }
+            Strategy::DampedLeastSquares => {
+                resolved_rate::resolved(arm, wanted, Inverse::Damped(tuned.damped_least_squares))
+            }
+            Strategy::TruncatedSvd => resolved_rate::resolved(
+                arm,
+                wanted,
+                Inverse::Truncated {
+                    floor: tuned.truncated_svd_floor,
+                },
+            ),
+            Strategy::HoldAndBlend => {
+                hold_and_blend::torques(arm, wanted, memory, &tuned.hold_and_blend, &self.model)
+            }
             Strategy::JointPd => {
-                let at = |q: &SVector<f64, N>| (self.model.forward_kinematics(q), self.model.jacobian(q));
-                resolved_rate::joint_pd(arm, wanted, memory, Inverse::Damped(tuned.joint_pd), self.scenario.dt_s(), at)
+                let at = |q: &SVector<f64, N>| {
+                    (self.model.forward_kinematics(q), self.model.jacobian(q))
+                };
+                resolved_rate::joint_pd(
+                    arm,
+                    wanted,
+                    memory,
+                    Inverse::Damped(tuned.joint_pd),
+                    self.scenario.dt_s(),
+                    at,
+                )
             }
         }
     }
 
     /// a* whose feedback along a lost direction asks no auxiliary coordinate for more than its largest rate: a hold is left without a leap.
-    fn bounded_return(&self, report: &Report<N>, modes: &[Mode; MAX_SINGULARITIES], motion: &Motion<N>) -> Vector6<f64> {
+    fn bounded_return(
+        &self,
+        report: &Report<N>,
+        modes: &[Mode; MAX_SINGULARITIES],
+        motion: &Motion<N>,
+    ) -> Vector6<f64> {
         let (mut a, k_v) = (motion.a, self.scenario.control.k_v);
-        let Some(first) = self.family.get().first_of_higher_codimension() else { return a };
-        for (place, s) in report.listed().iter().enumerate().skip(first).filter(|(place, _)| modes[*place] != Mode::Regular) {
-            let (along, most) = (s.zeta_B.dot(&motion.feedback), k_v * s.gain.abs() * self.coordinates().rate_max(place, s));
+        let Some(first) = self.family.get().first_of_higher_codimension() else {
+            return a;
+        };
+        for (place, s) in report
+            .listed()
+            .iter()
+            .enumerate()
+            .skip(first)
+            .filter(|(place, _)| modes[*place] != Mode::Regular)
+        {
+            let (along, most) = (
+                s.zeta_B.dot(&motion.feedback),
+                k_v * s.gain.abs() * self.coordinates().rate_max(place, s),
+            );
             // Of finite numbers it is a NaN only where one overflows beside a zero: the check of the torque finds it, and a bound of NaN would be a panic.
-            a -= s.zeta_B * if most.is_nan() { f64::NAN } else { along - along.clamp(-most, most) };
+            a -= s.zeta_B
+                * if most.is_nan() {
+                    f64::NAN
+                } else {
+                    along - along.clamp(-most, most)
+                };
         }
         a
     }
@@ -352,23 +491,42 @@ impl<const N: usize> Controller<N> {
             bias -= compensated(now.tau_disturbance, self.model.effort());
         }
         let torques = if self.scenario.control.governs() {
-            speed_limit::held(torques, &now.terms.A, now.qdot, self.model.velocity(), self.model.torque_rate())?
+            speed_limit::held(
+                torques,
+                &now.terms.A,
+                now.qdot,
+                self.model.velocity(),
+                self.model.torque_rate(),
+            )?
         } else {
             *torques
         };
         let limited = limit(&bias, &torques, self.model.effort());
         let rate_mask;
-        (state.sent, rate_mask) = state.sent.next(&limited, &(torques.path * limited.task_scale), &self.torque_step(), self.model.effort());
+        (state.sent, rate_mask) = state.sent.next(
+            &limited,
+            &(torques.path * limited.task_scale),
+            &self.torque_step(),
+            self.model.effort(),
+        );
         Ok(LimitedTorque { limited, rate_mask })
     }
 
     /// Step 5: the path's clock moves on, at the speed that the governor gives it for the next tick.
-    fn clock(&self, state: &mut State<N>, now: &Inputs<'_, N>, motion: &Motion<N>, torques: &Torques<N>, auxiliary_load: f64) {
+    fn clock(
+        &self,
+        state: &mut State<N>,
+        now: &Inputs<'_, N>,
+        motion: &Motion<N>,
+        torques: &Torques<N>,
+        auxiliary_load: f64,
+    ) {
         let clock = motion.clock;
         state.qdot_planned = torques.qdot_nominal * clock;
         if self.scenario.servo.is_some() {
             let range = (self.model.lower(), self.model.upper());
-            state.servo.fastest = limits::fastest(now.q, &torques.qdot_nominal, range, self.model.velocity());
+            state.servo.fastest =
+                limits::fastest(now.q, &torques.qdot_nominal, range, self.model.velocity());
         }
         if self.scenario.control.governor {
             let A = &now.terms.A;
@@ -379,14 +537,28 @@ impl<const N: usize> Controller<N> {
                 holding: now.terms.gravity,
                 following: (A * torques.qddot_path + now.terms.coriolis) / (clock * clock),
                 braking: A * torques.qdot_nominal,
-                foreseen: if motion.planned.is_none() && !motion.clips && self.scenario.control.strategy.is_ours() {
-                    demand_ahead(&self.family, (&self.path, state), now, self.model.velocity(), &self.scenario)
+                foreseen: if motion.planned.is_none()
+                    && !motion.clips
+                    && self.scenario.control.strategy.is_ours()
+                {
+                    demand_ahead(
+                        &self.family,
+                        (&self.path, state),
+                        now,
+                        self.model.velocity(),
+                        &self.scenario,
+                    )
                 } else {
                     Foreseen::default()
                 },
-                planned: self.guide.speed(motion.planned.as_ref(), state.route_time_s, clock).min(state.servo.fastest.clock),
+                planned: self
+                    .guide
+                    .speed(motion.planned.as_ref(), state.route_time_s, clock)
+                    .min(state.servo.fastest.clock),
             };
-            state.governor.step(&load, self.model.effort(), self.scenario.dt_s());
+            state
+                .governor
+                .step(&load, self.model.effort(), self.scenario.dt_s());
         }
         let step = clock * self.scenario.dt_s();
         let on_path = self.guide.path_time(state.route_time_s, step);
@@ -399,10 +571,18 @@ impl<const N: usize> Controller<N> {
     fn refusal(&mut self, known: Option<(&Terms<N>, &SVector<f64, N>)>) -> Command<N> {
         let limits = self.model.effort();
         // Before a limit an arm has the shortest way to stop in.
-        let damping = self.scenario.control.k_v * if self.state.refusal == Refusal::Limit { 1.0 } else { 0.5 };
+        let damping = self.scenario.control.k_v
+            * if self.state.refusal == Refusal::Limit {
+                1.0
+            } else {
+                0.5
+            };
         let wanted = command::braking(known, damping, limits);
         let rate_mask;
-        (self.state.sent, rate_mask) = self.state.sent.next(&wanted, &SVector::zeros(), &self.torque_step(), limits);
+        (self.state.sent, rate_mask) =
+            self.state
+                .sent
+                .next(&wanted, &SVector::zeros(), &self.torque_step(), limits);
         command::resting(&self.state, wanted.mask, rate_mask)
     }
 

@@ -20,10 +20,17 @@ pub(crate) fn demand_ahead<const N: usize>(
     scenario: &Scenario,
 ) -> Foreseen {
     let mut foreseen = Foreseen::default();
-    if path.leg(state.progress.leg).is_none_or(|leg| leg.reorient.is_some()) {
+    if path
+        .leg(state.progress.leg)
+        .is_none_or(|leg| leg.reorient.is_some())
+    {
         return foreseen;
     }
-    let wrist = now.report.listed().iter().position(|s| s.kind == Kind::Wrist);
+    let wrist = now
+        .report
+        .listed()
+        .iter()
+        .position(|s| s.kind == Kind::Wrist);
     let at = Foresight {
         q: now.q,
         terms: now.terms,

@@ -27,16 +27,29 @@ pub(crate) struct Followed<'a, const N: usize> {
 }
 
 /// Step 1: the desired motion of E and C, the pose error, and a* = a_d + k_v(V_d − V) + k_p e, the error bounded.
-pub(crate) fn desired_motion<const N: usize>(follow: &Followed<'_, N>, state: &mut State<N>, now: &Inputs<'_, N>) -> Motion<N> {
-    let Followed { path, guide, task, control } = follow;
+pub(crate) fn desired_motion<const N: usize>(
+    follow: &Followed<'_, N>,
+    state: &mut State<N>,
+    now: &Inputs<'_, N>,
+) -> Motion<N> {
+    let Followed {
+        path,
+        guide,
+        task,
+        control,
+    } = follow;
     let before = state.progress.leg;
     path.advance(&mut state.progress, 0.0, now.report);
     if state.progress.leg != before {
         state.turn = Turn::none();
     }
     let clock = state.governor.rate;
-    let reorients = path.leg(state.progress.leg).is_some_and(|leg| leg.reorient.is_some());
-    let planned = guide.at(state.progress.leg, state.route_time_s).filter(|_| !reorients);
+    let reorients = path
+        .leg(state.progress.leg)
+        .is_some_and(|leg| leg.reorient.is_some());
+    let planned = guide
+        .at(state.progress.leg, state.route_time_s)
+        .filter(|_| !reorients);
     // The path waits while the plan turns ζ.
     let time_rate = planned.map_or(1.0, |plan| plan.time_rate);
     let V = now.at.J * now.qdot;
@@ -47,14 +60,26 @@ pub(crate) fn desired_motion<const N: usize>(follow: &Followed<'_, N>, state: &m
     };
     let place = path.place(&state.progress);
     let on_path = place.moving(clock * time_rate, state.governor.rate_dot * time_rate);
-    let desired_E = served(PoseMotion { a: on_path.a + state.servo.a * clock, ..on_path });
+    let desired_E = served(PoseMotion {
+        a: on_path.a + state.servo.a * clock,
+        ..on_path
+    });
     let desired = desired_E.at(now.p_EC);
     let turn_error = rotation_error(&desired.R, &now.terms.X_BE.R, free.as_ref());
     let error = stack(&(desired.p - now.at.p), &turn_error);
     let clips = guide.ends_before(state.progress.leg);
     // The distance to a goal beyond reach along a lost direction must not take from the answer across it.
-    let lost = if clips { along_lost(&error, now.report) } else { Vector6::zeros() };
-    let bounded = |e: &Vector6<f64>| stack(&clamp_norm(linear(e), POSITION_ERROR_MAX), &clamp_norm(angular(e), ORIENTATION_ERROR_MAX));
+    let lost = if clips {
+        along_lost(&error, now.report)
+    } else {
+        Vector6::zeros()
+    };
+    let bounded = |e: &Vector6<f64>| {
+        stack(
+            &clamp_norm(linear(e), POSITION_ERROR_MAX),
+            &clamp_norm(angular(e), ORIENTATION_ERROR_MAX),
+        )
+    };
     let feedback = bounded(&(error - lost)) + bounded(&lost);
     let Control { k_p, k_v, .. } = **control;
     Motion {
@@ -76,7 +101,11 @@ pub(crate) fn desired_motion<const N: usize>(follow: &Followed<'_, N>, state: &m
 fn along_lost<const N: usize>(error: &Vector6<f64>, report: &Report<N>) -> Vector6<f64> {
     let mut across = *error;
     for s in report.listed() {
-        let openness = Neighborhood { eta_in: s.eta_in, eta_out: s.eta_out }.openness(s.s);
+        let openness = Neighborhood {
+            eta_in: s.eta_in,
+            eta_out: s.eta_out,
+        }
+        .openness(s.s);
         across -= s.zeta_B * (s.zeta_B.dot(&across) * (1.0 - openness));
     }
     error - across

@@ -35,7 +35,9 @@ pub enum LawError {
         angle_deg: f64,
     },
     /// A direction is lost that no listed singularity explains.
-    #[error("the Jacobian has rank {rank} with {listed} singularities listed: a direction is lost that none of them explains")]
+    #[error(
+        "the Jacobian has rank {rank} with {listed} singularities listed: a direction is lost that none of them explains"
+    )]
     Unlisted {
         /// Rank of the Jacobian.
         rank: u32,
@@ -43,7 +45,9 @@ pub enum LawError {
         listed: usize,
     },
     /// More rows than joints.
-    #[error("{rows} rows of task and auxiliary coordinates for {joints} joints: ask for fewer task axes")]
+    #[error(
+        "{rows} rows of task and auxiliary coordinates for {joints} joints: ask for fewer task axes"
+    )]
     TooManyRows {
         /// Rows of task and auxiliary coordinates.
         rows: usize,
@@ -117,9 +121,18 @@ impl<const N: usize> Actives<N> {
     /// None.
     #[must_use]
     pub fn none() -> Self {
-        let nothing =
-            Active { zeta_B: Vector6::zeros(), gain: 0.0, beta: 1.0, aux_row: SVector::zeros(), aux_acceleration: 0.0, aux_rate: 0.0 };
-        Self { list: [nothing; MAX_SINGULARITIES], count: 0 }
+        let nothing = Active {
+            zeta_B: Vector6::zeros(),
+            gain: 0.0,
+            beta: 1.0,
+            aux_row: SVector::zeros(),
+            aux_acceleration: 0.0,
+            aux_rate: 0.0,
+        };
+        Self {
+            list: [nothing; MAX_SINGULARITIES],
+            count: 0,
+        }
     }
 
     /// Adds one; a report holds no more than fit.
@@ -159,6 +172,8 @@ impl<const N: usize> Torques<N> {
     #[must_use]
     #[inline]
     pub fn speed_share(&self, velocity: &SVector<f64, N>) -> f64 {
-        (0..N).fold(0.0_f64, |share, i| share.max(self.qdot_nominal[i].abs() / velocity[i]))
+        (0..N).fold(0.0_f64, |share, i| {
+            share.max(self.qdot_nominal[i].abs() / velocity[i])
+        })
     }
 }

@@ -50,14 +50,20 @@ impl<const N: usize> Lu<N> {
         let (mut most, mut zero) = ([0.0; N], [0.0; N]);
         for column in &*columns {
             for i in 0..N {
-                most[i] = if column[i].abs() > most[i] { column[i].abs() } else { most[i] };
+                most[i] = if column[i].abs() > most[i] {
+                    column[i].abs()
+                } else {
+                    most[i]
+                };
                 zero[i] += 0.0 * column[i];
             }
         }
         if zero.iter().any(|zero| *zero != 0.0) {
             return Err(SolveError::NotFinite);
         }
-        let largest = most.iter().fold(0.0_f64, |largest, most| largest.max(*most));
+        let largest = most
+            .iter()
+            .fold(0.0_f64, |largest, most| largest.max(*most));
         let mut order: [usize; N] = std::array::from_fn(|i| i);
         for k in 0..N {
             let column = &columns[k];
@@ -69,7 +75,11 @@ impl<const N: usize> Lu<N> {
             }
             let pivot = column[best];
             if pivot.abs() <= PIVOT_FLOOR * largest {
-                return Err(SolveError::RankDeficient { size: N, pivot: pivot.abs(), largest });
+                return Err(SolveError::RankDeficient {
+                    size: N,
+                    pivot: pivot.abs(),
+                    largest,
+                });
             }
             if best != k {
                 columns.iter_mut().for_each(|column| column.swap(best, k));
@@ -156,7 +166,9 @@ impl<const N: usize> Lu<N> {
 /// Shapes R×C, R ≤ 6 → 6, zero beyond the count · Units those of M · Requires finite entries: any other gives no finite values · Ensures a relative error
 /// of 1e-13 of the largest value, because [`SWEEPS`] sweeps leave no overlap above 1e-9 · Errors none · Cost ≤ 8·15 rotations for 6×6, no allocation
 #[must_use]
-pub fn singular_values<const R: usize, const C: usize>(M: &SMatrix<f64, R, C>) -> ([f64; 6], usize) {
+pub fn singular_values<const R: usize, const C: usize>(
+    M: &SMatrix<f64, R, C>,
+) -> ([f64; 6], usize) {
     let mut rows: [SVector<f64, C>; R] = std::array::from_fn(|i| M.row(i).transpose());
     // The remainder changes the values by its square only.
     one_sided_jacobi(&mut rows, |a, b| 1e-9 * (a * b).sqrt(), |_, _, _| ());
@@ -252,7 +264,8 @@ pub fn volume<const C: usize>(rows: &mut [SVector<f64, C>]) -> f64 {
         let (row, square) = (&done[i], done[i].norm_squared());
         volume *= square.sqrt();
         if square > 0.0 {
-            rest.iter_mut().for_each(|other| *other -= row * (row.dot(other) / square));
+            rest.iter_mut()
+                .for_each(|other| *other -= row * (row.dot(other) / square));
         }
     }
     volume
@@ -288,7 +301,11 @@ pub fn one_sided_jacobi<const C: usize>(
             for i in (sum + 1).saturating_sub(rows.len())..sum.div_ceil(2) {
                 let j = sum - i;
                 let (x, y) = (rows[i].data.0[0], rows[j].data.0[0]);
-                let (a, b, c) = (squares[i], squares[j], x.iter().zip(&y).fold(0.0, |sum, (x, y)| sum + x * y));
+                let (a, b, c) = (
+                    squares[i],
+                    squares[j],
+                    x.iter().zip(&y).fold(0.0, |sum, (x, y)| sum + x * y),
+                );
                 if c.abs() <= negligible(a, b) {
                     continue;
                 }
@@ -322,12 +339,21 @@ impl Rotation {
         let tau = (b - a) / (2.0 * c);
         let t = if tau < 0.0 { -1.0 } else { 1.0 } / (tau.abs() + (1.0 + tau * tau).sqrt());
         let cos = 1.0 / (1.0 + t * t).sqrt();
-        Self { cos, sin: cos * t, tan: t }
+        Self {
+            cos,
+            sin: cos * t,
+            tan: t,
+        }
     }
 
     /// The pair (x, y), rotated.
     #[inline]
-    pub fn of<T: Copy + std::ops::Mul<f64, Output = T> + std::ops::Add<Output = T> + std::ops::Sub<Output = T>>(
+    pub fn of<
+        T: Copy
+            + std::ops::Mul<f64, Output = T>
+            + std::ops::Add<Output = T>
+            + std::ops::Sub<Output = T>,
+    >(
         &self,
         x: T,
         y: T,
@@ -343,7 +369,9 @@ impl Rotation {
 /// Shapes M×M → M and M×M · Units of the values those of S · Requires finite entries, S = Sᵀ: a NaN or an infinity gives no finite values · Ensures VᵀV = 1 and
 /// V·diag(values)·Vᵀ = S within 1e-12 of the largest entry up to M = 8 (`sweeps_suffice`) · Errors none · Cost O(M³) per sweep, no allocation
 #[must_use]
-pub fn symmetric_eigen<const M: usize>(S: &SMatrix<f64, M, M>) -> (SVector<f64, M>, SMatrix<f64, M, M>) {
+pub fn symmetric_eigen<const M: usize>(
+    S: &SMatrix<f64, M, M>,
+) -> (SVector<f64, M>, SMatrix<f64, M, M>) {
     let (mut D, mut V) = (*S, SMatrix::<f64, M, M>::identity());
     for _ in 0..SWEEPS {
         let mut rotated = false;
@@ -388,7 +416,9 @@ pub fn is_finite<const N: usize>(v: &SVector<f64, N>) -> bool {
 #[must_use]
 #[inline]
 pub fn stack(linear: &Vector3<f64>, angular: &Vector3<f64>) -> Vector6<f64> {
-    Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
+    Vector6::new(
+        linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
+    )
 }
 
 /// The linear half of a twist.
@@ -432,7 +462,11 @@ pub fn wrap_line(x: f64) -> f64 {
 #[inline]
 pub fn clamp_norm(v: Vector3<f64>, length: f64) -> Vector3<f64> {
     let norm = v.norm();
-    if norm > length { v * (length / norm) } else { v }
+    if norm > length {
+        v * (length / norm)
+    } else {
+        v
+    }
 }
 
 #[cfg(test)]
@@ -442,8 +476,10 @@ mod tests {
     use proptest::prelude::*;
 
     fn matrix6() -> impl Strategy<Value = Matrix6<f64>> {
-        prop::array::uniform32(-1.0..1.0)
-            .prop_flat_map(|a| prop::array::uniform4(-1.0..1.0).prop_map(move |b| Matrix6::from_iterator(a.into_iter().chain(b))))
+        prop::array::uniform32(-1.0..1.0).prop_flat_map(|a| {
+            prop::array::uniform4(-1.0..1.0)
+                .prop_map(move |b| Matrix6::from_iterator(a.into_iter().chain(b)))
+        })
     }
 
     proptest! {
@@ -549,7 +585,10 @@ mod tests {
     #[test]
     fn a_rank_deficient_system_is_refused_with_its_numbers() {
         let M = SMatrix::<f64, 2, 2>::new(1.0, 2.0, 2.0, 4.0);
-        assert!(matches!(Lu::new(M), Err(SolveError::RankDeficient { size: 2, .. })));
+        assert!(matches!(
+            Lu::new(M),
+            Err(SolveError::RankDeficient { size: 2, .. })
+        ));
         assert_eq!(Lu::new(M * f64::NAN).unwrap_err(), SolveError::NotFinite);
     }
 

@@ -34,7 +34,12 @@ pub(crate) struct Bounds<'a, const N: usize> {
 impl<'a, const N: usize> Bounds<'a, N> {
     /// Those of an arm in the state whose terms are `terms`, over a tick of `dt` s.
     pub(crate) fn of(model: &'a Model<N>, terms: &'a Terms<N>, dt: f64) -> Self {
-        Self { terms, velocity: model.velocity(), effort: model.effort(), dt }
+        Self {
+            terms,
+            velocity: model.velocity(),
+            effort: model.effort(),
+            dt,
+        }
     }
 }
 
@@ -54,7 +59,12 @@ pub(crate) struct Plausible<const N: usize> {
 impl<const N: usize> Plausible<N> {
     /// Before the first tick.
     pub(crate) fn unknown() -> Self {
-        Self { known: false, rejected_ticks: 0, q: SVector::zeros(), qdot: SVector::zeros() }
+        Self {
+            known: false,
+            rejected_ticks: 0,
+            q: SVector::zeros(),
+            qdot: SVector::zeros(),
+        }
     }
 
     /// Takes the estimate where it is plausible; returns whether it is.
@@ -64,11 +74,22 @@ impl<const N: usize> Plausible<N> {
     ///
     /// Shapes N · Units rad, rad/s · Requires finite numbers · Ensures that a lasting change of place is accepted after the time an arm takes to get
     /// there · Cost O(N), and O(N³) for a velocity that changes by more than a quarter of its limit; no allocation
-    pub(crate) fn take(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, bounds: &Bounds<'_, N>) -> bool {
+    pub(crate) fn take(
+        &mut self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        bounds: &Bounds<'_, N>,
+    ) -> bool {
         let ticks = 1.0 + f64::from(self.rejected_ticks);
-        let is_plausible = !self.known || self.near(q, ticks, bounds) && self.reachable(qdot, ticks, bounds);
+        let is_plausible =
+            !self.known || self.near(q, ticks, bounds) && self.reachable(qdot, ticks, bounds);
         if is_plausible {
-            *self = Self { known: true, rejected_ticks: 0, q: *q, qdot: *qdot };
+            *self = Self {
+                known: true,
+                rejected_ticks: 0,
+                q: *q,
+                qdot: *qdot,
+            };
         } else {
             self.rejected_ticks = self.rejected_ticks.saturating_add(1);
         }
@@ -76,19 +97,38 @@ impl<const N: usize> Plausible<N> {
     }
 
     fn near(&self, q: &SVector<f64, N>, ticks: f64, bounds: &Bounds<'_, N>) -> bool {
-        (0..N).all(|i| (q[i] - self.q[i]).abs() <= SPEED * bounds.velocity[i] * bounds.dt * ticks + POSITION_NOISE)
+        (0..N).all(|i| {
+            (q[i] - self.q[i]).abs()
+                <= SPEED * bounds.velocity[i] * bounds.dt * ticks + POSITION_NOISE
+        })
     }
 
     fn reachable(&self, qdot: &SVector<f64, N>, ticks: f64, bounds: &Bounds<'_, N>) -> bool {
-        let fast = |i: usize| if bounds.velocity[i].is_finite() { bounds.velocity[i] } else { FAST };
-        let beyond = SVector::<f64, N>::from_fn(|i, _| qdot[i].abs() - self.qdot[i].abs() - VELOCITY_NOISE * fast(i));
+        let fast = |i: usize| {
+            if bounds.velocity[i].is_finite() {
+                bounds.velocity[i]
+            } else {
+                FAST
+            }
+        };
+        let beyond = SVector::<f64, N>::from_fn(|i, _| {
+            qdot[i].abs() - self.qdot[i].abs() - VELOCITY_NOISE * fast(i)
+        });
         if beyond.iter().all(|x| *x <= 0.0) {
             return true;
         }
-        let Ok(lu) = Lu::new(bounds.terms.A) else { return false };
+        let Ok(lu) = Lu::new(bounds.terms.A) else {
+            return false;
+        };
         let mut most = SVector::<f64, N>::zeros();
         for j in 0..N {
-            let push = SVector::from_fn(|i, _| if i == j { bounds.effort[j] + bounds.terms.gravity[j].abs() } else { 0.0 });
+            let push = SVector::from_fn(|i, _| {
+                if i == j {
+                    bounds.effort[j] + bounds.terms.gravity[j].abs()
+                } else {
+                    0.0
+                }
+            });
             most += lu.solve(&push).abs();
         }
         (0..N).all(|i| beyond[i] <= 0.0 || beyond[i] <= most[i] * bounds.dt * ticks)

@@ -29,9 +29,21 @@ impl<const N: usize> Postures<N> {
     ///
     /// # Errors
     /// [`SetupError::Posture`] for a posture that does not fit the robot.
-    pub(crate) fn new(robot: &Robot, scenario: &Scenario, q_start: SVector<f64, N>) -> Result<Self, SetupError> {
-        let commanded = scenario.segment.iter().any(|segment| segment.posture_deg.is_some());
-        Ok(Self { q_start, goals: posture_goals(robot, scenario, &q_start)?, commanded, steered: scenario.servo.is_some() })
+    pub(crate) fn new(
+        robot: &Robot,
+        scenario: &Scenario,
+        q_start: SVector<f64, N>,
+    ) -> Result<Self, SetupError> {
+        let commanded = scenario
+            .segment
+            .iter()
+            .any(|segment| segment.posture_deg.is_some());
+        Ok(Self {
+            q_start,
+            goals: posture_goals(robot, scenario, &q_start)?,
+            commanded,
+            steered: scenario.servo.is_some(),
+        })
     }
 
     /// Posture goal of each leg, rad.
@@ -41,11 +53,16 @@ impl<const N: usize> Postures<N> {
 
     /// Keeps a posture from a leg of this index on, where none is commanded: the one in which a plan ends before the path does.
     pub(crate) fn stay(&mut self, from: Option<(usize, SVector<f64, N>)>) {
-        let Some((leg, q)) = from.filter(|_| !self.commanded) else { return };
+        let Some((leg, q)) = from.filter(|_| !self.commanded) else {
+            return;
+        };
         if leg == 0 {
             self.q_start = q;
         }
-        self.goals.iter_mut().skip(leg.saturating_sub(1)).for_each(|goal| *goal = q);
+        self.goals
+            .iter_mut()
+            .skip(leg.saturating_sub(1))
+            .for_each(|goal| *goal = q);
     }
 
     /// Acceleration wanted in the null space, rad/s²: towards the planned posture, else the commanded one, and near a lost direction around it.
@@ -64,10 +81,16 @@ impl<const N: usize> Postures<N> {
             return (plan.q - now.q) * k_p + (plan.dq * motion.clock - now.qdot) * k_v;
         }
         let off = self.at(path, progress) - now.q;
-        let off = if self.steered { off * (STEERED / off.amax().max(STEERED)) } else { off };
+        let off = if self.steered {
+            off * (STEERED / off.amax().max(STEERED))
+        } else {
+            off
+        };
         let towards = off * (0.25 * k_p);
         let away = avoided.and_then(|first| avoidance::away(&now.at.J, task, now.report, first));
-        away.map_or(towards, |(rate, weight)| towards * (1.0 - weight) + rate * (k_v * weight)) - now.qdot * k_v
+        away.map_or(towards, |(rate, weight)| {
+            towards * (1.0 - weight) + rate * (k_v * weight)
+        }) - now.qdot * k_v
     }
 
     /// The goal, reached by the leg's own time law.
@@ -75,7 +98,10 @@ impl<const N: usize> Postures<N> {
         let Some(goal) = self.goals.get(progress.leg) else {
             return *self.goals.last().unwrap_or(&self.q_start);
         };
-        let from = progress.leg.checked_sub(1).map_or(&self.q_start, |i| &self.goals[i]);
+        let from = progress
+            .leg
+            .checked_sub(1)
+            .map_or(&self.q_start, |i| &self.goals[i]);
         from + (goal - from) * path.ramp(progress)
     }
 }

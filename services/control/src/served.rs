@@ -12,12 +12,18 @@ use nalgebra::{Matrix3, Vector3};
 pub(crate) fn free_axis(task: &[bool; 6]) -> Option<Vector3<f64>> {
     let mut free = (0..3).filter(|k| !task[3 + k]);
     let (first, second) = (free.next()?, free.next());
-    second.is_none().then(|| Vector3::from_fn(|k, _| if k == first { 1.0 } else { 0.0 }))
+    second
+        .is_none()
+        .then(|| Vector3::from_fn(|k, _| if k == first { 1.0 } else { 0.0 }))
 }
 
 /// The rotation vector from `R` to `R_d`; without the share about `free` where there is one. Units rad.
 #[must_use]
-pub(crate) fn rotation_error(R_d: &Matrix3<f64>, R: &Matrix3<f64>, free: Option<&Vector3<f64>>) -> Vector3<f64> {
+pub(crate) fn rotation_error(
+    R_d: &Matrix3<f64>,
+    R: &Matrix3<f64>,
+    free: Option<&Vector3<f64>>,
+) -> Vector3<f64> {
     let E = R_d * R.transpose();
     match free {
         None => rotation_log(&E),
@@ -29,7 +35,12 @@ pub(crate) fn rotation_error(R_d: &Matrix3<f64>, R: &Matrix3<f64>, free: Option<
 ///
 /// ω' = exp(−α k)·ω_d − α̇ k and its derivative, with α̇ = k·(ω_d − ω): what is served of it does not depend on α̈.
 #[must_use]
-pub(crate) fn turned(desired: &PoseMotion, R: &Matrix3<f64>, omega: &Vector3<f64>, k: &Vector3<f64>) -> PoseMotion {
+pub(crate) fn turned(
+    desired: &PoseMotion,
+    R: &Matrix3<f64>,
+    omega: &Vector3<f64>,
+    k: &Vector3<f64>,
+) -> PoseMotion {
     let T = rotation_exp(&(k * -rotation_twist(&(desired.R * R.transpose()), k)));
     let (w, a) = (T * angular(&desired.V), T * angular(&desired.a));
     let alpha_rate = k.dot(&(w - omega));
@@ -49,7 +60,10 @@ mod tests {
     #[test]
     fn one_free_rotation_is_found() {
         assert_eq!(free_axis(&[true; 6]), None);
-        assert_eq!(free_axis(&[true, true, true, true, true, false]), Some(Vector3::z()));
+        assert_eq!(
+            free_axis(&[true, true, true, true, true, false]),
+            Some(Vector3::z())
+        );
         assert_eq!(free_axis(&[true, true, true, false, false, true]), None);
     }
 

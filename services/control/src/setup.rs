@@ -31,7 +31,10 @@ pub enum SetupError {
 ///
 /// # Errors
 /// [`SetupError::Start`] if it does not fit the robot or lies outside its limits.
-pub fn start_posture<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<SVector<f64, N>, SetupError> {
+pub fn start_posture<const N: usize>(
+    robot: &Robot,
+    scenario: &Scenario,
+) -> Result<SVector<f64, N>, SetupError> {
     let q = robot.start_posture(&scenario.start)?;
     Ok(model::embedded(&q))
 }
@@ -45,11 +48,17 @@ pub(crate) fn posture_goals<const N: usize>(
     scenario: &Scenario,
     q_start: &SVector<f64, N>,
 ) -> Result<Vec<SVector<f64, N>>, SetupError> {
-    let goal = |(segment, goal): (usize, &shared_types::scenario::Segment)| match &goal.posture_deg {
+    let goal = |(segment, goal): (usize, &shared_types::scenario::Segment)| match &goal.posture_deg
+    {
         None => Ok(*q_start),
         Some(q) => {
-            let start = Start { q_deg: Some(q.clone()), ..Start::default() };
-            let q = robot.start_posture(&start).map_err(|error| SetupError::Posture { segment, error })?;
+            let start = Start {
+                q_deg: Some(q.clone()),
+                ..Start::default()
+            };
+            let q = robot
+                .start_posture(&start)
+                .map_err(|error| SetupError::Posture { segment, error })?;
             Ok(model::embedded(&q))
         }
     };

@@ -39,7 +39,12 @@ pub(crate) struct State<const N: usize> {
 
 impl<const N: usize> State<N> {
     /// Before the first tick: an arm at rest in `q_start`, whose terms are `rest`; `effort` are the torque limits, N·m.
-    pub(crate) fn begin(rest: &Terms<N>, q_start: SVector<f64, N>, effort: &SVector<f64, N>, refusal: Refusal) -> Self {
+    pub(crate) fn begin(
+        rest: &Terms<N>,
+        q_start: SVector<f64, N>,
+        effort: &SVector<f64, N>,
+        refusal: Refusal,
+    ) -> Self {
         let sent = Sent::holding(&rest.gravity, effort);
         Self {
             progress: Progress::at(rest.X_BE),
@@ -59,8 +64,24 @@ impl<const N: usize> State<N> {
 
     /// Writes all of it.
     pub(crate) fn save(&self, out: &mut ControllerCheckpoint) {
-        let State { progress, governor, loops, turn, refusal, path_time_s, route_time_s, .. } = self;
-        let State { joint_memory, sent, qdot_planned, plausible, servo, .. } = self;
+        let State {
+            progress,
+            governor,
+            loops,
+            turn,
+            refusal,
+            path_time_s,
+            route_time_s,
+            ..
+        } = self;
+        let State {
+            joint_memory,
+            sent,
+            qdot_planned,
+            plausible,
+            servo,
+            ..
+        } = self;
         *out = ControllerCheckpoint {
             segment: progress.leg as u32,
             begun: u32::from(progress.begun),
@@ -111,26 +132,47 @@ impl<const N: usize> State<N> {
     /// refusal that does not exist, is damaged: it refuses to go on.
     pub(crate) fn from_checkpoint(from: &ControllerCheckpoint, limits: &SVector<f64, N>) -> Self {
         let modes = from.loops.map(|one| Mode::from_code(one.mode));
-        let is_damaged = !from.is_finite() || modes.contains(&None) || Refusal::from_code(from.servo.stop).is_none();
-        let refusal = Refusal::from_code(from.refusal).filter(|_| !is_damaged).unwrap_or(Refusal::Checkpoint);
+        let is_damaged = !from.is_finite()
+            || modes.contains(&None)
+            || Refusal::from_code(from.servo.stop).is_none();
+        let refusal = Refusal::from_code(from.refusal)
+            .filter(|_| !is_damaged)
+            .unwrap_or(Refusal::Checkpoint);
         Self {
             progress: Progress {
                 leg: from.segment as usize,
                 time_s: from.segment_time_s,
                 begun: from.begun != 0,
-                start: Pose { R: Matrix3::from_column_slice(&from.R_BE_start), p: from.p_BE_start.into() },
+                start: Pose {
+                    R: Matrix3::from_column_slice(&from.R_BE_start),
+                    p: from.p_BE_start.into(),
+                },
                 by: from.translation.into(),
                 turn: from.rotation.into(),
             },
-            governor: Governor { rate: from.governor_rate, rate_dot: from.governor_rate_dot, demand: from.governor_demand },
+            governor: Governor {
+                rate: from.governor_rate,
+                rate_dot: from.governor_rate_dot,
+                demand: from.governor_demand,
+            },
             loops: from.loops.map(|one| Loop {
                 mode: Mode::from_code(one.mode).unwrap_or(Mode::Regular),
                 rate: one.rate,
                 feed_forward: one.feed_forward,
                 trust: one.trust,
-                memory: Memory { passing: one.passing != 0, holding: one.holding != 0, side: one.side, passage: one.passage },
+                memory: Memory {
+                    passing: one.passing != 0,
+                    holding: one.holding != 0,
+                    side: one.side,
+                    passage: one.passage,
+                },
             }),
-            turn: Turn { from: from.turn_from.into(), angle: from.turn_angle, by: joints(&from.turn_dq), duration_s: from.turn_s },
+            turn: Turn {
+                from: from.turn_from.into(),
+                angle: from.turn_angle,
+                by: joints(&from.turn_dq),
+                duration_s: from.turn_s,
+            },
             refusal,
             path_time_s: from.path_time_s,
             route_time_s: from.route_time_s,
@@ -140,7 +182,12 @@ impl<const N: usize> State<N> {
                 reversed: from.joint_reversed,
                 q: joints(&from.joint_q),
             },
-            sent: Sent::restored(joints(&from.tau), joints(&from.tau_path), joints(&from.tau_null), limits),
+            sent: Sent::restored(
+                joints(&from.tau),
+                joints(&from.tau_path),
+                joints(&from.tau_null),
+                limits,
+            ),
             qdot_planned: joints(&from.qdot_planned),
             plausible: Plausible {
                 known: from.plausible != 0,

@@ -20,8 +20,8 @@ use crate::types::{Command, Phase, Refusal, Report};
 use model::{Model, Pose, Terms};
 use nalgebra::{SVector, Vector3, Vector6};
 use shared_types::codes::{
-    REASON_EFFORT, REASON_FAST, REASON_FOLLOWING, REASON_HELD, REASON_LIMIT, REASON_OVER, REASON_REACH, REASON_RESTING, REASON_SINGULARITY,
-    REASON_STALE, REASON_STOPPED, TARGET_END,
+    REASON_EFFORT, REASON_FAST, REASON_FOLLOWING, REASON_HELD, REASON_LIMIT, REASON_OVER,
+    REASON_REACH, REASON_RESTING, REASON_SINGULARITY, REASON_STALE, REASON_STOPPED, TARGET_END,
 };
 use shared_types::scenario::{Control, Servo};
 use shared_types::{ServoState, TargetContent};
@@ -61,16 +61,32 @@ impl<const N: usize> Controller<N> {
         out: &mut ServoState,
     ) -> Command<N> {
         let is_final = self.state.refusal != Refusal::None && !goes_on(self.state.refusal);
-        let is_finite = q.iter().chain(qdot).chain(tau_disturbance).all(|x| x.is_finite());
+        let is_finite = q
+            .iter()
+            .chain(qdot)
+            .chain(tau_disturbance)
+            .all(|x| x.is_finite());
         if is_final || !is_finite {
             return self.step(q, qdot, tau_disturbance, report);
         }
         let terms = self.model.evaluate(q, qdot);
-        if !self.state.plausible.take(q, qdot, &Bounds::of(&self.model, &terms, self.scenario.dt_s())) {
+        if !self.state.plausible.take(
+            q,
+            qdot,
+            &Bounds::of(&self.model, &terms, self.scenario.dt_s()),
+        ) {
             self.state.servo.parted = true;
             let rest = self.reject();
             let goes_on = goes_on(rest.refusal);
-            return if goes_on { Command { phase: Phase::Running, refusal: Refusal::None, ..rest } } else { rest };
+            return if goes_on {
+                Command {
+                    phase: Phase::Running,
+                    refusal: Refusal::None,
+                    ..rest
+                }
+            } else {
+                rest
+            };
         }
         self.join(q, qdot, &terms.X_BE);
         let (q_r, qdot_r) = (self.state.servo.q, self.state.servo.qdot);
@@ -80,10 +96,23 @@ impl<const N: usize> Controller<N> {
             return self.step(q, qdot, tau_disturbance, report);
         };
         // The rank is that of the arm.
-        let listed = Report { rank: report.rank, ..steered.analyzer.listed(&q_r, &qdot_r, &reference) };
-        self.state.servo.take((target, steered.dof), tick, session.duration_s, self.scenario.dt_s());
-        let (wish, lead, age_s) =
-            self.state.intake((session, self.scenario.dt_s()), (&self.model, self.length_m), &reference, &listed, &behind);
+        let listed = Report {
+            rank: report.rank,
+            ..steered.analyzer.listed(&q_r, &qdot_r, &reference)
+        };
+        self.state.servo.take(
+            (target, steered.dof),
+            tick,
+            session.duration_s,
+            self.scenario.dt_s(),
+        );
+        let (wish, lead, age_s) = self.state.intake(
+            (session, self.scenario.dt_s()),
+            (&self.model, self.length_m),
+            &reference,
+            &listed,
+            &behind,
+        );
         let clock = self.state.governor.rate;
         // From here to the exchange back, the torque sent is that of the reference arm.
         std::mem::swap(&mut self.state.sent, &mut self.state.servo.sent);
@@ -97,7 +126,12 @@ impl<const N: usize> Controller<N> {
         }
         let qddot_r = self.accelerate(&reference);
         let sent = self.state.sent;
-        self.follow((q, qdot), (&q_r, &qdot_r, &qddot_r), (&terms, tau_disturbance), &mut command);
+        self.follow(
+            (q, qdot),
+            (&q_r, &qdot_r, &qddot_r),
+            (&terms, tau_disturbance),
+            &mut command,
+        );
         if !command.tau.iter().all(|x| x.is_finite()) {
             // The torque to rest begins at the last one that was sent.
             self.state.sent = sent;
@@ -106,15 +140,26 @@ impl<const N: usize> Controller<N> {
         self.proceed(clock, command.clipped);
         let (limits, dt) = (limits(&self.model), self.scenario.dt_s());
         let V = reference.J * qdot_r;
-        self.state.servo.count_rest(&rest::Motion { asked: &wish.V, V: &V, limits: &limits, length_m: self.length_m, dt });
+        self.state.servo.count_rest(&rest::Motion {
+            asked: &wish.V,
+            V: &V,
+            limits: &limits,
+            length_m: self.length_m,
+            dt,
+        });
         if self.state.servo.stopping {
             (command.phase, command.refusal) = (Phase::Running, Refusal::None);
         }
         if let Some(over) = self.state.servo.over
             && command.phase == Phase::Running
         {
-            let settled = tick.saturating_sub(over) as f64 * self.scenario.dt_s() >= self.scenario.settle_s;
-            command.phase = if settled { Phase::Done } else { Phase::Settling };
+            let settled =
+                tick.saturating_sub(over) as f64 * self.scenario.dt_s() >= self.scenario.settle_s;
+            command.phase = if settled {
+                Phase::Done
+            } else {
+                Phase::Settling
+            };
         }
         let is_held = behind.norm() > BEHIND_M.0;
         self.explain(&wish, &lead, (age_s, clock, is_held), &listed, out);
@@ -124,8 +169,14 @@ impl<const N: usize> Controller<N> {
     /// Begins the reference arm anew at the arm, where the two have parted: an estimate was set aside, the arm was held or thrown.
     fn join(&mut self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, X: &Pose) {
         let behind_m = (self.model.forward_kinematics(&self.state.servo.q).p - X.p).norm();
-        let State { servo, sent, refusal, .. } = &mut self.state;
-        let is_near = behind_m <= PARTED_M && (servo.q - q).iter().all(|apart| apart.abs() <= PARTED);
+        let State {
+            servo,
+            sent,
+            refusal,
+            ..
+        } = &mut self.state;
+        let is_near =
+            behind_m <= PARTED_M && (servo.q - q).iter().all(|apart| apart.abs() <= PARTED);
         let is_an_arms = servo.qdot.iter().all(|speed| speed.abs() <= ABSURD);
         if servo.parted || !is_near || !is_an_arms {
             (servo.q, servo.qdot, servo.sent, servo.parted) = (*q, *qdot, *sent, false);
@@ -149,27 +200,61 @@ impl<const N: usize> Controller<N> {
                 (servo.towards(&goal, self.model.velocity()), arrived)
             }
         };
-        servo.fastest = Fastest { clock: if joint.is_some() { 0.0 } else { 1.0 }, joint };
+        servo.fastest = Fastest {
+            clock: if joint.is_some() { 0.0 } else { 1.0 },
+            joint,
+        };
         let path = reference.A * qddot;
-        let torques =
-            Torques { path, rest: SVector::zeros(), null: SVector::zeros(), qdot_nominal: servo.qdot, qddot_path: SVector::zeros() };
+        let torques = Torques {
+            path,
+            rest: SVector::zeros(),
+            null: SVector::zeros(),
+            qdot_nominal: servo.qdot,
+            qddot_path: SVector::zeros(),
+        };
         let limited = limit(&reference.bias(), &torques, self.model.effort());
         let step = self.model.torque_rate() * self.scenario.dt_s();
         let rate_mask;
-        (self.state.sent, rate_mask) = self.state.sent.next(&limited, &(path * limited.task_scale), &step, self.model.effort());
+        (self.state.sent, rate_mask) = self.state.sent.next(
+            &limited,
+            &(path * limited.task_scale),
+            &step,
+            self.model.effort(),
+        );
         let rest = command::resting(&self.state, limited.mask, rate_mask);
-        Command { phase: Phase::Running, V_BE_d: self.state.servo.V, time_scale: 1.0, task_scale: limited.task_scale, ..rest }
+        Command {
+            phase: Phase::Running,
+            V_BE_d: self.state.servo.V,
+            time_scale: 1.0,
+            task_scale: limited.task_scale,
+            ..rest
+        }
     }
 
     /// The reference arm's acceleration by its torque, within its stops; it moves on by a tick.
     fn accelerate(&mut self, reference: &Terms<N>) -> SVector<f64, N> {
         let servo = &mut self.state.servo;
-        let Ok(lu) = Lu::new(reference.A) else { return SVector::zeros() };
-        let [whole, path, null] = [&(servo.sent.tau - reference.bias()), &servo.sent.path, &servo.sent.null].map(|torque| lu.solve(torque));
-        let bounded = stops::bounded((&servo.q, &servo.qdot), &Parts { whole, path, null }, &reference.A.diagonal(), &limits(&self.model));
+        let Ok(lu) = Lu::new(reference.A) else {
+            return SVector::zeros();
+        };
+        let [whole, path, null] = [
+            &(servo.sent.tau - reference.bias()),
+            &servo.sent.path,
+            &servo.sent.null,
+        ]
+        .map(|torque| lu.solve(torque));
+        let bounded = stops::bounded(
+            (&servo.q, &servo.qdot),
+            &Parts { whole, path, null },
+            &reference.A.diagonal(),
+            &limits(&self.model),
+        );
         servo.accelerate_arm(&bounded.qddot, self.scenario.dt_s());
         if bounded.joint.is_some() {
-            servo.fastest = Fastest { clock: 0.0, joint: bounded.joint };
+            servo.fastest = Fastest {
+                clock: 0.0,
+                joint: bounded.joint,
+            };
         }
         bounded.qddot
     }
@@ -183,7 +268,12 @@ impl<const N: usize> Controller<N> {
         command: &mut Command<N>,
     ) {
         let Some(steered) = &self.steered else { return };
-        let Control { k_p, k_v, compensate_disturbance, .. } = self.scenario.control;
+        let Control {
+            k_p,
+            k_v,
+            compensate_disturbance,
+            ..
+        } = self.scenario.control;
         let feedback = (q_r - q) * k_p + (qdot_r - qdot) * k_v;
         let mut bias = terms.bias();
         if compensate_disturbance {
@@ -199,8 +289,12 @@ impl<const N: usize> Controller<N> {
         let mut limited = limit(&bias, &torques, &steered.effort);
         limited.null = self.state.servo.sent.null;
         let rate_mask;
-        (self.state.sent, rate_mask) =
-            self.state.sent.next(&limited, &(torques.path * limited.task_scale), &steered.torque_step, &steered.effort);
+        (self.state.sent, rate_mask) = self.state.sent.next(
+            &limited,
+            &(torques.path * limited.task_scale),
+            &steered.torque_step,
+            &steered.effort,
+        );
         (command.tau, command.tau_null) = (self.state.sent.tau, self.state.sent.null);
         command.tau_task = command.tau - command.tau_null;
         command.saturation_mask |= limited.mask;
@@ -233,15 +327,29 @@ impl<const N: usize> Controller<N> {
         let scaled = |V: &Vector6<f64>| stack(&(linear(V) / L), &angular(V));
         let (asked, moved) = (scaled(asked), scaled(&(self.state.servo.V * clock)));
         let size = asked.norm_squared();
-        if size < 1e-12 { 1.0 } else { (asked.dot(&moved) / size).clamp(0.0, 1.0) }
+        if size < 1e-12 {
+            1.0
+        } else {
+            (asked.dot(&moved) / size).clamp(0.0, 1.0)
+        }
     }
 
     /// The state of the session, for people: what is asked, how much of it is done, and why not more.
-    fn explain(&self, wish: &Wish, lead: &Lead, (age_s, clock, is_held): (f64, f64, bool), report: &Report<N>, out: &mut ServoState) {
+    fn explain(
+        &self,
+        wish: &Wish,
+        lead: &Lead,
+        (age_s, clock, is_held): (f64, f64, bool),
+        report: &Report<N>,
+        out: &mut ServoState,
+    ) {
         let servo = &self.state.servo;
         let nearest = intake::nearest(report);
         let speed_scale = self.speed_scale(&wish.asked, clock);
-        let limit = servo.fastest.joint.filter(|_| servo.fastest.clock < FULL && servo.fastest.clock <= 1.2 * clock + 0.05);
+        let limit = servo
+            .fastest
+            .joint
+            .filter(|_| servo.fastest.clock < FULL && servo.fastest.clock <= 1.2 * clock + 0.05);
         let is_near = nearest.is_some_and(|(_, openness)| openness < NEAR);
         let reason = if servo.over.is_some() {
             REASON_OVER
@@ -258,7 +366,11 @@ impl<const N: usize> Controller<N> {
         } else if !servo.is_posture() && (servo.clipped || lead.saturation > SATURATED) {
             REASON_REACH
         } else if clock < FULL {
-            if is_near { REASON_SINGULARITY } else { REASON_EFFORT }
+            if is_near {
+                REASON_SINGULARITY
+            } else {
+                REASON_EFFORT
+            }
         } else if (wish.V - wish.asked).amax() > 1e-9 {
             REASON_FAST
         } else {
@@ -296,26 +408,54 @@ impl<const N: usize> State<N> {
         behind: &Vector3<f64>,
     ) -> (Wish, Lead, f64) {
         let arm = &reference.X_BE;
-        let State { servo, governor, refusal, loops, qdot_planned, progress, .. } = self;
+        let State {
+            servo,
+            governor,
+            refusal,
+            loops,
+            qdot_planned,
+            progress,
+            ..
+        } = self;
         if servo.stopping && servo.qdot.amax() < AT_REST {
             (servo.stopping, *refusal) = (false, Refusal::None);
             servo.rest_at(*arm);
-            (*governor, *loops, *qdot_planned) = (Governor::default(), Default::default(), SVector::zeros());
+            (*governor, *loops, *qdot_planned) =
+                (Governor::default(), Default::default(), SVector::zeros());
         }
         let age_s = servo.tick.saturating_sub(servo.held.given_tick) as f64 * dt;
         let lead = Lead::between(&servo.X, arm, report, loops);
         let wish = match servo.over {
-            Some(_) => Wish { V: Vector6::zeros(), asked: Vector6::zeros(), p: servo.X.p, stale: false },
+            Some(_) => Wish {
+                V: Vector6::zeros(),
+                asked: Vector6::zeros(),
+                p: servo.X.p,
+                stale: false,
+            },
             None => intake::wish(&servo.held, age_s, &servo.X, report, session),
         };
         let V_arm = reference.J * servo.qdot;
-        servo.decide_rest(&rest::Motion { asked: &wish.V, V: &V_arm, limits: &limits(model), length_m, dt });
+        servo.decide_rest(&rest::Motion {
+            asked: &wish.V,
+            V: &V_arm,
+            limits: &limits(model),
+            length_m,
+            dt,
+        });
         if servo.goes_by_joints() {
             // The pose that the reference arm passes, and from which the law would go on.
             (servo.X, servo.V, servo.a) = (*arm, V_arm, Vector6::zeros());
             (*governor, *qdot_planned) = (Governor::default(), servo.qdot);
             // At rest the strategies keep their memory: the side of a fold above all.
-            *loops = if servo.resting { loops.map(|one| Loop { rate: 0.0, feed_forward: 0.0, ..one }) } else { Default::default() };
+            *loops = if servo.resting {
+                loops.map(|one| Loop {
+                    rate: 0.0,
+                    feed_forward: 0.0,
+                    ..one
+                })
+            } else {
+                Default::default()
+            };
         } else if !servo.stopping {
             let back;
             (servo.X, back) = lead.hold(&servo.X, arm);
@@ -324,17 +464,31 @@ impl<const N: usize> State<N> {
                 servo.X = lead.relax(&servo.X, &wish.V, dt);
             }
             let V = lead.without_increase(&wish.V);
-            servo.accelerate(&stack(&yielding(linear(&V), behind), &angular(&V)), session, dt);
+            servo.accelerate(
+                &stack(&yielding(linear(&V), behind), &angular(&V)),
+                session,
+                dt,
+            );
         }
-        *progress =
-            Progress { begun: true, by: linear(&servo.V) * HORIZON_S, turn: angular(&servo.V) * HORIZON_S, ..Progress::at(servo.X) };
+        *progress = Progress {
+            begun: true,
+            by: linear(&servo.V) * HORIZON_S,
+            turn: angular(&servo.V) * HORIZON_S,
+            ..Progress::at(servo.X)
+        };
         (wish, lead, age_s)
     }
 }
 
 impl<const N: usize> Reference<N> {
     /// Takes a target in, or refuses and counts it: once for each time at which one was given.
-    fn take(&mut self, (target, dof): (Option<&TargetContent>, usize), tick: u64, duration_s: f64, dt: f64) {
+    fn take(
+        &mut self,
+        (target, dof): (Option<&TargetContent>, usize),
+        tick: u64,
+        duration_s: f64,
+        dt: f64,
+    ) {
         self.tick = tick;
         if let Some(target) = target.filter(|target| **target != self.held) {
             match intake::check(target, tick, dof) {
@@ -350,7 +504,8 @@ impl<const N: usize> Reference<N> {
                 // A checkpoint has room for all ticks but the last.
                 Err(refusal) if self.refused_tick != Some(target.given_tick.min(u64::MAX - 1)) => {
                     self.refused = self.refused.saturating_add(1);
-                    (self.refusal, self.refused_tick) = (refusal, Some(target.given_tick.min(u64::MAX - 1)));
+                    (self.refusal, self.refused_tick) =
+                        (refusal, Some(target.given_tick.min(u64::MAX - 1)));
                 }
                 Err(_) => {}
             }
@@ -362,7 +517,12 @@ impl<const N: usize> Reference<N> {
 
 /// The limits of an arm's joints.
 fn limits<const N: usize>(model: &Model<N>) -> Limits<'_, N> {
-    Limits { lower: model.lower(), upper: model.upper(), velocity: model.velocity(), effort: model.effort() }
+    Limits {
+        lower: model.lower(),
+        upper: model.upper(),
+        velocity: model.velocity(),
+        effort: model.effort(),
+    }
 }
 
 /// A velocity without what would press the arm further against what holds it back: `behind` is how far the hand is behind that of the reference arm, m.
@@ -377,5 +537,13 @@ fn yielding(v: Vector3<f64>, behind: &Vector3<f64>) -> Vector3<f64> {
 
 /// Whether a steered arm goes on after this refusal, once at rest.
 fn goes_on(refusal: Refusal) -> bool {
-    matches!(refusal, Refusal::Limit | Refusal::Singular | Refusal::Speed | Refusal::Room | Refusal::Unlisted | Refusal::Parted)
+    matches!(
+        refusal,
+        Refusal::Limit
+            | Refusal::Singular
+            | Refusal::Speed
+            | Refusal::Room
+            | Refusal::Unlisted
+            | Refusal::Parted
+    )
 }

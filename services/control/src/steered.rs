@@ -21,7 +21,11 @@ pub(crate) struct Steered<const N: usize> {
 }
 
 /// The model of the reference arm where the scenario is steered, and its parts; else the arm's own model.
-pub(crate) fn of<const N: usize>(model: Model<N>, robot: &Robot, scenario: &Scenario) -> (Model<N>, Option<Steered<N>>) {
+pub(crate) fn of<const N: usize>(
+    model: Model<N>,
+    robot: &Robot,
+    scenario: &Scenario,
+) -> (Model<N>, Option<Steered<N>>) {
     if scenario.servo.is_none() {
         return (model, None);
     }

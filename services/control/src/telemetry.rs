@@ -29,7 +29,14 @@ impl Default for Telemetry {
 
 impl Telemetry {
     #[inline]
-    pub(crate) fn note<const N: usize>(&mut self, i: usize, state: &Loop, s: &Singularity<N>, target: &Target, demand: &Demand) {
+    pub(crate) fn note<const N: usize>(
+        &mut self,
+        i: usize,
+        state: &Loop,
+        s: &Singularity<N>,
+        target: &Target,
+        demand: &Demand,
+    ) {
         self.beta[i] = demand.beta;
         self.aux_d[i] = s.aux + target.error * target.weight;
         self.aux_rate_d[i] = state.rate;

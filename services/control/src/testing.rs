@@ -15,13 +15,28 @@ use std::sync::OnceLock;
 /// A built-in robot.
 pub(crate) fn robot(name: &str) -> &'static Robot {
     static ROBOTS: OnceLock<BTreeMap<&'static str, Robot>> = OnceLock::new();
-    let names = ["puma560", "puma560-ideal", "planar2r", "planar3r", "iiwa14", "ur5", "panda"];
-    &ROBOTS.get_or_init(|| names.into_iter().map(|name| (name, Robot::builtin(name).unwrap())).collect())[name]
+    let names = [
+        "puma560",
+        "puma560-ideal",
+        "planar2r",
+        "planar3r",
+        "iiwa14",
+        "ur5",
+        "panda",
+    ];
+    &ROBOTS.get_or_init(|| {
+        names
+            .into_iter()
+            .map(|name| (name, Robot::builtin(name).unwrap()))
+            .collect()
+    })[name]
 }
 
 /// The lengths of a built-in PUMA.
 pub(crate) fn puma_lengths(name: &str) -> PumaLengths {
-    let Factors::Puma { a2, a3, d4 } = robot(name).factors else { panic!("{name} has the factors of a PUMA") };
+    let Factors::Puma { a2, a3, d4 } = robot(name).factors else {
+        panic!("{name} has the factors of a PUMA")
+    };
     PumaLengths::new(a2, a3, d4)
 }
 
@@ -30,7 +45,12 @@ pub(crate) fn panda() -> &'static Robot {
     static ROBOT: OnceLock<Robot> = OnceLock::new();
     ROBOT.get_or_init(|| {
         let urdf = include_str!("tests/panda.urdf").to_owned();
-        Robot::from_source(&model::RobotSource { name: "panda".to_owned(), description: String::new(), urdf }).unwrap()
+        Robot::from_source(&model::RobotSource {
+            name: "panda".to_owned(),
+            description: String::new(),
+            urdf,
+        })
+        .unwrap()
     })
 }
 
@@ -47,8 +67,11 @@ pub(crate) fn three_r() -> &'static Model<3> {
 /// Any posture within the limits (within a turn where there are none).
 pub(crate) fn posture<const N: usize>(model: &Model<N>) -> impl Strategy<Value = SVector<f64, N>> {
     let (lower, upper) = (*model.lower(), *model.upper());
-    prop::collection::vec(0.0..1.0_f64, N)
-        .prop_map(move |x| SVector::from_fn(|i, _| lower[i].max(-3.2) + x[i] * (upper[i].min(3.2) - lower[i].max(-3.2))))
+    prop::collection::vec(0.0..1.0_f64, N).prop_map(move |x| {
+        SVector::from_fn(|i, _| {
+            lower[i].max(-3.2) + x[i] * (upper[i].min(3.2) - lower[i].max(-3.2))
+        })
+    })
 }
 
 /// A report of an arm that is nowhere singular.
@@ -92,7 +115,10 @@ pub(crate) struct Tick<const N: usize> {
 impl<const N: usize> Tick<N> {
     /// Error along the engaged singular directions, and orthogonal to them: (mm, deg) each.
     pub(crate) fn split(&self) -> ([f64; 2], [f64; 2]) {
-        let (mut linear, mut angular) = (crate::linear::linear(&self.error), crate::linear::angular(&self.error));
+        let (mut linear, mut angular) = (
+            crate::linear::linear(&self.error),
+            crate::linear::angular(&self.error),
+        );
         let (e, w) = (linear, angular);
         for (i, s) in self.report.listed().iter().enumerate() {
             if self.command.mode[i] == Mode::Regular {
@@ -106,7 +132,10 @@ impl<const N: usize> Tick<N> {
             }
         }
         let unit = |p: f64, o: f64| [p * 1e3, o.to_degrees()];
-        (unit((e - linear).norm(), (w - angular).norm()), unit(linear.norm(), angular.norm()))
+        (
+            unit((e - linear).norm(), (w - angular).norm()),
+            unit(linear.norm(), angular.norm()),
+        )
     }
 }
 
@@ -131,15 +160,28 @@ pub(crate) struct Figures {
 }
 
 /// A run in one thread: analyzer, controller and an exact plant (RK4 at the control rate).
-pub(crate) fn run<const N: usize>(scenario: &Scenario, plant: Plant, each: impl FnMut(usize, &Tick<N>)) -> Figures {
+pub(crate) fn run<const N: usize>(
+    scenario: &Scenario,
+    plant: Plant,
+    each: impl FnMut(usize, &Tick<N>),
+) -> Figures {
     run_on(robot(&scenario.robot), scenario, plant, each)
 }
 
 /// The same on any robot.
-pub(crate) fn run_on<const N: usize>(robot: &Robot, scenario: &Scenario, plant: Plant, mut each: impl FnMut(usize, &Tick<N>)) -> Figures {
+pub(crate) fn run_on<const N: usize>(
+    robot: &Robot,
+    scenario: &Scenario,
+    plant: Plant,
+    mut each: impl FnMut(usize, &Tick<N>),
+) -> Figures {
     let frame = scenario.frame();
     let model = Model::<N>::new(robot, frame).unwrap();
-    let truth = if plant.mass_factor > 0.0 { Model::new(&heavier(robot, plant.mass_factor), frame).unwrap() } else { model.clone() };
+    let truth = if plant.mass_factor > 0.0 {
+        Model::new(&heavier(robot, plant.mass_factor), frame).unwrap()
+    } else {
+        model.clone()
+    };
     let q_start = crate::start_posture::<N>(robot, scenario).unwrap();
     let mut analyzer = Analyzer::new(robot, &scenario.analysis);
     let mut controller = Controller::new(model.clone(), robot, scenario, q_start).unwrap();
@@ -166,11 +208,20 @@ pub(crate) fn run_on<const N: usize>(robot: &Robot, scenario: &Scenario, plant: 
         };
         let terms = model.evaluate(&q_seen, &qdot_seen);
         let report = analyzer.step(&q_seen, &qdot_seen, &terms);
-        let command = controller.step_knowing(Some(&terms), &q_seen, &qdot_seen, &disturbance, &report);
+        let command =
+            controller.step_knowing(Some(&terms), &q_seen, &qdot_seen, &disturbance, &report);
         tau = command.tau;
         let X = model.forward_kinematics(&q);
-        let error = stack(&(command.p_BE_d - X.p), &crate::linear::rotation_log(&(command.R_BE_d * X.R.transpose())));
-        let tick = Tick { q, report, command, error };
+        let error = stack(
+            &(command.p_BE_d - X.p),
+            &crate::linear::rotation_log(&(command.R_BE_d * X.R.transpose())),
+        );
+        let tick = Tick {
+            q,
+            report,
+            command,
+            error,
+        };
         each(k, &tick);
 
         let (along, orthogonal) = tick.split();
@@ -196,7 +247,9 @@ pub(crate) fn run_on<const N: usize>(robot: &Robot, scenario: &Scenario, plant: 
             out.switches += (0..4).filter(|i| last.mode[*i] != command.mode[*i]).count();
         }
         last = Some(command);
-        if matches!(command.phase, Phase::Done | Phase::Refused) || k as f64 * dt > 3.0 * scenario.duration_s() {
+        if matches!(command.phase, Phase::Done | Phase::Refused)
+            || k as f64 * dt > 3.0 * scenario.duration_s()
+        {
             break;
         }
         late.push_back(tau);
@@ -248,7 +301,10 @@ pub(crate) fn rk4<const N: usize>(
     let a3 = f(&q3, &v3);
     let (v4, q4) = (qdot + a3 * dt, q + v3 * dt);
     let a4 = f(&q4, &v4);
-    (q + (qdot + (v2 + v3) * 2.0 + v4) * (dt / 6.0), qdot + (a1 + (a2 + a3) * 2.0 + a4) * (dt / 6.0))
+    (
+        q + (qdot + (v2 + v3) * 2.0 + v4) * (dt / 6.0),
+        qdot + (a1 + (a2 + a3) * 2.0 + a4) * (dt / 6.0),
+    )
 }
 
 /// Predicts with the model and corrects with the encoder: two poles at 300 rad/s.

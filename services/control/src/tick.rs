@@ -75,8 +75,14 @@ impl<const N: usize> Motion<N> {
     #[inline]
     pub(crate) fn along_path(&self, a: &Vector6<f64>, length_m: f64) -> Vector6<f64> {
         let (V, L2) = (&self.V_nominal, length_m * length_m);
-        let dot = |x: &Vector6<f64>, y: &Vector6<f64>| linear(x).dot(&linear(y)) / L2 + angular(x).dot(&angular(y));
+        let dot = |x: &Vector6<f64>, y: &Vector6<f64>| {
+            linear(x).dot(&linear(y)) / L2 + angular(x).dot(&angular(y))
+        };
         let size = dot(V, V);
-        if size < 1e-8 { Vector6::zeros() } else { V * (dot(V, a) / size) }
+        if size < 1e-8 {
+            Vector6::zeros()
+        } else {
+            V * (dot(V, a) / size)
+        }
     }
 }

@@ -30,7 +30,9 @@ pub enum PathError {
         known: String,
     },
     /// A direction is not one.
-    #[error("segment {segment}: '{direction}' is not a direction; x, y, z, zeta:NAME or zeta:NAME@start")]
+    #[error(
+        "segment {segment}: '{direction}' is not a direction; x, y, z, zeta:NAME or zeta:NAME@start"
+    )]
     Direction {
         /// Index of the segment.
         segment: usize,
@@ -51,7 +53,10 @@ impl Direction {
     fn resolve<const N: usize>(&self, report: &Report<N>) -> Vector3<f64> {
         match *self {
             Self::Fixed(direction) => direction,
-            Self::Zeta(i) => report.listed().get(i).map_or_else(Vector3::zeros, |singularity| singularity.axis()),
+            Self::Zeta(i) => report
+                .listed()
+                .get(i)
+                .map_or_else(Vector3::zeros, |singularity| singularity.axis()),
         }
     }
 }
@@ -124,13 +129,23 @@ impl Progress {
     /// At the beginning, at rest in `X_BE`.
     #[must_use]
     pub fn at(X_BE: Pose) -> Self {
-        Self { leg: 0, time_s: 0.0, begun: false, start: X_BE, by: Vector3::zeros(), turn: Vector3::zeros() }
+        Self {
+            leg: 0,
+            time_s: 0.0,
+            begun: false,
+            start: X_BE,
+            by: Vector3::zeros(),
+            turn: Vector3::zeros(),
+        }
     }
 
     /// The pose at the leg's end.
     #[must_use]
     pub fn goal(&self) -> Pose {
-        Pose { R: rotation_exp(&self.turn) * self.start.R, p: self.start.p + self.by }
+        Pose {
+            R: rotation_exp(&self.turn) * self.start.R,
+            p: self.start.p + self.by,
+        }
     }
 }
 
@@ -149,7 +164,10 @@ impl Ahead {
     pub fn pose(&self, share: f64) -> Pose {
         let x = self.from + share * (self.to - self.from);
         let R = rotation_exp(&(self.progress.turn * x)) * self.progress.start.R;
-        Pose { R, p: self.progress.start.p + self.progress.by * x + R * self.p_E }
+        Pose {
+            R,
+            p: self.progress.start.p + self.progress.by * x + R * self.p_E,
+        }
     }
 }
 
@@ -160,11 +178,25 @@ impl Path {
     /// [`PathError`] for a direction or a singularity that does not exist.
     pub fn new<const N: usize>(scenario: &Scenario, report: &Report<N>) -> Result<Self, PathError> {
         if scenario.servo.is_some() {
-            let horizon = scenario::Segment { duration_s: HORIZON_S, ..Default::default() };
-            return Ok(Self { legs: vec![Leg { steady: true, ..leg(0, &horizon, report)? }] });
+            let horizon = scenario::Segment {
+                duration_s: HORIZON_S,
+                ..Default::default()
+            };
+            return Ok(Self {
+                legs: vec![Leg {
+                    steady: true,
+                    ..leg(0, &horizon, report)?
+                }],
+            });
         }
-        let legs = scenario.segment.iter().enumerate().map(|(i, segment)| leg(i, segment, report));
-        Ok(Self { legs: legs.collect::<Result<_, _>>()? })
+        let legs = scenario
+            .segment
+            .iter()
+            .enumerate()
+            .map(|(i, segment)| leg(i, segment, report));
+        Ok(Self {
+            legs: legs.collect::<Result<_, _>>()?,
+        })
     }
 
     /// The leg at this index, while the path lasts.
@@ -209,12 +241,18 @@ impl Path {
     /// Fraction of the present leg's way, its rate and acceleration, per unit of the path's clock.
     #[must_use]
     pub fn fraction(&self, progress: &Progress) -> [f64; 3] {
-        let Some(leg) = self.legs.get(progress.leg) else { return [0.0; 3] };
+        let Some(leg) = self.legs.get(progress.leg) else {
+            return [0.0; 3];
+        };
         let T = leg.duration_s;
         match leg.shape {
-            scenario::Path::Line if leg.steady => [(progress.time_s / T).clamp(0.0, 1.0), 1.0 / T, 0.0],
+            scenario::Path::Line if leg.steady => {
+                [(progress.time_s / T).clamp(0.0, 1.0), 1.0 / T, 0.0]
+            }
             scenario::Path::Line => quintic(progress.time_s, T),
-            scenario::Path::ThereAndBack if progress.time_s < 0.5 * T => quintic(progress.time_s, 0.5 * T),
+            scenario::Path::ThereAndBack if progress.time_s < 0.5 * T => {
+                quintic(progress.time_s, 0.5 * T)
+            }
             scenario::Path::ThereAndBack => {
                 let [x, v, a] = quintic(progress.time_s - 0.5 * T, 0.5 * T);
                 [1.0 - x, -v, -a]
@@ -225,24 +263,37 @@ impl Path {
     /// Fraction of the present leg's time law from 0 to 1, whatever the shape of its way: for what goes along with it.
     #[must_use]
     pub fn ramp(&self, progress: &Progress) -> f64 {
-        self.legs.get(progress.leg).map_or(1.0, |leg| quintic(progress.time_s, leg.duration_s)[0])
+        self.legs
+            .get(progress.leg)
+            .map_or(1.0, |leg| quintic(progress.time_s, leg.duration_s)[0])
     }
 
     /// The rest of the present leg, for a point fixed at `p_E` in the end-effector.
     #[must_use]
     pub fn ahead(&self, progress: &Progress, p_E: Vector3<f64>) -> Ahead {
         let [x, v, _] = self.fraction(progress);
-        Ahead { progress: *progress, p_E, from: x, to: if v < 0.0 { 0.0 } else { 1.0 } }
+        Ahead {
+            progress: *progress,
+            p_E,
+            from: x,
+            to: if v < 0.0 { 0.0 } else { 1.0 },
+        }
     }
 
     /// Poses of a point fixed at `p_E` in the end-effector, at equal steps of the path's clock from now to the leg's end.
     #[must_use]
     pub fn preview(&self, progress: &Progress, p_E: &Vector3<f64>) -> [Pose; FORESEEN + 1] {
         std::array::from_fn(|k| {
-            let later = Progress { time_s: progress.time_s + k as f64 * FORESEEN_STEP_S, ..*progress };
+            let later = Progress {
+                time_s: progress.time_s + k as f64 * FORESEEN_STEP_S,
+                ..*progress
+            };
             let [x, _, _] = self.fraction(&later);
             let R = rotation_exp(&(progress.turn * x)) * progress.start.R;
-            Pose { R, p: progress.start.p + progress.by * x + R * p_E }
+            Pose {
+                R,
+                p: progress.start.p + progress.by * x + R * p_E,
+            }
         })
     }
 
@@ -259,7 +310,13 @@ impl Path {
         let fraction = self.fraction(progress);
         let [x, ..] = fraction;
         let Progress { by, turn, .. } = *progress;
-        Place { R: rotation_exp(&(turn * x)) * progress.start.R, p: progress.start.p + by * x, by, turn, fraction }
+        Place {
+            R: rotation_exp(&(turn * x)) * progress.start.R,
+            p: progress.start.p + by * x,
+            by,
+            turn,
+            fraction,
+        }
     }
 }
 
@@ -293,10 +350,18 @@ impl Place {
 #[must_use]
 pub fn quintic(t: f64, T: f64) -> [f64; 3] {
     let x = (t / T).clamp(0.0, 1.0);
-    [x * x * x * (10.0 + x * (-15.0 + 6.0 * x)), 30.0 * x * x * (1.0 - x) * (1.0 - x) / T, 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / (T * T)]
+    [
+        x * x * x * (10.0 + x * (-15.0 + 6.0 * x)),
+        30.0 * x * x * (1.0 - x) * (1.0 - x) / T,
+        60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / (T * T),
+    ]
 }
 
-fn leg<const N: usize>(i: usize, segment: &scenario::Segment, report: &Report<N>) -> Result<Leg, PathError> {
+fn leg<const N: usize>(
+    i: usize,
+    segment: &scenario::Segment,
+    report: &Report<N>,
+) -> Result<Leg, PathError> {
     let translation = if let Some(to) = segment.to_m {
         Translation::To(to.into())
     } else if let Some(by) = segment.by_m {
@@ -309,44 +374,98 @@ fn leg<const N: usize>(i: usize, segment: &scenario::Segment, report: &Report<N>
     let rotation = if let Some(rows) = segment.rotation {
         Rotation::To(Matrix3::from_row_iterator(rows.into_iter().flatten()))
     } else if let Some([w, x, y, z]) = segment.quaternion {
-        Rotation::To(UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)).to_rotation_matrix().into_inner())
+        Rotation::To(
+            UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
+                .to_rotation_matrix()
+                .into_inner(),
+        )
     } else if let Some(turn) = &segment.turn {
         Rotation::About(direction(i, &turn.about, report)?, turn.by_deg.to_radians())
     } else {
         Rotation::Stay
     };
     let reorient = match &segment.reorient {
-        Some(reorient) => Some((place(i, &reorient.singularity, report)?, reorient.by_deg.to_radians())),
+        Some(reorient) => Some((
+            place(i, &reorient.singularity, report)?,
+            reorient.by_deg.to_radians(),
+        )),
         None => None,
     };
-    Ok(Leg { duration_s: segment.duration_s, translation, rotation, shape: segment.path, steady: false, reorient, branch: segment.branch })
+    Ok(Leg {
+        duration_s: segment.duration_s,
+        translation,
+        rotation,
+        shape: segment.path,
+        steady: false,
+        reorient,
+        branch: segment.branch,
+    })
 }
 
-fn direction<const N: usize>(segment: usize, text: &str, report: &Report<N>) -> Result<Direction, PathError> {
+fn direction<const N: usize>(
+    segment: usize,
+    text: &str,
+    report: &Report<N>,
+) -> Result<Direction, PathError> {
     match text {
         "x" => return Ok(Direction::Fixed(Vector3::x())),
         "y" => return Ok(Direction::Fixed(Vector3::y())),
         "z" => return Ok(Direction::Fixed(Vector3::z())),
         _ => {}
     }
-    let name = text.strip_prefix("zeta:").ok_or_else(|| PathError::Direction { segment, direction: text.to_owned() })?;
+    let name = text
+        .strip_prefix("zeta:")
+        .ok_or_else(|| PathError::Direction {
+            segment,
+            direction: text.to_owned(),
+        })?;
     match name.strip_suffix("@start") {
-        Some(name) => Ok(Direction::Fixed(report.singularities[place(segment, name, report)?].axis())),
+        Some(name) => Ok(Direction::Fixed(
+            report.singularities[place(segment, name, report)?].axis(),
+        )),
         None => Ok(Direction::Zeta(place(segment, name, report)?)),
     }
 }
 
 /// Where in the report the singularity of this name is ([`codes::singularity_name`]).
-fn place<const N: usize>(segment: usize, name: &str, report: &Report<N>) -> Result<usize, PathError> {
-    let mut names = report.listed().iter().enumerate().map(|(i, singularity)| codes::singularity_name(singularity.kind.code(), i));
+fn place<const N: usize>(
+    segment: usize,
+    name: &str,
+    report: &Report<N>,
+) -> Result<usize, PathError> {
+    let mut names = report
+        .listed()
+        .iter()
+        .enumerate()
+        .map(|(i, singularity)| codes::singularity_name(singularity.kind.code(), i));
     // A singularity found by number has no name; the one fold in which the arm starts is named elbow, as elsewhere.
-    let is_elbow = |s: &Singularity<N>| s.kind == Kind::Numeric && s.class == Class::Type1 && !s.angular && s.inside;
-    let elbow = || report.listed().iter().position(is_elbow).filter(|_| name == codes::name_of(codes::KINDS, codes::KIND_ELBOW));
-    names.clone().position(|known| known == name).or_else(elbow).ok_or_else(|| {
-        let known = names.by_ref().collect::<Vec<_>>().join(", ");
-        let known = if known.is_empty() { "it reports none".to_owned() } else { format!("it has {known}") };
-        PathError::UnknownSingularity { segment, name: name.to_owned(), known }
-    })
+    let is_elbow = |s: &Singularity<N>| {
+        s.kind == Kind::Numeric && s.class == Class::Type1 && !s.angular && s.inside
+    };
+    let elbow = || {
+        report
+            .listed()
+            .iter()
+            .position(is_elbow)
+            .filter(|_| name == codes::name_of(codes::KINDS, codes::KIND_ELBOW))
+    };
+    names
+        .clone()
+        .position(|known| known == name)
+        .or_else(elbow)
+        .ok_or_else(|| {
+            let known = names.by_ref().collect::<Vec<_>>().join(", ");
+            let known = if known.is_empty() {
+                "it reports none".to_owned()
+            } else {
+                format!("it has {known}")
+            };
+            PathError::UnknownSingularity {
+                segment,
+                name: name.to_owned(),
+                known,
+            }
+        })
 }
 
 #[cfg(test)]
@@ -391,10 +510,16 @@ mod tests {
 
     #[test]
     fn there_and_back_ends_where_it_began() {
-        let segment =
-            scenario::Segment { duration_s: 1.0, by_m: Some([0.1, 0.0, 0.0]), path: scenario::Path::ThereAndBack, ..Default::default() };
+        let segment = scenario::Segment {
+            duration_s: 1.0,
+            by_m: Some([0.1, 0.0, 0.0]),
+            path: scenario::Path::ThereAndBack,
+            ..Default::default()
+        };
         let report = crate::testing::empty_report::<6>();
-        let path = Path { legs: vec![leg(0, &segment, &report).unwrap()] };
+        let path = Path {
+            legs: vec![leg(0, &segment, &report).unwrap()],
+        };
         let mut progress = Progress::at(Pose::identity());
         path.advance(&mut progress, 0.5, &report);
         assert!((path.desired(&progress, 1.0, 0.0).p.x - 0.1).abs() < 1e-12);
@@ -407,10 +532,18 @@ mod tests {
     fn an_unknown_singularity_is_named_with_those_there_are() {
         let segment = scenario::Segment {
             duration_s: 1.0,
-            turn: Some(scenario::Turn { about: "zeta:wrst".into(), by_deg: 1.0 }),
+            turn: Some(scenario::Turn {
+                about: "zeta:wrst".into(),
+                by_deg: 1.0,
+            }),
             ..Default::default()
         };
         let error = leg::<6>(3, &segment, &crate::testing::empty_report()).unwrap_err();
-        assert!(error.to_string().contains("segment 3: there is no singularity 'wrst'"), "{error}");
+        assert!(
+            error
+                .to_string()
+                .contains("segment 3: there is no singularity 'wrst'"),
+            "{error}"
+        );
     }
 }

@@ -169,7 +169,11 @@ impl<const N: usize> Singularity<N> {
     /// The unit vector of ζ_i: an axis of rotation if `angular`, else a direction of translation.
     #[must_use]
     pub fn axis(&self) -> Vector3<f64> {
-        if self.angular { crate::linear::angular(&self.zeta_B) } else { crate::linear::linear(&self.zeta_B) }
+        if self.angular {
+            crate::linear::angular(&self.zeta_B)
+        } else {
+            crate::linear::linear(&self.zeta_B)
+        }
     }
 
     /// Nothing: what unused places of a report hold.
@@ -221,7 +225,15 @@ impl<const N: usize> Report<N> {
     /// A report of an arm with C at `p_BC`, m: no singularity, and nothing computed of the Jacobian.
     #[inline]
     pub(crate) fn unexamined(length_m: f64, p_BC: Vector3<f64>) -> Self {
-        Self { rank: 0, det: 0.0, manipulability: 0.0, length_m, p_BC, count: 0, singularities: [Singularity::none(); MAX_SINGULARITIES] }
+        Self {
+            rank: 0,
+            det: 0.0,
+            manipulability: 0.0,
+            length_m,
+            p_BC,
+            count: 0,
+            singularities: [Singularity::none(); MAX_SINGULARITIES],
+        }
     }
 
     /// The singularities in use.

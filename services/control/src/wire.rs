@@ -4,13 +4,18 @@ use crate::types::{Class, Command, Kind, Report, Singularity};
 use model::{joints, padded};
 use nalgebra::{Matrix3, Vector3, Vector6};
 use shared_types::wire::Part;
-use shared_types::{ControlState, Header, MAX_DOF, MAX_SINGULARITIES, SingularityReport, SingularityState, TorqueCommand};
+use shared_types::{
+    ControlState, Header, MAX_DOF, MAX_SINGULARITIES, SingularityReport, SingularityState,
+    TorqueCommand,
+};
 
 /// Why a report cannot be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Unreadable {
     /// A code has no name.
-    #[error("singularity {place}: code {code} has no name: the sender speaks another version of the wire")]
+    #[error(
+        "singularity {place}: code {code} has no name: the sender speaks another version of the wire"
+    )]
     Code {
         /// Place in the report.
         place: usize,
@@ -25,10 +30,23 @@ pub enum Unreadable {
 /// Fills the analyzer's message: everything but the header's stamps and incarnation.
 pub fn report_message<const N: usize>(tick: u64, report: &Report<N>, out: &mut SingularityReport) {
     // In place: a message of its own would be copied whole.
-    let SingularityReport { header, count, rank, det, manipulability, length_m, p_BC, singularities } = out;
-    *header = Header { tick, ..Header::default() };
+    let SingularityReport {
+        header,
+        count,
+        rank,
+        det,
+        manipulability,
+        length_m,
+        p_BC,
+        singularities,
+    } = out;
+    *header = Header {
+        tick,
+        ..Header::default()
+    };
     (*count, *rank, *det) = (report.count as u32, report.rank, report.det);
-    (*manipulability, *length_m, *p_BC) = (report.manipulability, report.length_m, report.p_BC.into());
+    (*manipulability, *length_m, *p_BC) =
+        (report.manipulability, report.length_m, report.p_BC.into());
     for (out, s) in singularities.iter_mut().zip(&report.singularities) {
         *out = SingularityState {
             kind: s.kind.code(),
@@ -69,10 +87,21 @@ pub fn report<const N: usize>(message: &SingularityReport) -> Result<Report<N>, 
         count: (message.count as usize).min(MAX_SINGULARITIES),
         singularities: [Singularity::none(); MAX_SINGULARITIES],
     };
-    for (place, (out, s)) in report.singularities.iter_mut().zip(&message.singularities).enumerate() {
+    for (place, (out, s)) in report
+        .singularities
+        .iter_mut()
+        .zip(&message.singularities)
+        .enumerate()
+    {
         *out = Singularity {
-            kind: Kind::from_code(s.kind).ok_or(Unreadable::Code { place, code: s.kind })?,
-            class: Class::from_code(s.class).ok_or(Unreadable::Code { place, code: s.class })?,
+            kind: Kind::from_code(s.kind).ok_or(Unreadable::Code {
+                place,
+                code: s.kind,
+            })?,
+            class: Class::from_code(s.class).ok_or(Unreadable::Code {
+                place,
+                code: s.class,
+            })?,
             inside: s.inside != 0,
             angular: s.angular != 0,
             s: s.s,
@@ -99,18 +128,39 @@ pub fn report<const N: usize>(message: &SingularityReport) -> Result<Report<N>, 
 #[must_use]
 #[inline]
 pub fn is_readable<const N: usize>(report: &Report<N>) -> bool {
-    let Report { det, manipulability, length_m, p_BC, .. } = report;
+    let Report {
+        det,
+        manipulability,
+        length_m,
+        p_BC,
+        ..
+    } = report;
     // As of a message: without an early exit.
     let known = [*det, *manipulability, *length_m, p_BC.x, p_BC.y, p_BC.z];
     report.listed().iter().fold(known.is_finite(), |finite, s| {
-        let numbers = [s.s, s.s_rate, s.eta_in, s.eta_out, s.gain, s.aux, s.aux_rate, s.aux_bias, s.kappa_1, s.kappa_2];
-        finite & numbers.is_finite() & s.zeta_B.data.0.is_finite() & s.R_BS.data.0.is_finite() & s.aux_row.data.0.is_finite()
+        let numbers = [
+            s.s, s.s_rate, s.eta_in, s.eta_out, s.gain, s.aux, s.aux_rate, s.aux_bias, s.kappa_1,
+            s.kappa_2,
+        ];
+        finite
+            & numbers.is_finite()
+            & s.zeta_B.data.0.is_finite()
+            & s.R_BS.data.0.is_finite()
+            & s.aux_row.data.0.is_finite()
     })
 }
 
 /// Fills the controller's messages: everything but the headers' stamps and incarnation.
-pub fn command_messages<const N: usize>(tick: u64, command: &Command<N>, state: &mut ControlState, torque: &mut TorqueCommand) {
-    let header = Header { tick, ..Header::default() };
+pub fn command_messages<const N: usize>(
+    tick: u64,
+    command: &Command<N>,
+    state: &mut ControlState,
+    torque: &mut TorqueCommand,
+) {
+    let header = Header {
+        tick,
+        ..Header::default()
+    };
     *state = ControlState {
         header,
         tau_task: padded(&command.tau_task),
@@ -136,7 +186,12 @@ pub fn command_messages<const N: usize>(tick: u64, command: &Command<N>, state: 
         rate_mask: command.rate_mask,
         rejected_ticks: command.rejected_ticks,
     };
-    *torque = TorqueCommand { header, tau: padded(&command.tau), phase: command.phase.code(), saturation_mask: command.saturation_mask };
+    *torque = TorqueCommand {
+        header,
+        tau: padded(&command.tau),
+        phase: command.phase.code(),
+        saturation_mask: command.saturation_mask,
+    };
 }
 
 fn column_major(R: &Matrix3<f64>) -> [f64; 9] {
@@ -173,9 +228,14 @@ mod tests {
             messages[2].singularities[MAX_SINGULARITIES - 1].gain = number;
             messages[3].singularities[0].zeta_B[3] = number;
             messages[4].singularities[1].aux_row[MAX_DOF - 1] = number;
-            messages.iter().for_each(|message| assert_eq!(report::<6>(message), Err(Unreadable::NotFinite)));
+            messages
+                .iter()
+                .for_each(|message| assert_eq!(report::<6>(message), Err(Unreadable::NotFinite)));
 
-            let good = Report { count: 2, ..report::<6>(&SingularityReport::default()).unwrap() };
+            let good = Report {
+                count: 2,
+                ..report::<6>(&SingularityReport::default()).unwrap()
+            };
             let mut reports = [good; 6];
             reports[0].det = number;
             reports[1].p_BC[2] = number;
@@ -192,6 +252,9 @@ mod tests {
     fn a_code_of_another_version_is_refused() {
         let mut message = SingularityReport::default();
         message.singularities[2].class = 77;
-        assert_eq!(report::<6>(&message), Err(Unreadable::Code { place: 2, code: 77 }));
+        assert_eq!(
+            report::<6>(&message),
+            Err(Unreadable::Code { place: 2, code: 77 })
+        );
     }
 }

@@ -6,13 +6,22 @@ use control::{Controller, Refusal, Report, SetupError, start_posture, wire};
 use model::{Model, Robot, Terms, embedded};
 use nalgebra::SVector;
 use shared_types::scenario::Scenario;
-use shared_types::{ControlState, ControllerCheckpoint, Header, ServoState, SingularityReport, StateEstimate, Target, TorqueCommand};
+use shared_types::{
+    ControlState, ControllerCheckpoint, Header, ServoState, SingularityReport, StateEstimate,
+    Target, TorqueCommand,
+};
 
 /// The pure step of an arm of any number of joints.
 pub trait Step {
     /// The torque for an estimate and the report of the same tick, and what the law did to arrive at it, at that tick. No allocation; a report
     /// that cannot be read is refused.
-    fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport, state: &mut ControlState, torque: &mut TorqueCommand);
+    fn step(
+        &mut self,
+        estimate: &StateEstimate,
+        report: &SingularityReport,
+        state: &mut ControlState,
+        torque: &mut TorqueCommand,
+    );
     /// The same with the [`Terms`](model::Terms) of this estimate and the [`Report`](control::Report) that the message has, where other steps in this
     /// address space have computed them for the same arm and frame; those of another size are not used.
     fn step_knowing(
@@ -56,12 +65,21 @@ impl<const N: usize> Cycle<N> {
     /// [`SetupError`] where the scenario does not fit the robot.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, SetupError> {
         let q_start = start_posture(robot, scenario)?;
-        Ok(Self { controller: Controller::new(Model::new(robot, scenario.frame())?, robot, scenario, q_start)?, dof: robot.dof() })
+        Ok(Self {
+            controller: Controller::new(
+                Model::new(robot, scenario.frame())?,
+                robot,
+                scenario,
+                q_start,
+            )?,
+            dof: robot.dof(),
+        })
     }
 
     /// Position, velocity and disturbance torque of the arm's own joints.
     fn own(&self, estimate: &StateEstimate) -> [SVector<f64, N>; 3] {
-        [&estimate.q, &estimate.qdot, &estimate.tau_disturbance].map(|values| embedded::<N>(&values[..self.dof]))
+        [&estimate.q, &estimate.qdot, &estimate.tau_disturbance]
+            .map(|values| embedded::<N>(&values[..self.dof]))
     }
 
     /// The step, with the terms of the estimate and the report where they are known.
@@ -82,7 +100,10 @@ impl<const N: usize> Cycle<N> {
             }
         };
         let command = match report {
-            Some(report) => self.controller.step_knowing(terms, &q, &qdot, &tau_disturbance, report),
+            Some(report) => {
+                self.controller
+                    .step_knowing(terms, &q, &qdot, &tau_disturbance, report)
+            }
             None => self.controller.refuse(&q, &qdot, Refusal::Report),
         };
         wire::command_messages(estimate.header.tick, &command, state, torque);
@@ -107,7 +128,13 @@ impl<const N: usize> Step for Cycle<N> {
         self.controller.restore(from);
     }
 
-    fn step(&mut self, estimate: &StateEstimate, report: &SingularityReport, state: &mut ControlState, torque: &mut TorqueCommand) {
+    fn step(
+        &mut self,
+        estimate: &StateEstimate,
+        report: &SingularityReport,
+        state: &mut ControlState,
+        torque: &mut TorqueCommand,
+    ) {
         self.command((None, None), (estimate, report), state, torque);
     }
 
@@ -118,7 +145,12 @@ impl<const N: usize> Step for Cycle<N> {
         state: &mut ControlState,
         torque: &mut TorqueCommand,
     ) {
-        self.command((terms.downcast_ref(), report.downcast_ref()), inputs, state, torque);
+        self.command(
+            (terms.downcast_ref(), report.downcast_ref()),
+            inputs,
+            state,
+            torque,
+        );
     }
 
     fn steer(
@@ -130,10 +162,19 @@ impl<const N: usize> Step for Cycle<N> {
         torque: &mut TorqueCommand,
     ) {
         let (tick, [q, qdot, tau_disturbance]) = (estimate.header.tick, self.own(estimate));
-        *servo = ServoState { header: Header { tick, ..Header::default() }, ..ServoState::default() };
+        *servo = ServoState {
+            header: Header {
+                tick,
+                ..Header::default()
+            },
+            ..ServoState::default()
+        };
         let target = (tick, target.map(|target| &target.target));
         let command = match wire::report(report) {
-            Ok(report) => self.controller.steer(target, (&q, &qdot), &tau_disturbance, &report, servo),
+            Ok(report) => {
+                self.controller
+                    .steer(target, (&q, &qdot), &tau_disturbance, &report, servo)
+            }
             Err(_) => self.controller.refuse(&q, &qdot, Refusal::Report),
         };
         wire::command_messages(tick, &command, state, torque);

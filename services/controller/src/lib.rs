@@ -6,7 +6,10 @@ mod cycle;
 use model::{Refused, Robot};
 use runtime::{ProcessError, Shell};
 use shared_types::scenario::Scenario;
-use shared_types::{ControlState, ControllerCheckpoint, ServoState, SingularityReport, StateEstimate, Target, TorqueCommand};
+use shared_types::{
+    ControlState, ControllerCheckpoint, ServoState, SingularityReport, StateEstimate, Target,
+    TorqueCommand,
+};
 
 pub use cycle::{Cycle, Step};
 
@@ -29,20 +32,31 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
     let mut states = shell.writer::<ControlState>()?;
     let mut torques = shell.writer::<TorqueCommand>()?;
     let mut checkpoint = shell.checkpoint::<ControllerCheckpoint>()?;
-    checkpoint.previous().into_iter().for_each(|last| cycle.restore(last));
+    checkpoint
+        .previous()
+        .into_iter()
+        .for_each(|last| cycle.restore(last));
     let (mut targets, mut servos) = match scenario.servo {
-        Some(_) => (Some(shell.reader::<Target>()?), Some(shell.writer::<ServoState>()?)),
+        Some(_) => (
+            Some(shell.reader::<Target>()?),
+            Some(shell.writer::<ServoState>()?),
+        ),
         None => (None, None),
     };
     while let Some(report) = reports.next()? {
-        let Some(estimate) = estimates.at(report.header.tick)? else { continue };
+        let Some(estimate) = estimates.at(report.header.tick)? else {
+            continue;
+        };
         let tick = estimate.header.tick;
         let target = match &mut targets {
             Some(targets) => targets.newest(tick)?,
             None => None,
         };
         let (mut state, mut torque) = (states.loan_as_is(tick)?, torques.loan_as_is(tick)?);
-        let mut servo = servos.as_mut().map(|servos| servos.loan_as_is(tick)).transpose()?;
+        let mut servo = servos
+            .as_mut()
+            .map(|servos| servos.loan_as_is(tick))
+            .transpose()?;
         match &mut servo {
             Some(servo) => cycle.steer((estimate, report), target, servo, &mut state, &mut torque),
             None => cycle.step(estimate, report, &mut state, &mut torque),

@@ -85,7 +85,15 @@ struct State<const N: usize> {
 impl<const N: usize> State<N> {
     /// Nothing is known but where it is.
     fn begin(tick: u64, q: SVector<f64, N>) -> Self {
-        Self { tick, samples: 0, rejected_ticks: [0; N], rejected_reading: q, q, qdot: SVector::zeros(), unexplained: Unexplained::none() }
+        Self {
+            tick,
+            samples: 0,
+            rejected_ticks: [0; N],
+            rejected_reading: q,
+            q,
+            qdot: SVector::zeros(),
+            unexplained: Unexplained::none(),
+        }
     }
 }
 
@@ -99,7 +107,10 @@ impl Gains {
     /// Gains that place the error poles at θ, θ.
     fn place(theta: f64) -> Self {
         let g = 1.0 - theta * theta;
-        Self { g, h: 3.0 - 2.0 * theta - 1.0 - g }
+        Self {
+            g,
+            h: 3.0 - 2.0 * theta - 1.0 - g,
+        }
     }
 }
 
@@ -113,7 +124,9 @@ impl<const N: usize> Cycle<N> {
         let model = Model::<N>::new(robot, scenario.frame())?;
         Ok(Self {
             terms: model.evaluate(&SVector::zeros(), &SVector::zeros()),
-            gate: model.velocity().map(|limit| (GATE * limit * T).max(ACCEPTED)),
+            gate: model
+                .velocity()
+                .map(|limit| (GATE * limit * T).max(ACCEPTED)),
             model,
             T,
             gains: Gains::place(libm::exp(-scenario.estimator.bandwidth * T)),
@@ -125,18 +138,22 @@ impl<const N: usize> Cycle<N> {
 
 impl<const N: usize> Step for Cycle<N> {
     fn save(&self, out: &mut EstimatorCheckpoint) {
-        *out = self.state.map_or_else(EstimatorCheckpoint::default, |state| EstimatorCheckpoint {
-            tick: state.tick,
-            q: padded(&state.q),
-            qdot: padded(&state.qdot),
-            disturbance: padded(&state.unexplained.d),
-            disturbance_slow: padded(&state.unexplained.slow),
-            disturbance_presence: padded(&state.unexplained.presence),
-            rejected_reading: padded(&state.rejected_reading),
-            rejected_ticks: std::array::from_fn(|i| if i < N { state.rejected_ticks[i] } else { 0 }),
-            samples: state.samples,
-            reserved: 0,
-        });
+        *out = self
+            .state
+            .map_or_else(EstimatorCheckpoint::default, |state| EstimatorCheckpoint {
+                tick: state.tick,
+                q: padded(&state.q),
+                qdot: padded(&state.qdot),
+                disturbance: padded(&state.unexplained.d),
+                disturbance_slow: padded(&state.unexplained.slow),
+                disturbance_presence: padded(&state.unexplained.presence),
+                rejected_reading: padded(&state.rejected_reading),
+                rejected_ticks: std::array::from_fn(|i| {
+                    if i < N { state.rejected_ticks[i] } else { 0 }
+                }),
+                samples: state.samples,
+                reserved: 0,
+            });
     }
 
     fn restore(&mut self, from: &EstimatorCheckpoint) {
@@ -155,7 +172,8 @@ impl<const N: usize> Step for Cycle<N> {
             },
         });
         if let Some(state) = &self.state {
-            self.model.evaluate_into(&state.q, &state.qdot, &mut self.terms);
+            self.model
+                .evaluate_into(&state.q, &state.qdot, &mut self.terms);
         }
     }
 
@@ -164,7 +182,8 @@ impl<const N: usize> Step for Cycle<N> {
     }
 
     fn rejects(&self) -> bool {
-        self.state.is_some_and(|state| state.rejected_ticks.iter().any(|ticks| *ticks > 0))
+        self.state
+            .is_some_and(|state| state.rejected_ticks.iter().any(|ticks| *ticks > 0))
     }
 
     fn step(&mut self, sample: &SensorSample, out: &mut StateEstimate) {
@@ -192,23 +211,41 @@ impl<const N: usize> Step for Cycle<N> {
             ),
             ..predicted
         };
-        self.model.evaluate_into(&state.q, &state.qdot, &mut self.terms);
+        self.model
+            .evaluate_into(&state.q, &state.qdot, &mut self.terms);
         let d = state.unexplained.explained();
-        let tau_disturbance = if d.amax() == 0.0 { SVector::zeros() } else { self.terms.A * d };
+        let tau_disturbance = if d.amax() == 0.0 {
+            SVector::zeros()
+        } else {
+            self.terms.A * d
+        };
         let (mut state, mut innovation, mut tau_disturbance) = (state, innovation, tau_disturbance);
         let is_finite = |values: &SVector<f64, N>| values.iter().all(|x| x.is_finite());
         let is_an_arms = state.qdot.iter().all(|x| x.abs() <= ABSURD)
             && state.unexplained.is_finite()
-            && [&state.q, &innovation, &tau_disturbance].into_iter().all(is_finite);
+            && [&state.q, &innovation, &tau_disturbance]
+                .into_iter()
+                .all(is_finite);
         if !is_an_arms {
             let reading = SVector::from_column_slice(&sample.q_encoder[..N]);
-            (state, innovation, tau_disturbance) =
-                (State { samples: 1, ..State::begin(tick, reading) }, SVector::zeros(), SVector::zeros());
-            self.model.evaluate_into(&state.q, &state.qdot, &mut self.terms);
+            (state, innovation, tau_disturbance) = (
+                State {
+                    samples: 1,
+                    ..State::begin(tick, reading)
+                },
+                SVector::zeros(),
+                SVector::zeros(),
+            );
+            self.model
+                .evaluate_into(&state.q, &state.qdot, &mut self.terms);
         }
         self.state = Some(state);
         *out = StateEstimate {
-            header: Header { stamps: sample.header.stamps, tick: sample.header.tick, ..Header::default() },
+            header: Header {
+                stamps: sample.header.stamps,
+                tick: sample.header.tick,
+                ..Header::default()
+            },
             q: padded(&state.q),
             qdot: padded(&state.qdot),
             tau_disturbance: padded(&tau_disturbance),
@@ -232,8 +269,10 @@ impl<const N: usize> Cycle<N> {
             predicted.rejected_ticks[joint] = rejected + 1;
             *measured = predicted.q[joint];
         } else {
-            let (mean, limit) =
-                ((*measured - predicted.rejected_reading[joint]) / (f64::from(rejected) * self.T), self.model.velocity()[joint]);
+            let (mean, limit) = (
+                (*measured - predicted.rejected_reading[joint]) / (f64::from(rejected) * self.T),
+                self.model.velocity()[joint],
+            );
             predicted.rejected_ticks[joint] = 0;
             predicted.q[joint] = *measured;
             predicted.qdot[joint] = if mean.abs() <= limit { mean } else { 0.0 };
@@ -242,22 +281,52 @@ impl<const N: usize> Cycle<N> {
     }
 
     /// The state at `tick` before its sample is taken in.
-    fn reach(&self, state: &State<N>, tick: u64, drive: u32, measured: &SVector<f64, N>, tau: &SVector<f64, N>) -> State<N> {
+    fn reach(
+        &self,
+        state: &State<N>,
+        tick: u64,
+        drive: u32,
+        measured: &SVector<f64, N>,
+        tau: &SVector<f64, N>,
+    ) -> State<N> {
         let gap = tick.saturating_sub(state.tick).max(1);
         if gap > MOST_PREDICTED {
             // Long out of sight: where it is is known, and how far it has come; how fast it is the next sample tells.
             let mean = (measured - state.q) / (gap as f64 * self.T);
-            let qdot = if drive == DRIVE_BRAKED { SVector::zeros() } else { mean };
-            return State { samples: 0, rejected_ticks: [0; N], q: *measured, qdot, ..*state };
+            let qdot = if drive == DRIVE_BRAKED {
+                SVector::zeros()
+            } else {
+                mean
+            };
+            return State {
+                samples: 0,
+                rejected_ticks: [0; N],
+                q: *measured,
+                qdot,
+                ..*state
+            };
         }
         if drive == DRIVE_BRAKED {
-            return State { qdot: SVector::zeros(), ..*state };
+            return State {
+                qdot: SVector::zeros(),
+                ..*state
+            };
         }
         if state.samples == 1 && gap == 1 && state.tick > 0 {
-            return State { q: *measured, qdot: (measured - state.q) / self.T, ..*state };
+            return State {
+                q: *measured,
+                qdot: (measured - state.q) / self.T,
+                ..*state
+            };
         }
         let first = self.predict(state, self.terms.qddot(tau), tau);
-        (1..gap).fold(first, |state, _| self.predict(&state, self.model.forward_dynamics(&state.q, &state.qdot, tau), tau))
+        (1..gap).fold(first, |state, _| {
+            self.predict(
+                &state,
+                self.model.forward_dynamics(&state.q, &state.qdot, tau),
+                tau,
+            )
+        })
     }
 
     /// One tick ahead under constant torque, from a state whose acceleration is `qddot` by the model: the midpoint rule, second order in T like the
@@ -269,7 +338,11 @@ impl<const N: usize> Cycle<N> {
         let q_mid = state.q + state.qdot * (T / 2.0);
         let qdot_mid = state.qdot + half * (T / 2.0);
         let qddot = self.model.forward_dynamics(&q_mid, &qdot_mid, tau) + d;
-        State { q: state.q + state.qdot * T + qddot * (T * T / 2.0), qdot: state.qdot + qddot * T, ..*state }
+        State {
+            q: state.q + state.qdot * T + qddot * (T * T / 2.0),
+            qdot: state.qdot + qddot * T,
+            ..*state
+        }
     }
 }
 
@@ -298,7 +371,10 @@ mod tests {
             for z in [0.1, 0.3, 0.77, 1.3f64] {
                 let placed = (z - theta).powi(2);
                 let actual = (z - 1.0).powi(2) + g * (z - 1.0) + h * z;
-                assert!((placed - actual).abs() < 1e-14, "θ {theta} z {z}: {placed} against {actual}");
+                assert!(
+                    (placed - actual).abs() < 1e-14,
+                    "θ {theta} z {z}: {placed} against {actual}"
+                );
             }
         }
     }
@@ -307,7 +383,8 @@ mod tests {
     fn follow(disturbance_bandwidth: f64, tau_unknown: f64) -> (f64, f64) {
         let robot = Robot::builtin("puma560").unwrap();
         let model = Model::<6>::new(&robot, None).unwrap();
-        let mut estimator = Cycle::<6>::new(&robot, &scenario(150.0, disturbance_bandwidth)).unwrap();
+        let mut estimator =
+            Cycle::<6>::new(&robot, &scenario(150.0, disturbance_bandwidth)).unwrap();
         let mut q = SVector::<f64, 6>::from_column_slice(&[0.1, -1.2, 1.9, 0.2, 0.5, 0.3]);
         let mut qdot = SVector::<f64, 6>::zeros();
         let hold = model.gravity(&q);
@@ -324,7 +401,9 @@ mod tests {
             sample.header.tick = tick;
             estimate = step(&mut estimator, &sample);
             if tick > 100 {
-                worst = (0..6).fold(worst, |worst, i| worst.max((estimate.qdot[i] - qdot[i]).abs()));
+                worst = (0..6).fold(worst, |worst, i| {
+                    worst.max((estimate.qdot[i] - qdot[i]).abs())
+                });
             }
             let mut tau = hold;
             tau[3] += tau_unknown;
@@ -341,7 +420,11 @@ mod tests {
     fn velocity_is_an_order_better_than_a_difference() {
         let (worst, _) = follow(0.0, 0.0);
         let count = std::f64::consts::TAU / 65536.0;
-        assert!(worst < 0.1 * count / 1e-3, "{worst} rad/s against {} rad/s for one count in one tick", count / 1e-3);
+        assert!(
+            worst < 0.1 * count / 1e-3,
+            "{worst} rad/s against {} rad/s for one count in one tick",
+            count / 1e-3
+        );
     }
 
     #[test]
@@ -368,7 +451,10 @@ mod tests {
         let mut last = EstimatorCheckpoint::default();
         whole.save(&mut last);
         second.restore(&last);
-        assert_eq!(step(&mut whole, &sample(10)), step(&mut second, &sample(10)));
+        assert_eq!(
+            step(&mut whole, &sample(10)),
+            step(&mut second, &sample(10))
+        );
     }
 
     #[test]
@@ -378,19 +464,42 @@ mod tests {
         for (bandwidth, jump) in [(0.0, 1000.0), (60.0, 1000.0), (60.0, 0.3), (0.0, -0.3)] {
             let mut estimator = Cycle::<6>::new(&robot, &scenario(150.0, bandwidth)).unwrap();
             for tick in 0..300_u64 {
-                let mut sample = SensorSample { q_encoder: place, ..SensorSample::default() };
+                let mut sample = SensorSample {
+                    q_encoder: place,
+                    ..SensorSample::default()
+                };
                 sample.header.tick = tick;
                 let q = place[0] + 0.5e-3 * tick as f64;
-                sample.q_encoder[0] = if (50..150).contains(&tick) { q + jump } else { q };
-                let terms = estimator.model.evaluate(&SVector::from_column_slice(&place[..6]), &SVector::zeros());
+                sample.q_encoder[0] = if (50..150).contains(&tick) {
+                    q + jump
+                } else {
+                    q
+                };
+                let terms = estimator
+                    .model
+                    .evaluate(&SVector::from_column_slice(&place[..6]), &SVector::zeros());
                 sample.tau_drive = padded(&terms.gravity);
                 let estimate = step(&mut estimator, &sample);
-                let fastest = estimate.qdot.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
-                assert!(tick < 40 || fastest < 0.7, "jump {jump}, tick {tick}: {fastest} rad/s");
-                let is_outlier = (50..50 + u64::from(PATIENCE)).contains(&tick) || (150..150 + u64::from(PATIENCE)).contains(&tick);
-                assert!(tick < 40 || estimator.rejects() == is_outlier, "jump {jump}, tick {tick}");
+                let fastest = estimate
+                    .qdot
+                    .iter()
+                    .fold(0.0_f64, |most, x| most.max(x.abs()));
+                assert!(
+                    tick < 40 || fastest < 0.7,
+                    "jump {jump}, tick {tick}: {fastest} rad/s"
+                );
+                let is_outlier = (50..50 + u64::from(PATIENCE)).contains(&tick)
+                    || (150..150 + u64::from(PATIENCE)).contains(&tick);
+                assert!(
+                    tick < 40 || estimator.rejects() == is_outlier,
+                    "jump {jump}, tick {tick}"
+                );
                 let is_back = !(48..175).contains(&tick);
-                assert!(tick < 40 || !is_back || (estimate.q[0] - q).abs() < 1e-3, "jump {jump}, tick {tick}: {}", estimate.q[0] - q);
+                assert!(
+                    tick < 40 || !is_back || (estimate.q[0] - q).abs() < 1e-3,
+                    "jump {jump}, tick {tick}: {}",
+                    estimate.q[0] - q
+                );
             }
         }
     }
@@ -400,7 +509,10 @@ mod tests {
         let robot = Robot::builtin("puma560").unwrap();
         let place = [0.1, -1.2, 1.9, 0.2, 0.5, 0.3, 0.0, 0.0];
         let sample = |tick: u64| {
-            let mut sample = SensorSample { q_encoder: place, ..SensorSample::default() };
+            let mut sample = SensorSample {
+                q_encoder: place,
+                ..SensorSample::default()
+            };
             sample.header.tick = tick;
             sample
         };
@@ -429,8 +541,13 @@ mod tests {
                 }
                 let estimate = step(&mut estimator, &sample);
                 assert!(estimate.is_finite(), "{what}, tick {tick}: {estimate:?}");
-                let error = (0..6).fold(0.0_f64, |error, i| error.max((estimate.q[i] - place[i]).abs()));
-                assert!(tick < 65 || error < 0.01, "{what}, tick {tick}: still {error} rad away");
+                let error = (0..6).fold(0.0_f64, |error, i| {
+                    error.max((estimate.q[i] - place[i]).abs())
+                });
+                assert!(
+                    tick < 65 || error < 0.01,
+                    "{what}, tick {tick}: still {error} rad away"
+                );
             }
         }
     }

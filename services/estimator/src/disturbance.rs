@@ -59,7 +59,11 @@ pub(crate) struct Unexplained<const N: usize> {
 impl<const N: usize> Unexplained<N> {
     /// Nothing is known.
     pub(crate) fn none() -> Self {
-        Self { d: SVector::zeros(), slow: SVector::zeros(), presence: SVector::zeros() }
+        Self {
+            d: SVector::zeros(),
+            slow: SVector::zeros(),
+            presence: SVector::zeros(),
+        }
     }
 
     /// Nothing is known of a joint any more.
@@ -69,23 +73,43 @@ impl<const N: usize> Unexplained<N> {
 
     /// The acceleration that the prediction contains and the controller compensates, rad/s².
     pub(crate) fn explained(&self) -> SVector<f64, N> {
-        self.d.zip_map(&self.presence, |d, presence| d * presence.clamp(0.0, 1.0))
+        self.d
+            .zip_map(&self.presence, |d, presence| d * presence.clamp(0.0, 1.0))
     }
 
     pub(crate) fn is_finite(&self) -> bool {
-        [&self.d, &self.slow, &self.presence].into_iter().all(|values| values.iter().all(|x| x.is_finite()))
+        [&self.d, &self.slow, &self.presence]
+            .into_iter()
+            .all(|values| values.iter().all(|x| x.is_finite()))
     }
 }
 
 impl Disturbance {
     /// As `scenario` tunes it, with the threshold from the encoders' resolution and noise.
     pub(crate) fn new(scenario: &Scenario) -> Self {
-        let (bandwidth, plant, T) = (scenario.estimator.disturbance_bandwidth, &scenario.plant, scenario.dt_s());
+        let (bandwidth, plant, T) = (
+            scenario.estimator.disturbance_bandwidth,
+            &scenario.plant,
+            scenario.dt_s(),
+        );
         // Rounding adds the variance 1/12 of a count squared.
         let counts = (1.0 / 12.0 + plant.encoder_noise_counts * plant.encoder_noise_counts).sqrt();
-        let sigma = if plant.encoder_bits == 0 { 0.0 } else { counts * TAU / libm::pow(2.0, f64::from(plant.encoder_bits)) };
-        let sigma_d = 0.5 * sigma * SLOW * bandwidth * libm::pow(scenario.estimator.bandwidth, 1.5) * T.sqrt();
-        Self { bandwidth, threshold: (NOISE * sigma_d).max(EXACT), lag_s: 2.0 / scenario.estimator.bandwidth.max(1.0) }
+        let sigma = if plant.encoder_bits == 0 {
+            0.0
+        } else {
+            counts * TAU / libm::pow(2.0, f64::from(plant.encoder_bits))
+        };
+        let sigma_d = 0.5
+            * sigma
+            * SLOW
+            * bandwidth
+            * libm::pow(scenario.estimator.bandwidth, 1.5)
+            * T.sqrt();
+        Self {
+            bandwidth,
+            threshold: (NOISE * sigma_d).max(EXACT),
+            lag_s: 2.0 / scenario.estimator.bandwidth.max(1.0),
+        }
     }
 
     /// The state after a tick of `T` seconds that left `residual` unexplained, rad/s², `since_s` after the filters began.
@@ -98,9 +122,16 @@ impl Disturbance {
     ) -> Unexplained<N> {
         let a = residual + before.explained();
         let follow = |x: &SVector<f64, N>, bandwidth: f64| x + (a - x) * (bandwidth * T).min(1.0);
-        let (mut d, slow) = (follow(&before.d, self.bandwidth), follow(&before.slow, SLOW * self.bandwidth));
+        let (mut d, slow) = (
+            follow(&before.d, self.bandwidth),
+            follow(&before.slow, SLOW * self.bandwidth),
+        );
         let presence = before.presence.zip_map(&slow, |presence, slow| {
-            if slow.abs() > self.threshold { (presence + T / RISE_S).min(1.0 + HELD_S / FALL_S) } else { (presence - T / FALL_S).max(0.0) }
+            if slow.abs() > self.threshold {
+                (presence + T / RISE_S).min(1.0 + HELD_S / FALL_S)
+            } else {
+                (presence - T / FALL_S).max(0.0)
+            }
         });
         if since_s < BEGUN.0 {
             let seen = 1.0 - libm::exp(-self.bandwidth * (since_s - self.lag_s).max(0.0));
@@ -128,14 +159,30 @@ mod tests {
     #[test]
     fn finer_encoders_explain_less() {
         let (coarse, fine, ideal) = (scenario(16), scenario(18), scenario(0));
-        assert!((coarse.threshold / fine.threshold - 4.0).abs() < 1e-9, "σ_d goes with the resolution: {coarse:?} {fine:?}");
-        assert!(coarse.threshold > 0.02 && coarse.threshold < 0.1 && ideal.threshold == EXACT, "{coarse:?} {ideal:?}");
+        assert!(
+            (coarse.threshold / fine.threshold - 4.0).abs() < 1e-9,
+            "σ_d goes with the resolution: {coarse:?} {fine:?}"
+        );
+        assert!(
+            coarse.threshold > 0.02 && coarse.threshold < 0.1 && ideal.threshold == EXACT,
+            "{coarse:?} {ideal:?}"
+        );
     }
 
     /// The filters after `ticks` of a plant whose acceleration differs from the model's by `d`.
-    fn after(filter: &Disturbance, mut state: Unexplained<1>, d: f64, ticks: u32) -> Unexplained<1> {
+    fn after(
+        filter: &Disturbance,
+        mut state: Unexplained<1>,
+        d: f64,
+        ticks: u32,
+    ) -> Unexplained<1> {
         for _ in 0..ticks {
-            state = filter.learned(&state, &(Vector1::new(d) - state.explained()), 1e-3, f64::INFINITY);
+            state = filter.learned(
+                &state,
+                &(Vector1::new(d) - state.explained()),
+                1e-3,
+                f64::INFINITY,
+            );
         }
         state
     }
@@ -148,7 +195,10 @@ mod tests {
         assert_eq!(quiet.explained()[0], 0.0);
         assert!((quiet.d[0] - small).abs() < 1e-3 * small, "{quiet:?}");
         let loud = after(&filter, quiet, large, 5000);
-        assert!((loud.explained()[0] - large).abs() < 1e-3 * large.abs(), "{loud:?}");
+        assert!(
+            (loud.explained()[0] - large).abs() < 1e-3 * large.abs(),
+            "{loud:?}"
+        );
     }
 
     #[test]
@@ -160,9 +210,17 @@ mod tests {
             tick += 1;
             // The observer's double pole delays what the filters see.
             let seen = 1.0 - (1.0 + 0.15 * f64::from(tick)) * (-0.15 * f64::from(tick)).exp();
-            state = filter.learned(&state, &(Vector1::new(0.5 * seen) - state.explained()), 1e-3, f64::from(tick) * 1e-3);
+            state = filter.learned(
+                &state,
+                &(Vector1::new(0.5 * seen) - state.explained()),
+                1e-3,
+                f64::from(tick) * 1e-3,
+            );
         }
-        assert!((20..60).contains(&tick) && (state.d[0] - 0.5).abs() < 0.1, "tick {tick}: {state:?}");
+        assert!(
+            (20..60).contains(&tick) && (state.d[0] - 0.5).abs() < 0.1,
+            "tick {tick}: {state:?}"
+        );
     }
 
     #[test]
@@ -170,7 +228,11 @@ mod tests {
         let filter = scenario(16);
         let loud = after(&filter, Unexplained::none(), 1.5 * filter.threshold, 2000);
         let held = after(&filter, loud, 0.8 * filter.threshold, 400);
-        assert_eq!(held.explained(), held.d, "it counts in full for a while: {held:?}");
+        assert_eq!(
+            held.explained(),
+            held.d,
+            "it counts in full for a while: {held:?}"
+        );
         let (mut state, mut largest) = (held, 0.0_f64);
         for _ in 0..2000 {
             let next = after(&filter, state, 0.8 * filter.threshold, 1);
@@ -178,6 +240,9 @@ mod tests {
             state = next;
         }
         assert_eq!(state.explained()[0], 0.0);
-        assert!(largest < 0.01 * filter.threshold, "a step of {largest} rad/s²");
+        assert!(
+            largest < 0.01 * filter.threshold,
+            "a step of {largest} rad/s²"
+        );
     }
 }

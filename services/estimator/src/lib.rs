@@ -28,7 +28,10 @@ pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), Proc
     let mut sensors = shell.reader::<SensorSample>()?;
     let mut estimates = shell.writer::<StateEstimate>()?;
     let mut checkpoint = shell.checkpoint::<EstimatorCheckpoint>()?;
-    checkpoint.previous().into_iter().for_each(|last| cycle.restore(last));
+    checkpoint
+        .previous()
+        .into_iter()
+        .for_each(|last| cycle.restore(last));
     while let Some(sample) = sensors.next()? {
         let mut estimate = estimates.loan_as_is(sample.header.tick)?;
         cycle.step(sample, &mut estimate);

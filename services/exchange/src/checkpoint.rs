@@ -28,9 +28,17 @@ mod tests {
 
     #[test]
     fn a_damaged_length_is_refused_and_not_shortened() {
-        let with = |bytes: u64| ProgramCheckpoint { bytes, ..ProgramCheckpoint::zeroed() };
+        let with = |bytes: u64| ProgramCheckpoint {
+            bytes,
+            ..ProgramCheckpoint::zeroed()
+        };
         assert_eq!(with(3).used(), Some(&[0; 3][..]));
-        assert_eq!(with(EXCHANGE_STATE as u64).used().map(<[u8]>::len), Some(EXCHANGE_STATE));
-        assert!(with(EXCHANGE_STATE as u64 + 1).used().is_none() && with(u64::MAX).used().is_none());
+        assert_eq!(
+            with(EXCHANGE_STATE as u64).used().map(<[u8]>::len),
+            Some(EXCHANGE_STATE)
+        );
+        assert!(
+            with(EXCHANGE_STATE as u64 + 1).used().is_none() && with(u64::MAX).used().is_none()
+        );
     }
 }

@@ -13,8 +13,9 @@ static PAGE: OnceLock<(Range<usize>, String)> = OnceLock::new();
 
 /// From now on a SIGBUS at an address of the page is explained before it ends this process; a process has one page.
 pub(crate) fn explain(process: &str, page: Range<usize>) {
-    let line =
-        format!("armplane: the program of {process} has cut its exchange page short: a program never changes the length of the page\n");
+    let line = format!(
+        "armplane: the program of {process} has cut its exchange page short: a program never changes the length of the page\n"
+    );
     if PAGE.set((page, line)).is_err() {
         return;
     }

@@ -46,15 +46,35 @@ const USUAL_LIMIT: Duration = Duration::from_secs(10);
 ///
 /// # Errors
 /// [`ProcessError`] where the graph breaks or the program fails, in a sentence that names process, tick and reason.
-pub fn run(shell: &Shell, graph: &Graph, name: &str, dof: usize, length: u64, command: Option<Command>) -> Result<(), ProcessError> {
-    let process = graph.process(name).ok_or_else(|| ProcessError::setup(format!("the graph has no process {name:?}")))?;
+pub fn run(
+    shell: &Shell,
+    graph: &Graph,
+    name: &str,
+    dof: usize,
+    length: u64,
+    command: Option<Command>,
+) -> Result<(), ProcessError> {
+    let process = graph
+        .process(name)
+        .ok_or_else(|| ProcessError::setup(format!("the graph has no process {name:?}")))?;
     let topics = topics_of(graph, process)?;
     let manifest = shell.manifest();
-    let about = About { is_lockstep: manifest.is_lockstep(), rate_hz: manifest.rate_hz, dof: dof as u32, incarnation: shell.incarnation() };
-    let failed = |error: std::io::Error| ProcessError::setup(format!("cannot make the exchange page of {name}: {error}"));
+    let about = About {
+        is_lockstep: manifest.is_lockstep(),
+        rate_hz: manifest.rate_hz,
+        dof: dof as u32,
+        incarnation: shell.incarnation(),
+    };
+    let failed = |error: std::io::Error| {
+        ProcessError::setup(format!("cannot make the exchange page of {name}: {error}"))
+    };
     let page = Page::create(shell.run_dir(), name, about, &topics).map_err(failed)?;
     cut::explain(name, page.range());
-    let limit = if process.answer_limit_s == 0 { USUAL_LIMIT } else { Duration::from_secs(u64::from(process.answer_limit_s)) };
+    let limit = if process.answer_limit_s == 0 {
+        USUAL_LIMIT
+    } else {
+        Duration::from_secs(u64::from(process.answer_limit_s))
+    };
     let stops_at_once = process.role() != Role::Observer;
     let died = |tick, failure| Err(death(shell, name, tick, &failure));
     let mut program = match Program::start(shell, name, page, command, limit, stops_at_once) {
@@ -75,7 +95,9 @@ pub fn run(shell: &Shell, graph: &Graph, name: &str, dof: usize, length: u64, co
             program.end(&failure.to_string());
             if let Failure::Ended { exit, .. } = &failure {
                 // A program that somebody kills before the first tick is replaced with this process, as one of ours.
-                exit.signal().into_iter().for_each(|signal| shell.end_early_by(signal, &failure));
+                exit.signal()
+                    .into_iter()
+                    .for_each(|signal| shell.end_early_by(signal, &failure));
             }
             died(tick, failure)
         }
@@ -89,15 +111,29 @@ fn take_part(
     program: &mut Program<'_>,
     length: u64,
 ) -> Result<(), Ended> {
-    if !program.join(topics).map_err(|failure| Ended::Theirs(0, failure))? {
+    if !program
+        .join(topics)
+        .map_err(|failure| Ended::Theirs(0, failure))?
+    {
         return Ok(());
     }
-    let mut checkpoint = shell.checkpoint::<ProgramCheckpoint>().map_err(ProcessError::from)?;
+    let mut checkpoint = shell
+        .checkpoint::<ProgramCheckpoint>()
+        .map_err(ProcessError::from)?;
     if let Some(last) = checkpoint.previous() {
-        let damaged = || Failure::Damaged { process: process.name.clone(), found: last.bytes };
-        program.page.put_state(last.used().ok_or_else(|| Ended::Theirs(0, damaged()))?);
+        let damaged = || Failure::Damaged {
+            process: process.name.clone(),
+            found: last.bytes,
+        };
+        program
+            .page
+            .put_state(last.used().ok_or_else(|| Ended::Theirs(0, damaged()))?);
     }
-    if program.ask(REQUEST_START, 0).map_err(|failure| Ended::Theirs(0, failure))? == Answer::Stopped {
+    if program
+        .ask(REQUEST_START, 0)
+        .map_err(|failure| Ended::Theirs(0, failure))?
+        == Answer::Stopped
+    {
         return Ok(());
     }
     match process.role() {
@@ -109,19 +145,37 @@ fn take_part(
 
 /// The topics of a process in the order of its page.
 fn topics_of(graph: &Graph, process: &Process) -> Result<Vec<(MessageLayout, u32)>, ProcessError> {
-    let uses = [(&process.reads, USE_READS), (&process.feedback, USE_FEEDBACK), (&process.writes, USE_WRITES)];
-    let named = uses.iter().flat_map(|(names, usage)| names.iter().map(move |name| (name, *usage)));
-    let layout = |name: &String| graph.layout(name).ok_or_else(|| ProcessError::setup(format!("there is no topic `{name}`")));
-    named.map(|(name, usage)| Ok((layout(name)?, usage))).collect()
+    let uses = [
+        (&process.reads, USE_READS),
+        (&process.feedback, USE_FEEDBACK),
+        (&process.writes, USE_WRITES),
+    ];
+    let named = uses
+        .iter()
+        .flat_map(|(names, usage)| names.iter().map(move |name| (name, *usage)));
+    let layout = |name: &String| {
+        graph
+            .layout(name)
+            .ok_or_else(|| ProcessError::setup(format!("there is no topic `{name}`")))
+    };
+    named
+        .map(|(name, usage)| Ok((layout(name)?, usage)))
+        .collect()
 }
 
 /// Enters the death of a program into the fault table: the launcher finds it there when this process ends, and the run can be repeated. Not after an
 /// early stop: the program ends with the run then.
 fn death(shell: &Shell, name: &str, tick: u64, failure: &Failure) -> ProcessError {
     let manifest = shell.manifest();
-    if let Some(me) = manifest.index_of(name).filter(|_| !shell.is_stopping_early() && (tick > 0 || shell.incarnation() == 1)) {
+    if let Some(me) = manifest
+        .index_of(name)
+        .filter(|_| !shell.is_stopping_early() && (tick > 0 || shell.incarnation() == 1))
+    {
         let table = shell.fault_table();
-        if let Some(place) = table.enter(&unplanned_death(me, tick, 0, manifest.rate_hz), Origin::Detected) {
+        if let Some(place) = table.enter(
+            &unplanned_death(me, tick, 0, manifest.rate_hz),
+            Origin::Detected,
+        ) {
             // As this process is about to end.
             table.mark_exit(me, Exit::Code(1));
             table.mark_injected(place, now_ns());

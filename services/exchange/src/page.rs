@@ -11,7 +11,8 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use bytemuck::{Zeroable, bytes_of};
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use shared_types::exchange::{
-    EXCHANGE_MARK, EXCHANGE_NAME, EXCHANGE_STATE, EXCHANGE_TEXT, EXCHANGE_TYPE, EXCHANGE_VERSION, ExchangeHead, ExchangeTopic,
+    EXCHANGE_MARK, EXCHANGE_NAME, EXCHANGE_STATE, EXCHANGE_TEXT, EXCHANGE_TYPE, EXCHANGE_VERSION,
+    ExchangeHead, ExchangeTopic,
 };
 use shared_types::layout::MessageLayout;
 
@@ -48,13 +49,23 @@ impl Page {
     ///
     /// # Errors
     /// When the file cannot be made or mapped.
-    pub fn create(run: &Path, process: &str, about: About, topics: &[(MessageLayout, u32)]) -> std::io::Result<Self> {
+    pub fn create(
+        run: &Path,
+        process: &str,
+        about: About,
+        topics: &[(MessageLayout, u32)],
+    ) -> std::io::Result<Self> {
         let topics_at = size_of::<ExchangeHead>().next_multiple_of(LINE);
-        let state_at = (topics_at + topics.len() * size_of::<ExchangeTopic>()).next_multiple_of(LINE);
+        let state_at =
+            (topics_at + topics.len() * size_of::<ExchangeTopic>()).next_multiple_of(LINE);
         let mut end = state_at + EXCHANGE_STATE;
         let mut entries = Vec::with_capacity(topics.len());
         for (layout, usage) in topics {
-            let mut entry = ExchangeTopic { layout: layout.hash, usage: *usage, ..ExchangeTopic::zeroed() };
+            let mut entry = ExchangeTopic {
+                layout: layout.hash,
+                usage: *usage,
+                ..ExchangeTopic::zeroed()
+            };
             (entry.at, entry.bytes) = (end as u32, layout.bytes as u32);
             put_text(&mut entry.name, &layout.topic);
             put_text(&mut entry.type_name, &layout.type_name);
@@ -83,15 +94,45 @@ impl Page {
             image[at..at + size_of::<ExchangeTopic>()].copy_from_slice(bytes_of(entry));
         }
         // Under another name until it is whole: a program that waits for the file never sees half of it.
-        let (path, unfinished) = (run.join(format!("exchange-{process}")), run.join(format!("exchange-{process}.new")));
-        let file = OpenOptions::new().read(true).write(true).create(true).truncate(true).mode(0o600).open(&unfinished)?;
+        let (path, unfinished) = (
+            run.join(format!("exchange-{process}")),
+            run.join(format!("exchange-{process}.new")),
+        );
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(true)
+            .mode(0o600)
+            .open(&unfinished)?;
         std::io::Write::write_all(&mut &file, &image)?;
         std::fs::rename(&unfinished, &path)?;
         // SAFETY: a fresh shared mapping of a file of this length; nothing else in this process lies there.
-        let start = unsafe { mmap(std::ptr::null_mut(), end, ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED, &file, 0)? };
-        let start = NonNull::new(start.cast()).ok_or_else(|| std::io::Error::other("mapped at address 0"))?;
-        let messages = entries.iter().map(|entry| (entry.at as usize, entry.bytes as usize)).collect();
-        Ok(Self { start, bytes: end, messages, state_at, topics_at, asked: Cell::new(0), path })
+        let start = unsafe {
+            mmap(
+                std::ptr::null_mut(),
+                end,
+                ProtFlags::READ | ProtFlags::WRITE,
+                MapFlags::SHARED,
+                &file,
+                0,
+            )?
+        };
+        let start = NonNull::new(start.cast())
+            .ok_or_else(|| std::io::Error::other("mapped at address 0"))?;
+        let messages = entries
+            .iter()
+            .map(|entry| (entry.at as usize, entry.bytes as usize))
+            .collect();
+        Ok(Self {
+            start,
+            bytes: end,
+            messages,
+            state_at,
+            topics_at,
+            asked: Cell::new(0),
+            path,
+        })
     }
 
     /// Its addresses in this process.
@@ -123,19 +164,29 @@ impl Page {
         assert!(at + into.len() <= self.bytes);
         // SAFETY: inside the mapping, and `into` is memory of this process. A program that writes out of turn changes numbers, which are
         // checked after the copy, and nothing else.
-        unsafe { std::ptr::copy_nonoverlapping(self.start.as_ptr().add(at), into.as_mut_ptr(), into.len()) };
+        unsafe {
+            std::ptr::copy_nonoverlapping(
+                self.start.as_ptr().add(at),
+                into.as_mut_ptr(),
+                into.len(),
+            )
+        };
     }
 
     fn copy_in(&self, at: usize, from: &[u8]) {
         assert!(at + from.len() <= self.bytes);
         // SAFETY: as above.
-        unsafe { std::ptr::copy_nonoverlapping(from.as_ptr(), self.start.as_ptr().add(at), from.len()) };
+        unsafe {
+            std::ptr::copy_nonoverlapping(from.as_ptr(), self.start.as_ptr().add(at), from.len())
+        };
     }
 
     /// Asks the program for something; the count of the request.
     pub fn ask(&self, request: u32, tick: u64) -> u32 {
-        self.word(offset_of!(ExchangeHead, request)).store(request, Ordering::Relaxed);
-        self.long(offset_of!(ExchangeHead, tick)).store(tick, Ordering::Relaxed);
+        self.word(offset_of!(ExchangeHead, request))
+            .store(request, Ordering::Relaxed);
+        self.long(offset_of!(ExchangeHead, tick))
+            .store(tick, Ordering::Relaxed);
         let requests = self.word(offset_of!(ExchangeHead, requests));
         let count = self.asked.get().wrapping_add(1);
         self.asked.set(count);
@@ -150,20 +201,24 @@ impl Page {
     }
 
     pub(crate) fn answer(&self) -> u32 {
-        self.word(offset_of!(ExchangeHead, answer)).load(Ordering::Relaxed)
+        self.word(offset_of!(ExchangeHead, answer))
+            .load(Ordering::Relaxed)
     }
 
     pub(crate) fn answer_tick(&self) -> u64 {
-        self.long(offset_of!(ExchangeHead, answer_tick)).load(Ordering::Relaxed)
+        self.long(offset_of!(ExchangeHead, answer_tick))
+            .load(Ordering::Relaxed)
     }
 
     /// How far the program is; with what it wrote before.
     pub(crate) fn program(&self) -> u32 {
-        self.word(offset_of!(ExchangeHead, program)).load(Ordering::Acquire)
+        self.word(offset_of!(ExchangeHead, program))
+            .load(Ordering::Acquire)
     }
 
     pub(crate) fn program_version(&self) -> u32 {
-        self.word(offset_of!(ExchangeHead, program_version)).load(Ordering::Relaxed)
+        self.word(offset_of!(ExchangeHead, program_version))
+            .load(Ordering::Relaxed)
     }
 
     pub(crate) fn complaint(&self) -> String {
@@ -180,14 +235,20 @@ impl Page {
     /// Type name and layout that the program uses for a topic.
     pub(crate) fn program_type(&self, topic: usize) -> (String, u64) {
         let entry = self.topics_at + topic * size_of::<ExchangeTopic>();
-        let layout = self.long(entry + offset_of!(ExchangeTopic, program_layout)).load(Ordering::Relaxed);
-        (self.text::<EXCHANGE_TYPE>(entry + offset_of!(ExchangeTopic, program_type)), layout)
+        let layout = self
+            .long(entry + offset_of!(ExchangeTopic, program_layout))
+            .load(Ordering::Relaxed);
+        (
+            self.text::<EXCHANGE_TYPE>(entry + offset_of!(ExchangeTopic, program_type)),
+            layout,
+        )
     }
 
     /// Says whether the message of a topic belongs to the next request.
     pub fn mark_fresh(&self, topic: usize, is_fresh: bool) {
         let entry = self.topics_at + topic * size_of::<ExchangeTopic>();
-        self.word(entry + offset_of!(ExchangeTopic, fresh)).store(u32::from(is_fresh), Ordering::Relaxed);
+        self.word(entry + offset_of!(ExchangeTopic, fresh))
+            .store(u32::from(is_fresh), Ordering::Relaxed);
     }
 
     /// Puts a message on the page.
@@ -207,18 +268,21 @@ impl Page {
     /// A number of a message on the page.
     #[must_use]
     pub fn number(&self, topic: usize, offset: usize) -> u32 {
-        self.word(self.messages[topic].0 + offset).load(Ordering::Relaxed)
+        self.word(self.messages[topic].0 + offset)
+            .load(Ordering::Relaxed)
     }
 
     /// Puts a predecessor's checkpoint on the page.
     pub fn put_state(&self, state: &[u8]) {
         self.copy_in(self.state_at, state);
-        self.word(offset_of!(ExchangeHead, state_left)).store(state.len() as u32, Ordering::Relaxed);
+        self.word(offset_of!(ExchangeHead, state_left))
+            .store(state.len() as u32, Ordering::Relaxed);
     }
 
     /// How long the program's checkpoint is; more than there is room for is the program's error.
     pub(crate) fn state_bytes(&self) -> usize {
-        self.word(offset_of!(ExchangeHead, state_bytes)).load(Ordering::Relaxed) as usize
+        self.word(offset_of!(ExchangeHead, state_bytes))
+            .load(Ordering::Relaxed) as usize
     }
 
     /// Copies the program's checkpoint.
@@ -232,7 +296,10 @@ impl Page {
         self.copy_out(at, &mut bytes);
         let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(N);
         // Printed in one line, whatever a program writes.
-        String::from_utf8_lossy(&bytes[..end]).chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+        String::from_utf8_lossy(&bytes[..end])
+            .chars()
+            .map(|c| if c.is_control() { ' ' } else { c })
+            .collect()
     }
 }
 
@@ -253,4 +320,7 @@ fn put_text(field: &mut [u8], text: &str) {
     field[end..].fill(0);
 }
 
-const _: () = assert!(EXCHANGE_NAME > 32 && EXCHANGE_TYPE > 128, "the longest names that a graph may have");
+const _: () = assert!(
+    EXCHANGE_NAME > 32 && EXCHANGE_TYPE > 128,
+    "the longest names that a graph may have"
+);

@@ -17,7 +17,12 @@ pub(crate) trait Input {
     /// Puts the message of a tick on the page; `false` when it will not come.
     fn at(&mut self, page: &Page, tick: u64) -> Result<bool, Interrupted>;
     /// Puts the newest message that arrives in a tick on the page; `false` when none does.
-    fn arriving(&mut self, page: &Page, tick: u64, deadline_ns: Option<u64>) -> Result<bool, Interrupted>;
+    fn arriving(
+        &mut self,
+        page: &Page,
+        tick: u64,
+        deadline_ns: Option<u64>,
+    ) -> Result<bool, Interrupted>;
 }
 
 /// A topic that the process writes.
@@ -45,7 +50,9 @@ struct Reading<M: Topic> {
 
 impl<M: Topic> Input for Reading<M> {
     fn next(&mut self, page: &Page) -> Result<Option<u64>, Interrupted> {
-        let Some(message) = self.reader.next()? else { return Ok(None) };
+        let Some(message) = self.reader.next()? else {
+            return Ok(None);
+        };
         page.put(self.place, bytes_of(message));
         page.mark_fresh(self.place, true);
         Ok(Some(message.header().tick))
@@ -53,14 +60,23 @@ impl<M: Topic> Input for Reading<M> {
 
     fn at(&mut self, page: &Page, tick: u64) -> Result<bool, Interrupted> {
         let message = self.reader.at(tick)?;
-        message.iter().for_each(|message| page.put(self.place, bytes_of(*message)));
+        message
+            .iter()
+            .for_each(|message| page.put(self.place, bytes_of(*message)));
         page.mark_fresh(self.place, message.is_some());
         Ok(message.is_some())
     }
 
-    fn arriving(&mut self, page: &Page, tick: u64, deadline_ns: Option<u64>) -> Result<bool, Interrupted> {
+    fn arriving(
+        &mut self,
+        page: &Page,
+        tick: u64,
+        deadline_ns: Option<u64>,
+    ) -> Result<bool, Interrupted> {
         let message = self.reader.arriving(tick, deadline_ns)?;
-        message.iter().for_each(|message| page.put(self.place, bytes_of(*message)));
+        message
+            .iter()
+            .for_each(|message| page.put(self.place, bytes_of(*message)));
         page.mark_fresh(self.place, message.is_some());
         Ok(message.is_some())
     }
@@ -89,22 +105,33 @@ struct Gathering<M: Topic> {
 
 impl<M: Topic> Gathered for Gathering<M> {
     fn collect(&mut self) -> Result<(), Interrupted> {
-        self.collector.collect(|message| self.waiting.push_back(Box::new(*message)))
+        self.collector
+            .collect(|message| self.waiting.push_back(Box::new(*message)))
     }
 
     fn oldest(&self) -> Option<(u64, usize)> {
-        self.waiting.front().map(|message| (message.header().tick, self.waiting.len()))
+        self.waiting
+            .front()
+            .map(|message| (message.header().tick, self.waiting.len()))
     }
 
     fn show(&mut self, page: &Page, tick: u64) {
-        let message = self.waiting.pop_front_if(|message| message.header().tick == tick);
-        message.iter().for_each(|message| page.put(self.place, bytes_of(&**message)));
+        let message = self
+            .waiting
+            .pop_front_if(|message| message.header().tick == tick);
+        message
+            .iter()
+            .for_each(|message| page.put(self.place, bytes_of(&**message)));
         page.mark_fresh(self.place, message.is_some());
     }
 }
 
 /// Opens a topic as one of the three ends; `place` is its place on the page.
-pub(crate) fn open<E: End + ?Sized>(shell: &Shell, topic: &str, place: usize) -> Result<Box<E>, ProcessError> {
+pub(crate) fn open<E: End + ?Sized>(
+    shell: &Shell,
+    topic: &str,
+    place: usize,
+) -> Result<Box<E>, ProcessError> {
     struct Open<'a, E: ?Sized>(&'a Shell, usize, PhantomData<E>);
     impl<E: End + ?Sized> Each for Open<'_, E> {
         type Output = Result<Box<E>, ProcessError>;
@@ -113,7 +140,8 @@ pub(crate) fn open<E: End + ?Sized>(shell: &Shell, topic: &str, place: usize) ->
         }
     }
     let opened = topics::named(topic, &mut Open(shell, place, PhantomData::<E>));
-    opened.ok_or_else(|| ProcessError::setup(format!("an exchange page does not carry `{topic}`")))?
+    opened
+        .ok_or_else(|| ProcessError::setup(format!("an exchange page does not carry `{topic}`")))?
 }
 
 /// A use of a topic: how its end is made for a message type.
@@ -123,18 +151,28 @@ pub(crate) trait End {
 
 impl End for dyn Input {
     fn of<M: Topic>(shell: &Shell, place: usize) -> Result<Box<Self>, ProcessError> {
-        Ok(Box::new(Reading { reader: shell.reader::<M>()?, place }))
+        Ok(Box::new(Reading {
+            reader: shell.reader::<M>()?,
+            place,
+        }))
     }
 }
 
 impl End for dyn Output {
     fn of<M: Topic>(shell: &Shell, place: usize) -> Result<Box<Self>, ProcessError> {
-        Ok(Box::new(Writing { writer: shell.writer::<M>()?, draft: Draft::of(place) }))
+        Ok(Box::new(Writing {
+            writer: shell.writer::<M>()?,
+            draft: Draft::of(place),
+        }))
     }
 }
 
 impl End for dyn Gathered {
     fn of<M: Topic>(shell: &Shell, place: usize) -> Result<Box<Self>, ProcessError> {
-        Ok(Box::new(Gathering { collector: shell.collector::<M>()?, place, waiting: VecDeque::new() }))
+        Ok(Box::new(Gathering {
+            collector: shell.collector::<M>()?,
+            place,
+            waiting: VecDeque::new(),
+        }))
     }
 }

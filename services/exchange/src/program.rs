@@ -6,7 +6,9 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use runtime::{Exit, Shell};
-use rustix::process::{Pid, Signal, getpid, getppid, kill_process_group, set_parent_process_death_signal};
+use rustix::process::{
+    Pid, Signal, getpid, getppid, kill_process_group, set_parent_process_death_signal,
+};
 use rustix::thread::futex;
 use shared_types::codes::{PROGRAM_AWAITED, REQUEST_STOP};
 use shared_types::exchange::EXCHANGE_VARIABLE;
@@ -55,7 +57,10 @@ impl<'a> Program<'a> {
         limit: Duration,
         stops_at_once: bool,
     ) -> Result<Self, Failure> {
-        let failed = |error: std::io::Error| Failure::Start { process: process.to_owned(), reason: error.to_string() };
+        let failed = |error: std::io::Error| Failure::Start {
+            process: process.to_owned(),
+            reason: error.to_string(),
+        };
         let child = match command {
             Some(command) => Some(start(command, &page).map_err(failed)?),
             None => {
@@ -67,13 +72,25 @@ impl<'a> Program<'a> {
             }
         };
         let group = child.as_ref().map(Pid::from_child);
-        Ok(Self { shell, process: process.to_owned(), child, group, page, limit, stops_at_once })
+        Ok(Self {
+            shell,
+            process: process.to_owned(),
+            child,
+            group,
+            page,
+            limit,
+            stops_at_once,
+        })
     }
 
     /// Waits until the program has joined, and compares versions and layouts; `false` when the run stops before.
     pub(crate) fn join(&mut self, topics: &[(MessageLayout, u32)]) -> Result<bool, Failure> {
         let (began, mut is_reported) = (Instant::now(), self.child.is_none());
-        let limit = if self.child.is_some() { LONGEST_START } else { LONGEST_EXTERNAL_START };
+        let limit = if self.child.is_some() {
+            LONGEST_START
+        } else {
+            LONGEST_EXTERNAL_START
+        };
         while !reply::has_joined(&self.page, &self.process, topics)? {
             if self.shell.is_stopping() {
                 return Ok(false);
@@ -85,10 +102,17 @@ impl<'a> Program<'a> {
             }
             if began.elapsed() > SLOW_START && !is_reported {
                 is_reported = true;
-                runtime::complain(&format_args!("the program of {} has not joined yet; it has {} s in all", self.process, limit.as_secs()));
+                runtime::complain(&format_args!(
+                    "the program of {} has not joined yet; it has {} s in all",
+                    self.process,
+                    limit.as_secs()
+                ));
             }
             if began.elapsed() > limit {
-                return Err(Failure::Absent { process: self.process.clone(), limit });
+                return Err(Failure::Absent {
+                    process: self.process.clone(),
+                    limit,
+                });
             }
             std::thread::sleep(LOOK);
         }
@@ -104,9 +128,17 @@ impl<'a> Program<'a> {
                 Ok(answer) => return Ok(answer),
                 Err(found) => found,
             };
-            let limit = rustix::time::Timespec { tv_sec: 0, tv_nsec: LOOK.as_nanos() as i64 };
+            let limit = rustix::time::Timespec {
+                tv_sec: 0,
+                tv_nsec: LOOK.as_nanos() as i64,
+            };
             // An answer or a signal ends it as well as the limit. A program may wake without an answer, for ever: that does not put the looks below off.
-            let _ = futex::wait(self.page.answers(), futex::Flags::empty(), found, Some(&limit));
+            let _ = futex::wait(
+                self.page.answers(),
+                futex::Flags::empty(),
+                found,
+                Some(&limit),
+            );
             if self.page.answers().load(Ordering::Acquire) != found {
                 continue;
             }
@@ -120,7 +152,11 @@ impl<'a> Program<'a> {
                 looked => looked?,
             }
             if began.elapsed() > self.limit {
-                return Err(Failure::Silent { process: self.process.clone(), tick, limit: self.limit });
+                return Err(Failure::Silent {
+                    process: self.process.clone(),
+                    tick,
+                    limit: self.limit,
+                });
             }
         }
     }
@@ -139,7 +175,11 @@ impl<'a> Program<'a> {
         match self.child.as_mut().map(Child::try_wait) {
             Some(Ok(Some(status))) => {
                 self.child = None;
-                Err(Failure::Ended { process: self.process.clone(), exit: Exit::from(status), at: at.to_owned() })
+                Err(Failure::Ended {
+                    process: self.process.clone(),
+                    exit: Exit::from(status),
+                    at: at.to_owned(),
+                })
             }
             _ => Ok(()),
         }
@@ -174,13 +214,21 @@ impl<'a> Program<'a> {
 fn start(mut command: Command, page: &Page) -> std::io::Result<Child> {
     let parent = getpid();
     // Its output goes into the log of the run.
-    command.env(EXCHANGE_VARIABLE, page.path()).stdin(Stdio::null()).stdout(std::io::stderr()).process_group(0);
+    command
+        .env(EXCHANGE_VARIABLE, page.path())
+        .stdin(Stdio::null())
+        .stdout(std::io::stderr())
+        .process_group(0);
     // SAFETY: between fork and exec only two system calls are made; nothing is allocated or locked.
     unsafe {
         command.pre_exec(move || {
             set_parent_process_death_signal(Some(Signal::KILL))?;
             // The parent may have died before the line above: then the signal never comes.
-            if getppid() == Some(parent) { Ok(()) } else { Err(rustix::io::Errno::SRCH.into()) }
+            if getppid() == Some(parent) {
+                Ok(())
+            } else {
+                Err(rustix::io::Errno::SRCH.into())
+            }
         });
     }
     command.spawn()

@@ -4,7 +4,9 @@
 use std::sync::atomic::Ordering;
 
 use bytemuck::bytes_of_mut;
-use shared_types::codes::{ANSWER_DONE, ANSWER_FAILED, ANSWER_OVER, PROGRAM_AWAITED, PROGRAM_JOINED, USE_WRITES};
+use shared_types::codes::{
+    ANSWER_DONE, ANSWER_FAILED, ANSWER_OVER, PROGRAM_AWAITED, PROGRAM_JOINED, USE_WRITES,
+};
 use shared_types::exchange::{EXCHANGE_STATE, EXCHANGE_VERSION};
 use shared_types::layout::MessageLayout;
 use shared_types::topics::Topic;
@@ -28,17 +30,28 @@ pub enum Answer {
 ///
 /// # Errors
 /// [`Failure`] where it refuses the page, or its version, its outputs or its layouts are others.
-pub fn has_joined(page: &Page, process: &str, topics: &[(MessageLayout, u32)]) -> Result<bool, Failure> {
+pub fn has_joined(
+    page: &Page,
+    process: &str,
+    topics: &[(MessageLayout, u32)],
+) -> Result<bool, Failure> {
     let program = page.program();
     if program == PROGRAM_AWAITED {
         return Ok(false);
     }
     let (process, theirs) = (process.to_owned(), page.program_version());
     if theirs != EXCHANGE_VERSION {
-        return Err(Failure::Version { process, theirs, ours: EXCHANGE_VERSION });
+        return Err(Failure::Version {
+            process,
+            theirs,
+            ours: EXCHANGE_VERSION,
+        });
     }
     if program != PROGRAM_JOINED {
-        return Err(Failure::Refused { process, complaint: page.complaint() });
+        return Err(Failure::Refused {
+            process,
+            complaint: page.complaint(),
+        });
     }
     for (place, (layout, usage)) in topics.iter().enumerate() {
         let (theirs, theirs_hash) = page.program_type(place);
@@ -48,7 +61,14 @@ pub fn has_joined(page: &Page, process: &str, topics: &[(MessageLayout, u32)]) -
         }
         if !theirs.is_empty() && (theirs_hash != layout.hash || theirs != layout.type_name) {
             let (ours, ours_hash) = (layout.type_name.clone(), layout.hash);
-            return Err(Failure::Layout { process, topic, theirs, theirs_hash, ours, ours_hash });
+            return Err(Failure::Layout {
+                process,
+                topic,
+                theirs,
+                theirs_hash,
+                ours,
+                ours_hash,
+            });
         }
     }
     Ok(true)
@@ -58,22 +78,44 @@ pub fn has_joined(page: &Page, process: &str, topics: &[(MessageLayout, u32)]) -
 ///
 /// # Errors
 /// [`Failure`] where the program writes another count, tick or answer than can be, or cannot go on.
-pub fn answer(page: &Page, process: &str, expected: u32, tick: u64) -> Result<Result<Answer, u32>, Failure> {
+pub fn answer(
+    page: &Page,
+    process: &str,
+    expected: u32,
+    tick: u64,
+) -> Result<Result<Answer, u32>, Failure> {
     let found = page.answers().load(Ordering::Acquire);
     let process = || process.to_owned();
     if found == expected.wrapping_sub(1) {
         return Ok(Err(found));
     }
     if found != expected {
-        return Err(Failure::Count { process: process(), tick, found, expected });
+        return Err(Failure::Count {
+            process: process(),
+            tick,
+            found,
+            expected,
+        });
     }
     let (code, answered) = (page.answer(), page.answer_tick());
     match code {
-        ANSWER_DONE | ANSWER_OVER if answered != tick => Err(Failure::Tick { process: process(), tick, found: answered }),
+        ANSWER_DONE | ANSWER_OVER if answered != tick => Err(Failure::Tick {
+            process: process(),
+            tick,
+            found: answered,
+        }),
         ANSWER_DONE => Ok(Ok(Answer::Done)),
         ANSWER_OVER => Ok(Ok(Answer::Over)),
-        ANSWER_FAILED => Err(Failure::Failed { process: process(), tick, complaint: page.complaint() }),
-        found => Err(Failure::Code { process: process(), tick, found }),
+        ANSWER_FAILED => Err(Failure::Failed {
+            process: process(),
+            tick,
+            complaint: page.complaint(),
+        }),
+        found => Err(Failure::Code {
+            process: process(),
+            tick,
+            found,
+        }),
     }
 }
 
@@ -83,7 +125,11 @@ pub fn answer(page: &Page, process: &str, expected: u32, tick: u64) -> Result<Re
 /// [`Failure::State`] where it is longer than its room.
 pub fn state_bytes(page: &Page, process: &str, tick: u64) -> Result<usize, Failure> {
     match page.state_bytes() {
-        found if found > EXCHANGE_STATE => Err(Failure::State { process: process.to_owned(), tick, found }),
+        found if found > EXCHANGE_STATE => Err(Failure::State {
+            process: process.to_owned(),
+            tick,
+            found,
+        }),
         found => Ok(found),
     }
 }
@@ -98,27 +144,47 @@ impl<M: Topic> Draft<M> {
     /// Of the topic at a place of the page.
     #[must_use]
     pub fn of(place: usize) -> Self {
-        Self { place, message: M::zeroed() }
+        Self {
+            place,
+            message: M::zeroed(),
+        }
     }
 
     /// Copies the message from the page, its header left out; the name of its topic and of the first field with a number that is not finite.
     pub fn not_finite(&mut self, page: &Page) -> Option<(&'static str, String)> {
-        page.get(self.place, size_of::<Header>(), &mut bytes_of_mut(&mut self.message)[size_of::<Header>()..]);
+        page.get(
+            self.place,
+            size_of::<Header>(),
+            &mut bytes_of_mut(&mut self.message)[size_of::<Header>()..],
+        );
         if self.message.is_finite() {
             return None;
         }
         let bytes = bytemuck::bytes_of(&self.message);
         let is_bad = |field: &&Field| {
-            let numbers = bytes[field.offset..field.offset + field.size].chunks_exact(size_of::<f64>());
-            field.is_number() && numbers.map(bytemuck::pod_read_unaligned::<f64>).any(|number| !number.is_finite())
+            let numbers =
+                bytes[field.offset..field.offset + field.size].chunks_exact(size_of::<f64>());
+            field.is_number()
+                && numbers
+                    .map(bytemuck::pod_read_unaligned::<f64>)
+                    .any(|number| !number.is_finite())
         };
-        Some((M::TOPIC, M::FIELDS.iter().find(is_bad).map_or_else(|| "a nested field".to_owned(), |field| field.name.to_string())))
+        Some((
+            M::TOPIC,
+            M::FIELDS.iter().find(is_bad).map_or_else(
+                || "a nested field".to_owned(),
+                |field| field.name.to_string(),
+            ),
+        ))
     }
 
     /// The message that [`Draft::not_finite`] has copied last, as one of a tick.
     #[must_use]
     pub fn message(&mut self, tick: u64) -> M {
-        *self.message.header_mut() = Header { tick, ..Header::default() };
+        *self.message.header_mut() = Header {
+            tick,
+            ..Header::default()
+        };
         self.message
     }
 }

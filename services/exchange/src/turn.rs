@@ -26,22 +26,43 @@ type Topics<'a> = &'a [(MessageLayout, u32)];
 
 /// The topics of one use, each with its place on the page.
 fn of_use(topics: Topics<'_>, usage: u32) -> impl Iterator<Item = (usize, &str)> {
-    topics.iter().enumerate().filter(move |(_, (_, used))| *used == usage).map(|(place, (layout, _))| (place, layout.topic.as_str()))
+    topics
+        .iter()
+        .enumerate()
+        .filter(move |(_, (_, used))| *used == usage)
+        .map(|(place, (layout, _))| (place, layout.topic.as_str()))
 }
 
 /// The ends of the topics of one use.
-fn ends<E: End + ?Sized>(shell: &Shell, topics: Topics<'_>, usage: u32) -> Result<Vec<Box<E>>, Ended> {
-    of_use(topics, usage).map(|(place, topic)| Ok(ports::open(shell, topic, place)?)).collect()
+fn ends<E: End + ?Sized>(
+    shell: &Shell,
+    topics: Topics<'_>,
+    usage: u32,
+) -> Result<Vec<Box<E>>, Ended> {
+    of_use(topics, usage)
+        .map(|(place, topic)| Ok(ports::open(shell, topic, place)?))
+        .collect()
 }
 
 /// One question; what the program wrote is checked as a whole before the first message leaves. The caller sends.
-fn step(program: &mut Program<'_>, outputs: &mut [Box<dyn Output>], tick: u64) -> Result<Answer, Ended> {
+fn step(
+    program: &mut Program<'_>,
+    outputs: &mut [Box<dyn Output>],
+    tick: u64,
+) -> Result<Answer, Ended> {
     let theirs = |failure| Ended::Theirs(tick, failure);
     let answer = program.ask(REQUEST_TICK, tick).map_err(theirs)?;
     if answer != Answer::Stopped
-        && let Some((topic, field)) = outputs.iter_mut().find_map(|output| output.not_finite(&program.page))
+        && let Some((topic, field)) = outputs
+            .iter_mut()
+            .find_map(|output| output.not_finite(&program.page))
     {
-        return Err(theirs(Failure::NotFinite { process: program.process().to_owned(), tick, topic, field }));
+        return Err(theirs(Failure::NotFinite {
+            process: program.process().to_owned(),
+            tick,
+            topic,
+            field,
+        }));
     }
     Ok(answer)
 }
@@ -49,11 +70,21 @@ fn step(program: &mut Program<'_>, outputs: &mut [Box<dyn Output>], tick: u64) -
 /// Makes the ticks: the program moves the arm to the tick under the torque of the tick before, and reads its sensors.
 ///
 /// It is asked as soon as that torque is there, before the tick is due: the time it takes does not delay the samples.
-pub(crate) fn world(shell: &Shell, topics: Topics<'_>, program: &mut Program<'_>, length: u64) -> Result<(), Ended> {
+pub(crate) fn world(
+    shell: &Shell,
+    topics: Topics<'_>,
+    program: &mut Program<'_>,
+    length: u64,
+) -> Result<(), Ended> {
     let mut inputs = ends::<dyn Input>(shell, topics, USE_FEEDBACK)?;
     let mut outputs = ends::<dyn Output>(shell, topics, USE_WRITES)?;
-    let torque = of_use(topics, USE_FEEDBACK).find(|(_, topic)| *topic == TorqueCommand::TOPIC).map(|(place, _)| place);
-    let mut end = TaskEnd::new(shell.manifest().rate_hz, u64::from(TaskEnd::LONGEST).saturating_mul(length));
+    let torque = of_use(topics, USE_FEEDBACK)
+        .find(|(_, topic)| *topic == TorqueCommand::TOPIC)
+        .map(|(place, _)| place);
+    let mut end = TaskEnd::new(
+        shell.manifest().rate_hz,
+        u64::from(TaskEnd::LONGEST).saturating_mul(length),
+    );
     let mut source = shell.tick_source(0);
     let mut answer = step(program, &mut outputs, 0)?;
     while answer != Answer::Stopped
@@ -85,7 +116,9 @@ pub(crate) fn stage(
     let mut inputs = ends::<dyn Input>(shell, topics, USE_READS)?;
     let mut outputs = ends::<dyn Output>(shell, topics, USE_WRITES)?;
     // The graph lists a process's inputs in the order of the data: the last one comes last.
-    let Some(mut last) = inputs.pop() else { return Ok(()) };
+    let Some(mut last) = inputs.pop() else {
+        return Ok(());
+    };
     'ticks: while let Some(tick) = last.next(&program.page)? {
         for input in &mut inputs {
             if !input.at(&program.page, tick)? {
@@ -95,7 +128,9 @@ pub(crate) fn stage(
         if step(program, &mut outputs, tick)? == Answer::Stopped {
             break;
         }
-        let bytes = program.state_bytes(tick).map_err(|failure| Ended::Theirs(tick, failure))?;
+        let bytes = program
+            .state_bytes(tick)
+            .map_err(|failure| Ended::Theirs(tick, failure))?;
         if bytes > 0 {
             let slot = checkpoint.slot();
             slot.bytes = bytes as u64;
@@ -109,7 +144,11 @@ pub(crate) fn stage(
 }
 
 /// Shows every tick, when the messages of all topics have come.
-pub(crate) fn observer(shell: &Shell, topics: Topics<'_>, program: &mut Program<'_>) -> Result<(), Ended> {
+pub(crate) fn observer(
+    shell: &Shell,
+    topics: Topics<'_>,
+    program: &mut Program<'_>,
+) -> Result<(), Ended> {
     let mut gathered = ends::<dyn Gathered>(shell, topics, USE_READS)?;
     while shell.poll(ROUND)? {
         for topic in &mut gathered {
@@ -117,7 +156,11 @@ pub(crate) fn observer(shell: &Shell, topics: Topics<'_>, program: &mut Program<
         }
         let is_whole = |gathered: &[Box<dyn Gathered>]| {
             gathered.iter().all(|topic| topic.oldest().is_some())
-                || gathered.iter().any(|topic| topic.oldest().is_some_and(|(_, waiting)| waiting > MOST_WAITING))
+                || gathered.iter().any(|topic| {
+                    topic
+                        .oldest()
+                        .is_some_and(|(_, waiting)| waiting > MOST_WAITING)
+                })
         };
         while is_whole(&gathered) {
             if !show_oldest(program, &mut gathered)? {
@@ -130,8 +173,18 @@ pub(crate) fn observer(shell: &Shell, topics: Topics<'_>, program: &mut Program<
 }
 
 /// Shows the oldest tick; `false` where there is none, or where the program is not waited for any longer.
-fn show_oldest(program: &mut Program<'_>, gathered: &mut [Box<dyn Gathered>]) -> Result<bool, Ended> {
-    let Some(tick) = gathered.iter().filter_map(|topic| topic.oldest()).map(|(tick, _)| tick).min() else { return Ok(false) };
+fn show_oldest(
+    program: &mut Program<'_>,
+    gathered: &mut [Box<dyn Gathered>],
+) -> Result<bool, Ended> {
+    let Some(tick) = gathered
+        .iter()
+        .filter_map(|topic| topic.oldest())
+        .map(|(tick, _)| tick)
+        .min()
+    else {
+        return Ok(false);
+    };
     for topic in gathered.iter_mut() {
         topic.show(&program.page, tick);
     }

@@ -15,15 +15,25 @@ use rustix::fs::{FileType, Mode, OFlags, fcntl_setfl, fstat, open as open_at};
 /// The system's, and [`io::ErrorKind::InvalidInput`] for what is neither a regular file nor a pipe that this process holds.
 pub fn open(path: &Path) -> io::Result<File> {
     // Without waiting: a pipe without a writer is opened too, and then refused.
-    let file = File::from(open_at(path, OFlags::RDONLY | OFlags::CLOEXEC | OFlags::NONBLOCK | OFlags::NOCTTY, Mode::empty())?);
+    let file = File::from(open_at(
+        path,
+        OFlags::RDONLY | OFlags::CLOEXEC | OFlags::NONBLOCK | OFlags::NOCTTY,
+        Mode::empty(),
+    )?);
     match FileType::from_raw_mode(fstat(&file)?.st_mode) {
         FileType::RegularFile => Ok(file),
-        FileType::Directory => Err(io::Error::new(io::ErrorKind::IsADirectory, "it is a folder")),
+        FileType::Directory => Err(io::Error::new(
+            io::ErrorKind::IsADirectory,
+            "it is a folder",
+        )),
         FileType::Fifo | FileType::Socket | FileType::CharacterDevice if is_held(path) => {
             fcntl_setfl(&file, OFlags::empty())?;
             Ok(file)
         }
-        other => Err(io::Error::new(io::ErrorKind::InvalidInput, format!("it is {}, not a regular file", words(other)))),
+        other => Err(io::Error::new(
+            io::ErrorKind::InvalidInput,
+            format!("it is {}, not a regular file", words(other)),
+        )),
     }
 }
 
@@ -49,7 +59,10 @@ pub fn read_text(path: &Path) -> io::Result<String> {
 
 /// Whether a path names a descriptor of this process.
 fn is_held(path: &Path) -> bool {
-    ["/dev/fd", "/proc/self/fd"].iter().any(|folder| path.parent() == Some(Path::new(folder))) || path == Path::new("/dev/stdin")
+    ["/dev/fd", "/proc/self/fd"]
+        .iter()
+        .any(|folder| path.parent() == Some(Path::new(folder)))
+        || path == Path::new("/dev/stdin")
 }
 
 fn words(kind: FileType) -> &'static str {
@@ -69,18 +82,37 @@ mod tests {
     #[test]
     fn a_file_that_is_not_regular_is_refused_at_once_and_a_pipe_in_hand_is_read() {
         let folder = tempfile::tempdir().unwrap();
-        let (file, pipe, link) = (folder.path().join("file"), folder.path().join("pipe"), folder.path().join("link"));
+        let (file, pipe, link) = (
+            folder.path().join("file"),
+            folder.path().join("pipe"),
+            folder.path().join("link"),
+        );
         std::fs::write(&file, "text").unwrap();
         assert_eq!(read_text(&file).unwrap(), "text");
         mknodat(CWD, &pipe, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
         std::os::unix::fs::symlink(&pipe, &link).unwrap();
         for path in [&pipe, &link] {
             let error = open(path).unwrap_err();
-            assert!(error.kind() == io::ErrorKind::InvalidInput && error.to_string().contains("a named pipe"), "{error}");
+            assert!(
+                error.kind() == io::ErrorKind::InvalidInput
+                    && error.to_string().contains("a named pipe"),
+                "{error}"
+            );
         }
-        assert!(open(Path::new("/dev/zero")).unwrap_err().to_string().contains("a device"));
-        assert_eq!(read(folder.path()).unwrap_err().kind(), io::ErrorKind::IsADirectory);
-        assert_eq!(read(&folder.path().join("none")).unwrap_err().kind(), io::ErrorKind::NotFound);
+        assert!(
+            open(Path::new("/dev/zero"))
+                .unwrap_err()
+                .to_string()
+                .contains("a device")
+        );
+        assert_eq!(
+            read(folder.path()).unwrap_err().kind(),
+            io::ErrorKind::IsADirectory
+        );
+        assert_eq!(
+            read(&folder.path().join("none")).unwrap_err().kind(),
+            io::ErrorKind::NotFound
+        );
         let (end, mut begin) = std::io::pipe().unwrap();
         let held = format!("/dev/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&end));
         let reader = std::thread::spawn(move || read_text(Path::new(&held)));

@@ -15,9 +15,15 @@ impl Folder {
     pub(crate) fn create(wanted: Option<&Path>) -> Result<Self, Failure> {
         match wanted {
             None => scratch().map(Self::Passing),
-            Some(folder) => std::fs::create_dir_all(folder).and_then(|()| folder.canonicalize()).map(Self::Kept).map_err(|error| {
-                Failure::Input(format!("cannot write to {}: {error}; choose another folder with --out", folder.display()))
-            }),
+            Some(folder) => std::fs::create_dir_all(folder)
+                .and_then(|()| folder.canonicalize())
+                .map(Self::Kept)
+                .map_err(|error| {
+                    Failure::Input(format!(
+                        "cannot write to {}: {error}; choose another folder with --out",
+                        folder.display()
+                    ))
+                }),
         }
     }
 
@@ -46,7 +52,9 @@ impl Folder {
 /// # Errors
 /// [`Failure::Work`] where it cannot be made.
 pub(crate) fn scratch() -> Result<tempfile::TempDir, Failure> {
-    let folder = tempfile::Builder::new().prefix(&format!("{PREFIX}{}-", std::process::id())).tempdir();
+    let folder = tempfile::Builder::new()
+        .prefix(&format!("{PREFIX}{}-", std::process::id()))
+        .tempdir();
     folder.map_err(|error| {
         Failure::Work(format!("cannot make a temporary folder: {error}; name one with --out, or another place with TMPDIR"))
     })

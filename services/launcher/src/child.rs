@@ -9,7 +9,9 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
 
 use runtime::Exit;
-use rustix::process::{Pid, PidfdFlags, Signal, getppid, pidfd_open, set_parent_process_death_signal};
+use rustix::process::{
+    Pid, PidfdFlags, Signal, getppid, pidfd_open, set_parent_process_death_signal,
+};
 
 use crate::delay::Delay;
 
@@ -30,13 +32,21 @@ impl Child {
     /// Starts a command in its own process group, so that Ctrl-C in a terminal reaches the launcher only.
     pub(crate) fn start(mut command: Command) -> std::io::Result<Self> {
         let launcher = rustix::process::getpid();
-        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).process_group(0);
+        command
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .process_group(0);
         // SAFETY: between fork and exec only two system calls are made; nothing is allocated or locked.
         unsafe {
             command.pre_exec(move || {
                 set_parent_process_death_signal(Some(Signal::KILL))?;
                 // The launcher may have died before the line above: then the signal never comes.
-                if getppid() == Some(launcher) { Ok(()) } else { Err(rustix::io::Errno::SRCH.into()) }
+                if getppid() == Some(launcher) {
+                    Ok(())
+                } else {
+                    Err(rustix::io::Errno::SRCH.into())
+                }
             });
         }
         let mut process = command.spawn()?;
@@ -46,13 +56,21 @@ impl Child {
             Ok(pidfd) => {
                 if let Some(stderr) = stderr {
                     let read = move || forward(stderr, &sender);
-                    if let Err(error) = std::thread::Builder::new().name("stderr".into()).spawn(read) {
+                    if let Err(error) = std::thread::Builder::new()
+                        .name("stderr".into())
+                        .spawn(read)
+                    {
                         let _ = process.kill();
                         let _ = process.wait();
                         return Err(error);
                     }
                 }
-                Ok(Self { process, pidfd, lines, last_words: VecDeque::new() })
+                Ok(Self {
+                    process,
+                    pidfd,
+                    lines,
+                    last_words: VecDeque::new(),
+                })
             }
             Err(errno) => {
                 let _ = process.kill();
@@ -84,7 +102,8 @@ impl Child {
 
     /// Whether the kernel has it stopped (SIGSTOP), or a debugger holds it.
     pub(crate) fn halted(&self) -> Option<Delay> {
-        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.pid())).unwrap_or_default();
+        let stat =
+            std::fs::read_to_string(format!("/proc/{}/stat", self.pid())).unwrap_or_default();
         // The second field is the command in parentheses and may contain anything: count from its end.
         let (_, rest) = stat.rsplit_once(") ")?;
         match rest.chars().next()? {

@@ -23,7 +23,9 @@ pub fn end_descendants(run: &Path, process: Option<&str>) -> usize {
     let process = process.map(|process| entry(PROCESS_VARIABLE, process.as_bytes()));
     let mut ended = Vec::new();
     for _ in 0..ROUNDS {
-        let found: Vec<Pid> = processes().filter(|pid| belongs_to(*pid, &run, process.as_deref())).collect();
+        let found: Vec<Pid> = processes()
+            .filter(|pid| belongs_to(*pid, &run, process.as_deref()))
+            .collect();
         if found.is_empty() {
             break;
         }
@@ -41,13 +43,20 @@ pub fn end_descendants(run: &Path, process: Option<&str>) -> usize {
 
 fn processes() -> impl Iterator<Item = Pid> {
     let entries = std::fs::read_dir("/proc").into_iter().flatten().flatten();
-    entries.filter_map(|entry| Pid::from_raw(entry.file_name().to_str()?.parse().ok()?)).filter(|pid| *pid != getpid())
+    entries
+        .filter_map(|entry| Pid::from_raw(entry.file_name().to_str()?.parse().ok()?))
+        .filter(|pid| *pid != getpid())
 }
 
 /// Whether the environment of a process has both entries. The environment of another user's process, and of one that has ended, cannot be read.
 fn belongs_to(pid: Pid, run: &[u8], process: Option<&[u8]>) -> bool {
-    let environment = std::fs::read(format!("/proc/{}/environ", pid.as_raw_nonzero())).unwrap_or_default();
-    let has = |wanted: &[u8]| environment.split(|byte| *byte == 0).any(|entry| entry == wanted);
+    let environment =
+        std::fs::read(format!("/proc/{}/environ", pid.as_raw_nonzero())).unwrap_or_default();
+    let has = |wanted: &[u8]| {
+        environment
+            .split(|byte| *byte == 0)
+            .any(|entry| entry == wanted)
+    };
     has(run) && process.is_none_or(has)
 }
 
@@ -67,8 +76,15 @@ impl Guard {
     pub fn start(mut command: Command, run: &Path) -> std::io::Result<Self> {
         // Apart from the terminal's signals, as every process of the run.
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
-        let child = command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null()).spawn()?;
-        Ok(Self { child, run: run.to_owned() })
+        let child = command
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()?;
+        Ok(Self {
+            child,
+            run: run.to_owned(),
+        })
     }
 }
 

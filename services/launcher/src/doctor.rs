@@ -50,7 +50,11 @@ pub fn examine() -> Health {
         shm: shm(),
         rights: Rights::query(),
         cores: allowed_cores(),
-        kernel: format!("{} {}", uname.sysname().to_string_lossy(), uname.release().to_string_lossy()),
+        kernel: format!(
+            "{} {}",
+            uname.sysname().to_string_lossy(),
+            uname.release().to_string_lossy()
+        ),
         preempt_rt: version.contains("PREEMPT_RT"),
         clock_source: read("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
         realtime_budget: realtime_budget(),
@@ -76,7 +80,9 @@ fn realtime_budget() -> Option<(u64, u64)> {
 }
 
 fn read(path: impl AsRef<Path>) -> String {
-    std::fs::read_to_string(path).map(|text| text.trim().to_owned()).unwrap_or_default()
+    std::fs::read_to_string(path)
+        .map(|text| text.trim().to_owned())
+        .unwrap_or_default()
 }
 
 /// Shared memory that a run may need: iceoryx2's segments and the control page, generously.
@@ -108,7 +114,11 @@ pub fn checks(health: &Health) -> Vec<Check> {
             shm.writable && shm.free_bytes >= SHM_NEEDED,
             format!(
                 "{}, {} MB free of {}",
-                if shm.writable { "writable" } else { "not writable" },
+                if shm.writable {
+                    "writable"
+                } else {
+                    "not writable"
+                },
                 mb(shm.free_bytes),
                 mb(shm.total_bytes)
             ),
@@ -137,7 +147,10 @@ pub fn checks(health: &Health) -> Vec<Check> {
             finding: if health.rights.fifo() {
                 "allowed".to_owned()
             } else {
-                format!("not allowed (RLIMIT_RTPRIO {:?})", health.rights.rtprio_limit)
+                format!(
+                    "not allowed (RLIMIT_RTPRIO {:?})",
+                    health.rights.rtprio_limit
+                )
             },
             remedy: "for --mode realtime: ulimit -r 90, or `@realtime - rtprio 90` in /etc/security/limits.conf",
         },
@@ -156,14 +169,26 @@ pub fn checks(health: &Health) -> Vec<Check> {
             what: "real-time share",
             optional: true,
             good: used >= period,
-            finding: if used >= period { "unlimited".to_owned() } else { format!("{used} of {period} µs") },
+            finding: if used >= period {
+                "unlimited".to_owned()
+            } else {
+                format!("{used} of {period} µs")
+            },
             remedy: "it affects only processes that spin under FIFO; those of armplane block instead",
         },
         Check {
             what: "kernel",
             optional: true,
             good: health.preempt_rt,
-            finding: format!("{}, {}", health.kernel, if health.preempt_rt { "PREEMPT_RT" } else { "not PREEMPT_RT" }),
+            finding: format!(
+                "{}, {}",
+                health.kernel,
+                if health.preempt_rt {
+                    "PREEMPT_RT"
+                } else {
+                    "not PREEMPT_RT"
+                }
+            ),
             remedy: "a PREEMPT_RT kernel bounds the worst latency; the median is the same without",
         },
         Check {
@@ -177,7 +202,12 @@ pub fn checks(health: &Health) -> Vec<Check> {
             what: "leftovers",
             optional: true,
             good: dead.is_empty() && health.folders.is_empty(),
-            finding: format!("{} of dead runs, {} temporary folders; {} runs alive", dead.len(), health.folders.len(), alive.len()),
+            finding: format!(
+                "{} of dead runs, {} temporary folders; {} runs alive",
+                dead.len(),
+                health.folders.len(),
+                alive.len()
+            ),
             remedy: "armplane clean",
         },
     ]
@@ -191,8 +221,15 @@ mod tests {
     fn the_machine_that_runs_this_test_can_be_described() {
         let run = RunDir::create().unwrap();
         let health = examine();
-        assert!(health.shm.as_ref().is_some_and(|shm| shm.writable && shm.free_bytes > 0 && shm.total_bytes >= shm.free_bytes));
+        assert!(health.shm.as_ref().is_some_and(|shm| shm.writable
+            && shm.free_bytes > 0
+            && shm.total_bytes >= shm.free_bytes));
         assert!(!health.cores.is_empty() && health.kernel.starts_with("Linux "));
-        assert!(health.runs.iter().any(|found| found.name == run.name() && found.alive));
+        assert!(
+            health
+                .runs
+                .iter()
+                .any(|found| found.name == run.name() && found.alive)
+        );
     }
 }

@@ -14,16 +14,30 @@ pub const KEPT: &str = ".kept";
 /// Temporary folders of this user's experiments that were killed: their processes are gone, and they were not kept for inspection.
 #[must_use]
 pub fn abandoned() -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(std::env::temp_dir()).into_iter().flatten().filter_map(Result::ok);
+    let entries = std::fs::read_dir(std::env::temp_dir())
+        .into_iter()
+        .flatten()
+        .filter_map(Result::ok);
     let is_abandoned = |folder: &DirEntry| {
         let name = folder.file_name();
-        let pid = name.to_str().and_then(|name| name.strip_prefix(PREFIX)?.split_once('-')?.0.parse::<u32>().ok());
+        let pid = name.to_str().and_then(|name| {
+            name.strip_prefix(PREFIX)?
+                .split_once('-')?
+                .0
+                .parse::<u32>()
+                .ok()
+        });
         let is_dead = pid.is_some_and(|pid| !Path::new(&format!("/proc/{pid}")).exists());
         // Of the entry itself, not of what a link leads to.
-        let is_own = folder.metadata().is_ok_and(|entry| entry.is_dir() && entry.uid() == rustix::process::getuid().as_raw());
+        let is_own = folder
+            .metadata()
+            .is_ok_and(|entry| entry.is_dir() && entry.uid() == rustix::process::getuid().as_raw());
         is_dead && is_own && !folder.path().join(KEPT).exists()
     };
-    entries.filter(is_abandoned).map(|folder| folder.path()).collect()
+    entries
+        .filter(is_abandoned)
+        .map(|folder| folder.path())
+        .collect()
 }
 
 /// Removes them; returns those that are gone.
@@ -32,11 +46,13 @@ pub fn abandoned() -> Vec<PathBuf> {
 /// The first folder that cannot be removed.
 pub fn remove_abandoned() -> io::Result<Vec<PathBuf>> {
     let folders = abandoned();
-    folders.iter().try_for_each(|folder| match std::fs::remove_dir_all(folder) {
-        // Another `clean` was quicker.
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-        removed => removed,
-    })?;
+    folders
+        .iter()
+        .try_for_each(|folder| match std::fs::remove_dir_all(folder) {
+            // Another `clean` was quicker.
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+            removed => removed,
+        })?;
     Ok(folders)
 }
 
@@ -46,12 +62,19 @@ mod tests {
 
     #[test]
     fn the_folder_of_a_dead_process_is_abandoned_and_others_are_not() {
-        let folder = |pid: u32| tempfile::Builder::new().prefix(&format!("{PREFIX}{pid}-")).tempdir().unwrap();
+        let folder = |pid: u32| {
+            tempfile::Builder::new()
+                .prefix(&format!("{PREFIX}{pid}-"))
+                .tempdir()
+                .unwrap()
+        };
         // Beyond the largest process id of Linux.
         let (dead, kept, living) = (folder(1 << 23), folder(1 << 23), folder(std::process::id()));
         std::fs::write(kept.path().join(KEPT), "").unwrap();
         let found = abandoned();
         assert!(found.contains(&dead.path().to_owned()));
-        assert!(!found.contains(&kept.path().to_owned()) && !found.contains(&living.path().to_owned()));
+        assert!(
+            !found.contains(&kept.path().to_owned()) && !found.contains(&living.path().to_owned())
+        );
     }
 }

@@ -34,20 +34,39 @@ impl Launcher {
             mode: plan.mode,
             rate_hz: plan.rate_hz,
             wait_limit: plan.limits.wait,
-            processes: plan.children.iter().map(|child| child.process.clone()).collect(),
+            processes: plan
+                .children
+                .iter()
+                .map(|child| child.process.clone())
+                .collect(),
             messages: plan.messages.clone(),
         };
         manifest.write(&run)?;
         let control_page = ControlPage::create(&run)?;
         for fault in &plan.faults {
-            if control_page.fault_table().enter(fault, Origin::Planned).is_none() {
-                return Err(LaunchError::TooManyFaults { count: plan.faults.len() });
+            if control_page
+                .fault_table()
+                .enter(fault, Origin::Planned)
+                .is_none()
+            {
+                return Err(LaunchError::TooManyFaults {
+                    count: plan.faults.len(),
+                });
             }
         }
         let hub = Hub::create(&run, &manifest)?;
         let slots = plan.children.iter().map(|_| Slot::default()).collect();
         let _sweeper = Sweeper::start(&run)?;
-        Ok(Self(Supervised { slots: Slots(slots), hub, _sweeper, control_page, run, plan, recalls_until: None, last_lines: Vec::new() }))
+        Ok(Self(Supervised {
+            slots: Slots(slots),
+            hub,
+            _sweeper,
+            control_page,
+            run,
+            plan,
+            recalls_until: None,
+            last_lines: Vec::new(),
+        }))
     }
 
     /// The run's directory, for files that the processes shall find there (the scenario).
@@ -67,7 +86,11 @@ impl Launcher {
 }
 
 impl Supervised {
-    fn run_to_end(mut self, commands: Commands<'_>, report: Report<'_>) -> Result<Outcome, LaunchError> {
+    fn run_to_end(
+        mut self,
+        commands: Commands<'_>,
+        report: Report<'_>,
+    ) -> Result<Outcome, LaunchError> {
         let mut signals = Interrupts::catch().map_err(LaunchError::Signals)?;
         let _urgency = (self.plan.mode == Mode::Realtime).then(Urgency::begin);
         for index in 0..self.plan.children.len() {
@@ -92,10 +115,27 @@ impl Supervised {
         if has_begun && let End::Failed(Failure::Died { process, .. }) = &end {
             self.enter_last_death(&process.clone());
         }
-        let faults = self.control_page.fault_table().records().map(|(_, account)| account).collect();
+        let faults = self
+            .control_page
+            .fault_table()
+            .records()
+            .map(|(_, account)| account)
+            .collect();
         let last_lines = std::mem::take(&mut self.last_lines);
-        let outcome = Outcome { end, ticks: self.ticks(), processes: self.process_outcomes(), faults, last_lines };
-        let Self { slots, hub, control_page, run, .. } = self;
+        let outcome = Outcome {
+            end,
+            ticks: self.ticks(),
+            processes: self.process_outcomes(),
+            faults,
+            last_lines,
+        };
+        let Self {
+            slots,
+            hub,
+            control_page,
+            run,
+            ..
+        } = self;
         drop((slots, hub, control_page));
         // The outcome stands, whatever is left.
         if let Err(error) = run.remove() {
@@ -112,7 +152,10 @@ impl Supervised {
         report: Report<'_>,
     ) -> Result<Option<End>, LaunchError> {
         let until = self.plan.limits.start.map(|limit| Instant::now() + limit);
-        for (state, next) in [(State::Ready, Phase::Connect), (State::Connected, Phase::Work)] {
+        for (state, next) in [
+            (State::Ready, Phase::Connect),
+            (State::Connected, Phase::Work),
+        ] {
             if let Err(end) = self.await_all(state, until, commands, signals, report) {
                 return Ok(Some(end));
             }
@@ -141,7 +184,11 @@ impl Supervised {
             for index in self.take_in_exits(report) {
                 // A process that was killed is replaced; one that has ended by itself says why it cannot begin.
                 let is_killed = self.slots.0[index].exit.and_then(Exit::signal).is_some();
-                let planned = if is_killed { self.plan_restart(index) } else { Err(self.died(index)) };
+                let planned = if is_killed {
+                    self.plan_restart(index)
+                } else {
+                    Err(self.died(index))
+                };
                 planned.map_err(End::Failed)?;
             }
             if let Some(failure) = self.start_again(commands, report) {
@@ -159,7 +206,10 @@ impl Supervised {
                 None => return Ok(()),
                 Some(index) if until.is_some_and(|until| Instant::now() > until) => {
                     let limit = self.plan.limits.start.unwrap_or_default();
-                    return Err(End::Failed(Failure::Slow { process: self.name(index).to_owned(), limit }));
+                    return Err(End::Failed(Failure::Slow {
+                        process: self.name(index).to_owned(),
+                        limit,
+                    }));
                 }
                 Some(index) => {
                     let halted = self.slots.0[index].child.as_ref().and_then(Child::halted);

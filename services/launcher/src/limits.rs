@@ -52,7 +52,11 @@ pub struct Shortage {
 }
 
 fn as_root(is_hard: &bool) -> &'static str {
-    if *is_hard { ", as root where it refuses" } else { "" }
+    if *is_hard {
+        ", as root where it refuses"
+    } else {
+        ""
+    }
 }
 
 /// A limit on one resource, and the need.
@@ -74,8 +78,15 @@ impl Need {
             return Ok(());
         }
         let allowed = (self.words)(current.unwrap_or(u64::MAX));
-        let needed = (self.words)(self.least).trim_start_matches(A_PROCESS).to_owned();
-        Err(Shortage { allowed, needed, remedy: format!("{} {}", self.option, (self.value)(self.least)), is_hard: is_too_small(maximum) })
+        let needed = (self.words)(self.least)
+            .trim_start_matches(A_PROCESS)
+            .to_owned();
+        Err(Shortage {
+            allowed,
+            needed,
+            remedy: format!("{} {}", self.option, (self.value)(self.least)),
+            is_hard: is_too_small(maximum),
+        })
     }
 }
 
@@ -108,7 +119,11 @@ fn memory_needs(processes: usize, own_messages: &[usize]) -> [Need; 2] {
 /// # Errors
 /// [`Shortage`] where one is too small.
 pub fn check_limits(processes: usize, own_messages: &[usize]) -> Result<(), Shortage> {
-    let largest = own_messages.iter().map(|bytes| 2 * topic_bytes(*bytes)).max().unwrap_or_default();
+    let largest = own_messages
+        .iter()
+        .map(|bytes| 2 * topic_bytes(*bytes))
+        .max()
+        .unwrap_or_default();
     let file_size = Need {
         resource: Resource::Fsize,
         least: FILE_SIZE.max(largest),
@@ -117,7 +132,9 @@ pub fn check_limits(processes: usize, own_messages: &[usize]) -> Result<(), Shor
         // The unit is 512 bytes or 1024, as the shell has it.
         value: |_| "unlimited".to_owned(),
     };
-    memory_needs(processes, own_messages).iter().try_for_each(Need::check)?;
+    memory_needs(processes, own_messages)
+        .iter()
+        .try_for_each(Need::check)?;
     file_size.check()?;
     raise_open_files()?;
     check_tasks(TASKS.0 + TASKS.1 * processes as u64)
@@ -127,35 +144,72 @@ pub fn check_limits(processes: usize, own_messages: &[usize]) -> Result<(), Shor
 fn raise_open_files() -> Result<(), Shortage> {
     let limit = getrlimit(Resource::Nofile);
     let words = |files| format!("{A_PROCESS}{files} open files");
-    let need = Need { resource: Resource::Nofile, least: OPEN_FILES, words, option: "-n", value: |files| files.to_string() };
+    let need = Need {
+        resource: Resource::Nofile,
+        least: OPEN_FILES,
+        words,
+        option: "-n",
+        value: |files| files.to_string(),
+    };
     need.check().or_else(|shortage| {
         if shortage.is_hard {
             return Err(shortage);
         }
-        setrlimit(Resource::Nofile, Rlimit { current: Some(OPEN_FILES), ..limit }).map_err(|_| shortage)
+        setrlimit(
+            Resource::Nofile,
+            Rlimit {
+                current: Some(OPEN_FILES),
+                ..limit
+            },
+        )
+        .map_err(|_| shortage)
     })
 }
 
 /// Whether the user may have so many more tasks. The limit does not bind root.
 fn check_tasks(more: u64) -> Result<(), Shortage> {
-    let Some(limit) = getrlimit(Resource::Nproc).current.filter(|limit| *limit < MANY_TASKS && !getuid().is_root()) else { return Ok(()) };
+    let Some(limit) = getrlimit(Resource::Nproc)
+        .current
+        .filter(|limit| *limit < MANY_TASKS && !getuid().is_root())
+    else {
+        return Ok(());
+    };
     let used = tasks_of_user();
     if used + more <= limit {
         return Ok(());
     }
-    let (allowed, needed) = (format!("this user {limit} processes and threads, and {used} are there"), format!("{more} more"));
-    let is_hard = getrlimit(Resource::Nproc).maximum.is_some_and(|maximum| maximum < used + more);
-    Err(Shortage { allowed, needed, remedy: format!("-u {}", used + more), is_hard })
+    let (allowed, needed) = (
+        format!("this user {limit} processes and threads, and {used} are there"),
+        format!("{more} more"),
+    );
+    let is_hard = getrlimit(Resource::Nproc)
+        .maximum
+        .is_some_and(|maximum| maximum < used + more);
+    Err(Shortage {
+        allowed,
+        needed,
+        remedy: format!("-u {}", used + more),
+        is_hard,
+    })
 }
 
 fn tasks_of_user() -> u64 {
     let own = getuid().as_raw().to_string();
     let tasks = |entry: std::fs::DirEntry| {
         let status = std::fs::read_to_string(entry.path().join("status")).ok()?;
-        let field = |name: &str| status.lines().find_map(|line| line.strip_prefix(name)?.split_whitespace().next());
+        let field = |name: &str| {
+            status
+                .lines()
+                .find_map(|line| line.strip_prefix(name)?.split_whitespace().next())
+        };
         (field("Uid:")? == own).then(|| field("Threads:")?.parse::<u64>().ok())?
     };
-    std::fs::read_dir("/proc").into_iter().flatten().flatten().filter_map(tasks).sum()
+    std::fs::read_dir("/proc")
+        .into_iter()
+        .flatten()
+        .flatten()
+        .filter_map(tasks)
+        .sum()
 }
 
 /// The limit that has probably kept a process or thread from being started, in brackets; nothing where no limit explains the error.
@@ -174,11 +228,18 @@ pub(crate) fn suspected(exit: Exit) -> Option<String> {
     const SEGMENTATION: i32 = 11;
     let is_likely = matches!(exit, Exit::Signal(ABORT | SEGMENTATION));
     let limited = |need: &Need| {
-        let limit = getrlimit(need.resource).current.filter(|limit| *limit < LITTLE_MEMORY)?;
+        let limit = getrlimit(need.resource)
+            .current
+            .filter(|limit| *limit < LITTLE_MEMORY)?;
         Some(((need.words)(limit), need.option))
     };
-    let (allowed, option) = memory_needs(0, &[]).iter().filter(|_| is_likely).find_map(limited)?;
-    Some(format!("armplane: perhaps the limit of this shell is too small, which allows {allowed}: raise it with `ulimit {option}`"))
+    let (allowed, option) = memory_needs(0, &[])
+        .iter()
+        .filter(|_| is_likely)
+        .find_map(limited)?;
+    Some(format!(
+        "armplane: perhaps the limit of this shell is too small, which allows {allowed}: raise it with `ulimit {option}`"
+    ))
 }
 
 /// Calls `main` on a stack that it fits on, where the shell allows the first thread only a small one; and lets a write beyond the limit on the size
@@ -188,14 +249,25 @@ pub(crate) fn suspected(exit: Exit) -> Option<String> {
 /// Where the shell allows less memory than any command needs, or the kernel refuses.
 pub fn with_room<T: Send + 'static>(main: impl FnOnce() -> T + Send + 'static) -> io::Result<T> {
     const STACK: usize = 8 << 20;
-    memory_needs(USUAL_PROCESSES, &[]).iter().try_for_each(Need::check).map_err(io::Error::other)?;
+    memory_needs(USUAL_PROCESSES, &[])
+        .iter()
+        .try_for_each(Need::check)
+        .map_err(io::Error::other)?;
     signal_hook::flag::register(signal_hook::consts::SIGXFSZ, std::sync::Arc::default())?;
-    if getrlimit(Resource::Stack).current.is_none_or(|limit| limit >= STACK as u64 / 2) {
+    if getrlimit(Resource::Stack)
+        .current
+        .is_none_or(|limit| limit >= STACK as u64 / 2)
+    {
         return Ok(main());
     }
-    let thread = std::thread::Builder::new().name("main".into()).stack_size(STACK).spawn(main)?;
+    let thread = std::thread::Builder::new()
+        .name("main".into())
+        .stack_size(STACK)
+        .spawn(main)?;
     // The children of a run end with the thread that started them: it is joined.
-    thread.join().map_err(|_| io::Error::other("the program has panicked"))
+    thread
+        .join()
+        .map_err(|_| io::Error::other("the program has panicked"))
 }
 
 #[cfg(test)]
@@ -212,10 +284,22 @@ mod tests {
     fn a_limit_that_is_too_small_is_named_with_its_value_and_the_remedy() {
         let words = |files| format!("a process {files} open files");
         let limit = getrlimit(Resource::Nofile).current.unwrap();
-        let need = |least| Need { resource: Resource::Nofile, least, words, option: "-n", value: |files| files.to_string() };
+        let need = |least| Need {
+            resource: Resource::Nofile,
+            least,
+            words,
+            option: "-n",
+            value: |files| files.to_string(),
+        };
         need(limit).check().unwrap();
         let sentence = need(limit + 1).check().unwrap_err().to_string();
-        let (allowed, needed) = (format!("allows a process {limit} open files"), format!("with `ulimit -n {}`", limit + 1));
-        assert!(sentence.contains(&allowed) && sentence.contains(&needed), "{sentence}");
+        let (allowed, needed) = (
+            format!("allows a process {limit} open files"),
+            format!("with `ulimit -n {}`", limit + 1),
+        );
+        assert!(
+            sentence.contains(&allowed) && sentence.contains(&needed),
+            "{sentence}"
+        );
     }
 }

@@ -4,7 +4,9 @@ use std::io;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use runtime::{ControlPageError, Exit, FaultRecord, MOST_FAULTS, ManifestError, RunDirError, TopicError};
+use runtime::{
+    ControlPageError, Exit, FaultRecord, MOST_FAULTS, ManifestError, RunDirError, TopicError,
+};
 
 use crate::limits::{Shortage, explain};
 
@@ -72,7 +74,9 @@ pub enum Failure {
         last_words: Vec<String>,
     },
     /// A process died, and the other processes cannot be told.
-    #[error("{process} died at tick {tick}, and the fault table has room for no more than {MOST_FAULTS} faults: plan fewer")]
+    #[error(
+        "{process} died at tick {tick}, and the fault table has room for no more than {MOST_FAULTS} faults: plan fewer"
+    )]
     NoRoom {
         /// Which.
         process: String,
@@ -80,7 +84,9 @@ pub enum Failure {
         tick: u64,
     },
     /// A process did not get ready.
-    #[error("{process} was not ready for the first tick within {limit:?}: a program opens its topics, then asks for its first message")]
+    #[error(
+        "{process} was not ready for the first tick within {limit:?}: a program opens its topics, then asks for its first message"
+    )]
     Slow {
         /// Which.
         process: String,
@@ -100,23 +106,36 @@ pub enum Failure {
 }
 
 fn spent(restarts: u32) -> String {
-    if restarts == 0 { String::new() } else { format!(" after {restarts} restarts, all that its budget allows") }
+    if restarts == 0 {
+        String::new()
+    } else {
+        format!(" after {restarts} restarts, all that its budget allows")
+    }
 }
 
 /// A program that ends well before the first tick has not heard of the run.
 fn stranger(exit: Exit, tick: u64) -> &'static str {
     match exit.is_success() && tick == 0 {
-        true => ", before it took part in the run (a program that does not know armplane needs `exchange = true`, see docs/wire.md)",
+        true => {
+            ", before it took part in the run (a program that does not know armplane needs `exchange = true`, see docs/wire.md)"
+        }
         false => "",
     }
 }
 
 fn hint(suspect: &Option<String>) -> String {
-    suspect.as_ref().map(|name| format!(" ({name} was behind)")).unwrap_or_default()
+    suspect
+        .as_ref()
+        .map(|name| format!(" ({name} was behind)"))
+        .unwrap_or_default()
 }
 
 fn said(last_words: &[String]) -> String {
-    if last_words.is_empty() { String::new() } else { format!("; its last lines:\n  {}", last_words.join("\n  ")) }
+    if last_words.is_empty() {
+        String::new()
+    } else {
+        format!("; its last lines:\n  {}", last_words.join("\n  "))
+    }
 }
 
 /// How a run ended.

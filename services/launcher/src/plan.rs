@@ -67,9 +67,16 @@ impl Limits {
         let seconds = Duration::from_secs;
         let (stop, stop_polled, awaits_person) = (seconds(2), seconds(30), false);
         match mode {
-            Mode::Lockstep => {
-                Self { start: None, awaits_person, stop, stop_polled, kills_at_end: false, wait: None, silent: None, stopped: None }
-            }
+            Mode::Lockstep => Self {
+                start: None,
+                awaits_person,
+                stop,
+                stop_polled,
+                kills_at_end: false,
+                wait: None,
+                silent: None,
+                stopped: None,
+            },
             Mode::Realtime => Self {
                 start: Some(START),
                 awaits_person,
@@ -88,8 +95,18 @@ impl Limits {
     pub fn with_silence(self, limit: Option<Duration>) -> Self {
         match limit {
             Some(limit) => {
-                let start = if self.awaits_person { None } else { Some(limit.max(START)) };
-                Self { start, silent: Some(limit), stopped: Some(limit), kills_at_end: true, ..self }
+                let start = if self.awaits_person {
+                    None
+                } else {
+                    Some(limit.max(START))
+                };
+                Self {
+                    start,
+                    silent: Some(limit),
+                    stopped: Some(limit),
+                    kills_at_end: true,
+                    ..self
+                }
             }
             None => self,
         }

@@ -4,7 +4,9 @@ use std::io;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicI32, AtomicUsize, Ordering};
 
-use signal_hook::consts::{SIGALRM, SIGHUP, SIGINT, SIGIO, SIGPROF, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGVTALRM, SIGXCPU};
+use signal_hook::consts::{
+    SIGALRM, SIGHUP, SIGINT, SIGIO, SIGPROF, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGVTALRM, SIGXCPU,
+};
 
 /// In real time the launcher, and a process until it has a priority of its own, come before ordinary work, so that a death is mended at once. Children
 /// inherit the priority.
@@ -23,7 +25,9 @@ impl Urgency {
     /// For this thread, where the machine allows.
     pub(crate) fn begin() -> Self {
         let raised = runtime::realtime::set_round_robin_priority(Self::PRIORITY);
-        let is_raised = raised.inspect_err(|missing| tracing::info!("the launcher runs without {missing}")).is_ok();
+        let is_raised = raised
+            .inspect_err(|missing| tracing::info!("the launcher runs without {missing}"))
+            .is_ok();
         Self { is_raised }
     }
 }
@@ -38,7 +42,9 @@ impl Drop for Urgency {
 
 /// The signals that would end this process and that it may catch, but for those that a fault of its own raises. SIGPIPE is ignored: a write into a
 /// broken pipe fails.
-const CAUGHT: [i32; 11] = [SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGXCPU, SIGIO];
+const CAUGHT: [i32; 11] = [
+    SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGXCPU, SIGIO,
+];
 
 /// SIGINT, SIGTERM and the like to this process, counted as long as this value lives; otherwise they do what they always do.
 ///
@@ -65,7 +71,10 @@ impl Interrupts {
     pub fn catch() -> io::Result<Self> {
         if REGISTERED.get().is_none() {
             let ignored = ignored_signals();
-            for signal in CAUGHT.into_iter().filter(|signal| ignored & 1 << (signal - 1) == 0) {
+            for signal in CAUGHT
+                .into_iter()
+                .filter(|signal| ignored & 1 << (signal - 1) == 0)
+            {
                 // SAFETY: the handler touches atomics only, and what it calls may be called in a handler.
                 unsafe { signal_hook::low_level::register(signal, move || count(signal)) }?;
             }
@@ -74,7 +83,9 @@ impl Interrupts {
         if HELD.fetch_add(1, Ordering::SeqCst) == 0 {
             BEFORE.store(COUNT.load(Ordering::SeqCst), Ordering::SeqCst);
         }
-        Ok(Self { taken: BEFORE.load(Ordering::SeqCst) })
+        Ok(Self {
+            taken: BEFORE.load(Ordering::SeqCst),
+        })
     }
 
     /// The name of a signal that has come since the last look.
@@ -106,7 +117,9 @@ fn count(signal: i32) {
 /// The signals that this process ignores, a bit each from signal 1 on; those it was started with, before it catches any.
 fn ignored_signals() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let mask = status.lines().find_map(|line| u64::from_str_radix(line.strip_prefix("SigIgn:")?.trim(), 16).ok());
+    let mask = status
+        .lines()
+        .find_map(|line| u64::from_str_radix(line.strip_prefix("SigIgn:")?.trim(), 16).ok());
     // A shell without job control starts a background command with SIGINT and SIGQUIT ignored, and yet means them when it sends one.
     mask.unwrap_or_default() & !(1 << (SIGINT - 1) | 1 << (SIGQUIT - 1))
 }
@@ -121,8 +134,15 @@ mod tests {
         assert_eq!(command.pending(), None);
         signal_hook::low_level::raise(SIGHUP).unwrap();
         let mut run = Interrupts::catch().unwrap();
-        assert_eq!((run.pending(), run.pending()), (Some("SIGHUP"), None), "it came before the run, and within the command");
+        assert_eq!(
+            (run.pending(), run.pending()),
+            (Some("SIGHUP"), None),
+            "it came before the run, and within the command"
+        );
         drop(run);
-        assert_eq!((command.pending(), command.pending()), (Some("SIGHUP"), None));
+        assert_eq!(
+            (command.pending(), command.pending()),
+            (Some("SIGHUP"), None)
+        );
     }
 }

@@ -70,34 +70,62 @@ pub(crate) struct Slot {
 
 impl std::fmt::Debug for Slot {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "process {} ({} restarts, {:?})", self.pid, self.restarts, self.exit)
+        write!(
+            f,
+            "process {} ({} restarts, {:?})",
+            self.pid, self.restarts, self.exit
+        )
     }
 }
 
 impl Supervised {
-    pub(crate) fn start(&mut self, index: usize, commands: Commands<'_>) -> Result<(), LaunchError> {
+    pub(crate) fn start(
+        &mut self,
+        index: usize,
+        commands: Commands<'_>,
+    ) -> Result<(), LaunchError> {
         let name = self.name(index).to_owned();
         let line = self.control_page.process(index);
         line.begin_incarnation();
         let command = commands(&name, self.run.path()).map(|mut command| {
-            command.env(RUN_VARIABLE, self.run.path()).env(PROCESS_VARIABLE, &name);
+            command
+                .env(RUN_VARIABLE, self.run.path())
+                .env(PROCESS_VARIABLE, &name);
             command
         });
-        let program = command.as_ref().map(|c| PathBuf::from(c.get_program())).unwrap_or_default();
+        let program = command
+            .as_ref()
+            .map(|c| PathBuf::from(c.get_program()))
+            .unwrap_or_default();
         let child = command.and_then(child::Child::start);
-        let child = child.map_err(|source| LaunchError::Spawn { process: name, command: program, source })?;
+        let child = child.map_err(|source| LaunchError::Spawn {
+            process: name,
+            command: program,
+            source,
+        })?;
         line.set_pid(child.pid());
         let slot = &mut self.slots.0[index];
-        (slot.pid, slot.exit, slot.due, slot.seen, slot.delay, slot.child) = (child.pid(), None, None, None, None, Some(child));
+        (
+            slot.pid, slot.exit, slot.due, slot.seen, slot.delay, slot.child,
+        ) = (child.pid(), None, None, None, None, Some(child));
         Ok(())
     }
 
     /// Sleeps until a child ends, a signal comes, or the time is over; meanwhile nothing is handed over, so it is short while that is wanted.
     pub(crate) fn rest(&mut self, limit: Duration) {
-        let limit = if self.keep_messages() { limit.min(BEAT_RECALLING) } else { limit };
+        let limit = if self.keep_messages() {
+            limit.min(BEAT_RECALLING)
+        } else {
+            limit
+        };
         let living = self.slots.0.iter().filter_map(|slot| slot.child.as_ref());
-        let mut fds: Vec<PollFd<'_>> = living.map(|child| PollFd::new(&child.pidfd, PollFlags::IN)).collect();
-        let limit = Timespec { tv_sec: limit.as_secs() as i64, tv_nsec: i64::from(limit.subsec_nanos()) };
+        let mut fds: Vec<PollFd<'_>> = living
+            .map(|child| PollFd::new(&child.pidfd, PollFlags::IN))
+            .collect();
+        let limit = Timespec {
+            tv_sec: limit.as_secs() as i64,
+            tv_nsec: i64::from(limit.subsec_nanos()),
+        };
         // An error is an interruption by a signal, which the caller looks at anyway.
         let _ = poll(&mut fds, Some(&limit));
     }
@@ -108,24 +136,42 @@ impl Supervised {
         let is_down = |index: usize| {
             let state = self.control_page.process(index).state();
             self.plan.children[index].process.polled
-                && (state == State::Gone || (state != State::Running && self.slots.0[index].restarts > 0))
+                && (state == State::Gone
+                    || (state != State::Running && self.slots.0[index].restarts > 0))
         };
         let is_down = (0..self.plan.children.len()).any(is_down);
-        let connected = self.hub.connect().and_then(|()| if is_down { self.hub.hand_over() } else { Ok(()) });
-        let answered = connected.and_then(|()| self.hub.answer(&self.control_page)).unwrap_or_else(|error| {
-            tracing::warn!("{error}");
-            false
+        let connected = self.hub.connect().and_then(|()| {
+            if is_down {
+                self.hub.hand_over()
+            } else {
+                Ok(())
+            }
         });
+        let answered = connected
+            .and_then(|()| self.hub.answer(&self.control_page))
+            .unwrap_or_else(|error| {
+                tracing::warn!("{error}");
+                false
+            });
         if is_down || answered {
             self.recalls_until = Some(Instant::now() + RECALL);
         }
-        self.recalls_until.is_some_and(|until| Instant::now() < until)
+        self.recalls_until
+            .is_some_and(|until| Instant::now() < until)
     }
 
     pub(crate) fn pass_lines_on(&mut self, report: Report<'_>) {
         for (slot, plan) in self.slots.0.iter_mut().zip(&self.plan.children) {
-            for line in slot.child.as_mut().map(child::Child::new_lines).unwrap_or_default() {
-                report(Event::Line { process: &plan.process.name, line: &line });
+            for line in slot
+                .child
+                .as_mut()
+                .map(child::Child::new_lines)
+                .unwrap_or_default()
+            {
+                report(Event::Line {
+                    process: &plan.process.name,
+                    line: &line,
+                });
             }
         }
     }
@@ -134,17 +180,26 @@ impl Supervised {
     pub(crate) fn take_in_exits(&mut self, report: Report<'_>) -> Vec<usize> {
         let (ticks, mut ended) = (self.ticks(), Vec::new());
         for (index, slot) in self.slots.0.iter_mut().enumerate() {
-            let Some(child) = slot.child.as_mut() else { continue };
-            let Some(exit) = child.try_wait() else { continue };
+            let Some(child) = slot.child.as_mut() else {
+                continue;
+            };
+            let Some(exit) = child.try_wait() else {
+                continue;
+            };
             let (rest, mut last_words) = child.farewell();
             last_words.extend(limits::suspected(exit));
             for line in &rest {
-                report(Event::Line { process: &self.plan.children[index].process.name, line });
+                report(Event::Line {
+                    process: &self.plan.children[index].process.name,
+                    line,
+                });
             }
             (slot.exit, slot.last_words, slot.child) = (Some(exit), last_words, None);
             self.control_page.process(index).end();
             if !exit.is_success() {
-                self.control_page.fault_table().mark_detected(index, ticks, now_ns());
+                self.control_page
+                    .fault_table()
+                    .mark_detected(index, ticks, now_ns());
             }
             ended.push(index);
         }
@@ -154,7 +209,8 @@ impl Supervised {
     /// The first process in the order of the data that is a tick behind its source and still runs: the others may have waited for it.
     pub(crate) fn stood_still(&self) -> Option<usize> {
         let ticks = |index: usize| self.control_page.process(index).ticks();
-        let chain = (0..self.plan.children.len()).filter(|&index| !self.plan.children[index].process.polled);
+        let chain = (0..self.plan.children.len())
+            .filter(|&index| !self.plan.children[index].process.polled);
         let ahead = chain.clone().map(ticks).max()?;
         let behind = chain.clone().find(|&index| ticks(index) < ahead)?;
         self.slots.0[behind].child.is_some().then_some(behind)
@@ -165,8 +221,17 @@ impl Supervised {
     }
 
     pub(crate) fn ticks(&self) -> u64 {
-        let source = self.plan.children.iter().position(|child| child.ends_run).unwrap_or(0);
-        if self.plan.children.is_empty() { 0 } else { self.control_page.process(source).ticks() }
+        let source = self
+            .plan
+            .children
+            .iter()
+            .position(|child| child.ends_run)
+            .unwrap_or(0);
+        if self.plan.children.is_empty() {
+            0
+        } else {
+            self.control_page.process(source).ticks()
+        }
     }
 
     pub(crate) fn process_outcomes(&self) -> Vec<ProcessOutcome> {
@@ -174,7 +239,9 @@ impl Supervised {
             name: self.name(index).to_owned(),
             pid: slot.pid,
             restarts: slot.restarts,
-            exit: slot.exit.unwrap_or(Exit::Signal(rustix::process::Signal::KILL.as_raw())),
+            exit: slot
+                .exit
+                .unwrap_or(Exit::Signal(rustix::process::Signal::KILL.as_raw())),
             counts: self.control_page.process(index).counts(),
         };
         self.slots.0.iter().enumerate().map(outcome).collect()

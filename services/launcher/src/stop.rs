@@ -38,14 +38,33 @@ impl Supervised {
         signals: &mut Interrupts,
         report: Report<'_>,
     ) -> Option<Failure> {
-        let Limits { stop, stop_polled, kills_at_end, .. } = self.plan.limits;
+        let Limits {
+            stop,
+            stop_polled,
+            kills_at_end,
+            ..
+        } = self.plan.limits;
         let is_patient = is_complete && !kills_at_end;
-        let ending = |polled, limit| Ending { polled, limit, is_complete, is_patient };
+        let ending = |polled, limit| Ending {
+            polled,
+            limit,
+            is_complete,
+            is_patient,
+        };
         self.control_page.request_stop(Stop::Chain);
         let chain = self.stop_those(&ending(false, stop), commands, signals, report);
         // From here on only polled processes are replaced.
-        self.slots.0.iter_mut().zip(&self.plan.children).filter(|(_, child)| !child.process.polled).for_each(|(slot, _)| slot.due = None);
-        self.control_page.request_stop(if is_complete { Stop::Everything } else { Stop::Early });
+        self.slots
+            .0
+            .iter_mut()
+            .zip(&self.plan.children)
+            .filter(|(_, child)| !child.process.polled)
+            .for_each(|(slot, _)| slot.due = None);
+        self.control_page.request_stop(if is_complete {
+            Stop::Everything
+        } else {
+            Stop::Early
+        });
         let polled = self.stop_those(&ending(true, stop_polled), commands, signals, report);
         chain.or(polled)
     }
@@ -55,7 +74,10 @@ impl Supervised {
     fn is_excused(&mut self, index: usize, is_complete: bool, insists: bool) -> bool {
         let exit = self.slots.0[index].exit;
         match self.plan.children[index].process.polled {
-            true => (is_complete || !insists && matches!(exit, Some(Exit::Signal(_)))) && self.plan_restart(index).is_ok(),
+            true => {
+                (is_complete || !insists && matches!(exit, Some(Exit::Signal(_))))
+                    && self.plan_restart(index).is_ok()
+            }
             false => {
                 let is_replaceable = self.plan.children[index].restart != Restart::Never;
                 is_complete && is_replaceable && exit == Some(Exit::Signal(Signal::KILL.as_raw()))
@@ -64,21 +86,42 @@ impl Supervised {
     }
 
     /// Notes the end of a process as the failure of the run, if it is the first that is not excused.
-    fn judge_end(&mut self, index: usize, (is_complete, insists): (bool, bool), failure: &mut Option<Failure>) {
+    fn judge_end(
+        &mut self,
+        index: usize,
+        (is_complete, insists): (bool, bool),
+        failure: &mut Option<Failure>,
+    ) {
         let is_success = self.slots.0[index].exit.is_some_and(Exit::is_success);
         if !is_success && !self.is_excused(index, is_complete, insists) && failure.is_none() {
             *failure = Some(self.died(index));
         }
     }
 
-    fn stop_those(&mut self, ending: &Ending, commands: Commands<'_>, signals: &mut Interrupts, report: Report<'_>) -> Option<Failure> {
-        let Ending { polled, limit, is_complete, is_patient } = *ending;
+    fn stop_those(
+        &mut self,
+        ending: &Ending,
+        commands: Commands<'_>,
+        signals: &mut Interrupts,
+        report: Report<'_>,
+    ) -> Option<Failure> {
+        let Ending {
+            polled,
+            limit,
+            is_complete,
+            is_patient,
+        } = *ending;
         let mut failure = None;
-        let concerned: Vec<usize> =
-            (0..self.plan.children.len()).filter(|&index| self.plan.children[index].process.polled == polled).collect();
+        let concerned: Vec<usize> = (0..self.plan.children.len())
+            .filter(|&index| self.plan.children[index].process.polled == polled)
+            .collect();
         // Ends that came with the one which ended the run, or between two of these stops.
         let ended = |slot: &Slot| slot.child.is_none() && slot.due.is_none() && slot.exit.is_some();
-        let before = concerned.iter().copied().filter(|&index| ended(&self.slots.0[index])).collect::<Vec<_>>();
+        let before = concerned
+            .iter()
+            .copied()
+            .filter(|&index| ended(&self.slots.0[index]))
+            .collect::<Vec<_>>();
         for index in before {
             self.judge_end(index, (is_complete, false), &mut failure);
         }
@@ -96,7 +139,10 @@ impl Supervised {
                 && !(begun.elapsed() > TO_JOIN && self.only_strangers_live(&concerned))
             {
                 for &index in concerned.iter().filter(|_| is_last) {
-                    let halted = self.slots.0[index].child.as_ref().map(|child| child.halted().unwrap_or(Delay::NotStopped));
+                    let halted = self.slots.0[index]
+                        .child
+                        .as_ref()
+                        .map(|child| child.halted().unwrap_or(Delay::NotStopped));
                     self.note_delay(index, halted, report);
                 }
                 self.rest(BEAT);
@@ -119,7 +165,11 @@ impl Supervised {
             }
             if let Some(child) = self.slots.0[index].child.as_mut() {
                 child.kill_and_wait();
-                let did_not_stop = Failure::DidNotStop { process: self.name(index).to_owned(), pid: self.slots.0[index].pid, limit };
+                let did_not_stop = Failure::DidNotStop {
+                    process: self.name(index).to_owned(),
+                    pid: self.slots.0[index].pid,
+                    limit,
+                };
                 failure.get_or_insert(did_not_stop);
             }
         }
@@ -128,20 +178,31 @@ impl Supervised {
     }
 
     fn signal(&self, concerned: &[usize], signal: Signal) {
-        concerned.iter().filter_map(|&index| self.slots.0[index].child.as_ref()).for_each(|child| child.signal(signal));
+        concerned
+            .iter()
+            .filter_map(|&index| self.slots.0[index].child.as_ref())
+            .for_each(|child| child.signal(signal));
     }
 
     /// Whether those that live have not joined the run, and so do not see the request.
     fn only_strangers_live(&self, concerned: &[usize]) -> bool {
-        let mut living = concerned.iter().filter(|&&index| self.slots.0[index].child.is_some()).peekable();
-        living.peek().is_some() && living.all(|&index| self.control_page.process(index).state() == State::Starting)
+        let mut living = concerned
+            .iter()
+            .filter(|&&index| self.slots.0[index].child.is_some())
+            .peekable();
+        living.peek().is_some()
+            && living.all(|&index| self.control_page.process(index).state() == State::Starting)
     }
 
     fn any_is_due(&self, concerned: &[usize]) -> bool {
-        concerned.iter().any(|&index| self.slots.0[index].due.is_some())
+        concerned
+            .iter()
+            .any(|&index| self.slots.0[index].due.is_some())
     }
 
     fn any_lives(&self, concerned: &[usize]) -> bool {
-        concerned.iter().any(|&index| self.slots.0[index].child.is_some())
+        concerned
+            .iter()
+            .any(|&index| self.slots.0[index].child.is_some())
     }
 }

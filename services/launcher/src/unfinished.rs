@@ -30,12 +30,21 @@ impl Sweeper {
                 std::thread::park_timeout(LOOK);
                 let removed = run.remove_unfinished();
                 if removed > 0 {
-                    tracing::debug!("{removed} segments of {} were never finished by a process that has died, and are removed", run.name());
+                    tracing::debug!(
+                        "{removed} segments of {} were never finished by a process that has died, and are removed",
+                        run.name()
+                    );
                 }
             }
         };
-        let thread = std::thread::Builder::new().name("sweeper".into()).spawn(work).map_err(LaunchError::Sweeper)?;
-        Ok(Self { is_over, thread: Some(thread) })
+        let thread = std::thread::Builder::new()
+            .name("sweeper".into())
+            .spawn(work)
+            .map_err(LaunchError::Sweeper)?;
+        Ok(Self {
+            is_over,
+            thread: Some(thread),
+        })
     }
 }
 

@@ -21,13 +21,23 @@ const NOTICED_SLOW: Duration = Duration::from_secs(5);
 /// Whether a fault has stopped its process for a time, and it has not gone on yet. The kind is looked at too: a way is a number, 0 where a kind
 /// has none.
 fn is_paused(account: &FaultRecord) -> bool {
-    let FaultRecord { scheduled, injected_ns, recovered_ns, .. } = account;
-    scheduled.kind() == Some(Kind::Hang) && scheduled.way() == Some(Way::Paused) && *injected_ns != 0 && *recovered_ns == 0
+    let FaultRecord {
+        scheduled,
+        injected_ns,
+        recovered_ns,
+        ..
+    } = account;
+    scheduled.kind() == Some(Kind::Hang)
+        && scheduled.way() == Some(Way::Paused)
+        && *injected_ns != 0
+        && *recovered_ns == 0
 }
 
 /// Whether a fault ends its process, by itself or through the launcher.
 fn ends_process(fault: &ScheduledFault) -> bool {
-    fault.kind().is_some_and(|kind| kind.ends_process(fault.way()))
+    fault
+        .kind()
+        .is_some_and(|kind| kind.ends_process(fault.way()))
 }
 
 impl Supervised {
@@ -35,25 +45,35 @@ impl Supervised {
     ///
     /// In lockstep a signal ends it with the tick in hand, so that every topic ends there and the run can be repeated to its last tick; after a second
     /// signal, or where that takes long, it ends at once.
-    pub(crate) fn watch(&mut self, commands: Commands<'_>, signals: &mut Interrupts, report: Report<'_>) -> End {
+    pub(crate) fn watch(
+        &mut self,
+        commands: Commands<'_>,
+        signals: &mut Interrupts,
+        report: Report<'_>,
+    ) -> End {
         let mut ending: Option<(&'static str, Instant)> = None;
         loop {
             self.rest(BEAT);
             self.pass_lines_on(report);
-            report(Event::Progress { ticks: self.ticks() });
+            report(Event::Progress {
+                ticks: self.ticks(),
+            });
             match (signals.pending(), ending) {
                 (Some(signal), None) if self.plan.mode == Mode::Lockstep => {
                     self.control_page.request_stop(Stop::Ticks);
                     ending = Some((signal, Instant::now()));
                 }
                 (Some(signal), _) => return End::Interrupted { signal },
-                (None, Some((signal, since))) if since.elapsed() > self.plan.limits.stop => return End::Interrupted { signal },
+                (None, Some((signal, since))) if since.elapsed() > self.plan.limits.stop => {
+                    return End::Interrupted { signal };
+                }
                 (None, _) => {}
             }
             for index in self.take_in_exits(report) {
                 let (child, exit) = (&self.plan.children[index], self.slots.0[index].exit);
                 if child.ends_run && exit.is_some_and(Exit::is_success) {
-                    return ending.map_or(End::Completed, |(signal, _)| End::Interrupted { signal });
+                    return ending
+                        .map_or(End::Completed, |(signal, _)| End::Interrupted { signal });
                 }
                 if let Err(failure) = self.plan_restart(index) {
                     return End::Failed(failure);
@@ -87,10 +107,16 @@ impl Supervised {
             let (tick, sent) = self.left_off(index);
             let death = unplanned_death(index, tick, sent, self.plan.rate_hz);
             let Some(place) = table.enter(&death, Origin::Detected) else {
-                return Err(Failure::NoRoom { process: self.name(index).to_owned(), tick });
+                return Err(Failure::NoRoom {
+                    process: self.name(index).to_owned(),
+                    tick,
+                });
             };
             // Before the others learn of it: their words say how it ended.
-            self.slots.0[index].exit.into_iter().for_each(|exit| table.mark_exit(index, exit));
+            self.slots.0[index]
+                .exit
+                .into_iter()
+                .for_each(|exit| table.mark_exit(index, exit));
             table.mark_injected(place, now_ns());
             // After the entry: a reader that finds the tick closed looks for its messages in the retainers' files.
             self.control_page.process(index).close_before(tick);
@@ -98,9 +124,14 @@ impl Supervised {
         table.mark_detected(index, self.ticks(), now_ns());
         self.control_page.ring_all();
         if let Some(line) = self.slots.0[index].last_words.last() {
-            let unplanned = table.records().filter(|(_, account)| account.origin == Origin::Detected);
-            let last = unplanned.filter(|(_, account)| account.scheduled.process as usize == index).last();
-            self.last_lines.extend(last.map(|(_, account)| (index, account.scheduled.at, line.clone())));
+            let unplanned = table
+                .records()
+                .filter(|(_, account)| account.origin == Origin::Detected);
+            let last = unplanned
+                .filter(|(_, account)| account.scheduled.process as usize == index)
+                .last();
+            self.last_lines
+                .extend(last.map(|(_, account)| (index, account.scheduled.at, line.clone())));
         }
         Ok(())
     }
@@ -119,7 +150,9 @@ impl Supervised {
         let slot = &self.slots.0[index];
         let exit = slot.exit.unwrap_or(Exit::Code(0));
         // A process that gave up a wait ends by itself; of a signal the others are innocent.
-        let suspect = self.stood_still().filter(|&other| other != index && matches!(exit, Exit::Code(_)));
+        let suspect = self
+            .stood_still()
+            .filter(|&other| other != index && matches!(exit, Exit::Code(_)));
         Failure::Died {
             process: self.name(index).to_owned(),
             pid: slot.pid,
@@ -133,7 +166,8 @@ impl Supervised {
 
     /// The first tick that a process which has ended did not answer, as the fault table has it or will have it.
     fn tick_of_end(&self, index: usize) -> u64 {
-        self.listed_end(index).unwrap_or_else(|| self.left_off(index).0)
+        self.listed_end(index)
+            .unwrap_or_else(|| self.left_off(index).0)
     }
 
     /// The tick at which the fault table has the end of a process's last incarnation, where it has one.
@@ -142,12 +176,26 @@ impl Supervised {
     /// take the place of one that a fault had ended.
     fn listed_end(&self, index: usize) -> Option<u64> {
         let has_ended = |account: &FaultRecord| {
-            account.scheduled.process as usize == index && ends_process(&account.scheduled) && account.injected_ns != 0
+            account.scheduled.process as usize == index
+                && ends_process(&account.scheduled)
+                && account.injected_ns != 0
         };
-        let ends = || self.control_page.fault_table().records().map(|(_, account)| account).filter(has_ended);
+        let ends = || {
+            self.control_page
+                .fault_table()
+                .records()
+                .map(|(_, account)| account)
+                .filter(has_ended)
+        };
         let is_listed = ends().count() >= self.control_page.process(index).incarnation() as usize;
         // The table has the planned ones first, and in the order of the plan: the last end is the one that has come about last.
-        if is_listed { ends().max_by_key(|account| account.injected_ns).map(|account| account.scheduled.at) } else { None }
+        if is_listed {
+            ends()
+                .max_by_key(|account| account.injected_ns)
+                .map(|account| account.scheduled.at)
+        } else {
+            None
+        }
     }
 
     /// Where a death has left the outputs of a process: the first tick that is not whole, and how many messages of it have left.
@@ -160,25 +208,43 @@ impl Supervised {
         if self.plan.mode == Mode::Realtime || process.writes.is_empty() {
             return (closed, 0);
         }
-        let sent = self.hub.outputs_sent(&process.writes, closed).unwrap_or_else(|error| {
-            tracing::warn!("{error}");
-            0
-        });
+        let sent = self
+            .hub
+            .outputs_sent(&process.writes, closed)
+            .unwrap_or_else(|error| {
+                tracing::warn!("{error}");
+                0
+            });
         // The tick source closes a tick when its messages have left, the others when they have answered: both after the last of them.
-        if sent as usize >= process.writes.len() { (closed + 1, 0) } else { (closed, sent) }
+        if sent as usize >= process.writes.len() {
+            (closed + 1, 0)
+        } else {
+            (closed, sent)
+        }
     }
 
     /// Continues those that a fault has stopped for a time.
     fn continue_paused(&self) {
         for (_, account) in self.control_page.fault_table().records() {
-            let FaultRecord { scheduled, injected_ns, .. } = account;
+            let FaultRecord {
+                scheduled,
+                injected_ns,
+                ..
+            } = account;
             if !is_paused(&account) {
                 continue;
             }
-            let passed_ns =
-                scheduled.until.saturating_sub(scheduled.at).saturating_mul(1_000_000_000 / u64::from(self.plan.rate_hz.max(1)));
-            if (self.ticks() >= scheduled.until || now_ns() >= injected_ns.saturating_add(passed_ns))
-                && let Some(child) = self.slots.0.get(scheduled.process as usize).and_then(|slot| slot.child.as_ref())
+            let passed_ns = scheduled
+                .until
+                .saturating_sub(scheduled.at)
+                .saturating_mul(1_000_000_000 / u64::from(self.plan.rate_hz.max(1)));
+            if (self.ticks() >= scheduled.until
+                || now_ns() >= injected_ns.saturating_add(passed_ns))
+                && let Some(child) = self
+                    .slots
+                    .0
+                    .get(scheduled.process as usize)
+                    .and_then(|slot| slot.child.as_ref())
             {
                 child.signal(Signal::CONT);
             }
@@ -189,11 +255,18 @@ impl Supervised {
     fn is_hung_by_fault(&self, index: usize) -> bool {
         let hangs = |record: &FaultRecord| {
             let fault = &record.scheduled;
-            fault.process as usize == index && fault.kind() == Some(Kind::Hang) && fault.way() == Some(Way::ForEver)
+            fault.process as usize == index
+                && fault.kind() == Some(Kind::Hang)
+                && fault.way() == Some(Way::ForEver)
         };
-        let is_in_force = |record: &FaultRecord| record.injected_ns != 0 && record.recovered_ns == 0;
+        let is_in_force =
+            |record: &FaultRecord| record.injected_ns != 0 && record.recovered_ns == 0;
         self.control_page.process(index).state() == State::Stopped
-            && self.control_page.fault_table().records().any(|(_, record)| hangs(&record) && is_in_force(&record))
+            && self
+                .control_page
+                .fault_table()
+                .records()
+                .any(|(_, record)| hangs(&record) && is_in_force(&record))
     }
 
     /// Kills those that a fault has stopped for ever, and where there is a limit those that are silent for longer: stopped from outside, or stuck.
@@ -204,7 +277,9 @@ impl Supervised {
         for index in 0..self.plan.children.len() {
             let (line, plan) = (self.control_page.process(index), &self.plan.children[index]);
             let slot = &mut self.slots.0[index];
-            let Some(child) = slot.child.as_ref() else { continue };
+            let Some(child) = slot.child.as_ref() else {
+                continue;
+            };
             let (ticks, now) = (line.ticks(), Instant::now());
             // A process that waits for a silent one is not silent itself.
             let signs = (ticks, line.looks());
@@ -218,24 +293,43 @@ impl Supervised {
             let (silent, halted) = (now - since, child.halted());
             let is_stopped = halted == Some(Delay::Stopped);
             if is_stopped {
-                self.control_page.fault_table().mark_detected(index, source, now_ns());
+                self.control_page
+                    .fault_table()
+                    .mark_detected(index, source, now_ns());
             }
             let is_paused = self
                 .control_page
                 .fault_table()
                 .records()
-                .any(|(_, account)| account.scheduled.process as usize == index && is_paused(&account));
-            let is_late = is_stopped || (ticks < source && !plan.process.polled && line.state() == State::Running);
+                .any(|(_, account)| {
+                    account.scheduled.process as usize == index && is_paused(&account)
+                });
+            let is_late = is_stopped
+                || (ticks < source && !plan.process.polled && line.state() == State::Running);
             let is_replaced = plan.process.makes_ticks || plan.restart != Restart::Never;
-            let limit = if is_stopped { self.plan.limits.stopped } else { self.plan.limits.silent };
-            let is_over = limit.is_some_and(|limit| silent > limit) && is_late && is_replaced && !is_paused;
+            let limit = if is_stopped {
+                self.plan.limits.stopped
+            } else {
+                self.plan.limits.silent
+            };
+            let is_over =
+                limit.is_some_and(|limit| silent > limit) && is_late && is_replaced && !is_paused;
             if is_over || is_stopped && self.is_hung_by_fault(index) {
                 let slot = &mut self.slots.0[index];
-                slot.child.iter().for_each(|child| child.signal(Signal::KILL));
+                slot.child
+                    .iter()
+                    .for_each(|child| child.signal(Signal::KILL));
                 slot.seen = None;
-                self.control_page.fault_table().mark_detected(index, source, now_ns());
+                self.control_page
+                    .fault_table()
+                    .mark_detected(index, source, now_ns());
                 let process = &self.plan.children[index].process;
-                report(Event::Silenced { process: &process.name, silent, tick: ticks, writes: &process.writes });
+                report(Event::Silenced {
+                    process: &process.name,
+                    silent,
+                    tick: ticks,
+                    writes: &process.writes,
+                });
             } else if !is_paused {
                 let is_behind = is_late && behind == Some(index);
                 self.note_delay(index, halted.or(is_behind.then_some(Delay::Behind)), report);
@@ -246,23 +340,44 @@ impl Supervised {
     /// Reports once that the run waits for a process, when that has lasted.
     pub(crate) fn note_delay(&mut self, index: usize, delay: Option<Delay>, report: Report<'_>) {
         let slot = &mut self.slots.0[index];
-        let since = |delay| slot.delay.filter(|(seen, ..)| *seen == delay).unwrap_or((delay, Instant::now(), false));
+        let since = |delay| {
+            slot.delay
+                .filter(|(seen, ..)| *seen == delay)
+                .unwrap_or((delay, Instant::now(), false))
+        };
         slot.delay = delay.map(since);
-        let Some((delay, since, false)) = slot.delay else { return };
-        let noticed = if matches!(delay, Delay::Stopped | Delay::Traced) { NOTICED } else { NOTICED_SLOW };
+        let Some((delay, since, false)) = slot.delay else {
+            return;
+        };
+        let noticed = if matches!(delay, Delay::Stopped | Delay::Traced) {
+            NOTICED
+        } else {
+            NOTICED_SLOW
+        };
         if since.elapsed() >= noticed {
             slot.delay = Some((delay, since, true));
             let process = &self.plan.children[index].process;
             let tick = self.control_page.process(index).ticks();
-            report(Event::Waiting { process: &process.name, reason: delay, tick, writes: &process.writes });
+            report(Event::Waiting {
+                process: &process.name,
+                reason: delay,
+                tick,
+                writes: &process.writes,
+            });
         }
     }
 
     /// Starts those again whose pause is over.
-    pub(crate) fn start_again(&mut self, commands: Commands<'_>, report: Report<'_>) -> Option<Failure> {
+    pub(crate) fn start_again(
+        &mut self,
+        commands: Commands<'_>,
+        report: Report<'_>,
+    ) -> Option<Failure> {
         for index in 0..self.plan.children.len() {
             let slot = &self.slots.0[index];
-            let (Some(due), Some(exit)) = (slot.due, slot.exit) else { continue };
+            let (Some(due), Some(exit)) = (slot.due, slot.exit) else {
+                continue;
+            };
             if Instant::now() < due {
                 continue;
             }
@@ -277,8 +392,16 @@ impl Supervised {
                 return Some(self.died(index));
             }
             self.slots.0[index].restarts += 1;
-            let (pid, incarnation) = (self.slots.0[index].pid, self.control_page.process(index).incarnation());
-            report(Event::Restarted { process: self.name(index), exit, pid, incarnation });
+            let (pid, incarnation) = (
+                self.slots.0[index].pid,
+                self.control_page.process(index).incarnation(),
+            );
+            report(Event::Restarted {
+                process: self.name(index),
+                exit,
+                pid,
+                incarnation,
+            });
         }
         None
     }

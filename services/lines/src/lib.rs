@@ -40,17 +40,24 @@ pub struct Line {
 /// `template` gives everything but start and task. Empty for an arm without the PUMA's factors.
 #[must_use]
 pub fn lines(robot: &Robot, template: &Scenario, seed: u64, count: usize, speed: f64) -> Vec<Line> {
-    let (Factors::Puma { a2, a3, d4 }, Ok(model)) = (robot.factors, Model::<6>::new(robot, None)) else { return vec![] };
+    let (Factors::Puma { a2, a3, d4 }, Ok(model)) = (robot.factors, Model::<6>::new(robot, None))
+    else {
+        return vec![];
+    };
     let inverse = PumaInverse::new(&model, PumaLengths::new(a2, a3, d4));
     let mut random = Uniform(seed);
     let mut lines = Vec::with_capacity(count);
     while lines.len() < count {
         // In turn, not at random: lines that cannot be followed are drawn again, which must not thin out the difficult ones.
         let (kind, depth) = (KINDS[lines.len() % 3], DEPTHS[lines.len() / 3 % 3]);
-        let scenario = Through::draw(&inverse, kind, depth, &mut random).and_then(|through| through.line(&inverse, template, speed));
+        let scenario = Through::draw(&inverse, kind, depth, &mut random)
+            .and_then(|through| through.line(&inverse, template, speed));
         if let Some(scenario) = scenario {
             let name = format!("{}-{}", template.name, lines.len());
-            lines.push(Line { near: kind, scenario: Scenario { name, ..scenario } });
+            lines.push(Line {
+                near: kind,
+                scenario: Scenario { name, ..scenario },
+            });
         }
     }
     lines
@@ -70,12 +77,20 @@ struct Through {
 
 impl Through {
     /// A posture within `depth` of the singularity; `None` where the draw has none.
-    fn draw(inverse: &PumaInverse<'_>, kind: Kind, depth: f64, random: &mut Uniform) -> Option<Self> {
+    fn draw(
+        inverse: &PumaInverse<'_>,
+        kind: Kind,
+        depth: f64,
+        random: &mut Uniform,
+    ) -> Option<Self> {
         let model = inverse.model;
         let mut q = SVector::<f64, 6>::from_fn(|i, _| {
             let (low, high) = (model.lower()[i], model.upper()[i]);
             let middle = 0.5 * (low + high);
-            random.within(middle + 0.8 * (low - middle), middle + 0.8 * (high - middle))
+            random.within(
+                middle + 0.8 * (low - middle),
+                middle + 0.8 * (high - middle),
+            )
         });
         let length_m = random.within(0.2, 0.4);
         let mut along = direction(random);
@@ -86,7 +101,11 @@ impl Through {
         match kind {
             Kind::Elbow => {
                 q[2] = inverse.lengths.q3_stretched + near;
-                share = if random.within(0.0, 1.0) < 0.5 { 0.0 } else { 1.0 };
+                share = if random.within(0.0, 1.0) < 0.5 {
+                    0.0
+                } else {
+                    1.0
+                };
                 let outwards = model.forward_kinematics(&q).p;
                 if along.dot(&outwards) * (share - 0.5) < 0.0 {
                     along = -along;
@@ -94,15 +113,29 @@ impl Through {
             }
             Kind::Wrist => q[4] = near,
             _ => {
-                q[1] = inverse.shoulder_for(q[1], q[2], near * (inverse.lengths.a2 + inverse.lengths.L3))?;
+                q[1] = inverse.shoulder_for(
+                    q[1],
+                    q[2],
+                    near * (inverse.lengths.a2 + inverse.lengths.L3),
+                )?;
                 // No line enters the cylinder that the shoulder offset keeps clear: one that comes close runs along it.
-                let outwards = model.forward_kinematics(&q).p.component_mul(&Vector3::new(1.0, 1.0, 0.0)).try_normalize(1e-9)?;
+                let outwards = model
+                    .forward_kinematics(&q)
+                    .p
+                    .component_mul(&Vector3::new(1.0, 1.0, 0.0))
+                    .try_normalize(1e-9)?;
                 if depth < DEPTHS[2] {
                     along = (along - outwards * outwards.dot(&along)).try_normalize(0.1)?;
                 }
             }
         }
-        Some(Self { q, along, turn, length_m, share })
+        Some(Self {
+            q,
+            along,
+            turn,
+            length_m,
+            share,
+        })
     }
 
     /// The line as a scenario with a peak speed of `speed` m/s; `None` where the arm cannot follow it.
@@ -122,10 +155,23 @@ impl Through {
         let peak = 1.875 * (self.length_m / speed).max(self.turn.norm() / (speed / 0.28));
         let rotation = std::array::from_fn(|i| std::array::from_fn(|j| goal.R[(i, j)]));
         // A line that starts at the elbow's singularity can leave it on either side: on the one that has been checked.
-        let branch = if inverse.lengths.theta(last[2]) < 0.0 { -1 } else { 1 };
-        let segment = Segment { duration_s: peak, to_m: Some(goal.p.into()), rotation: Some(rotation), branch, ..Segment::default() };
+        let branch = if inverse.lengths.theta(last[2]) < 0.0 {
+            -1
+        } else {
+            1
+        };
+        let segment = Segment {
+            duration_s: peak,
+            to_m: Some(goal.p.into()),
+            rotation: Some(rotation),
+            branch,
+            ..Segment::default()
+        };
         Some(Scenario {
-            start: Start { q_rad: Some(q_start.iter().copied().collect()), ..Start::default() },
+            start: Start {
+                q_rad: Some(q_start.iter().copied().collect()),
+                ..Start::default()
+            },
             segment: vec![segment],
             ..template.clone()
         })

@@ -8,5 +8,9 @@
 /// `most_ahead`; the recorder may take in as much in one round, and the run be as much ahead of it when that ends.
 #[must_use]
 pub const fn most_ticks_unsaved(are_kept: bool, most_ahead: u64, block: u64, usual: u64) -> u64 {
-    if are_kept && most_ahead >= block { usual } else { most_ahead }
+    if are_kept && most_ahead >= block {
+        usual
+    } else {
+        most_ahead
+    }
 }

@@ -42,10 +42,16 @@ pub fn first_not_finite<M: Message>(message: &M) -> Option<&'static str> {
     let is_nested = |field: &Field| !["Header", "u32", "u64", "f64"].contains(&&*field.element);
     let is_bad = |field: &&Field| {
         let numbers = bytes[field.offset..field.offset + field.size].chunks_exact(size_of::<f64>());
-        field.is_number() && numbers.map(bytemuck::pod_read_unaligned::<f64>).any(|number| !number.is_finite())
+        field.is_number()
+            && numbers
+                .map(bytemuck::pod_read_unaligned::<f64>)
+                .any(|number| !number.is_finite())
     };
     // A byte outside all plain fields belongs to a nested one.
-    let guilty = M::FIELDS.iter().find(is_bad).or_else(|| M::FIELDS.iter().find(|field| is_nested(field)));
+    let guilty = M::FIELDS
+        .iter()
+        .find(is_bad)
+        .or_else(|| M::FIELDS.iter().find(|field| is_nested(field)));
     Some(guilty.map_or("a field", |field| &*field.name))
 }
 
@@ -55,14 +61,20 @@ mod tests {
     use shared_types::{SingularityReport, TorqueCommand};
 
     fn of(incarnation: u32) -> Header {
-        Header { incarnation, ..Header::default() }
+        Header {
+            incarnation,
+            ..Header::default()
+        }
     }
 
     #[test]
     fn the_dead_are_refused_as_soon_as_the_control_page_or_a_successor_says_so() {
         let mut fence = Fence::default();
         assert!(fence.admits(&of(1), Some(1)));
-        assert!(!fence.admits(&of(1), Some(2)), "the launcher has begun incarnation 2");
+        assert!(
+            !fence.admits(&of(1), Some(2)),
+            "the launcher has begun incarnation 2"
+        );
         assert!(fence.admits(&of(2), Some(2)));
         let mut fence = Fence::default();
         assert!(!fence.admits(&of(0), None), "no process has been this one");

@@ -22,5 +22,7 @@ pub use checkpoint_rule::most_ticks_unsaved;
 pub use fence::{Fence, first_not_finite};
 pub use message_faults::{Shaper, apply_to_outgoing, happens};
 pub use one_thread::{Checkpoints, Ended, Run, Sink};
-pub use protocol::{CHAIN_LAG, Outage, Progress, Protocol, RECORDER_LAG, Report, Role, View, unplanned_death};
+pub use protocol::{
+    CHAIN_LAG, Outage, Progress, Protocol, RECORDER_LAG, Report, Role, View, unplanned_death,
+};
 pub use recall::{Recall, Ring, oldest_missed};

@@ -20,7 +20,10 @@ pub struct Shaper<M> {
 
 impl<M> Default for Shaper<M> {
     fn default() -> Self {
-        Self { held: VecDeque::with_capacity(MOST_HELD), stale: Vec::with_capacity(1) }
+        Self {
+            held: VecDeque::with_capacity(MOST_HELD),
+            stale: Vec::with_capacity(1),
+        }
     }
 }
 
@@ -41,7 +44,12 @@ impl<M: Message> Shaper<M> {
         mut deliver: impl FnMut(&M) -> Result<(), E>,
     ) -> Result<(), E> {
         let (mut message, label) = (*message, message.header().tick);
-        let Shape { due, copies, is_stale, has_zombie } = shape(&mut message, tick, is_corruptible, faults, injected);
+        let Shape {
+            due,
+            copies,
+            is_stale,
+            has_zombie,
+        } = shape(&mut message, tick, is_corruptible, faults, injected);
         if is_stale {
             // Its own old header with it: whoever reads ticks knows it again.
             let old = self.stale.pop().or_else(before).unwrap_or(message);
@@ -56,7 +64,11 @@ impl<M: Message> Shaper<M> {
                 self.stale.push(message);
             }
             let (mut zombie, header) = (self.stale[0], *message.header());
-            *zombie.header_mut() = Header { tick: label + 1, incarnation: header.incarnation.saturating_sub(1), ..header };
+            *zombie.header_mut() = Header {
+                tick: label + 1,
+                incarnation: header.incarnation.saturating_sub(1),
+                ..header
+            };
             zombie
         });
         for _ in 0..copies {
@@ -106,7 +118,12 @@ fn shape<'a, M: Message>(
     mut injected: impl FnMut(usize),
 ) -> Shape {
     let label = message.header().tick;
-    let mut shape = Shape { due: tick, copies: 1, is_stale: false, has_zombie: false };
+    let mut shape = Shape {
+        due: tick,
+        copies: 1,
+        is_stale: false,
+        has_zombie: false,
+    };
     for (place, fault, kind) in faults {
         if !kind.shapes_messages() || !happens(fault, label) {
             continue;
@@ -117,7 +134,9 @@ fn shape<'a, M: Message>(
             Kind::Duplicate => shape.copies *= 2,
             // It leaves after the next one: that one is delivered before what is due is flushed.
             Kind::Reorder => shape.due += 1,
-            Kind::Delay => shape.due += fault.amount as u64 + random(fault.seed, label) % (fault.jitter + 1),
+            Kind::Delay => {
+                shape.due += fault.amount as u64 + random(fault.seed, label) % (fault.jitter + 1)
+            }
             Kind::Corrupt if is_corruptible => corrupt(message, fault),
             Kind::Corrupt => {}
             Kind::Zombie => shape.has_zombie = true,
@@ -131,18 +150,25 @@ fn shape<'a, M: Message>(
 #[must_use]
 pub fn happens(scheduled: &ScheduledFault, tick: u64) -> bool {
     // 53 bits make a number in [0, 1) exactly; another draw than the delay's.
-    scheduled.probability >= 1.0 || ((random(!scheduled.seed, tick) >> 11) as f64) < scheduled.probability * (1u64 << 53) as f64
+    scheduled.probability >= 1.0
+        || ((random(!scheduled.seed, tick) >> 11) as f64)
+            < scheduled.probability * (1u64 << 53) as f64
 }
 
 /// Spoils the number that a corruption aims at.
 fn corrupt<M: Message>(message: &mut M, scheduled: &ScheduledFault) {
     let (tick, start) = (message.header().tick, scheduled.target as usize);
-    let Some(bytes) = bytemuck::bytes_of_mut(message).get_mut(start..start + size_of::<f64>()) else { return };
+    let Some(bytes) = bytemuck::bytes_of_mut(message).get_mut(start..start + size_of::<f64>())
+    else {
+        return;
+    };
     let value: f64 = bytemuck::pod_read_unaligned(bytes);
     let corrupted = match scheduled.way() {
         Some(Way::Nan) => f64::NAN,
         Some(Way::Inf) => f64::INFINITY,
-        Some(Way::Flip) => f64::from_bits(value.to_bits() ^ 1 << (random(scheduled.seed, tick) % 64)),
+        Some(Way::Flip) => {
+            f64::from_bits(value.to_bits() ^ 1 << (random(scheduled.seed, tick) % 64))
+        }
         _ => (value.abs().max(1.0) * scheduled.amount).copysign(value),
     };
     bytes.copy_from_slice(&corrupted.to_ne_bytes());
@@ -151,10 +177,16 @@ fn corrupt<M: Message>(message: &mut M, scheduled: &ScheduledFault) {
 /// Does to a message what the faults in force on its process make of it when it leaves in its own tick: its fields, not whether and when.
 pub fn apply_to_outgoing<M: Message>(message: &mut M, scheduled_faults: &[ScheduledFault]) {
     let tick = message.header().tick;
-    let corrupts =
-        |scheduled: &&ScheduledFault| scheduled.kind() == Some(Kind::Corrupt) && scheduled.concerns(tick) && happens(scheduled, tick);
+    let corrupts = |scheduled: &&ScheduledFault| {
+        scheduled.kind() == Some(Kind::Corrupt)
+            && scheduled.concerns(tick)
+            && happens(scheduled, tick)
+    };
     if shaped_topic(M::TOPIC) {
-        scheduled_faults.iter().filter(corrupts).for_each(|scheduled| corrupt(message, scheduled));
+        scheduled_faults
+            .iter()
+            .filter(corrupts)
+            .for_each(|scheduled| corrupt(message, scheduled));
     }
 }
 
@@ -167,24 +199,50 @@ mod tests {
 
     fn shaped(kinds: &[Kind]) -> (Shape, SensorSample, Vec<usize>) {
         let fault = |kind: &Kind| {
-            Fault { at_tick: Some(5), ..Fault::new("plant", *kind) }
-                .schedule(&Target::sending::<SensorSample>(0, Role::World), 1000, 3)
-                .unwrap()
+            Fault {
+                at_tick: Some(5),
+                ..Fault::new("plant", *kind)
+            }
+            .schedule(&Target::sending::<SensorSample>(0, Role::World), 1000, 3)
+            .unwrap()
         };
         let faults: Vec<_> = kinds.iter().map(fault).collect();
         let mut message = SensorSample::default();
         message.header.tick = 5;
         let mut places = Vec::new();
-        let all = faults.iter().enumerate().map(|(place, fault)| (place, fault, fault.kind().unwrap()));
+        let all = faults
+            .iter()
+            .enumerate()
+            .map(|(place, fault)| (place, fault, fault.kind().unwrap()));
         let shape = shape(&mut message, 7, true, all, |place| places.push(place));
         (shape, message, places)
     }
 
     #[test]
     fn faults_of_one_message_add_up() {
-        assert_eq!(shaped(&[Kind::Kill, Kind::Sensor]).0, Shape { due: 7, copies: 1, is_stale: false, has_zombie: false });
-        let (shape, _, places) = shaped(&[Kind::Duplicate, Kind::Kill, Kind::Duplicate, Kind::Reorder]);
-        assert_eq!((shape, places), (Shape { due: 8, copies: 4, is_stale: false, has_zombie: false }, vec![0, 2, 3]));
+        assert_eq!(
+            shaped(&[Kind::Kill, Kind::Sensor]).0,
+            Shape {
+                due: 7,
+                copies: 1,
+                is_stale: false,
+                has_zombie: false
+            }
+        );
+        let (shape, _, places) =
+            shaped(&[Kind::Duplicate, Kind::Kill, Kind::Duplicate, Kind::Reorder]);
+        assert_eq!(
+            (shape, places),
+            (
+                Shape {
+                    due: 8,
+                    copies: 4,
+                    is_stale: false,
+                    has_zombie: false
+                },
+                vec![0, 2, 3]
+            )
+        );
         assert_eq!(shaped(&[Kind::Duplicate, Kind::Drop]).0.copies, 0);
         assert!(shaped(&[Kind::Zombie]).0.has_zombie);
         assert!(shaped(&[Kind::Stale]).0.is_stale && shaped(&[Kind::Delay]).0.due > 7);

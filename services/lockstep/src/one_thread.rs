@@ -49,7 +49,10 @@ pub struct Checkpoints<C> {
 
 impl<C: Checkpoint> Default for Checkpoints<C> {
     fn default() -> Self {
-        Self { slot: C::zeroed(), committed: [None; 2] }
+        Self {
+            slot: C::zeroed(),
+            committed: [None; 2],
+        }
     }
 }
 
@@ -66,7 +69,12 @@ impl<C: Checkpoint> Checkpoints<C> {
 
     /// The newest state of a tick from which the replacement may go on; newer ones are taken back.
     pub fn resume(&mut self, may_resume_from: impl Fn(u64) -> bool) -> Option<&C> {
-        let newest = self.committed.into_iter().flatten().filter(|(tick, _)| may_resume_from(*tick)).max_by_key(|(tick, _)| *tick);
+        let newest = self
+            .committed
+            .into_iter()
+            .flatten()
+            .filter(|(tick, _)| may_resume_from(*tick))
+            .max_by_key(|(tick, _)| *tick);
         self.committed = [None, newest];
         self.committed[1].as_ref().map(|(_, state)| state)
     }
@@ -102,7 +110,13 @@ struct Inbox<M> {
 impl<M> Inbox<M> {
     /// That of a process that answers from this tick on.
     fn from(reader: usize, tick: u64) -> Self {
-        Self { reader, unread: VecDeque::new(), fence: Fence::default(), last: tick.checked_sub(1), ahead: None }
+        Self {
+            reader,
+            unread: VecDeque::new(),
+            fence: Fence::default(),
+            last: tick.checked_sub(1),
+            ahead: None,
+        }
     }
 }
 
@@ -152,7 +166,10 @@ impl<O> View for Run<'_, O> {
     }
 
     fn outages(&self) -> impl Iterator<Item = Outage> {
-        self.faults.iter().enumerate().filter_map(|(place, fault)| Outage::of(fault, place, self.has_struck[place], false))
+        self.faults
+            .iter()
+            .enumerate()
+            .filter_map(|(place, fault)| Outage::of(fault, place, self.has_struck[place], false))
     }
 
     fn is_lockstep(&self) -> bool {
@@ -161,14 +178,31 @@ impl<O> View for Run<'_, O> {
 }
 
 /// The faults of a process at a tick, with their places.
-fn of(faults: &[ScheduledFault], process: usize, tick: u64) -> impl Iterator<Item = (usize, &ScheduledFault, Kind)> {
-    let concerned = move |(_, fault): &(usize, &ScheduledFault)| fault.process as usize == process && fault.concerns(tick);
-    faults.iter().enumerate().filter(concerned).filter_map(|(place, fault)| Some((place, fault, fault.kind()?)))
+fn of(
+    faults: &[ScheduledFault],
+    process: usize,
+    tick: u64,
+) -> impl Iterator<Item = (usize, &ScheduledFault, Kind)> {
+    let concerned = move |(_, fault): &(usize, &ScheduledFault)| {
+        fault.process as usize == process && fault.concerns(tick)
+    };
+    faults
+        .iter()
+        .enumerate()
+        .filter(concerned)
+        .filter_map(|(place, fault)| Some((place, fault, fault.kind()?)))
 }
 
 /// Brings a message to all readers, and to the sink where it counts.
-fn deliver<M: Topic>(message: &M, fence: &mut Fence, inboxes: &mut [Inbox<M>], sink: &mut impl Sink) {
-    inboxes.iter_mut().for_each(|inbox| inbox.unread.push_back(*message));
+fn deliver<M: Topic>(
+    message: &M,
+    fence: &mut Fence,
+    inboxes: &mut [Inbox<M>],
+    sink: &mut impl Sink,
+) {
+    inboxes
+        .iter_mut()
+        .for_each(|inbox| inbox.unread.push_back(*message));
     if fence.admits(message.header(), None) && message.is_finite() {
         sink.take(message);
     }
@@ -179,9 +213,18 @@ impl<'a, O: Sink> Run<'a, O> {
     #[must_use]
     pub fn new(graph: &Graph, faults: Vec<ScheduledFault>, sink: &'a mut O) -> Self {
         let processes: Vec<Process> = graph.process.iter().map(process).collect();
-        let is_shaped = faults.iter().any(|fault| fault.kind().is_some_and(Kind::shapes_messages));
+        let is_shaped = faults
+            .iter()
+            .any(|fault| fault.kind().is_some_and(Kind::shapes_messages));
         let wires = ByTopic::build(&mut Connect(&processes));
-        Self { sink, has_struck: vec![false; faults.len()], faults, is_shaped, processes, wires }
+        Self {
+            sink,
+            has_struck: vec![false; faults.len()],
+            faults,
+            is_shaped,
+            processes,
+            wires,
+        }
     }
 
     /// The source begins a tick.
@@ -263,7 +306,15 @@ impl<'a, O: Sink> Run<'a, O> {
     /// # Errors
     /// [`Ended`] where a number in it is not finite: the process would end of it.
     pub fn send<M: Topic>(&mut self, me: usize, mut message: M) -> Result<bool, Ended> {
-        let Process { name, writes, progress, tick: in_hand, sent, has_fallen, .. } = &mut self.processes[me];
+        let Process {
+            name,
+            writes,
+            progress,
+            tick: in_hand,
+            sent,
+            has_fallen,
+            ..
+        } = &mut self.processes[me];
         if *has_fallen {
             return Ok(false);
         }
@@ -271,25 +322,50 @@ impl<'a, O: Sink> Run<'a, O> {
         message.header_mut().incarnation = progress.incarnation;
         if let Some(field) = first_not_finite(&message) {
             let topic = M::TOPIC;
-            return Err(Ended(format!("the {name} refused its own `{topic}` of tick {tick}: {field} is not finite")));
+            return Err(Ended(format!(
+                "the {name} refused its own `{topic}` of tick {tick}: {field} is not finite"
+            )));
         }
-        let output = writes.iter().position(|topic| topic == M::TOPIC).unwrap_or_default();
+        let output = writes
+            .iter()
+            .position(|topic| topic == M::TOPIC)
+            .unwrap_or_default();
         let before = if sent.0 == tick { sent.1 } else { 0 };
         *sent = (tick, before | 1 << output);
         let outputs = sent.1.count_ones();
         let is_last = outputs as usize >= writes.len();
         let in_hand = *in_hand;
-        let Wire { is_corruptible, shaper, made, fence, inboxes, .. } = M::of_mut(&mut self.wires);
+        let Wire {
+            is_corruptible,
+            shaper,
+            made,
+            fence,
+            inboxes,
+            ..
+        } = M::of_mut(&mut self.wires);
         let sink = &mut *self.sink;
         if self.is_shaped && shaped_topic(M::TOPIC) {
             *made = [made[1], Some(message)];
-            let earlier = || made.iter().flatten().filter(|one| one.header().tick < tick).max_by_key(|one| one.header().tick).copied();
+            let earlier = || {
+                made.iter()
+                    .flatten()
+                    .filter(|one| one.header().tick < tick)
+                    .max_by_key(|one| one.header().tick)
+                    .copied()
+            };
             let faults = of(&self.faults, me, in_hand);
             let deliver = |message: &M| {
                 deliver(message, fence, inboxes, sink);
                 Ok::<(), Infallible>(())
             };
-            let Ok(()) = shaper.shape(&message, (in_hand, *is_corruptible), faults, earlier, |_| (), deliver);
+            let Ok(()) = shaper.shape(
+                &message,
+                (in_hand, *is_corruptible),
+                faults,
+                earlier,
+                |_| (),
+                deliver,
+            );
         } else {
             deliver(&message, fence, inboxes, sink);
         }
@@ -316,10 +392,18 @@ impl<'a, O: Sink> Run<'a, O> {
     /// [`Ended`] where it has been started again as often as its budget allows.
     pub fn restart(&mut self, me: usize) -> Result<(), Ended> {
         loop {
-            let Process { name, progress, may_restart, tick, .. } = &mut self.processes[me];
+            let Process {
+                name,
+                progress,
+                may_restart,
+                tick,
+                ..
+            } = &mut self.processes[me];
             if !*may_restart || progress.incarnation > MOST_RESTARTS {
                 let restarts = progress.incarnation - 1;
-                return Err(Ended(format!("the {name} ended at tick {tick} after {restarts} restarts, all that its budget allows")));
+                return Err(Ended(format!(
+                    "the {name} ended at tick {tick} after {restarts} restarts, all that its budget allows"
+                )));
             }
             progress.incarnation += 1;
             match Protocol::new(self, me).downfall_at_start() {
@@ -329,10 +413,21 @@ impl<'a, O: Sink> Run<'a, O> {
         }
         let protocol = Protocol::new(self, me);
         let back = protocol.returns_at();
-        let ticks = protocol.skips_to(back).unwrap_or(self.processes[me].progress.ticks);
+        let ticks = protocol
+            .skips_to(back)
+            .unwrap_or(self.processes[me].progress.ticks);
         let process = &mut self.processes[me];
-        (process.progress.ticks, process.tick, process.sent, process.has_fallen) = (ticks, back, (0, 0), false);
-        topics::each(&mut Reconnect { wires: &mut self.wires, me, back });
+        (
+            process.progress.ticks,
+            process.tick,
+            process.sent,
+            process.has_fallen,
+        ) = (ticks, back, (0, 0), false);
+        topics::each(&mut Reconnect {
+            wires: &mut self.wires,
+            me,
+            back,
+        });
         Ok(())
     }
 
@@ -344,20 +439,33 @@ impl<'a, O: Sink> Run<'a, O> {
 
     /// A process sends nothing more in its tick in hand but what faults have held back until now.
     fn close(&mut self, me: usize) {
-        let Process { tick, progress, role, .. } = &mut self.processes[me];
+        let Process {
+            tick,
+            progress,
+            role,
+            ..
+        } = &mut self.processes[me];
         let closed = *tick;
         progress.ticks = closed + 1;
         if !role.makes_ticks {
             *tick = closed + 1;
         }
         if self.is_shaped {
-            topics::each(&mut Flush { wires: &mut self.wires, sink: self.sink, me, tick: closed });
+            topics::each(&mut Flush {
+                wires: &mut self.wires,
+                sink: self.sink,
+                me,
+                tick: closed,
+            });
         }
     }
 
     fn inbox<M: Topic>(&mut self, me: usize) -> &mut Inbox<M> {
         let inboxes = &mut M::of_mut(&mut self.wires).inboxes;
-        let place = inboxes.iter().position(|inbox| inbox.reader == me).unwrap_or(inboxes.len());
+        let place = inboxes
+            .iter()
+            .position(|inbox| inbox.reader == me)
+            .unwrap_or(inboxes.len());
         if place == inboxes.len() {
             // A reader that the graph does not name: nothing comes to it.
             inboxes.push(Inbox::from(me, 0));
@@ -367,12 +475,17 @@ impl<'a, O: Sink> Run<'a, O> {
 
     /// The next message that counts for this reader.
     fn receive<M: Topic>(&mut self, me: usize) -> Option<M> {
-        let read = self.processes[me].reads.iter().position(|topic| topic == M::TOPIC);
+        let read = self.processes[me]
+            .reads
+            .iter()
+            .position(|topic| topic == M::TOPIC);
         loop {
             let message = self.inbox::<M>(me).unread.pop_front()?;
             let tick = message.header().tick;
             let cuts = |(_, fault, kind): (usize, &ScheduledFault, Kind)| {
-                kind == Kind::Cut && read.is_some_and(|read| fault.target as usize == read) && happens(fault, tick)
+                kind == Kind::Cut
+                    && read.is_some_and(|read| fault.target as usize == read)
+                    && happens(fault, tick)
             };
             if of(&self.faults, me, tick).any(cuts) {
                 continue;
@@ -404,10 +517,23 @@ fn process(process: &graph::Process) -> Process {
     let role = process.role();
     Process {
         name: process.name.clone(),
-        role: Role { makes_ticks: role == graph::Role::World, polled: role == graph::Role::Observer },
-        reads: process.reads.iter().chain(&process.feedback).cloned().collect(),
+        role: Role {
+            makes_ticks: role == graph::Role::World,
+            polled: role == graph::Role::Observer,
+        },
+        reads: process
+            .reads
+            .iter()
+            .chain(&process.feedback)
+            .cloned()
+            .collect(),
         writes: process.writes.clone(),
-        progress: Progress { ticks: 0, incarnation: 1, is_running: true, awaits_progress: false },
+        progress: Progress {
+            ticks: 0,
+            incarnation: 1,
+            is_running: true,
+            awaits_progress: false,
+        },
         may_restart: process.restart == Restart::Always,
         tick: 0,
         sent: (0, 0),
@@ -423,16 +549,27 @@ impl Build<Wires> for Connect<'_> {
 
     fn build<M: Topic>(&mut self) -> Result<Wire<M>, Infallible> {
         let is_topic = |topic: &String| topic == M::TOPIC;
-        let writer = self.0.iter().position(|process| process.writes.iter().any(is_topic));
+        let writer = self
+            .0
+            .iter()
+            .position(|process| process.writes.iter().any(is_topic));
         let corruptible = writer.and_then(|writer| corrupted_topic(&self.0[writer].writes));
-        let reads = |(_, process): &(usize, &Process)| !process.role.polled && process.reads.iter().any(is_topic);
+        let reads = |(_, process): &(usize, &Process)| {
+            !process.role.polled && process.reads.iter().any(is_topic)
+        };
         Ok(Wire {
             writer,
             is_corruptible: corruptible == Some(M::TOPIC),
             shaper: Shaper::default(),
             made: [None; 2],
             fence: Fence::default(),
-            inboxes: self.0.iter().enumerate().filter(reads).map(|(reader, _)| Inbox::from(reader, 0)).collect(),
+            inboxes: self
+                .0
+                .iter()
+                .enumerate()
+                .filter(reads)
+                .map(|(reader, _)| Inbox::from(reader, 0))
+                .collect(),
         })
     }
 }
@@ -449,9 +586,17 @@ impl<O: Sink> Each for Flush<'_, O> {
     type Output = ();
 
     fn each<M: Topic>(&mut self) {
-        let Wire { writer, shaper, fence, inboxes, .. } = M::of_mut(self.wires);
+        let Wire {
+            writer,
+            shaper,
+            fence,
+            inboxes,
+            ..
+        } = M::of_mut(self.wires);
         if *writer == Some(self.me) {
-            shaper.flush(self.tick, |message| deliver(message, fence, inboxes, self.sink));
+            shaper.flush(self.tick, |message| {
+                deliver(message, fence, inboxes, self.sink)
+            });
         }
     }
 }
@@ -467,7 +612,12 @@ impl Each for Reconnect<'_> {
     type Output = ();
 
     fn each<M: Topic>(&mut self) {
-        let Wire { writer, shaper, inboxes, .. } = M::of_mut(self.wires);
+        let Wire {
+            writer,
+            shaper,
+            inboxes,
+            ..
+        } = M::of_mut(self.wires);
         if *writer == Some(self.me) {
             *shaper = Shaper::default();
         }

@@ -58,7 +58,12 @@ pub struct Outage {
 impl Outage {
     /// The one that a fault at a place of the table means; `None` for a fault that takes no process down.
     #[must_use]
-    pub fn of(fault: &ScheduledFault, place: usize, has_struck: bool, is_unplanned: bool) -> Option<Self> {
+    pub fn of(
+        fault: &ScheduledFault,
+        place: usize,
+        has_struck: bool,
+        is_unplanned: bool,
+    ) -> Option<Self> {
         let kind = fault.kind().filter(|kind| kind.takes_down())?;
         Some(Self {
             place,
@@ -121,9 +126,17 @@ pub const CHAIN_LAG: u64 = 32;
 ///
 /// It lasts longer than the source may be ahead of the process: when the replacement returns, none of its messages has been sent before it was connected.
 #[must_use]
-pub fn unplanned_death(process: usize, at: u64, after_outputs: u32, rate_hz: u32) -> ScheduledFault {
+pub fn unplanned_death(
+    process: usize,
+    at: u64,
+    after_outputs: u32,
+    rate_hz: u32,
+) -> ScheduledFault {
     let death = ScheduledFault::death(process as u32, at, after_outputs, rate_hz);
-    ScheduledFault { until: death.until.max(at.saturating_add(CHAIN_LAG + 2)), ..death }
+    ScheduledFault {
+        until: death.until.max(at.saturating_add(CHAIN_LAG + 2)),
+        ..death
+    }
 }
 
 /// To whom a process reports that it has closed a tick, beyond the readers of its messages.
@@ -155,11 +168,21 @@ impl<'a, V: View> Protocol<'a, V> {
     ///
     /// A state that was committed for a tick of a death, this one or an earlier one, belongs to a message that never left.
     pub fn may_resume_from(&self, tick: u64) -> bool {
-        let Progress { ticks: closed, incarnation, .. } = self.view.progress(self.me);
+        let Progress {
+            ticks: closed,
+            incarnation,
+            ..
+        } = self.view.progress(self.me);
         if incarnation < 2 || !self.view.is_lockstep() {
             return incarnation >= 2;
         }
-        let last = self.view.outages().filter(|outage| outage.process == self.me && (outage.at <= closed || outage.has_struck)).last();
+        let last = self
+            .view
+            .outages()
+            .filter(|outage| {
+                outage.process == self.me && (outage.at <= closed || outage.has_struck)
+            })
+            .last();
         last.is_none_or(|outage| tick < outage.at.max(closed)) && !self.is_down(self.me, tick)
     }
 
@@ -168,12 +191,15 @@ impl<'a, V: View> Protocol<'a, V> {
     }
 
     fn source(&self) -> Option<usize> {
-        self.processes().find(|&process| self.view.role(process).makes_ticks)
+        self.processes()
+            .find(|&process| self.view.role(process).makes_ticks)
     }
 
     /// Whether a process is dead or stopped at a tick.
     pub fn is_down(&self, process: usize, tick: u64) -> bool {
-        let covers = |outage: Outage| outage.process == process && outage.covers(tick) && !outage.is_due_within(tick);
+        let covers = |outage: Outage| {
+            outage.process == process && outage.covers(tick) && !outage.is_due_within(tick)
+        };
         self.view.has_faults() && self.view.outages().any(covers)
     }
 
@@ -182,18 +208,28 @@ impl<'a, V: View> Protocol<'a, V> {
         let Some(writer) = writer else { return false };
         // Where the tick source stands still there are no ticks: none is passed over. And no process runs ahead of it: what leaves late would
         // arrive in a tick of its own choosing.
-        let has_begun = || self.source().is_none_or(|source| source != writer && self.view.progress(source).ticks > tick);
+        let has_begun = || {
+            self.source()
+                .is_none_or(|source| source != writer && self.view.progress(source).ticks > tick)
+        };
         self.view.progress(writer).ticks > tick || (self.is_down(writer, tick) && has_begun())
     }
 
     /// For the tick source, before it begins a tick: a process for which it must wait.
     pub fn holds_back(&self, tick: u64) -> Option<usize> {
-        self.lags(tick).or_else(|| self.awaited(tick)).or_else(|| self.straggler(tick))
+        self.lags(tick)
+            .or_else(|| self.awaited(tick))
+            .or_else(|| self.straggler(tick))
     }
 
     /// Whether a process has fallen by an outage that covers a tick: from then on it takes in nothing. Before, a planned one has not happened yet.
     fn has_fallen(&self, process: usize, tick: u64) -> bool {
-        let has = |outage: Outage| outage.process == process && outage.has_struck && outage.covers(tick) && !outage.is_due_within(tick);
+        let has = |outage: Outage| {
+            outage.process == process
+                && outage.has_struck
+                && outage.covers(tick)
+                && !outage.is_due_within(tick)
+        };
         self.view.has_faults() && self.view.outages().any(has)
     }
 
@@ -201,8 +237,14 @@ impl<'a, V: View> Protocol<'a, V> {
     fn lags(&self, tick: u64) -> Option<usize> {
         let lags = |process: &usize| {
             let (role, closed) = (self.view.role(*process), self.view.progress(*process).ticks);
-            let most = if role.polled { self.view.recorder_lag() } else { self.view.chain_lag() };
-            !role.makes_ticks && tick > closed.saturating_add(most) && (role.polled || !self.has_fallen(*process, closed))
+            let most = if role.polled {
+                self.view.recorder_lag()
+            } else {
+                self.view.chain_lag()
+            };
+            !role.makes_ticks
+                && tick > closed.saturating_add(most)
+                && (role.polled || !self.has_fallen(*process, closed))
         };
         self.processes().find(lags)
     }
@@ -211,7 +253,10 @@ impl<'a, V: View> Protocol<'a, V> {
     pub fn unfinished(&self, tick: u64) -> Option<usize> {
         let is_behind = |process: &usize| {
             let closed = self.view.progress(*process).ticks;
-            *process != self.me && !self.view.role(*process).polled && closed < tick && !self.is_down(*process, closed)
+            *process != self.me
+                && !self.view.role(*process).polled
+                && closed < tick
+                && !self.is_down(*process, closed)
         };
         self.processes().find(is_behind)
     }
@@ -222,7 +267,10 @@ impl<'a, V: View> Protocol<'a, V> {
             return None;
         }
         let is_late = |outage: &Outage| {
-            let (role, progress) = (self.view.role(outage.process), self.view.progress(outage.process));
+            let (role, progress) = (
+                self.view.role(outage.process),
+                self.view.progress(outage.process),
+            );
             if outage.process == self.me {
                 false
             } else if role.polled {
@@ -234,13 +282,20 @@ impl<'a, V: View> Protocol<'a, V> {
                 outage.until <= tick && !is_back && !role.makes_ticks
             }
         };
-        self.view.outages().find(is_late).map(|outage| outage.process)
+        self.view
+            .outages()
+            .find(is_late)
+            .map(|outage| outage.process)
     }
 
     /// With faults: a process that is not through with the ticks before a tick. Where there is no torque to wait for, the source would run ahead, and
     /// what it sends in a later tick would be taken for what is missing in this one.
     fn straggler(&self, tick: u64) -> Option<usize> {
-        if self.view.has_faults() { self.unfinished(tick) } else { None }
+        if self.view.has_faults() {
+            self.unfinished(tick)
+        } else {
+            None
+        }
     }
 
     /// Whether nothing of the ticks before a tick is still to be sent: the tick source waits, and all others have come as far.
@@ -249,7 +304,12 @@ impl<'a, V: View> Protocol<'a, V> {
             let (role, progress) = (self.view.role(process), self.view.progress(process));
             match role.makes_ticks {
                 true => progress.awaits_progress,
-                false => process == self.me || role.polled || progress.ticks >= tick || self.is_down(process, progress.ticks),
+                false => {
+                    process == self.me
+                        || role.polled
+                        || progress.ticks >= tick
+                        || self.is_down(process, progress.ticks)
+                }
             }
         };
         !self.view.is_lockstep() || self.processes().all(has_come)
@@ -259,15 +319,26 @@ impl<'a, V: View> Protocol<'a, V> {
     ///
     /// In real time a death that no plan had has no length: the replacement answers as soon as it can.
     pub fn returns_at(&self) -> u64 {
-        let Progress { ticks: closed, incarnation, .. } = self.view.progress(self.me);
+        let Progress {
+            ticks: closed,
+            incarnation,
+            ..
+        } = self.view.progress(self.me);
         if incarnation < 2 {
             return 0;
         }
         // A process that died between sending a tick and closing it is down from the next one on.
         let is_behind = |outage: &Outage| {
-            outage.process == self.me && (self.view.is_lockstep() || !outage.is_unplanned) && (outage.at <= closed || outage.has_struck)
+            outage.process == self.me
+                && (self.view.is_lockstep() || !outage.is_unplanned)
+                && (outage.at <= closed || outage.has_struck)
         };
-        self.view.outages().filter(is_behind).map(|outage| outage.until).max().unwrap_or(0)
+        self.view
+            .outages()
+            .filter(is_behind)
+            .map(|outage| outage.until)
+            .max()
+            .unwrap_or(0)
     }
 
     /// The fault that takes this process down at a tick. The tick source and a polled process are down at no tick but the first of an outage, because no
@@ -275,54 +346,84 @@ impl<'a, V: View> Protocol<'a, V> {
     pub fn downfall(&self, tick: u64) -> Option<Outage> {
         let role = self.view.role(self.me);
         let falls_once = role.polled || role.makes_ticks || !self.view.is_lockstep();
-        let is_due = |outage: &Outage| outage.covers(tick) && !outage.is_due_within(tick) && !(falls_once && outage.has_struck);
-        self.view.outages().find(|outage| outage.process == self.me && is_due(outage))
+        let is_due = |outage: &Outage| {
+            outage.covers(tick) && !outage.is_due_within(tick) && !(falls_once && outage.has_struck)
+        };
+        self.view
+            .outages()
+            .find(|outage| outage.process == self.me && is_due(outage))
     }
 
     /// The outage that takes this process down when so many of its outputs of a tick have left.
     pub fn downfall_after(&self, tick: u64, outputs: u32) -> Option<Outage> {
-        let is_it = |outage: &Outage| outage.process == self.me && outage.is_due_within(tick) && outage.after_outputs == outputs;
+        let is_it = |outage: &Outage| {
+            outage.process == self.me
+                && outage.is_due_within(tick)
+                && outage.after_outputs == outputs
+        };
         self.view.outages().find(is_it)
     }
 
     /// The first tick of which a process has sent nothing more when it died without a plan: 0 where it has not. A message of an earlier tick may
     /// have reached the retainer of its topic and not all of its readers.
     pub fn sent_before_death(&self, process: usize) -> u64 {
-        self.deaths(process).filter(|(death, _)| death.is_unplanned).map(|(_, end)| end).max().unwrap_or(0)
+        self.deaths(process)
+            .filter(|(death, _)| death.is_unplanned)
+            .map(|(_, end)| end)
+            .max()
+            .unwrap_or(0)
     }
 
     /// Likewise for its planned deaths between two ticks: of ticks from `from` on and below this one it has sent messages, and a reader that was not
     /// yet connected to an incarnation of few ticks has not received them.
     pub fn sent_before_planned_death(&self, process: usize, (from, before): (u64, u64)) -> u64 {
-        let is_it = |(death, end): &(Outage, u64)| !death.is_unplanned && death.at < before && *end > from;
-        self.deaths(process).filter(is_it).map(|(_, end)| end).max().unwrap_or(0)
+        let is_it =
+            |(death, end): &(Outage, u64)| !death.is_unplanned && death.at < before && *end > from;
+        self.deaths(process)
+            .filter(is_it)
+            .map(|(_, end)| end)
+            .max()
+            .unwrap_or(0)
     }
 
     /// The deaths of a process, each with the first tick of which the process has sent nothing.
     fn deaths(&self, process: usize) -> impl Iterator<Item = (Outage, u64)> {
         let is_it = move |outage: &Outage| outage.process == process && outage.is_death;
-        self.view.outages().filter(is_it).map(|death| (death, death.at + u64::from(death.after_outputs > 0)))
+        self.view
+            .outages()
+            .filter(is_it)
+            .map(|death| (death, death.at + u64::from(death.after_outputs > 0)))
     }
 
     /// For a process that has been started again: a death that came to its predecessor's replacement before that could answer. It must come again,
     /// so that the incarnations are those of the run that is repeated.
     pub fn downfall_at_start(&self) -> Option<Outage> {
-        let (role, incarnation) = (self.view.role(self.me), self.view.progress(self.me).incarnation);
+        let (role, incarnation) = (
+            self.view.role(self.me),
+            self.view.progress(self.me).incarnation,
+        );
         let returns_at = self.returns_at();
         if !self.view.is_lockstep() || role.polled || role.makes_ticks || returns_at == 0 {
             return None;
         }
-        let before = |outage: &Outage| outage.process == self.me && outage.is_death && outage.at < returns_at;
+        let before = |outage: &Outage| {
+            outage.process == self.me && outage.is_death && outage.at < returns_at
+        };
         let deaths = self.view.outages().filter(before).count();
         let is_next = |outage: &Outage| before(outage) && !outage.has_struck;
-        if (incarnation as usize) <= deaths { self.view.outages().find(is_next) } else { None }
+        if (incarnation as usize) <= deaths {
+            self.view.outages().find(is_next)
+        } else {
+            None
+        }
     }
 
     /// The tick count that this process takes on when nothing before `tick` will come of it any more; `None`: it stays.
     pub fn skips_to(&self, tick: u64) -> Option<u64> {
         let role = self.view.role(self.me);
         let closed = self.view.progress(self.me).ticks;
-        (self.view.is_lockstep() && !role.polled && !role.makes_ticks && tick > closed).then_some(tick)
+        (self.view.is_lockstep() && !role.polled && !role.makes_ticks && tick > closed)
+            .then_some(tick)
     }
 
     /// The processes to inform that this process has closed a tick.

@@ -5,14 +5,26 @@ use crate::simulation::Defect;
 use crate::simulation::machine::{At, Graph, State};
 
 fn pair(ticks: u64) -> Graph {
-    Graph { reads: vec![vec![], vec![(0, 0)]], outputs: vec![1, 1], ticks }
+    Graph {
+        reads: vec![vec![], vec![(0, 0)]],
+        outputs: vec![1, 1],
+        ticks,
+    }
 }
 
 /// Runs to the end, process by process in turn.
 fn finish(graph: &Graph, state: &mut State) {
     while state.at.iter().any(|at| *at != At::Done) {
-        let moved = (0..graph.reads.len()).filter(|&me| state.step(graph, me, Defect::None)).count();
-        assert!(moved > 0, "no process can go on: {:?} at {:?} with {:?}", state.at, state.tick, state.outages);
+        let moved = (0..graph.reads.len())
+            .filter(|&me| state.step(graph, me, Defect::None))
+            .count();
+        assert!(
+            moved > 0,
+            "no process can go on: {:?} at {:?} with {:?}",
+            state.at,
+            state.tick,
+            state.outages
+        );
     }
 }
 
@@ -46,11 +58,19 @@ impl View for At7 {
         3
     }
     fn role(&self, process: usize) -> Role {
-        Role { makes_ticks: process == 0, polled: process == 2 }
+        Role {
+            makes_ticks: process == 0,
+            polled: process == 2,
+        }
     }
     fn progress(&self, process: usize) -> Progress {
         let ticks = if process == 1 { self.chain } else { 7 };
-        Progress { ticks, incarnation: 1, is_running: true, awaits_progress: true }
+        Progress {
+            ticks,
+            incarnation: 1,
+            is_running: true,
+            awaits_progress: true,
+        }
     }
     fn has_faults(&self) -> bool {
         false
@@ -69,20 +89,45 @@ fn an_unplanned_death_lasts_until_the_source_cannot_have_passed_its_end() {
         let death = unplanned_death(1, 500, 0, rate_hz);
         death.until - death.at
     };
-    assert_eq!([1_000, 100, 1].map(down), [100, CHAIN_LAG + 2, CHAIN_LAG + 2]);
+    assert_eq!(
+        [1_000, 100, 1].map(down),
+        [100, CHAIN_LAG + 2, CHAIN_LAG + 2]
+    );
 }
 
 #[test]
 fn without_faults_the_source_waits_for_those_that_lag_and_for_no_other() {
     let follows = At7 { chain: u64::MAX };
     let source = Protocol::new(&follows, 0);
-    assert_eq!((source.reports_to(), source.returns_at(), source.downfall(7)), (Report::Unneeded, 0, None));
+    assert_eq!(
+        (source.reports_to(), source.returns_at(), source.downfall(7)),
+        (Report::Unneeded, 0, None)
+    );
     assert_eq!(Protocol::new(&follows, 1).reports_to(), Report::Source(0));
-    assert_eq!((source.holds_back(7 + RECORDER_LAG), source.holds_back(8 + RECORDER_LAG)), (None, Some(2)));
+    assert_eq!(
+        (
+            source.holds_back(7 + RECORDER_LAG),
+            source.holds_back(8 + RECORDER_LAG)
+        ),
+        (None, Some(2))
+    );
     let follows = At7 { chain: 7 };
     let source = Protocol::new(&follows, 0);
-    assert_eq!((source.holds_back(7 + CHAIN_LAG), source.holds_back(8 + CHAIN_LAG)), (None, Some(1)));
-    assert_eq!((source.unfinished(7), source.unfinished(8)), (None, Some(1)));
-    assert!(source.has_closed(Some(1), 6) && !source.has_closed(Some(1), 7) && !source.has_closed(None, 0));
+    assert_eq!(
+        (
+            source.holds_back(7 + CHAIN_LAG),
+            source.holds_back(8 + CHAIN_LAG)
+        ),
+        (None, Some(1))
+    );
+    assert_eq!(
+        (source.unfinished(7), source.unfinished(8)),
+        (None, Some(1))
+    );
+    assert!(
+        source.has_closed(Some(1), 6)
+            && !source.has_closed(Some(1), 7)
+            && !source.has_closed(None, 0)
+    );
     assert!(source.is_settled(7) && !source.is_settled(8));
 }

@@ -31,9 +31,19 @@ impl Recall {
     /// Goes on behind the last message that its predecessor has left in its files; from the oldest on, where that one is gone.
     pub fn after<R: Ring>(ring: &R, last: Option<&R::Message>) -> Self {
         let (count, oldest) = (ring.count(), oldest(ring));
-        let is_last = |number: &u64| ring.get(*number).is_some_and(|one| last.is_some_and(|last| one == *last));
-        let next = (oldest..count).rev().find(is_last).map_or(oldest, |number| number + 1);
-        Self { next, known: next, is_connected: false }
+        let is_last = |number: &u64| {
+            ring.get(*number)
+                .is_some_and(|one| last.is_some_and(|last| one == *last))
+        };
+        let next = (oldest..count)
+            .rev()
+            .find(is_last)
+            .map_or(oldest, |number| number + 1);
+        Self {
+            next,
+            known: next,
+            is_connected: false,
+        }
     }
 
     /// The next one that has not been taken.
@@ -53,11 +63,19 @@ impl Recall {
 
     /// The next one before the message at `place`.
     pub fn take_before<R: Ring>(&mut self, ring: &R, place: u64) -> Option<R::Message> {
-        if self.next < place { self.take(ring) } else { None }
+        if self.next < place {
+            self.take(ring)
+        } else {
+            None
+        }
     }
 
     /// The number of a message that has not been taken, if the retainer has handed it over.
-    pub fn place_ahead<R: Ring>(&self, ring: &R, is_it: impl Fn(&R::Message) -> bool) -> Option<u64> {
+    pub fn place_ahead<R: Ring>(
+        &self,
+        ring: &R,
+        is_it: impl Fn(&R::Message) -> bool,
+    ) -> Option<u64> {
         place_of(ring, self.next..ring.count(), is_it)
     }
 
@@ -75,7 +93,11 @@ impl Recall {
     }
 }
 
-fn place_of<R: Ring>(ring: &R, mut range: std::ops::Range<u64>, is_it: impl Fn(&R::Message) -> bool) -> Option<u64> {
+fn place_of<R: Ring>(
+    ring: &R,
+    mut range: std::ops::Range<u64>,
+    is_it: impl Fn(&R::Message) -> bool,
+) -> Option<u64> {
     range.find(|number| ring.get(*number).is_some_and(|one| is_it(&one)))
 }
 
@@ -85,9 +107,20 @@ fn oldest(ring: &impl Ring) -> u64 {
 }
 
 /// The oldest message that a dead writer has sent and that a reader has not: of the ticks from `next` on and before another.
-pub fn oldest_missed<R: Ring>(ring: &R, next: u64, before: u64, tick: impl Fn(&R::Message) -> u64) -> Option<R::Message> {
+pub fn oldest_missed<R: Ring>(
+    ring: &R,
+    next: u64,
+    before: u64,
+    tick: impl Fn(&R::Message) -> u64,
+) -> Option<R::Message> {
     let count = ring.count();
-    let newest_first = (count.saturating_sub(ring.length())..count).rev().map_while(|number| ring.get(number));
+    let newest_first = (count.saturating_sub(ring.length())..count)
+        .rev()
+        .map_while(|number| ring.get(number));
     let with_ticks = newest_first.map(|message| (tick(&message), message));
-    with_ticks.take_while(|(tick, _)| *tick >= next).filter(|(tick, _)| *tick < before).last().map(|(_, message)| message)
+    with_ticks
+        .take_while(|(tick, _)| *tick >= next)
+        .filter(|(tick, _)| *tick < before)
+        .last()
+        .map(|(_, message)| message)
 }

@@ -96,7 +96,11 @@ impl Packer {
     pub(crate) fn add(&mut self, row: &[u64]) {
         self.rows.extend_from_slice(row);
         let first = &self.rows[..row.len()];
-        self.varying.iter_mut().zip(first).zip(row).for_each(|((varying, first), value)| *varying |= first ^ value);
+        self.varying
+            .iter_mut()
+            .zip(first)
+            .zip(row)
+            .for_each(|((varying, first), value)| *varying |= first ^ value);
     }
 
     /// A block without a message: the room for its head.
@@ -107,16 +111,41 @@ impl Packer {
     /// A block of what has been gathered, with room for its head, and its messages; the next one begins with nothing.
     pub(crate) fn pack(&mut self) -> (&mut [u8], usize) {
         let n = self.len().min(BLOCK);
-        let Self { words, head, rows, varying, begin, packed_begin, twins, block } = self;
+        let Self {
+            words,
+            head,
+            rows,
+            varying,
+            begin,
+            packed_begin,
+            twins,
+            block,
+        } = self;
         let planes = *head + most_of_begin(*words);
         begin.fill(0);
-        begin[CONTENTS * *words..].copy_from_slice(bytemuck::cast_slice(rows.get(..*words).unwrap_or_default()));
-        let size = take_apart(&Block { words: *words, n, rows, varying }, begin, twins, &mut block[planes..]);
+        begin[CONTENTS * *words..]
+            .copy_from_slice(bytemuck::cast_slice(rows.get(..*words).unwrap_or_default()));
+        let size = take_apart(
+            &Block {
+                words: *words,
+                n,
+                rows,
+                varying,
+            },
+            begin,
+            twins,
+            &mut block[planes..],
+        );
         let mut before = 0;
         for piece in begin.chunks(BLOCK) {
             let mut plane = [0; BLOCK + 1];
             plane[1..][..piece.len()].copy_from_slice(piece);
-            before += put_masked(&plane, &is_not_zero(&plane), piece.len(), &mut packed_begin[before..]);
+            before += put_masked(
+                &plane,
+                &is_not_zero(&plane),
+                piece.len(),
+                &mut packed_begin[before..],
+            );
         }
         block[planes - before..planes].copy_from_slice(&packed_begin[..before]);
         rows.clear();
@@ -135,11 +164,21 @@ struct Block<'a> {
 
 /// The planes of a block, which are entered into its contents, with the widest instructions that the processor has: the same bytes with all of them. Returns
 /// how many.
-fn take_apart(block: &Block<'_>, contents: &mut [u8], twins: &mut [u16; TWINS], out: &mut [u8]) -> usize {
+fn take_apart(
+    block: &Block<'_>,
+    contents: &mut [u8],
+    twins: &mut [u16; TWINS],
+    out: &mut [u8],
+) -> usize {
     #[cfg(target_arch = "x86_64")]
     {
         #[target_feature(enable = "avx2")]
-        fn with_avx2(block: &Block<'_>, contents: &mut [u8], twins: &mut [u16; TWINS], out: &mut [u8]) -> usize {
+        fn with_avx2(
+            block: &Block<'_>,
+            contents: &mut [u8],
+            twins: &mut [u16; TWINS],
+            out: &mut [u8],
+        ) -> usize {
             take_apart_with(block, contents, twins, out)
         }
         if std::arch::is_x86_feature_detected!("avx2") {
@@ -151,14 +190,28 @@ fn take_apart(block: &Block<'_>, contents: &mut [u8], twins: &mut [u16; TWINS], 
 }
 
 #[inline(always)]
-fn take_apart_with(&Block { words, n, rows, varying }: &Block<'_>, contents: &mut [u8], twins: &mut [u16; TWINS], out: &mut [u8]) -> usize {
+fn take_apart_with(
+    &Block {
+        words,
+        n,
+        rows,
+        varying,
+    }: &Block<'_>,
+    contents: &mut [u8],
+    twins: &mut [u16; TWINS],
+    out: &mut [u8],
+) -> usize {
     let steps = n.saturating_sub(1);
     twins.fill(0);
-    let (mut columns, mut gathered, mut bytes, mut size) = ([[0; BLOCK + 1]; LINE], None, [0_u8; PLANES], 0);
+    let (mut columns, mut gathered, mut bytes, mut size) =
+        ([[0; BLOCK + 1]; LINE], None, [0_u8; PLANES], 0);
     for word in (0..words).filter(|word| varying[*word] != 0) {
         let (first, last) = (rows[word], rows[steps * words + word]);
         let known = &mut twins[ends_of(first, last)];
-        let is_twin = |other: usize| varying[other] == varying[word] && rows.chunks_exact(words).all(|row| row[other] == row[word]);
+        let is_twin = |other: usize| {
+            varying[other] == varying[word]
+                && rows.chunks_exact(words).all(|row| row[other] == row[word])
+        };
         if *known > 0 && is_twin(usize::from(*known) - 1) {
             contents[3 * words + 2 * word..][..2].copy_from_slice(&known.to_le_bytes());
             continue;
@@ -175,7 +228,9 @@ fn take_apart_with(&Block { words, n, rows, varying }: &Block<'_>, contents: &mu
         let any = fold(column);
         apart(column, &mut bytes);
         for byte in (0..size_of::<u64>()).filter(|byte| any >> (8 * byte) & 0xff != 0) {
-            let Some(plane) = bytes[byte * BLOCK..].first_chunk() else { continue };
+            let Some(plane) = bytes[byte * BLOCK..].first_chunk() else {
+                continue;
+            };
             let (kind, length) = put(plane, steps, &mut out[size..]);
             contents[word] |= 1 << byte;
             contents[words + word] |= u8::from(kind == Kind::Plain) << byte;
@@ -193,8 +248,14 @@ fn gather(rows: &[u64], words: usize, begin: usize, columns: &mut [Column; LINE]
     for k in 0..BLOCK {
         let Some(row) = rows.next() else { break };
         match row[begin..].first_chunk::<LINE>() {
-            Some(line) => columns.iter_mut().zip(line).for_each(|(column, value)| column[k] = *value),
-            None => columns.iter_mut().zip(&row[begin..]).for_each(|(column, value)| column[k] = *value),
+            Some(line) => columns
+                .iter_mut()
+                .zip(line)
+                .for_each(|(column, value)| column[k] = *value),
+            None => columns
+                .iter_mut()
+                .zip(&row[begin..])
+                .for_each(|(column, value)| column[k] = *value),
         }
     }
 }
@@ -301,9 +362,18 @@ fn is_new(plane: &Plane) -> [u8; BLOCK] {
 fn put_masked(plane: &Plane, flags: &[u8; BLOCK], bits: usize, out: &mut [u8]) -> usize {
     // Each of eight bytes that are 0 or 1 at its place in the highest byte of a product; no other sum of theirs comes there.
     const GATHER: u64 = 0x0102_0408_1020_4080;
-    let Some(out) = out.first_chunk_mut::<ROOM>() else { return 0 };
+    let Some(out) = out.first_chunk_mut::<ROOM>() else {
+        return 0;
+    };
     let (masks, mut size) = (bits.div_ceil(8), bits.div_ceil(8));
-    for (group, (flags, bytes)) in flags.as_chunks::<8>().0.iter().zip(plane[1..].as_chunks::<8>().0).enumerate().take(masks) {
+    for (group, (flags, bytes)) in flags
+        .as_chunks::<8>()
+        .0
+        .iter()
+        .zip(plane[1..].as_chunks::<8>().0)
+        .enumerate()
+        .take(masks)
+    {
         let mask = u64::from_le_bytes(*flags).wrapping_mul(GATHER) >> 56;
         out[group] = mask as u8;
         if mask != 0 {
@@ -333,14 +403,22 @@ pub(crate) fn unpack(n: usize, words: usize, packed: &[u8]) -> Result<Vec<u64>, 
         take_masked(&mut rest, piece, false)?;
     }
     let (contents, first) = begin.split_at(CONTENTS * words);
-    let (present, plain, steady) = (&contents[..words], &contents[words..2 * words], &contents[2 * words..3 * words]);
+    let (present, plain, steady) = (
+        &contents[..words],
+        &contents[words..2 * words],
+        &contents[2 * words..3 * words],
+    );
     let twins = contents[3 * words..].as_chunks::<2>().0;
-    let is_wrong = |word: usize| (plain[word] | steady[word]) & !present[word] != 0 || plain[word] & steady[word] != 0;
+    let is_wrong = |word: usize| {
+        (plain[word] | steady[word]) & !present[word] != 0 || plain[word] & steady[word] != 0
+    };
     if let Some(word) = (0..words).find(|word| is_wrong(*word)) {
         return Err(format!("word {word} of a block has planes of no form"));
     }
     let mut rows = vec![0_u64; n * words];
-    rows.iter_mut().zip(first.as_chunks::<8>().0).for_each(|(word, bytes)| *word = u64::from_le_bytes(*bytes));
+    rows.iter_mut()
+        .zip(first.as_chunks::<8>().0)
+        .for_each(|(word, bytes)| *word = u64::from_le_bytes(*bytes));
     let mut plane = vec![0; steps];
     for word in 0..words {
         let twin = usize::from(u16::from_le_bytes(twins[word]));
@@ -348,7 +426,8 @@ pub(crate) fn unpack(n: usize, words: usize, packed: &[u8]) -> Result<Vec<u64>, 
             return Err(format!("word {word} of a block is the twin of a later one"));
         }
         if twin > 0 {
-            rows.chunks_exact_mut(words).for_each(|row| row[word] = row[twin - 1]);
+            rows.chunks_exact_mut(words)
+                .for_each(|row| row[word] = row[twin - 1]);
             continue;
         }
         for byte in (0..8).filter(|byte| present[word] & 1 << byte != 0) {
@@ -369,13 +448,24 @@ pub(crate) fn unpack(n: usize, words: usize, packed: &[u8]) -> Result<Vec<u64>, 
             row[word] = above;
         }
     }
-    if rest.is_empty() { Ok(rows) } else { Err(format!("{} bytes stand behind the planes of a block", rest.len())) }
+    if rest.is_empty() {
+        Ok(rows)
+    } else {
+        Err(format!(
+            "{} bytes stand behind the planes of a block",
+            rest.len()
+        ))
+    }
 }
 
 /// The inverse of [`put_masked`], for a plane of any length.
 fn take_masked(rest: &mut &[u8], plane: &mut [u8], is_steady: bool) -> Result<(), String> {
-    let (mask, behind) = rest.split_at_checked(plane.len().div_ceil(8)).ok_or(EARLY)?;
-    let (stored, behind) = behind.split_at_checked(mask.iter().map(|byte| byte.count_ones() as usize).sum()).ok_or(EARLY)?;
+    let (mask, behind) = rest
+        .split_at_checked(plane.len().div_ceil(8))
+        .ok_or(EARLY)?;
+    let (stored, behind) = behind
+        .split_at_checked(mask.iter().map(|byte| byte.count_ones() as usize).sum())
+        .ok_or(EARLY)?;
     let (mut stored, mut before) = (stored.iter(), 0);
     for (k, byte) in plane.iter_mut().enumerate() {
         *byte = match mask[k / 8] >> (k % 8) & 1 {
@@ -386,7 +476,11 @@ fn take_masked(rest: &mut &[u8], plane: &mut [u8], is_steady: bool) -> Result<()
         before = *byte;
     }
     *rest = behind;
-    if stored.next().is_none() { Ok(()) } else { Err("a mask of a block is longer than its plane".to_owned()) }
+    if stored.next().is_none() {
+        Ok(())
+    } else {
+        Err("a mask of a block is longer than its plane".to_owned())
+    }
 }
 
 #[cfg(test)]
@@ -399,7 +493,17 @@ mod tests {
     /// Words that count, stand still, are noise, and repeat another word.
     fn row(k: u64) -> [u64; WORDS] {
         let (count, noise) = (1_000_000 * k + k % 7, random(7, k));
-        [count, 0, 5, noise, noise >> 40, noise, count, u64::MAX - k, f64::to_bits(0.1 * k as f64)]
+        [
+            count,
+            0,
+            5,
+            noise,
+            noise >> 40,
+            noise,
+            count,
+            u64::MAX - k,
+            f64::to_bits(0.1 * k as f64),
+        ]
     }
 
     #[test]
@@ -411,10 +515,24 @@ mod tests {
                 rows.chunks(WORDS).for_each(|row| packer.add(row));
                 let (block, messages) = packer.pack();
                 let rest = &block[7..];
-                assert!(is_possible(messages, rest.len(), 8 * WORDS), "{} bytes of {n} messages", rest.len());
-                assert_eq!(unpack(messages, WORDS, rest).as_ref(), Ok(&rows), "{n} rows from {begin}");
-                assert!(unpack(messages, WORDS, &rest[..rest.len() - 1]).is_err(), "a byte is missing");
-                assert!(unpack(messages, WORDS, &[rest, &[0]].concat()).is_err(), "a byte too many");
+                assert!(
+                    is_possible(messages, rest.len(), 8 * WORDS),
+                    "{} bytes of {n} messages",
+                    rest.len()
+                );
+                assert_eq!(
+                    unpack(messages, WORDS, rest).as_ref(),
+                    Ok(&rows),
+                    "{n} rows from {begin}"
+                );
+                assert!(
+                    unpack(messages, WORDS, &rest[..rest.len() - 1]).is_err(),
+                    "a byte is missing"
+                );
+                assert!(
+                    unpack(messages, WORDS, &[rest, &[0]].concat()).is_err(),
+                    "a byte too many"
+                );
             }
         }
     }
@@ -425,7 +543,11 @@ mod tests {
         let rows: Vec<u64> = (0..(BLOCK * words) as u64).map(|k| random(7, k)).collect();
         rows.chunks(words).for_each(|row| packer.add(row));
         let (block, n) = packer.pack();
-        assert!(is_possible(n, block.len(), 8 * words) && block.len() > 8 * rows.len(), "{}", block.len());
+        assert!(
+            is_possible(n, block.len(), 8 * words) && block.len() > 8 * rows.len(),
+            "{}",
+            block.len()
+        );
         assert_eq!(unpack(n, words, block).as_ref(), Ok(&rows));
     }
 
@@ -442,7 +564,11 @@ mod tests {
                     || unpack(n, WORDS, &damaged).is_ok_and(|rows| rows.len() == n * WORDS)
             );
         }
-        assert!(unpack(0, WORDS, block).is_err() && unpack(1, WORDS, block).is_err() && unpack(n, WORDS + 1, block).is_err());
+        assert!(
+            unpack(0, WORDS, block).is_err()
+                && unpack(1, WORDS, block).is_err()
+                && unpack(n, WORDS + 1, block).is_err()
+        );
     }
 
     #[test]
@@ -454,11 +580,20 @@ mod tests {
         };
         let still = bytes(|k| [k * u64::from(k == BLOCK as u64 - 1), 0]);
         assert!(still < 2 * MASK + 10, "one change in {still} bytes");
-        let (one, two) = (bytes(|k| [random(7, k), 0]), bytes(|k| [random(7, k), random(8, k)]));
-        assert!(two - one >= 8 * (BLOCK - 1) && one < 8 * (BLOCK - 1) + 40, "all eight bytes of a random word: {one}, {two}");
+        let (one, two) = (
+            bytes(|k| [random(7, k), 0]),
+            bytes(|k| [random(7, k), random(8, k)]),
+        );
+        assert!(
+            two - one >= 8 * (BLOCK - 1) && one < 8 * (BLOCK - 1) + 40,
+            "all eight bytes of a random word: {one}, {two}"
+        );
         let twins = bytes(|k| [random(7, k), random(7, k)]);
         assert!(twins <= one + 16, "{twins} beside {one}");
         let even = bytes(|k| [k << 32 | k, 3 * k]);
-        assert!(even < 4 * (MASK + 1) + 40, "numbers that change evenly take {even} bytes");
+        assert!(
+            even < 4 * (MASK + 1) + 40,
+            "numbers that change evenly take {even} bytes"
+        );
     }
 }

@@ -51,17 +51,28 @@ struct Leaf {
 
 impl Leaf {
     fn size(&self) -> usize {
-        if matches!(self.number, Number::U32) { 4 } else { 8 }
+        if matches!(self.number, Number::U32) {
+            4
+        } else {
+            8
+        }
     }
 
     fn elements(&self) -> impl Iterator<Item = Range<usize>> + use<> {
         let size = self.size();
-        self.bytes.clone().step_by(size).map(move |begin| begin..begin + size)
+        self.bytes
+            .clone()
+            .step_by(size)
+            .map(move |begin| begin..begin + size)
     }
 
     fn difference(&self, element: Range<usize>, expected: &[u8], found: &[u8]) -> Difference {
         let index = (element.start - self.bytes.start) / self.size();
-        let field = if self.is_array { format!("{}[{index}]", self.name) } else { self.name.clone() };
+        let field = if self.is_array {
+            format!("{}[{index}]", self.name)
+        } else {
+            self.name.clone()
+        };
         let text = |message: &[u8]| {
             let bytes = &message[element.clone()];
             match self.number {
@@ -70,7 +81,11 @@ impl Leaf {
                 Number::U32 => bytemuck::pod_read_unaligned::<u32>(bytes).to_string(),
             }
         };
-        Difference { field, expected: text(expected), found: text(found) }
+        Difference {
+            field,
+            expected: text(expected),
+            found: text(found),
+        }
     }
 
     fn value(&self, bytes: &[u8]) -> f64 {
@@ -88,12 +103,21 @@ fn leaves(layout: &[Field], base: usize, prefix: &str, found: &mut Vec<Leaf>) {
         let (name, begin) = (format!("{prefix}{}", field.name), base + field.offset);
         if field.element == "Header" {
             // Without its stamps, which are not compared.
-            let rest: Vec<_> = Header::LAYOUT.iter().filter(|field| field.offset >= size_of::<Stamps>()).cloned().collect();
+            let rest: Vec<_> = Header::LAYOUT
+                .iter()
+                .filter(|field| field.offset >= size_of::<Stamps>())
+                .cloned()
+                .collect();
             leaves(&rest, begin, "header.", found);
         } else if field.element == "SingularityState" {
             let size = size_of::<SingularityState>();
             for (index, place) in (begin..begin + field.size).step_by(size).enumerate() {
-                leaves(SingularityState::LAYOUT, place, &format!("{name}[{index}]."), found);
+                leaves(
+                    SingularityState::LAYOUT,
+                    place,
+                    &format!("{name}[{index}]."),
+                    found,
+                );
             }
         } else {
             let number = match &*field.element {
@@ -101,7 +125,12 @@ fn leaves(layout: &[Field], base: usize, prefix: &str, found: &mut Vec<Leaf>) {
                 "u64" => Number::U64,
                 _ => Number::U32,
             };
-            found.push(Leaf { name, is_array: field.type_name.starts_with('['), number, bytes: begin..begin + field.size });
+            found.push(Leaf {
+                name,
+                is_array: field.type_name.starts_with('['),
+                number,
+                bytes: begin..begin + field.size,
+            });
         }
     }
 }
@@ -115,14 +144,23 @@ fn leaves_of<M: Message>() -> Vec<Leaf> {
 /// Where the contents of two messages first differ; stamps are not compared.
 #[must_use]
 pub fn first_difference<M: Message>(expected: &M, found: &M) -> Option<Difference> {
-    first_difference_in(M::FIELDS, bytemuck::bytes_of(expected), bytemuck::bytes_of(found))
+    first_difference_in(
+        M::FIELDS,
+        bytemuck::bytes_of(expected),
+        bytemuck::bytes_of(found),
+    )
 }
 
 /// The same of two messages whose layout alone is known.
 #[must_use]
 pub fn first_difference_in(fields: &[Field], expected: &[u8], found: &[u8]) -> Option<Difference> {
     let begin = size_of::<Stamps>();
-    let place = expected.iter().zip(found).skip(begin).position(|(a, b)| a != b)? + begin;
+    let place = expected
+        .iter()
+        .zip(found)
+        .skip(begin)
+        .position(|(a, b)| a != b)?
+        + begin;
     let mut all = Vec::new();
     leaves(fields, 0, "", &mut all);
     let leaf = all.into_iter().find(|leaf| leaf.bytes.contains(&place))?;
@@ -139,7 +177,13 @@ pub struct Differences<M> {
 
 impl<M: Message> Default for Differences<M> {
     fn default() -> Self {
-        Self { leaves: leaves_of::<M>().into_iter().map(|leaf| (leaf, None)).collect(), _messages: PhantomData }
+        Self {
+            leaves: leaves_of::<M>()
+                .into_iter()
+                .map(|leaf| (leaf, None))
+                .collect(),
+            _messages: PhantomData,
+        }
     }
 }
 
@@ -155,14 +199,20 @@ impl<M: Message> Differences<M> {
                 continue;
             }
             let mut largest: Option<(f64, Range<usize>)> = None;
-            for element in leaf.elements().filter(|element| old[element.clone()] != new[element.clone()]) {
-                let size = (leaf.value(&new[element.clone()]) - leaf.value(&old[element.clone()])).abs();
+            for element in leaf
+                .elements()
+                .filter(|element| old[element.clone()] != new[element.clone()])
+            {
+                let size =
+                    (leaf.value(&new[element.clone()]) - leaf.value(&old[element.clone()])).abs();
                 let size = if size.is_nan() { f64::INFINITY } else { size };
                 if largest.as_ref().is_none_or(|(largest, _)| size > *largest) {
                     largest = Some((size, element));
                 }
             }
-            let Some((size, element)) = largest else { continue };
+            let Some((size, element)) = largest else {
+                continue;
+            };
             let messages = so_far.as_ref().map_or(0, |so_far| so_far.messages) + 1;
             match so_far {
                 Some(so_far) if so_far.largest >= size => so_far.messages = messages,
@@ -183,7 +233,10 @@ impl<M: Message> Differences<M> {
     /// The fields that differ, in the order of the message.
     #[must_use]
     pub fn fields(self) -> Vec<FieldDifference> {
-        self.leaves.into_iter().filter_map(|(_, difference)| difference).collect()
+        self.leaves
+            .into_iter()
+            .filter_map(|(_, difference)| difference)
+            .collect()
     }
 }
 
@@ -197,13 +250,27 @@ mod tests {
         let expected = TorqueCommand::default();
         let mut found = expected;
         found.header.stamps.sent_ns[0] = 7;
-        assert_eq!(first_difference(&expected, &found), None, "stamps are not compared");
+        assert_eq!(
+            first_difference(&expected, &found),
+            None,
+            "stamps are not compared"
+        );
         found.saturation_mask = 5;
         found.tau[7] = -0.5;
         let difference = first_difference(&expected, &found).unwrap();
-        assert_eq!((&*difference.field, &*difference.expected, &*difference.found), ("tau[7]", "0.0", "-0.5"));
+        assert_eq!(
+            (
+                &*difference.field,
+                &*difference.expected,
+                &*difference.found
+            ),
+            ("tau[7]", "0.0", "-0.5")
+        );
         found.tau[7] = 0.0;
-        assert_eq!(first_difference(&expected, &found).unwrap().field, "saturation_mask");
+        assert_eq!(
+            first_difference(&expected, &found).unwrap().field,
+            "saturation_mask"
+        );
     }
 
     #[test]
@@ -211,18 +278,33 @@ mod tests {
         let expected = SensorSample::default();
         let mut found = expected;
         found.stale_ticks = 2;
-        assert_eq!(first_difference(&expected, &found).unwrap().field, "stale_ticks");
+        assert_eq!(
+            first_difference(&expected, &found).unwrap().field,
+            "stale_ticks"
+        );
         found.header.incarnation = 3;
         let difference = first_difference(&expected, &found).unwrap();
-        assert_eq!((&*difference.field, &*difference.found), ("header.incarnation", "3"));
+        assert_eq!(
+            (&*difference.field, &*difference.found),
+            ("header.incarnation", "3")
+        );
         let expected = SingularityReport::default();
         let mut found = expected;
         found.singularities[2].zeta_B[4] = 1.0;
-        assert_eq!(first_difference(&expected, &found).unwrap().field, "singularities[2].zeta_B[4]");
+        assert_eq!(
+            first_difference(&expected, &found).unwrap().field,
+            "singularities[2].zeta_B[4]"
+        );
         found.singularities[1].inside = 1;
-        assert_eq!(first_difference(&expected, &found).unwrap().field, "singularities[1].inside");
+        assert_eq!(
+            first_difference(&expected, &found).unwrap().field,
+            "singularities[1].inside"
+        );
         found.header.tick = 9;
-        assert_eq!(first_difference(&expected, &found).unwrap().field, "header.tick");
+        assert_eq!(
+            first_difference(&expected, &found).unwrap().field,
+            "header.tick"
+        );
     }
 
     #[test]
@@ -242,10 +324,24 @@ mod tests {
         let mut spoiled = Differences::default();
         spoiled.add(&expected, &poisoned);
         let fields = differences.fields();
-        assert_eq!(fields.iter().map(|field| &*field.field).collect::<Vec<_>>(), ["tau", "phase"]);
-        assert_eq!((fields[0].messages, fields[0].largest, fields[0].tick, &*fields[0].difference.field), (3, 2.5, 4, "tau[1]"));
+        assert_eq!(
+            fields.iter().map(|field| &*field.field).collect::<Vec<_>>(),
+            ["tau", "phase"]
+        );
+        assert_eq!(
+            (
+                fields[0].messages,
+                fields[0].largest,
+                fields[0].tick,
+                &*fields[0].difference.field
+            ),
+            (3, 2.5, 4, "tau[1]")
+        );
         assert_eq!((fields[1].largest, fields[1].tick), (2.0, 3));
         let fields = spoiled.fields();
-        assert_eq!((fields[0].largest, &*fields[0].difference.found), (f64::INFINITY, "NaN"));
+        assert_eq!(
+            (fields[0].largest, &*fields[0].difference.found),
+            (f64::INFINITY, "NaN")
+        );
     }
 }

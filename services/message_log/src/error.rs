@@ -42,7 +42,9 @@ pub enum LogError {
         topic: String,
     },
     /// It was written by a program with other messages.
-    #[error("the messages in {path} have the wire format {found:016x}, this program has {ours:016x}: use the program that made the run")]
+    #[error(
+        "the messages in {path} have the wire format {found:016x}, this program has {ours:016x}: use the program that made the run"
+    )]
     WireFormat {
         /// Which.
         path: PathBuf,
@@ -103,7 +105,13 @@ impl LogError {
     /// Whether the file is not what was written.
     #[must_use]
     pub fn is_damage(&self) -> bool {
-        matches!(self, Self::Damaged { .. } | Self::OtherRun { .. } | Self::OtherLog { .. } | Self::Place { .. })
+        matches!(
+            self,
+            Self::Damaged { .. }
+                | Self::OtherRun { .. }
+                | Self::OtherLog { .. }
+                | Self::Place { .. }
+        )
     }
 
     /// Whether no message can have been written: there is no log, or only the beginning of its head.

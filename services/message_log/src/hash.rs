@@ -34,7 +34,10 @@ impl TopicHash {
     /// The topic's line in a run's summary.
     #[must_use]
     pub fn summary(&self) -> TopicSummary {
-        TopicSummary { count: self.count, hash: format!("{:016x}", self.digest) }
+        TopicSummary {
+            count: self.count,
+            hash: format!("{:016x}", self.digest),
+        }
     }
 
     /// The hash so far.

@@ -26,15 +26,24 @@ const CHECKED: usize = FIXED - 4;
 const MOST_LOGS: usize = 1024;
 
 fn u16_at(bytes: &[u8], at: usize) -> u16 {
-    bytes.get(at..at + 2).and_then(|part| part.try_into().ok()).map_or(0, u16::from_le_bytes)
+    bytes
+        .get(at..at + 2)
+        .and_then(|part| part.try_into().ok())
+        .map_or(0, u16::from_le_bytes)
 }
 
 fn u32_at(bytes: &[u8], at: usize) -> u32 {
-    bytes.get(at..at + 4).and_then(|part| part.try_into().ok()).map_or(0, u32::from_le_bytes)
+    bytes
+        .get(at..at + 4)
+        .and_then(|part| part.try_into().ok())
+        .map_or(0, u32::from_le_bytes)
 }
 
 fn u64_at(bytes: &[u8], at: usize) -> u64 {
-    bytes.get(at..at + 8).and_then(|part| part.try_into().ok()).map_or(0, u64::from_le_bytes)
+    bytes
+        .get(at..at + 8)
+        .and_then(|part| part.try_into().ok())
+        .map_or(0, u64::from_le_bytes)
 }
 
 /// A log's own numbers, which the head of the file states and the head of each block repeats.
@@ -50,8 +59,16 @@ pub(crate) struct Identity {
 impl Identity {
     /// Of the log of a topic; `None` where the run has no such log.
     pub(crate) fn of(logs: &Logs, shape: &Shape) -> Option<Self> {
-        let (log, all) = (u16::try_from(logs.place(&shape.topic)?).ok()?, u16::try_from(logs.len()).ok()?);
-        (usize::from(all) <= MOST_LOGS).then_some(Self { run: logs.run(), log, logs: all, layout: shape.hash })
+        let (log, all) = (
+            u16::try_from(logs.place(&shape.topic)?).ok()?,
+            u16::try_from(logs.len()).ok()?,
+        );
+        (usize::from(all) <= MOST_LOGS).then_some(Self {
+            run: logs.run(),
+            log,
+            logs: all,
+            layout: shape.hash,
+        })
     }
 
     /// The head of its file.
@@ -69,8 +86,14 @@ impl Identity {
 
     /// Of the head of a file, and the bytes of its messages; `None` where it is not as it was written.
     pub(crate) fn of_file(head: &[u8; FILE_HEAD]) -> Option<(Self, usize)> {
-        let is_whole = u32_at(head, FILE_CHECKED) == crc32fast::hash(&head[..FILE_CHECKED]) && head[FILE_CHECKED + 4..] == [0; 4];
-        let identity = Self { run: u64_at(head, 24), log: u16_at(head, 20), logs: u16_at(head, 22), layout: u64_at(head, 8) };
+        let is_whole = u32_at(head, FILE_CHECKED) == crc32fast::hash(&head[..FILE_CHECKED])
+            && head[FILE_CHECKED + 4..] == [0; 4];
+        let identity = Self {
+            run: u64_at(head, 24),
+            log: u16_at(head, 20),
+            logs: u16_at(head, 22),
+            layout: u64_at(head, 8),
+        };
         is_whole.then_some((identity, u32_at(head, 16) as usize))
     }
 
@@ -115,7 +138,9 @@ impl BlockHead {
             return None;
         }
         let known = bytes.get(FIXED..FIXED + size_of::<u64>() * logs)?;
-        if checksum(fixed, known) != u32_at(fixed, CHECKED) || !crate::block::is_possible(messages, packed, message_bytes) {
+        if checksum(fixed, known) != u32_at(fixed, CHECKED)
+            || !crate::block::is_possible(messages, packed, message_bytes)
+        {
             return None;
         }
         Some(Self {
@@ -127,22 +152,52 @@ impl BlockHead {
             log: u16_at(fixed, 24),
             first: u64_at(fixed, 28),
             tick: u64_at(fixed, 36),
-            known: known.as_chunks::<8>().0.iter().map(|number| u64::from_le_bytes(*number)).collect(),
+            known: known
+                .as_chunks::<8>()
+                .0
+                .iter()
+                .map(|number| u64::from_le_bytes(*number))
+                .collect(),
         })
     }
 
     /// Writes it over the beginning of a block of so many messages.
-    pub(crate) fn write(identity: Identity, messages: usize, (first, tick): (u64, u64), logs: &Logs, block: &mut [u8]) {
-        let Some((head, body)) = block.split_at_mut_checked(identity.block_head()) else { return };
-        let Some((fixed, known)) = head.split_first_chunk_mut::<FIXED>() else { return };
-        let numbers = [messages as u32, body.len() as u32, crc32fast::hash(body), identity.layout as u32];
-        fixed.as_chunks_mut::<4>().0.iter_mut().zip(numbers).for_each(|(to, number)| *to = number.to_le_bytes());
+    pub(crate) fn write(
+        identity: Identity,
+        messages: usize,
+        (first, tick): (u64, u64),
+        logs: &Logs,
+        block: &mut [u8],
+    ) {
+        let Some((head, body)) = block.split_at_mut_checked(identity.block_head()) else {
+            return;
+        };
+        let Some((fixed, known)) = head.split_first_chunk_mut::<FIXED>() else {
+            return;
+        };
+        let numbers = [
+            messages as u32,
+            body.len() as u32,
+            crc32fast::hash(body),
+            identity.layout as u32,
+        ];
+        fixed
+            .as_chunks_mut::<4>()
+            .0
+            .iter_mut()
+            .zip(numbers)
+            .for_each(|(to, number)| *to = number.to_le_bytes());
         fixed[16..24].copy_from_slice(&identity.run.to_le_bytes());
         fixed[24..26].copy_from_slice(&identity.log.to_le_bytes());
         fixed[26..28].copy_from_slice(&identity.logs.to_le_bytes());
         fixed[28..36].copy_from_slice(&first.to_le_bytes());
         fixed[36..CHECKED].copy_from_slice(&tick.to_le_bytes());
-        known.as_chunks_mut::<8>().0.iter_mut().zip(logs.written()).for_each(|(to, number)| *to = number.to_le_bytes());
+        known
+            .as_chunks_mut::<8>()
+            .0
+            .iter_mut()
+            .zip(logs.written())
+            .for_each(|(to, number)| *to = number.to_le_bytes());
         let sum = checksum(fixed, known);
         fixed[CHECKED..].copy_from_slice(&sum.to_le_bytes());
     }
@@ -164,7 +219,12 @@ impl BlockHead {
 
     /// Whether the block is of a log, or of the same log of another run.
     pub(crate) fn is_like(&self, identity: Identity) -> bool {
-        (self.log, self.known.len(), self.layout) == (identity.log, usize::from(identity.logs), identity.layout as u32)
+        (self.log, self.known.len(), self.layout)
+            == (
+                identity.log,
+                usize::from(identity.logs),
+                identity.layout as u32,
+            )
     }
 }
 
@@ -182,15 +242,21 @@ fn checksum(fixed: &[u8], known: &[u8]) -> u32 {
 /// Gives the file and every block of its bytes, as far as they follow each other, the checksums of what they hold, the file's identity, and the numbers of
 /// messages that stand before them; for tests, which change blocks.
 pub fn seal(file: &mut [u8]) {
-    let Some((head, mut rest)) = file.split_first_chunk_mut::<FILE_HEAD>() else { return };
+    let Some((head, mut rest)) = file.split_first_chunk_mut::<FILE_HEAD>() else {
+        return;
+    };
     seal_file(head);
-    let Some((identity, _)) = Identity::of_file(head) else { return };
+    let Some((identity, _)) = Identity::of_file(head) else {
+        return;
+    };
     let mut first = 0_u64;
     while rest.len() >= identity.block_head() {
         let (messages, packed) = (u32_at(rest, 0) as usize, u32_at(rest, 4) as usize);
         let end = packed.saturating_add(identity.block_head());
         let tick = u64_at(rest, 36);
-        let Some((block, behind)) = std::mem::take(&mut rest).split_at_mut_checked(end) else { return };
+        let Some((block, behind)) = std::mem::take(&mut rest).split_at_mut_checked(end) else {
+            return;
+        };
         let logs = Logs::new(identity.run, (0..identity.logs).map(|log| log.to_string()));
         logs.set_written(usize::from(identity.log), first);
         BlockHead::write(identity, messages, (first, tick), &logs, block);
@@ -200,6 +266,13 @@ pub fn seal(file: &mut [u8]) {
 }
 
 /// The identity of the log of a topic, as an error where the run has none.
-pub(crate) fn identity(logs: &Logs, shape: &Shape, path: &std::path::Path) -> Result<Identity, LogError> {
-    Identity::of(logs, shape).ok_or_else(|| LogError::Unlisted { path: path.to_owned(), topic: shape.topic.clone() })
+pub(crate) fn identity(
+    logs: &Logs,
+    shape: &Shape,
+    path: &std::path::Path,
+) -> Result<Identity, LogError> {
+    Identity::of(logs, shape).ok_or_else(|| LogError::Unlisted {
+        path: path.to_owned(),
+        topic: shape.topic.clone(),
+    })
 }

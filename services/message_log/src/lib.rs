@@ -15,7 +15,9 @@ mod scan;
 mod shape;
 
 pub use block::BLOCK;
-pub use difference::{Difference, Differences, FieldDifference, first_difference, first_difference_in};
+pub use difference::{
+    Difference, Differences, FieldDifference, first_difference, first_difference_in,
+};
 pub use error::{Defect, LogError};
 pub use hash::TopicHash;
 pub use head::seal;

@@ -24,14 +24,24 @@ impl Logs {
     pub fn new(run: u64, topics: impl IntoIterator<Item = impl Into<String>>) -> Self {
         let topics: Vec<String> = topics.into_iter().map(Into::into).collect();
         let written = topics.iter().map(|_| AtomicU64::new(0)).collect();
-        Self(Arc::new(Inner { run, topics, written }))
+        Self(Arc::new(Inner {
+            run,
+            topics,
+            written,
+        }))
     }
 
     /// Of a job's run: the topics that its graph writes, those that only the graph knows behind the others.
     #[must_use]
     pub fn of(job: &Job) -> Self {
-        let known = TOPICS.into_iter().filter(|topic| job.graph.writer(topic).is_some()).map(str::to_owned);
-        Self::new(job.id, known.chain(job.graph.own_messages().map(|layout| layout.topic)))
+        let known = TOPICS
+            .into_iter()
+            .filter(|topic| job.graph.writer(topic).is_some())
+            .map(str::to_owned);
+        Self::new(
+            job.id,
+            known.chain(job.graph.own_messages().map(|layout| layout.topic)),
+        )
     }
 
     /// The identity of the run.
@@ -64,6 +74,11 @@ impl Logs {
     }
 
     pub(crate) fn set_written(&self, place: usize, messages: u64) {
-        self.0.written.iter().skip(place).take(1).for_each(|one| one.store(messages, Ordering::Relaxed));
+        self.0
+            .written
+            .iter()
+            .skip(place)
+            .take(1)
+            .for_each(|one| one.store(messages, Ordering::Relaxed));
     }
 }

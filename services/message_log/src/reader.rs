@@ -52,31 +52,92 @@ impl RowReader {
     }
 
     /// The same from a place behind a block on.
-    pub(crate) fn open_behind(folder: &Path, shape: &Shape, logs: &Logs, from: Place) -> Result<Self, LogError> {
+    pub(crate) fn open_behind(
+        folder: &Path,
+        shape: &Shape,
+        logs: &Logs,
+        from: Place,
+    ) -> Result<Self, LogError> {
         Self::open_at(folder, shape, Some(logs), from)
     }
 
-    fn open_at(folder: &Path, shape: &Shape, logs: Option<&Logs>, from: Place) -> Result<Self, LogError> {
+    fn open_at(
+        folder: &Path,
+        shape: &Shape,
+        logs: Option<&Logs>,
+        from: Place,
+    ) -> Result<Self, LogError> {
         let path = shape.path_in(folder);
         let bytes = match files::open(&path).and_then(Bytes::of) {
             Ok(bytes) => bytes,
-            Err(source) if matches!(source.kind(), ErrorKind::InvalidInput | ErrorKind::IsADirectory) => {
-                return Err(LogError::Damaged { path, reason: source.to_string() });
+            Err(source)
+                if matches!(
+                    source.kind(),
+                    ErrorKind::InvalidInput | ErrorKind::IsADirectory
+                ) =>
+            {
+                return Err(LogError::Damaged {
+                    path,
+                    reason: source.to_string(),
+                });
             }
-            Err(source) => return Err(LogError::File { action: "read", path, source }),
+            Err(source) => {
+                return Err(LogError::File {
+                    action: "read",
+                    path,
+                    source,
+                });
+            }
         };
-        let ours = logs.map(|logs| head::identity(logs, shape, &path)).transpose()?;
+        let ours = logs
+            .map(|logs| head::identity(logs, shape, &path))
+            .transpose()?;
         let (identity, is_head_whole) = identity(&bytes, &path, shape, ours)?;
-        let from = if from.byte == 0 { Place { byte: FILE_HEAD as u64, messages: 0 } } else { from };
+        let from = if from.byte == 0 {
+            Place {
+                byte: FILE_HEAD as u64,
+                messages: 0,
+            }
+        } else {
+            from
+        };
         let scanned = scan(&bytes, from, identity, shape.bytes);
-        let Scan { mut entries, tail, known, end, is_ended } =
-            scanned.map_err(|source| LogError::File { action: "read", path: path.clone(), source })?;
+        let Scan {
+            mut entries,
+            tail,
+            known,
+            end,
+            is_ended,
+        } = scanned.map_err(|source| LogError::File {
+            action: "read",
+            path: path.clone(),
+            source,
+        })?;
         if !is_head_whole {
-            entries.push_front(Entry::Flaw(Flaw::of(Defect::Damaged, "its first bytes are not what was written".to_owned())));
+            entries.push_front(Entry::Flaw(Flaw::of(
+                Defect::Damaged,
+                "its first bytes are not what was written".to_owned(),
+            )));
         }
-        let total = known.get(usize::from(identity.log)).copied().unwrap_or_default();
+        let total = known
+            .get(usize::from(identity.log))
+            .copied()
+            .unwrap_or_default();
         let (block, packed) = Default::default();
-        Ok(Self { shape: shape.clone(), path, bytes, identity, entries, tail, known, total, end, is_ended, block, packed })
+        Ok(Self {
+            shape: shape.clone(),
+            path,
+            bytes,
+            identity,
+            entries,
+            tail,
+            known,
+            total,
+            end,
+            is_ended,
+            block,
+            packed,
+        })
     }
 
     /// How many messages each log of the run had when a block of this one was written, at least; in the order of [`Logs`].
@@ -124,7 +185,11 @@ impl RowReader {
             match self.entries.pop_front() {
                 Some(Entry::Block(block)) => self.block = (self.unpacked(&block)?, 0),
                 Some(Entry::Flaw(flaw)) => return Err(self.place(flaw)),
-                None => return self.take_tail().map_or(Ok(None), |flaw| Err(self.place(flaw))),
+                None => {
+                    return self
+                        .take_tail()
+                        .map_or(Ok(None), |flaw| Err(self.place(flaw)));
+                }
             }
         }
     }
@@ -135,49 +200,112 @@ impl RowReader {
         // Named once.
         self.total = 0;
         match self.tail.is_empty() {
-            true => (lost > 0).then(|| Flaw { lost, ..Flaw::of(Defect::Missing, format!("its last {lost} messages are missing")) }),
-            false => Some(Flaw { lost, ..self.tail.remove(0) }),
+            true => (lost > 0).then(|| Flaw {
+                lost,
+                ..Flaw::of(
+                    Defect::Missing,
+                    format!("its last {lost} messages are missing"),
+                )
+            }),
+            false => Some(Flaw {
+                lost,
+                ..self.tail.remove(0)
+            }),
         }
     }
 
-    fn place(&self, Flaw { defect, reason, lost, tick }: Flaw) -> LogError {
-        LogError::Place { path: self.path.clone(), defect, reason, lost, tick }
+    fn place(
+        &self,
+        Flaw {
+            defect,
+            reason,
+            lost,
+            tick,
+        }: Flaw,
+    ) -> LogError {
+        LogError::Place {
+            path: self.path.clone(),
+            defect,
+            reason,
+            lost,
+            tick,
+        }
     }
 
     /// The rows of a block.
     fn unpacked(&mut self, block: &StoredBlock) -> Result<Vec<u64>, LogError> {
         self.packed.resize(block.bytes, 0);
         let read = self.bytes.read(&mut self.packed, block.byte);
-        let n = read.map_err(|source| LogError::File { action: "read", path: self.path.clone(), source })?;
+        let n = read.map_err(|source| LogError::File {
+            action: "read",
+            path: self.path.clone(),
+            source,
+        })?;
         let is_whole = n == block.bytes && crc32fast::hash(&self.packed) == block.checksum;
-        let rows = if is_whole { unpack(block.messages, self.shape.words(), &self.packed) } else { Err("its checksum differs".to_owned()) };
+        let rows = if is_whole {
+            unpack(block.messages, self.shape.words(), &self.packed)
+        } else {
+            Err("its checksum differs".to_owned())
+        };
         rows.map_err(|reason| {
-            let reason = format!("the block at byte {} is not what was written: {reason}", block.byte);
-            self.place(Flaw { defect: Defect::Damaged, reason, lost: block.messages as u64, tick: Some(block.tick) })
+            let reason = format!(
+                "the block at byte {} is not what was written: {reason}",
+                block.byte
+            );
+            self.place(Flaw {
+                defect: Defect::Damaged,
+                reason,
+                lost: block.messages as u64,
+                tick: Some(block.tick),
+            })
         })
     }
 }
 
 /// The identity of a log from the head of its file, and whether that is as it was written. Where it is not, the first block tells.
-fn identity(bytes: &Bytes, path: &Path, shape: &Shape, ours: Option<Identity>) -> Result<(Identity, bool), LogError> {
+fn identity(
+    bytes: &Bytes,
+    path: &Path,
+    shape: &Shape,
+    ours: Option<Identity>,
+) -> Result<(Identity, bool), LogError> {
     let (path, mut head) = (path.to_owned(), [0; FILE_HEAD]);
     let n = match bytes.read(&mut head, 0) {
         Ok(n) => n,
-        Err(source) => return Err(LogError::File { action: "read", path, source }),
+        Err(source) => {
+            return Err(LogError::File {
+                action: "read",
+                path,
+                source,
+            });
+        }
     };
     if n < FILE_HEAD {
-        let begun = Identity { run: 0, log: 0, logs: 0, layout: shape.hash }.file_head(shape.bytes);
-        let is_prefix =
-            ours.map_or_else(|| begun[..20].starts_with(&head[..n.min(20)]), |ours| ours.file_head(shape.bytes).starts_with(&head[..n]));
+        let begun = Identity {
+            run: 0,
+            log: 0,
+            logs: 0,
+            layout: shape.hash,
+        }
+        .file_head(shape.bytes);
+        let is_prefix = ours.map_or_else(
+            || begun[..20].starts_with(&head[..n.min(20)]),
+            |ours| ours.file_head(shape.bytes).starts_with(&head[..n]),
+        );
         return Err(match is_prefix {
             true => LogError::Unbegun { path },
-            false => LogError::Damaged { path, reason: "its first bytes are not those of such a file".to_owned() },
+            false => LogError::Damaged {
+                path,
+                reason: "its first bytes are not those of such a file".to_owned(),
+            },
         });
     }
     let of_file = Identity::of_file(&head).filter(|_| head[..8] == MAGIC);
     let Some((found, message_bytes)) = of_file else {
         if let Some(ours) = ours.filter(|ours| {
-            bytes.block_head(FILE_HEAD as u64, *ours, shape.bytes).is_ok_and(|block| block.is_some_and(|block| block.is_of(*ours)))
+            bytes
+                .block_head(FILE_HEAD as u64, *ours, shape.bytes)
+                .is_ok_and(|block| block.is_some_and(|block| block.is_of(*ours)))
         }) {
             return Ok((ours, false));
         }
@@ -186,7 +314,10 @@ fn identity(bytes: &Bytes, path: &Path, shape: &Shape, ours: Option<Identity>) -
             () if head[7] != MAGIC[7] => "another version of armplane packed it",
             () => "its first bytes are not what was written",
         };
-        return Err(LogError::Damaged { path, reason: reason.to_owned() });
+        return Err(LogError::Damaged {
+            path,
+            reason: reason.to_owned(),
+        });
     };
     if let Some(ours) = ours {
         if found.run != ours.run {
@@ -197,10 +328,17 @@ fn identity(bytes: &Bytes, path: &Path, shape: &Shape, ours: Option<Identity>) -
         }
     }
     if found.layout != shape.hash {
-        return Err(LogError::WireFormat { path, found: found.layout, ours: shape.hash });
+        return Err(LogError::WireFormat {
+            path,
+            found: found.layout,
+            ours: shape.hash,
+        });
     }
     if message_bytes != shape.bytes {
-        return Err(LogError::Damaged { path, reason: "its first bytes are not what was written".to_owned() });
+        return Err(LogError::Damaged {
+            path,
+            reason: "its first bytes are not what was written".to_owned(),
+        });
     }
     Ok((found, true))
 }

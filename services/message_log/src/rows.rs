@@ -33,13 +33,29 @@ impl RowWriter {
     pub fn create(folder: &Path, shape: &Shape, logs: &Logs) -> Result<Self, LogError> {
         let path = shape.path_in(folder);
         let identity = head::identity(logs, shape, &path)?;
-        let made = std::fs::create_dir_all(folder).and_then(|()| File::create(&path)).and_then(|mut file| {
-            file.write_all(&identity.file_head(shape.bytes))?;
-            Ok(file)
-        });
+        let made = std::fs::create_dir_all(folder)
+            .and_then(|()| File::create(&path))
+            .and_then(|mut file| {
+                file.write_all(&identity.file_head(shape.bytes))?;
+                Ok(file)
+            });
         match made {
-            Ok(file) => Ok(Self::on(path, file, shape, identity, logs, Place { byte: FILE_HEAD as u64, messages: 0 })),
-            Err(source) => Err(LogError::File { action: "write", path, source }),
+            Ok(file) => Ok(Self::on(
+                path,
+                file,
+                shape,
+                identity,
+                logs,
+                Place {
+                    byte: FILE_HEAD as u64,
+                    messages: 0,
+                },
+            )),
+            Err(source) => Err(LogError::File {
+                action: "write",
+                path,
+                source,
+            }),
         }
     }
 
@@ -50,28 +66,60 @@ impl RowWriter {
     /// # Errors
     /// When there is no such file and the place is not the beginning, when it is of another run or not of this program's wire format, or damaged behind
     /// the place.
-    pub fn resume(folder: &Path, shape: &Shape, logs: &Logs, from: Place, each: impl FnMut(Vec<u64>)) -> Result<Self, LogError> {
-        let has_head = std::fs::metadata(shape.path_in(folder)).is_ok_and(|file| file.len() >= FILE_HEAD as u64);
+    pub fn resume(
+        folder: &Path,
+        shape: &Shape,
+        logs: &Logs,
+        from: Place,
+        each: impl FnMut(Vec<u64>),
+    ) -> Result<Self, LogError> {
+        let has_head = std::fs::metadata(shape.path_in(folder))
+            .is_ok_and(|file| file.len() >= FILE_HEAD as u64);
         if from.byte == 0 && !has_head {
             return Self::create(folder, shape, logs);
         }
         let mut kept = RowReader::open_behind(folder, shape, logs, from)?;
-        std::iter::from_fn(|| kept.next_row().transpose()).collect::<Result<Vec<_>, _>>()?.into_iter().for_each(each);
+        std::iter::from_fn(|| kept.next_row().transpose())
+            .collect::<Result<Vec<_>, _>>()?
+            .into_iter()
+            .for_each(each);
         let (identity, end, path) = (kept.identity(), kept.end(), kept.into_path());
-        let opened = OpenOptions::new().write(true).open(&path).and_then(|mut file| {
-            file.set_len(end.byte)?;
-            file.seek(SeekFrom::End(0))?;
-            Ok(file)
-        });
+        let opened = OpenOptions::new()
+            .write(true)
+            .open(&path)
+            .and_then(|mut file| {
+                file.set_len(end.byte)?;
+                file.seek(SeekFrom::End(0))?;
+                Ok(file)
+            });
         match opened {
             Ok(file) => Ok(Self::on(path, file, shape, identity, logs, end)),
-            Err(source) => Err(LogError::File { action: "write", path, source }),
+            Err(source) => Err(LogError::File {
+                action: "write",
+                path,
+                source,
+            }),
         }
     }
 
-    fn on(path: PathBuf, file: File, shape: &Shape, identity: Identity, logs: &Logs, place: Place) -> Self {
+    fn on(
+        path: PathBuf,
+        file: File,
+        shape: &Shape,
+        identity: Identity,
+        logs: &Logs,
+        place: Place,
+    ) -> Self {
         logs.set_written(usize::from(identity.log), place.messages);
-        Self { path, file, packer: Packer::new(shape.words(), identity.block_head()), identity, logs: logs.clone(), place, tick: 0 }
+        Self {
+            path,
+            file,
+            packer: Packer::new(shape.words(), identity.block_head()),
+            identity,
+            logs: logs.clone(),
+            place,
+            tick: 0,
+        }
     }
 
     /// Adds a message, stamps included.
@@ -83,7 +131,11 @@ impl RowWriter {
             self.tick = tick_of(row);
         }
         self.packer.add(row);
-        if self.packer.len() < BLOCK { Ok(()) } else { self.write_block() }
+        if self.packer.len() < BLOCK {
+            Ok(())
+        } else {
+            self.write_block()
+        }
     }
 
     /// Ends the log, when every log of the run has been [flushed](Self::flush): one with this end lacks nothing of what its writer was given. Returns the
@@ -102,7 +154,11 @@ impl RowWriter {
     /// # Errors
     /// When the file cannot be written.
     pub fn flush(&mut self) -> Result<(), LogError> {
-        if self.packer.len() == 0 { Ok(()) } else { self.write_block() }
+        if self.packer.len() == 0 {
+            Ok(())
+        } else {
+            self.write_block()
+        }
     }
 
     /// Bytes and messages in the file so far.
@@ -112,17 +168,36 @@ impl RowWriter {
     }
 
     fn write_block(&mut self) -> Result<(), LogError> {
-        let Self { path, file, packer, identity, logs, place, tick } = self;
+        let Self {
+            path,
+            file,
+            packer,
+            identity,
+            logs,
+            place,
+            tick,
+        } = self;
         let tick = if packer.len() == 0 { 0 } else { *tick };
-        let (block, messages) = if packer.len() == 0 { (packer.end(), 0) } else { packer.pack() };
+        let (block, messages) = if packer.len() == 0 {
+            (packer.end(), 0)
+        } else {
+            packer.pack()
+        };
         BlockHead::write(*identity, messages, (place.messages, tick), logs, block);
         match file.write_all(block) {
             Ok(()) => {
-                *place = Place { byte: place.byte + block.len() as u64, messages: place.messages + messages as u64 };
+                *place = Place {
+                    byte: place.byte + block.len() as u64,
+                    messages: place.messages + messages as u64,
+                };
                 logs.set_written(usize::from(identity.log), place.messages);
                 Ok(())
             }
-            Err(source) => Err(LogError::File { action: "write", path: path.clone(), source }),
+            Err(source) => Err(LogError::File {
+                action: "write",
+                path: path.clone(),
+                source,
+            }),
         }
     }
 }

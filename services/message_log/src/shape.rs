@@ -25,8 +25,17 @@ impl Shape {
     /// Of messages whose type is known.
     #[must_use]
     pub fn of<M: Message>() -> Self {
-        const { assert!(size_of::<M>().is_multiple_of(8), "messages are rows of 64-bit words") };
-        Self { topic: M::TOPIC.to_owned(), bytes: size_of::<M>(), hash: M::layout_hash() }
+        const {
+            assert!(
+                size_of::<M>().is_multiple_of(8),
+                "messages are rows of 64-bit words"
+            )
+        };
+        Self {
+            topic: M::TOPIC.to_owned(),
+            bytes: size_of::<M>(),
+            hash: M::layout_hash(),
+        }
     }
 
     pub(crate) fn path_in(&self, folder: &Path) -> PathBuf {
@@ -41,7 +50,11 @@ impl Shape {
 
 impl From<&MessageLayout> for Shape {
     fn from(layout: &MessageLayout) -> Self {
-        Self { topic: layout.topic.clone(), bytes: layout.bytes, hash: layout.hash }
+        Self {
+            topic: layout.topic.clone(),
+            bytes: layout.bytes,
+            hash: layout.hash,
+        }
     }
 }
 

@@ -15,18 +15,82 @@ const TIME: [f64; POSTURES] = [0.1532833606974714, 0.6442099810974817, 1.0];
 /// Weights of the accelerations in each posture and in the last row in the result, over h².
 const POSITION: [[f64; STAGES]; POSTURES + 1] = [
     [0.011747894333355558, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-    [-0.09003605075680987, -0.10750807959905966, 0.4050473802286784, 0.0, 0.0, 0.0, 0.0],
-    [0.3659804902237086, 0.08144203738071257, -0.2393555338094394, -0.1642352953803759, 0.456168301585395, 0.0, 0.0],
-    [-0.002115394694883465, 0.055276783399148786, 0.2641214234667087, 0.09456970763438208, 0.08814748019464388, 0.0, 0.0],
+    [
+        -0.09003605075680987,
+        -0.10750807959905966,
+        0.4050473802286784,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    ],
+    [
+        0.3659804902237086,
+        0.08144203738071257,
+        -0.2393555338094394,
+        -0.1642352953803759,
+        0.456168301585395,
+        0.0,
+        0.0,
+    ],
+    [
+        -0.002115394694883465,
+        0.055276783399148786,
+        0.2641214234667087,
+        0.09456970763438208,
+        0.08814748019464388,
+        0.0,
+        0.0,
+    ],
 ];
 /// Their weights in the velocity of each stage, and in the last row in the result, over h.
 const VELOCITY: [[f64; STAGES]; STAGES] = [
     [0.1532833606974714, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-    [0.060601688180066476, 0.09268167251740492, 0.0, 0.0, 0.0, 0.0, 0.0],
-    [-0.7980783331115917, 0.5184220889357056, 0.9238662252733677, 0.0, 0.0, 0.0, 0.0],
-    [0.5665178618766498, -0.2160427010616005, -0.07501622948072538, 0.36875104976315787, 0.0, 0.0, 0.0],
-    [1.0723430360790442, -0.18064337213464343, 0.9143726833980058, -0.13309561379327178, -0.6729767335491338, 0.0, 0.0],
-    [0.3668479369940846, -0.519661826476447, 0.3342909171746247, 0.028641166032066432, 0.7898818062756721, 0.0, 0.0],
+    [
+        0.060601688180066476,
+        0.09268167251740492,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    ],
+    [
+        -0.7980783331115917,
+        0.5184220889357056,
+        0.9238662252733677,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    ],
+    [
+        0.5665178618766498,
+        -0.2160427010616005,
+        -0.07501622948072538,
+        0.36875104976315787,
+        0.0,
+        0.0,
+        0.0,
+    ],
+    [
+        1.0723430360790442,
+        -0.18064337213464343,
+        0.9143726833980058,
+        -0.13309561379327178,
+        -0.6729767335491338,
+        0.0,
+        0.0,
+    ],
+    [
+        0.3668479369940846,
+        -0.519661826476447,
+        0.3342909171746247,
+        0.028641166032066432,
+        0.7898818062756721,
+        0.0,
+        0.0,
+    ],
     [
         -0.0021153946948832755,
         0.06528368622197238,
@@ -43,7 +107,11 @@ type Motion<const N: usize> = [SVector<f64, N>; 2];
 
 /// Σ wᵢ·aᵢ over the first `known` accelerations.
 #[inline(always)]
-fn weighted<R: Row<N>, const N: usize>(weights: &[f64; STAGES], accelerations: &[R; STAGES], known: usize) -> R {
+fn weighted<R: Row<N>, const N: usize>(
+    weights: &[f64; STAGES],
+    accelerations: &[R; STAGES],
+    known: usize,
+) -> R {
     let mut sum = accelerations[0] * R::splat(weights[0]);
     for k in 1..known {
         sum = sum + accelerations[k] * R::splat(weights[k]);
@@ -93,7 +161,9 @@ impl<const N: usize> Model<N> {
         accelerations[0] = R::of(qddot);
         let mut known = 1;
         for (time, weights) in TIME.iter().zip(&POSITION) {
-            let posed = self.posed(q + qdot * R::splat(time * h) + weighted(weights, &accelerations, known) * h2);
+            let posed = self.posed(
+                q + qdot * R::splat(time * h) + weighted(weights, &accelerations, known) * h2,
+            );
             for _ in 0..VELOCITIES {
                 let qdot = qdot + weighted(&VELOCITY[known - 1], &accelerations, known) * h1;
                 accelerations[known] = R::of(&self.qddot_in(&posed, qdot, tau - viscous * qdot));
@@ -116,13 +186,17 @@ mod tests {
     fn a_step_is_of_order_five() {
         for name in ["puma560", "ur5"] {
             let arm = Model::<6>::new(&Robot::builtin(name).unwrap(), None).unwrap();
-            let start: Motion<6> = [SVector::from_fn(|i, _| 0.4 + 0.5 * i as f64), SVector::from_fn(|i, _| 2.0 - 0.7 * i as f64)];
+            let start: Motion<6> = [
+                SVector::from_fn(|i, _| 0.4 + 0.5 * i as f64),
+                SVector::from_fn(|i, _| 2.0 - 0.7 * i as f64),
+            ];
             let viscous = SVector::<f64, 6>::from_fn(|i, _| 0.5 / (1.0 + i as f64));
             let tau = arm.gravity(&start[0]) * 0.5;
             let after = |steps: u32| {
                 let h = 0.2 / f64::from(steps);
                 (0..steps).fold(start, |x, _| {
-                    let qddot = arm.forward_dynamics(&x[0], &x[1], &(tau - viscous.component_mul(&x[1])));
+                    let qddot =
+                        arm.forward_dynamics(&x[0], &x[1], &(tau - viscous.component_mul(&x[1])));
                     arm.advance(&x, &qddot, &tau, &viscous, h)
                 })
             };
@@ -133,7 +207,10 @@ mod tests {
             };
             let (coarse, fine) = (error(8), error(16));
             for (coarse, fine) in coarse.into_iter().zip(fine) {
-                assert!(fine > 1e-13 && (20.0..50.0).contains(&(coarse / fine)), "{name}: {coarse:e} and {fine:e}");
+                assert!(
+                    fine > 1e-13 && (20.0..50.0).contains(&(coarse / fine)),
+                    "{name}: {coarse:e} and {fine:e}"
+                );
             }
         }
     }

@@ -64,9 +64,15 @@ impl<const N: usize> Model<N> {
     /// [`ModelError`] if `robot` has more than `N` joints, or no such frame.
     pub fn new(robot: &Robot, frame: Option<&str>) -> Result<Self, ModelError> {
         if robot.dof() > N || robot.dof() == 0 {
-            return Err(ModelError::Dof { robot: robot.name.clone(), expected: N, actual: robot.dof() });
+            return Err(ModelError::Dof {
+                robot: robot.name.clone(),
+                expected: N,
+                actual: robot.dof(),
+            });
         }
-        let column = |f: fn(&Joint) -> f64, absent: f64| SVector::from_fn(|i, _| robot.joints.get(i).map_or(absent, f));
+        let column = |f: fn(&Joint) -> f64, absent: f64| {
+            SVector::from_fn(|i, _| robot.joints.get(i).map_or(absent, f))
+        };
         const NONE: f64 = f64::INFINITY;
         let base = Self {
             bodies: Bodies::new(robot),

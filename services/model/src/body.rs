@@ -58,7 +58,12 @@ impl<X: Space> Link<X> {
     #[inline(always)]
     fn at(R: &Matrix3<f64>) -> Self {
         let axis = |k: usize| X::of([R[(0, k)], R[(1, k)], R[(2, k)]]);
-        Self { x: axis(0), y: axis(1), z: axis(2), p: X::of([0.0; 3]) }
+        Self {
+            x: axis(0),
+            y: axis(1),
+            z: axis(2),
+            p: X::of([0.0; 3]),
+        }
     }
 
     /// A pose in this frame, in the base.
@@ -67,13 +72,20 @@ impl<X: Space> Link<X> {
         let turned = |[x, y, z]: [f64; 3]| self.x.times(x) + self.y.times(y) + self.z.times(z);
         let column = |k: usize| turned([X_LE.R[(0, k)], X_LE.R[(1, k)], X_LE.R[(2, k)]]).get();
         let p = turned([X_LE.p.x, X_LE.p.y, X_LE.p.z]) + self.p;
-        Pose { R: Matrix3::from_columns(&[column(0), column(1), column(2)]), p: p.get() }
+        Pose {
+            R: Matrix3::from_columns(&[column(0), column(1), column(2)]),
+            p: p.get(),
+        }
     }
 }
 
 /// −1, 0 and 1 where rounding keeps a cosine or a sine from them.
 fn exact(x: f64) -> f64 {
-    if (x - x.round()).abs() < 1e-15 { x.round() } else { x }
+    if (x - x.round()).abs() < 1e-15 {
+        x.round()
+    } else {
+        x
+    }
 }
 
 impl<const N: usize> Bodies<N> {
@@ -81,7 +93,9 @@ impl<const N: usize> Bodies<N> {
     pub(crate) fn new(robot: &Robot) -> Self {
         let joints = &robot.joints;
         // Our axes in the URDF's, link by link; an absent joint carries the last link's.
-        let own: Vec<Matrix3<f64>> = (0..joints.len()).map(|i| link_axes(&joints[i], joints.get(i + 1))).collect();
+        let own: Vec<Matrix3<f64>> = (0..joints.len())
+            .map(|i| link_axes(&joints[i], joints.get(i + 1)))
+            .collect();
         let first = joints[0].X_PJ.R * own[0];
         let mut bodies = Self {
             base: first,
@@ -105,12 +119,17 @@ impl<const N: usize> Bodies<N> {
             (bodies.cos_twist.0[i], bodies.sin_twist.0[i]) = (cos, sin);
             (bodies.cos_0.0[i], bodies.sin_0.0[i]) = (exact(R.m11), exact(-R.m12));
             let p = to_parent * joint.X_PJ.p;
-            bodies.p_0.set(i, &Vector3::new(p.x, cos * p.y + sin * p.z, cos * p.z - sin * p.y));
+            bodies.p_0.set(
+                i,
+                &Vector3::new(p.x, cos * p.y + sin * p.z, cos * p.z - sin * p.y),
+            );
             let slides = joint.kind == JointKind::Prismatic;
             (bodies.turns.0[i], bodies.slides.0[i]) = if slides { (0.0, 1.0) } else { (1.0, 0.0) };
             bodies.mass.0[i] = joint.mass;
             bodies.com.set(i, &(own[i].transpose() * joint.com));
-            bodies.inertia.set(i, &(own[i].transpose() * joint.inertia * own[i]));
+            bodies
+                .inertia
+                .set(i, &(own[i].transpose() * joint.inertia * own[i]));
             parent = own[i];
         }
         bodies
@@ -137,7 +156,10 @@ impl<const N: usize> Bodies<N> {
         let (sin, cos) = (s.store(), c.store());
         let [x_y, x_z] = [(s * cos_twist).store(), (s * sin_twist).store()];
         let [y_y, y_z] = [(c * cos_twist).store(), (c * sin_twist).store()];
-        let [r_y, r_z] = [(p_y * cos_twist - p_z * sin_twist).store(), (p_y * sin_twist + p_z * cos_twist).store()];
+        let [r_y, r_z] = [
+            (p_y * cos_twist - p_z * sin_twist).store(),
+            (p_y * sin_twist + p_z * cos_twist).store(),
+        ];
         let mut link = Link::<R::Space>::at(&self.base);
         let mut links = [link; MAX_DOF];
         for (i, place) in links.iter_mut().enumerate().take(N) {
@@ -150,9 +172,16 @@ impl<const N: usize> Bodies<N> {
             };
             *place = link;
         }
-        let axes =
-            Axes { x: R::rows(&links.map(|link| link.x)), y: R::rows(&links.map(|link| link.y)), z: R::rows(&links.map(|link| link.z)) };
-        Frames { axes, p: R::rows(&links.map(|link| link.p)), links }
+        let axes = Axes {
+            x: R::rows(&links.map(|link| link.x)),
+            y: R::rows(&links.map(|link| link.y)),
+            z: R::rows(&links.map(|link| link.z)),
+        };
+        Frames {
+            axes,
+            p: R::rows(&links.map(|link| link.p)),
+            links,
+        }
     }
 }
 
@@ -161,7 +190,11 @@ fn link_axes(joint: &Joint, next: Option<&Joint>) -> Matrix3<f64> {
     let z = joint.axis;
     let across = next.map_or_else(Vector3::zeros, |next| z.cross(&(next.X_PJ.R * next.axis)));
     // Parallel to rounding: any x will do, and the coordinate axis farthest from z is taken.
-    let across = if across.norm() < 1e-15 { coordinate_axis_across(&z) } else { across };
+    let across = if across.norm() < 1e-15 {
+        coordinate_axis_across(&z)
+    } else {
+        across
+    };
     let x = across.normalize();
     let x = (x - z * z.dot(&x)).normalize();
     Matrix3::from_columns(&[x, z.cross(&x), z])

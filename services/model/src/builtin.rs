@@ -5,17 +5,61 @@ use crate::robot::{Robot, RobotSource};
 
 /// Name, URDF, description.
 const BUILTIN: &[(&str, &str, &str)] = &[
-    ("puma560", include_str!("../robots/puma560.urdf"), include_str!("../robots/puma560.toml")),
-    ("puma560-ideal", include_str!("../robots/puma560-ideal.urdf"), include_str!("../robots/puma560-ideal.toml")),
-    ("planar3r", include_str!("../robots/planar3r.urdf"), include_str!("../robots/planar3r.toml")),
-    ("ur5", include_str!("../robots/ur5.urdf"), include_str!("../robots/ur5.toml")),
-    ("planar2r", include_str!("../robots/planar2r.urdf"), include_str!("../robots/planar2r.toml")),
-    ("iiwa14", include_str!("../robots/iiwa14.urdf"), include_str!("../robots/iiwa14.toml")),
-    ("ur10", include_str!("../robots/ur10.urdf"), include_str!("../robots/ur10.toml")),
-    ("panda", include_str!("../robots/panda.urdf"), include_str!("../robots/panda.toml")),
-    ("fr3", include_str!("../robots/fr3.urdf"), include_str!("../robots/fr3.toml")),
-    ("xarm7", include_str!("../robots/xarm7.urdf"), include_str!("../robots/xarm7.toml")),
-    ("gen3", include_str!("../robots/gen3.urdf"), include_str!("../robots/gen3.toml")),
+    (
+        "puma560",
+        include_str!("../robots/puma560.urdf"),
+        include_str!("../robots/puma560.toml"),
+    ),
+    (
+        "puma560-ideal",
+        include_str!("../robots/puma560-ideal.urdf"),
+        include_str!("../robots/puma560-ideal.toml"),
+    ),
+    (
+        "planar3r",
+        include_str!("../robots/planar3r.urdf"),
+        include_str!("../robots/planar3r.toml"),
+    ),
+    (
+        "ur5",
+        include_str!("../robots/ur5.urdf"),
+        include_str!("../robots/ur5.toml"),
+    ),
+    (
+        "planar2r",
+        include_str!("../robots/planar2r.urdf"),
+        include_str!("../robots/planar2r.toml"),
+    ),
+    (
+        "iiwa14",
+        include_str!("../robots/iiwa14.urdf"),
+        include_str!("../robots/iiwa14.toml"),
+    ),
+    (
+        "ur10",
+        include_str!("../robots/ur10.urdf"),
+        include_str!("../robots/ur10.toml"),
+    ),
+    (
+        "panda",
+        include_str!("../robots/panda.urdf"),
+        include_str!("../robots/panda.toml"),
+    ),
+    (
+        "fr3",
+        include_str!("../robots/fr3.urdf"),
+        include_str!("../robots/fr3.toml"),
+    ),
+    (
+        "xarm7",
+        include_str!("../robots/xarm7.urdf"),
+        include_str!("../robots/xarm7.toml"),
+    ),
+    (
+        "gen3",
+        include_str!("../robots/gen3.urdf"),
+        include_str!("../robots/gen3.toml"),
+    ),
 ];
 
 const BUILTIN_NAMES: [&str; BUILTIN.len()] = {
@@ -41,7 +85,14 @@ impl Robot {
         let (name, urdf, description) = BUILTIN
             .iter()
             .find(|(known, ..)| *known == name)
-            .ok_or_else(|| RobotError::Unknown { name: name.to_owned(), known: BUILTIN_NAMES.join(", ") })?;
-        Robot::from_source(&RobotSource { name: (*name).to_owned(), description: (*description).to_owned(), urdf: (*urdf).to_owned() })
+            .ok_or_else(|| RobotError::Unknown {
+                name: name.to_owned(),
+                known: BUILTIN_NAMES.join(", "),
+            })?;
+        Robot::from_source(&RobotSource {
+            name: (*name).to_owned(),
+            description: (*description).to_owned(),
+            urdf: (*urdf).to_owned(),
+        })
     }
 }

@@ -88,18 +88,39 @@ impl Description {
         Cut {
             base: self.base_frame.as_deref(),
             end: self.default_frame.as_deref(),
-            locked: self.joints.iter().filter_map(|(name, table)| Some((name.as_str(), table.locked?))).collect(),
+            locked: self
+                .joints
+                .iter()
+                .filter_map(|(name, table)| Some((name.as_str(), table.locked?)))
+                .collect(),
         }
     }
 
-    pub(crate) fn apply_to_joints(&self, robot: &str, joints: &mut [Joint]) -> Result<(), RobotError> {
+    pub(crate) fn apply_to_joints(
+        &self,
+        robot: &str,
+        joints: &mut [Joint],
+    ) -> Result<(), RobotError> {
         for joint in joints.iter_mut() {
-            joint.torque_rate = self.joints.get(&joint.name).and_then(|table| table.effort).unwrap_or(joint.effort) / RISE_S;
+            joint.torque_rate = self
+                .joints
+                .get(&joint.name)
+                .and_then(|table| table.effort)
+                .unwrap_or(joint.effort)
+                / RISE_S;
         }
-        for (name, table) in self.joints.iter().filter(|(_, table)| table.locked.is_none()) {
+        for (name, table) in self
+            .joints
+            .iter()
+            .filter(|(_, table)| table.locked.is_none())
+        {
             let known = list(joints.iter().map(|joint| &joint.name));
             let Some(joint) = joints.iter_mut().find(|joint| joint.name == *name) else {
-                return Err(RobotError::UnknownJoint { robot: robot.to_owned(), joint: name.clone(), known });
+                return Err(RobotError::UnknownJoint {
+                    robot: robot.to_owned(),
+                    joint: name.clone(),
+                    known,
+                });
             };
             for (stated, value) in [
                 (table.armature, &mut joint.armature),
@@ -119,36 +140,61 @@ impl Description {
 
     pub(crate) fn apply(self, robot: &mut Robot) -> Result<(), RobotError> {
         let refuse = |what, value: String, remedy: &str| {
-            Err(RobotError::Value { robot: robot.name.clone(), what, value, remedy: remedy.to_owned() })
+            Err(RobotError::Value {
+                robot: robot.name.clone(),
+                what,
+                value,
+                remedy: remedy.to_owned(),
+            })
         };
         if let Some(gravity) = self.gravity {
             if !gravity.iter().all(|g| g.is_finite()) {
-                return refuse("gravity", format!("{gravity:?}"), "give three finite numbers, m/s²");
+                return refuse(
+                    "gravity",
+                    format!("{gravity:?}"),
+                    "give three finite numbers, m/s²",
+                );
             }
             robot.gravity = gravity.into();
         }
         if let Some(length_m) = self.length_m {
             if !(length_m > 0.0 && length_m.is_finite()) {
-                return refuse("length_m", length_m.to_string(), "give a positive length in metres");
+                return refuse(
+                    "length_m",
+                    length_m.to_string(),
+                    "give a positive length in metres",
+                );
             }
             robot.length_m = length_m;
         }
         if let Some(bits) = self.encoder_bits {
             if !(1..=32).contains(&bits) {
-                return refuse("encoder_bits", bits.to_string(), "give 1 to 32 bits per turn");
+                return refuse(
+                    "encoder_bits",
+                    bits.to_string(),
+                    "give 1 to 32 bits per turn",
+                );
             }
             robot.encoder_bits = bits;
         }
         if let Some(task) = self.task {
             let axes: TaskAxes = task.iter().copied().collect();
             if axes.count() != task.len() || task.is_empty() || task.len() > robot.dof() {
-                return refuse("task", format!("{task:?}"), "name each axis once, and at most as many as there are joints");
+                return refuse(
+                    "task",
+                    format!("{task:?}"),
+                    "name each axis once, and at most as many as there are joints",
+                );
             }
             robot.task = axes;
         }
         if let Some(FactorsTable::Puma { a2, a3, d4 }) = self.factors {
             if ![a2, a3, d4].iter().all(|length| length.is_finite()) {
-                return refuse("factors", format!("{:?}", [a2, a3, d4]), "give finite lengths in metres");
+                return refuse(
+                    "factors",
+                    format!("{:?}", [a2, a3, d4]),
+                    "give finite lengths in metres",
+                );
             }
             robot.factors = Factors::Puma { a2, a3, d4 };
         }
@@ -157,7 +203,13 @@ impl Description {
             robot.postures.insert("middle".to_owned(), robot.middle());
         }
         for (name, q) in &robot.postures {
-            robot.check_posture(q).map_err(|reason| RobotError::Posture { robot: robot.name.clone(), name: name.clone(), reason })?;
+            robot
+                .check_posture(q)
+                .map_err(|reason| RobotError::Posture {
+                    robot: robot.name.clone(),
+                    name: name.clone(),
+                    reason,
+                })?;
         }
         Ok(())
     }

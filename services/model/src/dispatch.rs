@@ -20,14 +20,23 @@ impl Refused {
     /// For a number of joints beyond the largest size.
     #[must_use]
     pub fn size(robot: &Robot) -> Self {
-        Self(format!("{} has {} joints; armplane is built for arms of at most {} joints", robot.name, robot.dof(), SIZES[SIZES.len() - 1]))
+        Self(format!(
+            "{} has {} joints; armplane is built for arms of at most {} joints",
+            robot.name,
+            robot.dof(),
+            SIZES[SIZES.len() - 1]
+        ))
     }
 }
 
 /// The arm's joint values in the places of a size, zero at absent joints. Requires at most `N` values.
 #[must_use]
 pub fn embedded<const N: usize>(values: &[f64]) -> SVector<f64, N> {
-    assert!(values.len() <= N, "{} joint values in {N} places", values.len());
+    assert!(
+        values.len() <= N,
+        "{} joint values in {N} places",
+        values.len()
+    );
     SVector::from_fn(|i, _| values.get(i).copied().unwrap_or_default())
 }
 

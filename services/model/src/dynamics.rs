@@ -67,10 +67,18 @@ impl<R: Number> Rates<R> {
     /// The forces that the links' motion takes. Newton and Euler at the centre of mass c; the moment is then taken about the base origin.
     #[inline(always)]
     fn forces(&self, masses: &Masses<R>) -> Forces<R> {
-        let (Masses { m, c_L, c, about_c, .. }, Self { w, alpha, a, .. }) = (masses, self);
+        let (
+            Masses {
+                m, c_L, c, about_c, ..
+            },
+            Self { w, alpha, a, .. },
+        ) = (masses, self);
         let force = (*a + alpha.cross(*c_L) + w.cross(w.cross(*c_L))) * *m;
         let moment = about_c.times(*alpha) + w.cross(about_c.times(*w));
-        Forces { n: moment + c.cross(force), f: force }
+        Forces {
+            n: moment + c.cross(force),
+            f: force,
+        }
     }
 }
 
@@ -90,7 +98,11 @@ impl<R: Number> Masses<R> {
     /// Inertia about the base's origin.
     #[inline(always)]
     fn about_base(&self) -> RigidInertias<R> {
-        RigidInertias { m: self.m, h: self.h, I: self.about_c.shifted(self.h, self.c) }
+        RigidInertias {
+            m: self.m,
+            h: self.h,
+            I: self.about_c.shifted(self.h, self.c),
+        }
     }
 }
 
@@ -114,8 +126,19 @@ impl<const N: usize> Model<N> {
     }
 
     #[inline(always)]
-    pub(crate) fn evaluate_anywhere<R: Row<N>>(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, t: &mut Terms<N>) {
-        let Links { frames, S, rates, I, f } = self.links::<R>(q, qdot, None, &Vector3::zeros());
+    pub(crate) fn evaluate_anywhere<R: Row<N>>(
+        &self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        t: &mut Terms<N>,
+    ) {
+        let Links {
+            frames,
+            S,
+            rates,
+            I,
+            f,
+        } = self.links::<R>(q, qdot, None, &Vector3::zeros());
         put(&mut t.z, frames.axes.z.store());
         put(&mut t.p, frames.p.store());
         put(&mut t.omega, rates.w.store());
@@ -126,7 +149,10 @@ impl<const N: usize> Model<N> {
         t.J = self.jacobian_at(&S, &t.X_BE.p);
         t.Jdot_qdot = self.ee_body.map_or_else(Vector6::zeros, |i| {
             let (w, alpha, r) = (t.omega[i], t.alpha_bias[i], t.X_BE.p - t.p[i]);
-            stack(&(t.pddot_bias[i] + alpha.cross(&r) + w.cross(&w.cross(&r))), &alpha)
+            stack(
+                &(t.pddot_bias[i] + alpha.cross(&r) + w.cross(&w.cross(&r))),
+                &alpha,
+            )
         });
         let F = I.times(&S);
         t.A = self.composite(&S, &F);
@@ -148,7 +174,13 @@ impl<const N: usize> Model<N> {
         let S = self.axes(&frames);
         let rates = self.rates(&frames, &S, R::of(qdot), qddot, a_B);
         let masses = self.masses(&frames);
-        Links { I: masses.about_base().inwards(), f: rates.forces(&masses), frames, S, rates }
+        Links {
+            I: masses.about_base().inwards(),
+            f: rates.forces(&masses),
+            frames,
+            S,
+            rates,
+        }
     }
 
     /// The links' motion: what each joint adds to its parent's, summed from the base on.
@@ -178,7 +210,12 @@ impl<const N: usize> Model<N> {
         if let Some(qddot) = qddot {
             a = a + slide * R::of(qddot);
         }
-        Rates { w, alpha, v: v.outwards(), a: a.outwards() + V3::splat(a_B) }
+        Rates {
+            w,
+            alpha,
+            v: v.outwards(),
+            a: a.outwards() + V3::splat(a_B),
+        }
     }
 
     #[inline(always)]
@@ -186,7 +223,13 @@ impl<const N: usize> Model<N> {
         let m = R::load(&self.bodies.mass);
         let c_L = frames.axes.turn(V3::load(&self.bodies.com));
         let c = frames.p + c_L;
-        Masses { m, c_L, c, h: c * m, about_c: self.bodies.inertia.rotated(&frames.axes) }
+        Masses {
+            m,
+            c_L,
+            c,
+            h: c * m,
+            about_c: self.bodies.inertia.rotated(&frames.axes),
+        }
     }
 
     /// Mass matrix A(q), armature included: composite-rigid-body algorithm [RBDA Ch. 6].
@@ -196,7 +239,10 @@ impl<const N: usize> Model<N> {
     }
 
     #[inline(always)]
-    pub(crate) fn mass_matrix_anywhere<R: Row<N>>(&self, q: &SVector<f64, N>) -> SMatrix<f64, N, N> {
+    pub(crate) fn mass_matrix_anywhere<R: Row<N>>(
+        &self,
+        q: &SVector<f64, N>,
+    ) -> SMatrix<f64, N, N> {
         let (S, I) = self.composites::<R>(q);
         self.composite(&S, &I.times(&S))
     }
@@ -205,7 +251,10 @@ impl<const N: usize> Model<N> {
     #[inline(always)]
     fn composites<R: Row<N>>(&self, q: &SVector<f64, N>) -> (Motions<R>, RigidInertias<R>) {
         let frames = self.bodies.outwards::<R>(R::of(q));
-        (self.axes(&frames), self.masses(&frames).about_base().inwards())
+        (
+            self.axes(&frames),
+            self.masses(&frames).about_base().inwards(),
+        )
     }
 
     /// A(q) of links with the joint axes `S` and the momenta `F` at unit speed of each joint alone.
@@ -214,7 +263,10 @@ impl<const N: usize> Model<N> {
         let (n, f) = (F.n.store(), F.f.store());
         let mut columns = [PerJoint::ZERO; N];
         for (j, column) in columns.iter_mut().enumerate() {
-            let F = Forces { n: V3::splat(&n.get(j)), f: V3::splat(&f.get(j)) };
+            let F = Forces {
+                n: V3::splat(&n.get(j)),
+                f: V3::splat(&f.get(j)),
+            };
             *column = S.dot(&F).store();
         }
         // A column is valid up to the diagonal.
@@ -233,22 +285,44 @@ impl<const N: usize> Model<N> {
     }
 
     #[inline(always)]
-    pub(crate) fn motion_anywhere<R: Row<N>>(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>) -> ArmMotion<N> {
-        let Links { frames, S, I, f, .. } = self.links::<R>(q, qdot, None, &-self.gravity);
+    pub(crate) fn motion_anywhere<R: Row<N>>(
+        &self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+    ) -> ArmMotion<N> {
+        let Links {
+            frames, S, I, f, ..
+        } = self.links::<R>(q, qdot, None, &-self.gravity);
         let A = self.composite(&S, &I.times(&S));
         let bias = S.dot(&f.inwards()).store().first();
         let energy = 0.5 * qdot.dot(&(A * qdot)) + self.potential(&I);
         let X_BE = self.end(&frames);
-        ArmMotion { X_BE, V_BE: self.jacobian_at(&S, &X_BE.p) * qdot, energy, A, bias }
+        ArmMotion {
+            X_BE,
+            V_BE: self.jacobian_at(&S, &X_BE.p) * qdot,
+            energy,
+            A,
+            bias,
+        }
     }
 
     /// Inverse dynamics τ = A·q̈ + C·q̇ + g, armature included: recursive Newton–Euler algorithm [RBDA Ch. 5].
-    pub fn inverse_dynamics(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, qddot: &SVector<f64, N>) -> SVector<f64, N> {
+    pub fn inverse_dynamics(
+        &self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        qddot: &SVector<f64, N>,
+    ) -> SVector<f64, N> {
         self.torques(q, qdot, Some(qddot)) + self.armature.component_mul(qddot)
     }
 
     /// The joint torques that bear the links' motion and weight, at zero joint accelerations for `None`.
-    fn torques(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, qddot: Option<&SVector<f64, N>>) -> SVector<f64, N> {
+    fn torques(
+        &self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        qddot: Option<&SVector<f64, N>>,
+    ) -> SVector<f64, N> {
         let arm = self;
         widest!(torques_anywhere(arm: &Model<N>, q: &SVector<f64, N>, qdot: &SVector<f64, N>, qddot: Option<&SVector<f64, N>>) -> SVector<f64, N>)
     }
@@ -285,13 +359,23 @@ impl<const N: usize> Model<N> {
     /// Forward dynamics q̈ = A⁻¹(τ − C·q̇ − g), armature included: A by composite inertias, bias torques by Newton and Euler, A = L·D·Lᵀ [RBDA §6.2, 6.5].
     ///
     /// For six or seven joints this takes fewer operations than the articulated-body algorithm. Requires A positive definite.
-    pub fn forward_dynamics(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, tau: &SVector<f64, N>) -> SVector<f64, N> {
+    pub fn forward_dynamics(
+        &self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        tau: &SVector<f64, N>,
+    ) -> SVector<f64, N> {
         let arm = self;
         widest!(qddot_anywhere(arm: &Model<N>, q: &SVector<f64, N>, qdot: &SVector<f64, N>, tau: &SVector<f64, N>) -> SVector<f64, N>)
     }
 
     #[inline(always)]
-    pub(crate) fn qddot_anywhere<R: Row<N>>(&self, q: &SVector<f64, N>, qdot: &SVector<f64, N>, tau: &SVector<f64, N>) -> SVector<f64, N> {
+    pub(crate) fn qddot_anywhere<R: Row<N>>(
+        &self,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        tau: &SVector<f64, N>,
+    ) -> SVector<f64, N> {
         self.qddot_in(&self.posed(R::of(q)), R::of(qdot), R::of(tau))
     }
 
@@ -302,15 +386,32 @@ impl<const N: usize> Model<N> {
         let (S, masses) = (self.axes(&frames), self.masses(&frames));
         // Factored first: its divisions wait for one another, and what follows does not wait for them.
         let A = Factored::of(self.composite(&S, &masses.about_base().inwards().times(&S)));
-        Posed { frames, S, masses, A }
+        Posed {
+            frames,
+            S,
+            masses,
+            A,
+        }
     }
 
     /// q̈ in a posture.
     #[inline(always)]
-    pub(crate) fn qddot_in<R: Row<N>>(&self, posed: &Posed<R, N>, qdot: R, tau: R) -> SVector<f64, N> {
-        let Posed { frames, S, masses, A } = posed;
+    pub(crate) fn qddot_in<R: Row<N>>(
+        &self,
+        posed: &Posed<R, N>,
+        qdot: R,
+        tau: R,
+    ) -> SVector<f64, N> {
+        let Posed {
+            frames,
+            S,
+            masses,
+            A,
+        } = posed;
         // Gravity as an upward acceleration of the base.
-        let f = self.rates(frames, S, qdot, None, &-self.gravity).forces(masses);
+        let f = self
+            .rates(frames, S, qdot, None, &-self.gravity)
+            .forces(masses);
         A.solve((tau - S.dot(&f.inwards())).store().first())
     }
 

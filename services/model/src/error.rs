@@ -12,7 +12,9 @@ pub struct DescriptionError(pub(crate) String);
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RobotError {
     /// No built-in robot of that name.
-    #[error("there is no robot '{name}'; the built-in ones are {known}, or give the path of a URDF file")]
+    #[error(
+        "there is no robot '{name}'; the built-in ones are {known}, or give the path of a URDF file"
+    )]
     Unknown {
         /// The name asked for.
         name: String,
@@ -78,7 +80,9 @@ pub enum RobotError {
         actual: usize,
     },
     /// A joint of a type that one angle or length cannot describe.
-    #[error("robot '{robot}': joint '{joint}' is of type {kind}; supported are revolute, continuous, prismatic and fixed")]
+    #[error(
+        "robot '{robot}': joint '{joint}' is of type {kind}; supported are revolute, continuous, prismatic and fixed"
+    )]
     UnsupportedJoint {
         /// The robot's name.
         robot: String,
@@ -159,7 +163,9 @@ pub enum RobotError {
         known: String,
     },
     /// The description names a joint that the chain does not have.
-    #[error("robot '{robot}': the description has a joint '{joint}', but the chain's joints are {known}")]
+    #[error(
+        "robot '{robot}': the description has a joint '{joint}', but the chain's joints are {known}"
+    )]
     UnknownJoint {
         /// The robot's name.
         robot: String,
@@ -211,7 +217,9 @@ pub enum RobotError {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PostureError {
     /// Wrong number of values.
-    #[error("{actual} joint values given, but the robot has {expected} joints ({joints}): give {expected}")]
+    #[error(
+        "{actual} joint values given, but the robot has {expected} joints ({joints}): give {expected}"
+    )]
     Length {
         /// Values given.
         actual: usize,
@@ -244,5 +252,9 @@ pub enum PostureError {
 
 /// Quoted names, separated by commas.
 pub(crate) fn list<T: fmt::Display>(names: impl IntoIterator<Item = T>) -> String {
-    names.into_iter().map(|name| format!("'{name}'")).collect::<Vec<_>>().join(", ")
+    names
+        .into_iter()
+        .map(|name| format!("'{name}'"))
+        .collect::<Vec<_>>()
+        .join(", ")
 }

@@ -9,9 +9,18 @@ pub(crate) fn without_foreign(text: &str) -> Result<String, String> {
     while let Some(start) = rest.find('<') {
         let (before, tag) = rest.split_at(start);
         out.push_str(before);
-        let opaque = [("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"), ("<!", ">")].into_iter().find(|(open, _)| tag.starts_with(open));
+        let opaque = [
+            ("<!--", "-->"),
+            ("<![CDATA[", "]]>"),
+            ("<?", "?>"),
+            ("<!", ">"),
+        ]
+        .into_iter()
+        .find(|(open, _)| tag.starts_with(open));
         let length = match opaque {
-            Some((open, close)) => tag[open.len()..].find(close).map(|at| open.len() + at + close.len()),
+            Some((open, close)) => tag[open.len()..]
+                .find(close)
+                .map(|at| open.len() + at + close.len()),
             None => tag_length(tag),
         };
         // A tag that never ends: the parser names the fault.
@@ -31,7 +40,9 @@ pub(crate) fn without_foreign(text: &str) -> Result<String, String> {
             continue;
         }
         if name.starts_with("xacro:") {
-            return Err(format!("<{name}> is a macro: expand the file first, `xacro FILE > robot.urdf`"));
+            return Err(format!(
+                "<{name}> is a macro: expand the file first, `xacro FILE > robot.urdf`"
+            ));
         }
         if !this.ends_with("/>") && !this.starts_with("</") {
             rest = after_element(after, name);
@@ -57,7 +68,9 @@ fn tag_length(tag: &str) -> Option<usize> {
 
 fn name_of(tag: &str) -> &str {
     let name = tag.trim_start_matches('<').trim_start_matches('/');
-    name.split(|c: char| c.is_whitespace() || c == '>' || c == '/').next().unwrap_or_default()
+    name.split(|c: char| c.is_whitespace() || c == '>' || c == '/')
+        .next()
+        .unwrap_or_default()
 }
 
 /// The text after the end tag of an element `name` that is open; nothing where it never ends.
@@ -69,7 +82,11 @@ fn after_element<'a>(mut rest: &'a str, name: &str) -> &'a str {
         let (this, after) = tag.split_at(length);
         rest = after;
         if name_of(this) == name && !this.ends_with("/>") {
-            depth = if this.starts_with("</") { depth - 1 } else { depth + 1 };
+            depth = if this.starts_with("</") {
+                depth - 1
+            } else {
+                depth + 1
+            };
         }
         if depth == 0 {
             return rest;
@@ -83,7 +100,9 @@ fn push_without_prefixed_attributes(out: &mut String, tag: &str) {
     let mut rest = tag;
     while let Some(equals) = rest.find('=') {
         let before = rest[..equals].trim_end();
-        let begin = before.rfind(char::is_whitespace).map_or(0, |at| at + before[at..].chars().next().map_or(1, char::len_utf8));
+        let begin = before.rfind(char::is_whitespace).map_or(0, |at| {
+            at + before[at..].chars().next().map_or(1, char::len_utf8)
+        });
         let value = rest[equals + 1..].trim_start();
         let skipped = rest.len() - value.len();
         let end = match value.chars().next() {
@@ -91,7 +110,11 @@ fn push_without_prefixed_attributes(out: &mut String, tag: &str) {
             _ => None,
         };
         let Some(end) = end else { break };
-        out.push_str(if before[begin..].contains(':') { rest[..begin].trim_end() } else { &rest[..end] });
+        out.push_str(if before[begin..].contains(':') {
+            rest[..begin].trim_end()
+        } else {
+            &rest[..end]
+        });
         rest = &rest[end..];
     }
     out.push_str(rest);
@@ -110,9 +133,22 @@ mod tests {
 <!-- <drake:kept/> --><link name="b"><mass value="1"/></link>
 </robot>"#;
         assert_eq!(without_foreign(text).unwrap(), expected);
-        for odd in ["", "no xml", "<a", "<a b=\"", "<a:b>", "<é ü:x='1' y=\"2\">", "<!-- x", "a = b"] {
+        for odd in [
+            "",
+            "no xml",
+            "<a",
+            "<a b=\"",
+            "<a:b>",
+            "<é ü:x='1' y=\"2\">",
+            "<!-- x",
+            "a = b",
+        ] {
             without_foreign(odd).unwrap();
         }
-        assert!(without_foreign("<robot><xacro:arm/></robot>").unwrap_err().contains("expand"));
+        assert!(
+            without_foreign("<robot><xacro:arm/></robot>")
+                .unwrap_err()
+                .contains("expand")
+        );
     }
 }

@@ -12,14 +12,23 @@ use shared_types::MAX_DOF;
 ///
 /// Units m, rad · Frame base axes · Requires a robot whose joints and frames are loaded, and a `q` of its joints
 pub(crate) fn jacobian(robot: &Robot, q: &[f64]) -> Vec<Vector6<f64>> {
-    let model = Model::<MAX_DOF>::new(robot, None).expect("a loaded robot has its default frame, and no more joints than are supported");
-    model.jacobian(&embedded(q)).column_iter().take(robot.dof()).map(|column| column.into_owned()).collect()
+    let model = Model::<MAX_DOF>::new(robot, None)
+        .expect("a loaded robot has its default frame, and no more joints than are supported");
+    model
+        .jacobian(&embedded(q))
+        .column_iter()
+        .take(robot.dof())
+        .map(|column| column.into_owned())
+        .collect()
 }
 
 /// Half the sum of the distances between successive joint origins, from the first to the end frame; 1 m if that is zero.
 pub(crate) fn default_length(joints: &[Joint], frames: &[Frame], tip: &str) -> f64 {
     let links: f64 = joints.iter().skip(1).map(|joint| joint.X_PJ.p.norm()).sum();
-    let tool = frames.iter().find(|frame| frame.name == tip).map_or(0.0, |frame| frame.X_LF.p.norm());
+    let tool = frames
+        .iter()
+        .find(|frame| frame.name == tip)
+        .map_or(0.0, |frame| frame.X_LF.p.norm());
     match 0.5 * (links + tool) {
         length if length > 0.0 => length,
         _ => 1.0,
@@ -46,5 +55,8 @@ pub(crate) fn served_axes(robot: &Robot) -> TaskAxes {
         true
     };
     let mut independent = independent;
-    TaskAxis::ALL.into_iter().filter(|axis| independent(axis)).collect()
+    TaskAxis::ALL
+        .into_iter()
+        .filter(|axis| independent(axis))
+        .collect()
 }

@@ -22,7 +22,10 @@ impl<const N: usize> Model<N> {
     pub(crate) fn axes<R: Row<N>>(&self, frames: &Frames<R, N>) -> Motions<R> {
         let (turns, slides) = self.bodies.kinds::<R>();
         let w = frames.axes.z * turns;
-        Motions { w, v: frames.p.cross(w) + frames.axes.z * slides }
+        Motions {
+            w,
+            v: frames.p.cross(w) + frames.axes.z * slides,
+        }
     }
 
     /// Pose of the end-effector frame in the base, `X_BE`.
@@ -65,15 +68,29 @@ impl<const N: usize> Model<N> {
     }
 
     #[inline(always)]
-    pub(crate) fn jacobian_at<R: Row<N>>(&self, S: &Motions<R>, p_E: &Vector3<f64>) -> SMatrix<f64, 6, N> {
+    pub(crate) fn jacobian_at<R: Row<N>>(
+        &self,
+        S: &Motions<R>,
+        p_E: &Vector3<f64>,
+    ) -> SMatrix<f64, 6, N> {
         let (linear, angular) = (S.at(V3::splat(p_E)).store(), S.w.store());
         let moving = self.ee_body.map_or(0, |i| i + 1);
-        let rows: [&PerJoint; 6] = [&linear.x, &linear.y, &linear.z, &angular.x, &angular.y, &angular.z];
-        SMatrix::from_fn(|row, joint| if joint < moving { rows[row].0[joint] } else { 0.0 })
+        let rows: [&PerJoint; 6] = [
+            &linear.x, &linear.y, &linear.z, &angular.x, &angular.y, &angular.z,
+        ];
+        SMatrix::from_fn(|row, joint| {
+            if joint < moving {
+                rows[row].0[joint]
+            } else {
+                0.0
+            }
+        })
     }
 }
 
 #[inline(always)]
 pub(crate) fn stack(linear: &Vector3<f64>, angular: &Vector3<f64>) -> Vector6<f64> {
-    Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
+    Vector6::new(
+        linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
+    )
 }

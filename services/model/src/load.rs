@@ -19,10 +19,16 @@ impl Robot {
     pub fn from_source(source: &RobotSource) -> Result<Robot, RobotError> {
         let name = source.name.clone();
         let description =
-            Description::parse(&source.description).map_err(|reason| RobotError::Description { robot: name.clone(), reason })?;
+            Description::parse(&source.description).map_err(|reason| RobotError::Description {
+                robot: name.clone(),
+                reason,
+            })?;
         let mut chain = urdf::read(&name, &source.urdf, &description.cut())?;
         description.apply_to_joints(&name, &mut chain.joints)?;
-        chain.joints.iter().try_for_each(|joint| check_joint(&name, joint))?;
+        chain
+            .joints
+            .iter()
+            .try_for_each(|joint| check_joint(&name, joint))?;
 
         let default_frame = description.default_frame.clone().unwrap_or(chain.tip);
         let mut robot = Robot {
@@ -48,13 +54,20 @@ impl Robot {
 
     /// The factorisation must equal det J, or it is refused.
     fn check_factors(&self) -> Result<(), RobotError> {
-        let Factors::Puma { a2, a3, d4 } = self.factors else { return Ok(()) };
+        let Factors::Puma { a2, a3, d4 } = self.factors else {
+            return Ok(());
+        };
         let scale = a2.abs() * (a3.abs() + d4.abs()) * (a2.abs() + a3.abs() + d4.abs());
         // Generic postures (multiples of an irrational), with nothing at 0 or π/2.
         for k in 0..8 {
-            let q: Vec<f64> = (0..self.dof()).map(|i| 2.399963 * (k * 7 + i + 1) as f64 % 3.1).collect();
+            let q: Vec<f64> = (0..self.dof())
+                .map(|i| 2.399963 * (k * 7 + i + 1) as f64 % 3.1)
+                .collect();
             let J = geometry::jacobian(self, &q);
-            let (Some(product), Ok(square)) = (self.factors.determinant(&q), <[_; 6]>::try_from(J.as_slice())) else {
+            let (Some(product), Ok(square)) = (
+                self.factors.determinant(&q),
+                <[_; 6]>::try_from(J.as_slice()),
+            ) else {
                 return Err(RobotError::Value {
                     robot: self.name.clone(),
                     what: "factors.kind",
@@ -64,7 +77,12 @@ impl Robot {
             };
             let actual = nalgebra::Matrix6::from_columns(&square).determinant();
             if !within((actual - product).abs(), 1e-9 * scale) {
-                return Err(RobotError::Factors { robot: self.name.clone(), q, actual, product });
+                return Err(RobotError::Factors {
+                    robot: self.name.clone(),
+                    q,
+                    actual,
+                    product,
+                });
             }
         }
         Ok(())
@@ -73,7 +91,13 @@ impl Robot {
 
 fn check_joint(robot: &str, joint: &Joint) -> Result<(), RobotError> {
     let refuse = |what, value: f64, remedy| {
-        Err(RobotError::Joint { robot: robot.to_owned(), joint: joint.name.clone(), what, value: value.to_string(), remedy })
+        Err(RobotError::Joint {
+            robot: robot.to_owned(),
+            joint: joint.name.clone(),
+            what,
+            value: value.to_string(),
+            remedy,
+        })
     };
     let limits = "state a range, lower < upper, in the URDF's <limit> or in the description";
     if joint.lower.is_nan() || joint.lower == f64::INFINITY {
@@ -87,15 +111,21 @@ fn check_joint(robot: &str, joint: &Joint) -> Result<(), RobotError> {
         return refuse("effort", joint.effort, positive);
     }
     if joint.torque_rate.is_nan() || joint.torque_rate <= 0.0 {
-        return refuse("torque_rate", joint.torque_rate, "state a positive number (or inf) in the description");
+        return refuse(
+            "torque_rate",
+            joint.torque_rate,
+            "state a positive number (or inf) in the description",
+        );
     }
     if joint.velocity.is_nan() || joint.velocity <= 0.0 {
         return refuse("velocity", joint.velocity, positive);
     }
     let not_negative = "state a finite number, zero or more";
-    for (what, value) in
-        [("armature", joint.armature), ("viscous_friction", joint.viscous_friction), ("coulomb_friction", joint.coulomb_friction)]
-    {
+    for (what, value) in [
+        ("armature", joint.armature),
+        ("viscous_friction", joint.viscous_friction),
+        ("coulomb_friction", joint.coulomb_friction),
+    ] {
         if !(value >= 0.0 && value.is_finite()) {
             return refuse(what, value, not_negative);
         }

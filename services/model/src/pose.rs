@@ -19,19 +19,28 @@ impl Pose {
     /// The identity: B coincides with A.
     #[inline(always)]
     pub fn identity() -> Self {
-        Self { R: Matrix3::identity(), p: Vector3::zeros() }
+        Self {
+            R: Matrix3::identity(),
+            p: Vector3::zeros(),
+        }
     }
 
     /// A pure translation.
     #[inline(always)]
     pub fn translation(p: Vector3<f64>) -> Self {
-        Self { R: Matrix3::identity(), p }
+        Self {
+            R: Matrix3::identity(),
+            p,
+        }
     }
 
     /// A pure rotation.
     #[inline(always)]
     pub fn rotation(R: Matrix3<f64>) -> Self {
-        Self { R, p: Vector3::zeros() }
+        Self {
+            R,
+            p: Vector3::zeros(),
+        }
     }
 
     /// URDF's origin: translation, then fixed-axis roll, pitch, yaw: R = Rz(yaw)·Ry(pitch)·Rx(roll), rad.
@@ -57,7 +66,10 @@ impl Pose {
     #[inline(always)]
     pub fn inverse(&self) -> Self {
         let R = self.R.transpose();
-        Self { R, p: -(R * self.p) }
+        Self {
+            R,
+            p: -(R * self.p),
+        }
     }
 
     /// A point of B in A: R·p_B + p.
@@ -80,6 +92,9 @@ impl Mul for Pose {
     #[inline(always)]
     fn mul(self, X_BC: Pose) -> Pose {
         let column = |k: usize| times(&self.R, &X_BC.R.column(k).into_owned());
-        Pose { R: Matrix3::from_columns(&[column(0), column(1), column(2)]), p: self.transform_point(&X_BC.p) }
+        Pose {
+            R: Matrix3::from_columns(&[column(0), column(1), column(2)]),
+            p: self.transform_point(&X_BC.p),
+        }
     }
 }

@@ -91,10 +91,18 @@ impl Robot {
         }
         for (joint, &value) in self.joints.iter().zip(q) {
             if !value.is_finite() {
-                return Err(PostureError::NotFinite { joint: joint.name.clone(), value });
+                return Err(PostureError::NotFinite {
+                    joint: joint.name.clone(),
+                    value,
+                });
             }
             if value < joint.lower || value > joint.upper {
-                return Err(PostureError::OutsideLimits { joint: joint.name.clone(), value, lower: joint.lower, upper: joint.upper });
+                return Err(PostureError::OutsideLimits {
+                    joint: joint.name.clone(),
+                    value,
+                    lower: joint.lower,
+                    upper: joint.upper,
+                });
             }
         }
         Ok(())

@@ -31,7 +31,9 @@ pub fn rotation_log(R: &Matrix3<f64>) -> Vector3<f64> {
     }
     // (R + Rᵀ)/2 − cos·1 = (1 − cos)·u·uᵀ: the largest column gives the axis, w its sign.
     let S = 0.5 * (R + R.transpose()) - Matrix3::from_diagonal_element(cos);
-    let column = (0..3).max_by(|i, j| S[(*i, *i)].total_cmp(&S[(*j, *j)])).unwrap_or(0);
+    let column = (0..3)
+        .max_by(|i, j| S[(*i, *i)].total_cmp(&S[(*j, *j)]))
+        .unwrap_or(0);
     let axis = S.column(column).normalize();
     axis * if axis.dot(&w) < 0.0 { -angle } else { angle }
 }
@@ -54,14 +56,16 @@ mod tests {
 
     /// Angles in all magnitudes from both ends of [0, π].
     fn angle() -> impl Strategy<Value = f64> {
-        (0.0..=PI, -18.0..0.5_f64, any::<bool>(), any::<bool>()).prop_map(|(plain, power, small, from_pi)| {
-            let near = libm::exp10(power).min(PI);
-            match (small, from_pi) {
-                (false, _) => plain,
-                (true, false) => near,
-                (true, true) => PI - near,
-            }
-        })
+        (0.0..=PI, -18.0..0.5_f64, any::<bool>(), any::<bool>()).prop_map(
+            |(plain, power, small, from_pi)| {
+                let near = libm::exp10(power).min(PI);
+                match (small, from_pi) {
+                    (false, _) => plain,
+                    (true, false) => near,
+                    (true, true) => PI - near,
+                }
+            },
+        )
     }
 
     fn axis() -> impl Strategy<Value = Unit<Vector3<f64>>> {
@@ -113,11 +117,29 @@ mod tests {
     fn the_ends_are_exact() {
         assert_eq!(rotation_log(&Matrix3::identity()), Vector3::zeros());
         // A trace above 3 by rounding: the arc cosine of (tr R − 1)/2 is NaN here.
-        let above = Matrix3::new(1.0 + 3e-16, -4e-15, 0.0, 4e-15, 1.0 + 3e-16, 0.0, 0.0, 0.0, 1.0);
+        let above = Matrix3::new(
+            1.0 + 3e-16,
+            -4e-15,
+            0.0,
+            4e-15,
+            1.0 + 3e-16,
+            0.0,
+            0.0,
+            0.0,
+            1.0,
+        );
         assert!((rotation_log(&above) - Vector3::new(0.0, 0.0, 4e-15)).norm() < 1e-20);
-        for half in [Vector3::new(1.0, -1.0, -1.0), Vector3::new(-1.0, 1.0, -1.0), Vector3::new(-1.0, -1.0, 1.0)] {
+        for half in [
+            Vector3::new(1.0, -1.0, -1.0),
+            Vector3::new(-1.0, 1.0, -1.0),
+            Vector3::new(-1.0, -1.0, 1.0),
+        ] {
             assert_eq!(rotation_log(&Matrix3::from_diagonal(&half)).norm(), PI);
         }
-        assert!(rotation_log(&Matrix3::from_element(f64::NAN)).norm().is_nan());
+        assert!(
+            rotation_log(&Matrix3::from_element(f64::NAN))
+                .norm()
+                .is_nan()
+        );
     }
 }

@@ -11,7 +11,11 @@ pub(crate) const ORIGIN: Vector3<f64> = Vector3::new(0.0, 0.0, 0.0);
 /// A·u, written out: nalgebra's general product is a call with loops, and this one is most of the work.
 #[inline(always)]
 pub(crate) fn times(A: &Matrix3<f64>, u: &Vector3<f64>) -> Vector3<f64> {
-    Vector3::new(A.m11 * u.x + A.m12 * u.y + A.m13 * u.z, A.m21 * u.x + A.m22 * u.y + A.m23 * u.z, A.m31 * u.x + A.m32 * u.y + A.m33 * u.z)
+    Vector3::new(
+        A.m11 * u.x + A.m12 * u.y + A.m13 * u.z,
+        A.m21 * u.x + A.m22 * u.y + A.m23 * u.z,
+        A.m31 * u.x + A.m32 * u.y + A.m33 * u.z,
+    )
 }
 
 /// Axes of the links in the base, which turn a link's vectors into the base's.
@@ -79,12 +83,18 @@ pub(crate) struct LinkInertias {
 }
 
 impl LinkInertias {
-    pub(crate) const ZERO: Self = Self { I_yy: PerJoint::ZERO, k_x: PerJoint::ZERO, k_y: PerJoint::ZERO, u: Vectors::ZERO };
+    pub(crate) const ZERO: Self = Self {
+        I_yy: PerJoint::ZERO,
+        k_x: PerJoint::ZERO,
+        k_y: PerJoint::ZERO,
+        u: Vectors::ZERO,
+    };
 
     pub(crate) fn set(&mut self, i: usize, I: &Matrix3<f64>) {
         self.I_yy.0[i] = I.m22;
         (self.k_x.0[i], self.k_y.0[i]) = (0.5 * (I.m11 - I.m22), I.m12);
-        self.u.set(i, &Vector3::new(I.m13, I.m23, 0.5 * (I.m33 - I.m22)));
+        self.u
+            .set(i, &Vector3::new(I.m13, I.m23, 0.5 * (I.m33 - I.m22)));
     }
 
     /// Those with the links' axes at `axes`.
@@ -93,7 +103,11 @@ impl LinkInertias {
         let (Axes { x, y, z }, I_yy) = (axes, R::load(&self.I_yy));
         let k = *x * R::load(&self.k_x) + *y * R::load(&self.k_y);
         let u = axes.turn(V3::load(&self.u));
-        let (xx, yy, zz) = (x.x * k.x + z.x * u.x, x.y * k.y + z.y * u.y, x.z * k.z + z.z * u.z);
+        let (xx, yy, zz) = (
+            x.x * k.x + z.x * u.x,
+            x.y * k.y + z.y * u.y,
+            x.z * k.z + z.z * u.z,
+        );
         Sym3 {
             xx: I_yy + (xx + xx),
             xy: (x.x * k.y + k.x * x.y) + (u.x * z.y + u.y * z.x),
@@ -140,7 +154,10 @@ impl<R> Forces<R> {
     where
         R: Row<N>,
     {
-        Self { n: self.n.inwards(), f: self.f.inwards() }
+        Self {
+            n: self.n.inwards(),
+            f: self.f.inwards(),
+        }
     }
 }
 
@@ -159,14 +176,35 @@ impl<R: Number> RigidInertias<R> {
     where
         R: Row<N>,
     {
-        let Sym3 { xx, xy, xz, yy, yz, zz } = self.I;
-        let I = Sym3 { xx: xx.inwards(), xy: xy.inwards(), xz: xz.inwards(), yy: yy.inwards(), yz: yz.inwards(), zz: zz.inwards() };
-        Self { m: self.m.inwards(), h: self.h.inwards(), I }
+        let Sym3 {
+            xx,
+            xy,
+            xz,
+            yy,
+            yz,
+            zz,
+        } = self.I;
+        let I = Sym3 {
+            xx: xx.inwards(),
+            xy: xy.inwards(),
+            xz: xz.inwards(),
+            yy: yy.inwards(),
+            yz: yz.inwards(),
+            zz: zz.inwards(),
+        };
+        Self {
+            m: self.m.inwards(),
+            h: self.h.inwards(),
+            I,
+        }
     }
 
     /// Momenta I·v (RBDA Eq. 2.63).
     #[inline(always)]
     pub(crate) fn times(&self, s: &Motions<R>) -> Forces<R> {
-        Forces { n: self.I.times(s.w) + self.h.cross(s.v), f: s.v * self.m - self.h.cross(s.w) }
+        Forces {
+            n: self.I.times(s.w) + self.h.cross(s.v),
+            f: s.v * self.m - self.h.cross(s.w),
+        }
     }
 }

@@ -34,12 +34,26 @@ impl Robot {
     pub fn start_posture(&self, start: &Start) -> Result<Vec<f64>, StartError> {
         let q = match (&start.q_rad, &start.q_deg, &start.posture) {
             (Some(q), _, _) => q.clone(),
-            (None, Some(q), _) => q.iter().enumerate().map(|(i, value)| self.in_si(i, *value)).collect(),
-            (None, None, Some(name)) => self.postures.get(name).cloned().ok_or_else(|| StartError::Unknown {
-                robot: self.name.clone(),
-                name: name.clone(),
-                known: self.postures.keys().map(String::as_str).collect::<Vec<_>>().join(", "),
-            })?,
+            (None, Some(q), _) => q
+                .iter()
+                .enumerate()
+                .map(|(i, value)| self.in_si(i, *value))
+                .collect(),
+            (None, None, Some(name)) => {
+                self.postures
+                    .get(name)
+                    .cloned()
+                    .ok_or_else(|| StartError::Unknown {
+                        robot: self.name.clone(),
+                        name: name.clone(),
+                        known: self
+                            .postures
+                            .keys()
+                            .map(String::as_str)
+                            .collect::<Vec<_>>()
+                            .join(", "),
+                    })?
+            }
             (None, None, None) => return Err(StartError::Missing),
         };
         self.check_posture(&q)?;
@@ -61,13 +75,35 @@ mod tests {
     #[test]
     fn degrees_names_and_limits() {
         let robot = Robot::builtin("puma560").unwrap();
-        let in_degrees = |q: &[f64]| robot.start_posture(&Start { q_deg: Some(q.to_vec()), ..Start::default() });
-        assert_eq!(in_degrees(&[0.0, -90.0, 90.0, 0.0, 0.0, 0.0]).unwrap()[2], 90f64.to_radians());
-        assert!(matches!(in_degrees(&[0.0; 3]), Err(StartError::Posture(PostureError::Length { .. }))));
-        assert!(matches!(in_degrees(&[0.0, 0.0, 0.0, 0.0, 170.0, 0.0]), Err(StartError::Posture(PostureError::OutsideLimits { .. }))));
-        let named = |name: &str| robot.start_posture(&Start { posture: Some(name.to_owned()), ..Start::default() });
+        let in_degrees = |q: &[f64]| {
+            robot.start_posture(&Start {
+                q_deg: Some(q.to_vec()),
+                ..Start::default()
+            })
+        };
+        assert_eq!(
+            in_degrees(&[0.0, -90.0, 90.0, 0.0, 0.0, 0.0]).unwrap()[2],
+            90f64.to_radians()
+        );
+        assert!(matches!(
+            in_degrees(&[0.0; 3]),
+            Err(StartError::Posture(PostureError::Length { .. }))
+        ));
+        assert!(matches!(
+            in_degrees(&[0.0, 0.0, 0.0, 0.0, 170.0, 0.0]),
+            Err(StartError::Posture(PostureError::OutsideLimits { .. }))
+        ));
+        let named = |name: &str| {
+            robot.start_posture(&Start {
+                posture: Some(name.to_owned()),
+                ..Start::default()
+            })
+        };
         assert_eq!(named("ready").unwrap(), robot.postures["ready"]);
         assert!(named("reddy").unwrap_err().to_string().contains("it has "));
-        assert_eq!(robot.start_posture(&Start::default()), Err(StartError::Missing));
+        assert_eq!(
+            robot.start_posture(&Start::default()),
+            Err(StartError::Missing)
+        );
     }
 }

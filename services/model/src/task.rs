@@ -23,7 +23,14 @@ pub enum TaskAxis {
 
 impl TaskAxis {
     /// All six, in the order of the Jacobian's rows.
-    pub const ALL: [TaskAxis; 6] = [TaskAxis::X, TaskAxis::Y, TaskAxis::Z, TaskAxis::Rx, TaskAxis::Ry, TaskAxis::Rz];
+    pub const ALL: [TaskAxis; 6] = [
+        TaskAxis::X,
+        TaskAxis::Y,
+        TaskAxis::Z,
+        TaskAxis::Rx,
+        TaskAxis::Ry,
+        TaskAxis::Rz,
+    ];
 
     /// The Jacobian's row, 0 to 5.
     pub fn row(self) -> usize {
@@ -65,7 +72,11 @@ impl FromIterator<TaskAxis> for TaskAxes {
 
 /// J, 6×N, its linear rows divided by `length_m` and the rows that are no axes of the `task` zero: metres and radians become comparable.
 #[must_use]
-pub fn unit_scaled<const N: usize>(J: &SMatrix<f64, 6, N>, length_m: f64, task: &[bool; 6]) -> SMatrix<f64, 6, N> {
+pub fn unit_scaled<const N: usize>(
+    J: &SMatrix<f64, 6, N>,
+    length_m: f64,
+    task: &[bool; 6],
+) -> SMatrix<f64, 6, N> {
     let weights: [f64; 6] = std::array::from_fn(|k| match (task[k], k < 3) {
         (false, _) => 0.0,
         (true, true) => 1.0 / length_m,

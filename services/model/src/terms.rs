@@ -42,7 +42,10 @@ impl<const N: usize> Terms<N> {
         gravity: SMatrix::from_array_storage(ArrayStorage([[0.0; N]])),
         J: SMatrix::from_array_storage(ArrayStorage([[0.0; 6]; N])),
         Jdot_qdot: Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-        X_BE: Pose { R: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), p: ORIGIN },
+        X_BE: Pose {
+            R: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            p: ORIGIN,
+        },
         z: [ORIGIN; N],
         p: [ORIGIN; N],
         omega: [ORIGIN; N],

@@ -34,7 +34,10 @@ pub(crate) struct Cut<'a> {
 
 /// Reads the part `cut` of `text` as a serial chain.
 pub(crate) fn read(robot: &str, text: &str, cut: &Cut<'_>) -> Result<Chain, RobotError> {
-    let refuse = |reason: String| RobotError::Urdf { robot: robot.to_owned(), reason };
+    let refuse = |reason: String| RobotError::Urdf {
+        robot: robot.to_owned(),
+        reason,
+    };
     let text = without_foreign(text).map_err(refuse)?;
     let urdf = urdf_rs::read_from_string(&text).map_err(|error| refuse(error.to_string()))?;
     Tree::new(robot, &urdf, cut)?.chain(cut.end)
@@ -62,7 +65,12 @@ struct Tree<'a> {
 
 impl<'a> Tree<'a> {
     fn new(robot: &'a str, urdf: &'a urdf_rs::Robot, cut: &Cut<'_>) -> Result<Self, RobotError> {
-        let refuse = |reason: String| Err(RobotError::NotATree { robot: robot.to_owned(), reason });
+        let refuse = |reason: String| {
+            Err(RobotError::NotATree {
+                robot: robot.to_owned(),
+                reason,
+            })
+        };
         let mut links = BTreeMap::new();
         for link in &urdf.links {
             if links.insert(link.name.as_str(), link).is_some() {
@@ -77,31 +85,62 @@ impl<'a> Tree<'a> {
             if !names.insert(joint.name.as_str()) {
                 return refuse(format!("there are two joints '{}'", joint.name));
             }
-            if let Some(link) = [from, to].into_iter().find(|link| !links.contains_key(link)) {
-                return refuse(format!("joint '{}' names a link '{link}' that is missing", joint.name));
+            if let Some(link) = [from, to]
+                .into_iter()
+                .find(|link| !links.contains_key(link))
+            {
+                return refuse(format!(
+                    "joint '{}' names a link '{link}' that is missing",
+                    joint.name
+                ));
             }
             if parent.insert(to, joint).is_some() {
                 return refuse(format!("link '{to}' is the child of two joints"));
             }
             children.entry(from).or_default().push(joint);
         }
-        let roots: Vec<&str> = links.keys().copied().filter(|link| !parent.contains_key(link)).collect();
+        let roots: Vec<&str> = links
+            .keys()
+            .copied()
+            .filter(|link| !parent.contains_key(link))
+            .collect();
         let root = match roots[..] {
             [] => return refuse("no link is the base: the joints form a loop".to_owned()),
             [root] => root,
             _ => {
-                return refuse(format!("links {} have no parent joint, and one base is needed", list(roots)));
+                return refuse(format!(
+                    "links {} have no parent joint, and one base is needed",
+                    list(roots)
+                ));
             }
         };
-        let leaders = urdf.joints.iter().filter_map(|joint| Some(joint.mimic.as_ref()?.joint.as_str())).collect();
-        let mut tree = Self { robot, links, materials: &urdf.materials, children, parent, root, locked: BTreeMap::new(), leaders };
+        let leaders = urdf
+            .joints
+            .iter()
+            .filter_map(|joint| Some(joint.mimic.as_ref()?.joint.as_str()))
+            .collect();
+        let mut tree = Self {
+            robot,
+            links,
+            materials: &urdf.materials,
+            children,
+            parent,
+            root,
+            locked: BTreeMap::new(),
+            leaders,
+        };
         let reached = tree.below(root).len();
         if reached != tree.links.len() {
-            return refuse(format!("only {reached} of {} links hang on the base '{root}': the others form a loop", tree.links.len()));
+            return refuse(format!(
+                "only {reached} of {} links hang on the base '{root}': the others form a loop",
+                tree.links.len()
+            ));
         }
         tree.lock(urdf, cut)?;
         if let Some(base) = cut.base {
-            let Some((&base, _)) = tree.links.get_key_value(base) else { return Err(tree.unknown_frame(base)) };
+            let Some((&base, _)) = tree.links.get_key_value(base) else {
+                return Err(tree.unknown_frame(base));
+            };
             tree.root = base;
         }
         Ok(tree)
@@ -113,16 +152,31 @@ impl<'a> Tree<'a> {
             let robot = || self.robot.to_owned();
             let Some(joint) = urdf.joints.iter().find(|joint| joint.name == name) else {
                 let known = list(urdf.joints.iter().map(|joint| &joint.name));
-                return Err(RobotError::UnknownJoint { robot: robot(), joint: name.to_owned(), known });
+                return Err(RobotError::UnknownJoint {
+                    robot: robot(),
+                    joint: name.to_owned(),
+                    known,
+                });
             };
-            let axis = Vector3::from(joint.axis.xyz.0).try_normalize(1e-9).filter(|_| value.is_finite());
+            let axis = Vector3::from(joint.axis.xyz.0)
+                .try_normalize(1e-9)
+                .filter(|_| value.is_finite());
             let displacement = match (&joint.joint_type, axis) {
-                (JointType::Revolute | JointType::Continuous, Some(axis)) => Pose::rotation(rotation_exp(&(axis * value))),
+                (JointType::Revolute | JointType::Continuous, Some(axis)) => {
+                    Pose::rotation(rotation_exp(&(axis * value)))
+                }
                 (JointType::Prismatic, Some(axis)) => Pose::translation(axis * value),
                 _ => {
                     let (joint, value) = (name.to_owned(), value.to_string());
-                    let remedy = "lock a revolute, continuous or prismatic joint at a finite position";
-                    return Err(RobotError::Joint { robot: robot(), joint, what: "locked", value, remedy });
+                    let remedy =
+                        "lock a revolute, continuous or prismatic joint at a finite position";
+                    return Err(RobotError::Joint {
+                        robot: robot(),
+                        joint,
+                        what: "locked",
+                        value,
+                        remedy,
+                    });
                 }
             };
             self.locked.insert(joint.name.as_str(), displacement);
@@ -131,7 +185,11 @@ impl<'a> Tree<'a> {
     }
 
     fn unknown_frame(&self, frame: &str) -> RobotError {
-        RobotError::UnknownFrame { robot: self.robot.to_owned(), frame: frame.to_owned(), known: list(self.links.keys()) }
+        RobotError::UnknownFrame {
+            robot: self.robot.to_owned(),
+            frame: frame.to_owned(),
+            known: list(self.links.keys()),
+        }
     }
 
     /// Whether a joint moves: neither fixed nor locked.
@@ -142,13 +200,17 @@ impl<'a> Tree<'a> {
     /// Whether a joint opens or closes a gripper: it follows another joint, leads one, or is named so.
     fn is_gripper(&self, joint: &urdf_rs::Joint) -> bool {
         let name = joint.name.to_lowercase();
-        joint.mimic.is_some() || self.leaders.contains(joint.name.as_str()) || GRIPPER.iter().any(|part| name.contains(part))
+        joint.mimic.is_some()
+            || self.leaders.contains(joint.name.as_str())
+            || GRIPPER.iter().any(|part| name.contains(part))
     }
 
     /// The child link's frame in the parent link's, with the joint at zero or where it is locked.
     fn pose(&self, joint: &urdf_rs::Joint) -> Pose {
         let X = pose(&joint.origin);
-        self.locked.get(joint.name.as_str()).map_or(X, |displacement| X * *displacement)
+        self.locked
+            .get(joint.name.as_str())
+            .map_or(X, |displacement| X * *displacement)
     }
 
     fn joints_of(&self, link: &str) -> &[&'a urdf_rs::Joint] {
@@ -160,7 +222,11 @@ impl<'a> Tree<'a> {
         let mut found = vec![link];
         let mut next = 0;
         while let Some(&link) = found.get(next) {
-            found.extend(self.joints_of(link).iter().map(|joint| joint.child.link.as_str()));
+            found.extend(
+                self.joints_of(link)
+                    .iter()
+                    .map(|joint| joint.child.link.as_str()),
+            );
             next += 1;
         }
         found
@@ -171,7 +237,11 @@ impl<'a> Tree<'a> {
         self.rigid(link, |joint| !self.is_movable(joint))
     }
 
-    fn rigid(&self, link: &'a str, holds: impl Fn(&urdf_rs::Joint) -> bool) -> Vec<(&'a str, Pose)> {
+    fn rigid(
+        &self,
+        link: &'a str,
+        holds: impl Fn(&urdf_rs::Joint) -> bool,
+    ) -> Vec<(&'a str, Pose)> {
         let mut found = vec![(link, Pose::identity())];
         let mut next = 0;
         while let Some(&(link, X)) = found.get(next) {
@@ -203,7 +273,10 @@ impl<'a> Tree<'a> {
             }
             if link != self.root {
                 let reason = format!("'{end}' does not hang on the base '{}'", self.root);
-                return Err(RobotError::NotATree { robot: self.robot.to_owned(), reason });
+                return Err(RobotError::NotATree {
+                    robot: self.robot.to_owned(),
+                    reason,
+                });
             }
             joints.reverse();
             return Ok(joints);
@@ -218,7 +291,11 @@ impl<'a> Tree<'a> {
                 .copied()
                 .filter(|joint| self.is_movable(joint))
                 .collect();
-            let arm: Vec<&urdf_rs::Joint> = out.iter().copied().filter(|joint| !self.is_gripper(joint)).collect();
+            let arm: Vec<&urdf_rs::Joint> = out
+                .iter()
+                .copied()
+                .filter(|joint| !self.is_gripper(joint))
+                .collect();
             // A gripper is at the end of an arm; a joint that is named so before any other is an arm's all the same.
             let out = if joints.is_empty() { out } else { arm };
             match out[..] {
@@ -246,15 +323,27 @@ impl<'a> Tree<'a> {
             None => self.tip(movable.last().map_or(self.root, |joint| &joint.child.link)),
         };
         if movable.is_empty() {
-            return Err(RobotError::NoMovableJoint { robot: robot(), frame: tip });
+            return Err(RobotError::NoMovableJoint {
+                robot: robot(),
+                frame: tip,
+            });
         }
         if movable.len() > MAX_DOF {
-            return Err(RobotError::TooManyJoints { robot: robot(), actual: movable.len() });
+            return Err(RobotError::TooManyJoints {
+                robot: robot(),
+                actual: movable.len(),
+            });
         }
 
         let in_chain: BTreeSet<&str> = movable.iter().map(|joint| joint.name.as_str()).collect();
         let held = |joint: &urdf_rs::Joint| !in_chain.contains(joint.name.as_str());
-        let mut chain = Chain { joints: vec![], frames: vec![], shapes: vec![], tip, notes: vec![] };
+        let mut chain = Chain {
+            joints: vec![],
+            frames: vec![],
+            shapes: vec![],
+            tip,
+            notes: vec![],
+        };
 
         let base = self.rigid(self.root, held);
         self.attach(&mut chain, None, &base)?;
@@ -277,40 +366,69 @@ impl<'a> Tree<'a> {
     /// The last link: where fixed joints lead to from the last moving link, if they lead to one place.
     fn tip(&self, last: &'a str) -> String {
         let fixed = self.fixed_to(last);
-        let leaves: Vec<&str> = fixed.iter().map(|(link, _)| *link).filter(|link| self.joints_of(link).is_empty()).collect();
+        let leaves: Vec<&str> = fixed
+            .iter()
+            .map(|(link, _)| *link)
+            .filter(|link| self.joints_of(link).is_empty())
+            .collect();
         if let [leaf] = leaves[..] { leaf } else { last }.to_owned()
     }
 
     /// Frames, shapes and notes of the links that move with joint `i`.
-    fn attach(&self, chain: &mut Chain, joint: Option<usize>, rigid: &[(&'a str, Pose)]) -> Result<(), RobotError> {
+    fn attach(
+        &self,
+        chain: &mut Chain,
+        joint: Option<usize>,
+        rigid: &[(&'a str, Pose)],
+    ) -> Result<(), RobotError> {
         for &(name, X_LF) in rigid {
             if !is_finite(&X_LF) {
                 return Err(self.not_finite(format!("the pose of link '{name}'")));
             }
-            chain.frames.push(Frame { name: name.to_owned(), joint, X_LF });
+            chain.frames.push(Frame {
+                name: name.to_owned(),
+                joint,
+                X_LF,
+            });
             let link = self.links[name];
             let before = chain.shapes.len();
             for visual in &link.visual {
                 match geometry(&visual.geometry) {
                     Ok(geometry) => {
                         let colour = self.colour(visual.material.as_ref());
-                        chain.shapes.push(Shape { joint, X_LS: X_LF * pose(&visual.origin), geometry, colour });
+                        chain.shapes.push(Shape {
+                            joint,
+                            X_LS: X_LF * pose(&visual.origin),
+                            geometry,
+                            colour,
+                        });
                     }
-                    Err(file) => chain.notes.push(format!("the mesh '{file}' of link '{name}' is not shown: meshes are not read")),
+                    Err(file) => chain.notes.push(format!(
+                        "the mesh '{file}' of link '{name}' is not shown: meshes are not read"
+                    )),
                 }
             }
             if chain.shapes.len() == before {
                 // Collision geometry is often simpler than visual geometry.
                 let shapes = link.collision.iter().filter_map(|collision| {
                     let geometry = geometry(&collision.geometry).ok()?;
-                    Some(Shape { joint, X_LS: X_LF * pose(&collision.origin), geometry, colour: None })
+                    Some(Shape {
+                        joint,
+                        X_LS: X_LF * pose(&collision.origin),
+                        geometry,
+                        colour: None,
+                    })
                 });
                 chain.shapes.extend(shapes);
             }
             for child in self.joints_of(name) {
                 let is_held = rigid.iter().any(|(link, _)| *link == child.child.link);
                 if is_held && self.is_movable(child) {
-                    let why = if self.is_gripper(child) { "is named as a gripper's, or mimics, or is mimicked" } else { "leads elsewhere" };
+                    let why = if self.is_gripper(child) {
+                        "is named as a gripper's, or mimics, or is mimicked"
+                    } else {
+                        "leads elsewhere"
+                    };
                     chain.notes.push(format!(
                         "joint '{}' {why}: it is held at zero, its link part of '{}'; the arm ends in '{}', and `default_frame = \"LINK\"` in its \
                          description names another end",
@@ -325,14 +443,34 @@ impl<'a> Tree<'a> {
     /// A material's colour: its own, or that of the one it names.
     fn colour(&self, material: Option<&urdf_rs::Material>) -> Option<[f64; 4]> {
         let material = material?;
-        let named = || self.materials.iter().find(|known| known.name == material.name)?.color.as_ref();
-        material.color.as_ref().or_else(named).map(|color| color.rgba.0).filter(|rgba| rgba.iter().all(|part| (0.0..=1.0).contains(part)))
+        let named = || {
+            self.materials
+                .iter()
+                .find(|known| known.name == material.name)?
+                .color
+                .as_ref()
+        };
+        material
+            .color
+            .as_ref()
+            .or_else(named)
+            .map(|color| color.rgba.0)
+            .filter(|rgba| rgba.iter().all(|part| (0.0..=1.0).contains(part)))
     }
 
-    fn joint(&self, joint: &urdf_rs::Joint, X_PM: Pose, rigid: &[(&'a str, Pose)]) -> Result<Joint, RobotError> {
+    fn joint(
+        &self,
+        joint: &urdf_rs::Joint,
+        X_PM: Pose,
+        rigid: &[(&'a str, Pose)],
+    ) -> Result<Joint, RobotError> {
         let robot = || self.robot.to_owned();
         if let Some(mimic) = &joint.mimic {
-            return Err(RobotError::Mimic { robot: robot(), joint: joint.name.clone(), leader: mimic.joint.clone() });
+            return Err(RobotError::Mimic {
+                robot: robot(),
+                joint: joint.name.clone(),
+                leader: mimic.joint.clone(),
+            });
         }
         let kind = match joint.joint_type {
             JointType::Revolute => JointKind::Revolute,
@@ -362,7 +500,10 @@ impl<'a> Tree<'a> {
             return Err(self.not_finite(format!("the pose of joint '{}'", joint.name)));
         }
         let (mass, com, inertia) = self.lump(rigid)?;
-        let (damping, friction) = joint.dynamics.as_ref().map_or((0.0, 0.0), |d| (d.damping, d.friction));
+        let (damping, friction) = joint
+            .dynamics
+            .as_ref()
+            .map_or((0.0, 0.0), |d| (d.damping, d.friction));
         let mut limit = joint.limit.clone();
         if kind == JointKind::Continuous {
             (limit.lower, limit.upper) = (f64::NEG_INFINITY, f64::INFINITY);
@@ -395,7 +536,10 @@ impl<'a> Tree<'a> {
     }
 
     /// Mass, centre of mass, and inertia about it, of links that move as one, in the first one's frame.
-    fn lump(&self, rigid: &[(&'a str, Pose)]) -> Result<(f64, Vector3<f64>, Matrix3<f64>), RobotError> {
+    fn lump(
+        &self,
+        rigid: &[(&'a str, Pose)],
+    ) -> Result<(f64, Vector3<f64>, Matrix3<f64>), RobotError> {
         let mut bodies = Vec::new();
         for &(name, X_LF) in rigid {
             let inertial = &self.links[name].inertial;
@@ -421,7 +565,10 @@ impl<'a> Tree<'a> {
         }
         let name = rigid[0].0;
         if !bodies.iter().any(|(mass, ..)| *mass > 0.0) {
-            return Err(RobotError::NoInertia { robot: self.robot.to_owned(), link: name.to_owned() });
+            return Err(RobotError::NoInertia {
+                robot: self.robot.to_owned(),
+                link: name.to_owned(),
+            });
         }
         let (mass, com, inertia) = match bodies[..] {
             // One body alone keeps its numbers to the last bit.
@@ -449,11 +596,19 @@ impl<'a> Tree<'a> {
     fn impossible(&self, link: &str, mass: f64, inertia: &Matrix3<f64>) -> RobotError {
         let mut moments: [f64; 3] = inertia.symmetric_eigenvalues().into();
         moments.sort_by(f64::total_cmp);
-        RobotError::Inertia { robot: self.robot.to_owned(), link: link.to_owned(), mass, moments }
+        RobotError::Inertia {
+            robot: self.robot.to_owned(),
+            link: link.to_owned(),
+            mass,
+            moments,
+        }
     }
 
     fn not_finite(&self, what: String) -> RobotError {
-        RobotError::NotFinite { robot: self.robot.to_owned(), what }
+        RobotError::NotFinite {
+            robot: self.robot.to_owned(),
+            what,
+        }
     }
 }
 
@@ -468,7 +623,9 @@ fn is_finite(X: &Pose) -> bool {
 /// The shape, or the name of the mesh file it is in.
 fn geometry(geometry: &urdf_rs::Geometry) -> Result<Geometry, &str> {
     Ok(match *geometry {
-        urdf_rs::Geometry::Box { size } => Geometry::Box { size: size.0.into() },
+        urdf_rs::Geometry::Box { size } => Geometry::Box {
+            size: size.0.into(),
+        },
         urdf_rs::Geometry::Cylinder { radius, length } => Geometry::Cylinder { radius, length },
         urdf_rs::Geometry::Sphere { radius } => Geometry::Sphere { radius },
         urdf_rs::Geometry::Capsule { radius, length } => Geometry::Capsule { radius, length },

@@ -18,7 +18,11 @@ impl Cycle {
     /// At the start of a session whose text has been checked; no targets where it has none.
     #[must_use]
     pub fn new(session: &Servo, rate_hz: u32) -> Self {
-        Self { rows: session.rows(rate_hz), next: 0, held: TargetContent::default() }
+        Self {
+            rows: session.rows(rate_hz),
+            next: 0,
+            held: TargetContent::default(),
+        }
     }
 
     /// Takes a target that comes while the session lasts: it is in force from the next step on.
@@ -33,7 +37,13 @@ impl Cycle {
             self.held = row.target;
             self.next += 1;
         }
-        *out = Target { header: Header { tick, ..Header::default() }, target: self.held };
+        *out = Target {
+            header: Header {
+                tick,
+                ..Header::default()
+            },
+            target: self.held,
+        };
     }
 }
 
@@ -43,9 +53,11 @@ mod tests {
 
     #[test]
     fn a_target_holds_until_the_next_one() {
-        let targets =
-            "# armplane targets 1, length m\n0.002, twist, base, 1, 1 0 0 0 0 0\n0.002, twist, base, 1, 2 0 0 0 0 0\n0.004, end\n";
-        let session = Servo { targets: targets.to_owned(), ..Servo::default() };
+        let targets = "# armplane targets 1, length m\n0.002, twist, base, 1, 1 0 0 0 0 0\n0.002, twist, base, 1, 2 0 0 0 0 0\n0.004, end\n";
+        let session = Servo {
+            targets: targets.to_owned(),
+            ..Servo::default()
+        };
         let at = |cycle: &mut Cycle, tick: u64| {
             let (mut sample, mut out) = (SensorSample::default(), Target::default());
             sample.header.tick = tick;
@@ -55,9 +67,15 @@ mod tests {
         let mut cycle = Cycle::new(&session, 1000);
         let all: Vec<_> = (0..6).map(|tick| at(&mut cycle, tick)).collect();
         assert_eq!(
-            all.iter().map(|target| (target.kind, target.twist[0])).collect::<Vec<_>>(),
+            all.iter()
+                .map(|target| (target.kind, target.twist[0]))
+                .collect::<Vec<_>>(),
             [(0, 0.0), (0, 0.0), (1, 2.0), (1, 2.0), (4, 0.0), (4, 0.0)]
         );
-        assert_eq!(at(&mut Cycle::new(&session, 1000), 3), all[3], "a replacement goes on where its predecessor was");
+        assert_eq!(
+            at(&mut Cycle::new(&session, 1000), 3),
+            all[3],
+            "a replacement goes on where its predecessor was"
+        );
     }
 }

@@ -46,11 +46,15 @@ impl Gamepad {
             Ok(mut device) => {
                 let _ = opened.send(Ok(()));
                 // None comes where the run is refused.
-                path.into_iter().take(1).for_each(|path| device.send_to(&path));
+                path.into_iter()
+                    .take(1)
+                    .for_each(|path| device.send_to(&path));
             }
             Err(sentence) => drop(opened.send(Err(sentence))),
         });
-        result.recv().unwrap_or_else(|_| Err("the gamepad library has given up".to_owned()))?;
+        result
+            .recv()
+            .unwrap_or_else(|_| Err("the gamepad library has given up".to_owned()))?;
         Ok(Self { socket })
     }
 
@@ -85,7 +89,10 @@ mod device {
             let built = GilrsBuilder::new().with_default_filters(false).build();
             let gilrs = built.map_err(|error| format!("no gamepad can be read: {error}"))?;
             if gilrs.gamepads().next().is_none() {
-                return Err("there is no gamepad: plug one in, and see that this user may read /dev/input".to_owned());
+                return Err(
+                    "there is no gamepad: plug one in, and see that this user may read /dev/input"
+                        .to_owned(),
+                );
             }
             let socket = UnixDatagram::unbound().map_err(|error| format!("no socket: {error}"))?;
             Ok(Self { gilrs, socket })
@@ -143,8 +150,12 @@ mod device {
                 };
                 pad.tilt(axis, f64::from(reading));
             }
-            EventType::ButtonChanged(At::LeftTrigger2, reading, _) => pad.tilt(Axis::LeftTrigger, f64::from(reading)),
-            EventType::ButtonChanged(At::RightTrigger2, reading, _) => pad.tilt(Axis::RightTrigger, f64::from(reading)),
+            EventType::ButtonChanged(At::LeftTrigger2, reading, _) => {
+                pad.tilt(Axis::LeftTrigger, f64::from(reading))
+            }
+            EventType::ButtonChanged(At::RightTrigger2, reading, _) => {
+                pad.tilt(Axis::RightTrigger, f64::from(reading))
+            }
             EventType::ButtonPressed(at, _) => return pad.press(button(at)?, true),
             EventType::ButtonReleased(at, _) => return pad.press(button(at)?, false),
             EventType::Disconnected => pad.release(),
@@ -162,8 +173,14 @@ mod tests {
     fn a_gamepad_that_is_not_there_is_named_in_one_sentence() {
         // Where one is plugged in, it is found.
         let refused = Gamepad::open().err();
-        let expected = if cfg!(feature = "gamepad") { "gamepad" } else { "--features gamepad" };
-        assert!(refused.is_none_or(|sentence| sentence.contains(expected) && !sentence.contains('\n')));
+        let expected = if cfg!(feature = "gamepad") {
+            "gamepad"
+        } else {
+            "--features gamepad"
+        };
+        assert!(
+            refused.is_none_or(|sentence| sentence.contains(expected) && !sentence.contains('\n'))
+        );
         assert!(cfg!(feature = "gamepad") || Gamepad::open().is_err());
     }
 }

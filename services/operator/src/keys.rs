@@ -17,14 +17,17 @@ pub struct Keys {
 
 impl Default for Keys {
     fn default() -> Self {
-        Self { frame: "base", side: "keep", factor: 1.0 }
+        Self {
+            frame: "base",
+            side: "keep",
+            factor: 1.0,
+        }
     }
 }
 
 impl Keys {
     /// The keys, in one line.
-    pub const HELP: &str =
-        "w/s x  a/d y  r/f z   i/k turn x  j/l turn y  u/o turn z   + - speed   1 base 2 hand 3 singular   x side   space stop   q end";
+    pub const HELP: &str = "w/s x  a/d y  r/f z   i/k turn x  j/l turn y  u/o turn z   + - speed   1 base 2 hand 3 singular   x side   space stop   q end";
 
     /// The target of a key; `None` for one that only changes a setting, or none.
     pub fn press(&mut self, key: u8) -> Option<String> {
@@ -49,7 +52,12 @@ impl Keys {
             twist[axis] = sign * self.factor * if axis < 3 { SPEED.0 } else { SPEED.1 };
         }
         let values: Vec<String> = twist.iter().map(f64::to_string).collect();
-        Some(format!("twist, {}, {HOLDS_S}, {}, {}", self.frame, values.join(" "), self.side))
+        Some(format!(
+            "twist, {}, {HOLDS_S}, {}, {}",
+            self.frame,
+            values.join(" "),
+            self.side
+        ))
     }
 
     fn set(&mut self, key: u8) {
@@ -80,11 +88,20 @@ mod tests {
     #[test]
     fn every_key_is_a_target_that_the_operator_reads() {
         let mut keys = Keys::default();
-        let mut press = |key: u8| keys.press(key).map(|line| content(&line, 1.0, 0, 1000).unwrap());
+        let mut press = |key: u8| {
+            keys.press(key)
+                .map(|line| content(&line, 1.0, 0, 1000).unwrap())
+        };
         assert_eq!(press(b'd').unwrap().twist, [0.0, -0.05, 0.0, 0.0, 0.0, 0.0]);
         assert_eq!((press(b'2'), press(b'x')), (None, None));
         let turned = press(b'u').unwrap();
-        assert_eq!((turned.kind, turned.frame, turned.side, turned.twist[5]), (TARGET_TWIST, FRAME_HAND, SIDE_POSITIVE, 0.2));
-        assert_eq!((press(b' ').unwrap().twist, press(3).unwrap().kind), ([0.0; 6], TARGET_END));
+        assert_eq!(
+            (turned.kind, turned.frame, turned.side, turned.twist[5]),
+            (TARGET_TWIST, FRAME_HAND, SIDE_POSITIVE, 0.2)
+        );
+        assert_eq!(
+            (press(b' ').unwrap().twist, press(3).unwrap().kind),
+            ([0.0; 6], TARGET_END)
+        );
     }
 }

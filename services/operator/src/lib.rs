@@ -40,7 +40,11 @@ pub fn run(shell: &Shell, scenario: &Scenario) -> Result<(), ProcessError> {
         tracing::warn!("targets that follow the `end` of the session have no effect: {after_end}");
     }
     let mut cycle = Cycle::new(&session, scenario.rate_hz);
-    let mut live = if session.live { Some(Live::open(shell, scenario.rate_hz)?) } else { None };
+    let mut live = if session.live {
+        Some(Live::open(shell, scenario.rate_hz)?)
+    } else {
+        None
+    };
     let mut sensors = shell.reader::<SensorSample>()?;
     let mut targets = shell.writer::<Target>()?;
     while let Some(sample) = sensors.next()? {
@@ -78,7 +82,8 @@ impl Live {
         let path = shell.run_dir().join(Servo::SOCKET);
         // That of a predecessor.
         let _ = std::fs::remove_file(&path);
-        let refused = |error: io::Error| ProcessError::setup(format_args!("{}: {error}", path.display()));
+        let refused =
+            |error: io::Error| ProcessError::setup(format_args!("{}: {error}", path.display()));
         let socket = UnixDatagram::bind(&path).map_err(refused)?;
         socket.set_nonblocking(true).map_err(refused)?;
         Ok(Self {
@@ -97,8 +102,14 @@ impl Live {
         if !self.is_paced {
             return;
         }
-        let (now, offset) = (Instant::now(), Duration::from_secs_f64(tick as f64 / f64::from(self.rate_hz)));
-        let due = *self.began.get_or_insert_with(|| now.checked_sub(offset).unwrap_or(now)) + offset;
+        let (now, offset) = (
+            Instant::now(),
+            Duration::from_secs_f64(tick as f64 / f64::from(self.rate_hz)),
+        );
+        let due = *self
+            .began
+            .get_or_insert_with(|| now.checked_sub(offset).unwrap_or(now))
+            + offset;
         if let Some(early) = due.checked_duration_since(now) {
             std::thread::sleep(early);
         } else if now.duration_since(due) > BEHIND {
@@ -112,7 +123,11 @@ impl Live {
         self.complaints.set(earlier.saturating_add(1));
         if earlier < COMPLAINTS {
             let line: String = line.chars().take(60).collect();
-            let last = if earlier + 1 == COMPLAINTS { "; further lines that are no target are only counted" } else { "" };
+            let last = if earlier + 1 == COMPLAINTS {
+                "; further lines that are no target are only counted"
+            } else {
+                ""
+            };
             tracing::warn!("no target: `{}`: {defect}{last}", line.escape_debug());
         }
     }

@@ -66,7 +66,14 @@ const SIDES: [&str; 3] = ["keep", "positive", "negative"];
 
 impl Default for Pad {
     fn default() -> Self {
-        Self { sticks: [0.0; 6], shoulders: [false; 2], frame: 0, side: 0, factor: 1.0, is_stopped: false }
+        Self {
+            sticks: [0.0; 6],
+            shoulders: [false; 2],
+            frame: 0,
+            side: 0,
+            factor: 1.0,
+            is_stopped: false,
+        }
     }
 }
 
@@ -138,7 +145,12 @@ impl Pad {
     #[must_use]
     pub fn line(&self) -> String {
         let values: Vec<String> = self.twist().iter().map(f64::to_string).collect();
-        format!("twist, {}, {VALID_S}, {}, {}", FRAMES[self.frame], values.join(" "), SIDES[self.side])
+        format!(
+            "twist, {}, {VALID_S}, {}, {}",
+            FRAMES[self.frame],
+            values.join(" "),
+            SIDES[self.side]
+        )
     }
 }
 
@@ -154,7 +166,9 @@ fn beyond_dead_zone(reading: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::codes::{FRAME_BASE, FRAME_HAND, FRAME_SINGULAR, SIDE_POSITIVE, TARGET_END, TARGET_TWIST};
+    use shared_types::codes::{
+        FRAME_BASE, FRAME_HAND, FRAME_SINGULAR, SIDE_POSITIVE, TARGET_END, TARGET_TWIST,
+    };
     use shared_types::target_file::content;
 
     fn target(line: &str) -> shared_types::TargetContent {
@@ -180,7 +194,11 @@ mod tests {
             pad.tilt(axis, reading);
             let mut twist = [0.0; 6];
             twist[place] = expected;
-            let close = pad.twist().iter().zip(twist).all(|(one, other)| (one - other).abs() < 1e-12);
+            let close = pad
+                .twist()
+                .iter()
+                .zip(twist)
+                .all(|(one, other)| (one - other).abs() < 1e-12);
             assert!(close, "{axis:?} at {reading}: {:?}", pad.twist());
         }
         let mut pad = Pad::default();
@@ -195,26 +213,51 @@ mod tests {
         let mut pad = Pad::default();
         pad.tilt(Axis::LeftStickY, 1.0);
         pad.press(Button::RightShoulder, true);
-        assert_eq!((target(&pad.line()).kind, target(&pad.line()).frame, target(&pad.line()).twist[3]), (TARGET_TWIST, FRAME_BASE, 0.4));
-        assert_eq!((pad.press(Button::North, true), pad.press(Button::North, false)), (None, None));
+        assert_eq!(
+            (
+                target(&pad.line()).kind,
+                target(&pad.line()).frame,
+                target(&pad.line()).twist[3]
+            ),
+            (TARGET_TWIST, FRAME_BASE, 0.4)
+        );
+        assert_eq!(
+            (
+                pad.press(Button::North, true),
+                pad.press(Button::North, false)
+            ),
+            (None, None)
+        );
         pad.press(Button::West, true);
         pad.press(Button::Up, true);
         let line = target(&pad.line());
-        assert_eq!((line.frame, line.side, line.twist[0]), (FRAME_HAND, SIDE_POSITIVE, 0.125));
+        assert_eq!(
+            (line.frame, line.side, line.twist[0]),
+            (FRAME_HAND, SIDE_POSITIVE, 0.125)
+        );
         pad.press(Button::North, true);
         assert_eq!(target(&pad.line()).frame, FRAME_SINGULAR);
         pad.press(Button::North, true);
         assert_eq!(target(&pad.line()).frame, FRAME_BASE);
         (0..100).for_each(|_| drop(pad.press(Button::Down, true)));
-        assert!((target(&pad.line()).twist[0] - 0.005).abs() < 1e-12, "the speed has a least value");
-        assert_eq!(target(&pad.press(Button::Start, true).unwrap()).kind, TARGET_END);
+        assert!(
+            (target(&pad.line()).twist[0] - 0.005).abs() < 1e-12,
+            "the speed has a least value"
+        );
+        assert_eq!(
+            target(&pad.press(Button::Start, true).unwrap()).kind,
+            TARGET_END
+        );
     }
 
     #[test]
     fn a_stop_lasts_until_everything_is_let_go() {
         let mut pad = Pad::default();
         pad.tilt(Axis::LeftStickY, 1.0);
-        assert_eq!(target(&pad.press(Button::South, true).unwrap()).twist, [0.0; 6]);
+        assert_eq!(
+            target(&pad.press(Button::South, true).unwrap()).twist,
+            [0.0; 6]
+        );
         pad.tilt(Axis::LeftStickY, 0.5);
         assert_eq!(pad.twist(), [0.0; 6], "the stick is still tilted");
         pad.tilt(Axis::LeftStickY, 0.0);

@@ -17,14 +17,30 @@ impl FromStr for Address {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || format!("`{text}` is no address of a robot: give {SCHEME}HOST, for example {SCHEME}172.16.0.2");
-        let host = text.strip_prefix(SCHEME).ok_or_else(wrong)?.trim_end_matches('/');
+        let wrong = || {
+            format!(
+                "`{text}` is no address of a robot: give {SCHEME}HOST, for example {SCHEME}172.16.0.2"
+            )
+        };
+        let host = text
+            .strip_prefix(SCHEME)
+            .ok_or_else(wrong)?
+            .trim_end_matches('/');
         let (name, port) = match host.rsplit_once(':') {
             Some((name, port)) => (name, port.parse::<u16>().ok().filter(|port| *port > 0)),
             None => (host, Some(1337)),
         };
-        let is_name = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || ".-_".contains(c));
-        if is_name && port.is_some() { Ok(Self { host: host.to_owned() }) } else { Err(wrong()) }
+        let is_name = !name.is_empty()
+            && name
+                .chars()
+                .all(|c| c.is_ascii_alphanumeric() || ".-_".contains(c));
+        if is_name && port.is_some() {
+            Ok(Self {
+                host: host.to_owned(),
+            })
+        } else {
+            Err(wrong())
+        }
     }
 }
 
@@ -40,13 +56,31 @@ mod tests {
 
     #[test]
     fn an_address_is_a_scheme_and_a_host() {
-        for right in ["fci://172.16.0.2", "fci://localhost", "fci://arm-1.lab:1337"] {
+        for right in [
+            "fci://172.16.0.2",
+            "fci://localhost",
+            "fci://arm-1.lab:1337",
+        ] {
             assert_eq!(right.parse::<Address>().unwrap().to_string(), right);
         }
-        assert_eq!("fci://127.0.0.1/".parse::<Address>().unwrap().host, "127.0.0.1");
-        for wrong in ["172.16.0.2", "fci://", "http://a", "fci://a:b", "fci://a:0", "fci://a b", "fci://:1337"] {
+        assert_eq!(
+            "fci://127.0.0.1/".parse::<Address>().unwrap().host,
+            "127.0.0.1"
+        );
+        for wrong in [
+            "172.16.0.2",
+            "fci://",
+            "http://a",
+            "fci://a:b",
+            "fci://a:0",
+            "fci://a b",
+            "fci://:1337",
+        ] {
             let refused = wrong.parse::<Address>().unwrap_err();
-            assert!(refused.contains(wrong) && refused.contains("fci://HOST"), "{refused}");
+            assert!(
+                refused.contains(wrong) && refused.contains("fci://HOST"),
+                "{refused}"
+            );
         }
     }
 }

@@ -33,7 +33,11 @@ pub(crate) struct Approach {
 
 impl Approach {
     pub(crate) fn new(from: Joints, to: Joints) -> Self {
-        Self { from, to, duration_s: (PEAK * (to - from).amax() / SPEED).max(SHORTEST_S) }
+        Self {
+            from,
+            to,
+            duration_s: (PEAK * (to - from).amax() / SPEED).max(SHORTEST_S),
+        }
     }
 
     /// Planned time; s.
@@ -44,7 +48,13 @@ impl Approach {
     /// Torque without gravity that follows the line at time `t_s`; N·m.
     ///
     /// τ = A(q)·(q̈_d + k_v(q̇_d − q̇) + k_p(q_d − q)) + C(q, q̇)q̇
-    pub(crate) fn torque(&self, model: &Model<JOINTS>, t_s: f64, q: &Joints, qdot: &Joints) -> Joints {
+    pub(crate) fn torque(
+        &self,
+        model: &Model<JOINTS>,
+        t_s: f64,
+        q: &Joints,
+        qdot: &Joints,
+    ) -> Joints {
         let (by, [place, rate, change]) = (self.to - self.from, quintic(t_s, self.duration_s));
         let (q_d, qdot_d) = (self.from + by * place, by * rate);
         let wanted = by * change + (qdot_d - qdot) * GAINS.1 + (q_d - q) * GAINS.0;
@@ -85,14 +95,28 @@ mod tests {
         for k in 0..ticks {
             let tau = approach.torque(&model, k as f64 * dt, &q, &qdot);
             (steepest, last) = (steepest.max((tau - last).amax()), tau);
-            let acceleration = model.mass_matrix(&q).cholesky().unwrap().solve(&(tau - (model.bias(&q, &qdot) - model.gravity(&q))));
+            let acceleration = model
+                .mass_matrix(&q)
+                .cholesky()
+                .unwrap()
+                .solve(&(tau - (model.bias(&q, &qdot) - model.gravity(&q))));
             qdot += acceleration * dt;
             q += qdot * dt;
             fastest = fastest.max(qdot.amax());
         }
-        assert!(approach.is_there(&q, &qdot), "{:?} off", approach.furthest(&q));
-        assert!((0.9 * SPEED..1.02 * SPEED).contains(&fastest), "{fastest} rad/s");
-        assert!(steepest < 0.5, "the torque changes by {steepest} N·m in a tick");
+        assert!(
+            approach.is_there(&q, &qdot),
+            "{:?} off",
+            approach.furthest(&q)
+        );
+        assert!(
+            (0.9 * SPEED..1.02 * SPEED).contains(&fastest),
+            "{fastest} rad/s"
+        );
+        assert!(
+            steepest < 0.5,
+            "the torque changes by {steepest} N·m in a tick"
+        );
         let away = Joints::from_fn(|i, _| if i == 3 { to[i] - 0.01 } else { to[i] });
         assert!(Approach::hold(&model, &to, &away, &Joints::zeros())[3] > 1.0);
     }

@@ -1,6 +1,9 @@
 //! The robot at its address: the only code that knows the client of the interface.
 
-use franka::{ActiveTorqueControl, FrankaError, RealtimeConfig, Robot, RobotMode, RobotOptions, RobotState, Torques};
+use franka::{
+    ActiveTorqueControl, FrankaError, RealtimeConfig, Robot, RobotMode, RobotOptions, RobotState,
+    Torques,
+};
 use nalgebra::SVector;
 
 use crate::address::Address;
@@ -19,16 +22,25 @@ impl Client {
     pub(crate) fn connect(address: &Address) -> Result<Self, RobotFailure> {
         let options = RobotOptions::new(RealtimeConfig::Ignore).with_log_size(0);
         let robot = Robot::with_options(&address.host, options).map_err(|error| match error {
-            FrankaError::IncompatibleVersion { server_version, .. } => {
-                RobotFailure::Version { address: address.clone(), theirs: server_version }
-            }
-            other => RobotFailure::Unreachable { address: address.clone(), reason: words(&other) },
+            FrankaError::IncompatibleVersion { server_version, .. } => RobotFailure::Version {
+                address: address.clone(),
+                theirs: server_version,
+            },
+            other => RobotFailure::Unreachable {
+                address: address.clone(),
+                reason: words(&other),
+            },
         })?;
-        Ok(Self { robot, address: address.clone() })
+        Ok(Self {
+            robot,
+            address: address.clone(),
+        })
     }
 
     pub(crate) fn state(&self) -> Result<RobotState, RobotFailure> {
-        self.robot.read_once().map_err(|error| self.failure(0, &error))
+        self.robot
+            .read_once()
+            .map_err(|error| self.failure(0, &error))
     }
 
     /// Whether a motion can begin.
@@ -40,10 +52,21 @@ impl Client {
             RobotMode::UserStopped => "release the user stop",
             RobotMode::Guiding => "let go of the guiding button",
             RobotMode::Move => "another program moves it: end that one",
-            RobotMode::Other | RobotMode::AutomaticErrorRecovery => "see Desk: unlock the joints and activate FCI",
+            RobotMode::Other | RobotMode::AutomaticErrorRecovery => {
+                "see Desk: unlock the joints and activate FCI"
+            }
         };
-        let errors = if state.current_errors.any() { format!(" with the errors {}", state.current_errors) } else { String::new() };
-        Err(RobotFailure::NotReady { address: self.address.clone(), mode: state.robot_mode.to_string(), errors, remedy })
+        let errors = if state.current_errors.any() {
+            format!(" with the errors {}", state.current_errors)
+        } else {
+            String::new()
+        };
+        Err(RobotFailure::NotReady {
+            address: self.address.clone(),
+            mode: state.robot_mode.to_string(),
+            errors,
+            remedy,
+        })
     }
 
     /// Its URDF; `None` from FCI version 5, which has no `GetRobotModel`.
@@ -57,24 +80,43 @@ impl Client {
 
     /// From now on each state is to be answered by a torque.
     pub(crate) fn control(&self) -> Result<Controlled<'_>, RobotFailure> {
-        let control = self.robot.start_torque_control().map_err(|error| self.refused("begin torque control", &error))?;
-        Ok(Controlled { client: self, control, rates: Rates::default() })
+        let control = self
+            .robot
+            .start_torque_control()
+            .map_err(|error| self.refused("begin torque control", &error))?;
+        Ok(Controlled {
+            client: self,
+            control,
+            rates: Rates::default(),
+        })
     }
 
     fn refused(&self, action: &'static str, error: &FrankaError) -> RobotFailure {
         match error {
             FrankaError::Network(_) => self.failure(0, error),
-            _ => RobotFailure::Refused { address: self.address.clone(), action, reason: words(error) },
+            _ => RobotFailure::Refused {
+                address: self.address.clone(),
+                action,
+                reason: words(error),
+            },
         }
     }
 
     fn failure(&self, tick: u64, error: &FrankaError) -> RobotFailure {
         match error {
             FrankaError::Control(stopped) => {
-                let errors = if stopped.last_motion_errors.any() { stopped.last_motion_errors.to_string() } else { words(error) };
+                let errors = if stopped.last_motion_errors.any() {
+                    stopped.last_motion_errors.to_string()
+                } else {
+                    words(error)
+                };
                 RobotFailure::Reflex { tick, errors }
             }
-            other => RobotFailure::Lost { address: self.address.clone(), tick, reason: words(other) },
+            other => RobotFailure::Lost {
+                address: self.address.clone(),
+                tick,
+                reason: words(other),
+            },
         }
     }
 }
@@ -93,7 +135,12 @@ pub(crate) struct Rates {
 
 impl Default for Rates {
     fn default() -> Self {
-        Self { least: 1.0, sum: 0.0, count: 0, missed: 0 }
+        Self {
+            least: 1.0,
+            sum: 0.0,
+            count: 0,
+            missed: 0,
+        }
     }
 }
 
@@ -112,7 +159,11 @@ impl Rates {
 
     /// Mean of the robot's own success rate.
     pub(crate) fn mean(&self) -> f64 {
-        if self.count > Self::WINDOW { self.sum / (self.count - Self::WINDOW) as f64 } else { 1.0 }
+        if self.count > Self::WINDOW {
+            self.sum / (self.count - Self::WINDOW) as f64
+        } else {
+            1.0
+        }
     }
 }
 
@@ -126,25 +177,36 @@ pub(crate) struct Controlled<'a> {
 impl Controlled<'_> {
     /// The next state, and how many ticks of the robot's clock have passed since the one before.
     pub(crate) fn next(&mut self, tick: u64) -> Result<(Measured, u64), RobotFailure> {
-        let (state, period) = self.control.read_once().map_err(|error| self.client.failure(tick, &error))?;
+        let (state, period) = self
+            .control
+            .read_once()
+            .map_err(|error| self.client.failure(tick, &error))?;
         let passed = period.as_millis();
         self.rates.note(state.control_command_success_rate, passed);
         let now = measured(&state);
         if !now.is_finite() {
             let reason = "its state holds a number that is not finite".to_owned();
-            return Err(RobotFailure::Lost { address: self.client.address.clone(), tick, reason });
+            return Err(RobotFailure::Lost {
+                address: self.client.address.clone(),
+                tick,
+                reason,
+            });
         }
         Ok((now, passed))
     }
 
     pub(crate) fn send(&mut self, tick: u64, tau: [f64; JOINTS]) -> Result<(), RobotFailure> {
-        self.control.write_once(&Torques::new(tau)).map_err(|error| self.client.failure(tick, &error))
+        self.control
+            .write_once(&Torques::new(tau))
+            .map_err(|error| self.client.failure(tick, &error))
     }
 
     /// Ends the torque control: the robot holds the arm itself.
     pub(crate) fn finish(mut self, tick: u64, tau: [f64; JOINTS]) -> Result<Rates, RobotFailure> {
         let last = franka::motion_finished(Torques::new(tau));
-        self.control.write_once(&last).map_err(|error| self.client.failure(tick, &error))?;
+        self.control
+            .write_once(&last)
+            .map_err(|error| self.client.failure(tick, &error))?;
         Ok(self.rates)
     }
 
@@ -154,13 +216,19 @@ impl Controlled<'_> {
 }
 
 pub(crate) fn measured(state: &RobotState) -> Measured {
-    Measured { q: SVector::from(state.q), qdot: SVector::from(state.dq), tau_in_force: SVector::from(state.tau_J_d) }
+    Measured {
+        q: SVector::from(state.q),
+        qdot: SVector::from(state.dq),
+        tau_in_force: SVector::from(state.tau_J_d),
+    }
 }
 
 /// The client's words on one line, without its name in front.
 fn words(error: &FrankaError) -> String {
     let text = error.to_string();
     let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
-    let line = line.trim_start_matches("libfranka robot: ").trim_start_matches("libfranka: ");
+    let line = line
+        .trim_start_matches("libfranka robot: ")
+        .trim_start_matches("libfranka: ");
     line.trim_end_matches(['.', '!']).to_owned()
 }

@@ -29,7 +29,9 @@ pub(crate) struct Measured {
 impl Measured {
     /// Whether all of it is numbers.
     pub(crate) fn is_finite(&self) -> bool {
-        [&self.q, &self.qdot, &self.tau_in_force].iter().all(|joints| joints.iter().all(|x| x.is_finite()))
+        [&self.q, &self.qdot, &self.tau_in_force]
+            .iter()
+            .all(|joints| joints.iter().all(|x| x.is_finite()))
     }
 }
 
@@ -52,7 +54,12 @@ pub(crate) struct Cycle {
 
 impl Cycle {
     /// An arm at rest at `start`; the task is planned to take `length` ticks.
-    pub(crate) fn new(model: Model<JOINTS>, hold_ticks: u32, length: u64, start: &Measured) -> Self {
+    pub(crate) fn new(
+        model: Model<JOINTS>,
+        hold_ticks: u32,
+        length: u64,
+        start: &Measured,
+    ) -> Self {
         let drive = Drive::new(model.clone(), RATE_HZ, hold_ticks, &start.q);
         Self {
             sent: start.tau_in_force,
@@ -68,8 +75,20 @@ impl Cycle {
     }
 
     /// The messages of `tick`; stamps and incarnation are the caller's to fill. Without a simulator the truth is what the robot measures.
-    pub(crate) fn sample(&self, tick: u64, now: &Measured, sample: &mut SensorSample, truth: &mut PlantState) {
-        let (header, applied) = (Header { tick, ..Header::default() }, self.drive.applied());
+    pub(crate) fn sample(
+        &self,
+        tick: u64,
+        now: &Measured,
+        sample: &mut SensorSample,
+        truth: &mut PlantState,
+    ) {
+        let (header, applied) = (
+            Header {
+                tick,
+                ..Header::default()
+            },
+            self.drive.applied(),
+        );
         *sample = SensorSample {
             header,
             q_encoder: padded(&now.q),
@@ -77,7 +96,9 @@ impl Cycle {
             drive: applied.drive,
             stale_ticks: applied.stale_ticks,
         };
-        let ArmMotion { X_BE, V_BE, energy, .. } = self.model.motion(&now.q, &now.qdot);
+        let ArmMotion {
+            X_BE, V_BE, energy, ..
+        } = self.model.motion(&now.q, &now.qdot);
         let mut R_BE = [0.0; 9];
         R_BE.copy_from_slice(X_BE.R.as_slice());
         *truth = PlantState {
@@ -102,12 +123,25 @@ impl Cycle {
     ///
     /// Ensures within 0.999 N·m of the torque in force and of the one sent last, where these are within 2 N·m of each other, and within the effort
     /// limits. No allocation.
-    pub(crate) fn step(&mut self, now: &Measured, command: Option<&TorqueCommand>) -> [f64; JOINTS] {
+    pub(crate) fn step(
+        &mut self,
+        now: &Measured,
+        command: Option<&TorqueCommand>,
+    ) -> [f64; JOINTS] {
         let tau = command.map(|command| Joints::from_column_slice(&command.tau[..JOINTS]));
         let age = command.map_or(0, |command| self.ticks.saturating_sub(command.header.tick));
-        let applied = *self.drive.answer(&now.q, &now.qdot, tau.as_ref(), u32::try_from(age).unwrap_or(u32::MAX));
+        let applied = *self.drive.answer(
+            &now.q,
+            &now.qdot,
+            tau.as_ref(),
+            u32::try_from(age).unwrap_or(u32::MAX),
+        );
         let gravity = self.model.gravity(&now.q);
-        self.held = if applied.braked { self.held.or(Some(now.q)) } else { None };
+        self.held = if applied.braked {
+            self.held.or(Some(now.q))
+        } else {
+            None
+        };
         // A Franka arm has no brakes that a client could set: it is held where it stands.
         let wanted = match &self.held {
             Some(at) => Approach::hold(&self.model, at, &now.q, &now.qdot),
@@ -126,7 +160,10 @@ impl Cycle {
         for i in 0..JOINTS {
             let effort = self.model.effort()[i];
             let (before, in_force) = (self.sent[i], now.tau_in_force[i]);
-            let tau = wanted[i].clamp(in_force - STEP, in_force + STEP).clamp(before - STEP, before + STEP).clamp(-effort, effort);
+            let tau = wanted[i]
+                .clamp(in_force - STEP, in_force + STEP)
+                .clamp(before - STEP, before + STEP)
+                .clamp(-effort, effort);
             if tau != wanted[i] {
                 self.flags |= DRIVE_RATE;
                 self.saturation_mask |= 1 << i;
@@ -170,7 +207,11 @@ mod tests {
     }
 
     fn at_rest() -> Measured {
-        Measured { q: Joints::from([0.3, -0.4, 0.1, -1.5, 0.2, 1.6, 0.7]), qdot: Joints::zeros(), tau_in_force: Joints::zeros() }
+        Measured {
+            q: Joints::from([0.3, -0.4, 0.1, -1.5, 0.2, 1.6, 0.7]),
+            qdot: Joints::zeros(),
+            tau_in_force: Joints::zeros(),
+        }
     }
 
     fn cycle() -> Cycle {
@@ -178,7 +219,10 @@ mod tests {
     }
 
     fn command(tick: u64, tau: Joints) -> TorqueCommand {
-        let mut command = TorqueCommand { tau: padded(&tau), ..TorqueCommand::default() };
+        let mut command = TorqueCommand {
+            tau: padded(&tau),
+            ..TorqueCommand::default()
+        };
         command.header.tick = tick;
         command
     }
@@ -189,11 +233,17 @@ mod tests {
         let gravity = model().gravity(&now.q);
         assert!(gravity.amax() > 10.0);
         let sent = cycle.step(&now, Some(&command(0, gravity + Joints::repeat(0.25))));
-        assert!(sent.iter().all(|tau| (tau - 0.25).abs() < 1e-12), "{sent:?}");
+        assert!(
+            sent.iter().all(|tau| (tau - 0.25).abs() < 1e-12),
+            "{sent:?}"
+        );
         let (mut sample, mut truth) = <(SensorSample, PlantState)>::default();
         cycle.sample(1, &now, &mut sample, &mut truth);
         assert!(sample.is_finite() && truth.is_finite() && sample.header().tick == 1);
-        assert!((truth.tau[1] - gravity[1] - 0.25).abs() < 1e-12, "the messages have the whole torque");
+        assert!(
+            (truth.tau[1] - gravity[1] - 0.25).abs() < 1e-12,
+            "the messages have the whole torque"
+        );
         assert_eq!((sample.tau_drive, truth.drive_flags), (truth.tau, 0));
     }
 
@@ -203,12 +253,24 @@ mod tests {
         let gravity = model().gravity(&now.q);
         let mut last = [0.0; JOINTS];
         let mut check = |sent: [f64; JOINTS], now: &mut Measured| {
-            assert!(sent.iter().zip(last).all(|(a, b)| (a - b).abs() <= 1.0), "{last:?} {sent:?}");
+            assert!(
+                sent.iter().zip(last).all(|(a, b)| (a - b).abs() <= 1.0),
+                "{last:?} {sent:?}"
+            );
             (last, now.tau_in_force) = (sent, Joints::from(sent));
         };
         for tick in 0..60 {
-            let wild = Joints::from_fn(|i, _| if (tick as usize + i).is_multiple_of(7) { 80.0 } else { -80.0 });
-            check(cycle.step(&now, Some(&command(tick, gravity + wild))), &mut now);
+            let wild = Joints::from_fn(|i, _| {
+                if (tick as usize + i).is_multiple_of(7) {
+                    80.0
+                } else {
+                    -80.0
+                }
+            });
+            check(
+                cycle.step(&now, Some(&command(tick, gravity + wild))),
+                &mut now,
+            );
         }
         assert_ne!(cycle.flags & DRIVE_RATE, 0);
         for _ in 60..100 {
@@ -224,7 +286,10 @@ mod tests {
         cycle.step(&now, Some(&command(0, up(0.9))));
         // The robot still has 0: the packet did not arrive.
         let sent = cycle.step(&now, Some(&command(1, up(1.8))));
-        assert!(sent.iter().all(|tau| (tau - STEP).abs() < 1e-12), "{sent:?}");
+        assert!(
+            sent.iter().all(|tau| (tau - STEP).abs() < 1e-12),
+            "{sent:?}"
+        );
     }
 
     #[test]
@@ -240,7 +305,10 @@ mod tests {
                 seen.push(cycle.drive());
             }
             if cycle.drive() == DRIVE_STOPPING {
-                assert!(now.tau_in_force.dot(&now.qdot) <= 1e-9, "it takes energy out");
+                assert!(
+                    now.tau_in_force.dot(&now.qdot) <= 1e-9,
+                    "it takes energy out"
+                );
                 now.qdot *= 0.98;
             }
         }
@@ -250,7 +318,11 @@ mod tests {
         for _ in 0..100 {
             now.tau_in_force = Joints::from(cycle.step(&now, None));
         }
-        assert!(now.tau_in_force[3] < -1.0, "pushed away, it pulls back: {}", now.tau_in_force);
+        assert!(
+            now.tau_in_force[3] < -1.0,
+            "pushed away, it pulls back: {}",
+            now.tau_in_force
+        );
     }
 
     #[test]
@@ -266,7 +338,13 @@ mod tests {
         let gravity = model().gravity(&now.q);
         cycle.step(&now, Some(&command(0, gravity)));
         assert!(!cycle.is_over());
-        cycle.step(&now, Some(&TorqueCommand { phase: PHASE_DONE, ..command(1, gravity) }));
+        cycle.step(
+            &now,
+            Some(&TorqueCommand {
+                phase: PHASE_DONE,
+                ..command(1, gravity)
+            }),
+        );
         assert!(cycle.is_over());
     }
 }

@@ -6,7 +6,9 @@ use crate::address::Address;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RobotFailure {
     /// This program does not contain the client.
-    #[error("this armplane is built without Franka's control interface: build it with `cargo build --release --features fci`")]
+    #[error(
+        "this armplane is built without Franka's control interface: build it with `cargo build --release --features fci`"
+    )]
     NotBuilt,
     /// Nothing answers there.
     #[error(

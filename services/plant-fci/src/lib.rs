@@ -41,7 +41,10 @@ pub use interface::{JOINTS, RATE_HZ};
 pub fn describe(address: &Address, name: &str) -> Result<Option<RobotSource>, RobotFailure> {
     let client = client::Client::connect(address)?;
     client.check_ready()?;
-    client.urdf()?.map(|urdf| description::source(name, urdf)).transpose()
+    client
+        .urdf()?
+        .map(|urdf| description::source(name, urdf))
+        .transpose()
 }
 
 /// Takes part in the run as its plant until the task is over or the run stops.
@@ -49,7 +52,12 @@ pub fn describe(address: &Address, name: &str) -> Result<Option<RobotSource>, Ro
 /// # Errors
 /// [`ProcessError`] where the robot is lost, stops by a reflex, or the graph breaks.
 #[cfg(feature = "fci")]
-pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario, address: &Address) -> Result<(), ProcessError> {
+pub fn run(
+    shell: &Shell,
+    robot: &Robot,
+    scenario: &Scenario,
+    address: &Address,
+) -> Result<(), ProcessError> {
     process::run(shell, robot, scenario, address)
 }
 
@@ -67,6 +75,11 @@ pub fn describe(_address: &Address, _name: &str) -> Result<Option<RobotSource>, 
 /// # Errors
 /// Always.
 #[cfg(not(feature = "fci"))]
-pub fn run(_shell: &Shell, _robot: &Robot, _scenario: &Scenario, _address: &Address) -> Result<(), ProcessError> {
+pub fn run(
+    _shell: &Shell,
+    _robot: &Robot,
+    _scenario: &Scenario,
+    _address: &Address,
+) -> Result<(), ProcessError> {
     Err(ProcessError::setup(RobotFailure::NotBuilt))
 }

@@ -19,11 +19,23 @@ const PATIENCE_S: f64 = 3.0;
 /// A robot's own bar for its success rate: below, the network or this machine is too slow.
 const GOOD_RATE: f64 = 0.99;
 
-pub(crate) fn run(shell: &Shell, robot: &Robot, scenario: &Scenario, address: &Address) -> Result<(), ProcessError> {
+pub(crate) fn run(
+    shell: &Shell,
+    robot: &Robot,
+    scenario: &Scenario,
+    address: &Address,
+) -> Result<(), ProcessError> {
     let model = Model::<JOINTS>::new(robot, scenario.frame()).map_err(ProcessError::setup)?;
-    let start = embedded::<JOINTS>(&robot.start_posture(&scenario.start).map_err(ProcessError::setup)?);
+    let start = embedded::<JOINTS>(
+        &robot
+            .start_posture(&scenario.start)
+            .map_err(ProcessError::setup)?,
+    );
     if scenario.rate_hz != RATE_HZ {
-        let sentence = format!("{} runs at {} Hz, the robot at {RATE_HZ}: leave `rate_hz` out", scenario.name, scenario.rate_hz);
+        let sentence = format!(
+            "{} runs at {} Hz, the robot at {RATE_HZ}: leave `rate_hz` out",
+            scenario.name, scenario.rate_hz
+        );
         return Err(ProcessError::setup(RobotFailure::Scenario(sentence)));
     }
     let client = Client::connect(address).map_err(ProcessError::setup)?;
@@ -41,7 +53,12 @@ pub(crate) fn run(shell: &Shell, robot: &Robot, scenario: &Scenario, address: &A
     }
     let mut control = client.control().map_err(ProcessError::setup)?;
     let (mut now, mut passed) = control.next(0).map_err(ProcessError::setup)?;
-    let mut cycle = Cycle::new(model, scenario.plant.hold_ticks, scenario.planned_ticks(), &now);
+    let mut cycle = Cycle::new(
+        model,
+        scenario.plant.hold_ticks,
+        scenario.planned_ticks(),
+        &now,
+    );
     let mut drive = cycle.drive();
     while let Some(tick) = source.next_by(passed)? {
         let (mut sample, mut truth) = (sensors.loan_as_is(tick)?, truths.loan_as_is(tick)?);
@@ -52,7 +69,10 @@ pub(crate) fn run(shell: &Shell, robot: &Robot, scenario: &Scenario, address: &A
         if cycle.drive() != drive {
             // Not each tick that is held: the log has the stops, and the way back from them.
             if cycle.drive() >= DRIVE_STOPPING {
-                tracing::warn!("tick {tick}: no torque comes in time, the arm is {}", name_of(DRIVES, cycle.drive()));
+                tracing::warn!(
+                    "tick {tick}: no torque comes in time, the arm is {}",
+                    name_of(DRIVES, cycle.drive())
+                );
             } else if drive >= DRIVE_STOPPING {
                 tracing::warn!("tick {tick}: torque comes in time again, the arm goes on");
             }
@@ -64,7 +84,9 @@ pub(crate) fn run(shell: &Shell, robot: &Robot, scenario: &Scenario, address: &A
             report(&rates);
             return Ok(());
         }
-        let answered = control.send(tick, tau).and_then(|()| control.next(tick + 1));
+        let answered = control
+            .send(tick, tau)
+            .and_then(|()| control.next(tick + 1));
         (now, passed) = match answered {
             Ok(next) => next,
             Err(failure) => {
@@ -72,7 +94,8 @@ pub(crate) fn run(shell: &Shell, robot: &Robot, scenario: &Scenario, address: &A
                 // The last messages of the run say that the arm has been stopped, and how it was last seen.
                 cycle.stopped_by_robot();
                 if let Some(tick) = source.next_by(1)? {
-                    let (mut sample, mut truth) = (sensors.loan_as_is(tick)?, truths.loan_as_is(tick)?);
+                    let (mut sample, mut truth) =
+                        (sensors.loan_as_is(tick)?, truths.loan_as_is(tick)?);
                     cycle.sample(tick, &now, &mut sample, &mut truth);
                     sample.send()?;
                     truth.send()?;
@@ -87,7 +110,12 @@ pub(crate) fn run(shell: &Shell, robot: &Robot, scenario: &Scenario, address: &A
 }
 
 /// Moves the arm to the start posture; `false` where the run is stopped meanwhile.
-fn approach(shell: &Shell, client: &Client, model: &Model<JOINTS>, start: nalgebra::SVector<f64, JOINTS>) -> Result<bool, RobotFailure> {
+fn approach(
+    shell: &Shell,
+    client: &Client,
+    model: &Model<JOINTS>,
+    start: nalgebra::SVector<f64, JOINTS>,
+) -> Result<bool, RobotFailure> {
     let mut control = client.control()?;
     let (mut now, _) = control.next(0)?;
     let approach = Approach::new(now.q, start);
@@ -100,7 +128,11 @@ fn approach(shell: &Shell, client: &Client, model: &Model<JOINTS>, start: nalgeb
         }
         if t_s > approach.duration_s() + PATIENCE_S {
             let (joint, off) = approach.furthest(&now.q);
-            return Err(RobotFailure::NotAtStart { joint, off_mrad: off * 1e3, seconds: t_s });
+            return Err(RobotFailure::NotAtStart {
+                joint,
+                off_mrad: off * 1e3,
+                seconds: t_s,
+            });
         }
         tau = guard.send_within_steps(&now, &approach.torque(model, t_s, &now.q, &now.qdot));
         control.send(0, tau)?;
@@ -117,5 +149,9 @@ fn report(rates: &Rates) {
         rates.least * 100.0,
         rates.missed
     );
-    if rates.mean() < GOOD_RATE { tracing::warn!("{sentence}") } else { eprintln!("{sentence}") }
+    if rates.mean() < GOOD_RATE {
+        tracing::warn!("{sentence}")
+    } else {
+        eprintln!("{sentence}")
+    }
 }

@@ -73,7 +73,10 @@ impl<const N: usize> Cycle<N> {
         // The drives' model is the description's, without the simulated deviation from it.
         let known = Model::new(robot, scenario.frame())?;
         let start = model::embedded(&start);
-        let longest = scenario.at_most((f64::from(TaskEnd::LONGEST) * scenario.duration_s() * f64::from(scenario.rate_hz)).round() as u64);
+        let longest = scenario.at_most(
+            (f64::from(TaskEnd::LONGEST) * scenario.duration_s() * f64::from(scenario.rate_hz))
+                .round() as u64,
+        );
         let drive = Drive::new(known, scenario.rate_hz, options.hold_ticks, &start);
         Ok(Self {
             plant: Plant::new(robot, scenario.frame(), options, scenario.rate_hz, &start)?,
@@ -81,7 +84,12 @@ impl<const N: usize> Cycle<N> {
             drive,
             hardware_faults: HardwareFaults::new(scenario.dt_s()),
             contradicted: false,
-            encoders: Encoders::new(robot, options.encoder_bits, options.encoder_noise_counts, scenario.seed),
+            encoders: Encoders::new(
+                robot,
+                options.encoder_bits,
+                options.encoder_noise_counts,
+                scenario.seed,
+            ),
             dof: robot.dof(),
             end: TaskEnd::new(scenario.rate_hz, longest),
             ticks: 0,
@@ -93,15 +101,24 @@ impl<const N: usize> Cycle<N> {
 impl<const N: usize> Step for Cycle<N> {
     fn sample(&self, tick: u64, sample: &mut SensorSample, truth: &mut PlantState) {
         let (x, touch, applied) = (self.plant.state(), self.plant.touch(), self.drive.applied());
-        let header = Header { tick, ..Header::default() };
+        let header = Header {
+            tick,
+            ..Header::default()
+        };
         *sample = SensorSample {
             header,
-            q_encoder: padded(&self.hardware_faults.read(tick, &self.encoders.read(tick, &x.q))),
+            q_encoder: padded(
+                &self
+                    .hardware_faults
+                    .read(tick, &self.encoders.read(tick, &x.q)),
+            ),
             tau_drive: padded(&applied.tau),
             drive: applied.drive,
             stale_ticks: applied.stale_ticks,
         };
-        let ArmMotion { X_BE, V_BE, energy, .. } = *self.plant.motion();
+        let ArmMotion {
+            X_BE, V_BE, energy, ..
+        } = *self.plant.motion();
         let mut R_BE = [0.0; 9];
         R_BE.copy_from_slice(X_BE.R.as_slice());
         *truth = PlantState {
@@ -126,8 +143,11 @@ impl<const N: usize> Step for Cycle<N> {
     fn apply_faults(&mut self, tick: u64, scheduled_faults: &[ScheduledFault]) {
         let q = &self.plant.state().q;
         let reading = self.encoders.read(tick, q);
-        self.hardware_faults.begin(scheduled_faults, &reading, &self.acted);
-        self.contradicted = !self.encoders.agrees(&self.hardware_faults.read(tick, &reading), q);
+        self.hardware_faults
+            .begin(scheduled_faults, &reading, &self.acted);
+        self.contradicted = !self
+            .encoders
+            .agrees(&self.hardware_faults.read(tick, &reading), q);
     }
 
     fn is_contradicted(&self) -> bool {
@@ -140,9 +160,18 @@ impl<const N: usize> Step for Cycle<N> {
         let x = self.plant.state();
         let applied = match (self.contradicted, &tau) {
             (true, Some(_)) => self.drive.refuse(&x.q, &x.qdot),
-            (_, tau) => self.drive.answer(&x.q, &x.qdot, tau.as_ref(), u32::try_from(age).unwrap_or(u32::MAX)),
+            (_, tau) => self.drive.answer(
+                &x.q,
+                &x.qdot,
+                tau.as_ref(),
+                u32::try_from(age).unwrap_or(u32::MAX),
+            ),
         };
-        let (braked, acting) = (applied.braked, self.hardware_faults.act(&applied.tau, &x.qdot, self.plant.model().effort()));
+        let (braked, acting) = (
+            applied.braked,
+            self.hardware_faults
+                .act(&applied.tau, &x.qdot, self.plant.model().effort()),
+        );
         self.acted = acting;
         if braked {
             self.plant.hold();
@@ -164,8 +193,8 @@ impl<const N: usize> Step for Cycle<N> {
 mod tests {
     use super::*;
     use shared_types::codes::{
-        DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_ENCODER, DRIVE_HOLDING, DRIVE_REFUSED, DRIVE_STOPPING, PHASE_DONE, PHASE_REFUSED,
-        PHASE_RUNNING,
+        DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_ENCODER, DRIVE_HOLDING, DRIVE_REFUSED,
+        DRIVE_STOPPING, PHASE_DONE, PHASE_REFUSED, PHASE_RUNNING,
     };
     use shared_types::fault::{Fault, Kind, Target, Way};
     use shared_types::process::Role;
@@ -177,8 +206,14 @@ mod tests {
     fn scenario() -> Scenario {
         let name = "fig5-wrist-rotation";
         let mut scenario = Scenario::parse(name, sim::scenarios::text(name).unwrap(), &[]).unwrap();
-        scenario.start = Start { posture: Some("nominal".into()), ..Start::default() };
-        scenario.segment = vec![Segment { duration_s: 0.1, ..Segment::default() }];
+        scenario.start = Start {
+            posture: Some("nominal".into()),
+            ..Start::default()
+        };
+        scenario.segment = vec![Segment {
+            duration_s: 0.1,
+            ..Segment::default()
+        }];
         scenario.settle_s = 0.05;
         scenario
     }
@@ -187,7 +222,8 @@ mod tests {
         Cycle::new(&Robot::builtin("puma560").unwrap(), scenario).unwrap()
     }
 
-    static ARM: LazyLock<Model<6>> = LazyLock::new(|| Model::new(&Robot::builtin("puma560").unwrap(), None).unwrap());
+    static ARM: LazyLock<Model<6>> =
+        LazyLock::new(|| Model::new(&Robot::builtin("puma560").unwrap(), None).unwrap());
 
     fn joints(values: &[f64; MAX_DOF]) -> SVector<f64, 6> {
         SVector::from_column_slice(&values[..6])
@@ -203,7 +239,11 @@ mod tests {
     fn command(truth: &PlantState, extra: [f64; 6]) -> TorqueCommand {
         let (q, qdot) = (joints(&truth.q), joints(&truth.qdot));
         let tau = ARM.bias(&q, &qdot) + SVector::from(extra);
-        TorqueCommand { header: truth.header, tau: padded(&tau), ..TorqueCommand::default() }
+        TorqueCommand {
+            header: truth.header,
+            tau: padded(&tau),
+            ..TorqueCommand::default()
+        }
     }
 
     #[test]
@@ -217,10 +257,16 @@ mod tests {
         assert!(sample.is_finite() && truth.is_finite());
         assert_eq!((sample.header().tick, truth.header().tick), (500, 500));
         let count = std::f64::consts::TAU / 65536.0;
-        assert!((0..6).all(|i| (sample.q_encoder[i] - truth.q[i]).abs() < 6.0 * count), "encoders read the truth");
+        assert!(
+            (0..6).all(|i| (sample.q_encoder[i] - truth.q[i]).abs() < 6.0 * count),
+            "encoders read the truth"
+        );
         assert_ne!(sample.q_encoder, truth.q, "but not exactly");
         assert_eq!(sample.tau_drive, truth.tau);
-        assert!(truth.qdot[0] > 0.1 && truth.V_BE[..3].iter().any(|v| v.abs() > 0.01), "it moves");
+        assert!(
+            truth.qdot[0] > 0.1 && truth.V_BE[..3].iter().any(|v| v.abs() > 0.01),
+            "it moves"
+        );
         // The twist is the pose's rate.
         cycle.step(Some(&command(&truth, [0.0; 6])));
         let (_, next) = sampled(&cycle, 501);
@@ -228,9 +274,15 @@ mod tests {
             let mean = 0.5 * (truth.V_BE[i] + next.V_BE[i]);
             assert!(((next.p_BE[i] - truth.p_BE[i]) * 1000.0 - mean).abs() < 1e-5);
         }
-        let mechanical = ARM.kinetic_energy(&joints(&next.q), &joints(&next.qdot)) + ARM.potential_energy(&joints(&next.q));
+        let mechanical = ARM.kinetic_energy(&joints(&next.q), &joints(&next.qdot))
+            + ARM.potential_energy(&joints(&next.q));
         assert!((next.energy_j - mechanical).abs() < 1e-12);
-        assert!(truth.q[6..].iter().chain(&truth.tau[6..]).all(|x| *x == 0.0));
+        assert!(
+            truth.q[6..]
+                .iter()
+                .chain(&truth.tau[6..])
+                .all(|x| *x == 0.0)
+        );
     }
 
     #[test]
@@ -243,7 +295,9 @@ mod tests {
                 bytes.extend_from_slice(sample.content());
                 bytes.extend_from_slice(truth.content());
                 // Some torques are missing: the noise does not shift.
-                cycle.step((tick % 7 != 3).then_some(&command(&truth, [4.0, 0.0, -2.0, 0.0, 0.0, 0.5])));
+                cycle.step(
+                    (tick % 7 != 3).then_some(&command(&truth, [4.0, 0.0, -2.0, 0.0, 0.0, 0.5])),
+                );
             }
             bytes
         };
@@ -261,7 +315,9 @@ mod tests {
             cycle.step(command.as_ref());
             tick += 1;
             let truth = sampled(cycle, tick).1;
-            let step = (joints(&truth.tau) - joints(&last.tau)).component_div(limits.effort()).amax();
+            let step = (joints(&truth.tau) - joints(&last.tau))
+                .component_div(limits.effort())
+                .amax();
             assert!(step <= 0.5 + 1e-12, "torque step {step} of the limit");
             last = truth;
             truth
@@ -274,7 +330,10 @@ mod tests {
         assert!(joints(&truth.qdot).amax() > 1.0);
         for _ in 0..3 {
             truth = next(&mut cycle, None);
-            assert_eq!((truth.drive, truth.drive_flags), (DRIVE_HOLDING, DRIVE_ABSENT));
+            assert_eq!(
+                (truth.drive, truth.drive_flags),
+                (DRIVE_HOLDING, DRIVE_ABSENT)
+            );
         }
         let mut stopping = 0;
         while truth.drive != DRIVE_BRAKED {
@@ -286,14 +345,20 @@ mod tests {
             truth = next(&mut cycle, None);
         }
         let held = truth.q;
-        assert_eq!((joints(&truth.qdot).amax(), joints(&truth.tau).amax()), (0.0, 0.0));
+        assert_eq!(
+            (joints(&truth.qdot).amax(), joints(&truth.tau).amax()),
+            (0.0, 0.0)
+        );
         // A new controller, that holds where it is.
         let mut building_up = 0;
         while truth.drive == DRIVE_BRAKED {
             let hold = command(&truth, [0.0; 6]);
             truth = next(&mut cycle, Some(hold));
             building_up += 1;
-            assert!(truth.drive == DRIVE_ACTIVE || truth.q == held, "the brakes carry the arm meanwhile");
+            assert!(
+                truth.drive == DRIVE_ACTIVE || truth.q == held,
+                "the brakes carry the arm meanwhile"
+            );
         }
         assert_eq!(truth.drive, DRIVE_ACTIVE);
         for _ in 0..200 {
@@ -301,7 +366,10 @@ mod tests {
             truth = next(&mut cycle, Some(hold));
         }
         let moved = (joints(&truth.q) - joints(&held)).amax();
-        assert!(building_up > 1 && moved < 1e-6, "moved by {moved} rad on the way back");
+        assert!(
+            building_up > 1 && moved < 1e-6,
+            "moved by {moved} rad on the way back"
+        );
     }
 
     #[test]
@@ -314,7 +382,10 @@ mod tests {
             cycle.step(Some(&poison));
             let (sample, truth) = sampled(&cycle, tick);
             assert!(sample.is_finite() && truth.is_finite());
-            assert_eq!((truth.drive_flags & DRIVE_REFUSED, truth.refused), (DRIVE_REFUSED, tick as u32));
+            assert_eq!(
+                (truth.drive_flags & DRIVE_REFUSED, truth.refused),
+                (DRIVE_REFUSED, tick as u32)
+            );
         }
         assert_eq!(sampled(&cycle, 0).1.drive, DRIVE_BRAKED);
     }
@@ -322,27 +393,55 @@ mod tests {
     #[test]
     fn a_torque_computed_from_an_encoder_that_is_stuck_is_refused_until_it_reads_the_joint_again() {
         let mut cycle = cycle(&scenario());
-        let fault =
-            Fault { way: Some(Way::Stuck), joint: Some(1), at_tick: Some(200), for_ticks: Some(500), ..Fault::new("plant", Kind::Sensor) };
-        let stuck = [fault.schedule(&Target::sending::<SensorSample>(0, Role::World), 1000, 1).unwrap()];
+        let fault = Fault {
+            way: Some(Way::Stuck),
+            joint: Some(1),
+            at_tick: Some(200),
+            for_ticks: Some(500),
+            ..Fault::new("plant", Kind::Sensor)
+        };
+        let stuck = [fault
+            .schedule(&Target::sending::<SensorSample>(0, Role::World), 1000, 1)
+            .unwrap()];
         let (mut refused, mut stopped) = (0, 0);
         for tick in 0..900 {
-            let in_force: &[ScheduledFault] = if (200..700).contains(&tick) { &stuck } else { &[] };
+            let in_force: &[ScheduledFault] = if (200..700).contains(&tick) {
+                &stuck
+            } else {
+                &[]
+            };
             cycle.apply_faults(tick, in_force);
             let (sample, truth) = sampled(&cycle, tick);
             let error = (sample.q_encoder[0] - truth.q[0]).abs();
-            assert!(error < 0.2, "the arm is stopped at tick {tick}, {error} rad on");
-            assert_eq!(cycle.is_contradicted(), error > 0.03, "tick {tick}: {error} rad");
+            assert!(
+                error < 0.2,
+                "the arm is stopped at tick {tick}, {error} rad on"
+            );
+            assert_eq!(
+                cycle.is_contradicted(),
+                error > 0.03,
+                "tick {tick}: {error} rad"
+            );
             // From when it is stuck on, as much torque as joint 1 has, in the direction of the motion.
-            let push = [(200, 10.0), (700, 97.6), (u64::MAX, 0.0)].iter().find(|(until, _)| tick < *until).map_or(0.0, |(_, push)| *push);
+            let push = [(200, 10.0), (700, 97.6), (u64::MAX, 0.0)]
+                .iter()
+                .find(|(until, _)| tick < *until)
+                .map_or(0.0, |(_, push)| *push);
             let go_on = command(&truth, [push, 0.0, 0.0, 0.0, 0.0, 0.0]);
             cycle.step(Some(&go_on));
             let next = sampled(&cycle, tick + 1).1;
             refused += u32::from(next.drive_flags & DRIVE_ENCODER != 0);
             stopped += u32::from(matches!(next.drive, DRIVE_STOPPING | DRIVE_BRAKED));
         }
-        assert!(refused > 400 && stopped > 400, "{refused} refused, {stopped} ticks stopped");
-        assert_eq!(sampled(&cycle, 900).1.drive, DRIVE_ACTIVE, "the encoder reads the joint again");
+        assert!(
+            refused > 400 && stopped > 400,
+            "{refused} refused, {stopped} ticks stopped"
+        );
+        assert_eq!(
+            sampled(&cycle, 900).1.drive,
+            DRIVE_ACTIVE,
+            "the encoder reads the joint again"
+        );
     }
 
     #[test]
@@ -351,24 +450,40 @@ mod tests {
             let mut cycle = cycle(&scenario());
             (1..=most).find(|_| {
                 let (_, truth) = sampled(&cycle, 0);
-                cycle.step(Some(&TorqueCommand { phase, ..command(&truth, [0.0; 6]) }));
+                cycle.step(Some(&TorqueCommand {
+                    phase,
+                    ..command(&truth, [0.0; 6])
+                }));
                 cycle.is_over()
             })
         };
         assert_eq!(ticks(PHASE_DONE, 10), Some(1));
         assert_eq!(ticks(PHASE_REFUSED, 3000), Some(2001));
         let planned = scenario().duration_s();
-        assert_eq!(ticks(PHASE_RUNNING, 4000), Some((f64::from(TaskEnd::LONGEST) * planned * 1000.0).round() as u64));
+        assert_eq!(
+            ticks(PHASE_RUNNING, 4000),
+            Some((f64::from(TaskEnd::LONGEST) * planned * 1000.0).round() as u64)
+        );
     }
 
     #[test]
     fn a_start_that_does_not_fit_is_refused() {
         let robot = Robot::builtin("puma560").unwrap();
-        let refused = |scenario: &Scenario| Cycle::<6>::new(&robot, scenario).err().unwrap().to_string();
+        let refused =
+            |scenario: &Scenario| Cycle::<6>::new(&robot, scenario).err().unwrap().to_string();
         let mut odd = scenario();
         odd.plant.floor_m = Some(1.0);
         assert!(refused(&odd).contains("in the floor"));
-        assert!(refused(&Scenario { frame: "nowhere".into(), ..scenario() }).contains("nowhere"));
-        assert!(matches!(Cycle::<3>::new(&robot, &scenario()), Err(SetupError::Model(_))));
+        assert!(
+            refused(&Scenario {
+                frame: "nowhere".into(),
+                ..scenario()
+            })
+            .contains("nowhere")
+        );
+        assert!(matches!(
+            Cycle::<3>::new(&robot, &scenario()),
+            Err(SetupError::Model(_))
+        ));
     }
 }

@@ -19,11 +19,22 @@ const STICTION_SPEED: f64 = 0.01;
 
 impl<const N: usize> HardwareFaults<N> {
     pub(crate) fn new(dt: f64) -> Self {
-        Self { sensor: [None; N], drive: [None; N], stuck_reading: [0.0; N], stuck_torque: [0.0; N], dt }
+        Self {
+            sensor: [None; N],
+            drive: [None; N],
+            stuck_reading: [0.0; N],
+            stuck_torque: [0.0; N],
+            dt,
+        }
     }
 
     /// Takes up what concerns this tick; `reading` and `tau` are what a joint that gets stuck now is stuck at.
-    pub(crate) fn begin(&mut self, scheduled_faults: &[ScheduledFault], reading: &SVector<f64, N>, tau: &SVector<f64, N>) {
+    pub(crate) fn begin(
+        &mut self,
+        scheduled_faults: &[ScheduledFault],
+        reading: &SVector<f64, N>,
+        tau: &SVector<f64, N>,
+    ) {
         let (mut sensor, mut drive) = ([None; N], [None; N]);
         for scheduled in scheduled_faults {
             let joint = scheduled.target as usize;
@@ -48,12 +59,18 @@ impl<const N: usize> HardwareFaults<N> {
     pub(crate) fn read(&self, tick: u64, reading: &SVector<f64, N>) -> SVector<f64, N> {
         SVector::from_fn(|joint, _| {
             let true_reading = reading[joint];
-            let Some(scheduled) = &self.sensor[joint] else { return true_reading };
+            let Some(scheduled) = &self.sensor[joint] else {
+                return true_reading;
+            };
             let amount = scheduled.amount;
             match scheduled.way() {
                 Some(Way::Bias) => true_reading + amount,
-                Some(Way::Drift) => true_reading + amount * (tick - scheduled.at.min(tick)) as f64 * self.dt,
-                Some(Way::Noise) => true_reading + amount * gaussian(scheduled.seed, tick, joint as u64),
+                Some(Way::Drift) => {
+                    true_reading + amount * (tick - scheduled.at.min(tick)) as f64 * self.dt
+                }
+                Some(Way::Noise) => {
+                    true_reading + amount * gaussian(scheduled.seed, tick, joint as u64)
+                }
                 Some(Way::Quantise) if amount > 0.0 => (true_reading / amount).round() * amount,
                 Some(Way::Stuck) => self.stuck_reading[joint],
                 _ => true_reading,
@@ -62,16 +79,25 @@ impl<const N: usize> HardwareFaults<N> {
     }
 
     /// The torque that acts on the joints when the drives apply `tau`, N·m, with the drives' own limits as the measure.
-    pub(crate) fn act(&self, tau: &SVector<f64, N>, qdot: &SVector<f64, N>, effort: &SVector<f64, N>) -> SVector<f64, N> {
+    pub(crate) fn act(
+        &self,
+        tau: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+        effort: &SVector<f64, N>,
+    ) -> SVector<f64, N> {
         SVector::from_fn(|joint, _| {
             let commanded = tau[joint];
-            let Some(scheduled) = &self.drive[joint] else { return commanded };
+            let Some(scheduled) = &self.drive[joint] else {
+                return commanded;
+            };
             let part = scheduled.amount.clamp(0.0, 1.0) * effort[joint];
             match scheduled.way() {
                 Some(Way::Lost) => 0.0,
                 Some(Way::Stuck) => self.stuck_torque[joint],
                 Some(Way::Saturated) => commanded.clamp(-part, part),
-                Some(Way::Friction) => commanded - part * (qdot[joint] / STICTION_SPEED).clamp(-1.0, 1.0),
+                Some(Way::Friction) => {
+                    commanded - part * (qdot[joint] / STICTION_SPEED).clamp(-1.0, 1.0)
+                }
                 _ => commanded,
             }
         })
@@ -86,10 +112,18 @@ mod tests {
     use shared_types::process::Role;
 
     fn with_fault(kind: Kind, way: Way, amount: f64) -> HardwareFaults<2> {
-        let fault = Fault { way: Some(way), joint: Some(2), amount: Some(amount), at_tick: Some(10), ..Fault::new("plant", kind) };
+        let fault = Fault {
+            way: Some(way),
+            joint: Some(2),
+            amount: Some(amount),
+            at_tick: Some(10),
+            ..Fault::new("plant", kind)
+        };
         let mut hardware_faults = HardwareFaults::new(1e-3);
         hardware_faults.begin(
-            &[fault.schedule(&Target::sending::<SensorSample>(0, Role::World), 1000, 1).unwrap()],
+            &[fault
+                .schedule(&Target::sending::<SensorSample>(0, Role::World), 1000, 1)
+                .unwrap()],
             &SVector::from([0.1, 0.2]),
             &SVector::from([3.0, 4.0]),
         );
@@ -114,17 +148,45 @@ mod tests {
         let mut hardware_faults = with_fault(Kind::Sensor, Way::Bias, 0.0);
         let scheduled_faults = [hardware_faults.sensor[1].unwrap()];
         hardware_faults.sensor = [None; 2];
-        hardware_faults.begin(&scheduled_faults, &SVector::from([0.1, 0.2]), &SVector::zeros());
-        hardware_faults.begin(&scheduled_faults, &SVector::from([0.3, 0.4]), &SVector::zeros());
-        assert_eq!(hardware_faults.stuck_reading, [0.3, 0.2], "joint 2 has not moved on");
+        hardware_faults.begin(
+            &scheduled_faults,
+            &SVector::from([0.1, 0.2]),
+            &SVector::zeros(),
+        );
+        hardware_faults.begin(
+            &scheduled_faults,
+            &SVector::from([0.3, 0.4]),
+            &SVector::zeros(),
+        );
+        assert_eq!(
+            hardware_faults.stuck_reading,
+            [0.3, 0.2],
+            "joint 2 has not moved on"
+        );
     }
 
     #[test]
     fn a_drive_fails_as_it_is_told() {
         let (tau, effort) = (SVector::from([5.0, 8.0]), SVector::from([10.0, 10.0]));
-        let act = |way, amount, speed| with_fault(Kind::Drive, way, amount).act(&tau, &SVector::from([speed, speed]), &effort)[1];
-        assert_eq!((act(Way::Lost, 0.0, 0.0), act(Way::Saturated, 0.3, 0.0)), (0.0, 3.0));
-        assert_eq!((act(Way::Friction, 0.1, 1.0), act(Way::Friction, 0.1, -1.0), act(Way::Friction, 0.1, 0.0)), (7.0, 9.0, 8.0));
-        assert_eq!(with_fault(Kind::Drive, Way::Lost, 0.0).act(&tau, &SVector::zeros(), &effort)[0], 5.0);
+        let act = |way, amount, speed| {
+            with_fault(Kind::Drive, way, amount).act(&tau, &SVector::from([speed, speed]), &effort)
+                [1]
+        };
+        assert_eq!(
+            (act(Way::Lost, 0.0, 0.0), act(Way::Saturated, 0.3, 0.0)),
+            (0.0, 3.0)
+        );
+        assert_eq!(
+            (
+                act(Way::Friction, 0.1, 1.0),
+                act(Way::Friction, 0.1, -1.0),
+                act(Way::Friction, 0.1, 0.0)
+            ),
+            (7.0, 9.0, 8.0)
+        );
+        assert_eq!(
+            with_fault(Kind::Drive, Way::Lost, 0.0).act(&tau, &SVector::zeros(), &effort)[0],
+            5.0
+        );
     }
 }

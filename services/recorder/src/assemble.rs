@@ -13,7 +13,10 @@ const _: () = assert!(COUNT <= 32);
 impl Set {
     /// The topics of the list of which this is so.
     pub fn of(mut is_in: impl FnMut(&str) -> bool) -> Self {
-        (0..).zip(topics::TOPICS).filter(|(_, topic)| is_in(topic)).fold(Self(0), |set, (place, _)| Self(set.0 | 1 << place))
+        (0..)
+            .zip(topics::TOPICS)
+            .filter(|(_, topic)| is_in(topic))
+            .fold(Self(0), |set, (place, _)| Self(set.0 | 1 << place))
     }
 
     fn add<M: Topic>(&mut self) {
@@ -50,7 +53,11 @@ impl Row {
         let mut come = Come(&messages, Set::default());
         topics::each(&mut come);
         let come = come.1;
-        Self { tick, messages, come }
+        Self {
+            tick,
+            messages,
+            come,
+        }
     }
 
     /// The messages received.
@@ -88,7 +95,10 @@ pub struct Assembler {
     /// The rows, by tick. It stands beside each: to look for one in the rows themselves would bring a line of each into the cache.
     rows: VecDeque<(u64, Box<Row>)>,
     given: Option<Box<Row>>,
-    #[allow(clippy::vec_box, reason = "a row stays where it is while its place in the queue changes")]
+    #[allow(
+        clippy::vec_box,
+        reason = "a row stays where it is while its place in the queue changes"
+    )]
     spare: Vec<Box<Row>>,
     next: u64,
     /// The topics of a complete tick.
@@ -103,13 +113,22 @@ impl Assembler {
     /// wait for its time: the tick may be a wrong one.
     #[must_use]
     pub fn new(expected: Set, patience: u64, horizon: u64) -> Self {
-        Self { rows: VecDeque::new(), given: None, spare: Vec::new(), next: 0, expected, patience, horizon }
+        Self {
+            rows: VecDeque::new(),
+            given: None,
+            spare: Vec::new(),
+            next: 0,
+            expected,
+            patience,
+            horizon,
+        }
     }
 
     /// Goes on where an earlier assembler had come to, with the rows that it had not given out.
     pub fn resume(&mut self, next: u64, rows: impl IntoIterator<Item = Row>) {
         self.next = next;
-        self.rows.extend(rows.into_iter().map(|row| (row.tick, Box::new(row))));
+        self.rows
+            .extend(rows.into_iter().map(|row| (row.tick, Box::new(row))));
     }
 
     /// The next tick to be given out.
@@ -130,8 +149,13 @@ impl Assembler {
         }
         // Rows are of ticks on end, but for gaps.
         let is_at = |place: &usize| self.rows.get(*place).is_some_and(|(at, _)| *at == tick);
-        let from_front = self.rows.front().and_then(|(front, _)| usize::try_from(tick.checked_sub(*front)?).ok());
-        let place = from_front.filter(is_at).unwrap_or_else(|| self.rows.partition_point(|(at, _)| *at < tick));
+        let from_front = self
+            .rows
+            .front()
+            .and_then(|(front, _)| usize::try_from(tick.checked_sub(*front)?).ok());
+        let place = from_front
+            .filter(is_at)
+            .unwrap_or_else(|| self.rows.partition_point(|(at, _)| *at < tick));
         if self.rows.get(place).is_none_or(|(at, _)| *at != tick) {
             let row = self.empty(tick);
             self.rows.insert(place, (tick, row));
@@ -151,7 +175,11 @@ impl Assembler {
         let gap = front - self.next;
         let is_jump = gap > self.horizon;
         self.spare.extend(self.given.take());
-        self.given = if gap == 0 || is_jump { self.rows.pop_front().map(|(_, row)| row) } else { Some(self.empty(self.next)) };
+        self.given = if gap == 0 || is_jump {
+            self.rows.pop_front().map(|(_, row)| row)
+        } else {
+            Some(self.empty(self.next))
+        };
         self.next = self.given.as_ref()?.tick.saturating_add(1);
         self.given.as_deref()
     }
@@ -160,7 +188,11 @@ impl Assembler {
     pub(crate) fn is_ready(&self, now: u64) -> bool {
         self.rows.front().is_some_and(|(tick, front)| {
             let gap = tick - self.next;
-            let is_old = if gap > self.horizon { *tick < now } else { self.next.saturating_add(self.patience) < now };
+            let is_old = if gap > self.horizon {
+                *tick < now
+            } else {
+                self.next.saturating_add(self.patience) < now
+            };
             is_old || gap == 0 && front.come.contains(self.expected)
         })
     }
@@ -194,7 +226,13 @@ mod tests {
         fill(&mut assembler, 1);
         assert!(assembler.pop(0, false).is_none(), "tick 0 is still missing");
         fill(&mut assembler, 0);
-        assert_eq!((assembler.pop(0, false).unwrap().tick, assembler.pop(0, false).unwrap().tick), (0, 1));
+        assert_eq!(
+            (
+                assembler.pop(0, false).unwrap().tick,
+                assembler.pop(0, false).unwrap().tick
+            ),
+            (0, 1)
+        );
         assert!(assembler.pop(0, false).is_none());
         assert!(assembler.row(0).is_none(), "given out already");
     }
@@ -204,7 +242,10 @@ mod tests {
         let mut assembler = assembler(3, 6);
         assembler.row(0).unwrap().put(&SensorSample::default());
         (1..=3).for_each(|tick| fill(&mut assembler, tick));
-        assert!(assembler.pop(3, false).is_none(), "the rest of tick 0 may still be in a buffer");
+        assert!(
+            assembler.pop(3, false).is_none(),
+            "the rest of tick 0 may still be in a buffer"
+        );
         let torn = assembler.pop(4, false).unwrap();
         assert!(torn.tick == 0 && torn.messages().plant_state.is_none());
         assert_eq!(assembler.pop(4, false).unwrap().tick, 1);
@@ -213,12 +254,20 @@ mod tests {
     #[test]
     fn ticks_of_which_nothing_came_are_given_out_empty() {
         let mut assembler = assembler(3, 6);
-        (0..8).filter(|tick| !(2..4).contains(tick)).for_each(|tick| fill(&mut assembler, tick));
+        (0..8)
+            .filter(|tick| !(2..4).contains(tick))
+            .for_each(|tick| fill(&mut assembler, tick));
         let mut rows = Vec::new();
         while let Some(row) = assembler.pop(7, false) {
-            rows.push((row.tick, row.come == Set::of(|_| true), row.messages().sensor.is_some()));
+            rows.push((
+                row.tick,
+                row.come == Set::of(|_| true),
+                row.messages().sensor.is_some(),
+            ));
         }
-        let expected: Vec<_> = (0..8).map(|tick| (tick, !(2..4).contains(&tick), !(2..4).contains(&tick))).collect();
+        let expected: Vec<_> = (0..8)
+            .map(|tick| (tick, !(2..4).contains(&tick), !(2..4).contains(&tick)))
+            .collect();
         assert_eq!(rows, expected);
     }
 
@@ -233,7 +282,12 @@ mod tests {
             }
         }
         topics::each(&mut Drain(&mut assembler));
-        let whole = std::iter::from_fn(|| assembler.pop(0, false).map(|row| row.come == Set::of(|_| true))).collect::<Vec<_>>();
+        let whole = std::iter::from_fn(|| {
+            assembler
+                .pop(0, false)
+                .map(|row| row.come == Set::of(|_| true))
+        })
+        .collect::<Vec<_>>();
         assert_eq!(whole, [true; 1024]);
     }
 
@@ -248,7 +302,13 @@ mod tests {
     fn the_end_gives_out_everything() {
         let mut assembler = assembler(3, 6);
         assembler.row(1).unwrap().put(&SensorSample::default());
-        assert_eq!((assembler.pop(0, true).unwrap().tick, assembler.pop(0, true).unwrap().tick), (0, 1));
+        assert_eq!(
+            (
+                assembler.pop(0, true).unwrap().tick,
+                assembler.pop(0, true).unwrap().tick
+            ),
+            (0, 1)
+        );
         assert!(assembler.pop(0, true).is_none());
     }
 
@@ -256,11 +316,19 @@ mod tests {
     fn a_tick_from_nowhere_costs_nothing_but_itself() {
         let mut assembler = assembler(3, 6);
         fill(&mut assembler, 0);
-        assembler.row(1_000_000_000).unwrap().put(&SensorSample::default());
+        assembler
+            .row(1_000_000_000)
+            .unwrap()
+            .put(&SensorSample::default());
         fill(&mut assembler, 1);
         assembler.row(2).unwrap().put(&SensorSample::default());
-        let mut ticks = |now: u64, flush| std::iter::from_fn(|| assembler.pop(now, flush).map(|row| row.tick)).collect::<Vec<_>>();
+        let mut ticks = |now: u64, flush| {
+            std::iter::from_fn(|| assembler.pop(now, flush).map(|row| row.tick)).collect::<Vec<_>>()
+        };
         assert_eq!(ticks(3, false), [0, 1]);
-        assert_eq!((ticks(6, false), ticks(500, false), ticks(6, true)), (vec![2], vec![], vec![1_000_000_000]));
+        assert_eq!(
+            (ticks(6, false), ticks(500, false), ticks(6, true)),
+            (vec![2], vec![], vec![1_000_000_000])
+        );
     }
 }

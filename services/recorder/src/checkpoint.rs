@@ -110,7 +110,9 @@ impl From<&Row> for StoredRow {
         impl Each for Stored<'_> {
             type Output = Option<Bytes>;
             fn each<M: Topic>(&mut self) -> Self::Output {
-                M::of(self.0).as_ref().map(|message| Bytes(bytes_of(message).to_vec()))
+                M::of(self.0)
+                    .as_ref()
+                    .map(|message| Bytes(bytes_of(message).to_vec()))
             }
         }
         Self(row.tick, topics::each(&mut Stored(row.messages())))
@@ -123,7 +125,9 @@ impl From<StoredRow> for Row {
         impl Build<Received> for Messages {
             type Error = Infallible;
             fn build<M: Topic>(&mut self) -> Result<Option<M>, Infallible> {
-                Ok(self.0[M::INDEX].as_ref().and_then(|bytes| try_pod_read_unaligned(&bytes.0).ok()))
+                Ok(self.0[M::INDEX]
+                    .as_ref()
+                    .and_then(|bytes| try_pod_read_unaligned(&bytes.0).ok()))
             }
         }
         Self::new(tick, ByTopic::build(&mut Messages(bytes)))
@@ -144,8 +148,20 @@ impl Memory {
     /// # Errors
     /// Where there is no room for it.
     pub(crate) fn open(run_dir: &Path) -> io::Result<Self> {
-        let written = OpenOptions::new().read(true).write(true).create(true).truncate(false).mode(0o600).open(run_dir.join(WRITTEN))?;
-        Ok(Self { path: run_dir.join(FILE), saved: Instant::now(), saved_ticks: 0, written, noted: Written::default() })
+        let written = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .mode(0o600)
+            .open(run_dir.join(WRITTEN))?;
+        Ok(Self {
+            path: run_dir.join(FILE),
+            saved: Instant::now(),
+            saved_ticks: 0,
+            written,
+            noted: Written::default(),
+        })
     }
 
     /// Whether a checkpoint is due at a tick, where the last one may be so many ticks old.
@@ -157,18 +173,35 @@ impl Memory {
     pub(crate) fn note(&mut self, written: Written) {
         if written != self.noted {
             self.noted = written;
-            let Written { signals, picture, changes, part, bytes } = written;
+            let Written {
+                signals,
+                picture,
+                changes,
+                part,
+                bytes,
+            } = written;
             // It may fail, or the recorder be killed before: then a replacement goes on from the place noted last, and cuts away what is behind that.
-            let _ = self.written.write_all_at(bytes_of(&[signals, picture, changes, part.into(), bytes]), 0);
+            let _ = self.written.write_all_at(
+                bytes_of(&[signals, picture, changes, part.into(), bytes]),
+                0,
+            );
         }
     }
 
     /// How far the predecessor's recording had come; `None` where it has not come to note it.
     pub(crate) fn written(&self) -> Option<Written> {
         let mut numbers = [0_u64; 5];
-        self.written.read_exact_at(bytes_of_mut(&mut numbers), 0).ok()?;
+        self.written
+            .read_exact_at(bytes_of_mut(&mut numbers), 0)
+            .ok()?;
         let [signals, picture, changes, part, bytes] = numbers;
-        Some(Written { signals, picture, changes, part: u32::try_from(part).ok()?, bytes })
+        Some(Written {
+            signals,
+            picture,
+            changes,
+            part: u32::try_from(part).ok()?,
+            bytes,
+        })
     }
 
     /// Whole or not at all.
@@ -176,11 +209,18 @@ impl Memory {
         (self.saved, self.saved_ticks) = (Instant::now(), checkpoint.next);
         let mut bytes = Vec::new();
         let draft = self.path.with_extension("draft");
-        let written = ciborium::into_writer(checkpoint, &mut bytes).map_err(|error| error.to_string()).and_then(|()| {
-            std::fs::write(&draft, bytes).and_then(|()| std::fs::rename(&draft, &self.path)).map_err(|error| error.to_string())
-        });
+        let written = ciborium::into_writer(checkpoint, &mut bytes)
+            .map_err(|error| error.to_string())
+            .and_then(|()| {
+                std::fs::write(&draft, bytes)
+                    .and_then(|()| std::fs::rename(&draft, &self.path))
+                    .map_err(|error| error.to_string())
+            });
         if let Err(error) = written {
-            runtime::complain(&format_args!("a restarted recorder would not know of this: cannot write {}: {error}", self.path.display()));
+            runtime::complain(&format_args!(
+                "a restarted recorder would not know of this: cannot write {}: {error}",
+                self.path.display()
+            ));
         }
     }
 
@@ -223,17 +263,30 @@ mod tests {
 
     #[test]
     fn a_message_that_no_file_has_is_in_the_retainer_whenever_the_recorder_is_killed() {
-        for (held, are_kept) in [16, 64, 256, 512, 1024].into_iter().flat_map(|held| [(held, true), (held, false)]) {
+        for (held, are_kept) in [16, 64, 256, 512, 1024]
+            .into_iter()
+            .flat_map(|held| [(held, true), (held, false)])
+        {
             let most = most_unsafe(held, are_kept, most_ticks);
-            assert!(most <= held, "{most} messages are in the retainer alone, which holds {held}; a log is kept: {are_kept}");
+            assert!(
+                most <= held,
+                "{most} messages are in the retainer alone, which holds {held}; a log is kept: {are_kept}"
+            );
         }
         let seldom = |_, _| EVERY_TICKS;
-        assert!(most_unsafe(1024, false, seldom) > 1024 && most_unsafe(64, true, seldom) > 64, "the rule is needed");
+        assert!(
+            most_unsafe(1024, false, seldom) > 1024 && most_unsafe(64, true, seldom) > 64,
+            "the rule is needed"
+        );
     }
 
     #[test]
     fn checkpoints_are_rare_where_the_logs_have_what_they_need() {
         assert_eq!(most_ticks(true, 256), EVERY_TICKS);
-        assert_eq!((most_ticks(false, 256), most_ticks(true, 4)), (256, 4), "nothing is kept; a block is more than the retainers hold");
+        assert_eq!(
+            (most_ticks(false, 256), most_ticks(true, 4)),
+            (256, 4),
+            "nothing is kept; a block is more than the retainers hold"
+        );
     }
 }

@@ -30,36 +30,72 @@ fn words(message: &[u8]) -> Vec<u64> {
 
 impl ForeignTap {
     /// A replacement goes on where its predecessor was killed, as for every other topic.
-    pub(crate) fn open(shell: &Shell, layout: &MessageLayout, messages: Option<Keep<'_>>, past: &Progress) -> Result<Self, ProcessError> {
+    pub(crate) fn open(
+        shell: &Shell,
+        layout: &MessageLayout,
+        messages: Option<Keep<'_>>,
+        past: &Progress,
+    ) -> Result<Self, ProcessError> {
         let (topic, shape) = (layout.topic.clone(), Shape::from(layout));
         let mut collector = shell.foreign_collector(&topic)?;
         if shell.incarnation() == 1 {
-            let (keep, logged) = log_result::first(messages.map(|(folder, logs)| RowWriter::create(folder, &shape, logs)));
-            return Ok(Self { topic, collector, hash: TopicHash::default(), last: None, keep, logged });
+            let (keep, logged) = log_result::first(
+                messages.map(|(folder, logs)| RowWriter::create(folder, &shape, logs)),
+            );
+            return Ok(Self {
+                topic,
+                collector,
+                hash: TopicHash::default(),
+                last: None,
+                keep,
+                logged,
+            });
         }
         collector.resume(past.last, past.lost);
         let (mut hash, mut last) = (past.hash, past.message.clone().map(|bytes| bytes.0));
-        let mut logged = LogResult { bytes: past.log_bytes, error: past.log_error.clone() };
-        let place = Place { byte: past.log_bytes, messages: past.hash.count() };
-        let resumed = messages.filter(|_| logged.error.is_empty()).map(|(folder, logs)| {
-            RowWriter::resume(folder, &shape, logs, place, |row| {
-                let message: Vec<u8> = bytemuck::cast_slice(&row).to_vec();
-                hash.add_content(content(&message));
-                collector.recount(&message);
-                last = Some(message);
-            })
-        });
+        let mut logged = LogResult {
+            bytes: past.log_bytes,
+            error: past.log_error.clone(),
+        };
+        let place = Place {
+            byte: past.log_bytes,
+            messages: past.hash.count(),
+        };
+        let resumed = messages
+            .filter(|_| logged.error.is_empty())
+            .map(|(folder, logs)| {
+                RowWriter::resume(folder, &shape, logs, place, |row| {
+                    let message: Vec<u8> = bytemuck::cast_slice(&row).to_vec();
+                    hash.add_content(content(&message));
+                    collector.recount(&message);
+                    last = Some(message);
+                })
+            });
         let keep = resumed.transpose().unwrap_or_else(|error| {
             runtime::complain(&error);
             logged.error = error.to_string();
             None
         });
         collector.recall(last.as_deref())?;
-        Ok(Self { topic, collector, hash, last, keep, logged })
+        Ok(Self {
+            topic,
+            collector,
+            hash,
+            last,
+            keep,
+            logged,
+        })
     }
 
     pub(crate) fn drain(&mut self) -> Result<(), ProcessError> {
-        let Self { collector, hash, last, keep, logged, .. } = self;
+        let Self {
+            collector,
+            hash,
+            last,
+            keep,
+            logged,
+            ..
+        } = self;
         collector.collect(|message| {
             hash.add_content(content(message));
             let last = last.get_or_insert_default();
@@ -69,7 +105,10 @@ impl ForeignTap {
                 && let Err(error) = keeping.add(&words(message))
             {
                 runtime::complain(&error);
-                *logged = LogResult { bytes: keeping.place().byte, error: error.to_string() };
+                *logged = LogResult {
+                    bytes: keeping.place().byte,
+                    error: error.to_string(),
+                };
                 *keep = None;
             }
         })?;
@@ -81,7 +120,10 @@ impl ForeignTap {
             && let Err(error) = keep.flush()
         {
             runtime::complain(&error);
-            self.logged = LogResult { bytes: keep.place().byte, error: error.to_string() };
+            self.logged = LogResult {
+                bytes: keep.place().byte,
+                error: error.to_string(),
+            };
             self.keep = None;
         }
     }
@@ -100,16 +142,29 @@ impl ForeignTap {
             last: self.collector.last(),
             lost: self.collector.lost(),
             message: self.last.clone().map(Bytes),
-            log_bytes: self.keep.as_ref().map_or(self.logged.bytes, |keep| keep.place().byte),
+            log_bytes: self
+                .keep
+                .as_ref()
+                .map_or(self.logged.bytes, |keep| keep.place().byte),
             log_error: self.logged.error.clone(),
         }
     }
 
     pub(crate) fn finish(&mut self) -> LogResult {
-        match self.keep.take().map(|keep| (keep.place().byte, keep.finish())) {
+        match self
+            .keep
+            .take()
+            .map(|keep| (keep.place().byte, keep.finish()))
+        {
             None => self.logged.clone(),
-            Some((_, Ok(bytes))) => LogResult { bytes, error: String::new() },
-            Some((bytes, Err(error))) => LogResult { bytes, error: error.to_string() },
+            Some((_, Ok(bytes))) => LogResult {
+                bytes,
+                error: String::new(),
+            },
+            Some((bytes, Err(error))) => LogResult {
+                bytes,
+                error: error.to_string(),
+            },
         }
     }
 }

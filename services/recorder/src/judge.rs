@@ -19,7 +19,9 @@ use shared_types::bounds::within;
 use shared_types::codes;
 use shared_types::graph::Graph;
 use shared_types::scenario::Goal;
-use shared_types::summary::{JointSummary, Latency, ModeChange, ServoSummary, SingularitySummary, TaskSummary, TurnSummary};
+use shared_types::summary::{
+    JointSummary, Latency, ModeChange, ServoSummary, SingularitySummary, TaskSummary, TurnSummary,
+};
 
 use joints::JointMeter;
 use latency::{Chain, LatencyMeter};
@@ -118,13 +120,19 @@ impl Judge {
     /// The same at another control rate, 1/s.
     #[must_use]
     pub fn at_rate(self, rate_hz: u32) -> Self {
-        Self { rate_hz: f64::from(rate_hz), ..self }
+        Self {
+            rate_hz: f64::from(rate_hz),
+            ..self
+        }
     }
 
     /// The same for a run on a grid in time: a grid point at which no tick began, because the one before took too long, is a sample too.
     #[must_use]
     pub fn on_grid(self, period_ns: u64) -> Self {
-        Self { latency: self.latency.on_grid(period_ns), ..self }
+        Self {
+            latency: self.latency.on_grid(period_ns),
+            ..self
+        }
     }
 
     /// Takes in one whole tick.
@@ -136,15 +144,21 @@ impl Judge {
             }
         };
         let error = TaskError::on(&tick, self.joints.served());
-        let switches = self.singularities.tick(&tick, &error, &self.goal, &mut event);
+        let switches = self
+            .singularities
+            .tick(&tick, &error, &self.goal, &mut event);
         self.turns.tick(&tick, self.joints.count());
-        tick.servo.into_iter().for_each(|state| self.steered.tick(state));
+        tick.servo
+            .into_iter()
+            .for_each(|state| self.steered.tick(state));
         self.task.tick(&error);
         self.joints.tick(&tick, switches, &mut event);
         self.latency.measure_hops(tick.torque);
         self.latency.measure_chain(tick.sensor);
         if tick.control.clipped != 0 && !self.clipped {
-            event("the goal is beyond reach: it is clipped to the boundary from here on".to_owned());
+            event(
+                "the goal is beyond reach: it is clipped to the boundary from here on".to_owned(),
+            );
         }
         self.clipped |= tick.control.clipped != 0;
         (self.phase, self.refusal) = (tick.torque.phase, tick.control.refusal);
@@ -168,12 +182,26 @@ impl Judge {
         let (outcome, mut reason) = match (self.phase, self.clipped) {
             (codes::PHASE_REFUSED, _) => {
                 let why = codes::name_of(codes::REFUSALS, self.refusal);
-                ("stopped", format!("the controller refused to go on and brought the arm to rest: {why}"))
+                (
+                    "stopped",
+                    format!("the controller refused to go on and brought the arm to rest: {why}"),
+                )
             }
             (codes::PHASE_DONE, clipped) => done(&task, &self.goal, clipped),
-            _ => ("stopped", format!("the run ended after {} ticks, before the task did", self.ticks)),
+            _ => (
+                "stopped",
+                format!(
+                    "the run ended after {} ticks, before the task did",
+                    self.ticks
+                ),
+            ),
         };
-        for clause in self.singularities.clauses().chain(self.singularities.ends()).chain(self.joints.clauses()) {
+        for clause in self
+            .singularities
+            .clauses()
+            .chain(self.singularities.ends())
+            .chain(self.joints.clauses())
+        {
             reason.push_str("; ");
             reason.push_str(&clause);
         }
@@ -202,25 +230,60 @@ const MOST_DEG: f64 = 180.0;
 /// Outcome and reason of a task that ran to its end.
 fn done(task: &TaskSummary, goal: &Goal, clipped: bool) -> (&'static str, String) {
     let bounds = [
-        ("end position", task.final_position_mm, goal.position_mm, "mm", MOST_MM),
-        ("end orientation", task.final_orientation_deg, goal.orientation_deg, "°", MOST_DEG),
-        ("position orthogonal to the singular directions", task.orthogonal_max_mm, goal.orthogonal_mm, "mm", MOST_MM),
-        ("orientation orthogonal to the singular directions", task.orthogonal_max_deg, goal.orthogonal_deg, "°", MOST_DEG),
+        (
+            "end position",
+            task.final_position_mm,
+            goal.position_mm,
+            "mm",
+            MOST_MM,
+        ),
+        (
+            "end orientation",
+            task.final_orientation_deg,
+            goal.orientation_deg,
+            "°",
+            MOST_DEG,
+        ),
+        (
+            "position orthogonal to the singular directions",
+            task.orthogonal_max_mm,
+            goal.orthogonal_mm,
+            "mm",
+            MOST_MM,
+        ),
+        (
+            "orientation orthogonal to the singular directions",
+            task.orthogonal_max_deg,
+            goal.orthogonal_deg,
+            "°",
+            MOST_DEG,
+        ),
     ];
     let missed: Vec<String> = bounds
         .iter()
         .filter(|(_, value, bound, ..)| !within(*value, *bound))
-        .map(|(what, value, bound, unit, _)| format!("{what} off by {value:.3} {unit}, allowed {bound} {unit}"))
+        .map(|(what, value, bound, unit, _)| {
+            format!("{what} off by {value:.3} {unit}, allowed {bound} {unit}")
+        })
         .collect();
-    let clipped = if clipped { "; the goal was beyond reach and has been clipped to the boundary" } else { "" };
+    let clipped = if clipped {
+        "; the goal was beyond reach and has been clipped to the boundary"
+    } else {
+        ""
+    };
     if missed.is_empty() {
         // A bound that nothing can break judges nothing.
         let judged = |(_, _, bound, _, most): &&(_, f64, f64, _, f64)| bound < most;
-        let told =
-            |(what, value, bound, unit, _): &(&str, f64, f64, &str, f64)| format!("{what} off by {value:.3} {unit} of {bound} {unit}");
+        let told = |(what, value, bound, unit, _): &(&str, f64, f64, &str, f64)| {
+            format!("{what} off by {value:.3} {unit} of {bound} {unit}")
+        };
         let kept: Vec<String> = bounds[..2].iter().filter(judged).map(told).collect();
         let reason = if bounds.iter().any(|bound| judged(&bound)) {
-            if kept.is_empty() { "all errors within the goal".to_owned() } else { kept.join("; ") }
+            if kept.is_empty() {
+                "all errors within the goal".to_owned()
+            } else {
+                kept.join("; ")
+            }
         } else {
             format!(
                 "the path was followed to its end; its errors, up to {:.3} mm and {:.3}°, are not judged",

@@ -73,15 +73,26 @@ pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<()
 /// the largest number there is, and `not_finite` names it.
 fn written(summary: &Summary) -> serde_json::Result<Vec<u8>> {
     fn bound(value: &mut Value, path: &str, found: &mut Vec<String>) {
-        let below = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
+        let below = |key: &str| {
+            if path.is_empty() {
+                key.to_owned()
+            } else {
+                format!("{path}.{key}")
+            }
+        };
         match value {
             // Nothing else is null: what is absent is left out.
             Value::Null => {
                 *value = f64::MAX.into();
                 found.push(path.to_owned());
             }
-            Value::Array(values) => values.iter_mut().enumerate().for_each(|(i, value)| bound(value, &below(&i.to_string()), found)),
-            Value::Object(values) => values.iter_mut().for_each(|(key, value)| bound(value, &below(key), found)),
+            Value::Array(values) => values
+                .iter_mut()
+                .enumerate()
+                .for_each(|(i, value)| bound(value, &below(&i.to_string()), found)),
+            Value::Object(values) => values
+                .iter_mut()
+                .for_each(|(key, value)| bound(value, &below(key), found)),
             _ => {}
         }
     }
@@ -93,19 +104,42 @@ fn written(summary: &Summary) -> serde_json::Result<Vec<u8>> {
     serde_json::to_vec(&value)
 }
 
-fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Summary, ProcessError> {
+fn record(
+    shell: &Shell,
+    robot: &Robot,
+    job: &Job,
+    run_dir: &Path,
+) -> Result<Summary, ProcessError> {
     let folder = job.out.join(MESSAGES);
-    let unusable = |error| ProcessError::setup(format!("cannot keep what a replacement must know in {}: {error}", run_dir.display()));
+    let unusable = |error| {
+        ProcessError::setup(format!(
+            "cannot keep what a replacement must know in {}: {error}",
+            run_dir.display()
+        ))
+    };
     let mut memory = Memory::open(run_dir).map_err(unusable)?;
-    let past = if shell.incarnation() > 1 { memory.last() } else { None };
+    let past = if shell.incarnation() > 1 {
+        memory.last()
+    } else {
+        None
+    };
     let mut assembler = Assembler::new(Set::of(|topic| shell.reads(topic)), PATIENCE, HORIZON);
     let planned_ticks = job.scenario.duration_s() * f64::from(job.scenario.rate_hz);
-    let judge = Judge::in_processes(&job.graph, limits(robot), job.scenario.goal.clone(), planned_ticks);
+    let judge = Judge::in_processes(
+        &job.graph,
+        limits(robot),
+        job.scenario.goal.clone(),
+        planned_ticks,
+    );
     let mut judge = judge.at_rate(job.scenario.rate_hz);
     if shell.mode() == Mode::Realtime {
         judge = judge.on_grid(shell.manifest().period_ns());
     }
-    let mut tape = if shell.incarnation() > 1 { Tape::go_on(robot, job, memory.written()) } else { Tape::start(robot, job) }?;
+    let mut tape = if shell.incarnation() > 1 {
+        Tape::go_on(robot, job, memory.written())
+    } else {
+        Tape::start(robot, job)
+    }?;
     let mut fault_reporter = FaultReporter::default();
     let mut progress = Past::default();
     if let Some(past) = past {
@@ -130,7 +164,9 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
         while let Some(row) = assembler.pop(shell.ticks_begun(), false) {
             take(row, &mut judge, &mut tape);
             // With every row: a replacement writes again what is not noted.
-            tape.written().into_iter().for_each(|written| memory.note(written));
+            tape.written()
+                .into_iter()
+                .for_each(|written| memory.note(written));
         }
         if !tape.result.error.is_empty() || topics.has_failed() {
             shell.mark_detected();
@@ -139,11 +175,19 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
         if shell.is_about_to_go_down() || memory.is_due(assembler.next_tick(), most_ticks) {
             tape.flush();
             topics.flush();
-            tape.written().into_iter().for_each(|written| memory.note(written));
+            tape.written()
+                .into_iter()
+                .for_each(|written| memory.note(written));
             let (next, rows) = assembler.pending();
             let rows = rows.map(StoredRow::from).collect();
-            let checkpoint =
-                Checkpoint { judge, progress: topics.progress(), next, rows, result: tape.result, reported: fault_reporter.reported() };
+            let checkpoint = Checkpoint {
+                judge,
+                progress: topics.progress(),
+                next,
+                rows,
+                result: tape.result,
+                reported: fault_reporter.reported(),
+            };
             shell.elsewhere(|| memory.save(&checkpoint));
             (judge, tape.result) = (checkpoint.judge, checkpoint.result);
         }
@@ -160,9 +204,22 @@ fn record(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<Sum
     tape.cpu_s = runtime::realtime::cpu_time_s();
     // Messages sent less messages received: a gap in the ticks may be a message that a fault kept from being sent.
     let refused = shell.count(Count::Refused) + shell.count(Count::Fenced);
-    tape.lost = shell.sent_by_all().saturating_sub(topics.account().iter().map(|(_, hash)| hash.count()).sum::<u64>() + refused);
+    tape.lost = shell.sent_by_all().saturating_sub(
+        topics
+            .account()
+            .iter()
+            .map(|(_, hash)| hash.count())
+            .sum::<u64>()
+            + refused,
+    );
     tape.not_drawn = topics.foreign.iter().map(|tap| tap.topic.clone()).collect();
-    Ok(summary(robot, job, judge.verdict(), &topics.account(), tape))
+    Ok(summary(
+        robot,
+        job,
+        judge.verdict(),
+        &topics.account(),
+        tape,
+    ))
 }
 
 fn take(row: &Row, judge: &mut Judge, tape: &mut Tape) {
@@ -173,7 +230,9 @@ fn take(row: &Row, judge: &mut Judge, tape: &mut Tape) {
         judge.torn(sensor);
     }
     tape.tick(row);
-    judge.events().for_each(|(tick, text)| tape.event(tick, Level::Warning, &text));
+    judge
+        .events()
+        .for_each(|(tick, text)| tape.event(tick, Level::Warning, &text));
 }
 
 /// A robot's limits, in the judge's form.
@@ -182,7 +241,11 @@ pub fn limits(robot: &Robot) -> Limits {
     let of = |value: fn(&model::Joint) -> f64| robot.joints.iter().map(value).collect();
     Limits {
         served: robot.task.0,
-        names: robot.joints.iter().map(|joint| joint.name.clone()).collect(),
+        names: robot
+            .joints
+            .iter()
+            .map(|joint| joint.name.clone())
+            .collect(),
         lower: of(|joint| joint.lower),
         upper: of(|joint| joint.upper),
         effort: of(|joint| joint.effort),
@@ -202,36 +265,71 @@ struct Tap<M: Message> {
 impl<M: Topic> Tap<M> {
     /// A replacement goes on where its predecessor was killed: `each` is given what that one had kept after its last checkpoint, and
     /// the first [`drain`](Self::drain) what was on its way to it.
-    fn open(shell: &Shell, messages: Option<Keep<'_>>, past: &Progress, mut each: impl FnMut(&M)) -> Result<Self, ProcessError> {
+    fn open(
+        shell: &Shell,
+        messages: Option<Keep<'_>>,
+        past: &Progress,
+        mut each: impl FnMut(&M),
+    ) -> Result<Self, ProcessError> {
         let mut drain = shell.collector()?;
         if shell.incarnation() == 1 {
-            let (keep, logged) = log_result::first(messages.map(|(folder, logs)| LogWriter::create(folder, logs)));
-            return Ok(Self { drain, hash: TopicHash::default(), last: None, keep, logged });
+            let (keep, logged) =
+                log_result::first(messages.map(|(folder, logs)| LogWriter::create(folder, logs)));
+            return Ok(Self {
+                drain,
+                hash: TopicHash::default(),
+                last: None,
+                keep,
+                logged,
+            });
         }
         drain.resume(past.last, past.lost);
         let mut hash = past.hash;
-        let mut last: Option<M> = past.message.as_ref().and_then(|bytes| try_pod_read_unaligned(&bytes.0).ok());
-        let mut logged = LogResult { bytes: past.log_bytes, error: past.log_error.clone() };
-        let place = Place { byte: past.log_bytes, messages: past.hash.count() };
-        let resumed = messages.filter(|_| logged.error.is_empty()).map(|(folder, logs)| {
-            LogWriter::resume(folder, logs, place, |message: M| {
-                hash.add(&message);
-                drain.recount(&message);
-                each(&message);
-                last = Some(message);
-            })
-        });
+        let mut last: Option<M> = past
+            .message
+            .as_ref()
+            .and_then(|bytes| try_pod_read_unaligned(&bytes.0).ok());
+        let mut logged = LogResult {
+            bytes: past.log_bytes,
+            error: past.log_error.clone(),
+        };
+        let place = Place {
+            byte: past.log_bytes,
+            messages: past.hash.count(),
+        };
+        let resumed = messages
+            .filter(|_| logged.error.is_empty())
+            .map(|(folder, logs)| {
+                LogWriter::resume(folder, logs, place, |message: M| {
+                    hash.add(&message);
+                    drain.recount(&message);
+                    each(&message);
+                    last = Some(message);
+                })
+            });
         let keep = resumed.transpose().unwrap_or_else(|error| {
             runtime::complain(&error);
             logged.error = error.to_string();
             None
         });
         drain.recall(last.as_ref())?;
-        Ok(Self { drain, hash, last, keep, logged })
+        Ok(Self {
+            drain,
+            hash,
+            last,
+            keep,
+            logged,
+        })
     }
 
     fn drain(&mut self, assembler: &mut Assembler) -> Result<(), ProcessError> {
-        let Self { drain, hash, last, keep, logged } = self;
+        let Self {
+            drain,
+            hash,
+            last,
+            keep,
+            logged,
+        } = self;
         let mut newest = None;
         drain.collect(|message| {
             hash.add(message);
@@ -239,7 +337,10 @@ impl<M: Topic> Tap<M> {
                 && let Err(error) = keeping.add(message)
             {
                 runtime::complain(&error);
-                *logged = LogResult { bytes: keeping.place().byte, error: error.to_string() };
+                *logged = LogResult {
+                    bytes: keeping.place().byte,
+                    error: error.to_string(),
+                };
                 *keep = None;
             }
             let tick = message.header().tick;
@@ -263,7 +364,10 @@ impl<M: Topic> Tap<M> {
             && let Err(error) = keep.flush()
         {
             runtime::complain(&error);
-            self.logged = LogResult { bytes: keep.place().byte, error: error.to_string() };
+            self.logged = LogResult {
+                bytes: keep.place().byte,
+                error: error.to_string(),
+            };
             self.keep = None;
         }
     }
@@ -273,17 +377,33 @@ impl<M: Topic> Tap<M> {
             hash: self.hash,
             last: self.drain.last(),
             lost: self.drain.lost(),
-            message: self.last.as_ref().map(|message| Bytes(bytes_of(message).to_vec())),
-            log_bytes: self.keep.as_ref().map_or(self.logged.bytes, |keep| keep.place().byte),
+            message: self
+                .last
+                .as_ref()
+                .map(|message| Bytes(bytes_of(message).to_vec())),
+            log_bytes: self
+                .keep
+                .as_ref()
+                .map_or(self.logged.bytes, |keep| keep.place().byte),
             log_error: self.logged.error.clone(),
         }
     }
 
     fn finish(&mut self) -> LogResult {
-        match self.keep.take().map(|keep| (keep.place().byte, keep.finish())) {
+        match self
+            .keep
+            .take()
+            .map(|keep| (keep.place().byte, keep.finish()))
+        {
             None => self.logged.clone(),
-            Some((_, Ok(bytes))) => LogResult { bytes, error: String::new() },
-            Some((bytes, Err(error))) => LogResult { bytes, error: error.to_string() },
+            Some((_, Ok(bytes))) => LogResult {
+                bytes,
+                error: String::new(),
+            },
+            Some((bytes, Err(error))) => LogResult {
+                bytes,
+                error: error.to_string(),
+            },
         }
     }
 }
@@ -309,7 +429,12 @@ impl Topics {
         past: &Past,
         assembler: &mut Assembler,
     ) -> Result<Self, ProcessError> {
-        struct Open<'a>(&'a Shell, Option<Keep<'a>>, &'a [Progress; COUNT], &'a mut Assembler);
+        struct Open<'a>(
+            &'a Shell,
+            Option<Keep<'a>>,
+            &'a [Progress; COUNT],
+            &'a mut Assembler,
+        );
         impl Build<Taps> for Open<'_> {
             type Error = ProcessError;
             fn build<M: Topic>(&mut self) -> Result<Option<Tap<M>>, ProcessError> {
@@ -318,15 +443,27 @@ impl Topics {
                     return Ok(None);
                 }
                 // Repeated messages of ticks that are already written are dropped.
-                let again = |message: &M| assembler.row(message.header().tick).into_iter().for_each(|row| row.put(message));
+                let again = |message: &M| {
+                    assembler
+                        .row(message.header().tick)
+                        .into_iter()
+                        .for_each(|row| row.put(message))
+                };
                 Tap::open(shell, *messages, &past[M::INDEX], again).map(Some)
             }
         }
         let listed = ByTopic::try_build(&mut Open(shell, messages, &past.listed, assembler))?;
-        let layouts = graph.own_messages().filter(|layout| shell.reads(&layout.topic));
+        let layouts = graph
+            .own_messages()
+            .filter(|layout| shell.reads(&layout.topic));
         let open = |(place, layout)| {
             let nothing = Progress::default();
-            ForeignTap::open(shell, &layout, messages, past.foreign.get(place).unwrap_or(&nothing))
+            ForeignTap::open(
+                shell,
+                &layout,
+                messages,
+                past.foreign.get(place).unwrap_or(&nothing),
+            )
         };
         let foreign = layouts.enumerate().map(open).collect::<Result<_, _>>()?;
         Ok(Self { listed, foreign })
@@ -340,13 +477,26 @@ impl Topics {
         impl Each for Finish<'_> {
             type Output = LogResult;
             fn each<M: Topic>(&mut self) -> LogResult {
-                M::of_mut(self.0).as_mut().map(Tap::finish).unwrap_or_default()
+                M::of_mut(self.0)
+                    .as_mut()
+                    .map(Tap::finish)
+                    .unwrap_or_default()
             }
         }
         let listed = topics::each(&mut Finish(&mut self.listed));
-        let all: Vec<_> = listed.into_iter().chain(self.foreign.iter_mut().map(ForeignTap::finish)).collect();
-        let error = all.iter().find(|logged| !logged.error.is_empty()).map(|logged| logged.error.clone()).unwrap_or_default();
-        LogResult { bytes: all.iter().map(|logged| logged.bytes).sum(), error }
+        let all: Vec<_> = listed
+            .into_iter()
+            .chain(self.foreign.iter_mut().map(ForeignTap::finish))
+            .collect();
+        let error = all
+            .iter()
+            .find(|logged| !logged.error.is_empty())
+            .map(|logged| logged.error.clone())
+            .unwrap_or_default();
+        LogResult {
+            bytes: all.iter().map(|logged| logged.bytes).sum(),
+            error,
+        }
     }
 
     fn drain(&mut self, assembler: &mut Assembler) -> Result<(), ProcessError> {
@@ -354,7 +504,9 @@ impl Topics {
         impl Each for Drain<'_> {
             type Output = Result<(), ProcessError>;
             fn each<M: Topic>(&mut self) -> Self::Output {
-                M::of_mut(self.0).as_mut().map_or(Ok(()), |tap| tap.drain(self.1))
+                M::of_mut(self.0)
+                    .as_mut()
+                    .map_or(Ok(()), |tap| tap.drain(self.1))
             }
         }
         topics::try_each(&mut Drain(&mut self.listed, assembler))?;
@@ -378,10 +530,13 @@ impl Topics {
         impl Each for Failed<'_> {
             type Output = bool;
             fn each<M: Topic>(&mut self) -> bool {
-                M::of(self.0).as_ref().is_some_and(|tap| !tap.logged.error.is_empty())
+                M::of(self.0)
+                    .as_ref()
+                    .is_some_and(|tap| !tap.logged.error.is_empty())
             }
         }
-        topics::each(&mut Failed(&self.listed)).contains(&true) || self.foreign.iter().any(ForeignTap::has_failed)
+        topics::each(&mut Failed(&self.listed)).contains(&true)
+            || self.foreign.iter().any(ForeignTap::has_failed)
     }
 
     fn progress(&self) -> Past {
@@ -389,10 +544,16 @@ impl Topics {
         impl Each for Come<'_> {
             type Output = Progress;
             fn each<M: Topic>(&mut self) -> Progress {
-                M::of(self.0).as_ref().map(Tap::progress).unwrap_or_default()
+                M::of(self.0)
+                    .as_ref()
+                    .map(Tap::progress)
+                    .unwrap_or_default()
             }
         }
-        Past { listed: topics::each(&mut Come(&self.listed)), foreign: self.foreign.iter().map(ForeignTap::progress).collect() }
+        Past {
+            listed: topics::each(&mut Come(&self.listed)),
+            foreign: self.foreign.iter().map(ForeignTap::progress).collect(),
+        }
     }
 
     /// Name and hash of each topic that the graph has.
@@ -404,13 +565,27 @@ impl Topics {
                 M::of(self.0).as_ref().map(|tap| (M::TOPIC, tap.hash))
             }
         }
-        let listed = topics::each(&mut Hashes(&self.listed)).into_iter().flatten();
-        listed.chain(self.foreign.iter().map(|tap| (tap.topic.as_str(), tap.hash()))).collect()
+        let listed = topics::each(&mut Hashes(&self.listed))
+            .into_iter()
+            .flatten();
+        listed
+            .chain(
+                self.foreign
+                    .iter()
+                    .map(|tap| (tap.topic.as_str(), tap.hash())),
+            )
+            .collect()
     }
 }
 
 /// The recorder's part of the summary; the launcher adds the processes.
-fn summary(robot: &Robot, job: &Job, verdict: Verdict, account: &[(&str, TopicHash)], tape: RecorderSummary) -> Summary {
+fn summary(
+    robot: &Robot,
+    job: &Job,
+    verdict: Verdict,
+    account: &[(&str, TopicHash)],
+    tape: RecorderSummary,
+) -> Summary {
     Summary {
         version: job.version.clone(),
         scenario: job.scenario.name.clone(),
@@ -424,8 +599,15 @@ fn summary(robot: &Robot, job: &Job, verdict: Verdict, account: &[(&str, TopicHa
         outcome: verdict.outcome,
         reason: verdict.reason,
         wall_s: verdict.wall_s,
-        ticks_per_s: if verdict.wall_s > 0.0 { verdict.ticks as f64 / verdict.wall_s } else { 0.0 },
-        topics: account.iter().map(|(name, hash)| ((*name).to_owned(), hash.summary())).collect::<BTreeMap<_, _>>(),
+        ticks_per_s: if verdict.wall_s > 0.0 {
+            verdict.ticks as f64 / verdict.wall_s
+        } else {
+            0.0
+        },
+        topics: account
+            .iter()
+            .map(|(name, hash)| ((*name).to_owned(), hash.summary()))
+            .collect::<BTreeMap<_, _>>(),
         task: verdict.task,
         joints: verdict.joints,
         singularities: verdict.singularities,
@@ -436,7 +618,10 @@ fn summary(robot: &Robot, job: &Job, verdict: Verdict, account: &[(&str, TopicHa
         deadlines: Default::default(),
         latency_us: verdict.latency_us,
         not_finite: Vec::new(),
-        recorder: RecorderSummary { messages: account.iter().map(|(_, hash)| hash.count()).sum(), ..tape },
+        recorder: RecorderSummary {
+            messages: account.iter().map(|(_, hash)| hash.count()).sum(),
+            ..tape
+        },
         processes: Vec::new(),
         machine: Default::default(),
     }
@@ -448,12 +633,32 @@ mod tests {
 
     #[test]
     fn errors_beyond_all_numbers_do_not_cost_the_account() {
-        let mut summary = Summary { ticks: 7, ..Summary::default() };
-        (summary.task.position_rms_mm, summary.task.final_orientation_deg) = (f64::INFINITY, f64::NAN);
+        let mut summary = Summary {
+            ticks: 7,
+            ..Summary::default()
+        };
+        (
+            summary.task.position_rms_mm,
+            summary.task.final_orientation_deg,
+        ) = (f64::INFINITY, f64::NAN);
         summary.joints.q_end = vec![0.5, f64::NEG_INFINITY];
         let read: Summary = serde_json::from_slice(&written(&summary).unwrap()).unwrap();
-        assert_eq!((read.ticks, read.task.position_rms_mm, read.task.final_orientation_deg), (7, f64::MAX, f64::MAX));
+        assert_eq!(
+            (
+                read.ticks,
+                read.task.position_rms_mm,
+                read.task.final_orientation_deg
+            ),
+            (7, f64::MAX, f64::MAX)
+        );
         assert_eq!(read.joints.q_end, [0.5, f64::MAX]);
-        assert_eq!(read.not_finite, ["joints.q_end.1", "task.final_orientation_deg", "task.position_rms_mm"]);
+        assert_eq!(
+            read.not_finite,
+            [
+                "joints.q_end.1",
+                "task.final_orientation_deg",
+                "task.position_rms_mm"
+            ]
+        );
     }
 }

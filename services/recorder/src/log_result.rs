@@ -20,7 +20,13 @@ pub(crate) fn first<Log>(made: Option<Result<Log, LogError>>) -> (Option<Log>, L
         Ok(log) => (log, LogResult::default()),
         Err(error) => {
             runtime::complain(&error);
-            (None, LogResult { bytes: 0, error: error.to_string() })
+            (
+                None,
+                LogResult {
+                    bytes: 0,
+                    error: error.to_string(),
+                },
+            )
         }
     }
 }

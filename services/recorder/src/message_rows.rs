@@ -36,7 +36,9 @@ impl<M: Topic> Messages<M> {
         loop {
             match self.reader.as_mut()?.next_message() {
                 Ok(message) => {
-                    message.iter().for_each(|message| self.account.read(message.header().tick));
+                    message
+                        .iter()
+                        .for_each(|message| self.account.read(message.header().tick));
                     return message;
                 }
                 Err(error) => {
@@ -63,7 +65,9 @@ impl OwnMessages {
             match reader.next_row() {
                 Ok(Some(row)) => {
                     self.account.read(message_log::tick_of(&row));
-                    self.account.hash.add_content(content(bytemuck::cast_slice(&row)));
+                    self.account
+                        .hash
+                        .add_content(content(bytemuck::cast_slice(&row)));
                 }
                 Err(error) if error.is_damage() => self.account.fail(&error),
                 end => {
@@ -85,7 +89,10 @@ pub struct MessageRows {
 }
 
 /// A log that may be absent or damaged: that is noted.
-fn excused<R>(opened: Result<R, LogError>, account: &mut LogAccount) -> Result<Option<R>, LogError> {
+fn excused<R>(
+    opened: Result<R, LogError>,
+    account: &mut LogAccount,
+) -> Result<Option<R>, LogError> {
     match opened {
         Err(error) if error.is_before_the_first_message() => Ok(None),
         Err(error) if error.is_damage() => {
@@ -123,8 +130,16 @@ impl MessageRows {
                 }
                 let mut account = LogAccount::new(M::TOPIC);
                 let opened = LogReader::open_of(self.0, self.1);
-                let reader = if self.2 { excused(opened, &mut account)? } else { Some(opened?) };
-                Ok(Some(Messages { reader, next: None, account }))
+                let reader = if self.2 {
+                    excused(opened, &mut account)?
+                } else {
+                    Some(opened?)
+                };
+                Ok(Some(Messages {
+                    reader,
+                    next: None,
+                    account,
+                }))
             }
         }
         let logs = Logs::of(job);
@@ -132,12 +147,30 @@ impl MessageRows {
         let open = |layout: shared_types::layout::MessageLayout| {
             let mut account = LogAccount::new(&layout.topic);
             let opened = RowReader::open_of(folder, &Shape::from(&layout), &logs);
-            let reader = if is_excused { excused(opened, &mut account)? } else { Some(opened?) };
+            let reader = if is_excused {
+                excused(opened, &mut account)?
+            } else {
+                Some(opened?)
+            };
             Ok(OwnMessages { reader, account })
         };
-        let own = job.graph.own_messages().map(open).collect::<Result<_, LogError>>()?;
-        let assembler = Assembler::new(Set::of(|topic| job.graph.writer(topic).is_some()), PATIENCE, HORIZON);
-        let mut rows = Self { messages, own, assembler, until: 0, has_more: true };
+        let own = job
+            .graph
+            .own_messages()
+            .map(open)
+            .collect::<Result<_, LogError>>()?;
+        let assembler = Assembler::new(
+            Set::of(|topic| job.graph.writer(topic).is_some()),
+            PATIENCE,
+            HORIZON,
+        );
+        let mut rows = Self {
+            messages,
+            own,
+            assembler,
+            until: 0,
+            has_more: true,
+        };
         rows.compare(&logs);
         Ok(rows)
     }
@@ -148,7 +181,10 @@ impl MessageRows {
         impl Each for Known<'_> {
             type Output = ();
             fn each<M: Topic>(&mut self) {
-                if let Some(reader) = M::of_mut(self.0).as_mut().and_then(|messages| messages.reader.as_mut()) {
+                if let Some(reader) = M::of_mut(self.0)
+                    .as_mut()
+                    .and_then(|messages| messages.reader.as_mut())
+                {
                     most(self.1, reader.rows().known());
                 }
             }
@@ -157,14 +193,27 @@ impl MessageRows {
         impl Each for Expect<'_> {
             type Output = ();
             fn each<M: Topic>(&mut self) {
-                let Some(messages) = M::of_mut(self.0) else { return };
-                expect(messages.reader.as_mut().map(LogReader::rows), &mut messages.account, self.1);
+                let Some(messages) = M::of_mut(self.0) else {
+                    return;
+                };
+                expect(
+                    messages.reader.as_mut().map(LogReader::rows),
+                    &mut messages.account,
+                    self.1,
+                );
             }
         }
         fn most(known: &mut [u64], other: &[u64]) {
-            known.iter_mut().zip(other).for_each(|(known, other)| *known = (*known).max(*other));
+            known
+                .iter_mut()
+                .zip(other)
+                .for_each(|(known, other)| *known = (*known).max(*other));
         }
-        fn expect(reader: Option<&mut RowReader>, account: &mut LogAccount, known: &dyn Fn(&str) -> u64) {
+        fn expect(
+            reader: Option<&mut RowReader>,
+            account: &mut LogAccount,
+            known: &dyn Fn(&str) -> u64,
+        ) {
             let messages = known(&account.topic);
             match reader {
                 Some(reader) => reader.expect(messages),
@@ -174,10 +223,19 @@ impl MessageRows {
         }
         let mut known = vec![0; logs.len()];
         topics::each(&mut Known(&mut self.messages, &mut known));
-        self.own.iter().filter_map(|own| own.reader.as_ref()).for_each(|reader| most(&mut known, reader.known()));
-        let of = |topic: &str| logs.place(topic).and_then(|place| known.get(place).copied()).unwrap_or_default();
+        self.own
+            .iter()
+            .filter_map(|own| own.reader.as_ref())
+            .for_each(|reader| most(&mut known, reader.known()));
+        let of = |topic: &str| {
+            logs.place(topic)
+                .and_then(|place| known.get(place).copied())
+                .unwrap_or_default()
+        };
         topics::each(&mut Expect(&mut self.messages, &of));
-        self.own.iter_mut().for_each(|own| expect(own.reader.as_mut(), &mut own.account, &of));
+        self.own
+            .iter_mut()
+            .for_each(|own| expect(own.reader.as_mut(), &mut own.account, &of));
     }
 
     /// The next row; `None` at the end.
@@ -187,7 +245,9 @@ impl MessageRows {
         impl Each for Put<'_> {
             type Output = bool;
             fn each<M: Topic>(&mut self) -> bool {
-                let Some(messages) = M::of_mut(self.0) else { return false };
+                let Some(messages) = M::of_mut(self.0) else {
+                    return false;
+                };
                 while let Some(message) = messages.next.take().or_else(|| messages.read()) {
                     let tick = message.header().tick;
                     if tick >= self.2 {
@@ -204,7 +264,12 @@ impl MessageRows {
         }
         while self.has_more && !self.assembler.is_ready(self.until) {
             self.until += STRIDE;
-            self.has_more = topics::each(&mut Put(&mut self.messages, &mut self.assembler, self.until)).contains(&true);
+            self.has_more = topics::each(&mut Put(
+                &mut self.messages,
+                &mut self.assembler,
+                self.until,
+            ))
+            .contains(&true);
             if !self.has_more {
                 self.own.iter_mut().for_each(OwnMessages::read);
             }
@@ -220,14 +285,25 @@ impl MessageRows {
         let damage = self.damage_so_far();
         let differs = |account: &LogAccount| {
             let (topic, found) = (&account.topic, account.hash);
-            let expected = summary?.topics.get(topic).filter(|expected| **expected != found.summary())?;
+            let expected = summary?
+                .topics
+                .get(topic)
+                .filter(|expected| **expected != found.summary())?;
             Some(match expected.count == found.count() {
                 true => format!("{topic}.log holds other numbers than the run has sent"),
-                false => format!("{topic}.log holds {} of {} messages", found.count(), expected.count),
+                false => format!(
+                    "{topic}.log holds {} of {} messages",
+                    found.count(),
+                    expected.count
+                ),
             })
         };
         let of = |account: &LogAccount| {
-            damage.iter().find(|(topic, _)| *topic == account.topic).map(|(_, damage)| damage.clone()).or_else(|| differs(account))
+            damage
+                .iter()
+                .find(|(topic, _)| *topic == account.topic)
+                .map(|(_, damage)| damage.clone())
+                .or_else(|| differs(account))
         };
         self.accounts().into_iter().filter_map(of).collect()
     }
@@ -235,18 +311,31 @@ impl MessageRows {
     /// The damage in the logs as far as they have been read: topic and clause.
     pub(crate) fn damage_so_far(&self) -> Vec<(String, String)> {
         let accounts = self.accounts();
-        let end = accounts.iter().filter_map(|account| account.last).max().map_or(0, |last| last.saturating_add(1));
-        accounts.into_iter().filter_map(|account| Some((account.topic.clone(), account.damage(end)?))).collect()
+        let end = accounts
+            .iter()
+            .filter_map(|account| account.last)
+            .max()
+            .map_or(0, |last| last.saturating_add(1));
+        accounts
+            .into_iter()
+            .filter_map(|account| Some((account.topic.clone(), account.damage(end)?)))
+            .collect()
     }
 
     /// How many messages of each topic have been read, and their hash.
     pub(crate) fn hashes(&self) -> Vec<(&str, TopicHash)> {
-        self.accounts().into_iter().map(|account| (account.topic.as_str(), account.hash)).collect()
+        self.accounts()
+            .into_iter()
+            .map(|account| (account.topic.as_str(), account.hash))
+            .collect()
     }
 
     /// The topics that are in no row.
     pub(crate) fn not_drawn(&self) -> Vec<String> {
-        self.own.iter().map(|own| own.account.topic.clone()).collect()
+        self.own
+            .iter()
+            .map(|own| own.account.topic.clone())
+            .collect()
     }
 
     fn accounts(&self) -> Vec<&LogAccount> {
@@ -257,7 +346,11 @@ impl MessageRows {
                 M::of(self.0).as_ref().map(|messages| &messages.account)
             }
         }
-        let known = topics::each(&mut Accounts(&self.messages)).into_iter().flatten();
-        known.chain(self.own.iter().map(|own| &own.account)).collect()
+        let known = topics::each(&mut Accounts(&self.messages))
+            .into_iter()
+            .flatten();
+        known
+            .chain(self.own.iter().map(|own| &own.account))
+            .collect()
     }
 }

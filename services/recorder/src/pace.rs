@@ -29,7 +29,13 @@ pub(crate) struct Pace {
 impl Pace {
     /// For a run that may be `most_ahead` ticks ahead of the recorder in lockstep.
     pub(crate) fn new(mode: Mode, is_watched: bool, most_ahead: u64) -> Self {
-        Self { mode, is_watched, wanted: (most_ahead / 2).max(1), last: None, ticks_per_s: QUICKEST }
+        Self {
+            mode,
+            is_watched,
+            wanted: (most_ahead / 2).max(1),
+            last: None,
+            ticks_per_s: QUICKEST,
+        }
     }
 
     /// The time to the next round, where so many ticks have begun.
@@ -56,7 +62,8 @@ impl Pace {
     /// The time in which the wanted ticks begin.
     fn in_lockstep(&self) -> Duration {
         let [least, most] = LOCKSTEP;
-        Duration::from_secs_f64((self.wanted as f64 / self.ticks_per_s.max(1.0)).min(1.0)).clamp(least, most)
+        Duration::from_secs_f64((self.wanted as f64 / self.ticks_per_s.max(1.0)).min(1.0))
+            .clamp(least, most)
     }
 }
 
@@ -73,7 +80,11 @@ mod tests {
                 let time = pace.in_lockstep();
                 pace.note(time, (time.as_secs_f64() * ticks_per_s).round() as u64);
             }
-            assert!((pace.in_lockstep().as_micros() as i64 - expected_us).abs() < 200, "{:?}", pace.in_lockstep());
+            assert!(
+                (pace.in_lockstep().as_micros() as i64 - expected_us).abs() < 200,
+                "{:?}",
+                pace.in_lockstep()
+            );
         }
         let time = pace.in_lockstep();
         pace.note(Duration::from_secs(1), 0);

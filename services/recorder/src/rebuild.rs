@@ -17,9 +17,15 @@ use crate::{MESSAGES, limits, summary, take};
 /// # Errors
 /// [`ProcessError`] where the messages cannot be read, or the recording cannot be written.
 pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
-    let mut rows = MessageRows::open_left(&job.out.join(MESSAGES), job).map_err(ProcessError::setup)?;
+    let mut rows =
+        MessageRows::open_left(&job.out.join(MESSAGES), job).map_err(ProcessError::setup)?;
     let planned_ticks = job.scenario.duration_s() * f64::from(job.scenario.rate_hz);
-    let judge = Judge::in_processes(&job.graph, limits(robot), job.scenario.goal.clone(), planned_ticks);
+    let judge = Judge::in_processes(
+        &job.graph,
+        limits(robot),
+        job.scenario.goal.clone(),
+        planned_ticks,
+    );
     let mut judge = judge.at_rate(job.scenario.rate_hz);
     if job.mode == Mode::Realtime {
         judge = judge.on_grid(1_000_000_000 / u64::from(job.scenario.rate_hz));
@@ -32,13 +38,26 @@ pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
             partial.push(row.clone());
             continue;
         }
-        partial.drain(..).for_each(|row| take(&row, &mut judge, &mut tape));
+        partial
+            .drain(..)
+            .for_each(|row| take(&row, &mut judge, &mut tape));
         take(row, &mut judge, &mut tape);
     }
     let mut recorded = tape.finish();
-    let damage: Vec<String> =
-        rows.damage_so_far().into_iter().map(|(_, damage)| damage).chain([recorded.error]).filter(|clause| !clause.is_empty()).collect();
+    let damage: Vec<String> = rows
+        .damage_so_far()
+        .into_iter()
+        .map(|(_, damage)| damage)
+        .chain([recorded.error])
+        .filter(|clause| !clause.is_empty())
+        .collect();
     recorded.error = damage.join("; ");
     recorded.not_drawn = rows.not_drawn();
-    Ok(summary(robot, job, judge.verdict(), &rows.hashes(), recorded))
+    Ok(summary(
+        robot,
+        job,
+        judge.verdict(),
+        &rows.hashes(),
+        recorded,
+    ))
 }

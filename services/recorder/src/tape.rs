@@ -45,7 +45,10 @@ struct PartLimits {
 impl PartLimits {
     fn new(scenario: &Scenario) -> Self {
         let Record { part_s, part_mb } = scenario.record;
-        Self { ticks: (part_s * f64::from(scenario.rate_hz)).round().max(1.0) as u64, bytes: part_mb.saturating_mul(1_000_000) }
+        Self {
+            ticks: (part_s * f64::from(scenario.rate_hz)).round().max(1.0) as u64,
+            bytes: part_mb.saturating_mul(1_000_000),
+        }
     }
 }
 
@@ -63,9 +66,16 @@ impl Tape {
     ///
     /// # Errors
     /// When the file cannot be made, or the predecessor's not be cut there.
-    pub(crate) fn go_on(robot: &Robot, job: &Job, noted: Option<Written>) -> Result<Self, ProcessError> {
+    pub(crate) fn go_on(
+        robot: &Robot,
+        job: &Job,
+        noted: Option<Written>,
+    ) -> Result<Self, ProcessError> {
         let tape = Self::begin(robot, job, noted)?;
-        Ok(Self { is_replacement: tape.recording.is_some(), ..tape })
+        Ok(Self {
+            is_replacement: tape.recording.is_some(),
+            ..tape
+        })
     }
 
     fn begin(robot: &Robot, job: &Job, noted: Option<Written>) -> Result<Self, ProcessError> {
@@ -90,11 +100,20 @@ impl Tape {
             lives: viz::Lives::of(&job.graph),
         };
         let failed = |error| {
-            ProcessError::setup(format!("cannot take away what stands in the way of the recording in {}: {error}", job.out.display()))
+            ProcessError::setup(format!(
+                "cannot take away what stands in the way of the recording in {}: {error}",
+                job.out.display()
+            ))
         };
         viz::cut_behind(&job.out, noted.as_ref()).map_err(failed)?;
         let part = noted.map_or(0, |noted| noted.part + 1);
-        let mut tape = Self { result: RecorderSummary { file: viz::part_name(0), ..RecorderSummary::default() }, ..tape };
+        let mut tape = Self {
+            result: RecorderSummary {
+                file: viz::part_name(0),
+                ..RecorderSummary::default()
+            },
+            ..tape
+        };
         match Recording::create_part(&job.out, part, &info, chunks(job)) {
             Ok(mut recording) => {
                 recording.go_on_after(noted.unwrap_or_default());
@@ -111,14 +130,21 @@ impl Tape {
     pub fn tick(&mut self, row: &Row) {
         // Those for which there is no room any more count too: they are what the recording lacks.
         self.result.rows += 1;
-        let Some(recording) = &mut self.recording else { return };
+        let Some(recording) = &mut self.recording else {
+            return;
+        };
         self.next_tick = row.tick + 1;
         let row = TickRow::new(row.tick, row.messages().lent());
         if std::mem::take(&mut self.is_replacement) {
             recording.recorder_restarted(row.tick);
         }
-        let full = recording.part_ticks() >= self.limits.ticks || recording.part_bytes() >= self.limits.bytes;
-        let turned = if full { recording.next_part(&self.folder) } else { Ok(()) };
+        let full = recording.part_ticks() >= self.limits.ticks
+            || recording.part_bytes() >= self.limits.bytes;
+        let turned = if full {
+            recording.next_part(&self.folder)
+        } else {
+            Ok(())
+        };
         if full {
             // A file's table of contents grows with it and is gone now.
             runtime::realtime::give_back_memory();

@@ -52,7 +52,11 @@ impl<C> Mapped<C> {
 
     fn slot(&self, number: u64) -> *mut C {
         // SAFETY: the index is 0 or 1.
-        unsafe { (&raw mut (*self.file.as_ptr()).slots).cast::<C>().add((number % 2) as usize) }
+        unsafe {
+            (&raw mut (*self.file.as_ptr()).slots)
+                .cast::<C>()
+                .add((number % 2) as usize)
+        }
     }
 }
 
@@ -86,35 +90,66 @@ impl<C: Checkpoint> CheckpointSlots<C> {
     ///
     /// # Errors
     /// When there is no room, or the file holds a checkpoint of another layout.
-    pub(crate) fn open(path: &Path, may_resume_from: impl Fn(u64) -> bool) -> std::io::Result<Self> {
-        let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).mode(0o600).open(path)?;
+    pub(crate) fn open(
+        path: &Path,
+        may_resume_from: impl Fn(u64) -> bool,
+    ) -> std::io::Result<Self> {
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .mode(0o600)
+            .open(path)?;
         if file.metadata()?.len() < size_of::<File<C>>() as u64 {
             // Written, not only truncated: the memory is there now, or the error is.
             std::os::unix::fs::FileExt::write_all_at(&file, &vec![0; size_of::<File<C>>()], 0)?;
         }
         // SAFETY: a fresh shared mapping of a file that is at least this long; nothing else in this process lies there.
-        let address =
-            unsafe { mmap(std::ptr::null_mut(), size_of::<File<C>>(), ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED, &file, 0)? };
-        let file: NonNull<File<C>> = NonNull::new(address.cast()).ok_or_else(|| std::io::Error::other("mapped at address 0"))?;
-        let mapped = Mapped { file, is_written: Cell::new(false), _checkpoint: PhantomData };
+        let address = unsafe {
+            mmap(
+                std::ptr::null_mut(),
+                size_of::<File<C>>(),
+                ProtFlags::READ | ProtFlags::WRITE,
+                MapFlags::SHARED,
+                &file,
+                0,
+            )?
+        };
+        let file: NonNull<File<C>> = NonNull::new(address.cast())
+            .ok_or_else(|| std::io::Error::other("mapped at address 0"))?;
+        let mapped = Mapped {
+            file,
+            is_written: Cell::new(false),
+            _checkpoint: PhantomData,
+        };
         // SAFETY: mapped above, and an integer.
         let layout = unsafe { &(*file.as_ptr()).layout };
         let (ours, found) = (C::layout_hash(), layout.load(Ordering::Relaxed));
         match found {
             0 => layout.store(ours, Ordering::Relaxed),
             found if found != ours => {
-                return Err(std::io::Error::other(format!("it has the layout {found:016x}, this program has {ours:016x}")));
+                return Err(std::io::Error::other(format!(
+                    "it has the layout {found:016x}, this program has {ours:016x}"
+                )));
             }
             _ => {}
         }
         let commits = mapped.commits().load(Ordering::Acquire);
         let newest = (commits.saturating_sub(2)..commits).rev();
-        let number = newest.into_iter().find(|number| may_resume_from(mapped.tick(*number).load(Ordering::Relaxed)));
+        let number = newest
+            .into_iter()
+            .find(|number| may_resume_from(mapped.tick(*number).load(Ordering::Relaxed)));
         // A commit from which no process may go on is taken back: the next one takes its slot, not that of the checkpoint before.
-        mapped.commits().store(number.map_or(0, |number| number + 1), Ordering::Release);
+        mapped
+            .commits()
+            .store(number.map_or(0, |number| number + 1), Ordering::Release);
         // SAFETY: a slot of the mapping whose writer is dead; every bit pattern is a checkpoint, for it is `Pod`.
         let previous = number.map(|number| unsafe { mapped.slot(number).read() });
-        Ok(Self { mapped: Rc::new(mapped), previous })
+        Ok(Self {
+            mapped: Rc::new(mapped),
+            previous,
+        })
     }
 
     pub(crate) fn committer(&self) -> Rc<dyn Commit> {
@@ -145,12 +180,21 @@ mod tests {
     #[test]
     fn a_commit_that_is_taken_back_does_not_cost_the_one_before() {
         let run = RunDir::create().unwrap();
-        let open = |before: u64| CheckpointSlots::<ControllerCheckpoint>::open(&run.path().join("c"), |tick| tick < before).unwrap();
+        let open = |before: u64| {
+            CheckpointSlots::<ControllerCheckpoint>::open(&run.path().join("c"), |tick| {
+                tick < before
+            })
+            .unwrap()
+        };
         let commit = |slots: &mut CheckpointSlots<ControllerCheckpoint>, tick: u64| {
             bytemuck::bytes_of_mut(slots.slot()).fill(tick as u8);
             slots.committer().commit(tick);
         };
-        let found = |before: u64| open(before).previous().map(|last| bytemuck::bytes_of(last)[0]);
+        let found = |before: u64| {
+            open(before)
+                .previous()
+                .map(|last| bytemuck::bytes_of(last)[0])
+        };
         let mut slots = open(0);
         assert!(slots.previous().is_none());
         (4..6).for_each(|tick| commit(&mut slots, tick));

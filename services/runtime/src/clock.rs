@@ -10,7 +10,10 @@ const NS_PER_S: u64 = 1_000_000_000;
 #[inline]
 pub fn now_ns() -> u64 {
     // By libc, so that a process of a run can be measured under valgrind: rustix looks for the kernel's own functions in memory that valgrind does not map.
-    let mut now = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+    let mut now = libc::timespec {
+        tv_sec: 0,
+        tv_nsec: 0,
+    };
     // SAFETY: a plain call that fills the structure; this clock is one that every kernel has.
     unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut now) };
     now.tv_sec as u64 * NS_PER_S + now.tv_nsec as u64
@@ -18,7 +21,10 @@ pub fn now_ns() -> u64 {
 
 /// A duration or an instant in nanoseconds, as the kernel wants it.
 pub(crate) fn timespec(ns: u64) -> Timespec {
-    Timespec { tv_sec: (ns / NS_PER_S) as i64, tv_nsec: (ns % NS_PER_S) as i64 }
+    Timespec {
+        tv_sec: (ns / NS_PER_S) as i64,
+        tv_nsec: (ns % NS_PER_S) as i64,
+    }
 }
 
 /// Sleeps until an instant of [`now_ns`]; returns early when a signal arrives.

@@ -150,7 +150,11 @@ impl Context {
 
     /// The topic's place on the control page.
     pub(crate) fn topic_index(&self, topic: &str) -> usize {
-        self.manifest.topics().iter().position(|&t| t == topic).unwrap_or(0)
+        self.manifest
+            .topics()
+            .iter()
+            .position(|&t| t == topic)
+            .unwrap_or(0)
     }
 
     /// The topic's bit on every doorbell.
@@ -182,8 +186,11 @@ impl Context {
                 return Ok(found?.map_or(Waited::Stopped, Waited::Ready));
             }
             // Without a deadline the clock is only read after a first sleep without a message: the usual hop does without it.
-            let patience =
-                if deadline_ns.is_some() || !is_first_look { self.patience(deadline_ns, &mut began_ns) } else { Patience::Sleep(None) };
+            let patience = if deadline_ns.is_some() || !is_first_look {
+                self.patience(deadline_ns, &mut began_ns)
+            } else {
+                Patience::Sleep(None)
+            };
             let sleep_ns = match patience {
                 Patience::Sleep(sleep_ns) => sleep_ns,
                 Patience::Late => {
@@ -193,7 +200,12 @@ impl Context {
                 Patience::Exhausted(waited) => {
                     doorbell.disarm();
                     let Wait { what, from } = describe();
-                    return Err(Interrupted::TimedOut { process: self.name().to_owned(), what, from, waited });
+                    return Err(Interrupted::TimedOut {
+                        process: self.name().to_owned(),
+                        what,
+                        from,
+                        waited,
+                    });
                 }
             };
             if std::mem::take(&mut is_first_look) && self.has_started.get() && self.turns.pass() {
@@ -215,7 +227,13 @@ impl Context {
         let waited = Duration::from_nanos(now - *began_ns.get_or_insert(now));
         match deadline_ns {
             Some(deadline) if now >= deadline => Patience::Late,
-            _ if self.manifest.wait_limit.is_some_and(|limit| waited >= limit) => Patience::Exhausted(waited),
+            _ if self
+                .manifest
+                .wait_limit
+                .is_some_and(|limit| waited >= limit) =>
+            {
+                Patience::Exhausted(waited)
+            }
             _ => Patience::Sleep(deadline_ns.map(|deadline| deadline - now)),
         }
     }
@@ -223,17 +241,30 @@ impl Context {
     /// Commits the checkpoint that was written for a tick.
     #[inline]
     pub(crate) fn commit(&self, tick: u64) {
-        self.attached.checkpoints.borrow().iter().for_each(|checkpoint| checkpoint.commit(tick));
+        self.attached
+            .checkpoints
+            .borrow()
+            .iter()
+            .for_each(|checkpoint| checkpoint.commit(tick));
     }
 
-    pub(crate) fn port_failed(&self, topic: &'static str, error: impl std::fmt::Display) -> Interrupted {
-        Interrupted::Port { process: self.name().to_owned(), topic, reason: error.to_string() }
+    pub(crate) fn port_failed(
+        &self,
+        topic: &'static str,
+        error: impl std::fmt::Display,
+    ) -> Interrupted {
+        Interrupted::Port {
+            process: self.name().to_owned(),
+            topic,
+            reason: error.to_string(),
+        }
     }
 
     /// A message is in the process's hands: notes when, and which way it came.
     #[inline]
     pub(crate) fn note_input(&self, header: &Header) {
-        self.stamping.note_input(header, self.clock_ns(), self.entry());
+        self.stamping
+            .note_input(header, self.clock_ns(), self.entry());
     }
 
     /// Fills an output's header with this hop's stamps and those before it. Returns the time of sending.
@@ -253,7 +284,12 @@ impl Context {
             let waited = Duration::from_nanos(now_ns() - began_ns);
             if self.manifest.wait_limit.is_some_and(|limit| waited > limit) {
                 let what = format!("the messages of topic {topic:?} that it has missed");
-                return Err(Interrupted::TimedOut { process: self.name().to_owned(), what, from: "the launcher".into(), waited });
+                return Err(Interrupted::TimedOut {
+                    process: self.name().to_owned(),
+                    what,
+                    from: "the launcher".into(),
+                    waited,
+                });
             }
             std::thread::sleep(HAND_OVER_LOOK);
         }
@@ -265,7 +301,9 @@ impl Context {
         let laggard = || self.protocol().holds_back(tick);
         let describe = || Wait {
             what: format!("its turn to begin tick {tick}"),
-            from: laggard().map_or("the others".into(), |index| self.manifest.processes[index].name.clone()),
+            from: laggard().map_or("the others".into(), |index| {
+                self.manifest.processes[index].name.clone()
+            }),
         };
         self.wait(PROGRESS, None, describe, || {
             self.learn();
@@ -276,14 +314,22 @@ impl Context {
     /// Brings the copy of the fault table up to date; one load where nothing has changed.
     #[inline]
     pub(crate) fn learn(&self) {
-        if !self.faults.known.borrow().is_current(self.control_page.fault_table()) {
+        if !self
+            .faults
+            .known
+            .borrow()
+            .is_current(self.control_page.fault_table())
+        {
             self.learn_anew();
         }
     }
 
     #[cold]
     fn learn_anew(&self) {
-        self.faults.known.borrow_mut().renew(self.control_page.fault_table());
+        self.faults
+            .known
+            .borrow_mut()
+            .renew(self.control_page.fault_table());
     }
 
     /// Whether the fault table, as this process knows it, is empty.
@@ -295,7 +341,9 @@ impl Context {
     /// A message is wrong: faults in force are thereby detected.
     pub(crate) fn message_fault_detected(&self) {
         if !self.is_unharmed() {
-            self.control_page.fault_table().mark_all_detected(self.tick.get(), now_ns());
+            self.control_page
+                .fault_table()
+                .mark_all_detected(self.tick.get(), now_ns());
         }
     }
 
@@ -322,22 +370,44 @@ impl Context {
     #[inline]
     pub(crate) fn apply_process_faults(&self, tick: u64) -> u64 {
         self.learn();
-        if self.is_unharmed() { tick } else { self.apply_known_faults(tick) }
+        if self.is_unharmed() {
+            tick
+        } else {
+            self.apply_known_faults(tick)
+        }
     }
 
     /// Applies the faults of this process at a tick that cost it time.
     pub(crate) fn burden(&self, tick: u64) {
-        let (known, mut load) = (self.faults.known.borrow(), self.faults.cpu_load.borrow_mut());
-        let injected = |place| self.control_page.fault_table().mark_injected(place, now_ns());
-        burden::burden(known.of(self.me, tick), &mut load, self.manifest.processes[self.me].core, injected);
+        let (known, mut load) = (
+            self.faults.known.borrow(),
+            self.faults.cpu_load.borrow_mut(),
+        );
+        let injected = |place| {
+            self.control_page
+                .fault_table()
+                .mark_injected(place, now_ns())
+        };
+        burden::burden(
+            known.of(self.me, tick),
+            &mut load,
+            self.manifest.processes[self.me].core,
+            injected,
+        );
     }
 
     #[cold]
     fn apply_known_faults(&self, tick: u64) -> u64 {
         self.burden(tick);
-        let Some(outage) = self.protocol().downfall(tick) else { return tick };
-        self.control_page.fault_table().mark_injected(outage.place, now_ns());
-        let Some((fault, kind)) = self.fault(outage.place) else { return tick };
+        let Some(outage) = self.protocol().downfall(tick) else {
+            return tick;
+        };
+        self.control_page
+            .fault_table()
+            .mark_injected(outage.place, now_ns());
+        let Some((fault, kind)) = self.fault(outage.place) else {
+            return tick;
+        };
         match kind {
             Kind::Kill => {
                 self.leave(State::Gone);
@@ -348,7 +418,10 @@ impl Context {
                 if fault.way() == Some(Way::BusError) {
                     bus_error();
                 }
-                panic!("{} crashes at tick {tick}, as the fault plan says", self.name());
+                panic!(
+                    "{} crashes at tick {tick}, as the fault plan says",
+                    self.name()
+                );
             }
             _ => self.stand_still(&fault),
         }
@@ -366,8 +439,14 @@ impl Context {
     #[cold]
     fn fall_between_outputs(&self, tick: u64) {
         let (of, sent) = self.attached.outputs_sent.get();
-        if let Some(outage) = self.protocol().downfall_after(tick, sent.count_ones()).filter(|_| of == tick) {
-            self.control_page.fault_table().mark_injected(outage.place, now_ns());
+        if let Some(outage) = self
+            .protocol()
+            .downfall_after(tick, sent.count_ones())
+            .filter(|_| of == tick)
+        {
+            self.control_page
+                .fault_table()
+                .mark_injected(outage.place, now_ns());
             self.leave(State::Gone);
             kill_self();
         }
@@ -377,7 +456,9 @@ impl Context {
     fn apply_faults_at_start(&self) {
         self.learn();
         if let Some(outage) = self.protocol().downfall_at_start() {
-            self.control_page.fault_table().mark_injected(outage.place, now_ns());
+            self.control_page
+                .fault_table()
+                .mark_injected(outage.place, now_ns());
             self.leave(State::Gone);
             kill_self();
         }
@@ -405,7 +486,9 @@ impl Context {
         }
         self.skip_to(fault.until);
         self.entry().set_state(State::Running);
-        self.control_page.fault_table().mark_recovered(self.me, now_ns());
+        self.control_page
+            .fault_table()
+            .mark_recovered(self.me, now_ns());
         self.control_page.ring_all();
     }
 
@@ -426,12 +509,20 @@ impl Context {
     /// How far this process's clock is ahead of the machine's at an instant of that; negative where it is behind.
     #[inline]
     pub(crate) fn clock_error_ns(&self, now: u64) -> i64 {
-        if self.is_unharmed() { 0 } else { self.injected_clock_error_ns(now) }
+        if self.is_unharmed() {
+            0
+        } else {
+            self.injected_clock_error_ns(now)
+        }
     }
 
     #[cold]
     fn injected_clock_error_ns(&self, now: u64) -> i64 {
-        clock::error_ns(self.faults.known.borrow().of(self.me, self.tick.get()), self.control_page.fault_table(), now)
+        clock::error_ns(
+            self.faults.known.borrow().of(self.me, self.tick.get()),
+            self.control_page.fault_table(),
+            now,
+        )
     }
 
     /// In lockstep: nothing more of `tick` will come out of this process.

@@ -25,9 +25,18 @@ mod tests {
 
     #[test]
     fn the_rarest_cause_is_named() {
-        let before = Usage { major_faults: 1, preemptions: 5 };
-        let fault = Usage { major_faults: 2, preemptions: 6 };
-        let preempted = Usage { major_faults: 1, preemptions: 6 };
+        let before = Usage {
+            major_faults: 1,
+            preemptions: 5,
+        };
+        let fault = Usage {
+            major_faults: 2,
+            preemptions: 6,
+        };
+        let preempted = Usage {
+            major_faults: 1,
+            preemptions: 6,
+        };
         assert_eq!(cause(before, fault, true), Count::MissedMajorFault);
         assert_eq!(cause(before, preempted, true), Count::MissedPeerRestart);
         assert_eq!(cause(before, preempted, false), Count::MissedPreempted);

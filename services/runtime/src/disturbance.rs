@@ -33,7 +33,11 @@ impl Pauses {
 }
 
 /// Applies the disturbance's nice value and the delay of its start.
-pub(crate) fn begin(Disturbance { start_delay, nice, .. }: Disturbance) {
+pub(crate) fn begin(
+    Disturbance {
+        start_delay, nice, ..
+    }: Disturbance,
+) {
     if nice != 0
         && let Err(errno) = rustix::process::setpriority_process(None, nice)
     {
@@ -58,6 +62,9 @@ mod tests {
         assert_ne!(of(1), of(2));
         let made: Vec<_> = of(3).into_iter().flatten().collect();
         assert!((800..1_200).contains(&made.len()), "{} of 8000", made.len());
-        assert!(made.iter().all(|pause| *pause <= Duration::from_micros(Pauses::LONGEST_US)));
+        assert!(
+            made.iter()
+                .all(|pause| *pause <= Duration::from_micros(Pauses::LONGEST_US))
+        );
     }
 }

@@ -22,7 +22,9 @@ impl DoorbellPort {
     /// The doorbell of the process that a shell belongs to.
     #[must_use]
     pub fn of(shell: &Shell) -> Self {
-        Self { shared: shell.shared() }
+        Self {
+            shared: shell.shared(),
+        }
     }
 
     /// The process's iceoryx2 node; its services are in the run's directory.
@@ -33,15 +35,25 @@ impl DoorbellPort {
 
     /// Wakes the process at this place of the manifest if it waits.
     pub fn ring(&self, process: usize) {
-        self.shared.control_page.process(process).doorbell().ring(BIT);
+        self.shared
+            .control_page
+            .process(process)
+            .doorbell()
+            .ring(BIT);
     }
 
     /// Sleeps until `look` finds something; it is called again each time this process's doorbell has been rung. `None` when the run stops.
     ///
     /// # Errors
     /// [`Interrupted`] when nothing is found within the run's limit, or `look` fails.
-    pub fn wait<T, E: Display>(&self, mut look: impl FnMut() -> Result<Option<T>, E>) -> Result<Option<T>, Interrupted> {
-        let describe = || Wait { what: "a sample".to_owned(), from: "its writer".to_owned() };
+    pub fn wait<T, E: Display>(
+        &self,
+        mut look: impl FnMut() -> Result<Option<T>, E>,
+    ) -> Result<Option<T>, Interrupted> {
+        let describe = || Wait {
+            what: "a sample".to_owned(),
+            from: "its writer".to_owned(),
+        };
         let look = || look().map_err(|error| self.shared.port_failed("doorbell", error));
         match self.shared.wait(BIT, None, describe, look)? {
             Waited::Ready(found) => Ok(Some(found)),

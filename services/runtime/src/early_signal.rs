@@ -35,6 +35,12 @@ impl Shell {
 
 /// Without an image of the process's memory. Where the signal does not end it, its exit code does.
 fn end_by(signal: i32) {
-    let _ = setrlimit(Resource::Core, Rlimit { current: Some(0), maximum: Some(0) });
+    let _ = setrlimit(
+        Resource::Core,
+        Rlimit {
+            current: Some(0),
+            maximum: Some(0),
+        },
+    );
     let _ = signal_hook::low_level::emulate_default_handler(signal);
 }

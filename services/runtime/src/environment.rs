@@ -26,8 +26,13 @@ impl Shell {
     /// # Errors
     /// As [`Shell::from_environment`].
     pub fn started(run: Option<&Path>, process: Option<&str>) -> Result<Self, OpenError> {
-        let variable = |name: &'static str| std::env::var_os(name).ok_or(OpenError::NotStarted { variable: name });
-        let run = run.map_or_else(|| variable(RUN_VARIABLE).map(PathBuf::from), |run| Ok(run.to_owned()))?;
+        let variable = |name: &'static str| {
+            std::env::var_os(name).ok_or(OpenError::NotStarted { variable: name })
+        };
+        let run = run.map_or_else(
+            || variable(RUN_VARIABLE).map(PathBuf::from),
+            |run| Ok(run.to_owned()),
+        )?;
         let name = variable(PROCESS_VARIABLE).map(|name| name.to_string_lossy().into_owned());
         let name = name.or_else(|missing| process.map(str::to_owned).ok_or(missing))?;
         Self::open(&run, &name)
@@ -39,7 +44,10 @@ impl Shell {
     /// When its file cannot be read, or another version of armplane wrote it.
     pub fn job(&self) -> Result<Job, ProcessError> {
         let path = self.run_dir().join(JOB);
-        let text = std::fs::read(&path).map_err(|error| ProcessError::setup(format!("cannot read {}: {error}", path.display())))?;
-        serde_json::from_slice(&text).map_err(|error| ProcessError::setup(format!("{}: {error}", path.display())))
+        let text = std::fs::read(&path).map_err(|error| {
+            ProcessError::setup(format!("cannot read {}: {error}", path.display()))
+        })?;
+        serde_json::from_slice(&text)
+            .map_err(|error| ProcessError::setup(format!("{}: {error}", path.display())))
     }
 }

@@ -50,7 +50,9 @@ pub use checkpoint::CheckpointSlots;
 pub use clock::{now_ns, sleep_until};
 pub use complain::complain;
 pub use control_page::live_statistics::{Distribution, LiveSingularity, LiveState};
-pub use control_page::{ControlPage, ControlPageError, Count, Counts, Phase, ProcessEntry, State, Stop};
+pub use control_page::{
+    ControlPage, ControlPageError, Count, Counts, Phase, ProcessEntry, State, Stop,
+};
 pub use doorbell::DoorbellPort;
 pub use environment::{PROCESS_VARIABLE, RUN_VARIABLE};
 pub use fault::exit::Exit;

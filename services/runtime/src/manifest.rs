@@ -105,7 +105,9 @@ pub enum ManifestError {
         source: serde_json::Error,
     },
     /// Too many processes for the control_page.
-    #[error("the graph has {count} processes; at most {MAX_PROCESSES} have room on the control page")]
+    #[error(
+        "the graph has {count} processes; at most {MAX_PROCESSES} have room on the control page"
+    )]
     TooMany {
         /// How many.
         count: usize,
@@ -136,7 +138,12 @@ impl Manifest {
     /// All topics of the run, sorted: the index is the topic's bit on every doorbell.
     #[must_use]
     pub fn topics(&self) -> Vec<&str> {
-        let mut topics: Vec<&str> = self.processes.iter().flat_map(|p| p.reads.iter().chain(&p.writes)).map(String::as_str).collect();
+        let mut topics: Vec<&str> = self
+            .processes
+            .iter()
+            .flat_map(|p| p.reads.iter().chain(&p.writes))
+            .map(String::as_str)
+            .collect();
         topics.sort_unstable();
         topics.dedup();
         topics
@@ -157,18 +164,27 @@ impl Manifest {
     /// The one process that writes a topic.
     #[must_use]
     pub fn writer_of(&self, topic: &str) -> Option<usize> {
-        self.processes.iter().position(|p| p.writes.iter().any(|t| t == topic))
+        self.processes
+            .iter()
+            .position(|p| p.writes.iter().any(|t| t == topic))
     }
 
     /// How many processes read a topic.
     pub(crate) fn readers_of(&self, topic: &str) -> usize {
-        self.processes.iter().filter(|process| process.reads.iter().any(|read| read == topic)).count()
+        self.processes
+            .iter()
+            .filter(|process| process.reads.iter().any(|read| read == topic))
+            .count()
     }
 
     /// The processes that a message on this topic wakes.
     pub fn woken_by<'a>(&'a self, topic: &'a str) -> impl Iterator<Item = usize> + 'a {
         let reads = move |p: &Process| !p.polled && p.reads.iter().any(|t| t == topic);
-        self.processes.iter().enumerate().filter(move |(_, p)| reads(p)).map(|(index, _)| index)
+        self.processes
+            .iter()
+            .enumerate()
+            .filter(move |(_, p)| reads(p))
+            .map(|(index, _)| index)
     }
 
     /// One tick of the arm's time; ns.
@@ -184,7 +200,10 @@ impl Manifest {
     pub fn write(&self, run: &RunDir) -> Result<(), ManifestError> {
         self.check()?;
         let path = run.path().join("manifest.json");
-        let text = serde_json::to_vec_pretty(self).map_err(|source| ManifestError::Syntax { path: path.clone(), source })?;
+        let text = serde_json::to_vec_pretty(self).map_err(|source| ManifestError::Syntax {
+            path: path.clone(),
+            source,
+        })?;
         std::fs::write(&path, text).map_err(|source| ManifestError::File { path, source })
     }
 
@@ -194,28 +213,42 @@ impl Manifest {
     /// When there is none, or it is not one of this version.
     pub fn read(run: &RunDir) -> Result<Self, ManifestError> {
         let path = run.path().join("manifest.json");
-        let text = std::fs::read(&path).map_err(|source| ManifestError::File { path: path.clone(), source })?;
-        let manifest: Self = serde_json::from_slice(&text).map_err(|source| ManifestError::Syntax { path, source })?;
+        let text = std::fs::read(&path).map_err(|source| ManifestError::File {
+            path: path.clone(),
+            source,
+        })?;
+        let manifest: Self = serde_json::from_slice(&text)
+            .map_err(|source| ManifestError::Syntax { path, source })?;
         manifest.check()?;
         Ok(manifest)
     }
 
     fn check(&self) -> Result<(), ManifestError> {
         if self.processes.len() > MAX_PROCESSES {
-            return Err(ManifestError::TooMany { count: self.processes.len() });
+            return Err(ManifestError::TooMany {
+                count: self.processes.len(),
+            });
         }
         if !(1..=FASTEST_HZ).contains(&self.rate_hz) {
-            return Err(ManifestError::Rate { rate_hz: self.rate_hz });
+            return Err(ManifestError::Rate {
+                rate_hz: self.rate_hz,
+            });
         }
         let twice = |what, mut names: Vec<&String>| {
             names.sort_unstable();
             match names.windows(2).find(|pair| pair[0] == pair[1]) {
-                Some(pair) => Err(ManifestError::Twice { what, name: pair[0].clone() }),
+                Some(pair) => Err(ManifestError::Twice {
+                    what,
+                    name: pair[0].clone(),
+                }),
                 None => Ok(()),
             }
         };
         twice("process", self.processes.iter().map(|p| &p.name).collect())?;
-        twice("writer of topic", self.processes.iter().flat_map(|p| &p.writes).collect())
+        twice(
+            "writer of topic",
+            self.processes.iter().flat_map(|p| &p.writes).collect(),
+        )
     }
 }
 
@@ -225,11 +258,23 @@ mod tests {
 
     fn process(name: &str, reads: &[&str], writes: &[&str], polled: bool) -> Process {
         let own = |names: &[&str]| names.iter().map(ToString::to_string).collect();
-        Process { name: name.into(), reads: own(reads), writes: own(writes), polled, ..Process::default() }
+        Process {
+            name: name.into(),
+            reads: own(reads),
+            writes: own(writes),
+            polled,
+            ..Process::default()
+        }
     }
 
     fn manifest(processes: Vec<Process>) -> Manifest {
-        Manifest { mode: Mode::Lockstep, rate_hz: 1000, wait_limit: Some(Duration::from_secs(1)), processes, messages: Vec::new() }
+        Manifest {
+            mode: Mode::Lockstep,
+            rate_hz: 1000,
+            wait_limit: Some(Duration::from_secs(1)),
+            processes,
+            messages: Vec::new(),
+        }
     }
 
     #[test]
@@ -245,21 +290,55 @@ mod tests {
         assert_eq!(read, written);
         assert_eq!(read.topics(), ["sensor", "torque"]);
         assert_eq!(read.writer_of("torque"), Some(1));
-        assert_eq!(read.woken_by("sensor").collect::<Vec<_>>(), [1], "the recorder polls");
+        assert_eq!(
+            read.woken_by("sensor").collect::<Vec<_>>(),
+            [1],
+            "the recorder polls"
+        );
         assert_eq!(read.period_ns(), 1_000_000);
     }
 
     #[test]
     fn contradictions_are_refused() {
         let run = RunDir::create().unwrap();
-        let two_writers = manifest(vec![process("a", &[], &["sensor"], false), process("b", &[], &["sensor"], false)]);
-        assert!(two_writers.write(&run).unwrap_err().to_string().contains("\"sensor\" occurs twice"));
-        let two_names = manifest(vec![process("a", &[], &[], false), process("a", &[], &[], false)]);
-        assert!(matches!(two_names.write(&run), Err(ManifestError::Twice { what: "process", .. })));
-        let crowd = (0..=MAX_PROCESSES).map(|i| process(&i.to_string(), &[], &[], false)).collect();
-        assert!(matches!(manifest(crowd).write(&run), Err(ManifestError::TooMany { .. })));
+        let two_writers = manifest(vec![
+            process("a", &[], &["sensor"], false),
+            process("b", &[], &["sensor"], false),
+        ]);
+        assert!(
+            two_writers
+                .write(&run)
+                .unwrap_err()
+                .to_string()
+                .contains("\"sensor\" occurs twice")
+        );
+        let two_names = manifest(vec![
+            process("a", &[], &[], false),
+            process("a", &[], &[], false),
+        ]);
+        assert!(matches!(
+            two_names.write(&run),
+            Err(ManifestError::Twice {
+                what: "process",
+                ..
+            })
+        ));
+        let crowd = (0..=MAX_PROCESSES)
+            .map(|i| process(&i.to_string(), &[], &[], false))
+            .collect();
+        assert!(matches!(
+            manifest(crowd).write(&run),
+            Err(ManifestError::TooMany { .. })
+        ));
         for rate_hz in [0, FASTEST_HZ + 1, u32::MAX] {
-            assert!(matches!(Manifest { rate_hz, ..manifest(vec![]) }.write(&run), Err(ManifestError::Rate { .. })));
+            assert!(matches!(
+                Manifest {
+                    rate_hz,
+                    ..manifest(vec![])
+                }
+                .write(&run),
+                Err(ManifestError::Rate { .. })
+            ));
         }
     }
 }

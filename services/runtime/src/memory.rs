@@ -33,14 +33,30 @@ impl Slots {
     /// Maps the file, which is made where there is none.
     fn open(path: &Path, slots: usize, bytes: usize) -> std::io::Result<Self> {
         let length = HEAD + slots * bytes;
-        let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).mode(0o600).open(path)?;
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .mode(0o600)
+            .open(path)?;
         if file.metadata()?.len() < length as u64 {
             // Written, not only truncated: the memory is there now, or the error is.
             std::os::unix::fs::FileExt::write_all_at(&file, &vec![0; length], 0)?;
         }
         // SAFETY: a fresh shared mapping of a file that is at least this long; nothing else in this process lies there.
-        let address = unsafe { mmap(std::ptr::null_mut(), length, ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED, &file, 0)? };
-        let file = NonNull::new(address.cast()).ok_or_else(|| std::io::Error::other("mapped at address 0"))?;
+        let address = unsafe {
+            mmap(
+                std::ptr::null_mut(),
+                length,
+                ProtFlags::READ | ProtFlags::WRITE,
+                MapFlags::SHARED,
+                &file,
+                0,
+            )?
+        };
+        let file = NonNull::new(address.cast())
+            .ok_or_else(|| std::io::Error::other("mapped at address 0"))?;
         Ok(Self { file, slots, bytes })
     }
 
@@ -55,7 +71,12 @@ impl Slots {
 
     fn slot(&self, number: u64) -> *mut u64 {
         // SAFETY: the index is below the number of slots, and head and slots are multiples of 8 bytes.
-        unsafe { self.file.as_ptr().add(HEAD + (number % self.slots as u64) as usize * self.bytes).cast() }
+        unsafe {
+            self.file
+                .as_ptr()
+                .add(HEAD + (number % self.slots as u64) as usize * self.bytes)
+                .cast()
+        }
     }
 
     /// Adds a message in place of the oldest; one of another size is not one.
@@ -65,7 +86,11 @@ impl Slots {
         }
         let count = self.count().load(Ordering::Relaxed);
         // SAFETY: a slot of the mapping; there is one living writer, and readers look at the count afterwards.
-        unsafe { self.slot(count).cast::<u8>().copy_from_nonoverlapping(message.as_ptr(), message.len()) };
+        unsafe {
+            self.slot(count)
+                .cast::<u8>()
+                .copy_from_nonoverlapping(message.as_ptr(), message.len())
+        };
         fence(Ordering::Release);
         self.count().store(count.wrapping_add(1), Ordering::Release);
     }
@@ -77,11 +102,13 @@ impl Slots {
         }
         let slot = self.slot(number);
         // SAFETY: words of a slot of the mapping; a torn message is thrown away below.
-        let words = (0..self.bytes / size_of::<u64>()).map(|word| unsafe { slot.add(word).read_volatile() });
+        let words = (0..self.bytes / size_of::<u64>())
+            .map(|word| unsafe { slot.add(word).read_volatile() });
         let message = words.flat_map(u64::to_ne_bytes).collect();
         fence(Ordering::Acquire);
         // The writer may be at work on the slot from the moment on at which this is its next.
-        (self.count().load(Ordering::Relaxed) < number.saturating_add(self.slots as u64)).then_some(message)
+        (self.count().load(Ordering::Relaxed) < number.saturating_add(self.slots as u64))
+            .then_some(message)
     }
 }
 
@@ -98,7 +125,12 @@ pub(crate) struct HandedOver(Slots);
 impl HandedOver {
     /// Maps the file of the topic, which is made where there is none.
     pub(crate) fn open(run: &RunDir, topic: &str, bytes: usize) -> std::io::Result<Self> {
-        Slots::open(&run.path().join(format!("handed-over-{topic}")), 2 * depth(bytes), bytes).map(Self)
+        Slots::open(
+            &run.path().join(format!("handed-over-{topic}")),
+            2 * depth(bytes),
+            bytes,
+        )
+        .map(Self)
     }
 
     /// Adds a message in place of the oldest.
@@ -131,7 +163,11 @@ impl<M: Message> LastMade<M> {
     /// Maps the file of the topic, which is made where there is none.
     pub(crate) fn open(run: &RunDir) -> std::io::Result<Self> {
         // A third slot: of the last two none is the next to be written.
-        let slots = Slots::open(&run.path().join(format!("made-{}", M::TOPIC)), 3, size_of::<M>())?;
+        let slots = Slots::open(
+            &run.path().join(format!("made-{}", M::TOPIC)),
+            3,
+            size_of::<M>(),
+        )?;
         Ok(Self(slots, PhantomData))
     }
 
@@ -143,8 +179,12 @@ impl<M: Message> LastMade<M> {
     /// The last message made of a tick before `tick`, as far as it is known.
     pub(crate) fn before(&self, tick: u64) -> Option<M> {
         let made = self.0.written();
-        let last_made = (made.saturating_sub(2)..made).filter_map(|number| self.0.get(number)).map(|bytes| pod_read_unaligned::<M>(&bytes));
-        last_made.filter(|message| message.header().tick < tick).max_by_key(|message| message.header().tick)
+        let last_made = (made.saturating_sub(2)..made)
+            .filter_map(|number| self.0.get(number))
+            .map(|bytes| pod_read_unaligned::<M>(&bytes));
+        last_made
+            .filter(|message| message.header().tick < tick)
+            .max_by_key(|message| message.header().tick)
     }
 }
 
@@ -166,9 +206,18 @@ mod tests {
         let writer = LastMade::<TorqueCommand>::open(&run).unwrap();
         assert!(writer.before(u64::MAX).is_none());
         (5..8).for_each(|tick| writer.keep(&message(tick)));
-        assert_eq!((writer.before(7), writer.before(6)), (Some(message(6)), None), "two are kept");
+        assert_eq!(
+            (writer.before(7), writer.before(6)),
+            (Some(message(6)), None),
+            "two are kept"
+        );
         drop(writer);
-        assert_eq!(LastMade::<TorqueCommand>::open(&run).unwrap().before(u64::MAX), Some(message(7)));
+        assert_eq!(
+            LastMade::<TorqueCommand>::open(&run)
+                .unwrap()
+                .before(u64::MAX),
+            Some(message(7))
+        );
     }
 
     #[test]
@@ -183,7 +232,11 @@ mod tests {
         assert_eq!(reader.count(), count);
         for number in 0..count + 2 {
             let is_there = number + length > count && number < count;
-            assert_eq!(reader.get(number), is_there.then(|| bytes_of(&message(number)).to_vec()), "{number}");
+            assert_eq!(
+                reader.get(number),
+                is_there.then(|| bytes_of(&message(number)).to_vec()),
+                "{number}"
+            );
         }
     }
 }

@@ -19,7 +19,9 @@ pub enum Missing {
         allowed: Vec<usize>,
     },
     /// No real-time scheduling.
-    #[error("SCHED_FIFO priority {priority} ({reason}; needs CAP_SYS_NICE or `ulimit -r {priority}`)")]
+    #[error(
+        "SCHED_FIFO priority {priority} ({reason}; needs CAP_SYS_NICE or `ulimit -r {priority}`)"
+    )]
     Fifo {
         /// The priority asked for.
         priority: u8,
@@ -37,7 +39,14 @@ pub enum Missing {
 /// The cores this process may use.
 #[must_use]
 pub fn allowed_cores() -> Vec<usize> {
-    sched_getaffinity(None).map_or_else(|_| Vec::new(), |set| (0..CpuSet::MAX_CPU).filter(|&core| set.is_set(core)).collect())
+    sched_getaffinity(None).map_or_else(
+        |_| Vec::new(),
+        |set| {
+            (0..CpuSet::MAX_CPU)
+                .filter(|&core| set.is_set(core))
+                .collect()
+        },
+    )
 }
 
 /// Pins this process to a core.
@@ -49,7 +58,10 @@ pub fn pin(core: usize) -> Result<(), Missing> {
     if core < CpuSet::MAX_CPU {
         set.set(core);
     }
-    sched_setaffinity(None, &set).map_err(|_| Missing::Core { core, allowed: allowed_cores() })
+    sched_setaffinity(None, &set).map_err(|_| Missing::Core {
+        core,
+        allowed: allowed_cores(),
+    })
 }
 
 /// When the memory of a process is locked.
@@ -66,10 +78,16 @@ pub enum Lock {
 #[must_use]
 pub fn enter(priority: Option<u8>, lock: Lock) -> Vec<Missing> {
     let all = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE;
-    let memory = if lock == Lock::AtOnce { all } else { all | MlockAllFlags::ONFAULT };
+    let memory = if lock == Lock::AtOnce {
+        all
+    } else {
+        all | MlockAllFlags::ONFAULT
+    };
     let mut missing = Vec::new();
     if let Err(errno) = mlockall(memory) {
-        missing.push(Missing::LockedMemory { reason: errno.to_string() });
+        missing.push(Missing::LockedMemory {
+            reason: errno.to_string(),
+        });
     }
     touch_stack();
     missing.extend(priority.and_then(|priority| set_fifo_priority(priority).err()));
@@ -81,7 +99,10 @@ pub fn enter(priority: Option<u8>, lock: Lock) -> Vec<Missing> {
 /// # Errors
 /// When this process may not.
 pub fn set_fifo_priority(priority: u8) -> Result<(), Missing> {
-    schedule(libc::SCHED_FIFO, priority).map_err(|error| Missing::Fifo { priority, reason: error.to_string() })
+    schedule(libc::SCHED_FIFO, priority).map_err(|error| Missing::Fifo {
+        priority,
+        reason: error.to_string(),
+    })
 }
 
 /// Takes a `SCHED_RR` priority for this thread, and for the processes that it starts from now on: as `SCHED_FIFO`, but equals on a core take turns.
@@ -89,14 +110,20 @@ pub fn set_fifo_priority(priority: u8) -> Result<(), Missing> {
 /// # Errors
 /// [`Missing::Fifo`] where the kernel does not grant it.
 pub fn set_round_robin_priority(priority: u8) -> Result<(), Missing> {
-    schedule(libc::SCHED_RR, priority).map_err(|error| Missing::Fifo { priority, reason: error.to_string() })
+    schedule(libc::SCHED_RR, priority).map_err(|error| Missing::Fifo {
+        priority,
+        reason: error.to_string(),
+    })
 }
 
 /// Whether this thread has ordinary scheduling, no real-time priority.
 #[must_use]
 pub fn is_ordinary() -> bool {
     // SAFETY: a plain system call on this thread.
-    !matches!(unsafe { libc::sched_getscheduler(0) }, libc::SCHED_FIFO | libc::SCHED_RR)
+    !matches!(
+        unsafe { libc::sched_getscheduler(0) },
+        libc::SCHED_FIFO | libc::SCHED_RR
+    )
 }
 
 /// Back to ordinary scheduling, which is always allowed.
@@ -105,7 +132,9 @@ pub fn set_ordinary_scheduling() {
 }
 
 fn schedule(policy: i32, priority: u8) -> std::io::Result<()> {
-    let parameters = libc::sched_param { sched_priority: i32::from(priority) };
+    let parameters = libc::sched_param {
+        sched_priority: i32::from(priority),
+    };
     // SAFETY: a plain system call on this thread with a valid structure.
     match unsafe { libc::sched_setscheduler(0, policy, &raw const parameters) } {
         0 => Ok(()),
@@ -171,7 +200,10 @@ impl Usage {
         let mut usage: libc::rusage = unsafe { std::mem::zeroed() };
         // SAFETY: a plain system call that fills the structure.
         unsafe { libc::getrusage(libc::RUSAGE_THREAD, &raw mut usage) };
-        Self { major_faults: usage.ru_majflt, preemptions: usage.ru_nivcsw }
+        Self {
+            major_faults: usage.ru_majflt,
+            preemptions: usage.ru_nivcsw,
+        }
     }
 }
 
@@ -179,7 +211,10 @@ impl Usage {
 #[must_use]
 pub fn cpu_time_s() -> f64 {
     // By libc: rustix looks for the kernel's own functions in memory that valgrind does not map, and the recorder is measured under it.
-    let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+    let mut time = libc::timespec {
+        tv_sec: 0,
+        tv_nsec: 0,
+    };
     // SAFETY: a plain system call that fills the structure; it leaves zeros where it fails.
     unsafe { libc::clock_gettime(libc::CLOCK_PROCESS_CPUTIME_ID, &raw mut time) };
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
@@ -229,14 +264,24 @@ mod tests {
         let allowed = allowed_cores();
         assert!(!allowed.is_empty());
         match pin(CpuSet::MAX_CPU - 1) {
-            Err(Missing::Core { core, allowed: named }) => assert_eq!((core, named), (CpuSet::MAX_CPU - 1, allowed)),
+            Err(Missing::Core {
+                core,
+                allowed: named,
+            }) => assert_eq!((core, named), (CpuSet::MAX_CPU - 1, allowed)),
             other => panic!("pinned to a core that does not exist: {other:?}"),
         }
     }
 
     #[test]
     fn missing_rights_say_what_would_give_them() {
-        let text = Missing::Fifo { priority: 80, reason: "not permitted".into() }.to_string();
-        assert!(text.contains("CAP_SYS_NICE") && text.contains("ulimit -r 80"), "{text}");
+        let text = Missing::Fifo {
+            priority: 80,
+            reason: "not permitted".into(),
+        }
+        .to_string();
+        assert!(
+            text.contains("CAP_SYS_NICE") && text.contains("ulimit -r 80"),
+            "{text}"
+        );
     }
 }

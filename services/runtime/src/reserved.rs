@@ -15,7 +15,11 @@ pub fn reserve(path: &Path, bytes: usize) -> io::Result<()> {
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
         _ => {}
     }
-    OpenOptions::new().write(true).create_new(true).open(room)?.write_all(&vec![0; bytes])
+    OpenOptions::new()
+        .write(true)
+        .create_new(true)
+        .open(room)?
+        .write_all(&vec![0; bytes])
 }
 
 /// Makes the file `path` with `text`, in the memory that [`reserve`] took for it where there is some. The file appears whole or not at all.
@@ -25,7 +29,11 @@ pub fn reserve(path: &Path, bytes: usize) -> io::Result<()> {
 pub fn write_reserved(path: &Path, text: &[u8]) -> io::Result<()> {
     let room = room(path);
     // Not truncated before it is written: that would give the memory back.
-    let mut file = OpenOptions::new().write(true).create(true).truncate(false).open(&room)?;
+    let mut file = OpenOptions::new()
+        .write(true)
+        .create(true)
+        .truncate(false)
+        .open(&room)?;
     file.write_all(text)?;
     file.set_len(text.len() as u64)?;
     fs::rename(room, path)

@@ -42,7 +42,10 @@ impl Rounds {
                 }
                 // Not before one more round: everything before the tick of its fall is taken in and safe by then.
                 shared.learn();
-                self.is_falling.set(shared.protocol().downfall(ticks).is_some() && shared.protocol().is_settled(ticks));
+                self.is_falling.set(
+                    shared.protocol().downfall(ticks).is_some()
+                        && shared.protocol().is_settled(ticks),
+                );
             }
             Round::Before => {
                 if matches!(shared.start()?, Waited::Stopped) {
@@ -52,13 +55,17 @@ impl Rounds {
             }
         }
         let is_awaited = Cell::new(false);
-        each_other(shared, |line| is_awaited.set(is_awaited.get() || line.doorbell().is_armed_for(PROGRESS)));
+        each_other(shared, |line| {
+            is_awaited.set(is_awaited.get() || line.doorbell().is_armed_for(PROGRESS))
+        });
         if !is_awaited.get() && !shared.is_stopping() && !self.is_falling.get() {
             let doorbell = shared.entry().doorbell();
             let seen = doorbell.rings();
             doorbell.arm(ANYTHING);
             if !shared.is_stopping() {
-                let most = shared.recorder_lag.saturating_mul(shared.manifest.period_ns());
+                let most = shared
+                    .recorder_lag
+                    .saturating_mul(shared.manifest.period_ns());
                 let worked = now_ns().saturating_sub(self.began_ns.get());
                 if let left @ 1.. = (every.as_nanos() as u64).min(most).saturating_sub(worked) {
                     doorbell.sleep(seen, Some(left));
@@ -71,7 +78,11 @@ impl Rounds {
         let last = shared.is_stopping();
         shared.apply_volume_faults(shared.entry().ticks(), last);
         shared.burden(shared.entry().ticks());
-        self.round.set(if last { Round::Last } else { Round::From(ticks_made(shared)) });
+        self.round.set(if last {
+            Round::Last
+        } else {
+            Round::From(ticks_made(shared))
+        });
         Ok(true)
     }
 
@@ -87,7 +98,11 @@ impl Rounds {
 
     /// Ticks that had begun before the round in hand.
     pub(crate) fn ticks_begun(&self) -> u64 {
-        if let Round::From(ticks) = self.round.get() { ticks } else { 0 }
+        if let Round::From(ticks) = self.round.get() {
+            ticks
+        } else {
+            0
+        }
     }
 
     /// Whether the process dies, or stands still, when it has said how far it is: what it has taken in must be safe before.
@@ -111,11 +126,17 @@ fn ticks_made(shared: &Context) -> u64 {
     let processes = &shared.manifest.processes;
     match processes.iter().position(|process| process.makes_ticks) {
         Some(source) => ticks(source),
-        None => (0..processes.len()).filter(|&index| index != shared.me).map(ticks).max().unwrap_or(0),
+        None => (0..processes.len())
+            .filter(|&index| index != shared.me)
+            .map(ticks)
+            .max()
+            .unwrap_or(0),
     }
 }
 
 fn each_other(shared: &Context, act: impl Fn(&ProcessEntry)) {
     let me = shared.me;
-    (0..shared.manifest.processes.len()).filter(|&index| index != me).for_each(|i| act(shared.control_page.process(i)));
+    (0..shared.manifest.processes.len())
+        .filter(|&index| index != me)
+        .for_each(|i| act(shared.control_page.process(i)));
 }

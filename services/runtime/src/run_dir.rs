@@ -40,7 +40,9 @@ pub struct RunDir {
 #[derive(Debug, thiserror::Error)]
 pub enum RunDirError {
     /// The directory cannot be made.
-    #[error("cannot create {path} for the run: {source}; {SHM} must be a writable memory file system (see `armplane doctor`)")]
+    #[error(
+        "cannot create {path} for the run: {source}; {SHM} must be a writable memory file system (see `armplane doctor`)"
+    )]
     Create {
         /// Which.
         path: PathBuf,
@@ -72,7 +74,9 @@ pub enum RunDirError {
         missing: u64,
     },
     /// Its own process entry cannot be read.
-    #[error("cannot read /proc/self/stat, which tells this process's start time: is /proc mounted?")]
+    #[error(
+        "cannot read /proc/self/stat, which tells this process's start time: is /proc mounted?"
+    )]
     NoProc,
 }
 
@@ -106,15 +110,29 @@ impl RunDir {
             path = Path::new(SHM).join(format!("{}{pid}-{start:x}-{n:x}", own_prefix()));
             match fs::DirBuilder::new().mode(0o700).create(&path) {
                 Ok(()) => break,
-                Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists && attempt + 1 < ATTEMPTS => {}
+                Err(error)
+                    if error.kind() == std::io::ErrorKind::AlreadyExists
+                        && attempt + 1 < ATTEMPTS => {}
                 Err(source) => return Err(RunDirError::Create { path, source }),
             }
         }
-        let failed = |source| RunDirError::Create { path: path.clone(), source };
-        let owner = rustix::fs::open(&path, OFlags::RDONLY | OFlags::DIRECTORY | OFlags::CLOEXEC, Mode::empty())
-            .and_then(|fd| rustix::fs::flock(&fd, FlockOperation::NonBlockingLockExclusive).map(|()| fd))
-            .map_err(|errno| failed(errno.into()))?;
-        Ok(Self { path, owner: Some(owner) })
+        let failed = |source| RunDirError::Create {
+            path: path.clone(),
+            source,
+        };
+        let owner = rustix::fs::open(
+            &path,
+            OFlags::RDONLY | OFlags::DIRECTORY | OFlags::CLOEXEC,
+            Mode::empty(),
+        )
+        .and_then(|fd| {
+            rustix::fs::flock(&fd, FlockOperation::NonBlockingLockExclusive).map(|()| fd)
+        })
+        .map_err(|errno| failed(errno.into()))?;
+        Ok(Self {
+            path,
+            owner: Some(owner),
+        })
     }
 
     /// Opens the directory that a launcher made.
@@ -122,12 +140,25 @@ impl RunDir {
     /// # Errors
     /// When it does not exist, or belongs to another user, or others may enter it.
     pub fn open(path: &Path) -> Result<Self, RunDirError> {
-        let not_a_run = |reason: String| RunDirError::NotARun { path: path.to_owned(), reason };
+        let not_a_run = |reason: String| RunDirError::NotARun {
+            path: path.to_owned(),
+            reason,
+        };
         let metadata = fs::symlink_metadata(path).map_err(|e| not_a_run(e.to_string()))?;
-        if !metadata.is_dir() || metadata.uid() != rustix::process::geteuid().as_raw() || metadata.mode() & 0o077 != 0 {
-            return Err(not_a_run(format!("owner {}, mode {:o}", metadata.uid(), metadata.mode() & 0o7777)));
+        if !metadata.is_dir()
+            || metadata.uid() != rustix::process::geteuid().as_raw()
+            || metadata.mode() & 0o077 != 0
+        {
+            return Err(not_a_run(format!(
+                "owner {}, mode {:o}",
+                metadata.uid(),
+                metadata.mode() & 0o7777
+            )));
         }
-        Ok(Self { path: path.to_owned(), owner: None })
+        Ok(Self {
+            path: path.to_owned(),
+            owner: None,
+        })
     }
 
     /// The directory.
@@ -139,13 +170,21 @@ impl RunDir {
     /// Its name, which tells the run from every other one on this machine.
     #[must_use]
     pub fn name(&self) -> &str {
-        self.path.file_name().and_then(|name| name.to_str()).unwrap_or_default()
+        self.path
+            .file_name()
+            .and_then(|name| name.to_str())
+            .unwrap_or_default()
     }
 
     /// Takes the place of a process in the run, as long as the file is open; `None`: another process has it.
     pub(crate) fn occupy(&self, process: &str) -> std::io::Result<Option<fs::File>> {
         let path = self.path.join(format!("occupied-{process}"));
-        let file = fs::OpenOptions::new().create(true).truncate(false).write(true).mode(0o600).open(path)?;
+        let file = fs::OpenOptions::new()
+            .create(true)
+            .truncate(false)
+            .write(true)
+            .mode(0o600)
+            .open(path)?;
         match file.try_lock() {
             Ok(()) => Ok(Some(file)),
             Err(fs::TryLockError::WouldBlock) => Ok(None),
@@ -158,13 +197,21 @@ impl RunDir {
     pub fn list() -> Vec<FoundRun> {
         let mut runs: Vec<FoundRun> = Vec::new();
         for (name, path) in entries() {
-            let Some((launcher_pid, start)) = owner_of(&name) else { continue };
+            let Some((launcher_pid, start)) = owner_of(&name) else {
+                continue;
+            };
             let bytes = disk_usage(&path);
             match runs.iter_mut().find(|run| run.name == name) {
                 Some(run) => run.bytes += bytes,
                 None => {
-                    let alive = start_time(&launcher_pid.to_string()) == Some(start) || is_locked(&name);
-                    runs.push(FoundRun { name, launcher_pid, alive, bytes });
+                    let alive =
+                        start_time(&launcher_pid.to_string()) == Some(start) || is_locked(&name);
+                    runs.push(FoundRun {
+                        name,
+                        launcher_pid,
+                        alive,
+                        bytes,
+                    });
                 }
             }
         }
@@ -186,7 +233,10 @@ impl RunDir {
 
     /// Takes the rights of others away from the run's files beside the directory: iceoryx2 makes its node counter writable for everybody.
     pub(crate) fn make_private(&self) -> std::io::Result<()> {
-        for (_, path) in entries().into_iter().filter(|(name, _)| name == self.name()) {
+        for (_, path) in entries()
+            .into_iter()
+            .filter(|(name, _)| name == self.name())
+        {
             if let Some(file) = own_file(&path)? {
                 rustix::fs::fchmod(&file, Mode::RUSR | Mode::WUSR)?;
             }
@@ -200,16 +250,30 @@ impl RunDir {
     /// # Errors
     /// [`RunDirError::Full`] with the number of bytes that are missing.
     pub fn reserve(&self) -> Result<(), RunDirError> {
-        let mut files: Vec<PathBuf> = entries().into_iter().filter(|(name, _)| name == self.name()).map(|(_, path)| path).collect();
+        let mut files: Vec<PathBuf> = entries()
+            .into_iter()
+            .filter(|(name, _)| name == self.name())
+            .map(|(_, path)| path)
+            .collect();
         let mut missing = 0;
         while let Some(path) = files.pop() {
             if path.is_dir() {
-                files.extend(fs::read_dir(&path).into_iter().flatten().flatten().map(|entry| entry.path()));
+                files.extend(
+                    fs::read_dir(&path)
+                        .into_iter()
+                        .flatten()
+                        .flatten()
+                        .map(|entry| entry.path()),
+                );
                 continue;
             }
             // A file of a passing moment may be gone.
-            let Ok(Some(file)) = own_file(&path) else { continue };
-            let Ok(stat) = rustix::fs::fstat(&file) else { continue };
+            let Ok(Some(file)) = own_file(&path) else {
+                continue;
+            };
+            let Ok(stat) = rustix::fs::fstat(&file) else {
+                continue;
+            };
             let (size, allocated) = (stat.st_size as u64, stat.st_blocks as u64 * 512);
             if size > allocated && fallocate(&file, FallocateFlags::empty(), 0, size).is_err() {
                 missing += size - allocated;
@@ -217,7 +281,9 @@ impl RunDir {
         }
         match missing {
             0 => Ok(()),
-            _ => Err(RunDirError::Full { missing: missing.saturating_sub(free_bytes()).max(1) }),
+            _ => Err(RunDirError::Full {
+                missing: missing.saturating_sub(free_bytes()).max(1),
+            }),
         }
     }
 
@@ -255,7 +321,9 @@ impl Drop for RunDir {
 /// Bytes free in shared memory; none where there is no such file system, which the first file says better.
 #[must_use]
 pub fn free_bytes() -> u64 {
-    rustix::fs::statvfs(SHM).map_or(u64::MAX, |space| space.f_bavail.saturating_mul(space.f_frsize))
+    rustix::fs::statvfs(SHM).map_or(u64::MAX, |space| {
+        space.f_bavail.saturating_mul(space.f_frsize)
+    })
 }
 
 /// A regular file of this user, opened without following a link; `None` where it is anything else.
@@ -263,7 +331,9 @@ fn own_file(path: &Path) -> std::io::Result<Option<OwnedFd>> {
     let flags = OFlags::RDWR | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
     let file = match rustix::fs::open(path, flags, Mode::empty()) {
         Ok(file) => file,
-        Err(Errno::LOOP | Errno::ISDIR | Errno::NOENT | Errno::ACCESS | Errno::NXIO) => return Ok(None),
+        Err(Errno::LOOP | Errno::ISDIR | Errno::NOENT | Errno::ACCESS | Errno::NXIO) => {
+            return Ok(None);
+        }
         Err(errno) => return Err(errno.into()),
     };
     let stat = rustix::fs::fstat(&file)?;
@@ -278,13 +348,16 @@ fn own_prefix() -> String {
 /// Everything of this user's runs in shared memory: the run's name and the path.
 fn entries() -> Vec<(String, PathBuf)> {
     let prefix = own_prefix();
-    let Ok(listing) = fs::read_dir(SHM) else { return Vec::new() };
+    let Ok(listing) = fs::read_dir(SHM) else {
+        return Vec::new();
+    };
     listing
         .flatten()
         .filter_map(|entry| {
             let file_name = entry.file_name().into_string().ok()?;
             // A file of another user is no part of a run of this one, whatever its name.
-            let is_own = fs::symlink_metadata(entry.path()).is_ok_and(|metadata| metadata.uid() == rustix::process::geteuid().as_raw());
+            let is_own = fs::symlink_metadata(entry.path())
+                .is_ok_and(|metadata| metadata.uid() == rustix::process::geteuid().as_raw());
             (is_own && file_name.starts_with(&prefix)).then(|| {
                 let name = file_name.split('.').next().unwrap_or_default().to_owned();
                 (name, entry.path())
@@ -298,28 +371,48 @@ fn owner_of(name: &str) -> Option<(u32, u64)> {
     let mut parts = name.strip_prefix(&own_prefix())?.split('-');
     let (pid, start, n) = (parts.next()?, parts.next()?, parts.next()?);
     u32::from_str_radix(n, 16).ok()?;
-    parts.next().is_none().then_some((pid.parse().ok()?, u64::from_str_radix(start, 16).ok()?))
+    parts
+        .next()
+        .is_none()
+        .then_some((pid.parse().ok()?, u64::from_str_radix(start, 16).ok()?))
 }
 
 /// When a process started, in clock ticks since boot.
 fn start_time(pid: &str) -> Option<u64> {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
     // The second field is the command in parentheses and may contain anything: count from its end.
-    stat.rsplit_once(')')?.1.split_whitespace().nth(19)?.parse().ok()
+    stat.rsplit_once(')')?
+        .1
+        .split_whitespace()
+        .nth(19)?
+        .parse()
+        .ok()
 }
 
 fn is_locked(name: &str) -> bool {
     let path = Path::new(SHM).join(name);
-    match rustix::fs::open(&path, OFlags::RDONLY | OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::CLOEXEC, Mode::empty()) {
-        Ok(fd) => rustix::fs::flock(&fd, FlockOperation::NonBlockingLockExclusive) == Err(rustix::io::Errno::WOULDBLOCK),
+    match rustix::fs::open(
+        &path,
+        OFlags::RDONLY | OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::CLOEXEC,
+        Mode::empty(),
+    ) {
+        Ok(fd) => {
+            rustix::fs::flock(&fd, FlockOperation::NonBlockingLockExclusive)
+                == Err(rustix::io::Errno::WOULDBLOCK)
+        }
         Err(_) => false,
     }
 }
 
 fn disk_usage(path: &Path) -> u64 {
-    let Ok(metadata) = fs::symlink_metadata(path) else { return 0 };
+    let Ok(metadata) = fs::symlink_metadata(path) else {
+        return 0;
+    };
     let inside = match fs::read_dir(path) {
-        Ok(listing) if metadata.is_dir() => listing.flatten().map(|entry| disk_usage(&entry.path())).sum(),
+        Ok(listing) if metadata.is_dir() => listing
+            .flatten()
+            .map(|entry| disk_usage(&entry.path()))
+            .sum(),
         _ => 0,
     };
     metadata.blocks() * 512 + inside
@@ -328,10 +421,17 @@ fn disk_usage(path: &Path) -> u64 {
 /// The files first, the directory last: as long as anything is left, the directory shows it.
 fn remove_files(name: &str) -> Result<(), RunDirError> {
     let mut first_error = None;
-    let (directories, files): (Vec<_>, Vec<_>) =
-        entries().into_iter().filter(|entry| entry.0 == name).map(|entry| entry.1).partition(|path| path.is_dir());
+    let (directories, files): (Vec<_>, Vec<_>) = entries()
+        .into_iter()
+        .filter(|entry| entry.0 == name)
+        .map(|entry| entry.1)
+        .partition(|path| path.is_dir());
     for path in files.into_iter().chain(directories) {
-        let removed = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+        let removed = if path.is_dir() {
+            fs::remove_dir_all(&path)
+        } else {
+            fs::remove_file(&path)
+        };
         if let Err(source) = removed
             && source.kind() != std::io::ErrorKind::NotFound
         {
@@ -352,10 +452,17 @@ mod tests {
         let run = RunDir::create().unwrap();
         let (name, path) = (run.name().to_owned(), run.path().to_owned());
         assert_eq!(fs::metadata(&path).unwrap().mode() & 0o777, 0o700);
-        assert!(path.as_os_str().len() < 66, "{} is too long for a socket path", path.display());
+        assert!(
+            path.as_os_str().len() < 66,
+            "{} is too long for a socket path",
+            path.display()
+        );
         fs::write(path.join("inside"), "x").unwrap();
         fs::write(Path::new(SHM).join(format!("{name}.segment")), "x").unwrap();
-        let found = RunDir::list().into_iter().find(|run| run.name == name).unwrap();
+        let found = RunDir::list()
+            .into_iter()
+            .find(|run| run.name == name)
+            .unwrap();
         assert!(found.alive && found.launcher_pid == std::process::id() && found.bytes > 0);
         RunDir::open(&path).unwrap();
         drop(run);
@@ -371,13 +478,22 @@ mod tests {
         fs::write(Path::new(SHM).join(format!("{dead}.segment")), "x").unwrap();
         let removed = RunDir::remove_stale().unwrap();
         assert!(removed.iter().any(|run| run.name == dead));
-        assert!(!Path::new(SHM).join(&dead).exists() && !Path::new(SHM).join(format!("{dead}.segment")).exists());
+        assert!(
+            !Path::new(SHM).join(&dead).exists()
+                && !Path::new(SHM).join(format!("{dead}.segment")).exists()
+        );
         assert!(living.path().exists());
     }
 
     #[test]
     fn names_that_are_not_ours_are_left_alone() {
-        for name in ["armplane", "armplane-0", "armplane-0-x-1-0", "armplane-0-1-1-0-7", "something-else"] {
+        for name in [
+            "armplane",
+            "armplane-0",
+            "armplane-0-x-1-0",
+            "armplane-0-1-1-0-7",
+            "something-else",
+        ] {
             assert_eq!(owner_of(name), None, "{name}");
         }
     }
@@ -386,7 +502,10 @@ mod tests {
     fn a_directory_that_others_may_enter_is_refused() {
         let run = RunDir::create().unwrap();
         fs::set_permissions(run.path(), fs::Permissions::from_mode(0o755)).unwrap();
-        assert!(matches!(RunDir::open(run.path()), Err(RunDirError::NotARun { .. })));
+        assert!(matches!(
+            RunDir::open(run.path()),
+            Err(RunDirError::NotARun { .. })
+        ));
     }
 
     #[test]
@@ -395,7 +514,10 @@ mod tests {
         let target = run.path().join("target");
         fs::write(&target, "x").unwrap();
         fs::set_permissions(&target, fs::Permissions::from_mode(0o644)).unwrap();
-        let (link, own) = (Path::new(SHM).join(format!("{}.link", run.name())), Path::new(SHM).join(format!("{}.own", run.name())));
+        let (link, own) = (
+            Path::new(SHM).join(format!("{}.link", run.name())),
+            Path::new(SHM).join(format!("{}.own", run.name())),
+        );
         std::os::unix::fs::symlink(&target, &link).unwrap();
         fs::write(&own, "x").unwrap();
         fs::set_permissions(&own, fs::Permissions::from_mode(0o666)).unwrap();
@@ -409,13 +531,23 @@ mod tests {
     #[test]
     fn reserved_memory_is_there() {
         let run = RunDir::create().unwrap();
-        let (inside, beside) = (run.path().join("inside"), Path::new(SHM).join(format!("{}.beside", run.name())));
+        let (inside, beside) = (
+            run.path().join("inside"),
+            Path::new(SHM).join(format!("{}.beside", run.name())),
+        );
         for path in [&inside, &beside] {
             fs::File::create(path).unwrap().set_len(1 << 20).unwrap();
         }
         run.reserve().unwrap();
-        assert!([inside, beside].iter().all(|path| fs::metadata(path).unwrap().blocks() * 512 >= 1 << 20));
-        fs::File::create(run.path().join("huge")).unwrap().set_len(1 << 50).unwrap();
+        assert!(
+            [inside, beside]
+                .iter()
+                .all(|path| fs::metadata(path).unwrap().blocks() * 512 >= 1 << 20)
+        );
+        fs::File::create(run.path().join("huge"))
+            .unwrap()
+            .set_len(1 << 50)
+            .unwrap();
         assert!(matches!(run.reserve(), Err(RunDirError::Full { missing }) if missing > 1 << 49));
     }
 }

@@ -60,13 +60,17 @@ pub enum OpenError {
         known: String,
     },
     /// No graph started this program.
-    #[error("{variable} is not set: this program is a process of a graph, start it with `armplane run SCENARIO --graph FILE.toml`")]
+    #[error(
+        "{variable} is not set: this program is a process of a graph, start it with `armplane run SCENARIO --graph FILE.toml`"
+    )]
     NotStarted {
         /// The environment variable that is missing.
         variable: &'static str,
     },
     /// The process of that name runs already.
-    #[error("{process} of the run {run} is process {pid} already: the run starts each of its processes itself, once")]
+    #[error(
+        "{process} of the run {run} is process {pid} already: the run starts each of its processes itself, once"
+    )]
     Occupied {
         /// The name in the graph.
         process: String,
@@ -90,7 +94,9 @@ pub enum OpenError {
         source: std::io::Error,
     },
     /// No thread.
-    #[error("cannot start the watchdog thread: {0} (the limits on processes and threads, `ulimit -u`, and on memory, `ulimit -v`)")]
+    #[error(
+        "cannot start the watchdog thread: {0} (the limits on processes and threads, `ulimit -u`, and on memory, `ulimit -v`)"
+    )]
     Watchdog(std::io::Error),
 }
 
@@ -156,15 +162,32 @@ impl Shell {
         let run = RunDir::open(run)?;
         let manifest = Manifest::read(&run)?;
         let Some(me) = manifest.index_of(process) else {
-            let known = manifest.processes.iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ");
-            return Err(OpenError::NotInGraph { process: process.into(), run: run.path().display().to_string(), known });
+            let known = manifest
+                .processes
+                .iter()
+                .map(|p| p.name.as_str())
+                .collect::<Vec<_>>()
+                .join(", ");
+            return Err(OpenError::NotInGraph {
+                process: process.into(),
+                run: run.path().display().to_string(),
+                known,
+            });
         };
         let control_page = Arc::new(ControlPage::open(&run)?);
-        let occupied = || OpenError::Occupied { process: process.into(), run: run.name().into(), pid: control_page.process(me).pid() };
-        let occupancy = run.occupy(process).map_err(OpenError::Occupancy)?.ok_or_else(occupied)?;
+        let occupied = || OpenError::Occupied {
+            process: process.into(),
+            run: run.name().into(),
+            pid: control_page.process(me).pid(),
+        };
+        let occupancy = run
+            .occupy(process)
+            .map_err(OpenError::Occupancy)?
+            .ok_or_else(occupied)?;
         let signalled = Arc::new(AtomicBool::new(false));
         for signal in [libc::SIGTERM, libc::SIGINT] {
-            signal_hook::flag::register(signal, Arc::clone(&signalled)).map_err(OpenError::Signals)?;
+            signal_hook::flag::register(signal, Arc::clone(&signalled))
+                .map_err(OpenError::Signals)?;
         }
         // Before the process is pinned: the watchdog may run on any core.
         Watchdog::start(&control_page, me).map_err(OpenError::Watchdog)?;
@@ -172,7 +195,11 @@ impl Shell {
         let disturbance = manifest.processes[me].disturbance;
         disturbance::begin(disturbance);
         let bus = join(&run, process, false)?;
-        let stops_at = if manifest.processes[me].polled { Stop::Everything } else { Stop::Chain };
+        let stops_at = if manifest.processes[me].polled {
+            Stop::Everything
+        } else {
+            Stop::Chain
+        };
         let foreign = manifest.messages.iter().map(|message| depth(message.bytes));
         let least = foreign.fold(least_depth(&manifest.topics()), usize::min);
         let shared = Context {
@@ -185,7 +212,10 @@ impl Shell {
             control_page,
             bus,
             me,
-            stop: StopFlag { at: stops_at, signalled },
+            stop: StopFlag {
+                at: stops_at,
+                signalled,
+            },
             has_started: Cell::new(false),
             tick: Cell::new(0),
             pauses: RefCell::new(disturbance.pauses.map(Pauses::new)),
@@ -195,7 +225,11 @@ impl Shell {
         shared.learn();
         shared.tick.set(shared.returns_at());
         let shared = Rc::new(shared);
-        Ok(Self { shared, rounds: Rounds::default(), _occupancy: occupancy })
+        Ok(Self {
+            shared,
+            rounds: Rounds::default(),
+            _occupancy: occupancy,
+        })
     }
 
     /// Reads a topic message by message: the next tick in lockstep, the newest in real time.
@@ -204,7 +238,10 @@ impl Shell {
     /// When the graph does not list this process as its reader, or the wire formats differ.
     pub fn reader<M: Message>(&self) -> Result<Reader<M>, TopicError> {
         self.declared::<M>("read")?;
-        Ok(Reader::new(Rc::clone(&self.shared), self.receiver(Format::of::<M>(), CHAIN_DEPTH)?))
+        Ok(Reader::new(
+            Rc::clone(&self.shared),
+            self.receiver(Format::of::<M>(), CHAIN_DEPTH)?,
+        ))
     }
 
     /// Reads everything of a topic, in order, in rounds of [`Shell::poll`]: for the recorder.
@@ -213,7 +250,10 @@ impl Shell {
     /// As [`Shell::reader`].
     pub fn collector<M: Message>(&self) -> Result<Collector<M>, TopicError> {
         self.declared::<M>("read")?;
-        Ok(Collector::new(Rc::clone(&self.shared), self.receiver(Format::of::<M>(), RECORDER_DEPTH)?))
+        Ok(Collector::new(
+            Rc::clone(&self.shared),
+            self.receiver(Format::of::<M>(), RECORDER_DEPTH)?,
+        ))
     }
 
     /// Reads everything of a topic whose message only the graph knows, in order, in rounds of [`Shell::poll`]: for the recorder.
@@ -221,10 +261,21 @@ impl Shell {
     /// # Errors
     /// When the graph declares no such message, or does not name this process as a reader.
     pub fn foreign_collector(&self, topic: &str) -> Result<ForeignCollector, TopicError> {
-        let Some(message) = self.shared.manifest.message(topic).filter(|_| self.reads(topic)) else {
-            return Err(TopicError::Unknown { topic: topic.to_owned(), known: self.shared.manifest.topics().join(", ") });
+        let Some(message) = self
+            .shared
+            .manifest
+            .message(topic)
+            .filter(|_| self.reads(topic))
+        else {
+            return Err(TopicError::Unknown {
+                topic: topic.to_owned(),
+                known: self.shared.manifest.topics().join(", "),
+            });
         };
-        Ok(ForeignCollector::new(Rc::clone(&self.shared), self.receiver(Format::foreign(message), RECORDER_DEPTH)?))
+        Ok(ForeignCollector::new(
+            Rc::clone(&self.shared),
+            self.receiver(Format::foreign(message), RECORDER_DEPTH)?,
+        ))
     }
 
     /// Writes a topic; wakes the processes that the graph names as its readers. A process opens all topics that it declares before its first wait.
@@ -234,13 +285,21 @@ impl Shell {
     pub fn writer<M: Message>(&self) -> Result<Writer<M>, TopicError> {
         self.declared::<M>("write")?;
         let sender = Rc::new(Topic::open(&self.shared.bus, Format::of::<M>())?.sender()?);
-        self.shared.attached.ports.borrow_mut().push(Rc::clone(&sender) as Rc<dyn Connect>);
+        self.shared
+            .attached
+            .ports
+            .borrow_mut()
+            .push(Rc::clone(&sender) as Rc<dyn Connect>);
         Writer::new(&self.shared, sender)
     }
 
     fn receiver(&self, format: Format, depth: usize) -> Result<Rc<Receiver>, TopicError> {
         let receiver = Rc::new(Topic::open(&self.shared.bus, format)?.receiver(depth)?);
-        self.shared.attached.ports.borrow_mut().push(Rc::clone(&receiver) as Rc<dyn Connect>);
+        self.shared
+            .attached
+            .ports
+            .borrow_mut()
+            .push(Rc::clone(&receiver) as Rc<dyn Connect>);
         Ok(receiver)
     }
 
@@ -250,11 +309,22 @@ impl Shell {
     /// When there is no room for it, or the predecessor's has another layout.
     pub fn checkpoint<C: Checkpoint>(&self) -> Result<CheckpointSlots<C>, OpenError> {
         let shared = &self.shared;
-        let path = shared.run.path().join(format!("checkpoint-{}", shared.name()));
-        let failed = |source| OpenError::Checkpoint { process: shared.name().to_owned(), source };
+        let path = shared
+            .run
+            .path()
+            .join(format!("checkpoint-{}", shared.name()));
+        let failed = |source| OpenError::Checkpoint {
+            process: shared.name().to_owned(),
+            source,
+        };
         shared.learn();
-        let slots = CheckpointSlots::open(&path, |tick| shared.protocol().may_resume_from(tick)).map_err(failed)?;
-        shared.attached.checkpoints.borrow_mut().push(slots.committer());
+        let slots = CheckpointSlots::open(&path, |tick| shared.protocol().may_resume_from(tick))
+            .map_err(failed)?;
+        shared
+            .attached
+            .checkpoints
+            .borrow_mut()
+            .push(slots.committer());
         Ok(slots)
     }
 
@@ -302,7 +372,10 @@ impl Shell {
     /// Whether the graph lets this process read a topic.
     #[must_use]
     pub fn reads(&self, topic: &str) -> bool {
-        self.shared.manifest.processes[self.shared.me].reads.iter().any(|one| one == topic)
+        self.shared.manifest.processes[self.shared.me]
+            .reads
+            .iter()
+            .any(|one| one == topic)
     }
 
     /// The run as all its processes know it.
@@ -323,7 +396,12 @@ impl Shell {
         let shared = &self.shared;
         shared.learn();
         if !shared.is_unharmed() {
-            shared.faults.known.borrow().of(shared.me, tick).for_each(|(place, scheduled, kind)| each(place, scheduled, kind));
+            shared
+                .faults
+                .known
+                .borrow()
+                .of(shared.me, tick)
+                .for_each(|(place, scheduled, kind)| each(place, scheduled, kind));
         }
     }
 
@@ -344,17 +422,26 @@ impl Shell {
     /// Messages that all processes of the run have sent.
     #[must_use]
     pub fn sent_by_all(&self) -> u64 {
-        (0..self.shared.manifest.processes.len()).map(|index| self.shared.control_page.process(index).count(Count::Sent)).sum()
+        (0..self.shared.manifest.processes.len())
+            .map(|index| self.shared.control_page.process(index).count(Count::Sent))
+            .sum()
     }
 
     /// A fault of [`Shell::faults_at`] takes effect now.
     pub fn mark_injected(&self, place: usize) {
-        self.shared.control_page.fault_table().mark_injected(place, now_ns());
+        self.shared
+            .control_page
+            .fault_table()
+            .mark_injected(place, now_ns());
     }
 
     /// This process has detected its fault.
     pub fn mark_detected(&self) {
-        self.shared.control_page.fault_table().mark_detected(self.shared.me, self.shared.tick.get(), now_ns());
+        self.shared.control_page.fault_table().mark_detected(
+            self.shared.me,
+            self.shared.tick.get(),
+            now_ns(),
+        );
     }
 
     /// A message's content is refused: the faults in force are thereby detected.
@@ -397,8 +484,16 @@ impl Shell {
     /// # Errors
     /// When another process has it, or the file cannot be made.
     pub fn hold(&self, place: &str) -> Result<std::fs::File, ProcessError> {
-        let held = self.shared.run.occupy(place).map_err(OpenError::Occupancy)?;
-        held.ok_or_else(|| ProcessError::setup(format!("another process of the run has the place `{place}`, which only one can have")))
+        let held = self
+            .shared
+            .run
+            .occupy(place)
+            .map_err(OpenError::Occupancy)?;
+        held.ok_or_else(|| {
+            ProcessError::setup(format!(
+                "another process of the run has the place `{place}`, which only one can have"
+            ))
+        })
     }
 
     /// The name of this process in the graph.
@@ -413,10 +508,18 @@ impl Shell {
 
     fn declared<M: Message>(&self, action: &'static str) -> Result<(), TopicError> {
         let process = &self.shared.manifest.processes[self.shared.me];
-        let topics = if action == "read" { &process.reads } else { &process.writes };
+        let topics = if action == "read" {
+            &process.reads
+        } else {
+            &process.writes
+        };
         match topics.iter().any(|topic| topic == M::TOPIC) {
             true => Ok(()),
-            false => Err(TopicError::Undeclared { process: process.name.clone(), action, topic: M::TOPIC }),
+            false => Err(TopicError::Undeclared {
+                process: process.name.clone(),
+                action,
+                topic: M::TOPIC,
+            }),
         }
     }
 }
@@ -428,11 +531,19 @@ fn settle(manifest: &Manifest, me: usize) {
     missing.extend(process.core.and_then(|core| realtime::pin(core).err()));
     if !manifest.is_lockstep() {
         // No other process waits for one that writes nothing.
-        let lock = if process.writes.is_empty() { Lock::AsTouched } else { Lock::AtOnce };
+        let lock = if process.writes.is_empty() {
+            Lock::AsTouched
+        } else {
+            Lock::AtOnce
+        };
         missing.extend(realtime::enter(process.priority, lock));
     }
     if !missing.is_empty() {
-        let missing = missing.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
+        let missing = missing
+            .iter()
+            .map(ToString::to_string)
+            .collect::<Vec<_>>()
+            .join("; ");
         tracing::warn!("{} runs without: {missing}", process.name);
     }
 }

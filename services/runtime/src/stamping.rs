@@ -36,7 +36,10 @@ struct Input {
 
 impl Stamping {
     pub(crate) fn at(hop: Option<usize>) -> Self {
-        Self { hop: hop.filter(|hop| *hop < MAX_HOPS), ..Self::default() }
+        Self {
+            hop: hop.filter(|hop| *hop < MAX_HOPS),
+            ..Self::default()
+        }
     }
 
     /// The tick source's tick in hand is due at this time.
@@ -87,8 +90,16 @@ impl Stamping {
         if self.sent_tick.replace(Some(header.tick)) == Some(header.tick) {
             return;
         }
-        let Stamps { received_ns, due_ns, .. } = header.stamps;
-        let began_ns = if hop == 0 && due_ns > 0 { due_ns } else { received_ns[hop] };
+        let Stamps {
+            received_ns,
+            due_ns,
+            ..
+        } = header.stamps;
+        let began_ns = if hop == 0 && due_ns > 0 {
+            due_ns
+        } else {
+            received_ns[hop]
+        };
         if began_ns > 0 {
             entry.note_step(now_ns.saturating_sub(began_ns));
         }

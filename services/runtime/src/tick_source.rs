@@ -26,14 +26,24 @@ pub struct TickSource {
 
 impl TickSource {
     pub(crate) fn new(context: Rc<Context>, first: u64) -> Self {
-        Self { context, next_tick: first, grid_ns: 0, began_ns: 0, usage: Usage::default(), incarnations: 0 }
+        Self {
+            context,
+            next_tick: first,
+            grid_ns: 0,
+            began_ns: 0,
+            usage: Usage::default(),
+            incarnations: 0,
+        }
     }
 
     /// Waits for the next tick's time; `None` when the run stops.
     ///
     /// # Errors
     /// When in lockstep the recorder takes nothing in within the limit, or the run does not start.
-    #[allow(clippy::should_implement_trait, reason = "it can fail; `while let Some(tick) = tick_source.next()?`")]
+    #[allow(
+        clippy::should_implement_trait,
+        reason = "it can fail; `while let Some(tick) = tick_source.next()?`"
+    )]
     pub fn next(&mut self) -> Result<Option<u64>, Interrupted> {
         if !matches!(self.context.start()?, Waited::Ready(())) {
             return Ok(None);
@@ -84,7 +94,10 @@ impl TickSource {
         if missed > 0 || tick.is_multiple_of(USAGE_EVERY) {
             let usage = Usage::now();
             if missed > 0 && tick > 0 {
-                self.context.entry().add(cause(self.usage, usage, incarnations != self.incarnations), missed);
+                self.context.entry().add(
+                    cause(self.usage, usage, incarnations != self.incarnations),
+                    missed,
+                );
             }
             self.usage = usage;
         }
@@ -111,7 +124,9 @@ impl TickSource {
         let laggard = || context.protocol().unfinished(self.next_tick);
         let describe = || Wait {
             what: format!("the end of tick {}", self.next_tick.saturating_sub(1)),
-            from: laggard().map_or("the others".into(), |index| context.manifest.processes[index].name.clone()),
+            from: laggard().map_or("the others".into(), |index| {
+                context.manifest.processes[index].name.clone()
+            }),
         };
         let look = || {
             context.learn();
@@ -142,7 +157,10 @@ impl TickSource {
             if missed > 0 || self.next_tick.is_multiple_of(USAGE_EVERY) {
                 let usage = Usage::now();
                 if missed > 0 {
-                    self.context.entry().add(cause(self.usage, usage, incarnations != self.incarnations), missed);
+                    self.context.entry().add(
+                        cause(self.usage, usage, incarnations != self.incarnations),
+                        missed,
+                    );
                 }
                 self.usage = usage;
             }
@@ -164,6 +182,8 @@ impl TickSource {
     }
 
     fn incarnations_of_all(&self) -> u32 {
-        (0..self.context.manifest.processes.len()).map(|index| self.context.control_page.process(index).incarnation()).sum()
+        (0..self.context.manifest.processes.len())
+            .map(|index| self.context.control_page.process(index).incarnation())
+            .sum()
     }
 }

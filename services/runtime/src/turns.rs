@@ -42,10 +42,14 @@ impl Turns {
     pub(crate) fn of(manifest: &Manifest, me: usize) -> Self {
         let process = &manifest.processes[me];
         let is_beside = |topic: &String| {
-            let writer = manifest.writer_of(topic).filter(|&writer| writer != me).map(|writer| &manifest.processes[writer]);
+            let writer = manifest
+                .writer_of(topic)
+                .filter(|&writer| writer != me)
+                .map(|writer| &manifest.processes[writer]);
             writer.is_some_and(|writer| writer.core == process.core)
         };
-        let is_shared = manifest.is_lockstep() && process.core.is_some() && process.reads.iter().any(is_beside);
+        let is_shared =
+            manifest.is_lockstep() && process.core.is_some() && process.reads.iter().any(is_beside);
         Self {
             is_shared: Cell::new(is_shared),
             off: Cell::default(),
@@ -57,7 +61,8 @@ impl Turns {
 
     /// To be called when the process's scheduling is settled.
     pub(crate) fn begin(&self) {
-        self.is_shared.set(self.is_shared.get() && realtime::is_ordinary());
+        self.is_shared
+            .set(self.is_shared.get() && realtime::is_ordinary());
     }
 
     /// Gives the core to the next process that is ready to run there, and comes back when that one waits. `false`: this process is to sleep instead.
@@ -129,13 +134,22 @@ mod tests {
             process("controller", &["sensor"], &["torque"], cores[1]),
             process("alone", &[], &["other"], cores[0]),
         ];
-        Manifest { mode, rate_hz: 1000, wait_limit: None, processes, messages: Vec::new() }
+        Manifest {
+            mode,
+            rate_hz: 1000,
+            wait_limit: None,
+            processes,
+            messages: Vec::new(),
+        }
     }
 
     #[test]
     fn only_those_that_wait_for_a_neighbour_on_their_core_in_lockstep_take_turns() {
         let taken = |mode, cores| [0, 1, 2].map(|me| Turns::of(&run(mode, cores), me).pass());
-        assert_eq!(taken(Mode::Lockstep, [Some(0), Some(0)]), [true, true, false]);
+        assert_eq!(
+            taken(Mode::Lockstep, [Some(0), Some(0)]),
+            [true, true, false]
+        );
         assert_eq!(taken(Mode::Lockstep, [Some(0), Some(1)]), [false; 3]);
         assert_eq!(taken(Mode::Lockstep, [None, None]), [false; 3]);
         assert_eq!(taken(Mode::Realtime, [Some(0), Some(0)]), [false; 3]);
@@ -167,7 +181,9 @@ mod tests {
         let taken = |vain_of_8: u32| {
             (0..4096).find(|at| {
                 turns.note(0);
-                (0..1).filter(|_| at % 8 < vain_of_8).for_each(|_| turns.note_vain());
+                (0..1)
+                    .filter(|_| at % 8 < vain_of_8)
+                    .for_each(|_| turns.note_vain());
                 !turns.is_on()
             })
         };

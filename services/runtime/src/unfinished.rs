@@ -24,10 +24,18 @@ fn unfinished(path: &Path) -> Option<Identity> {
 
 /// The files that the processes of this user have open.
 fn open_files() -> BTreeSet<Identity> {
-    let entries = |path: PathBuf| fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path());
+    let entries = |path: PathBuf| {
+        fs::read_dir(path)
+            .into_iter()
+            .flatten()
+            .flatten()
+            .map(|entry| entry.path())
+    };
     let descriptors = entries("/proc".into()).flat_map(|process| entries(process.join("fd")));
     let files = descriptors.filter_map(|descriptor| fs::metadata(descriptor).ok());
-    files.map(|metadata| (metadata.dev(), metadata.ino())).collect()
+    files
+        .map(|metadata| (metadata.dev(), metadata.ino()))
+        .collect()
 }
 
 impl RunDir {
@@ -38,15 +46,28 @@ impl RunDir {
     pub fn remove_unfinished(&self) -> usize {
         let prefix = format!("{}.", self.name());
         let listing = fs::read_dir(SHM).into_iter().flatten().flatten();
-        let own = listing.filter(|entry| entry.file_name().to_str().is_some_and(|name| name.starts_with(&prefix)));
-        let found: Vec<_> = own.filter_map(|entry| Some((entry.path(), unfinished(&entry.path())?))).collect();
+        let own = listing.filter(|entry| {
+            entry
+                .file_name()
+                .to_str()
+                .is_some_and(|name| name.starts_with(&prefix))
+        });
+        let found: Vec<_> = own
+            .filter_map(|entry| Some((entry.path(), unfinished(&entry.path())?)))
+            .collect();
         if found.is_empty() {
             return 0;
         }
         let open = open_files();
         // Looked at again: its maker may have finished it before the look at the open files.
-        let has_no_maker = |(path, identity): &&(PathBuf, Identity)| !open.contains(identity) && unfinished(path) == Some(*identity);
-        found.iter().filter(has_no_maker).filter(|(path, _)| fs::remove_file(path).is_ok()).count()
+        let has_no_maker = |(path, identity): &&(PathBuf, Identity)| {
+            !open.contains(identity) && unfinished(path) == Some(*identity)
+        };
+        found
+            .iter()
+            .filter(has_no_maker)
+            .filter(|(path, _)| fs::remove_file(path).is_ok())
+            .count()
     }
 }
 
@@ -60,13 +81,22 @@ mod tests {
     fn a_segment_that_nobody_makes_any_more_is_removed() {
         let run = RunDir::create().unwrap();
         let path = |name: &str| Path::new(SHM).join(format!("{}.{name}", run.name()));
-        let make = |name: &str| fs::OpenOptions::new().write(true).create_new(true).mode(0o200).open(path(name)).unwrap();
+        let make = |name: &str| {
+            fs::OpenOptions::new()
+                .write(true)
+                .create_new(true)
+                .mode(0o200)
+                .open(path(name))
+                .unwrap()
+        };
         let maker = make("made.connection");
         drop(make("closed.connection"));
         let [has_length, finished] = ["length.data", "finished.data"].map(make);
         has_length.set_len(4096).unwrap();
         drop(has_length);
-        finished.set_permissions(fs::Permissions::from_mode(0o600)).unwrap();
+        finished
+            .set_permissions(fs::Permissions::from_mode(0o600))
+            .unwrap();
         drop(finished);
         assert_eq!(run.remove_unfinished(), 2, "those without a maker");
         assert!(path("made.connection").exists() && path("finished.data").exists());

@@ -18,7 +18,9 @@ pub enum Interrupted {
         waited: Duration,
     },
     /// In lockstep a tick was skipped; nothing may be lost there.
-    #[error("{process} expected tick {expected} of topic {topic:?} and got tick {found}: a message was lost in lockstep")]
+    #[error(
+        "{process} expected tick {expected} of topic {topic:?} and got tick {found}: a message was lost in lockstep"
+    )]
     Lost {
         /// The reading process.
         process: String,

@@ -53,12 +53,19 @@ fn one_record_of_iceoryx2_for_each_message_and_nothing_else() {
         writes: vec![writes.into()],
         ..Process::default()
     };
-    let processes =
-        vec![process("ping", PlantState::TOPIC, TorqueCommand::TOPIC), process("pong", TorqueCommand::TOPIC, PlantState::TOPIC)];
+    let processes = vec![
+        process("ping", PlantState::TOPIC, TorqueCommand::TOPIC),
+        process("pong", TorqueCommand::TOPIC, PlantState::TOPIC),
+    ];
     for mode in [Mode::Lockstep, Mode::Realtime] {
         let run = RunDir::create().unwrap();
-        let manifest =
-            Manifest { mode, rate_hz: 1000, wait_limit: Some(Duration::from_secs(10)), processes: processes.clone(), messages: Vec::new() };
+        let manifest = Manifest {
+            mode,
+            rate_hz: 1000,
+            wait_limit: Some(Duration::from_secs(10)),
+            processes: processes.clone(),
+            messages: Vec::new(),
+        };
         manifest.write(&run).unwrap();
         let control_page = ControlPage::create(&run).unwrap();
         let _hub = Hub::create(&run, &manifest).unwrap();
@@ -66,9 +73,18 @@ fn one_record_of_iceoryx2_for_each_message_and_nothing_else() {
             control_page.process(index).begin_incarnation();
         });
         control_page.begin(Phase::Work);
-        let (ping, pong) = (Shell::open(run.path(), "ping").unwrap(), Shell::open(run.path(), "pong").unwrap());
-        let (mut there, mut arrives) = (ping.writer::<TorqueCommand>().unwrap(), pong.reader::<TorqueCommand>().unwrap());
-        let (mut back, mut returns) = (pong.writer::<PlantState>().unwrap(), ping.reader::<PlantState>().unwrap());
+        let (ping, pong) = (
+            Shell::open(run.path(), "ping").unwrap(),
+            Shell::open(run.path(), "pong").unwrap(),
+        );
+        let (mut there, mut arrives) = (
+            ping.writer::<TorqueCommand>().unwrap(),
+            pong.reader::<TorqueCommand>().unwrap(),
+        );
+        let (mut back, mut returns) = (
+            pong.writer::<PlantState>().unwrap(),
+            ping.reader::<PlantState>().unwrap(),
+        );
         let mut trip = |tick: u64| {
             let mut command = TorqueCommand::default();
             command.header.tick = tick;
@@ -85,7 +101,11 @@ fn one_record_of_iceoryx2_for_each_message_and_nothing_else() {
         (10..10 + MESSAGES).for_each(&mut trip);
         let (allocations, largest) = (ALLOCATIONS.get(), LARGEST.get());
         assert!(before > 0, "the counter counts");
-        assert_eq!(allocations, 2 * MESSAGES, "{mode:?}: one for each of two messages a trip");
+        assert_eq!(
+            allocations,
+            2 * MESSAGES,
+            "{mode:?}: one for each of two messages a trip"
+        );
         assert!(largest <= RECORD, "{mode:?}: {largest} bytes at once");
     }
 }

@@ -24,8 +24,11 @@ impl Catalogue {
         let scenarios = sim::scenarios::names()
             .map(|name| Scenario::parse(name, sim::scenarios::text(name).unwrap_or_default(), &[]))
             .collect::<Result<Vec<_>, _>>()?;
-        let robots =
-            Robot::builtin_names().iter().map(|name| Robot::builtin(name)).collect::<Result<Vec<_>, _>>().map_err(Failure::input)?;
+        let robots = Robot::builtin_names()
+            .iter()
+            .map(|name| Robot::builtin(name))
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(Failure::input)?;
         Ok(Self { scenarios, robots })
     }
 
@@ -59,8 +62,17 @@ impl fmt::Display for Catalogue {
         let mut rows = table(&["robot", "joints", "postures", "frames"]);
         for robot in &self.robots {
             let postures: Vec<_> = robot.postures.keys().map(String::as_str).collect();
-            let frames: Vec<_> = robot.frames.iter().map(|frame| frame.name.as_str()).collect();
-            rows.add_row([robot.name.clone().into(), number(robot.dof()), postures.join(" ").into(), frames.join(" ").into()]);
+            let frames: Vec<_> = robot
+                .frames
+                .iter()
+                .map(|frame| frame.name.as_str())
+                .collect();
+            rows.add_row([
+                robot.name.clone().into(),
+                number(robot.dof()),
+                postures.join(" ").into(),
+                frames.join(" ").into(),
+            ]);
         }
         writeln!(f, "{rows}")?;
         writeln!(f, "Run one: armplane run {}", load::DEFAULT_SCENARIO)

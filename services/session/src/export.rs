@@ -42,18 +42,28 @@ pub struct Export {
 /// # Errors
 /// [`Failure::Input`] where the run has no recording, or no row of it can be read: nothing is written then; [`Failure::Work`] where a file cannot be
 /// written.
-pub fn export(run: &Run, format: ExportFormat, out: &Path, observer: Observer<'_>) -> Result<Export, Failure> {
+pub fn export(
+    run: &Run,
+    format: ExportFormat,
+    out: &Path,
+    observer: Observer<'_>,
+) -> Result<Export, Failure> {
     if !matches!(format, ExportFormat::Layout(_)) {
         run.check_readable()?;
     }
-    std::fs::create_dir_all(out).map_err(|error| Failure::Input(format!("cannot write to {}: {error}", out.display())))?;
+    std::fs::create_dir_all(out)
+        .map_err(|error| Failure::Input(format!("cannot write to {}: {error}", out.display())))?;
     let (mut reading, mut damage) = (Reading::default(), Vec::new());
     let files = match format {
         ExportFormat::Layout(layout) => {
-            let layout = layout.map_or_else(|| run.job().map(|job| job.scenario.view.layout), Ok)?;
+            let layout =
+                layout.map_or_else(|| run.job().map(|job| job.scenario.view.layout), Ok)?;
             let path = out.join(format!("{}.rbl", layout.name()));
             save_blueprint(run, layout, &path)?;
-            return Ok(Export { files: vec![path], shortfall: None });
+            return Ok(Export {
+                files: vec![path],
+                shortfall: None,
+            });
         }
         ExportFormat::Whole => {
             let path = out.join(WHOLE);
@@ -63,19 +73,40 @@ pub fn export(run: &Run, format: ExportFormat, out: &Path, observer: Observer<'_
         ExportFormat::Numbers(format) => {
             let parts = run.recording()?;
             let mut messages = StoredMessages::open(run).inspect_err(|reason| {
-                observer(Progress::Line(&format!("armplane: the columns that come from the run's messages are left out: {reason}")));
+                observer(Progress::Line(&format!(
+                    "armplane: the columns that come from the run's messages are left out: {reason}"
+                )));
             });
-            let slides = messages.as_ref().map_or(Vec::new(), |stored| stored.slides.clone());
+            let slides = messages
+                .as_ref()
+                .map_or(Vec::new(), |stored| stored.slides.clone());
             let steered = messages.as_ref().is_ok_and(|stored| stored.steered);
-            let lent = messages.as_mut().ok().map(|stored| stored as &mut dyn Messages);
+            let lent = messages
+                .as_mut()
+                .ok()
+                .map(|stored| stored as &mut dyn Messages);
             let ticks = run.summary().map_or(0, |summary| summary.recorder.rows);
-            observer(Progress::Begin { title: "export", length: ticks, unit: "rows" });
-            let written = viz::export(Exported { parts, messages: lent, slides: &slides, steered }, format, out, &mut |news| {
-                reading.add(news);
-                if let ReadNews::Rows(_) = news {
-                    observer(Progress::Position(reading.rows()));
-                }
+            observer(Progress::Begin {
+                title: "export",
+                length: ticks,
+                unit: "rows",
             });
+            let written = viz::export(
+                Exported {
+                    parts,
+                    messages: lent,
+                    slides: &slides,
+                    steered,
+                },
+                format,
+                out,
+                &mut |news| {
+                    reading.add(news);
+                    if let ReadNews::Rows(_) = news {
+                        observer(Progress::Position(reading.rows()));
+                    }
+                },
+            );
             observer(Progress::End);
             let (summary, defect) = match run.summary_if_any() {
                 Ok(summary) => (summary, None),
@@ -90,9 +121,14 @@ pub fn export(run: &Run, format: ExportFormat, out: &Path, observer: Observer<'_
             written.map_err(Failure::work)?
         }
     };
-    let shortfall = reading.shortfall(&run.parts, run.summary().ok().as_ref()).map(|shortfall| shortfall.to_string());
+    let shortfall = reading
+        .shortfall(&run.parts, run.summary().ok().as_ref())
+        .map(|shortfall| shortfall.to_string());
     let lacks: Vec<String> = shortfall.into_iter().chain(damage).collect();
-    Ok(Export { files, shortfall: (!lacks.is_empty()).then(|| run.with_remedy(&lacks.join("; "))) })
+    Ok(Export {
+        files,
+        shortfall: (!lacks.is_empty()).then(|| run.with_remedy(&lacks.join("; "))),
+    })
 }
 
 /// The messages in a run's folder.
@@ -124,16 +160,27 @@ impl Unread {
 impl StoredMessages {
     fn open(run: &Run) -> Result<Self, Unread> {
         if !run.is_own() {
-            return Err(Unread::NotKept("the recording has been given a name of its own; export its run's folder"));
+            return Err(Unread::NotKept(
+                "the recording has been given a name of its own; export its run's folder",
+            ));
         }
         let job = run.read_job().map_err(Unread::Defect)?;
         if !job.messages {
             return Err(Unread::NotKept("it was run with --no-messages"));
         }
         let robot = load::robot_of(&job.robot).map_err(Unread::defect)?;
-        let slides = robot.joints.iter().map(|joint| joint.kind == JointKind::Prismatic).collect();
+        let slides = robot
+            .joints
+            .iter()
+            .map(|joint| joint.kind == JointKind::Prismatic)
+            .collect();
         let rows = MessageRows::open(&run.folder.join(MESSAGES), &job).map_err(Unread::defect)?;
-        Ok(Self { rows, row: None, slides, steered: job.scenario.servo.is_some() })
+        Ok(Self {
+            rows,
+            row: None,
+            slides,
+            steered: job.scenario.servo.is_some(),
+        })
     }
 }
 
@@ -155,13 +202,22 @@ impl Messages for StoredMessages {
 pub(crate) fn seal(folder: &Path, recorder: &mut RecorderSummary) {
     match viz::checksums(&viz::parts_in(folder)) {
         Ok(checksums) => recorder.checksums = checksums,
-        Err(error) => recorder.error = joined([&recorder.error, &format!("its files cannot be read again: {error}")]),
+        Err(error) => {
+            recorder.error = joined([
+                &recorder.error,
+                &format!("its files cannot be read again: {error}"),
+            ])
+        }
     }
 }
 
 /// Clauses in one sentence, but for those that are empty.
 pub(crate) fn joined(clauses: [&str; 2]) -> String {
-    clauses.into_iter().filter(|clause| !clause.is_empty()).collect::<Vec<_>>().join("; ")
+    clauses
+        .into_iter()
+        .filter(|clause| !clause.is_empty())
+        .collect::<Vec<_>>()
+        .join("; ")
 }
 
 /// Gives the parts whose recorder was killed their footers, and the summary their new sizes. A part that cannot be completed stays as it was, and
@@ -170,7 +226,10 @@ pub(crate) fn complete(folder: &Path, summary: &mut Summary, observer: Observer<
     let parts = viz::parts_in(folder);
     for part in &parts {
         if let Err(error) = viz::complete(part) {
-            observer(Progress::Line(&format!("armplane: {} stays without a table of contents: {error}", part.display())));
+            observer(Progress::Line(&format!(
+                "armplane: {} stays without a table of contents: {error}",
+                part.display()
+            )));
         }
     }
     if !summary.recorder.file.is_empty() {
@@ -178,7 +237,10 @@ pub(crate) fn complete(folder: &Path, summary: &mut Summary, observer: Observer<
         let Summary { recorder, .. } = summary;
         if !recorder.error.is_empty() && recorder.bytes > 0 {
             // Nothing is written into them any more.
-            recorder.error = format!("{}; the recording has {} bytes", recorder.error, recorder.bytes);
+            recorder.error = format!(
+                "{}; the recording has {} bytes",
+                recorder.error, recorder.bytes
+            );
         }
     }
 }

@@ -32,22 +32,46 @@ impl FaultKinds {
 
 impl fmt::Display for FaultKinds {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut rows = table(&["kind", "what happens", "to", "usually for", "as (usual amount)"]);
+        let mut rows = table(&[
+            "kind",
+            "what happens",
+            "to",
+            "usually for",
+            "as (usual amount)",
+        ]);
         for &kind in Kind::ALL {
             let ways = kind.ways().map(|way| match kind.usual_amount(way) {
                 0.0 => way.name().to_owned(),
                 amount => format!("{} ({amount} {})", way.name(), kind.unit(way)),
             });
-            let ways = ways.chain((kind.usual_ms() > 0.0).then(|| format!("({} ms)", kind.usual_ms())));
+            let ways =
+                ways.chain((kind.usual_ms() > 0.0).then(|| format!("({} ms)", kind.usual_ms())));
             let processes = match kind.roles() {
                 all if all.len() == Role::ALL.len() => "any process".to_owned(),
-                roles => roles.iter().map(|role| role.about()).collect::<Vec<_>>().join(" and "),
+                roles => roles
+                    .iter()
+                    .map(|role| role.about())
+                    .collect::<Vec<_>>()
+                    .join(" and "),
             };
             let length_s = kind.usual_length_s();
-            let length = if length_s.is_finite() { format!("{length_s} s") } else { "ever".to_owned() };
-            rows.add_row([kind.name().to_owned(), kind.about().to_owned(), processes, length, ways.collect::<Vec<_>>().join(", ")]);
+            let length = if length_s.is_finite() {
+                format!("{length_s} s")
+            } else {
+                "ever".to_owned()
+            };
+            rows.add_row([
+                kind.name().to_owned(),
+                kind.about().to_owned(),
+                processes,
+                length,
+                ways.collect::<Vec<_>>().join(", "),
+            ]);
         }
         writeln!(f, "{rows}")?;
-        writeln!(f, "The same words in a scenario, under [[fault]], with at_tick or at_s:\nthey take effect at that tick of every run.")
+        writeln!(
+            f,
+            "The same words in a scenario, under [[fault]], with at_tick or at_s:\nthey take effect at that tick of every run."
+        )
     }
 }

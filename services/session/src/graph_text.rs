@@ -31,9 +31,16 @@ impl fmt::Display for GraphText<'_> {
 fn rows(f: &mut fmt::Formatter<'_>, graph: &Graph) -> fmt::Result {
     let mut rows = table(&["process", "reads", "writes", "core", "priority"]);
     for process in &graph.process {
-        let feedback = process.feedback.iter().map(|topic| format!("{topic} (to reach the next tick)"));
+        let feedback = process
+            .feedback
+            .iter()
+            .map(|topic| format!("{topic} (to reach the next tick)"));
         let reads: Vec<_> = process.reads.iter().cloned().chain(feedback).collect();
-        let priority = if process.priority == 0 { "ordinary".to_owned() } else { format!("FIFO {}", process.priority) };
+        let priority = if process.priority == 0 {
+            "ordinary".to_owned()
+        } else {
+            format!("FIFO {}", process.priority)
+        };
         rows.add_row([
             process.name.clone().into(),
             reads.join("\n").into(),
@@ -50,15 +57,28 @@ fn edges(graph: &Graph) -> impl Iterator<Item = (&str, &str, &str, bool)> {
     graph.process.iter().flat_map(|reader| {
         let now = reader.reads.iter().map(|topic| (topic, false));
         let later = reader.feedback.iter().map(|topic| (topic, true));
-        now.chain(later)
-            .filter_map(|(topic, feedback)| Some((graph.writer(topic)?.name.as_str(), reader.name.as_str(), topic.as_str(), feedback)))
+        now.chain(later).filter_map(|(topic, feedback)| {
+            Some((
+                graph.writer(topic)?.name.as_str(),
+                reader.name.as_str(),
+                topic.as_str(),
+                feedback,
+            ))
+        })
     })
 }
 
 fn dot(f: &mut fmt::Formatter<'_>, graph: &Graph) -> fmt::Result {
-    writeln!(f, "digraph armplane {{\n  rankdir=LR;\n  node [shape=box, style=rounded];")?;
+    writeln!(
+        f,
+        "digraph armplane {{\n  rankdir=LR;\n  node [shape=box, style=rounded];"
+    )?;
     for (writer, reader, topic, feedback) in edges(graph) {
-        writeln!(f, "  {writer} -> {reader} [label=\"{topic}\"{}];", if feedback { ", style=dashed" } else { "" })?;
+        writeln!(
+            f,
+            "  {writer} -> {reader} [label=\"{topic}\"{}];",
+            if feedback { ", style=dashed" } else { "" }
+        )?;
     }
     writeln!(f, "}}")
 }
@@ -66,7 +86,11 @@ fn dot(f: &mut fmt::Formatter<'_>, graph: &Graph) -> fmt::Result {
 fn mermaid(f: &mut fmt::Formatter<'_>, graph: &Graph) -> fmt::Result {
     writeln!(f, "flowchart LR")?;
     for (writer, reader, topic, feedback) in edges(graph) {
-        writeln!(f, "  {writer} {}|{topic}| {reader}", if feedback { "-.->" } else { "-->" })?;
+        writeln!(
+            f,
+            "  {writer} {}|{topic}| {reader}",
+            if feedback { "-.->" } else { "-->" }
+        )?;
     }
     Ok(())
 }
@@ -78,7 +102,14 @@ impl Topics<'_> {
     /// An array of one object a topic.
     #[must_use]
     pub fn json(&self) -> Value {
-        let row = |Topic { name, type_name, layout, bytes, writer, readers }: Topic<'_>| {
+        let row = |Topic {
+                       name,
+                       type_name,
+                       layout,
+                       bytes,
+                       writer,
+                       readers,
+                   }: Topic<'_>| {
             json!({
                 "topic": name, "type": type_name, "layout": layout, "bytes": bytes, "writer": writer, "readers": readers, "messages_per_tick": 1,
             })
@@ -88,12 +119,24 @@ impl Topics<'_> {
 
     fn rows(&self) -> impl Iterator<Item = Topic<'_>> {
         let Self(graph) = self;
-        let names = TOPICS.into_iter().chain(graph.topic.iter().map(|declared| declared.name.as_str()));
+        let names = TOPICS
+            .into_iter()
+            .chain(graph.topic.iter().map(|declared| declared.name.as_str()));
         names.filter_map(|name| {
             let (layout, writer) = (graph.layout(name)?, graph.writer(name)?);
-            let readers = graph.readers(name).map(|process| process.name.as_str()).collect();
+            let readers = graph
+                .readers(name)
+                .map(|process| process.name.as_str())
+                .collect();
             let hash = format!("{:016x}", layout.hash);
-            Some(Topic { name, type_name: layout.type_name, layout: hash, bytes: layout.bytes, writer: &writer.name, readers })
+            Some(Topic {
+                name,
+                type_name: layout.type_name,
+                layout: hash,
+                bytes: layout.bytes,
+                writer: &writer.name,
+                readers,
+            })
         })
     }
 }
@@ -110,8 +153,23 @@ struct Topic<'a> {
 impl fmt::Display for Topics<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut rows = table(&["topic", "type", "layout", "bytes", "writer", "readers"]);
-        for Topic { name, type_name, layout, bytes, writer, readers } in self.rows() {
-            rows.add_row([name.into(), type_name.into(), layout.into(), number(bytes), writer.into(), readers.join("\n").into()]);
+        for Topic {
+            name,
+            type_name,
+            layout,
+            bytes,
+            writer,
+            readers,
+        } in self.rows()
+        {
+            rows.add_row([
+                name.into(),
+                type_name.into(),
+                layout.into(),
+                number(bytes),
+                writer.into(),
+                readers.join("\n").into(),
+            ]);
         }
         writeln!(f, "{rows}")?;
         writeln!(

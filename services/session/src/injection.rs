@@ -26,24 +26,40 @@ pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(String, Fault), Fa
     let control_page = ControlPage::open(&run).map_err(Failure::work)?;
     let job = job(&run);
     let Some(index) = manifest.index_of(&fault.process) else {
-        let known: Vec<_> = manifest.processes.iter().map(|process| process.name.as_str()).collect();
-        return Err(Failure::Input(format!("the run has no process `{}`; it has {}", fault.process, known.join(", "))));
+        let known: Vec<_> = manifest
+            .processes
+            .iter()
+            .map(|process| process.name.as_str())
+            .collect();
+        return Err(Failure::Input(format!(
+            "the run has no process `{}`; it has {}",
+            fault.process,
+            known.join(", ")
+        )));
     };
     if let Some(robot) = job.as_ref().and_then(|job| load::robot_of(&job.robot).ok()) {
-        arm_faults::check(fault, &robot).map_err(|complaint| Failure::Input(complaint.to_string()))?;
+        arm_faults::check(fault, &robot)
+            .map_err(|complaint| Failure::Input(complaint.to_string()))?;
     }
     // Any seed will do: the run records it with the fault.
     let seed = random(runtime::now_ns(), u64::from(std::process::id()));
-    let target = job.and_then(|job| job.graph.target(&fault.process)).unwrap_or(Target {
-        index: index as u32,
-        role: Role::Stage,
-        is_exchanged: false,
-        fields: Vec::new(),
-        reads: Vec::new(),
-    });
-    let scheduled = fault.schedule(&target, manifest.rate_hz, seed).map_err(|complaint| Failure::Input(complaint.to_string()))?;
+    let target = job
+        .and_then(|job| job.graph.target(&fault.process))
+        .unwrap_or(Target {
+            index: index as u32,
+            role: Role::Stage,
+            is_exchanged: false,
+            fields: Vec::new(),
+            reads: Vec::new(),
+        });
+    let scheduled = fault
+        .schedule(&target, manifest.rate_hz, seed)
+        .map_err(|complaint| Failure::Input(complaint.to_string()))?;
     let Some(place) = control_page.fault_table().request(&scheduled) else {
-        return Err(Failure::Work(format!("the run {name} has had {} faults and has room for no more", runtime::MOST_WHEN_REQUESTED)));
+        return Err(Failure::Work(format!(
+            "the run {name} has had {} faults and has room for no more",
+            runtime::MOST_WHEN_REQUESTED
+        )));
     };
     let asked = Instant::now();
     while !control_page.fault_table().is_in_force(place) {
@@ -54,8 +70,15 @@ pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(String, Fault), Fa
         }
         std::thread::sleep(Duration::from_micros(200));
     }
-    let in_force = control_page.fault_table().record(place).and_then(|account| account.scheduled.fault(&fault.process, &target));
-    let Some(in_force) = in_force else { return Err(Failure::Work(format!("the run {name} does not know this fault"))) };
+    let in_force = control_page
+        .fault_table()
+        .record(place)
+        .and_then(|account| account.scheduled.fault(&fault.process, &target));
+    let Some(in_force) = in_force else {
+        return Err(Failure::Work(format!(
+            "the run {name} does not know this fault"
+        )));
+    };
     Ok((name, in_force))
 }
 

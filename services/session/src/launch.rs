@@ -20,7 +20,11 @@ const ACCOUNT_BYTES: usize = 256 * 1024;
 ///
 /// # Errors
 /// As [`launch_watched`].
-pub fn launch(job: &Job, plan: Plan, observer: Observer<'_>) -> Result<(Outcome, Option<Summary>), Failure> {
+pub fn launch(
+    job: &Job,
+    plan: Plan,
+    observer: Observer<'_>,
+) -> Result<(Outcome, Option<Summary>), Failure> {
     launch_begun(job, plan, &mut |_| Ok(()), observer)
 }
 
@@ -28,24 +32,59 @@ pub fn launch(job: &Job, plan: Plan, observer: Observer<'_>) -> Result<(Outcome,
 ///
 /// # Errors
 /// As [`launch_watched`].
-pub fn launch_begun(job: &Job, plan: Plan, begin: Begin<'_>, observer: Observer<'_>) -> Result<(Outcome, Option<Summary>), Failure> {
-    observer(Progress::Begin { title: &job.scenario.name, length: job.scenario.planned_ticks(), unit: "ticks" });
+pub fn launch_begun(
+    job: &Job,
+    plan: Plan,
+    begin: Begin<'_>,
+    observer: Observer<'_>,
+) -> Result<(Outcome, Option<Summary>), Failure> {
+    observer(Progress::Begin {
+        title: &job.scenario.name,
+        length: job.scenario.planned_ticks(),
+        unit: "ticks",
+    });
     let launched = launch_watched(job, plan, begin, &mut |event| match event {
         Event::Progress { ticks } => observer(Progress::Position(*ticks)),
         Event::Line { process, line } => observer(Progress::Line(&format!("{process}: {line}"))),
-        Event::Silenced { process, silent, tick, writes } => {
-            let due = due(*tick, writes).map(|due| format!(": {due} was due")).unwrap_or_default();
-            observer(Progress::Line(&format!("{process} has done nothing for {} ms and is killed{due}", silent.as_millis())));
+        Event::Silenced {
+            process,
+            silent,
+            tick,
+            writes,
+        } => {
+            let due = due(*tick, writes)
+                .map(|due| format!(": {due} was due"))
+                .unwrap_or_default();
+            observer(Progress::Line(&format!(
+                "{process} has done nothing for {} ms and is killed{due}",
+                silent.as_millis()
+            )));
         }
-        Event::Restarted { process, exit, pid, incarnation } => {
-            observer(Progress::Line(&format!("{process} ended with {exit} and was started again (start {incarnation}, process {pid})")));
+        Event::Restarted {
+            process,
+            exit,
+            pid,
+            incarnation,
+        } => {
+            observer(Progress::Line(&format!(
+                "{process} ended with {exit} and was started again (start {incarnation}, process {pid})"
+            )));
         }
-        Event::Waiting { process, reason: Delay::Behind, tick, writes } if !writes.is_empty() => {
+        Event::Waiting {
+            process,
+            reason: Delay::Behind,
+            tick,
+            writes,
+        } if !writes.is_empty() => {
             let due = due(*tick, writes).unwrap_or_default();
             let remedy = "Ctrl-C ends the run, `--silence-limit SECONDS` replaces such a process";
-            observer(Progress::Line(&format!("{process} has not sent {due}: waiting ({remedy})")));
+            observer(Progress::Line(&format!(
+                "{process} has not sent {due}: waiting ({remedy})"
+            )));
         }
-        Event::Waiting { process, reason, .. } => observer(Progress::Line(&format!("{process} {reason}"))),
+        Event::Waiting {
+            process, reason, ..
+        } => observer(Progress::Line(&format!("{process} {reason}"))),
         Event::Go | Event::Stopping | Event::Stopped => {}
     });
     observer(Progress::End);
@@ -63,7 +102,11 @@ fn due(tick: u64, writes: &[String]) -> Option<String> {
 /// # Errors
 /// [`Failure::Work`] where the kernel refuses.
 pub fn interrupts() -> Result<Interrupts, Failure> {
-    Interrupts::catch().map_err(|error| Failure::Work(format!("cannot catch SIGINT, SIGTERM and the like: {error}")))
+    Interrupts::catch().map_err(|error| {
+        Failure::Work(format!(
+            "cannot catch SIGINT, SIGTERM and the like: {error}"
+        ))
+    })
 }
 
 /// Called with a run before its first process starts.
@@ -84,25 +127,47 @@ pub fn launch_watched(
     let _signals = interrupts()?;
     let launcher = Launcher::prepare(plan).map_err(Failure::work)?;
     let run_dir = launcher.run_dir().to_owned();
-    let job = Job { run: run_dir.file_name().unwrap_or_default().to_string_lossy().into_owned(), ..job.clone() };
+    let job = Job {
+        run: run_dir
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned(),
+        ..job.clone()
+    };
     let (path, account_path) = (run_dir.join(JOB), run_dir.join(recorder::SUMMARY));
-    runtime::reserve(&account_path, ACCOUNT_BYTES).map_err(|error| Failure::Work(format!("no memory for the run's summary: {error}")))?;
+    runtime::reserve(&account_path, ACCOUNT_BYTES)
+        .map_err(|error| Failure::Work(format!("no memory for the run's summary: {error}")))?;
     let text = serde_json::to_vec(&job).map_err(Failure::work)?;
-    std::fs::write(&path, text).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
+    std::fs::write(&path, text)
+        .map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
     // In the results folder too, before anything happens: what a killed launcher leaves can be read and recovered.
     if job.out.is_dir() {
         let kept = serde_json::to_vec_pretty(&job).map_err(Failure::work)?;
-        write_whole(&job.out.join(JOB), &kept)
-            .map_err(|error| Failure::Work(format!("cannot write {}: {error}", job.out.join(JOB).display())))?;
+        write_whole(&job.out.join(JOB), &kept).map_err(|error| {
+            Failure::Work(format!(
+                "cannot write {}: {error}",
+                job.out.join(JOB).display()
+            ))
+        })?;
     }
     begin(&RunDir::open(&run_dir).map_err(Failure::work)?)?;
-    let has_programs = job.graph.process.iter().any(|process| !process.command.is_empty());
+    let has_programs = job
+        .graph
+        .process
+        .iter()
+        .any(|process| !process.command.is_empty());
     let start_guard = || launcher::Guard::start(launcher::reexec(GUARD, &run_dir)?, &run_dir);
-    let _guard = has_programs.then(start_guard).transpose().map_err(|error| Failure::Work(format!("cannot start {GUARD}: {error}")))?;
+    let _guard = has_programs
+        .then(start_guard)
+        .transpose()
+        .map_err(|error| Failure::Work(format!("cannot start {GUARD}: {error}")))?;
     let mut account = None;
     let outcome = launcher.run(&|name, run| command(&job, name, run), &mut |event| {
         if event == Event::Stopped {
-            account = std::fs::read(&account_path).ok().and_then(|text| serde_json::from_slice(&text).ok());
+            account = std::fs::read(&account_path)
+                .ok()
+                .and_then(|text| serde_json::from_slice(&text).ok());
         }
         report(&event);
     });
@@ -112,18 +177,28 @@ pub fn launch_watched(
 /// Makes a file that is there whole or not at all, whenever this process is killed.
 fn write_whole(path: &Path, text: &[u8]) -> std::io::Result<()> {
     let unfinished = path.with_added_extension("tmp");
-    std::fs::write(&unfinished, text).and_then(|()| std::fs::rename(&unfinished, path)).inspect_err(|_| {
-        let _ = std::fs::remove_file(&unfinished);
-    })
+    std::fs::write(&unfinished, text)
+        .and_then(|()| std::fs::rename(&unfinished, path))
+        .inspect_err(|_| {
+            let _ = std::fs::remove_file(&unfinished);
+        })
 }
 
 /// The command of a process: this program itself, which also holds the exchange page for a program of others; or the one in the graph.
 fn command(job: &Job, name: &str, run: &Path) -> std::io::Result<Command> {
-    if job.graph.process(name).is_some_and(|process| !process.command.is_empty()) {
+    if job
+        .graph
+        .process(name)
+        .is_some_and(|process| !process.command.is_empty())
+    {
         // Started again: what its predecessor has left.
         launcher::end_descendants(run, Some(name));
     }
-    if job.graph.process(name).is_some_and(|process| !process.robot.is_empty()) {
+    if job
+        .graph
+        .process(name)
+        .is_some_and(|process| !process.robot.is_empty())
+    {
         return launcher::reexec(ROBOT, run);
     }
     if job.graph.process(name).is_some_and(Process::is_exchanged) {

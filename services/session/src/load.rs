@@ -42,16 +42,27 @@ pub fn scenario(name: &str, settings: &[String], seed: Option<u64>) -> Result<Lo
 ///
 /// # Errors
 /// As [`scenario`], and as [`graph`].
-pub fn scenario_in(graph_file: Option<&Path>, name: &str, settings: &[String], seed: Option<u64>) -> Result<Loaded, Failure> {
+pub fn scenario_in(
+    graph_file: Option<&Path>,
+    name: &str,
+    settings: &[String],
+    seed: Option<u64>,
+) -> Result<Loaded, Failure> {
     let source = Source::read(name)?;
     let mut scenario = source.parse(settings)?;
     scenario.seed = seed.unwrap_or(scenario.seed);
     let robot = source.robot(&scenario)?;
-    let own_graph = Some(&scenario.graph).filter(|file| !file.is_empty()).map(|file| source.beside(file));
+    let own_graph = Some(&scenario.graph)
+        .filter(|file| !file.is_empty())
+        .map(|file| source.beside(file));
     source.read_targets(&mut scenario)?;
     let graph = graph_of(&scenario, graph_file.or(own_graph.as_deref()))?;
     source.check(&scenario, &robot, &graph)?;
-    Ok(Loaded { scenario, robot, graph })
+    Ok(Loaded {
+        scenario,
+        robot,
+        graph,
+    })
 }
 
 /// The text of a scenario, and where it comes from.
@@ -72,7 +83,11 @@ impl Source {
     /// [`Failure::Input`] where there is no such scenario.
     pub fn read(name: &str) -> Result<Self, Failure> {
         if let Some(text) = scenarios::text(name) {
-            return Ok(Self { file: format!("{name}.toml"), text: text.to_owned(), folder: None });
+            return Ok(Self {
+                file: format!("{name}.toml"),
+                text: text.to_owned(),
+                folder: None,
+            });
         }
         let path = Path::new(name);
         if !name.ends_with(".toml") && !path.exists() {
@@ -83,7 +98,11 @@ impl Source {
                 "or give the path of a scenario file (.toml), see `armplane list`",
             )));
         }
-        Ok(Self { file: name.to_owned(), text: read(path)?, folder: path.parent().map(Path::to_owned) })
+        Ok(Self {
+            file: name.to_owned(),
+            text: read(path)?,
+            folder: path.parent().map(Path::to_owned),
+        })
     }
 
     /// The scenario with settings applied, not yet checked against robot and graph.
@@ -108,7 +127,10 @@ impl Source {
     /// The file of a steered run's targets, where the scenario names one that has not been read.
     #[must_use]
     pub fn targets_file(&self, scenario: &Scenario) -> Option<PathBuf> {
-        let session = scenario.servo.as_ref().filter(|session| !session.input.is_empty() && session.targets.is_empty())?;
+        let session = scenario
+            .servo
+            .as_ref()
+            .filter(|session| !session.input.is_empty() && session.targets.is_empty())?;
         Some(self.beside(&session.input))
     }
 
@@ -118,11 +140,21 @@ impl Source {
     /// [`Failure::File`] where it is no list of targets.
     pub fn give_targets(&self, scenario: &mut Scenario, text: String) -> Result<(), Failure> {
         let rate_hz = scenario.rate_hz;
-        let Some(session) = &mut scenario.servo else { return Ok(()) };
+        let Some(session) = &mut scenario.servo else {
+            return Ok(());
+        };
         let path = self.beside(&session.input);
         session.targets = text;
-        let located = |error: InvalidRow| Failure::File(error.in_file(&path.display().to_string(), &session.targets).into());
-        target_file::parse(&session.targets, rate_hz).map(drop).map_err(located)
+        let located = |error: InvalidRow| {
+            Failure::File(
+                error
+                    .in_file(&path.display().to_string(), &session.targets)
+                    .into(),
+            )
+        };
+        target_file::parse(&session.targets, rate_hz)
+            .map(drop)
+            .map_err(located)
     }
 
     /// The robot that a scenario from here names.
@@ -130,9 +162,11 @@ impl Source {
     /// # Errors
     /// [`Failure::File`] where there is no such robot, or its description is invalid.
     pub fn robot(&self, scenario: &Scenario) -> Result<Robot, Failure> {
-        robot(&scenario.robot, self.folder.as_deref(), scenario.frame()).map_err(|failure| match failure {
-            Failure::Input(sentence) => self.located(Complaint::new("robot", sentence, "")),
-            other => other,
+        robot(&scenario.robot, self.folder.as_deref(), scenario.frame()).map_err(|failure| {
+            match failure {
+                Failure::Input(sentence) => self.located(Complaint::new("robot", sentence, "")),
+                other => other,
+            }
         })
     }
 
@@ -142,31 +176,55 @@ impl Source {
     /// [`Failure::File`] where its frame, its faults or its start posture do not fit.
     pub fn check(&self, scenario: &Scenario, robot: &Robot, graph: &Graph) -> Result<(), Failure> {
         let located = |complaint: Complaint| self.located(complaint);
-        if let Some(frame) = scenario.frame().filter(|frame| !robot.frames.iter().any(|known| known.name == *frame)) {
+        if let Some(frame) = scenario
+            .frame()
+            .filter(|frame| !robot.frames.iter().any(|known| known.name == *frame))
+        {
             let names = robot.frames.iter().map(|frame| frame.name.as_str());
-            return Err(located(Complaint::new("frame", unknown("frame", frame, names, ""), "")));
+            return Err(located(Complaint::new(
+                "frame",
+                unknown("frame", frame, names, ""),
+                "",
+            )));
         }
-        if scenario.servo.is_some() && !graph.process("controller").is_some_and(|one| one.reads.iter().any(|topic| topic == "target")) {
+        if scenario.servo.is_some()
+            && !graph
+                .process("controller")
+                .is_some_and(|one| one.reads.iter().any(|topic| topic == "target"))
+        {
             let remedy = "extends = \"servo\" in the graph";
-            return Err(located(Complaint::new("servo", "the graph's controller does not read `target`", remedy)));
+            return Err(located(Complaint::new(
+                "servo",
+                "the graph's controller does not read `target`",
+                remedy,
+            )));
         }
         scenario.scheduled_faults(graph).map_err(located)?;
         for (i, fault) in scenario.fault.iter().enumerate() {
-            arm_faults::check(fault, robot).map_err(|complaint| located(complaint.within(&format!("fault.{i}"))))?;
+            arm_faults::check(fault, robot)
+                .map_err(|complaint| located(complaint.within(&format!("fault.{i}"))))?;
         }
         let key = if scenario.start.q_rad.is_some() {
             "start.q_rad"
         } else {
-            scenario.start.q_deg.as_ref().map_or("start.posture", |_| "start.q_deg")
+            scenario
+                .start
+                .q_deg
+                .as_ref()
+                .map_or("start.posture", |_| "start.q_deg")
         };
-        robot.start_posture(&scenario.start).map_err(|error| located(Complaint::new(key, error.to_string(), "")))?;
+        robot
+            .start_posture(&scenario.start)
+            .map_err(|error| located(Complaint::new(key, error.to_string(), "")))?;
         Ok(())
     }
 
     /// The path of a file that a scenario from here names.
     #[must_use]
     pub fn beside(&self, file: &str) -> PathBuf {
-        self.folder.as_deref().map_or_else(|| PathBuf::from(file), |folder| folder.join(file))
+        self.folder
+            .as_deref()
+            .map_or_else(|| PathBuf::from(file), |folder| folder.join(file))
     }
 
     fn located(&self, complaint: Complaint) -> Failure {
@@ -180,23 +238,47 @@ impl Source {
 /// # Errors
 /// [`Failure::Input`] where there is no such robot, or its description is invalid.
 pub fn robot(name: &str, folder: Option<&Path>, frame: Option<&str>) -> Result<Robot, Failure> {
-    if Path::new(name).extension().is_none_or(|extension| extension != "urdf") {
-        if folder.map_or_else(|| PathBuf::from(name), |folder| folder.join(name)).is_file() {
-            return Err(Failure::Input(format!("{name} is not a URDF: the name of a robot's file ends in .urdf")));
+    if Path::new(name)
+        .extension()
+        .is_none_or(|extension| extension != "urdf")
+    {
+        if folder
+            .map_or_else(|| PathBuf::from(name), |folder| folder.join(name))
+            .is_file()
+        {
+            return Err(Failure::Input(format!(
+                "{name} is not a URDF: the name of a robot's file ends in .urdf"
+            )));
         }
         return Robot::builtin(name).map_err(Failure::input);
     }
     let path = folder.map_or_else(|| PathBuf::from(name), |folder| folder.join(name));
     let urdf = read(&path)?;
     let beside = path.with_extension("toml");
-    let description = if beside.exists() { read(&beside)? } else { String::new() };
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let source = RobotSource { name: stem, description, urdf };
+    let description = if beside.exists() {
+        read(&beside)?
+    } else {
+        String::new()
+    };
+    let stem = path
+        .file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned();
+    let source = RobotSource {
+        name: stem,
+        description,
+        urdf,
+    };
     let made = match (Robot::from_source(&source), frame) {
         (Err(RobotError::Branches { .. }), Some(frame)) => {
-            let mut description: toml::Table = source.description.parse().map_err(Failure::input)?;
+            let mut description: toml::Table =
+                source.description.parse().map_err(Failure::input)?;
             description.insert("default_frame".to_owned(), frame.into());
-            Robot::from_source(&RobotSource { description: description.to_string(), ..source })
+            Robot::from_source(&RobotSource {
+                description: description.to_string(),
+                ..source
+            })
         }
         (made, _) => made,
     };
@@ -209,14 +291,20 @@ pub fn robot(name: &str, folder: Option<&Path>, frame: Option<&str>) -> Result<R
 /// # Errors
 /// [`Failure::Input`] where there is no such link, or no arm hangs on it.
 pub fn on_base(robot: &Robot, base: &str) -> Result<Robot, Failure> {
-    let refused = |error: RobotError| Failure::Input(format!("{} from the base '{base}' on: {error}", robot.name));
+    let refused = |error: RobotError| {
+        Failure::Input(format!("{} from the base '{base}' on: {error}", robot.name))
+    };
     let mut description: toml::Table = robot.source.description.parse().map_err(Failure::input)?;
     for whole in ["factors", "length_m", "task", "postures"] {
         description.remove(whole);
     }
     description.insert("base_frame".to_owned(), base.into());
     let with = |description: &toml::Table| {
-        Robot::from_source(&RobotSource { description: description.to_string(), ..robot.source.clone() }).map_err(refused)
+        Robot::from_source(&RobotSource {
+            description: description.to_string(),
+            ..robot.source.clone()
+        })
+        .map_err(refused)
     };
     let mut bare = description.clone();
     bare.remove("joints");
@@ -229,8 +317,16 @@ pub fn on_base(robot: &Robot, base: &str) -> Result<Robot, Failure> {
 
 /// The texts a robot was made of, for the manifest.
 fn robot_text(robot: &Robot) -> RobotText {
-    let RobotSource { name, description, urdf } = robot.source.clone();
-    RobotText { name, description, urdf }
+    let RobotSource {
+        name,
+        description,
+        urdf,
+    } = robot.source.clone();
+    RobotText {
+        name,
+        description,
+        urdf,
+    }
 }
 
 /// The robot that a job's texts make.
@@ -238,8 +334,16 @@ fn robot_text(robot: &Robot) -> RobotText {
 /// # Errors
 /// [`RobotError`] where the texts are invalid.
 pub fn robot_of(text: &RobotText) -> Result<Robot, RobotError> {
-    let RobotText { name, description, urdf } = text.clone();
-    Robot::from_source(&RobotSource { name, description, urdf })
+    let RobotText {
+        name,
+        description,
+        urdf,
+    } = text.clone();
+    Robot::from_source(&RobotSource {
+        name,
+        description,
+        urdf,
+    })
 }
 
 /// The process graph of a scenario: the user's, or the built-in one, which for a steered run has an operator.
@@ -258,22 +362,41 @@ pub fn graph_of(scenario: &Scenario, file: Option<&Path>) -> Result<Graph, Failu
 /// # Errors
 /// [`Failure::Input`] or [`Failure::File`] where the file cannot be read or is invalid.
 pub fn graph(file: Option<&Path>) -> Result<Graph, Failure> {
-    let Some(path) = file else { return Ok(Graph::built_in(false)?) };
+    let Some(path) = file else {
+        return Ok(Graph::built_in(false)?);
+    };
     let (name, text) = (path.display().to_string(), read(path)?);
     let mut graph = Graph::parse(&name, &text)?;
-    if !graph.process.iter().any(|process| process.program() == Some(Program::Recorder)) {
+    if !graph
+        .process
+        .iter()
+        .any(|process| process.program() == Some(Program::Recorder))
+    {
         return Err(Failure::Input(format!(
             "{name}: no process records the run, and its account comes from the recorder: extends = \"armplane\", or a process with \
              program = \"recorder\" (`--no-record` leaves out the recording, not the account)"
         )));
     }
-    let folder = path.parent().unwrap_or(Path::new("")).join(graph.folder.unwrap_or_default());
-    let folder = if folder.as_os_str().is_empty() { PathBuf::from(".") } else { folder };
-    let canonical = folder.canonicalize().map_err(|error| Failure::Input(format!("{name}: folder: {}: {error}", folder.display())))?;
+    let folder = path
+        .parent()
+        .unwrap_or(Path::new(""))
+        .join(graph.folder.unwrap_or_default());
+    let folder = if folder.as_os_str().is_empty() {
+        PathBuf::from(".")
+    } else {
+        folder
+    };
+    let canonical = folder.canonicalize().map_err(|error| {
+        Failure::Input(format!("{name}: folder: {}: {error}", folder.display()))
+    })?;
     for process in &graph.process {
         if let Some(command) = process.command.first() {
-            check_program(command, &canonical)
-                .map_err(|reason| Failure::Input(format!("{name}: the command of `{}`: {reason}", process.name)))?;
+            check_program(command, &canonical).map_err(|reason| {
+                Failure::Input(format!(
+                    "{name}: the command of `{}`: {reason}",
+                    process.name
+                ))
+            })?;
         }
     }
     graph.folder = Some(canonical);
@@ -295,28 +418,39 @@ pub fn command(graph: &Graph, process: &str) -> Option<Command> {
     let (first, arguments) = graph.process(process)?.command.split_first()?;
     let folder = graph.folder.as_deref();
     let mut command = Command::new(program(first, folder));
-    command.args(arguments).current_dir(folder.unwrap_or(Path::new(".")));
+    command
+        .args(arguments)
+        .current_dir(folder.unwrap_or(Path::new(".")));
     Some(command)
 }
 
 /// Whether there is a program that can be started.
 fn check_program(command: &str, folder: &Path) -> Result<(), String> {
     use std::os::unix::fs::PermissionsExt;
-    let is_program = |path: &Path| path.metadata().is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o111 != 0);
+    let is_program = |path: &Path| {
+        path.metadata()
+            .is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o111 != 0)
+    };
     if command.contains('/') {
         let path = program(command, Some(folder));
         return match (path.exists(), is_program(&path)) {
             (_, true) => Ok(()),
-            (true, false) => Err(format!("{} is no program: it is not an executable file", path.display())),
-            (false, _) => {
-                Err(format!("there is no program {}: build it, or correct the path, which counts from the graph's folder", path.display()))
-            }
+            (true, false) => Err(format!(
+                "{} is no program: it is not an executable file",
+                path.display()
+            )),
+            (false, _) => Err(format!(
+                "there is no program {}: build it, or correct the path, which counts from the graph's folder",
+                path.display()
+            )),
         };
     }
     let folders = std::env::var_os("PATH").unwrap_or_default();
     match std::env::split_paths(&folders).any(|folder| is_program(&folder.join(command))) {
         true => Ok(()),
-        false => Err(format!("there is no program `{command}` in PATH; a path such as `./{command}` counts from the graph's folder")),
+        false => Err(format!(
+            "there is no program `{command}` in PATH; a path such as `./{command}` counts from the graph's folder"
+        )),
     }
 }
 
@@ -340,15 +474,30 @@ pub fn job(robot: &Robot, scenario: Scenario, graph: Graph, mode: Mode, out: Pat
 }
 
 /// "there is no X `name`", with the nearest known name.
-pub fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'a str>, more: &str) -> String {
+pub fn unknown<'a>(
+    what: &str,
+    name: &str,
+    known: impl Iterator<Item = &'a str>,
+    more: &str,
+) -> String {
     let known: Vec<&str> = known.collect();
-    let distance = |candidate: &str| if candidate.starts_with(name) { 0 } else { strsim::levenshtein(name, candidate) };
+    let distance = |candidate: &str| {
+        if candidate.starts_with(name) {
+            0
+        } else {
+            strsim::levenshtein(name, candidate)
+        }
+    };
     let near = known.iter().min_by_key(|candidate| distance(candidate));
     let hint = match near {
         Some(near) if distance(near) <= 1 + near.len() / 3 => format!("did you mean `{near}`?"),
         _ => format!("there are {}", known.join(", ")),
     };
-    let more = if more.is_empty() { String::new() } else { format!("; {more}") };
+    let more = if more.is_empty() {
+        String::new()
+    } else {
+        format!("; {more}")
+    };
     format!("there is no {what} `{name}`: {hint}{more}")
 }
 

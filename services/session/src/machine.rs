@@ -6,6 +6,18 @@ use shared_types::summary::Machine;
 pub fn machine() -> Machine {
     let health = launcher::doctor::examine();
     let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let cpu = text.lines().find_map(|line| Some(line.strip_prefix("model name")?.split_once(':')?.1.trim().to_owned()));
-    Machine { cpu: cpu.unwrap_or_default(), cores: health.cores.len(), kernel: health.kernel }
+    let cpu = text.lines().find_map(|line| {
+        Some(
+            line.strip_prefix("model name")?
+                .split_once(':')?
+                .1
+                .trim()
+                .to_owned(),
+        )
+    });
+    Machine {
+        cpu: cpu.unwrap_or_default(),
+        cores: health.cores.len(),
+        kernel: health.kernel,
+    }
 }

@@ -4,7 +4,8 @@ use std::path::Path;
 use std::time::Instant;
 
 use runtime::{
-    ControlPage, ControlPageError, Counts, Distribution, FaultRecord, LiveSingularity, LiveState, Manifest, RunDir, SHM, State, Stop,
+    ControlPage, ControlPageError, Counts, Distribution, FaultRecord, LiveSingularity, LiveState,
+    Manifest, RunDir, SHM, State, Stop,
 };
 use serde::Serialize;
 use shared_types::codes::{self, name_of, singularity_name};
@@ -17,14 +18,32 @@ use crate::Failure;
 /// # Errors
 /// [`Failure::Input`] with the names of the living runs.
 pub fn choose(wanted: Option<&str>) -> Result<String, Failure> {
-    let alive: Vec<String> = RunDir::list().into_iter().filter(|run| run.alive).map(|run| run.name).collect();
-    let listed = || if alive.is_empty() { "none".to_owned() } else { alive.join(", ") };
+    let alive: Vec<String> = RunDir::list()
+        .into_iter()
+        .filter(|run| run.alive)
+        .map(|run| run.name)
+        .collect();
+    let listed = || {
+        if alive.is_empty() {
+            "none".to_owned()
+        } else {
+            alive.join(", ")
+        }
+    };
     match (wanted, &alive[..]) {
         (Some(wanted), _) if alive.iter().any(|name| name == wanted) => Ok(wanted.to_owned()),
-        (Some(wanted), _) => Err(Failure::Input(format!("no run {wanted} is alive; alive: {}", listed()))),
+        (Some(wanted), _) => Err(Failure::Input(format!(
+            "no run {wanted} is alive; alive: {}",
+            listed()
+        ))),
         (None, [only]) => Ok(only.clone()),
-        (None, []) => Err(Failure::Input("no run is alive; start one with `armplane run`".to_owned())),
-        (None, _) => Err(Failure::Input(format!("several runs are alive; choose one with --run: {}", listed()))),
+        (None, []) => Err(Failure::Input(
+            "no run is alive; start one with `armplane run`".to_owned(),
+        )),
+        (None, _) => Err(Failure::Input(format!(
+            "several runs are alive; choose one with --run: {}",
+            listed()
+        ))),
     }
 }
 
@@ -34,11 +53,22 @@ pub fn choose(wanted: Option<&str>) -> Result<String, Failure> {
 /// [`Failure::Input`] with the names of the living runs.
 pub fn choose_to_change(wanted: Option<&str>) -> Result<String, Failure> {
     let name = choose(wanted)?;
-    let launcher = RunDir::list().into_iter().find(|run| run.name == name).map(|run| run.launcher_pid).unwrap_or_default();
-    let (here, there) = (std::env::current_dir().ok(), std::fs::read_link(format!("/proc/{launcher}/cwd")).ok());
+    let launcher = RunDir::list()
+        .into_iter()
+        .find(|run| run.name == name)
+        .map(|run| run.launcher_pid)
+        .unwrap_or_default();
+    let (here, there) = (
+        std::env::current_dir().ok(),
+        std::fs::read_link(format!("/proc/{launcher}/cwd")).ok(),
+    );
     if wanted.is_none() && (here.is_none() || here != there) {
-        let folder = there.map_or("another folder".to_owned(), |folder| folder.display().to_string());
-        return Err(Failure::Input(format!("the only run alive is {name}, started from {folder}; if you mean it, give --run {name}")));
+        let folder = there.map_or("another folder".to_owned(), |folder| {
+            folder.display().to_string()
+        });
+        return Err(Failure::Input(format!(
+            "the only run alive is {name}, started from {folder}; if you mean it, give --run {name}"
+        )));
     }
     Ok(name)
 }
@@ -176,9 +206,16 @@ impl Observer {
     pub fn open(name: &str) -> Result<Self, Failure> {
         let run = RunDir::open(&Path::new(SHM).join(name)).map_err(Failure::input)?;
         let manifest = Manifest::read(&run).map_err(Failure::work)?;
-        let control_page = ControlPage::open(&run).map_err(|error: ControlPageError| Failure::work(error))?;
+        let control_page =
+            ControlPage::open(&run).map_err(|error: ControlPageError| Failure::work(error))?;
         let before = sample(&control_page, &manifest);
-        Ok(Self { run, name: name.to_owned(), manifest, control_page, before })
+        Ok(Self {
+            run,
+            name: name.to_owned(),
+            manifest,
+            control_page,
+            before,
+        })
     }
 
     /// Whether the run is over.
@@ -191,7 +228,11 @@ impl Observer {
         let now = sample(&self.control_page, &self.manifest);
         let elapsed_s = (now.at - self.before.at).as_secs_f64().max(1e-9);
         let process = |index: usize| {
-            let (described, before, now) = (&self.manifest.processes[index], &self.before.processes[index], &now.processes[index]);
+            let (described, before, now) = (
+                &self.manifest.processes[index],
+                &self.before.processes[index],
+                &now.processes[index],
+            );
             ObservedProcess {
                 name: described.name.clone(),
                 state: state(now.state),
@@ -206,9 +247,19 @@ impl Observer {
                 age_us: times(&before.age, &now.age),
             }
         };
-        let tick = now.processes.iter().map(|sample| sample.ticks).max().unwrap_or(0);
+        let tick = now
+            .processes
+            .iter()
+            .map(|sample| sample.ticks)
+            .max()
+            .unwrap_or(0);
         let fault = |record: &FaultRecord| ObservedFault {
-            process: self.manifest.processes.get(record.scheduled.process as usize).map(|one| one.name.clone()).unwrap_or_default(),
+            process: self
+                .manifest
+                .processes
+                .get(record.scheduled.process as usize)
+                .map(|one| one.name.clone())
+                .unwrap_or_default(),
             kind: record.scheduled.kind().map_or("unknown", Kind::name),
             origin: record.origin.name(),
             tick: record.scheduled.at,
@@ -222,7 +273,13 @@ impl Observer {
             drive: name_of(codes::DRIVES, now.arm.drive),
             stale_ticks: now.arm.stale_ticks.into(),
             phase: name_of(codes::PHASES, now.arm.phase),
-            singularities: now.arm.singularities.iter().enumerate().map(singularity).collect(),
+            singularities: now
+                .arm
+                .singularities
+                .iter()
+                .enumerate()
+                .map(singularity)
+                .collect(),
             faults: now.faults.iter().map(fault).collect(),
         };
         self.before = now;
@@ -247,12 +304,20 @@ fn sample(control_page: &ControlPage, manifest: &Manifest) -> Sample {
         at: Instant::now(),
         processes: (0..manifest.processes.len()).map(process).collect(),
         arm: control_page.live_state(),
-        faults: control_page.fault_table().records().map(|(_, record)| record).collect(),
+        faults: control_page
+            .fault_table()
+            .records()
+            .map(|(_, record)| record)
+            .collect(),
     }
 }
 
 fn missed(counts: &Counts) -> u64 {
-    counts.missed_major_fault + counts.missed_preempted + counts.missed_peer_restart + counts.missed_late_input + counts.missed_overrun
+    counts.missed_major_fault
+        + counts.missed_preempted
+        + counts.missed_peer_restart
+        + counts.missed_late_input
+        + counts.missed_overrun
 }
 
 fn state(state: State) -> &'static str {
@@ -270,7 +335,14 @@ fn state(state: State) -> &'static str {
 fn times(before: &Distribution, now: &Distribution) -> Times {
     let spread = now.since(before);
     let [p50, p99, p999] = [0.5, 0.99, 0.999].map(|share| spread.quantile_us(share));
-    Times { count: spread.count(), p50, p99, p999, max: now.longest_us(), in_all: now.count() }
+    Times {
+        count: spread.count(),
+        p50,
+        p99,
+        p999,
+        max: now.longest_us(),
+        in_all: now.count(),
+    }
 }
 
 fn singularity((place, one): (usize, &LiveSingularity)) -> ObservedSingularity {

@@ -19,16 +19,27 @@ use crate::robot;
 /// [`Failure::Input`] where a fault of the scenario does not fit the graph.
 pub fn plan(job: &Job) -> Result<Plan, Failure> {
     robot::check_mode(&job.graph, job.mode)?;
-    let faults =
-        job.scenario.scheduled_faults(&job.graph).map_err(|complaint| Failure::Input(format!("{}: {complaint}", job.scenario.name)))?;
+    let faults = job
+        .scenario
+        .scheduled_faults(&job.graph)
+        .map_err(|complaint| Failure::Input(format!("{}: {complaint}", job.scenario.name)))?;
     let cores = allowed_cores();
     // Lockstep runs side by side shall not all crowd the same core: which one is "core 0" turns with the process id.
-    let turn = if job.mode == Mode::Lockstep { std::process::id() as usize } else { 0 };
+    let turn = if job.mode == Mode::Lockstep {
+        std::process::id() as usize
+    } else {
+        0
+    };
     let hops = job.graph.hops();
     let children = job.graph.process.iter().map(|process| Child {
         process: runtime::Process {
             name: process.name.clone(),
-            reads: process.reads.iter().chain(&process.feedback).cloned().collect(),
+            reads: process
+                .reads
+                .iter()
+                .chain(&process.feedback)
+                .cloned()
+                .collect(),
             writes: process.writes.clone(),
             polled: process.role() == Role::Observer,
             makes_ticks: process.role() == Role::World,
@@ -40,20 +51,51 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
         ends_run: process.role() == Role::World,
         restart: match process.restart {
             graph::Restart::Never => Restart::Never,
-            graph::Restart::Always => Restart::Budget { times: MOST_RESTARTS, back_off: Duration::from_millis(10) },
+            graph::Restart::Always => Restart::Budget {
+                times: MOST_RESTARTS,
+                back_off: Duration::from_millis(10),
+            },
         },
     });
     let mode = job.mode;
     let messages = job.graph.own_messages().map(foreign).collect();
-    let limits = match job.graph.process.iter().any(|process| process.external || !process.robot.is_empty()) {
-        true => Limits { start: None, wait: None, awaits_person: true, ..Limits::of(mode) },
+    let limits = match job
+        .graph
+        .process
+        .iter()
+        .any(|process| process.external || !process.robot.is_empty())
+    {
+        true => Limits {
+            start: None,
+            wait: None,
+            awaits_person: true,
+            ..Limits::of(mode)
+        },
         false => Limits::of(mode),
     };
-    Ok(Plan { mode, rate_hz: job.scenario.rate_hz, children: children.collect(), messages, limits, faults })
+    Ok(Plan {
+        mode,
+        rate_hz: job.scenario.rate_hz,
+        children: children.collect(),
+        messages,
+        limits,
+        faults,
+    })
 }
 
 /// The part of a declared message that every process of the run must know.
 fn foreign(layout: MessageLayout) -> ForeignMessage {
-    let MessageLayout { topic, type_name, bytes, hash, .. } = layout;
-    ForeignMessage { topic, type_name, bytes, hash }
+    let MessageLayout {
+        topic,
+        type_name,
+        bytes,
+        hash,
+        ..
+    } = layout;
+    ForeignMessage {
+        topic,
+        type_name,
+        bytes,
+        hash,
+    }
 }

@@ -26,10 +26,16 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
             folder.display()
         ))
     })?;
-    let run = Run { folder: folder.clone(), parts: Vec::new() };
+    let run = Run {
+        folder: folder.clone(),
+        parts: Vec::new(),
+    };
     // One that cannot be read is made anew, too. First of all, because remedies for the rest would be in vain.
     if run.summary().is_ok() {
-        return Err(Failure::Input(format!("{} has its {SUMMARY}: there is nothing to recover", folder.display())));
+        return Err(Failure::Input(format!(
+            "{} has its {SUMMARY}: there is nothing to recover",
+            folder.display()
+        )));
     }
     // Held until all is written; refused while the run goes on.
     let _results = Results::of_run(&folder)?;
@@ -48,7 +54,11 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     let earlier = Earlier::set_aside(&folder)?;
     let mut summary = match recorder::rebuild(&robot, &job) {
         Ok(summary) => summary,
-        Err(error) => return Err(earlier.put_back(&folder).map_or_else(|failure| failure, |()| Failure::work(error))),
+        Err(error) => {
+            return Err(earlier
+                .put_back(&folder)
+                .map_or_else(|failure| failure, |()| Failure::work(error)));
+        }
     };
     seal(&folder, &mut summary.recorder);
     let kept = earlier.compare(summary.recorder.rows)?;
@@ -56,23 +66,37 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     let ordinary = !summary.completed
         && summary.recorder.error.is_empty()
         && kept.is_some_and(|rows| rows <= summary.recorder.rows + message_log::BLOCK as u64);
-    let kept = kept.map(|rows| format!("the recording that the run left has {rows} rows, and stays in {EARLIER}/"));
+    let kept = kept.map(|rows| {
+        format!("the recording that the run left has {rows} rows, and stays in {EARLIER}/")
+    });
     if !ordinary {
-        summary.recorder.error = joined([&summary.recorder.error, kept.as_deref().unwrap_or_default()]);
+        summary.recorder.error =
+            joined([&summary.recorder.error, kept.as_deref().unwrap_or_default()]);
     }
     let (lost, page) = (without_messages(&summary), left_in_shared_memory(&job.run));
     if !summary.completed {
         INTERRUPTED.clone_into(&mut summary.outcome);
         summary.reason = match (summary.ticks, &lost[..]) {
-            (0, []) if !summary.recorder.error.is_empty() => "no tick is whole in the message logs that are there".to_owned(),
-            (0, []) => "the launcher was killed before the messages of a whole tick were kept".to_owned(),
-            (0, lost) => format!("no tick is whole: the message log of {} is missing, empty or damaged", lost.join(", ")),
+            (0, []) if !summary.recorder.error.is_empty() => {
+                "no tick is whole in the message logs that are there".to_owned()
+            }
+            (0, []) => {
+                "the launcher was killed before the messages of a whole tick were kept".to_owned()
+            }
+            (0, lost) => format!(
+                "no tick is whole: the message log of {} is missing, empty or damaged",
+                lost.join(", ")
+            ),
             // Of those that the run has done, where that is still known: the last of them were in no file.
             (ticks, _) => match page.as_ref().map_or(0, ticks_done) {
                 done if done > ticks => {
-                    format!("the launcher was killed; recovered from the messages of {ticks} ticks, of {done} that the run had done")
+                    format!(
+                        "the launcher was killed; recovered from the messages of {ticks} ticks, of {done} that the run had done"
+                    )
                 }
-                _ => format!("the launcher was killed; recovered from the messages of {ticks} ticks"),
+                _ => {
+                    format!("the launcher was killed; recovered from the messages of {ticks} ticks")
+                }
             },
         };
         if ordinary {
@@ -80,8 +104,18 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
         }
     }
     summary.machine = machine();
-    let faults: Vec<FaultRecord> = page.map(|page| page.fault_table().records().map(|(_, record)| record).collect()).unwrap_or_default();
-    summary.faults = faults.iter().map(|record| fault_summary(&job, record)).collect();
+    let faults: Vec<FaultRecord> = page
+        .map(|page| {
+            page.fault_table()
+                .records()
+                .map(|(_, record)| record)
+                .collect()
+        })
+        .unwrap_or_default();
+    summary.faults = faults
+        .iter()
+        .map(|record| fault_summary(&job, record))
+        .collect();
     keep(&folder, &job, &summary)?;
     Ok(summary)
 }
@@ -96,7 +130,9 @@ impl Earlier {
         let folder = run.join(EARLIER);
         // One that is there already is the run's own; the other was made by a recovery that was killed.
         if viz::parts_in(&folder).is_empty() && !viz::parts_in(run).is_empty() {
-            std::fs::create_dir_all(&folder).map_err(|error| Failure::Work(format!("cannot make {}: {error}", folder.display())))?;
+            std::fs::create_dir_all(&folder).map_err(|error| {
+                Failure::Work(format!("cannot make {}: {error}", folder.display()))
+            })?;
             move_recording(run, &folder)?;
         }
         Ok(Self { folder })
@@ -116,7 +152,9 @@ impl Earlier {
             return Ok(Some(before));
         }
         for part in parts {
-            std::fs::remove_file(&part).map_err(|error| Failure::Work(format!("cannot remove {}: {error}", part.display())))?;
+            std::fs::remove_file(&part).map_err(|error| {
+                Failure::Work(format!("cannot remove {}: {error}", part.display()))
+            })?;
         }
         let _ = std::fs::remove_dir(&self.folder);
         Ok(None)
@@ -125,17 +163,32 @@ impl Earlier {
 
 fn move_recording(from: &Path, to: &Path) -> Result<(), Failure> {
     for part in viz::parts_in(from) {
-        let place = part.file_name().map_or_else(|| to.to_owned(), |name| to.join(name));
-        std::fs::rename(&part, &place)
-            .map_err(|error| Failure::Work(format!("cannot move {} to {}: {error}", part.display(), place.display())))?;
+        let place = part
+            .file_name()
+            .map_or_else(|| to.to_owned(), |name| to.join(name));
+        std::fs::rename(&part, &place).map_err(|error| {
+            Failure::Work(format!(
+                "cannot move {} to {}: {error}",
+                part.display(),
+                place.display()
+            ))
+        })?;
     }
     Ok(())
 }
 
 /// The topics without a message, where others have so many that theirs must have been kept, too.
 fn without_messages(summary: &Summary) -> Vec<String> {
-    let most = summary.topics.values().map(|topic| topic.count).max().unwrap_or_default();
-    let lost = summary.topics.iter().filter(|(_, topic)| topic.count == 0 && most > 2 * message_log::BLOCK as u64);
+    let most = summary
+        .topics
+        .values()
+        .map(|topic| topic.count)
+        .max()
+        .unwrap_or_default();
+    let lost = summary
+        .topics
+        .iter()
+        .filter(|(_, topic)| topic.count == 0 && most > 2 * message_log::BLOCK as u64);
     lost.map(|(name, _)| format!("`{name}`")).collect()
 }
 
@@ -149,10 +202,15 @@ fn nothing_begun(folder: &Path) -> String {
 
 /// The control page of a run whose directory still exists.
 fn left_in_shared_memory(run: &str) -> Option<ControlPage> {
-    RunDir::open(&Path::new(SHM).join(run)).ok().and_then(|run| ControlPage::open(&run).ok())
+    RunDir::open(&Path::new(SHM).join(run))
+        .ok()
+        .and_then(|run| ControlPage::open(&run).ok())
 }
 
 /// Ticks that a process of the run has done, the most of all.
 fn ticks_done(page: &ControlPage) -> u64 {
-    (0..MAX_PROCESSES).map(|process| page.process(process).ticks()).max().unwrap_or_default()
+    (0..MAX_PROCESSES)
+        .map(|process| page.process(process).ticks())
+        .max()
+        .unwrap_or_default()
 }

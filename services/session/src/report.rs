@@ -21,10 +21,18 @@ pub struct Page {
 pub fn report(run: &Run, path: &Path) -> Result<Page, Failure> {
     let (summary, job) = (run.summary()?, run.job()?);
     // A recording with a name of its own may be of another run than the messages beside it.
-    let damage = if run.is_own() { run.message_damage(&job, Some(&summary)) } else { Vec::new() };
-    let viz::Report { text, lacks } = viz::report(&summary, &job, &run.parts, &damage, path).map_err(|error| match error {
-        viz::ReportError::Read(error) => Failure::Input(run.with_remedy(&error)),
-        other => Failure::work(other),
-    })?;
-    Ok(Page { text, shortfall: (!lacks.is_empty()).then(|| run.with_remedy(&lacks.join("; "))) })
+    let damage = if run.is_own() {
+        run.message_damage(&job, Some(&summary))
+    } else {
+        Vec::new()
+    };
+    let viz::Report { text, lacks } = viz::report(&summary, &job, &run.parts, &damage, path)
+        .map_err(|error| match error {
+            viz::ReportError::Read(error) => Failure::Input(run.with_remedy(&error)),
+            other => Failure::work(other),
+        })?;
+    Ok(Page {
+        text,
+        shortfall: (!lacks.is_empty()).then(|| run.with_remedy(&lacks.join("; "))),
+    })
 }

@@ -33,7 +33,9 @@ const ROBOT_TOML: &str = "robot.toml";
 /// Made and removed to see whether the results folder can be written to.
 const PROBE: &str = ".armplane";
 /// The files that [`keep`] writes.
-const KEPT: [&str; 7] = [SUMMARY, JOB, SCENARIO, GRAPH, ROBOT_URDF, ROBOT_TOML, TARGETS];
+const KEPT: [&str; 7] = [
+    SUMMARY, JOB, SCENARIO, GRAPH, ROBOT_URDF, ROBOT_TOML, TARGETS,
+];
 /// More than a summary takes, faults included; bytes.
 const SUMMARY_BYTES: usize = 128 * 1024;
 /// More than the faults of a run take in its scenario; bytes.
@@ -64,7 +66,11 @@ const FOR_A_RECOVERY: Remedies = Remedies {
 
 impl Remedies {
     fn unusable(&self, folder: &Path, error: &io::Error) -> Failure {
-        Failure::Input(format!("cannot write results to {}: {error}; {}", folder.display(), self.unwritable))
+        Failure::Input(format!(
+            "cannot write results to {}: {error}; {}",
+            folder.display(),
+            self.unwritable
+        ))
     }
 }
 
@@ -88,7 +94,9 @@ impl Results {
         let remedies = &FOR_A_RUN;
         let (folder, lock, made) = match wanted {
             Some(folder) => {
-                let made = make_parents(folder).and_then(|()| make(folder)).map_err(|error| remedies.unusable(folder, &error))?;
+                let made = make_parents(folder)
+                    .and_then(|()| make(folder))
+                    .map_err(|error| remedies.unusable(folder, &error))?;
                 let lock = lock(folder).map_err(|error| remedies.unusable(folder, &error))?;
                 (folder.to_owned(), lock, made)
             }
@@ -108,16 +116,34 @@ impl Results {
     }
 
     /// A folder that is locked for this run, checked; `made`: it was not there before.
-    fn hold(folder: &Path, lock: Option<OwnedFd>, made: bool, remedies: &Remedies) -> Result<Self, Failure> {
+    fn hold(
+        folder: &Path,
+        lock: Option<OwnedFd>,
+        made: bool,
+        remedies: &Remedies,
+    ) -> Result<Self, Failure> {
         let Some(lock) = lock else {
             let folder = folder.display();
-            return Err(Failure::Input(format!("another run writes its results into {folder} now; {}", remedies.busy)));
+            return Err(Failure::Input(format!(
+                "another run writes its results into {folder} now; {}",
+                remedies.busy
+            )));
         };
-        let folder = folder.canonicalize().map_err(|error| remedies.unusable(folder, &error))?;
-        let results = Self { folder, made, has_reserve: Cell::new(false), _lock: lock };
+        let folder = folder
+            .canonicalize()
+            .map_err(|error| remedies.unusable(folder, &error))?;
+        let results = Self {
+            folder,
+            made,
+            has_reserve: Cell::new(false),
+            _lock: lock,
+        };
         if let Some(path) = results.irregular(remedies.is_read) {
             let path = path.display();
-            return Err(Failure::Input(format!("{path} has the name of a result and is not an ordinary file: {}", remedies.irregular)));
+            return Err(Failure::Input(format!(
+                "{path} has the name of a result and is not an ordinary file: {}",
+                remedies.irregular
+            )));
         }
         let probe = results.folder.join(PROBE);
         let probed = std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe));
@@ -128,13 +154,22 @@ impl Results {
     /// A link, pipe, device or folder in the folder that has the name of a result: what is written there would go elsewhere, or wait for a reader.
     fn irregular(&self, is_read: &[&str]) -> Option<PathBuf> {
         let is_ours = |name: &str| {
-            KEPT.contains(&name) && !is_read.contains(&name) || [".rrd", ".log", ".reserved", ".tmp"].iter().any(|end| name.ends_with(end))
+            KEPT.contains(&name) && !is_read.contains(&name)
+                || [".rrd", ".log", ".reserved", ".tmp"]
+                    .iter()
+                    .any(|end| name.ends_with(end))
         };
         let here = [self.folder.clone(), self.folder.join(recorder::MESSAGES)];
-        let mut entries = here.iter().filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten();
+        let mut entries = here
+            .iter()
+            .filter_map(|folder| std::fs::read_dir(folder).ok())
+            .flatten()
+            .flatten();
         let found = entries.find(|entry| {
-            is_ours(&entry.file_name().to_string_lossy()) && entry.file_type().is_ok_and(|kind| !kind.is_file())
-                || entry.file_name() == recorder::MESSAGES && entry.file_type().is_ok_and(|kind| !kind.is_dir())
+            is_ours(&entry.file_name().to_string_lossy())
+                && entry.file_type().is_ok_and(|kind| !kind.is_file())
+                || entry.file_name() == recorder::MESSAGES
+                    && entry.file_type().is_ok_and(|kind| !kind.is_dir())
         });
         found.map(|entry| entry.path())
     }
@@ -146,15 +181,21 @@ impl Results {
     pub fn save(&self, name: &str, value: &serde_json::Value) -> Result<(), Failure> {
         let path = self.folder.join(name);
         let text = serde_json::to_vec_pretty(value).map_err(Failure::work)?;
-        std::fs::write(&path, text).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))
+        std::fs::write(&path, text)
+            .map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))
     }
 
     /// Takes the room that the run's account will need: a recording that fills the disk shall not be the end of the summary too.
     pub(crate) fn reserve(&self, job: &Job) -> Result<(), Failure> {
         self.has_reserve.set(true);
         let job_bytes = serde_json::to_vec_pretty(job).map_err(Failure::work)?.len();
-        let repeated = repeated(job, &Summary::default())?.into_iter().map(|(name, text)| (name, text.len() + FAULTS_BYTES));
-        for (name, bytes) in [(SUMMARY, SUMMARY_BYTES), (JOB, job_bytes + FAULTS_BYTES)].into_iter().chain(repeated) {
+        let repeated = repeated(job, &Summary::default())?
+            .into_iter()
+            .map(|(name, text)| (name, text.len() + FAULTS_BYTES));
+        for (name, bytes) in [(SUMMARY, SUMMARY_BYTES), (JOB, job_bytes + FAULTS_BYTES)]
+            .into_iter()
+            .chain(repeated)
+        {
             runtime::reserve(&self.folder.join(name), bytes).map_err(|error| {
                 release(&self.folder);
                 FOR_A_RUN.unusable(&self.folder, &error)
@@ -171,15 +212,23 @@ impl Results {
         old.extend(viz::parts_in(&at(EARLIER)));
         if at(SUMMARY).exists() || at(JOB).exists() {
             let again = repeated(job, &Summary::default())?;
-            let is_again = |name: &str| name == JOB || again.iter().any(|(again, _)| *again == name);
+            let is_again =
+                |name: &str| name == JOB || again.iter().any(|(again, _)| *again == name);
             old.extend(KEPT.into_iter().filter(|name| !is_again(name)).map(at));
-            let logs = std::fs::read_dir(at(recorder::MESSAGES)).into_iter().flatten().flatten().map(|entry| entry.path());
-            old.extend(logs.filter(|path| path.extension().is_some_and(|extension| extension == "log")));
+            let logs = std::fs::read_dir(at(recorder::MESSAGES))
+                .into_iter()
+                .flatten()
+                .flatten()
+                .map(|entry| entry.path());
+            old.extend(
+                logs.filter(|path| path.extension().is_some_and(|extension| extension == "log")),
+            );
         }
         let remove = |old: &PathBuf| match std::fs::remove_file(old) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                Err(Failure::Input(format!("cannot replace {}: {error}", old.display())))
-            }
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(Failure::Input(format!(
+                "cannot replace {}: {error}",
+                old.display()
+            ))),
             _ => Ok(()),
         };
         old.iter().try_for_each(remove)?;
@@ -200,11 +249,19 @@ impl Results {
 /// # Errors
 /// [`Failure::Work`] where a file cannot be written.
 pub fn keep(folder: &Path, job: &Job, summary: &Summary) -> Result<(), Failure> {
-    let cannot = |name: &str, error: std::io::Error| Failure::Work(format!("cannot write {}: {error}", folder.join(name).display()));
+    let cannot = |name: &str, error: std::io::Error| {
+        Failure::Work(format!(
+            "cannot write {}: {error}",
+            folder.join(name).display()
+        ))
+    };
     let repeated = repeated(job, summary)?;
     let summary = serde_json::to_vec_pretty(summary).map_err(Failure::work)?;
     let job_text = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
-    for (name, text) in [(SUMMARY, summary), (JOB, job_text)].into_iter().chain(repeated) {
+    for (name, text) in [(SUMMARY, summary), (JOB, job_text)]
+        .into_iter()
+        .chain(repeated)
+    {
         // Whole or not at all: a full disk leaves no half file.
         runtime::write_reserved(&folder.join(name), &text).map_err(|error| {
             release(folder);
@@ -217,7 +274,8 @@ pub fn keep(folder: &Path, job: &Job, summary: &Summary) -> Result<(), Failure> 
 
 /// Gives the room back that no file has taken.
 fn release(folder: &Path) {
-    KEPT.iter().for_each(|name| runtime::release_reserve(&folder.join(name)));
+    KEPT.iter()
+        .for_each(|name| runtime::release_reserve(&folder.join(name)));
 }
 
 fn make_parents(folder: &Path) -> io::Result<()> {
@@ -236,7 +294,11 @@ fn make(folder: &Path) -> io::Result<bool> {
 /// Takes the folder for this run; `None` where another run has it, or its owner has removed it meanwhile.
 fn lock(folder: &Path) -> io::Result<Option<OwnedFd>> {
     use rustix::fs::{FlockOperation, Mode, OFlags, flock, fstat, open, stat};
-    let held = open(folder, OFlags::RDONLY | OFlags::DIRECTORY | OFlags::CLOEXEC, Mode::empty())?;
+    let held = open(
+        folder,
+        OFlags::RDONLY | OFlags::DIRECTORY | OFlags::CLOEXEC,
+        Mode::empty(),
+    )?;
     match flock(&held, FlockOperation::NonBlockingLockExclusive) {
         // A file system without locks has no way to tell.
         Ok(()) | Err(Errno::NOSYS | Errno::OPNOTSUPP | Errno::NOLCK) => {}
@@ -244,7 +306,9 @@ fn lock(folder: &Path) -> io::Result<Option<OwnedFd>> {
         Err(errno) => return Err(errno.into()),
     }
     let (ours, there) = (fstat(&held)?, stat(folder).ok());
-    Ok(there.is_some_and(|there| (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino)).then_some(held))
+    Ok(there
+        .is_some_and(|there| (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino))
+        .then_some(held))
 }
 
 /// The next `runs/NAME-NNN` that does not exist yet.
@@ -278,9 +342,16 @@ impl Drop for Results {
 
 /// The files of the scenario that gives the same bytes again; robot and graph beside it where they are not the built-in ones.
 fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>, Failure> {
-    let fault = summary.faults.iter().filter_map(|fault| fault.plan.clone()).collect();
+    let fault = summary
+        .faults
+        .iter()
+        .filter_map(|fault| fault.plan.clone())
+        .collect();
     let mut files = Vec::new();
-    let mut scenario = Scenario { fault, ..job.scenario.clone() };
+    let mut scenario = Scenario {
+        fault,
+        ..job.scenario.clone()
+    };
     if scenario.robot.ends_with(".urdf") {
         ROBOT_URDF.clone_into(&mut scenario.robot);
         files.push((ROBOT_URDF, job.robot.urdf.clone().into_bytes()));
@@ -295,46 +366,93 @@ fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>
         (session.input, session.live) = (TARGETS.to_owned(), false);
         session.targets.clear();
         // An interrupted session ends where it did.
-        session.ticks = if summary.outcome == INTERRUPTED { summary.ticks } else { session.ticks };
+        session.ticks = if summary.outcome == INTERRUPTED {
+            summary.ticks
+        } else {
+            session.ticks
+        };
         // The file takes the place of the program that gave the targets.
-        let operator = |process: &&Process| process.writes.iter().any(|topic| topic == Target::TOPIC);
+        let operator =
+            |process: &&Process| process.writes.iter().any(|topic| topic == Target::TOPIC);
         if let Some(ours) = built_in.process.iter().find(operator) {
-            graph.process.iter_mut().filter(|process| operator(&&**process)).for_each(|process| process.clone_from(ours));
+            graph
+                .process
+                .iter_mut()
+                .filter(|process| operator(&&**process))
+                .for_each(|process| process.clone_from(ours));
         }
-        if graph.process.iter().all(|process| process.command.is_empty()) {
+        if graph
+            .process
+            .iter()
+            .all(|process| process.command.is_empty())
+        {
             graph.folder = None;
         }
     }
     if graph != built_in {
         GRAPH.clone_into(&mut scenario.graph);
-        files.push((GRAPH, toml::to_string(&graph).map_err(Failure::work)?.into_bytes()));
+        files.push((
+            GRAPH,
+            toml::to_string(&graph).map_err(Failure::work)?.into_bytes(),
+        ));
     }
-    files.push((SCENARIO, toml::to_string(&scenario).map_err(Failure::work)?.into_bytes()));
+    files.push((
+        SCENARIO,
+        toml::to_string(&scenario)
+            .map_err(Failure::work)?
+            .into_bytes(),
+    ));
     Ok(files)
 }
 
 /// The targets of a steered run as a file: as they were given, or of a run whose targets came while it lasted as they are kept with its messages.
 fn targets(job: &Job, session: &Servo, summary: &Summary) -> Result<String, Failure> {
-    let is_given = !session.targets.is_empty() && job.graph.process(Program::Operator.name()).is_some_and(|one| one.program().is_some());
+    let is_given = !session.targets.is_empty()
+        && job
+            .graph
+            .process(Program::Operator.name())
+            .is_some_and(|one| one.program().is_some());
     if is_given {
         return Ok(session.targets.clone());
     }
-    let cannot = |error: LogError| Failure::Work(format!("the targets of the run are not kept, so it cannot be repeated: {error}"));
-    let mut log = match LogReader::<Target>::open_of(&job.out.join(recorder::MESSAGES), &Logs::of(job)) {
-        Ok(log) => Some(log),
-        // Before the first tick there are none.
-        Err(error) if error.is_before_the_first_message() && summary.ticks == 0 => None,
-        Err(error) => return Err(cannot(error)),
+    let cannot = |error: LogError| {
+        Failure::Work(format!(
+            "the targets of the run are not kept, so it cannot be repeated: {error}"
+        ))
     };
+    let mut log =
+        match LogReader::<Target>::open_of(&job.out.join(recorder::MESSAGES), &Logs::of(job)) {
+            Ok(log) => Some(log),
+            // Before the first tick there are none.
+            Err(error) if error.is_before_the_first_message() && summary.ticks == 0 => None,
+            Err(error) => return Err(cannot(error)),
+        };
     let mut rows: Vec<Row> = Vec::new();
-    while let Some(message) = log.as_mut().map_or(Ok(None), LogReader::next_message).map_err(cannot)? {
-        if rows.last().map_or(TargetContent::default(), |row| row.target) != message.target {
-            rows.push(Row { tick: message.header.tick, target: message.target });
+    while let Some(message) = log
+        .as_mut()
+        .map_or(Ok(None), LogReader::next_message)
+        .map_err(cannot)?
+    {
+        if rows
+            .last()
+            .map_or(TargetContent::default(), |row| row.target)
+            != message.target
+        {
+            rows.push(Row {
+                tick: message.header.tick,
+                target: message.target,
+            });
         }
     }
     if rows.is_empty() {
         // No target came; a file has at least one. It comes after the last tick.
-        rows.push(Row { tick: summary.ticks, target: TargetContent { kind: TARGET_END, ..Default::default() } });
+        rows.push(Row {
+            tick: summary.ticks,
+            target: TargetContent {
+                kind: TARGET_END,
+                ..Default::default()
+            },
+        });
     }
     Ok(target_file::write(&rows, job.scenario.rate_hz))
 }

@@ -16,10 +16,17 @@ use crate::results::ROBOT_URDF;
 /// [`Failure::Input`] where `address` is none, or another program makes the ticks.
 pub(crate) fn put_in(graph: &mut Graph, address: &str) -> Result<(), Failure> {
     let address: Address = address.parse().map_err(Failure::Input)?;
-    let world = graph.process.iter_mut().find(|process| process.role() == Role::World);
+    let world = graph
+        .process
+        .iter_mut()
+        .find(|process| process.role() == Role::World);
     match world.filter(|process| process.command.is_empty() && !process.is_exchanged()) {
         Some(process) => process.robot = address.to_string(),
-        None => return Err(Failure::Input(format!("--plant {address}: another program makes the ticks of this graph: take it out"))),
+        None => {
+            return Err(Failure::Input(format!(
+                "--plant {address}: another program makes the ticks of this graph: take it out"
+            )));
+        }
     }
     Ok(())
 }
@@ -27,7 +34,11 @@ pub(crate) fn put_in(graph: &mut Graph, address: &str) -> Result<(), Failure> {
 /// # Errors
 /// [`Failure::Input`] where a robot of the graph is to run in lockstep.
 pub(crate) fn check_mode(graph: &Graph, mode: Mode) -> Result<(), Failure> {
-    match graph.process.iter().find(|process| !process.robot.is_empty() && mode == Mode::Lockstep) {
+    match graph
+        .process
+        .iter()
+        .find(|process| !process.robot.is_empty() && mode == Mode::Lockstep)
+    {
         Some(process) => Err(Failure::Input(format!(
             "the clock of the robot at {} makes the ticks: it runs in real time, not in lockstep (`armplane run --mode realtime`)",
             process.robot
@@ -40,17 +51,35 @@ pub(crate) fn check_mode(graph: &Graph, mode: Mode) -> Result<(), Failure> {
 ///
 /// # Errors
 /// [`Failure`] in words where the robot does not answer or is not ready, or where mode, rate, start or faults do not fit it.
-pub(crate) fn settle(mut loaded: Loaded, mode: Mode, observer: Observer<'_>) -> Result<Loaded, Failure> {
-    let Some(world) = loaded.graph.process.iter().find(|process| !process.robot.is_empty()) else { return Ok(loaded) };
+pub(crate) fn settle(
+    mut loaded: Loaded,
+    mode: Mode,
+    observer: Observer<'_>,
+) -> Result<Loaded, Failure> {
+    let Some(world) = loaded
+        .graph
+        .process
+        .iter()
+        .find(|process| !process.robot.is_empty())
+    else {
+        return Ok(loaded);
+    };
     let address: Address = world.robot.parse().map_err(Failure::Input)?;
     let refuse = |sentence: String| Err(Failure::Input(sentence));
     check_mode(&loaded.graph, mode)?;
     if loaded.scenario.rate_hz != plant_fci::RATE_HZ {
-        return refuse(format!("rate_hz = {}: the robot runs at {} Hz, leave it out", loaded.scenario.rate_hz, plant_fci::RATE_HZ));
+        return refuse(format!(
+            "rate_hz = {}: the robot runs at {} Hz, leave it out",
+            loaded.scenario.rate_hz,
+            plant_fci::RATE_HZ
+        ));
     }
     if loaded.robot.dof() != plant_fci::JOINTS {
         let (name, dof) = (&loaded.robot.name, loaded.robot.dof());
-        return refuse(format!("the scenario is for {name} with {dof} joints; a Franka arm has {}", plant_fci::JOINTS));
+        return refuse(format!(
+            "the scenario is for {name} with {dof} joints; a Franka arm has {}",
+            plant_fci::JOINTS
+        ));
     }
     let described = plant_fci::describe(&address, &loaded.robot.name).map_err(Failure::work)?;
     match described {
@@ -65,6 +94,9 @@ pub(crate) fn settle(mut loaded: Loaded, mode: Mode, observer: Observer<'_>) -> 
             loaded.robot.name
         ))),
     }
-    loaded.robot.start_posture(&loaded.scenario.start).map_err(Failure::input)?;
+    loaded
+        .robot
+        .start_posture(&loaded.scenario.start)
+        .map_err(Failure::input)?;
     Ok(loaded)
 }

@@ -26,8 +26,14 @@ impl Run {
     /// [`Failure::Input`] where there is no such run.
     pub fn find(wanted: Option<&Path>) -> Result<Self, Failure> {
         if let Some(path) = wanted.filter(|path| path.is_file() && is_loose_recording(path)) {
-            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-            return Ok(Self { folder: folder.to_owned(), parts: vec![path.to_owned()] });
+            let folder = path
+                .parent()
+                .filter(|folder| !folder.as_os_str().is_empty())
+                .unwrap_or(Path::new("."));
+            return Ok(Self {
+                folder: folder.to_owned(),
+                parts: vec![path.to_owned()],
+            });
         }
         let folder = match wanted {
             None => latest()?,
@@ -62,12 +68,21 @@ impl Run {
     pub fn recording(&self) -> Result<&[PathBuf], Failure> {
         if self.parts.is_empty() {
             let summary = self.summary().ok();
-            if summary.as_ref().is_none_or(|summary| !summary.recorder.file.is_empty()) {
+            if summary
+                .as_ref()
+                .is_none_or(|summary| !summary.recorder.file.is_empty())
+            {
                 let shortfall = Reading::default().shortfall(&[], summary.as_ref());
-                let lack = shortfall.map_or_else(|| "its recording is empty".to_owned(), |shortfall| shortfall.to_string());
+                let lack = shortfall.map_or_else(
+                    || "its recording is empty".to_owned(),
+                    |shortfall| shortfall.to_string(),
+                );
                 return Err(Failure::Input(self.with_remedy(&lack)));
             }
-            return Err(Failure::Input(format!("{} has no recording; run it again without --no-record", self.folder.display())));
+            return Err(Failure::Input(format!(
+                "{} has no recording; run it again without --no-record",
+                self.folder.display()
+            )));
         }
         Ok(&self.parts)
     }
@@ -76,7 +91,8 @@ impl Run {
     #[must_use]
     pub fn altered(&self) -> Option<String> {
         let summary = self.summary().ok().filter(|_| self.is_own())?;
-        viz::altered(&self.parts, &summary.recorder.checksums).map(|clause| self.with_remedy(&clause))
+        viz::altered(&self.parts, &summary.recorder.checksums)
+            .map(|clause| self.with_remedy(&clause))
     }
 
     /// Whether the recording has anything to be read.
@@ -86,7 +102,9 @@ impl Run {
     pub(crate) fn check_readable(&self) -> Result<(), Failure> {
         let lack = match viz::has_rows(self.recording()?) {
             Ok(true) => return Ok(()),
-            Ok(false) => Reading::default().shortfall(&self.parts, self.summary().ok().as_ref()).map(|shortfall| shortfall.to_string()),
+            Ok(false) => Reading::default()
+                .shortfall(&self.parts, self.summary().ok().as_ref())
+                .map(|shortfall| shortfall.to_string()),
             Err(error) => Some(error.to_string()),
         };
         // A run without a tick has a whole recording without a row.
@@ -102,7 +120,9 @@ impl Run {
         } else if self.folder.join(SCENARIO).exists() {
             self.again()
         } else {
-            format!("where the run has ended, `armplane recover {folder}` makes it anew from its messages")
+            format!(
+                "where the run has ended, `armplane recover {folder}` makes it anew from its messages"
+            )
         };
         format!("{folder}: {lack}; {remedy}")
     }
@@ -111,7 +131,10 @@ impl Run {
     #[must_use]
     pub fn again(&self) -> String {
         match self.folder.join(SCENARIO).exists() {
-            true => format!("`armplane run {}/{SCENARIO}` makes the run again", self.folder.display()),
+            true => format!(
+                "`armplane run {}/{SCENARIO}` makes the run again",
+                self.folder.display()
+            ),
             false => "run its scenario again".to_owned(),
         }
     }
@@ -123,8 +146,15 @@ impl Run {
     pub fn summary(&self) -> Result<Summary, Failure> {
         self.json(SUMMARY).map_err(|defect| {
             let path = self.folder.join(SUMMARY);
-            let first = if self.has(SUMMARY) && !path.is_file() { format!("remove {}, and ", path.display()) } else { String::new() };
-            let remedy = format!("where the run has ended, {first}`armplane recover {}` makes it from its messages", self.folder.display());
+            let first = if self.has(SUMMARY) && !path.is_file() {
+                format!("remove {}, and ", path.display())
+            } else {
+                String::new()
+            };
+            let remedy = format!(
+                "where the run has ended, {first}`armplane recover {}` makes it from its messages",
+                self.folder.display()
+            );
             Failure::Input(format!("{defect}; {remedy}"))
         })
     }
@@ -134,7 +164,11 @@ impl Run {
     /// # Errors
     /// A clause, where it is there and cannot be read.
     pub fn summary_if_any(&self) -> Result<Option<Summary>, String> {
-        if self.has(SUMMARY) { self.json(SUMMARY).map(Some) } else { Ok(None) }
+        if self.has(SUMMARY) {
+            self.json(SUMMARY).map(Some)
+        } else {
+            Ok(None)
+        }
     }
 
     /// The run's job.
@@ -144,16 +178,22 @@ impl Run {
     pub fn job(&self) -> Result<Job, Failure> {
         let folder = self.folder.display();
         if ![JOB, SUMMARY, MESSAGES].iter().any(|name| self.has(name)) {
-            let remedy = format!("give the folder that `armplane run` named, such as {RUNS}/fig5-wrist-rotation-001");
-            return Err(Failure::Input(format!("{folder} is not the folder of a run (it has no {JOB}): {remedy}")));
+            let remedy = format!(
+                "give the folder that `armplane run` named, such as {RUNS}/fig5-wrist-rotation-001"
+            );
+            return Err(Failure::Input(format!(
+                "{folder} is not the folder of a run (it has no {JOB}): {remedy}"
+            )));
         }
-        self.read_job().map_err(|defect| Failure::Input(format!("{defect}; {}", self.again())))
+        self.read_job()
+            .map_err(|defect| Failure::Input(format!("{defect}; {}", self.again())))
     }
 
     /// As [`job`](Self::job), where it cannot be read with a clause.
     pub(crate) fn read_job(&self) -> Result<Job, String> {
         let job: Job = self.json(JOB)?;
-        job.check().map_err(|complaint| format!("{}: {complaint}", self.folder.join(JOB).display()))?;
+        job.check()
+            .map_err(|complaint| format!("{}: {complaint}", self.folder.join(JOB).display()))?;
         Ok(job)
     }
 
@@ -181,8 +221,14 @@ impl Run {
         if !self.has(name) {
             return Err(format!("{} has no {name}", self.folder.display()));
         }
-        let text = files::read(&path).map_err(|error| format!("cannot read {}: {error}", path.display()))?;
-        serde_json::from_slice(&text).map_err(|error| format!("{} is not what `armplane run` wrote: {error}", path.display()))
+        let text = files::read(&path)
+            .map_err(|error| format!("cannot read {}: {error}", path.display()))?;
+        serde_json::from_slice(&text).map_err(|error| {
+            format!(
+                "{} is not what `armplane run` wrote: {error}",
+                path.display()
+            )
+        })
     }
 }
 
@@ -190,17 +236,34 @@ impl Run {
 fn is_loose_recording(path: &Path) -> bool {
     let folder = path.parent().unwrap_or(Path::new(""));
     path.extension().is_some_and(|extension| extension == "rrd")
-        && !viz::parts_in(folder).iter().any(|part| part.file_name() == path.file_name())
+        && !viz::parts_in(folder)
+            .iter()
+            .any(|part| part.file_name() == path.file_name())
 }
 
 /// The run under `runs` whose recording or summary was written last.
 fn latest() -> Result<PathBuf, Failure> {
     let changed = |folder: &Path| {
-        ["run.rrd", SUMMARY].iter().filter_map(|name| std::fs::metadata(folder.join(name)).and_then(|file| file.modified()).ok()).max()
+        ["run.rrd", SUMMARY]
+            .iter()
+            .filter_map(|name| {
+                std::fs::metadata(folder.join(name))
+                    .and_then(|file| file.modified())
+                    .ok()
+            })
+            .max()
     };
-    let folders = std::fs::read_dir(RUNS).into_iter().flatten().flatten().map(|entry| entry.path());
-    let latest = folders.filter_map(|folder| Some((changed(&folder)?, folder))).max();
-    latest
-        .map(|(_, folder)| folder)
-        .ok_or_else(|| Failure::Input(format!("there is no run under {RUNS}/ here: make one with `armplane run`, or name its folder")))
+    let folders = std::fs::read_dir(RUNS)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.path());
+    let latest = folders
+        .filter_map(|folder| Some((changed(&folder)?, folder)))
+        .max();
+    latest.map(|(_, folder)| folder).ok_or_else(|| {
+        Failure::Input(format!(
+            "there is no run under {RUNS}/ here: make one with `armplane run`, or name its folder"
+        ))
+    })
 }

@@ -76,13 +76,26 @@ pub fn run(request: &Request, observer: Observer<'_>) -> Result<Finished, Failur
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_loaded(request: &Request, loaded: Loaded, begin: Begin<'_>, observer: Observer<'_>) -> Result<Finished, Failure> {
+pub fn run_loaded(
+    request: &Request,
+    loaded: Loaded,
+    begin: Begin<'_>,
+    observer: Observer<'_>,
+) -> Result<Finished, Failure> {
     // Until everything of the run is written.
     let _signals = interrupts()?;
-    let Loaded { scenario, robot, graph } = robot::settle(loaded, request.mode, observer)?;
-    let warning = chain::try_first_tick(&robot, &scenario).map_err(|error| Failure::Input(format!("{}: {error}", request.scenario)))?;
+    let Loaded {
+        scenario,
+        robot,
+        graph,
+    } = robot::settle(loaded, request.mode, observer)?;
+    let warning = chain::try_first_tick(&robot, &scenario)
+        .map_err(|error| Failure::Input(format!("{}: {error}", request.scenario)))?;
     if let Some(warning) = warning {
-        observer(Progress::Line(&format!("armplane: {}: {warning}", request.scenario)));
+        observer(Progress::Line(&format!(
+            "armplane: {}: {warning}",
+            request.scenario
+        )));
     }
     let own: Vec<usize> = graph.own_messages().map(|layout| layout.bytes).collect();
     launcher::check_limits(graph.process.len(), &own).map_err(Failure::work)?;
@@ -91,13 +104,23 @@ pub fn run_loaded(request: &Request, loaded: Loaded, begin: Begin<'_>, observer:
         record: request.record,
         messages: request.record && request.messages,
         live: request.live,
-        ..load::job(&robot, scenario, graph, request.mode, results.folder.clone())
+        ..load::job(
+            &robot,
+            scenario,
+            graph,
+            request.mode,
+            results.folder.clone(),
+        )
     };
     results.reserve(&job)?;
     results.remove_old(&job)?;
     let mut plan = plan(&job)?;
     plan.limits = plan.limits.with_silence(request.silence_limit);
-    let live = if request.live { Some(Live::start(&results.folder, observer)?) } else { None };
+    let live = if request.live {
+        Some(Live::start(&results.folder, observer)?)
+    } else {
+        None
+    };
     let launched = launch_begun(&job, plan, begin, observer);
     if let Some(sentence) = live.and_then(Live::finish) {
         observer(Progress::Line(&format!("armplane: {sentence}")));
@@ -107,7 +130,12 @@ pub fn run_loaded(request: &Request, loaded: Loaded, begin: Begin<'_>, observer:
     complete(&results.folder, &mut summary, observer);
     seal(&results.folder, &mut summary.recorder);
     let saved = results.keep(&job, &summary).and_then(|()| whole(&summary));
-    Ok(Finished { summary, folder: results.folder.clone(), end: outcome.end, saved })
+    Ok(Finished {
+        summary,
+        folder: results.folder.clone(),
+        end: outcome.end,
+        saved,
+    })
 }
 
 /// Whether recording and message logs hold the whole run, as far as its summary knows.

@@ -57,23 +57,31 @@ impl Steering {
     /// # Errors
     /// [`Failure::Input`] or [`Failure::File`] where one of them cannot be used.
     pub fn load(&self) -> Result<Loaded, Failure> {
-        let is_scenario = scenarios::text(&self.subject).is_some() || self.subject.ends_with(".toml");
-        let source = if is_scenario { Source::read(&self.subject)? } else { self.source()? };
+        let is_scenario =
+            scenarios::text(&self.subject).is_some() || self.subject.ends_with(".toml");
+        let source = if is_scenario {
+            Source::read(&self.subject)?
+        } else {
+            self.source()?
+        };
         let mut scenario = source.parse(&self.settings)?;
         scenario.seed = self.seed.unwrap_or(scenario.seed);
         let was_steered = scenario.servo.is_some() && is_scenario;
         if is_scenario && !was_steered {
             // Its words are those of its path.
             scenario.name = format!("servo-{}", scenario.name);
-            (scenario.title, scenario.about) = (format!("{}, steered", self.subject), String::new());
+            (scenario.title, scenario.about) =
+                (format!("{}, steered", self.subject), String::new());
         }
         let session = scenario.servo.get_or_insert_default();
         scenario.segment.clear();
         let targets = match &self.targets {
             Targets::Scenario if was_steered => None,
             Targets::Scenario => {
-                let sentence =
-                    format!("{} is not steered: it has no [servo]; give targets with --from FILE, or --random SEED", self.subject);
+                let sentence = format!(
+                    "{} is not steered: it has no [servo]; give targets with --from FILE, or --random SEED",
+                    self.subject
+                );
                 return Err(Failure::Input(sentence));
             }
             Targets::File(file) => Some(text(file, scenario.rate_hz)?),
@@ -81,16 +89,24 @@ impl Steering {
             Targets::Live | Targets::Process => Some(String::new()),
         };
         if let Some(targets) = targets {
-            (session.targets, session.input, session.live) = (targets, String::new(), matches!(self.targets, Targets::Live));
+            (session.targets, session.input, session.live) = (
+                targets,
+                String::new(),
+                matches!(self.targets, Targets::Live),
+            );
         }
         let has_end = session.duration_s > 0.0;
-        if matches!(self.targets, Targets::Live) || matches!(self.targets, Targets::Process) && !has_end {
+        if matches!(self.targets, Targets::Live)
+            || matches!(self.targets, Targets::Process) && !has_end
+        {
             session.duration_s = OPEN_S;
         }
         session.duration_s = self.duration_s.unwrap_or(session.duration_s);
         source.read_targets(&mut scenario)?;
         let robot = source.robot(&scenario)?;
-        let own_graph = Some(&scenario.graph).filter(|file| !file.is_empty()).map(|file| source.beside(file));
+        let own_graph = Some(&scenario.graph)
+            .filter(|file| !file.is_empty())
+            .map(|file| source.beside(file));
         let graph = load::graph_of(&scenario, self.graph.as_deref().or(own_graph.as_deref()))?;
         let writer = graph.writer("target").and_then(Process::program);
         if matches!(self.targets, Targets::Process) && writer == Some(Program::Operator) {
@@ -102,10 +118,20 @@ impl Steering {
         }
         source.check(&scenario, &robot, &graph)?;
         if let (Targets::File(file), Some(session)) = (&self.targets, &scenario.servo) {
-            let located = |error: InvalidRow| Failure::File(error.in_file(&file.display().to_string(), &session.targets).into());
+            let located = |error: InvalidRow| {
+                Failure::File(
+                    error
+                        .in_file(&file.display().to_string(), &session.targets)
+                        .into(),
+                )
+            };
             target_file::check(&session.targets, scenario.rate_hz, robot.dof()).map_err(located)?;
         }
-        Ok(Loaded { scenario, robot, graph })
+        Ok(Loaded {
+            scenario,
+            robot,
+            graph,
+        })
     }
 
     /// A scenario for a robot.
@@ -114,16 +140,29 @@ impl Steering {
         let mut start = toml::Table::new();
         match &self.start {
             Some(text) if text.starts_with(|c: char| c.is_ascii_digit() || "-+.".contains(c)) => {
-                let number =
-                    |part: &str| part.trim().parse::<f64>().map_err(|_| Failure::Input(format!("--start: `{part}` is not a number")));
+                let number = |part: &str| {
+                    part.trim()
+                        .parse::<f64>()
+                        .map_err(|_| Failure::Input(format!("--start: `{part}` is not a number")))
+                };
                 let q = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
-                let given = Start { q_deg: Some(q.clone()), ..Start::default() };
-                robot.start_posture(&given).map_err(|error| Failure::Input(format!("--start: {error}")))?;
+                let given = Start {
+                    q_deg: Some(q.clone()),
+                    ..Start::default()
+                };
+                robot
+                    .start_posture(&given)
+                    .map_err(|error| Failure::Input(format!("--start: {error}")))?;
                 start.insert("q_deg".to_owned(), q.into());
             }
             Some(name) => {
-                let named = Start { posture: Some(name.clone()), ..Start::default() };
-                robot.start_posture(&named).map_err(|error| Failure::Input(format!("--start: {error}")))?;
+                let named = Start {
+                    posture: Some(name.clone()),
+                    ..Start::default()
+                };
+                robot
+                    .start_posture(&named)
+                    .map_err(|error| Failure::Input(format!("--start: {error}")))?;
                 start.insert("posture".to_owned(), name.clone().into());
             }
             None => drop(start.insert("posture".to_owned(), default_start(&robot)?.into())),
@@ -135,20 +174,33 @@ impl Steering {
         // The name of a file that is not read: the targets come from elsewhere.
         let session = toml::Table::from_iter([("input".to_owned(), toml::Value::from("-"))]);
         table.insert("servo".to_owned(), session.into());
-        Ok(Source { file: format!("servo {}", self.subject), text: table.to_string(), folder: None })
+        Ok(Source {
+            file: format!("servo {}", self.subject),
+            text: table.to_string(),
+            folder: None,
+        })
     }
 }
 
 fn default_start(robot: &Robot) -> Result<String, Failure> {
-    let found = STARTS.iter().find(|name| robot.postures.contains_key(**name)).map(|name| (*name).to_owned());
+    let found = STARTS
+        .iter()
+        .find(|name| robot.postures.contains_key(**name))
+        .map(|name| (*name).to_owned());
     found
         .or_else(|| robot.postures.keys().next().cloned())
-        .ok_or_else(|| Failure::Input(format!("{} has no named posture to start in: give joint positions, --start=0,30,-60,…", robot.name)))
+        .ok_or_else(|| {
+            Failure::Input(format!(
+                "{} has no named posture to start in: give joint positions, --start=0,30,-60,…",
+                robot.name
+            ))
+        })
 }
 
 /// The text of a file of targets.
 fn text(file: &Path, rate_hz: u32) -> Result<String, Failure> {
     let text = load::read(file)?;
-    target_file::parse(&text, rate_hz).map_err(|error| Failure::File(error.in_file(&file.display().to_string(), &text).into()))?;
+    target_file::parse(&text, rate_hz)
+        .map_err(|error| Failure::File(error.in_file(&file.display().to_string(), &text).into()))?;
     Ok(text)
 }

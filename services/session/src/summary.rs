@@ -5,7 +5,9 @@ use runtime::{FaultRecord, Origin};
 use shared_types::fault::ScheduledFault;
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
-use shared_types::summary::{Deadlines, FaultSummary, INTERRUPTED, ProcessSummary, RecorderSummary, Summary};
+use shared_types::summary::{
+    Deadlines, FaultSummary, INTERRUPTED, ProcessSummary, RecorderSummary, Summary,
+};
 
 use crate::machine::machine;
 
@@ -29,7 +31,11 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
         outcome: "failed".to_owned(),
         reason: NO_ACCOUNT.to_owned(),
         recorder: RecorderSummary {
-            file: if job.record { viz::part_name(0) } else { String::new() },
+            file: if job.record {
+                viz::part_name(0)
+            } else {
+                String::new()
+            },
             error: NO_ACCOUNT.to_owned(),
             ..RecorderSummary::default()
         },
@@ -68,12 +74,25 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
         servo.after_end = session.after_end(job.scenario.rate_hz) as u64;
     }
     summary.machine = machine();
-    let mut faults: Vec<_> = outcome.faults.iter().map(|account| fault_summary(job, account)).collect();
-    for (fault, account) in faults.iter_mut().zip(&outcome.faults).filter(|(_, account)| account.exit.is_some()) {
-        let is_it =
-            |(process, at, _): &&(usize, u64, String)| (*process, *at) == (account.scheduled.process as usize, account.scheduled.at);
+    let mut faults: Vec<_> = outcome
+        .faults
+        .iter()
+        .map(|account| fault_summary(job, account))
+        .collect();
+    for (fault, account) in faults
+        .iter_mut()
+        .zip(&outcome.faults)
+        .filter(|(_, account)| account.exit.is_some())
+    {
+        let is_it = |(process, at, _): &&(usize, u64, String)| {
+            (*process, *at) == (account.scheduled.process as usize, account.scheduled.at)
+        };
         if let Some((.., line)) = outcome.last_lines.iter().find(is_it) {
-            fault.detail = format!("{}; its last line: {}", fault.detail, line.trim_start_matches("armplane: "));
+            fault.detail = format!(
+                "{}; its last line: {}",
+                fault.detail,
+                line.trim_start_matches("armplane: ")
+            );
         }
     }
     faults.append(&mut summary.faults);
@@ -94,9 +113,17 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
 
 /// Whether the end of the process that ended the run stands in the fault table: one entry for each of its deaths.
 fn is_listed(graph: &Graph, outcome: &Outcome, failure: &Failure) -> bool {
-    let Failure::Died { process, restarts, .. } = failure else { return false };
+    let Failure::Died {
+        process, restarts, ..
+    } = failure
+    else {
+        return false;
+    };
     let ends = outcome.faults.iter().filter(|account| {
-        let name = graph.process.get(account.scheduled.process as usize).map(|process| &process.name);
+        let name = graph
+            .process
+            .get(account.scheduled.process as usize)
+            .map(|process| &process.name);
         name == Some(process) && account.exit.is_some()
     });
     ends.count() > *restarts as usize
@@ -104,11 +131,30 @@ fn is_listed(graph: &Graph, outcome: &Outcome, failure: &Failure) -> bool {
 
 /// A fault and its outcome.
 pub(crate) fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
-    let process = job.graph.process.get(account.scheduled.process as usize).map(|process| process.name.clone()).unwrap_or_default();
-    let fault = job.graph.target(&process).and_then(|target| account.scheduled.fault(&process, &target));
-    let since_ms = |ns: u64| (account.injected_ns != 0 && ns != 0).then(|| ns.saturating_sub(account.injected_ns) as f64 * 1e-6);
+    let process = job
+        .graph
+        .process
+        .get(account.scheduled.process as usize)
+        .map(|process| process.name.clone())
+        .unwrap_or_default();
+    let fault = job
+        .graph
+        .target(&process)
+        .and_then(|target| account.scheduled.fault(&process, &target));
+    let since_ms = |ns: u64| {
+        (account.injected_ns != 0 && ns != 0)
+            .then(|| ns.saturating_sub(account.injected_ns) as f64 * 1e-6)
+    };
     let (kind, detail) = match (account.exit, &fault) {
-        (Some(exit), _) => (kind_of(exit), ended(&process, exit, &account.scheduled, account.recovered_ns != 0)),
+        (Some(exit), _) => (
+            kind_of(exit),
+            ended(
+                &process,
+                exit,
+                &account.scheduled,
+                account.recovered_ns != 0,
+            ),
+        ),
         (None, Some(fault)) => (fault.kind.name(), fault.to_string()),
         (None, None) => ("", String::new()),
     };
@@ -140,23 +186,42 @@ fn ended(process: &str, exit: Exit, scheduled: &ScheduledFault, is_replaced: boo
         0 => String::new(),
         outputs => format!(" after {outputs} of its messages"),
     };
-    let until = if is_replaced { format!("; its replacement answers from tick {} on", scheduled.until) } else { String::new() };
-    format!("{process} ended with {exit} at tick {}{after}{until}", scheduled.at)
+    let until = if is_replaced {
+        format!("; its replacement answers from tick {} on", scheduled.until)
+    } else {
+        String::new()
+    };
+    format!(
+        "{process} ended with {exit} at tick {}{after}{until}",
+        scheduled.at
+    )
 }
 
 /// The failure on one line: with the reason that the process itself gave, where it gave one.
 fn sentence(failure: &Failure) -> String {
     let text = failure.to_string();
-    let first = text.lines().next().unwrap_or_default().trim_end_matches("; its last lines:");
+    let first = text
+        .lines()
+        .next()
+        .unwrap_or_default()
+        .trim_end_matches("; its last lines:");
     let own = match failure {
-        Failure::Died { last_words, .. } => last_words.iter().rev().find_map(|line| line.strip_prefix("armplane: ")),
+        Failure::Died { last_words, .. } => last_words
+            .iter()
+            .rev()
+            .find_map(|line| line.strip_prefix("armplane: ")),
         _ => None,
     };
     own.map_or_else(|| first.to_owned(), |own| format!("{first}: {own}"))
 }
 
 fn named_in(graph: &Graph, sentence: &str) -> String {
-    graph.process.iter().find(|process| sentence.starts_with(&process.name)).map(|process| process.name.clone()).unwrap_or_default()
+    graph
+        .process
+        .iter()
+        .find(|process| sentence.starts_with(&process.name))
+        .map(|process| process.name.clone())
+        .unwrap_or_default()
 }
 
 /// Missed deadlines by process and cause; none in lockstep, which has no deadlines.
@@ -165,7 +230,10 @@ pub fn deadlines(job: &Job, outcome: &Outcome) -> Deadlines {
     if job.mode == Mode::Lockstep {
         return Deadlines::default();
     }
-    let mut deadlines = Deadlines { total: outcome.ticks, ..Deadlines::default() };
+    let mut deadlines = Deadlines {
+        total: outcome.ticks,
+        ..Deadlines::default()
+    };
     for process in &outcome.processes {
         let counts = &process.counts;
         let causes = [
@@ -176,7 +244,9 @@ pub fn deadlines(job: &Job, outcome: &Outcome) -> Deadlines {
             ("overrun", counts.missed_overrun),
         ];
         for (cause, count) in causes.into_iter().filter(|(_, count)| *count > 0) {
-            deadlines.by_cause.insert(format!("{}: {cause}", process.name), count);
+            deadlines
+                .by_cause
+                .insert(format!("{}: {cause}", process.name), count);
             deadlines.missed += count;
         }
     }

@@ -3,7 +3,9 @@
 pub use comfy_table::Cell;
 use std::fmt;
 
-use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, LineStyle, Table, TableStyle, Width};
+use comfy_table::{
+    CellAlignment, ColumnConstraint, ContentArrangement, LineStyle, Table, TableStyle, Width,
+};
 
 /// Columns of text that goes into a file or to another program.
 const WIDTH: u16 = 100;
@@ -21,11 +23,16 @@ const STYLE: TableStyle = TableStyle::new()
 #[must_use]
 pub fn table(headings: &[&str]) -> Fitted {
     let mut table = Table::new();
-    table.load_style(STYLE).set_content_arrangement(ContentArrangement::Dynamic);
+    table
+        .load_style(STYLE)
+        .set_content_arrangement(ContentArrangement::Dynamic);
     if table.width().is_none() {
         table.set_width(WIDTH);
     }
-    let mut fitted = Fitted { table, widest: vec![0; headings.len()] };
+    let mut fitted = Fitted {
+        table,
+        widest: vec![0; headings.len()],
+    };
     let headings: Vec<Cell> = headings.iter().map(Cell::new).collect();
     fitted.note(&headings);
     fitted.table.set_header(headings);
@@ -58,7 +65,11 @@ impl Fitted {
 impl fmt::Display for Fitted {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut table = self.table.clone();
-        let natural: u16 = table.column_max_content_widths().iter().map(|width| width + PADDING).sum();
+        let natural: u16 = table
+            .column_max_content_widths()
+            .iter()
+            .map(|width| width + PADDING)
+            .sum();
         if table.width().is_none_or(|width| natural <= width) {
             return table.fmt(f);
         }

@@ -21,7 +21,11 @@ pub struct RunText<'a> {
 impl fmt::Display for RunText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { summary, folder } = self;
-        writeln!(f, "{}: {} — {}\n", summary.scenario, summary.outcome, summary.reason)?;
+        writeln!(
+            f,
+            "{}: {} — {}\n",
+            summary.scenario, summary.outcome, summary.reason
+        )?;
         // A run without a tick has no numbers.
         if summary.ticks > 0 {
             tables(f, summary)?;
@@ -46,7 +50,13 @@ fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
         number(digits(task.final_orientation_deg)),
     ]);
     writeln!(f, "{rows}")?;
-    let mut rows = table(&["singularity", "type", "min |s|", "inside, ticks", "ζ turned, °"]);
+    let mut rows = table(&[
+        "singularity",
+        "type",
+        "min |s|",
+        "inside, ticks",
+        "ζ turned, °",
+    ]);
     for singularity in &summary.singularities {
         rows.add_row([
             singularity.name.clone().into(),
@@ -60,9 +70,20 @@ fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
     for turn in &summary.turns {
         // A joint that stays put has no sign.
         let still = |by: f64| if by.abs() < 0.005 { 0.0 } else { by };
-        let joints = |moves: &[f64]| moves.iter().map(|by| format!("{:+.2}", still(*by))).collect::<Vec<_>>().join(" ");
+        let joints = |moves: &[f64]| {
+            moves
+                .iter()
+                .map(|by| format!("{:+.2}", still(*by)))
+                .collect::<Vec<_>>()
+                .join(" ")
+        };
         writeln!(f, "ζ turned   {} at tick {}", turn.singularity, turn.tick)?;
-        writeln!(f, "           planned: joints by {} ° in {:.2} s", joints(&turn.planned_deg), turn.planned_s)?;
+        writeln!(
+            f,
+            "           planned: joints by {} ° in {:.2} s",
+            joints(&turn.planned_deg),
+            turn.planned_s
+        )?;
         writeln!(
             f,
             "           actual:  joints by {} ° in {:.2} s",
@@ -86,7 +107,12 @@ fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
     };
     writeln!(f, "joints     {torque}; {speed}")?;
     if joints.switches > 0 {
-        writeln!(f, "switches   {} changes of mode; mode switches injected {} mJ", joints.switches, digits(joints.switch_energy_j * 1e3))?;
+        writeln!(
+            f,
+            "switches   {} changes of mode; mode switches injected {} mJ",
+            joints.switches,
+            digits(joints.switch_energy_j * 1e3)
+        )?;
     }
     if let Some(servo) = &summary.servo {
         steered(f, servo)?;
@@ -110,7 +136,11 @@ fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
         )?;
     }
     if summary.deadlines.total > 0 {
-        writeln!(f, "deadlines  {} missed of {}", summary.deadlines.missed, summary.deadlines.total)?;
+        writeln!(
+            f,
+            "deadlines  {} missed of {}",
+            summary.deadlines.missed, summary.deadlines.total
+        )?;
         for (cause, count) in &summary.deadlines.by_cause {
             writeln!(f, "           {count} {cause}")?;
         }
@@ -119,7 +149,10 @@ fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
         writeln!(f, "not finite {}", summary.not_finite.join(", "))?;
     }
     for fault in summary.faults.iter().filter(|fault| fault.plan.is_some()) {
-        let ms = |event: &str, ms: Option<f64>| ms.map(|ms| format!(", {event} after {ms:.2} ms")).unwrap_or_default();
+        let ms = |event: &str, ms: Option<f64>| {
+            ms.map(|ms| format!(", {event} after {ms:.2} ms"))
+                .unwrap_or_default()
+        };
         let course = if fault.occurred {
             ms("detected", fault.detected_ms) + &ms("recovered", fault.recovered_ms)
         } else {
@@ -135,15 +168,29 @@ fn steered(f: &mut fmt::Formatter<'_>, servo: &ServoSummary) -> fmt::Result {
     let mut seconds: Vec<_> = servo.seconds.iter().collect();
     seconds.sort_by(|a, b| b.1.total_cmp(a.1));
     for (i, (reason, seconds)) in seconds.into_iter().enumerate() {
-        writeln!(f, "{}{seconds:7.2} s  {reason}", if i == 0 { "session    " } else { "           " })?;
+        writeln!(
+            f,
+            "{}{seconds:7.2} s  {reason}",
+            if i == 0 { "session    " } else { "           " }
+        )?;
     }
-    let counts = servo.refused.iter().map(|(reason, count)| ("refused", count, reason));
-    let stops = servo.stops.iter().map(|(reason, count)| ("stopped", count, reason));
+    let counts = servo
+        .refused
+        .iter()
+        .map(|(reason, count)| ("refused", count, reason));
+    let stops = servo
+        .stops
+        .iter()
+        .map(|(reason, count)| ("stopped", count, reason));
     for (event, count, reason) in counts.chain(stops) {
         writeln!(f, "{event}    {count} × {reason}")?;
     }
     if servo.after_end > 0 {
-        writeln!(f, "ignored    {} × a target that follows the `end` of the session", servo.after_end)?;
+        writeln!(
+            f,
+            "ignored    {} × a target that follows the `end` of the session",
+            servo.after_end
+        )?;
     }
     Ok(())
 }
@@ -162,13 +209,24 @@ fn files(f: &mut fmt::Formatter<'_>, summary: &Summary, folder: &Path) -> fmt::R
             "  {}       {:.1} MB{}; open it with: armplane view {}",
             summary.recorder.file,
             summary.recorder.bytes as f64 / 1e6,
-            if summary.recorder.parts > 1 { format!(" in {} parts", summary.recorder.parts) } else { String::new() },
+            if summary.recorder.parts > 1 {
+                format!(" in {} parts", summary.recorder.parts)
+            } else {
+                String::new()
+            },
             folder.display()
         )?;
     }
     if summary.recorder.messages_bytes > 0 {
-        let (messages, megabytes) = (recorder::MESSAGES, summary.recorder.messages_bytes as f64 / 1e6);
-        writeln!(f, "  {messages}/     {megabytes:.1} MB; compute it again with: armplane replay {}", folder.display())?;
+        let (messages, megabytes) = (
+            recorder::MESSAGES,
+            summary.recorder.messages_bytes as f64 / 1e6,
+        );
+        writeln!(
+            f,
+            "  {messages}/     {megabytes:.1} MB; compute it again with: armplane replay {}",
+            folder.display()
+        )?;
     }
     Ok(())
 }

@@ -30,28 +30,41 @@ const VIEWER_VERSION: (u32, u32) = (0, 36);
 ///
 /// # Errors
 /// [`Failure::Work`] where a file cannot be read, there is no viewer, none that can be shown, or it ends with an error.
-pub fn show(files: &[PathBuf], layout: Option<&Path>, observer: Observer<'_>) -> Result<(), Failure> {
+pub fn show(
+    files: &[PathBuf],
+    layout: Option<&Path>,
+    observer: Observer<'_>,
+) -> Result<(), Failure> {
     let mut child = match layout {
         None => start(files, Stdio::inherit(), Stdio::inherit, observer)?,
         Some(layout) => {
             let mut child = start(&["-"], Stdio::piped(), Stdio::inherit, observer)?;
             let input = child.stdin.take();
             let all = files.iter().map(PathBuf::as_path).chain([layout]);
-            match input.map_or(Ok(()), |mut input| all.into_iter().try_for_each(|path| send(path, &mut input))) {
+            match input.map_or(Ok(()), |mut input| {
+                all.into_iter().try_for_each(|path| send(path, &mut input))
+            }) {
                 // A viewer that is closed meanwhile says by its status how it ended.
                 Err(error) if error.kind() != ErrorKind::BrokenPipe => {
-                    return Err(Failure::Work(format!("the viewer did not get the whole recording: {error}")));
+                    return Err(Failure::Work(format!(
+                        "the viewer did not get the whole recording: {error}"
+                    )));
                 }
                 _ => child,
             }
         }
     };
     // The viewer's own window is the user's: it may outlive this command, whose end it is when the viewer ends first.
-    let status = child.wait().map_err(|error| Failure::Work(format!("the viewer was lost: {error}")))?;
+    let status = child
+        .wait()
+        .map_err(|error| Failure::Work(format!("the viewer was lost: {error}")))?;
     if status.success() {
         Ok(())
     } else {
-        Err(Failure::Work(format!("the viewer `{}` ended with {status}; what it said is above", viewer_command())))
+        Err(Failure::Work(format!(
+            "the viewer `{}` ended with {status}; what it said is above",
+            viewer_command()
+        )))
     }
 }
 
@@ -60,7 +73,9 @@ fn send(path: &Path, viewer: &mut ChildStdin) -> std::io::Result<()> {
 }
 
 fn named_viewer_command() -> Option<String> {
-    std::env::var(VIEWER_VARIABLE).ok().filter(|command| !command.is_empty())
+    std::env::var(VIEWER_VARIABLE)
+        .ok()
+        .filter(|command| !command.is_empty())
 }
 
 /// The viewer's command: Rerun's, or the one in the environment variable `ARMPLANE_RERUN`.
@@ -70,7 +85,12 @@ pub fn viewer_command() -> String {
 }
 
 /// Starts the viewer, or hands the files to the one that is running.
-fn start(arguments: &[impl AsRef<OsStr>], input: Stdio, output: fn() -> Stdio, observer: Observer<'_>) -> Result<Child, Failure> {
+fn start(
+    arguments: &[impl AsRef<OsStr>],
+    input: Stdio,
+    output: fn() -> Stdio,
+    observer: Observer<'_>,
+) -> Result<Child, Failure> {
     let viewer = viewer_command();
     let cannot = |error: std::io::Error| {
         Failure::Work(match error.kind() {
@@ -80,7 +100,10 @@ fn start(arguments: &[impl AsRef<OsStr>], input: Stdio, output: fn() -> Stdio, o
             _ => format!("the viewer `{viewer}` cannot be started: {error}"),
         })
     };
-    if let Some((major, minor)) = version(&viewer).map_err(cannot)?.filter(|version| *version < VIEWER_VERSION) {
+    if let Some((major, minor)) = version(&viewer)
+        .map_err(cannot)?
+        .filter(|version| *version < VIEWER_VERSION)
+    {
         observer(Progress::Line(&format!(
             "armplane: the viewer `{viewer}` is {major}.{minor}: one older than 0.36 may show the recording without its layout, or not at all; \
              get a newer one with `pip install rerun-sdk==0.36.3`"
@@ -95,24 +118,42 @@ fn start(arguments: &[impl AsRef<OsStr>], input: Stdio, output: fn() -> Stdio, o
     }
     // A viewer that is started here listens to this machine only.
     let command = &mut Command::new(&viewer);
-    command.args(arguments).args(["--bind", "127.0.0.1"]).stdin(input).stdout(output()).stderr(output()).spawn().map_err(cannot)
+    command
+        .args(arguments)
+        .args(["--bind", "127.0.0.1"])
+        .stdin(input)
+        .stdout(output())
+        .stderr(output())
+        .spawn()
+        .map_err(cannot)
 }
 
 /// Whether a window can be opened: on Linux by what the desktop sets.
 fn has_screen() -> bool {
     !cfg!(target_os = "linux")
-        || ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()))
+        || ["DISPLAY", "WAYLAND_DISPLAY"]
+            .iter()
+            .any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()))
 }
 
 /// Whether a viewer is open, which then shows what it is handed.
 fn is_running() -> bool {
-    TcpStream::connect_timeout(&SocketAddr::from((Ipv4Addr::LOCALHOST, VIEWER_PORT)), Duration::from_millis(300)).is_ok()
+    TcpStream::connect_timeout(
+        &SocketAddr::from((Ipv4Addr::LOCALHOST, VIEWER_PORT)),
+        Duration::from_millis(300),
+    )
+    .is_ok()
 }
 
 /// The version that the viewer reports; `None` without an answer in time.
 fn version(viewer: &str) -> std::io::Result<Option<(u32, u32)>> {
     let command = &mut Command::new(viewer);
-    let mut child = command.arg("--version").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn()?;
+    let mut child = command
+        .arg("--version")
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()?;
     let began = Instant::now();
     while child.try_wait()?.is_none() {
         if began.elapsed() > Duration::from_secs(3) {
@@ -161,11 +202,24 @@ impl Live {
     pub(crate) fn start(folder: &Path, observer: Observer<'_>) -> Result<Self, Failure> {
         // Not this command's output: whoever reads that does not wait for the viewer's window to be closed.
         let mut child = start(&["-"], Stdio::piped(), Stdio::null, observer)?;
-        let Some(input) = child.stdin.take() else { return Err(Failure::Work("the viewer takes no input".to_owned())) };
-        let (over, passed) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU64::new(0)));
-        let feed = Feed { folder: folder.to_owned(), over: Arc::clone(&over), passed: Arc::clone(&passed) };
+        let Some(input) = child.stdin.take() else {
+            return Err(Failure::Work("the viewer takes no input".to_owned()));
+        };
+        let (over, passed) = (
+            Arc::new(AtomicBool::new(false)),
+            Arc::new(AtomicU64::new(0)),
+        );
+        let feed = Feed {
+            folder: folder.to_owned(),
+            over: Arc::clone(&over),
+            passed: Arc::clone(&passed),
+        };
         let thread = std::thread::spawn(move || feed.run(input));
-        Ok(Self { over, passed, thread })
+        Ok(Self {
+            over,
+            passed,
+            thread,
+        })
     }
 
     /// The run is over: waits for the viewer to take the rest. Answers what to tell the user, if anything.
@@ -178,7 +232,10 @@ impl Live {
                 (since, before) = (Instant::now(), passed);
             }
             if since.elapsed() > PATIENCE {
-                return Some(format!("the viewer has stopped reading after {:.1} MB; the recording is whole", passed as f64 / 1e6));
+                return Some(format!(
+                    "the viewer has stopped reading after {:.1} MB; the recording is whole",
+                    passed as f64 / 1e6
+                ));
             }
             std::thread::sleep(LOOK);
         }
@@ -187,7 +244,9 @@ impl Live {
             Ok(Err(error)) if error.kind() == ErrorKind::BrokenPipe => {
                 Some("the viewer was closed before the end; the recording is whole".to_owned())
             }
-            Ok(Err(error)) => Some(format!("the viewer did not get everything: {error}; the recording is whole")),
+            Ok(Err(error)) => Some(format!(
+                "the viewer did not get everything: {error}; the recording is whole"
+            )),
             Err(_) => Some("the viewer did not get everything; the recording is whole".to_owned()),
         }
     }
@@ -202,7 +261,9 @@ struct Feed {
 impl Feed {
     fn run(&self, mut viewer: ChildStdin) -> std::io::Result<()> {
         for part in 0.. {
-            let Some(mut file) = self.await_part(part)? else { break };
+            let Some(mut file) = self.await_part(part)? else {
+                break;
+            };
             self.pass_on(&mut file, part, &mut viewer)?;
         }
         viewer.flush()
@@ -228,7 +289,8 @@ impl Feed {
         loop {
             // Asked before reading: what was written before the answer is read below.
             // A successor is made, with no more than its head, before its predecessor has got its end; what it holds is written after.
-            let ended = self.over.load(Ordering::Acquire) || std::fs::metadata(&next).is_ok_and(|file| file.len() > HEAD);
+            let ended = self.over.load(Ordering::Acquire)
+                || std::fs::metadata(&next).is_ok_and(|file| file.len() > HEAD);
             loop {
                 let got = file.read(&mut buffer)?;
                 if got == 0 {
@@ -252,7 +314,10 @@ mod tests {
     #[test]
     fn a_viewers_version_is_found_in_what_it_says() {
         let find = |said: &str| said.split_whitespace().find_map(numbers);
-        assert_eq!(find("rerun-cli 0.36.3 (base native_viewer) [rustc 1.95.0 (59807616e)]"), Some((0, 36)));
+        assert_eq!(
+            find("rerun-cli 0.36.3 (base native_viewer) [rustc 1.95.0 (59807616e)]"),
+            Some((0, 36))
+        );
         assert_eq!(find("rerun_py 0.26.2-rc.1"), Some((0, 26)));
         assert_eq!(find("no such option: --version"), None);
     }

@@ -152,7 +152,14 @@ const WORLD: &[Role] = &[Role::World];
 const OBSERVERS: &[Role] = &[Role::Observer];
 
 const fn rule(kind: Kind, roles: &'static [Role], lasts_s: f64) -> Rule {
-    Rule { kind, ways: &[], usual_ms: 0.0, roles, lasts_s, has_probability: false }
+    Rule {
+        kind,
+        ways: &[],
+        usual_ms: 0.0,
+        roles,
+        lasts_s,
+        has_probability: false,
+    }
 }
 
 /// The factor of a corruption `as = "huge"` without `amount`.
@@ -160,31 +167,83 @@ const HUGE: f64 = 1e3;
 
 const RULES: [Rule; 19] = [
     rule(Kind::Kill, &Role::ALL, 0.1),
-    Rule { ways: &[(Way::Panic, 0.0), (Way::BusError, 0.0)], ..rule(Kind::Crash, &Role::ALL, 0.1) },
-    Rule { ways: &[(Way::Paused, 0.0), (Way::ForEver, 0.0)], ..rule(Kind::Hang, &Role::ALL, 0.1) },
+    Rule {
+        ways: &[(Way::Panic, 0.0), (Way::BusError, 0.0)],
+        ..rule(Kind::Crash, &Role::ALL, 0.1)
+    },
+    Rule {
+        ways: &[(Way::Paused, 0.0), (Way::ForEver, 0.0)],
+        ..rule(Kind::Hang, &Role::ALL, 0.1)
+    },
     rule(Kind::Delay, SENDERS, 0.1),
-    Rule { has_probability: true, ..rule(Kind::Drop, SENDERS, 0.1) },
-    Rule { has_probability: true, ..rule(Kind::Duplicate, SENDERS, 0.1) },
-    Rule { has_probability: true, ..rule(Kind::Reorder, SENDERS, 0.1) },
-    Rule { has_probability: true, ..rule(Kind::Stale, SENDERS, 0.1) },
     Rule {
         has_probability: true,
-        ways: &[(Way::Nan, 0.0), (Way::Inf, 0.0), (Way::Flip, 0.0), (Way::Huge, HUGE)],
+        ..rule(Kind::Drop, SENDERS, 0.1)
+    },
+    Rule {
+        has_probability: true,
+        ..rule(Kind::Duplicate, SENDERS, 0.1)
+    },
+    Rule {
+        has_probability: true,
+        ..rule(Kind::Reorder, SENDERS, 0.1)
+    },
+    Rule {
+        has_probability: true,
+        ..rule(Kind::Stale, SENDERS, 0.1)
+    },
+    Rule {
+        has_probability: true,
+        ways: &[
+            (Way::Nan, 0.0),
+            (Way::Inf, 0.0),
+            (Way::Flip, 0.0),
+            (Way::Huge, HUGE),
+        ],
         ..rule(Kind::Corrupt, SENDERS, 0.1)
     },
-    Rule { has_probability: true, ..rule(Kind::Zombie, SENDERS, 0.1) },
-    Rule { has_probability: true, ..rule(Kind::Cut, SENDERS, 0.1) },
     Rule {
-        ways: &[(Way::Bias, 0.01), (Way::Drift, 0.05), (Way::Noise, 0.001), (Way::Quantise, 0.005), (Way::Stuck, 0.0)],
+        has_probability: true,
+        ..rule(Kind::Zombie, SENDERS, 0.1)
+    },
+    Rule {
+        has_probability: true,
+        ..rule(Kind::Cut, SENDERS, 0.1)
+    },
+    Rule {
+        ways: &[
+            (Way::Bias, 0.01),
+            (Way::Drift, 0.05),
+            (Way::Noise, 0.001),
+            (Way::Quantise, 0.005),
+            (Way::Stuck, 0.0),
+        ],
         ..rule(Kind::Sensor, WORLD, 0.5)
     },
-    Rule { ways: &[(Way::Lost, 0.0), (Way::Stuck, 0.0), (Way::Saturated, 0.1), (Way::Friction, 0.05)], ..rule(Kind::Drive, WORLD, 0.5) },
-    Rule { ways: &[(Way::Jump, 5.0), (Way::Skew, 0.01)], ..rule(Kind::Clock, SENDERS, 0.5) },
+    Rule {
+        ways: &[
+            (Way::Lost, 0.0),
+            (Way::Stuck, 0.0),
+            (Way::Saturated, 0.1),
+            (Way::Friction, 0.05),
+        ],
+        ..rule(Kind::Drive, WORLD, 0.5)
+    },
+    Rule {
+        ways: &[(Way::Jump, 5.0), (Way::Skew, 0.01)],
+        ..rule(Kind::Clock, SENDERS, 0.5)
+    },
     rule(Kind::Starve, &Role::ALL, 0.2),
-    Rule { usual_ms: 2.0, ..rule(Kind::Slow, SENDERS, 0.1) },
+    Rule {
+        usual_ms: 2.0,
+        ..rule(Kind::Slow, SENDERS, 0.1)
+    },
     rule(Kind::PageOut, &Role::ALL, 0.1),
     rule(Kind::DiskFull, OBSERVERS, f64::INFINITY),
-    Rule { usual_ms: 20.0, ..rule(Kind::SlowDisk, OBSERVERS, 0.5) },
+    Rule {
+        usual_ms: 20.0,
+        ..rule(Kind::SlowDisk, OBSERVERS, 0.5)
+    },
 ];
 
 /// Delay of a message unless said otherwise; ticks.
@@ -211,7 +270,11 @@ impl Kind {
     /// By how much it comes in a way, unless said otherwise; 0 where there is no amount.
     #[must_use]
     pub fn usual_amount(self, way: Way) -> f64 {
-        self.rule().ways.iter().find(|(one, _)| *one == way).map_or(0.0, |(_, amount)| *amount)
+        self.rule()
+            .ways
+            .iter()
+            .find(|(one, _)| *one == way)
+            .map_or(0.0, |(_, amount)| *amount)
     }
 
     /// By how much it comes unless said otherwise, ms, where it has one way; 0 where there is no amount.
@@ -255,7 +318,8 @@ impl Kind {
     /// Whether it can happen to a process of a graph.
     #[must_use]
     pub fn suits(self, process: &Process) -> bool {
-        self.roles().contains(&process.role()) && !(self.needs_own_files() && process.is_exchanged())
+        self.roles().contains(&process.role())
+            && !(self.needs_own_files() && process.is_exchanged())
     }
 
     /// Whether it concerns a joint of the arm itself, its encoder or its drive, and no message or process: it takes effect in the simulated arm alone.
@@ -285,6 +349,15 @@ impl Kind {
     /// Whether several messages, or none, may leave in one tick.
     #[must_use]
     pub fn shapes_messages(self) -> bool {
-        matches!(self, Self::Delay | Self::Drop | Self::Duplicate | Self::Reorder | Self::Stale | Self::Corrupt | Self::Zombie)
+        matches!(
+            self,
+            Self::Delay
+                | Self::Drop
+                | Self::Duplicate
+                | Self::Reorder
+                | Self::Stale
+                | Self::Corrupt
+                | Self::Zombie
+        )
     }
 }

@@ -47,7 +47,11 @@ impl ScheduledFault {
     /// How many messages of its first tick leave before the process ends.
     #[must_use]
     pub fn after_outputs(&self) -> u32 {
-        if self.kind() == Some(Kind::Kill) { self.target } else { 0 }
+        if self.kind() == Some(Kind::Kill) {
+            self.target
+        } else {
+            0
+        }
     }
 
     /// Whether a tick is concerned.

@@ -38,18 +38,28 @@ impl Graph {
     /// The process that makes the ticks.
     #[must_use]
     pub fn world(&self) -> Option<&Process> {
-        self.process.iter().find(|process| process.role() == Role::World)
+        self.process
+            .iter()
+            .find(|process| process.role() == Role::World)
     }
 
     /// The process that writes a topic.
     #[must_use]
     pub fn writer(&self, topic: &str) -> Option<&Process> {
-        self.process.iter().find(|process| process.writes.iter().any(|name| name == topic))
+        self.process
+            .iter()
+            .find(|process| process.writes.iter().any(|name| name == topic))
     }
 
     /// The processes that read a topic, feedback included.
     pub fn readers<'a>(&'a self, topic: &'a str) -> impl Iterator<Item = &'a Process> {
-        self.process.iter().filter(move |process| process.reads.iter().chain(&process.feedback).any(|name| name == topic))
+        self.process.iter().filter(move |process| {
+            process
+                .reads
+                .iter()
+                .chain(&process.feedback)
+                .any(|name| name == topic)
+        })
     }
 
     /// The layout of a topic's message: of one that this program knows, or one that the graph declares.
@@ -62,19 +72,29 @@ impl Graph {
                 MessageLayout::of::<M>()
             }
         }
-        let declared = || self.topic.iter().find(|declared| declared.name == topic).and_then(|declared| declared.layout().ok());
+        let declared = || {
+            self.topic
+                .iter()
+                .find(|declared| declared.name == topic)
+                .and_then(|declared| declared.layout().ok())
+        };
         topics::named(topic, &mut Known).or_else(declared)
     }
 
     /// The messages that only this graph knows.
     pub fn own_messages(&self) -> impl Iterator<Item = MessageLayout> + '_ {
-        self.topic.iter().filter_map(|declared| declared.layout().ok())
+        self.topic
+            .iter()
+            .filter_map(|declared| declared.layout().ok())
     }
 
     /// Whether a fault of this kind can happen to a process: its part takes it, and to be corrupted it sends a number.
     #[must_use]
     pub fn takes(&self, kind: Kind, process: &Process) -> bool {
-        let sends_number = || self.target(&process.name).is_some_and(|target| target.fields.iter().any(Field::is_number));
+        let sends_number = || {
+            self.target(&process.name)
+                .is_some_and(|target| target.fields.iter().any(Field::is_number))
+        };
         kind.suits(process) && (kind != Kind::Corrupt || sends_number())
     }
 
@@ -83,13 +103,20 @@ impl Graph {
     pub fn target(&self, process: &str) -> Option<Target> {
         let index = self.process.iter().position(|one| one.name == process)?;
         let process = &self.process[index];
-        let fields = corrupted_topic(&process.writes).and_then(|topic| self.layout(topic)).map(|layout| layout.fields);
+        let fields = corrupted_topic(&process.writes)
+            .and_then(|topic| self.layout(topic))
+            .map(|layout| layout.fields);
         Some(Target {
             index: u32::try_from(index).ok()?,
             role: process.role(),
             is_exchanged: process.is_exchanged() || !process.robot.is_empty(),
             fields: fields.unwrap_or_default(),
-            reads: process.reads.iter().chain(&process.feedback).cloned().collect(),
+            reads: process
+                .reads
+                .iter()
+                .chain(&process.feedback)
+                .cloned()
+                .collect(),
         })
     }
 
@@ -98,7 +125,12 @@ impl Graph {
     #[must_use]
     pub fn hops(&self) -> Vec<&Process> {
         let stamping = |process: &&Process| process.role() != Role::Observer;
-        self.in_order().0.into_iter().filter(stamping).take(MAX_HOPS).collect()
+        self.in_order()
+            .0
+            .into_iter()
+            .filter(stamping)
+            .take(MAX_HOPS)
+            .collect()
     }
 
     /// The way of a tick around the loop: from the process that makes it along the longest way of its data to the one whose message closes it.
@@ -109,24 +141,53 @@ impl Graph {
         // The way to each hop, by the last of the processes that it waits for.
         let mut ways: Vec<Vec<usize>> = Vec::with_capacity(hops.len());
         for (place, process) in hops.iter().enumerate() {
-            let writes = |before: &usize| hops[*before].writes.iter().any(|topic| process.reads.contains(topic));
-            let longest = (0..place).filter(writes).map(|before| &ways[before]).max_by_key(|way| way.len());
+            let writes = |before: &usize| {
+                hops[*before]
+                    .writes
+                    .iter()
+                    .any(|topic| process.reads.contains(topic))
+            };
+            let longest = (0..place)
+                .filter(writes)
+                .map(|before| &ways[before])
+                .max_by_key(|way| way.len());
             let mut way = longest.cloned().unwrap_or_default();
             way.push(place);
             ways.push(way);
         }
-        let closes =
-            |process: &&Process| self.world().is_some_and(|world| process.writes.iter().any(|topic| world.feedback.contains(topic)));
+        let closes = |process: &&Process| {
+            self.world().is_some_and(|world| {
+                process
+                    .writes
+                    .iter()
+                    .any(|topic| world.feedback.contains(topic))
+            })
+        };
         let last = hops.iter().position(closes);
-        last.map(|last| ways[last].iter().map(|&place| (place, hops[place])).collect()).unwrap_or_default()
+        last.map(|last| {
+            ways[last]
+                .iter()
+                .map(|&place| (place, hops[place]))
+                .collect()
+        })
+        .unwrap_or_default()
     }
 
     /// The processes so that each comes after those whose messages of the same tick it reads, and those that wait for themselves.
     pub(super) fn in_order(&self) -> (Vec<&Process>, Vec<&Process>) {
-        let (mut taken, mut left): (Vec<&Process>, Vec<&Process>) = self.process.iter().partition(|process| process.role() == Role::World);
+        let (mut taken, mut left): (Vec<&Process>, Vec<&Process>) = self
+            .process
+            .iter()
+            .partition(|process| process.role() == Role::World);
         loop {
-            let is_there = |topic: &String| taken.iter().any(|process| process.writes.contains(topic));
-            let Some(place) = left.iter().position(|process| process.reads.iter().all(is_there)) else { return (taken, left) };
+            let is_there =
+                |topic: &String| taken.iter().any(|process| process.writes.contains(topic));
+            let Some(place) = left
+                .iter()
+                .position(|process| process.reads.iter().all(is_there))
+            else {
+                return (taken, left);
+            };
             taken.push(left.remove(place));
         }
     }

@@ -21,7 +21,11 @@ pub struct Analysis {
 
 impl Default for Analysis {
     fn default() -> Self {
-        Self { eta_in: BySingularity::ETA_IN, eta_out: BySingularity::ETA_OUT, numeric: false }
+        Self {
+            eta_in: BySingularity::ETA_IN,
+            eta_out: BySingularity::ETA_OUT,
+            numeric: false,
+        }
     }
 }
 
@@ -43,10 +47,34 @@ pub struct BySingularity {
 }
 
 impl BySingularity {
-    const ETA_IN: Self = Self { elbow: 0.10, wrist: 0.10, overhead: 0.08, shoulder: 0.10, numeric: 0.10 };
-    const ETA_OUT: Self = Self { elbow: 0.20, wrist: 0.20, overhead: 0.16, shoulder: 0.20, numeric: 0.20 };
-    pub(super) const RATE_MAX: Self = Self { elbow: 1.5, wrist: 3.0, overhead: 1.2, shoulder: 1.5, numeric: 1.5 };
-    pub(super) const SLEW: Self = Self { elbow: 20.0, wrist: 50.0, overhead: 12.0, shoulder: 20.0, numeric: 20.0 };
+    const ETA_IN: Self = Self {
+        elbow: 0.10,
+        wrist: 0.10,
+        overhead: 0.08,
+        shoulder: 0.10,
+        numeric: 0.10,
+    };
+    const ETA_OUT: Self = Self {
+        elbow: 0.20,
+        wrist: 0.20,
+        overhead: 0.16,
+        shoulder: 0.20,
+        numeric: 0.20,
+    };
+    pub(super) const RATE_MAX: Self = Self {
+        elbow: 1.5,
+        wrist: 3.0,
+        overhead: 1.2,
+        shoulder: 1.5,
+        numeric: 1.5,
+    };
+    pub(super) const SLEW: Self = Self {
+        elbow: 20.0,
+        wrist: 50.0,
+        overhead: 12.0,
+        shoulder: 20.0,
+        numeric: 20.0,
+    };
 
     /// The number for a singularity of this kind ([`codes::KINDS`](crate::codes::KINDS)).
     #[must_use]
@@ -63,13 +91,21 @@ impl BySingularity {
     /// The numbers with their names.
     #[must_use]
     pub fn named(&self) -> [(&'static str, f64); 5] {
-        [("elbow", self.elbow), ("wrist", self.wrist), ("overhead", self.overhead), ("shoulder", self.shoulder), ("numeric", self.numeric)]
+        [
+            ("elbow", self.elbow),
+            ("wrist", self.wrist),
+            ("overhead", self.overhead),
+            ("shoulder", self.shoulder),
+            ("numeric", self.numeric),
+        ]
     }
 
     /// The largest of them.
     #[must_use]
     pub fn largest(&self) -> f64 {
-        self.named().iter().fold(0.0, |largest, (_, value)| value.max(largest))
+        self.named()
+            .iter()
+            .fold(0.0, |largest, (_, value)| value.max(largest))
     }
 
     fn eta_in<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
@@ -105,7 +141,10 @@ impl BySingularity {
             fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
                 f.write_str("numbers by the names elbow, wrist, overhead, shoulder, numeric, or an array of the first three")
             }
-            fn visit_map<A: serde::de::MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
+            fn visit_map<A: serde::de::MapAccess<'de>>(
+                self,
+                map: A,
+            ) -> Result<Self::Value, A::Error> {
                 let given = Named::deserialize(serde::de::value::MapAccessDeserializer::new(map))?;
                 Ok(BySingularity {
                     elbow: given.elbow.unwrap_or(self.0.elbow),
@@ -115,9 +154,18 @@ impl BySingularity {
                     numeric: given.numeric.unwrap_or(self.0.numeric),
                 })
             }
-            fn visit_seq<A: serde::de::SeqAccess<'de>>(self, seq: A) -> Result<Self::Value, A::Error> {
-                let [elbow, wrist, overhead] = Deserialize::deserialize(serde::de::value::SeqAccessDeserializer::new(seq))?;
-                Ok(BySingularity { elbow, wrist, overhead, ..self.0 })
+            fn visit_seq<A: serde::de::SeqAccess<'de>>(
+                self,
+                seq: A,
+            ) -> Result<Self::Value, A::Error> {
+                let [elbow, wrist, overhead] =
+                    Deserialize::deserialize(serde::de::value::SeqAccessDeserializer::new(seq))?;
+                Ok(BySingularity {
+                    elbow,
+                    wrist,
+                    overhead,
+                    ..self.0
+                })
             }
         }
         from.deserialize_any(Either(default))
@@ -126,7 +174,8 @@ impl BySingularity {
 
 impl Analysis {
     pub(super) fn check(&self) -> Result<(), Complaint> {
-        for ((name, inner), (_, outer)) in self.eta_in.named().into_iter().zip(self.eta_out.named()) {
+        for ((name, inner), (_, outer)) in self.eta_in.named().into_iter().zip(self.eta_out.named())
+        {
             if !(inner > 0.0 && outer > inner && outer < 1.0) {
                 return Err(Complaint::new(
                     format!("analysis.eta_out.{name}"),

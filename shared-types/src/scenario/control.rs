@@ -90,8 +90,14 @@ pub struct HoldAndBlend {
 impl Default for Baseline {
     fn default() -> Self {
         Self {
-            damped_least_squares: Damping { onset: 0.02, largest: 0.005 },
-            joint_pd: Damping { onset: 0.16, largest: 0.01 },
+            damped_least_squares: Damping {
+                onset: 0.02,
+                largest: 0.005,
+            },
+            joint_pd: Damping {
+                onset: 0.16,
+                largest: 0.01,
+            },
             truncated_svd_floor: 0.005,
             hold_and_blend: HoldAndBlend::default(),
         }
@@ -100,7 +106,13 @@ impl Default for Baseline {
 
 impl Default for HoldAndBlend {
     fn default() -> Self {
-        Self { blend: [0.001, 0.004], hold_k_p: 50.0, hold_k_v: 14.0, push: 0.01, push_k_v: 5.0 }
+        Self {
+            blend: [0.001, 0.004],
+            hold_k_p: 50.0,
+            hold_k_v: 14.0,
+            push: 0.01,
+            push_k_v: 5.0,
+        }
     }
 }
 
@@ -191,7 +203,12 @@ impl Control {
         for (name, value) in self.aux_slew.named() {
             positive(&format!("control.aux_slew.{name}"), value)?;
         }
-        let Baseline { damped_least_squares, joint_pd, truncated_svd_floor, hold_and_blend } = &self.baseline;
+        let Baseline {
+            damped_least_squares,
+            joint_pd,
+            truncated_svd_floor,
+            hold_and_blend,
+        } = &self.baseline;
         for (name, value) in [
             ("damped_least_squares.onset", damped_least_squares.onset),
             ("damped_least_squares.largest", damped_least_squares.largest),
@@ -199,7 +216,10 @@ impl Control {
             ("joint_pd.largest", joint_pd.largest),
             ("truncated_svd_floor", *truncated_svd_floor),
             ("hold_and_blend.blend.0", hold_and_blend.blend[0]),
-            ("hold_and_blend.blend.1", hold_and_blend.blend[1] - hold_and_blend.blend[0]),
+            (
+                "hold_and_blend.blend.1",
+                hold_and_blend.blend[1] - hold_and_blend.blend[0],
+            ),
             ("hold_and_blend.hold_k_p", hold_and_blend.hold_k_p),
             ("hold_and_blend.hold_k_v", hold_and_blend.hold_k_v),
             ("hold_and_blend.push", hold_and_blend.push),

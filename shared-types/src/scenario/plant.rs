@@ -45,7 +45,10 @@ mod floor {
     }
 
     #[expect(clippy::ref_option, reason = "serde's signature")]
-    pub(super) fn serialize<S: Serializer>(floor_m: &Option<f64>, out: S) -> Result<S::Ok, S::Error> {
+    pub(super) fn serialize<S: Serializer>(
+        floor_m: &Option<f64>,
+        out: S,
+    ) -> Result<S::Ok, S::Error> {
         match floor_m {
             Some(height) => height.serialize(out),
             None => NONE.serialize(out),
@@ -100,14 +103,21 @@ pub struct Estimator {
 
 impl Default for Estimator {
     fn default() -> Self {
-        Self { bandwidth: 150.0, disturbance_bandwidth: 60.0 }
+        Self {
+            bandwidth: 150.0,
+            disturbance_bandwidth: 60.0,
+        }
     }
 }
 
 impl Plant {
     pub(super) fn check(&self) -> Result<(), Complaint> {
         if !(1..=64).contains(&self.substeps) {
-            return Err(Complaint::new("plant.substeps", format!("{} sub-steps", self.substeps), "1 to 64"));
+            return Err(Complaint::new(
+                "plant.substeps",
+                format!("{} sub-steps", self.substeps),
+                "1 to 64",
+            ));
         }
         if self.encoder_bits != 0 && !(8..=32).contains(&self.encoder_bits) {
             return Err(Complaint::new(
@@ -124,10 +134,18 @@ impl Plant {
             ));
         }
         if !(0.1..=10.0).contains(&self.mass_factor) {
-            return Err(Complaint::new("plant.mass_factor", format!("a mass factor of {}", self.mass_factor), "0.1 to 10"));
+            return Err(Complaint::new(
+                "plant.mass_factor",
+                format!("a mass factor of {}", self.mass_factor),
+                "0.1 to 10",
+            ));
         }
         if self.floor_m.is_some_and(|floor| !floor.is_finite()) {
-            return Err(Complaint::new("plant.floor_m", "the floor's height is not a number", "metres in the base frame"));
+            return Err(Complaint::new(
+                "plant.floor_m",
+                "the floor's height is not a number",
+                "metres in the base frame",
+            ));
         }
         Ok(())
     }
@@ -137,7 +155,11 @@ impl Estimator {
     pub(super) fn check(&self) -> Result<(), Complaint> {
         positive("estimator.bandwidth", self.bandwidth)?;
         if !(0.0..=1e4).contains(&self.disturbance_bandwidth) {
-            return Err(Complaint::new("estimator.disturbance_bandwidth", "out of range", "0 (off) to 10000 rad/s"));
+            return Err(Complaint::new(
+                "estimator.disturbance_bandwidth",
+                "out of range",
+                "0 (off) to 10000 rad/s",
+            ));
         }
         Ok(())
     }

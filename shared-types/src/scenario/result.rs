@@ -24,7 +24,14 @@ pub struct Goal {
 
 impl Default for Goal {
     fn default() -> Self {
-        Self { position_mm: 1.0, orientation_deg: 0.5, orthogonal_mm: 1.0, orthogonal_deg: 0.5, path_mm: 1.0, path_deg: 0.5 }
+        Self {
+            position_mm: 1.0,
+            orientation_deg: 0.5,
+            orthogonal_mm: 1.0,
+            orthogonal_deg: 0.5,
+            path_mm: 1.0,
+            path_deg: 0.5,
+        }
     }
 }
 
@@ -76,7 +83,10 @@ pub struct Record {
 
 impl Default for Record {
     fn default() -> Self {
-        Self { part_s: 300.0, part_mb: 1000 }
+        Self {
+            part_s: 300.0,
+            part_mb: 1000,
+        }
     }
 }
 

@@ -81,7 +81,10 @@ impl Servo {
     /// How many targets of the text follow its first `end`: they have no effect.
     #[must_use]
     pub fn after_end(&self, rate_hz: u32) -> usize {
-        let after = self.rows(rate_hz).into_iter().skip_while(|row| row.target.kind != TARGET_END);
+        let after = self
+            .rows(rate_hz)
+            .into_iter()
+            .skip_while(|row| row.target.kind != TARGET_END);
         after.filter(|row| row.target.kind != TARGET_END).count()
     }
 
@@ -91,7 +94,9 @@ impl Servo {
         if self.duration_s > 0.0 {
             return self.duration_s;
         }
-        self.rows(MS).last().map_or(0.0, |row| row.tick as f64 / f64::from(MS) + row.target.valid_s.clamp(0.0, LONGEST_S))
+        self.rows(MS).last().map_or(0.0, |row| {
+            row.tick as f64 / f64::from(MS) + row.target.valid_s.clamp(0.0, LONGEST_S)
+        })
     }
 
     pub(super) fn check(&self) -> Result<(), Complaint> {
@@ -104,15 +109,31 @@ impl Servo {
             positive(&format!("servo.{name}"), value)?;
         }
         if !(0.0..=36_000.0).contains(&self.duration_s) {
-            return Err(Complaint::new("servo.duration_s", format!("`duration_s` is {}", self.duration_s), "0 to 36000"));
+            return Err(Complaint::new(
+                "servo.duration_s",
+                format!("`duration_s` is {}", self.duration_s),
+                "0 to 36000",
+            ));
         }
         if self.targets.is_empty() {
             let is_ended = self.duration_s > 0.0 || !self.input.is_empty();
             let remedy = "give the input file, the targets themselves, or the duration_s of a session with a process of its own";
-            return if is_ended { Ok(()) } else { Err(Complaint::new("servo", "there are no targets", remedy)) };
+            return if is_ended {
+                Ok(())
+            } else {
+                Err(Complaint::new("servo", "there are no targets", remedy))
+            };
         }
-        let invalid = |error: target_file::InvalidRow| Complaint::new("servo.targets", error.to_string(), "docs/servo.md has the format");
-        target_file::parse(&self.targets, MS).map(drop).map_err(invalid)
+        let invalid = |error: target_file::InvalidRow| {
+            Complaint::new(
+                "servo.targets",
+                error.to_string(),
+                "docs/servo.md has the format",
+            )
+        };
+        target_file::parse(&self.targets, MS)
+            .map(drop)
+            .map_err(invalid)
     }
 }
 

@@ -100,13 +100,28 @@ pub struct Reorient {
 
 impl Start {
     pub(super) fn check(&self) -> Result<(), Complaint> {
-        let given = [self.q_deg.is_some(), self.q_rad.is_some(), self.posture.is_some()].iter().filter(|given| **given).count();
+        let given = [
+            self.q_deg.is_some(),
+            self.q_rad.is_some(),
+            self.posture.is_some(),
+        ]
+        .iter()
+        .filter(|given| **given)
+        .count();
         if given != 1 {
-            return Err(Complaint::new("start", format!("the start posture is given {given} times"), "give one of q_deg, q_rad, posture"));
+            return Err(Complaint::new(
+                "start",
+                format!("the start posture is given {given} times"),
+                "give one of q_deg, q_rad, posture",
+            ));
         }
         for (name, values) in [("q_deg", &self.q_deg), ("q_rad", &self.q_rad)] {
             if let Some(i) = values.iter().flatten().position(|value| !value.is_finite()) {
-                return Err(Complaint::new(format!("start.{name}.{i}"), "a joint position is not a number", "finite numbers"));
+                return Err(Complaint::new(
+                    format!("start.{name}.{i}"),
+                    "a joint position is not a number",
+                    "finite numbers",
+                ));
             }
         }
         Ok(())
@@ -117,12 +132,34 @@ impl Segment {
     pub(super) fn check(&self, i: usize) -> Result<(), Complaint> {
         let at = |key: &str| format!("segment.{i}.{key}");
         if !(self.duration_s.is_finite() && self.duration_s > 0.0) {
-            return Err(Complaint::new(at("duration_s"), format!("the segment takes {} s", self.duration_s), "a positive time"));
+            return Err(Complaint::new(
+                at("duration_s"),
+                format!("the segment takes {} s", self.duration_s),
+                "a positive time",
+            ));
         }
-        let translations = [self.to_m.is_some(), self.by_m.is_some(), self.slide.is_some()].iter().filter(|given| **given).count();
-        let rotations = [self.rotation.is_some(), self.quaternion.is_some(), self.turn.is_some()].iter().filter(|given| **given).count();
+        let translations = [
+            self.to_m.is_some(),
+            self.by_m.is_some(),
+            self.slide.is_some(),
+        ]
+        .iter()
+        .filter(|given| **given)
+        .count();
+        let rotations = [
+            self.rotation.is_some(),
+            self.quaternion.is_some(),
+            self.turn.is_some(),
+        ]
+        .iter()
+        .filter(|given| **given)
+        .count();
         if translations > 1 {
-            return Err(Complaint::new(format!("segment.{i}"), "the goal position is given more than once", "one of to_m, by_m, slide"));
+            return Err(Complaint::new(
+                format!("segment.{i}"),
+                "the goal position is given more than once",
+                "one of to_m, by_m, slide",
+            ));
         }
         if rotations > 1 {
             return Err(Complaint::new(
@@ -133,15 +170,27 @@ impl Segment {
         }
         if let Some(reorient) = &self.reorient {
             if translations + rotations > 0 {
-                return Err(Complaint::new(at("reorient"), "a segment cannot move and reorient at once", "split it into two segments"));
+                return Err(Complaint::new(
+                    at("reorient"),
+                    "a segment cannot move and reorient at once",
+                    "split it into two segments",
+                ));
             }
             if !reorient.by_deg.is_finite() {
-                return Err(Complaint::new(at("reorient.by_deg"), "the angle is not a number", "degrees"));
+                return Err(Complaint::new(
+                    at("reorient.by_deg"),
+                    "the angle is not a number",
+                    "degrees",
+                ));
             }
         }
         for (key, position) in [("to_m", &self.to_m), ("by_m", &self.by_m)] {
             if position.iter().flatten().any(|x| !x.is_finite()) {
-                return Err(Complaint::new(at(key), "the position is not a number", "three finite numbers, in metres"));
+                return Err(Complaint::new(
+                    at(key),
+                    "the position is not a number",
+                    "three finite numbers, in metres",
+                ));
             }
         }
         if let Some(rows) = &self.rotation {
@@ -149,9 +198,15 @@ impl Segment {
             let determinant = rows[0][0] * (rows[1][1] * rows[2][2] - rows[1][2] * rows[2][1])
                 - rows[0][1] * (rows[1][0] * rows[2][2] - rows[1][2] * rows[2][0])
                 + rows[0][2] * (rows[1][0] * rows[2][1] - rows[1][1] * rows[2][0]);
-            let orthonormal = (0..3).all(|a| (0..3).all(|b| (dot(&rows[a], &rows[b]) - f64::from(u8::from(a == b))).abs() < 1e-6));
+            let orthonormal = (0..3).all(|a| {
+                (0..3).all(|b| (dot(&rows[a], &rows[b]) - f64::from(u8::from(a == b))).abs() < 1e-6)
+            });
             if !orthonormal || determinant < 0.0 {
-                return Err(Complaint::new(at("rotation"), "the matrix is not a rotation", "orthonormal rows, determinant +1, to 1e-6"));
+                return Err(Complaint::new(
+                    at("rotation"),
+                    "the matrix is not a rotation",
+                    "orthonormal rows, determinant +1, to 1e-6",
+                ));
             }
         }
         if let Some(quaternion) = &self.quaternion {
@@ -165,11 +220,21 @@ impl Segment {
             }
         }
         for (key, direction, amount) in [
-            ("slide.along", self.slide.as_ref().map(|slide| &slide.along), self.slide.as_ref().map(|slide| slide.by_m)),
-            ("turn.about", self.turn.as_ref().map(|turn| &turn.about), self.turn.as_ref().map(|turn| turn.by_deg)),
+            (
+                "slide.along",
+                self.slide.as_ref().map(|slide| &slide.along),
+                self.slide.as_ref().map(|slide| slide.by_m),
+            ),
+            (
+                "turn.about",
+                self.turn.as_ref().map(|turn| &turn.about),
+                self.turn.as_ref().map(|turn| turn.by_deg),
+            ),
         ] {
             let Some(direction) = direction else { continue };
-            let named = direction.strip_prefix("zeta:").map(|rest| rest.strip_suffix("@start").unwrap_or(rest));
+            let named = direction
+                .strip_prefix("zeta:")
+                .map(|rest| rest.strip_suffix("@start").unwrap_or(rest));
             if !["x", "y", "z"].contains(&direction.as_str()) && named.is_none_or(str::is_empty) {
                 return Err(Complaint::new(
                     at(key),
@@ -178,11 +243,19 @@ impl Segment {
                 ));
             }
             if amount.is_some_and(|amount| !amount.is_finite()) {
-                return Err(Complaint::new(at(key), "the amount is not a number", "by_m in metres, by_deg in degrees"));
+                return Err(Complaint::new(
+                    at(key),
+                    "the amount is not a number",
+                    "by_m in metres, by_deg in degrees",
+                ));
             }
         }
         if !(-1..=1).contains(&self.branch) {
-            return Err(Complaint::new(at("branch"), format!("there is no posture {}", self.branch), "-1, 0 (keep) or 1"));
+            return Err(Complaint::new(
+                at("branch"),
+                format!("there is no posture {}", self.branch),
+                "-1, 0 (keep) or 1",
+            ));
         }
         Ok(())
     }

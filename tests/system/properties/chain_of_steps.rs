@@ -8,8 +8,9 @@ use model::Robot;
 use shared_types::scenario::{Scenario, Strategy};
 use shared_types::wire::Part;
 use shared_types::{
-    AnalyzerCheckpoint, Checkpoint, ControlState, ControllerCheckpoint, EstimatorCheckpoint, Layout, Message, PlantState, SensorSample,
-    ServoState, SingularityReport, StateEstimate, Target, TorqueCommand,
+    AnalyzerCheckpoint, Checkpoint, ControlState, ControllerCheckpoint, EstimatorCheckpoint,
+    Layout, Message, PlantState, SensorSample, ServoState, SingularityReport, StateEstimate,
+    Target, TorqueCommand,
 };
 
 use super::input::{Bytes, Hand, numbers};
@@ -39,16 +40,29 @@ impl Case {
             controller::cycle(&robot, &scenario).ok()?,
         );
         plant::cycle(&robot, &scenario).ok()?;
-        let (mut first, mut second, mut third) = <(EstimatorCheckpoint, AnalyzerCheckpoint, ControllerCheckpoint)>::default();
+        let (mut first, mut second, mut third) = <(
+            EstimatorCheckpoint,
+            AnalyzerCheckpoint,
+            ControllerCheckpoint,
+        )>::default();
         estimator.save(&mut first);
         analyzer.save(&mut second);
         controller.save(&mut third);
         Some(Self {
             robot,
             scenario,
-            estimator: RefCell::new(Begun { first, step: estimator }),
-            analyzer: RefCell::new(Begun { first: second, step: analyzer }),
-            controller: RefCell::new(Begun { first: third, step: controller }),
+            estimator: RefCell::new(Begun {
+                first,
+                step: estimator,
+            }),
+            analyzer: RefCell::new(Begun {
+                first: second,
+                step: analyzer,
+            }),
+            controller: RefCell::new(Begun {
+                first: third,
+                step: controller,
+            }),
         })
     }
 }
@@ -77,10 +91,15 @@ thread_local! {
 /// Every built-in scenario under every law, analysed by its formulas or by number.
 fn case(scenario: u8, law: u8, numeric: bool) -> Option<Rc<Case>> {
     let names: Vec<&str> = sim::scenarios::names().collect();
-    let (place, law) = (scenario as usize % names.len(), law as usize % Strategy::ALL.len());
+    let (place, law) = (
+        scenario as usize % names.len(),
+        law as usize % Strategy::ALL.len(),
+    );
     CASES.with_borrow_mut(|cases| {
         let make = || {
-            let mut scenario = Scenario::parse(names[place], sim::scenarios::text(names[place])?, &[]).expect("built in");
+            let mut scenario =
+                Scenario::parse(names[place], sim::scenarios::text(names[place])?, &[])
+                    .expect("built in");
             scenario.control.strategy = Strategy::ALL[law];
             scenario.analysis.numeric = numeric;
             // The exact integrator: quick to make, and what happens to the arm is the same.
@@ -88,14 +107,21 @@ fn case(scenario: u8, law: u8, numeric: bool) -> Option<Rc<Case>> {
             let robot = Robot::builtin(&scenario.robot).expect("built in");
             Case::new(robot, scenario).map(Rc::new)
         };
-        cases.entry((place, law, numeric)).or_insert_with(make).clone()
+        cases
+            .entry((place, law, numeric))
+            .or_insert_with(make)
+            .clone()
     })
 }
 
 /// Asserts that a torque is finite and within the arm's limits.
 fn is_safe(tau: &[f64], robot: &Robot, who: &str) {
     for (joint, (tau, limit)) in tau.iter().zip(&robot.joints).enumerate() {
-        assert!(tau.abs() <= limit.effort * (1.0 + 1e-12), "{who}: {tau} N·m at joint {joint}, allowed {}", limit.effort);
+        assert!(
+            tau.abs() <= limit.effort * (1.0 + 1e-12),
+            "{who}: {tau} N·m at joint {joint}, allowed {}",
+            limit.effort
+        );
     }
     assert!(tau[robot.joints.len()..].iter().all(|tau| *tau == 0.0));
 }
@@ -103,33 +129,53 @@ fn is_safe(tau: &[f64], robot: &Robot, who: &str) {
 /// For any input, tick after tick, the controller's torque is finite and within the limits: messages of any bits, every arm and law.
 pub fn controller(bytes: &[u8]) {
     let mut hand = Hand(bytes);
-    let Some(case) = case(hand.byte(), hand.byte(), hand.byte() & 1 != 0) else { return };
-    let Case { robot, scenario, .. } = &*case;
+    let Some(case) = case(hand.byte(), hand.byte(), hand.byte() & 1 != 0) else {
+        return;
+    };
+    let Case {
+        robot, scenario, ..
+    } = &*case;
     let Begun { first, step } = &mut *case.controller.borrow_mut();
     step.restore(first);
     let mut bytes = Bytes(hand.0);
-    let (mut servo, mut state, mut command) = <(ServoState, ControlState, TorqueCommand)>::default();
+    let (mut servo, mut state, mut command) =
+        <(ServoState, ControlState, TorqueCommand)>::default();
     let mut target: Option<Target> = None;
     for tick in 0..4 {
-        let (mut estimate, mut report): (StateEstimate, SingularityReport) = (bytes.next(), bytes.next());
+        let (mut estimate, mut report): (StateEstimate, SingularityReport) =
+            (bytes.next(), bytes.next());
         (estimate.header.tick, report.header.tick) = (tick, tick);
         if scenario.servo.is_some() {
             target = Some(bytes.next());
         }
-        control(step.as_mut(), scenario, (&estimate, &report, target.as_ref()), (&mut servo, &mut state, &mut command));
+        control(
+            step.as_mut(),
+            scenario,
+            (&estimate, &report, target.as_ref()),
+            (&mut servo, &mut state, &mut command),
+        );
         is_safe(&command.tau, robot, "controller");
         assert_eq!(command.header.tick, tick);
     }
     step.restore(&bytes.next());
-    control(step.as_mut(), scenario, (&bytes.next(), &bytes.next(), target.as_ref()), (&mut servo, &mut state, &mut command));
+    control(
+        step.as_mut(),
+        scenario,
+        (&bytes.next(), &bytes.next(), target.as_ref()),
+        (&mut servo, &mut state, &mut command),
+    );
     is_safe(&command.tau, robot, "restored controller");
 }
 
 /// For any command, the torque that acts on the arm is finite and within the limits, and the sensors' readings are finite.
 pub fn drive(bytes: &[u8]) {
     let mut hand = Hand(bytes);
-    let Some(case) = case(hand.byte(), 0, false) else { return };
-    let Case { robot, scenario, .. } = &*case;
+    let Some(case) = case(hand.byte(), 0, false) else {
+        return;
+    };
+    let Case {
+        robot, scenario, ..
+    } = &*case;
     let mut cycle = plant::cycle(robot, scenario).expect("it was accepted before");
     let mut bytes = Bytes(hand.0);
     for tick in 0..8 {
@@ -138,7 +184,10 @@ pub fn drive(bytes: &[u8]) {
         cycle.step(Some(&command));
         let (mut sample, mut truth) = <(SensorSample, PlantState)>::default();
         cycle.sample(tick, &mut sample, &mut truth);
-        assert!(sample.is_finite() && truth.is_finite(), "{sample:?} {truth:?}");
+        assert!(
+            sample.is_finite() && truth.is_finite(),
+            "{sample:?} {truth:?}"
+        );
         is_safe(&sample.tau_drive, robot, "drive");
     }
 }
@@ -146,7 +195,9 @@ pub fn drive(bytes: &[u8]) {
 /// Numbers within what a fault's amount may be: what is larger no process need have an answer to.
 fn is_sane<M: Layout>(message: &M) -> bool {
     let bytes = bytemuck::bytes_of(message);
-    numbers::<M>().into_iter().all(|at| bytemuck::pod_read_unaligned::<f64>(&bytes[at..at + 8]).abs() <= 1e12)
+    numbers::<M>()
+        .into_iter()
+        .all(|at| bytemuck::pod_read_unaligned::<f64>(&bytes[at..at + 8]).abs() <= 1e12)
 }
 
 /// A process of the chain, and what a run would do about it: an output that is not finite ends it, and its replacement goes on from the
@@ -162,7 +213,11 @@ struct Life<C> {
 
 impl<C: Checkpoint> Life<C> {
     fn new(guarded: bool) -> Self {
-        Self { checkpoint: None, sane: true, guarded }
+        Self {
+            checkpoint: None,
+            sane: true,
+            guarded,
+        }
     }
 
     /// Whether a message leaves; else the process has died of it, and is to be begun anew.
@@ -170,7 +225,10 @@ impl<C: Checkpoint> Life<C> {
         if message.is_finite() || !self.guarded {
             return true;
         }
-        assert!(!self.sane, "nothing out of range has been said to it: {message:?}");
+        assert!(
+            !self.sane,
+            "nothing out of range has been said to it: {message:?}"
+        );
         // With its replacement, all is well again.
         self.sane = true;
         false
@@ -186,7 +244,11 @@ impl<C: Checkpoint> Life<C> {
         let mut last = self.checkpoint?;
         hand.spoil_words(&mut last, 0);
         let is_possible = last.is_finite() || !self.guarded;
-        self.sane = if is_possible { is_sane(&last) } else { self.sane };
+        self.sane = if is_possible {
+            is_sane(&last)
+        } else {
+            self.sane
+        };
         is_possible.then_some(last)
     }
 }
@@ -198,17 +260,34 @@ impl<C: Checkpoint> Life<C> {
 pub fn fingers(bytes: &[u8]) {
     let mut hand = Hand(bytes);
     let (scenario, law, how) = (hand.byte(), hand.byte(), hand.byte());
-    let Some(case) = case(scenario, law, how & 1 != 0) else { return };
-    let Case { robot, scenario, .. } = &*case;
+    let Some(case) = case(scenario, law, how & 1 != 0) else {
+        return;
+    };
+    let Case {
+        robot, scenario, ..
+    } = &*case;
     let is_guarded = how & 2 != 0;
     let mut plant = plant::cycle(robot, scenario).expect("it was accepted before");
-    let Begun { first: first_estimator, step: estimator } = &mut *case.estimator.borrow_mut();
-    let Begun { first: first_analyzer, step: analyzer } = &mut *case.analyzer.borrow_mut();
-    let Begun { first: first_controller, step: controller } = &mut *case.controller.borrow_mut();
+    let Begun {
+        first: first_estimator,
+        step: estimator,
+    } = &mut *case.estimator.borrow_mut();
+    let Begun {
+        first: first_analyzer,
+        step: analyzer,
+    } = &mut *case.analyzer.borrow_mut();
+    let Begun {
+        first: first_controller,
+        step: controller,
+    } = &mut *case.controller.borrow_mut();
     estimator.restore(first_estimator);
     analyzer.restore(first_analyzer);
     controller.restore(first_controller);
-    let (mut estimating, mut analyzing, mut controlling) = (Life::new(is_guarded), Life::new(is_guarded), Life::new(is_guarded));
+    let (mut estimating, mut analyzing, mut controlling) = (
+        Life::new(is_guarded),
+        Life::new(is_guarded),
+        Life::new(is_guarded),
+    );
     let mut target: Option<Target> = None;
     let mut m = chain::Tick::default();
     for tick in 0..48 {
@@ -218,7 +297,10 @@ pub fn fingers(bytes: &[u8]) {
         let (touched, dropped) = (hand.byte(), hand.byte());
         plant.sample(tick, &mut m.sensor, &mut m.plant_state);
         let (mut sample, truth) = (m.sensor, m.plant_state);
-        assert!(sample.is_finite() && truth.is_finite(), "{sample:?} {truth:?}");
+        assert!(
+            sample.is_finite() && truth.is_finite(),
+            "{sample:?} {truth:?}"
+        );
         is_safe(&sample.tau_drive, robot, "drive");
         let command = 'chain: {
             if touched & 1 != 0 {
@@ -234,7 +316,10 @@ pub fn fingers(bytes: &[u8]) {
             }
             estimator.step(&sample, &mut m.estimate);
             let mut estimate = m.estimate;
-            assert!(estimate.is_finite() || !sample.is_finite(), "the estimator has an answer to everything: {sample:?} {estimate:?}");
+            assert!(
+                estimate.is_finite() || !sample.is_finite(),
+                "the estimator has an answer to everything: {sample:?} {estimate:?}"
+            );
             if !estimating.sends(&estimate) {
                 break 'chain None;
             }
@@ -287,7 +372,10 @@ pub fn fingers(bytes: &[u8]) {
             is_safe(&command.tau, robot, "controller");
             assert_eq!(command.header.tick, estimate.header.tick);
             let is_steered = scenario.servo.is_some();
-            if !(controlling.sends(&m.control_state) && controlling.sends(&command) && (!is_steered || controlling.sends(&m.servo_state))) {
+            if !(controlling.sends(&m.control_state)
+                && controlling.sends(&command)
+                && (!is_steered || controlling.sends(&m.servo_state)))
+            {
                 controller.restore(controlling.checkpoint.as_ref().unwrap_or(first_controller));
                 break 'chain None;
             }
@@ -302,5 +390,8 @@ pub fn fingers(bytes: &[u8]) {
     }
     let (mut sample, mut truth) = (m.sensor, m.plant_state);
     plant.sample(48, &mut sample, &mut truth);
-    assert!(sample.is_finite() && truth.is_finite(), "{sample:?} {truth:?}");
+    assert!(
+        sample.is_finite() && truth.is_finite(),
+        "{sample:?} {truth:?}"
+    );
 }

@@ -12,7 +12,9 @@ use shared_types::exchange::{EXCHANGE_STATE, EXCHANGE_VERSION, ExchangeHead, Exc
 use shared_types::graph::{BUILT_IN, Graph};
 use shared_types::layout::MessageLayout;
 use shared_types::wire::Part;
-use shared_types::{ControlState, Header, SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+use shared_types::{
+    ControlState, Header, SensorSample, SingularityReport, StateEstimate, TorqueCommand,
+};
 
 use super::input::Hand;
 
@@ -31,13 +33,16 @@ fn topics() -> Vec<(MessageLayout, u32)> {
         ("singularity", USE_WRITES),
         ("control_state", USE_WRITES),
     ];
-    named.map(|(topic, usage)| (graph.layout(topic).expect("a topic of the list"), usage)).into()
+    named
+        .map(|(topic, usage)| (graph.layout(topic).expect("a topic of the list"), usage))
+        .into()
 }
 
 /// A refusal is a sentence in one line of bounded length that names the process.
 fn is_refusal(failure: &Failure) {
     let sentence = failure.to_string();
-    let is_sentence = sentence.starts_with("the program of estimator ") && !sentence.contains(char::is_control);
+    let is_sentence =
+        sentence.starts_with("the program of estimator ") && !sentence.contains(char::is_control);
     assert!(is_sentence && sentence.len() < 2_048, "{sentence:?}");
 }
 
@@ -56,20 +61,29 @@ fn entry(place: usize) -> u64 {
 
 impl Foreign {
     fn open(page: &Page, topics: usize) -> std::io::Result<Self> {
-        let file = OpenOptions::new().read(true).write(true).open(page.path())?;
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .open(page.path())?;
         let at = |place| {
             let mut at = [0; 4];
             file.read_exact_at(&mut at, entry(place) + offset_of!(ExchangeTopic, at) as u64)?;
             Ok(u64::from(u32::from_ne_bytes(at)))
         };
         let messages = (0..topics).map(at).collect::<std::io::Result<_>>()?;
-        Ok(Self { bytes: file.metadata()?.len(), messages, file })
+        Ok(Self {
+            bytes: file.metadata()?.len(),
+            messages,
+            file,
+        })
     }
 
     fn write(&self, bytes: &[u8], at: u64) {
         let at = at % self.bytes;
         let n = bytes.len().min((self.bytes - at) as usize);
-        self.file.write_all_at(&bytes[..n], at).expect("shared memory");
+        self.file
+            .write_all_at(&bytes[..n], at)
+            .expect("shared memory");
     }
 
     fn word(&self, word: u32, field: usize) {
@@ -81,15 +95,24 @@ impl Foreign {
         self.word(EXCHANGE_VERSION, offset_of!(ExchangeHead, program_version));
         for (place, (layout, _)) in page.iter().enumerate() {
             let entry = entry(place);
-            self.write(layout.type_name.as_bytes(), entry + offset_of!(ExchangeTopic, program_type) as u64);
-            self.write(&layout.hash.to_ne_bytes(), entry + offset_of!(ExchangeTopic, program_layout) as u64);
+            self.write(
+                layout.type_name.as_bytes(),
+                entry + offset_of!(ExchangeTopic, program_type) as u64,
+            );
+            self.write(
+                &layout.hash.to_ne_bytes(),
+                entry + offset_of!(ExchangeTopic, program_layout) as u64,
+            );
         }
         self.word(PROGRAM_JOINED, offset_of!(ExchangeHead, program));
     }
 
     fn answer(&self, count: u32, code: u32, tick: u64) {
         self.word(code, offset_of!(ExchangeHead, answer));
-        self.write(&tick.to_ne_bytes(), offset_of!(ExchangeHead, answer_tick) as u64);
+        self.write(
+            &tick.to_ne_bytes(),
+            offset_of!(ExchangeHead, answer_tick) as u64,
+        );
         self.word(count, offset_of!(ExchangeHead, answers));
     }
 }
@@ -102,10 +125,19 @@ pub fn exchange_page(bytes: &[u8]) {
 
 fn scribble(run: &RunDir, topics: &[(MessageLayout, u32)], hand: &mut Hand<'_>) {
     let process = "estimator";
-    let about = About { is_lockstep: true, rate_hz: 1000, dof: 6, incarnation: 1 };
+    let about = About {
+        is_lockstep: true,
+        rate_hz: 1000,
+        dof: 6,
+        incarnation: 1,
+    };
     let page = Page::create(run.path(), process, about, topics).expect("shared memory");
     let foreign = Foreign::open(&page, topics.len()).expect("shared memory");
-    let mut drafts = (Draft::<StateEstimate>::of(2), Draft::<SingularityReport>::of(3), Draft::<ControlState>::of(4));
+    let mut drafts = (
+        Draft::<StateEstimate>::of(2),
+        Draft::<SingularityReport>::of(3),
+        Draft::<ControlState>::of(4),
+    );
     let (mut tick, mut expected) = (0_u64, 0_u32);
     while !hand.0.is_empty() {
         match hand.byte() % 12 {
@@ -119,7 +151,11 @@ fn scribble(run: &RunDir, topics: &[(MessageLayout, u32)], hand: &mut Hand<'_>) 
                 foreign.write(&word, 4 * place % size_of::<ExchangeHead>() as u64);
             }
             2 => {
-                let (place, byte, length) = (u64::from(u16::from_ne_bytes(hand.take())), hand.byte(), usize::from(hand.byte()));
+                let (place, byte, length) = (
+                    u64::from(u16::from_ne_bytes(hand.take())),
+                    hand.byte(),
+                    usize::from(hand.byte()),
+                );
                 foreign.write(&vec![byte; 64 * length], place);
             }
             3 => foreign.join(topics),
@@ -131,10 +167,20 @@ fn scribble(run: &RunDir, topics: &[(MessageLayout, u32)], hand: &mut Hand<'_>) 
                 tick = u64::from(hand.byte());
                 let before = expected;
                 expected = page.ask(REQUEST_TICK, tick);
-                assert_eq!(expected, before.wrapping_add(1), "requests are counted, whatever is written over the count");
+                assert_eq!(
+                    expected,
+                    before.wrapping_add(1),
+                    "requests are counted, whatever is written over the count"
+                );
             }
             6 => foreign.answer(expected, ANSWER_DONE, tick),
-            7 => foreign.answer(expected.wrapping_add(u32::from(hand.byte() % 3)).wrapping_sub(1), u32::from(hand.byte() % 6), tick),
+            7 => foreign.answer(
+                expected
+                    .wrapping_add(u32::from(hand.byte() % 3))
+                    .wrapping_sub(1),
+                u32::from(hand.byte() % 6),
+                tick,
+            ),
             8 if expected > 0 => match reply::answer(&page, process, expected, tick) {
                 Ok(Ok(answer)) => assert_ne!(answer, Answer::Stopped, "the run goes on"),
                 Ok(Err(count)) => assert_eq!(count, expected.wrapping_sub(1)),

@@ -13,7 +13,10 @@ pub fn scenario(text: &str) {
     match Scenario::parse("fuzz.toml", text, &[]) {
         Ok(scenario) => {
             let again = toml::to_string(&scenario).expect("a scenario can be written");
-            assert_eq!(Scenario::parse("fuzz.toml", &again, &[]).expect("and read again"), scenario);
+            assert_eq!(
+                Scenario::parse("fuzz.toml", &again, &[]).expect("and read again"),
+                scenario
+            );
             assert!(scenario.duration_s().is_finite() && scenario.dt_s() > 0.0);
         }
         Err(error) => assert!(error.to_string().starts_with("fuzz.toml"), "{error}"),
@@ -30,9 +33,19 @@ pub fn graph(text: &str) {
 
 /// A URDF is refused with a sentence, or its arm can be computed with.
 pub fn urdf(text: &str) {
-    let source = RobotSource { name: "fuzz".to_owned(), description: String::new(), urdf: text.to_owned() };
+    let source = RobotSource {
+        name: "fuzz".to_owned(),
+        description: String::new(),
+        urdf: text.to_owned(),
+    };
     match Robot::from_source(&source) {
-        Ok(robot) => assert!(robot.joints.iter().all(|joint| joint.lower <= joint.upper && joint.effort >= 0.0), "{robot:?}"),
+        Ok(robot) => assert!(
+            robot
+                .joints
+                .iter()
+                .all(|joint| joint.lower <= joint.upper && joint.effort >= 0.0),
+            "{robot:?}"
+        ),
         Err(error) => assert!(!error.to_string().is_empty()),
     }
 }
@@ -42,7 +55,10 @@ pub fn target_file(text: &str) {
     match target_file::parse(text, 1000) {
         Ok(rows) => {
             assert!(rows.iter().all(|row| row.target.is_finite()), "{rows:?}");
-            assert_eq!(target_file::parse(&target_file::write(&rows, 1000), 1000), Ok(rows));
+            assert_eq!(
+                target_file::parse(&target_file::write(&rows, 1000), 1000),
+                Ok(rows)
+            );
         }
         Err(error) => assert!(error.line > 0 && !error.message.is_empty(), "{error}"),
     }
@@ -59,9 +75,15 @@ pub fn job() -> String {
         record: true,
         messages: true,
         live: false,
-        scenario: Scenario::parse("fig5", sim::scenarios::text("fig5-wrist-rotation").expect("built in"), &[]).expect("valid"),
+        scenario: Scenario::parse(
+            "fig5",
+            sim::scenarios::text("fig5-wrist-rotation").expect("built in"),
+            &[],
+        )
+        .expect("valid"),
         robot: Default::default(),
-        graph: Graph::parse("graph.toml", include_str!("../../../services/graph.toml")).expect("valid"),
+        graph: Graph::parse("graph.toml", include_str!("../../../services/graph.toml"))
+            .expect("valid"),
     };
     serde_json::to_string(&job).expect("a job can be written")
 }
@@ -71,10 +93,16 @@ pub fn results(bytes: &[u8]) {
     if let Ok(job) = serde_json::from_slice::<Job>(bytes) {
         match job.check() {
             Ok(()) => {
-                assert!((50..=20_000).contains(&job.scenario.rate_hz) && job.scenario.duration_s() <= 36_000.0);
+                assert!(
+                    (50..=20_000).contains(&job.scenario.rate_hz)
+                        && job.scenario.duration_s() <= 36_000.0
+                );
                 assert!(job.graph.writer("torque").is_some());
                 let again = serde_json::to_vec(&job).expect("a job can be written");
-                assert_eq!(serde_json::from_slice::<Job>(&again).expect("and read again"), job);
+                assert_eq!(
+                    serde_json::from_slice::<Job>(&again).expect("and read again"),
+                    job
+                );
             }
             Err(complaint) => assert!(!complaint.to_string().is_empty()),
         }

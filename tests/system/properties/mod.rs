@@ -1,5 +1,9 @@
 //! Properties that hold for any input: the same functions are fuzzed in `tests/fuzz` and tried with random inputs here.
-#![allow(dead_code, unused_imports, reason = "each fuzz target uses one of them")]
+#![allow(
+    dead_code,
+    unused_imports,
+    reason = "each fuzz target uses one of them"
+)]
 
 mod chain_of_steps;
 mod exchange_page;

@@ -30,7 +30,8 @@ pub fn message_log(bytes: &[u8]) {
     fn check<M: Message>(bytes: &[u8], run: &Path) {
         let path = run.join(format!("{}.log", M::TOPIC));
         let read = || -> Result<Vec<M>, String> {
-            let mut kept = LogReader::<M>::open_of(run, &logs()).map_err(|error| error.to_string())?;
+            let mut kept =
+                LogReader::<M>::open_of(run, &logs()).map_err(|error| error.to_string())?;
             let mut messages = Vec::new();
             while let Some(message) = kept.next_message().map_err(|error| error.to_string())? {
                 messages.push(message);
@@ -49,13 +50,17 @@ pub fn message_log(bytes: &[u8]) {
                     Ok(None) => break,
                     Err(error) => defects += usize::from(error.is_damage()),
                 }
-                assert!(messages <= bytes.len() * 128 && defects <= bytes.len() + 2, "{messages} messages, {defects} defects");
+                assert!(
+                    messages <= bytes.len() * 128 && defects <= bytes.len() + 2,
+                    "{messages} messages, {defects} defects"
+                );
             }
         }
         let before = read();
         match LogWriter::<M>::resume(run, &logs(), Place::default(), |_| {}) {
             Ok(mut keep) => {
-                more.iter().for_each(|message| keep.add(message).expect("shared memory"));
+                more.iter()
+                    .for_each(|message| keep.add(message).expect("shared memory"));
                 keep.finish().expect("shared memory");
                 // A writer that was killed before it had made its file leaves a part of the head: its successor begins anew.
                 let expected = match bytes.len() < HEAD {
@@ -63,9 +68,16 @@ pub fn message_log(bytes: &[u8]) {
                     false => before.map(|messages| [&messages[..], &more].concat()),
                 };
                 let bytes = |messages: Vec<M>| bytemuck::cast_slice::<M, u8>(&messages).to_vec();
-                assert_eq!(read().map(bytes), expected.map(bytes), "what was there is there, and what came is behind it");
+                assert_eq!(
+                    read().map(bytes),
+                    expected.map(bytes),
+                    "what was there is there, and what came is behind it"
+                );
             }
-            Err(error) => assert!(before.is_err_and(|sentence| !sentence.is_empty()), "{error}"),
+            Err(error) => assert!(
+                before.is_err_and(|sentence| !sentence.is_empty()),
+                "{error}"
+            ),
         }
     }
     // With a right head, or with none: a fuzzer would have to find forty bytes first.
@@ -74,14 +86,20 @@ pub fn message_log(bytes: &[u8]) {
         let run = run.path();
         // And with right checksums and numbers: a fuzzer would never find them.
         let with_head = |head: Vec<u8>| {
-            let mut file = if choice & 8 != 0 { [head, rest.to_vec()].concat() } else { rest.to_vec() };
+            let mut file = if choice & 8 != 0 {
+                [head, rest.to_vec()].concat()
+            } else {
+                rest.to_vec()
+            };
             if choice & 32 != 0 {
                 message_log::seal(&mut file);
             }
             file
         };
         fn head<M: Message>(run: &Path) -> Vec<u8> {
-            LogWriter::<M>::create(run, &logs()).and_then(LogWriter::finish).expect("shared memory");
+            LogWriter::<M>::create(run, &logs())
+                .and_then(LogWriter::finish)
+                .expect("shared memory");
             let file = std::fs::read(run.join(format!("{}.log", M::TOPIC))).expect("shared memory");
             file[..HEAD].to_vec()
         }
@@ -92,7 +110,10 @@ pub fn message_log(bytes: &[u8]) {
                 check::<M>(&(self.0)(head::<M>(self.1)), self.1);
             }
         }
-        topics::named(TOPICS[usize::from(*choice) % COUNT], &mut CheckKept(&with_head, run));
+        topics::named(
+            TOPICS[usize::from(*choice) % COUNT],
+            &mut CheckKept(&with_head, run),
+        );
     });
 }
 
@@ -126,20 +147,31 @@ pub fn control_page(bytes: &[u8]) {
         let path = run.path().join("control_page");
         let _ = std::fs::remove_file(&path);
         drop(ControlPage::create(run).expect("shared memory"));
-        let file = std::fs::OpenOptions::new().write(true).open(&path).expect("shared memory");
+        let file = std::fs::OpenOptions::new()
+            .write(true)
+            .open(&path)
+            .expect("shared memory");
         let size = file.metadata().expect("shared memory").len();
         let mut hand = Hand(bytes);
         while !hand.0.is_empty() {
             // Behind the mark by which a control page is known.
             let (place, word) = (u64::from(u32::from_ne_bytes(hand.take())), hand.take::<8>());
-            file.write_all_at(&word, 8 + 8 * (place % (size / 8 - 1))).expect("shared memory");
+            file.write_all_at(&word, 8 + 8 * (place % (size / 8 - 1)))
+                .expect("shared memory");
         }
         let control_page = ControlPage::open(run).expect("its size and mark are right");
         let _ = (control_page.stop(), control_page.live_state());
         for index in 0..MAX_PROCESSES {
             let line = control_page.process(index);
             let (step, age) = (line.step(), line.age());
-            let _ = (line.state(), line.counts(), line.pid(), step.count(), step.since(&age).quantile_us(0.99), age.longest_us());
+            let _ = (
+                line.state(),
+                line.counts(),
+                line.pid(),
+                step.count(),
+                step.since(&age).quantile_us(0.99),
+                age.longest_us(),
+            );
         }
         let graph = Graph::parse("graph.toml", BUILT_IN).expect("the built-in graph");
         let accounts: Vec<_> = control_page.fault_table().records().collect();

@@ -14,12 +14,20 @@ const TOLERANCE: Rgba = [255, 64, 84, 255];
 const LIMITS: Option<[f64; 2]> = Some([-1.1, 1.1]);
 /// Name of the view from near by.
 pub(super) const fn close_up_name(subject: &Subject) -> &'static str {
-    if subject.stands_still { "The hand's way, × 50" } else { "Close-up, across ζ" }
+    if subject.stands_still {
+        "The hand's way, × 50"
+    } else {
+        "Close-up, across ζ"
+    }
 }
 
 /// Name of the view of the whole arm.
 pub(super) const fn world_name(subject: &Subject) -> &'static str {
-    if subject.stands_still { "Arm: its joints move" } else { "Arm: the coloured mark is the lost direction ζ" }
+    if subject.stands_still {
+        "Arm: its joints move"
+    } else {
+        "Arm: the coloured mark is the lost direction ζ"
+    }
 }
 
 /// Powers of ten of errors, mm and degrees, and of latencies, µs.
@@ -54,21 +62,41 @@ impl<'a> Desk<'a> {
                 let left = [(2.45, self.sheet.row("", views)), (1.15, self.now())];
                 let torques = self.torques();
                 let (errors, joints, measure) = (self.errors(), self.joints(), self.measure());
-                let others = [self.gravity(), self.governor(), self.auxiliary(), self.singular_values(), self.latency(Named::Last)];
+                let others = [
+                    self.gravity(),
+                    self.governor(),
+                    self.auxiliary(),
+                    self.singular_values(),
+                    self.latency(Named::Last),
+                ];
                 let modes = [self.modes(), self.log()];
                 // Three rows: fewer and taller plots have ticks that can be read, and room for a legend of six names.
                 let right = if self.subject.stands_still {
                     // No singularity is in play: the error first, the joints that move, and the rest in tabs.
-                    let more: Vec<_> = [torques, measure].into_iter().chain(others).chain(modes).collect();
+                    let more: Vec<_> = [torques, measure]
+                        .into_iter()
+                        .chain(others)
+                        .chain(modes)
+                        .collect();
                     vec![(1.3, errors), (1.4, joints), (1.6, self.sheet.tabs(more))]
                 } else {
-                    let more: Vec<_> = [errors, torques, joints].into_iter().chain(others).collect();
+                    let more: Vec<_> = [errors, torques, joints]
+                        .into_iter()
+                        .chain(others)
+                        .collect();
                     let (more, modes) = (self.sheet.tabs(more), self.sheet.tabs(modes.into()));
                     // A lane for each singularity.
-                    let lanes = if self.subject.singularities.len() > 3 { 1.6 } else { 1.35 };
+                    let lanes = if self.subject.singularities.len() > 3 {
+                        1.6
+                    } else {
+                        1.35
+                    };
                     vec![(1.4, measure), (1.6, more), (lanes, modes)]
                 };
-                let cells = vec![(1.12, self.sheet.column(left.into())), (1.0, self.sheet.column(right))];
+                let cells = vec![
+                    (1.12, self.sheet.column(left.into())),
+                    (1.0, self.sheet.column(right)),
+                ];
                 self.sheet.row("", cells);
             }
             Layout::Timing => {
@@ -78,20 +106,34 @@ impl<'a> Desk<'a> {
                 let modes = [self.modes(), self.log()].map(|view| (1.0, view));
                 // Three plots side by side have no room for their titles.
                 let plots = vec![self.errors(), self.governor()];
-                let rows = vec![(1.0, self.sheet.row("", modes.to_vec())), (1.2, self.sheet.tabs(plots))];
+                let rows = vec![
+                    (1.0, self.sheet.row("", modes.to_vec())),
+                    (1.2, self.sheet.tabs(plots)),
+                ];
                 let lower = vec![(1.0, lives), (2.2, self.sheet.column(rows))];
-                let cells = [(1.6, upper.to_vec()), (2.4, lower)].map(|(share, row)| (share, self.sheet.row("", row)));
+                let cells = [(1.6, upper.to_vec()), (2.4, lower)]
+                    .map(|(share, row)| (share, self.sheet.row("", row)));
                 self.sheet.column(cells.into());
             }
             Layout::Faults => {
                 let below = [self.log(), self.modes()];
                 let below = self.sheet.tabs(below.into());
                 let left = [(1.3, self.small_world()), (0.95, self.now()), (1.1, below)];
-                let more = [self.errors(), self.torques(), self.joints(), self.measure(), self.governor(), self.latency(Named::Last)];
+                let more = [
+                    self.errors(),
+                    self.torques(),
+                    self.joints(),
+                    self.measure(),
+                    self.governor(),
+                    self.latency(Named::Last),
+                ];
                 let more = self.sheet.tabs(more.into());
                 let right = [(2.25, self.lives()), (2.35, more)];
                 // The table of singularities and lines of the log are as wide as in the layout for control.
-                let cells = vec![(1.12, self.sheet.column(left.into())), (1.0, self.sheet.column(right.into()))];
+                let cells = vec![
+                    (1.12, self.sheet.column(left.into())),
+                    (1.0, self.sheet.column(right.into())),
+                ];
                 self.sheet.row("", cells);
             }
         }
@@ -107,12 +149,22 @@ impl<'a> Desk<'a> {
             Named::All | Named::Last => (first..count, 0..first),
         };
         let others = format!("q{}–q{}", others.start + 1, others.end);
-        let names = (0..count).map(|i| if own.contains(&i) { format!("q{}", i + 1) } else { others.clone() });
+        let names = (0..count).map(|i| {
+            if own.contains(&i) {
+                format!("q{}", i + 1)
+            } else {
+                others.clone()
+            }
+        });
         vec![Lines::drawn(drawn, names.collect(), JOINTS)]
     }
 
     fn singularity_names(&self, prefix: &str) -> Vec<String> {
-        self.subject.singularities.iter().map(|(name, _)| format!("{prefix}{name}")).collect()
+        self.subject
+            .singularities
+            .iter()
+            .map(|(name, _)| format!("{prefix}{name}"))
+            .collect()
     }
 
     fn per_singularity(&self, signal: Signal, prefix: &str) -> Lines {
@@ -120,11 +172,16 @@ impl<'a> Desk<'a> {
     }
 
     fn colours(&self) -> Vec<Rgba> {
-        self.subject.singularities.iter().map(|(_, colour)| *colour).collect()
+        self.subject
+            .singularities
+            .iter()
+            .map(|(_, colour)| *colour)
+            .collect()
     }
 
     fn world(&mut self) -> EntityPath {
-        self.sheet.world(world_name(self.subject), self.subject, &self.subject.eye)
+        self.sheet
+            .world(world_name(self.subject), self.subject, &self.subject.eye)
     }
 
     /// The same, small: without the angles of joints, whose labels would hide each other.
@@ -135,11 +192,16 @@ impl<'a> Desk<'a> {
     }
 
     fn close_up(&mut self) -> EntityPath {
-        self.sheet.world(close_up_name(self.subject), self.subject, &self.subject.close_up)
+        self.sheet.world(
+            close_up_name(self.subject),
+            self.subject,
+            &self.subject.close_up,
+        )
     }
 
     fn now(&mut self) -> EntityPath {
-        self.sheet.text("TextDocument", "What is happening", entity::NOW)
+        self.sheet
+            .text("TextDocument", "What is happening", entity::NOW)
     }
 
     fn log(&mut self) -> EntityPath {
@@ -148,20 +210,42 @@ impl<'a> Desk<'a> {
 
     fn modes(&mut self) -> EntityPath {
         let lanes = self.singularity_names("mode/");
-        self.sheet.states("What control does at each singularity", lanes.iter().map(|lane| entity::state(lane)))
+        self.sheet.states(
+            "What control does at each singularity",
+            lanes.iter().map(|lane| entity::state(lane)),
+        )
     }
 
     fn lives(&mut self) -> EntityPath {
         let processes = self.subject.lives.named().map(entity::life);
-        self.sheet.states("Fault, processes, drive", ["fault", "drive"].map(entity::state).into_iter().chain(processes))
+        self.sheet.states(
+            "Fault, processes, drive",
+            ["fault", "drive"]
+                .map(entity::state)
+                .into_iter()
+                .chain(processes),
+        )
     }
 
     /// log₁₀(|s_i| / η_i), the band below 1 hatched.
     fn measure(&mut self) -> EntityPath {
-        let band = Lines::guide("guide:band", "singular", entity::BAND_LINES, [255, 64, 84, 30], 5.0);
+        let band = Lines::guide(
+            "guide:band",
+            "singular",
+            entity::BAND_LINES,
+            [255, 64, 84, 30],
+            5.0,
+        );
         // In the legend with the band: it has room for few names.
-        let edges = Lines::guide("guide:edge", "singular", self.subject.outer.len(), [190, 195, 205, 150], 1.0);
-        let mut nearness = Lines::drawn(Drawn::Nearness, self.singularity_names(""), self.colours());
+        let edges = Lines::guide(
+            "guide:edge",
+            "singular",
+            self.subject.outer.len(),
+            [190, 195, 205, 150],
+            1.0,
+        );
+        let mut nearness =
+            Lines::drawn(Drawn::Nearness, self.singularity_names(""), self.colours());
         nearness.width = 2.5;
         self.sheet.plot(
             "How near: |s|/η in powers of ten. Below 0: treated as singular",
@@ -176,72 +260,167 @@ impl<'a> Desk<'a> {
         let (goal, stands_still) = (self.subject.goal, self.subject.stands_still);
         let pane = |sheet: &mut Sheet, name: &str, signal, guide, goal: Option<f64>, legend| {
             // Where no direction is lost there is one error.
-            let names = if stands_still { ["error"; 2] } else { ["orthogonal", "along ζ"] };
-            let mut lines = vec![Lines::of(signal, names.map(str::to_owned).to_vec(), [ACROSS, ALONG])];
+            let names = if stands_still {
+                ["error"; 2]
+            } else {
+                ["orthogonal", "along ζ"]
+            };
+            let mut lines = vec![Lines::of(
+                signal,
+                names.map(str::to_owned).to_vec(),
+                [ACROSS, ALONG],
+            )];
             lines.extend(goal.map(|_| Lines::guide(guide, "goal", 1, TOLERANCE, 1.0)));
             sheet.plot(name, lines, ERRORS, legend)
         };
         let (is_alone, corner) = (self.subject.without_orientation, Some(Corner2D::RightTop));
         // Of two plots side by side the second has the legend of both, and the room for it.
-        let (name, legend) = ("Position error, log10 mm", if is_alone { corner } else { None });
-        let position = pane(self.sheet, name, Signal::PositionError, "guide:goal_position", goal[0], legend);
+        let (name, legend) = (
+            "Position error, log10 mm",
+            if is_alone { corner } else { None },
+        );
+        let position = pane(
+            self.sheet,
+            name,
+            Signal::PositionError,
+            "guide:goal_position",
+            goal[0],
+            legend,
+        );
         if is_alone {
             return self.sheet.row("Task errors", vec![(1.0, position)]);
         }
         let name = "Orientation error, log10 °";
-        let orientation = pane(self.sheet, name, Signal::OrientationError, "guide:goal_orientation", goal[1], corner);
-        self.sheet.row("Task errors", vec![(1.0, position), (1.2, orientation)])
+        let orientation = pane(
+            self.sheet,
+            name,
+            Signal::OrientationError,
+            "guide:goal_orientation",
+            goal[1],
+            corner,
+        );
+        self.sheet
+            .row("Task errors", vec![(1.0, position), (1.2, orientation)])
     }
 
     fn torque_unit(&self) -> &'static str {
-        if self.subject.unlimited_torque { ", N·m" } else { " / limit" }
+        if self.subject.unlimited_torque {
+            ", N·m"
+        } else {
+            " / limit"
+        }
     }
 
     fn torques(&mut self) -> EntityPath {
         let of = self.torque_unit();
         let hand = self.per_joint(Drawn::Hand, Named::First);
-        let hand = self.sheet.plot(&format!("Hand torque, no gravity{of}"), hand, None, Some(Corner2D::RightBottom));
+        let hand = self.sheet.plot(
+            &format!("Hand torque, no gravity{of}"),
+            hand,
+            None,
+            Some(Corner2D::RightBottom),
+        );
         let null = self.per_joint(Drawn::Null, Named::Last);
-        let null = self.sheet.plot(&format!("Null-space torque{of}"), null, None, Some(Corner2D::RightBottom));
+        let null = self.sheet.plot(
+            &format!("Null-space torque{of}"),
+            null,
+            None,
+            Some(Corner2D::RightBottom),
+        );
         self.sheet.row("Torques", vec![(1.0, hand), (1.0, null)])
     }
 
     fn gravity(&mut self) -> EntityPath {
         let name = format!("Gravity torque{}", self.torque_unit());
-        self.sheet.plot(&name, self.per_joint(Drawn::Gravity, Named::First), None, Some(Corner2D::RightBottom))
+        self.sheet.plot(
+            &name,
+            self.per_joint(Drawn::Gravity, Named::First),
+            None,
+            Some(Corner2D::RightBottom),
+        )
     }
 
     fn joints(&mut self) -> EntityPath {
         let range = self.per_joint(Drawn::InRange, Named::First);
-        let range = self.sheet.plot("Joints between limits ±1", range, LIMITS, Some(Corner2D::RightBottom));
-        let of = if self.subject.unlimited_speed { ", rad/s" } else { " / limit" };
+        let range = self.sheet.plot(
+            "Joints between limits ±1",
+            range,
+            LIMITS,
+            Some(Corner2D::RightBottom),
+        );
+        let of = if self.subject.unlimited_speed {
+            ", rad/s"
+        } else {
+            " / limit"
+        };
         let speed = self.per_joint(Drawn::Speed, Named::Last);
-        let speed = self.sheet.plot(&format!("Joint speeds{of}"), speed, None, Some(Corner2D::RightBottom));
+        let speed = self.sheet.plot(
+            &format!("Joint speeds{of}"),
+            speed,
+            None,
+            Some(Corner2D::RightBottom),
+        );
         self.sheet.row("Joints", vec![(1.0, range), (1.0, speed)])
     }
 
     /// The share of each torque, and the speed of the path's clock.
     fn governor(&mut self) -> EntityPath {
-        let names = ["time", "task torque", "null torque"].map(str::to_owned).to_vec();
-        let scales = Lines::of(Signal::Scale, names, [[120, 190, 250, 255], [110, 215, 150, 255], [200, 200, 120, 255]]);
+        let names = ["time", "task torque", "null torque"]
+            .map(str::to_owned)
+            .to_vec();
+        let scales = Lines::of(
+            Signal::Scale,
+            names,
+            [
+                [120, 190, 250, 255],
+                [110, 215, 150, 255],
+                [200, 200, 120, 255],
+            ],
+        );
         let mut beta = self.per_singularity(Signal::Beta, "");
         beta.name_all("β");
-        self.sheet.plot("β (1 hand, 0 null space), governor", vec![scales, beta], Some([-0.05, 1.05]), Some(Corner2D::RightBottom))
+        self.sheet.plot(
+            "β (1 hand, 0 null space), governor",
+            vec![scales, beta],
+            Some([-0.05, 1.05]),
+            Some(Corner2D::RightBottom),
+        )
     }
 
     fn auxiliary(&mut self) -> EntityPath {
         let mut reference = self.per_singularity(Signal::AuxiliaryReference, "reference ");
         reference.name_all("reference");
-        reference.colours.iter_mut().for_each(|colour| colour[3] = 120);
+        reference
+            .colours
+            .iter_mut()
+            .for_each(|colour| colour[3] = 120);
         let actual = self.per_singularity(Signal::Auxiliary, "");
-        self.sheet.plot("Auxiliary coordinates, rad", vec![reference, actual], None, Some(Corner2D::RightTop))
+        self.sheet.plot(
+            "Auxiliary coordinates, rad",
+            vec![reference, actual],
+            None,
+            Some(Corner2D::RightTop),
+        )
     }
 
     fn singular_values(&mut self) -> EntityPath {
         let count = self.subject.joints.min(6);
         let between = format!("σ2 to σ{}", count.saturating_sub(1));
-        let names = (1..=count).map(|i| if i == 1 || i == count { format!("σ{i}") } else { between.clone() }).collect();
-        self.sheet.plot("Singular values", vec![Lines::of(Signal::SingularValues, names, JOINTS)], None, Some(Corner2D::RightTop))
+        let names = (1..=count)
+            .map(|i| {
+                if i == 1 || i == count {
+                    format!("σ{i}")
+                } else {
+                    between.clone()
+                }
+            })
+            .collect();
+        self.sheet.plot(
+            "Singular values",
+            vec![Lines::of(Signal::SingularValues, names, JOINTS)],
+            None,
+            Some(Corner2D::RightTop),
+        )
     }
 
     /// `named`: all hops, where there is room, or the whole way.
@@ -252,6 +431,11 @@ impl<'a> Desk<'a> {
             names[..last].fill("its parts".to_owned());
         }
         let hops = Lines::of(Signal::Latency, names, JOINTS);
-        self.sheet.plot("Latency per hop, log10 µs", vec![hops], LATENCIES, Some(Corner2D::RightTop))
+        self.sheet.plot(
+            "Latency per hop, log10 µs",
+            vec![hops],
+            LATENCIES,
+            Some(Corner2D::RightTop),
+        )
     }
 }

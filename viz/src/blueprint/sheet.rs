@@ -4,15 +4,18 @@ use re_chunk::{Chunk, ChunkResult, EntityPath, RowId, Timeline};
 use re_sdk_types::AsComponents;
 use re_sdk_types::archetypes::SeriesLines;
 use re_sdk_types::blueprint::archetypes::{
-    ActiveVisualizers, Background, ContainerBlueprint, EyeControls3D, LineGrid3D, PlotLegend, ScalarAxis, TextLogColumns, TimeAxis,
-    ViewBlueprint, ViewContents, VisibleTimeRanges, VisualizerInstruction,
+    ActiveVisualizers, Background, ContainerBlueprint, EyeControls3D, LineGrid3D, PlotLegend,
+    ScalarAxis, TextLogColumns, TimeAxis, ViewBlueprint, ViewContents, VisibleTimeRanges,
+    VisualizerInstruction,
 };
 use re_sdk_types::blueprint::components::{
-    ActiveTab, BackgroundKind, ColumnShare, ContainerKind, Corner2D, IncludedContent, LinkAxis, LockRangeDuringZoom, RowShare,
-    TextLogColumn, TimelineColumn, VisibleTimeRange, VisualizerComponentMapping, VisualizerInstructionId,
+    ActiveTab, BackgroundKind, ColumnShare, ContainerKind, Corner2D, IncludedContent, LinkAxis,
+    LockRangeDuringZoom, RowShare, TextLogColumn, TimelineColumn, VisibleTimeRange,
+    VisualizerComponentMapping, VisualizerInstructionId,
 };
 use re_sdk_types::blueprint::datatypes::{
-    ComponentSourceKind, TextLogColumnKind, TimelineColumn as ColumnOfTimeline, VisualizerComponentMapping as Mapping,
+    ComponentSourceKind, TextLogColumnKind, TimelineColumn as ColumnOfTimeline,
+    VisualizerComponentMapping as Mapping,
 };
 use re_sdk_types::components::{Color, Name, Plane3D, Range1D, StrokeWidth, Visible};
 use re_sdk_types::datatypes::{TimeRange, TimeRangeBoundary, VisibleTimeRange as Span};
@@ -34,19 +37,40 @@ pub(super) struct Lines {
 }
 
 impl Lines {
-    pub(super) fn of(signal: Signal, names: Vec<String>, colours: impl IntoIterator<Item = Rgba>) -> Self {
-        let entity = if signal.width() == Width::Slow { entity::DRAWN } else { entity::SIGNALS };
+    pub(super) fn of(
+        signal: Signal,
+        names: Vec<String>,
+        colours: impl IntoIterator<Item = Rgba>,
+    ) -> Self {
+        let entity = if signal.width() == Width::Slow {
+            entity::DRAWN
+        } else {
+            entity::SIGNALS
+        };
         Self::new(entity, signal.component(), names, colours)
     }
 
-    pub(super) fn drawn(drawn: Drawn, names: Vec<String>, colours: impl IntoIterator<Item = Rgba>) -> Self {
+    pub(super) fn drawn(
+        drawn: Drawn,
+        names: Vec<String>,
+        colours: impl IntoIterator<Item = Rgba>,
+    ) -> Self {
         Self::new(entity::DRAWN, drawn.component(), names, colours)
     }
 
     /// Lines that never move; `name` is that of the first, the others are not in the legend.
-    pub(super) fn guide(component: &'static str, name: &str, count: usize, colour: Rgba, width: f32) -> Self {
+    pub(super) fn guide(
+        component: &'static str,
+        name: &str,
+        count: usize,
+        colour: Rgba,
+        width: f32,
+    ) -> Self {
         let names = vec![name.to_owned(); count];
-        Self { width, ..Self::new(entity::GUIDES, component, names, vec![colour; count]) }
+        Self {
+            width,
+            ..Self::new(entity::GUIDES, component, names, vec![colour; count])
+        }
     }
 
     /// One name, hence one entry of the legend, for lines that are told apart by colours known from other plots.
@@ -54,8 +78,19 @@ impl Lines {
         self.names.iter_mut().for_each(|each| name.clone_into(each));
     }
 
-    fn new(entity: &'static str, component: &'static str, names: Vec<String>, colours: impl IntoIterator<Item = Rgba>) -> Self {
-        Self { entity, component, colours: colours.into_iter().take(names.len()).collect(), names, width: 1.5 }
+    fn new(
+        entity: &'static str,
+        component: &'static str,
+        names: Vec<String>,
+        colours: impl IntoIterator<Item = Rgba>,
+    ) -> Self {
+        Self {
+            entity,
+            component,
+            colours: colours.into_iter().take(names.len()).collect(),
+            names,
+            width: 1.5,
+        }
     }
 }
 
@@ -107,7 +142,10 @@ impl Sheet {
 
     /// The ids and views of a layout that has been written, without its chunks.
     pub(super) fn without_chunks(layout: Layout) -> Self {
-        Self { makes_chunks: false, ..Self::new(layout) }
+        Self {
+            makes_chunks: false,
+            ..Self::new(layout)
+        }
     }
 
     /// From now on chunks are made.
@@ -120,17 +158,33 @@ impl Sheet {
             return;
         }
         let at = [(Timeline::new_sequence("blueprint"), 0)];
-        self.chunks.push(Chunk::builder(path).with_archetype(RowId::new(), at, archetype).build());
+        self.chunks.push(
+            Chunk::builder(path)
+                .with_archetype(RowId::new(), at, archetype)
+                .build(),
+        );
     }
 
     /// Two archetypes of one place, in one chunk: each chunk costs a thousand bytes.
-    fn log_both(&mut self, path: impl Into<EntityPath>, one: &dyn AsComponents, other: &dyn AsComponents) {
+    fn log_both(
+        &mut self,
+        path: impl Into<EntityPath>,
+        one: &dyn AsComponents,
+        other: &dyn AsComponents,
+    ) {
         if !self.makes_chunks {
             return;
         }
         let at = [(Timeline::new_sequence("blueprint"), 0)];
-        let components = one.as_serialized_batches().into_iter().chain(other.as_serialized_batches());
-        self.chunks.push(Chunk::builder(path).with_serialized_batches(RowId::new(), at, components).build());
+        let components = one
+            .as_serialized_batches()
+            .into_iter()
+            .chain(other.as_serialized_batches());
+        self.chunks.push(
+            Chunk::builder(path)
+                .with_serialized_batches(RowId::new(), at, components)
+                .build(),
+        );
     }
 
     /// The next id, of something of that class and name.
@@ -138,23 +192,42 @@ impl Sheet {
         self.ids += 1;
         let of = format!("{}/{class}/{name}/{}", self.layout.name(), self.ids);
         // FNV-1a, without the bits of the id's kind.
-        let hash = of.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3));
+        let hash = of.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+        });
         Uuid::from_u128(ID_BASE | u128::from(hash >> 4))
     }
 
     /// A view of `contents`; its path is what containers hold.
-    fn view(&mut self, class: &str, name: &str, origin: &str, contents: &[String]) -> (Uuid, EntityPath) {
+    fn view(
+        &mut self,
+        class: &str,
+        name: &str,
+        origin: &str,
+        contents: &[String],
+    ) -> (Uuid, EntityPath) {
         let id = self.id(class, name);
         let path = EntityPath::from(format!("view/{id}"));
-        self.log(path.join(&"ViewContents".into()), &ViewContents::new(contents.iter().map(|query| query.as_str())));
-        self.log(path.clone(), &ViewBlueprint::new(class).with_display_name(Name(name.into())).with_space_origin(origin));
+        self.log(
+            path.join(&"ViewContents".into()),
+            &ViewContents::new(contents.iter().map(|query| query.as_str())),
+        );
+        self.log(
+            path.clone(),
+            &ViewBlueprint::new(class)
+                .with_display_name(Name(name.into()))
+                .with_space_origin(origin),
+        );
         self.views.push((name.to_owned(), path.clone()));
         (id, path)
     }
 
     /// The path of the view of that name.
     pub(super) fn view_named(&self, name: &str) -> Option<EntityPath> {
-        self.views.iter().find(|(known, _)| known == name).map(|(_, path)| path.clone())
+        self.views
+            .iter()
+            .find(|(known, _)| known == name)
+            .map(|(_, path)| path.clone())
     }
 
     /// `name` is the title of its tab, where it is in one.
@@ -162,14 +235,24 @@ impl Sheet {
         self.root = self.id("container", name);
         let path = EntityPath::from(format!("container/{}", self.root));
         let shares: Vec<f32> = cells.iter().map(|(share, _)| *share).collect();
-        let mut container =
-            ContainerBlueprint::new(kind).with_contents(cells.iter().map(|(_, path)| IncludedContent(path.to_string().into())));
+        let mut container = ContainerBlueprint::new(kind).with_contents(
+            cells
+                .iter()
+                .map(|(_, path)| IncludedContent(path.to_string().into())),
+        );
         match kind {
-            ContainerKind::Horizontal => container = container.with_col_shares(shares.into_iter().map(|share| ColumnShare(share.into()))),
-            ContainerKind::Vertical => container = container.with_row_shares(shares.into_iter().map(|share| RowShare(share.into()))),
+            ContainerKind::Horizontal => {
+                container = container
+                    .with_col_shares(shares.into_iter().map(|share| ColumnShare(share.into())))
+            }
+            ContainerKind::Vertical => {
+                container = container
+                    .with_row_shares(shares.into_iter().map(|share| RowShare(share.into())))
+            }
             ContainerKind::Tabs => {
                 if let Some((_, first)) = cells.first() {
-                    container = container.with_active_tab(ActiveTab(first.to_string().as_str().into()));
+                    container =
+                        container.with_active_tab(ActiveTab(first.to_string().as_str().into()));
                 }
             }
             ContainerKind::Grid => {}
@@ -190,13 +273,26 @@ impl Sheet {
     }
 
     pub(super) fn tabs(&mut self, paths: Vec<EntityPath>) -> EntityPath {
-        self.container(ContainerKind::Tabs, "", paths.into_iter().map(|path| (1.0, path)).collect())
+        self.container(
+            ContainerKind::Tabs,
+            "",
+            paths.into_iter().map(|path| (1.0, path)).collect(),
+        )
     }
 
     /// A plot of lines over the shared time axis; `range`: fixed y range.
-    pub(super) fn plot(&mut self, name: &str, mut lines: Vec<Lines>, range: Option<[f64; 2]>, legend: Option<Corner2D>) -> EntityPath {
+    pub(super) fn plot(
+        &mut self,
+        name: &str,
+        mut lines: Vec<Lines>,
+        range: Option<[f64; 2]>,
+        legend: Option<Corner2D>,
+    ) -> EntityPath {
         // Every plot is as long as the guides: one too thin to be seen, in the legend with the first line.
-        if let Some((name, colour)) = lines.first().and_then(|lines| lines.names.first().zip(lines.colours.first())) {
+        if let Some((name, colour)) = lines
+            .first()
+            .and_then(|lines| lines.names.first().zip(lines.colours.first()))
+        {
             let zero = Lines::guide("guide:zero", name, 1, *colour, 0.02);
             lines.push(zero);
         }
@@ -206,7 +302,8 @@ impl Sheet {
         }
         #[cfg(test)]
         if legend.is_some() {
-            let names: std::collections::BTreeSet<&String> = lines.iter().flat_map(|lines| &lines.names).collect();
+            let names: std::collections::BTreeSet<&String> =
+                lines.iter().flat_map(|lines| &lines.names).collect();
             self.legends.push((name.to_owned(), names.len()));
         }
         let mut entities: Vec<&str> = lines.iter().map(|lines| lines.entity).collect();
@@ -226,10 +323,16 @@ impl Sheet {
                     source_component: Some(lines.component.into()),
                     selector: None,
                 });
-                let instructed = VisualizerInstruction::new("SeriesLines").with_component_map([mapping]);
+                let instructed =
+                    VisualizerInstruction::new("SeriesLines").with_component_map([mapping]);
                 let style = SeriesLines::new()
                     .with_names(lines.names.iter().map(|name| name.as_str()))
-                    .with_colors(lines.colours.iter().map(|[r, g, b, a]| Color::from_unmultiplied_rgba(*r, *g, *b, *a)))
+                    .with_colors(
+                        lines
+                            .colours
+                            .iter()
+                            .map(|[r, g, b, a]| Color::from_unmultiplied_rgba(*r, *g, *b, *a)),
+                    )
                     .with_widths(lines.names.iter().map(|_| StrokeWidth(lines.width.into())));
                 self.log_both(at, &instructed, &style);
                 instructions.push(VisualizerInstructionId(instruction.into()));
@@ -237,31 +340,52 @@ impl Sheet {
             self.log(base, &ActiveVisualizers::new(instructions));
         }
         // A linked axis is as long as the viewer wants it: a minute at most. A range of its own would be read as ticks on the other time line.
-        let whole = TimeRange { start: TimeRangeBoundary::Infinite, end: TimeRangeBoundary::Infinite };
+        let whole = TimeRange {
+            start: TimeRangeBoundary::Infinite,
+            end: TimeRangeBoundary::Infinite,
+        };
         let axis = match self.shows_all {
-            true => TimeAxis::new().with_link(LinkAxis::Independent).with_view_range(whole),
+            true => TimeAxis::new()
+                .with_link(LinkAxis::Independent)
+                .with_view_range(whole),
             false => TimeAxis::new().with_link(LinkAxis::LinkToGlobal),
         };
         self.log(path.join(&"TimeAxis".into()), &axis);
         if let Some(range) = range {
             self.log(
                 path.join(&"ScalarAxis".into()),
-                &ScalarAxis::new().with_range(Range1D::new(range[0], range[1])).with_zoom_lock(LockRangeDuringZoom(true.into())),
+                &ScalarAxis::new()
+                    .with_range(Range1D::new(range[0], range[1]))
+                    .with_zoom_lock(LockRangeDuringZoom(true.into())),
             );
         }
         let shown = PlotLegend::new().with_visible(Visible(legend.is_some().into()));
-        self.log(path.join(&"PlotLegend".into()), &legend.map_or(shown.clone(), |corner| shown.with_corner(corner)));
+        self.log(
+            path.join(&"PlotLegend".into()),
+            &legend.map_or(shown.clone(), |corner| shown.with_corner(corner)),
+        );
         path
     }
 
     pub(super) fn text(&mut self, class: &str, name: &str, origin: &str) -> EntityPath {
         let (_, path) = self.view(class, name, origin, &[format!("{origin}/**")]);
         if class == "TextLog" {
-            let columns = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body]
-                .map(|kind| TextLogColumn(re_sdk_types::blueprint::datatypes::TextLogColumn { kind, visible: true.into() }));
+            let columns = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body].map(|kind| {
+                TextLogColumn(re_sdk_types::blueprint::datatypes::TextLogColumn {
+                    kind,
+                    visible: true.into(),
+                })
+            });
             // A column of times is as narrow as its head, which cuts them: each line begins with its time instead.
-            let times = ["t", "tick"].map(|timeline| TimelineColumn(ColumnOfTimeline { timeline: timeline.into(), visible: false.into() }));
-            let columns = TextLogColumns::new().with_text_log_columns(columns).with_timeline_columns(times);
+            let times = ["t", "tick"].map(|timeline| {
+                TimelineColumn(ColumnOfTimeline {
+                    timeline: timeline.into(),
+                    visible: false.into(),
+                })
+            });
+            let columns = TextLogColumns::new()
+                .with_text_log_columns(columns)
+                .with_timeline_columns(times);
             self.log(path.join(&"TextLogColumns".into()), &columns);
         }
         path
@@ -271,38 +395,77 @@ impl Sheet {
     pub(super) fn states(&mut self, name: &str, lanes: impl Iterator<Item = String>) -> EntityPath {
         let contents: Vec<String> = lanes.collect();
         let (_, path) = self.view("StateTimeline", name, "/", &contents);
-        self.log(path.join(&"TimeAxis".into()), &TimeAxis::new().with_link(LinkAxis::LinkToGlobal));
+        self.log(
+            path.join(&"TimeAxis".into()),
+            &TimeAxis::new().with_link(LinkAxis::LinkToGlobal),
+        );
         path
     }
 
     /// Shows in a view all below `origin` but `without`.
     pub(super) fn leave_out(&mut self, view: &EntityPath, origin: &str, without: &str) {
-        let contents = ViewContents::new([format!("+ {origin}/**").as_str(), format!("- {without}").as_str()]);
+        let contents = ViewContents::new([
+            format!("+ {origin}/**").as_str(),
+            format!("- {without}").as_str(),
+        ]);
         self.log(view.join(&"ViewContents".into()), &contents);
     }
 
     /// From where a view of the arm sees it.
-    pub(super) fn eye(&mut self, view: &EntityPath, Eye { position, look_at, up }: &Eye) {
-        let eye = EyeControls3D::new().with_position(position.to_array()).with_look_target(look_at.to_array()).with_eye_up(up.to_array());
+    pub(super) fn eye(
+        &mut self,
+        view: &EntityPath,
+        Eye {
+            position,
+            look_at,
+            up,
+        }: &Eye,
+    ) {
+        let eye = EyeControls3D::new()
+            .with_position(position.to_array())
+            .with_look_target(look_at.to_array())
+            .with_eye_up(up.to_array());
         self.log(view.join(&"EyeControls3D".into()), &eye);
     }
 
     /// A view of the arm from `eye`.
     pub(super) fn world(&mut self, name: &str, subject: &Subject, eye: &Eye) -> EntityPath {
-        let (id, path) = self.view("3D", name, entity::WORLD, &[format!("{}/**", entity::WORLD)]);
+        let (id, path) = self.view(
+            "3D",
+            name,
+            entity::WORLD,
+            &[format!("{}/**", entity::WORLD)],
+        );
         self.eye(&path, eye);
-        let background = Background::new(BackgroundKind::SolidColor).with_color(Color::from_rgb(24, 28, 36));
+        let background =
+            Background::new(BackgroundKind::SolidColor).with_color(Color::from_rgb(24, 28, 36));
         self.log(path.join(&"Background".into()), &background);
         let floor = Plane3D::new([0.0, 0.0, 1.0], subject.floor_m);
-        let grid = LineGrid3D::new().with_plane(floor).with_spacing(0.25).with_color(Color::from_unmultiplied_rgba(150, 165, 185, 45));
+        let grid = LineGrid3D::new()
+            .with_plane(floor)
+            .with_spacing(0.25)
+            .with_color(Color::from_unmultiplied_rgba(150, 165, 185, 45));
         self.log(path.join(&"LineGrid3D".into()), &grid);
         // Paths are drawn in short pieces: all up to the cursor are shown.
         let start = TimeRangeBoundary::Infinite;
         let range = |timeline: &str| {
-            VisibleTimeRange(Span { timeline: timeline.into(), range: TimeRange { start, end: TimeRangeBoundary::AT_CURSOR } })
+            VisibleTimeRange(Span {
+                timeline: timeline.into(),
+                range: TimeRange {
+                    start,
+                    end: TimeRangeBoundary::AT_CURSOR,
+                },
+            })
         };
         let magnified = subject.stands_still.then_some(entity::PATH_MAGNIFIED);
-        for of in [entity::PATH_ACTUAL, entity::PATH_DESIRED, entity::RIVAL_PATH].into_iter().chain(magnified) {
+        for of in [
+            entity::PATH_ACTUAL,
+            entity::PATH_DESIRED,
+            entity::RIVAL_PATH,
+        ]
+        .into_iter()
+        .chain(magnified)
+        {
             let at = ViewContents::blueprint_base_visualizer_path_for_entity(id, &of.into());
             self.log(at, &VisibleTimeRanges::new([range("t"), range("tick")]));
         }

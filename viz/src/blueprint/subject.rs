@@ -66,10 +66,16 @@ impl Way {
     pub(crate) fn of(segment: &Segment) -> Option<Self> {
         let vector = |v: [f64; 3]| Vec3::from(v.map(|x| x as f32));
         let slide = segment.slide.as_ref().and_then(|slide| {
-            let axis = ["x", "y", "z"].iter().position(|axis| *axis == slide.along)?;
+            let axis = ["x", "y", "z"]
+                .iter()
+                .position(|axis| *axis == slide.along)?;
             Some(Vec3::AXES[axis] * slide.by_m as f32)
         });
-        segment.to_m.map(|place| Self::To(vector(place))).or(segment.by_m.map(vector).or(slide).map(Self::By))
+        segment.to_m.map(|place| Self::To(vector(place))).or(segment
+            .by_m
+            .map(vector)
+            .or(slide)
+            .map(Self::By))
     }
 
     /// The hand's place after it.

@@ -39,7 +39,9 @@ impl Elements {
             Self::Quaternion => named(&["x", "y", "z", "w"]),
             Self::Singularities => singularities.to_vec(),
             Self::Directions => {
-                let of = |name: &String| ["vx", "vy", "vz", "wx", "wy", "wz"].map(|part| format!("{name}.{part}"));
+                let of = |name: &String| {
+                    ["vx", "vy", "vz", "wx", "wy", "wz"].map(|part| format!("{name}.{part}"))
+                };
                 singularities.iter().flat_map(of).collect()
             }
         }

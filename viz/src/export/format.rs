@@ -25,7 +25,10 @@ pub enum ExportError {
 impl ExportError {
     pub(super) fn write(path: &Path) -> impl Fn(&dyn std::fmt::Display) -> Self + use<> {
         let path = path.to_owned();
-        move |reason| Self::Write { path: path.clone(), reason: reason.to_string() }
+        move |reason| Self::Write {
+            path: path.clone(),
+            reason: reason.to_string(),
+        }
     }
 }
 
@@ -76,7 +79,10 @@ pub(super) struct Block {
 
 impl Block {
     pub(super) fn rows(&self) -> impl Iterator<Item = (u64, &[Option<f64>])> {
-        self.ticks.iter().copied().zip(self.values.chunks(self.width.max(1)))
+        self.ticks
+            .iter()
+            .copied()
+            .zip(self.values.chunks(self.width.max(1)))
     }
 }
 
@@ -127,21 +133,53 @@ impl Columns {
     /// Those of a recording, and with its messages those that come from them, of a steered run (`Some(true)`) or another; `slides`: which joints slide,
     /// whose units are metres.
     pub(super) fn new(about: &About, messages: Option<bool>, slides: &[bool]) -> Self {
-        let properties = about.properties.iter().map(|(key, value)| (key.clone(), value.clone())).collect();
-        let mut columns = Self { quantities: Vec::new(), list: Vec::new(), rate_hz: about.rate_hz(), properties, joints: about.joints };
+        let properties = about
+            .properties
+            .iter()
+            .map(|(key, value)| (key.clone(), value.clone()))
+            .collect();
+        let mut columns = Self {
+            quantities: Vec::new(),
+            list: Vec::new(),
+            rate_hz: about.rate_hz(),
+            properties,
+            joints: about.joints,
+        };
         for signal in Signal::ALL {
             let elements = signal.elements(about.joints, &about.singularities);
             let words = signal.about().trim();
-            let is_of_joints =
-                elements.len() == about.joints && (signal.name().starts_with("joint:") || signal.name().starts_with("torque:"));
+            let is_of_joints = elements.len() == about.joints
+                && (signal.name().starts_with("joint:") || signal.name().starts_with("torque:"));
             let slides = if is_of_joints { slides } else { &[] };
-            columns.add(signal.name(), unit(*signal), words, elements, signal.is_wide(), slides, Source::Signal(*signal));
+            columns.add(
+                signal.name(),
+                unit(*signal),
+                words,
+                elements,
+                signal.is_wide(),
+                slides,
+                Source::Signal(*signal),
+            );
         }
-        let has = |field: &&Field| messages.is_some_and(|is_steered| is_steered || !field.name.starts_with("servo:"));
+        let has = |field: &&Field| {
+            messages.is_some_and(|is_steered| is_steered || !field.name.starts_with("servo:"))
+        };
         for field in FIELDS.iter().filter(has) {
             let elements = field.elements.names(about.joints, &about.singularities);
-            let slides = if field.elements == Elements::Joints { slides } else { &[] };
-            columns.add(field.name, field.unit, field.about, elements, true, slides, Source::Field(field));
+            let slides = if field.elements == Elements::Joints {
+                slides
+            } else {
+                &[]
+            };
+            columns.add(
+                field.name,
+                field.unit,
+                field.about,
+                elements,
+                true,
+                slides,
+                Source::Field(field),
+            );
         }
         columns
     }
@@ -159,17 +197,41 @@ impl Columns {
     ) {
         let (group, name) = name.split_once(':').unwrap_or(("run", name));
         let first = self.list.len();
-        self.list.extend(elements.iter().enumerate().map(|(i, element)| {
-            let unit = if slides.get(i).copied().unwrap_or(false) { sliding(unit) } else { unit };
-            let name = if element.is_empty() { format!("{group}.{name}") } else { format!("{group}.{name}.{}", ascii(element)) };
-            Column { name, unit, about, is_wide }
-        }));
-        self.quantities.push(Quantity { group, name, about, elements, columns: first..self.list.len(), source, last: Vec::new() });
+        self.list
+            .extend(elements.iter().enumerate().map(|(i, element)| {
+                let unit = if slides.get(i).copied().unwrap_or(false) {
+                    sliding(unit)
+                } else {
+                    unit
+                };
+                let name = if element.is_empty() {
+                    format!("{group}.{name}")
+                } else {
+                    format!("{group}.{name}.{}", ascii(element))
+                };
+                Column {
+                    name,
+                    unit,
+                    about,
+                    is_wide,
+                }
+            }));
+        self.quantities.push(Quantity {
+            group,
+            name,
+            about,
+            elements,
+            columns: first..self.list.len(),
+            source,
+            last: Vec::new(),
+        });
     }
 
     /// `tick`, `t_s`, then the columns' names.
     pub(super) fn names(&self) -> impl Iterator<Item = &str> {
-        ["tick", "t_s"].into_iter().chain(self.list.iter().map(|column| column.name.as_str()))
+        ["tick", "t_s"]
+            .into_iter()
+            .chain(self.list.iter().map(|column| column.name.as_str()))
     }
 
     pub(super) fn t_s(&self, tick: u64) -> f64 {
@@ -177,14 +239,25 @@ impl Columns {
     }
 
     /// The values of recorded rows; `messages` gives those of a tick, asked in ascending order.
-    pub(super) fn block<'a>(&mut self, rows: &Rows, mut messages: impl FnMut(u64, &mut dyn FnMut(&TickRow<'_>)) + 'a) -> Block {
+    pub(super) fn block<'a>(
+        &mut self,
+        rows: &Rows,
+        mut messages: impl FnMut(u64, &mut dyn FnMut(&TickRow<'_>)) + 'a,
+    ) -> Block {
         let width = self.list.len();
-        let mut block = Block { ticks: rows.ticks.clone(), values: vec![None; rows.ticks.len() * width], width };
+        let mut block = Block {
+            ticks: rows.ticks.clone(),
+            values: vec![None; rows.ticks.len() * width],
+            width,
+        };
         let mut values = Vec::new();
         for (row, tick) in rows.ticks.iter().enumerate() {
             let out = &mut block.values[row * width..(row + 1) * width];
             let put = |quantity: &Quantity, values: &[f64], out: &mut [Option<f64>]| {
-                out[quantity.columns.clone()].iter_mut().zip(values).for_each(|(to, value)| *to = Some(*value));
+                out[quantity.columns.clone()]
+                    .iter_mut()
+                    .zip(values)
+                    .for_each(|(to, value)| *to = Some(*value));
             };
             for quantity in &self.quantities {
                 if let Source::Signal(signal) = quantity.source {
@@ -196,11 +269,20 @@ impl Columns {
             let (joints, quantities) = (self.joints, &mut self.quantities);
             messages(*tick, &mut |message| {
                 for quantity in quantities.iter_mut() {
-                    let Source::Field(field) = quantity.source else { continue };
+                    let Source::Field(field) = quantity.source else {
+                        continue;
+                    };
                     values.clear();
                     (field.take)(message, joints, &mut values);
                     if field.elements == Elements::Quaternion && !values.is_empty() {
-                        if quantity.last.iter().zip(&values).map(|(a, b)| a * b).sum::<f64>() < 0.0 {
+                        if quantity
+                            .last
+                            .iter()
+                            .zip(&values)
+                            .map(|(a, b)| a * b)
+                            .sum::<f64>()
+                            < 0.0
+                        {
                             values.iter_mut().for_each(|x| *x = -*x);
                         }
                         quantity.last.clone_from(&values);
@@ -215,7 +297,10 @@ impl Columns {
 
 /// A heading of a table that every tool takes: `hop sensor` is `hop_sensor`.
 fn ascii(element: &str) -> String {
-    element.chars().map(|c| if c.is_ascii_graphic() { c } else { '_' }).collect()
+    element
+        .chars()
+        .map(|c| if c.is_ascii_graphic() { c } else { '_' })
+        .collect()
 }
 
 /// The unit of a joint that slides, where that of one that turns is given.

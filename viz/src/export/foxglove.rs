@@ -21,13 +21,19 @@ fn object(title: &str, properties: Value) -> Value {
 }
 
 fn numbers(title: &str, names: &[&str]) -> Value {
-    let all: Map<String, Value> = names.iter().map(|name| ((*name).to_owned(), json!({"type": "number"}))).collect();
+    let all: Map<String, Value> = names
+        .iter()
+        .map(|name| ((*name).to_owned(), json!({"type": "number"})))
+        .collect();
     object(title, Value::Object(all))
 }
 
 fn clock(title: &str) -> Value {
     let integer = json!({"type": "integer", "minimum": 0});
-    object(title, json!({"sec": integer, "nsec": {"type": "integer", "minimum": 0, "maximum": 999_999_999}}))
+    object(
+        title,
+        json!({"sec": integer, "nsec": {"type": "integer", "minimum": 0, "maximum": 999_999_999}}),
+    )
 }
 
 fn vector() -> Value {
@@ -39,7 +45,10 @@ fn rotation() -> Value {
 }
 
 fn pose() -> Value {
-    object("foxglove.Pose", json!({"position": vector(), "orientation": rotation()}))
+    object(
+        "foxglove.Pose",
+        json!({"position": vector(), "orientation": rotation()}),
+    )
 }
 
 fn colour() -> Value {
@@ -57,22 +66,23 @@ fn list(items: Value) -> Value {
 /// The schema of `foxglove.Log`.
 pub(super) fn log_schema() -> Value {
     let integer = json!({"type": "integer"});
-    let properties =
-        json!({"timestamp": clock("time"), "level": integer, "message": text(), "name": text(), "file": text(), "line": integer});
+    let properties = json!({"timestamp": clock("time"), "level": integer, "message": text(), "name": text(), "file": text(), "line": integer});
     object("foxglove.Log", properties)
 }
 
 /// The schema of `foxglove.FrameTransform`.
 pub(super) fn transform_schema() -> Value {
     let (frame, at) = (text(), clock("time"));
-    let places =
-        json!({"timestamp": at, "parent_frame_id": frame, "child_frame_id": frame, "translation": vector(), "rotation": rotation()});
+    let places = json!({"timestamp": at, "parent_frame_id": frame, "child_frame_id": frame, "translation": vector(), "rotation": rotation()});
     object("foxglove.FrameTransform", places)
 }
 
 /// The schema of `foxglove.PoseInFrame`.
 pub(super) fn pose_schema() -> Value {
-    object("foxglove.PoseInFrame", json!({"timestamp": clock("time"), "frame_id": text(), "pose": pose()}))
+    object(
+        "foxglove.PoseInFrame",
+        json!({"timestamp": clock("time"), "frame_id": text(), "pose": pose()}),
+    )
 }
 
 /// The schema of `foxglove.SceneUpdate`.
@@ -91,7 +101,10 @@ pub(super) fn scene_schema() -> Value {
         "metadata": other, "arrows": list(object("foxglove.ArrowPrimitive", arrow)), "cubes": other, "spheres": other, "cylinders": other,
         "lines": other, "triangles": list(object("foxglove.TriangleListPrimitive", triangles)), "texts": other, "models": other,
     });
-    object("foxglove.SceneUpdate", json!({"deletions": other, "entities": list(object("foxglove.SceneEntity", entity))}))
+    object(
+        "foxglove.SceneUpdate",
+        json!({"deletions": other, "entities": list(object("foxglove.SceneEntity", entity))}),
+    )
 }
 
 /// A time, or a duration.
@@ -140,7 +153,17 @@ pub(super) fn pose_in_base(place: &Place, at: u64) -> Value {
 /// A `foxglove.SceneUpdate` of one entity that moves with a frame.
 fn scene(frame: &str, id: &str, at: u64, lifetime_s: f64, shape: (&str, Value)) -> Value {
     let mut entity = Map::new();
-    for empty in ["metadata", "arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models"] {
+    for empty in [
+        "metadata",
+        "arrows",
+        "cubes",
+        "spheres",
+        "cylinders",
+        "lines",
+        "triangles",
+        "texts",
+        "models",
+    ] {
         entity.insert(empty.to_owned(), json!([]));
     }
     entity.insert("timestamp".to_owned(), time(at));
@@ -155,13 +178,26 @@ fn scene(frame: &str, id: &str, at: u64, lifetime_s: f64, shape: (&str, Value)) 
 /// The scene of a solid, and the largest distance of its corners from its frame; m.
 pub(super) fn solid(frame: &str, solid: &Solid, at: u64) -> (Value, f32) {
     let (positions, triangles, colours) = (solid.corners(), solid.triangles(), solid.colours());
-    let extent = positions.iter().map(|p| p.iter().map(|x| x * x).sum::<f32>().sqrt()).fold(0.0, f32::max);
+    let extent = positions
+        .iter()
+        .map(|p| p.iter().map(|x| x * x).sum::<f32>().sqrt())
+        .fold(0.0, f32::max);
     // A hundredth of a millimetre.
-    let points: Vec<_> = positions.iter().map(|p| p.map(|x| (f64::from(x) * 1e5).round() / 1e5)).collect();
-    let points: Vec<_> = points.into_iter().map(|[x, y, z]| json!({"x": x, "y": y, "z": z})).collect();
+    let points: Vec<_> = positions
+        .iter()
+        .map(|p| p.map(|x| (f64::from(x) * 1e5).round() / 1e5))
+        .collect();
+    let points: Vec<_> = points
+        .into_iter()
+        .map(|[x, y, z]| json!({"x": x, "y": y, "z": z}))
+        .collect();
     let first = colours.first().copied().unwrap_or([200, 200, 200, 255]);
     let is_plain = colours.len() != points.len() || colours.iter().all(|colour| *colour == first);
-    let colours: Vec<_> = if is_plain { vec![] } else { colours.into_iter().map(rgba).collect() };
+    let colours: Vec<_> = if is_plain {
+        vec![]
+    } else {
+        colours.into_iter().map(rgba).collect()
+    };
     let indices: Vec<u32> = triangles.into_iter().flatten().collect();
     let identity = json!({"position": {"x": 0, "y": 0, "z": 0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}});
     let shape = json!([{"pose": identity, "points": points, "color": rgba(first), "colors": colours, "indices": indices}]);
@@ -171,8 +207,16 @@ pub(super) fn solid(frame: &str, solid: &Solid, at: u64) -> (Value, f32) {
 /// The scene of a singular direction: a double arrow along the first axis of its frame, in the colour of its kind; `length` in m.
 pub(super) fn direction(frame: &str, length: f32, at: u64) -> Value {
     let name = frame.trim_start_matches("singularity_");
-    let kind = KINDS.iter().find(|(_, known)| *known == name).map(|(kind, _)| (*kind, 0));
-    let (kind, place) = kind.unwrap_or_else(|| (KIND_NUMERIC, name[1..].parse::<usize>().unwrap_or(1).saturating_sub(1)));
+    let kind = KINDS
+        .iter()
+        .find(|(_, known)| *known == name)
+        .map(|(kind, _)| (*kind, 0));
+    let (kind, place) = kind.unwrap_or_else(|| {
+        (
+            KIND_NUMERIC,
+            name[1..].parse::<usize>().unwrap_or(1).saturating_sub(1),
+        )
+    });
     let arrow = |orientation: [f32; 4]| {
         json!({
             "pose": {"position": xyz([0.0; 3]), "orientation": xyzw(orientation)}, "shaft_length": 0.75 * length, "shaft_diameter": 0.06 * length,
@@ -180,5 +224,14 @@ pub(super) fn direction(frame: &str, length: f32, at: u64) -> Value {
         })
     };
     // Along x, and turned about z by half a turn.
-    scene(frame, name, at, SHOWN_S, ("arrows", json!([arrow([0.0, 0.0, 0.0, 1.0]), arrow([0.0, 0.0, 1.0, 0.0])])))
+    scene(
+        frame,
+        name,
+        at,
+        SHOWN_S,
+        (
+            "arrows",
+            json!([arrow([0.0, 0.0, 0.0, 1.0]), arrow([0.0, 0.0, 1.0, 0.0])]),
+        ),
+    )
 }

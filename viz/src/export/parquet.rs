@@ -17,7 +17,9 @@ use ::parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use ::parquet::schema::types::Type;
 use base64::Engine as _;
 use re_chunk::external::arrow::datatypes::{DataType as ArrowType, Field, Schema};
-use re_chunk::external::arrow::ipc::writer::{DictionaryTracker, IpcDataGenerator, IpcWriteOptions};
+use re_chunk::external::arrow::ipc::writer::{
+    DictionaryTracker, IpcDataGenerator, IpcWriteOptions,
+};
 use serde_json::{Map, Value, json};
 
 use super::format::{Block, Columns, Event, ExportError, Format};
@@ -43,7 +45,14 @@ struct Gathered {
 
 impl Parquet {
     pub(super) fn create(out: &Path) -> Result<Self, ExportError> {
-        Ok(Self { out: out.to_owned(), signals: None, ticks: vec![], times: vec![], columns: vec![], events: vec![] })
+        Ok(Self {
+            out: out.to_owned(),
+            signals: None,
+            ticks: vec![],
+            times: vec![],
+            columns: vec![],
+            events: vec![],
+        })
     }
 
     fn signals_path(&self) -> PathBuf {
@@ -52,14 +61,24 @@ impl Parquet {
 
     fn write_group(&mut self) -> Result<(), ExportError> {
         let path = self.signals_path();
-        let Some(file) = self.signals.as_mut().filter(|_| !self.ticks.is_empty()) else { return Ok(()) };
-        let (ticks, times) = (std::mem::take(&mut self.ticks), std::mem::take(&mut self.times));
+        let Some(file) = self.signals.as_mut().filter(|_| !self.ticks.is_empty()) else {
+            return Ok(());
+        };
+        let (ticks, times) = (
+            std::mem::take(&mut self.ticks),
+            std::mem::take(&mut self.times),
+        );
         let columns = &mut self.columns;
         let mut write = || -> Result<(), ParquetError> {
             let mut group = file.next_row_group()?;
             column::<Int64Type>(&mut group, &ticks, None)?;
             column::<DoubleType>(&mut group, &times, None)?;
-            for Gathered { wide, values, present } in columns.iter_mut() {
+            for Gathered {
+                wide,
+                values,
+                present,
+            } in columns.iter_mut()
+            {
                 if *wide {
                     column::<DoubleType>(&mut group, values, Some(present))?;
                 } else {
@@ -81,14 +100,28 @@ fn column<T: DataType>(
     values: &[T::T],
     present: Option<&[i16]>,
 ) -> Result<(), ParquetError> {
-    let Some(mut writer) = group.next_column()? else { return Err(ParquetError::General("there is no such column".to_owned())) };
+    let Some(mut writer) = group.next_column()? else {
+        return Err(ParquetError::General("there is no such column".to_owned()));
+    };
     writer.typed::<T>().write_batch(values, present, None)?;
     writer.close()
 }
 
-fn field(name: &str, physical: Physical, repetition: Repetition) -> Result<Arc<Type>, ParquetError> {
-    let converted = if physical == Physical::BYTE_ARRAY { ConvertedType::UTF8 } else { ConvertedType::NONE };
-    Type::primitive_type_builder(name, physical).with_repetition(repetition).with_converted_type(converted).build().map(Arc::new)
+fn field(
+    name: &str,
+    physical: Physical,
+    repetition: Repetition,
+) -> Result<Arc<Type>, ParquetError> {
+    let converted = if physical == Physical::BYTE_ARRAY {
+        ConvertedType::UTF8
+    } else {
+        ConvertedType::NONE
+    };
+    Type::primitive_type_builder(name, physical)
+        .with_repetition(repetition)
+        .with_converted_type(converted)
+        .build()
+        .map(Arc::new)
 }
 
 fn file(
@@ -111,24 +144,48 @@ fn file(
 
 /// Units and meaning of the columns, and the run's description.
 fn metadata(columns: &Columns) -> Vec<KeyValue> {
-    let fixed = [("tick", "1", "Tick of the run", ArrowType::Int64), ("t_s", "s", "Time since the first tick", ArrowType::Float64)];
-    let all =
-        fixed.map(|(name, unit, about, kind)| (name, unit, about, kind, false)).into_iter().chain(columns.list.iter().map(|column| {
-            let kind = if column.is_wide { ArrowType::Float64 } else { ArrowType::Float32 };
+    let fixed = [
+        ("tick", "1", "Tick of the run", ArrowType::Int64),
+        ("t_s", "s", "Time since the first tick", ArrowType::Float64),
+    ];
+    let all = fixed
+        .map(|(name, unit, about, kind)| (name, unit, about, kind, false))
+        .into_iter()
+        .chain(columns.list.iter().map(|column| {
+            let kind = if column.is_wide {
+                ArrowType::Float64
+            } else {
+                ArrowType::Float32
+            };
             (column.name.as_str(), column.unit, column.about, kind, true)
         }));
     let described: Vec<_> = all.collect();
     let fields = described.iter().map(|(name, unit, about, kind, nullable)| {
-        let about = [("unit", *unit), ("description", *about)].map(|(key, value)| (key.to_owned(), value.to_owned()));
+        let about = [("unit", *unit), ("description", *about)]
+            .map(|(key, value)| (key.to_owned(), value.to_owned()));
         Field::new(*name, kind.clone(), *nullable).with_metadata(about.into())
     });
-    let schema = Schema::new(fields.collect::<Vec<_>>()).with_metadata(columns.properties.iter().cloned().collect());
-    let table: Map<String, Value> =
-        described.iter().map(|(name, unit, about, ..)| ((*name).to_owned(), json!({"unit": unit, "description": about}))).collect();
-    let of_run = columns.properties.iter().map(|(key, value)| KeyValue::new(format!("armplane:{key}"), value.clone()));
+    let schema = Schema::new(fields.collect::<Vec<_>>())
+        .with_metadata(columns.properties.iter().cloned().collect());
+    let table: Map<String, Value> = described
+        .iter()
+        .map(|(name, unit, about, ..)| {
+            (
+                (*name).to_owned(),
+                json!({"unit": unit, "description": about}),
+            )
+        })
+        .collect();
+    let of_run = columns
+        .properties
+        .iter()
+        .map(|(key, value)| KeyValue::new(format!("armplane:{key}"), value.clone()));
     let of_columns = [
         KeyValue::new("ARROW:schema".to_owned(), encoded(&schema)),
-        KeyValue::new("armplane:columns".to_owned(), Value::Object(table).to_string()),
+        KeyValue::new(
+            "armplane:columns".to_owned(),
+            Value::Object(table).to_string(),
+        ),
     ];
     of_columns.into_iter().chain(of_run).collect()
 }
@@ -136,7 +193,11 @@ fn metadata(columns: &Columns) -> Vec<KeyValue> {
 /// A schema as Parquet carries it: an Arrow IPC message (marker, length, description), in base64.
 fn encoded(schema: &Schema) -> String {
     let description = IpcDataGenerator::default()
-        .schema_to_bytes_with_dictionary_tracker(schema, &mut DictionaryTracker::new(true), &IpcWriteOptions::default())
+        .schema_to_bytes_with_dictionary_tracker(
+            schema,
+            &mut DictionaryTracker::new(true),
+            &IpcWriteOptions::default(),
+        )
         .ipc_message;
     let length = (description.len() as u32).to_le_bytes();
     let message = [&[0xff; 4], &length[..], &description].concat();
@@ -145,16 +206,36 @@ fn encoded(schema: &Schema) -> String {
 
 impl Format for Parquet {
     fn begin(&mut self, columns: &Columns) -> Result<(), ExportError> {
-        let gathered = |wide| Gathered { wide, values: Vec::new(), present: Vec::new() };
-        self.columns = columns.list.iter().map(|column| gathered(column.is_wide)).collect();
+        let gathered = |wide| Gathered {
+            wide,
+            values: Vec::new(),
+            present: Vec::new(),
+        };
+        self.columns = columns
+            .list
+            .iter()
+            .map(|column| gathered(column.is_wide))
+            .collect();
         let fixed = [("tick", Physical::INT64), ("t_s", Physical::DOUBLE)];
-        let fields = fixed.into_iter().map(|(name, physical)| field(name, physical, Repetition::REQUIRED)).chain(
-            columns
-                .list
-                .iter()
-                .map(|column| field(&column.name, if column.is_wide { Physical::DOUBLE } else { Physical::FLOAT }, Repetition::OPTIONAL)),
-        );
-        self.signals = Some(file(&self.signals_path(), fields.collect(), metadata(columns))?);
+        let fields = fixed
+            .into_iter()
+            .map(|(name, physical)| field(name, physical, Repetition::REQUIRED))
+            .chain(columns.list.iter().map(|column| {
+                field(
+                    &column.name,
+                    if column.is_wide {
+                        Physical::DOUBLE
+                    } else {
+                        Physical::FLOAT
+                    },
+                    Repetition::OPTIONAL,
+                )
+            }));
+        self.signals = Some(file(
+            &self.signals_path(),
+            fields.collect(),
+            metadata(columns),
+        )?);
         Ok(())
     }
 
@@ -167,11 +248,23 @@ impl Format for Parquet {
                 gathered.values.extend(value);
             }
         }
-        if self.ticks.len() >= GROUP { self.write_group() } else { Ok(()) }
+        if self.ticks.len() >= GROUP {
+            self.write_group()
+        } else {
+            Ok(())
+        }
     }
 
     fn event(&mut self, event: &Event) -> Result<(), ExportError> {
-        self.events.push((event.tick as i64, event.t_s, [event.kind.to_owned(), event.subject.clone(), event.text.clone()]));
+        self.events.push((
+            event.tick as i64,
+            event.t_s,
+            [
+                event.kind.to_owned(),
+                event.subject.clone(),
+                event.text.clone(),
+            ],
+        ));
         Ok(())
     }
 
@@ -179,24 +272,46 @@ impl Format for Parquet {
         self.write_group()?;
         let (signals_path, events_path) = (self.signals_path(), self.out.join("events.parquet"));
         if let Some(signals) = self.signals.take() {
-            signals.close().map_err(|error| ExportError::write(&signals_path)(&error))?;
+            signals
+                .close()
+                .map_err(|error| ExportError::write(&signals_path)(&error))?;
         }
         let kinds = [("tick", Physical::INT64), ("t_s", Physical::DOUBLE)]
             .into_iter()
             .chain(["kind", "subject", "text"].map(|name| (name, Physical::BYTE_ARRAY)));
-        let mut events = file(&events_path, kinds.map(|(name, physical)| field(name, physical, Repetition::REQUIRED)).collect(), vec![])?;
+        let mut events = file(
+            &events_path,
+            kinds
+                .map(|(name, physical)| field(name, physical, Repetition::REQUIRED))
+                .collect(),
+            vec![],
+        )?;
         let mut write = || -> Result<(), ParquetError> {
             let mut group = events.next_row_group()?;
-            column::<Int64Type>(&mut group, &self.events.iter().map(|event| event.0).collect::<Vec<_>>(), None)?;
-            column::<DoubleType>(&mut group, &self.events.iter().map(|event| event.1).collect::<Vec<_>>(), None)?;
+            column::<Int64Type>(
+                &mut group,
+                &self.events.iter().map(|event| event.0).collect::<Vec<_>>(),
+                None,
+            )?;
+            column::<DoubleType>(
+                &mut group,
+                &self.events.iter().map(|event| event.1).collect::<Vec<_>>(),
+                None,
+            )?;
             for i in 0..3 {
-                let texts: Vec<ByteArray> = self.events.iter().map(|event| ByteArray::from(event.2[i].as_str())).collect();
+                let texts: Vec<ByteArray> = self
+                    .events
+                    .iter()
+                    .map(|event| ByteArray::from(event.2[i].as_str()))
+                    .collect();
                 column::<ByteArrayType>(&mut group, &texts, None)?;
             }
             group.close().map(drop)
         };
         write().map_err(|error| ExportError::write(&events_path)(&error))?;
-        events.close().map_err(|error| ExportError::write(&events_path)(&error))?;
+        events
+            .close()
+            .map_err(|error| ExportError::write(&events_path)(&error))?;
         Ok(vec![signals_path, events_path])
     }
 }

@@ -31,7 +31,10 @@ impl Axis {
     /// A linear axis with a label.
     #[must_use]
     pub fn named(label: &str) -> Self {
-        Self { label: label.to_owned(), ..Self::default() }
+        Self {
+            label: label.to_owned(),
+            ..Self::default()
+        }
     }
 
     /// Shows this range.
@@ -51,7 +54,10 @@ impl Axis {
     /// A row or a column for each name.
     #[must_use]
     pub fn names(names: impl IntoIterator<Item = String>) -> Self {
-        Self { scale: Scale::Names(names.into_iter().collect()), ..Self::default() }
+        Self {
+            scale: Scale::Names(names.into_iter().collect()),
+            ..Self::default()
+        }
     }
 }
 
@@ -87,7 +93,11 @@ impl Axis {
         }
         let (low, high) = data.0.unwrap_or((0.0, 1.0));
         let size = high - low;
-        let air = if size < 1e-12 { 0.5 * high.abs().max(1e-3) } else { f64::from(u8::from(airy)) * 0.06 * size };
+        let air = if size < 1e-12 {
+            0.5 * high.abs().max(1e-3)
+        } else {
+            f64::from(u8::from(airy)) * 0.06 * size
+        };
         low - air..high + air
     }
 
@@ -96,8 +106,14 @@ impl Axis {
         let (low, high) = (span.start.min(span.end), span.start.max(span.end));
         let step = nice((high - low) / most.max(1.0));
         match &self.scale {
-            Scale::Names(names) => names.iter().enumerate().map(|(i, name)| (i as f64, name.clone())).collect(),
-            Scale::Linear => multiples(low, high, step).map(|x| (x, fixed(x, step))).collect(),
+            Scale::Names(names) => names
+                .iter()
+                .enumerate()
+                .map(|(i, name)| (i as f64, name.clone()))
+                .collect(),
+            Scale::Linear => multiples(low, high, step)
+                .map(|x| (x, fixed(x, step)))
+                .collect(),
             Scale::Logarithmic => {
                 let step = step.ceil();
                 multiples(low, high, step).map(|x| (x, decade(x))).collect()
@@ -109,17 +125,27 @@ impl Axis {
 /// 1, 2 or 5 times a power of ten, at least `size`.
 fn nice(size: f64) -> f64 {
     let power = 10f64.powf(size.max(1e-300).log10().floor());
-    power * [1.0, 2.0, 5.0, 10.0].into_iter().find(|factor| factor * power >= size * (1.0 - 1e-9)).unwrap_or(10.0)
+    power
+        * [1.0, 2.0, 5.0, 10.0]
+            .into_iter()
+            .find(|factor| factor * power >= size * (1.0 - 1e-9))
+            .unwrap_or(10.0)
 }
 
 fn multiples(low: f64, high: f64, step: f64) -> impl Iterator<Item = f64> {
     let (first, slack) = ((low / step - 1e-6).ceil(), high + 1e-6 * step);
-    (0..200).map(move |k| (first + f64::from(k)) * step).take_while(move |x| *x <= slack)
+    (0..200)
+        .map(move |k| (first + f64::from(k)) * step)
+        .take_while(move |x| *x <= slack)
 }
 
 /// A tick's value with the digits that its step needs.
 fn fixed(value: f64, step: f64) -> String {
-    let value = if value.abs() < 1e-9 * step { 0.0 } else { value };
+    let value = if value.abs() < 1e-9 * step {
+        0.0
+    } else {
+        value
+    };
     if !(1e-4..1e5).contains(&step) {
         return format!("{value:.0e}").replace('-', "−");
     }
@@ -152,8 +178,19 @@ mod tests {
 
     #[test]
     fn ticks_are_round_numbers_within_the_range() {
-        let labels = |axis: &Axis, span: Range<f64>| axis.ticks(&span, 5.0).into_iter().map(|(_, text)| text).collect::<Vec<_>>();
-        assert_eq!(labels(&Axis::default(), -1.0..1.0), ["−1.0", "−0.5", "0.0", "0.5", "1.0"]);
-        assert_eq!(labels(&Axis::default().logarithmic(), -4.0..2.0), ["10⁻⁴", "0.01", "1", "100"]);
+        let labels = |axis: &Axis, span: Range<f64>| {
+            axis.ticks(&span, 5.0)
+                .into_iter()
+                .map(|(_, text)| text)
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(
+            labels(&Axis::default(), -1.0..1.0),
+            ["−1.0", "−0.5", "0.0", "0.5", "1.0"]
+        );
+        assert_eq!(
+            labels(&Axis::default().logarithmic(), -4.0..2.0),
+            ["10⁻⁴", "0.01", "1", "100"]
+        );
     }
 }

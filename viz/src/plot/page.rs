@@ -56,7 +56,13 @@ pub struct Page {
 
 impl Default for Page {
     fn default() -> Self {
-        Self { title: String::new(), subtitle: String::new(), rows: Vec::new(), notes: Vec::new(), width: 900.0 }
+        Self {
+            title: String::new(),
+            subtitle: String::new(),
+            rows: Vec::new(),
+            notes: Vec::new(),
+            width: 900.0,
+        }
     }
 }
 
@@ -72,7 +78,10 @@ impl Row {
     /// Panels from left to right, `height` points high.
     #[must_use]
     pub fn of(height: f64, panels: impl IntoIterator<Item = Panel>) -> Self {
-        Self { height, panels: panels.into_iter().collect() }
+        Self {
+            height,
+            panels: panels.into_iter().collect(),
+        }
     }
 }
 
@@ -88,13 +97,23 @@ impl Page {
     /// # Errors
     /// [`PlotError`] where it cannot be drawn; `path` is what the error names.
     pub fn svg(&self, path: &Path) -> Result<String, PlotError> {
-        register_font(FONT, FontStyle::Normal, SANS).map_err(|_| draw_error(path, "its font is broken"))?;
-        register_font(FONT, FontStyle::Bold, BOLD).map_err(|_| draw_error(path, "its font is broken"))?;
+        register_font(FONT, FontStyle::Normal, SANS)
+            .map_err(|_| draw_error(path, "its font is broken"))?;
+        register_font(FONT, FontStyle::Bold, BOLD)
+            .map_err(|_| draw_error(path, "its font is broken"))?;
         let size = (self.width as u32 * FINE, self.height() as u32 * FINE);
         let mut svg = String::new();
-        self.paint(&SVGBackend::with_string(&mut svg, size).into_drawing_area(), true).map_err(|reason| draw_error(path, reason))?;
+        self.paint(
+            &SVGBackend::with_string(&mut svg, size).into_drawing_area(),
+            true,
+        )
+        .map_err(|reason| draw_error(path, reason))?;
         let fine = format!("width=\"{}\" height=\"{}\"", size.0, size.1);
-        Ok(svg.replacen(&fine, &format!("width=\"{}\" height=\"{}\"", size.0 / FINE, size.1 / FINE), 1))
+        Ok(svg.replacen(
+            &fine,
+            &format!("width=\"{}\" height=\"{}\"", size.0 / FINE, size.1 / FINE),
+            1,
+        ))
     }
 
     /// Saves the picture as `path.svg` and `path.png`.
@@ -108,17 +127,29 @@ impl Page {
 
         let size = (self.width as u32 * FINE, self.height() as u32 * FINE);
         let mut pixels = vec![255; size.0 as usize * size.1 as usize * 3];
-        self.paint(&BitMapBackend::with_buffer(&mut pixels, size).into_drawing_area(), false).map_err(|reason| draw_error(path, reason))?;
+        self.paint(
+            &BitMapBackend::with_buffer(&mut pixels, size).into_drawing_area(),
+            false,
+        )
+        .map_err(|reason| draw_error(path, reason))?;
         let png_path = path.with_added_extension("png");
-        write(&png_path, &png(&pixels, size).map_err(|error| draw_error(&png_path, error))?)?;
+        write(
+            &png_path,
+            &png(&pixels, size).map_err(|error| draw_error(&png_path, error))?,
+        )?;
         Ok([svg_path, png_path])
     }
 
     /// The rectangle of the data of a page's only panel, in the units of the SVG: x, and y from below.
     pub(crate) fn frame(&self) -> Option<[Range<u32>; 2]> {
         let row = self.rows.first()?;
-        let (x, y) = row.panels.first()?.frame(MARGIN..self.width - MARGIN, self.heading()..self.heading() + row.height);
-        let fine = |range: Range<f64>| (range.start * f64::from(FINE)) as u32..(range.end * f64::from(FINE)) as u32;
+        let (x, y) = row.panels.first()?.frame(
+            MARGIN..self.width - MARGIN,
+            self.heading()..self.heading() + row.height,
+        );
+        let fine = |range: Range<f64>| {
+            (range.start * f64::from(FINE)) as u32..(range.end * f64::from(FINE)) as u32
+        };
         Some([fine(x), fine(y)])
     }
 
@@ -128,14 +159,34 @@ impl Page {
     }
 
     fn heading(&self) -> f64 {
-        MARGIN + if self.title.is_empty() { 0.0 } else { 24.0 } + if self.subtitle.is_empty() { 0.0 } else { 20.0 }
+        MARGIN
+            + if self.title.is_empty() { 0.0 } else { 24.0 }
+            + if self.subtitle.is_empty() { 0.0 } else { 20.0 }
     }
 
-    fn paint<DB: DrawingBackend>(&self, area: &DrawingArea<DB, Shift>, joins: bool) -> Result<(), String> {
+    fn paint<DB: DrawingBackend>(
+        &self,
+        area: &DrawingArea<DB, Shift>,
+        joins: bool,
+    ) -> Result<(), String> {
         area.fill(&WHITE).map_err(|error| error.to_string())?;
         let pen = Pen { area, joins };
-        pen.text((MARGIN, MARGIN + 6.0), &self.title, 17.0, true, INK, HPos::Left)?;
-        pen.text((MARGIN, MARGIN + 29.0), &self.subtitle, 12.0, false, GREY, HPos::Left)?;
+        pen.text(
+            (MARGIN, MARGIN + 6.0),
+            &self.title,
+            17.0,
+            true,
+            INK,
+            HPos::Left,
+        )?;
+        pen.text(
+            (MARGIN, MARGIN + 29.0),
+            &self.subtitle,
+            12.0,
+            false,
+            GREY,
+            HPos::Left,
+        )?;
         let mut top = self.heading();
         for row in &self.rows {
             let shares: f64 = row.panels.iter().map(|panel| panel.share).sum();
@@ -149,29 +200,50 @@ impl Page {
             top += row.height;
         }
         for (i, note) in self.notes.iter().enumerate() {
-            pen.text((MARGIN, top + NOTE * (i as f64 + 0.6)), &note.replace(" -", " −"), 12.0, false, INK, HPos::Left)?;
+            pen.text(
+                (MARGIN, top + NOTE * (i as f64 + 0.6)),
+                &note.replace(" -", " −"),
+                12.0,
+                false,
+                INK,
+                HPos::Left,
+            )?;
         }
         area.present().map_err(|error| error.to_string())
     }
 }
 
 fn draw_error(path: &Path, reason: impl ToString) -> PlotError {
-    PlotError::Draw { path: path.to_owned(), reason: reason.to_string() }
+    PlotError::Draw {
+        path: path.to_owned(),
+        reason: reason.to_string(),
+    }
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), PlotError> {
-    std::fs::write(path, bytes).map_err(|error| PlotError::Write { path: path.to_owned(), error })
+    std::fs::write(path, bytes).map_err(|error| PlotError::Write {
+        path: path.to_owned(),
+        error,
+    })
 }
 
 /// The finely drawn pixels averaged, as a PNG.
 fn png(fine: &[u8], (width, height): (u32, u32)) -> Result<Vec<u8>, png::EncodingError> {
-    let (w, h, n) = ((width / SHRINK) as usize, (height / SHRINK) as usize, SHRINK as usize);
+    let (w, h, n) = (
+        (width / SHRINK) as usize,
+        (height / SHRINK) as usize,
+        SHRINK as usize,
+    );
     let mut pixels = Vec::with_capacity(w * h * 3);
     for y in 0..h {
         for x in 0..w {
             for c in 0..3 {
-                let block = (0..n).flat_map(|j| (0..n).map(move |i| ((n * y + j) * width as usize + n * x + i) * 3 + c));
-                pixels.push((block.map(|at| u32::from(fine[at])).sum::<u32>() / (SHRINK * SHRINK)) as u8);
+                let block = (0..n).flat_map(|j| {
+                    (0..n).map(move |i| ((n * y + j) * width as usize + n * x + i) * 3 + c)
+                });
+                pixels.push(
+                    (block.map(|at| u32::from(fine[at])).sum::<u32>() / (SHRINK * SHRINK)) as u8,
+                );
             }
         }
     }
@@ -193,20 +265,46 @@ mod tests {
     fn a_picture_is_saved_twice_and_thinning_keeps_the_extremes() {
         let folder = tempfile::tempdir().unwrap();
         let mut panel = Panel::new("x < y & z", Axis::named("time, s"), Axis::default());
-        let wave: Vec<_> = (0..20_000).map(|k| (f64::from(k), if k == 7777 { 9.0 } else { 0.0 })).collect();
+        let wave: Vec<_> = (0..20_000)
+            .map(|k| (f64::from(k), if k == 7777 { 9.0 } else { 0.0 }))
+            .collect();
         panel.line("spike", BLUE, &wave);
-        panel.dashed("wanted", GREY, &[(0.0, f64::NAN), (1.0, 1.0), (19_000.0, 2.0)]);
-        let page = Page { title: "Test".to_owned(), rows: vec![Row::of(200.0, [panel])], ..Page::default() };
+        panel.dashed(
+            "wanted",
+            GREY,
+            &[(0.0, f64::NAN), (1.0, 1.0), (19_000.0, 2.0)],
+        );
+        let page = Page {
+            title: "Test".to_owned(),
+            rows: vec![Row::of(200.0, [panel])],
+            ..Page::default()
+        };
         let [svg, png] = page.save(&folder.path().join("a.b")).unwrap();
         let svg = std::fs::read_to_string(svg).unwrap();
-        assert!(svg.contains("x &lt; y &amp; z") && svg.len() < 100_000 && svg.starts_with("<svg width=\"900\""), "{}", svg.len());
+        assert!(
+            svg.contains("x &lt; y &amp; z")
+                && svg.len() < 100_000
+                && svg.starts_with("<svg width=\"900\""),
+            "{}",
+            svg.len()
+        );
         assert!(std::fs::read(png).unwrap().starts_with(b"\x89PNG"));
-        assert!(thinned(wave.into_iter().map(|(x, y)| (x * 0.04, y))).iter().any(|(_, y)| *y == 9.0));
+        assert!(
+            thinned(wave.into_iter().map(|(x, y)| (x * 0.04, y)))
+                .iter()
+                .any(|(_, y)| *y == 9.0)
+        );
     }
 
     #[test]
     fn a_folder_that_is_not_there_is_said() {
-        let error = Page::default().save(Path::new("/nowhere/at/all")).unwrap_err().to_string();
-        assert!(error.contains("cannot write /nowhere/at/all.svg"), "{error}");
+        let error = Page::default()
+            .save(Path::new("/nowhere/at/all"))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains("cannot write /nowhere/at/all.svg"),
+            "{error}"
+        );
     }
 }

@@ -55,20 +55,36 @@ impl Table {
             Width::Log => Some(Encoding::Log),
             Width::Slow | Width::Derived => None,
         };
-        let columns = Signal::ALL.iter().map(|signal| encoding(signal).map(|encoding| Column::new(signal.component(), encoding)));
-        Self { ticks: Vec::new(), columns: columns.collect(), room: 0 }
+        let columns = Signal::ALL.iter().map(|signal| {
+            encoding(signal).map(|encoding| Column::new(signal.component(), encoding))
+        });
+        Self {
+            ticks: Vec::new(),
+            columns: columns.collect(),
+            room: 0,
+        }
     }
 
     /// A column for each thing that is only drawn, then for each signal at the same rate, by its place behind them.
     ///
     /// With `faults` the column of faults is written from the beginning, as empty as it may be: a viewer that follows looks for it.
     pub(super) fn of_drawn(faults: bool) -> Self {
-        let slow = |signal: &Signal| (signal.width() == Width::Slow).then(|| Column::new(signal.component(), Encoding::F32));
-        let columns =
-            Drawn::ALL.iter().map(|drawn| Some(Column::new(drawn.component(), Encoding::Share))).chain(Signal::ALL.iter().map(slow));
+        let slow = |signal: &Signal| {
+            (signal.width() == Width::Slow).then(|| Column::new(signal.component(), Encoding::F32))
+        };
+        let columns = Drawn::ALL
+            .iter()
+            .map(|drawn| Some(Column::new(drawn.component(), Encoding::Share)))
+            .chain(Signal::ALL.iter().map(slow));
         let mut columns: Vec<Option<Column>> = columns.collect();
-        columns[Drawn::Fault as usize].iter_mut().for_each(|column| column.seen = faults);
-        Self { ticks: Vec::new(), columns, room: 0 }
+        columns[Drawn::Fault as usize]
+            .iter_mut()
+            .for_each(|column| column.seen = faults);
+        Self {
+            ticks: Vec::new(),
+            columns,
+            room: 0,
+        }
     }
 
     pub(super) fn rows(&self) -> usize {
@@ -80,16 +96,23 @@ impl Table {
         self.ticks.push(tick);
         let columns = &mut self.columns;
         fill(&mut |place, values| {
-            let Some(column) = &mut columns[place] else { return };
+            let Some(column) = &mut columns[place] else {
+                return;
+            };
             match column.encoding {
                 Encoding::F64 => column.wide.extend_from_slice(values),
-                Encoding::F32 => column.narrow.extend(values.iter().map(|value| *value as f32)),
+                Encoding::F32 => column
+                    .narrow
+                    .extend(values.iter().map(|value| *value as f32)),
                 Encoding::Log => column.narrow.extend(values.iter().copied().map(logarithm)),
                 Encoding::Share => column.narrow.extend(values.iter().copied().map(share)),
             }
         });
         for column in columns.iter_mut().flatten() {
-            let (end, before) = ((column.wide.len() + column.narrow.len()) as i32, column.ends.last().copied().unwrap_or(0));
+            let (end, before) = (
+                (column.wide.len() + column.narrow.len()) as i32,
+                column.ends.last().copied().unwrap_or(0),
+            );
             column.seen |= end > before;
             column.ends.push(end);
         }
@@ -102,7 +125,14 @@ impl Table {
         }
         let ticks = std::mem::take(&mut self.ticks);
         self.room = ticks.len();
-        Some((ticks, self.columns.iter_mut().flatten().filter_map(Column::take).collect()))
+        Some((
+            ticks,
+            self.columns
+                .iter_mut()
+                .flatten()
+                .filter_map(Column::take)
+                .collect(),
+        ))
     }
 
     /// Asks for the memory of as many rows as have been taken last, for chunks are about as long as the one before: when that one is gone, so that it is its
@@ -110,13 +140,24 @@ impl Table {
     pub(super) fn make_room(&mut self) {
         let rows = std::mem::take(&mut self.room);
         self.ticks.reserve(rows);
-        self.columns.iter_mut().flatten().for_each(Column::make_room);
+        self.columns
+            .iter_mut()
+            .flatten()
+            .for_each(Column::make_room);
     }
 }
 
 impl Column {
     fn new(name: &'static str, encoding: Encoding) -> Self {
-        Self { name, encoding, wide: Vec::new(), narrow: Vec::new(), ends: vec![0], seen: false, room: (0, 0) }
+        Self {
+            name,
+            encoding,
+            wide: Vec::new(),
+            narrow: Vec::new(),
+            ends: vec![0],
+            seen: false,
+            room: (0, 0),
+        }
     }
 
     fn make_room(&mut self) {
@@ -130,7 +171,10 @@ impl Column {
 
     /// Its rows; none where there has never been a value.
     fn take(&mut self) -> Option<SerializedComponentColumn> {
-        let (wide, narrow) = (std::mem::take(&mut self.wide), std::mem::take(&mut self.narrow));
+        let (wide, narrow) = (
+            std::mem::take(&mut self.wide),
+            std::mem::take(&mut self.narrow),
+        );
         let ends = std::mem::replace(&mut self.ends, vec![0]);
         self.room = (wide.len() + narrow.len(), ends.len());
         if !self.seen {
@@ -138,11 +182,21 @@ impl Column {
         }
         let values: ArrayRef = match self.encoding {
             Encoding::F64 => std::sync::Arc::new(Float64Array::from(wide)),
-            Encoding::F32 | Encoding::Log | Encoding::Share => std::sync::Arc::new(Float32Array::from(narrow)),
+            Encoding::F32 | Encoding::Log | Encoding::Share => {
+                std::sync::Arc::new(Float32Array::from(narrow))
+            }
         };
         let field = std::sync::Arc::new(Field::new_list_field(values.data_type().clone(), true));
-        let list = ListArray::new(field, OffsetBuffer::new(ScalarBuffer::from(ends)), values, None);
-        Some(SerializedComponentColumn::new(list, custom(self.name, None)))
+        let list = ListArray::new(
+            field,
+            OffsetBuffer::new(ScalarBuffer::from(ends)),
+            values,
+            None,
+        );
+        Some(SerializedComponentColumn::new(
+            list,
+            custom(self.name, None),
+        ))
     }
 }
 
@@ -166,13 +220,22 @@ impl Track {
     pub(super) fn columns(self) -> Vec<SerializedComponentColumn> {
         let mut transform = Transform3D::update_fields();
         if !self.translations.is_empty() {
-            transform.translation = Some(numbers(self.translations, Transform3D::descriptor_translation()));
-            transform.quaternion = Some(numbers(self.quaternions, Transform3D::descriptor_quaternion()));
+            transform.translation = Some(numbers(
+                self.translations,
+                Transform3D::descriptor_translation(),
+            ));
+            transform.quaternion = Some(numbers(
+                self.quaternions,
+                Transform3D::descriptor_quaternion(),
+            ));
         }
         if !self.sizes.is_empty() {
             transform.scale = Some(numbers(self.sizes, Transform3D::descriptor_scale()));
         }
-        transform.columns_of_unit_batches().map(Iterator::collect).unwrap_or_default()
+        transform
+            .columns_of_unit_batches()
+            .map(Iterator::collect)
+            .unwrap_or_default()
     }
 }
 
@@ -226,7 +289,8 @@ impl Picture {
             self.target.push(tick, desired);
             self.desired.push((tick, desired.p));
         }
-        self.marks.resize_with(self.marks.len().max(marks.len()), Default::default);
+        self.marks
+            .resize_with(self.marks.len().max(marks.len()), Default::default);
         let mut labels = 0.0;
         for ((tracks, mark), side) in self.marks.iter_mut().zip(marks).zip(sides) {
             // Hidden entities need no pose.
@@ -244,8 +308,19 @@ impl Picture {
                 let zeta = mark.zeta();
                 let end = zeta * (side * (0.85 + 0.2 * zeta.z.abs()) * unit);
                 let above = 0.25 + 0.45 * (1.0 - zeta.z.abs());
-                let aside = Vec3::Z * (if end.z < -0.3 * unit { -0.25 * unit } else { above * unit });
-                tracks.label.push(tick, &Placement { p: mark.X_BS.p + end + aside + below, ..Placement::IDENTITY });
+                let aside = Vec3::Z
+                    * (if end.z < -0.3 * unit {
+                        -0.25 * unit
+                    } else {
+                        above * unit
+                    });
+                tracks.label.push(
+                    tick,
+                    &Placement {
+                        p: mark.X_BS.p + end + aside + below,
+                        ..Placement::IDENTITY
+                    },
+                );
             }
         }
     }

@@ -37,7 +37,12 @@ impl Recording {
     ///
     /// # Errors
     /// As [`create`](Self::create).
-    pub fn create_part(folder: &Path, part: u32, run: &RunInfo, options: Options) -> Result<Self, RecordError> {
+    pub fn create_part(
+        folder: &Path,
+        part: u32,
+        run: &RunInfo,
+        options: Options,
+    ) -> Result<Self, RecordError> {
         Self::with_storage(create(&folder.join(part_name(part)))?, part, run, options)
     }
 
@@ -55,7 +60,12 @@ impl Recording {
 ///
 /// # Errors
 /// [`RecordError`] where the file cannot be made or written, or the robot has more joints than a message.
-pub fn save_blueprint(path: &Path, run: &RunInfo, first: &TickRow, layout: Layout) -> Result<(), RecordError> {
+pub fn save_blueprint(
+    path: &Path,
+    run: &RunInfo,
+    first: &TickRow,
+    layout: Layout,
+) -> Result<(), RecordError> {
     let mut recording = Recording::with_storage(Nowhere, 0, run, Options::default())?;
     recording.tick(first)?;
     recording.save_blueprint(path, layout)
@@ -70,9 +80,17 @@ const DRAWN_HZ: f64 = 125.0;
 /// Whether the task is null-space motion alone: every segment holds the hand, and some change the posture.
 fn stands_still(scenario: &Scenario) -> bool {
     let holds = |one: &Segment| {
-        Segment { posture_deg: None, ..one.clone() } == Segment { duration_s: one.duration_s, branch: one.branch, ..Segment::default() }
+        Segment {
+            posture_deg: None,
+            ..one.clone()
+        } == Segment {
+            duration_s: one.duration_s,
+            branch: one.branch,
+            ..Segment::default()
+        }
     };
-    scenario.segment.iter().all(holds) && scenario.segment.iter().any(|one| one.posture_deg.is_some())
+    scenario.segment.iter().all(holds)
+        && scenario.segment.iter().any(|one| one.posture_deg.is_some())
 }
 
 /// Takes everything, keeps nothing.
@@ -103,25 +121,44 @@ impl Recording {
     ///
     /// # Errors
     /// As [`create`](Recording::create).
-    pub fn with_storage(storage: impl Storage + 'static, part: u32, run: &RunInfo, options: Options) -> Result<Self, RecordError> {
+    pub fn with_storage(
+        storage: impl Storage + 'static,
+        part: u32,
+        run: &RunInfo,
+        options: Options,
+    ) -> Result<Self, RecordError> {
         Self::begin(Box::new(storage), part, run, options)
     }
 
-    fn begin(storage: Box<dyn Storage>, part: u32, run: &RunInfo, options: Options) -> Result<Self, RecordError> {
-        let RunInfo { scenario, robot, .. } = *run;
-        let arm = Model::new(robot, scenario.frame())
-            .map_err(|error| RecordError::Arm { robot: robot.name.clone(), reason: error.to_string() })?;
+    fn begin(
+        storage: Box<dyn Storage>,
+        part: u32,
+        run: &RunInfo,
+        options: Options,
+    ) -> Result<Self, RecordError> {
+        let RunInfo {
+            scenario, robot, ..
+        } = *run;
+        let arm = Model::new(robot, scenario.frame()).map_err(|error| RecordError::Arm {
+            robot: robot.name.clone(),
+            reason: error.to_string(),
+        })?;
         let floor_m = scenario.plant.floor_m.map_or(0.0, |height| height as f32);
         let figure = Figure::new(robot, floor_m);
         let rate = f64::from(scenario.rate_hz);
         let every = |seconds: f64| (seconds * rate).round().max(1.0);
-        let unlimited = |limits: fn(&model::Joint) -> f64| robot.joints.iter().any(|joint| !limits(joint).is_finite());
+        let unlimited = |limits: fn(&model::Joint) -> f64| {
+            robot.joints.iter().any(|joint| !limits(joint).is_finite())
+        };
         let judged = |bound: f64, most: f64| Some(bound).filter(|bound| *bound < most);
         let subject = Subject {
             lives: run.lives.clone(),
             joints: robot.joints.len(),
             floor_m,
-            goal: [judged(scenario.goal.position_mm, 1000.0), judged(scenario.goal.orientation_deg, 180.0)],
+            goal: [
+                judged(scenario.goal.position_mm, 1000.0),
+                judged(scenario.goal.orientation_deg, 180.0),
+            ],
             faults: !scenario.fault.is_empty() || options.is_live,
             is_long: (1.0 + LEGEND) * scenario.duration_s() > PLOTTED_S && !options.is_live,
             stands_still: stands_still(scenario),
@@ -135,11 +172,20 @@ impl Recording {
             sink: Sink::new(storage)?,
             store: StoreId::recording(application(robot), run.run),
             title: Title::new(run),
-            before: FileInfo { parts: part, ..FileInfo::default() },
+            before: FileInfo {
+                parts: part,
+                ..FileInfo::default()
+            },
             part_ticks: 0,
             arm,
             figure,
-            directions: robot.task.0.iter().filter(|served| **served).count().min(robot.joints.len()),
+            directions: robot
+                .task
+                .0
+                .iter()
+                .filter(|served| **served)
+                .count()
+                .min(robot.joints.len()),
             planar: !robot.task.0[2],
             limits: Limits::new(robot),
             subject,
@@ -157,14 +203,24 @@ impl Recording {
             signal_rows: every(options.signal_chunk_s) as usize,
             picture: Picture::default(),
             picture_every: every(1.0 / options.picture_hz) as u64,
-            picture_rows: (options.picture_chunk_s * options.picture_hz).round().max(1.0) as usize,
+            picture_rows: (options.picture_chunk_s * options.picture_hz)
+                .round()
+                .max(1.0) as usize,
             is_live: options.is_live,
             wanted_turns: scenario
                 .segment
                 .iter()
-                .map(|one| one.reorient.as_ref().map(|turn| (turn.singularity.clone(), turn.by_deg)))
+                .map(|one| {
+                    one.reorient
+                        .as_ref()
+                        .map(|turn| (turn.singularity.clone(), turn.by_deg))
+                })
                 .collect(),
-            wanted_rotations: scenario.segment.iter().map(|one| one.turn.as_ref().map(|turn| turn.by_deg)).collect(),
+            wanted_rotations: scenario
+                .segment
+                .iter()
+                .map(|one| one.turn.as_ref().map(|turn| turn.by_deg))
+                .collect(),
             stretches: Default::default(),
             room: Room::default(),
             guides_due: 0,
@@ -210,7 +266,10 @@ impl Recording {
 
     fn go_on_in(&mut self, storage: Box<dyn Storage>) -> Result<(), RecordError> {
         self.flush();
-        let (chunks, ended) = (self.sink.chunks(), std::mem::replace(&mut self.sink, Sink::new(storage)?));
+        let (chunks, ended) = (
+            self.sink.chunks(),
+            std::mem::replace(&mut self.sink, Sink::new(storage)?),
+        );
         let bytes = ended.finish().inspect_err(|_| self.sink.abandon())?;
         let FileInfo { parts, .. } = self.before;
         self.before = FileInfo {
@@ -237,9 +296,17 @@ impl Recording {
     /// Singular values of the unit-scaled Jacobian in the posture that has been analysed, the estimated one: the law has no use for them, so they are
     /// computed where they are drawn.
     fn singular_values(&self, row: &TickRow) -> Option<[f64; 6]> {
-        let (report, q) = (row.singularity?, row.estimate.map(|estimate| &estimate.q[..]).or_else(|| row.q())?);
+        let (report, q) = (
+            row.singularity?,
+            row.estimate
+                .map(|estimate| &estimate.q[..])
+                .or_else(|| row.q())?,
+        );
         let q = SVector::from_column_slice(q);
-        let J = at_point(self.arm.jacobian(&q), &(Vector3::from(report.p_BC) - self.arm.forward_kinematics(&q).p));
+        let J = at_point(
+            self.arm.jacobian(&q),
+            &(Vector3::from(report.p_BC) - self.arm.forward_kinematics(&q).p),
+        );
         Some(singular_values(&J, report.length_m, &self.task))
     }
 
@@ -254,7 +321,10 @@ impl Recording {
         if self.part_ticks == 0 {
             self.write_ghosts(row.tick, true);
             if let (Some(q), Some(turned)) = (row.q(), self.motion.turned(true)) {
-                let links = self.arm.link_poses(&SVector::from_column_slice(q)).map(|X| placement(&X));
+                let links = self
+                    .arm
+                    .link_poses(&SVector::from_column_slice(q))
+                    .map(|X| placement(&X));
                 self.write_turned(row.tick, &links, &turned);
             }
         }
@@ -265,18 +335,32 @@ impl Recording {
         }
         // Content of an earlier part is not written again.
         if row.tick >= self.written.signals {
-            self.signals.push(row.tick, |put| sample(row, &self.limits, self.hops, |signal, values| put(signal as usize, values)));
+            self.signals.push(row.tick, |put| {
+                sample(row, &self.limits, self.hops, |signal, values| {
+                    put(signal as usize, values)
+                })
+            });
             if row.tick.is_multiple_of(self.drawn_every) {
-                let gravity = row.q().map(|q| self.arm.gravity(&SVector::from_column_slice(q))).unwrap_or_default();
+                let gravity = row
+                    .q()
+                    .map(|q| self.arm.gravity(&SVector::from_column_slice(q)))
+                    .unwrap_or_default();
                 let sigma = self.singular_values(row);
                 let (limits, hops) = (&self.limits, self.hops);
-                let is_faulty = self.faults.iter().any(|fault| fault.until.is_none_or(|until| row.tick < until));
+                let is_faulty = self
+                    .faults
+                    .iter()
+                    .any(|fault| fault.until.is_none_or(|until| row.tick < until));
                 self.drawn_table.push(row.tick, |put| {
-                    draw(row, limits, gravity.as_slice(), |drawn, values| put(drawn as usize, values));
+                    draw(row, limits, gravity.as_slice(), |drawn, values| {
+                        put(drawn as usize, values)
+                    });
                     if is_faulty {
                         put(Drawn::Fault as usize, &[0.0]);
                     }
-                    let mut put = |signal: Signal, values: &[f64]| put(Drawn::ALL.len() + signal as usize, values);
+                    let mut put = |signal: Signal, values: &[f64]| {
+                        put(Drawn::ALL.len() + signal as usize, values)
+                    };
                     sample(row, limits, hops, &mut put);
                     if let Some(sigma) = &sigma {
                         put(Signal::SingularValues, &sigma[..limits.dof().min(6)]);
@@ -309,7 +393,11 @@ impl Recording {
 
     /// How far it has come.
     pub fn written(&self) -> Written {
-        Written { part: self.part(), bytes: self.part_bytes(), ..self.written }
+        Written {
+            part: self.part(),
+            bytes: self.part_bytes(),
+            ..self.written
+        }
     }
 
     /// Goes on where an earlier part had come to, which a recorder that was killed has left: ticks that come again are not written again. What is behind
@@ -327,7 +415,11 @@ impl Recording {
             Level::Error => TextLogLevel::ERROR,
         };
         // The viewer's column of times cuts them: the line has its own.
-        let text = format!("{:.3}{}{text}", self.nanoseconds(tick) as f64 * 1e-9, entity::AFTER_TIME);
+        let text = format!(
+            "{:.3}{}{text}",
+            self.nanoseconds(tick) as f64 * 1e-9,
+            entity::AFTER_TIME
+        );
         self.log(tick, entity::LOG, &TextLog::new(text).with_level(level));
     }
 
@@ -377,7 +469,12 @@ impl Recording {
         }
         let (before, chunks) = (self.before, self.before.chunks + self.sink.chunks());
         let ticks = before.ticks + self.part_ticks;
-        Ok(FileInfo { bytes: before.bytes + self.sink.finish()?, chunks, ticks, parts: before.parts + 1 })
+        Ok(FileInfo {
+            bytes: before.bytes + self.sink.finish()?,
+            chunks,
+            ticks,
+            parts: before.parts + 1,
+        })
     }
 
     /// Writes a layout as a `.rbl` file, to be opened beside any recording of the same robot; after the first tick.

@@ -15,24 +15,40 @@ const PATIENCE: u64 = 3;
 impl Recording {
     /// A fault takes effect: its number, its words for the lane and for the headline.
     pub fn fault_begins(&mut self, tick: u64, number: usize, lane: &str, headline: &str) {
-        self.faults.push(Fault { number, lane: lane.to_owned(), headline: headline.to_owned(), until: None });
+        self.faults.push(Fault {
+            number,
+            lane: lane.to_owned(),
+            headline: headline.to_owned(),
+            until: None,
+        });
         self.write_fault_lane(tick);
     }
 
     /// A fault is over at a tick, be it past or still to come.
     pub fn fault_ends(&mut self, tick: u64, number: usize) {
-        self.faults.iter_mut().filter(|fault| fault.number == number).for_each(|fault| fault.until = Some(tick));
+        self.faults
+            .iter_mut()
+            .filter(|fault| fault.number == number)
+            .for_each(|fault| fault.until = Some(tick));
     }
 
     fn write_fault_lane(&mut self, tick: u64) {
-        let text = self.faults.last().map_or(NO_FAULT.0, |fault| fault.lane.as_str()).to_owned();
+        let text = self
+            .faults
+            .last()
+            .map_or(NO_FAULT.0, |fault| fault.lane.as_str())
+            .to_owned();
         if self.lanes.fault.as_deref() == Some(text.as_str()) {
             return;
         }
         if text != NO_FAULT.0 && !self.fault_states.contains(&text) {
             self.fault_states.push(text.clone());
             let all = self.fault_states.clone();
-            let styles: Vec<(&str, u32)> = all.iter().map(|state| (state.as_str(), FAULT_COLOUR)).chain([NO_FAULT]).collect();
+            let styles: Vec<(&str, u32)> = all
+                .iter()
+                .map(|state| (state.as_str(), FAULT_COLOUR))
+                .chain([NO_FAULT])
+                .collect();
             self.style(entity::state("fault"), &styles);
         }
         self.lane(tick, "fault", &text);
@@ -42,7 +58,8 @@ impl Recording {
 
     pub(super) fn write_changes(&mut self, row: &TickRow) {
         let before = self.faults.len();
-        self.faults.retain(|fault| fault.until.is_none_or(|until| row.tick < until));
+        self.faults
+            .retain(|fault| fault.until.is_none_or(|until| row.tick < until));
         if self.lanes.fault.is_none() || self.faults.len() < before {
             self.write_fault_lane(row.tick);
         }
@@ -67,13 +84,25 @@ impl Recording {
                     let name = self.subject.singularities[i].0.clone();
                     self.lane(row.tick, &format!("mode/{name}"), name_of(MODES, mode));
                     if let Some(before) = before {
-                        self.event(row.tick, Level::Info, &format!("{name}: {} → {}", name_of(MODES, before), name_of(MODES, mode)));
+                        self.event(
+                            row.tick,
+                            Level::Info,
+                            &format!(
+                                "{name}: {} → {}",
+                                name_of(MODES, before),
+                                name_of(MODES, mode)
+                            ),
+                        );
                     }
                 }
             }
         }
         // A tick or two without a command is not worth a line.
-        self.unheard = if row.torque.is_some() { 0 } else { self.unheard + 1 };
+        self.unheard = if row.torque.is_some() {
+            0
+        } else {
+            self.unheard + 1
+        };
         self.history.push(row);
         let situation = self.history.situation(row);
         let told = row.torque.is_some() && row.singularity.is_some() || self.unheard >= 5;
@@ -93,27 +122,46 @@ impl Recording {
 
     /// A writer whose own input is missing waits; one that has its input and writes nothing is silent.
     fn write_lives(&mut self, row: &TickRow) {
-        let life = |header: Option<&shared_types::Header>| header.map_or(0, |header| header.incarnation);
-        let plant = row.sensor.map(Message::header).or(row.plant_state.map(Message::header));
+        let life =
+            |header: Option<&shared_types::Header>| header.map_or(0, |header| header.incarnation);
+        let plant = row
+            .sensor
+            .map(Message::header)
+            .or(row.plant_state.map(Message::header));
         let now = [
             life(plant),
             life(row.estimate.map(Message::header)),
             life(row.singularity.map(Message::header)),
             life(row.torque.map(Message::header)),
         ];
-        let has_input = [true, row.sensor.is_some(), row.estimate.is_some(), row.estimate.is_some() && row.singularity.is_some()];
+        let has_input = [
+            true,
+            row.sensor.is_some(),
+            row.estimate.is_some(),
+            row.estimate.is_some() && row.singularity.is_some(),
+        ];
         let freshness = u64::from(self.rate_hz) / 2;
         let lives = self.subject.lives.clone();
         for (i, name) in lives.named() {
-            let Some(&incarnation) = now.get(i) else { continue };
+            let Some(&incarnation) = now.get(i) else {
+                continue;
+            };
             if incarnation > self.incarnations[i] {
                 if self.incarnations[i] > 0 {
-                    self.event(row.tick, Level::Warning, &format!("{name} is back as incarnation {incarnation}"));
+                    self.event(
+                        row.tick,
+                        Level::Warning,
+                        &format!("{name} is back as incarnation {incarnation}"),
+                    );
                     self.lanes.fresh_until[i] = row.tick + freshness;
                 }
                 self.incarnations[i] = incarnation;
             }
-            self.lanes.missing[i] = if incarnation == 0 { self.lanes.missing[i] + 1 } else { 0 };
+            self.lanes.missing[i] = if incarnation == 0 {
+                self.lanes.missing[i] + 1
+            } else {
+                0
+            };
             let text = match incarnation {
                 0 if self.lanes.missing[i] < PATIENCE && self.lanes.life[i].is_some() => continue,
                 0 if has_input[i] => "silent",
@@ -123,10 +171,18 @@ impl Recording {
             };
             if self.lanes.life[i] != Some(text) {
                 self.lanes.life[i] = Some(text);
-                self.log(row.tick, entity::life((i, name)), &StateChange::single(text));
+                self.log(
+                    row.tick,
+                    entity::life((i, name)),
+                    &StateChange::single(text),
+                );
             }
         }
-        let text = if row.tick < self.lanes.fresh_until[WRITERS] { "restarted" } else { "up" };
+        let text = if row.tick < self.lanes.fresh_until[WRITERS] {
+            "restarted"
+        } else {
+            "up"
+        };
         if let Some(recorder) = lives.named().find(|(place, _)| *place == WRITERS)
             && self.lanes.recorder != Some(text)
         {
@@ -146,7 +202,10 @@ impl Recording {
 
     pub(super) fn style_lanes(&mut self) {
         self.style(entity::state("fault"), &[NO_FAULT]);
-        for (lane, states) in [("drive", narration::DRIVE_STATES), ("phase", narration::PHASE_STATES)] {
+        for (lane, states) in [
+            ("drive", narration::DRIVE_STATES),
+            ("phase", narration::PHASE_STATES),
+        ] {
             self.style(entity::state(lane), states);
         }
         for life in self.subject.lives.clone().named() {
@@ -157,7 +216,10 @@ impl Recording {
     /// A lane per singularity, known from a part's first report on.
     pub(super) fn style_modes(&mut self) {
         for (name, _) in self.subject.singularities.clone() {
-            self.style(entity::state(&format!("mode/{name}")), narration::MODE_STATES);
+            self.style(
+                entity::state(&format!("mode/{name}")),
+                narration::MODE_STATES,
+            );
         }
     }
 
@@ -165,7 +227,10 @@ impl Recording {
         let names = || states.iter().map(|(name, _)| *name);
         self.log_static(
             path,
-            &StateConfiguration::new().with_values(names()).with_labels(names()).with_colors(states.iter().map(|(_, colour)| *colour)),
+            &StateConfiguration::new()
+                .with_values(names())
+                .with_labels(names())
+                .with_colors(states.iter().map(|(_, colour)| *colour)),
         );
     }
 }

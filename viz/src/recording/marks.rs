@@ -30,40 +30,79 @@ fn colour([r, g, b, a]: Rgba) -> Color {
 
 impl Recording {
     /// Marks change their looks rarely; their places go with the picture.
-    pub(super) fn write_marks(&mut self, row: &TickRow, q: &[f64], marks: &[Mark], hand: &Placement) {
+    pub(super) fn write_marks(
+        &mut self,
+        row: &TickRow,
+        q: &[f64],
+        marks: &[Mark],
+        hand: &Placement,
+    ) {
         let tick = row.tick;
         let is_inside = |mark: &Mark| mark.look.presence == Presence::Inside;
-        let entered = marks.iter().zip(&self.marks).any(|(mark, before)| is_inside(mark) && before.presence != Presence::Inside);
+        let entered = marks
+            .iter()
+            .zip(&self.marks)
+            .any(|(mark, before)| is_inside(mark) && before.presence != Presence::Inside);
         if entered {
             // Labels that stand keep their sides.
-            for ((side, new), before) in self.sides.iter_mut().zip(scene::label_sides(marks)).zip(&self.marks) {
+            for ((side, new), before) in self
+                .sides
+                .iter_mut()
+                .zip(scene::label_sides(marks))
+                .zip(&self.marks)
+            {
                 if before.presence != Presence::Inside {
                     *side = new;
                 }
             }
         }
         for (i, (one, mark)) in row.singularities().iter().zip(marks).enumerate() {
-            let Some((name, tint)) = self.subject.singularities.get(i).cloned() else { return };
+            let Some((name, tint)) = self.subject.singularities.get(i).cloned() else {
+                return;
+            };
             if self.marks[i] != mark.look {
                 self.marks[i] = mark.look;
                 self.write_look(tick, &name, tint, i, mark, &narration::label(one, i));
                 self.write_why(tick, &name, tint, i, one, q);
             }
-            let task = row.control_state.map_or((0, false), |state| (state.segment as usize, state.mode[i] == MODE_REORIENT));
+            let task = row.control_state.map_or((0, false), |state| {
+                (state.segment as usize, state.mode[i] == MODE_REORIENT)
+            });
             self.write_swept(tick, &name, tint, i, mark, task, hand);
         }
     }
 
     /// The mark's solid, the rings where it is entered and, inside, the other axes of the singular frame and the words.
-    fn write_look(&mut self, tick: u64, name: &str, [r, g, b, _]: Rgba, i: usize, mark: &Mark, words: &str) {
+    fn write_look(
+        &mut self,
+        tick: u64,
+        name: &str,
+        [r, g, b, _]: Rgba,
+        i: usize,
+        mark: &Mark,
+        words: &str,
+    ) {
         let path = entity::singularity(name);
-        let [solid, rings, axes, label] = [entity::glyph(name), entity::edge(name), format!("{path}/axes"), entity::label(name)];
+        let [solid, rings, axes, label] = [
+            entity::glyph(name),
+            entity::edge(name),
+            format!("{path}/axes"),
+            entity::label(name),
+        ];
         let unit = self.mark_size();
         // Meshes are large: they are written once, later changes are their tint and their size.
         if self.drawn[i] != Some(mark.look.angular) && mark.look.presence != Presence::Hidden {
             self.drawn[i] = Some(mark.look.angular);
-            self.log(tick, &*solid, &mesh3d(&glyph(mark.look.angular, [r, g, b, 255]), None));
-            self.log(tick, &*rings, &ghost3d(&scene::rings(mark.edge, unit, [255; 4]), [255; 4]));
+            self.log(
+                tick,
+                &*solid,
+                &mesh3d(&glyph(mark.look.angular, [r, g, b, 255]), None),
+            );
+            self.log(
+                tick,
+                &*rings,
+                &ghost3d(&scene::rings(mark.edge, unit, [255; 4]), [255; 4]),
+            );
         }
         let is_inside = mark.look.presence == Presence::Inside;
         if mark.look.presence == Presence::Hidden {
@@ -72,16 +111,32 @@ impl Recording {
             }
         } else {
             let opacity = if is_inside { 255 } else { 70 };
-            let rim = if is_inside { [255, 110, 110, 255] } else { [190, 195, 205, 255] };
+            let rim = if is_inside {
+                [255, 110, 110, 255]
+            } else {
+                [190, 195, 205, 255]
+            };
             self.log(tick, solid, &tinted([255, 255, 255, opacity]));
             self.log(tick, &*rings, &tinted(rim));
             self.log(tick, rings, &Transform3D::update_fields().with_scale(1.0));
         }
         if is_inside {
             let frame = Arrows3D::from_vectors([[0.0, 0.5 * unit, 0.0], [0.0, 0.0, 0.5 * unit]]);
-            self.log(tick, axes, &frame.with_colors([0xc8d0dcff_u32]).with_radii([0.012 * unit]));
-            let point = Points3D::new([[0.0; 3]]).with_radii([Radius::new_ui_points(0.5)]).with_colors([colour(of_words([r, g, b, 255]))]);
-            self.log(tick, label, &point.with_labels([words]).with_show_labels(true));
+            self.log(
+                tick,
+                axes,
+                &frame
+                    .with_colors([0xc8d0dcff_u32])
+                    .with_radii([0.012 * unit]),
+            );
+            let point = Points3D::new([[0.0; 3]])
+                .with_radii([Radius::new_ui_points(0.5)])
+                .with_colors([colour(of_words([r, g, b, 255]))]);
+            self.log(
+                tick,
+                label,
+                &point.with_labels([words]).with_show_labels(true),
+            );
         } else {
             self.log(tick, axes, &Clear::flat());
             self.log(tick, label, &Clear::flat());
@@ -89,7 +144,15 @@ impl Recording {
     }
 
     /// Axes and bones that fall into one line, on the links they belong to: they move with the arm and cost nothing per tick.
-    fn write_why(&mut self, tick: u64, name: &str, tint: Rgba, i: usize, one: &SingularityState, q: &[f64]) {
+    fn write_why(
+        &mut self,
+        tick: u64,
+        name: &str,
+        tint: Rgba,
+        i: usize,
+        one: &SingularityState,
+        q: &[f64],
+    ) {
         if self.marks[i].presence == Presence::Hidden {
             for link in std::mem::take(&mut self.why[i]) {
                 self.log(tick, entity::reason(name, link), &Clear::flat());
@@ -101,21 +164,32 @@ impl Recording {
         }
         let joints = self.subject.joints;
         let dependent = match one.kind {
-            shared_types::codes::KIND_NUMERIC if joints <= 6 => {
-                scene::dependent_joints(&self.arm.jacobian(&SVector::from_column_slice(q)), joints, f64::from(0.4 * self.figure.reach))
-            }
+            shared_types::codes::KIND_NUMERIC if joints <= 6 => scene::dependent_joints(
+                &self.arm.jacobian(&SVector::from_column_slice(q)),
+                joints,
+                f64::from(0.4 * self.figure.reach),
+            ),
             _ => Vec::new(),
         };
         for (link, strips, is_second) in scene::reasons(one.kind, &self.figure, &dependent) {
-            let drawn = if is_second { [245, 245, 250, 255] } else { tint };
-            let lines = LineStrips3D::new(strips).with_colors([colour(drawn)]).with_radii([0.0045 * self.figure.reach]);
+            let drawn = if is_second {
+                [245, 245, 250, 255]
+            } else {
+                tint
+            };
+            let lines = LineStrips3D::new(strips)
+                .with_colors([colour(drawn)])
+                .with_radii([0.0045 * self.figure.reach]);
             self.log(tick, entity::reason(name, link), &lines);
             self.why[i].push(link);
         }
     }
 
     /// The sector that ζ has swept since the arm entered, with its angle; the old ζ, green and with its own angle once it is free again.
-    #[expect(clippy::too_many_arguments, reason = "one mark, where it is and what the task wants of it")]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one mark, where it is and what the task wants of it"
+    )]
     fn write_swept(
         &mut self,
         tick: u64,
@@ -128,17 +202,38 @@ impl Recording {
     ) {
         // On the other side than the mark's label.
         let (unit, centre, zeta) = (self.mark_size(), mark.X_BS.p, -self.sides[i] * mark.zeta());
-        let [sector, entry, words] = [entity::sector(name), entity::entry(name), entity::swept(name)];
+        let [sector, entry, words] = [
+            entity::sector(name),
+            entity::entry(name),
+            entity::swept(name),
+        ];
         let is_inside = mark.look.presence == Presence::Inside;
         let mut swept = match self.swept[i].take() {
             Some(swept) => swept,
-            None if is_inside => Swept { directions: vec![zeta], freed: None, told_deg: 0.0, is_over: false },
+            None if is_inside => Swept {
+                directions: vec![zeta],
+                freed: None,
+                told_deg: 0.0,
+                is_over: false,
+            },
             None => return,
         };
-        let Some((first, last)) = swept.directions.first().copied().zip(swept.directions.last().copied()) else { return };
+        let Some((first, last)) = swept
+            .directions
+            .first()
+            .copied()
+            .zip(swept.directions.last().copied())
+        else {
+            return;
+        };
         let [r, g, b, _] = tint;
         let old = |colour_of: Rgba, words: String| {
-            let dashes = dashed(centre - 1.15 * unit * first, centre + 1.15 * unit * first, 15, 0);
+            let dashes = dashed(
+                centre - 1.15 * unit * first,
+                centre + 1.15 * unit * first,
+                15,
+                0,
+            );
             let mut strips: Vec<Vec<[f32; 3]>> = dashes.iter().map(|dash| dash.to_vec()).collect();
             // The words at the end of the line.
             let up = if first.z < 0.0 { -first } else { first };
@@ -152,18 +247,37 @@ impl Recording {
         if !is_inside && swept.freed.is_none() {
             // It left as it came.
             if swept.directions.len() > 2 {
-                [sector, words, entry].into_iter().for_each(|path| self.log(tick, path, &Clear::flat()));
+                [sector, words, entry]
+                    .into_iter()
+                    .for_each(|path| self.log(tick, path, &Clear::flat()));
             }
             return;
         }
         if is_inside && swept.freed.is_none() && last.dot(zeta) < SWEEP_STEP {
             // ζ is a line: its sign may be either.
-            swept.directions.push(if last.dot(zeta) < -0.5 { -zeta } else { zeta });
-            let turned: f32 = swept.directions.windows(2).map(|pair| pair[0].angle_between(pair[1])).sum::<f32>().to_degrees();
-            let goal = self.wanted_turns.get(segment).and_then(|wanted| wanted.as_ref()).filter(|(of, _)| of == name);
-            let of = goal.map_or(String::new(), |(_, by_deg)| format!(" of {:.0}°", by_deg.abs()));
+            swept
+                .directions
+                .push(if last.dot(zeta) < -0.5 { -zeta } else { zeta });
+            let turned: f32 = swept
+                .directions
+                .windows(2)
+                .map(|pair| pair[0].angle_between(pair[1]))
+                .sum::<f32>()
+                .to_degrees();
+            let goal = self
+                .wanted_turns
+                .get(segment)
+                .and_then(|wanted| wanted.as_ref())
+                .filter(|(of, _)| of == name);
+            let of = goal.map_or(String::new(), |(_, by_deg)| {
+                format!(" of {:.0}°", by_deg.abs())
+            });
             let mesh = scene::sector(centre, &swept.directions, 0.95 * unit);
-            let arc: Vec<[f32; 3]> = swept.directions.iter().map(|direction| (centre + *direction * 0.97 * unit).to_array()).collect();
+            let arc: Vec<[f32; 3]> = swept
+                .directions
+                .iter()
+                .map(|direction| (centre + *direction * 0.97 * unit).to_array())
+                .collect();
             // A few degrees are worth no picture.
             if swept.directions.len() < 3 {
                 self.swept[i] = Some(swept);
@@ -172,7 +286,12 @@ impl Recording {
             let first_picture = swept.directions.len() == 3;
             let dashes = old([r, g, b, 200], String::new());
             self.log(tick, &*sector, &ghost3d(&mesh, [r, g, b, 90]));
-            let arc = lettered(vec![arc], vec![tint], vec![format!("ζ turned {turned:.0}°{of}")], 0.004 * self.figure.reach);
+            let arc = lettered(
+                vec![arc],
+                vec![tint],
+                vec![format!("ζ turned {turned:.0}°{of}")],
+                0.004 * self.figure.reach,
+            );
             self.log(tick, &*words, &arc);
             if first_picture {
                 self.log(tick, &*entry, &dashes);
@@ -183,12 +302,17 @@ impl Recording {
                 swept.freed = Some(hand.R);
                 self.log(tick, &*entry, &old(FREE, "old ζ: free again".to_owned()));
             } else if let Some(R_0) = swept.freed {
-                let (axis, angle) = glam::Quat::from_mat3(&(hand.R * R_0.transpose())).to_axis_angle();
+                let (axis, angle) =
+                    glam::Quat::from_mat3(&(hand.R * R_0.transpose())).to_axis_angle();
                 let about_deg = (angle * axis.dot(first)).to_degrees().abs();
                 if about_deg > swept.told_deg + TELL_STEP_DEG {
                     swept.told_deg = about_deg;
-                    let of =
-                        self.wanted_rotations.get(segment).copied().flatten().map_or(String::new(), |by| format!(" of {:.0}°", by.abs()));
+                    let of = self
+                        .wanted_rotations
+                        .get(segment)
+                        .copied()
+                        .flatten()
+                        .map_or(String::new(), |by| format!(" of {:.0}°", by.abs()));
                     let dashes = old(FREE, format!("free again: {about_deg:.0}°{of}"));
                     self.log(tick, &*entry, &dashes);
                     if is_inside {

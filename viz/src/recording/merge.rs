@@ -26,7 +26,9 @@ pub enum MergeError {
     #[error(transparent)]
     Write(#[from] RecordError),
     /// A part belongs to another recording than the first one.
-    #[error("{path} is a part of another recording than {first}: put the files of one run into one folder")]
+    #[error(
+        "{path} is a part of another recording than {first}: put the files of one run into one folder"
+    )]
     Foreign {
         /// Which.
         path: PathBuf,
@@ -44,9 +46,12 @@ impl Constants {
     fn add(&mut self, chunk: &Chunk) -> bool {
         let mut is_new = false;
         for (name, column) in chunk.components().iter() {
-            let known = self.0.entry((chunk.entity_path().clone(), name.to_string()));
+            let known = self
+                .0
+                .entry((chunk.entity_path().clone(), name.to_string()));
             match known {
-                std::collections::btree_map::Entry::Occupied(known) if *known.get() == column.list_array => {}
+                std::collections::btree_map::Entry::Occupied(known)
+                    if *known.get() == column.list_array => {}
                 std::collections::btree_map::Entry::Occupied(mut known) => {
                     known.insert(column.list_array.clone());
                     is_new = true;
@@ -66,26 +71,46 @@ impl Constants {
 ///
 /// # Errors
 /// [`MergeError`] where a part cannot be read or is of another recording, or the file cannot be written.
-pub fn merge(parts: &[PathBuf], to: &Path, mut news: impl FnMut(ReadNews<'_>)) -> Result<u64, MergeError> {
+pub fn merge(
+    parts: &[PathBuf],
+    to: &Path,
+    mut news: impl FnMut(ReadNews<'_>),
+) -> Result<u64, MergeError> {
     let mut sink: Option<(Sink, StoreId)> = None;
     let mut constants = Constants::default();
     let mut blueprint: Option<(StoreId, Vec<Chunk>)> = None;
     for path in parts {
-        let mut frames = Frames::open(path).map_err(|source| ReadError::Open { path: path.clone(), source })?;
+        let mut frames = Frames::open(path).map_err(|source| ReadError::Open {
+            path: path.clone(),
+            source,
+        })?;
         let (mut any, mut of_this_part) = (false, None::<(StoreId, Vec<Chunk>)>);
         loop {
             let (store, chunk) = match frames.next_stored() {
                 Ok(Some(stored)) => stored,
                 Ok(None) => break,
                 Err(reason) if any => {
-                    news(ReadNews::Damaged(&Damage::new(path, frames.place(), reason)));
+                    news(ReadNews::Damaged(&Damage::new(
+                        path,
+                        frames.place(),
+                        reason,
+                    )));
                     break;
                 }
-                Err(reason) => return Err(ReadError::NotARecording { path: path.clone(), reason }.into()),
+                Err(reason) => {
+                    return Err(ReadError::NotARecording {
+                        path: path.clone(),
+                        reason,
+                    }
+                    .into());
+                }
             };
             any = true;
             if store.kind() == StoreKind::Blueprint {
-                of_this_part.get_or_insert_with(|| (store, Vec::new())).1.push(chunk);
+                of_this_part
+                    .get_or_insert_with(|| (store, Vec::new()))
+                    .1
+                    .push(chunk);
                 continue;
             }
             let (sink, known) = match &mut sink {
@@ -97,7 +122,10 @@ pub fn merge(parts: &[PathBuf], to: &Path, mut news: impl FnMut(ReadNews<'_>)) -
                 }
             };
             if *known != store {
-                return Err(MergeError::Foreign { path: path.clone(), first: parts[0].clone() });
+                return Err(MergeError::Foreign {
+                    path: path.clone(),
+                    first: parts[0].clone(),
+                });
             }
             if !chunk.is_static() && *chunk.entity_path() == EntityPath::from(entity::SIGNALS) {
                 news(ReadNews::Rows(chunk.num_rows() as u64));
@@ -111,11 +139,17 @@ pub fn merge(parts: &[PathBuf], to: &Path, mut news: impl FnMut(ReadNews<'_>)) -
     }
     let Some((mut sink, _)) = sink else {
         let path = parts.first().cloned().unwrap_or_default();
-        return Err(ReadError::NotARecording { path, reason: "it is empty".to_owned() }.into());
+        return Err(ReadError::NotARecording {
+            path,
+            reason: "it is empty".to_owned(),
+        }
+        .into());
     };
     if let Some((store, chunks)) = blueprint {
         sink.announce(&store);
-        chunks.into_iter().for_each(|chunk| sink.chunk(&store, Ok(chunk)));
+        chunks
+            .into_iter()
+            .for_each(|chunk| sink.chunk(&store, Ok(chunk)));
         sink.activate(&store);
     }
     Ok(sink.finish()?)
@@ -139,20 +173,35 @@ pub(crate) fn is_complete(path: &Path) -> std::io::Result<bool> {
 /// # Errors
 /// [`MergeError`] where the part cannot be read or written; it stays as it was then.
 pub fn complete(part: &Path) -> Result<(), MergeError> {
-    let unreadable = |source| ReadError::Open { path: part.to_owned(), source };
+    let unreadable = |source| ReadError::Open {
+        path: part.to_owned(),
+        source,
+    };
     if is_complete(part).map_err(unreadable)? {
         return Ok(());
     }
-    let draft = part.with_file_name(format!(".{}", part.file_name().unwrap_or_default().display()));
+    let draft = part.with_file_name(format!(
+        ".{}",
+        part.file_name().unwrap_or_default().display()
+    ));
     let mut is_damaged = false;
-    let written = merge(std::slice::from_ref(&part.to_owned()), &draft, |news| is_damaged |= matches!(news, ReadNews::Damaged(_)));
+    let written = merge(std::slice::from_ref(&part.to_owned()), &draft, |news| {
+        is_damaged |= matches!(news, ReadNews::Damaged(_))
+    });
     let written = written.map_err(|error| match error {
         MergeError::Write(RecordError::Write { source, .. }) => RecordError::Anew { source }.into(),
         error => error,
     });
     let placed = written.and_then(|_| {
-        let failed = |source| RecordError::Create { path: part.display().to_string(), source };
-        if is_damaged { Ok(()) } else { std::fs::rename(&draft, part).map_err(|source| failed(source).into()) }
+        let failed = |source| RecordError::Create {
+            path: part.display().to_string(),
+            source,
+        };
+        if is_damaged {
+            Ok(())
+        } else {
+            std::fs::rename(&draft, part).map_err(|source| failed(source).into())
+        }
     });
     if is_damaged || placed.is_err() {
         let _ = std::fs::remove_file(&draft);

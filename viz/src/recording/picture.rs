@@ -19,15 +19,26 @@ use crate::{blueprint, entity, scene};
 impl Recording {
     /// Where the arm has been in the present null-space motion.
     pub(super) fn write_ghosts(&mut self, tick: u64, all: bool) {
-        let postures: Vec<[Placement; MAX_DOF]> =
-            self.motion.postures.iter().map(|q| self.arm.link_poses(&SVector::from_column_slice(q)).map(|X| placement(&X))).collect();
+        let postures: Vec<[Placement; MAX_DOF]> = self
+            .motion
+            .postures
+            .iter()
+            .map(|q| {
+                self.arm
+                    .link_poses(&SVector::from_column_slice(q))
+                    .map(|X| placement(&X))
+            })
+            .collect();
         let (now, before) = match postures.split_last() {
             Some((now, before)) => (Some(now), before),
             None => (None, &[][..]),
         };
         for i in 0..self.figure.links.len() {
-            let places: Vec<&Placement> =
-                before.iter().map(|links| &links[i]).filter(|link| now.is_some_and(|now| differs(link, &now[i]))).collect();
+            let places: Vec<&Placement> = before
+                .iter()
+                .map(|links| &links[i])
+                .filter(|link| now.is_some_and(|now| differs(link, &now[i])))
+                .collect();
             let none_before = std::mem::replace(&mut self.ghosts[i], places.len()) == 0;
             // A mesh is large: a link that has no ghosts needs none.
             if places.is_empty() && !self.ghost_drawn[i] {
@@ -41,7 +52,9 @@ impl Recording {
             let poses = match places.is_empty() {
                 true if none_before && !all => continue,
                 // No instances would mean the mesh itself, at the origin: one too small to see instead.
-                true => poses.with_translations([[0.0; 3]]).with_scales([[UNSEEN; 3]]),
+                true => poses
+                    .with_translations([[0.0; 3]])
+                    .with_scales([[UNSEEN; 3]]),
                 false => poses
                     .with_translations(places.iter().map(|link| link.p.to_array()))
                     .with_quaternions(places.iter().map(|link| quaternion(link)))
@@ -49,9 +62,18 @@ impl Recording {
             };
             self.log(tick, entity::ghost(i), &poses);
         }
-        let trail = |i: usize| -> Vec<[f32; 3]> { postures.iter().map(|links| links[i].p.to_array()).collect() };
-        let moved = |strip: &Vec<[f32; 3]>| strip.windows(2).any(|pair| Vec3::from(pair[0]).distance(Vec3::from(pair[1])) > 0.005);
-        let strips: Vec<Vec<[f32; 3]>> = (0..self.figure.links.len()).map(trail).filter(moved).collect();
+        let trail = |i: usize| -> Vec<[f32; 3]> {
+            postures.iter().map(|links| links[i].p.to_array()).collect()
+        };
+        let moved = |strip: &Vec<[f32; 3]>| {
+            strip
+                .windows(2)
+                .any(|pair| Vec3::from(pair[0]).distance(Vec3::from(pair[1])) > 0.005)
+        };
+        let strips: Vec<Vec<[f32; 3]>> = (0..self.figure.links.len())
+            .map(trail)
+            .filter(moved)
+            .collect();
         self.log(
             tick,
             entity::TRAIL,
@@ -63,19 +85,38 @@ impl Recording {
 
     /// How far each joint has turned in the present null-space motion, in the colours that the plots have for them.
     pub(super) fn write_turned(&mut self, tick: u64, links: &[Placement], turned: &[f64]) {
-        let most = turned.iter().fold(0.0f64, |most, angle| most.max(angle.abs()));
-        let joints = self.figure.rings.iter().zip(links).zip(turned).zip(blueprint::JOINTS).enumerate();
+        let most = turned
+            .iter()
+            .fold(0.0f64, |most, angle| most.max(angle.abs()));
+        let joints = self
+            .figure
+            .rings
+            .iter()
+            .zip(links)
+            .zip(turned)
+            .zip(blueprint::JOINTS)
+            .enumerate();
         let arcs = joints.filter_map(|(i, (((ring, X_BL), angle), [r, g, b, _]))| {
             // Those that move most, each with its words: an arc without any is a hook that belongs to nothing.
-            let ring = ring.as_ref().filter(|_| angle.abs() > (0.5 * most).max(0.06))?;
-            Some((scene::turning(ring, X_BL, *angle as f32), [r, g, b, 255], format!("q{} {:+.0}°", i + 1, angle.to_degrees())))
+            let ring = ring
+                .as_ref()
+                .filter(|_| angle.abs() > (0.5 * most).max(0.06))?;
+            Some((
+                scene::turning(ring, X_BL, *angle as f32),
+                [r, g, b, 255],
+                format!("q{} {:+.0}°", i + 1, angle.to_degrees()),
+            ))
         });
         let (mut strips, mut colours, mut words) = (Vec::new(), Vec::new(), Vec::<String>::new());
         // Words of arcs next to each other would lie over each other: they share a place.
         let near = 0.8 * self.mark_size();
-        let place = |strip: &[[f32; 3]]| strip.iter().map(|p| Vec3::from(*p)).sum::<Vec3>() / strip.len().max(1) as f32;
+        let place = |strip: &[[f32; 3]]| {
+            strip.iter().map(|p| Vec3::from(*p)).sum::<Vec3>() / strip.len().max(1) as f32
+        };
         for (strip, colour, word) in arcs {
-            let beside = |(other, words): (&Vec<[f32; 3]>, &String)| !words.is_empty() && place(other).distance(place(&strip)) < near;
+            let beside = |(other, words): (&Vec<[f32; 3]>, &String)| {
+                !words.is_empty() && place(other).distance(place(&strip)) < near
+            };
             let shared = strips.iter().zip(&words).position(beside);
             words.push(String::new());
             let last = words.len() - 1;
@@ -87,23 +128,56 @@ impl Recording {
             colours.push(colour);
         }
         let radius = 0.004 * self.figure.reach;
-        self.log(tick, entity::TURNED, &lettered(strips, colours, words, radius));
+        self.log(
+            tick,
+            entity::TURNED,
+            &lettered(strips, colours, words, radius),
+        );
     }
 
     pub(super) fn write_picture(&mut self) {
         self.write_pending(true);
-        let Some(picture) = self.picture.take() else { return };
-        self.written.picture = picture.hand.ticks.last().map_or(self.written.picture, |last| last + 1);
+        let Some(picture) = self.picture.take() else {
+            return;
+        };
+        self.written.picture = picture
+            .hand
+            .ticks
+            .last()
+            .map_or(self.written.picture, |last| last + 1);
         let mut tracks: Vec<(String, Track)> = Vec::new();
-        tracks.extend((0..self.figure.links.len()).map(entity::link).zip(picture.links));
-        tracks.extend([(entity::HAND.to_owned(), picture.hand), (entity::TARGET.to_owned(), picture.target)]);
+        tracks.extend(
+            (0..self.figure.links.len())
+                .map(entity::link)
+                .zip(picture.links),
+        );
+        tracks.extend([
+            (entity::HAND.to_owned(), picture.hand),
+            (entity::TARGET.to_owned(), picture.target),
+        ]);
         let [velocity, mobility] = picture.abilities;
-        tracks.extend([(entity::VELOCITY.to_owned(), velocity), (entity::MOBILITY.to_owned(), mobility)]);
-        for ((name, _), MarkTracks { frame, size, label }) in self.subject.singularities.iter().zip(picture.marks) {
-            tracks.extend([(entity::singularity(name), frame), (entity::glyph(name), size), (entity::label(name), label)]);
+        tracks.extend([
+            (entity::VELOCITY.to_owned(), velocity),
+            (entity::MOBILITY.to_owned(), mobility),
+        ]);
+        for ((name, _), MarkTracks { frame, size, label }) in
+            self.subject.singularities.iter().zip(picture.marks)
+        {
+            tracks.extend([
+                (entity::singularity(name), frame),
+                (entity::glyph(name), size),
+                (entity::label(name), label),
+            ]);
         }
         if let Some(rival) = &mut self.rival {
-            tracks.extend(rival.links.iter_mut().map(std::mem::take).enumerate().map(|(i, track)| (entity::rival_link(i), track)));
+            tracks.extend(
+                rival
+                    .links
+                    .iter_mut()
+                    .map(std::mem::take)
+                    .enumerate()
+                    .map(|(i, track)| (entity::rival_link(i), track)),
+            );
         }
         for (path, track) in tracks {
             if !track.ticks.is_empty() {
@@ -112,7 +186,11 @@ impl Recording {
                 self.sink.chunk(&self.store, chunk);
             }
         }
-        if let Some(path) = self.rival.as_mut().map(|rival| std::mem::take(&mut rival.path)) {
+        if let Some(path) = self
+            .rival
+            .as_mut()
+            .map(|rival| std::mem::take(&mut rival.path))
+        {
             self.write_path(entity::RIVAL_PATH, &path, [255, 90, 80, 255], 0.0045);
             if let Some(rival) = &mut self.rival {
                 rival.path.extend(path.last());
@@ -120,22 +198,43 @@ impl Recording {
         }
         if self.subject.stands_still {
             let off = picture.actual.iter().zip(&picture.desired);
-            let off: Vec<_> = off.map(|((tick, p), (_, p_d))| (*tick, *p_d + (*p - *p_d) * entity::MAGNIFIED)).collect();
+            let off: Vec<_> = off
+                .map(|((tick, p), (_, p_d))| (*tick, *p_d + (*p - *p_d) * entity::MAGNIFIED))
+                .collect();
             self.write_path(entity::PATH_MAGNIFIED, &off, [255, 176, 46, 255], 0.006);
         }
-        self.write_path(entity::PATH_ACTUAL, &picture.actual, [240, 240, 245, 255], 0.0035);
-        self.write_path(entity::PATH_DESIRED, &picture.desired, [110, 235, 150, 255], 0.006);
+        self.write_path(
+            entity::PATH_ACTUAL,
+            &picture.actual,
+            [240, 240, 245, 255],
+            0.0035,
+        );
+        self.write_path(
+            entity::PATH_DESIRED,
+            &picture.desired,
+            [110, 235, 150, 255],
+            0.006,
+        );
     }
 
     /// A path in pieces of a tenth of a second, each a row, so that it grows with the cursor.
-    pub(super) fn write_path(&mut self, path: &str, points: &[(u64, Vec3)], [r, g, b, a]: Rgba, radius: f32) {
+    pub(super) fn write_path(
+        &mut self,
+        path: &str,
+        points: &[(u64, Vec3)],
+        [r, g, b, a]: Rgba,
+        radius: f32,
+    ) {
         const PIECE: usize = 5;
         let mut chunk = Chunk::builder(path);
         let mut any = false;
         let mut from = 0;
         while from + 1 < points.len() {
             let to = (from + PIECE).min(points.len() - 1);
-            let piece: Vec<[f32; 3]> = points[from..=to].iter().map(|(_, p)| p.to_array()).collect();
+            let piece: Vec<[f32; 3]> = points[from..=to]
+                .iter()
+                .map(|(_, p)| p.to_array())
+                .collect();
             if Vec3::from(piece[0]).distance(points[to].1) > 1e-4 {
                 let strip = LineStrips3D::new([piece])
                     .with_colors([Color::from_unmultiplied_rgba(r, g, b, a)])

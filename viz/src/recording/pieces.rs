@@ -22,12 +22,17 @@ pub(super) fn application(robot: &Robot) -> ApplicationId {
 /// A component of ours.
 pub(super) fn custom(name: &'static str, archetype: Option<&'static str>) -> ComponentDescriptor {
     let descriptor = ComponentDescriptor::partial(name);
-    archetype.map_or(descriptor.clone(), |archetype| descriptor.with_archetype(archetype.into()))
+    archetype.map_or(descriptor.clone(), |archetype| {
+        descriptor.with_archetype(archetype.into())
+    })
 }
 
 pub(super) fn pose(p: &[f64; 3], R: &[f64; 9]) -> Placement {
     let R = R.map(|x| x as f32);
-    Placement { R: glam::Mat3::from_cols_array(&R), p: Vec3::new(p[0] as f32, p[1] as f32, p[2] as f32) }
+    Placement {
+        R: glam::Mat3::from_cols_array(&R),
+        p: Vec3::new(p[0] as f32, p[1] as f32, p[2] as f32),
+    }
 }
 
 pub(super) fn quaternion(at: &Placement) -> Quaternion {
@@ -36,7 +41,10 @@ pub(super) fn quaternion(at: &Placement) -> Quaternion {
 
 pub(super) fn mesh3d(mesh: &Mesh, tint: Option<Rgba>) -> Mesh3D {
     let colours = arrays::colours(&mesh.colours, Mesh3D::descriptor_vertex_colors());
-    let made = Mesh3D { vertex_colors: Some(colours), ..shape3d(mesh) };
+    let made = Mesh3D {
+        vertex_colors: Some(colours),
+        ..shape3d(mesh)
+    };
     match tint {
         Some(tint) => made.with_albedo_factor(albedo(tint)),
         None => made,
@@ -46,26 +54,57 @@ pub(super) fn mesh3d(mesh: &Mesh, tint: Option<Rgba>) -> Mesh3D {
 /// A mesh without its colours.
 fn shape3d(mesh: &Mesh) -> Mesh3D {
     Mesh3D {
-        vertex_positions: Some(arrays::numbers(mesh.positions.clone(), Mesh3D::descriptor_vertex_positions())),
-        vertex_normals: Some(arrays::numbers(mesh.normals.clone(), Mesh3D::descriptor_vertex_normals())),
-        triangle_indices: Some(arrays::corners(mesh.triangles.clone(), Mesh3D::descriptor_triangle_indices())),
+        vertex_positions: Some(arrays::numbers(
+            mesh.positions.clone(),
+            Mesh3D::descriptor_vertex_positions(),
+        )),
+        vertex_normals: Some(arrays::numbers(
+            mesh.normals.clone(),
+            Mesh3D::descriptor_vertex_normals(),
+        )),
+        triangle_indices: Some(arrays::corners(
+            mesh.triangles.clone(),
+            Mesh3D::descriptor_triangle_indices(),
+        )),
         ..Mesh3D::update_fields()
     }
 }
 
 /// Lines of one width, some with words at their middle. Words have the colour of their line, which the viewer's light theme hides, so each
 /// belongs to a line of its own, too short to be seen.
-pub(super) fn lettered(mut strips: Vec<Vec<[f32; 3]>>, mut colours: Vec<Rgba>, words: Vec<String>, radius: f32) -> LineStrips3D {
-    let (mut radii, mut labels) = (vec![radius; strips.len()], vec![String::new(); strips.len()]);
-    for (i, word) in words.into_iter().enumerate().filter(|(_, word)| !word.is_empty()) {
-        let middle = strips[i].iter().map(|p| Vec3::from(*p)).sum::<Vec3>() / strips[i].len().max(1) as f32;
-        strips.push(vec![middle.to_array(), (middle + Vec3::splat(1e-4)).to_array()]);
+pub(super) fn lettered(
+    mut strips: Vec<Vec<[f32; 3]>>,
+    mut colours: Vec<Rgba>,
+    words: Vec<String>,
+    radius: f32,
+) -> LineStrips3D {
+    let (mut radii, mut labels) = (
+        vec![radius; strips.len()],
+        vec![String::new(); strips.len()],
+    );
+    for (i, word) in words
+        .into_iter()
+        .enumerate()
+        .filter(|(_, word)| !word.is_empty())
+    {
+        let middle =
+            strips[i].iter().map(|p| Vec3::from(*p)).sum::<Vec3>() / strips[i].len().max(1) as f32;
+        strips.push(vec![
+            middle.to_array(),
+            (middle + Vec3::splat(1e-4)).to_array(),
+        ]);
         colours.push(of_words(colours[i]));
         radii.push(1e-5);
         labels.push(word);
     }
-    let colours = colours.into_iter().map(|[r, g, b, a]| Color::from_unmultiplied_rgba(r, g, b, a));
-    LineStrips3D::new(strips).with_colors(colours).with_radii(radii).with_labels(labels).with_show_labels(true)
+    let colours = colours
+        .into_iter()
+        .map(|[r, g, b, a]| Color::from_unmultiplied_rgba(r, g, b, a));
+    LineStrips3D::new(strips)
+        .with_colors(colours)
+        .with_radii(radii)
+        .with_labels(labels)
+        .with_show_labels(true)
 }
 
 /// A mesh of one colour that lets through what is behind it.
@@ -79,7 +118,9 @@ pub(super) fn tinted(tint: Rgba) -> Mesh3D {
 }
 
 pub(super) fn albedo([r, g, b, a]: Rgba) -> AlbedoFactor {
-    AlbedoFactor(re_sdk_types::datatypes::Rgba32::from_unmultiplied_rgba(r, g, b, a))
+    AlbedoFactor(re_sdk_types::datatypes::Rgba32::from_unmultiplied_rgba(
+        r, g, b, a,
+    ))
 }
 
 /// The room that an arm takes.
@@ -94,7 +135,10 @@ pub(crate) struct Room {
 
 impl Room {
     pub(crate) fn of(places: Vec<Vec3>) -> Self {
-        Self { places, ..Self::default() }
+        Self {
+            places,
+            ..Self::default()
+        }
     }
 
     /// Takes a posture in.
@@ -113,25 +157,58 @@ impl Room {
         // Half of Rerun's field of view; the sphere is roomier than the arm in it.
         let distance = |radius: f32| 0.88 * radius / 27.5f32.to_radians().sin();
         let hand = self.places.last().copied().unwrap_or(Vec3::X);
-        let foot = if planar { Vec3::ZERO } else { Vec3::Z * subject.floor_m.min(0.0) };
+        let foot = if planar {
+            Vec3::ZERO
+        } else {
+            Vec3::Z * subject.floor_m.min(0.0)
+        };
         // Above the mark are its words; seen from above, beside it.
-        let words = if planar && !subject.stands_still { Vec3::X * (2.2 * mark) } else { Vec3::Z * (1.8 * mark) };
-        let around = |hand: Vec3| [hand + Vec3::splat(mark), hand - Vec3::splat(mark), hand + words];
+        let words = if planar && !subject.stands_still {
+            Vec3::X * (2.2 * mark)
+        } else {
+            Vec3::Z * (1.8 * mark)
+        };
+        let around = |hand: Vec3| {
+            [
+                hand + Vec3::splat(mark),
+                hand - Vec3::splat(mark),
+                hand + words,
+            ]
+        };
         let ends = subject.ways.iter().scan(hand, |hand, way| {
             *hand = way.after(*hand);
             Some(*hand)
         });
         let hands = ends.chain([hand]).chain(self.hand.into_iter().flatten());
-        let room: Vec<Vec3> = hands.flat_map(around).chain([foot]).chain(self.links.into_iter().flatten()).collect();
-        let (low, high) = self.places.iter().chain(&room).fold((Vec3::ZERO, Vec3::ZERO), |(low, high), p| (low.min(*p), high.max(*p)));
+        let room: Vec<Vec3> = hands
+            .flat_map(around)
+            .chain([foot])
+            .chain(self.links.into_iter().flatten())
+            .collect();
+        let (low, high) = self
+            .places
+            .iter()
+            .chain(&room)
+            .fold((Vec3::ZERO, Vec3::ZERO), |(low, high), p| {
+                (low.min(*p), high.max(*p))
+            });
         let (look_at, radius) = ((low + high) / 2.0, (high - low).length() / 2.0);
         if planar {
-            return Eye { position: look_at + Vec3::new(0.0, -0.25, 1.0).normalize() * distance(radius), look_at, up: Vec3::Y };
+            return Eye {
+                position: look_at + Vec3::new(0.0, -0.25, 1.0).normalize() * distance(radius),
+                look_at,
+                up: Vec3::Y,
+            };
         }
         let heading = hand.with_z(0.0).normalize_or(Vec3::X);
         let side = Vec3::new(heading.y, -heading.x, 0.0);
-        let position = look_at + (heading * 0.7 + side + Vec3::Z * 0.38).normalize() * distance(radius);
-        Eye { position, look_at, up: Vec3::Z }
+        let position =
+            look_at + (heading * 0.7 + side + Vec3::Z * 0.38).normalize() * distance(radius);
+        Eye {
+            position,
+            look_at,
+            up: Vec3::Z,
+        }
     }
 }
 
@@ -146,11 +223,21 @@ mod tests {
         let planned = room.eye(0.15, &subject, false);
         room.push(room.places.clone().into_iter(), room.places[2]);
         let stayed = room.eye(0.15, &subject, false);
-        assert!(planned.position.distance(stayed.position) < 1e-6, "it stayed where it was");
+        assert!(
+            planned.position.distance(stayed.position) < 1e-6,
+            "it stayed where it was"
+        );
         room.push([Vec3::ZERO, Vec3::Z, Vec3::Y].into_iter(), Vec3::Y);
         let far = room.eye(0.15, &subject, false);
         let distance = |eye: &Eye| eye.position.distance(eye.look_at);
-        assert!(distance(&far) > 1.1 * distance(&planned), "{} m", distance(&far));
-        assert!(far.look_at.y > planned.look_at.y + 0.2, "towards where it went");
+        assert!(
+            distance(&far) > 1.1 * distance(&planned),
+            "{} m",
+            distance(&far)
+        );
+        assert!(
+            far.look_at.y > planned.look_at.y + 0.2,
+            "towards where it went"
+        );
     }
 }

@@ -25,14 +25,24 @@ impl Recording {
                 let pale = ghost3d(&mesh, [255, 80, 70, 140]);
                 self.log_static(entity::rival_link(i), &pale);
             }
-            self.rival = Some(Rival { links: self.figure.links.iter().map(|_| Track::default()).collect(), ..Rival::default() });
+            self.rival = Some(Rival {
+                links: self.figure.links.iter().map(|_| Track::default()).collect(),
+                ..Rival::default()
+            });
         }
         let mut q_all = SVector::zeros();
-        q.iter().take(self.subject.joints).enumerate().for_each(|(i, value)| q_all[i] = *value);
+        q.iter()
+            .take(self.subject.joints)
+            .enumerate()
+            .for_each(|(i, value)| q_all[i] = *value);
         let links = self.arm.link_poses(&q_all).map(|X| placement(&X));
         let hand = vec3(&self.arm.forward_kinematics(&q_all).p);
         let Some(rival) = &mut self.rival else { return };
-        rival.links.iter_mut().zip(&links).for_each(|(track, at)| track.push(tick, at));
+        rival
+            .links
+            .iter_mut()
+            .zip(&links)
+            .for_each(|(track, at)| track.push(tick, at));
         rival.path.push((tick, hand));
         if rival.words != words {
             words.clone_into(&mut rival.words);

@@ -3,7 +3,10 @@
 use glam::Vec3;
 use model::{Model, Robot};
 use re_chunk::external::arrow::buffer::ScalarBuffer;
-use re_chunk::{Chunk, ChunkBuilder, ChunkComponents, ChunkId, EntityPath, RowId, TimeColumn, TimePoint, Timeline};
+use re_chunk::{
+    Chunk, ChunkBuilder, ChunkComponents, ChunkId, EntityPath, RowId, TimeColumn, TimePoint,
+    Timeline,
+};
 use re_log_types::{StoreId, TimeCell};
 use re_sdk_types::{AsComponents, SerializedComponentColumn};
 use shared_types::scenario::{Layout, Scenario};
@@ -54,7 +57,12 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { signal_chunk_s: 0.25, picture_chunk_s: 1.0, picture_hz: 50.0, is_live: false }
+        Self {
+            signal_chunk_s: 0.25,
+            picture_chunk_s: 1.0,
+            picture_hz: 50.0,
+            is_live: false,
+        }
     }
 }
 
@@ -217,7 +225,10 @@ pub(super) struct Lanes {
 impl Recording {
     /// A tick's place on both time lines.
     pub(super) fn at(&self, tick: u64) -> TimePoint {
-        TimePoint::from([("tick", TimeCell::from_sequence(tick as i64)), ("t", TimeCell::from_duration_nanos(self.nanoseconds(tick)))])
+        TimePoint::from([
+            ("tick", TimeCell::from_sequence(tick as i64)),
+            ("t", TimeCell::from_duration_nanos(self.nanoseconds(tick))),
+        ])
     }
 
     pub(super) fn nanoseconds(&self, tick: u64) -> i64 {
@@ -225,13 +236,22 @@ impl Recording {
     }
 
     /// Adds a row that is written with others of its place: a chunk costs more than a thousand bytes, whatever it holds.
-    pub(super) fn log(&mut self, tick: u64, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
+    pub(super) fn log(
+        &mut self,
+        tick: u64,
+        path: impl Into<EntityPath>,
+        archetype: &dyn AsComponents,
+    ) {
         let (path, at) = (path.into(), self.at(tick));
         // A handful, told apart by their hashes: to order them by their paths would cost more than a row.
-        let place = self.pending.iter().position(|(known, _)| *known == path).unwrap_or_else(|| {
-            self.pending.push((path.clone(), None));
-            self.pending.len() - 1
-        });
+        let place = self
+            .pending
+            .iter()
+            .position(|(known, _)| *known == path)
+            .unwrap_or_else(|| {
+                self.pending.push((path.clone(), None));
+                self.pending.len() - 1
+            });
         let (_, waiting) = &mut self.pending[place];
         let rows = waiting.take().unwrap_or_else(|| Chunk::builder(path));
         *waiting = Some(rows.with_archetype(RowId::new(), at, archetype));
@@ -242,7 +262,9 @@ impl Recording {
         let world = EntityPath::from(entity::WORLD);
         for (path, rows) in std::mem::take(&mut self.pending) {
             match rows {
-                Some(rows) if path.starts_with(&world) == is_picture => self.sink.chunk(&self.store, rows.build()),
+                Some(rows) if path.starts_with(&world) == is_picture => {
+                    self.sink.chunk(&self.store, rows.build())
+                }
                 rows => self.pending.push((path, rows)),
             }
         }
@@ -252,7 +274,9 @@ impl Recording {
     }
 
     pub(super) fn log_static(&mut self, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
-        let chunk = Chunk::builder(path).with_archetype(RowId::new(), TimePoint::default(), archetype).build();
+        let chunk = Chunk::builder(path)
+            .with_archetype(RowId::new(), TimePoint::default(), archetype)
+            .build();
         self.sink.chunk(&self.store, chunk);
     }
 
@@ -263,22 +287,47 @@ impl Recording {
         components: impl IntoIterator<Item = SerializedComponentColumn>,
     ) -> re_chunk::ChunkResult<Chunk> {
         let first = RowId::new();
-        let rows: Vec<RowId> = (0..ticks.len()).map(|k| first.incremented_by(k as u64)).collect();
-        let column =
-            |timeline: Timeline, times: Vec<i64>| (*timeline.name(), TimeColumn::new(Some(true), timeline, ScalarBuffer::from(times)));
+        let rows: Vec<RowId> = (0..ticks.len())
+            .map(|k| first.incremented_by(k as u64))
+            .collect();
+        let column = |timeline: Timeline, times: Vec<i64>| {
+            (
+                *timeline.name(),
+                TimeColumn::new(Some(true), timeline, ScalarBuffer::from(times)),
+            )
+        };
         let timelines = [
-            column(Timeline::new_sequence("tick"), ticks.iter().map(|tick| *tick as i64).collect()),
-            column(Timeline::new_duration("t"), ticks.iter().map(|tick| self.nanoseconds(*tick)).collect()),
+            column(
+                Timeline::new_sequence("tick"),
+                ticks.iter().map(|tick| *tick as i64).collect(),
+            ),
+            column(
+                Timeline::new_duration("t"),
+                ticks.iter().map(|tick| self.nanoseconds(*tick)).collect(),
+            ),
         ];
         let components: ChunkComponents = components.into_iter().collect();
-        Chunk::from_native_row_ids(ChunkId::new(), path.into(), Some(true), &rows, timelines.into_iter().collect(), components)
+        Chunk::from_native_row_ids(
+            ChunkId::new(),
+            path.into(),
+            Some(true),
+            &rows,
+            timelines.into_iter().collect(),
+            components,
+        )
     }
 }
 
 impl Title {
     pub(super) fn new(run: &RunInfo) -> Self {
-        let RunInfo { scenario, robot, .. } = *run;
-        let name = if scenario.title.is_empty() { &scenario.name } else { &scenario.title };
+        let RunInfo {
+            scenario, robot, ..
+        } = *run;
+        let name = if scenario.title.is_empty() {
+            &scenario.name
+        } else {
+            &scenario.title
+        };
         let properties = [
             ("scenario", scenario.name.clone()),
             ("robot", robot.name.clone()),
@@ -287,7 +336,10 @@ impl Title {
             ("rate_hz", scenario.rate_hz.to_string()),
             ("armplane", run.version.to_owned()),
         ];
-        Self { name: name.clone(), properties }
+        Self {
+            name: name.clone(),
+            properties,
+        }
     }
 }
 

@@ -31,25 +31,50 @@ impl Recording {
     pub(super) fn write_properties(&mut self) {
         let info = RecordingInfo::new().with_name(self.title.name.as_str());
         // The first part holds the time of its beginning.
-        let info = if self.before.parts == 0 { info.with_start_time(Timestamp::now()) } else { info };
+        let info = if self.before.parts == 0 {
+            info.with_start_time(Timestamp::now())
+        } else {
+            info
+        };
         self.log_static(EntityPath::properties(), &info);
         let columns = self.title.properties.clone().map(|(name, value)| {
-            (custom(name, Some("run")), std::sync::Arc::new(re_chunk::external::arrow::array::StringArray::from(vec![value])) as ArrayRef)
+            (
+                custom(name, Some("run")),
+                std::sync::Arc::new(re_chunk::external::arrow::array::StringArray::from(vec![
+                    value,
+                ])) as ArrayRef,
+            )
         });
-        let chunk = Chunk::builder(EntityPath::properties().join(&"run".into())).with_row(RowId::new(), TimePoint::default(), columns);
+        let chunk = Chunk::builder(EntityPath::properties().join(&"run".into())).with_row(
+            RowId::new(),
+            TimePoint::default(),
+            columns,
+        );
         self.sink.chunk(&self.store, chunk.build());
-        let recorded = Signal::ALL.iter().filter(|signal| signal.width() != Width::Derived);
-        let about: Vec<String> = recorded.map(|signal| format!("`{}`: {}", signal.component(), signal.about().trim())).collect();
-        self.log_static("/signals/about", &TextDocument::from_markdown(about.join("\n\n")));
+        let recorded = Signal::ALL
+            .iter()
+            .filter(|signal| signal.width() != Width::Derived);
+        let about: Vec<String> = recorded
+            .map(|signal| format!("`{}`: {}", signal.component(), signal.about().trim()))
+            .collect();
+        self.log_static(
+            "/signals/about",
+            &TextDocument::from_markdown(about.join("\n\n")),
+        );
         let limits = [
             ("joint:qdot_limit", &self.limits.speed),
             ("joint:torque_limit", &self.limits.torque),
             ("joint:q_centre", &self.limits.centre),
             ("joint:q_half_range", &self.limits.half_range),
         ];
-        let columns =
-            limits.map(|(name, values)| (custom(name, None), std::sync::Arc::new(Float64Array::from(values.clone())) as ArrayRef));
-        let chunk = Chunk::builder(entity::SIGNALS).with_row(RowId::new(), TimePoint::default(), columns);
+        let columns = limits.map(|(name, values)| {
+            (
+                custom(name, None),
+                std::sync::Arc::new(Float64Array::from(values.clone())) as ArrayRef,
+            )
+        });
+        let chunk =
+            Chunk::builder(entity::SIGNALS).with_row(RowId::new(), TimePoint::default(), columns);
         self.sink.chunk(&self.store, chunk.build());
     }
 
@@ -60,23 +85,39 @@ impl Recording {
             self.log_static(entity::link(i), &solid);
         }
         let triad = |length: f32, radius: f32, colours: [u32; 3]| {
-            Arrows3D::from_vectors([[length, 0.0, 0.0], [0.0, length, 0.0], [0.0, 0.0, length]]).with_colors(colours).with_radii([radius])
+            Arrows3D::from_vectors([[length, 0.0, 0.0], [0.0, length, 0.0], [0.0, 0.0, length]])
+                .with_colors(colours)
+                .with_radii([radius])
         };
         let size = 0.11 * self.figure.reach;
-        self.log_static(entity::HAND, &triad(size, 0.03 * size, [0xf05050ff, 0x60d060ff, 0x5090ffff]));
-        self.log_static(entity::TARGET, &triad(1.35 * size, 0.018 * size, [0x90f0b0ff; 3]));
+        self.log_static(
+            entity::HAND,
+            &triad(size, 0.03 * size, [0xf05050ff, 0x60d060ff, 0x5090ffff]),
+        );
+        self.log_static(
+            entity::TARGET,
+            &triad(1.35 * size, 0.018 * size, [0x90f0b0ff; 3]),
+        );
         let mut ball = Mesh::default();
         ball.add_sphere(Placement::IDENTITY, 1.0, [255; 4]);
         self.log_static(entity::VELOCITY, &mesh3d(&ball, Some([90, 170, 255, 60])));
         let circle = |x: Vec3, y: Vec3| -> Vec<[f32; 3]> {
             (0..=48)
                 .map(|k| {
-                    (x * (std::f32::consts::TAU * k as f32 / 48.0).cos() + y * (std::f32::consts::TAU * k as f32 / 48.0).sin()).to_array()
+                    (x * (std::f32::consts::TAU * k as f32 / 48.0).cos()
+                        + y * (std::f32::consts::TAU * k as f32 / 48.0).sin())
+                    .to_array()
                 })
                 .collect()
         };
-        let net = LineStrips3D::new([circle(Vec3::X, Vec3::Y), circle(Vec3::Y, Vec3::Z), circle(Vec3::Z, Vec3::X)]);
-        let net = net.with_colors([Color::from_unmultiplied_rgba(150, 235, 225, 255)]).with_radii([Radius::new_ui_points(1.0)]);
+        let net = LineStrips3D::new([
+            circle(Vec3::X, Vec3::Y),
+            circle(Vec3::Y, Vec3::Z),
+            circle(Vec3::Z, Vec3::X),
+        ]);
+        let net = net
+            .with_colors([Color::from_unmultiplied_rgba(150, 235, 225, 255)])
+            .with_radii([Radius::new_ui_points(1.0)]);
         self.log_static(entity::MOBILITY, &net);
         self.style_lanes();
     }
@@ -87,10 +128,20 @@ impl Recording {
         if self.subject.singularities.is_empty() {
             self.meet(row);
         }
-        let names: Vec<String> = self.subject.singularities.iter().map(|(name, _)| name.clone()).collect();
-        let column: ArrayRef = std::sync::Arc::new(re_chunk::external::arrow::array::StringArray::from(names));
+        let names: Vec<String> = self
+            .subject
+            .singularities
+            .iter()
+            .map(|(name, _)| name.clone())
+            .collect();
+        let column: ArrayRef =
+            std::sync::Arc::new(re_chunk::external::arrow::array::StringArray::from(names));
         let components = [(custom(entity::SINGULARITY_NAMES, None), column)];
-        let chunk = Chunk::builder(entity::SIGNALS).with_row(RowId::new(), TimePoint::default(), components);
+        let chunk = Chunk::builder(entity::SIGNALS).with_row(
+            RowId::new(),
+            TimePoint::default(),
+            components,
+        );
         self.sink.chunk(&self.store, chunk.build());
         self.style_modes();
         let store = self.blueprint();
@@ -100,28 +151,58 @@ impl Recording {
     pub(super) fn meet(&mut self, row: &TickRow) {
         for (i, one) in row.singularities().iter().enumerate() {
             let name = shared_types::codes::singularity_name(one.kind, i);
-            self.subject.singularities.push((name, narration::colour_of(one.kind, i)));
+            self.subject
+                .singularities
+                .push((name, narration::colour_of(one.kind, i)));
             let outer = one.eta_out / one.eta_in.max(1e-9);
             if !self.subject.outer.contains(&outer) {
                 self.subject.outer.push(outer);
             }
         }
-        let places = row.q().map(|q| self.arm.link_poses(&SVector::from_column_slice(q)).map(|X| vec3(&X.p)));
-        self.room = Room::of(places.map_or(vec![Vec3::X], |places| places[..self.subject.joints].to_vec()));
+        let places = row.q().map(|q| {
+            self.arm
+                .link_poses(&SVector::from_column_slice(q))
+                .map(|X| vec3(&X.p))
+        });
+        self.room = Room::of(places.map_or(vec![Vec3::X], |places| {
+            places[..self.subject.joints].to_vec()
+        }));
         self.subject.eye = self.room.eye(self.mark_size(), &self.subject, self.planar);
-        let near = row.singularities().iter().zip(row.singularity.map(|report| report.p_BC));
-        let near = near.min_by(|(a, _), (b, _)| (a.s.abs() / a.eta_in).total_cmp(&(b.s.abs() / b.eta_in)));
+        let near = row
+            .singularities()
+            .iter()
+            .zip(row.singularity.map(|report| report.p_BC));
+        let near =
+            near.min_by(|(a, _), (b, _)| (a.s.abs() / a.eta_in).total_cmp(&(b.s.abs() / b.eta_in)));
         let main = self.subject.eye;
         if self.subject.stands_still {
             // From where the arm is seen, onto the hand.
-            let hand = row.q().map_or(Vec3::X, |q| vec3(&self.arm.forward_kinematics(&SVector::from_column_slice(q)).p));
-            let away = (main.position - main.look_at).normalize_or(Vec3::Z) * (3.4 * self.mark_size());
-            self.subject.close_up = Eye { position: hand + away, look_at: hand, up: main.up };
+            let hand = row.q().map_or(Vec3::X, |q| {
+                vec3(
+                    &self
+                        .arm
+                        .forward_kinematics(&SVector::from_column_slice(q))
+                        .p,
+                )
+            });
+            let away =
+                (main.position - main.look_at).normalize_or(Vec3::Z) * (3.4 * self.mark_size());
+            self.subject.close_up = Eye {
+                position: hand + away,
+                look_at: hand,
+                up: main.up,
+            };
             return;
         }
         self.subject.close_up = near.map_or(main, |(one, p_BC)| {
             let mark = Mark::new(one, p_BC);
-            close_up(mark.X_BS.p, [mark.zeta(); 2], Vec3::ZERO, self.mark_size(), &main)
+            close_up(
+                mark.X_BS.p,
+                [mark.zeta(); 2],
+                Vec3::ZERO,
+                self.mark_size(),
+                &main,
+            )
         });
     }
 
@@ -131,24 +212,47 @@ impl Recording {
             return;
         }
         let unit = self.mark_size();
-        let whole = Ending { loop_ns: (0, self.nanoseconds(last)), close_up: self.subject.close_up, main: None };
+        let whole = Ending {
+            loop_ns: (0, self.nanoseconds(last)),
+            close_up: self.subject.close_up,
+            main: None,
+        };
         // A way that no plan told: an eye that sees all of it.
         let main = self.room.eye(unit, &self.subject, self.planar);
-        let is_elsewhere = main.position.distance(self.subject.eye.position) > 0.05 * main.position.distance(main.look_at);
+        let is_elsewhere = main.position.distance(self.subject.eye.position)
+            > 0.05 * main.position.distance(main.look_at);
         let ending = match self.layout {
-            Layout::Control if !self.subject.stands_still => self.stretches.ending(|tick| self.nanoseconds(tick), last, unit, &main),
+            Layout::Control if !self.subject.stands_still => {
+                self.stretches
+                    .ending(|tick| self.nanoseconds(tick), last, unit, &main)
+            }
             _ => None,
         };
-        let ending = Ending { main: is_elsewhere.then_some(main), ..ending.unwrap_or(whole) };
+        let ending = Ending {
+            main: is_elsewhere.then_some(main),
+            ..ending.unwrap_or(whole)
+        };
         let store = self.blueprint();
         // Unplanned faults: the same views with a bar for them.
-        let is_changed = !self.fault_states.is_empty() && !std::mem::replace(&mut self.subject.faults, true);
-        blueprint::send_ending(&mut self.sink, &store, &self.subject, self.layout, &ending, is_changed);
+        let is_changed =
+            !self.fault_states.is_empty() && !std::mem::replace(&mut self.subject.faults, true);
+        blueprint::send_ending(
+            &mut self.sink,
+            &store,
+            &self.subject,
+            self.layout,
+            &ending,
+            is_changed,
+        );
     }
 
     /// The blueprint's own store: one per recording, the same in every part.
     pub(super) fn blueprint(&self) -> StoreId {
-        StoreId::new(StoreKind::Blueprint, self.store.application_id().clone(), format!("{}-blueprint", self.store.recording_id()))
+        StoreId::new(
+            StoreKind::Blueprint,
+            self.store.application_id().clone(),
+            format!("{}-blueprint", self.store.recording_id()),
+        )
     }
 
     // Numbers.
@@ -170,17 +274,32 @@ impl Recording {
 
     /// Lines that never move, as often as a plot needs to draw them.
     pub(super) fn write_guides(&mut self, tick: u64) {
-        let column = |values: Vec<f64>| -> ArrayRef { std::sync::Arc::new(Float64Array::from(values)) };
+        let column =
+            |values: Vec<f64>| -> ArrayRef { std::sync::Arc::new(Float64Array::from(values)) };
         let band = |k: usize| -3.1 * k as f64 / entity::BAND_LINES as f64;
         let goal = |i: usize| column(self.subject.goal[i].map(f64::log10).into_iter().collect());
         let columns = [
             (custom("guide:zero", None), column(vec![0.0])),
-            (custom("guide:band", None), column((0..entity::BAND_LINES).map(band).collect())),
-            (custom("guide:edge", None), column(self.subject.outer.iter().map(|ratio| ratio.log10()).collect())),
+            (
+                custom("guide:band", None),
+                column((0..entity::BAND_LINES).map(band).collect()),
+            ),
+            (
+                custom("guide:edge", None),
+                column(
+                    self.subject
+                        .outer
+                        .iter()
+                        .map(|ratio| ratio.log10())
+                        .collect(),
+                ),
+            ),
             (custom("guide:goal_position", None), goal(0)),
             (custom("guide:goal_orientation", None), goal(1)),
         ];
-        let chunk = Chunk::builder(entity::GUIDES).with_row(RowId::new(), self.at(tick), columns).build();
+        let chunk = Chunk::builder(entity::GUIDES)
+            .with_row(RowId::new(), self.at(tick), columns)
+            .build();
         self.sink.chunk(&self.store, chunk);
     }
 
@@ -188,14 +307,25 @@ impl Recording {
 
     pub(super) fn see(&mut self, row: &TickRow) {
         let Some(q) = row.q() else { return };
-        let links = self.arm.link_poses(&SVector::from_column_slice(q)).map(|X| placement(&X));
-        let desired = row.control_state.map(|command| pose(&command.p_BE_d, &command.R_BE_d));
+        let links = self
+            .arm
+            .link_poses(&SVector::from_column_slice(q))
+            .map(|X| placement(&X));
+        let desired = row
+            .control_state
+            .map(|command| pose(&command.p_BE_d, &command.R_BE_d));
         let hand = row
             .plant_state
             .map(|state| pose(&state.p_BE, &state.R_BE))
-            .unwrap_or_else(|| placement(&self.arm.forward_kinematics(&SVector::from_column_slice(q))));
-        let marks: Vec<Mark> =
-            row.singularity.map_or(Vec::new(), |report| row.singularities().iter().map(|one| Mark::new(one, report.p_BC)).collect());
+            .unwrap_or_else(|| {
+                placement(&self.arm.forward_kinematics(&SVector::from_column_slice(q)))
+            });
+        let marks: Vec<Mark> = row.singularity.map_or(Vec::new(), |report| {
+            row.singularities()
+                .iter()
+                .map(|one| Mark::new(one, report.p_BC))
+                .collect()
+        });
         self.write_marks(row, q, &marks, &hand);
         self.write_target(row, &hand, desired.as_ref());
         if self.motion.update(row) {
@@ -205,29 +335,76 @@ impl Recording {
             self.write_turned(row.tick, &links, &turned);
         }
         let unit = self.mark_size();
-        self.room.push(links[..self.subject.joints].iter().map(|X_BL| X_BL.p), hand.p);
-        self.stretches.push(row.tick, row.singularities(), &marks, &hand);
-        self.picture.push(row.tick, &links, [Some(&hand), desired.as_ref()], &marks, unit, &self.sides);
+        self.room.push(
+            links[..self.subject.joints].iter().map(|X_BL| X_BL.p),
+            hand.p,
+        );
+        self.stretches
+            .push(row.tick, row.singularities(), &marks, &hand);
+        self.picture.push(
+            row.tick,
+            &links,
+            [Some(&hand), desired.as_ref()],
+            &marks,
+            unit,
+            &self.sides,
+        );
         if let Some(report) = row.singularity {
             self.see_manipulability(row.tick, q, report.p_BC, row.singularities(), &marks);
         }
     }
 
     /// The hand's mobility, at C, in the half of the twist that the nearest singularity is of.
-    pub(super) fn see_manipulability(&mut self, tick: u64, q: &[f64], p_BC: [f64; 3], singularities: &[SingularityState], marks: &[Mark]) {
-        let near = singularities.iter().zip(marks).filter(|(_, mark)| mark.look.presence != Presence::Hidden);
-        let nearest = near.map(|(one, _)| one).min_by(|a, b| (a.s.abs() / a.eta_out).total_cmp(&(b.s.abs() / b.eta_out)));
-        let half = if nearest.is_some_and(|one| one.angular == 1) { Half::Angular } else { Half::Linear };
+    pub(super) fn see_manipulability(
+        &mut self,
+        tick: u64,
+        q: &[f64],
+        p_BC: [f64; 3],
+        singularities: &[SingularityState],
+        marks: &[Mark],
+    ) {
+        let near = singularities
+            .iter()
+            .zip(marks)
+            .filter(|(_, mark)| mark.look.presence != Presence::Hidden);
+        let nearest = near
+            .map(|(one, _)| one)
+            .min_by(|a, b| (a.s.abs() / a.eta_out).total_cmp(&(b.s.abs() / b.eta_out)));
+        let half = if nearest.is_some_and(|one| one.angular == 1) {
+            Half::Angular
+        } else {
+            Half::Linear
+        };
         let (q, p_BC) = (SVector::from_column_slice(q), nalgebra::Vector3::from(p_BC));
-        let J = at_point(self.arm.jacobian(&q), &(p_BC - self.arm.forward_kinematics(&q).p));
+        let J = at_point(
+            self.arm.jacobian(&q),
+            &(p_BC - self.arm.forward_kinematics(&q).p),
+        );
         let unit = 0.62 * self.mark_size();
-        let (velocity, mobility) =
-            (Ellipsoid::velocity(&J, self.arm.velocity(), half), Ellipsoid::mobility(&J, &self.arm.mass_matrix(&q), half));
-        for (track, shape) in self.picture.abilities.iter_mut().zip([Some(velocity), mobility]) {
-            let Some(Ellipsoid { axes, half_axes }) = shape else { continue };
-            track.push(tick, &Placement { R: axes, p: vec3(&p_BC) });
+        let (velocity, mobility) = (
+            Ellipsoid::velocity(&J, self.arm.velocity(), half),
+            Ellipsoid::mobility(&J, &self.arm.mass_matrix(&q), half),
+        );
+        for (track, shape) in self
+            .picture
+            .abilities
+            .iter_mut()
+            .zip([Some(velocity), mobility])
+        {
+            let Some(Ellipsoid { axes, half_axes }) = shape else {
+                continue;
+            };
+            track.push(
+                tick,
+                &Placement {
+                    R: axes,
+                    p: vec3(&p_BC),
+                },
+            );
             // Flat, but not so flat that it has no sides.
-            track.sizes.push((half_axes.max(Vec3::splat(0.012)) * unit).to_array());
+            track
+                .sizes
+                .push((half_axes.max(Vec3::splat(0.012)) * unit).to_array());
         }
     }
 }

@@ -18,11 +18,21 @@ pub(super) struct Camera {
 
 impl Camera {
     /// Looks as the eye does, and shows `points` in a drawing of a width; units. The second number is the drawing's height.
-    pub(super) fn framing(eye: &Eye, points: impl Iterator<Item = Vec3> + Clone, width: f32) -> (Self, f32) {
+    pub(super) fn framing(
+        eye: &Eye,
+        points: impl Iterator<Item = Vec3> + Clone,
+        width: f32,
+    ) -> (Self, f32) {
         let forward = (eye.look_at - eye.position).normalize_or(Vec3::Y);
         let right = forward.cross(eye.up).normalize_or(Vec3::X);
         let down = forward.cross(right);
-        let mut camera = Self { right, down, forward, scale: 1.0, origin: Vec2::ZERO };
+        let mut camera = Self {
+            right,
+            down,
+            forward,
+            scale: 1.0,
+            origin: Vec2::ZERO,
+        };
         let (mut low, mut high) = (Vec2::splat(f32::INFINITY), Vec2::splat(f32::NEG_INFINITY));
         for point in points.filter(|point| point.is_finite()) {
             let at = camera.place(point);
@@ -57,16 +67,27 @@ mod tests {
 
     #[test]
     fn up_is_up_and_everything_is_in_the_frame() {
-        let eye = Eye { position: Vec3::new(0.0, -3.0, 0.0), look_at: Vec3::ZERO, up: Vec3::Z };
+        let eye = Eye {
+            position: Vec3::new(0.0, -3.0, 0.0),
+            look_at: Vec3::ZERO,
+            up: Vec3::Z,
+        };
         let points = [Vec3::ZERO, Vec3::X, Vec3::new(0.2, 0.4, 2.0)];
         let (camera, height) = Camera::framing(&eye, points.iter().copied(), 600.0);
         let [origin, right, above] = points.map(|point| camera.place(point));
-        assert!(right.x > origin.x && above.y < origin.y, "{origin} {right} {above}");
+        assert!(
+            right.x > origin.x && above.y < origin.y,
+            "{origin} {right} {above}"
+        );
         assert!(
             points
                 .iter()
-                .all(|point| camera.place(*point).cmpge(Vec2::ZERO).all() && camera.place(*point).cmple(Vec2::new(600.0, height)).all())
+                .all(|point| camera.place(*point).cmpge(Vec2::ZERO).all()
+                    && camera.place(*point).cmple(Vec2::new(600.0, height)).all())
         );
-        assert!(camera.depth(Vec3::Y) > camera.depth(-Vec3::Y), "the eye is at −y");
+        assert!(
+            camera.depth(Vec3::Y) > camera.depth(-Vec3::Y),
+            "the eye is at −y"
+        );
     }
 }

@@ -22,20 +22,34 @@ impl Html {
 
     pub(super) fn facts(&mut self, facts: &[(&str, String)]) {
         self.add(format_args!("<dl>"));
-        facts.iter().for_each(|(name, value)| self.add(format_args!("<dt>{name}</dt><dd>{}</dd>", escaped(value))));
+        facts.iter().for_each(|(name, value)| {
+            self.add(format_args!("<dt>{name}</dt><dd>{}</dd>", escaped(value)))
+        });
         self.add(format_args!("</dl>"));
     }
 
     /// A table; columns of numbers are right-aligned.
     pub(super) fn table(&mut self, headings: &[&str], rows: &[Vec<String>]) {
-        let numeric =
-            |column: usize| column > 0 && rows.iter().all(|row| row[column].starts_with(|c: char| c.is_ascii_digit() || c == '-'));
-        let class: Vec<&str> = (0..headings.len()).map(|column| if numeric(column) { " class=\"n\"" } else { "" }).collect();
+        let numeric = |column: usize| {
+            column > 0
+                && rows
+                    .iter()
+                    .all(|row| row[column].starts_with(|c: char| c.is_ascii_digit() || c == '-'))
+        };
+        let class: Vec<&str> = (0..headings.len())
+            .map(|column| if numeric(column) { " class=\"n\"" } else { "" })
+            .collect();
         self.add(format_args!("<div class=\"wide\"><table><tr>"));
-        headings.iter().zip(&class).for_each(|(heading, class)| self.add(format_args!("<th{class}>{}</th>", escaped(heading))));
+        headings.iter().zip(&class).for_each(|(heading, class)| {
+            self.add(format_args!("<th{class}>{}</th>", escaped(heading)))
+        });
         self.add(format_args!("</tr>"));
         for row in rows {
-            let cells: String = row.iter().zip(&class).map(|(cell, class)| format!("<td{class}>{}</td>", escaped(cell))).collect();
+            let cells: String = row
+                .iter()
+                .zip(&class)
+                .map(|(cell, class)| format!("<td{class}>{}</td>", escaped(cell)))
+                .collect();
             self.add(format_args!("<tr>{cells}</tr>"));
         }
         self.add(format_args!("</table></div>"));
@@ -51,8 +65,16 @@ impl Html {
     }
 
     /// Panels side by side, or below one another where the page is narrow.
-    pub(super) fn figure(&mut self, path: &Path, panels: impl IntoIterator<Item = Panel>, caption: &str) -> Result<(), PlotError> {
-        let panels: Vec<String> = panels.into_iter().map(|panel| picture(path, panel, [440.0, 210.0])).collect::<Result<_, _>>()?;
+    pub(super) fn figure(
+        &mut self,
+        path: &Path,
+        panels: impl IntoIterator<Item = Panel>,
+        caption: &str,
+    ) -> Result<(), PlotError> {
+        let panels: Vec<String> = panels
+            .into_iter()
+            .map(|panel| picture(path, panel, [440.0, 210.0]))
+            .collect::<Result<_, _>>()?;
         self.add(format_args!(
             "<figure><div class=\"panels\">{}</div><figcaption>{}</figcaption></figure>",
             panels.concat(),
@@ -62,8 +84,16 @@ impl Html {
     }
 
     /// One panel as wide as the page, drawn anew for a narrow one.
-    pub(super) fn broad_figure(&mut self, path: &Path, panel: Panel, caption: &str) -> Result<(), PlotError> {
-        let (broad, slim) = (picture(path, panel.clone(), [900.0, 250.0])?, picture(path, panel, [440.0, 230.0])?);
+    pub(super) fn broad_figure(
+        &mut self,
+        path: &Path,
+        panel: Panel,
+        caption: &str,
+    ) -> Result<(), PlotError> {
+        let (broad, slim) = (
+            picture(path, panel.clone(), [900.0, 250.0])?,
+            picture(path, panel, [440.0, 230.0])?,
+        );
         self.add(format_args!(
             "<figure><div class=\"broad\">{broad}</div><div class=\"slim\">{slim}</div><figcaption>{}</figcaption></figure>",
             escaped(caption)
@@ -74,14 +104,26 @@ impl Html {
 
 /// A panel as an SVG element of a width and height; points. A line in it, not seen at first, shows the time chosen on the page.
 fn picture(path: &Path, panel: Panel, [width, height]: [f64; 2]) -> Result<String, PlotError> {
-    let page = Page { rows: vec![Row::of(height, [panel])], width, ..Page::default() };
+    let page = Page {
+        rows: vec![Row::of(height, [panel])],
+        width,
+        ..Page::default()
+    };
     let svg = page.svg(path)?;
     let svg = svg.trim_start_matches(|c| c != '<').trim_end();
-    let (Some([x, y]), Some(open)) = (page.frame(), svg.strip_suffix("</svg>")) else { return Ok(svg.to_owned()) };
+    let (Some([x, y]), Some(open)) = (page.frame(), svg.strip_suffix("</svg>")) else {
+        return Ok(svg.to_owned());
+    };
     let open = open.replacen("<svg", &format!("<svg data-x=\"{} {}\"", x.start, x.end), 1);
-    Ok(format!("{open}<path class=\"cursor\" d=\"M0 {}V{}\" transform=\"translate({} 0)\"/></svg>", y.start, y.end, x.start))
+    Ok(format!(
+        "{open}<path class=\"cursor\" d=\"M0 {}V{}\" transform=\"translate({} 0)\"/></svg>",
+        y.start, y.end, x.start
+    ))
 }
 
 pub(super) fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
 }

@@ -24,13 +24,27 @@ struct Modes(Vec<(u64, u32)>);
 impl Modes {
     fn of(recorded: &Recorded, name: &str) -> Self {
         let lane = format!("mode/{name}");
-        let code = |state: &str| MODES.iter().find(|(_, known)| *known == state).map_or(u32::MAX, |(code, _)| *code);
-        Self(recorded.states.iter().filter(|(_, of, _)| *of == lane).map(|(tick, _, state)| (*tick, code(state))).collect())
+        let code = |state: &str| {
+            MODES
+                .iter()
+                .find(|(_, known)| *known == state)
+                .map_or(u32::MAX, |(code, _)| *code)
+        };
+        Self(
+            recorded
+                .states
+                .iter()
+                .filter(|(_, of, _)| *of == lane)
+                .map(|(tick, _, state)| (*tick, code(state)))
+                .collect(),
+        )
     }
 
     /// The mode at a tick.
     fn at(&self, tick: u64) -> u32 {
-        self.0[..self.0.partition_point(|(known, _)| *known <= tick)].last().map_or(MODE_REGULAR, |(_, mode)| *mode)
+        self.0[..self.0.partition_point(|(known, _)| *known <= tick)]
+            .last()
+            .map_or(MODE_REGULAR, |(_, mode)| *mode)
     }
 }
 
@@ -47,11 +61,25 @@ pub(super) struct Course<'a> {
 
 impl<'a> Course<'a> {
     pub(super) fn new(recorded: &'a Recorded, singularities: &'a [Named], rate_hz: f64) -> Self {
-        let modes = singularities.iter().map(|one| Modes::of(recorded, &one.name)).collect();
+        let modes = singularities
+            .iter()
+            .map(|one| Modes::of(recorded, &one.name))
+            .collect();
         let last = (recorded.end_s * rate_hz).round() as u64;
-        let faults =
-            recorded.states.iter().filter(|(_, lane, _)| lane == "fault").map(|(tick, _, words)| (*tick, words.as_str())).collect();
-        Self { singularities, modes, poses: &recorded.poses, faults, last, rate_hz }
+        let faults = recorded
+            .states
+            .iter()
+            .filter(|(_, lane, _)| lane == "fault")
+            .map(|(tick, _, words)| (*tick, words.as_str()))
+            .collect();
+        Self {
+            singularities,
+            modes,
+            poses: &recorded.poses,
+            faults,
+            last,
+            rate_hz,
+        }
     }
 
     /// The singularities that control treats as such at a tick, each with what it does there; none where the arm is free.
@@ -74,12 +102,20 @@ impl<'a> Course<'a> {
             words.push_str(doing(mode));
             Some((one, words))
         };
-        self.singularities.iter().zip(&self.modes).filter_map(of).collect()
+        self.singularities
+            .iter()
+            .zip(&self.modes)
+            .filter_map(of)
+            .collect()
     }
 
     /// The fault in force at a tick.
     pub(super) fn fault(&self, tick: u64) -> Option<&'a str> {
-        self.faults.iter().rfind(|(known, _)| *known <= tick).map(|(_, words)| *words).filter(|words| *words != NO_FAULT.0)
+        self.faults
+            .iter()
+            .rfind(|(known, _)| *known <= tick)
+            .map(|(_, words)| *words)
+            .filter(|words| *words != NO_FAULT.0)
     }
 
     /// A place of the picture holds for so many ticks.
@@ -100,7 +136,10 @@ impl<'a> Course<'a> {
         let mut stretches: Vec<(u64, u64)> = Vec::new();
         let mut since: Option<u64> = None;
         for tick in ticks {
-            let is_regular = self.modes.iter().all(|modes| modes.at(tick) == MODE_REGULAR);
+            let is_regular = self
+                .modes
+                .iter()
+                .all(|modes| modes.at(tick) == MODE_REGULAR);
             match (since, is_regular) {
                 (None, false) => since = Some(tick),
                 (Some(from), true) => {
@@ -116,27 +155,55 @@ impl<'a> Course<'a> {
 
     /// How far ζ of any singularity turns in a stretch; degrees.
     fn turned(&self, (from, to): (u64, u64)) -> f32 {
-        let of = |one: &Named| self.poses.marks.get(&one.name).map_or(0.0, |mark| swept(mark.inside(from, to)).1);
+        let of = |one: &Named| {
+            self.poses
+                .marks
+                .get(&one.name)
+                .map_or(0.0, |mark| swept(mark.inside(from, to)).1)
+        };
         self.singularities.iter().map(of).fold(0.0, f32::max)
     }
 
     /// Up to five moments, in order; `nearest`: the tick of the least |s|/η, `fault`: that of the first fault.
-    pub(super) fn moments(&self, nearest: impl Fn(u64, u64) -> Option<u64>, fault: Option<u64>) -> Vec<Moment> {
-        let moment = |tick: u64, name: &str| Moment { tick: tick.min(self.last), name: name.to_owned() };
+    pub(super) fn moments(
+        &self,
+        nearest: impl Fn(u64, u64) -> Option<u64>,
+        fault: Option<u64>,
+    ) -> Vec<Moment> {
+        let moment = |tick: u64, name: &str| Moment {
+            tick: tick.min(self.last),
+            name: name.to_owned(),
+        };
         let mut out = vec![moment(self.last, "End")];
         // Those that matter most first: the others go where there is no room.
         out.extend(fault.map(|tick| moment(tick, "Fault")));
-        let longest = self.stretches().into_iter().max_by_key(|(from, to)| ((self.turned((*from, *to)) > 20.0), to - from));
+        let longest = self
+            .stretches()
+            .into_iter()
+            .max_by_key(|(from, to)| ((self.turned((*from, *to)) > 20.0), to - from));
         if let Some((from, to)) = longest {
-            let reorient = |code: u32| MODES.iter().any(|(known, name)| *known == code && *name == "reorient");
+            let reorient = |code: u32| {
+                MODES
+                    .iter()
+                    .any(|(known, name)| *known == code && *name == "reorient")
+            };
             let turning = self.modes.iter().find_map(|modes| {
-                let begin = modes.0.iter().position(|(tick, mode)| (from..=to).contains(tick) && reorient(*mode))?;
-                Some((modes.0[begin].0, modes.0.get(begin + 1).map_or(to, |next| next.0)))
+                let begin = modes
+                    .0
+                    .iter()
+                    .position(|(tick, mode)| (from..=to).contains(tick) && reorient(*mode))?;
+                Some((
+                    modes.0[begin].0,
+                    modes.0.get(begin + 1).map_or(to, |next| next.0),
+                ))
             });
             let entered = self.entered(from, to).unwrap_or(from);
             out.push(moment(entered, "Locked"));
             if let Some((begin, end)) = turning {
-                out.extend([moment((begin + end) / 2, "ζ turning"), moment(end, "ζ turned")]);
+                out.extend([
+                    moment((begin + end) / 2, "ζ turning"),
+                    moment(end, "ζ turned"),
+                ]);
             }
             out.push(moment(self.left(from, to).unwrap_or(to), "Leaving"));
             let before = (0.5 * self.rate_hz) as u64;
@@ -154,15 +221,24 @@ impl<'a> Course<'a> {
         }
         // Where there is room: the other singularities that the arm leaves, and the middle.
         for (one, modes) in self.singularities.iter().zip(&self.modes) {
-            let freed = modes.0.iter().filter(|(tick, mode)| *tick > 0 && *mode == MODE_REGULAR);
-            out.extend(freed.map(|(tick, _)| moment(*tick, &format!("{} free", capital(&one.name)))));
+            let freed = modes
+                .0
+                .iter()
+                .filter(|(tick, mode)| *tick > 0 && *mode == MODE_REGULAR);
+            out.extend(
+                freed.map(|(tick, _)| moment(*tick, &format!("{} free", capital(&one.name)))),
+            );
         }
         out.push(moment(self.last / 2, "Halfway"));
         // Moments too close to be told apart are one picture.
         let apart = (self.last / 50).max(1);
         let mut kept: Vec<Moment> = Vec::new();
         for one in out {
-            if kept.len() < MOST && kept.iter().all(|other| other.tick.abs_diff(one.tick) >= apart) {
+            if kept.len() < MOST
+                && kept
+                    .iter()
+                    .all(|other| other.tick.abs_diff(one.tick) >= apart)
+            {
                 kept.push(one);
             }
         }
@@ -172,17 +248,28 @@ impl<'a> Course<'a> {
 
     /// When the arm is first inside a neighbourhood in a stretch.
     fn entered(&self, from: u64, to: u64) -> Option<u64> {
-        self.poses.marks.values().filter_map(|mark| Some(mark.label.between(from, to).first()?.0)).min()
+        self.poses
+            .marks
+            .values()
+            .filter_map(|mark| Some(mark.label.between(from, to).first()?.0))
+            .min()
     }
 
     /// When it has left the last one.
     fn left(&self, from: u64, to: u64) -> Option<u64> {
-        self.poses.marks.values().filter_map(|mark| Some(mark.label.between(from, to).last()?.0)).max()
+        self.poses
+            .marks
+            .values()
+            .filter_map(|mark| Some(mark.label.between(from, to).last()?.0))
+            .max()
     }
 
     /// Ticks from which on other words hold.
     pub(super) fn turning_points(&self) -> Vec<u64> {
-        let changes = self.changes().map(|(tick, _)| tick).chain(self.faults.iter().map(|(tick, _)| *tick));
+        let changes = self
+            .changes()
+            .map(|(tick, _)| tick)
+            .chain(self.faults.iter().map(|(tick, _)| *tick));
         let mut ticks: Vec<u64> = std::iter::once(0).chain(changes).collect();
         ticks.sort_unstable();
         ticks.dedup();
@@ -195,31 +282,67 @@ mod tests {
     use super::*;
 
     fn recorded(states: &[(u64, &str)], inside: std::ops::Range<u64>) -> Recorded {
-        let mut recorded = Recorded { end_s: 10.0, ..Recorded::default() };
-        recorded.states = states.iter().map(|(tick, state)| (*tick, "mode/wrist".to_owned(), (*state).to_owned())).collect();
+        let mut recorded = Recorded {
+            end_s: 10.0,
+            ..Recorded::default()
+        };
+        recorded.states = states
+            .iter()
+            .map(|(tick, state)| (*tick, "mode/wrist".to_owned(), (*state).to_owned()))
+            .collect();
         for tick in inside.step_by(20) {
             let xyzw = glam::Quat::from_rotation_z(0.0002 * tick as f32).to_array();
-            recorded.poses.place(tick, "/world/singularity/wrist", [0.0; 3], xyzw);
-            recorded.poses.place(tick, "/world/label/wrist", [0.0; 3], [0.0, 0.0, 0.0, 1.0]);
-            recorded.poses.label(tick, "/world/label/wrist", "wrist: cannot turn");
+            recorded
+                .poses
+                .place(tick, "/world/singularity/wrist", [0.0; 3], xyzw);
+            recorded
+                .poses
+                .place(tick, "/world/label/wrist", [0.0; 3], [0.0, 0.0, 0.0, 1.0]);
+            recorded
+                .poses
+                .label(tick, "/world/label/wrist", "wrist: cannot turn");
         }
         recorded
     }
 
     fn names(course: &Course) -> Vec<(u64, String)> {
-        course.moments(|from, to| Some((from + to) / 2), None).into_iter().map(|one| (one.tick, one.name)).collect()
+        course
+            .moments(|from, to| Some((from + to) / 2), None)
+            .into_iter()
+            .map(|one| (one.tick, one.name))
+            .collect()
     }
 
     #[test]
     fn a_turn_of_zeta_is_shown_before_in_the_middle_and_after() {
         let singularities = Named::all(&["wrist".to_owned()]);
-        let states = [(0, "regular"), (2000, "blend"), (3000, "reorient"), (5000, "track"), (7000, "regular")];
+        let states = [
+            (0, "regular"),
+            (2000, "blend"),
+            (3000, "reorient"),
+            (5000, "track"),
+            (7000, "regular"),
+        ];
         let recorded = recorded(&states, 2500..6500);
         let course = Course::new(&recorded, &singularities, 1000.0);
-        let expected = [(2500, "Locked"), (4000, "ζ turning"), (5000, "ζ turned"), (6480, "Leaving"), (10_000, "End")];
-        assert_eq!(names(&course), expected.map(|(tick, name)| (tick, name.to_owned())));
+        let expected = [
+            (2500, "Locked"),
+            (4000, "ζ turning"),
+            (5000, "ζ turned"),
+            (6480, "Leaving"),
+            (10_000, "End"),
+        ];
+        assert_eq!(
+            names(&course),
+            expected.map(|(tick, name)| (tick, name.to_owned()))
+        );
         let (one, words) = &course.at(4000)[0];
-        assert!(one.name == "wrist" && words.contains("cannot turn about ζ") && words.contains("joints turn ζ"), "{words}");
+        assert!(
+            one.name == "wrist"
+                && words.contains("cannot turn about ζ")
+                && words.contains("joints turn ζ"),
+            "{words}"
+        );
         assert!(course.at(8000).is_empty() && course.at(100).is_empty());
     }
 
@@ -228,9 +351,21 @@ mod tests {
         let singularities = Named::all(&["wrist".to_owned()]);
         let recorded = recorded(&[(0, "regular")], 0..0);
         let course = Course::new(&recorded, &singularities, 1000.0);
-        let expected = [(0, "Start"), (5000, "Nearest to a singularity"), (10_000, "End")];
-        assert_eq!(names(&course), expected.map(|(tick, name)| (tick, name.to_owned())));
+        let expected = [
+            (0, "Start"),
+            (5000, "Nearest to a singularity"),
+            (10_000, "End"),
+        ];
+        assert_eq!(
+            names(&course),
+            expected.map(|(tick, name)| (tick, name.to_owned()))
+        );
         let fault = course.moments(|_, _| None, Some(3000));
-        assert!(fault.iter().any(|one| one.tick == 3000 && one.name == "Fault"), "{fault:?}");
+        assert!(
+            fault
+                .iter()
+                .any(|one| one.tick == 3000 && one.name == "Fault"),
+            "{fault:?}"
+        );
     }
 }

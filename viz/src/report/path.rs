@@ -18,7 +18,10 @@ impl Path {
 
     /// A line through points.
     pub(super) fn line(points: impl IntoIterator<Item = Vec2>) -> Self {
-        let whole: Vec<[i32; 2]> = points.into_iter().map(|p| [p.x.round() as i32, p.y.round() as i32]).collect();
+        let whole: Vec<[i32; 2]> = points
+            .into_iter()
+            .map(|p| [p.x.round() as i32, p.y.round() as i32])
+            .collect();
         Self::open(&whole)
     }
 
@@ -37,9 +40,16 @@ impl Path {
                 let _ = write!(text, "M{} {}", point[0], point[1]);
             } else {
                 text.push_str(if i == 1 { "l" } else { "" });
-                for (axis, value) in [point[0] - last[0], point[1] - last[1]].into_iter().enumerate() {
+                for (axis, value) in [point[0] - last[0], point[1] - last[1]]
+                    .into_iter()
+                    .enumerate()
+                {
                     // A minus parts numbers as well as a blank does.
-                    let gap = if value < 0 || (i == 1 && axis == 0) { "" } else { " " };
+                    let gap = if value < 0 || (i == 1 && axis == 0) {
+                        ""
+                    } else {
+                        " "
+                    };
                     let _ = write!(text, "{gap}{value}");
                 }
             }
@@ -69,8 +79,17 @@ mod tests {
 
     #[test]
     fn steps_are_relative_and_as_short_as_can_be() {
-        let path = Path::line([Vec2::new(10.2, 20.0), Vec2::new(7.0, 21.0), Vec2::new(7.0, 11.0)]);
+        let path = Path::line([
+            Vec2::new(10.2, 20.0),
+            Vec2::new(7.0, 21.0),
+            Vec2::new(7.0, 11.0),
+        ]);
         assert_eq!(path.text(), "M10 20l-3 1 0-10");
-        assert_eq!(Path::polygon([Vec2::ZERO, Vec2::X * 5.0]).and(Path::line([Vec2::ONE])).text(), "M0 0l5 0zM1 1");
+        assert_eq!(
+            Path::polygon([Vec2::ZERO, Vec2::X * 5.0])
+                .and(Path::line([Vec2::ONE]))
+                .text(),
+            "M0 0l5 0zM1 1"
+        );
     }
 }

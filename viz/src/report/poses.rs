@@ -20,7 +20,9 @@ impl Track {
 
     /// The last place up to a tick.
     pub(super) fn at(&self, tick: u64) -> Option<&Placement> {
-        self.0[..self.0.partition_point(|(known, _)| *known <= tick)].last().map(|(_, at)| at)
+        self.0[..self.0.partition_point(|(known, _)| *known <= tick)]
+            .last()
+            .map(|(_, at)| at)
     }
 
     /// The same where it is not older than so many ticks.
@@ -31,7 +33,8 @@ impl Track {
 
     /// The rows of a stretch, both ends included.
     pub(super) fn between(&self, from: u64, to: u64) -> &[(u64, Placement)] {
-        let range = self.0.partition_point(|(tick, _)| *tick < from)..self.0.partition_point(|(tick, _)| *tick <= to);
+        let range = self.0.partition_point(|(tick, _)| *tick < from)
+            ..self.0.partition_point(|(tick, _)| *tick <= to);
         self.0.get(range).unwrap_or_default()
     }
 }
@@ -51,8 +54,13 @@ impl MarkTrack {
     /// The frames since the arm entered the neighbourhood it is in at a tick; places hold for so many ticks.
     pub(super) fn since_entry(&self, tick: u64, hold: u64) -> &[(u64, Placement)] {
         let before = self.label.between(0, tick);
-        let begin = before.windows(2).rposition(|pair| pair[1].0 - pair[0].0 > hold).map_or(0, |place| place + 1);
-        before.get(begin).map_or(&[], |(from, _)| self.frame.between(*from, tick))
+        let begin = before
+            .windows(2)
+            .rposition(|pair| pair[1].0 - pair[0].0 > hold)
+            .map_or(0, |place| place + 1);
+        before
+            .get(begin)
+            .map_or(&[], |(from, _)| self.frame.between(*from, tick))
     }
 
     /// The frames of a stretch in which the arm is inside.
@@ -65,7 +73,10 @@ impl MarkTrack {
     }
 
     pub(super) fn is_angular(&self, tick: u64) -> bool {
-        self.angular[..self.angular.partition_point(|(known, _)| *known <= tick)].last().or(self.angular.first()).is_some_and(|one| one.1)
+        self.angular[..self.angular.partition_point(|(known, _)| *known <= tick)]
+            .last()
+            .or(self.angular.first())
+            .is_some_and(|one| one.1)
     }
 }
 
@@ -83,7 +94,10 @@ pub(super) struct Poses {
 impl Poses {
     pub(super) fn place(&mut self, tick: u64, of: &str, p: [f32; 3], xyzw: [f32; 4]) {
         let R = Mat3::from_quat(Quat::from_array(xyzw).normalize());
-        let at = Placement { R, p: Vec3::from_array(p) };
+        let at = Placement {
+            R,
+            p: Vec3::from_array(p),
+        };
         if !(at.p.is_finite() && at.R.is_finite()) {
             return;
         }
@@ -91,15 +105,30 @@ impl Poses {
             entity::HAND => self.hand.push(tick, at),
             entity::TARGET => self.target.push(tick, at),
             of => {
-                if let Some(link) = of.strip_prefix("/world/arm/link").and_then(|number| number.parse::<usize>().ok()) {
+                if let Some(link) = of
+                    .strip_prefix("/world/arm/link")
+                    .and_then(|number| number.parse::<usize>().ok())
+                {
                     if (1..=shared_types::MAX_DOF).contains(&link) {
-                        self.links.resize_with(self.links.len().max(link), Track::default);
+                        self.links
+                            .resize_with(self.links.len().max(link), Track::default);
                         self.links[link - 1].push(tick, at);
                     }
                 } else if let Some(name) = of.strip_prefix("/world/label/") {
-                    self.marks.entry(name.to_owned()).or_default().label.push(tick, at);
-                } else if let Some(name) = of.strip_prefix("/world/singularity/").filter(|name| !name.contains('/')) {
-                    self.marks.entry(name.to_owned()).or_default().frame.push(tick, at);
+                    self.marks
+                        .entry(name.to_owned())
+                        .or_default()
+                        .label
+                        .push(tick, at);
+                } else if let Some(name) = of
+                    .strip_prefix("/world/singularity/")
+                    .filter(|name| !name.contains('/'))
+                {
+                    self.marks
+                        .entry(name.to_owned())
+                        .or_default()
+                        .frame
+                        .push(tick, at);
                 }
             }
         }
@@ -107,13 +136,20 @@ impl Poses {
 
     pub(super) fn label(&mut self, tick: u64, of: &str, text: &str) {
         if let Some(name) = of.strip_prefix("/world/label/") {
-            self.marks.entry(name.to_owned()).or_default().angular.push((tick, text.ends_with("turn")));
+            self.marks
+                .entry(name.to_owned())
+                .or_default()
+                .angular
+                .push((tick, text.ends_with("turn")));
         }
     }
 
     /// The ticks of the pictures.
     pub(super) fn ticks(&self) -> impl Iterator<Item = u64> {
-        self.links.first().into_iter().flat_map(|link| link.0.iter().map(|(tick, _)| *tick))
+        self.links
+            .first()
+            .into_iter()
+            .flat_map(|link| link.0.iter().map(|(tick, _)| *tick))
     }
 }
 
@@ -142,17 +178,26 @@ mod tests {
     use super::*;
 
     fn about_z(degrees: f32) -> Placement {
-        Placement { R: Mat3::from_rotation_z(degrees.to_radians()), p: Vec3::ZERO }
+        Placement {
+            R: Mat3::from_rotation_z(degrees.to_radians()),
+            p: Vec3::ZERO,
+        }
     }
 
     #[test]
     fn zeta_is_a_line_and_turns_by_the_sum_of_its_steps() {
-        let mut frames: Vec<(u64, Placement)> = (0..=30).map(|k| (k, about_z(3.0 * k as f32))).collect();
+        let mut frames: Vec<(u64, Placement)> =
+            (0..=30).map(|k| (k, about_z(3.0 * k as f32))).collect();
         // The same line, the other way round.
         frames[10].1 = about_z(30.0 + 180.0);
         let (directions, turned) = swept(&frames);
         assert!((turned - 90.0).abs() < 0.5, "{turned}");
-        assert!(directions.windows(2).all(|pair| pair[0].dot(pair[1]) > 0.99), "{directions:?}");
+        assert!(
+            directions
+                .windows(2)
+                .all(|pair| pair[0].dot(pair[1]) > 0.99),
+            "{directions:?}"
+        );
         assert!((directions.last().copied().unwrap() - Vec3::Y).length() < 1e-3);
     }
 
@@ -160,7 +205,12 @@ mod tests {
     fn a_place_holds_until_the_next_and_an_old_one_is_not_fresh() {
         let mut poses = Poses::default();
         for tick in [0, 20, 40, 20] {
-            poses.place(tick, "/world/arm/link1", [tick as f32, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]);
+            poses.place(
+                tick,
+                "/world/arm/link1",
+                [tick as f32, 0.0, 0.0],
+                [0.0, 0.0, 0.0, 1.0],
+            );
         }
         poses.place(0, "/world/arm/link99", [0.0; 3], [0.0, 0.0, 0.0, 1.0]);
         assert_eq!(poses.links.len(), 1, "no arm has so many joints");

@@ -15,7 +15,11 @@ use crate::signals::{Signal, Width};
 const POINTS: u64 = 3000;
 /// Ticks without a value that are no gap: values of a lower rate begin anew with each chunk.
 fn patience(signal: Signal) -> f64 {
-    if signal.width() == Width::Slow { 16.5 } else { 2.5 }
+    if signal.width() == Width::Slow {
+        16.5
+    } else {
+        2.5
+    }
 }
 
 /// A recording as far as a page shows it.
@@ -89,7 +93,11 @@ impl Line {
     }
 
     fn flush(&mut self) {
-        let (a, b) = if self.least.0 <= self.largest.0 { (self.least, self.largest) } else { (self.largest, self.least) };
+        let (a, b) = if self.least.0 <= self.largest.0 {
+            (self.least, self.largest)
+        } else {
+            (self.largest, self.least)
+        };
         if self.gathered > 0 && a.1.is_finite() {
             self.points.push(a);
             if a != b {
@@ -97,13 +105,25 @@ impl Line {
             }
         }
         let name = std::mem::take(&mut self.name);
-        let (points, gaps) = (std::mem::take(&mut self.points), std::mem::take(&mut self.gaps));
-        *self = Self { points, gaps, last_s: self.last_s, ..Self::new(name, self.stride, self.patience_s) };
+        let (points, gaps) = (
+            std::mem::take(&mut self.points),
+            std::mem::take(&mut self.gaps),
+        );
+        *self = Self {
+            points,
+            gaps,
+            last_s: self.last_s,
+            ..Self::new(name, self.stride, self.patience_s)
+        };
     }
 }
 
 impl Recorded {
-    pub(super) fn read(parts: &[PathBuf], summary: &Summary, reading: &mut Reading) -> Result<Self, ReadError> {
+    pub(super) fn read(
+        parts: &[PathBuf],
+        summary: &Summary,
+        reading: &mut Reading,
+    ) -> Result<Self, ReadError> {
         let stride = summary.ticks.div_ceil(POINTS).max(1);
         let mut recorded = Self::default();
         let mut rate_hz = f64::from(summary.rate_hz.max(1));
@@ -133,7 +153,9 @@ impl Recorded {
                             values.clear();
                             rows.values(*signal, row, &mut values);
                             let lines = recorded.lines.get_mut(signal.name()).into_iter().flatten();
-                            lines.zip(&values).for_each(|(line, value)| line.push(t_s, *value));
+                            lines
+                                .zip(&values)
+                                .for_each(|(line, value)| line.push(t_s, *value));
                         }
                     }
                 }
@@ -157,18 +179,37 @@ impl Recorded {
         let shade = Color { 3: 0.16, ..RED };
         // A fault of one tick is seen, too.
         let least = 0.004 * self.end_s;
-        self.faults.iter().for_each(|fault| panel.band("fault in force", shade, fault.start..fault.end.max(fault.start + least)));
+        self.faults.iter().for_each(|fault| {
+            panel.band(
+                "fault in force",
+                shade,
+                fault.start..fault.end.max(fault.start + least),
+            )
+        });
         panel
     }
 
     /// A diagram of a signal's lines; `name`: how the legend calls them.
-    pub(super) fn panel(&self, title: &str, signal: Signal, axis: Axis, colours: &[Color], name: impl Fn(&str) -> String) -> Panel {
+    pub(super) fn panel(
+        &self,
+        title: &str,
+        signal: Signal,
+        axis: Axis,
+        colours: &[Color],
+        name: impl Fn(&str) -> String,
+    ) -> Panel {
         let mut panel = self.blank(title, axis);
         self.draw(&mut panel, signal, colours, name);
         panel
     }
 
-    pub(super) fn draw(&self, panel: &mut Panel, signal: Signal, colours: &[Color], name: impl Fn(&str) -> String) {
+    pub(super) fn draw(
+        &self,
+        panel: &mut Panel,
+        signal: Signal,
+        colours: &[Color],
+        name: impl Fn(&str) -> String,
+    ) {
         let lines = || self.lines.get(signal.name()).into_iter().flatten();
         if let Some(line) = lines().max_by_key(|line| line.gaps.len()) {
             self.shade_gaps(panel, line);
@@ -179,25 +220,46 @@ impl Recorded {
     }
 
     /// The same of values changed by `of`, by the place of the line; a legend names them.
-    pub(super) fn draw_scaled(&self, panel: &mut Panel, signal: Signal, colours: &[Color], of: impl Fn(usize, f64) -> f64) {
+    pub(super) fn draw_scaled(
+        &self,
+        panel: &mut Panel,
+        signal: Signal,
+        colours: &[Color],
+        of: impl Fn(usize, f64) -> f64,
+    ) {
         let lines = || self.lines.get(signal.name()).into_iter().flatten();
         if let Some(line) = lines().max_by_key(|line| line.gaps.len()) {
             self.shade_gaps(panel, line);
         }
         for (i, (line, colour)) in lines().zip(colours.iter().cycle()).enumerate() {
-            let points: Vec<(f64, f64)> = line.points.iter().map(|(t_s, value)| (*t_s, of(i, *value))).collect();
+            let points: Vec<(f64, f64)> = line
+                .points
+                .iter()
+                .map(|(t_s, value)| (*t_s, of(i, *value)))
+                .collect();
             panel.line(&line.name, *colour, &points);
         }
     }
 
     fn shade_gaps(&self, panel: &mut Panel, line: &Line) {
-        line.gaps.iter().for_each(|gap| panel.band("nothing recorded", Color { 3: 0.30, ..GREY }, gap.clone()));
+        line.gaps
+            .iter()
+            .for_each(|gap| panel.band("nothing recorded", Color { 3: 0.30, ..GREY }, gap.clone()));
     }
 
     /// Signals over the joints' limits, with their titles; where the limits are infinite, hence all is 0, the signals themselves.
-    pub(super) fn over_limit<const K: usize>(&self, ratios: [Signal; K], values: [Signal; K], unit: &str) -> ([Signal; K], String) {
+    pub(super) fn over_limit<const K: usize>(
+        &self,
+        ratios: [Signal; K],
+        values: [Signal; K],
+        unit: &str,
+    ) -> ([Signal; K], String) {
         let moves = |signal: &Signal| {
-            self.lines.get(signal.name()).into_iter().flatten().any(|line| line.points.iter().any(|(_, value)| *value != 0.0))
+            self.lines
+                .get(signal.name())
+                .into_iter()
+                .flatten()
+                .any(|line| line.points.iter().any(|(_, value)| *value != 0.0))
         };
         match values.iter().any(moves) && !ratios.iter().any(moves) {
             true => (values, format!(", {unit}")),
@@ -210,7 +272,12 @@ impl Recorded {
     }
 
     /// When a lane's state was another than `rest`; s.
-    pub(super) fn stretches(&self, lane: &str, rest: &str, rate_hz: f64) -> Vec<std::ops::Range<f64>> {
+    pub(super) fn stretches(
+        &self,
+        lane: &str,
+        rest: &str,
+        rate_hz: f64,
+    ) -> Vec<std::ops::Range<f64>> {
         let mut stretches = Vec::new();
         let mut since: Option<f64> = None;
         for (tick, _, state) in self.states.iter().filter(|(_, of, _)| of == lane) {
@@ -236,26 +303,55 @@ mod tests {
     #[test]
     fn lines_keep_their_extremes_however_long_they_are() {
         let mut line = Line::new("x".to_owned(), 100, 2.5);
-        (0..1000).for_each(|k| line.push(f64::from(k), if k == 555 { 9.0 } else { f64::from(k % 7) * 0.1 }));
+        (0..1000).for_each(|k| {
+            line.push(
+                f64::from(k),
+                if k == 555 {
+                    9.0
+                } else {
+                    f64::from(k % 7) * 0.1
+                },
+            )
+        });
         line.flush();
-        assert!(line.points.len() <= 20 && line.points.contains(&(555.0, 9.0)), "{:?}", line.points);
+        assert!(
+            line.points.len() <= 20 && line.points.contains(&(555.0, 9.0)),
+            "{:?}",
+            line.points
+        );
         assert!(line.points.windows(2).all(|pair| pair[0].0 < pair[1].0));
         let mut whole = Line::new("x".to_owned(), 1, 2.5);
         (0..5).for_each(|k| whole.push(f64::from(k), 1.0));
         assert_eq!(whole.points.len(), 5);
         whole.push(9.0, 1.0);
-        assert!(whole.points[5].1.is_nan() && whole.points[6] == (9.0, 1.0), "a gap is not drawn across: {:?}", whole.points);
+        assert!(
+            whole.points[5].1.is_nan() && whole.points[6] == (9.0, 1.0),
+            "a gap is not drawn across: {:?}",
+            whole.points
+        );
     }
 
     #[test]
     fn stretches_end_where_the_mode_is_regular_again() {
         let state = |tick, state: &str| (tick, "mode/wrist".to_owned(), state.to_owned());
         let recorded = Recorded {
-            states: vec![state(0, "reorient"), state(10, "hold"), state(20, "regular"), state(30, "blend")],
+            states: vec![
+                state(0, "reorient"),
+                state(10, "hold"),
+                state(20, "regular"),
+                state(30, "blend"),
+            ],
             end_s: 0.05,
             ..Recorded::default()
         };
-        assert_eq!(recorded.stretches("mode/wrist", "regular", 1000.0), [0.0..0.02, 0.03..0.05]);
-        assert!(recorded.stretches("mode/elbow", "regular", 1000.0).is_empty());
+        assert_eq!(
+            recorded.stretches("mode/wrist", "regular", 1000.0),
+            [0.0..0.02, 0.03..0.05]
+        );
+        assert!(
+            recorded
+                .stretches("mode/elbow", "regular", 1000.0)
+                .is_empty()
+        );
     }
 }

@@ -37,19 +37,49 @@ impl Solids {
     pub(super) fn new<'a>(bodies: impl Iterator<Item = &'a Mesh>) -> Self {
         let (mut solids, mut colours) = (Vec::new(), Vec::new());
         for (body, mesh) in bodies.enumerate() {
-            let ends = mesh.solids.iter().copied().skip(1).chain([mesh.positions.len()]);
+            let ends = mesh
+                .solids
+                .iter()
+                .copied()
+                .skip(1)
+                .chain([mesh.positions.len()]);
             for (from, to) in mesh.solids.iter().copied().zip(ends) {
-                let Some(colour) = mesh.colours.get(from) else { continue };
-                let colour = colours.iter().position(|known| known == colour).unwrap_or_else(|| {
-                    colours.push(*colour);
-                    colours.len() - 1
-                });
-                let points: Vec<Vec3> = mesh.positions[from..to].iter().map(|p| Vec3::from_array(*p)).collect();
+                let Some(colour) = mesh.colours.get(from) else {
+                    continue;
+                };
+                let colour = colours
+                    .iter()
+                    .position(|known| known == colour)
+                    .unwrap_or_else(|| {
+                        colours.push(*colour);
+                        colours.len() - 1
+                    });
+                let points: Vec<Vec3> = mesh.positions[from..to]
+                    .iter()
+                    .map(|p| Vec3::from_array(*p))
+                    .collect();
                 let middle = |ring: &[Vec3]| ring.iter().sum::<Vec3>() / ring.len().max(1) as f32;
                 let centre = middle(&points);
-                let rings = [&points[..FACETS.min(points.len())], &points[points.len().saturating_sub(FACETS)..]];
-                let ends = rings.map(|ring| (ring.to_vec(), middle(ring), (middle(ring) - centre).normalize_or_zero())).to_vec();
-                solids.push(Solid { body, colour, points, centre, ends });
+                let rings = [
+                    &points[..FACETS.min(points.len())],
+                    &points[points.len().saturating_sub(FACETS)..],
+                ];
+                let ends = rings
+                    .map(|ring| {
+                        (
+                            ring.to_vec(),
+                            middle(ring),
+                            (middle(ring) - centre).normalize_or_zero(),
+                        )
+                    })
+                    .to_vec();
+                solids.push(Solid {
+                    body,
+                    colour,
+                    points,
+                    centre,
+                    ends,
+                });
             }
         }
         Self { solids, colours }
@@ -57,17 +87,38 @@ impl Solids {
 
     /// All points of the bodies at these places, for framing.
     pub(super) fn points(&self, bodies: &[Placement]) -> Vec<Vec3> {
-        let of =
-            |solid: &Solid| bodies.get(solid.body).map(|at| solid.points.iter().step_by(7).map(|p| at.R * *p + at.p).collect::<Vec<_>>());
+        let of = |solid: &Solid| {
+            bodies.get(solid.body).map(|at| {
+                solid
+                    .points
+                    .iter()
+                    .step_by(7)
+                    .map(|p| at.R * *p + at.p)
+                    .collect::<Vec<_>>()
+            })
+        };
         self.solids.iter().filter_map(of).flatten().collect()
     }
 
     /// Paints the arm whose base and links are at `bodies`; `put` takes colour, whether it is an end, and the outline.
-    pub(super) fn paint(&self, bodies: &[Placement], camera: &Camera, mut put: impl FnMut(usize, bool, Path)) {
-        let placed: Vec<Placed> = self.solids.iter().filter_map(|solid| Placed::new(solid, bodies.get(solid.body)?, camera)).collect();
+    pub(super) fn paint(
+        &self,
+        bodies: &[Placement],
+        camera: &Camera,
+        mut put: impl FnMut(usize, bool, Path),
+    ) {
+        let placed: Vec<Placed> = self
+            .solids
+            .iter()
+            .filter_map(|solid| Placed::new(solid, bodies.get(solid.body)?, camera))
+            .collect();
         for place in order(&placed, camera) {
             let Placed { solid, points, .. } = &placed[place];
-            put(solid.colour, false, outline(points.iter().map(|p| camera.place(*p))));
+            put(
+                solid.colour,
+                false,
+                outline(points.iter().map(|p| camera.place(*p))),
+            );
             let at = bodies[solid.body];
             for (ring, _, normal) in &solid.ends {
                 if (at.R * *normal).dot(camera.forward) < -0.08 {
@@ -85,9 +136,15 @@ impl<'a> Placed<'a> {
     fn new(solid: &'a Solid, at: &Placement, camera: &Camera) -> Option<Self> {
         let points: Vec<Vec3> = solid.points.iter().map(|p| at.R * *p + at.p).collect();
         let places = points.iter().map(|p| camera.place(*p));
-        let (low, high) =
-            places.fold((Vec2::splat(f32::INFINITY), Vec2::splat(f32::NEG_INFINITY)), |(low, high), p| (low.min(p), high.max(p)));
-        let ends = solid.ends.iter().map(|(_, middle, normal)| (at.R * *middle + at.p, at.R * *normal)).collect();
+        let (low, high) = places.fold(
+            (Vec2::splat(f32::INFINITY), Vec2::splat(f32::NEG_INFINITY)),
+            |(low, high), p| (low.min(p), high.max(p)),
+        );
+        let ends = solid
+            .ends
+            .iter()
+            .map(|(_, middle, normal)| (at.R * *middle + at.p, at.R * *normal))
+            .collect();
         (low.is_finite() && high.is_finite()).then(|| Self {
             solid,
             ends,
@@ -104,13 +161,21 @@ impl<'a> Placed<'a> {
             return None;
         }
         let beyond = |(middle, normal): &(Vec3, Vec3), points: &[Vec3]| {
-            normal.length_squared() > 0.5 && points.iter().step_by(5).all(|p| (*p - *middle).dot(*normal) > -0.002)
+            normal.length_squared() > 0.5
+                && points
+                    .iter()
+                    .step_by(5)
+                    .all(|p| (*p - *middle).dot(*normal) > -0.002)
         };
         let towards_eye = |normal: Vec3| normal.dot(camera.forward) < 0.0;
         if let Some((_, normal)) = self.ends.iter().find(|end| beyond(end, &other.points)) {
             return Some(towards_eye(*normal));
         }
-        other.ends.iter().find(|end| beyond(end, &self.points)).map(|(_, normal)| !towards_eye(*normal))
+        other
+            .ends
+            .iter()
+            .find(|end| beyond(end, &self.points))
+            .map(|(_, normal)| !towards_eye(*normal))
     }
 }
 
@@ -135,8 +200,14 @@ fn order(placed: &[Placed], camera: &Camera) -> Vec<usize> {
     let mut out = Vec::with_capacity(n);
     while !left.is_empty() {
         // In a circle none is free: the farthest goes first.
-        let next = left.remove(left.iter().position(|place| waits[*place] == 0).unwrap_or(0));
-        before[next].iter().for_each(|place| waits[*place] = waits[*place].saturating_sub(1));
+        let next = left.remove(
+            left.iter()
+                .position(|place| waits[*place] == 0)
+                .unwrap_or(0),
+        );
+        before[next]
+            .iter()
+            .for_each(|place| waits[*place] = waits[*place].saturating_sub(1));
         out.push(next);
     }
     out
@@ -144,29 +215,41 @@ fn order(placed: &[Placed], camera: &Camera) -> Vec<usize> {
 
 /// The convex outline of points of the drawing, without corners that are not seen.
 fn outline(points: impl Iterator<Item = Vec2>) -> Path {
-    let mut points: Vec<[i32; 2]> = points.map(|p| [p.x.round() as i32, p.y.round() as i32]).collect();
+    let mut points: Vec<[i32; 2]> = points
+        .map(|p| [p.x.round() as i32, p.y.round() as i32])
+        .collect();
     points.sort_unstable();
     points.dedup();
     let cross = |o: [i32; 2], a: [i32; 2], b: [i32; 2]| {
-        i64::from(a[0] - o[0]) * i64::from(b[1] - o[1]) - i64::from(a[1] - o[1]) * i64::from(b[0] - o[0])
+        i64::from(a[0] - o[0]) * i64::from(b[1] - o[1])
+            - i64::from(a[1] - o[1]) * i64::from(b[0] - o[0])
     };
     // Twice the area that a corner may add without being seen; square units.
     let flat = 12;
     let half = |points: &mut dyn Iterator<Item = [i32; 2]>| {
         let mut chain: Vec<[i32; 2]> = Vec::new();
         for p in points {
-            while chain.len() >= 2 && cross(chain[chain.len() - 2], chain[chain.len() - 1], p) <= flat {
+            while chain.len() >= 2
+                && cross(chain[chain.len() - 2], chain[chain.len() - 1], p) <= flat
+            {
                 chain.pop();
             }
             chain.push(p);
         }
         chain
     };
-    let (mut hull, mut upper) = (half(&mut points.iter().copied()), half(&mut points.iter().rev().copied()));
+    let (mut hull, mut upper) = (
+        half(&mut points.iter().copied()),
+        half(&mut points.iter().rev().copied()),
+    );
     hull.pop();
     upper.pop();
     hull.append(&mut upper);
-    if hull.len() < 3 { Path::default() } else { Path::closed(&hull) }
+    if hull.len() < 3 {
+        Path::default()
+    } else {
+        Path::closed(&hull)
+    }
 }
 
 #[cfg(test)]
@@ -177,7 +260,8 @@ mod tests {
 
     #[test]
     fn the_outline_of_a_square_has_its_corners() {
-        let grid = (0..=20).flat_map(|x| (0..=20).map(move |y| Vec2::new(x as f32 * 5.0, y as f32 * 5.0)));
+        let grid =
+            (0..=20).flat_map(|x| (0..=20).map(move |y| Vec2::new(x as f32 * 5.0, y as f32 * 5.0)));
         assert_eq!(outline(grid).text(), "M0 0l100 0 0 100-100 0z");
         assert!(outline([Vec2::ZERO, Vec2::X].into_iter()).is_empty());
     }
@@ -187,18 +271,41 @@ mod tests {
         let mut mesh = Mesh::default();
         for z in [0.0, 0.2] {
             // The long one's middle is nearer than the thin one's only from one side.
-            mesh.add_extrusion(Placement::IDENTITY, &[disc(0.0, 0.0, 0.5)], z, z + 0.2, 0.0, [z as u8 + (z * 100.0) as u8, 0, 0, 255]);
+            mesh.add_extrusion(
+                Placement::IDENTITY,
+                &[disc(0.0, 0.0, 0.5)],
+                z,
+                z + 0.2,
+                0.0,
+                [z as u8 + (z * 100.0) as u8, 0, 0, 255],
+            );
         }
         let solids = Solids::new([&mesh].into_iter());
         for (height, last) in [(2.0, 1), (-2.0, 0)] {
-            let eye = Eye { position: Vec3::new(0.0, -3.0, height), look_at: Vec3::ZERO, up: Vec3::Z };
+            let eye = Eye {
+                position: Vec3::new(0.0, -3.0, height),
+                look_at: Vec3::ZERO,
+                up: Vec3::Z,
+            };
             let points = solids.points(&[Placement::IDENTITY]);
             let (camera, _) = Camera::framing(&eye, points.into_iter(), 400.0);
             let mut painted = Vec::new();
-            solids.paint(&[Placement::IDENTITY], &camera, |colour, is_end, path| painted.push((colour, is_end, path.is_empty())));
+            solids.paint(&[Placement::IDENTITY], &camera, |colour, is_end, path| {
+                painted.push((colour, is_end, path.is_empty()))
+            });
             assert!(painted.iter().all(|(_, _, is_empty)| !is_empty));
-            assert_eq!(painted.iter().rfind(|(_, is_end, _)| !is_end).map(|one| one.0), Some(last), "{painted:?}");
-            assert!(painted.iter().any(|(_, is_end, _)| *is_end), "an end faces the eye");
+            assert_eq!(
+                painted
+                    .iter()
+                    .rfind(|(_, is_end, _)| !is_end)
+                    .map(|one| one.0),
+                Some(last),
+                "{painted:?}"
+            );
+            assert!(
+                painted.iter().any(|(_, is_end, _)| *is_end),
+                "an end faces the eye"
+            );
         }
     }
 }

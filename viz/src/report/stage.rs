@@ -29,29 +29,70 @@ pub(super) struct Stage<'a> {
 
 impl<'a> Stage<'a> {
     /// `None` where there is no picture of this arm in the recording.
-    pub(super) fn new(robot: &Robot, job: &Job, recorded: &'a Recorded, singularities: &'a [Named]) -> Option<Self> {
+    pub(super) fn new(
+        robot: &Robot,
+        job: &Job,
+        recorded: &'a Recorded,
+        singularities: &'a [Named],
+    ) -> Option<Self> {
         let ticks: Vec<u64> = recorded.poses.ticks().collect();
-        let floor_m = job.scenario.plant.floor_m.map_or(0.0, |height| height as f32);
+        let floor_m = job
+            .scenario
+            .plant
+            .floor_m
+            .map_or(0.0, |height| height as f32);
         let drawing = Drawing::new(robot, floor_m, &recorded.poses, singularities, &ticks)?;
         let rate_hz = f64::from(job.scenario.rate_hz.max(1));
-        Some(Self { drawing, course: Course::new(recorded, singularities, rate_hz), ticks, rate_hz })
+        Some(Self {
+            drawing,
+            course: Course::new(recorded, singularities, rate_hz),
+            ticks,
+            rate_hz,
+        })
     }
 
     /// Some moments, each a picture with its caption.
-    pub(super) fn moments(&mut self, page: &mut Html, job: &Job, summary: &Summary, recorded: &Recorded, singularities: &[Named]) {
-        let fault = summary.faults.iter().filter(|fault| fault.occurred).map(|fault| fault.tick).min();
-        let nearest = |from: u64, to: u64| nearest(job, recorded, singularities, self.rate_hz, from, to);
+    pub(super) fn moments(
+        &mut self,
+        page: &mut Html,
+        job: &Job,
+        summary: &Summary,
+        recorded: &Recorded,
+        singularities: &[Named],
+    ) {
+        let fault = summary
+            .faults
+            .iter()
+            .filter(|fault| fault.occurred)
+            .map(|fault| fault.tick)
+            .min();
+        let nearest =
+            |from: u64, to: u64| nearest(job, recorded, singularities, self.rate_hz, from, to);
         let moments = self.course.moments(nearest, fault);
         page.add(format_args!("<div class=\"poses\">"));
         let ground = self.drawing.ground();
         for moment in moments {
             let t_s = moment.tick as f64 / self.rate_hz;
-            let paths: Vec<(usize, Path)> = ground.iter().cloned().chain(self.drawing.at(moment.tick)).collect();
-            let fault = self.course.fault(moment.tick).map_or(String::new(), |fault| format!("<b class=\"bad\">{}</b>. ", escaped(fault)));
+            let paths: Vec<(usize, Path)> = ground
+                .iter()
+                .cloned()
+                .chain(self.drawing.at(moment.tick))
+                .collect();
+            let fault = self
+                .course
+                .fault(moment.tick)
+                .map_or(String::new(), |fault| {
+                    format!("<b class=\"bad\">{}</b>. ", escaped(fault))
+                });
             let words: String = match &self.course.at(moment.tick)[..] {
                 [] if moment.name == "End" => format!("{}.", escaped(&summary.outcome)),
                 [] => "Free: the hand can move in every direction.".to_owned(),
-                at => at.iter().map(|(one, words)| format!("<span>{}: {}.</span> ", coloured(one), escaped(words))).collect(),
+                at => at
+                    .iter()
+                    .map(|(one, words)| {
+                        format!("<span>{}: {}.</span> ", coloured(one), escaped(words))
+                    })
+                    .collect(),
             };
             page.add(format_args!(
                 "<figure class=\"pose\" data-t=\"{t_s}\">{}<figcaption><b>{}</b> · {t_s:.2} s<br>{fault}{words}</figcaption></figure>",
@@ -78,11 +119,27 @@ impl<'a> Stage<'a> {
         let middle = self.ticks[self.ticks.len() / 2];
         let one = markup(&self.drawing.at(middle)).len().max(1);
         let most = (BYTES / one).clamp(2, FRAMES);
-        let mut ticks: Vec<u64> = self.ticks.iter().copied().step_by(self.ticks.len().div_ceil(most).max(1)).collect();
+        let mut ticks: Vec<u64> = self
+            .ticks
+            .iter()
+            .copied()
+            .step_by(self.ticks.len().div_ceil(most).max(1))
+            .collect();
         ticks.extend(self.ticks.last().filter(|last| ticks.last() != Some(last)));
-        let frames: Vec<String> = ticks.iter().map(|tick| quoted(&markup(&self.drawing.at(*tick)))).collect();
-        let times: Vec<String> = ticks.iter().map(|tick| (*tick as f64 / self.rate_hz).to_string()).collect();
-        let paints: Vec<String> = self.drawing.paints.iter().map(|paint| quoted(paint)).collect();
+        let frames: Vec<String> = ticks
+            .iter()
+            .map(|tick| quoted(&markup(&self.drawing.at(*tick))))
+            .collect();
+        let times: Vec<String> = ticks
+            .iter()
+            .map(|tick| (*tick as f64 / self.rate_hz).to_string())
+            .collect();
+        let paints: Vec<String> = self
+            .drawing
+            .paints
+            .iter()
+            .map(|paint| quoted(paint))
+            .collect();
         let words: Vec<String> = self.words(&ticks);
         page.add(format_args!(
             "<script>\nconst D={{t:[{}],p:[{}],g:{},w:[{}],f:[\n{}]}};\n{}</script>",
@@ -97,16 +154,31 @@ impl<'a> Stage<'a> {
 
     /// From when on which words hold: a time, and for each singularity colour, name and words.
     fn words(&self, ticks: &[u64]) -> Vec<String> {
-        let mut all: Vec<u64> = self.course.turning_points().into_iter().chain(ticks.iter().copied()).collect();
+        let mut all: Vec<u64> = self
+            .course
+            .turning_points()
+            .into_iter()
+            .chain(ticks.iter().copied())
+            .collect();
         all.sort_unstable();
         let mut out: Vec<String> = Vec::new();
         let mut before = None;
         for tick in all {
             let at = self.course.at(tick);
-            let fault = self.course.fault(tick).map(|fault| format!("[\"#cb3234\",\"fault\",{}]", quoted(fault)));
+            let fault = self
+                .course
+                .fault(tick)
+                .map(|fault| format!("[\"#cb3234\",\"fault\",{}]", quoted(fault)));
             let text: Vec<String> = at
                 .iter()
-                .map(|(one, words)| format!("[{},{},{}]", quoted(&hex(on_paper(one.colour))), quoted(&one.name), quoted(words)))
+                .map(|(one, words)| {
+                    format!(
+                        "[{},{},{}]",
+                        quoted(&hex(on_paper(one.colour))),
+                        quoted(&one.name),
+                        quoted(words)
+                    )
+                })
                 .collect();
             let text = fault.into_iter().chain(text).collect::<Vec<_>>().join(",");
             if before.as_ref() != Some(&text) {
@@ -123,7 +195,12 @@ impl<'a> Stage<'a> {
             self.drawing.height
         );
         for (paint, path) in paths {
-            let _ = write!(text, "<path {} d=\"{}\"/>", self.drawing.paints[*paint], path.text());
+            let _ = write!(
+                text,
+                "<path {} d=\"{}\"/>",
+                self.drawing.paints[*paint],
+                path.text()
+            );
         }
         text + "</svg>"
     }
@@ -131,11 +208,22 @@ impl<'a> Stage<'a> {
 
 /// A singularity's name in its colour.
 fn coloured(one: &Named) -> String {
-    format!("<b style=\"color:{}\">{}</b>", hex(on_paper(one.colour)), escaped(&one.name))
+    format!(
+        "<b style=\"color:{}\">{}</b>",
+        hex(on_paper(one.colour)),
+        escaped(&one.name)
+    )
 }
 
 /// The tick of a stretch at which |s|/η of any singularity is least.
-fn nearest(job: &Job, recorded: &Recorded, singularities: &[Named], rate_hz: f64, from: u64, to: u64) -> Option<u64> {
+fn nearest(
+    job: &Job,
+    recorded: &Recorded,
+    singularities: &[Named],
+    rate_hz: f64,
+    from: u64,
+    to: u64,
+) -> Option<u64> {
     let lines = recorded.lines.get(Signal::Measure.name())?;
     let mut least: Option<(f64, u64)> = None;
     for (line, one) in lines.iter().zip(singularities) {
@@ -143,7 +231,10 @@ fn nearest(job: &Job, recorded: &Recorded, singularities: &[Named], rate_hz: f64
         for (t_s, s) in &line.points {
             let tick = (t_s * rate_hz).round() as u64;
             let value = s.abs() / eta;
-            if (from..=to).contains(&tick) && value.is_finite() && least.is_none_or(|(known, _)| value < known) {
+            if (from..=to).contains(&tick)
+                && value.is_finite()
+                && least.is_none_or(|(known, _)| value < known)
+            {
                 least = Some((value, tick));
             }
         }
@@ -154,7 +245,12 @@ fn nearest(job: &Job, recorded: &Recorded, singularities: &[Named], rate_hz: f64
 /// Paths as the script reads them: the paint's number in two digits, then the path; a bar between.
 fn markup(paths: &[(usize, Path)]) -> String {
     let one = |(paint, path): &(usize, Path)| format!("{:02}{}", paint.min(&99), path.text());
-    paths.iter().filter(|(_, path)| !path.is_empty()).map(one).collect::<Vec<_>>().join("|")
+    paths
+        .iter()
+        .filter(|(_, path)| !path.is_empty())
+        .map(one)
+        .collect::<Vec<_>>()
+        .join("|")
 }
 
 /// A string of JavaScript that may stand in HTML.
@@ -182,7 +278,13 @@ mod tests {
 
     #[test]
     fn a_name_given_by_a_user_cannot_end_the_script() {
-        assert_eq!(quoted("a\"</script>\\\n"), "\"a\\\"\\u003c/script\\u003e\\\\\\u000a\"");
-        assert_eq!(markup(&[(3, Path::line([Vec2::ZERO, Vec2::X])), (0, Path::default())]), "03M0 0l1 0");
+        assert_eq!(
+            quoted("a\"</script>\\\n"),
+            "\"a\\\"\\u003c/script\\u003e\\\\\\u000a\""
+        );
+        assert_eq!(
+            markup(&[(3, Path::line([Vec2::ZERO, Vec2::X])), (0, Path::default())]),
+            "03M0 0l1 0"
+        );
     }
 }

@@ -44,7 +44,12 @@ pub(super) trait InverseKinematics: Copy {
     /// The arm with C at `X`, the last axis along `z6_d`, from the joints at the point before; `None` at the path's first point.
     ///
     /// Frame base axes · Units m · Ensures finite numbers for any pose: one beyond reach is moved to the boundary · Cost O(1), no allocation
-    fn at_pose(&self, X: &Pose, z6_d: &Vector3<f64>, before: Option<&Self::Joints>) -> Point<Self::Joints>;
+    fn at_pose(
+        &self,
+        X: &Pose,
+        z6_d: &Vector3<f64>,
+        before: Option<&Self::Joints>,
+    ) -> Point<Self::Joints>;
 }
 
 /// Raises the demand on each stretch of the path ahead to the largest share of any rate that it takes at full clock speed.
@@ -75,8 +80,18 @@ pub(super) fn foresee<A: InverseKinematics, const N: usize, const M: usize>(
         }
         let nearest = nearest_to_origin(&from.w, &to.w).norm();
         let turn = libm::atan2(from.w.perp(&to.w), from.w.dot(&to.w));
-        let wrist = if at.passing || nearest < PASS { wrap_line(turn) } else { turn };
-        let stretch = Stretch { from, to, waist: wrap_angle(to.turn - from.turn), wrist, nearest };
+        let wrist = if at.passing || nearest < PASS {
+            wrap_line(turn)
+        } else {
+            turn
+        };
+        let stretch = Stretch {
+            from,
+            to,
+            waist: wrap_angle(to.turn - from.turn),
+            wrist,
+            nearest,
+        };
         for (by, limit) in moved(&stretch) {
             out.demand[k - 1] = out.demand[k - 1].max(by.abs() / (at.step_s * limit));
         }

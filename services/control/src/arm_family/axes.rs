@@ -28,7 +28,9 @@ pub(super) fn meeting<const N: usize>(terms: &Terms<N>) -> (Option<f64>, bool) {
     }
     let offset = between.cross(&z[N - 2]).dot(&-normal) / size;
     let C = p[N - 1] + z[N - 1] * offset;
-    let spherical = N >= 6 && (C - p[N - 3]).cross(&z[N - 3]).norm() < MEET.0 && z[N - 3].cross(&z[N - 2]).norm() > MEET.1;
+    let spherical = N >= 6
+        && (C - p[N - 3]).cross(&z[N - 3]).norm() < MEET.0
+        && z[N - 3].cross(&z[N - 2]).norm() > MEET.1;
     (Some(offset), spherical)
 }
 
@@ -52,7 +54,12 @@ pub(super) fn in_general_position<const N: usize, T: Copy>(
     recognise: impl Fn(&Terms<N>) -> Option<T>,
     same: impl Fn(&T, &T) -> bool,
 ) -> Option<T> {
-    if robot.joints.iter().any(|joint| joint.kind == JointKind::Prismatic) || !robot.task.is_full() {
+    if robot
+        .joints
+        .iter()
+        .any(|joint| joint.kind == JointKind::Prismatic)
+        || !robot.task.is_full()
+    {
         return None;
     }
     let model = Model::<N>::new(robot, None).ok()?;
@@ -70,7 +77,11 @@ pub(super) fn in_general_position<const N: usize, T: Copy>(
 /// A right-handed frame with x along `zeta` and y as near `towards` as it can be.
 pub(super) fn frame(zeta: &Vector3<f64>, towards: &Vector3<f64>) -> Matrix3<f64> {
     let y = towards - zeta * zeta.dot(towards);
-    let y = if y.norm() > 1e-9 { y.normalize() } else { zeta.cross(&Vector3::x()).normalize() };
+    let y = if y.norm() > 1e-9 {
+        y.normalize()
+    } else {
+        zeta.cross(&Vector3::x()).normalize()
+    };
     Matrix3::from_columns(&[*zeta, y, zeta.cross(&y)])
 }
 

@@ -1,5 +1,8 @@
 //! A signed singular value decomposition that is carried from posture to posture.
-#![allow(clippy::needless_range_loop, reason = "indices name rows and directions of several arrays at once")]
+#![allow(
+    clippy::needless_range_loop,
+    reason = "indices name rows and directions of several arrays at once"
+)]
 
 use super::screws::Screws;
 use super::thresholds::SQUARED_GAP;
@@ -81,17 +84,26 @@ impl<const N: usize> Block<N> {
     /// ∂σ_i/∂q = u_iᵀ(∂B/∂q)v_i, 1/rad: valid on both sides of zero, and at it.
     #[must_use]
     pub fn gradient(&self, screws: &Screws<N>, i: usize, length_m: f64) -> SVector<f64, N> {
-        screws.hessian(&self.unscaled(i, length_m)).tr_mul(&self.v[i])
+        screws
+            .hessian(&self.unscaled(i, length_m))
+            .tr_mul(&self.v[i])
     }
 
     /// The left vector a with aᵀB = (σ_i/slope)·∇sᵀ: at a fold, what is orthogonal to every motion that leaves s alone, where u_i is so at s = 0 only.
     ///
     /// a = u_i + Σ_j u_j (σ_i/σ_j)(v_jᵀ∇s)/(v_iᵀ∇s), bounded where σ_j vanishes too. On scaled rows.
-    pub(super) fn along_fold(&self, i: usize, gradient: &SVector<f64, N>, slope: f64) -> Vector6<f64> {
+    pub(super) fn along_fold(
+        &self,
+        i: usize,
+        gradient: &SVector<f64, N>,
+        slope: f64,
+    ) -> Vector6<f64> {
         let mut a = self.covector(i);
         for j in (0..self.count).filter(|j| *j != i) {
             let sigma = self.sigma[j];
-            let share = self.sigma[i] * sigma / (sigma * sigma + SQUARED_GAP) * self.v[j].dot(gradient) / slope;
+            let share = self.sigma[i] * sigma / (sigma * sigma + SQUARED_GAP)
+                * self.v[j].dot(gradient)
+                / slope;
             a += self.covector(j) * share;
         }
         a
@@ -115,7 +127,8 @@ impl<const N: usize> Block<N> {
         let M = self.coupling(Jdot, length_m);
         let mut rate = Vector6::zeros();
         for j in (0..self.count).filter(|j| *j != i) {
-            rate += self.covector(j) * ((self.sigma[j] * M[i][j] + self.sigma[i] * M[j][i]) * self.over(i, j));
+            rate += self.covector(j)
+                * ((self.sigma[j] * M[i][j] + self.sigma[i] * M[j][i]) * self.over(i, j));
         }
         rate
     }
@@ -127,14 +140,29 @@ impl<const N: usize> Block<N> {
     }
 
     /// v̇_i·q̇: the acceleration of v_iᵀq̇ at q̈ = 0, rad/s².
-    pub(super) fn v_bias(&self, Jdot: &SMatrix<f64, 6, N>, M: &[[f64; 6]; 6], i: usize, qdot: &SVector<f64, N>, length_m: f64) -> f64 {
+    pub(super) fn v_bias(
+        &self,
+        Jdot: &SMatrix<f64, 6, N>,
+        M: &[[f64; 6]; 6],
+        i: usize,
+        qdot: &SVector<f64, N>,
+        length_m: f64,
+    ) -> f64 {
         let mut bias = 0.0;
         let row = Jdot.tr_mul(&self.unscaled(i, length_m));
-        let mut rest = SVector::<f64, N>::from_fn(|k, _| if k >= self.columns.0 && k < self.columns.1 { row[k] } else { 0.0 });
+        let mut rest = SVector::<f64, N>::from_fn(|k, _| {
+            if k >= self.columns.0 && k < self.columns.1 {
+                row[k]
+            } else {
+                0.0
+            }
+        });
         for j in 0..self.count {
             rest -= self.v[j] * self.v[j].dot(&rest);
             if j != i {
-                bias += (self.sigma[i] * M[i][j] + self.sigma[j] * M[j][i]) * self.over(i, j) * self.v[j].dot(qdot);
+                bias += (self.sigma[i] * M[i][j] + self.sigma[j] * M[j][i])
+                    * self.over(i, j)
+                    * self.v[j].dot(qdot);
             }
         }
         // The part of v that turns into the null space of a redundant arm.
@@ -236,7 +264,9 @@ impl<const N: usize> Block<N> {
                     self.sigma.swap(i, j);
                 }
             }
-            let largest = self.U[i].iter().fold(0.0_f64, |max, x| if x.abs() > max.abs() { *x } else { max });
+            let largest = self.U[i]
+                .iter()
+                .fold(0.0_f64, |max, x| if x.abs() > max.abs() { *x } else { max });
             if largest < 0.0 {
                 self.U[i] = self.U[i].map(|x| -x);
                 self.v[i] = -self.v[i];
@@ -257,7 +287,13 @@ impl<const N: usize> Block<N> {
 
     /// All that the next decomposition begins with.
     pub(super) fn checkpoint(&self) -> BlockCheckpoint {
-        BlockCheckpoint { U: self.U, v: self.v.map(|v| padded(&v)), sigma: self.sigma, begun: u32::from(self.begun), reserved: 0 }
+        BlockCheckpoint {
+            U: self.U,
+            v: self.v.map(|v| padded(&v)),
+            sigma: self.sigma,
+            begun: u32::from(self.begun),
+            reserved: 0,
+        }
     }
 
     pub(super) fn restore(&mut self, from: &BlockCheckpoint) {
@@ -276,7 +312,11 @@ impl<const N: usize> Block<N> {
                     self.U[i][k] -= overlap * self.U[j][k];
                 }
             }
-            let size = (0..self.count).map(|k| self.U[i][k] * self.U[i][k]).sum::<f64>().sqrt().max(1e-12);
+            let size = (0..self.count)
+                .map(|k| self.U[i][k] * self.U[i][k])
+                .sum::<f64>()
+                .sqrt()
+                .max(1e-12);
             for k in 0..self.count {
                 self.U[i][k] /= size;
             }
@@ -285,6 +325,8 @@ impl<const N: usize> Block<N> {
 
     /// Smallest |σ|.
     pub(super) fn smallest(&self) -> f64 {
-        self.sigma[..self.count].iter().fold(f64::INFINITY, |min, x| min.min(x.abs()))
+        self.sigma[..self.count]
+            .iter()
+            .fold(f64::INFINITY, |min, x| min.min(x.abs()))
     }
 }

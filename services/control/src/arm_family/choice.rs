@@ -38,7 +38,11 @@ impl<const N: usize> ArmFamily<N> for Deficient {
         terms.X_BE.p
     }
 
-    fn measure(&mut self, _posture: &Posture<'_, N>, _out: &mut [Singularity<N>; MAX_SINGULARITIES]) -> usize {
+    fn measure(
+        &mut self,
+        _posture: &Posture<'_, N>,
+        _out: &mut [Singularity<N>; MAX_SINGULARITIES],
+    ) -> usize {
         0
     }
 }
@@ -48,16 +52,23 @@ impl<const N: usize> Family<N> {
     #[must_use]
     pub fn of(robot: &Robot, analysis: &Analysis) -> Self {
         let numeric = || {
-            let square = || Numeric::new(robot, analysis).map(|family| Self::Numeric(Box::new(family)));
-            let redundant = Redundant::new(robot, analysis).map(|family| Self::Redundant(Box::new(family)));
-            redundant.or_else(square).unwrap_or(Self::Deficient(Deficient))
+            let square =
+                || Numeric::new(robot, analysis).map(|family| Self::Numeric(Box::new(family)));
+            let redundant =
+                Redundant::new(robot, analysis).map(|family| Self::Redundant(Box::new(family)));
+            redundant
+                .or_else(square)
+                .unwrap_or(Self::Deficient(Deficient))
         };
         match robot.factors {
             _ if analysis.numeric => numeric(),
             Factors::Puma { a2, a3, d4 } if N == 6 => Self::Puma(Puma::new(a2, a3, d4)),
             _ => None
                 .or_else(|| ParallelAxes::of::<N>(robot).map(Self::ParallelAxes))
-                .or_else(|| SphericalShoulder::of(robot, analysis).map(|family| Self::SphericalShoulder(Box::new(family))))
+                .or_else(|| {
+                    SphericalShoulder::of(robot, analysis)
+                        .map(|family| Self::SphericalShoulder(Box::new(family)))
+                })
                 .unwrap_or_else(numeric),
         }
     }

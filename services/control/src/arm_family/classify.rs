@@ -49,7 +49,13 @@ pub struct Verdict {
 /// Ensures [`Class::Unknown`] where Newton's method reaches no singular posture · Errors none · Cost bounded, about 50 µs for six joints: not for
 /// every tick; no allocation
 #[must_use]
-pub fn classify<const N: usize>(screws: &Screws<N>, block: &Block<N>, i: usize, length_m: f64, task: &[bool; 6]) -> Verdict {
+pub fn classify<const N: usize>(
+    screws: &Screws<N>,
+    block: &Block<N>,
+    i: usize,
+    length_m: f64,
+    task: &[bool; 6],
+) -> Verdict {
     let (mut screws, mut block) = (*screws, *block);
     let mut moved = SVector::<f64, N>::zeros();
     for _ in 0..NEWTON_STEPS {
@@ -66,7 +72,10 @@ pub fn classify<const N: usize>(screws: &Screws<N>, block: &Block<N>, i: usize, 
     }
     let distance = moved.norm();
     if block.sigma(i).abs() > ZERO {
-        return Verdict { distance, ..Verdict::default() };
+        return Verdict {
+            distance,
+            ..Verdict::default()
+        };
     }
     let null = NullSpace::new(&screws, length_m, task, &block.covector(i));
     let Q = screws.hessian(&null.covector(length_m));
@@ -83,22 +92,38 @@ pub fn classify<const N: usize>(screws: &Screws<N>, block: &Block<N>, i: usize, 
     }
     let kappa_1 = highest.max(-lowest);
     // The null motion classified: that of the largest curvature, or where there is none the block's own.
-    let motion = null.V * if kappa_1 > 1e-6 { along.column(strongest).into_owned() } else { null.V.transpose() * block.v(i) };
+    let motion = null.V
+        * if kappa_1 > 1e-6 {
+            along.column(strongest).into_owned()
+        } else {
+            null.V.transpose() * block.v(i)
+        };
     let motion = motion / motion.norm().max(1e-12);
     let turning = block.turning(&screws.rate(&motion), i, length_m);
     let kappa_2 = turning.norm();
     let one_sign = highest.min(-lowest) <= 0.1 * kappa_1;
     let class = if kappa_1 > FOLD {
-        if one_sign && kappa_1 > FOLD_SHARE * kappa_2 { Class::Type1 } else { Class::Mixed }
+        if one_sign && kappa_1 > FOLD_SHARE * kappa_2 {
+            Class::Type1
+        } else {
+            Class::Mixed
+        }
     } else if self_motion(&screws, &block, i, &motion, length_m, task) {
         Class::Type2
     } else {
         Class::Mixed
     };
     // About the singular frame's second axis, per rate of the auxiliary coordinate, which is v_iᵀq̇.
-    let about = angular(&block.covector(i)).cross(&angular(&turning)).dot(&screws.column(N - 1).1);
+    let about = angular(&block.covector(i))
+        .cross(&angular(&turning))
+        .dot(&screws.column(N - 1).1);
     let against = about * motion.dot(&block.v(i)) < 0.0;
-    Verdict { class, kappa_1, kappa_2: if against { -kappa_2 } else { kappa_2 }, distance }
+    Verdict {
+        class,
+        kappa_1,
+        kappa_2: if against { -kappa_2 } else { kappa_2 },
+        distance,
+    }
 }
 
 /// Whether the arm can move on along its null space with C in place and σ_i staying zero.
@@ -165,7 +190,10 @@ impl<const N: usize> NullSpace<N> {
             u += one * one.dot(towards);
         }
         let size = u.norm();
-        Self { V, u: if size > 1e-9 { u / size } else { *towards } }
+        Self {
+            V,
+            u: if size > 1e-9 { u / size } else { *towards },
+        }
     }
 
     /// u as a covector of unscaled rows.

@@ -38,9 +38,16 @@ pub(super) fn measure<const N: usize>(
 }
 
 /// cos θ that puts C at the desired place, and its rate (1/s): (|p_d|² − d² − L2² − L3²)/(2 L2 L3), d the share of p along the elbow's axis.
-pub(super) fn cosine(S: &Vector3<f64>, desired: &PoseMotion, lengths: [f64; 2], offset: f64) -> [f64; 2] {
+pub(super) fn cosine(
+    S: &Vector3<f64>,
+    desired: &PoseMotion,
+    lengths: [f64; 2],
+    offset: f64,
+) -> [f64; 2] {
     let (p_d, twice) = (desired.p - S, 2.0 * lengths[0] * lengths[1]);
-    let cos_d = (p_d.norm_squared() - offset * offset - lengths[0] * lengths[0] - lengths[1] * lengths[1]) / twice;
+    let cos_d =
+        (p_d.norm_squared() - offset * offset - lengths[0] * lengths[0] - lengths[1] * lengths[1])
+            / twice;
     [cos_d, 2.0 * p_d.dot(&linear(&desired.V)) / twice]
 }
 
@@ -54,6 +61,15 @@ pub(super) fn fold(theta: f64, [cos_d, cos_rate]: [f64; 2]) -> Fold {
     let clipped = cos_d.abs() > 1.0 + 1e-7;
     let size = libm::acos(cos_d.clamp(-1.0, 1.0));
     let sin_d = libm::sin(size);
-    let rate = if clipped { 0.0 } else { -cos_rate * sin_d / (sin_d * sin_d + MU * MU) };
-    Fold { x: theta, size, rate, clipped }
+    let rate = if clipped {
+        0.0
+    } else {
+        -cos_rate * sin_d / (sin_d * sin_d + MU * MU)
+    };
+    Fold {
+        x: theta,
+        size,
+        rate,
+        clipped,
+    }
 }

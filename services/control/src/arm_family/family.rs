@@ -68,7 +68,11 @@ pub trait ArmFamily<const N: usize> {
     ///
     /// Requires finite numbers of one posture · Ensures what [`Singularity`] states · Cost bounded, no
     /// allocation.
-    fn measure(&mut self, posture: &Posture<'_, N>, out: &mut [Singularity<N>; MAX_SINGULARITIES]) -> usize;
+    fn measure(
+        &mut self,
+        posture: &Posture<'_, N>,
+        out: &mut [Singularity<N>; MAX_SINGULARITIES],
+    ) -> usize;
 
     /// The coordinate of a Type 1 singularity as the desired pose needs it; `None`: ζ is held. Called for Type 1 only.
     fn fold(&self, _s: &Singularity<N>, _at: &Situation<'_, N>) -> Option<Fold> {
@@ -76,13 +80,24 @@ pub trait ArmFamily<const N: usize> {
     }
 
     /// The direction of ζ that the desired motion needs; `None`: ζ is held. Called for Type 2 and mixed only.
-    fn direction(&self, _s: &Singularity<N>, _at: &Situation<'_, N>, _memory: &mut Memory) -> Option<Direction> {
+    fn direction(
+        &self,
+        _s: &Singularity<N>,
+        _at: &Situation<'_, N>,
+        _memory: &mut Memory,
+    ) -> Option<Direction> {
         None
     }
 
     /// Joint motion that turns ζ by `angle` (rad) about the second axis of its frame while the end-effector rests. Shape N; rad; `None` where there is
     /// none. Requires a posture at the singularity.
-    fn turning(&self, _s: &Singularity<N>, _terms: &Terms<N>, _p_BC: &Vector3<f64>, _angle: f64) -> Option<SVector<f64, N>> {
+    fn turning(
+        &self,
+        _s: &Singularity<N>,
+        _terms: &Terms<N>,
+        _p_BC: &Vector3<f64>,
+        _angle: f64,
+    ) -> Option<SVector<f64, N>> {
         None
     }
 

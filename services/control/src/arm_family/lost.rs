@@ -23,7 +23,10 @@
 //! | definite, or all but zero on one side | 1: a fold | strongest curvature | y_d² = y² + 2ζᵀe/h |
 //! | indefinite | mixed | self-motion, aᵀCa = 0 | it is followed out of the neighbourhood: x stays, and \|m\| = \|Ca\|·y grows |
 //! | zero | 2 | what turns ζ fastest | ζ is turned until what is left of the path is orthogonal to it |
-#![allow(clippy::needless_range_loop, reason = "indices name rows and directions of several arrays at once")]
+#![allow(
+    clippy::needless_range_loop,
+    reason = "indices name rows and directions of several arrays at once"
+)]
 
 mod auxiliary_row;
 mod checkpoint;
@@ -151,24 +154,33 @@ impl<const N: usize> LostDirections<N> {
         // Per place, how often each type.
         let mut types = [[0_u32; 4]; MAX_SINGULARITIES];
         for _ in 0..SAMPLES.0 {
-            let delta = SVector::from_fn(|_, _| random.within(-std::f64::consts::PI, std::f64::consts::PI));
+            let delta =
+                SVector::from_fn(|_, _| random.within(-std::f64::consts::PI, std::f64::consts::PI));
             let (moved, by) = screws.moved(&delta);
             let mut one = out.block;
             one.track(&geometry.rows(&moved, &(p + by), length_m));
             out.reference = out.reference.max(one.smallest());
-            let known = |place: usize| types[place].iter().sum::<u32>() >= SAMPLES.1 || places[place].0 == Kind::Numeric;
+            let known = |place: usize| {
+                types[place].iter().sum::<u32>() >= SAMPLES.1 || places[place].0 == Kind::Numeric
+            };
             if !(0..place_count).all(known) {
                 for i in 0..out.count {
                     let Lock { names, verdict, .. } = out.classify(&moved, &(p + by), one, i);
-                    for place in (0..place_count).filter(|place| verdict.class != Class::Unknown && places[*place].0 == names[0]) {
+                    for place in (0..place_count).filter(|place| {
+                        verdict.class != Class::Unknown && places[*place].0 == names[0]
+                    }) {
                         types[place][verdict.class.code() as usize & 3] += 1;
                     }
                 }
             }
         }
         for (place, class) in out.places.iter_mut().zip(types) {
-            let most = (0..4).filter(|code| class[*code] > 0).max_by_key(|code| class[*code]);
-            place.1 = most.and_then(|code| Class::from_code(code as u32)).unwrap_or(Class::Unknown);
+            let most = (0..4)
+                .filter(|code| class[*code] > 0)
+                .max_by_key(|code| class[*code]);
+            place.1 = most
+                .and_then(|code| Class::from_code(code as u32))
+                .unwrap_or(Class::Unknown);
         }
         out
     }
@@ -216,48 +228,93 @@ impl<const N: usize> LostDirections<N> {
         }
         let distance = moved.norm();
         if !within(left, zero) {
-            return Lock { names: [Kind::Numeric; 2], verdict: Verdict { distance, ..Verdict::default() }, folds_along: false };
+            return Lock {
+                names: [Kind::Numeric; 2],
+                verdict: Verdict {
+                    distance,
+                    ..Verdict::default()
+                },
+                folds_along: false,
+            };
         }
-        let (curvatures, _) = symmetric_eigen(&Matrix3::from_fn(|a, b| 0.5 * (free[a].dot(&(Q * free[b])) + free[b].dot(&(Q * free[a])))));
+        let (curvatures, _) = symmetric_eigen(&Matrix3::from_fn(|a, b| {
+            0.5 * (free[a].dot(&(Q * free[b])) + free[b].dot(&(Q * free[a])))
+        }));
         let (highest, lowest) = (curvatures.max().max(0.0), curvatures.min().min(0.0));
         let kappa_1 = highest.max(-lowest);
         let motion = free[0];
-        let kappa_2 = block.turning(&screws.rate(&motion), i, self.length_m).norm();
+        let kappa_2 = block
+            .turning(&screws.rate(&motion), i, self.length_m)
+            .norm();
         let class = if kappa_1 > FOLD {
-            if highest.min(-lowest) <= 0.1 * kappa_1 { Class::Type1 } else { Class::Mixed }
+            if highest.min(-lowest) <= 0.1 * kappa_1 {
+                Class::Type1
+            } else {
+                Class::Mixed
+            }
         } else if self_motion(&screws, &block, i, &motion, self.length_m, &self.task) {
             Class::Type2
         } else {
             Class::Mixed
         };
-        let verdict = Verdict { class, kappa_1, kappa_2, distance };
-        Lock { names: self.geometry.names(&screws, &p), verdict, folds_along: highest > -lowest }
+        let verdict = Verdict {
+            class,
+            kappa_1,
+            kappa_2,
+            distance,
+        };
+        Lock {
+            names: self.geometry.names(&screws, &p),
+            verdict,
+            folds_along: highest > -lowest,
+        }
     }
 
     /// One tick: fills the places of `out`, and returns how many there are.
     pub(super) fn measure(&mut self, at: &Posture<'_, N>, out: &mut [Singularity<N>]) -> usize {
         let screws = Screws(at.at.J);
         let p = at.at.p - self.geometry.S.unwrap_or_default();
-        self.block.track(&self.geometry.rows(&screws, &p, self.length_m));
+        self.block
+            .track(&self.geometry.rows(&screws, &p, self.length_m));
         self.follow_the_smallest();
         let begins = !is_set(&self.entries[0].a);
         self.begins = begins;
         for k in 0..self.count {
-            let Entry { index, place, latched, .. } = self.entries[k];
+            let Entry {
+                index,
+                place,
+                latched,
+                ..
+            } = self.entries[k];
             let eta_out = self.eta[1].of(self.places[place].0.code());
             let size = self.s(index).abs();
             if begins || !latched && size <= LATCH.0 * eta_out {
-                let Lock { names, verdict, folds_along } = self.classify(&screws, &p, self.block, index);
+                let Lock {
+                    names,
+                    verdict,
+                    folds_along,
+                } = self.classify(&screws, &p, self.block, index);
                 self.entries[k].verdict = verdict;
                 self.entries[k].flipped = verdict.class == Class::Type1 && folds_along;
                 self.assign(k, names);
             }
             let newly = !latched && size <= LATCH.0 * eta_out;
-            self.entries[k].latched = if latched { size <= LATCH.1 * eta_out } else { newly };
+            self.entries[k].latched = if latched {
+                size <= LATCH.1 * eta_out
+            } else {
+                newly
+            };
         }
         for (place, one) in out.iter_mut().enumerate().take(self.place_count) {
             let (kind, class) = self.places[place];
-            *one = Singularity { kind, class, s: 1.0, gain: 1.0, zeta_B: stack(&Vector3::x(), &Vector3::zeros()), ..Singularity::none() };
+            *one = Singularity {
+                kind,
+                class,
+                s: 1.0,
+                gain: 1.0,
+                zeta_B: stack(&Vector3::x(), &Vector3::zeros()),
+                ..Singularity::none()
+            };
             one.R_BS = Matrix3::identity();
             one.aux_row = super::axes::unit(0);
         }
@@ -268,7 +325,11 @@ impl<const N: usize> LostDirections<N> {
             let place = self.entries[k].place;
             out[place] = self.singularity(k, at, (&screws, &p), &before[..latched]);
             if self.entries[k].latched {
-                before[latched] = (out[place].zeta_B, self.geometry.without_elbow(self.block.covector(self.entries[k].index), &p));
+                before[latched] = (
+                    out[place].zeta_B,
+                    self.geometry
+                        .without_elbow(self.block.covector(self.entries[k].index), &p),
+                );
                 latched += 1;
             }
         }
@@ -282,12 +343,17 @@ impl<const N: usize> LostDirections<N> {
     /// A direction that is not followed and is smaller than one that is, and not latched, takes its turn: where the two are equal.
     fn follow_the_smallest(&mut self) {
         for index in 0..self.block.count {
-            if self.entries[..self.count].iter().any(|entry| entry.index == index) {
+            if self.entries[..self.count]
+                .iter()
+                .any(|entry| entry.index == index)
+            {
                 continue;
             }
             let mut largest: Option<usize> = None;
             for k in (0..self.count).filter(|k| !self.entries[*k].latched) {
-                if largest.is_none_or(|other| self.s(self.entries[k].index) > self.s(self.entries[other].index)) {
+                if largest.is_none_or(|other| {
+                    self.s(self.entries[k].index) > self.s(self.entries[other].index)
+                }) {
                     largest = Some(k);
                 }
             }
@@ -299,15 +365,29 @@ impl<const N: usize> LostDirections<N> {
 
     /// Reports entry `k` where its name belongs, or the second one where a latched direction has that; whatever was there goes to where `k` was.
     fn assign(&mut self, k: usize, names: [Kind; 2]) {
-        let taken = |place: usize, entries: &[Entry<N>]| entries.iter().position(|entry| entry.place == place);
+        let taken = |place: usize, entries: &[Entry<N>]| {
+            entries.iter().position(|entry| entry.place == place)
+        };
         let entries = &self.entries[..self.count];
-        let fits = |place: &usize| taken(*place, entries).is_none_or(|other| other == k || !entries[other].latched);
+        let fits = |place: &usize| {
+            taken(*place, entries).is_none_or(|other| other == k || !entries[other].latched)
+        };
         if names[0] == Kind::Numeric && self.places[entries[k].place].0 == Kind::Numeric {
             return;
         }
-        let wanted = names.iter().find_map(|name| (0..self.place_count).filter(|place| self.places[*place].0 == *name).find(fits));
-        let spare = || (0..self.place_count).filter(|place| self.places[*place].0 == Kind::Numeric).find(fits);
-        let Some(place) = wanted.or_else(spare) else { return };
+        let wanted = names.iter().find_map(|name| {
+            (0..self.place_count)
+                .filter(|place| self.places[*place].0 == *name)
+                .find(fits)
+        });
+        let spare = || {
+            (0..self.place_count)
+                .filter(|place| self.places[*place].0 == Kind::Numeric)
+                .find(fits)
+        };
+        let Some(place) = wanted.or_else(spare) else {
+            return;
+        };
         let before = self.entries[k].place;
         if let Some(other) = taken(place, &self.entries[..self.count]) {
             self.entries[other].place = before;
@@ -319,7 +399,10 @@ impl<const N: usize> LostDirections<N> {
     fn others(&self, k: usize) -> Span<N> {
         let mut span = Span::of_absent(&self.block);
         for j in 0..self.block.count {
-            match self.entries[..self.count].iter().position(|entry| entry.index == j) {
+            match self.entries[..self.count]
+                .iter()
+                .position(|entry| entry.index == j)
+            {
                 None => span.push(self.block.v(j)),
                 Some(other) if other != k => span.push(self.entries[other].a),
                 Some(_) => {}
@@ -332,19 +415,32 @@ impl<const N: usize> LostDirections<N> {
     fn carry(&mut self) {
         let mut span = Span::of_absent(&self.block);
         for j in 0..self.block.count {
-            if !self.entries[..self.count].iter().any(|entry| entry.index == j) {
+            if !self.entries[..self.count]
+                .iter()
+                .any(|entry| entry.index == j)
+            {
                 span.push(self.block.v(j));
             }
         }
-        let near = self.entries.map(|entry| self.s(entry.index) < self.eta[1].of(self.places[entry.place].0.code()));
+        let near = self
+            .entries
+            .map(|entry| self.s(entry.index) < self.eta[1].of(self.places[entry.place].0.code()));
         for inside in [false, true] {
             for k in (0..self.count).filter(|k| near[*k] == inside) {
                 let Entry { a, index, .. } = self.entries[k];
                 let v = self.block.v(index);
                 let v = if v.dot(&a) < 0.0 { -v } else { v };
                 let carried = span.residual(if inside && is_set(&a) { a } else { v });
-                let carried = if carried.norm() > GONE { carried } else { span.residual(v) };
-                let a = if carried.norm() > GONE { carried.normalize() } else { span.any() };
+                let carried = if carried.norm() > GONE {
+                    carried
+                } else {
+                    span.residual(v)
+                };
+                let a = if carried.norm() > GONE {
+                    carried.normalize()
+                } else {
+                    span.any()
+                };
                 // Twice is exact to rounding.
                 let a = span.residual(a).normalize();
                 self.entries[k].a = a;
@@ -370,30 +466,62 @@ impl<const N: usize> LostDirections<N> {
         let s = self.s(i).max(SMALLEST);
         let u = self.geometry.without_elbow(self.block.covector(i), p);
         let own = if entry.latched { apart(u, before) } else { u };
-        let (angular, half) = larger_half(&own, kind, entry.latched && entry.settled, entry.angular);
+        let (angular, half) =
+            larger_half(&own, kind, entry.latched && entry.settled, entry.angular);
         let size = half.norm().max(1e-9);
         let (mut axis, mut per_aux) = (half / size, if angular { 1.0 } else { L } / size);
-        let class = if entry.latched || entry.verdict.class != Class::Unknown { entry.verdict.class } else { usual };
+        let class = if entry.latched || entry.verdict.class != Class::Unknown {
+            entry.verdict.class
+        } else {
+            usual
+        };
 
         let Q = screws.hessian(&unscaled(&u, L));
         let up = if sigma < 0.0 { -v } else { v };
-        let turning = self.geometry.turning(screws, p, [self.block.covector(i).as_slice(), up.as_slice(), at.qdot.as_slice()], L);
+        let turning = self.geometry.turning(
+            screws,
+            p,
+            [
+                self.block.covector(i).as_slice(),
+                up.as_slice(),
+                at.qdot.as_slice(),
+            ],
+            L,
+        );
         let s_rate = (Q.tr_mul(&up).dot(at.qdot) + turning) / self.reference;
 
-        let turn = Turn { class, s, eta, m, v, Q: &Q, begins: self.begins };
-        let (a, curvature_b) = turn.of(entry.a, entry.latched.then(|| self.others(k)), |y| self.zeta_rate(i, screws, y, angular));
+        let turn = Turn {
+            class,
+            s,
+            eta,
+            m,
+            v,
+            Q: &Q,
+            begins: self.begins,
+        };
+        let (a, curvature_b) = turn.of(entry.a, entry.latched.then(|| self.others(k)), |y| {
+            self.zeta_rate(i, screws, y, angular)
+        });
         let curvature = a.dot(&(Q * a));
         let along = m.dot(&a);
-        let fold = class == Class::Type1 && entry.latched && curvature.abs() > 0.2 * entry.verdict.kappa_1;
+        let fold =
+            class == Class::Type1 && entry.latched && curvature.abs() > 0.2 * entry.verdict.kappa_1;
         if entry.flipped {
             (axis, per_aux) = (-axis, -per_aux);
         }
-        let gain = per_aux * sigma.abs().max(SMALLEST * self.reference) * if along < 0.0 { -1.0 } else { 1.0 };
-        let zeta_B = if angular { stack(&Vector3::zeros(), &axis) } else { stack(&axis, &Vector3::zeros()) };
+        let gain = per_aux
+            * sigma.abs().max(SMALLEST * self.reference)
+            * if along < 0.0 { -1.0 } else { 1.0 };
+        let zeta_B = if angular {
+            stack(&Vector3::zeros(), &axis)
+        } else {
+            stack(&axis, &Vector3::zeros())
+        };
         let (mut towards, mut kappa_2) = (self.towards(at, &axis), entry.verdict.kappa_2);
         if class == Class::Type2 && entry.latched {
             // ζ turns about the second axis of its frame by κ₂ per rad of a.
-            let turn = self.zeta_rate(i, screws, &a, angular) * (if entry.flipped { -1.0 } else { 1.0 } / size);
+            let turn = self.zeta_rate(i, screws, &a, angular)
+                * (if entry.flipped { -1.0 } else { 1.0 } / size);
             let turn = turn - axis * axis.dot(&turn);
             kappa_2 = turn.norm();
             if kappa_2 > TURNS {
@@ -404,10 +532,19 @@ impl<const N: usize> LostDirections<N> {
             (along / curvature, Q.tr_mul(&a) / curvature, 0.0)
         } else {
             let leads = a * curvature + curvature_b;
-            let aux = if class == Class::Mixed { m.dot(&leads) / leads.norm_squared().max(1e-4) } else { 0.0 };
+            let aux = if class == Class::Mixed {
+                m.dot(&leads) / leads.norm_squared().max(1e-4)
+            } else {
+                0.0
+            };
             (aux, a, self.bias(k, &a, screws, at))
         };
-        self.entries[k] = Entry { angular, settled: entry.latched, a, ..entry };
+        self.entries[k] = Entry {
+            angular,
+            settled: entry.latched,
+            a,
+            ..entry
+        };
         Singularity {
             kind,
             class,
@@ -421,16 +558,30 @@ impl<const N: usize> LostDirections<N> {
             aux_rate: aux_row.dot(at.qdot),
             aux_bias,
             aux_row,
-            kappa_1: if fold { (curvature * per_aux).abs() } else { entry.verdict.kappa_1 },
+            kappa_1: if fold {
+                (curvature * per_aux).abs()
+            } else {
+                entry.verdict.kappa_1
+            },
             kappa_2,
             ..Singularity::none()
         }
     }
 
     /// How the linear or the angular half of u turns along the joint motion `y`, 1/rad.
-    fn zeta_rate(&self, i: usize, screws: &Screws<N>, y: &SVector<f64, N>, is_angular: bool) -> Vector3<f64> {
+    fn zeta_rate(
+        &self,
+        i: usize,
+        screws: &Screws<N>,
+        y: &SVector<f64, N>,
+        is_angular: bool,
+    ) -> Vector3<f64> {
         let rate = self.block.turning(&screws.rate(y), i, self.length_m);
-        if is_angular { angular(&rate) } else { linear(&rate) }
+        if is_angular {
+            angular(&rate)
+        } else {
+            linear(&rate)
+        }
     }
 
     /// ȧ·q̇ while a is carried: ȧ leaves Π only, by −Σ_j v_j (u_jᵀḂa)/σ_j.
@@ -449,6 +600,10 @@ impl<const N: usize> LostDirections<N> {
     /// The target of a singular frame's second axis: the last joint's axis, or the one before it where ζ lies along that.
     fn towards(&self, at: &Posture<'_, N>, axis: &Vector3<f64>) -> Vector3<f64> {
         let z = at.terms.z[N - 1];
-        if N < 2 || z.dot(axis).abs() < 0.9 { z } else { at.terms.z[N - 2] }
+        if N < 2 || z.dot(axis).abs() < 0.9 {
+            z
+        } else {
+            at.terms.z[N - 2]
+        }
     }
 }

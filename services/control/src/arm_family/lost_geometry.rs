@@ -20,7 +20,12 @@ pub(super) struct Geometry {
 
 impl Geometry {
     /// The unit-scaled rows whose rank is watched; `p` is C − S.
-    pub(super) fn rows<const N: usize>(&self, screws: &Screws<N>, p: &Vector3<f64>, length_m: f64) -> SMatrix<f64, 6, N> {
+    pub(super) fn rows<const N: usize>(
+        &self,
+        screws: &Screws<N>,
+        p: &Vector3<f64>,
+        length_m: f64,
+    ) -> SMatrix<f64, 6, N> {
         let mut rows = screws.scaled(length_m);
         if self.elbow_apart && N > 3 {
             let along = p / p.norm().max(1e-9);
@@ -48,11 +53,21 @@ impl Geometry {
     }
 
     /// The term that the turn of p adds to uᵀ·d(rows)/dt·v, 1/s; J unscaled, `u` on the scaled rows.
-    pub(super) fn turning<const N: usize>(&self, screws: &Screws<N>, p: &Vector3<f64>, [u, v, qdot]: [&[f64]; 3], length_m: f64) -> f64 {
+    pub(super) fn turning<const N: usize>(
+        &self,
+        screws: &Screws<N>,
+        p: &Vector3<f64>,
+        [u, v, qdot]: [&[f64]; 3],
+        length_m: f64,
+    ) -> f64 {
         if !self.elbow_apart || N < 4 {
             return 0.0;
         }
-        let (length, velocity) = (p.norm().max(1e-9), |y: &[f64]| (0..N).map(|j| screws.column(j).0 * y[j]).sum::<Vector3<f64>>());
+        let (length, velocity) = (p.norm().max(1e-9), |y: &[f64]| {
+            (0..N)
+                .map(|j| screws.column(j).0 * y[j])
+                .sum::<Vector3<f64>>()
+        });
         let along = p / length;
         let C = velocity(qdot);
         let (rate, moved) = ((C - along * along.dot(&C)) / length, velocity(v) / length_m);
@@ -70,14 +85,27 @@ impl Geometry {
         let z = |i: usize| screws.column(i).1;
         let point = |i: usize| screws.column(i).1.cross(&screws.column(i).0);
         let normal = z(4).cross(&z(5));
-        let W = point(4) + z(4) * ((point(5) - point(4)).cross(&z(5)).dot(&normal) / normal.norm_squared().max(1e-12));
+        let W = point(4)
+            + z(4)
+                * ((point(5) - point(4)).cross(&z(5)).dot(&normal)
+                    / normal.norm_squared().max(1e-12));
         let (reach, forearm) = (W + p, W - point(3));
         let parallel = |i: usize, j: usize| z(i).cross(&z(j)).norm() < HOLDS;
-        let other = if parallel(0, 2) { Kind::Shoulder } else { Kind::Wrist };
-        if !self.elbow_apart && reach.dot(&z(3).cross(&forearm)).abs() < HOLDS * reach.norm() * forearm.norm() {
+        let other = if parallel(0, 2) {
+            Kind::Shoulder
+        } else {
+            Kind::Wrist
+        };
+        if !self.elbow_apart
+            && reach.dot(&z(3).cross(&forearm)).abs() < HOLDS * reach.norm() * forearm.norm()
+        {
             return [Kind::Elbow, other];
         }
-        if parallel(4, 6) { [Kind::Wrist, other] } else { [other, Kind::Wrist] }
+        if parallel(4, 6) {
+            [Kind::Wrist, other]
+        } else {
+            [other, Kind::Wrist]
+        }
     }
 }
 
@@ -91,7 +119,10 @@ pub(super) struct Span<const N: usize> {
 impl<const N: usize> Span<N> {
     /// The joints that the arm does not have: their columns of J are zero, and no motion of theirs counts.
     pub(super) fn of_absent(block: &Block<N>) -> Self {
-        let mut span = Self { vectors: [SVector::zeros(); N], count: 0 };
+        let mut span = Self {
+            vectors: [SVector::zeros(); N],
+            count: 0,
+        };
         for k in (0..N).filter(|k| !block.has_column(*k)) {
             span.push(super::axes::unit(k));
         }

@@ -44,11 +44,17 @@ pub(super) fn fold<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) ->
 }
 
 /// Where ζ should be, or how the neighbourhood is left: by the type.
-pub(super) fn direction<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> Option<Direction> {
+pub(super) fn direction<const N: usize>(
+    s: &Singularity<N>,
+    at: &Situation<'_, N>,
+    memory: &mut Memory,
+) -> Option<Direction> {
     let inside = match s.class {
-        Class::Mixed | Class::Type2 if at.clips && slides(s, at, memory) => {
-            Some(Direction { weight: 1.0, clipped: true, ..Direction::default() })
-        }
+        Class::Mixed | Class::Type2 if at.clips && slides(s, at, memory) => Some(Direction {
+            weight: 1.0,
+            clipped: true,
+            ..Direction::default()
+        }),
         Class::Mixed => Some(leave(s, at, memory)),
         Class::Type2 => aside(s, at, memory),
         _ => None,
@@ -58,12 +64,26 @@ pub(super) fn direction<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N
     if share > 0.99 {
         memory.passing = false;
     }
-    let follows = Direction { error, rate, weight: 1.0, ..Direction::default() };
+    let follows = Direction {
+        error,
+        rate,
+        weight: 1.0,
+        ..Direction::default()
+    };
     let Some(inside) = inside.filter(|_| share <= 0.99) else {
-        return (share > 0.0).then_some(Direction { error: share * error, rate: share * rate, ..follows });
+        return (share > 0.0).then_some(Direction {
+            error: share * error,
+            rate: share * rate,
+            ..follows
+        });
     };
     let mix = |inside: f64, outside: f64| inside + share * (outside - inside);
-    Some(Direction { error: mix(inside.error * inside.weight, error), rate: mix(inside.rate, rate), weight: 1.0, ..inside })
+    Some(Direction {
+        error: mix(inside.error * inside.weight, error),
+        rate: mix(inside.rate, rate),
+        weight: 1.0,
+        ..inside
+    })
 }
 
 /// Whether the goal beyond reach runs away along ζ: no self-motion leads there, and the arm stays at the boundary.
@@ -81,18 +101,29 @@ fn follow<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) -> (f64, f6
     let entry = FOLLOW.0 * s.gain * s.eta_in / s.s.max(SMALLEST);
     let inverse = s.gain / (s.gain * s.gain + entry * entry).max(SMALLEST);
     let error = s.zeta_B.dot(at.error) * inverse;
-    ((error).clamp(-FOLLOW.1, FOLLOW.1), (s.zeta_B.dot(&at.desired.V) * inverse).clamp(-at.rate_max, at.rate_max))
+    (
+        (error).clamp(-FOLLOW.1, FOLLOW.1),
+        (s.zeta_B.dot(&at.desired.V) * inverse).clamp(-at.rate_max, at.rate_max),
+    )
 }
 
 /// ζ turned until what is left of the leg lies in its orthogonal complement [CK95 §4]: ζ(ε) = ζ cos ε + T sin ε, T = y×ζ with y the second axis of
 /// the singular frame, meets ζ(ε)·d = 0 at tan ε = −(ζ·d)/(T·d).
-fn aside<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> Option<Direction> {
+fn aside<const N: usize>(
+    s: &Singularity<N>,
+    at: &Situation<'_, N>,
+    memory: &mut Memory,
+) -> Option<Direction> {
     if !s.inside || within(s.kappa_2.abs(), TURNS) {
         memory.passing = false;
         return None;
     }
     let end = at.ahead.pose(1.0);
-    let d = if s.angular { rotation_log(&(end.R * at.terms.X_BE.R.transpose())) } else { end.p - at.at.p };
+    let d = if s.angular {
+        rotation_log(&(end.R * at.terms.X_BE.R.transpose()))
+    } else {
+        end.p - at.at.p
+    };
     let (zeta, T) = (s.axis(), s.R_BS.column(1).cross(&s.axis()));
     let (along, across) = (zeta.dot(&d), T.dot(&d));
     let square = along * along + across * across;
@@ -101,23 +132,49 @@ fn aside<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, memory: &mut
     if memory.side == 0.0 || angle.abs() < UNDECIDED {
         memory.side = if angle < 0.0 { -1.0 } else { 1.0 };
     }
-    let angle = if angle.abs() < UNDECIDED { angle } else { angle.abs() * memory.side };
+    let angle = if angle.abs() < UNDECIDED {
+        angle
+    } else {
+        angle.abs() * memory.side
+    };
     memory.passing = angle.abs() * weight > if memory.passing { 0.3 } else { 1.0 } * AWAY.0;
     memory.holding = weight < if memory.holding { 0.5 } else { 0.3 };
-    Some(Direction { error: angle / s.kappa_2, rate: 0.0, weight, passing: memory.passing, holding: memory.holding, clipped: false })
+    Some(Direction {
+        error: angle / s.kappa_2,
+        rate: 0.0,
+        weight,
+        passing: memory.passing,
+        holding: memory.holding,
+        clipped: false,
+    })
 }
 
 /// Out of the neighbourhood along the self-motion: away from the lock, or where that direction is undefined, to where the joints have more room.
-fn leave<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> Direction {
+fn leave<const N: usize>(
+    s: &Singularity<N>,
+    at: &Situation<'_, N>,
+    memory: &mut Memory,
+) -> Direction {
     if !s.inside {
         memory.passing = false;
-        return Direction { weight: 1.0, ..Direction::default() };
+        return Direction {
+            weight: 1.0,
+            ..Direction::default()
+        };
     }
     let room = |side: f64| {
         (0..N).fold(ROOM, |room, i| {
             let by = side * s.aux_row[i];
-            let left = if by > 0.0 { at.upper[i] - at.q[i] } else { at.q[i] - at.lower[i] };
-            if by.abs() > 0.1 { room.min(left / by.abs()) } else { room }
+            let left = if by > 0.0 {
+                at.upper[i] - at.q[i]
+            } else {
+                at.q[i] - at.lower[i]
+            };
+            if by.abs() > 0.1 {
+                room.min(left / by.abs())
+            } else {
+                room
+            }
         })
     };
     let decided = s.aux.abs() > SIDE;
@@ -128,5 +185,12 @@ fn leave<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, memory: &mut
         memory.passing = true;
     }
     let rate = memory.side * LEAVE.min(at.rate_max);
-    Direction { error: 0.0, rate, weight: 1.0, passing: true, holding: false, clipped: false }
+    Direction {
+        error: 0.0,
+        rate,
+        weight: 1.0,
+        passing: true,
+        holding: false,
+        clipped: false,
+    }
 }

@@ -15,7 +15,10 @@
 //! A singular vector of the whole block is part translation, part rotation. ζ is the larger half, made a unit vector: eliminating the rotation's row, not
 //! the singular vector's, keeps translation exact. At a fold the vector is first made orthogonal to every motion that leaves s alone. With a =
 //! [u_v/L; u_ω], aᵀJ = σ vᵀ, so modulo the kept rows ζᵀJ = σ/|u_ω|·vᵀ (or σL/|u_v|·vᵀ).
-#![allow(clippy::needless_range_loop, reason = "indices name rows and directions of several arrays at once")]
+#![allow(
+    clippy::needless_range_loop,
+    reason = "indices name rows and directions of several arrays at once"
+)]
 
 use super::axes::{frame, meeting};
 use super::block::Block;
@@ -102,12 +105,22 @@ impl<const N: usize> Numeric<N> {
         let (meeting, spherical) = meeting(&terms);
         let spherical = spherical && robot.task.is_full();
         let (blocks, block_count) = if spherical {
-            ([Block::new(0..3, (0, N - 3)), Block::new(3..6, (N - 3, N))], 2)
+            (
+                [Block::new(0..3, (0, N - 3)), Block::new(3..6, (N - 3, N))],
+                2,
+            )
         } else {
             let all = Block::new((0..6).filter(|k| task[*k]), (0, robot.dof()));
             ([all, all], 1)
         };
-        let place = |block, index| Place { block, index, angular: block == 1, latched: false, flipped: false, verdict: Verdict::default() };
+        let place = |block, index| Place {
+            block,
+            index,
+            angular: block == 1,
+            latched: false,
+            flipped: false,
+            verdict: Verdict::default(),
+        };
         let mut places = [place(0, 0); MAX_SINGULARITIES];
         let mut count = 0;
         for index in 0..blocks[0].count.min(MAX_SINGULARITIES) {
@@ -120,7 +133,9 @@ impl<const N: usize> Numeric<N> {
             count += 1;
         }
         // C's position must not depend on a rotation that the task does not serve.
-        let centre = meeting.filter(|_| free_axis(&task).is_none()).map_or(Centre::EndEffector, Centre::OnLastAxis);
+        let centre = meeting
+            .filter(|_| free_axis(&task).is_none())
+            .map_or(Centre::EndEffector, Centre::OnLastAxis);
         let mut source = Self {
             centre,
             length_m: robot.length_m,
@@ -142,7 +157,13 @@ impl<const N: usize> Numeric<N> {
         let mut random = Uniform(1);
         let mut best = [1e-6_f64; 2];
         for _ in 0..SAMPLES {
-            let delta = SVector::from_fn(|i, _| if i < dof { random.within(-std::f64::consts::PI, std::f64::consts::PI) } else { 0.0 });
+            let delta = SVector::from_fn(|i, _| {
+                if i < dof {
+                    random.within(-std::f64::consts::PI, std::f64::consts::PI)
+                } else {
+                    0.0
+                }
+            });
             let scaled = screws.moved(&delta).0.scaled(self.length_m);
             for k in 0..self.block_count {
                 let mut block = self.blocks[k];
@@ -163,13 +184,19 @@ impl<const N: usize> Numeric<N> {
                 }
                 for index in 0..self.blocks[k].count {
                     let block = &self.blocks[k];
-                    let taken = self.places[..self.count].iter().any(|other| other.block == k && other.index == index);
-                    let (new, old) = (block.sigma[index].abs(), block.sigma[self.places[p].index].abs());
+                    let taken = self.places[..self.count]
+                        .iter()
+                        .any(|other| other.block == k && other.index == index);
+                    let (new, old) = (
+                        block.sigma[index].abs(),
+                        block.sigma[self.places[p].index].abs(),
+                    );
                     if !taken && new < old && new > FAR * self.reference[k] {
                         // On the side where the other one was, so that s goes on without a step.
                         if block.sigma[index] * block.sigma[self.places[p].index] < 0.0 {
                             let block = &mut self.blocks[k];
-                            (block.v[index], block.sigma[index]) = (-block.v[index], -block.sigma[index]);
+                            (block.v[index], block.sigma[index]) =
+                                (-block.v[index], -block.sigma[index]);
                         }
                         self.places[p].index = index;
                     }
@@ -178,18 +205,41 @@ impl<const N: usize> Numeric<N> {
         }
     }
 
-    fn singularity(&mut self, p: usize, at: &Posture<'_, N>, screws: &Screws<N>, motion: &[Motion<N>; 2]) -> Singularity<N> {
+    fn singularity(
+        &mut self,
+        p: usize,
+        at: &Posture<'_, N>,
+        screws: &Screws<N>,
+        motion: &[Motion<N>; 2],
+    ) -> Singularity<N> {
         let place = self.places[p];
-        let (block, reference, L) = (&self.blocks[place.block], self.reference[place.block], self.length_m);
+        let (block, reference, L) = (
+            &self.blocks[place.block],
+            self.reference[place.block],
+            self.length_m,
+        );
         let (i, motion) = (place.index, &motion[place.block]);
         let sigma = block.sigma[i];
-        let s = if sigma.abs() < SMALLEST * reference { SMALLEST.copysign(sigma) } else { sigma / reference };
+        let s = if sigma.abs() < SMALLEST * reference {
+            SMALLEST.copysign(sigma)
+        } else {
+            sigma / reference
+        };
 
-        let kind = if place.block == 1 { Kind::Wrist } else { Kind::Numeric };
+        let kind = if place.block == 1 {
+            Kind::Wrist
+        } else {
+            Kind::Numeric
+        };
         let eta_out = self.eta_out.of(kind.code());
         let u = block.covector(i);
         let threshold = ANGULAR[usize::from(place.latched)];
-        let angular = crate::linear::angular(&u).norm_squared() > if place.angular { 1.0 - threshold } else { threshold };
+        let angular = crate::linear::angular(&u).norm_squared()
+            > if place.angular {
+                1.0 - threshold
+            } else {
+                threshold
+            };
         let mut latched = place.latched;
         let mut verdict = place.verdict;
         if !latched && s.abs() <= LATCH.0 * eta_out {
@@ -204,21 +254,35 @@ impl<const N: usize> Numeric<N> {
         let s_rate = gradient.dot(at.qdot);
         let slope = gradient.dot(&v);
         let fold = verdict.class == Class::Type1 && slope.abs() > SLOPE * gradient.norm();
-        let u = if fold { block.along_fold(i, &gradient, slope) } else { u };
+        let u = if fold {
+            block.along_fold(i, &gradient, slope)
+        } else {
+            u
+        };
         let (u_v, u_w) = (crate::linear::linear(&u), crate::linear::angular(&u));
         let (mut axis, size) = if angular { unit(&u_w) } else { unit(&u_v) };
         let per_aux = if angular { 1.0 / size } else { L / size };
 
         let mut gain = s * reference * per_aux;
         // A fold is left against ζ: x = h·s²/2 along it with h < 0. Settled when the type is, so that it never flips inside.
-        let flipped = if latched && !place.latched { fold && slope > 0.0 } else { latched && place.flipped };
+        let flipped = if latched && !place.latched {
+            fold && slope > 0.0
+        } else {
+            latched && place.flipped
+        };
         if flipped {
             (axis, gain) = (-axis, -gain);
         }
         let (zeta_B, R_BS) = if angular {
-            (stack(&Vector3::zeros(), &axis), frame(&axis, &self.towards(at, &axis)))
+            (
+                stack(&Vector3::zeros(), &axis),
+                frame(&axis, &self.towards(at, &axis)),
+            )
         } else {
-            (stack(&axis, &Vector3::zeros()), frame(&axis, &self.towards(at, &axis)))
+            (
+                stack(&axis, &Vector3::zeros()),
+                frame(&axis, &self.towards(at, &axis)),
+            )
         };
         let (aux, aux_rate, aux_bias, aux_row, gain) = if fold {
             // A fold: s itself is the task coordinate, x = h·s²/2 along ζ with h = gain/s.
@@ -227,7 +291,13 @@ impl<const N: usize> Numeric<N> {
             let bias = block.v_bias(&motion.Jdot, &motion.M, i, at.qdot, L);
             (0.0, v.dot(at.qdot), bias, v, gain)
         };
-        self.places[p] = Place { angular, latched, flipped, verdict, ..place };
+        self.places[p] = Place {
+            angular,
+            latched,
+            flipped,
+            verdict,
+            ..place
+        };
         Singularity {
             kind,
             class: verdict.class,
@@ -250,7 +320,11 @@ impl<const N: usize> Numeric<N> {
     /// The target of a singular frame's second axis: the last joint's axis, or the one before it where ζ lies along that.
     fn towards(&self, at: &Posture<'_, N>, axis: &Vector3<f64>) -> Vector3<f64> {
         let z = at.terms.z[N - 1];
-        if N < 2 || z.dot(axis).abs() < 0.9 { z } else { at.terms.z[N - 2] }
+        if N < 2 || z.dot(axis).abs() < 0.9 {
+            z
+        } else {
+            at.terms.z[N - 2]
+        }
     }
 }
 
@@ -269,11 +343,18 @@ impl<const N: usize> ArmFamily<N> for Numeric<N> {
         }
     }
 
-    fn measure(&mut self, posture: &Posture<'_, N>, out: &mut [Singularity<N>; MAX_SINGULARITIES]) -> usize {
+    fn measure(
+        &mut self,
+        posture: &Posture<'_, N>,
+        out: &mut [Singularity<N>; MAX_SINGULARITIES],
+    ) -> usize {
         let screws = Screws(posture.at.J);
         let scaled = screws.scaled(self.length_m);
         let Jdot = screws.rate(posture.qdot);
-        let mut motion = [Motion { Jdot, M: [[0.0; 6]; 6] }; 2];
+        let mut motion = [Motion {
+            Jdot,
+            M: [[0.0; 6]; 6],
+        }; 2];
         for k in 0..self.block_count {
             self.blocks[k].track(&scaled);
             motion[k].M = self.blocks[k].coupling(&Jdot, self.length_m);
@@ -296,7 +377,13 @@ impl<const N: usize> ArmFamily<N> for Numeric<N> {
     }
 
     /// Along the null motion, which is straight where C is held by joints that rest (any spherical wrist).
-    fn turning(&self, s: &Singularity<N>, _terms: &Terms<N>, _p_BC: &Vector3<f64>, angle: f64) -> Option<SVector<f64, N>> {
+    fn turning(
+        &self,
+        s: &Singularity<N>,
+        _terms: &Terms<N>,
+        _p_BC: &Vector3<f64>,
+        angle: f64,
+    ) -> Option<SVector<f64, N>> {
         (s.kappa_2.abs() > TURNS).then(|| s.aux_row * (angle / s.kappa_2))
     }
 
@@ -324,11 +411,27 @@ impl<const N: usize> ArmFamily<N> for Numeric<N> {
         }
         for (place, from) in self.places.iter_mut().zip(&from.places) {
             let class = Class::from_code(from.class);
-            let verdict = Verdict { class: class.unwrap_or(Class::Unknown), kappa_1: from.kappa_1, kappa_2: from.kappa_2, distance: 0.0 };
+            let verdict = Verdict {
+                class: class.unwrap_or(Class::Unknown),
+                kappa_1: from.kappa_1,
+                kappa_2: from.kappa_2,
+                distance: 0.0,
+            };
             let index = (from.index as usize).min(self.blocks[place.block].count.saturating_sub(1));
             // Without a type that exists it is classified again.
-            let (angular, latched, flipped) = (from.angular != 0, from.latched != 0 && class.is_some(), from.flipped != 0);
-            *place = Place { angular, latched, flipped, verdict, index, block: place.block };
+            let (angular, latched, flipped) = (
+                from.angular != 0,
+                from.latched != 0 && class.is_some(),
+                from.flipped != 0,
+            );
+            *place = Place {
+                angular,
+                latched,
+                flipped,
+                verdict,
+                index,
+                block: place.block,
+            };
         }
     }
 }

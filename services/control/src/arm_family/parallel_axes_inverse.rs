@@ -113,7 +113,10 @@ impl PlanarArm {
     #[must_use]
     pub fn new<const N: usize>(terms: &Terms<N>, p_BC: &Vector3<f64>) -> Self {
         let plane = Plane::new(terms, p_BC);
-        Self { plane, side: if plane.C.y < 0.0 { -1.0 } else { 1.0 } }
+        Self {
+            plane,
+            side: if plane.C.y < 0.0 { -1.0 } else { 1.0 },
+        }
     }
 
     /// The plane for a place of C: d from the waist axis.
@@ -127,7 +130,12 @@ impl PlanarArm {
         let R = self.side * (along * along + across * across - d * d).max(0.0).sqrt();
         let turn = wrap_angle(libm::atan2(across, along) - libm::atan2(d, R));
         let (sin, cos) = libm::sincos(turn);
-        PlacedPlane { turn, C: Vector2::new(p.dot(&z1), R), z1, x: x * cos + n * sin }
+        PlacedPlane {
+            turn,
+            C: Vector2::new(p.dot(&z1), R),
+            z1,
+            x: x * cos + n * sin,
+        }
     }
 
     /// Where axis 4 has to be for C there and axis 5 along `z5`, m.
@@ -155,11 +163,15 @@ impl PlanarArm {
         let turning = at.terms.z[1].dot(&(at.terms.omega[3] - at.terms.omega[0]));
         let cosine = |t: f64| {
             let placed = self.at(&(at.desired.p + linear(&at.desired.V) * t));
-            let w = placed.wrist_bend(&(rotation_exp(&(angular(&at.desired.V) * t)) * (at.desired.R * z6_E)));
+            let w = placed
+                .wrist_bend(&(rotation_exp(&(angular(&at.desired.V) * t)) * (at.desired.R * z6_E)));
             let now = turned(&self.plane.z5, turning * t);
             self.cosine(&self.axis_4(&placed.C, &Self::axis_5(&w, &now)))
         };
-        [cosine(0.0), (cosine(STEP_S) - cosine(-STEP_S)) / (2.0 * STEP_S)]
+        [
+            cosine(0.0),
+            (cosine(STEP_S) - cosine(-STEP_S)) / (2.0 * STEP_S),
+        ]
     }
 
     /// Angles of upper arm, elbow and link 4 in the plane, axis 5 along `z5`; `None` where axis 4 would be beyond reach.
@@ -194,7 +206,10 @@ impl InverseKinematics for PlanarArm {
     type Joints = InPlane;
 
     fn other_side(&self) -> Self {
-        Self { side: -self.side, ..*self }
+        Self {
+            side: -self.side,
+            ..*self
+        }
     }
 
     fn at_pose(&self, X: &Pose, z6_d: &Vector3<f64>, before: Option<&InPlane>) -> Point<InPlane> {
@@ -204,7 +219,15 @@ impl InverseKinematics for PlanarArm {
         let axis_4 = self.axis_4(&placed.C, &z5);
         let theta = libm::acos(self.cosine(&axis_4).clamp(-1.0, 1.0)).copysign(self.plane.theta());
         let [upper, theta, _] = self.angles(&axis_4, theta, &z5);
-        Point { turn: placed.turn, R: placed.C.y, w, joints: InPlane { z5, angles: [upper, theta] } }
+        Point {
+            turn: placed.turn,
+            R: placed.C.y,
+            w,
+            joints: InPlane {
+                z5,
+                angles: [upper, theta],
+            },
+        }
     }
 }
 
@@ -212,20 +235,49 @@ impl InverseKinematics for PlanarArm {
 pub(super) fn foresee<const N: usize>(at: &Foresight<'_, N>, out: &mut Foreseen) {
     let arm = PlanarArm::new(at.terms, &at.p_C);
     let reach = arm.plane.upper.norm() + arm.plane.lower.norm();
-    let Foresight { velocity, rate_max, eta_out, .. } = at;
+    let Foresight {
+        velocity,
+        rate_max,
+        eta_out,
+        ..
+    } = at;
     ahead::foresee(arm, at, out, |stretch| {
         let (from, to) = (&stretch.from, &stretch.to);
         // Damped as the reference of the wrist is.
         let size = from.w.norm_squared().min(to.w.norm_squared());
         let link_4 = stretch.wrist * (size / (size + MU * MU));
-        let [upper, elbow] = [0, 1].map(|i| wrap_angle(to.joints.angles[i] - from.joints.angles[i]));
-        let limit = |is_near: bool, most: f64, joint: usize| if is_near { most.min(velocity[joint]) } else { velocity[joint] };
+        let [upper, elbow] =
+            [0, 1].map(|i| wrap_angle(to.joints.angles[i] - from.joints.angles[i]));
+        let limit = |is_near: bool, most: f64, joint: usize| {
+            if is_near {
+                most.min(velocity[joint])
+            } else {
+                velocity[joint]
+            }
+        };
         [
-            (stretch.waist, limit(to.R.abs() < eta_out.overhead * reach, rate_max.overhead, 0)),
+            (
+                stretch.waist,
+                limit(to.R.abs() < eta_out.overhead * reach, rate_max.overhead, 0),
+            ),
             (upper, velocity[1]),
-            (elbow, limit(libm::sin(to.joints.angles[1]).abs() < eta_out.elbow, rate_max.elbow, 2)),
+            (
+                elbow,
+                limit(
+                    libm::sin(to.joints.angles[1]).abs() < eta_out.elbow,
+                    rate_max.elbow,
+                    2,
+                ),
+            ),
             (link_4 - upper - elbow, velocity[3]),
-            (link_4, if stretch.nearest < eta_out.wrist { rate_max.wrist } else { f64::INFINITY }),
+            (
+                link_4,
+                if stretch.nearest < eta_out.wrist {
+                    rate_max.wrist
+                } else {
+                    f64::INFINITY
+                },
+            ),
         ]
     });
 }

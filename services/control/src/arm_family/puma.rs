@@ -29,7 +29,9 @@ impl Puma {
     /// From the DH lengths, m.
     #[must_use]
     pub fn new(a2: f64, a3: f64, d4: f64) -> Self {
-        Self { lengths: PumaLengths::new(a2, a3, d4) }
+        Self {
+            lengths: PumaLengths::new(a2, a3, d4),
+        }
     }
 
     /// Elbow: the wrist centre cannot move along the line from the shoulder's centre to it.
@@ -39,9 +41,18 @@ impl Puma {
     fn elbow<const N: usize>(&self, at: &Posture<'_, N>) -> Singularity<N> {
         let p = at.at.p - shoulder(at.terms);
         let length = p.norm();
-        let zeta = if length > 1e-9 { p / length } else { at.terms.z[0] };
+        let zeta = if length > 1e-9 {
+            p / length
+        } else {
+            at.terms.z[0]
+        };
         let fold = self.lengths.a2 * self.lengths.L3 / length.max(1e-9);
-        elbow::measure((&zeta, &at.terms.z[1]), (self.lengths.theta(at.q[2]), at.qdot[2]), fold, unit(2))
+        elbow::measure(
+            (&zeta, &at.terms.z[1]),
+            (self.lengths.theta(at.q[2]), at.qdot[2]),
+            fold,
+            unit(2),
+        )
     }
 }
 
@@ -51,7 +62,11 @@ impl<const N: usize> ArmFamily<N> for Puma {
     }
 
     /// det J = −a2 L3 (a2 + L3)·s_elbow·s_wrist·s_overhead     [CK95 Eq. 1]
-    fn measure(&mut self, posture: &Posture<'_, N>, out: &mut [Singularity<N>; MAX_SINGULARITIES]) -> usize {
+    fn measure(
+        &mut self,
+        posture: &Posture<'_, N>,
+        out: &mut [Singularity<N>; MAX_SINGULARITIES],
+    ) -> usize {
         out[0] = self.elbow(posture);
         out[1] = wrist::measure(posture);
         out[2] = waist::measure(posture, 1..3, self.lengths.a2 + self.lengths.L3);
@@ -61,27 +76,49 @@ impl<const N: usize> ArmFamily<N> for Puma {
     fn fold(&self, s: &Singularity<N>, at: &Situation<'_, N>) -> Option<Fold> {
         let S = shoulder(at.terms);
         let offset = (at.at.p - S).dot(&at.terms.z[1]);
-        Some(elbow::fold(s.aux, elbow::cosine(&S, at.desired, [self.lengths.a2, self.lengths.L3], offset)))
+        Some(elbow::fold(
+            s.aux,
+            elbow::cosine(&S, at.desired, [self.lengths.a2, self.lengths.L3], offset),
+        ))
     }
 
-    fn direction(&self, s: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> Option<Direction> {
+    fn direction(
+        &self,
+        s: &Singularity<N>,
+        at: &Situation<'_, N>,
+        memory: &mut Memory,
+    ) -> Option<Direction> {
         Some(match s.kind {
             Kind::Overhead => waist::direction(at, memory),
             _ => {
                 let forearm = Forearm::new(&self.lengths, at.q, at.terms, &at.at.p);
-                wrist::direction(&wrist::Wrist::spherical(at.terms, at.qdot_planned), s, at, memory, |p, z6_d| {
-                    forearm.at(p).wrist_bend(z6_d)
-                })
+                wrist::direction(
+                    &wrist::Wrist::spherical(at.terms, at.qdot_planned),
+                    s,
+                    at,
+                    memory,
+                    |p, z6_d| forearm.at(p).wrist_bend(z6_d),
+                )
             }
         })
     }
 
-    fn turning(&self, s: &Singularity<N>, terms: &Terms<N>, _p_BC: &Vector3<f64>, angle: f64) -> Option<SVector<f64, N>> {
+    fn turning(
+        &self,
+        s: &Singularity<N>,
+        terms: &Terms<N>,
+        _p_BC: &Vector3<f64>,
+        angle: f64,
+    ) -> Option<SVector<f64, N>> {
         match s.kind {
             Kind::Wrist => Some(wrist::turning(terms, angle)),
             Kind::Overhead => {
                 let turn = rotation_exp(&(terms.z[0] * angle));
-                let mut by = wrist::turning_with_forearm(terms, &(turn * terms.z[N - 3]), &(turn * terms.z[N - 2]));
+                let mut by = wrist::turning_with_forearm(
+                    terms,
+                    &(turn * terms.z[N - 3]),
+                    &(turn * terms.z[N - 2]),
+                );
                 by[0] = angle;
                 Some(by)
             }

@@ -22,7 +22,11 @@ impl PumaLengths {
     /// From the DH lengths, m.
     #[must_use]
     pub fn new(a2: f64, a3: f64, d4: f64) -> Self {
-        Self { a2, L3: (a3 * a3 + d4 * d4).sqrt(), q3_stretched: libm::atan2(d4, a3) }
+        Self {
+            a2,
+            L3: (a3 * a3 + d4 * d4).sqrt(),
+            q3_stretched: libm::atan2(d4, a3),
+        }
     }
 
     /// Elbow angle from full stretch, (−π, π].
@@ -61,7 +65,12 @@ pub struct PlacedForearm {
 impl Forearm {
     /// The forearm of the posture in `terms`, wrist centre at `p_C`, base axes, m.
     #[must_use]
-    pub fn new<const N: usize>(puma: &PumaLengths, q: &SVector<f64, N>, terms: &Terms<N>, p_C: &Vector3<f64>) -> Self {
+    pub fn new<const N: usize>(
+        puma: &PumaLengths,
+        q: &SVector<f64, N>,
+        terms: &Terms<N>,
+        p_C: &Vector3<f64>,
+    ) -> Self {
         let (z1, z2) = (terms.z[0], terms.z[1]);
         let x = z2.cross(&z1);
         let S = shoulder(terms);
@@ -91,15 +100,26 @@ impl Forearm {
         let needed = (R * R + p.z * p.z - a2 * a2 - L3 * L3) / (2.0 * a2 * L3);
         let cos = needed.clamp(-1.0, 1.0);
         let theta = self.sides[1] * libm::acos(cos);
-        let (K, M) = (a2 + L3 * cos, -L3 * self.sides[1] * (1.0 - cos * cos).sqrt());
+        let (K, M) = (
+            a2 + L3 * cos,
+            -L3 * self.sides[1] * (1.0 - cos * cos).sqrt(),
+        );
         let q2 = libm::atan2(R * M - p.z * K, R * K + p.z * M);
         let (s23, c23) = libm::sincos(q2 + theta + self.puma.q3_stretched);
         let (s1, c1) = libm::sincos(turn);
         let to_base = self.axes.transpose();
-        let axes = [to_base * Vector3::new(s23 * c1, s23 * s1, c23), to_base * Vector3::new(-s1, c1, 0.0)];
+        let axes = [
+            to_base * Vector3::new(s23 * c1, s23 * s1, c23),
+            to_base * Vector3::new(-s1, c1, 0.0),
+        ];
         // A place exactly on the boundary is within reach: rounding is not a distance.
         let within_reach = r2 >= d * d - 1e-12 && needed.abs() <= 1.0 + 1e-12;
-        PlacedForearm { angles: [turn, q2, theta], R, within_reach, axes }
+        PlacedForearm {
+            angles: [turn, q2, theta],
+            R,
+            within_reach,
+            axes,
+        }
     }
 
     /// The same on chosen sides of shoulder and elbow, ±1.
@@ -129,26 +149,69 @@ impl InverseKinematics for Forearm {
         self.on([-self.sides[0], self.sides[1]])
     }
 
-    fn at_pose(&self, X: &Pose, z6_d: &Vector3<f64>, _before: Option<&[f64; 2]>) -> Point<[f64; 2]> {
+    fn at_pose(
+        &self,
+        X: &Pose,
+        z6_d: &Vector3<f64>,
+        _before: Option<&[f64; 2]>,
+    ) -> Point<[f64; 2]> {
         let placed = self.at(&X.p);
         let [turn, q2, theta] = placed.angles;
-        Point { turn, R: placed.R, w: placed.wrist_bend(z6_d), joints: [q2, theta] }
+        Point {
+            turn,
+            R: placed.R,
+            w: placed.wrist_bend(z6_d),
+            joints: [q2, theta],
+        }
     }
 }
 
 /// Demand of the path ahead on joints 1 to 4; near a singularity the auxiliary rate bounds the joint that is its coordinate.
-pub(super) fn foresee<const N: usize>(puma: &PumaLengths, at: &Foresight<'_, N>, out: &mut Foreseen) {
-    let Foresight { velocity, rate_max, eta_out, .. } = at;
-    ahead::foresee(Forearm::new(puma, at.q, at.terms, &at.p_C), at, out, |stretch| {
-        let ([q2_before, theta_before], [q2, theta]) = (stretch.from.joints, stretch.to.joints);
-        let limit = |is_near: bool, most: f64, joint: usize| if is_near { most.min(velocity[joint]) } else { velocity[joint] };
-        [
-            (stretch.waist, limit(stretch.to.R.abs() < eta_out.overhead * (puma.a2 + puma.L3), rate_max.overhead, 0)),
-            (wrap_angle(q2 - q2_before), velocity[1]),
-            (wrap_angle(theta - theta_before), limit(libm::sin(theta).abs() < eta_out.elbow, rate_max.elbow, 2)),
-            (stretch.wrist, limit(stretch.nearest < eta_out.wrist, rate_max.wrist, 3)),
-        ]
-    });
+pub(super) fn foresee<const N: usize>(
+    puma: &PumaLengths,
+    at: &Foresight<'_, N>,
+    out: &mut Foreseen,
+) {
+    let Foresight {
+        velocity,
+        rate_max,
+        eta_out,
+        ..
+    } = at;
+    ahead::foresee(
+        Forearm::new(puma, at.q, at.terms, &at.p_C),
+        at,
+        out,
+        |stretch| {
+            let ([q2_before, theta_before], [q2, theta]) = (stretch.from.joints, stretch.to.joints);
+            let limit = |is_near: bool, most: f64, joint: usize| {
+                if is_near {
+                    most.min(velocity[joint])
+                } else {
+                    velocity[joint]
+                }
+            };
+            [
+                (
+                    stretch.waist,
+                    limit(
+                        stretch.to.R.abs() < eta_out.overhead * (puma.a2 + puma.L3),
+                        rate_max.overhead,
+                        0,
+                    ),
+                ),
+                (wrap_angle(q2 - q2_before), velocity[1]),
+                (
+                    wrap_angle(theta - theta_before),
+                    limit(libm::sin(theta).abs() < eta_out.elbow, rate_max.elbow, 2),
+                ),
+                (
+                    stretch.wrist,
+                    limit(stretch.nearest < eta_out.wrist, rate_max.wrist, 3),
+                ),
+            ]
+        },
+    );
 }
 
 /// Closed-form inverse kinematics of a PUMA at its wrist centre.
@@ -168,40 +231,80 @@ impl<'a> PumaInverse<'a> {
     pub fn new(model: &'a Model<6>, lengths: PumaLengths) -> Self {
         let zero = SVector::zeros();
         let terms = model.evaluate(&zero, &zero);
-        Self { model, lengths, forearm: Forearm::new(&lengths, &zero, &terms, &terms.p[4]) }
+        Self {
+            model,
+            lengths,
+            forearm: Forearm::new(&lengths, &zero, &terms, &terms.p[4]),
+        }
     }
 
     /// q2 that puts the wrist centre at in-plane radius `R`, from the elbow's angle, on the side where `q2` is; `None` beyond reach.
     #[must_use]
     pub fn shoulder_for(&self, q2: f64, q3: f64, R: f64) -> Option<f64> {
         let (sin, cos) = libm::sincos(self.lengths.theta(q3));
-        let (K, M) = (self.lengths.a2 + self.lengths.L3 * cos, -self.lengths.L3 * sin);
+        let (K, M) = (
+            self.lengths.a2 + self.lengths.L3 * cos,
+            -self.lengths.L3 * sin,
+        );
         // R = c2·K + s2·M.
         let (size, phase) = ((K * K + M * M).sqrt(), libm::atan2(M, K));
         let angle = (R.abs() < size).then(|| libm::acos(R / size))?;
         let candidates = [wrap_angle(phase + angle), wrap_angle(phase - angle)];
-        let within = |x: f64| [x, x - std::f64::consts::TAU].into_iter().find(|x| *x > self.model.lower()[1] && *x < self.model.upper()[1]);
-        candidates.into_iter().filter_map(within).min_by(|a, b| (a - q2).abs().total_cmp(&(b - q2).abs()))
+        let within = |x: f64| {
+            [x, x - std::f64::consts::TAU]
+                .into_iter()
+                .find(|x| *x > self.model.lower()[1] && *x < self.model.upper()[1])
+        };
+        candidates
+            .into_iter()
+            .filter_map(within)
+            .min_by(|a, b| (a - q2).abs().total_cmp(&(b - q2).abs()))
     }
 
     /// All postures of a pose within the joint limits.
     pub fn all(&self, X: &Pose, near: &SVector<f64, 6>) -> impl Iterator<Item = SVector<f64, 6>> {
         let (q_near, X, inverse) = (*near, *X, *self);
-        [[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]].into_iter().flat_map(move |sides| {
-            let placed = inverse.forearm.on(sides).at(&X.p);
-            let mut q = SVector::<f64, 6>::zeros();
-            (q[0], q[1], q[2]) = (placed.angles[0], placed.angles[1], inverse.lengths.q3_stretched + placed.angles[2]);
-            let flips = if placed.within_reach { &[1.0, -1.0][..] } else { &[] };
-            flips.iter().filter_map(move |flip| inverse.wrist(q, &X, *flip, &q_near))
-        })
+        [[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]]
+            .into_iter()
+            .flat_map(move |sides| {
+                let placed = inverse.forearm.on(sides).at(&X.p);
+                let mut q = SVector::<f64, 6>::zeros();
+                (q[0], q[1], q[2]) = (
+                    placed.angles[0],
+                    placed.angles[1],
+                    inverse.lengths.q3_stretched + placed.angles[2],
+                );
+                let flips = if placed.within_reach {
+                    &[1.0, -1.0][..]
+                } else {
+                    &[]
+                };
+                flips
+                    .iter()
+                    .filter_map(move |flip| inverse.wrist(q, &X, *flip, &q_near))
+            })
     }
 
     /// The wrist's three angles, each brought within its limits near `near`.
-    fn wrist(&self, mut q: SVector<f64, 6>, X: &Pose, flip: f64, near: &SVector<f64, 6>) -> Option<SVector<f64, 6>> {
+    fn wrist(
+        &self,
+        mut q: SVector<f64, 6>,
+        X: &Pose,
+        flip: f64,
+        near: &SVector<f64, 6>,
+    ) -> Option<SVector<f64, 6>> {
         let terms = self.model.evaluate(&q, &SVector::zeros());
-        let (z4, z5, z6) = (terms.z[3], terms.z[4], X.R * (terms.X_BE.R.transpose() * terms.z[5]));
+        let (z4, z5, z6) = (
+            terms.z[3],
+            terms.z[4],
+            X.R * (terms.X_BE.R.transpose() * terms.z[5]),
+        );
         let w = z4.cross(&z6);
-        let axis = if w.norm() > 1e-9 { w.normalize() * flip } else { rotation_exp(&(z4 * near[3])) * z5 };
+        let axis = if w.norm() > 1e-9 {
+            w.normalize() * flip
+        } else {
+            rotation_exp(&(z4 * near[3])) * z5
+        };
         q[3] = libm::atan2(z4.dot(&z5.cross(&axis)), z5.dot(&axis));
         q[4] = libm::atan2(w.dot(&axis), z4.dot(&z6));
         let rest = self.model.evaluate(&q, &SVector::zeros());
@@ -210,8 +313,11 @@ impl<'a> PumaInverse<'a> {
         for i in 0..6 {
             q[i] = near[i] + wrap_angle(q[i] - near[i]);
             let turn = std::f64::consts::TAU;
-            let fits = |x: f64| x > self.model.lower()[i] + 0.05 && x < self.model.upper()[i] - 0.05;
-            q[i] = [q[i], q[i] - turn, q[i] + turn].into_iter().find(|x| fits(*x))?;
+            let fits =
+                |x: f64| x > self.model.lower()[i] + 0.05 && x < self.model.upper()[i] - 0.05;
+            q[i] = [q[i], q[i] - turn, q[i] + turn]
+                .into_iter()
+                .find(|x| fits(*x))?;
         }
         Some(q)
     }
@@ -220,6 +326,7 @@ impl<'a> PumaInverse<'a> {
     #[must_use]
     pub fn nearest(&self, X: &Pose, near: &SVector<f64, 6>) -> Option<SVector<f64, 6>> {
         let distance = |q: &SVector<f64, 6>| (q - near).norm_squared();
-        self.all(X, near).min_by(|a, b| distance(a).total_cmp(&distance(b)))
+        self.all(X, near)
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 }

@@ -35,21 +35,44 @@ impl<const N: usize> Redundant<N> {
         }
         let model = Model::<N>::new(robot, None).ok()?;
         // Any posture without parallel axes.
-        let terms = model.evaluate(&SVector::from_fn(|i, _| 0.3 + 0.37 * i as f64), &SVector::zeros());
+        let terms = model.evaluate(
+            &SVector::from_fn(|i, _| 0.3 + 0.37 * i as f64),
+            &SVector::zeros(),
+        );
         let (offset, _) = meeting(&terms);
-        let S = (N == 7 && robot.task.is_full()).then(|| three_meet(&terms, EXACT)).flatten();
+        let S = (N == 7 && robot.task.is_full())
+            .then(|| three_meet(&terms, EXACT))
+            .flatten();
         let C = centre(offset, &terms);
         let names = [Kind::Elbow, Kind::Wrist, Kind::Shoulder, Kind::Numeric];
-        let names = if S.is_some() { &names[..] } else { &[Kind::Numeric; FOLLOWED][..rows.min(FOLLOWED)] };
+        let names = if S.is_some() {
+            &names[..]
+        } else {
+            &[Kind::Numeric; FOLLOWED][..rows.min(FOLLOWED)]
+        };
         let at = AtCentre::new(&terms, &C, &Vector3::zeros());
         let from = (&Screws(at.J), C - S.unwrap_or_default());
         let scale = (robot.length_m, robot.task.0, robot.dof());
-        Some(Self { offset, lost: LostDirections::new(from, Geometry { S, elbow_apart: false }, scale, analysis, names) })
+        Some(Self {
+            offset,
+            lost: LostDirections::new(
+                from,
+                Geometry {
+                    S,
+                    elbow_apart: false,
+                },
+                scale,
+                analysis,
+                names,
+            ),
+        })
     }
 }
 
 fn centre<const N: usize>(offset: Option<f64>, terms: &Terms<N>) -> Vector3<f64> {
-    offset.map_or(terms.X_BE.p, |offset| terms.p[N - 1] + terms.z[N - 1] * offset)
+    offset.map_or(terms.X_BE.p, |offset| {
+        terms.p[N - 1] + terms.z[N - 1] * offset
+    })
 }
 
 impl<const N: usize> ArmFamily<N> for Redundant<N> {
@@ -57,7 +80,11 @@ impl<const N: usize> ArmFamily<N> for Redundant<N> {
         centre(self.offset, terms)
     }
 
-    fn measure(&mut self, posture: &Posture<'_, N>, out: &mut [Singularity<N>; MAX_SINGULARITIES]) -> usize {
+    fn measure(
+        &mut self,
+        posture: &Posture<'_, N>,
+        out: &mut [Singularity<N>; MAX_SINGULARITIES],
+    ) -> usize {
         self.lost.measure(posture, out)
     }
 
@@ -65,11 +92,22 @@ impl<const N: usize> ArmFamily<N> for Redundant<N> {
         lost_reference::fold(s, at)
     }
 
-    fn direction(&self, s: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> Option<Direction> {
+    fn direction(
+        &self,
+        s: &Singularity<N>,
+        at: &Situation<'_, N>,
+        memory: &mut Memory,
+    ) -> Option<Direction> {
         lost_reference::direction(s, at, memory)
     }
 
-    fn turning(&self, s: &Singularity<N>, _terms: &Terms<N>, _p_BC: &Vector3<f64>, angle: f64) -> Option<SVector<f64, N>> {
+    fn turning(
+        &self,
+        s: &Singularity<N>,
+        _terms: &Terms<N>,
+        _p_BC: &Vector3<f64>,
+        angle: f64,
+    ) -> Option<SVector<f64, N>> {
         (s.kappa_2.abs() > TURNS).then(|| s.aux_row * (angle / s.kappa_2))
     }
 

@@ -23,7 +23,8 @@ impl<const N: usize> Screws<N> {
         for j in 0..N {
             let (v, w) = self.column(j);
             let turned = R * w;
-            out.0.set_column(j, &stack(&(R * v + p.cross(&turned)), &turned));
+            out.0
+                .set_column(j, &stack(&(R * v + p.cross(&turned)), &turned));
             if w == Vector3::zeros() {
                 p += R * v * delta[j];
             } else {
@@ -57,7 +58,13 @@ impl<const N: usize> Screws<N> {
             inward[j] = v.cross(&force);
             turning[j] = inward[j] + w.cross(&torque);
         }
-        SMatrix::from_fn(|j, k| if k <= j { axes[k].dot(&turning[j]) } else { axes[j].dot(&inward[k]) })
+        SMatrix::from_fn(|j, k| {
+            if k <= j {
+                axes[k].dot(&turning[j])
+            } else {
+                axes[j].dot(&inward[k])
+            }
+        })
     }
 
     /// J̇ along the joint motion `qdot`.
@@ -68,7 +75,10 @@ impl<const N: usize> Screws<N> {
         let mut omega: Vector3<f64> = (0..N).map(|k| self.column(k).1 * qdot[k]).sum();
         for j in (0..N).rev() {
             let (v, w) = self.column(j);
-            out.set_column(j, &stack(&(omega.cross(&v) + w.cross(&beyond)), &omega.cross(&w)));
+            out.set_column(
+                j,
+                &stack(&(omega.cross(&v) + w.cross(&beyond)), &omega.cross(&w)),
+            );
             omega -= w * qdot[j];
             beyond += v * qdot[j];
         }

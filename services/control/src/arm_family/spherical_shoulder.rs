@@ -48,7 +48,10 @@ impl Centres {
     fn at<const N: usize>(terms: &Terms<N>) -> Option<Self> {
         let (offset, spherical) = meeting(terms);
         let offset = offset.filter(|_| spherical)?;
-        Some(Self { S: three_meet(terms, EXACT)?, offset })
+        Some(Self {
+            S: three_meet(terms, EXACT)?,
+            offset,
+        })
     }
 }
 
@@ -59,15 +62,23 @@ impl<const N: usize> SphericalShoulder<N> {
         if N != 7 {
             return None;
         }
-        let same = |one: &Centres, two: &Centres| (one.S - two.S).norm() < EXACT && (one.offset - two.offset).abs() < EXACT;
+        let same = |one: &Centres, two: &Centres| {
+            (one.S - two.S).norm() < EXACT && (one.offset - two.offset).abs() < EXACT
+        };
         let geometry = in_general_position(robot, Centres::at::<N>, same)?;
-        let terms = Model::<N>::new(robot, None).ok()?.evaluate(&SVector::from_fn(|i, _| 0.3 + 0.37 * i as f64), &SVector::zeros());
+        let terms = Model::<N>::new(robot, None).ok()?.evaluate(
+            &SVector::from_fn(|i, _| 0.3 + 0.37 * i as f64),
+            &SVector::zeros(),
+        );
         let C = terms.p[N - 1] + terms.z[N - 1] * geometry.offset;
         let at = AtCentre::new(&terms, &C, &Vector3::zeros());
         let names = [Kind::Wrist, Kind::Shoulder, Kind::Numeric];
         let lost = LostDirections::new(
             (&Screws(at.J), C - geometry.S),
-            Geometry { S: Some(geometry.S), elbow_apart: true },
+            Geometry {
+                S: Some(geometry.S),
+                elbow_apart: true,
+            },
             (robot.length_m, robot.task.0, robot.dof()),
             analysis,
             &names,
@@ -84,9 +95,18 @@ impl<const N: usize> SphericalShoulder<N> {
     /// Elbow: C cannot move along the line from S to it. Type 1.
     fn elbow(bend: &Elbow, at: &Posture<'_, N>) -> Singularity<N> {
         let length = bend.p.norm();
-        let zeta = if length > 1e-9 { bend.p / length } else { at.terms.z[2] };
+        let zeta = if length > 1e-9 {
+            bend.p / length
+        } else {
+            at.terms.z[2]
+        };
         let fold = bend.lengths[0] * bend.lengths[1] / length.max(1e-9);
-        elbow::measure((&zeta, &at.terms.z[3]), (bend.theta, at.qdot[3]), fold, unit(3))
+        elbow::measure(
+            (&zeta, &at.terms.z[3]),
+            (bend.theta, at.qdot[3]),
+            fold,
+            unit(3),
+        )
     }
 
     fn bend(&self, terms: &Terms<N>, p_C: &Vector3<f64>) -> Elbow {
@@ -113,7 +133,12 @@ impl Elbow {
         let across = |v: Vector3<f64>| v - n * n.dot(&v);
         let (u, v) = (across(E - S), across(C - E));
         let theta = libm::atan2(n.dot(&u.cross(&v)), u.dot(&v));
-        Self { p: C - S, lengths: [u.norm(), v.norm()], theta, offset: (C - S).dot(n) }
+        Self {
+            p: C - S,
+            lengths: [u.norm(), v.norm()],
+            theta,
+            offset: (C - S).dot(n),
+        }
     }
 }
 
@@ -122,7 +147,11 @@ impl<const N: usize> ArmFamily<N> for SphericalShoulder<N> {
         terms.p[N - 1] + terms.z[N - 1] * self.geometry.offset
     }
 
-    fn measure(&mut self, posture: &Posture<'_, N>, out: &mut [Singularity<N>; MAX_SINGULARITIES]) -> usize {
+    fn measure(
+        &mut self,
+        posture: &Posture<'_, N>,
+        out: &mut [Singularity<N>; MAX_SINGULARITIES],
+    ) -> usize {
         let bend = self.bend(posture.terms, &posture.at.p);
         out[0] = Self::elbow(&bend, posture);
         1 + self.lost.measure(posture, &mut out[1..])
@@ -133,14 +162,28 @@ impl<const N: usize> ArmFamily<N> for SphericalShoulder<N> {
             return lost_reference::fold(s, at);
         }
         let bend = self.bend(at.terms, &at.at.p);
-        Some(elbow::fold(s.aux, elbow::cosine(&self.geometry.S, at.desired, bend.lengths, bend.offset)))
+        Some(elbow::fold(
+            s.aux,
+            elbow::cosine(&self.geometry.S, at.desired, bend.lengths, bend.offset),
+        ))
     }
 
-    fn direction(&self, s: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> Option<Direction> {
+    fn direction(
+        &self,
+        s: &Singularity<N>,
+        at: &Situation<'_, N>,
+        memory: &mut Memory,
+    ) -> Option<Direction> {
         lost_reference::direction(s, at, memory)
     }
 
-    fn turning(&self, s: &Singularity<N>, _terms: &Terms<N>, _p_BC: &Vector3<f64>, angle: f64) -> Option<SVector<f64, N>> {
+    fn turning(
+        &self,
+        s: &Singularity<N>,
+        _terms: &Terms<N>,
+        _p_BC: &Vector3<f64>,
+        angle: f64,
+    ) -> Option<SVector<f64, N>> {
         (s.kind != Kind::Elbow && s.kappa_2.abs() > TURNS).then(|| s.aux_row * (angle / s.kappa_2))
     }
 

@@ -20,10 +20,24 @@ const BEYOND_REACH: f64 = -1e-7;
 ///
 /// `inverse_curvature` is 1/h, 1/m or 1/rad by ζ's half · Ensures a size of 0 and no rate where the desired pose is beyond reach · Errors none · Cost
 /// O(1), no allocation
-pub(super) fn fold<const N: usize>(x: f64, inverse_curvature: f64, s: &Singularity<N>, at: &Situation<'_, N>) -> Fold {
+pub(super) fn fold<const N: usize>(
+    x: f64,
+    inverse_curvature: f64,
+    s: &Singularity<N>,
+    at: &Situation<'_, N>,
+) -> Fold {
     let square = x * x + 2.0 * inverse_curvature * s.zeta_B.dot(at.error);
     let (clipped, size) = (square < BEYOND_REACH, square.max(0.0).sqrt());
     let damped = size * size + FOLD_DAMPING * FOLD_DAMPING;
-    let rate = if clipped { 0.0 } else { inverse_curvature * s.zeta_B.dot(&at.desired.V) * size / damped };
-    Fold { x, size, rate, clipped }
+    let rate = if clipped {
+        0.0
+    } else {
+        inverse_curvature * s.zeta_B.dot(&at.desired.V) * size / damped
+    };
+    Fold {
+        x,
+        size,
+        rate,
+        clipped,
+    }
 }

@@ -32,7 +32,11 @@ const NEAR: f64 = 0.03;
 /// The joints `in_plane` move C within the plane, so ζᵀJ = R·e1 exactly, R the in-plane distance of C from the waist axis; s = R/`reach`. A
 /// shoulder offset makes it a one-sided fold: no C nearer than the offset to the waist axis can be reached.
 #[inline]
-pub(super) fn measure<const N: usize>(at: &Posture<'_, N>, in_plane: Range<usize>, reach: f64) -> Singularity<N> {
+pub(super) fn measure<const N: usize>(
+    at: &Posture<'_, N>,
+    in_plane: Range<usize>,
+    reach: f64,
+) -> Singularity<N> {
     let [z1, z2] = [at.terms.z[0], at.terms.z[1]];
     let x = z2.cross(&z1);
     let p = at.at.p - shoulder(at.terms);
@@ -40,7 +44,11 @@ pub(super) fn measure<const N: usize>(at: &Posture<'_, N>, in_plane: Range<usize
     let column = |j: usize| x.x * at.at.J[(0, j)] + x.y * at.at.J[(1, j)] + x.z * at.at.J[(2, j)];
     Singularity {
         kind: Kind::Overhead,
-        class: if offset.abs() > EXACT { Class::Mixed } else { Class::Type2 },
+        class: if offset.abs() > EXACT {
+            Class::Mixed
+        } else {
+            Class::Type2
+        },
         s: radius / reach,
         s_rate: in_plane.map(|j| column(j) * at.qdot[j]).sum::<f64>() / reach,
         zeta_B: stack(&z2, &Vector3::zeros()),
@@ -84,12 +92,26 @@ pub(super) fn direction<const N: usize>(at: &Situation<'_, N>, memory: &mut Memo
     let (v_along, v_across) = (v.dot(&x), v.dot(&z2));
     let around = (along * v_across - across * v_along) / r2.max(1e-9);
     let fold = d / r2.max(1e-9) * (along * v_along + across * v_across) * R / (R * R + MU * MU);
-    let rate_on = |side: f64| if clipped { around } else { around + side * fold };
+    let rate_on = |side: f64| {
+        if clipped {
+            around
+        } else {
+            around + side * fold
+        }
+    };
     // The side of the waist axis on which the wrist centre shall be: the one it is on, but where going straight on costs little, the one that the
     // waist reaches and follows with less motion.
     let motion = |turn: f64, side: f64| turn.abs() + SETTLE * rate_on(side).abs();
-    let easier = if motion(one, 1.0) <= motion(two, -1.0) { 1.0 } else { -1.0 };
-    let present = if (at.at.p - S).dot(&x) < 0.0 { -1.0 } else { 1.0 };
+    let easier = if motion(one, 1.0) <= motion(two, -1.0) {
+        1.0
+    } else {
+        -1.0
+    };
+    let present = if (at.at.p - S).dot(&x) < 0.0 {
+        -1.0
+    } else {
+        1.0
+    };
     if memory.side == 0.0 {
         memory.side = present;
     }
@@ -104,5 +126,12 @@ pub(super) fn direction<const N: usize>(at: &Situation<'_, N>, memory: &mut Memo
     let error = if side > 0.0 { one } else { two };
     let rate = rate_on(side) * weight;
     memory.holding = weight < if memory.holding { 0.5 } else { 0.3 };
-    Direction { error, rate, weight, passing: false, holding: memory.holding, clipped }
+    Direction {
+        error,
+        rate,
+        weight,
+        passing: false,
+        holding: memory.holding,
+        clipped,
+    }
 }

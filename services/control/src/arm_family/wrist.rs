@@ -41,7 +41,11 @@ pub(super) fn measure<const N: usize>(at: &Posture<'_, N>) -> Singularity<N> {
     let n = z4.cross(&z5);
     // sin q5 = −n·z6, whatever the zero of joint 5.
     let (sin, cos) = (-n.dot(&z6), z4.dot(&z6));
-    let c5 = if cos.abs() > 0.1 { cos } else { 0.1_f64.copysign(cos) };
+    let c5 = if cos.abs() > 0.1 {
+        cos
+    } else {
+        0.1_f64.copysign(cos)
+    };
     Singularity {
         kind: Kind::Wrist,
         class: Class::Type2,
@@ -54,7 +58,13 @@ pub(super) fn measure<const N: usize>(at: &Posture<'_, N>) -> Singularity<N> {
         aux: at.q[forearm],
         aux_rate: z4.dot(&at.terms.omega[forearm]),
         aux_bias: z4.dot(&at.terms.alpha_bias[forearm]),
-        aux_row: SVector::from_fn(|i, _| if i <= forearm { z4.dot(&at.terms.z[i]) } else { 0.0 }),
+        aux_row: SVector::from_fn(|i, _| {
+            if i <= forearm {
+                z4.dot(&at.terms.z[i])
+            } else {
+                0.0
+            }
+        }),
         kappa_2: 1.0,
         ..Singularity::none()
     }
@@ -76,23 +86,38 @@ pub(super) struct Wrist {
 
 impl Wrist {
     /// A spherical wrist: the last three axes.
-    pub(super) fn spherical<const N: usize>(terms: &Terms<N>, qdot_planned: &SVector<f64, N>) -> Self {
+    pub(super) fn spherical<const N: usize>(
+        terms: &Terms<N>,
+        qdot_planned: &SVector<f64, N>,
+    ) -> Self {
         let (z, forearm) = (&terms.z, N - 3);
         let z4 = z[forearm];
         let omega = (0..forearm).fold(Vector3::zeros(), |omega, i| omega + z[i] * qdot_planned[i]);
-        Self { z4, z5: z[N - 2], z6: z[N - 1], z4_rate: omega.cross(&z4), carried: z4.dot(&omega), joints: (Some(forearm), N - 1) }
+        Self {
+            z4,
+            z5: z[N - 2],
+            z6: z[N - 1],
+            z4_rate: omega.cross(&z4),
+            carried: z4.dot(&omega),
+            joints: (Some(forearm), N - 1),
+        }
     }
 
     /// Whether the joints have room for ζ to turn so far.
     fn fits<const N: usize>(&self, turn: f64, at: &Situation<'_, N>) -> bool {
         let inside = |i: usize, by: f64| at.q[i] + by > at.lower[i] && at.q[i] + by < at.upper[i];
-        self.joints.0.is_none_or(|i| inside(i, turn)) && inside(self.joints.1, -turn.copysign(turn * self.z4.dot(&self.z6)))
+        self.joints.0.is_none_or(|i| inside(i, turn))
+            && inside(self.joints.1, -turn.copysign(turn * self.z4.dot(&self.z6)))
     }
 
     /// The same line reached the other way round, where the joints allow only that.
     fn within_limits<const N: usize>(&self, error: f64, at: &Situation<'_, N>) -> f64 {
         let other = error - std::f64::consts::PI.copysign(error);
-        if !self.fits(error, at) && self.fits(other, at) { other } else { error }
+        if !self.fits(error, at) && self.fits(other, at) {
+            other
+        } else {
+            error
+        }
     }
 }
 
@@ -110,7 +135,9 @@ pub(super) fn direction<const N: usize>(
     memory: &mut Memory,
     bend_at: impl Fn(&Vector3<f64>, &Vector3<f64>) -> Vector2<f64>,
 ) -> Direction {
-    let Wrist { z4, z5, z4_rate, .. } = *wrist;
+    let Wrist {
+        z4, z5, z4_rate, ..
+    } = *wrist;
     let z6_E = at.terms.X_BE.R.transpose() * wrist.z6;
     let z6_d = at.desired.R * z6_E;
     let w = z4.cross(&z6_d);
@@ -130,11 +157,15 @@ pub(super) fn direction<const N: usize>(
         let hasty = !at.governed && worst > PASS_RATIO * at.rate_max;
         let room = wrist.joints.0.is_none_or(|i| {
             let there = at.q[i] + tracked;
-            there + outlook.lowest > at.lower[i] + MARGIN && there + outlook.highest < at.upper[i] - MARGIN
+            there + outlook.lowest > at.lower[i] + MARGIN
+                && there + outlook.highest < at.upper[i] - MARGIN
         });
         memory.passing = outlook.miss < PASS || hasty || !room;
         memory.passage = s.aux + tracked + outlook.crossing;
-    } else if memory.passing && (!approaching && turning.abs() < 0.7 * at.rate_max * size || w_rate.norm() < 0.3 * MOVING) {
+    } else if memory.passing
+        && (!approaching && turning.abs() < 0.7 * at.rate_max * size
+            || w_rate.norm() < 0.3 * MOVING)
+    {
         memory.passing = false;
     }
     memory.holding = size < MU * MU * if memory.holding { 4.0 } else { 1.0 };
@@ -144,7 +175,14 @@ pub(super) fn direction<const N: usize>(
         (tracked, turning / (size + MU * MU), size / (size + MU * MU))
     };
     let error = wrist.within_limits(error, at);
-    Direction { error, rate, weight, passing: memory.passing, holding: memory.holding, clipped: false }
+    Direction {
+        error,
+        rate,
+        weight,
+        passing: memory.passing,
+        holding: memory.holding,
+        clipped: false,
+    }
 }
 
 /// How the rest of the leg passes the singularity, seen from the forearm: w as a polygon in the plane normal to z4.
@@ -177,7 +215,12 @@ impl Outlook {
         let start = bend(0.0);
         let mut from = start;
         let mut turned = 0.0;
-        let mut out = Self { miss: start.norm(), crossing: 0.0, lowest: 0.0, highest: 0.0 };
+        let mut out = Self {
+            miss: start.norm(),
+            crossing: 0.0,
+            lowest: 0.0,
+            highest: 0.0,
+        };
         for k in 1..=Self::SIDES {
             let to = bend(f64::from(k) / f64::from(Self::SIDES));
             let side = to - from;
@@ -208,22 +251,41 @@ fn line_angle(from: &Vector3<f64>, to: &Vector3<f64>, normal: &Vector3<f64>) -> 
 
 /// Joints 4 and 6 turning against each other, at the singularity of a spherical wrist: ζ turns by `angle`, the end-effector rests.
 pub(super) fn turning<const N: usize>(terms: &Terms<N>, angle: f64) -> SVector<f64, N> {
-    let along = if terms.z[N - 3].dot(&terms.z[N - 1]) < 0.0 { -1.0 } else { 1.0 };
+    let along = if terms.z[N - 3].dot(&terms.z[N - 1]) < 0.0 {
+        -1.0
+    } else {
+        1.0
+    };
     let mut by = SVector::zeros();
     (by[N - 3], by[N - 1]) = (angle, -angle * along);
     by
 }
 
 /// The last three joints' motion that keeps the end-effector at rest while the forearm turns so that its axis and axis 5 would be `z4` and `z5`.
-pub(super) fn turning_with_forearm<const N: usize>(terms: &Terms<N>, z4: &Vector3<f64>, z5: &Vector3<f64>) -> SVector<f64, N> {
+pub(super) fn turning_with_forearm<const N: usize>(
+    terms: &Terms<N>,
+    z4: &Vector3<f64>,
+    z5: &Vector3<f64>,
+) -> SVector<f64, N> {
     let (old_4, old_5, z6) = (terms.z[N - 3], terms.z[N - 2], terms.z[N - 1]);
     // sin q5 = −(z4×z5)·z6 keeps its sign.
-    let bend = |z4: &Vector3<f64>, z5: &Vector3<f64>| libm::atan2(-z4.cross(z5).dot(&z6), z4.dot(&z6));
-    let side = if bend(&old_4, &old_5) < 0.0 { -1.0 } else { 1.0 };
+    let bend =
+        |z4: &Vector3<f64>, z5: &Vector3<f64>| libm::atan2(-z4.cross(z5).dot(&z6), z4.dot(&z6));
+    let side = if bend(&old_4, &old_5) < 0.0 {
+        -1.0
+    } else {
+        1.0
+    };
     let w = z4.cross(&z6) * side;
     let new_5 = if w.norm() > 1e-6 { w.normalize() } else { *z5 };
-    let about = |axis: &Vector3<f64>, from: &Vector3<f64>, to: &Vector3<f64>| libm::atan2(axis.dot(&from.cross(to)), from.dot(to));
-    let (q4, q5, q6) = (about(z4, z5, &new_5), wrap_angle(bend(z4, &new_5) - bend(&old_4, &old_5)), -about(&z6, &old_5, &new_5));
+    let about = |axis: &Vector3<f64>, from: &Vector3<f64>, to: &Vector3<f64>| {
+        libm::atan2(axis.dot(&from.cross(to)), from.dot(to))
+    };
+    let (q4, q5, q6) = (
+        about(z4, z5, &new_5),
+        wrap_angle(bend(z4, &new_5) - bend(&old_4, &old_5)),
+        -about(&z6, &old_5, &new_5),
+    );
     let mut by = SVector::zeros();
     (by[N - 3], by[N - 2], by[N - 1]) = (q4, q5, q6);
     by

@@ -30,7 +30,10 @@ fn sorted<const M: usize>(S: &SMatrix<f64, M, M>) -> (SVector<f64, M>, SMatrix<f
     let (values, vectors) = symmetric_eigen(S);
     let mut order: [usize; M] = std::array::from_fn(|i| i);
     order.sort_unstable_by(|a, b| values[*b].total_cmp(&values[*a]));
-    (SVector::from_fn(|i, _| values[order[i]]), SMatrix::from_fn(|i, j| vectors[(i, order[j])]))
+    (
+        SVector::from_fn(|i, _| values[order[i]]),
+        SMatrix::from_fn(|i, j| vectors[(i, order[j])]),
+    )
 }
 
 /// Λ and J̄ of those rows of J that are used: the others are zero, and one on the diagonal keeps a single size for every rank.
@@ -41,7 +44,9 @@ fn operational<const N: usize>(
 ) -> Option<(SMatrix<f64, 6, 6>, SMatrix<f64, N, 6>)> {
     let Ainv_Jt = A.solve(&J.transpose());
     let mut inverse = J * Ainv_Jt;
-    (0..6).filter(|i| !used(*i)).for_each(|i| inverse[(i, i)] = 1.0);
+    (0..6)
+        .filter(|i| !used(*i))
+        .for_each(|i| inverse[(i, i)] = 1.0);
     let Lambda = Cholesky::new(inverse)?.inverse();
     Some((Lambda, Ainv_Jt * Lambda))
 }
@@ -65,45 +70,73 @@ pub fn torques<const N: usize>(
     let (values, U) = sorted(&(J * J.transpose()));
     let (_, V) = sorted(&(J.transpose() * J));
     let ratio = |k: usize| (values[k].max(0.0) / values[0].max(1e-30)).sqrt();
-    let regular = (1..axes).find(|k| ratio(*k) < tuned.blend[1]).unwrap_or(axes);
-    let (is_regular, is_singular) = (|i: usize| i < regular, |i: usize| (regular..axes).contains(&i));
+    let regular = (1..axes)
+        .find(|k| ratio(*k) < tuned.blend[1])
+        .unwrap_or(axes);
+    let (is_regular, is_singular) = (
+        |i: usize| i < regular,
+        |i: usize| (regular..axes).contains(&i),
+    );
 
     let desired = arm.desired.at(&-wanted.p_EC);
-    let error = stack(&(desired.p - terms.X_BE.p), &rotation_log(&(desired.R * terms.X_BE.R.transpose())));
+    let error = stack(
+        &(desired.p - terms.X_BE.p),
+        &rotation_log(&(desired.R * terms.X_BE.R.transpose())),
+    );
     let a = desired.a + (desired.V - terms.J * arm.qdot) * arm.k_v + bounded(&error) * arm.k_p;
     let relative = scale(&(a - terms.Jdot_qdot), &wanted.task, 1.0);
 
     let A = Cholesky::new(*wanted.A).ok_or(OperationalError::MassMatrix)?;
-    let rows = |used: &dyn Fn(usize) -> bool| SMatrix::<f64, 6, 6>::from_fn(|i, j| if used(i) { U[(j, i)] } else { 0.0 });
+    let rows = |used: &dyn Fn(usize) -> bool| {
+        SMatrix::<f64, 6, 6>::from_fn(|i, j| if used(i) { U[(j, i)] } else { 0.0 })
+    };
     let T_ns = rows(&is_regular);
     let J_ns = T_ns * J;
-    let (Lambda_ns, Jbar_ns) = operational(&A, &J_ns, is_regular).ok_or(OperationalError::RankDeficient { rows: regular })?;
+    let (Lambda_ns, Jbar_ns) = operational(&A, &J_ns, is_regular)
+        .ok_or(OperationalError::RankDeficient { rows: regular })?;
     let mut rest = J_ns.transpose() * (Lambda_ns * (T_ns * relative));
     let mut null = SVector::zeros();
     if regular == axes {
-        *memory = JointMemory { holding: false, votes: 0.0, ..*memory };
+        *memory = JointMemory {
+            holding: false,
+            votes: 0.0,
+            ..*memory
+        };
     } else {
-        let alpha = ((ratio(regular) - tuned.blend[0]) / (tuned.blend[1] - tuned.blend[0])).clamp(0.0, 1.0);
+        let alpha =
+            ((ratio(regular) - tuned.blend[0]) / (tuned.blend[1] - tuned.blend[0])).clamp(0.0, 1.0);
         if !memory.holding || memory.votes < 0.0 {
-            *memory = JointMemory { holding: true, q: *arm.q, ..*memory };
+            *memory = JointMemory {
+                holding: true,
+                q: *arm.q,
+                ..*memory
+            };
         }
         let is_type_1 = (regular..axes).any(|k| {
             let there = model.forward_kinematics(&(arm.q + V.column(k) * JUMP));
-            let moved = stack(&(there.p - terms.X_BE.p), &rotation_log(&(there.R * terms.X_BE.R.transpose())));
+            let moved = stack(
+                &(there.p - terms.X_BE.p),
+                &rotation_log(&(there.R * terms.X_BE.R.transpose())),
+            );
             moved.dot(&U.column(k)).abs() > MOVED
         });
         memory.votes = (memory.votes + if is_type_1 { 1.0 } else { -1.0 }).clamp(-VOTERS, VOTERS);
 
         // The joint strategy, along the right singular vectors and in the regular part's null space.
-        let V_t = SMatrix::<f64, 6, N>::from_fn(|i, j| if is_singular(i) { V[(j, i)] } else { 0.0 });
+        let V_t =
+            SMatrix::<f64, 6, N>::from_fn(|i, j| if is_singular(i) { V[(j, i)] } else { 0.0 });
         let J_joint = V_t * (SMatrix::<f64, N, N>::identity() - Jbar_ns * J_ns);
         if let Some((Lambda_joint, _)) = operational(&A, &J_joint, is_singular) {
             let through = |x: Vector6<f64>| J_joint.transpose() * x;
             null = if memory.votes > 0.0 {
-                through(Lambda_joint * (V_t * ((memory.q - arm.q) * tuned.hold_k_p - arm.qdot * tuned.hold_k_v)))
+                through(
+                    Lambda_joint
+                        * (V_t * ((memory.q - arm.q) * tuned.hold_k_p - arm.qdot * tuned.hold_k_v)),
+                )
             } else {
                 let asked = relative.dot(&U.column(regular)).abs() / relative.norm().max(1e-12);
-                let push = SVector::from_fn(|i, _| push(memory, arm.q, model, i) * tuned.push * asked);
+                let push =
+                    SVector::from_fn(|i, _| push(memory, arm.q, model, i) * tuned.push * asked);
                 through(V_t * push - Lambda_joint * (V_t * arm.qdot) * tuned.push_k_v)
             } * (1.0 - alpha);
         }
@@ -114,10 +147,15 @@ pub fn torques<const N: usize>(
             && let Some((Lambda_s, _)) = operational(&A, &J_s, is_singular)
         {
             let torque = J_s.transpose() * (Lambda_s * (T_s * relative));
-            rest += SVector::from_fn(|i, _| torque[i].clamp(-model.effort()[i], model.effort()[i])) * alpha;
+            rest += SVector::from_fn(|i, _| torque[i].clamp(-model.effort()[i], model.effort()[i]))
+                * alpha;
         }
     }
-    let sharp = Inverse::Damped(Damping { onset: 0.08, largest: 0.06 }).of(&scale(&wanted.at.J, &wanted.task, arm.length_m));
+    let sharp = Inverse::Damped(Damping {
+        onset: 0.08,
+        largest: 0.06,
+    })
+    .of(&scale(&wanted.at.J, &wanted.task, arm.length_m));
     let scaled = |x: &Vector6<f64>| scale(x, &wanted.task, arm.length_m);
     Ok(Torques {
         path: SVector::zeros(),
@@ -129,14 +167,27 @@ pub fn torques<const N: usize>(
 }
 
 /// Torque limit of joint `i` with the sign of the open-loop torque, which turns round near a joint limit and stays so.
-fn push<const N: usize>(memory: &mut JointMemory<N>, q: &SVector<f64, N>, model: &Model<N>, i: usize) -> f64 {
+fn push<const N: usize>(
+    memory: &mut JointMemory<N>,
+    q: &SVector<f64, N>,
+    model: &Model<N>,
+    i: usize,
+) -> f64 {
     if model.upper()[i] - q[i] < TURN_ROUND {
         memory.reversed |= 1 << i;
     } else if q[i] - model.lower()[i] < TURN_ROUND {
         memory.reversed &= !(1 << i);
     }
-    let limit = if model.effort()[i].is_finite() { model.effort()[i] } else { 1.0 };
-    if memory.reversed >> i & 1 == 1 { -limit } else { limit }
+    let limit = if model.effort()[i].is_finite() {
+        model.effort()[i]
+    } else {
+        1.0
+    };
+    if memory.reversed >> i & 1 == 1 {
+        -limit
+    } else {
+        limit
+    }
 }
 
 #[cfg(test)]
@@ -156,7 +207,9 @@ mod tests {
     fn most_postures_count_as_nearly_singular() {
         let mut random = Uniform(1);
         let near = (0..4000).filter(|_| {
-            let q = SVector::<f64, 6>::from_fn(|i, _| random.within(puma().lower()[i], puma().upper()[i]));
+            let q = SVector::<f64, 6>::from_fn(|i, _| {
+                random.within(puma().lower()[i], puma().upper()[i])
+            });
             let J = puma().evaluate(&q, &SVector::zeros()).J;
             let (values, _) = sorted(&(J * J.transpose()));
             values[5].max(0.0).sqrt() < 0.06 * values[0].sqrt()
@@ -171,7 +224,10 @@ mod tests {
         let text = include_str!("../../../../sim/scenarios/fig5-wrist-rotation.toml");
         let f = run::<6>(&scenario(text, &PUBLISHED), Plant::default(), |_, _| {});
         println!("{f:?}");
-        assert!((80.0..250.0).contains(&f.orthogonal_mm) && f.final_mm < 1.0, "{f:?}");
+        assert!(
+            (80.0..250.0).contains(&f.orthogonal_mm) && f.final_mm < 1.0,
+            "{f:?}"
+        );
     }
 
     #[test]
@@ -180,7 +236,9 @@ mod tests {
         let mut scenario = scenario(text, &PUBLISHED);
         scenario.segment.truncate(1);
         let mut bent = 0.0_f64;
-        run::<6>(&scenario, Plant::default(), |_, tick: &Tick<6>| bent = bent.max(tick.report.singularities[0].s.abs()));
+        run::<6>(&scenario, Plant::default(), |_, tick: &Tick<6>| {
+            bent = bent.max(tick.report.singularities[0].s.abs())
+        });
         println!("bent by {bent} rad");
         assert!(bent < 0.05, "{bent}");
     }

@@ -45,7 +45,12 @@ impl<const N: usize> JointMemory<N> {
     /// A reference at `q`.
     #[must_use]
     pub fn at(q: SVector<f64, N>) -> Self {
-        Self { holding: false, votes: 0.0, reversed: 0, q }
+        Self {
+            holding: false,
+            votes: 0.0,
+            reversed: 0,
+            q,
+        }
     }
 }
 
@@ -72,28 +77,55 @@ impl Inverse {
         let real = |value: f64| value > 1e-20 * largest.max(1e-30);
         let gain = match self {
             Self::Damped(Damping { onset, largest }) => {
-                let w = values.iter().filter(|v| real(**v) && **v > 0.0).map(|v| v.sqrt()).product::<f64>();
+                let w = values
+                    .iter()
+                    .filter(|v| real(**v) && **v > 0.0)
+                    .map(|v| v.sqrt())
+                    .product::<f64>();
                 let lambda = largest * (1.0 - w / onset).max(0.0);
-                values.map(|value| if real(value) { 1.0 / (value + lambda * lambda) } else { 0.0 })
+                values.map(|value| {
+                    if real(value) {
+                        1.0 / (value + lambda * lambda)
+                    } else {
+                        0.0
+                    }
+                })
             }
-            Self::Truncated { floor } => values.map(|value| if value > floor * floor { 1.0 / value } else { 0.0 }),
+            Self::Truncated { floor } => values.map(|value| {
+                if value > floor * floor {
+                    1.0 / value
+                } else {
+                    0.0
+                }
+            }),
         };
         J.transpose() * (U * Matrix6::from_diagonal(&gain) * U.transpose())
     }
 }
 
 /// The task's rows of a 6×N Jacobian or twist, linear ones divided by the arm's length; the other rows zero.
-pub(super) fn scale<const C: usize>(rows: &SMatrix<f64, 6, C>, task: &[bool; 6], length_m: f64) -> SMatrix<f64, 6, C> {
+pub(super) fn scale<const C: usize>(
+    rows: &SMatrix<f64, 6, C>,
+    task: &[bool; 6],
+    length_m: f64,
+) -> SMatrix<f64, 6, C> {
     let mut out = *rows;
     for (k, mut row) in out.row_iter_mut().enumerate() {
-        row *= if !task[k] { 0.0 } else { [1.0 / length_m, 1.0][k / 3] };
+        row *= if !task[k] {
+            0.0
+        } else {
+            [1.0 / length_m, 1.0][k / 3]
+        };
     }
     out
 }
 
 /// A pose error bounded for feedback: 50 mm, 0.25 rad, as for our own law.
 pub(super) fn bounded(error: &Vector6<f64>) -> Vector6<f64> {
-    stack(&clamp_norm(linear(error), 0.05), &clamp_norm(angular(error), 0.25))
+    stack(
+        &clamp_norm(linear(error), 0.05),
+        &clamp_norm(angular(error), 0.25),
+    )
 }
 
 /// Resolved-rate control with a robust inverse: q̇_r = J^#(V_d + (k_p/k_v)e), q̈ = k_v(q̇_r − q̇) + J^#(a_d + (k_p/k_v)(V_d − V) − J̇q̇).
@@ -102,7 +134,11 @@ pub(super) fn bounded(error: &Vector6<f64>) -> Vector6<f64> {
 ///
 /// # Errors
 /// None: kept in the signature of every law.
-pub fn resolved<const N: usize>(arm: &Arm<'_, N>, wanted: &Wanted<'_, N>, inverse: Inverse) -> Result<Torques<N>, LawError> {
+pub fn resolved<const N: usize>(
+    arm: &Arm<'_, N>,
+    wanted: &Wanted<'_, N>,
+    inverse: Inverse,
+) -> Result<Torques<N>, LawError> {
     let scaled = |x: &Vector6<f64>| scale(x, &wanted.task, arm.length_m);
     let sharp = inverse.of(&scale(&wanted.at.J, &wanted.task, arm.length_m));
     let k = arm.k_p / arm.k_v;
@@ -141,12 +177,31 @@ pub fn joint_pd<const N: usize>(
         let v = Vector3::new(column[3], column[4], column[5]).cross(&r);
         (0..3).for_each(|k| column[k] += v[k]);
     }
-    let error = stack(&(arm.desired.p - X.p - r), &rotation_log(&(arm.desired.R * X.R.transpose())));
+    let error = stack(
+        &(arm.desired.p - X.p - r),
+        &rotation_log(&(arm.desired.R * X.R.transpose())),
+    );
     let sharp = inverse.of(&scale(&J, &wanted.task, arm.length_m));
-    let rate = sharp * scale(&(arm.desired.V + error * arm.k_v), &wanted.task, arm.length_m);
-    let feed = sharp * scale(&(wanted.a_feed - wanted.at.Jdot_qdot), &wanted.task, arm.length_m);
+    let rate = sharp
+        * scale(
+            &(arm.desired.V + error * arm.k_v),
+            &wanted.task,
+            arm.length_m,
+        );
+    let feed = sharp
+        * scale(
+            &(wanted.a_feed - wanted.at.Jdot_qdot),
+            &wanted.task,
+            arm.length_m,
+        );
     let qddot = (memory.q - arm.q) * arm.k_p + (rate - arm.qdot) * arm.k_v + feed;
     memory.q += rate * dt;
     let qdot_nominal = sharp * scale(&wanted.V, &wanted.task, arm.length_m);
-    Ok(Torques { path: SVector::zeros(), rest: wanted.A * qddot, null: SVector::zeros(), qdot_nominal, qddot_path: feed })
+    Ok(Torques {
+        path: SVector::zeros(),
+        rest: wanted.A * qddot,
+        null: SVector::zeros(),
+        qdot_nominal,
+        qddot_path: feed,
+    })
 }

@@ -73,13 +73,24 @@ impl Demand {
     /// Operational control alone.
     #[must_use]
     pub fn none() -> Self {
-        Self { beta: 1.0, acceleration: 0.0, nominal: 0.0, load: 0.0 }
+        Self {
+            beta: 1.0,
+            acceleration: 0.0,
+            nominal: 0.0,
+            load: 0.0,
+        }
     }
 }
 
 impl Default for Loop {
     fn default() -> Self {
-        Self { mode: Mode::Regular, rate: 0.0, feed_forward: 0.0, trust: 1.0, memory: Memory::default() }
+        Self {
+            mode: Mode::Regular,
+            rate: 0.0,
+            feed_forward: 0.0,
+            trust: 1.0,
+            memory: Memory::default(),
+        }
     }
 }
 
@@ -98,14 +109,28 @@ impl Loop {
     ///
     /// Units rad, rad/s, `dt` s · Requires `clock` > 0, the speed of the path's clock, in which `target.rate` already is · Ensures 0 ≤ β ≤ 1, β = 0 for
     /// |s| ≤ η_in, and [`Demand::none`] outside · Errors none · Cost O(1), no allocation
-    pub fn step<const N: usize>(&mut self, s: &Singularity<N>, target: &Target, gains: &Gains, clock: f64, dt: f64) -> Demand {
-        let neighborhood = Neighborhood { eta_in: s.eta_in, eta_out: s.eta_out };
+    pub fn step<const N: usize>(
+        &mut self,
+        s: &Singularity<N>,
+        target: &Target,
+        gains: &Gains,
+        clock: f64,
+        dt: f64,
+    ) -> Demand {
+        let neighborhood = Neighborhood {
+            eta_in: s.eta_in,
+            eta_out: s.eta_out,
+        };
         let error = target.error * target.weight;
         let gone = 1.0 - smoothstep((error.abs() - 0.02) / 0.08);
         self.mode = switching::next(self.mode, self.condition(s, target), target.mode);
         if !self.engaged() {
             let fastest = FASTEST * gains.rate_max;
-            *self = Self { memory: self.memory_outside(s), rate: s.aux_rate.clamp(-fastest, fastest), ..Self::default() };
+            *self = Self {
+                memory: self.memory_outside(s),
+                rate: s.aux_rate.clamp(-fastest, fastest),
+                ..Self::default()
+            };
             return Demand::none();
         }
         self.trust += (gone - self.trust).clamp(-TRUST_RATE * dt, TRUST_RATE * dt);
@@ -120,26 +145,59 @@ impl Loop {
             beta,
             acceleration: gains.k_v * (self.rate - s.aux_rate) + self.feed_forward,
             nominal,
-            load: (1.0 - beta) * nominal.abs() / (gains.rate_max - (correction * nominal.signum()).max(0.0)).max(0.05 * gains.rate_max),
+            load: (1.0 - beta) * nominal.abs()
+                / (gains.rate_max - (correction * nominal.signum()).max(0.0))
+                    .max(0.05 * gains.rate_max),
         }
     }
 
     /// The paper's hard switching: β = 0 inside |s| ≤ η, β = 1 outside.
-    pub fn step_switched<const N: usize>(&mut self, s: &Singularity<N>, target: &Target, gains: &Gains, clock: f64, dt: f64) -> Demand {
+    pub fn step_switched<const N: usize>(
+        &mut self,
+        s: &Singularity<N>,
+        target: &Target,
+        gains: &Gains,
+        clock: f64,
+        dt: f64,
+    ) -> Demand {
         let inside = s.s.abs() <= s.eta_in;
         if switching::next(self.mode, Condition::hard(inside), target.mode) == Mode::Regular {
-            *self = Self { memory: self.memory_outside(s), rate: s.aux_rate, ..Self::default() };
+            *self = Self {
+                memory: self.memory_outside(s),
+                rate: s.aux_rate,
+                ..Self::default()
+            };
             return Demand::none();
         }
-        let demand = self.step(&Singularity { inside, eta_out: s.eta_in, ..*s }, target, gains, clock, dt);
-        Demand { beta: 0.0, ..demand }
+        let demand = self.step(
+            &Singularity {
+                inside,
+                eta_out: s.eta_in,
+                ..*s
+            },
+            target,
+            gains,
+            clock,
+            dt,
+        );
+        Demand {
+            beta: 0.0,
+            ..demand
+        }
     }
 
     /// The memory of a singularity that does not take part in the solve: the arm will come to a fold on the side of its coordinate. The memory of
     /// another type's strategy does not apply to it, and the sign of a coordinate without formula is drawn anew at each approach.
     fn memory_outside<const N: usize>(&self, s: &Singularity<N>) -> Memory {
         let is_beside_fold = s.class == Class::Type1 && s.aux.abs() > SIDE_CHANGE;
-        Memory { side: if is_beside_fold { s.aux.signum() } else { self.memory.side }, ..self.memory }
+        Memory {
+            side: if is_beside_fold {
+                s.aux.signum()
+            } else {
+                self.memory.side
+            },
+            ..self.memory
+        }
     }
 
     /// The column of the transition table.
@@ -162,17 +220,36 @@ mod tests {
     use super::*;
 
     fn singularity(s: f64, inside: bool) -> Singularity<6> {
-        Singularity { s, inside, eta_in: 0.1, eta_out: 0.2, ..Singularity::none() }
+        Singularity {
+            s,
+            inside,
+            eta_in: 0.1,
+            eta_out: 0.2,
+            ..Singularity::none()
+        }
     }
 
-    const GAINS: Gains = Gains { k: 12.0, k_v: 40.0, rate_max: 3.0, slew: 50.0 };
+    const GAINS: Gains = Gains {
+        k: 12.0,
+        k_v: 40.0,
+        rate_max: 3.0,
+        slew: 50.0,
+    };
 
     #[test]
     fn in_and_out_visits_every_state_in_order() {
         let mut state = Loop::default();
-        let target = Target { error: 0.0, weight: 1.0, mode: Mode::Track, ..Target::default() };
+        let target = Target {
+            error: 0.0,
+            weight: 1.0,
+            mode: Mode::Track,
+            ..Target::default()
+        };
         let mut seen = vec![];
-        let neighborhood = Neighborhood { eta_in: 0.1, eta_out: 0.2 };
+        let neighborhood = Neighborhood {
+            eta_in: 0.1,
+            eta_out: 0.2,
+        };
         let mut inside = false;
         for k in -400..400 {
             let s = f64::from(k) * 1e-3;
@@ -182,29 +259,70 @@ mod tests {
                 seen.push(state.mode);
             }
         }
-        assert_eq!(seen, [Mode::Regular, Mode::Blend, Mode::Track, Mode::Recover, Mode::Regular]);
+        assert_eq!(
+            seen,
+            [
+                Mode::Regular,
+                Mode::Blend,
+                Mode::Track,
+                Mode::Recover,
+                Mode::Regular
+            ]
+        );
     }
 
     #[test]
     fn a_fold_is_approached_on_the_side_of_its_coordinate() {
         let side = |class, aux, kept| {
-            let mut state = Loop { memory: Memory { side: kept, ..Memory::default() }, ..Loop::default() };
-            state.step(&Singularity { class, aux, ..singularity(0.5, false) }, &Target::default(), &GAINS, 1.0, 1e-3);
+            let mut state = Loop {
+                memory: Memory {
+                    side: kept,
+                    ..Memory::default()
+                },
+                ..Loop::default()
+            };
+            state.step(
+                &Singularity {
+                    class,
+                    aux,
+                    ..singularity(0.5, false)
+                },
+                &Target::default(),
+                &GAINS,
+                1.0,
+                1e-3,
+            );
             state.memory.side
         };
         assert_eq!(side(Class::Type1, -0.5, 1.0), -1.0);
         assert_eq!(side(Class::Type1, 0.5, -1.0), 1.0);
-        assert_eq!(side(Class::Type1, 0.01, -1.0), -1.0, "at the fold itself either side may be meant");
+        assert_eq!(
+            side(Class::Type1, 0.01, -1.0),
+            -1.0,
+            "at the fold itself either side may be meant"
+        );
         assert_eq!(side(Class::Type2, -0.5, 1.0), 1.0);
     }
 
     #[test]
     fn a_rate_that_is_no_arms_is_forgotten() {
         let mut state = Loop::default();
-        let target = Target { error: 0.0, weight: 1.0, mode: Mode::Track, ..Target::default() };
-        let wild = Singularity { aux_rate: -150_000.0, ..singularity(0.5, false) };
+        let target = Target {
+            error: 0.0,
+            weight: 1.0,
+            mode: Mode::Track,
+            ..Target::default()
+        };
+        let wild = Singularity {
+            aux_rate: -150_000.0,
+            ..singularity(0.5, false)
+        };
         state.step(&wild, &target, &GAINS, 1.0, 1e-3);
-        let demands = (0..500).map(|_| state.step(&singularity(0.05, true), &target, &GAINS, 1.0, 1e-3).acceleration);
+        let demands = (0..500).map(|_| {
+            state
+                .step(&singularity(0.05, true), &target, &GAINS, 1.0, 1e-3)
+                .acceleration
+        });
         assert!(demands.last().unwrap().abs() < 1e-3, "{state:?}");
     }
 
@@ -214,8 +332,15 @@ mod tests {
         let mut last = 1.0;
         for k in 0..600 {
             let error = if k % 100 < 50 { 0.5 } else { 0.0 };
-            let target = Target { error, weight: 1.0, mode: Mode::Track, ..Target::default() };
-            let beta = state.step(&singularity(0.199, false), &target, &GAINS, 1.0, 1e-3).beta;
+            let target = Target {
+                error,
+                weight: 1.0,
+                mode: Mode::Track,
+                ..Target::default()
+            };
+            let beta = state
+                .step(&singularity(0.199, false), &target, &GAINS, 1.0, 1e-3)
+                .beta;
             assert!((beta - last).abs() < 0.035, "tick {k}: {last} to {beta}");
             last = beta;
         }

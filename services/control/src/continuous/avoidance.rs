@@ -30,7 +30,11 @@ pub(crate) fn away<const N: usize>(
     first: usize,
 ) -> Option<(SVector<f64, N>, f64)> {
     let openness = |s: &Singularity<N>| (s.s.abs() / s.eta_out - 1.0) / (REACH - 1.0);
-    let nearest = report.listed().iter().skip(first).min_by(|a, b| openness(a).total_cmp(&openness(b)))?;
+    let nearest = report
+        .listed()
+        .iter()
+        .skip(first)
+        .min_by(|a, b| openness(a).total_cmp(&openness(b)))?;
     let weight = 1.0 - smoothstep(openness(nearest));
     let rows = task.iter().filter(|counts| **counts).count();
     if within(weight, 0.0) || rows + 1 != N {
@@ -42,7 +46,9 @@ pub(crate) fn away<const N: usize>(
         return Some((SVector::zeros(), weight));
     }
     let mut scaled = *J;
-    scaled.fixed_rows_mut::<3>(0).scale_mut(1.0 / report.length_m);
+    scaled
+        .fixed_rows_mut::<3>(0)
+        .scale_mut(1.0 / report.length_m);
     let mut M = SMatrix::<f64, N, N>::zeros();
     let mut basis = Basis::<N>::empty();
     for (at, k) in (0..6).filter(|k| task[*k]).enumerate() {

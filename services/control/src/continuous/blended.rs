@@ -57,19 +57,30 @@ impl<const N: usize> Augmented<N> {
             singular: actives.len(),
         };
         let mut used = 0;
-        let mut push = |row: SVector<f64, N>, acceleration: f64, along: f64, velocity: f64, feed: f64| {
-            system.M.set_row(used, &row.transpose());
-            (system.acceleration[used], system.along[used]) = (acceleration, along);
-            (system.velocity[used], system.feed[used]) = (velocity, feed);
-            used += 1;
-        };
+        let mut push =
+            |row: SVector<f64, N>, acceleration: f64, along: f64, velocity: f64, feed: f64| {
+                system.M.set_row(used, &row.transpose());
+                (system.acceleration[used], system.along[used]) = (acceleration, along);
+                (system.velocity[used], system.feed[used]) = (velocity, feed);
+                used += 1;
+            };
         let (relative, feed) = (wanted.a - Jdot_qdot, wanted.a_feed - Jdot_qdot);
         for e in orthogonal.iter() {
-            push(transposed_times(J, e), e.dot(&relative), e.dot(&wanted.a_path), e.dot(&wanted.V), e.dot(&feed));
+            push(
+                transposed_times(J, e),
+                e.dot(&relative),
+                e.dot(&wanted.a_path),
+                e.dot(&wanted.V),
+                e.dot(&feed),
+            );
         }
         for active in actives {
-            let (mut row, mut acceleration) = (active.aux_row * (1.0 - active.beta), active.aux_acceleration * (1.0 - active.beta));
-            let (mut along, mut velocity, mut own) = (0.0, active.aux_rate * (1.0 - active.beta), 0.0);
+            let (mut row, mut acceleration) = (
+                active.aux_row * (1.0 - active.beta),
+                active.aux_acceleration * (1.0 - active.beta),
+            );
+            let (mut along, mut velocity, mut own) =
+                (0.0, active.aux_rate * (1.0 - active.beta), 0.0);
             // β > 0 only at |s| > η_in, where the gain is far from zero.
             if active.beta > 0.0 {
                 let scale = active.beta / active.gain;
@@ -88,7 +99,9 @@ impl<const N: usize> Augmented<N> {
                 basis.add(system.M.row(i).transpose());
             }
             for i in used..N {
-                basis.add_best((0..N).map(|k| SVector::from_fn(|j, _| if j == k { 1.0 } else { 0.0 })));
+                basis.add_best(
+                    (0..N).map(|k| SVector::from_fn(|j, _| if j == k { 1.0 } else { 0.0 })),
+                );
                 let row = wanted.A * basis.last();
                 let scale = 1.0 / row.norm();
                 system.M.set_row(i, &(row * scale).transpose());
@@ -102,7 +115,12 @@ impl<const N: usize> Augmented<N> {
 /// Jᵀ·e, written out: nalgebra's product is a call with loops.
 #[inline(always)]
 fn transposed_times<const N: usize>(J: &SMatrix<f64, 6, N>, e: &Vector6<f64>) -> SVector<f64, N> {
-    let row: [f64; N] = std::array::from_fn(|j| J.data.0[j].iter().zip(&e.data.0[0]).fold(0.0, |sum, (x, y)| sum + x * y));
+    let row: [f64; N] = std::array::from_fn(|j| {
+        J.data.0[j]
+            .iter()
+            .zip(&e.data.0[0])
+            .fold(0.0, |sum, (x, y)| sum + x * y)
+    });
     SVector::from(row)
 }
 
@@ -115,14 +133,28 @@ fn transposed_times<const N: usize>(J: &SMatrix<f64, 6, N>, e: &Vector6<f64>) ->
 ///
 /// # Errors
 /// [`LawError`] if the augmented matrix is singular: σ_min > 0.03 wherever every singularity within η_out is engaged.
-pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, actives: &[Active<N>]) -> Result<Torques<N>, LawError> {
+pub fn torques<const N: usize>(
+    wanted: &Wanted<'_, N>,
+    actives: &[Active<N>],
+) -> Result<Torques<N>, LawError> {
     let system = Augmented::new(wanted, actives)?;
     let lu = Lu::new(system.M)?;
-    let [qddot, along, qdot_nominal, qddot_path] = lu.solve_all([&system.acceleration, &system.along, &system.velocity, &system.feed]);
+    let [qddot, along, qdot_nominal, qddot_path] = lu.solve_all([
+        &system.acceleration,
+        &system.along,
+        &system.velocity,
+        &system.feed,
+    ]);
     let path = wanted.A * along;
     let null = null_torque(wanted.A, &qddot, &lu, &system, actives)?;
     let task = wanted.A * qddot - null;
-    Ok(Torques { path, rest: task - path, null, qdot_nominal, qddot_path })
+    Ok(Torques {
+        path,
+        rest: task - path,
+        null,
+        qdot_nominal,
+        qddot_path,
+    })
 }
 
 /// The share of Γ = A·q̈ that lies in the null space of the orthogonal rows, singularity i's weighted by 1 − β_i so that it is continuous.
@@ -140,9 +172,14 @@ fn null_torque<const N: usize>(
     if free == 0 {
         return Ok(SVector::zeros());
     }
-    let (mut W, mut AW) = ([SVector::<f64, N>::zeros(); N], [SVector::<f64, N>::zeros(); N]);
+    let (mut W, mut AW) = (
+        [SVector::<f64, N>::zeros(); N],
+        [SVector::<f64, N>::zeros(); N],
+    );
     for k in 0..free {
-        W[k] = lu.solve(&SVector::from_fn(|i, _| if i == system.orthogonal + k { 1.0 } else { 0.0 }));
+        W[k] = lu.solve(&SVector::from_fn(|i, _| {
+            if i == system.orthogonal + k { 1.0 } else { 0.0 }
+        }));
         AW[k] = A * W[k];
     }
     let mut share = gram_solved(&W[..free], &AW[..free], qddot)?;
@@ -177,7 +214,12 @@ fn gram_solved<const N: usize>(
             return Err(SolveError::NotFinite.into());
         }
         if pivot <= PIVOT_FLOOR * largest {
-            return Err(SolveError::RankDeficient { size, pivot, largest }.into());
+            return Err(SolveError::RankDeficient {
+                size,
+                pivot,
+                largest,
+            }
+            .into());
         }
         for i in k + 1..size {
             let l = gram[(i, k)] / pivot;

@@ -51,7 +51,11 @@ pub struct Governor {
 
 impl Default for Governor {
     fn default() -> Self {
-        Self { rate: 1.0, rate_dot: 0.0, demand: 0.0 }
+        Self {
+            rate: 1.0,
+            rate_dot: 0.0,
+            demand: 0.0,
+        }
     }
 }
 
@@ -82,9 +86,16 @@ impl Governor {
         self.demand = demand;
         let mut target = MARGIN / (demand + LEAD * rising).max(1e-9);
         // Braking at `hardest`, r² falls by 2·hardest per second of the path's clock.
-        for (k, share) in load.foreseen.demand.iter().enumerate().filter(|(_, share)| **share != 0.0) {
+        for (k, share) in load
+            .foreseen
+            .demand
+            .iter()
+            .enumerate()
+            .filter(|(_, share)| **share != 0.0)
+        {
             let there = MARGIN / share.max(1e-9);
-            target = target.min((there * there + 2.0 * PLANNED * hardest * k as f64 * FORESEEN_STEP_S).sqrt());
+            target = target
+                .min((there * there + 2.0 * PLANNED * hardest * k as f64 * FORESEEN_STEP_S).sqrt());
         }
         // The plan knows of places that need a slower clock than any demand measured so far.
         let slowest = SLOWEST.min(load.planned);
@@ -121,7 +132,11 @@ mod tests {
         (0..300).for_each(|_| governor.step(&load(1.9, 0.0), &limits, 1e-3));
         assert!((governor.rate - 0.5).abs() < 1e-3);
         (0..300).for_each(|_| governor.step(&load(0.0, 30.0), &limits, 1e-3));
-        assert!(2.0 + 30.0 * governor.rate * governor.rate < 9.6, "torque within the limit at rate {}", governor.rate);
+        assert!(
+            2.0 + 30.0 * governor.rate * governor.rate < 9.6,
+            "torque within the limit at rate {}",
+            governor.rate
+        );
         (0..1000).for_each(|_| governor.step(&load(1e9, 0.0), &limits, 1e-3));
         assert!((governor.rate - SLOWEST).abs() < 1e-3);
         (0..1000).for_each(|_| governor.step(&load(0.0, 0.0), &limits, 1e-3));
@@ -130,7 +145,13 @@ mod tests {
 
     #[test]
     fn the_clock_never_brakes_harder_than_the_torque_allows() {
-        let (limits, heavy) = (Vector1::new(10.0), Load { braking: Vector1::new(2.0), ..load(10.0, 0.0) });
+        let (limits, heavy) = (
+            Vector1::new(10.0),
+            Load {
+                braking: Vector1::new(2.0),
+                ..load(10.0, 0.0)
+            },
+        );
         let mut governor = Governor::default();
         for _ in 0..500 {
             governor.step(&heavy, &limits, 1e-3);

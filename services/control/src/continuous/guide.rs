@@ -67,15 +67,33 @@ impl<const N: usize> Guide<N> {
 
     /// The target of an auxiliary coordinate: its gradient times the way to the planned posture.
     #[must_use]
-    pub fn target(&self, s: &Singularity<N>, planned: &Sample<N>, q: &SVector<f64, N>, clock: f64) -> Target {
-        let mode = if planned.time_rate == 0.0 { Mode::Reorient } else { Mode::Track };
-        Target { error: s.aux_row.dot(&(planned.q - q)), rate: s.aux_row.dot(&planned.dq) * clock, weight: 1.0, mode, clipped: false }
+    pub fn target(
+        &self,
+        s: &Singularity<N>,
+        planned: &Sample<N>,
+        q: &SVector<f64, N>,
+        clock: f64,
+    ) -> Target {
+        let mode = if planned.time_rate == 0.0 {
+            Mode::Reorient
+        } else {
+            Mode::Track
+        };
+        Target {
+            error: s.aux_row.dot(&(planned.q - q)),
+            rate: s.aux_row.dot(&planned.dq) * clock,
+            weight: 1.0,
+            mode,
+            clipped: false,
+        }
     }
 
     /// The side of a fold on which the plan leaves it, −1 or +1; `None` away from the fold.
     #[must_use]
     pub fn side(&self, s: &Singularity<N>, q: &SVector<f64, N>, route_s: f64) -> Option<f64> {
-        let soon = s.aux + s.aux_row.dot(&(self.plan.as_ref()?.at(route_s + SOON_S).q - q));
+        let soon = s.aux
+            + s.aux_row
+                .dot(&(self.plan.as_ref()?.at(route_s + SOON_S).q - q));
         (s.aux.abs() < SIDE_CHANGE && soon.abs() > SIDE).then(|| soon.signum())
     }
 
@@ -100,7 +118,9 @@ impl<const N: usize> Guide<N> {
     #[must_use]
     #[inline]
     pub fn path_time(&self, route_s: f64, step_s: f64) -> f64 {
-        self.plan.as_ref().map_or(step_s, |plan| plan.path_time(route_s + step_s) - plan.path_time(route_s))
+        self.plan.as_ref().map_or(step_s, |plan| {
+            plan.path_time(route_s + step_s) - plan.path_time(route_s)
+        })
     }
 
     /// A joint that could not be stopped before its limit later than now, where no plan leads it away from there.
@@ -113,7 +133,8 @@ impl<const N: usize> Guide<N> {
     ) -> Option<usize> {
         (0..N).find(|&i| {
             let stop = q[i] + qdot[i] * STOPPING_S;
-            let beyond = qdot[i] > RESTING && stop > upper[i] || qdot[i] < -RESTING && stop < lower[i];
+            let beyond =
+                qdot[i] > RESTING && stop > upper[i] || qdot[i] < -RESTING && stop < lower[i];
             beyond && planned.is_none_or(|plan| (plan.q[i] - q[i]).abs() > STRAYED)
         })
     }

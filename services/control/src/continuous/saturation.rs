@@ -30,8 +30,13 @@ const COMPENSATED: f64 = 0.25;
 /// The disturbance torques that are compensated, N·m: up to a share of each limit.
 #[must_use]
 #[inline]
-pub fn compensated<const N: usize>(tau_disturbance: &SVector<f64, N>, limits: &SVector<f64, N>) -> SVector<f64, N> {
-    tau_disturbance.zip_map(limits, |tau, limit| tau.clamp(-COMPENSATED * limit, COMPENSATED * limit))
+pub fn compensated<const N: usize>(
+    tau_disturbance: &SVector<f64, N>,
+    limits: &SVector<f64, N>,
+) -> SVector<f64, N> {
+    tau_disturbance.zip_map(limits, |tau, limit| {
+        tau.clamp(-COMPENSATED * limit, COMPENSATED * limit)
+    })
 }
 
 /// Γ = bias + k_r·rest + k_t·path + k_n·null: the largest k_n, then the largest k_t, then the largest k_r in [0, 1] that respect every limit.
@@ -39,7 +44,11 @@ pub fn compensated<const N: usize>(tau_disturbance: &SVector<f64, N>, limits: &S
 /// Shapes N · Units N·m · Ensures |Γ_i| ≤ limit_i: an excess that no k removes is cut at the joint · Errors none · Cost O(N), no allocation
 #[must_use]
 #[inline]
-pub fn limit<const N: usize>(bias: &SVector<f64, N>, torques: &Torques<N>, limits: &SVector<f64, N>) -> Limited<N> {
+pub fn limit<const N: usize>(
+    bias: &SVector<f64, N>,
+    torques: &Torques<N>,
+    limits: &SVector<f64, N>,
+) -> Limited<N> {
     let whole = bias + torques.rest + torques.path;
     let total = whole + torques.null;
     let load = (0..N).fold(0.0_f64, |load, i| load.max(total[i].abs() / limits[i]));
@@ -49,7 +58,11 @@ pub fn limit<const N: usize>(bias: &SVector<f64, N>, torques: &Torques<N>, limit
         let null = torques.null * null_scale;
         let fixed = bias + torques.rest + null;
         task_scale = largest_share(&fixed, &torques.path, limits);
-        rest_scale = largest_share(&(bias + null + torques.path * task_scale), &torques.rest, limits);
+        rest_scale = largest_share(
+            &(bias + null + torques.path * task_scale),
+            &torques.rest,
+            limits,
+        );
     }
     let null = torques.null * null_scale;
     let task = bias + torques.rest * rest_scale + torques.path * task_scale;
@@ -61,11 +74,23 @@ pub fn limit<const N: usize>(bias: &SVector<f64, N>, torques: &Torques<N>, limit
             tau[i] = tau[i].clamp(-limits[i], limits[i]);
         }
     }
-    Limited { tau, task: tau - null, null, null_scale, task_scale: task_scale.min(rest_scale), mask, load }
+    Limited {
+        tau,
+        task: tau - null,
+        null,
+        null_scale,
+        task_scale: task_scale.min(rest_scale),
+        mask,
+        load,
+    }
 }
 
 /// The largest k in [0, 1] with |fixed + k·part| ≤ limits; where none is, the k that violates them least: 0 or 1.
-fn largest_share<const N: usize>(fixed: &SVector<f64, N>, part: &SVector<f64, N>, limits: &SVector<f64, N>) -> f64 {
+fn largest_share<const N: usize>(
+    fixed: &SVector<f64, N>,
+    part: &SVector<f64, N>,
+    limits: &SVector<f64, N>,
+) -> f64 {
     // Rounding is not a violation: the last cut makes up for it.
     if (0..N).all(|i| (fixed[i] + part[i]).abs() <= limits[i] * (1.0 + 1e-12)) {
         return 1.0;
@@ -75,14 +100,21 @@ fn largest_share<const N: usize>(fixed: &SVector<f64, N>, part: &SVector<f64, N>
         if part[i] == 0.0 {
             continue;
         }
-        let (a, b) = ((-limits[i] - fixed[i]) / part[i], (limits[i] - fixed[i]) / part[i]);
+        let (a, b) = (
+            (-limits[i] - fixed[i]) / part[i],
+            (limits[i] - fixed[i]) / part[i],
+        );
         low = low.max(a.min(b));
         high = high.min(a.max(b));
     }
     if low <= high {
         return high;
     }
-    let excess = |k: f64| (0..N).fold(0.0_f64, |worst, i| worst.max((fixed[i] + k * part[i]).abs() / limits[i]));
+    let excess = |k: f64| {
+        (0..N).fold(0.0_f64, |worst, i| {
+            worst.max((fixed[i] + k * part[i]).abs() / limits[i])
+        })
+    };
     if excess(0.0) <= excess(1.0) { 0.0 } else { 1.0 }
 }
 

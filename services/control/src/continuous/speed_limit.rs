@@ -37,22 +37,38 @@ pub fn held<const N: usize>(
     }
     let room = |i: usize| {
         let gap = MOST * velocity[i] - qdot[i].abs();
-        let near = if qdot[i].abs() > FROM * velocity[i] { gap / APPROACH_S } else { f64::INFINITY };
+        let near = if qdot[i].abs() > FROM * velocity[i] {
+            gap / APPROACH_S
+        } else {
+            f64::INFINITY
+        };
         near.min((2.0 * RATE_SHARE * torque_rate[i] / A[(i, i)] * gap.max(0.0)).sqrt())
     };
     let lu = Lu::new(*A)?;
-    let [path, rest, null] = [&torques.path, &torques.rest, &torques.null].map(|torque| lu.solve(torque));
+    let [path, rest, null] =
+        [&torques.path, &torques.rest, &torques.null].map(|torque| lu.solve(torque));
     let share = |fixed: &SVector<f64, N>, part: &SVector<f64, N>| {
-        (0..N).filter(|i| qdot[*i].abs() > WATCHED * velocity[*i]).fold(1.0_f64, |share, i| {
-            let (out, room) = (qdot[i].signum(), room(i));
-            let (fixed, part) = (out * fixed[i], out * part[i]);
-            if part > 0.0 && fixed + part > room { share.min(((room - fixed) / part).max(0.0)) } else { share }
-        })
+        (0..N)
+            .filter(|i| qdot[*i].abs() > WATCHED * velocity[*i])
+            .fold(1.0_f64, |share, i| {
+                let (out, room) = (qdot[i].signum(), room(i));
+                let (fixed, part) = (out * fixed[i], out * part[i]);
+                if part > 0.0 && fixed + part > room {
+                    share.min(((room - fixed) / part).max(0.0))
+                } else {
+                    share
+                }
+            })
     };
     let null_share = share(&(path + rest), &null);
     let path_share = share(&(rest + null * null_share), &path);
     let rest_share = share(&(null * null_share + path * path_share), &rest);
-    Ok(Torques { path: torques.path * path_share, rest: torques.rest * rest_share, null: torques.null * null_share, ..*torques })
+    Ok(Torques {
+        path: torques.path * path_share,
+        rest: torques.rest * rest_share,
+        null: torques.null * null_share,
+        ..*torques
+    })
 }
 
 /// Demand on the clock by the joints' present speeds, beyond the share of a limit that the path may take; 0 below it.
@@ -84,7 +100,17 @@ mod tests {
     #[test]
     fn far_from_the_limits_nothing_changes() {
         let wanted = torques(1e3);
-        assert_eq!(held(&wanted, &Matrix2::identity(), &Vector2::new(0.99, -1.0), &LIMIT, &RATE).unwrap(), wanted);
+        assert_eq!(
+            held(
+                &wanted,
+                &Matrix2::identity(),
+                &Vector2::new(0.99, -1.0),
+                &LIMIT,
+                &RATE
+            )
+            .unwrap(),
+            wanted
+        );
         assert_eq!(demand(&Vector2::new(1.8, 0.0), &LIMIT), 0.0);
     }
 
@@ -94,11 +120,17 @@ mod tests {
         let (mut qdot, dt) = (Vector2::new(1.5, 0.0), 1e-3);
         for _ in 0..3000 {
             let given = held(&torques(40.0), &A, &qdot, &LIMIT, &RATE).unwrap();
-            qdot += Lu::new(A).unwrap().solve(&(given.path + given.rest + given.null)) * dt;
+            qdot += Lu::new(A)
+                .unwrap()
+                .solve(&(given.path + given.rest + given.null))
+                * dt;
             qdot[1] *= 0.9;
             assert!(qdot[0] <= 0.99 * LIMIT[0], "{qdot}");
         }
-        assert!(qdot[0] > 0.9 * LIMIT[0], "the null-space motion goes on: {qdot}");
+        assert!(
+            qdot[0] > 0.9 * LIMIT[0],
+            "the null-space motion goes on: {qdot}"
+        );
     }
 
     #[test]
@@ -109,7 +141,14 @@ mod tests {
         let inertia = Matrix2::identity() * 2.0;
         let mut fastest = 0.0_f64;
         for _ in 0..5000 {
-            let given = held(&torques(40.0), &inertia, &Vector2::new(qdot, 0.0), &LIMIT, &rate).unwrap();
+            let given = held(
+                &torques(40.0),
+                &inertia,
+                &Vector2::new(qdot, 0.0),
+                &LIMIT,
+                &rate,
+            )
+            .unwrap();
             let wanted = given.path[0] + given.rest[0] + given.null[0];
             tau += f64::clamp(wanted - tau, -rate[0] * dt, rate[0] * dt);
             qdot += tau / inertia[(0, 0)] * dt;
@@ -120,9 +159,22 @@ mod tests {
 
     #[test]
     fn the_null_space_goes_first() {
-        let given = held(&torques(40.0), &Matrix2::identity(), &Vector2::new(1.9, 0.0), &LIMIT, &RATE).unwrap();
-        assert!(given.path == torques(0.0).path && given.rest == torques(0.0).rest, "{given:?}");
+        let given = held(
+            &torques(40.0),
+            &Matrix2::identity(),
+            &Vector2::new(1.9, 0.0),
+            &LIMIT,
+            &RATE,
+        )
+        .unwrap();
+        assert!(
+            given.path == torques(0.0).path && given.rest == torques(0.0).rest,
+            "{given:?}"
+        );
         let room = (MOST * LIMIT[0] - 1.9) / APPROACH_S;
-        assert!((given.path[0] + given.null[0] - room).abs() < 1e-9, "{given:?}");
+        assert!(
+            (given.path[0] + given.null[0] - room).abs() < 1e-9,
+            "{given:?}"
+        );
     }
 }

@@ -20,16 +20,33 @@ impl<const N: usize> Sent<N> {
     /// An arm that is carried at rest.
     #[must_use]
     pub fn holding(gravity: &SVector<f64, N>, limits: &SVector<f64, N>) -> Self {
-        Self { tau: gravity.zip_map(limits, |g, limit| g.clamp(-limit, limit)), path: SVector::zeros(), null: SVector::zeros() }
+        Self {
+            tau: gravity.zip_map(limits, |g, limit| g.clamp(-limit, limit)),
+            path: SVector::zeros(),
+            null: SVector::zeros(),
+        }
     }
 
     /// The torque that a checkpoint has, within the limits; nothing at all where it is not a number: a damaged checkpoint moves no arm.
     #[must_use]
-    pub fn restored(tau: SVector<f64, N>, path: SVector<f64, N>, null: SVector<f64, N>, limits: &SVector<f64, N>) -> Self {
+    pub fn restored(
+        tau: SVector<f64, N>,
+        path: SVector<f64, N>,
+        null: SVector<f64, N>,
+        limits: &SVector<f64, N>,
+    ) -> Self {
         if !tau.iter().chain(&path).chain(&null).all(|x| x.is_finite()) {
-            return Self { tau: SVector::zeros(), path: SVector::zeros(), null: SVector::zeros() };
+            return Self {
+                tau: SVector::zeros(),
+                path: SVector::zeros(),
+                null: SVector::zeros(),
+            };
         }
-        Self { tau: tau.zip_map(limits, |x, limit| x.clamp(-limit, limit)), path, null }
+        Self {
+            tau: tau.zip_map(limits, |x, limit| x.clamp(-limit, limit)),
+            path,
+            null,
+        }
     }
 
     /// The torque nearest to `wanted` that the rates allow, and bit i where joint i met its rate.
@@ -42,28 +59,66 @@ impl<const N: usize> Sent<N> {
     /// Cost O(N), no allocation
     #[must_use]
     #[inline]
-    pub fn next(&self, wanted: &Limited<N>, path: &SVector<f64, N>, step: &SVector<f64, N>, limits: &SVector<f64, N>) -> (Self, u32) {
+    pub fn next(
+        &self,
+        wanted: &Limited<N>,
+        path: &SVector<f64, N>,
+        step: &SVector<f64, N>,
+        limits: &SVector<f64, N>,
+    ) -> (Self, u32) {
         let change = wanted.tau - self.tau;
         if (0..N).all(|i| change[i].abs() <= step[i]) {
-            return (Self { tau: wanted.tau, path: *path, null: wanted.null }, 0);
+            return (
+                Self {
+                    tau: wanted.tau,
+                    path: *path,
+                    null: wanted.null,
+                },
+                0,
+            );
         }
         let (null_change, path_change) = (wanted.null - self.null, path - self.path);
         let without = change - null_change;
         let k_n = largest_share(&without, &null_change, step);
-        let k_t = largest_share(&(without - path_change + null_change * k_n), &path_change, step);
+        let k_t = largest_share(
+            &(without - path_change + null_change * k_n),
+            &path_change,
+            step,
+        );
         let allowed = without + path_change * (k_t - 1.0) + null_change * k_n;
-        let mask = (0..N).filter(|i| change[*i].abs() > step[*i]).fold(0, |mask, i| mask | 1 << i);
-        let tau = SVector::from_fn(|i, _| (self.tau[i] + allowed[i].clamp(-step[i], step[i])).clamp(-limits[i], limits[i]));
-        (Self { tau, path: self.path + path_change * k_t, null: self.null + null_change * k_n }, mask)
+        let mask = (0..N)
+            .filter(|i| change[*i].abs() > step[*i])
+            .fold(0, |mask, i| mask | 1 << i);
+        let tau = SVector::from_fn(|i, _| {
+            (self.tau[i] + allowed[i].clamp(-step[i], step[i])).clamp(-limits[i], limits[i])
+        });
+        (
+            Self {
+                tau,
+                path: self.path + path_change * k_t,
+                null: self.null + null_change * k_n,
+            },
+            mask,
+        )
     }
 }
 
 /// The largest k in [0, 1] with |fixed + k·part| ≤ step, over the joints with |fixed| ≤ step: no k helps the others.
-fn largest_share<const N: usize>(fixed: &SVector<f64, N>, part: &SVector<f64, N>, step: &SVector<f64, N>) -> f64 {
-    (0..N).filter(|i| fixed[*i].abs() <= step[*i] && part[*i] != 0.0).fold(1.0_f64, |share, i| {
-        let room = if part[i] > 0.0 { step[i] - fixed[i] } else { step[i] + fixed[i] };
-        share.min(room / part[i].abs())
-    })
+fn largest_share<const N: usize>(
+    fixed: &SVector<f64, N>,
+    part: &SVector<f64, N>,
+    step: &SVector<f64, N>,
+) -> f64 {
+    (0..N)
+        .filter(|i| fixed[*i].abs() <= step[*i] && part[*i] != 0.0)
+        .fold(1.0_f64, |share, i| {
+            let room = if part[i] > 0.0 {
+                step[i] - fixed[i]
+            } else {
+                step[i] + fixed[i]
+            };
+            share.min(room / part[i].abs())
+        })
 }
 
 #[cfg(test)]

@@ -43,10 +43,17 @@ pub fn plan<const N: usize>(
 ) -> Result<Turn<N>, LawError> {
     let plan = |angle: f64| {
         let by = motion(angle).filter(|by| room.holds(by))?;
-        Some(Turn { from: s.axis(), angle, by, duration_s: room.duration_of(angle, &by, duration_s) })
+        Some(Turn {
+            from: s.axis(),
+            angle,
+            by,
+            duration_s: room.duration_of(angle, &by, duration_s),
+        })
     };
     let other = angle - std::f64::consts::PI.copysign(angle);
-    plan(angle).or_else(|| plan(other)).ok_or(LawError::Room { angle_deg: angle.to_degrees() })
+    plan(angle).or_else(|| plan(other)).ok_or(LawError::Room {
+        angle_deg: angle.to_degrees(),
+    })
 }
 
 impl<const N: usize> Room<'_, N> {
@@ -54,7 +61,9 @@ impl<const N: usize> Room<'_, N> {
     fn holds(&self, by: &SVector<f64, N>) -> bool {
         let inside = |i: usize| {
             let end = self.q[i] + by[i];
-            by[i] == 0.0 || end > self.model.lower()[i] + LIMIT_MARGIN && end < self.model.upper()[i] - LIMIT_MARGIN
+            by[i] == 0.0
+                || end > self.model.lower()[i] + LIMIT_MARGIN
+                    && end < self.model.upper()[i] - LIMIT_MARGIN
         };
         (0..N).all(inside)
     }
@@ -69,6 +78,12 @@ impl<const N: usize> Room<'_, N> {
             return planned_s;
         }
         let slice = planned_s / f64::from(SLICES);
-        (0..SLICES).map(|k| slice * (share * quintic(slice * (f64::from(k) + 0.5), planned_s)[1] / MARGIN).max(1.0)).sum()
+        (0..SLICES)
+            .map(|k| {
+                slice
+                    * (share * quintic(slice * (f64::from(k) + 0.5), planned_s)[1] / MARGIN)
+                        .max(1.0)
+            })
+            .sum()
     }
 }

@@ -16,7 +16,10 @@ use nalgebra::{SMatrix, SVector};
 ///
 /// # Errors
 /// [`LawError`] if the reduced Jacobian is rank deficient.
-pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, actives: &Actives<N>) -> Result<Torques<N>, LawError> {
+pub fn torques<const N: usize>(
+    wanted: &Wanted<'_, N>,
+    actives: &Actives<N>,
+) -> Result<Torques<N>, LawError> {
     match orthogonal_rows(&wanted.task, actives)?.len() {
         6 => reduced::<6, N>(wanted, actives),
         5 => reduced::<5, N>(wanted, actives),
@@ -28,7 +31,10 @@ pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, actives: &Actives<N>) -> 
     }
 }
 
-fn reduced<const M: usize, const N: usize>(wanted: &Wanted<'_, N>, actives: &[Active<N>]) -> Result<Torques<N>, LawError> {
+fn reduced<const M: usize, const N: usize>(
+    wanted: &Wanted<'_, N>,
+    actives: &[Active<N>],
+) -> Result<Torques<N>, LawError> {
     let orthogonal = orthogonal_rows(&wanted.task, actives)?;
     let T = SMatrix::<f64, M, 6>::from_fn(|i, j| orthogonal[i][j]);
     let op = Operational::<M, N>::new(T * wanted.at.J, wanted.A)?;
@@ -48,18 +54,33 @@ fn reduced<const M: usize, const N: usize>(wanted: &Wanted<'_, N>, actives: &[Ac
     }
     rates.rows_mut(0, M).copy_from(&(T * wanted.V));
     let mut feed = SVector::<f64, N>::zeros();
-    feed.rows_mut(0, M).copy_from(&(T * wanted.a_feed - Jdot_qdot));
+    feed.rows_mut(0, M)
+        .copy_from(&(T * wanted.a_feed - Jdot_qdot));
     let posture = op.N() * wanted.posture;
-    let redundant = if M + actives.len() < N { posture } else { SVector::zeros() };
+    let redundant = if M + actives.len() < N {
+        posture
+    } else {
+        SVector::zeros()
+    };
     let grad_V_0 = -(lu.solve(&rhs) + redundant);
     let Gamma_0 = null_torque(wanted.A, &grad_V_0, 0.0, &SVector::zeros());
     let null = op.torque(&SVector::zeros(), &Gamma_0);
     let path = op.J.transpose() * F_path;
-    Ok(Torques { path, rest: op.J.transpose() * F - path, null, qdot_nominal: lu.solve(&rates), qddot_path: lu.solve(&feed) })
+    Ok(Torques {
+        path,
+        rest: op.J.transpose() * F - path,
+        null,
+        qdot_nominal: lu.solve(&rates),
+        qddot_path: lu.solve(&feed),
+    })
 }
 
 /// Orthogonal rows, auxiliary rows, and for a redundant arm WᵀA of what is left.
-fn augmented<const M: usize, const N: usize>(J: &SMatrix<f64, M, N>, actives: &[Active<N>], A: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
+fn augmented<const M: usize, const N: usize>(
+    J: &SMatrix<f64, M, N>,
+    actives: &[Active<N>],
+    A: &SMatrix<f64, N, N>,
+) -> SMatrix<f64, N, N> {
     let mut rows = SMatrix::<f64, N, N>::zeros();
     let mut basis = Basis::<N>::empty();
     let mut used = 0;

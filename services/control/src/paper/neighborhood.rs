@@ -18,7 +18,12 @@ impl Neighborhood {
     #[must_use]
     #[inline]
     pub fn update(&self, was_inside: bool, s: f64) -> bool {
-        s.abs() <= if was_inside { self.eta_out } else { self.eta_in }
+        s.abs()
+            <= if was_inside {
+                self.eta_out
+            } else {
+                self.eta_in
+            }
     }
 
     /// Weight of operational control along ζ_i: 0 at |s| ≤ η_in, 1 at |s| ≥ η_out, continuously differentiable between.
@@ -33,18 +38,32 @@ impl Neighborhood {
 mod tests {
     use super::*;
 
-    const D: Neighborhood = Neighborhood { eta_in: 0.1, eta_out: 0.2 };
+    const D: Neighborhood = Neighborhood {
+        eta_in: 0.1,
+        eta_out: 0.2,
+    };
 
     // covers: CK95 Eq. 2 (neighborhood::Neighborhood::update)
     #[test]
     fn entry_and_exit_are_apart() {
-        assert!(!D.update(false, 0.15) && D.update(true, 0.15), "between the thresholds nothing changes");
+        assert!(
+            !D.update(false, 0.15) && D.update(true, 0.15),
+            "between the thresholds nothing changes"
+        );
         assert!(D.update(false, -0.1) && !D.update(true, -0.21));
     }
 
     #[test]
     fn openness_is_zero_inside_and_one_outside() {
-        assert_eq!([D.openness(0.05), D.openness(-0.1), D.openness(0.2), D.openness(-0.5)], [0.0, 0.0, 1.0, 1.0]);
+        assert_eq!(
+            [
+                D.openness(0.05),
+                D.openness(-0.1),
+                D.openness(0.2),
+                D.openness(-0.5)
+            ],
+            [0.0, 0.0, 1.0, 1.0]
+        );
         assert!((D.openness(-0.15) - 0.5).abs() < 1e-15);
     }
 }

@@ -23,7 +23,10 @@ pub enum Projector {
 ///
 /// # Errors
 /// [`LawError`] if the Jacobian is rank deficient.
-pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, projector: Projector) -> Result<Torques<N>, LawError> {
+pub fn torques<const N: usize>(
+    wanted: &Wanted<'_, N>,
+    projector: Projector,
+) -> Result<Torques<N>, LawError> {
     match orthogonal_rows::<N>(&wanted.task, &[])?.len() {
         1 => sized::<1, N>(wanted, projector),
         2 => sized::<2, N>(wanted, projector),
@@ -35,7 +38,10 @@ pub fn torques<const N: usize>(wanted: &Wanted<'_, N>, projector: Projector) -> 
     }
 }
 
-fn sized<const M: usize, const N: usize>(wanted: &Wanted<'_, N>, projector: Projector) -> Result<Torques<N>, LawError> {
+fn sized<const M: usize, const N: usize>(
+    wanted: &Wanted<'_, N>,
+    projector: Projector,
+) -> Result<Torques<N>, LawError> {
     let orthogonal = orthogonal_rows::<N>(&wanted.task, &[])?;
     let T = SMatrix::<f64, M, 6>::from_fn(|i, j| orthogonal[i][j]);
     let op = Operational::<M, N>::new(T * wanted.at.J, wanted.A)?;

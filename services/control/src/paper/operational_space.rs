@@ -9,7 +9,9 @@ use nalgebra::{Cholesky, SMatrix, SVector};
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum OperationalError {
     /// J A⁻¹ Jᵀ is not positive definite: J has dependent rows.
-    #[error("J A⁻¹ Jᵀ ({rows}×{rows}) is not positive definite: the Jacobian has dependent rows; drop the singular directions first")]
+    #[error(
+        "J A⁻¹ Jᵀ ({rows}×{rows}) is not positive definite: the Jacobian has dependent rows; drop the singular directions first"
+    )]
     RankDeficient {
         /// Number of rows of J.
         rows: usize,
@@ -42,9 +44,14 @@ impl<const M: usize, const N: usize> Operational<M, N> {
     pub fn new(J: SMatrix<f64, M, N>, A: &SMatrix<f64, N, N>) -> Result<Self, OperationalError> {
         let A = Cholesky::new(*A).ok_or(OperationalError::MassMatrix)?;
         let Ainv_Jt = A.solve(&J.transpose());
-        let inverse = Cholesky::new(J * Ainv_Jt).ok_or(OperationalError::RankDeficient { rows: M })?;
+        let inverse =
+            Cholesky::new(J * Ainv_Jt).ok_or(OperationalError::RankDeficient { rows: M })?;
         let Lambda = inverse.inverse();
-        Ok(Self { J, Lambda, Jbar: Ainv_Jt * Lambda })
+        Ok(Self {
+            J,
+            Lambda,
+            Jbar: Ainv_Jt * Lambda,
+        })
     }
 
     /// Torque projector onto the dynamically consistent null space.
@@ -101,8 +108,11 @@ pub fn null_torque<const N: usize>(
 ///
 /// # Errors
 /// [`OperationalError::RankDeficient`] if J Jᵀ has no Cholesky factor.
-pub fn pseudo_inverse_N_T<const M: usize, const N: usize>(J: &SMatrix<f64, M, N>) -> Result<SMatrix<f64, N, N>, OperationalError> {
-    let JJt = Cholesky::new(J * J.transpose()).ok_or(OperationalError::RankDeficient { rows: M })?;
+pub fn pseudo_inverse_N_T<const M: usize, const N: usize>(
+    J: &SMatrix<f64, M, N>,
+) -> Result<SMatrix<f64, N, N>, OperationalError> {
+    let JJt =
+        Cholesky::new(J * J.transpose()).ok_or(OperationalError::RankDeficient { rows: M })?;
     Ok(SMatrix::identity() - J.transpose() * JJt.solve(J))
 }
 
@@ -186,16 +196,31 @@ mod tests {
         let J = terms.J.fixed_rows::<2>(0).into_owned();
         let A_inv: Matrix3<f64> = terms.A.cholesky().unwrap().inverse();
         let Gamma_0 = Vector3::new(20.0, -10.0, 15.0);
-        let consistent = J * A_inv * Operational::new(J, &terms.A).unwrap().torque(&SVector::zeros(), &Gamma_0);
+        let consistent = J
+            * A_inv
+            * Operational::new(J, &terms.A)
+                .unwrap()
+                .torque(&SVector::zeros(), &Gamma_0);
         let pseudo = J * A_inv * pseudo_inverse_N_T(&J).unwrap() * Gamma_0;
-        assert!(consistent.norm() < 1e-10, "dynamically consistent: {:e} m/s²", consistent.norm());
-        assert!(pseudo.norm() > 1e3 * consistent.norm() && pseudo.norm() > 1.0, "pseudo-inverse: {} m/s²", pseudo.norm());
+        assert!(
+            consistent.norm() < 1e-10,
+            "dynamically consistent: {:e} m/s²",
+            consistent.norm()
+        );
+        assert!(
+            pseudo.norm() > 1e3 * consistent.norm() && pseudo.norm() > 1.0,
+            "pseudo-inverse: {} m/s²",
+            pseudo.norm()
+        );
     }
 
     #[test]
     fn dependent_rows_are_refused() {
         let A = Matrix3::identity();
         let J = SMatrix::<f64, 2, 3>::new(1.0, 0.0, 0.0, 1.0, 0.0, 0.0);
-        assert_eq!(Operational::new(J, &A).unwrap_err(), OperationalError::RankDeficient { rows: 2 });
+        assert_eq!(
+            Operational::new(J, &A).unwrap_err(),
+            OperationalError::RankDeficient { rows: 2 }
+        );
     }
 }

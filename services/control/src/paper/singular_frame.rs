@@ -14,7 +14,9 @@ impl OrthogonalRows {
     /// Adds a direction of the half of the task whose first axis is `from`.
     #[inline]
     fn push(&mut self, from: usize, direction: &Vector3<f64>) {
-        self.rows[self.count].fixed_rows_mut::<3>(from).copy_from(direction);
+        self.rows[self.count]
+            .fixed_rows_mut::<3>(from)
+            .copy_from(direction);
         self.count += 1;
     }
 }
@@ -37,16 +39,28 @@ impl std::ops::Deref for OrthogonalRows {
 /// # Errors
 /// [`LawError::TooManyRows`] where orthogonal and singular rows together outnumber the joints.
 #[inline]
-pub fn orthogonal_rows<const N: usize>(task: &[bool; 6], actives: &[Active<N>]) -> Result<OrthogonalRows, LawError> {
-    let mut orthogonal = OrthogonalRows { rows: [Vector6::zeros(); 6], count: 0 };
+pub fn orthogonal_rows<const N: usize>(
+    task: &[bool; 6],
+    actives: &[Active<N>],
+) -> Result<OrthogonalRows, LawError> {
+    let mut orthogonal = OrthogonalRows {
+        rows: [Vector6::zeros(); 6],
+        count: 0,
+    };
     for from in [0, 3] {
-        let axes = || (0..3).filter(|k| task[from + k]).map(|k| Vector3::from_fn(|i, _| if i == k { 1.0 } else { 0.0 }));
+        let axes = || {
+            (0..3)
+                .filter(|k| task[from + k])
+                .map(|k| Vector3::from_fn(|i, _| if i == k { 1.0 } else { 0.0 }))
+        };
         // Orthonormal directions so far: singular ones first, then those orthogonal to them.
         let mut basis = Basis::<3>::empty();
         for active in actives {
             let zeta = active.zeta_B.fixed_rows::<3>(from);
             if zeta.norm_squared() > 0.25 {
-                basis.add(Vector3::from_fn(|k, _| if task[from + k] { zeta[k] } else { 0.0 }));
+                basis.add(Vector3::from_fn(
+                    |k, _| if task[from + k] { zeta[k] } else { 0.0 },
+                ));
             }
         }
         if basis.count() == 0 {
@@ -82,7 +96,10 @@ impl<const D: usize> Basis<D> {
     /// The empty set.
     #[must_use]
     pub fn empty() -> Self {
-        Self { vectors: [SVector::zeros(); D], count: 0 }
+        Self {
+            vectors: [SVector::zeros(); D],
+            count: 0,
+        }
     }
 
     /// How many vectors it has.

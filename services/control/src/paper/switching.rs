@@ -63,22 +63,53 @@ mod tests {
     /// The table above, cell by cell.
     #[test]
     fn the_printed_table_is_the_code() {
-        let conditions = [Condition::Inside, Condition::Near, Condition::Boundary, Condition::Away, Condition::Clear];
+        let conditions = [
+            Condition::Inside,
+            Condition::Near,
+            Condition::Boundary,
+            Condition::Away,
+            Condition::Clear,
+        ];
         let cells = |line: &str| {
-            line.trim_start_matches("//! |").trim_end_matches('|').split('|').map(|cell| cell.trim().to_owned()).collect::<Vec<_>>()
+            line.trim_start_matches("//! |")
+                .trim_end_matches('|')
+                .split('|')
+                .map(|cell| cell.trim().to_owned())
+                .collect::<Vec<_>>()
         };
-        let rows: Vec<_> = include_str!("switching.rs").lines().filter(|line| line.starts_with("//! |")).map(cells).collect();
-        assert_eq!(rows[0][1..], conditions.map(|condition| format!("{condition:?}").to_lowercase()));
+        let rows: Vec<_> = include_str!("switching.rs")
+            .lines()
+            .filter(|line| line.starts_with("//! |"))
+            .map(cells)
+            .collect();
+        assert_eq!(
+            rows[0][1..],
+            conditions.map(|condition| format!("{condition:?}").to_lowercase())
+        );
         assert_eq!(rows.len() - 2, MODES.len(), "one row for each mode");
         let mut strategies = 0;
         for row in &rows[2..] {
             let (code, _) = MODES.iter().find(|(_, name)| *name == row[0]).unwrap();
             let mode = Mode::from_code(*code).unwrap();
             for (condition, cell) in conditions.into_iter().zip(&row[1..]) {
-                for strategy in [Mode::Track, Mode::Pass, Mode::Hold, Mode::Reorient, Mode::Slide] {
-                    let expected = if cell == "strategy" { strategy } else { next(mode, condition, strategy) };
+                for strategy in [
+                    Mode::Track,
+                    Mode::Pass,
+                    Mode::Hold,
+                    Mode::Reorient,
+                    Mode::Slide,
+                ] {
+                    let expected = if cell == "strategy" {
+                        strategy
+                    } else {
+                        next(mode, condition, strategy)
+                    };
                     strategies += usize::from(cell == "strategy");
-                    assert_eq!(next(mode, condition, strategy), expected, "{mode:?}, {condition:?}");
+                    assert_eq!(
+                        next(mode, condition, strategy),
+                        expected,
+                        "{mode:?}, {condition:?}"
+                    );
                     assert!(
                         cell == "strategy" || name_of(MODES, expected.code()) == cell,
                         "{mode:?}, {condition:?}: {expected:?}, printed {cell}"

@@ -36,7 +36,11 @@ pub fn target(fold: &Fold, branch: i32, memory: &mut Memory) -> Target {
         error: memory.side * fold.size - fold.x,
         rate: memory.side * fold.rate,
         weight: 1.0,
-        mode: if fold.clipped { Mode::Slide } else { Mode::Track },
+        mode: if fold.clipped {
+            Mode::Slide
+        } else {
+            Mode::Track
+        },
         clipped: fold.clipped,
     }
 }

@@ -29,8 +29,19 @@ pub struct Direction {
 /// Units rad, rad/s · Ensures zero error and zero rate where `direction` is `None` · Errors none · Source CK95 §4, Type 2 · Cost O(1)
 #[must_use]
 pub fn target(direction: Option<Direction>) -> Target {
-    let Some(Direction { error, rate, weight, passing, holding, clipped }) = direction else {
-        return Target { mode: Mode::Hold, ..Target::default() };
+    let Some(Direction {
+        error,
+        rate,
+        weight,
+        passing,
+        holding,
+        clipped,
+    }) = direction
+    else {
+        return Target {
+            mode: Mode::Hold,
+            ..Target::default()
+        };
     };
     let mode = match (passing, clipped, holding) {
         (true, ..) => Mode::Pass,
@@ -38,7 +49,13 @@ pub fn target(direction: Option<Direction>) -> Target {
         (.., true) => Mode::Hold,
         _ => Mode::Track,
     };
-    Target { error, rate, weight, mode, clipped }
+    Target {
+        error,
+        rate,
+        weight,
+        mode,
+        clipped,
+    }
 }
 
 /// A commanded turn of ζ_i by null-space motion.
@@ -58,7 +75,12 @@ impl<const N: usize> Turn<N> {
     /// No turn.
     #[must_use]
     pub fn none() -> Self {
-        Self { from: Vector3::zeros(), angle: 0.0, by: SVector::zeros(), duration_s: 0.0 }
+        Self {
+            from: Vector3::zeros(),
+            angle: 0.0,
+            by: SVector::zeros(),
+            duration_s: 0.0,
+        }
     }
 
     /// The target that turns ζ_i to ζ_id.
@@ -72,9 +94,19 @@ impl<const N: usize> Turn<N> {
         // `turned` is known up to whole turns: the nearest one is meant.
         let error = crate::linear::wrap_angle(wanted - turned);
         // From angles of ζ to the auxiliary coordinate.
-        let per_aux = if s.kappa_2.abs() > TURNS { s.kappa_2 } else { 1.0 };
+        let per_aux = if s.kappa_2.abs() > TURNS {
+            s.kappa_2
+        } else {
+            1.0
+        };
         let rate = self.angle * share_rate * clock;
-        Target { error: error / per_aux, rate: rate / per_aux, weight: 1.0, mode: Mode::Reorient, clipped: false }
+        Target {
+            error: error / per_aux,
+            rate: rate / per_aux,
+            weight: 1.0,
+            mode: Mode::Reorient,
+            clipped: false,
+        }
     }
 }
 

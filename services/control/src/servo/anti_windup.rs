@@ -30,7 +30,12 @@ pub struct Lead {
 impl Lead {
     /// Between the reference and the arm, whose singularities are those of `report` and whose law is in the state `loops`.
     #[must_use]
-    pub fn between<const N: usize>(reference: &Pose, arm: &Pose, report: &Report<N>, loops: &[Loop]) -> Self {
+    pub fn between<const N: usize>(
+        reference: &Pose,
+        arm: &Pose,
+        report: &Report<N>,
+        loops: &[Loop],
+    ) -> Self {
         let error = reference.p - arm.p;
         let (mut across, mut length) = (error, ACROSS_M);
         for (s, one) in report.listed().iter().zip(loops) {
@@ -44,18 +49,39 @@ impl Lead {
         }
         let turn = rotation_log(&(reference.R * arm.R.transpose()));
         let parts = [(across, ACROSS_M), (error - across, length), (turn, ANGLE)];
-        Self { parts, saturation: parts.iter().fold(0.0, |most, part| most.max(saturation_of(part))) }
+        Self {
+            parts,
+            saturation: parts
+                .iter()
+                .fold(0.0, |most, part| most.max(saturation_of(part))),
+        }
     }
 
     /// The reference at the bound, where it is further away; and how far it has been taken back, m.
     #[must_use]
     pub fn hold(&self, reference: &Pose, arm: &Pose) -> (Pose, f64) {
-        let held = self.parts.map(|(error, length)| error * (length / error.norm().max(length)));
+        let held = self
+            .parts
+            .map(|(error, length)| error * (length / error.norm().max(length)));
         let p = arm.p + held[0] + held[1];
         let is_turned = held[2] != self.parts[2].0;
-        let R = if is_turned { rotation_exp(&held[2]) * arm.R } else { reference.R };
+        let R = if is_turned {
+            rotation_exp(&held[2]) * arm.R
+        } else {
+            reference.R
+        };
         let is_moved = held[0] != self.parts[0].0 || held[1] != self.parts[1].0;
-        (Pose { R, p: if is_moved { p } else { reference.p } }, if is_moved { (reference.p - p).norm() } else { 0.0 })
+        (
+            Pose {
+                R,
+                p: if is_moved { p } else { reference.p },
+            },
+            if is_moved {
+                (reference.p - p).norm()
+            } else {
+                0.0
+            },
+        )
     }
 
     /// The reference on its way back to the arm, where `V` no longer leads away from it.
@@ -79,10 +105,17 @@ impl Lead {
     pub fn without_increase(&self, V: &Vector6<f64>) -> Vector6<f64> {
         let without = |v: Vector3<f64>, part: &(Vector3<f64>, f64)| {
             let (error, saturation) = (&part.0, saturation_of(part));
-            if saturation > 0.0 { v - error * (v.dot(error).max(0.0) * saturation / error.norm_squared()) } else { v }
+            if saturation > 0.0 {
+                v - error * (v.dot(error).max(0.0) * saturation / error.norm_squared())
+            } else {
+                v
+            }
         };
         let [across, along, turn] = &self.parts;
-        stack(&without(without(linear(V), across), along), &without(angular(V), turn))
+        stack(
+            &without(without(linear(V), across), along),
+            &without(angular(V), turn),
+        )
     }
 }
 
@@ -97,21 +130,39 @@ mod tests {
     use crate::testing::empty_report;
 
     fn between(x: f64) -> Lead {
-        Lead::between(&Pose::translation(Vector3::new(x, 0.0, 0.0)), &Pose::identity(), &empty_report::<6>(), &[])
+        Lead::between(
+            &Pose::translation(Vector3::new(x, 0.0, 0.0)),
+            &Pose::identity(),
+            &empty_report::<6>(),
+            &[],
+        )
     }
 
     #[test]
     fn the_lead_stays_within_its_bound_and_the_reference_may_always_come_back() {
-        let (arm, far) = (Pose::identity(), Pose::translation(Vector3::new(0.05, 0.0, 0.0)));
+        let (arm, far) = (
+            Pose::identity(),
+            Pose::translation(Vector3::new(0.05, 0.0, 0.0)),
+        );
         let lead = between(0.05);
         let (held, back) = lead.hold(&far, &arm);
-        assert!((held.p.x - ACROSS_M).abs() < 1e-12 && (back - 0.05 + ACROSS_M).abs() < 1e-12 && lead.saturation == 1.0);
+        assert!(
+            (held.p.x - ACROSS_M).abs() < 1e-12
+                && (back - 0.05 + ACROSS_M).abs() < 1e-12
+                && lead.saturation == 1.0
+        );
         let V = Vector6::new(0.1, 0.2, 0.0, 0.0, 0.0, 0.3);
-        assert_eq!(lead.without_increase(&V), Vector6::new(0.0, 0.2, 0.0, 0.0, 0.0, 0.3));
+        assert_eq!(
+            lead.without_increase(&V),
+            Vector6::new(0.0, 0.2, 0.0, 0.0, 0.0, 0.3)
+        );
         assert_eq!(lead.without_increase(&-V), -V);
         assert_eq!(between(0.0001).without_increase(&V), V);
         assert_eq!(lead.relax(&held, &V, 1e-3), held, "the twist leads away");
-        assert!((lead.relax(&far, &-V, 1e-3).p.x - 0.0495).abs() < 1e-12, "1 % of the way back in a tick");
+        assert!(
+            (lead.relax(&far, &-V, 1e-3).p.x - 0.0495).abs() < 1e-12,
+            "1 % of the way back in a tick"
+        );
     }
 
     #[test]
@@ -119,9 +170,18 @@ mod tests {
         let mut report = empty_report::<6>();
         report.count = 1;
         report.singularities[0].zeta_B[0] = 1.0;
-        (report.singularities[0].inside, report.singularities[0].eta_in, report.singularities[0].eta_out) = (true, 0.1, 0.2);
+        (
+            report.singularities[0].inside,
+            report.singularities[0].eta_in,
+            report.singularities[0].eta_out,
+        ) = (true, 0.1, 0.2);
         let far = Pose::translation(Vector3::new(0.05, 0.05, 0.0));
-        let (held, _) = Lead::between(&far, &Pose::identity(), &report, &[Loop::default()]).hold(&far, &Pose::identity());
-        assert!((held.p - Vector3::new(ALONG_M, ACROSS_M, 0.0)).norm() < 1e-12, "{}", held.p);
+        let (held, _) = Lead::between(&far, &Pose::identity(), &report, &[Loop::default()])
+            .hold(&far, &Pose::identity());
+        assert!(
+            (held.p - Vector3::new(ALONG_M, ACROSS_M, 0.0)).norm() < 1e-12,
+            "{}",
+            held.p
+        );
     }
 }

@@ -6,8 +6,9 @@ use model::Pose;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
 use shared_types::TargetContent;
 use shared_types::codes::{
-    FRAME_BASE, FRAME_HAND, FRAME_SINGULAR, SIDE_POSITIVE, TARGET_END, TARGET_NONE, TARGET_POSE, TARGET_POSTURE, TARGET_REFUSAL_FRAME,
-    TARGET_REFUSAL_JOINTS, TARGET_REFUSAL_KIND, TARGET_REFUSAL_NUMBER, TARGET_REFUSAL_RANGE, TARGET_REFUSAL_ROTATION, TARGET_REFUSAL_TIME,
+    FRAME_BASE, FRAME_HAND, FRAME_SINGULAR, SIDE_POSITIVE, TARGET_END, TARGET_NONE, TARGET_POSE,
+    TARGET_POSTURE, TARGET_REFUSAL_FRAME, TARGET_REFUSAL_JOINTS, TARGET_REFUSAL_KIND,
+    TARGET_REFUSAL_NUMBER, TARGET_REFUSAL_RANGE, TARGET_REFUSAL_ROTATION, TARGET_REFUSAL_TIME,
     TARGET_TWIST, TARGET_UNREADABLE,
 };
 use shared_types::scenario::Servo;
@@ -26,7 +27,19 @@ const BRAKE: f64 = 0.5;
 /// # Errors
 /// One of `codes::TARGET_REFUSALS`.
 pub fn check(target: &TargetContent, tick: u64, dof: usize) -> Result<(), u32> {
-    let TargetContent { given_tick, valid_s, twist, position, quaternion, q, kind, frame, side, joints, .. } = target;
+    let TargetContent {
+        given_tick,
+        valid_s,
+        twist,
+        position,
+        quaternion,
+        q,
+        kind,
+        frame,
+        side,
+        joints,
+        ..
+    } = target;
     if *kind == TARGET_UNREADABLE || !target.is_finite() {
         return Err(TARGET_REFUSAL_NUMBER);
     }
@@ -39,14 +52,24 @@ pub fn check(target: &TargetContent, tick: u64, dof: usize) -> Result<(), u32> {
     if *frame > FRAME_SINGULAR || *kind == TARGET_POSE && *frame != FRAME_BASE {
         return Err(TARGET_REFUSAL_FRAME);
     }
-    if twist.iter().chain(position).chain(quaternion).chain(q).any(|x| x.abs() > LARGEST) {
+    if twist
+        .iter()
+        .chain(position)
+        .chain(quaternion)
+        .chain(q)
+        .any(|x| x.abs() > LARGEST)
+    {
         return Err(TARGET_REFUSAL_RANGE);
     }
     if *kind == TARGET_POSTURE && *joints as usize != dof {
         return Err(TARGET_REFUSAL_JOINTS);
     }
     let norm = quaternion.iter().map(|x| x * x).sum::<f64>();
-    if *kind == TARGET_POSE && (norm - 1.0).abs() > NORM { Err(TARGET_REFUSAL_ROTATION) } else { Ok(()) }
+    if *kind == TARGET_POSE && (norm - 1.0).abs() > NORM {
+        Err(TARGET_REFUSAL_ROTATION)
+    } else {
+        Ok(())
+    }
 }
 
 /// The motion that a target asks for at this moment.
@@ -67,28 +90,56 @@ pub struct Wish {
 /// Frames: `X` is the reference's pose in B; the singular frame is that of the singularity nearest to its neighbourhood. Requires a target that
 /// [`check`] accepts.
 #[must_use]
-pub fn wish<const N: usize>(target: &TargetContent, age_s: f64, X: &Pose, report: &Report<N>, session: &Servo) -> Wish {
-    let rest = Wish { V: Vector6::zeros(), asked: Vector6::zeros(), p: X.p, stale: false };
+pub fn wish<const N: usize>(
+    target: &TargetContent,
+    age_s: f64,
+    X: &Pose,
+    report: &Report<N>,
+    session: &Servo,
+) -> Wish {
+    let rest = Wish {
+        V: Vector6::zeros(),
+        asked: Vector6::zeros(),
+        p: X.p,
+        stale: false,
+    };
     if age_s > target.valid_s {
-        return Wish { stale: ![TARGET_NONE, TARGET_END].contains(&target.kind), ..rest };
+        return Wish {
+            stale: ![TARGET_NONE, TARGET_END].contains(&target.kind),
+            ..rest
+        };
     }
     let given = Vector6::from(target.twist);
     match target.kind {
         TARGET_TWIST => {
             let R = axes(target.frame, X, report);
             let asked = stack(&(R * linear(&given)), &(R * angular(&given)));
-            Wish { V: bounded(&asked, session), asked, ..rest }
+            Wish {
+                V: bounded(&asked, session),
+                asked,
+                ..rest
+            }
         }
         TARGET_POSE => {
             let [w, x, y, z] = target.quaternion;
-            let given_R = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)).to_rotation_matrix().into_inner();
+            let given_R = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
+                .to_rotation_matrix()
+                .into_inner();
             // It has moved on with its twist since it was given.
             let R = rotation_exp(&(angular(&given) * age_s)) * given_R;
             let p = Vector3::from(target.position) + linear(&given) * age_s;
             let way = towards(&(p - X.p), session.acceleration_m_s2);
-            let turn = towards(&rotation_log(&(R * X.R.transpose())), session.acceleration_rad_s2);
+            let turn = towards(
+                &rotation_log(&(R * X.R.transpose())),
+                session.acceleration_rad_s2,
+            );
             let asked = given + stack(&way, &turn);
-            Wish { V: bounded(&asked, session), asked, p, stale: false }
+            Wish {
+                V: bounded(&asked, session),
+                asked,
+                p,
+                stale: false,
+            }
         }
         TARGET_NONE | TARGET_END | TARGET_POSTURE => rest,
         _ => rest,
@@ -98,7 +149,11 @@ pub fn wish<const N: usize>(target: &TargetContent, age_s: f64, X: &Pose, report
 /// The place of the singularity nearest to its neighbourhood, and |s|/η_out there.
 #[must_use]
 pub fn nearest<const N: usize>(report: &Report<N>) -> Option<(usize, f64)> {
-    let openness = report.listed().iter().map(|s| s.s.abs() / s.eta_out).enumerate();
+    let openness = report
+        .listed()
+        .iter()
+        .map(|s| s.s.abs() / s.eta_out)
+        .enumerate();
     openness.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
@@ -113,7 +168,11 @@ fn axes<const N: usize>(frame: u32, X: &Pose, report: &Report<N>) -> Matrix3<f64
 /// The speed at which an error is removed: proportional when small, and so that `acceleration` can stop it.
 fn towards(error: &Vector3<f64>, acceleration: f64) -> Vector3<f64> {
     let size = error.norm();
-    if size < 1e-12 { Vector3::zeros() } else { error * (GAIN * size).min((2.0 * BRAKE * acceleration * size).sqrt()) / size }
+    if size < 1e-12 {
+        Vector3::zeros()
+    } else {
+        error * (GAIN * size).min((2.0 * BRAKE * acceleration * size).sqrt()) / size
+    }
 }
 
 /// A twist within the session's speed, its direction kept.
@@ -128,24 +187,85 @@ mod tests {
     use crate::testing::empty_report;
 
     fn pose() -> TargetContent {
-        TargetContent { kind: TARGET_POSE, valid_s: 1.0, quaternion: [1.0, 0.0, 0.0, 0.0], ..Default::default() }
+        TargetContent {
+            kind: TARGET_POSE,
+            valid_s: 1.0,
+            quaternion: [1.0, 0.0, 0.0, 0.0],
+            ..Default::default()
+        }
     }
 
     #[test]
     fn a_target_that_cannot_be_followed_is_refused_by_its_reason() {
         assert_eq!(check(&pose(), 0, 6), Ok(()));
         let cases = [
-            (TargetContent { position: [f64::NAN, 0.0, 0.0], ..pose() }, TARGET_REFUSAL_NUMBER),
-            (TargetContent { valid_s: f64::INFINITY, ..pose() }, TARGET_REFUSAL_NUMBER),
-            (TargetContent { frame: FRAME_HAND, ..pose() }, TARGET_REFUSAL_FRAME),
-            (TargetContent { kind: TARGET_TWIST, frame: 7, ..pose() }, TARGET_REFUSAL_FRAME),
-            (TargetContent { kind: TARGET_POSTURE, joints: 5, ..pose() }, TARGET_REFUSAL_JOINTS),
+            (
+                TargetContent {
+                    position: [f64::NAN, 0.0, 0.0],
+                    ..pose()
+                },
+                TARGET_REFUSAL_NUMBER,
+            ),
+            (
+                TargetContent {
+                    valid_s: f64::INFINITY,
+                    ..pose()
+                },
+                TARGET_REFUSAL_NUMBER,
+            ),
+            (
+                TargetContent {
+                    frame: FRAME_HAND,
+                    ..pose()
+                },
+                TARGET_REFUSAL_FRAME,
+            ),
+            (
+                TargetContent {
+                    kind: TARGET_TWIST,
+                    frame: 7,
+                    ..pose()
+                },
+                TARGET_REFUSAL_FRAME,
+            ),
+            (
+                TargetContent {
+                    kind: TARGET_POSTURE,
+                    joints: 5,
+                    ..pose()
+                },
+                TARGET_REFUSAL_JOINTS,
+            ),
             (TargetContent { kind: 77, ..pose() }, TARGET_REFUSAL_KIND),
             (TargetContent { side: 3, ..pose() }, TARGET_REFUSAL_KIND),
-            (TargetContent { quaternion: [1.0, 1.0, 0.0, 0.0], ..pose() }, TARGET_REFUSAL_ROTATION),
-            (TargetContent { given_tick: 4, ..pose() }, TARGET_REFUSAL_TIME),
-            (TargetContent { valid_s: -1.0, ..pose() }, TARGET_REFUSAL_TIME),
-            (TargetContent { twist: [1e6; 6], ..pose() }, TARGET_REFUSAL_RANGE),
+            (
+                TargetContent {
+                    quaternion: [1.0, 1.0, 0.0, 0.0],
+                    ..pose()
+                },
+                TARGET_REFUSAL_ROTATION,
+            ),
+            (
+                TargetContent {
+                    given_tick: 4,
+                    ..pose()
+                },
+                TARGET_REFUSAL_TIME,
+            ),
+            (
+                TargetContent {
+                    valid_s: -1.0,
+                    ..pose()
+                },
+                TARGET_REFUSAL_TIME,
+            ),
+            (
+                TargetContent {
+                    twist: [1e6; 6],
+                    ..pose()
+                },
+                TARGET_REFUSAL_RANGE,
+            ),
         ];
         for (target, refusal) in cases {
             assert_eq!(check(&target, 3, 6), Err(refusal), "{target:?}");
@@ -154,9 +274,26 @@ mod tests {
 
     #[test]
     fn a_twist_keeps_its_direction_and_an_old_one_is_rest() {
-        let session = Servo { speed_m_s: 0.5, speed_rad_s: 1.0, ..Servo::default() };
-        let target = TargetContent { kind: TARGET_TWIST, valid_s: 0.2, twist: [3.0, 0.0, 4.0, 0.0, 0.0, 1.0], ..Default::default() };
-        let wish = |age_s: f64| wish(&target, age_s, &Pose::identity(), &empty_report::<6>(), &session);
+        let session = Servo {
+            speed_m_s: 0.5,
+            speed_rad_s: 1.0,
+            ..Servo::default()
+        };
+        let target = TargetContent {
+            kind: TARGET_TWIST,
+            valid_s: 0.2,
+            twist: [3.0, 0.0, 4.0, 0.0, 0.0, 1.0],
+            ..Default::default()
+        };
+        let wish = |age_s: f64| {
+            wish(
+                &target,
+                age_s,
+                &Pose::identity(),
+                &empty_report::<6>(),
+                &session,
+            )
+        };
         assert!((wish(0.1).V - Vector6::from(target.twist) * 0.1).amax() < 1e-12);
         assert!(wish(0.3).stale && wish(0.3).V == Vector6::zeros());
     }

@@ -22,7 +22,10 @@ pub struct Fastest {
 
 impl Default for Fastest {
     fn default() -> Self {
-        Self { clock: 1.0, joint: None }
+        Self {
+            clock: 1.0,
+            joint: None,
+        }
     }
 }
 
@@ -44,14 +47,25 @@ pub fn fastest<const N: usize>(
             continue;
         }
         let is_up = qdot[i] > 0.0;
-        let room = (if is_up { upper[i] - q[i] } else { q[i] - lower[i] } - MARGIN).max(0.0);
+        let room = (if is_up {
+            upper[i] - q[i]
+        } else {
+            q[i] - lower[i]
+        } - MARGIN)
+            .max(0.0);
         let at_limit = APPROACH * room / speed;
         if at_limit < fastest.clock {
-            fastest = Fastest { clock: at_limit, joint: Some((i, is_up)) };
+            fastest = Fastest {
+                clock: at_limit,
+                joint: Some((i, is_up)),
+            };
         }
         let at_speed = SPEED * velocity[i] / speed;
         if at_speed < fastest.clock {
-            fastest = Fastest { clock: at_speed, joint: None };
+            fastest = Fastest {
+                clock: at_speed,
+                joint: None,
+            };
         }
     }
     fastest
@@ -64,12 +78,25 @@ mod tests {
 
     #[test]
     fn the_clock_slows_before_a_limit_and_is_free_away_from_it() {
-        let (lower, upper, velocity) = (Vector2::repeat(-1.0), Vector2::repeat(1.0), Vector2::repeat(2.0));
-        let at = |q: f64, qdot: f64| fastest(&Vector2::new(q, 0.0), &Vector2::new(qdot, 0.0), (&lower, &upper), &velocity);
+        let (lower, upper, velocity) = (
+            Vector2::repeat(-1.0),
+            Vector2::repeat(1.0),
+            Vector2::repeat(2.0),
+        );
+        let at = |q: f64, qdot: f64| {
+            fastest(
+                &Vector2::new(q, 0.0),
+                &Vector2::new(qdot, 0.0),
+                (&lower, &upper),
+                &velocity,
+            )
+        };
         assert_eq!(at(0.0, 1.0), Fastest::default());
         assert!(at(0.995, 1.0).clock < 1e-12 && at(0.995, 1.0).joint == Some((0, true)));
         assert_eq!(at(0.995, -1.0), Fastest::default());
-        assert!((at(-0.9, -1.0).clock - 0.38).abs() < 1e-12 && at(-0.9, -1.0).joint == Some((0, false)));
+        assert!(
+            (at(-0.9, -1.0).clock - 0.38).abs() < 1e-12 && at(-0.9, -1.0).joint == Some((0, false))
+        );
         assert!((at(0.0, 19.0).clock - 0.1).abs() < 1e-12 && at(0.0, 19.0).joint.is_none());
         assert_eq!(at(1.2, 1.0).clock, 0.0, "beyond the limit");
     }

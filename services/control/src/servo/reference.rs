@@ -136,9 +136,18 @@ impl<const N: usize> Reference<N> {
 
     /// The posture nearest to the one asked for in which every joint can stand, rad; and the first joint whose range it exceeds, and whether upwards.
     #[must_use]
-    pub fn goal(&self, lower: &SVector<f64, N>, upper: &SVector<f64, N>) -> (SVector<f64, N>, Option<(usize, bool)>) {
+    pub fn goal(
+        &self,
+        lower: &SVector<f64, N>,
+        upper: &SVector<f64, N>,
+    ) -> (SVector<f64, N>, Option<(usize, bool)>) {
         let asked = joints::<N>(&self.held.q);
-        let goal = SVector::from_fn(|i, _| asked[i].clamp(lower[i] + MARGIN, (upper[i] - MARGIN).max(lower[i] + MARGIN)));
+        let goal = SVector::from_fn(|i, _| {
+            asked[i].clamp(
+                lower[i] + MARGIN,
+                (upper[i] - MARGIN).max(lower[i] + MARGIN),
+            )
+        });
         let beyond = (0..N).find(|i| goal[*i] != asked[*i]);
         (goal, beyond.map(|i| (i, asked[i] > goal[i])))
     }
@@ -158,8 +167,10 @@ impl<const N: usize> Reference<N> {
     /// One tick towards the twist `V`: within the session's acceleration, and smooth in it.
     pub fn accelerate(&mut self, V: &Vector6<f64>, session: &Servo, dt: f64) {
         let wanted = (V - self.V) * GAIN;
-        let bounded =
-            stack(&clamp_norm(linear(&wanted), session.acceleration_m_s2), &clamp_norm(angular(&wanted), session.acceleration_rad_s2));
+        let bounded = stack(
+            &clamp_norm(linear(&wanted), session.acceleration_m_s2),
+            &clamp_norm(angular(&wanted), session.acceleration_rad_s2),
+        );
         self.a += (bounded - self.a) * (dt / (LAG_S + dt));
     }
 
@@ -169,7 +180,9 @@ impl<const N: usize> Reference<N> {
         let most = |i: usize| POSTURE_SPEED * velocity[i].min(10.0);
         // The slowest joint gives the measure.
         let error = goal - self.q;
-        let share = (0..N).fold(0.0_f64, |share, i| share.max(POSTURE_GAIN * error[i].abs() / most(i)));
+        let share = (0..N).fold(0.0_f64, |share, i| {
+            share.max(POSTURE_GAIN * error[i].abs() / most(i))
+        });
         let wanted = error * (POSTURE_GAIN / share.max(1.0));
         SVector::from_fn(|i, _| {
             let limit = most(i) / POSTURE_RISE_S;
@@ -186,7 +199,10 @@ impl<const N: usize> Reference<N> {
     /// Moves on by a tick at the clock's speed.
     pub fn advance(&mut self, clock: f64, dt: f64) {
         let step = self.V * (clock * dt);
-        self.X = Pose { R: rotation_exp(&angular(&step)) * self.X.R, p: self.X.p + linear(&step) };
+        self.X = Pose {
+            R: rotation_exp(&angular(&step)) * self.X.R,
+            p: self.X.p + linear(&step),
+        };
         // A step towards the nearest rotation: rounding must not add up.
         self.X.R = self.X.R * (Matrix3::identity() * 3.0 - self.X.R.tr_mul(&self.X.R)) * 0.5;
         self.V += self.a * dt;
@@ -236,12 +252,20 @@ impl<const N: usize> Reference<N> {
             tick: from.tick,
             over: from.over_tick.checked_sub(1),
             refused_tick: from.refused_tick.checked_sub(1),
-            X: Pose { R: Matrix3::from_column_slice(&from.R_BE), p: from.p_BE.into() },
+            X: Pose {
+                R: Matrix3::from_column_slice(&from.R_BE),
+                p: from.p_BE.into(),
+            },
             V: from.V.into(),
             a: from.a.into(),
             q: joints(&from.q),
             qdot: joints(&from.qdot),
-            sent: Sent::restored(joints(&from.tau), joints(&from.tau_path), joints(&from.tau_null), limits),
+            sent: Sent::restored(
+                joints(&from.tau),
+                joints(&from.tau_path),
+                joints(&from.tau_null),
+                limits,
+            ),
             behind_m: from.behind_m,
             refused: from.refused,
             refusal: from.refusal,
@@ -255,7 +279,10 @@ impl<const N: usize> Reference<N> {
             ended: (from.ended_joint as usize)
                 .checked_sub(1)
                 .filter(|joint| *joint < N)
-                .map(|joint| Ended { asked: from.ended.into(), joint: (joint, from.ended_upper != 0) }),
+                .map(|joint| Ended {
+                    asked: from.ended.into(),
+                    joint: (joint, from.ended_upper != 0),
+                }),
             resting: false,
             fastest: Fastest::default(),
         }

@@ -49,7 +49,8 @@ impl<const N: usize> Reference<N> {
     /// Decides at the beginning of a tick whether the reference arm rests in it.
     pub fn decide_rest(&mut self, now: &Motion<'_, N>) {
         let (asked, asks) = (now.scaled(now.asked), self.asks(now.asked));
-        let is_same = |ended: &Ended| ended.asked.dot(&asked) > SAME * ended.asked.norm() * asked.norm();
+        let is_same =
+            |ended: &Ended| ended.asked.dot(&asked) > SAME * ended.asked.norm() * asked.norm();
         self.ended = self.ended.filter(|ended| asks && is_same(ended));
         let is_idle = !asks && f64::from(self.idle_ticks) * now.dt >= ASKED_S;
         self.resting = !self.stopping && (self.ended.is_some() || is_idle);
@@ -59,11 +60,25 @@ impl<const N: usize> Reference<N> {
     pub fn count_rest(&mut self, now: &Motion<'_, N>) {
         let asks = self.asks(now.asked);
         let is_slow = linear(&self.V).norm() < SLOW.0 && angular(&self.V).norm() < SLOW.1;
-        let is_held = asks && !self.is_posture() && self.is_held(&now.scaled(now.asked), &now.scaled(now.V), now.limits);
-        let count = |ticks: u32, goes_on: bool| if goes_on && !self.stopping { ticks.saturating_add(1) } else { 0 };
-        (self.idle_ticks, self.held_ticks) = (count(self.idle_ticks, !asks && is_slow), count(self.held_ticks, is_held));
+        let is_held = asks
+            && !self.is_posture()
+            && self.is_held(&now.scaled(now.asked), &now.scaled(now.V), now.limits);
+        let count = |ticks: u32, goes_on: bool| {
+            if goes_on && !self.stopping {
+                ticks.saturating_add(1)
+            } else {
+                0
+            }
+        };
+        (self.idle_ticks, self.held_ticks) = (
+            count(self.idle_ticks, !asks && is_slow),
+            count(self.held_ticks, is_held),
+        );
         if f64::from(self.held_ticks) * now.dt >= HELD_S {
-            self.ended = self.fastest.joint.map(|joint| Ended { asked: now.scaled(now.asked), joint });
+            self.ended = self.fastest.joint.map(|joint| Ended {
+                asked: now.scaled(now.asked),
+                joint,
+            });
         }
     }
 
@@ -80,7 +95,14 @@ impl<const N: usize> Reference<N> {
 
     /// Whether the hand stands still, and a joint at the end of its range is the reason.
     fn is_held(&self, asked: &Vector6<f64>, V: &Vector6<f64>, limits: &Limits<'_, N>) -> bool {
-        let room = |(i, is_up): (usize, bool)| if is_up { limits.upper[i] - self.q[i] } else { self.q[i] - limits.lower[i] };
-        asked.dot(V) < STILL * asked.norm_squared() && self.fastest.joint.is_some_and(|joint| room(joint) < NEAR)
+        let room = |(i, is_up): (usize, bool)| {
+            if is_up {
+                limits.upper[i] - self.q[i]
+            } else {
+                self.q[i] - limits.lower[i]
+            }
+        };
+        asked.dot(V) < STILL * asked.norm_squared()
+            && self.fastest.joint.is_some_and(|joint| room(joint) < NEAR)
     }
 }

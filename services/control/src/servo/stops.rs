@@ -66,19 +66,33 @@ pub fn bounded<const N: usize>(
     for i in 0..N {
         let most = SPEED * limits.velocity[i];
         let braking = BRAKE * limits.effort[i] / inertia[i];
-        let (up, down) = (fastest(limits.upper[i] - q[i], braking), fastest(q[i] - limits.lower[i], braking));
+        let (up, down) = (
+            fastest(limits.upper[i] - q[i], braking),
+            fastest(q[i] - limits.lower[i], braking),
+        );
         (upwards[i], downwards[i]) = (up < most, down < most);
         high[i] = (up.min(most) - qdot[i]) / ADAPT_S;
         low[i] = (-down.min(most) - qdot[i]) / ADAPT_S;
     }
     let is_within = |x: &SVector<f64, N>| (0..N).all(|i| x[i] >= low[i] && x[i] <= high[i]);
     if is_within(&parts.whole) {
-        return BoundedAcceleration { qddot: parts.whole, joint: None };
+        return BoundedAcceleration {
+            qddot: parts.whole,
+            joint: None,
+        };
     }
     let share = |fixed: &SVector<f64, N>, part: &SVector<f64, N>| {
         (0..N).fold(1.0_f64, |share, i| {
-            let room = if part[i] > 0.0 { high[i] - fixed[i] } else { fixed[i] - low[i] };
-            if part[i].abs() > room { share.min(room.max(0.0) / part[i].abs()) } else { share }
+            let room = if part[i] > 0.0 {
+                high[i] - fixed[i]
+            } else {
+                fixed[i] - low[i]
+            };
+            if part[i].abs() > room {
+                share.min(room.max(0.0) / part[i].abs())
+            } else {
+                share
+            }
         })
     };
     let rest = parts.whole - parts.path - parts.null;
@@ -93,13 +107,20 @@ pub fn bounded<const N: usize>(
             joint = Some((i, false));
         }
     }
-    BoundedAcceleration { qddot: SVector::from_fn(|i, _| wanted[i].clamp(low[i], high[i].max(low[i]))), joint }
+    BoundedAcceleration {
+        qddot: SVector::from_fn(|i, _| wanted[i].clamp(low[i], high[i].max(low[i]))),
+        joint,
+    }
 }
 
 /// The speed from which a joint stops within `distance` less the margin; 0 beyond it.
 fn fastest(distance: f64, braking: f64) -> f64 {
     let (d, slow) = ((distance - MARGIN).max(0.0), braking / APPROACH);
-    if d.is_infinite() { f64::INFINITY } else { (slow * slow + 2.0 * braking * d).sqrt() - slow }
+    if d.is_infinite() {
+        f64::INFINITY
+    } else {
+        (slow * slow + 2.0 * braking * d).sqrt() - slow
+    }
 }
 
 #[cfg(test)]
@@ -134,11 +155,30 @@ mod tests {
     #[test]
     fn the_null_space_goes_first_and_away_from_limits_nothing_changes() {
         let one = Vector2::repeat(1.0);
-        let limits = Limits { lower: &-one, upper: &one, velocity: &one, effort: &(one * 10.0) };
-        let parts = Parts { whole: Vector2::new(2.0, 1.0), path: Vector2::new(0.0, 1.0), null: Vector2::new(2.0, 0.5) };
+        let limits = Limits {
+            lower: &-one,
+            upper: &one,
+            velocity: &one,
+            effort: &(one * 10.0),
+        };
+        let parts = Parts {
+            whole: Vector2::new(2.0, 1.0),
+            path: Vector2::new(0.0, 1.0),
+            null: Vector2::new(2.0, 0.5),
+        };
         let at = |q: Vector2<f64>| bounded((&q, &Vector2::zeros()), &parts, &one, &limits);
-        assert_eq!(at(Vector2::zeros()), BoundedAcceleration { qddot: parts.whole, joint: None });
+        assert_eq!(
+            at(Vector2::zeros()),
+            BoundedAcceleration {
+                qddot: parts.whole,
+                joint: None
+            }
+        );
         let bounded = at(Vector2::new(0.997, 0.0));
-        assert!((bounded.qddot - Vector2::new(0.0, 0.5)).amax() < 1e-9 && bounded.joint == Some((0, true)), "{bounded:?}");
+        assert!(
+            (bounded.qddot - Vector2::new(0.0, 0.5)).amax() < 1e-9
+                && bounded.joint == Some((0, true)),
+            "{bounded:?}"
+        );
     }
 }

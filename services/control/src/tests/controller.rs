@@ -8,7 +8,10 @@ use shared_types::scenario::Scenario;
 use shared_types::{AnalyzerCheckpoint, ControllerCheckpoint};
 
 fn figure_5() -> (Scenario, Controller<6>, Analyzer<6>, SVector<f64, 6>) {
-    let scenario = scenario(include_str!("../../../../sim/scenarios/fig5-wrist-rotation.toml"), &[]);
+    let scenario = scenario(
+        include_str!("../../../../sim/scenarios/fig5-wrist-rotation.toml"),
+        &[],
+    );
     let q = start_posture::<6>(robot("puma560"), &scenario).unwrap();
     let controller = Controller::new(puma().clone(), robot("puma560"), &scenario, q).unwrap();
     let analyzer = Analyzer::new(robot("puma560"), &scenario.analysis);
@@ -23,7 +26,8 @@ fn a_restarted_controller_and_analyzer_continue_bit_for_bit() {
     for k in 0..2600 {
         if k % 333 == 0 {
             let (_, mut other, mut eyes, _) = figure_5();
-            let (mut control, mut analysis) = <(ControllerCheckpoint, AnalyzerCheckpoint)>::default();
+            let (mut control, mut analysis) =
+                <(ControllerCheckpoint, AnalyzerCheckpoint)>::default();
             controller.save(&mut control);
             analyzer.save(&mut analysis);
             other.restore(&control);
@@ -49,10 +53,21 @@ fn a_nan_is_refused_for_good_and_the_arm_held() {
     let mut bad = q;
     bad[3] = f64::NAN;
     let command = controller.step(&bad, &zero, &zero, &report);
-    assert!(command.refusal == Refusal::State && command.phase == Phase::Refused && command.tau.iter().all(|x| x.is_finite()));
+    assert!(
+        command.refusal == Refusal::State
+            && command.phase == Phase::Refused
+            && command.tau.iter().all(|x| x.is_finite())
+    );
     let command = controller.step(&q, &zero, &zero, &report);
-    assert_eq!((command.phase, command.refusal), (Phase::Refused, Refusal::State), "and stays so");
-    assert!((command.tau - puma().gravity(&q)).amax() < 1e-9, "gravity is held");
+    assert_eq!(
+        (command.phase, command.refusal),
+        (Phase::Refused, Refusal::State),
+        "and stays so"
+    );
+    assert!(
+        (command.tau - puma().gravity(&q)).amax() < 1e-9,
+        "gravity is held"
+    );
 }
 
 #[test]
@@ -62,7 +77,11 @@ fn a_report_that_makes_no_sense_is_refused() {
     let mut report = analyzer.step(&q, &zero, &puma().evaluate(&q, &zero));
     report.singularities[1].aux_row = SVector::zeros();
     let command = controller.step(&q, &zero, &zero, &report);
-    assert!(command.refusal == Refusal::Singular && command.phase == Phase::Refused && command.tau.iter().all(|x| x.is_finite()));
+    assert!(
+        command.refusal == Refusal::Singular
+            && command.phase == Phase::Refused
+            && command.tau.iter().all(|x| x.is_finite())
+    );
 }
 
 #[test]
@@ -85,7 +104,10 @@ fn a_damaged_checkpoint_is_refused_and_the_arm_held() {
         damage(&mut checkpoint);
         other.restore(&checkpoint);
         let command = other.step(&q, &zero, &zero, &report);
-        assert_eq!((command.phase, command.refusal), (Phase::Refused, Refusal::Checkpoint));
+        assert_eq!(
+            (command.phase, command.refusal),
+            (Phase::Refused, Refusal::Checkpoint)
+        );
         assert!(command.tau.iter().all(|x| x.is_finite()));
     }
 }

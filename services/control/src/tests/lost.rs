@@ -7,19 +7,37 @@ use shared_types::random::Uniform;
 use shared_types::scenario::{Scenario, Segment, Start};
 
 fn template(robot: &Robot) -> Scenario {
-    let mut template = scenario(include_str!("../../../../sim/scenarios/seven-joints.toml"), &[]);
+    let mut template = scenario(
+        include_str!("../../../../sim/scenarios/seven-joints.toml"),
+        &[],
+    );
     template.robot.clone_from(&robot.name);
     template.settle_s = 1.0;
     template
 }
 
 /// A straight line from `start` to the pose of `end`.
-fn line(robot: &Robot, start: &SVector<f64, 7>, end: &SVector<f64, 7>, duration_s: f64) -> Scenario {
-    let goal: Pose = Model::<7>::new(robot, None).unwrap().forward_kinematics(end);
+fn line(
+    robot: &Robot,
+    start: &SVector<f64, 7>,
+    end: &SVector<f64, 7>,
+    duration_s: f64,
+) -> Scenario {
+    let goal: Pose = Model::<7>::new(robot, None)
+        .unwrap()
+        .forward_kinematics(end);
     let rotation = std::array::from_fn(|i| std::array::from_fn(|j| goal.R[(i, j)]));
     Scenario {
-        start: Start { q_rad: Some(start.iter().copied().collect()), ..Start::default() },
-        segment: vec![Segment { duration_s, to_m: Some(goal.p.into()), rotation: Some(rotation), ..Segment::default() }],
+        start: Start {
+            q_rad: Some(start.iter().copied().collect()),
+            ..Start::default()
+        },
+        segment: vec![Segment {
+            duration_s,
+            to_m: Some(goal.p.into()),
+            rotation: Some(rotation),
+            ..Segment::default()
+        }],
         ..template(robot)
     }
 }
@@ -43,11 +61,25 @@ fn a_start_in_a_lock_is_left_without_a_leap() {
     let mut random = Uniform(23);
     let robot = robot("iiwa14");
     for (name, q) in locks() {
-        let ends: Vec<_> = (0..6).map(|_| q + SVector::<f64, 7>::from_fn(|_, _| random.within(-0.5, 0.5))).collect();
+        let ends: Vec<_> = (0..6)
+            .map(|_| q + SVector::<f64, 7>::from_fn(|_, _| random.within(-0.5, 0.5)))
+            .collect();
         for end in &ends[..2] {
-            let f = run_on::<7>(robot, &line(robot, &q, end, 2.0), Plant::default(), |_, _| {});
+            let f = run_on::<7>(
+                robot,
+                &line(robot, &q, end, 2.0),
+                Plant::default(),
+                |_, _| {},
+            );
             println!("{name}: {f:?}");
-            assert!(f.final_mm < 1.0 && f.final_deg < 0.5 && f.speed <= 1.0 && f.torque_step < 0.05 && !f.refused, "{name}: {f:?}");
+            assert!(
+                f.final_mm < 1.0
+                    && f.final_deg < 0.5
+                    && f.speed <= 1.0
+                    && f.torque_step < 0.05
+                    && !f.refused,
+                "{name}: {f:?}"
+            );
         }
     }
 }

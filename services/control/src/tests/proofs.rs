@@ -20,15 +20,25 @@ use proptest::prelude::*;
 use shared_types::random::Uniform;
 use shared_types::scenario::Analysis;
 
-fn analysed(model: &Model<6>, name: &str, q: &Vector6<f64>, qdot: &Vector6<f64>) -> (Report<6>, Terms<6>) {
+fn analysed(
+    model: &Model<6>,
+    name: &str,
+    q: &Vector6<f64>,
+    qdot: &Vector6<f64>,
+) -> (Report<6>, Terms<6>) {
     let terms = model.evaluate(q, qdot);
-    (Analyzer::new(robot(name), &Analysis::default()).step(q, qdot, &terms), terms)
+    (
+        Analyzer::new(robot(name), &Analysis::default()).step(q, qdot, &terms),
+        terms,
+    )
 }
 
 /// A random posture with some of the three locks forced, and which of them.
 fn at_locks(random: &mut Uniform, locks: usize) -> Vector6<f64> {
     let mut q = Vector6::from_fn(|i, _| random.within(puma().lower()[i], puma().upper()[i]));
-    let near = |random: &mut Uniform| random.within(-1.0, 1.0) * [0.0, 0.08][random.within(0.0, 2.0) as usize % 2];
+    let near = |random: &mut Uniform| {
+        random.within(-1.0, 1.0) * [0.0, 0.08][random.within(0.0, 2.0) as usize % 2]
+    };
     let lengths = puma_lengths("puma560");
     if locks & 1 != 0 {
         q[2] = lengths.q3_stretched + near(random);
@@ -39,7 +49,10 @@ fn at_locks(random: &mut Uniform, locks: usize) -> Vector6<f64> {
     if locks & 4 != 0 {
         // R = c2·K + s2·M = 0 at q2 = atan2(−K, M), up or down.
         let theta = q[2] - lengths.q3_stretched;
-        let (K, M) = (lengths.a2 + lengths.L3 * libm::cos(theta), -lengths.L3 * libm::sin(theta));
+        let (K, M) = (
+            lengths.a2 + lengths.L3 * libm::cos(theta),
+            -lengths.L3 * libm::sin(theta),
+        );
         q[1] = libm::atan2(-K, M) + near(random);
     }
     q
@@ -48,7 +61,14 @@ fn at_locks(random: &mut Uniform, locks: usize) -> Vector6<f64> {
 fn actives(report: &Report<6>, beta: f64) -> Actives<6> {
     let mut actives = Actives::none();
     for s in report.listed().iter().filter(|s| s.s.abs() < s.eta_out) {
-        actives.push(Active { zeta_B: s.zeta_B, gain: s.gain, beta, aux_row: s.aux_row, aux_acceleration: 0.7, aux_rate: 0.3 });
+        actives.push(Active {
+            zeta_B: s.zeta_B,
+            gain: s.gain,
+            beta,
+            aux_row: s.aux_row,
+            aux_acceleration: 0.7,
+            aux_rate: 0.3,
+        });
     }
     actives
 }
@@ -118,14 +138,22 @@ fn the_auxiliary_motion_moves_zeta_by_the_gain_and_nothing_else() {
         let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
         let actives = actives(&report, 0.0);
         lone += usize::from(actives.len() == 1);
-        let system = blended::Augmented::new(&wanted(&terms, &at, &Vector3::zeros()), &actives).unwrap();
+        let system =
+            blended::Augmented::new(&wanted(&terms, &at, &Vector3::zeros()), &actives).unwrap();
         let lu = crate::linear::Lu::new(system.M).unwrap();
         for (i, active) in actives.iter().enumerate() {
-            let w = lu.solve(&Vector6::from_fn(|j, _| if j == system.orthogonal + i { 1.0 } else { 0.0 }));
+            let w = lu.solve(&Vector6::from_fn(|j, _| {
+                if j == system.orthogonal + i { 1.0 } else { 0.0 }
+            }));
             let moved = active.zeta_B.dot(&(at.J * w));
             // With other locks active, ζ of this one is not orthogonal to theirs: only a lone one moves by its own gain alone.
             if actives.len() == 1 {
-                assert!((moved - active.gain).abs() < 1e-9, "{:?}: {moved} against {}", report.singularities[i].kind, active.gain);
+                assert!(
+                    (moved - active.gain).abs() < 1e-9,
+                    "{:?}: {moved} against {}",
+                    report.singularities[i].kind,
+                    active.gain
+                );
             }
         }
     }
@@ -146,8 +174,15 @@ fn the_augmented_matrix_is_regular_everywhere() {
         (0..3).for_each(|i| at.J.row_mut(i).scale_mut(1.0 / report.length_m));
         // Engaged as long as the law keeps it so on the way out.
         let mut engaged = report;
-        engaged.singularities.iter_mut().for_each(|s| s.eta_out *= crate::continuous::auxiliary::LEFT);
-        let system = blended::Augmented::new(&wanted(&terms, &at, &Vector3::zeros()), &actives(&engaged, 0.0)).unwrap();
+        engaged
+            .singularities
+            .iter_mut()
+            .for_each(|s| s.eta_out *= crate::continuous::auxiliary::LEFT);
+        let system = blended::Augmented::new(
+            &wanted(&terms, &at, &Vector3::zeros()),
+            &actives(&engaged, 0.0),
+        )
+        .unwrap();
         smallest = smallest.min(singular_values(&system.M).0[5]);
         of_J = of_J.min(singular_values(&at.J).0[5]);
     }
@@ -173,8 +208,18 @@ fn one_solve_gives_the_papers_torque() {
         let paper = chang_khatib::torques(&wanted, &actives).unwrap();
         let sum = |t: &crate::law::Torques<6>| t.path + t.rest + t.null;
         let scale = sum(&one).amax().max(1.0);
-        assert!((sum(&one) - sum(&paper)).amax() < 1e-11 * scale, "k {k}: {} against {}", sum(&one), sum(&paper));
-        assert!((one.null - paper.null).amax() < 1e-9 * scale, "the same split: {} against {}", one.null, paper.null);
+        assert!(
+            (sum(&one) - sum(&paper)).amax() < 1e-11 * scale,
+            "k {k}: {} against {}",
+            sum(&one),
+            sum(&paper)
+        );
+        assert!(
+            (one.null - paper.null).amax() < 1e-9 * scale,
+            "the same split: {} against {}",
+            one.null,
+            paper.null
+        );
     }
 }
 
@@ -191,21 +236,39 @@ fn the_blend_is_a_convex_weight_with_the_right_sign() {
         }
         let zero = Vector3::zeros();
         let det = |beta: f64| {
-            let system = blended::Augmented::new(&wanted(&terms, &at, &zero), &actives(&report, beta)).unwrap();
+            let system =
+                blended::Augmented::new(&wanted(&terms, &at, &zero), &actives(&report, beta))
+                    .unwrap();
             crate::linear::Lu::new(system.M).unwrap().determinant()
         };
         let (one, other) = (det(0.0), det(1.0));
         for beta in [0.25, 0.5, 0.75] {
-            assert!((det(beta) / one - 1.0).abs() < 1e-6, "the row is the same modulo the others: {one}, {}, {other}", det(beta));
+            assert!(
+                (det(beta) / one - 1.0).abs() < 1e-6,
+                "the row is the same modulo the others: {one}, {}, {other}",
+                det(beta)
+            );
         }
     }
 }
 
 #[test]
 fn straight_up_the_ideal_arm_has_rank_three_and_the_measured_one_four() {
-    let q = Vector6::new(0.3, -std::f64::consts::FRAC_PI_2, std::f64::consts::FRAC_PI_2, 0.0, 0.0, 0.0);
+    let q = Vector6::new(
+        0.3,
+        -std::f64::consts::FRAC_PI_2,
+        std::f64::consts::FRAC_PI_2,
+        0.0,
+        0.0,
+        0.0,
+    );
     let ideal = Model::<6>::new(robot("puma560-ideal"), None).unwrap();
-    assert_eq!(analysed(&ideal, "puma560-ideal", &q, &Vector6::zeros()).0.rank, 3);
+    assert_eq!(
+        analysed(&ideal, "puma560-ideal", &q, &Vector6::zeros())
+            .0
+            .rank,
+        3
+    );
     let mut q = q;
     q[2] = puma_lengths("puma560").q3_stretched;
     assert_eq!(analysed(puma(), "puma560", &q, &Vector6::zeros()).0.rank, 4);
@@ -230,7 +293,10 @@ fn outside_every_neighbourhood_one_solve_is_operational_space_control() {
         let plain = Operational::new(at.J, &terms.A).unwrap();
         let Gamma = plain.torque(&plain.force(&wanted.a, &at.Jdot_qdot), &Vector6::zeros());
         let sum = one.path + one.rest + one.null;
-        assert!((sum - Gamma).amax() < 1e-8 * Gamma.amax().max(1.0), "k {k}: {sum} against {Gamma}");
+        assert!(
+            (sum - Gamma).amax() < 1e-8 * Gamma.amax().max(1.0),
+            "k {k}: {sum} against {Gamma}"
+        );
         checked += 1;
     }
     assert!(checked > 900, "{checked} postures");
@@ -238,32 +304,75 @@ fn outside_every_neighbourhood_one_solve_is_operational_space_control() {
 
 /// One singularity at a fixed place, with an auxiliary rate.
 fn still(s: f64, inside: bool, aux_rate: f64) -> Singularity<6> {
-    Singularity { s, inside, eta_in: 0.1, eta_out: 0.2, aux_rate, ..Singularity::none() }
+    Singularity {
+        s,
+        inside,
+        eta_in: 0.1,
+        eta_out: 0.2,
+        aux_rate,
+        ..Singularity::none()
+    }
 }
 
 // covers: CK95 Eq. 5 (operational_space::null_torque)
 #[test]
 fn inside_a_neighbourhood_the_loop_is_a_damped_potential() {
-    let gains = Gains { k: 12.0, k_v: 40.0, rate_max: 3.0, slew: 50.0 };
+    let gains = Gains {
+        k: 12.0,
+        k_v: 40.0,
+        rate_max: 3.0,
+        slew: 50.0,
+    };
     for (s, error, rate) in [(0.0, 0.05, 0.1), (0.03, -0.2, 0.4), (-0.1, 0.01, -1.0)] {
-        let target = Target { error, weight: 1.0, mode: Mode::Track, ..Target::default() };
+        let target = Target {
+            error,
+            weight: 1.0,
+            mode: Mode::Track,
+            ..Target::default()
+        };
         let mut state = Loop::default();
-        let demand = (0..2000).map(|_| state.step(&still(s, true, rate), &target, &gains, 1.0, 1e-3)).last().unwrap();
+        let demand = (0..2000)
+            .map(|_| state.step(&still(s, true, rate), &target, &gains, 1.0, 1e-3))
+            .last()
+            .unwrap();
         assert_eq!(demand.beta, 0.0, "the strategy alone acts along ζ");
         // V₀ = ½ k_v K e² in the auxiliary coordinate, of which one is worth one: its gradient is −k_v K e.
         let gradient = Vector1::new(-gains.k_v * gains.k * error);
-        let Gamma_0 = null_torque(&Matrix1::identity(), &gradient, gains.k_v, &Vector1::new(rate));
-        assert!((demand.acceleration - Gamma_0.x).abs() < 1e-9, "{} against {}", demand.acceleration, Gamma_0.x);
+        let Gamma_0 = null_torque(
+            &Matrix1::identity(),
+            &gradient,
+            gains.k_v,
+            &Vector1::new(rate),
+        );
+        assert!(
+            (demand.acceleration - Gamma_0.x).abs() < 1e-9,
+            "{} against {}",
+            demand.acceleration,
+            Gamma_0.x
+        );
     }
 }
 
 #[test]
 fn outside_a_neighbourhood_the_loop_is_not_used() {
-    let gains = Gains { k: 12.0, k_v: 40.0, rate_max: 3.0, slew: 50.0 };
-    let target = Target { error: 0.3, weight: 1.0, mode: Mode::Track, ..Target::default() };
+    let gains = Gains {
+        k: 12.0,
+        k_v: 40.0,
+        rate_max: 3.0,
+        slew: 50.0,
+    };
+    let target = Target {
+        error: 0.3,
+        weight: 1.0,
+        mode: Mode::Track,
+        ..Target::default()
+    };
     let mut state = Loop::default();
     for s in [0.2, -0.25, 0.9] {
-        assert_eq!(state.step(&still(s, false, 0.1), &target, &gains, 1.0, 1e-3), Demand::none());
+        assert_eq!(
+            state.step(&still(s, false, 0.1), &target, &gains, 1.0, 1e-3),
+            Demand::none()
+        );
         assert!(!state.engaged(), "at {s}");
     }
 }
@@ -276,13 +385,22 @@ fn a_feasible_path_runs_at_full_clock_speed() {
         holding: Vector1::new(5.0),
         following: Vector1::new(4.0),
         braking: Vector1::new(0.1),
-        foreseen: Foreseen { demand: [0.94; FORESEEN] },
+        foreseen: Foreseen {
+            demand: [0.94; FORESEEN],
+        },
         planned: 1.0,
     };
     // The demand has been there before: a rising one is extrapolated.
-    let mut governor = Governor { demand: 0.94, ..Governor::default() };
+    let mut governor = Governor {
+        demand: 0.94,
+        ..Governor::default()
+    };
     for _ in 0..1000 {
         governor.step(&load, &limits, 1e-3);
-        assert_eq!((governor.rate, governor.rate_dot), (1.0, 0.0), "the desired motion is the path's own");
+        assert_eq!(
+            (governor.rate, governor.rate_dot),
+            (1.0, 0.0),
+            "the desired motion is the path's own"
+        );
     }
 }

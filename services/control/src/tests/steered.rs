@@ -6,7 +6,9 @@ use crate::{Analyzer, Controller, start_posture};
 use model::Model;
 use nalgebra::SVector;
 use proptest::prelude::*;
-use shared_types::codes::{FRAME_HAND, REASON_LIMIT, REASON_OVER, REASON_STALE, TARGET_END, TARGET_POSTURE, TARGET_TWIST};
+use shared_types::codes::{
+    FRAME_HAND, REASON_LIMIT, REASON_OVER, REASON_STALE, TARGET_END, TARGET_POSTURE, TARGET_TWIST,
+};
 use shared_types::scenario::Scenario;
 use shared_types::{MAX_DOF, ServoState, TargetContent};
 
@@ -14,23 +16,50 @@ use shared_types::{MAX_DOF, ServoState, TargetContent};
 type Held = (TargetContent, u64);
 
 fn any_target() -> impl Strategy<Value = Held> {
-    let twist = (prop::array::uniform6(-1.0..1.0_f64), 0..3_u32, 0..3_u32, 0..5_i32);
+    let twist = (
+        prop::array::uniform6(-1.0..1.0_f64),
+        0..3_u32,
+        0..3_u32,
+        0..5_i32,
+    );
     let twist = twist.prop_map(|(v, frame, side, size)| {
         // From a tenth of the session's speed to a thousand times as much: beyond it the direction alone counts.
-        let twist = v.map(|x| x * 10.0_f64.powi(size - 1)).map(|x| x.clamp(-1000.0, 1000.0));
-        TargetContent { kind: TARGET_TWIST, valid_s: 1.0, twist, frame, side, ..Default::default() }
+        let twist = v
+            .map(|x| x * 10.0_f64.powi(size - 1))
+            .map(|x| x.clamp(-1000.0, 1000.0));
+        TargetContent {
+            kind: TARGET_TWIST,
+            valid_s: 1.0,
+            twist,
+            frame,
+            side,
+            ..Default::default()
+        }
     });
     let posture = prop::array::uniform7(-9.0..9.0_f64).prop_map(|places| {
         let mut q = [0.0; MAX_DOF];
         q[..7].copy_from_slice(&places);
-        TargetContent { kind: TARGET_POSTURE, valid_s: 1.0, q, ..Default::default() }
+        TargetContent {
+            kind: TARGET_POSTURE,
+            valid_s: 1.0,
+            q,
+            ..Default::default()
+        }
     });
-    (prop_oneof![4 => twist, 1 => posture], prop_oneof![Just(1_u64), 20..800_u64])
+    (
+        prop_oneof![4 => twist, 1 => posture],
+        prop_oneof![Just(1_u64), 20..800_u64],
+    )
 }
 
 /// Follows the targets, and looks at every tick; the last state of the session, and the reference arm's posture and velocity at the end.
-fn steer<const N: usize>(name: &str, start: &str, targets: &[Held]) -> Result<(ServoState, [SVector<f64, N>; 2]), TestCaseError> {
-    let text = format!("name = \"t\"\nrobot = \"{name}\"\n[start]\n{start}\n[servo]\nduration_s = 60.0\n");
+fn steer<const N: usize>(
+    name: &str,
+    start: &str,
+    targets: &[Held],
+) -> Result<(ServoState, [SVector<f64, N>; 2]), TestCaseError> {
+    let text =
+        format!("name = \"t\"\nrobot = \"{name}\"\n[start]\n{start}\n[servo]\nduration_s = 60.0\n");
     let scenario = Scenario::parse("t.toml", &text, &[]).unwrap();
     let (robot, dt) = (robot(name), scenario.dt_s());
     let model = Model::<N>::new(robot, None).unwrap();
@@ -40,25 +69,61 @@ fn steer<const N: usize>(name: &str, start: &str, targets: &[Held]) -> Result<(S
     let (mut q, mut qdot, mut tau) = (start, SVector::<f64, N>::zeros(), model.gravity(&start));
     let (mut tick, mut state) = (0, ServoState::default());
     for (target, ticks) in targets {
-        let mut target = TargetContent { given_tick: tick, ..*target };
+        let mut target = TargetContent {
+            given_tick: tick,
+            ..*target
+        };
         if target.kind == TARGET_POSTURE {
             target.joints = N as u32;
             target.q[N..].fill(0.0);
         }
         for _ in 0..*ticks {
             let report = analyzer.step(&q, &qdot, &model.evaluate(&q, &qdot));
-            let command = controller.steer((tick, Some(&target)), (&q, &qdot), &SVector::zeros(), &report, &mut state);
+            let command = controller.steer(
+                (tick, Some(&target)),
+                (&q, &qdot),
+                &SVector::zeros(),
+                &report,
+                &mut state,
+            );
             let reference = controller.state.servo;
-            prop_assert!(state.refused == 0 && command.phase != Phase::Refused, "tick {tick}: {:?} {:?}", state.refusal, command.refusal);
+            prop_assert!(
+                state.refused == 0 && command.phase != Phase::Refused,
+                "tick {tick}: {:?} {:?}",
+                state.refusal,
+                command.refusal
+            );
             let A = model.mass_matrix(&reference.q);
             for i in 0..N {
-                let (place, position, speed) = (|| format!("tick {tick}, joint {}: {state:?}", i + 1), reference.q[i], reference.qdot[i]);
-                prop_assert!(position >= model.lower()[i] && position <= model.upper()[i], "{position} is out of range: {}", place());
-                prop_assert!(speed.abs() <= model.velocity()[i], "{speed} is too fast: {}", place());
-                let (torque, step) = (command.tau[i], (command.tau[i] - tau[i]).abs() / (model.torque_rate()[i] * dt));
-                prop_assert!(torque.abs() <= model.effort()[i] && step <= 1.0 + 1e-9, "torque {torque}, step {step}: {}", place());
+                let (place, position, speed) = (
+                    || format!("tick {tick}, joint {}: {state:?}", i + 1),
+                    reference.q[i],
+                    reference.qdot[i],
+                );
+                prop_assert!(
+                    position >= model.lower()[i] && position <= model.upper()[i],
+                    "{position} is out of range: {}",
+                    place()
+                );
+                prop_assert!(
+                    speed.abs() <= model.velocity()[i],
+                    "{speed} is too fast: {}",
+                    place()
+                );
+                let (torque, step) = (
+                    command.tau[i],
+                    (command.tau[i] - tau[i]).abs() / (model.torque_rate()[i] * dt),
+                );
+                prop_assert!(
+                    torque.abs() <= model.effort()[i] && step <= 1.0 + 1e-9,
+                    "torque {torque}, step {step}: {}",
+                    place()
+                );
                 // From one full torque to the other, of all joints at once.
-                let (acceleration, most) = ((speed - qdot[i]).abs() / dt, 2.0 * N as f64 * model.effort()[i] / A[(i, i)]);
+                let (acceleration, most) = (
+                    (speed - qdot[i]).abs() / dt,
+                    2.0 * N as f64 * model.effort()[i] / A[(i, i)],
+                );
                 prop_assert!(acceleration <= most, "{acceleration} rad/s²: {}", place());
             }
             (q, qdot, tau) = (reference.q, reference.qdot, command.tau);
@@ -79,11 +144,21 @@ proptest! {
 }
 
 fn twist(twist: [f64; 6], valid_s: f64) -> TargetContent {
-    TargetContent { kind: TARGET_TWIST, valid_s, twist, frame: FRAME_HAND, ..Default::default() }
+    TargetContent {
+        kind: TARGET_TWIST,
+        valid_s,
+        twist,
+        frame: FRAME_HAND,
+        ..Default::default()
+    }
 }
 
 fn posture(q: [f64; 7]) -> TargetContent {
-    let mut target = TargetContent { kind: TARGET_POSTURE, valid_s: 60.0, ..Default::default() };
+    let mut target = TargetContent {
+        kind: TARGET_POSTURE,
+        valid_s: 60.0,
+        ..Default::default()
+    };
     target.q[..7].copy_from_slice(&q);
     target
 }
@@ -94,7 +169,11 @@ fn assert_rest(start: &str, targets: &[Held], reason: u32) -> ServoState {
     let mut longer = targets.to_vec();
     longer.last_mut().unwrap().1 += 2000;
     let (_, [later, _]) = steer::<7>("panda", start, &longer).unwrap();
-    assert!(qdot.amax() < 1e-3 && (later - q).amax() < 1e-3, "{state:?}: {qdot} rad/s, and then by {} rad", later - q);
+    assert!(
+        qdot.amax() < 1e-3 && (later - q).amax() < 1e-3,
+        "{state:?}: {qdot} rad/s, and then by {} rad",
+        later - q
+    );
     assert_eq!(state.reason, reason, "{state:?}");
     state
 }
@@ -103,9 +182,17 @@ const READY: &str = "posture = \"ready\"";
 
 #[test]
 fn a_motion_that_a_joint_limit_ends_leaves_every_joint_at_rest() {
-    let state = assert_rest(READY, &[(twist([0.0, 0.0, 0.0, 0.5, 0.5, 1.0], 60.0), 7000)], REASON_LIMIT);
+    let state = assert_rest(
+        READY,
+        &[(twist([0.0, 0.0, 0.0, 0.5, 0.5, 1.0], 60.0), 7000)],
+        REASON_LIMIT,
+    );
     assert_eq!((state.joint, state.upper), (7, 1));
-    let state = assert_rest(READY, &[(posture([0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0]), 6000)], REASON_LIMIT);
+    let state = assert_rest(
+        READY,
+        &[(posture([0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0]), 6000)],
+        REASON_LIMIT,
+    );
     assert_eq!((state.joint, state.upper), (4, 1));
 }
 
@@ -113,8 +200,18 @@ fn a_motion_that_a_joint_limit_ends_leaves_every_joint_at_rest() {
 fn after_a_limit_another_motion_is_followed_at_once() {
     let end = (twist([0.0, 0.0, 0.0, 0.5, 0.5, 1.0], 60.0), 7000);
     let (_, [held, _]) = steer::<7>("panda", READY, &[end]).unwrap();
-    let (state, [q, _]) = steer::<7>("panda", READY, &[end, (twist([0.0, 0.0, 0.0, 0.0, 0.0, -0.3], 60.0), 500)]).unwrap();
-    assert!(state.speed_scale > 0.9 && held[6] - q[6] > 0.05, "{state:?}: joint 7 from {} to {}", held[6], q[6]);
+    let (state, [q, _]) = steer::<7>(
+        "panda",
+        READY,
+        &[end, (twist([0.0, 0.0, 0.0, 0.0, 0.0, -0.3], 60.0), 500)],
+    )
+    .unwrap();
+    assert!(
+        state.speed_scale > 0.9 && held[6] - q[6] > 0.05,
+        "{state:?}: joint 7 from {} to {}",
+        held[6],
+        q[6]
+    );
 }
 
 #[test]
@@ -122,9 +219,20 @@ fn after_the_end_and_after_an_old_target_the_arm_rests_wherever_it_is() {
     // Stretched upwards near the shoulder singularity, where the null-space motion is fastest.
     for q2 in [-0.02, 0.1] {
         let start = format!("q_rad = [0.2, {q2}, 1.45, -1.2, 0.3, 1.4, 0.4]");
-        for push in [[0.2, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.2, 0.1, 0.0, 0.0, 0.0], [-0.2, -0.1, 0.0, 0.0, 0.5, 0.0]] {
-            let end = TargetContent { kind: TARGET_END, ..Default::default() };
-            assert_rest(&start, &[(twist(push, 60.0), 700), (end, 1500)], REASON_OVER);
+        for push in [
+            [0.2, 0.0, 0.0, 0.0, 0.0, 0.0],
+            [0.0, 0.2, 0.1, 0.0, 0.0, 0.0],
+            [-0.2, -0.1, 0.0, 0.0, 0.5, 0.0],
+        ] {
+            let end = TargetContent {
+                kind: TARGET_END,
+                ..Default::default()
+            };
+            assert_rest(
+                &start,
+                &[(twist(push, 60.0), 700), (end, 1500)],
+                REASON_OVER,
+            );
             assert_rest(&start, &[(twist(push, 0.7), 2200)], REASON_STALE);
         }
     }

@@ -14,8 +14,15 @@ const ATOMIC: [&str; 3] = ["requests", "answers", "program"];
 pub fn c() -> String {
     let mut text = String::from(include_str!("header_begin.h").trim_start());
     for (name, number, about) in constants() {
-        let number = if number > u64::from(u32::MAX) { format!("{number:#x}") } else { number.to_string() };
-        let _ = writeln!(text, "#define ARMPLANE_{name} UINT64_C({number}) /* {about} */");
+        let number = if number > u64::from(u32::MAX) {
+            format!("{number:#x}")
+        } else {
+            number.to_string()
+        };
+        let _ = writeln!(
+            text,
+            "#define ARMPLANE_{name} UINT64_C({number}) /* {about} */"
+        );
     }
     for (table, codes) in codes::TABLES {
         let _ = writeln!(text, "\n/* {table} */");
@@ -31,7 +38,11 @@ pub fn c() -> String {
 }
 
 fn comment(about: &str) -> String {
-    if about.is_empty() { String::new() } else { format!(" /* {} */", about.replace("*/", "* /")) }
+    if about.is_empty() {
+        String::new()
+    } else {
+        format!(" /* {} */", about.replace("*/", "* /"))
+    }
 }
 
 fn print_structure(text: &mut String, structure: &Structure) {
@@ -51,15 +62,30 @@ fn print_structure(text: &mut String, structure: &Structure) {
         let array = count.map(|count| format!("[{count}]")).unwrap_or_default();
         let (about, unit) = about_and_unit(field);
         let unit = unit.map(|unit| format!(" [{unit}]")).unwrap_or_default();
-        let _ = writeln!(text, "    {element} {}{array};{}", identifier(field), comment(&format!("{about}{unit}")));
+        let _ = writeln!(
+            text,
+            "    {element} {}{array};{}",
+            identifier(field),
+            comment(&format!("{about}{unit}"))
+        );
     }
-    let _ = writeln!(text, "}};\nARMPLANE_ASSERT(sizeof(struct {name}) == {}, \"size of {name}\");", structure.bytes);
+    let _ = writeln!(
+        text,
+        "}};\nARMPLANE_ASSERT(sizeof(struct {name}) == {}, \"size of {name}\");",
+        structure.bytes
+    );
     for field in structure.fields {
         let (field, offset) = (identifier(field), field.offset);
-        let _ = writeln!(text, "ARMPLANE_ASSERT(offsetof(struct {name}, {field}) == {offset}, \"{name}.{field}\");");
+        let _ = writeln!(
+            text,
+            "ARMPLANE_ASSERT(offsetof(struct {name}, {field}) == {offset}, \"{name}.{field}\");"
+        );
     }
     if let Some((topic, type_name, hash)) = structure.message {
         let upper = topic.to_ascii_uppercase();
-        let _ = writeln!(text, "#define ARMPLANE_{upper}_TYPE \"{type_name}\"\n#define ARMPLANE_{upper}_LAYOUT UINT64_C(0x{hash:016x})");
+        let _ = writeln!(
+            text,
+            "#define ARMPLANE_{upper}_TYPE \"{type_name}\"\n#define ARMPLANE_{upper}_LAYOUT UINT64_C(0x{hash:016x})"
+        );
     }
 }

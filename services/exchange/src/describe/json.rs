@@ -13,7 +13,10 @@ pub fn json() -> String {
     let graph = Graph::parse("graph.toml", BUILT_IN).ok();
     let topic = |structure: &Structure| {
         let (topic, type_name, hash) = structure.message?;
-        let readers = graph.iter().flat_map(|graph| graph.readers(topic)).map(|process| process.name.clone());
+        let readers = graph
+            .iter()
+            .flat_map(|graph| graph.readers(topic))
+            .map(|process| process.name.clone());
         Some(value!({
             "topic": topic,
             "structure": structure.name,
@@ -26,9 +29,14 @@ pub fn json() -> String {
         }))
     };
     let (parts, messages) = (parts(), messages());
-    let codes: Map<String, Value> = codes::TABLES.iter().map(|(table, codes)| ((*table).to_owned(), table_of(codes))).collect();
-    let constants: Map<String, Value> =
-        constants().into_iter().map(|(name, number, about)| (name.to_owned(), value!({ "value": number, "about": about }))).collect();
+    let codes: Map<String, Value> = codes::TABLES
+        .iter()
+        .map(|(table, codes)| ((*table).to_owned(), table_of(codes)))
+        .collect();
+    let constants: Map<String, Value> = constants()
+        .into_iter()
+        .map(|(name, number, about)| (name.to_owned(), value!({ "value": number, "about": about })))
+        .collect();
     let document = value!({
         "armplane": env!("CARGO_PKG_VERSION"),
         "wire": format!("{:016x}", wire_hash()),
@@ -65,5 +73,8 @@ fn structure(structure: &Structure) -> Value {
 }
 
 fn table_of(codes: &[(&str, u32, &str)]) -> Value {
-    codes.iter().map(|(name, code, text)| value!({ "name": name, "code": code, "text": text })).collect()
+    codes
+        .iter()
+        .map(|(name, code, text)| value!({ "name": name, "code": code, "text": text }))
+        .collect()
 }

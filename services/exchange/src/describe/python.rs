@@ -22,7 +22,10 @@ pub fn python() -> String {
         for (name, code, _) in *codes {
             let _ = writeln!(text, "{name} = {code}");
         }
-        let entries: Vec<String> = codes.iter().map(|(name, _, meaning)| format!("{name}: {meaning:?}")).collect();
+        let entries: Vec<String> = codes
+            .iter()
+            .map(|(name, _, meaning)| format!("{name}: {meaning:?}"))
+            .collect();
         let _ = writeln!(text, "{table} = {{{}}}", entries.join(", "));
     }
     for structure in parts().iter().chain(&messages()) {
@@ -31,7 +34,10 @@ pub fn python() -> String {
     text.push_str("\n\n# Topic: structure, versioned type name, hash of the layout.\nTOPICS = {\n");
     for Structure { name, message, .. } in messages() {
         if let Some((topic, type_name, hash)) = message {
-            let _ = writeln!(text, "    \"{topic}\": ({name}, \"{type_name}\", 0x{hash:016x}),");
+            let _ = writeln!(
+                text,
+                "    \"{topic}\": ({name}, \"{type_name}\", 0x{hash:016x}),"
+            );
         }
     }
     text.push_str("}\n");
@@ -39,8 +45,17 @@ pub fn python() -> String {
 }
 
 fn print_structure(text: &mut String, structure: &Structure) {
-    let Structure { name, about, bytes, fields, .. } = structure;
-    let _ = writeln!(text, "\n\nclass {name}(ctypes.Structure):\n    \"\"\"{about}\"\"\"\n\n    _fields_ = [");
+    let Structure {
+        name,
+        about,
+        bytes,
+        fields,
+        ..
+    } = structure;
+    let _ = writeln!(
+        text,
+        "\n\nclass {name}(ctypes.Structure):\n    \"\"\"{about}\"\"\"\n\n    _fields_ = ["
+    );
     for field in *fields {
         let (element, count) = elements(field);
         let element = match element {
@@ -53,7 +68,11 @@ fn print_structure(text: &mut String, structure: &Structure) {
         let array = count.map(|count| format!(" * {count}")).unwrap_or_default();
         let (about, unit) = about_and_unit(field);
         let unit = unit.map(|unit| format!(" [{unit}]")).unwrap_or_default();
-        let _ = writeln!(text, "        (\"{}\", {element}{array}),  # {about}{unit}", identifier(field));
+        let _ = writeln!(
+            text,
+            "        (\"{}\", {element}{array}),  # {about}{unit}",
+            identifier(field)
+        );
     }
     let _ = writeln!(text, "    ]\n\n\nassert ctypes.sizeof({name}) == {bytes}");
 }

@@ -29,20 +29,28 @@ impl Distribution {
     pub fn of(nanoseconds: &Histogram<u64>) -> Self {
         let at = |quantile| nanoseconds.value_at_quantile(quantile) as f64 / 1e3;
         let decades = (nanoseconds.len().max(1) as f64).log10();
-        let nines = (0..=(decades * f64::from(PER_DECADE)) as u32).map(|step| f64::from(step) / f64::from(PER_DECADE));
+        let nines = (0..=(decades * f64::from(PER_DECADE)) as u32)
+            .map(|step| f64::from(step) / f64::from(PER_DECADE));
         Self {
             samples: nanoseconds.len(),
             p50_us: at(0.5),
             p99_us: at(0.99),
             p999_us: at(0.999),
             max_us: nanoseconds.max() as f64 / 1e3,
-            curve: nines.map(|nines| (nines, at(1.0 - 10_f64.powf(-nines)))).collect(),
+            curve: nines
+                .map(|nines| (nines, at(1.0 - 10_f64.powf(-nines))))
+                .collect(),
         }
     }
 
     /// Each time divided by `n`.
     pub fn divided_by(mut self, n: f64) -> Self {
-        for time in [&mut self.p50_us, &mut self.p99_us, &mut self.p999_us, &mut self.max_us] {
+        for time in [
+            &mut self.p50_us,
+            &mut self.p99_us,
+            &mut self.p999_us,
+            &mut self.max_us,
+        ] {
             *time /= n;
         }
         self.curve.iter_mut().for_each(|point| point.1 /= n);
@@ -77,13 +85,32 @@ pub struct Row {
 impl Row {
     /// A row without a baseline.
     pub fn alone(bench: &str, mechanism: &str, distribution: Distribution) -> Self {
-        let (bench, mechanism, placement) = (bench.to_owned(), mechanism.to_owned(), "one thread".to_owned());
-        Self { bench, mechanism, placement, payload_bytes: 0, distribution, ratio_p50: None, ratio_p99: None }
+        let (bench, mechanism, placement) = (
+            bench.to_owned(),
+            mechanism.to_owned(),
+            "one thread".to_owned(),
+        );
+        Self {
+            bench,
+            mechanism,
+            placement,
+            payload_bytes: 0,
+            distribution,
+            ratio_p50: None,
+            ratio_p99: None,
+        }
     }
 
     /// As JSON.
     pub fn json(&self) -> serde_json::Value {
-        let Distribution { samples, p50_us, p99_us, p999_us, max_us, .. } = self.distribution;
+        let Distribution {
+            samples,
+            p50_us,
+            p99_us,
+            p999_us,
+            max_us,
+            ..
+        } = self.distribution;
         json!({
             "bench": self.bench, "mechanism": self.mechanism, "placement": self.placement, "payload_bytes": self.payload_bytes,
             "samples": samples, "p50_us": p50_us, "p99_us": p99_us, "p999_us": p999_us, "max_us": max_us,

@@ -16,16 +16,27 @@ impl Only<'_> {
     fn admits(&self, bench: &str, placement: &str, bytes: usize, mechanism: Mechanism) -> bool {
         let is_in = |word: &String| match word.parse::<usize>() {
             Ok(number) => number == bytes,
-            Err(_) => [bench, placement, mechanism.name()].iter().any(|text| text.to_lowercase().contains(&word.to_lowercase())),
+            Err(_) => [bench, placement, mechanism.name()]
+                .iter()
+                .any(|text| text.to_lowercase().contains(&word.to_lowercase())),
         };
         self.0.iter().all(is_in)
     }
 
     /// The mechanisms that are measured: those chosen, and their baseline; none where none is chosen.
-    fn choose(&self, bench: &str, placement: &str, bytes: usize, mechanisms: Vec<Mechanism>) -> Vec<Mechanism> {
+    fn choose(
+        &self,
+        bench: &str,
+        placement: &str,
+        bytes: usize,
+        mechanisms: Vec<Mechanism>,
+    ) -> Vec<Mechanism> {
         let is_chosen = |one: &Mechanism| self.admits(bench, placement, bytes, *one);
         match mechanisms.iter().any(is_chosen) {
-            true => mechanisms.into_iter().filter(|one| *one == Mechanism::Futex || is_chosen(one)).collect(),
+            true => mechanisms
+                .into_iter()
+                .filter(|one| *one == Mechanism::Futex || is_chosen(one))
+                .collect(),
             false => Vec::new(),
         }
     }
@@ -37,7 +48,14 @@ fn placements(count: usize) -> Vec<(&'static str, Vec<Option<usize>>)> {
     let mut placements = vec![("same core", vec![cores.first().copied(); count])];
     if cores.len() > 1 {
         let alternating = (0..count).map(|index| Some(cores[index % 2])).collect();
-        placements.push((if count == 2 { "cross core" } else { "alternating cores" }, alternating));
+        placements.push((
+            if count == 2 {
+                "cross core"
+            } else {
+                "alternating cores"
+            },
+            alternating,
+        ));
     }
     placements
 }
@@ -78,13 +96,30 @@ pub fn hop(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Vec<
             if ring.mechanisms.is_empty() {
                 return Ok(());
             }
-            let measured = ring.measure(observer)?.into_iter().map(|one| (one.mechanism, one.trip.divided_by(2.0)));
-            rows.extend(against_baseline("hop", placement, bytes, Mechanism::Futex, measured.collect()));
+            let measured = ring
+                .measure(observer)?
+                .into_iter()
+                .map(|one| (one.mechanism, one.trip.divided_by(2.0)));
+            rows.extend(against_baseline(
+                "hop",
+                placement,
+                bytes,
+                Mechanism::Futex,
+                measured.collect(),
+            ));
             Ok(())
         };
         for (bytes, topics) in BLOCKS.into_iter().zip(&BLOCK_TOPICS) {
-            let mut mechanisms = vec![Mechanism::Futex, Mechanism::Topic, Mechanism::Doorbell, Mechanism::Pipe];
-            let (needed, free) = (runtime::topic_bytes(bytes) * topics.len() as u64, runtime::free_bytes());
+            let mut mechanisms = vec![
+                Mechanism::Futex,
+                Mechanism::Topic,
+                Mechanism::Doorbell,
+                Mechanism::Pipe,
+            ];
+            let (needed, free) = (
+                runtime::topic_bytes(bytes) * topics.len() as u64,
+                runtime::free_bytes(),
+            );
             if needed > free {
                 mechanisms.retain(|one| *one != Mechanism::Topic);
                 let mb = |bytes: u64| bytes.div_ceil(1_000_000);
@@ -100,19 +135,40 @@ pub fn hop(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Vec<
             if is_split {
                 mechanisms.extend([Mechanism::Spin, Mechanism::Poll]);
             }
-            let rounds = if bytes > LARGE { (rounds / 10).max(2) } else { rounds };
-            measure(Ring { rounds, ..ring(topics, Some(bytes), mechanisms) }, bytes)?;
+            let rounds = if bytes > LARGE {
+                (rounds / 10).max(2)
+            } else {
+                rounds
+            };
+            measure(
+                Ring {
+                    rounds,
+                    ..ring(topics, Some(bytes), mechanisms)
+                },
+                bytes,
+            )?;
         }
         for topics in PAIRS {
-            let mechanisms = vec![Mechanism::Futex, Mechanism::Topic, Mechanism::Doorbell, Mechanism::Pipe];
-            measure(ring(&topics, None, mechanisms), bytes_of(&topics) / topics.len())?;
+            let mechanisms = vec![
+                Mechanism::Futex,
+                Mechanism::Topic,
+                Mechanism::Doorbell,
+                Mechanism::Pipe,
+            ];
+            measure(
+                ring(&topics, None, mechanisms),
+                bytes_of(&topics) / topics.len(),
+            )?;
         }
     }
     Ok(rows)
 }
 
 /// Topics between which messages go to and fro: a small and a large message of the chain, each with another.
-const PAIRS: [[&str; 2]; 2] = [[SensorSample::TOPIC, PlantState::TOPIC], [SingularityReport::TOPIC, TorqueCommand::TOPIC]];
+const PAIRS: [[&str; 2]; 2] = [
+    [SensorSample::TOPIC, PlantState::TOPIC],
+    [SingularityReport::TOPIC, TorqueCommand::TOPIC],
+];
 
 /// The bytes of one message of each of these topics.
 fn bytes_of(topics: &[&str]) -> usize {
@@ -123,7 +179,10 @@ fn bytes_of(topics: &[&str]) -> usize {
             size_of::<M>()
         }
     }
-    topics.iter().filter_map(|topic| named(topic, &mut Size)).sum()
+    topics
+        .iter()
+        .filter_map(|topic| named(topic, &mut Size))
+        .sum()
 }
 
 /// Once around the processes of the chain, by mechanism and placement.
@@ -132,8 +191,16 @@ fn bytes_of(topics: &[&str]) -> usize {
 /// As [`hop`].
 pub fn cycle(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Vec<Row>, Failure> {
     let mut rows = Vec::new();
-    for (placement, cores) in placements(4).into_iter().chain([("not pinned, no FIFO", vec![None; 4])]) {
-        let mechanisms = vec![Mechanism::Futex, Mechanism::Topic, Mechanism::Doorbell, Mechanism::Pipe];
+    for (placement, cores) in placements(4)
+        .into_iter()
+        .chain([("not pinned, no FIFO", vec![None; 4])])
+    {
+        let mechanisms = vec![
+            Mechanism::Futex,
+            Mechanism::Topic,
+            Mechanism::Doorbell,
+            Mechanism::Pipe,
+        ];
         let mechanisms = only.choose("cycle", placement, bytes_of(&CHAIN), mechanisms);
         if mechanisms.is_empty() {
             continue;
@@ -147,8 +214,17 @@ pub fn cycle(samples: u64, only: &Only<'_>, observer: Observer<'_>) -> Result<Ve
             trips: TRIPS,
             period_ns: None,
         };
-        let measured = ring.measure(observer)?.into_iter().map(|one| (one.mechanism, one.trip));
-        rows.extend(against_baseline("cycle", placement, bytes_of(&CHAIN), Mechanism::Futex, measured.collect()));
+        let measured = ring
+            .measure(observer)?
+            .into_iter()
+            .map(|one| (one.mechanism, one.trip));
+        rows.extend(against_baseline(
+            "cycle",
+            placement,
+            bytes_of(&CHAIN),
+            Mechanism::Futex,
+            measured.collect(),
+        ));
     }
     Ok(rows)
 }
@@ -163,11 +239,39 @@ pub fn paced(rate_hz: u64, seconds: u64, observer: Observer<'_>) -> Result<Vec<R
     let (placement, cores) = placements(4).swap_remove(0);
     let mechanisms = vec![Mechanism::Nothing, Mechanism::Futex, Mechanism::Topic];
     let period_ns = Some(1_000_000_000 / rate_hz);
-    let measured = Ring { topics: names(&CHAIN), block_bytes: None, cores, mechanisms, rounds, trips, period_ns }.measure(observer)?;
-    let wakes = measured.iter().map(|one| (one.mechanism, one.wake.clone())).collect();
-    let mut rows = against_baseline(&format!("wake-up at {rate_hz} Hz"), placement, 0, Mechanism::Nothing, wakes);
-    let trips = measured.iter().filter(|one| one.mechanism != Mechanism::Nothing).map(|one| (one.mechanism, one.trip.clone())).collect();
-    rows.extend(against_baseline(&format!("paced at {rate_hz} Hz"), placement, bytes_of(&CHAIN), Mechanism::Futex, trips));
+    let measured = Ring {
+        topics: names(&CHAIN),
+        block_bytes: None,
+        cores,
+        mechanisms,
+        rounds,
+        trips,
+        period_ns,
+    }
+    .measure(observer)?;
+    let wakes = measured
+        .iter()
+        .map(|one| (one.mechanism, one.wake.clone()))
+        .collect();
+    let mut rows = against_baseline(
+        &format!("wake-up at {rate_hz} Hz"),
+        placement,
+        0,
+        Mechanism::Nothing,
+        wakes,
+    );
+    let trips = measured
+        .iter()
+        .filter(|one| one.mechanism != Mechanism::Nothing)
+        .map(|one| (one.mechanism, one.trip.clone()))
+        .collect();
+    rows.extend(against_baseline(
+        &format!("paced at {rate_hz} Hz"),
+        placement,
+        bytes_of(&CHAIN),
+        Mechanism::Futex,
+        trips,
+    ));
     Ok(rows)
 }
 
@@ -179,9 +283,16 @@ fn against_baseline(
     baseline: Mechanism,
     measured: Vec<(Mechanism, Distribution)>,
 ) -> Vec<Row> {
-    let baseline = measured.iter().find(|(mechanism, _)| *mechanism == baseline).map(|(_, distribution)| distribution.clone());
+    let baseline = measured
+        .iter()
+        .find(|(mechanism, _)| *mechanism == baseline)
+        .map(|(_, distribution)| distribution.clone());
     let ratio = |value: f64, of: fn(&Distribution) -> f64| {
-        baseline.as_ref().map(of).filter(|baseline| *baseline > 0.0).map(|baseline| value / baseline)
+        baseline
+            .as_ref()
+            .map(of)
+            .filter(|baseline| *baseline > 0.0)
+            .map(|baseline| value / baseline)
     };
     let row = |(mechanism, distribution): (Mechanism, Distribution)| Row {
         bench: bench.to_owned(),

@@ -60,25 +60,47 @@ pub struct Hour {
 ///
 /// # Errors
 /// The run fails.
-pub fn hour(robot: &Robot, scenario: &Scenario, seconds: u64, observer: Observer<'_>) -> Result<Hour, Failure> {
+pub fn hour(
+    robot: &Robot,
+    scenario: &Scenario,
+    seconds: u64,
+    observer: Observer<'_>,
+) -> Result<Hour, Failure> {
     let folder = scratch()?;
-    let job =
-        load::job(robot, prolonged(scenario, scenario.rate_hz, seconds), load::graph(None)?, Mode::Lockstep, folder.path().to_owned());
+    let job = load::job(
+        robot,
+        prolonged(scenario, scenario.rate_hz, seconds),
+        load::graph(None)?,
+        Mode::Lockstep,
+        folder.path().to_owned(),
+    );
     let rate_hz = f64::from(job.scenario.rate_hz);
-    observer(Progress::Begin { title: &job.scenario.name, length: job.scenario.planned_ticks(), unit: "ticks" });
-    let mut memory: Vec<Look> = Vec::new();
-    let launched = session::launch_watched(&job, session::plan(&job)?, &mut |_| Ok(()), &mut |event| match event {
-        Event::Progress { ticks } => {
-            observer(Progress::Position(*ticks));
-            let at_s = *ticks as f64 / rate_hz;
-            // Not at once: a process that has just started has not touched yet what it will always need.
-            if at_s >= (EVERY_S * (memory.len() as u64 + 1)) as f64 {
-                memory.push(Look { at_s, processes: children() });
-            }
-        }
-        Event::Line { process, line } => observer(Progress::Line(&format!("{process}: {line}"))),
-        _ => {}
+    observer(Progress::Begin {
+        title: &job.scenario.name,
+        length: job.scenario.planned_ticks(),
+        unit: "ticks",
     });
+    let mut memory: Vec<Look> = Vec::new();
+    let launched =
+        session::launch_watched(&job, session::plan(&job)?, &mut |_| Ok(()), &mut |event| {
+            match event {
+                Event::Progress { ticks } => {
+                    observer(Progress::Position(*ticks));
+                    let at_s = *ticks as f64 / rate_hz;
+                    // Not at once: a process that has just started has not touched yet what it will always need.
+                    if at_s >= (EVERY_S * (memory.len() as u64 + 1)) as f64 {
+                        memory.push(Look {
+                            at_s,
+                            processes: children(),
+                        });
+                    }
+                }
+                Event::Line { process, line } => {
+                    observer(Progress::Line(&format!("{process}: {line}")))
+                }
+                _ => {}
+            }
+        });
     observer(Progress::End);
     let (outcome, account) = launched?;
     match &outcome.end {
@@ -86,7 +108,8 @@ pub fn hour(robot: &Robot, scenario: &Scenario, seconds: u64, observer: Observer
         End::Interrupted { signal } => return Err(Failure::Work(format!("stopped by {signal}"))),
         End::Failed(failure) => return Err(Failure::work(failure)),
     }
-    let account = account.ok_or_else(|| Failure::Work("the recorder left no account of the run".to_owned()))?;
+    let account = account
+        .ok_or_else(|| Failure::Work("the recorder left no account of the run".to_owned()))?;
     if !account.recorder.error.is_empty() {
         return Err(Failure::Work(account.recorder.error));
     }
@@ -108,21 +131,41 @@ pub fn hour(robot: &Robot, scenario: &Scenario, seconds: u64, observer: Observer
 /// Memory of this program's children, by the name of the process each of them is.
 fn children() -> BTreeMap<String, Memory> {
     let read = |path: String| std::fs::read_to_string(path).unwrap_or_default();
-    let threads = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
+    let threads = std::fs::read_dir("/proc/self/task")
+        .into_iter()
+        .flatten()
+        .flatten();
     let pids: Vec<String> = threads
         .flat_map(|thread| {
-            let children = std::fs::read_to_string(thread.path().join("children")).unwrap_or_default();
-            children.split_whitespace().map(str::to_owned).collect::<Vec<_>>()
+            let children =
+                std::fs::read_to_string(thread.path().join("children")).unwrap_or_default();
+            children
+                .split_whitespace()
+                .map(str::to_owned)
+                .collect::<Vec<_>>()
         })
         .collect();
     let of = |pid: &String| {
-        let name = read(format!("/proc/{pid}/cmdline")).split('\0').nth(1)?.to_owned();
+        let name = read(format!("/proc/{pid}/cmdline"))
+            .split('\0')
+            .nth(1)?
+            .to_owned();
         let status = read(format!("/proc/{pid}/status"));
         let mb = |key: &str| {
-            let line = status.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(':'));
-            line.and_then(|line| line.trim().trim_end_matches(" kB").parse::<f64>().ok()).unwrap_or(0.0) / 1e3
+            let line = status
+                .lines()
+                .find_map(|line| line.strip_prefix(key)?.strip_prefix(':'));
+            line.and_then(|line| line.trim().trim_end_matches(" kB").parse::<f64>().ok())
+                .unwrap_or(0.0)
+                / 1e3
         };
-        Some((name, Memory { own_mb: mb("RssAnon"), shared_mb: mb("RssShmem") }))
+        Some((
+            name,
+            Memory {
+                own_mb: mb("RssAnon"),
+                shared_mb: mb("RssShmem"),
+            },
+        ))
     };
     pids.iter().filter_map(of).collect()
 }

@@ -36,16 +36,30 @@ pub struct Lockstep {
 ///
 /// # Errors
 /// [`Failure`] where a program does not start, or its run fails or gives no JSON.
-pub fn lockstep(runs: u32, against: Option<&Path>, observer: Observer<'_>) -> Result<Lockstep, Failure> {
+pub fn lockstep(
+    runs: u32,
+    against: Option<&Path>,
+    observer: Observer<'_>,
+) -> Result<Lockstep, Failure> {
     let scenario = load::DEFAULT_SCENARIO;
     let begin = |program: PathBuf| -> Result<Speeds, Failure> {
         let version = output(Command::new(&program).arg("--version"))?;
-        Ok(Speeds { program, version: String::from_utf8_lossy(&version).trim().to_owned(), ticks_per_s: Vec::new() })
+        Ok(Speeds {
+            program,
+            version: String::from_utf8_lossy(&version).trim().to_owned(),
+            ticks_per_s: Vec::new(),
+        })
     };
     let mut own = begin(std::env::current_exe().map_err(Failure::work)?)?;
-    let mut other = against.map(|program| begin(program.to_owned())).transpose()?;
+    let mut other = against
+        .map(|program| begin(program.to_owned()))
+        .transpose()?;
     let programs = 1 + u64::from(other.is_some());
-    observer(Progress::Begin { title: scenario, length: u64::from(runs) * programs, unit: "runs" });
+    observer(Progress::Begin {
+        title: scenario,
+        length: u64::from(runs) * programs,
+        unit: "runs",
+    });
     for round in 0..runs {
         let mut both: Vec<&mut Speeds> = [&mut own].into_iter().chain(&mut other).collect();
         if round % 2 == 1 {
@@ -58,34 +72,61 @@ pub fn lockstep(runs: u32, against: Option<&Path>, observer: Observer<'_>) -> Re
         }
     }
     observer(Progress::End);
-    Ok(Lockstep { scenario, own, other })
+    Ok(Lockstep {
+        scenario,
+        own,
+        other,
+    })
 }
 
 /// Ticks per second of one run.
 fn run(program: &Path, scenario: &str) -> Result<f64, Failure> {
     let folder = scratch()?;
-    let text = output(Command::new(program).args(["run", scenario, "--json", "--out"]).arg(folder.path().join("run")))?;
+    let text = output(
+        Command::new(program)
+            .args(["run", scenario, "--json", "--out"])
+            .arg(folder.path().join("run")),
+    )?;
     let summary: Value = serde_json::from_slice(&text).unwrap_or_default();
-    let speed = summary["ticks_per_s"].as_f64().filter(|speed| speed.is_finite() && *speed > 0.0);
-    speed.ok_or_else(|| Failure::Work(format!("{} gives no summary of its run: it is no armplane", program.display())))
+    let speed = summary["ticks_per_s"]
+        .as_f64()
+        .filter(|speed| speed.is_finite() && *speed > 0.0);
+    speed.ok_or_else(|| {
+        Failure::Work(format!(
+            "{} gives no summary of its run: it is no armplane",
+            program.display()
+        ))
+    })
 }
 
 fn output(command: &mut Command) -> Result<Vec<u8>, Failure> {
     let program = command.get_program().to_string_lossy().into_owned();
     let output = command.stdin(Stdio::null()).stderr(Stdio::piped()).output();
-    let output = output.map_err(|error| Failure::Input(format!("cannot start {program}: {error}")))?;
+    let output =
+        output.map_err(|error| Failure::Input(format!("cannot start {program}: {error}")))?;
     if output.status.success() {
         return Ok(output.stdout);
     }
     let words = String::from_utf8_lossy(&output.stderr);
-    Err(Failure::Work(format!("{program} failed ({}): {}", output.status, words.lines().last().unwrap_or_default())))
+    Err(Failure::Work(format!(
+        "{program} failed ({}): {}",
+        output.status,
+        words.lines().last().unwrap_or_default()
+    )))
 }
 
 impl Lockstep {
     /// This program's speed over the other's, of each pair of neighbouring runs.
     fn ratios(&self) -> Option<Vec<f64>> {
         let other = self.other.as_ref()?;
-        Some(self.own.ticks_per_s.iter().zip(&other.ticks_per_s).map(|(own, other)| own / other).collect())
+        Some(
+            self.own
+                .ticks_per_s
+                .iter()
+                .zip(&other.ticks_per_s)
+                .map(|(own, other)| own / other)
+                .collect(),
+        )
     }
 
     /// For machines.
@@ -98,15 +139,40 @@ impl Lockstep {
 
 impl fmt::Display for Lockstep {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut rows = table(&["ticks a second, recording on", "runs", "lower quartile", "median", "upper quartile"]);
+        let mut rows = table(&[
+            "ticks a second, recording on",
+            "runs",
+            "lower quartile",
+            "median",
+            "upper quartile",
+        ]);
         for speeds in [&self.own].into_iter().chain(&self.other) {
-            let quartiles = [0.25, 0.5, 0.75].map(|share| number(format!("{:.0}", quantile(speeds.ticks_per_s.iter().copied(), share))));
-            rows.add_row([speeds.program.display().to_string().into(), number(speeds.ticks_per_s.len())].into_iter().chain(quartiles));
+            let quartiles = [0.25, 0.5, 0.75].map(|share| {
+                number(format!(
+                    "{:.0}",
+                    quantile(speeds.ticks_per_s.iter().copied(), share)
+                ))
+            });
+            rows.add_row(
+                [
+                    speeds.program.display().to_string().into(),
+                    number(speeds.ticks_per_s.len()),
+                ]
+                .into_iter()
+                .chain(quartiles),
+            );
         }
         writeln!(f, "{rows}")?;
-        let Some(ratios) = self.ratios() else { return Ok(()) };
-        let [low, median, high] = [0.25, 0.5, 0.75].map(|share| digits(quantile(ratios.iter().copied(), share)));
-        writeln!(f, "{}: this program makes {median} times the other's ticks (quartiles of the pairs: {low} to {high})", self.scenario)
+        let Some(ratios) = self.ratios() else {
+            return Ok(());
+        };
+        let [low, median, high] =
+            [0.25, 0.5, 0.75].map(|share| digits(quantile(ratios.iter().copied(), share)));
+        writeln!(
+            f,
+            "{}: this program makes {median} times the other's ticks (quartiles of the pairs: {low} to {high})",
+            self.scenario
+        )
     }
 }
 
@@ -116,9 +182,17 @@ mod tests {
 
     #[test]
     fn pairs_are_compared_one_by_one() {
-        let speeds = |ticks_per_s: &[f64]| Speeds { program: "a".into(), version: String::new(), ticks_per_s: ticks_per_s.to_vec() };
+        let speeds = |ticks_per_s: &[f64]| Speeds {
+            program: "a".into(),
+            version: String::new(),
+            ticks_per_s: ticks_per_s.to_vec(),
+        };
         // The machine was half as fast during the second pair.
-        let measured = Lockstep { scenario: "x", own: speeds(&[40.0, 20.0, 40.0]), other: Some(speeds(&[20.0, 10.0, 20.0])) };
+        let measured = Lockstep {
+            scenario: "x",
+            own: speeds(&[40.0, 20.0, 40.0]),
+            other: Some(speeds(&[20.0, 10.0, 20.0])),
+        };
         assert_eq!(measured.ratios().unwrap(), [2.0; 3]);
         assert!(measured.to_string().contains("2.000 times"), "{measured}");
         assert_eq!(measured.json()["other"]["ticks_per_s"][1], 10.0);

@@ -6,11 +6,20 @@ use super::distribution::Row;
 
 /// A benchmark and the question that its picture answers.
 const QUESTIONS: [(&str, &str); 7] = [
-    ("hop", "How long does a message take from one process to another?"),
-    ("cycle", "How long do the messages of one tick take around four processes?"),
+    (
+        "hop",
+        "How long does a message take from one process to another?",
+    ),
+    (
+        "cycle",
+        "How long do the messages of one tick take around four processes?",
+    ),
     ("paced", "How late is what happens on a grid of ticks?"),
     ("model", "How long does the arm's dynamics take?"),
-    ("control", "How long does a tick of estimator, analyzer and controller take?"),
+    (
+        "control",
+        "How long does a tick of estimator, analyzer and controller take?",
+    ),
     ("plant", "How long does the simulated arm take for a tick?"),
     ("record", "How much work is a tick for the recorder?"),
 ];
@@ -30,15 +39,30 @@ pub fn pictures(rows: &[Row], machine: &str) -> Vec<(String, Page)> {
     let mut benches: Vec<&str> = rows.iter().map(|row| row.bench.as_str()).collect();
     benches.sort_unstable();
     benches.dedup();
-    benches.into_iter().map(|bench| (bench.replace(' ', "-"), picture(bench, rows, machine))).collect()
+    benches
+        .into_iter()
+        .map(|bench| (bench.replace(' ', "-"), picture(bench, rows, machine)))
+        .collect()
 }
 
 fn picture(bench: &str, rows: &[Row], machine: &str) -> Page {
     let of_bench: Vec<&Row> = rows.iter().filter(|row| row.bench == bench).collect();
     // One scale for all panels, in whole powers of ten.
-    let times = || of_bench.iter().flat_map(|row| [row.distribution.p50_us, row.distribution.p99_us]).filter(|time| *time > 0.0);
-    let (least, most) = (times().fold(f64::INFINITY, f64::min), times().fold(0.0, f64::max));
-    let range = if most > 0.0 { 10_f64.powf((0.8 * least).log10().floor())..10_f64.powf((1.5 * most).log10().ceil()) } else { 0.1..10.0 };
+    let times = || {
+        of_bench
+            .iter()
+            .flat_map(|row| [row.distribution.p50_us, row.distribution.p99_us])
+            .filter(|time| *time > 0.0)
+    };
+    let (least, most) = (
+        times().fold(f64::INFINITY, f64::min),
+        times().fold(0.0, f64::max),
+    );
+    let range = if most > 0.0 {
+        10_f64.powf((0.8 * least).log10().floor())..10_f64.powf((1.5 * most).log10().ceil())
+    } else {
+        0.1..10.0
+    };
     let mut keys: Vec<(&str, usize)> = Vec::new();
     for row in &of_bench {
         if !keys.contains(&(row.placement.as_str(), row.payload_bytes)) {
@@ -54,39 +78,82 @@ fn picture(bench: &str, rows: &[Row], machine: &str) -> Page {
         }
     }
     keys.retain(|(placement, _)| !by_size.contains(placement));
-    let curves = by_size.iter().map(|placement| over_size(placement, &of_bench, range.clone()));
-    let mut pairs: Vec<PlotRow> = curves.collect::<Vec<_>>().chunks(2).map(|pair| PlotRow::of(CURVES, pair.to_vec())).collect();
+    let curves = by_size
+        .iter()
+        .map(|placement| over_size(placement, &of_bench, range.clone()));
+    let mut pairs: Vec<PlotRow> = curves
+        .collect::<Vec<_>>()
+        .chunks(2)
+        .map(|pair| PlotRow::of(CURVES, pair.to_vec()))
+        .collect();
     let bars: Vec<(usize, Panel)> = keys
         .iter()
         .map(|(placement, bytes)| {
-            let shown: Vec<&&Row> = of_bench.iter().filter(|row| row.placement == *placement && row.payload_bytes == *bytes).collect();
-            let title = if *bytes > 0 { format!("{placement}, {bytes} bytes") } else { (*placement).to_owned() };
+            let shown: Vec<&&Row> = of_bench
+                .iter()
+                .filter(|row| row.placement == *placement && row.payload_bytes == *bytes)
+                .collect();
+            let title = if *bytes > 0 {
+                format!("{placement}, {bytes} bytes")
+            } else {
+                (*placement).to_owned()
+            };
             let names = Axis::names(shown.iter().map(|row| row.mechanism.clone()));
-            let mut panel = Panel::new(&title, Axis::named("µs").logarithmic().within(range.clone()), names);
+            let mut panel = Panel::new(
+                &title,
+                Axis::named("µs").logarithmic().within(range.clone()),
+                names,
+            );
             for (place, row) in shown.iter().enumerate() {
                 let times = &row.distribution;
-                panel.bar(place, times.p99_us, Color { 3: 0.35, ..GREY }, String::new());
-                panel.bar(place, times.p50_us, BLUE, format!("{} ({})", digits(times.p50_us), digits(times.p99_us)));
+                panel.bar(
+                    place,
+                    times.p99_us,
+                    Color { 3: 0.35, ..GREY },
+                    String::new(),
+                );
+                panel.bar(
+                    place,
+                    times.p50_us,
+                    BLUE,
+                    format!("{} ({})", digits(times.p50_us), digits(times.p99_us)),
+                );
             }
             (shown.len(), panel)
         })
         .collect();
     for pair in bars.chunks(2) {
         let most = pair.iter().map(|(bars, _)| *bars).max().unwrap_or(1);
-        pairs.push(PlotRow::of(AROUND + BAR * most as f64, pair.iter().map(|(_, panel)| panel.clone())));
+        pairs.push(PlotRow::of(
+            AROUND + BAR * most as f64,
+            pair.iter().map(|(_, panel)| panel.clone()),
+        ));
     }
     let legend = match (by_size.is_empty(), keys.is_empty()) {
         (true, _) => BARS.to_owned(),
         (_, true) => LINES.to_owned(),
         _ => format!("{LINES}; {BARS}"),
     };
-    let question = QUESTIONS.iter().find(|(known, _)| bench.starts_with(known)).map_or(bench, |(_, question)| *question);
-    Page { title: question.to_owned(), subtitle: format!("{legend}. {machine}"), rows: pairs, width: 1100.0, ..Page::default() }
+    let question = QUESTIONS
+        .iter()
+        .find(|(known, _)| bench.starts_with(known))
+        .map_or(bench, |(_, question)| *question);
+    Page {
+        title: question.to_owned(),
+        subtitle: format!("{legend}. {machine}"),
+        rows: pairs,
+        width: 1100.0,
+        ..Page::default()
+    }
 }
 
 /// A line for each mechanism: its times over the size of what it carries.
 fn over_size(placement: &str, rows: &[&Row], range: std::ops::Range<f64>) -> Panel {
-    let rows: Vec<&Row> = rows.iter().filter(|row| row.placement == placement).copied().collect();
+    let rows: Vec<&Row> = rows
+        .iter()
+        .filter(|row| row.placement == placement)
+        .copied()
+        .collect();
     let mut mechanisms: Vec<&str> = Vec::new();
     for row in &rows {
         if !mechanisms.contains(&row.mechanism.as_str()) {
@@ -94,11 +161,24 @@ fn over_size(placement: &str, rows: &[&Row], range: std::ops::Range<f64>) -> Pan
         }
     }
     let x = Axis::named("bytes").logarithmic();
-    let mut panel = Panel::new(&format!("{placement}, µs"), x, Axis::default().logarithmic().within(range));
+    let mut panel = Panel::new(
+        &format!("{placement}, µs"),
+        x,
+        Axis::default().logarithmic().within(range),
+    );
     for (place, mechanism) in mechanisms.into_iter().enumerate() {
-        let mut points: Vec<&Row> = rows.iter().filter(|row| row.mechanism == mechanism).copied().collect();
+        let mut points: Vec<&Row> = rows
+            .iter()
+            .filter(|row| row.mechanism == mechanism)
+            .copied()
+            .collect();
         points.sort_by_key(|row| row.payload_bytes);
-        let of = |time: fn(&Row) -> f64| points.iter().map(|row| (row.payload_bytes as f64, time(row))).collect::<Vec<_>>();
+        let of = |time: fn(&Row) -> f64| {
+            points
+                .iter()
+                .map(|row| (row.payload_bytes as f64, time(row)))
+                .collect::<Vec<_>>()
+        };
         let (color, median) = (numbered(place), of(|row| row.distribution.p50_us));
         panel.line(mechanism, color, &median);
         panel.dots(color, 2.5, &median);
@@ -116,10 +196,22 @@ mod tests {
     fn each_question_has_a_picture_of_its_own() {
         let mut times = histogram();
         (1..=1000).for_each(|nanoseconds| times.saturating_record(nanoseconds));
-        let rows = ["hop", "model", "hop"].map(|bench| Row::alone(bench, "x", Distribution::of(&times)));
+        let rows =
+            ["hop", "model", "hop"].map(|bench| Row::alone(bench, "x", Distribution::of(&times)));
         let pictures = pictures(&rows, "a machine");
-        assert_eq!(pictures.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["hop", "model"]);
-        assert!(pictures.iter().all(|(_, page)| page.title.ends_with('?') && page.rows.len() == 1), "{pictures:?}");
+        assert_eq!(
+            pictures
+                .iter()
+                .map(|(name, _)| name.as_str())
+                .collect::<Vec<_>>(),
+            ["hop", "model"]
+        );
+        assert!(
+            pictures
+                .iter()
+                .all(|(_, page)| page.title.ends_with('?') && page.rows.len() == 1),
+            "{pictures:?}"
+        );
     }
 
     #[test]
@@ -132,11 +224,20 @@ mod tests {
             ..Row::alone("hop", "pipe", Distribution::of(&times))
         };
         let sizes = [64, 4096, 416, 1 << 20];
-        let rows: Vec<Row> = ["same core", "cross core"].iter().flat_map(|placement| sizes.map(|bytes| row(placement, bytes))).collect();
+        let rows: Vec<Row> = ["same core", "cross core"]
+            .iter()
+            .flat_map(|placement| sizes.map(|bytes| row(placement, bytes)))
+            .collect();
         let page = pictures(&rows, "a machine").remove(0).1;
-        assert!(page.rows.len() == 1 && page.subtitle.starts_with(LINES), "both placements side by side: {page:?}");
+        assert!(
+            page.rows.len() == 1 && page.subtitle.starts_with(LINES),
+            "both placements side by side: {page:?}"
+        );
         let rows: Vec<Row> = rows.into_iter().chain([row("not pinned", 64)]).collect();
         let page = pictures(&rows, "a machine").remove(0).1;
-        assert!(page.rows.len() == 2 && page.subtitle.contains(BARS), "one size is a bar: {page:?}");
+        assert!(
+            page.rows.len() == 2 && page.subtitle.contains(BARS),
+            "one size is a bar: {page:?}"
+        );
     }
 }

@@ -38,10 +38,23 @@ pub struct Ran {
 ///
 /// # Errors
 /// The run fails.
-pub fn graph(robot: &Robot, scenario: &Scenario, rate_hz: u32, seconds: u64, loaded: bool, observer: Observer<'_>) -> Result<Ran, Failure> {
+pub fn graph(
+    robot: &Robot,
+    scenario: &Scenario,
+    rate_hz: u32,
+    seconds: u64,
+    loaded: bool,
+    observer: Observer<'_>,
+) -> Result<Ran, Failure> {
     let scenario = prolonged(scenario, rate_hz, seconds);
     let folder = scratch()?;
-    let job = load::job(robot, scenario, load::graph(None)?, Mode::Realtime, folder.path().to_owned());
+    let job = load::job(
+        robot,
+        scenario,
+        load::graph(None)?,
+        Mode::Realtime,
+        folder.path().to_owned(),
+    );
     let load = loaded.then(CpuLoad::start);
     let (outcome, account) = session::launch(&job, session::plan(&job)?, observer)?;
     drop(load);
@@ -50,13 +63,19 @@ pub fn graph(robot: &Robot, scenario: &Scenario, rate_hz: u32, seconds: u64, loa
         End::Interrupted { signal } => return Err(Failure::Work(format!("stopped by {signal}"))),
         End::Failed(failure) => return Err(Failure::work(failure)),
     }
-    let account = account.ok_or_else(|| Failure::Work("the recorder left no account of the run".to_owned()))?;
+    let account = account
+        .ok_or_else(|| Failure::Work("the recorder left no account of the run".to_owned()))?;
     Ok(Ran {
         rate_hz,
         loaded,
         ticks: outcome.ticks,
         outcome: account.outcome,
-        processes: job.graph.process.iter().map(|process| process.name.clone()).collect(),
+        processes: job
+            .graph
+            .process
+            .iter()
+            .map(|process| process.name.clone())
+            .collect(),
         deadlines: session::deadlines(&job, &outcome),
         latency_us: account.latency_us,
         recorder: account.recorder,
@@ -83,8 +102,7 @@ impl Ran {
 
     /// As JSON.
     pub fn json(&self) -> Value {
-        let process =
-            |name: &String| json!({"process": name, "missed": self.missed(name).values().sum::<u64>(), "causes": self.missed(name)});
+        let process = |name: &String| json!({"process": name, "missed": self.missed(name).values().sum::<u64>(), "causes": self.missed(name)});
         json!({
             "rate_hz": self.rate_hz, "load": self.loaded, "ticks": self.ticks, "outcome": self.outcome,
             "missed": self.deadlines.missed, "processes": self.processes.iter().map(process).collect::<Vec<_>>(),

@@ -26,34 +26,58 @@ pub struct Recorded {
 }
 
 /// The recorder's work per tick, step by step; and a run in its own process.
-pub fn record(robot: &Robot, scenario: &Scenario, observer: Observer<'_>) -> Result<(Vec<BenchRow>, Recorded), Failure> {
+pub fn record(
+    robot: &Robot,
+    scenario: &Scenario,
+    observer: Observer<'_>,
+) -> Result<(Vec<BenchRow>, Recorded), Failure> {
     let folder = scratch()?;
-    let job = load::job(robot, scenario.clone(), load::graph(None)?, Mode::Lockstep, folder.path().to_owned());
+    let job = load::job(
+        robot,
+        scenario.clone(),
+        load::graph(None)?,
+        Mode::Lockstep,
+        folder.path().to_owned(),
+    );
     let mut tape = recorder::Tape::start(robot, &job).map_err(Failure::work)?;
-    let mut judge = Judge::new(recorder::limits(robot), scenario.goal.clone(), scenario.duration_s() * f64::from(scenario.rate_hz));
+    let mut judge = Judge::new(
+        recorder::limits(robot),
+        scenario.goal.clone(),
+        scenario.duration_s() * f64::from(scenario.rate_hz),
+    );
     let parts = folder.path().join("parts");
-    let mut files = ByTopic::<Files>::try_build(&mut Create(&parts, Logs::new(job.id, TOPICS))).map_err(Failure::work)?;
+    let mut files = ByTopic::<Files>::try_build(&mut Create(&parts, Logs::new(job.id, TOPICS)))
+        .map_err(Failure::work)?;
     let mut times: [_; 3] = std::array::from_fn(|_| histogram());
     chain::run(robot, scenario, |tick| {
         let row = Row::new(tick.sensor.header.tick, tick.into());
         let began = now_ns();
-        Tick::of(&tick.lent()).into_iter().for_each(|tick| judge.tick(tick));
+        Tick::of(&tick.lent())
+            .into_iter()
+            .for_each(|tick| judge.tick(tick));
         let judged = now_ns();
         tape.tick(&row);
         let taped = now_ns();
         // The run below reports a full disk.
         let _ = topics::try_each(&mut Add(&mut files, tick));
-        for (times, lap) in times.iter_mut().zip([judged - began, taped - judged, now_ns() - taped]) {
+        for (times, lap) in times
+            .iter_mut()
+            .zip([judged - began, taped - judged, now_ns() - taped])
+        {
             times.saturating_record(lap);
         }
     })
     .map_err(Failure::input)?;
     tape.finish();
     let rows = ["judge", "recording", "messages"].iter().zip(&times);
-    let rows = rows.map(|(what, times)| BenchRow::alone("record", what, Distribution::of(times))).collect();
+    let rows = rows
+        .map(|(what, times)| BenchRow::alone("record", what, Distribution::of(times)))
+        .collect();
 
     let (outcome, account) = session::launch(&job, session::plan(&job)?, observer)?;
-    let account = account.ok_or_else(|| Failure::Work("the recorder left no account of the run".to_owned()))?.recorder;
+    let account = account
+        .ok_or_else(|| Failure::Work("the recorder left no account of the run".to_owned()))?
+        .recorder;
     if !account.error.is_empty() {
         return Err(Failure::Work(account.error));
     }

@@ -5,14 +5,19 @@ use std::process::Command;
 
 use bytemuck::{bytes_of, pod_read_unaligned};
 use launcher::{Child, End, Event, Launcher, Limits, Plan, Restart};
-use runtime::{ForeignMessage, Process, ProcessError, Reader, Shell, Writer, now_ns, realtime, sleep_until};
+use runtime::{
+    ForeignMessage, Process, ProcessError, Reader, Shell, Writer, now_ns, realtime, sleep_until,
+};
 use serde::{Deserialize, Serialize};
 use session::{Failure, Observer, Progress};
 use shared_types::Message;
 use shared_types::topics::{Each, Topic, named};
 
 use super::distribution::{Distribution, histogram};
-use super::transports::{BLOCKS, BlockMessage, HEADER_BYTES, HEADER_WORDS, Iceoryx, IceoryxWake, Mailboxes, Wake, is_whole, message_words};
+use super::transports::{
+    BLOCKS, BlockMessage, HEADER_BYTES, HEADER_WORDS, Iceoryx, IceoryxWake, Mailboxes, Wake,
+    is_whole, message_words,
+};
 
 const TASK: &str = "ring.json";
 const MEASURED: &str = "measured.json";
@@ -129,7 +134,9 @@ impl Ring {
         let launcher = Launcher::prepare(plan).map_err(Failure::work)?;
         let folder = launcher.run_dir().to_owned();
         let task = serde_json::to_vec(self).map_err(Failure::work)?;
-        std::fs::write(folder.join(TASK), task).and_then(|()| Mailboxes::create(&folder, count)).map_err(Failure::work)?;
+        std::fs::write(folder.join(TASK), task)
+            .and_then(|()| Mailboxes::create(&folder, count))
+            .map_err(Failure::work)?;
         let mut measured = None;
         let command = |process: &str, run: &Path| {
             let mut command = Command::new(std::env::current_exe()?);
@@ -137,12 +144,16 @@ impl Ring {
             Ok(command)
         };
         let outcome = launcher.run(&command, &mut |event| match event {
-            Event::Line { process, line } => observer(Progress::Line(&format!("{process}: {line}"))),
+            Event::Line { process, line } => {
+                observer(Progress::Line(&format!("{process}: {line}")))
+            }
             Event::Stopped => measured = std::fs::read(folder.join(MEASURED)).ok(),
             _ => {}
         });
         match outcome.map_err(Failure::work)?.end {
-            End::Completed => serde_json::from_slice(&measured.unwrap_or_default()).map_err(Failure::work),
+            End::Completed => {
+                serde_json::from_slice(&measured.unwrap_or_default()).map_err(Failure::work)
+            }
             End::Interrupted { signal } => Err(Failure::Work(format!("stopped by {signal}"))),
             End::Failed(failure) => Err(Failure::work(failure)),
         }
@@ -164,7 +175,15 @@ pub fn peer(name: &str, run: &Path) -> Result<(), ProcessError> {
     match ring.block_bytes {
         Some(bytes) => go_with_blocks(&ring, index, run, bytes),
         None => go(&ring, index, run, |shell, mailboxes, place| {
-            Messages::open(shell, mailboxes, place, [&ring.topics[(index + count - 1) % count], &ring.topics[index]])
+            Messages::open(
+                shell,
+                mailboxes,
+                place,
+                [
+                    &ring.topics[(index + count - 1) % count],
+                    &ring.topics[index],
+                ],
+            )
         }),
     }
 }
@@ -247,7 +266,13 @@ struct Outgoing<'a>(&'a Shell);
 impl Each for Outgoing<'_> {
     type Output = Result<(Box<dyn Sends>, usize), ProcessError>;
     fn each<M: Topic>(&mut self) -> Self::Output {
-        Ok((Box::new(Outbox::<M> { writer: self.0.writer()?, sent: 0 }), size_of::<M>()))
+        Ok((
+            Box::new(Outbox::<M> {
+                writer: self.0.writer()?,
+                sent: 0,
+            }),
+            size_of::<M>(),
+        ))
     }
 }
 
@@ -265,12 +290,25 @@ struct Messages {
 }
 
 impl Messages {
-    fn open(shell: &Shell, mailboxes: Mailboxes, place: Place, [reads, writes]: [&str; 2]) -> Result<Self, ProcessError> {
-        let unlisted = |topic: &str| ProcessError::setup(format!("{topic:?} is no topic of the list"));
-        let (outbox, bytes) = named(writes, &mut Outgoing(shell)).ok_or_else(|| unlisted(writes))??;
+    fn open(
+        shell: &Shell,
+        mailboxes: Mailboxes,
+        place: Place,
+        [reads, writes]: [&str; 2],
+    ) -> Result<Self, ProcessError> {
+        let unlisted =
+            |topic: &str| ProcessError::setup(format!("{topic:?} is no topic of the list"));
+        let (outbox, bytes) =
+            named(writes, &mut Outgoing(shell)).ok_or_else(|| unlisted(writes))??;
         let iceoryx = Iceoryx::open(shell, [place.from, place.me, place.to], bytes)?;
         let inbox = named(reads, &mut Incoming(shell)).ok_or_else(|| unlisted(reads))??;
-        Ok(Self { inbox, outbox, iceoryx, mailboxes, place })
+        Ok(Self {
+            inbox,
+            outbox,
+            iceoryx,
+            mailboxes,
+            place,
+        })
     }
 }
 
@@ -280,7 +318,10 @@ impl Ends for Messages {
             Means::Topic => self.outbox.send(),
             // The whole message is written: zeros, as a topic's loan has them.
             Means::Iceoryx(wake) => self.iceoryx.send(wake, |payload| payload.fill(0)),
-            Means::Machine(wake) => self.outbox.post(&mut self.mailboxes, wake, self.place.me).map_err(ProcessError::setup),
+            Means::Machine(wake) => self
+                .outbox
+                .post(&mut self.mailboxes, wake, self.place.me)
+                .map_err(ProcessError::setup),
             Means::None => Ok(()),
         }
     }
@@ -291,7 +332,10 @@ impl Ends for Messages {
             Means::Iceoryx(wake) => self.iceoryx.receive(wake, |message| {
                 std::hint::black_box(message);
             }),
-            Means::Machine(wake) => self.inbox.fetch(&mut self.mailboxes, wake, self.place.from).map_err(ProcessError::setup),
+            Means::Machine(wake) => self
+                .inbox
+                .fetch(&mut self.mailboxes, wake, self.place.from)
+                .map_err(ProcessError::setup),
             Means::None => Ok(()),
         }
     }
@@ -311,9 +355,22 @@ struct Blocks<In: Message, Out: Message> {
 }
 
 impl<In: Message, Out: Message> Blocks<In, Out> {
-    fn open(shell: &Shell, mailboxes: Mailboxes, place: Place, bytes: usize) -> Result<Self, ProcessError> {
+    fn open(
+        shell: &Shell,
+        mailboxes: Mailboxes,
+        place: Place,
+        bytes: usize,
+    ) -> Result<Self, ProcessError> {
         let iceoryx = Iceoryx::open(shell, [place.from, place.me, place.to], bytes)?;
-        Ok(Self { reader: shell.reader()?, writer: shell.writer()?, iceoryx, mailboxes, place, sent: 0, ticks: 0 })
+        Ok(Self {
+            reader: shell.reader()?,
+            writer: shell.writer()?,
+            iceoryx,
+            mailboxes,
+            place,
+            sent: 0,
+            ticks: 0,
+        })
     }
 }
 
@@ -327,8 +384,13 @@ impl<In: Message, Out: Message> Ends for Blocks<In, Out> {
         self.sent += 1;
         let header = [self.sent; HEADER_WORDS];
         match mechanism.means() {
-            Means::Iceoryx(wake) => self.iceoryx.send(wake, |block| block[..HEADER_BYTES].copy_from_slice(bytes_of(&header))),
-            Means::Machine(wake) => self.mailboxes.send_block(wake, self.place.me, &header).map_err(ProcessError::setup),
+            Means::Iceoryx(wake) => self.iceoryx.send(wake, |block| {
+                block[..HEADER_BYTES].copy_from_slice(bytes_of(&header))
+            }),
+            Means::Machine(wake) => self
+                .mailboxes
+                .send_block(wake, self.place.me, &header)
+                .map_err(ProcessError::setup),
             Means::Topic | Means::None => Ok(()),
         }
     }
@@ -339,11 +401,23 @@ impl<In: Message, Out: Message> Ends for Blocks<In, Out> {
                 std::hint::black_box(self.reader.next()?.ok_or_else(stopped)?);
                 return Ok(());
             }
-            Means::Iceoryx(wake) => self.iceoryx.receive(wake, |block| pod_read_unaligned(&block[..HEADER_BYTES]))?,
-            Means::Machine(wake) => self.mailboxes.receive_block(wake, self.place.from).map_err(ProcessError::setup)?,
+            Means::Iceoryx(wake) => self
+                .iceoryx
+                .receive(wake, |block| pod_read_unaligned(&block[..HEADER_BYTES]))?,
+            Means::Machine(wake) => self
+                .mailboxes
+                .receive_block(wake, self.place.from)
+                .map_err(ProcessError::setup)?,
             Means::None => return Ok(()),
         };
-        if is_whole(&header) { Ok(()) } else { Err(ProcessError::setup(format!("{} handed over a torn header", mechanism.name()))) }
+        if is_whole(&header) {
+            Ok(())
+        } else {
+            Err(ProcessError::setup(format!(
+                "{} handed over a torn header",
+                mechanism.name()
+            )))
+        }
     }
 }
 
@@ -368,11 +442,19 @@ type Back<const BLOCK: usize, const N: usize> = BlockMessage<BLOCK, N, 1>;
 /// The messages of the topics of blocks of so many bytes.
 fn block_messages(bytes: usize) -> Vec<ForeignMessage> {
     fn of<M: Message>() -> ForeignMessage {
-        ForeignMessage { topic: M::TOPIC.into(), type_name: M::TYPE_NAME.into(), bytes: size_of::<M>(), hash: M::layout_hash() }
+        ForeignMessage {
+            topic: M::TOPIC.into(),
+            type_name: M::TYPE_NAME.into(),
+            bytes: size_of::<M>(),
+            hash: M::layout_hash(),
+        }
     }
     macro_rules! both {
         ($block:literal) => {
-            vec![of::<There<$block, { message_words($block) }>>(), of::<Back<$block, { message_words($block) }>>()]
+            vec![
+                of::<There<$block, { message_words($block) }>>(),
+                of::<Back<$block, { message_words($block) }>>(),
+            ]
         };
     }
     for_block!(bytes, both, Vec::new())
@@ -384,12 +466,20 @@ fn go_with_blocks(ring: &Ring, index: usize, run: &Path, bytes: usize) -> Result
             type Forth = There<$block, { message_words($block) }>;
             type Return = Back<$block, { message_words($block) }>;
             match index {
-                0 => go(ring, index, run, |shell, mailboxes, place| Blocks::<Return, Forth>::open(shell, mailboxes, place, bytes)),
-                _ => go(ring, index, run, |shell, mailboxes, place| Blocks::<Forth, Return>::open(shell, mailboxes, place, bytes)),
+                0 => go(ring, index, run, |shell, mailboxes, place| {
+                    Blocks::<Return, Forth>::open(shell, mailboxes, place, bytes)
+                }),
+                _ => go(ring, index, run, |shell, mailboxes, place| {
+                    Blocks::<Forth, Return>::open(shell, mailboxes, place, bytes)
+                }),
             }
         }};
     }
-    for_block!(bytes, peers, Err(ProcessError::setup(format!("no block has {bytes} bytes"))))
+    for_block!(
+        bytes,
+        peers,
+        Err(ProcessError::setup(format!("no block has {bytes} bytes")))
+    )
 }
 
 fn go<E: Ends>(
@@ -400,10 +490,21 @@ fn go<E: Ends>(
 ) -> Result<(), ProcessError> {
     let count = ring.topics.len();
     let shell = Shell::open(run, &peer_name(me))?;
-    let mailboxes = Mailboxes::open(run, count, ring.block_bytes.unwrap_or(0)).map_err(ProcessError::setup)?;
-    let mut ends = open(&shell, mailboxes, Place { from: (me + count - 1) % count, me, to: (me + 1) % count })?;
+    let mailboxes =
+        Mailboxes::open(run, count, ring.block_bytes.unwrap_or(0)).map_err(ProcessError::setup)?;
+    let mut ends = open(
+        &shell,
+        mailboxes,
+        Place {
+            from: (me + count - 1) % count,
+            me,
+            to: (me + 1) % count,
+        },
+    )?;
     if ring.cores[me].is_some() {
-        realtime::enter(Some(PRIORITY), realtime::Lock::AtOnce).iter().for_each(|right| tracing::warn!("measured without {right}"));
+        realtime::enter(Some(PRIORITY), realtime::Lock::AtOnce)
+            .iter()
+            .for_each(|right| tracing::warn!("measured without {right}"));
     }
     // No measurement before every process is connected, whichever mechanism comes first.
     shell.tick_source(0).next()?;
@@ -413,7 +514,12 @@ fn go<E: Ends>(
         return std::fs::write(run.join(MEASURED), text).map_err(ProcessError::setup);
     }
     for _ in 0..=ring.rounds {
-        for mechanism in ring.mechanisms.iter().copied().filter(|mechanism| *mechanism != Mechanism::Nothing) {
+        for mechanism in ring
+            .mechanisms
+            .iter()
+            .copied()
+            .filter(|mechanism| *mechanism != Mechanism::Nothing)
+        {
             for _ in 0..ring.trips {
                 ends.receive(mechanism)?;
                 ends.send(mechanism)?;
@@ -429,7 +535,11 @@ fn go<E: Ends>(
 
 /// The first process: sends, and takes the time until the answer has come around.
 fn drive(ring: &Ring, ends: &mut impl Ends) -> Result<Vec<Measured>, ProcessError> {
-    let mut histograms: Vec<_> = ring.mechanisms.iter().map(|_| (histogram(), histogram())).collect();
+    let mut histograms: Vec<_> = ring
+        .mechanisms
+        .iter()
+        .map(|_| (histogram(), histogram()))
+        .collect();
     for round in 0..=ring.rounds {
         for (&mechanism, (trips, wakes)) in ring.mechanisms.iter().zip(&mut histograms) {
             let mut grid_ns = now_ns();
@@ -444,7 +554,11 @@ fn drive(ring: &Ring, ends: &mut impl Ends) -> Result<Vec<Measured>, ProcessErro
                         grid_ns
                     }
                 };
-                let awake_ns = if ring.period_ns.is_some() { now_ns() } else { began_ns };
+                let awake_ns = if ring.period_ns.is_some() {
+                    now_ns()
+                } else {
+                    began_ns
+                };
                 ends.send(mechanism)?;
                 ends.receive(mechanism)?;
                 let ended_ns = now_ns();

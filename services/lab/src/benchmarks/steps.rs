@@ -63,8 +63,16 @@ fn terms<const N: usize>(robot: &Robot, name: &str) -> Result<Vec<BenchRow>, Fai
             // Hundredths: a histogram of whole nanoseconds would be too coarse.
             times.saturating_record(now_ns() - began);
         }
-        let mechanism = if name.is_empty() { mechanism.to_owned() } else { format!("{mechanism}, {name}") };
-        BenchRow::alone("model", &mechanism, Distribution::of(&times).divided_by(BATCH as f64))
+        let mechanism = if name.is_empty() {
+            mechanism.to_owned()
+        } else {
+            format!("{mechanism}, {name}")
+        };
+        BenchRow::alone(
+            "model",
+            &mechanism,
+            Distribution::of(&times).divided_by(BATCH as f64),
+        )
     };
     Ok(vec![
         row("A, bias and J in one pass", &|q, qdot| {
@@ -118,14 +126,27 @@ fn hand_in_hand(robot: &Robot, scenario: &Scenario) -> Result<Steps, Failure> {
         lap(&mut times[1]);
         analyzer.step(&m.estimate, &mut m.singularity);
         let analyzing = lap(&mut times[2]);
-        controller.step(&m.estimate, &m.singularity, &mut m.control_state, &mut m.torque);
+        controller.step(
+            &m.estimate,
+            &m.singularity,
+            &mut m.control_state,
+            &mut m.torque,
+        );
         let controlling = lap(&mut times[3]);
         plant.step(Some(&m.torque));
         lap(&mut times[5]);
         times[4].saturating_record(analyzing + controlling);
     }
-    let [sample, estimator, analyzer, controller, both, moving] = times.map(|times| Distribution::of(&times));
-    Ok(Steps { sample, estimator, analyzer, controller, both, moving })
+    let [sample, estimator, analyzer, controller, both, moving] =
+        times.map(|times| Distribution::of(&times));
+    Ok(Steps {
+        sample,
+        estimator,
+        analyzer,
+        controller,
+        both,
+        moving,
+    })
 }
 
 /// The simulated arm's steps: in the scenario, and pressed on a floor.
@@ -134,24 +155,40 @@ fn hand_in_hand(robot: &Robot, scenario: &Scenario) -> Result<Steps, Failure> {
 /// [`Failure::Work`] where robot and scenario do not fit, or the arm does not stay on the floor.
 pub fn plant(robot: &Robot, scenario: &Scenario) -> Result<Vec<BenchRow>, Failure> {
     let steps = hand_in_hand(robot, scenario)?;
-    let row = |mechanism: &str, distribution: Distribution| BenchRow::alone("plant", mechanism, distribution);
-    Ok(vec![row("sample", steps.sample), row("move", steps.moving), row("move, in contact", pressed(robot, scenario)?)])
+    let row = |mechanism: &str, distribution: Distribution| {
+        BenchRow::alone("plant", mechanism, distribution)
+    };
+    Ok(vec![
+        row("sample", steps.sample),
+        row("move", steps.moving),
+        row("move, in contact", pressed(robot, scenario)?),
+    ])
 }
 
 /// The simulated arm's step in the ticks in which contact points of it with a floor carry force.
 fn pressed(robot: &Robot, scenario: &Scenario) -> Result<Distribution, Failure> {
     let mut scenario = scenario.clone();
-    scenario.start = Start { posture: Some("nominal".to_owned()), ..Start::default() };
+    scenario.start = Start {
+        posture: Some("nominal".to_owned()),
+        ..Start::default()
+    };
     scenario.plant.floor_m = Some(FLOOR_M);
     let model = Model::<6>::new(robot, None).map_err(Failure::work)?;
     let mut plant = plant::cycle(robot, &scenario).map_err(Failure::work)?;
     let (mut m, mut times) = (chain::Tick::default(), histogram());
     for tick in 0..PRESSED_TICKS {
         plant.sample(tick, &mut m.sensor, &mut m.plant_state);
-        let (q, qdot) = (joints::<6>(&m.plant_state.q), joints::<6>(&m.plant_state.qdot));
+        let (q, qdot) = (
+            joints::<6>(&m.plant_state.q),
+            joints::<6>(&m.plant_state.qdot),
+        );
         let mut tau = model.gravity(&q) - qdot * DAMPING;
         tau[1] += PRESSING_NM;
-        m.torque = TorqueCommand { header: m.sensor.header, tau: padded(&tau), ..TorqueCommand::default() };
+        m.torque = TorqueCommand {
+            header: m.sensor.header,
+            tau: padded(&tau),
+            ..TorqueCommand::default()
+        };
         let began = now_ns();
         plant.step(Some(&m.torque));
         if m.plant_state.contacts > 0 {
@@ -159,7 +196,10 @@ fn pressed(robot: &Robot, scenario: &Scenario) -> Result<Distribution, Failure> 
         }
     }
     if times.len() < PRESSED_TICKS / 4 {
-        return Err(Failure::Work(format!("the arm was on the floor in {} of {PRESSED_TICKS} ticks only", times.len())));
+        return Err(Failure::Work(format!(
+            "the arm was on the floor in {} of {PRESSED_TICKS} ticks only",
+            times.len()
+        )));
     }
     Ok(Distribution::of(&times))
 }
@@ -170,7 +210,11 @@ fn pressed(robot: &Robot, scenario: &Scenario) -> Result<Distribution, Failure> 
 /// [`Failure`] where a scenario cannot be loaded, or does not fit its robot.
 pub fn control(robot: &Robot, scenario: &Scenario) -> Result<Vec<BenchRow>, Failure> {
     let steps = hand_in_hand(robot, scenario)?;
-    let Loaded { scenario: redundant, robot: seven, .. } = load::scenario(REDUNDANT, &[], None)?;
+    let Loaded {
+        scenario: redundant,
+        robot: seven,
+        ..
+    } = load::scenario(REDUNDANT, &[], None)?;
     let both = hand_in_hand(&seven, &redundant)?.both;
     let mut m = chain::Tick::default();
     let mut whole = |name: &str, scenario: &Scenario| -> Result<BenchRow, Failure> {
@@ -191,7 +235,11 @@ pub fn control(robot: &Robot, scenario: &Scenario) -> Result<Vec<BenchRow>, Fail
         BenchRow::alone("control", "estimator", steps.estimator),
         BenchRow::alone("control", "analyzer", steps.analyzer),
         BenchRow::alone("control", "controller", steps.controller),
-        BenchRow::alone("control", &format!("analyzer and controller, {REDUNDANT}"), both),
+        BenchRow::alone(
+            "control",
+            &format!("analyzer and controller, {REDUNDANT}"),
+            both,
+        ),
         BenchRow::alone("control", "controller, steered", steered(robot)?),
         whole("whole tick, one thread", scenario)?,
         whole("whole tick, exact plant", &exact)?,
@@ -210,12 +258,17 @@ fn steered(robot: &Robot) -> Result<Distribution, Failure> {
         seed: None,
         graph: None,
     };
-    let Loaded { scenario, robot, .. } = steering.load()?;
+    let Loaded {
+        scenario, robot, ..
+    } = steering.load()?;
     let mut plant = plant::cycle(&robot, &scenario).map_err(Failure::work)?;
     let mut estimator = estimator::cycle(&robot, &scenario).map_err(Failure::work)?;
     let mut analyzer = analyzer::cycle(&robot, &scenario).map_err(Failure::work)?;
     let mut controller = controller::cycle(&robot, &scenario).map_err(Failure::work)?;
-    let mut operator = operator::Cycle::new(&scenario.servo.clone().unwrap_or_default(), scenario.rate_hz);
+    let mut operator = operator::Cycle::new(
+        &scenario.servo.clone().unwrap_or_default(),
+        scenario.rate_hz,
+    );
     let (mut m, mut times) = (chain::Tick::default(), histogram());
     for tick in 0.. {
         if plant.is_over() {
@@ -226,7 +279,13 @@ fn steered(robot: &Robot) -> Result<Distribution, Failure> {
         analyzer.step(&m.estimate, &mut m.singularity);
         operator.step(&m.sensor, &mut m.target);
         let began = now_ns();
-        controller.steer((&m.estimate, &m.singularity), Some(&m.target), &mut m.servo_state, &mut m.control_state, &mut m.torque);
+        controller.steer(
+            (&m.estimate, &m.singularity),
+            Some(&m.target),
+            &mut m.servo_state,
+            &mut m.control_state,
+            &mut m.torque,
+        );
         times.saturating_record(now_ns() - began);
         plant.step(Some(&m.torque));
     }

@@ -15,11 +15,29 @@ pub struct Rows<'a>(pub &'a [Row]);
 
 impl fmt::Display for Rows<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut lines =
-            table(&["bench", "placement", "bytes", "mechanism", "p50 µs", "p99 µs", "p99.9 µs", "max µs", "ratio p50", "ratio p99"]);
+        let mut lines = table(&[
+            "bench",
+            "placement",
+            "bytes",
+            "mechanism",
+            "p50 µs",
+            "p99 µs",
+            "p99.9 µs",
+            "max µs",
+            "ratio p50",
+            "ratio p99",
+        ]);
         for row in self.0 {
-            let Distribution { p50_us, p99_us, p999_us, max_us, .. } = row.distribution;
-            let ratio = |ratio: Option<f64>| number(ratio.map_or(String::new(), |ratio| format!("{ratio:.2}")));
+            let Distribution {
+                p50_us,
+                p99_us,
+                p999_us,
+                max_us,
+                ..
+            } = row.distribution;
+            let ratio = |ratio: Option<f64>| {
+                number(ratio.map_or(String::new(), |ratio| format!("{ratio:.2}")))
+            };
             lines.add_row([
                 row.bench.clone().into(),
                 row.placement.clone().into(),
@@ -35,13 +53,25 @@ impl fmt::Display for Rows<'_> {
         }
         let samples = || self.0.iter().map(|row| row.distribution.samples);
         let (least, most) = (samples().min().unwrap_or(0), samples().max().unwrap_or(0));
-        writeln!(f, "{lines}\n{} samples a row", if least == most { most.to_string() } else { format!("{least} to {most}") })
+        writeln!(
+            f,
+            "{lines}\n{} samples a row",
+            if least == most {
+                most.to_string()
+            } else {
+                format!("{least} to {most}")
+            }
+        )
     }
 }
 
 impl fmt::Display for Recorded {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Recorded { cpu_us_per_tick, recording_mb_per_min, messages_mb_per_min } = self;
+        let Recorded {
+            cpu_us_per_tick,
+            recording_mb_per_min,
+            messages_mb_per_min,
+        } = self;
         writeln!(
             f,
             "recorder: {cpu_us_per_tick:.1} µs of processor time a tick; {recording_mb_per_min:.0} MB a minute of recording and \
@@ -53,7 +83,10 @@ impl fmt::Display for Recorded {
 impl fmt::Display for Hour {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some((first, last)) = self.memory.first().zip(self.memory.last()) else {
-            writeln!(f, "shorter than the {EVERY_S} s after which memory is looked at first")?;
+            writeln!(
+                f,
+                "shorter than the {EVERY_S} s after which memory is looked at first"
+            )?;
             return Ok(());
         };
         writeln!(
@@ -70,16 +103,31 @@ impl fmt::Display for Hour {
             self.messages_mb_per_min,
             self.lost
         )?;
-        let headings = ["process", "after 1 min, MB", "most, MB", "at the end, MB", "change in the second half, MB", "shared, MB"];
+        let headings = [
+            "process",
+            "after 1 min, MB",
+            "most, MB",
+            "at the end, MB",
+            "change in the second half, MB",
+            "shared, MB",
+        ];
         let mut rows = table(&headings);
         for name in first.processes.keys() {
             let own = |look: &Look| look.processes.get(name).map_or(0.0, |memory| memory.own_mb);
             let most = self.memory.iter().map(own).fold(0.0, f64::max);
             let half = &self.memory[self.memory.len() / 2];
-            let shared = last.processes.get(name).map_or(0.0, |memory| memory.shared_mb);
+            let shared = last
+                .processes
+                .get(name)
+                .map_or(0.0, |memory| memory.shared_mb);
             let numbers = [own(first), most, own(last)].map(|mb| number(digits(mb)));
             let change = number(format!("{:+.2}", own(last) - own(half)));
-            rows.add_row([name.into()].into_iter().chain(numbers).chain([change, number(digits(shared))]));
+            rows.add_row(
+                [name.into()]
+                    .into_iter()
+                    .chain(numbers)
+                    .chain([change, number(digits(shared))]),
+            );
         }
         writeln!(f, "{rows}")
     }
@@ -87,7 +135,11 @@ impl fmt::Display for Hour {
 
 impl fmt::Display for Ran {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let load = if self.loaded { "a busy thread on every core" } else { "no load of ours" };
+        let load = if self.loaded {
+            "a busy thread on every core"
+        } else {
+            "no load of ours"
+        };
         let seconds = self.ticks as f64 / f64::from(self.rate_hz);
         writeln!(
             f,
@@ -97,16 +149,41 @@ impl fmt::Display for Ran {
         let mut rows = table(&["process", "deadlines missed", "cause"]);
         for process in &self.processes {
             let causes = self.missed(process);
-            let why = causes.iter().map(|(cause, count)| format!("{count} {cause}")).collect::<Vec<_>>().join(", ");
-            rows.add_row([process.clone().into(), number(causes.values().sum::<u64>()), why.into()]);
+            let why = causes
+                .iter()
+                .map(|(cause, count)| format!("{count} {cause}"))
+                .collect::<Vec<_>>()
+                .join(", ");
+            rows.add_row([
+                process.clone().into(),
+                number(causes.values().sum::<u64>()),
+                why.into(),
+            ]);
         }
         writeln!(f, "{rows}")?;
-        let mut rows = table(&["latency", "samples", "p50 µs", "p99 µs", "p99.9 µs", "max µs"]);
+        let mut rows = table(&[
+            "latency",
+            "samples",
+            "p50 µs",
+            "p99 µs",
+            "p99.9 µs",
+            "max µs",
+        ]);
         for (name, latency) in &self.latency_us {
-            let times = [latency.p50, latency.p99, latency.p999, latency.max].map(|time| number(digits(time)));
-            rows.add_row([name.clone().into(), number(latency.count)].into_iter().chain(times));
+            let times = [latency.p50, latency.p99, latency.p999, latency.max]
+                .map(|time| number(digits(time)));
+            rows.add_row(
+                [name.clone().into(), number(latency.count)]
+                    .into_iter()
+                    .chain(times),
+            );
         }
         writeln!(f, "{rows}")?;
-        writeln!(f, "recorder: {} lost, {:.1} µs of processor time a tick", self.recorder.lost, self.cpu_us_per_tick())
+        writeln!(
+            f,
+            "recorder: {} lost, {:.1} µs of processor time a tick",
+            self.recorder.lost,
+            self.cpu_us_per_tick()
+        )
     }
 }

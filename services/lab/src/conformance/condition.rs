@@ -37,12 +37,60 @@ pub(super) struct Condition {
 
 /// The conditions of the runs in turn, each time with other random numbers.
 pub(super) const CONDITIONS: [Condition; 6] = [
-    Condition { placement: Placement::Graph, nice: false, delays: false, pauses: false, stops: false, cpu_load: false, record: true },
-    Condition { placement: Placement::Free, nice: true, delays: true, pauses: true, stops: true, cpu_load: false, record: false },
-    Condition { placement: Placement::Split, nice: false, delays: true, pauses: false, stops: false, cpu_load: true, record: true },
-    Condition { placement: Placement::Together(0), nice: true, delays: false, pauses: true, stops: false, cpu_load: true, record: false },
-    Condition { placement: Placement::Together(1), nice: false, delays: true, pauses: true, stops: true, cpu_load: false, record: true },
-    Condition { placement: Placement::Free, nice: false, delays: false, pauses: false, stops: false, cpu_load: true, record: false },
+    Condition {
+        placement: Placement::Graph,
+        nice: false,
+        delays: false,
+        pauses: false,
+        stops: false,
+        cpu_load: false,
+        record: true,
+    },
+    Condition {
+        placement: Placement::Free,
+        nice: true,
+        delays: true,
+        pauses: true,
+        stops: true,
+        cpu_load: false,
+        record: false,
+    },
+    Condition {
+        placement: Placement::Split,
+        nice: false,
+        delays: true,
+        pauses: false,
+        stops: false,
+        cpu_load: true,
+        record: true,
+    },
+    Condition {
+        placement: Placement::Together(0),
+        nice: true,
+        delays: false,
+        pauses: true,
+        stops: false,
+        cpu_load: true,
+        record: false,
+    },
+    Condition {
+        placement: Placement::Together(1),
+        nice: false,
+        delays: true,
+        pauses: true,
+        stops: true,
+        cpu_load: false,
+        record: true,
+    },
+    Condition {
+        placement: Placement::Free,
+        nice: false,
+        delays: false,
+        pauses: false,
+        stops: false,
+        cpu_load: true,
+        record: false,
+    },
 ];
 
 impl std::fmt::Display for Condition {
@@ -64,7 +112,15 @@ impl std::fmt::Display for Condition {
                 write!(f, ", {words}")?;
             }
         }
-        write!(f, ", {}", if self.record { "recording" } else { "no recording" })
+        write!(
+            f,
+            ", {}",
+            if self.record {
+                "recording"
+            } else {
+                "no recording"
+            }
+        )
     }
 }
 
@@ -83,7 +139,11 @@ impl Condition {
             };
             let draw = |what: u64| random(seed, 8 * index as u64 + what);
             process.disturbance = Disturbance {
-                start_delay: if self.delays { Duration::from_millis(draw(0) % LONGEST_DELAY_MS) } else { Duration::ZERO },
+                start_delay: if self.delays {
+                    Duration::from_millis(draw(0) % LONGEST_DELAY_MS)
+                } else {
+                    Duration::ZERO
+                },
                 nice: if self.nice { (draw(1) % 16) as i32 } else { 0 },
                 pauses: self.pauses.then(|| draw(2)),
                 unordered: unordered && child.ends_run,

@@ -72,7 +72,9 @@ impl<M: Message> InOrder<M> {
             }
         }
         let first = self.ahead.pop_first();
-        self.next = first.as_ref().map_or(self.next, |(tick, _)| tick.saturating_add(1));
+        self.next = first
+            .as_ref()
+            .map_or(self.next, |(tick, _)| tick.saturating_add(1));
         Ok(first.map(|(_, message)| message))
     }
 }

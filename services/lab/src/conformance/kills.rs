@@ -77,21 +77,42 @@ pub struct Killed {
 /// # Errors
 /// [`Failure`] where the scenario cannot be run, or a run is interrupted.
 pub fn verify_kills(request: &Request<'_>, observer: Observer<'_>) -> Result<Killed, Failure> {
-    let Request { scenario, robot, graph, histories, seed, out } = *request;
+    let Request {
+        scenario,
+        robot,
+        graph,
+        histories,
+        seed,
+        out,
+    } = *request;
     let folder = Folder::create(out)?;
     let mut killed = Killed::default();
-    observer(Progress::Begin { title: &scenario.name, length: u64::from(histories), unit: "runs" });
+    observer(Progress::Begin {
+        title: &scenario.name,
+        length: u64::from(histories),
+        unit: "runs",
+    });
     for number in 1..=histories {
         let path = folder.path().join(format!("history-{number}"));
         let job = |scenario: Scenario, graph: Graph, name: &str| {
             let out = path.join(name);
-            std::fs::create_dir_all(&out).map_err(|error| Failure::Work(format!("cannot make {}: {error}", out.display())))?;
-            Ok::<_, Failure>(Job { record: false, ..load::job(robot, scenario, graph, Mode::Lockstep, out) })
+            std::fs::create_dir_all(&out).map_err(|error| {
+                Failure::Work(format!("cannot make {}: {error}", out.display()))
+            })?;
+            Ok::<_, Failure>(Job {
+                record: false,
+                ..load::job(robot, scenario, graph, Mode::Lockstep, out)
+            })
         };
         let live = job(scenario.clone(), graph.clone(), "live")?;
         let first = run(&live, Some(random(seed, u64::from(number))))?;
         session::keep(&live.out, &live, &first.summary)?;
-        let planned = load::scenario_in(None, &live.out.join("scenario.toml").display().to_string(), &[], None)?;
+        let planned = load::scenario_in(
+            None,
+            &live.out.join("scenario.toml").display().to_string(),
+            &[],
+            None,
+        )?;
         let again = job(planned.scenario, planned.graph, "again")?;
         let second = run(&again, None)?;
         killed.note(&first);
@@ -100,10 +121,23 @@ pub fn verify_kills(request: &Request<'_>, observer: Observer<'_>) -> Result<Kil
                 let _ = std::fs::remove_dir_all(&path);
             }
             Some(reason) => {
-                let place = first_place(graph, &live.out.join(recorder::MESSAGES), &again.out.join(recorder::MESSAGES), number as usize);
+                let place = first_place(
+                    graph,
+                    &live.out.join(recorder::MESSAGES),
+                    &again.out.join(recorder::MESSAGES),
+                    number as usize,
+                );
                 let deaths = first.deaths();
-                observer(Progress::Line(&format!("run {number}: {reason}; {}", deaths.join("; "))));
-                killed.unrepeated.push(Unrepeated { number, deaths, reason, place: place.ok().flatten() });
+                observer(Progress::Line(&format!(
+                    "run {number}: {reason}; {}",
+                    deaths.join("; ")
+                )));
+                killed.unrepeated.push(Unrepeated {
+                    number,
+                    deaths,
+                    reason,
+                    place: place.ok().flatten(),
+                });
             }
         }
         observer(Progress::Step);
@@ -126,7 +160,9 @@ impl Killed {
             }
             self.deaths += 1;
             self.within_tick += u64::from(fault.after_outputs() > 0);
-            let is_down = |down: &(u32, u64, u64)| down.0 == fault.process && (down.1..=down.2).contains(&fault.at);
+            let is_down = |down: &(u32, u64, u64)| {
+                down.0 == fault.process && (down.1..=down.2).contains(&fault.at)
+            };
             self.at_start += u64::from(downs.iter().any(is_down));
             downs.push((fault.process, fault.at, fault.until));
         }
@@ -141,7 +177,11 @@ struct Ran {
 
 impl Ran {
     fn deaths(&self) -> Vec<String> {
-        self.summary.faults.iter().map(|fault| fault.detail.clone()).collect()
+        self.summary
+            .faults
+            .iter()
+            .map(|fault| fault.detail.clone())
+            .collect()
     }
 
     /// Why the other run is not this one; `None`: it is.
@@ -151,13 +191,20 @@ impl Ran {
                 return Some(format!("the run {name} did not come to its end: {failure}"));
             }
             if ran.summary.recorder.lost > 0 || ran.summary.topics.is_empty() {
-                return Some(format!("the recorder of the run {name} has lost {} ticks", ran.summary.recorder.lost));
+                return Some(format!(
+                    "the recorder of the run {name} has lost {} ticks",
+                    ran.summary.recorder.lost
+                ));
             }
         }
         let (one, two) = (&self.summary.topics, &other.summary.topics);
-        let differs = one.iter().filter(|(name, topic)| two.get(*name) != Some(*topic)).map(|(name, _)| name.as_str());
+        let differs = one
+            .iter()
+            .filter(|(name, topic)| two.get(*name) != Some(*topic))
+            .map(|(name, _)| name.as_str());
         let differs: Vec<_> = differs.collect();
-        (!differs.is_empty() || one.len() != two.len()).then(|| format!("other messages of {}", differs.join(", ")))
+        (!differs.is_empty() || one.len() != two.len())
+            .then(|| format!("other messages of {}", differs.join(", ")))
     }
 }
 
@@ -188,9 +235,14 @@ struct Kills {
 impl Kills {
     fn start(control_page: ControlPage, job: &Job, seed: u64) -> Self {
         let processes = job.graph.process.iter().enumerate();
-        let victims = processes.clone().filter(|(_, process)| process.restart == Restart::Always && process.feedback.is_empty());
+        let victims = processes.clone().filter(|(_, process)| {
+            process.restart == Restart::Always && process.feedback.is_empty()
+        });
         let victims: Vec<usize> = victims.map(|(index, _)| index).collect();
-        let source = processes.clone().find(|(_, process)| !process.feedback.is_empty()).map_or(0, |(index, _)| index);
+        let source = processes
+            .clone()
+            .find(|(_, process)| !process.feedback.is_empty())
+            .map_or(0, |(index, _)| index);
         let is_over = Arc::new(AtomicBool::new(false));
         let mut killer = Killer {
             control_page,
@@ -202,7 +254,10 @@ impl Kills {
             drawn: 0,
             is_over: Arc::clone(&is_over),
         };
-        Self { is_over, thread: Some(std::thread::spawn(move || killer.work())) }
+        Self {
+            is_over,
+            thread: Some(std::thread::spawn(move || killer.work())),
+        }
     }
 }
 
@@ -275,14 +330,18 @@ impl Killer {
                 }
             } else {
                 let first = self.victim();
-                if !self.wait(|killer| killer.control_page.process(first).state() != State::Absent) {
+                if !self.wait(|killer| killer.control_page.process(first).state() != State::Absent)
+                {
                     return;
                 }
                 let pause = self.draw(LONGEST_START_MS);
                 std::thread::sleep(Duration::from_millis(pause));
             }
             let victim = self.victim();
-            let (struck_at, incarnation) = (self.ticks(), self.control_page.process(victim).incarnation());
+            let (struck_at, incarnation) = (
+                self.ticks(),
+                self.control_page.process(victim).incarnation(),
+            );
             self.kill(victim);
             match self.draw(4) {
                 // Others with it.
@@ -296,7 +355,9 @@ impl Killer {
                 // Its replacements while they start.
                 1 => {
                     for more in 1..=1 + self.draw(2) as u32 {
-                        if !self.wait(|killer| killer.control_page.process(victim).incarnation() >= incarnation + more) {
+                        if !self.wait(|killer| {
+                            killer.control_page.process(victim).incarnation() >= incarnation + more
+                        }) {
                             return;
                         }
                         let pause = self.draw(1_000 * LONGEST_START_MS);

@@ -24,7 +24,11 @@ pub(super) struct Comparison<M> {
 
 impl<M: Message> Default for Comparison<M> {
     fn default() -> Self {
-        Self { messages: 0, first: None, differences: Differences::default() }
+        Self {
+            messages: 0,
+            first: None,
+            differences: Differences::default(),
+        }
     }
 }
 
@@ -34,12 +38,18 @@ impl<M: Message> Comparison<M> {
         computed.header_mut().incarnation = recorded.header().incarnation;
         self.messages += 1;
         if self.first.is_none() {
-            self.first = first_difference(recorded, &computed).map(|difference| (recorded.header().tick, difference));
+            self.first = first_difference(recorded, &computed)
+                .map(|difference| (recorded.header().tick, difference));
         }
         self.differences.add(recorded, &computed);
     }
 
     pub(super) fn topic(self) -> Topic {
-        Topic { name: M::TOPIC, messages: self.messages, first: self.first, fields: self.differences.fields() }
+        Topic {
+            name: M::TOPIC,
+            messages: self.messages,
+            first: self.first,
+            fields: self.differences.fields(),
+        }
     }
 }

@@ -15,8 +15,9 @@ use shared_types::process::Program;
 use shared_types::scenario::Scenario;
 use shared_types::summary::Summary;
 use shared_types::{
-    AnalyzerCheckpoint, Checkpoint, ControlState, ControllerCheckpoint, EstimatorCheckpoint, Message, PlantState, SensorSample, ServoState,
-    SingularityReport, StateEstimate, Target, TorqueCommand,
+    AnalyzerCheckpoint, Checkpoint, ControlState, ControllerCheckpoint, EstimatorCheckpoint,
+    Message, PlantState, SensorSample, ServoState, SingularityReport, StateEstimate, Target,
+    TorqueCommand,
 };
 
 use super::inputs::{Cursor, InOrder, Inputs};
@@ -48,7 +49,12 @@ impl Replayed {
 
     /// The earliest difference; of one tick, that of the topic that is sent first.
     pub fn first(&self) -> Option<(u64, &'static str, &Difference)> {
-        let firsts = self.topics.iter().filter_map(|topic| topic.first.as_ref().map(|(tick, place)| (*tick, topic.name, place)));
+        let firsts = self.topics.iter().filter_map(|topic| {
+            topic
+                .first
+                .as_ref()
+                .map(|(tick, place)| (*tick, topic.name, place))
+        });
         firsts.min_by_key(|(tick, ..)| *tick)
     }
 }
@@ -58,8 +64,16 @@ impl Replayed {
 ///
 /// # Errors
 /// [`Failure`] where the run wrote no messages, cannot be read, has no such process, or the step refuses the scenario.
-pub fn replay(run: &Path, process: Option<&str>, settings: &[String], observer: Observer<'_>) -> Result<(Job, Replayed), Failure> {
-    let found = Run { folder: run.to_owned(), parts: Vec::new() };
+pub fn replay(
+    run: &Path,
+    process: Option<&str>,
+    settings: &[String],
+    observer: Observer<'_>,
+) -> Result<(Job, Replayed), Failure> {
+    let found = Run {
+        folder: run.to_owned(),
+        parts: Vec::new(),
+    };
     let job = found.job()?;
     if !job.messages {
         let run = run.display();
@@ -69,9 +83,20 @@ pub fn replay(run: &Path, process: Option<&str>, settings: &[String], observer: 
     }
     let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
     let scenario = with_settings(&job.scenario, settings)?;
-    let is_asked = |one: &Process| process.map_or(one.program() == Some(Program::Controller), |name| one.name == name);
-    let asked = job.graph.process.iter().find(|one| is_asked(one)).and_then(|one| Some((one.name.clone(), one.program()?)));
-    let Some((name, program)) = asked else { return Err(no_step(process.unwrap_or("controller"), &job, run)) };
+    let is_asked = |one: &Process| {
+        process.map_or(one.program() == Some(Program::Controller), |name| {
+            one.name == name
+        })
+    };
+    let asked = job
+        .graph
+        .process
+        .iter()
+        .find(|one| is_asked(one))
+        .and_then(|one| Some((one.name.clone(), one.program()?)));
+    let Some((name, program)) = asked else {
+        return Err(no_step(process.unwrap_or("controller"), &job, run));
+    };
     // One that is there and cannot be read is a defect of the run, as a log is.
     let (summary, defect) = match found.summary_if_any() {
         Ok(summary) => (summary, None),
@@ -83,8 +108,21 @@ pub fn replay(run: &Path, process: Option<&str>, settings: &[String], observer: 
     let mut damage = found.message_damage(&job, summary.as_ref());
     damage.extend(defect);
     let logs = Logs::of(&job);
-    let tape = Tape { folder, run: &found, logs, observer, process: name.clone(), is_cut, damage, scheduled_faults };
-    observer(Progress::Begin { title: &scenario.name, length: scenario.planned_ticks(), unit: "ticks" });
+    let tape = Tape {
+        folder,
+        run: &found,
+        logs,
+        observer,
+        process: name.clone(),
+        is_cut,
+        damage,
+        scheduled_faults,
+    };
+    observer(Progress::Begin {
+        title: &scenario.name,
+        length: scenario.planned_ticks(),
+        unit: "ticks",
+    });
     let refused = |error: Refused| Failure::input(error);
     let replayed = match program {
         Program::Estimator => tape.step::<_, StateEstimate, EstimatorCheckpoint, _>(
@@ -101,20 +139,36 @@ pub fn replay(run: &Path, process: Option<&str>, settings: &[String], observer: 
             |cycle, out| cycle.save(out),
             |cycle, last| cycle.restore(last),
         ),
-        Program::Controller if scenario.servo.is_some() => tape.step::<_, Steered, ControllerCheckpoint, _>(
-            (tape.open::<SingularityReport>()?, tape.open::<StateEstimate>()?, tape.open::<Target>()?),
-            || controller::cycle(&robot, &scenario).map_err(refused),
-            |cycle, (report, estimate, target), out| {
-                let Control { state, torque } = &mut out.control;
-                cycle.steer((&estimate, &report), target.as_ref(), &mut out.servo, state, torque);
-            },
-            |cycle, out| cycle.save(out),
-            |cycle, last| cycle.restore(last),
-        ),
+        Program::Controller if scenario.servo.is_some() => tape
+            .step::<_, Steered, ControllerCheckpoint, _>(
+                (
+                    tape.open::<SingularityReport>()?,
+                    tape.open::<StateEstimate>()?,
+                    tape.open::<Target>()?,
+                ),
+                || controller::cycle(&robot, &scenario).map_err(refused),
+                |cycle, (report, estimate, target), out| {
+                    let Control { state, torque } = &mut out.control;
+                    cycle.steer(
+                        (&estimate, &report),
+                        target.as_ref(),
+                        &mut out.servo,
+                        state,
+                        torque,
+                    );
+                },
+                |cycle, out| cycle.save(out),
+                |cycle, last| cycle.restore(last),
+            ),
         Program::Controller => tape.step::<_, Control, ControllerCheckpoint, _>(
-            (tape.open::<SingularityReport>()?, tape.open::<StateEstimate>()?),
+            (
+                tape.open::<SingularityReport>()?,
+                tape.open::<StateEstimate>()?,
+            ),
             || controller::cycle(&robot, &scenario).map_err(refused),
-            |cycle, (report, estimate), out| cycle.step(&estimate, &report, &mut out.state, &mut out.torque),
+            |cycle, (report, estimate), out| {
+                cycle.step(&estimate, &report, &mut out.state, &mut out.torque)
+            },
             |cycle, out| cycle.save(out),
             |cycle, last| cycle.restore(last),
         ),
@@ -136,28 +190,65 @@ pub fn replay(run: &Path, process: Option<&str>, settings: &[String], observer: 
 
 /// The message logs of a run are not whole.
 fn damaged(run: &Run, damage: &[String]) -> Failure {
-    Failure::Work(format!("{}: {}; {}", run.folder.display(), damage.join("; "), run.again()))
+    Failure::Work(format!(
+        "{}: {}; {}",
+        run.folder.display(),
+        damage.join("; "),
+        run.again()
+    ))
 }
 
 /// The refusal of a process that the run does not have, or whose step armplane does not know: another program's, the recorder's, the operator's.
 fn no_step(process: &str, job: &Job, run: &Path) -> Failure {
-    let has_step = |one: &&Process| one.program().is_some_and(|program| !matches!(program, Program::Recorder | Program::Operator));
-    let known: Vec<&str> = job.graph.process.iter().filter(has_step).map(|one| one.name.as_str()).collect();
+    let has_step = |one: &&Process| {
+        one.program()
+            .is_some_and(|program| !matches!(program, Program::Recorder | Program::Operator))
+    };
+    let known: Vec<&str> = job
+        .graph
+        .process
+        .iter()
+        .filter(has_step)
+        .map(|one| one.name.as_str())
+        .collect();
     let run = run.display();
     Failure::Input(match known.is_empty() {
-        true => format!("no process of {run} can be replayed: its graph has other programs in the places of armplane's"),
-        false => format!("{run} has no process `{process}` that can be replayed: --process takes {}", known.join(", ")),
+        true => format!(
+            "no process of {run} can be replayed: its graph has other programs in the places of armplane's"
+        ),
+        false => format!(
+            "{run} has no process `{process}` that can be replayed: --process takes {}",
+            known.join(", ")
+        ),
     })
 }
 
 /// The faults that happened to a process, planned or not: the summary knows of all, and without one (the run was stopped) the plan counts.
-fn scheduled_faults(summary: Option<&Summary>, job: &Job, process: &str) -> Result<Vec<ScheduledFault>, Failure> {
-    let happened = |summary: &Summary| summary.faults.iter().filter_map(|fault| fault.plan.clone()).collect::<Vec<Fault>>();
+fn scheduled_faults(
+    summary: Option<&Summary>,
+    job: &Job,
+    process: &str,
+) -> Result<Vec<ScheduledFault>, Failure> {
+    let happened = |summary: &Summary| {
+        summary
+            .faults
+            .iter()
+            .filter_map(|fault| fault.plan.clone())
+            .collect::<Vec<Fault>>()
+    };
     let faults = summary.map_or_else(|| job.scenario.fault.clone(), happened);
-    let scenario = Scenario { fault: faults, ..job.scenario.clone() };
-    let all = scenario.scheduled_faults(&job.graph).map_err(|complaint| Failure::Input(complaint.to_string()))?;
+    let scenario = Scenario {
+        fault: faults,
+        ..job.scenario.clone()
+    };
+    let all = scenario
+        .scheduled_faults(&job.graph)
+        .map_err(|complaint| Failure::Input(complaint.to_string()))?;
     let index = job.graph.target(process).map(|target| target.index);
-    Ok(all.into_iter().filter(|scheduled| Some(scheduled.process) == index).collect())
+    Ok(all
+        .into_iter()
+        .filter(|scheduled| Some(scheduled.process) == index)
+        .collect())
 }
 
 /// The recorded scenario with values of it overridden. The arm stays: its inputs are in the record.
@@ -168,7 +259,10 @@ fn with_settings(scenario: &Scenario, settings: &[String]) -> Result<Scenario, F
     let text = toml::to_string(scenario).map_err(Failure::work)?;
     let changed = Scenario::parse(JOB, &text, settings)?;
     if changed.robot != scenario.robot {
-        return Err(Failure::Input(format!("a replay keeps the robot of its run ({}): leave out --set robot=…", scenario.robot)));
+        return Err(Failure::Input(format!(
+            "a replay keeps the robot of its run ({}): leave out --set robot=…",
+            scenario.robot
+        )));
     }
     Ok(changed)
 }
@@ -191,17 +285,30 @@ struct Tape<'a> {
 
 impl Tape<'_> {
     fn open<M: Message>(&self) -> Result<Cursor<M>, Failure> {
-        LogReader::open_of(&self.folder, &self.logs).map(|log| Cursor { log, ahead: None }).map_err(|error| self.unreadable(&error))
+        LogReader::open_of(&self.folder, &self.logs)
+            .map(|log| Cursor { log, ahead: None })
+            .map_err(|error| self.unreadable(&error))
     }
 
     /// A message log that is gone or not as it was written: all that is wrong with the logs.
     fn unreadable(&self, error: &LogError) -> Failure {
         let reason = [error.to_string()];
-        damaged(self.run, if self.damage.is_empty() { &reason } else { &self.damage })
+        damaged(
+            self.run,
+            if self.damage.is_empty() {
+                &reason
+            } else {
+                &self.damage
+            },
+        )
     }
 
     fn in_order<M: Message>(&self) -> Result<InOrder<M>, Failure> {
-        Ok(InOrder { log: self.open::<M>()?.log, ahead: BTreeMap::new(), next: 0 })
+        Ok(InOrder {
+            log: self.open::<M>()?.log,
+            ahead: BTreeMap::new(),
+            next: 0,
+        })
     }
 
     /// Computes every recorded output again from the inputs of its tick. A process that was started again in the run is so here: a fresh
@@ -219,9 +326,15 @@ impl Tape<'_> {
         let mut step = fresh()?;
         let (mut computed, mut checkpoint, mut has_computed) = (Out::empty(), C::zeroed(), false);
         let (mut incarnation, mut without_input) = (1, 0);
-        while let Some(recorded) = Out::next(&mut outputs).map_err(|error| self.unreadable(&error))? {
+        while let Some(recorded) =
+            Out::next(&mut outputs).map_err(|error| self.unreadable(&error))?
+        {
             let header = *recorded.header();
-            while let Some(tick) = inputs.next_tick().map_err(|error| self.unreadable(&error))?.filter(|tick| *tick < header.tick) {
+            while let Some(tick) = inputs
+                .next_tick()
+                .map_err(|error| self.unreadable(&error))?
+                .filter(|tick| *tick < header.tick)
+            {
                 let input = inputs.at(tick).map_err(|error| self.unreadable(&error))?;
                 if let Some(input) = input.filter(|_| self.was_withheld(tick)) {
                     compute(&mut step, input, &mut computed);
@@ -235,12 +348,16 @@ impl Tape<'_> {
                     restore(&mut step, &checkpoint);
                 }
             }
-            match inputs.at(header.tick).map_err(|error| self.unreadable(&error))? {
+            match inputs
+                .at(header.tick)
+                .map_err(|error| self.unreadable(&error))?
+            {
                 Some(input) => {
                     compute(&mut step, input, &mut computed);
                     save(&step, &mut checkpoint);
                     has_computed = true;
-                    Out::compare(&mut outputs, &recorded, computed, self).map_err(|error| self.unreadable(&error))?;
+                    Out::compare(&mut outputs, &recorded, computed, self)
+                        .map_err(|error| self.unreadable(&error))?;
                 }
                 None => without_input += 1,
             }
@@ -250,41 +367,79 @@ impl Tape<'_> {
     }
 
     fn replayed(&self, topics: Vec<Topic>, without_input: u64, ended: String) -> Replayed {
-        Replayed { process: self.process.clone(), topics, without_input, damage: self.damage.clone(), is_cut: self.is_cut, ended }
+        Replayed {
+            process: self.process.clone(),
+            topics,
+            without_input,
+            damage: self.damage.clone(),
+            is_cut: self.is_cut,
+            ended,
+        }
     }
 
     fn was_shaped(&self, tick: u64) -> bool {
-        self.scheduled_faults.iter().any(|scheduled| scheduled.concerns(tick) && scheduled.kind().is_some_and(Kind::shapes_messages))
+        self.scheduled_faults.iter().any(|scheduled| {
+            scheduled.concerns(tick) && scheduled.kind().is_some_and(Kind::shapes_messages)
+        })
     }
 
     /// Whether the process worked at a tick of which nothing of it is in the record.
     fn was_withheld(&self, tick: u64) -> bool {
-        let was_down =
-            self.scheduled_faults.iter().any(|scheduled| scheduled.concerns(tick) && scheduled.kind().is_some_and(Kind::takes_down));
+        let was_down = self.scheduled_faults.iter().any(|scheduled| {
+            scheduled.concerns(tick) && scheduled.kind().is_some_and(Kind::takes_down)
+        });
         self.was_shaped(tick) && !was_down
     }
 
     /// The plant answers its own last state: it must be fed without a gap. What was wrong with its sensors and drives is so again.
     fn plant(&self, robot: &Robot, scenario: &Scenario) -> Result<Replayed, Failure> {
-        let (mut samples, mut truths, mut commands) = (self.in_order::<SensorSample>()?, self.open()?, self.open::<TorqueCommand>()?);
+        let (mut samples, mut truths, mut commands) = (
+            self.in_order::<SensorSample>()?,
+            self.open()?,
+            self.open::<TorqueCommand>()?,
+        );
         let mut cycle = plant::cycle(robot, scenario).map_err(Failure::input)?;
-        let of_physics = |scheduled: &&ScheduledFault| scheduled.kind().is_some_and(Kind::concerns_joint);
-        let faults: Vec<ScheduledFault> = self.scheduled_faults.iter().filter(of_physics).copied().collect();
-        let (mut sensor, mut state) = (Comparison::<SensorSample>::default(), Comparison::<PlantState>::default());
+        let of_physics =
+            |scheduled: &&ScheduledFault| scheduled.kind().is_some_and(Kind::concerns_joint);
+        let faults: Vec<ScheduledFault> = self
+            .scheduled_faults
+            .iter()
+            .filter(of_physics)
+            .copied()
+            .collect();
+        let (mut sensor, mut state) = (
+            Comparison::<SensorSample>::default(),
+            Comparison::<PlantState>::default(),
+        );
         let (mut sampled, mut moved) = <(SensorSample, PlantState)>::default();
         let mut ended = String::new();
-        let mut truth: Option<PlantState> = truths.next_message().map_err(|error| self.unreadable(&error))?;
-        let mut next = samples.next_message().map_err(|error| self.unreadable(&error))?;
+        let mut truth: Option<PlantState> = truths
+            .next_message()
+            .map_err(|error| self.unreadable(&error))?;
+        let mut next = samples
+            .next_message()
+            .map_err(|error| self.unreadable(&error))?;
         for tick in 0.. {
             let Some(recorded) = next else { break };
-            let gap = recorded.header.tick != tick || truth.is_none_or(|truth: PlantState| truth.header.tick != tick);
+            let gap = recorded.header.tick != tick
+                || truth.is_none_or(|truth: PlantState| truth.header.tick != tick);
             if gap || recorded.header.incarnation > 1 {
-                let what = if gap { "is not in the record" } else { "was made by a restarted plant" };
+                let what = if gap {
+                    "is not in the record"
+                } else {
+                    "was made by a restarted plant"
+                };
                 ended = format!("tick {tick} {what}: the replay of the plant ends there");
                 break;
             }
-            let scheduled_faults: Vec<ScheduledFault> = faults.iter().filter(|scheduled| scheduled.concerns(tick)).copied().collect();
-            let had_faults = faults.iter().any(|scheduled| tick > 0 && scheduled.concerns(tick - 1));
+            let scheduled_faults: Vec<ScheduledFault> = faults
+                .iter()
+                .filter(|scheduled| scheduled.concerns(tick))
+                .copied()
+                .collect();
+            let had_faults = faults
+                .iter()
+                .any(|scheduled| tick > 0 && scheduled.concerns(tick - 1));
             if had_faults || !scheduled_faults.is_empty() {
                 cycle.apply_faults(tick, &scheduled_faults);
             }
@@ -296,16 +451,24 @@ impl Tape<'_> {
                 state.take(truth, moved);
             }
             (truth, next) = (
-                truths.next_message().map_err(|error| self.unreadable(&error))?,
-                samples.next_message().map_err(|error| self.unreadable(&error))?,
+                truths
+                    .next_message()
+                    .map_err(|error| self.unreadable(&error))?,
+                samples
+                    .next_message()
+                    .map_err(|error| self.unreadable(&error))?,
             );
             // Which torque came in time, and how old it was, is what the plant said next.
             let flags = truth.map_or(0, |truth| truth.drive_flags);
             let age = next.map_or(0, |next| u64::from(next.stale_ticks));
             let command = match flags {
-                flags if flags & (DRIVE_STALE | DRIVE_ENCODER) != 0 => Some(TorqueCommand::default()),
+                flags if flags & (DRIVE_STALE | DRIVE_ENCODER) != 0 => {
+                    Some(TorqueCommand::default())
+                }
                 flags if flags & DRIVE_ABSENT != 0 => None,
-                _ => commands.at(tick.saturating_sub(age)).map_err(|error| self.unreadable(&error))?,
+                _ => commands
+                    .at(tick.saturating_sub(age))
+                    .map_err(|error| self.unreadable(&error))?,
             };
             cycle.step(command.as_ref());
             (self.observer)(Progress::Position(tick));
@@ -327,7 +490,12 @@ trait Outputs: Copy {
     /// The next recorded message.
     fn next(recorded: &mut Self::Recorded) -> Result<Option<Self::Last>, LogError>;
     /// Compares what was recorded at the tick of `last` with what was computed.
-    fn compare(recorded: &mut Self::Recorded, last: &Self::Last, computed: Self, tape: &Tape<'_>) -> Result<(), LogError>;
+    fn compare(
+        recorded: &mut Self::Recorded,
+        last: &Self::Last,
+        computed: Self,
+        tape: &Tape<'_>,
+    ) -> Result<(), LogError>;
     /// The result per topic.
     fn topics(recorded: Self::Recorded) -> Vec<Topic>;
 }
@@ -344,7 +512,12 @@ impl<M: Message> Outputs for M {
     fn next((messages, _): &mut Self::Recorded) -> Result<Option<M>, LogError> {
         messages.next_message()
     }
-    fn compare((_, comparison): &mut Self::Recorded, last: &M, mut computed: M, tape: &Tape<'_>) -> Result<(), LogError> {
+    fn compare(
+        (_, comparison): &mut Self::Recorded,
+        last: &M,
+        mut computed: M,
+        tape: &Tape<'_>,
+    ) -> Result<(), LogError> {
         apply_to_outgoing(&mut computed, &tape.scheduled_faults);
         comparison.take(last, computed);
         Ok(())
@@ -377,12 +550,22 @@ impl Outputs for Control {
     }
     fn open(tape: &Tape<'_>) -> Result<ControlRecord, Failure> {
         let (states, torques) = (tape.open()?, tape.in_order()?);
-        Ok(ControlRecord { states, torques, state: Comparison::default(), torque: Comparison::default() })
+        Ok(ControlRecord {
+            states,
+            torques,
+            state: Comparison::default(),
+            torque: Comparison::default(),
+        })
     }
     fn next(recorded: &mut ControlRecord) -> Result<Option<TorqueCommand>, LogError> {
         recorded.torques.next_message()
     }
-    fn compare(recorded: &mut ControlRecord, last: &TorqueCommand, computed: Self, tape: &Tape<'_>) -> Result<(), LogError> {
+    fn compare(
+        recorded: &mut ControlRecord,
+        last: &TorqueCommand,
+        computed: Self,
+        tape: &Tape<'_>,
+    ) -> Result<(), LogError> {
         if let Some(state) = recorded.states.at(last.header.tick)? {
             recorded.state.take(&state, computed.state);
         }
@@ -427,6 +610,8 @@ impl Outputs for Steered {
         Control::compare(control, last, computed.control, tape)
     }
     fn topics((_, servo, control): Self::Recorded) -> Vec<Topic> {
-        std::iter::once(servo.topic()).chain(Control::topics(control)).collect()
+        std::iter::once(servo.topic())
+            .chain(Control::topics(control))
+            .collect()
     }
 }

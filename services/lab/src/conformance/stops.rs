@@ -37,7 +37,12 @@ impl Stops {
                     std::thread::sleep(LOOK);
                 }
             };
-            let ticks = || (0..count).map(|index| control_page.process(index).ticks()).max().unwrap_or(0);
+            let ticks = || {
+                (0..count)
+                    .map(|index| control_page.process(index).ticks())
+                    .max()
+                    .unwrap_or(0)
+            };
             let mut next = 0;
             for step in 0.. {
                 let draw = |what: u64, most: u64| random(seed, 4 * step + what) % most;
@@ -51,11 +56,16 @@ impl Stops {
                 next = ticks() + BETWEEN_TICKS;
                 let entry = control_page.process(draw(1, count as u64) as usize);
                 if entry.state() == State::Running {
-                    stop(entry.pid(), || rest(STOP_MS.0 + draw(2, STOP_MS.1 - STOP_MS.0)));
+                    stop(entry.pid(), || {
+                        rest(STOP_MS.0 + draw(2, STOP_MS.1 - STOP_MS.0))
+                    });
                 }
             }
         };
-        Self { is_over, thread: Some(std::thread::spawn(work)) }
+        Self {
+            is_over,
+            thread: Some(std::thread::spawn(work)),
+        }
     }
 }
 
@@ -73,7 +83,9 @@ pub(super) fn child(pid: u32) -> Option<OwnedFd> {
     let process = pidfd_open(Pid::from_raw(pid.cast_signed())?, PidfdFlags::empty()).ok()?;
     // Behind the handle is a child of ours, or its process id belongs to another process by now.
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-    let parent = stat.rsplit_once(") ").and_then(|(_, rest)| rest.split(' ').nth(1)?.parse().ok());
+    let parent = stat
+        .rsplit_once(") ")
+        .and_then(|(_, rest)| rest.split(' ').nth(1)?.parse().ok());
     (parent == Some(getpid().as_raw_nonzero().get())).then_some(process)
 }
 

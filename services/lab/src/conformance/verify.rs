@@ -6,7 +6,8 @@ use std::time::Instant;
 use chain::{Sink, Tick};
 use launcher::{End, Exit, Failure as Mishap};
 use message_log::{
-    Difference, LogError, LogReader, LogWriter, Logs, RowReader, Shape, TopicHash, first_difference, first_difference_in, tick_of,
+    Difference, LogError, LogReader, LogWriter, Logs, RowReader, Shape, TopicHash,
+    first_difference, first_difference_in, tick_of,
 };
 use model::Robot;
 use runtime::{ControlPage, RunDir, random};
@@ -54,7 +55,9 @@ impl Reference {
     /// Whether a run gave the same bytes and ended the same way.
     fn is_like(&self, ran: &Ran) -> bool {
         let is_same_end = !self.is_run || ran.ended_by == self.ran.ended_by;
-        ran.topics == self.ran.topics && is_same_end && ran.failure.is_empty() == self.ran.failure.is_empty()
+        ran.topics == self.ran.topics
+            && is_same_end
+            && ran.failure.is_empty() == self.ran.failure.is_empty()
     }
 
     /// A planned fault may be the end of every run (the death of the plant is, and one death more than the budget); nothing else may.
@@ -110,30 +113,79 @@ pub struct Request<'a> {
 /// # Errors
 /// [`Failure`] where the scenario cannot be run, or a run is interrupted.
 pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified, Failure> {
-    let Request { name, scenario, robot, graph, .. } = request;
-    chain::try_first_tick(robot, scenario).map_err(|error| Failure::Input(format!("{name}: {error}")))?;
-    let has_programs = graph.process.iter().any(|process| process.program().is_none());
-    let has_own_graph = || chain::graph(scenario).map_or(true, |built_in| built_in.process != graph.process);
-    let needs_processes = has_programs || !scenario.fault.is_empty() && (has_own_graph() || chain::planned_faults(scenario).is_err());
+    let Request {
+        name,
+        scenario,
+        robot,
+        graph,
+        ..
+    } = request;
+    chain::try_first_tick(robot, scenario)
+        .map_err(|error| Failure::Input(format!("{name}: {error}")))?;
+    let has_programs = graph
+        .process
+        .iter()
+        .any(|process| process.program().is_none());
+    let has_own_graph =
+        || chain::graph(scenario).map_or(true, |built_in| built_in.process != graph.process);
+    let needs_processes = has_programs
+        || !scenario.fault.is_empty()
+            && (has_own_graph() || chain::planned_faults(scenario).is_err());
     if needs_processes && request.runs < 2 {
-        let reason = if has_programs { "runs in programs of its graph" } else { "plans faults of its plant, its recorder or its graph" };
-        let sentence = format!("{reason}, which one thread cannot have: its runs are compared with each other, so take at least --runs 2");
+        let reason = if has_programs {
+            "runs in programs of its graph"
+        } else {
+            "plans faults of its plant, its recorder or its graph"
+        };
+        let sentence = format!(
+            "{reason}, which one thread cannot have: its runs are compared with each other, so take at least --runs 2"
+        );
         return Err(Failure::Input(format!("{} {sentence}", scenario.name)));
     }
     let folder = Folder::create(request.out)?;
-    let one_thread = || on_one_thread(robot, scenario, None).map(|ran| Reference { ran, messages: None, is_run: false });
-    let mut reference = if needs_processes { None } else { Some(one_thread()?) };
+    let one_thread = || {
+        on_one_thread(robot, scenario, None).map(|ran| Reference {
+            ran,
+            messages: None,
+            is_run: false,
+        })
+    };
+    let mut reference = if needs_processes {
+        None
+    } else {
+        Some(one_thread()?)
+    };
     let (mut runs, mut place) = (Vec::new(), None);
     for index in 0..request.runs as usize {
         let condition = CONDITIONS[index % CONDITIONS.len()];
         let out = folder.path().join(format!("run-{}", index + 1));
-        std::fs::create_dir_all(&out).map_err(|error| Failure::Work(format!("cannot make {}: {error}", out.display())))?;
-        let job = load::job(robot, (*scenario).clone(), (*graph).clone(), Mode::Lockstep, out);
-        let job = Job { record: condition.record, ..job };
-        let ran = in_processes(&job, condition, random(scenario.seed, index as u64), request.unordered, observer)?;
+        std::fs::create_dir_all(&out)
+            .map_err(|error| Failure::Work(format!("cannot make {}: {error}", out.display())))?;
+        let job = load::job(
+            robot,
+            (*scenario).clone(),
+            (*graph).clone(),
+            Mode::Lockstep,
+            out,
+        );
+        let job = Job {
+            record: condition.record,
+            ..job
+        };
+        let ran = in_processes(
+            &job,
+            condition,
+            random(scenario.seed, index as u64),
+            request.unordered,
+            observer,
+        )?;
         let messages = job.out.join(recorder::MESSAGES);
         let Some(reference) = &mut reference else {
-            reference = Some(Reference { ran, messages: Some(messages), is_run: true });
+            reference = Some(Reference {
+                ran,
+                messages: Some(messages),
+                is_run: true,
+            });
             continue;
         };
         if ran.topics != reference.ran.topics && place.is_none() {
@@ -154,9 +206,16 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
         runs.push(ran);
     }
     // There is at least one run.
-    let Some(reference) = reference else { return Err(Failure::work("nothing was run")) };
+    let Some(reference) = reference else {
+        return Err(Failure::work("nothing was run"));
+    };
     let is_identical = reference.is_sound() && runs.iter().all(|ran| reference.is_like(ran));
-    Ok(Verified { reference, runs, place, is_identical })
+    Ok(Verified {
+        reference,
+        runs,
+        place,
+        is_identical,
+    })
 }
 
 /// The topics of one thread: their fingerprints, and their messages in a folder where they are wanted.
@@ -186,7 +245,13 @@ impl Topics {
         impl Build<Taps> for Create<'_> {
             type Error = LogError;
             fn build<M: Topic>(&mut self) -> Result<Tap<M>, LogError> {
-                Ok(Tap { hash: TopicHash::default(), keep: self.0.map(|folder| LogWriter::create(folder, &self.1)).transpose()? })
+                Ok(Tap {
+                    hash: TopicHash::default(),
+                    keep: self
+                        .0
+                        .map(|folder| LogWriter::create(folder, &self.1))
+                        .transpose()?,
+                })
             }
         }
         ByTopic::try_build(&mut Create(folder, Logs::new(0, TOPICS))).map(Self)
@@ -204,7 +269,11 @@ impl Topics {
     }
 
     /// Adds what the chain sends in a scenario that plans faults; the sentence: why it ended before its task did.
-    fn add_under_faults(&mut self, robot: &Robot, scenario: &Scenario) -> Result<Option<String>, Failure> {
+    fn add_under_faults(
+        &mut self,
+        robot: &Robot,
+        scenario: &Scenario,
+    ) -> Result<Option<String>, Failure> {
         struct Add<'a>(&'a mut ByTopic<Taps>, Result<(), LogError>);
         impl Sink for Add<'_> {
             fn take<M: Topic>(&mut self, message: &M) {
@@ -224,7 +293,10 @@ impl Topics {
         impl Each for Finish<'_> {
             type Output = Result<(), LogError>;
             fn each<M: Topic>(&mut self) -> Self::Output {
-                M::of_mut(self.0).keep.as_mut().map_or(Ok(()), LogWriter::flush)
+                M::of_mut(self.0)
+                    .keep
+                    .as_mut()
+                    .map_or(Ok(()), LogWriter::flush)
             }
         }
         struct Account<'a>(&'a ByTopic<Taps>);
@@ -241,35 +313,60 @@ impl Topics {
 }
 
 /// The reference of a scenario: no process, no shared memory, no clock.
-fn on_one_thread(robot: &Robot, scenario: &Scenario, messages: Option<&Path>) -> Result<Ran, Failure> {
+fn on_one_thread(
+    robot: &Robot,
+    scenario: &Scenario,
+    messages: Option<&Path>,
+) -> Result<Ran, Failure> {
     let began = Instant::now();
     let mut topics = Topics::create(messages).map_err(Failure::work)?;
     let mut kept = Ok(());
     let ended = if chain::plans_faults_of_processes(scenario) {
         topics.add_under_faults(robot, scenario)?
     } else {
-        let add = |tick: &Tick| kept = std::mem::replace(&mut kept, Ok(())).and_then(|()| topics.add(tick));
+        let add = |tick: &Tick| {
+            kept = std::mem::replace(&mut kept, Ok(())).and_then(|()| topics.add(tick))
+        };
         chain::run(robot, scenario, add).map_err(Failure::input)?;
         None
     };
     let topics = kept.and_then(|()| topics.finish()).map_err(Failure::work)?;
     let ticks = topics[0].count;
     let has = |topic: &str| scenario.servo.is_some() || !STEERED.contains(&topic);
-    let topics =
-        TOPICS.into_iter().zip(topics).filter(|(topic, _)| has(topic)).map(|(topic, summary)| (topic.to_owned(), summary)).collect();
+    let topics = TOPICS
+        .into_iter()
+        .zip(topics)
+        .filter(|(topic, _)| has(topic))
+        .map(|(topic, summary)| (topic.to_owned(), summary))
+        .collect();
     let ticks_per_s = ticks as f64 / began.elapsed().as_secs_f64().max(1e-9);
     let condition = "one thread, no shared memory".to_owned();
-    Ok(Ran { condition, ticks, ticks_per_s, topics, failure: ended.unwrap_or_default(), ended_by: None })
+    Ok(Ran {
+        condition,
+        ticks,
+        ticks_per_s,
+        topics,
+        failure: ended.unwrap_or_default(),
+        ended_by: None,
+    })
 }
 
-fn in_processes(job: &Job, condition: Condition, seed: u64, unordered: bool, observer: Observer<'_>) -> Result<Ran, Failure> {
+fn in_processes(
+    job: &Job,
+    condition: Condition,
+    seed: u64,
+    unordered: bool,
+    observer: Observer<'_>,
+) -> Result<Ran, Failure> {
     let mut plan = session::plan(job)?;
     condition.disturb(&mut plan, seed, unordered);
     let load = condition.cpu_load.then(CpuLoad::start);
     let (count, mut stops) = (plan.children.len(), None);
     let mut begin = |run: &RunDir| {
         let control_page = ControlPage::open(run).map_err(Failure::work)?;
-        stops = condition.stops.then(|| Stops::start(control_page, count, seed));
+        stops = condition
+            .stops
+            .then(|| Stops::start(control_page, count, seed));
         Ok(())
     };
     let (outcome, account) = session::launch_begun(job, plan, &mut begin, observer)?;
@@ -282,10 +379,23 @@ fn in_processes(job: &Job, condition: Condition, seed: u64, unordered: bool, obs
     // Without an account there is no topic either, and that is a difference.
     let mut account = account.unwrap_or_default();
     let own = job.graph.own_messages().map(|layout| layout.topic);
-    let names = TOPICS.into_iter().filter(|topic| job.graph.writer(topic).is_some()).map(str::to_owned).chain(own);
-    let topics =
-        names.map(|topic| (account.topics.remove(&topic).unwrap_or_default(), topic)).map(|(summary, topic)| (topic, summary)).collect();
-    Ok(Ran { condition: condition.to_string(), ticks: outcome.ticks, ticks_per_s: account.ticks_per_s, topics, failure, ended_by })
+    let names = TOPICS
+        .into_iter()
+        .filter(|topic| job.graph.writer(topic).is_some())
+        .map(str::to_owned)
+        .chain(own);
+    let topics = names
+        .map(|topic| (account.topics.remove(&topic).unwrap_or_default(), topic))
+        .map(|(summary, topic)| (topic, summary))
+        .collect();
+    Ok(Ran {
+        condition: condition.to_string(),
+        ticks: outcome.ticks,
+        ticks_per_s: account.ticks_per_s,
+        topics,
+        failure,
+        ended_by,
+    })
 }
 
 fn ended_by(mishap: Mishap) -> Option<(String, Exit)> {
@@ -296,39 +406,80 @@ fn ended_by(mishap: Mishap) -> Option<(String, Exit)> {
 }
 
 /// Reads what two runs kept, side by side, up to the first difference.
-pub(super) fn first_place(graph: &Graph, reference: &Path, messages: &Path, run: usize) -> Result<Option<Place>, Failure> {
+pub(super) fn first_place(
+    graph: &Graph,
+    reference: &Path,
+    messages: &Path,
+    run: usize,
+) -> Result<Option<Place>, Failure> {
     struct First<'a>(&'a Graph, &'a Path, &'a Path);
     impl Each for First<'_> {
         type Output = Result<Option<(u64, Difference)>, Failure>;
         fn each<M: Topic>(&mut self) -> Self::Output {
-            if self.0.writer(M::TOPIC).is_some() { first_in::<M>(self.1, self.2) } else { Ok(None) }
+            if self.0.writer(M::TOPIC).is_some() {
+                first_in::<M>(self.1, self.2)
+            } else {
+                Ok(None)
+            }
         }
     }
-    let differences = topics::each(&mut First(graph, reference, messages)).into_iter().collect::<Result<Vec<_>, _>>()?;
+    let differences = topics::each(&mut First(graph, reference, messages))
+        .into_iter()
+        .collect::<Result<Vec<_>, _>>()?;
     // The earliest; of one tick the first in the order of the data: it is the cause, the others follow from it.
     let listed = TOPICS.into_iter().map(str::to_owned).zip(differences);
-    let own = graph.own_messages().map(|layout| Ok((layout.topic.clone(), first_in_own(&layout, reference, messages)?)));
+    let own = graph.own_messages().map(|layout| {
+        Ok((
+            layout.topic.clone(),
+            first_in_own(&layout, reference, messages)?,
+        ))
+    });
     let own = own.collect::<Result<Vec<_>, Failure>>()?;
-    let found = listed.chain(own).filter_map(|(topic, difference)| Some((topic, difference?)));
+    let found = listed
+        .chain(own)
+        .filter_map(|(topic, difference)| Some((topic, difference?)));
     let first = found.min_by_key(|(_, (tick, _))| *tick);
-    Ok(first.map(|(topic, (tick, difference))| Place { run, tick, topic, difference }))
+    Ok(first.map(|(topic, (tick, difference))| Place {
+        run,
+        tick,
+        topic,
+        difference,
+    }))
 }
 
 /// Where two series of kept messages of one topic first differ: the tick, and in what. Either may lack what the other has.
-fn first_in<M: Message>(reference: &Path, messages: &Path) -> Result<Option<(u64, Difference)>, Failure> {
-    let (mut expected, mut found) =
-        (LogReader::<M>::open(reference).map_err(Failure::work)?, LogReader::<M>::open(messages).map_err(Failure::work)?);
-    first_of(|| expected.next_message(), || found.next_message(), |message: &M| message.header().tick, first_difference)
+fn first_in<M: Message>(
+    reference: &Path,
+    messages: &Path,
+) -> Result<Option<(u64, Difference)>, Failure> {
+    let (mut expected, mut found) = (
+        LogReader::<M>::open(reference).map_err(Failure::work)?,
+        LogReader::<M>::open(messages).map_err(Failure::work)?,
+    );
+    first_of(
+        || expected.next_message(),
+        || found.next_message(),
+        |message: &M| message.header().tick,
+        first_difference,
+    )
 }
 
 /// The same for a topic that only the graph knows.
-fn first_in_own(layout: &MessageLayout, reference: &Path, messages: &Path) -> Result<Option<(u64, Difference)>, Failure> {
+fn first_in_own(
+    layout: &MessageLayout,
+    reference: &Path,
+    messages: &Path,
+) -> Result<Option<(u64, Difference)>, Failure> {
     let shape = Shape::from(layout);
     let open = |folder: &Path| RowReader::open(folder, &shape).map_err(Failure::work);
     let (mut expected, mut found) = (open(reference)?, open(messages)?);
     let tick = |row: &Vec<u64>| tick_of(row);
     let differ = |expected: &Vec<u64>, found: &Vec<u64>| {
-        first_difference_in(&layout.fields, bytemuck::cast_slice(expected), bytemuck::cast_slice(found))
+        first_difference_in(
+            &layout.fields,
+            bytemuck::cast_slice(expected),
+            bytemuck::cast_slice(found),
+        )
     };
     first_of(|| expected.next_row(), || found.next_row(), tick, differ)
 }
@@ -339,16 +490,26 @@ fn first_of<T>(
     tick: impl Fn(&T) -> u64,
     differ: impl Fn(&T, &T) -> Option<Difference>,
 ) -> Result<Option<(u64, Difference)>, Failure> {
-    let whole =
-        |expected: &str, found: &str| Difference { field: "the message".to_owned(), expected: expected.into(), found: found.into() };
+    let whole = |expected: &str, found: &str| Difference {
+        field: "the message".to_owned(),
+        expected: expected.into(),
+        found: found.into(),
+    };
     loop {
-        let pair = (expected().map_err(Failure::work)?, found().map_err(Failure::work)?);
+        let pair = (
+            expected().map_err(Failure::work)?,
+            found().map_err(Failure::work)?,
+        );
         return Ok(match pair {
             (None, None) => None,
             (Some(expected), None) => Some((tick(&expected), whole("one", "none"))),
             (None, Some(found)) => Some((tick(&found), whole("none", "one"))),
-            (Some(expected), Some(found)) if tick(&expected) < tick(&found) => Some((tick(&expected), whole("one", "none"))),
-            (Some(expected), Some(found)) if tick(&expected) > tick(&found) => Some((tick(&found), whole("none", "one"))),
+            (Some(expected), Some(found)) if tick(&expected) < tick(&found) => {
+                Some((tick(&expected), whole("one", "none")))
+            }
+            (Some(expected), Some(found)) if tick(&expected) > tick(&found) => {
+                Some((tick(&found), whole("none", "one")))
+            }
             (Some(expected), Some(found)) => match differ(&expected, &found) {
                 Some(difference) => Some((tick(&expected), difference)),
                 None => continue,

@@ -2,7 +2,10 @@
 
 use model::Robot;
 use recorder::Limits;
-use shared_types::codes::{DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_ENCODER, DRIVE_HOLDING, DRIVE_REFUSED, DRIVE_STALE};
+use shared_types::codes::{
+    DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_ENCODER, DRIVE_HOLDING, DRIVE_REFUSED,
+    DRIVE_STALE,
+};
 use shared_types::fault::{Fault, Kind};
 use shared_types::scenario::Scenario;
 use shared_types::{PlantState, SensorSample};
@@ -47,12 +50,23 @@ pub(super) struct Guarantee {
 
 impl Guarantee {
     /// For a robot in a scenario, with the faults that came to pass; `speed` is the most that is allowed, over the limit.
-    pub(super) fn new<'a>(robot: &Robot, scenario: &Scenario, speed: f64, faults: impl Iterator<Item = &'a Fault>) -> Self {
+    pub(super) fn new<'a>(
+        robot: &Robot,
+        scenario: &Scenario,
+        speed: f64,
+        faults: impl Iterator<Item = &'a Fault>,
+    ) -> Self {
         let rate_hz = f64::from(scenario.rate_hz);
         let drive_fault = |fault: &Fault| {
             let from = fault.at_tick.unwrap_or_default();
-            let until = fault.for_ticks.map_or(u64::MAX, |ticks| from.saturating_add(ticks));
-            DriveFault { joint: fault.joint.unwrap_or(1).saturating_sub(1) as usize, from, until }
+            let until = fault
+                .for_ticks
+                .map_or(u64::MAX, |ticks| from.saturating_add(ticks));
+            DriveFault {
+                joint: fault.joint.unwrap_or(1).saturating_sub(1) as usize,
+                from,
+                until,
+            }
         };
         Self {
             limits: recorder::limits(robot),
@@ -60,17 +74,24 @@ impl Guarantee {
             step: STEP_PER_MS * 1e3 / rate_hz,
             speed,
             aftermath: (AFTERMATH_S * rate_hz) as u64,
-            drive_faults: faults.filter(|fault| fault.kind == Kind::Drive).map(drive_fault).collect(),
+            drive_faults: faults
+                .filter(|fault| fault.kind == Kind::Drive)
+                .map(drive_fault)
+                .collect(),
         }
     }
 
     /// Whether the step of a joint's torque to that of `tick` is its drive's own: a tick's torque is reported with the next tick.
     fn excuses_step(&self, joint: usize, tick: u64) -> bool {
-        self.drive_faults.iter().any(|fault| fault.joint == joint && (fault.from..=fault.until.saturating_add(1)).contains(&tick))
+        self.drive_faults.iter().any(|fault| {
+            fault.joint == joint && (fault.from..=fault.until.saturating_add(1)).contains(&tick)
+        })
     }
 
     fn excuses_speed(&self, tick: u64) -> bool {
-        self.drive_faults.iter().any(|fault| (fault.from..=fault.until.saturating_add(self.aftermath)).contains(&tick))
+        self.drive_faults
+            .iter()
+            .any(|fault| (fault.from..=fault.until.saturating_add(self.aftermath)).contains(&tick))
     }
 }
 
@@ -120,12 +141,21 @@ impl Motion {
     pub(super) fn add(&mut self, state: &PlantState) {
         let tick = state.header.tick;
         let before = self.last.filter(|before| before.header.tick + 1 == tick);
-        let ratio = |value: f64, limit: f64| if limit.is_finite() { value.abs() / limit } else { 0.0 };
+        let ratio = |value: f64, limit: f64| {
+            if limit.is_finite() {
+                value.abs() / limit
+            } else {
+                0.0
+            }
+        };
         for i in 0..self.guarantee.limits.effort.len() {
             if !(state.tau[i].is_finite() && state.q[i].is_finite() && state.qdot[i].is_finite()) {
                 self.not_finite.get_or_insert(tick);
             }
-            let (effort, velocity) = (self.guarantee.limits.effort[i], self.guarantee.limits.velocity[i]);
+            let (effort, velocity) = (
+                self.guarantee.limits.effort[i],
+                self.guarantee.limits.velocity[i],
+            );
             let (torque, speed) = (ratio(state.tau[i], effort), ratio(state.qdot[i], velocity));
             raise(&mut self.torque, torque, tick);
             self.torque_max_ratio = self.torque_max_ratio.max(torque);
@@ -156,12 +186,15 @@ impl Motion {
 
     /// At rest, or held by the brakes, at the end.
     pub(super) fn is_at_rest(&self) -> bool {
-        self.last.is_some_and(|state| state.drive == DRIVE_BRAKED || state.qdot.iter().all(|speed| speed.abs() < REST))
+        self.last.is_some_and(|state| {
+            state.drive == DRIVE_BRAKED || state.qdot.iter().all(|speed| speed.abs() < REST)
+        })
     }
 
     /// A drive fails at the end, or has only just failed: then the arm is where it carries it.
     pub(super) fn ends_with_a_failed_drive(&self) -> bool {
-        self.last.is_some_and(|state| self.guarantee.excuses_speed(state.header.tick))
+        self.last
+            .is_some_and(|state| self.guarantee.excuses_speed(state.header.tick))
     }
 
     /// The guarantees that were not kept, in words.
@@ -173,17 +206,41 @@ impl Motion {
             }
         };
         unless(self.not_finite.is_none(), &|| {
-            format!("a number that is not finite reached the arm at tick {}", self.not_finite.unwrap_or_default())
+            format!(
+                "a number that is not finite reached the arm at tick {}",
+                self.not_finite.unwrap_or_default()
+            )
         });
-        unless(self.torque.0 <= 1.0 + 1e-9, &|| format!("torque {:.3} of its limit at tick {}", self.torque.0, self.torque.1));
+        unless(self.torque.0 <= 1.0 + 1e-9, &|| {
+            format!(
+                "torque {:.3} of its limit at tick {}",
+                self.torque.0, self.torque.1
+            )
+        });
         let hold_ticks = self.guarantee.hold_ticks;
         unless(self.stale_ticks <= hold_ticks, &|| {
-            format!("a torque {} ticks old was in force, {hold_ticks} are allowed", self.stale_ticks)
+            format!(
+                "a torque {} ticks old was in force, {hold_ticks} are allowed",
+                self.stale_ticks
+            )
         });
-        unless(self.step.0 <= self.guarantee.step, &|| format!("a torque step of {:.3} of its limit at tick {}", self.step.0, self.step.1));
-        unless(self.speed.0 <= self.guarantee.speed, &|| format!("speed {:.2} of its limit at tick {}", self.speed.0, self.speed.1));
+        unless(self.step.0 <= self.guarantee.step, &|| {
+            format!(
+                "a torque step of {:.3} of its limit at tick {}",
+                self.step.0, self.step.1
+            )
+        });
+        unless(self.speed.0 <= self.guarantee.speed, &|| {
+            format!(
+                "speed {:.2} of its limit at tick {}",
+                self.speed.0, self.speed.1
+            )
+        });
         unless(self.unfresh.is_none(), &|| {
-            format!("the drives said they followed a fresh torque at tick {}, and there was none", self.unfresh.unwrap_or_default())
+            format!(
+                "the drives said they followed a fresh torque at tick {}, and there was none",
+                self.unfresh.unwrap_or_default()
+            )
         });
         broken
     }
@@ -206,8 +263,16 @@ mod tests {
     }
 
     /// An arm at rest for 100 ticks, with one tick corrupted.
-    fn broken(faults: &[Fault], corrupt: impl Fn(&mut PlantState, &mut SensorSample)) -> Vec<String> {
-        let mut motion = Motion::new(Guarantee::new(&Robot::builtin("puma560").unwrap(), &scenario(), SPEED_MARGIN, faults.iter()));
+    fn broken(
+        faults: &[Fault],
+        corrupt: impl Fn(&mut PlantState, &mut SensorSample),
+    ) -> Vec<String> {
+        let mut motion = Motion::new(Guarantee::new(
+            &Robot::builtin("puma560").unwrap(),
+            &scenario(),
+            SPEED_MARGIN,
+            faults.iter(),
+        ));
         for tick in 0..100 {
             let (mut state, mut sample) = (PlantState::default(), SensorSample::default());
             (state.header.tick, sample.header.tick) = (tick, tick);
@@ -223,24 +288,34 @@ mod tests {
     #[test]
     fn each_guarantee_that_is_broken_is_caught_and_named_with_its_tick() {
         assert_eq!(broken(&[], |_, _| ()), Vec::<String>::new());
-        let caught = |words: &str, corrupt: &dyn Fn(&mut PlantState, &mut SensorSample)| {
-            let broken = broken(&[], corrupt);
-            assert!(
-                broken.iter().any(|what| what.contains(words) && (what.contains("50") || words.contains("old"))),
-                "{words}: {broken:?}"
-            );
-        };
+        let caught =
+            |words: &str, corrupt: &dyn Fn(&mut PlantState, &mut SensorSample)| {
+                let broken = broken(&[], corrupt);
+                assert!(
+                    broken.iter().any(|what| what.contains(words)
+                        && (what.contains("50") || words.contains("old"))),
+                    "{words}: {broken:?}"
+                );
+            };
         caught("not finite", &|state, _| state.qdot[3] = f64::NAN);
         caught("torque 2.", &|state, _| state.tau[0] = -200.0);
         caught("torque step of", &|state, _| state.tau[5] = 20.0);
         caught("speed", &|state, _| state.qdot[1] = 50.0);
-        caught("ticks old", &|_, sample| (sample.drive, sample.stale_ticks) = (DRIVE_HOLDING, 4));
-        caught("and there was none", &|state, _| state.drive_flags = DRIVE_ABSENT);
+        caught("ticks old", &|_, sample| {
+            (sample.drive, sample.stale_ticks) = (DRIVE_HOLDING, 4)
+        });
+        caught("and there was none", &|state, _| {
+            state.drive_flags = DRIVE_ABSENT
+        });
         let fine = broken(&[], |state, sample| {
             (state.drive, state.drive_flags) = (DRIVE_STOPPING, DRIVE_ABSENT);
             (sample.drive, sample.stale_ticks) = (DRIVE_STOPPING, 400);
         });
-        assert_eq!(fine, Vec::<String>::new(), "an arm that stops without torque keeps every guarantee");
+        assert_eq!(
+            fine,
+            Vec::<String>::new(),
+            "an arm that stops without torque keeps every guarantee"
+        );
     }
 
     #[test]
@@ -256,7 +331,10 @@ mod tests {
         assert_eq!(broken(&[fault(5, 45, 10)], step).len(), 1, "another joint");
         assert_eq!(broken(&[fault(6, 10, 10)], step).len(), 1, "another time");
         let fast = |state: &mut PlantState, _: &mut SensorSample| state.qdot[1] = 50.0;
-        assert!(broken(&[fault(6, 10, 10)], fast).is_empty(), "an arm comes to rest after its drive has failed, not with it");
+        assert!(
+            broken(&[fault(6, 10, 10)], fast).is_empty(),
+            "an arm comes to rest after its drive has failed, not with it"
+        );
         assert_eq!(broken(&[fault(6, 60, 10)], fast).len(), 1);
     }
 }

@@ -45,8 +45,14 @@ pub struct Posture {
 ///
 /// # Errors
 /// A robot of more joints than are compiled, an unknown frame.
-pub fn evaluate(robot: &Robot, frame: Option<&str>, q: &[f64], qdot: &[f64]) -> Result<Posture, Failure> {
-    with_dof!(robot.dof(), N => at::<N>(robot, frame, q, qdot)).unwrap_or_else(|| Err(Failure::input(Refused::size(robot))))
+pub fn evaluate(
+    robot: &Robot,
+    frame: Option<&str>,
+    q: &[f64],
+    qdot: &[f64],
+) -> Result<Posture, Failure> {
+    with_dof!(robot.dof(), N => at::<N>(robot, frame, q, qdot))
+        .unwrap_or_else(|| Err(Failure::input(Refused::size(robot))))
 }
 
 /// A scenario of one posture, for the analyzer.
@@ -61,7 +67,10 @@ fn start_only(robot: &Robot, frame: Option<&str>, start: Start) -> Scenario {
         rate_hz: 1000,
         seed: 0,
         start,
-        segment: vec![Segment { duration_s: 1.0, ..Segment::default() }],
+        segment: vec![Segment {
+            duration_s: 1.0,
+            ..Segment::default()
+        }],
         servo: None,
         settle_s: 0.0,
         plant: Default::default(),
@@ -75,22 +84,38 @@ fn start_only(robot: &Robot, frame: Option<&str>, start: Start) -> Scenario {
     }
 }
 
-fn at<const N: usize>(robot: &Robot, frame: Option<&str>, q: &[f64], qdot: &[f64]) -> Result<Posture, Failure> {
+fn at<const N: usize>(
+    robot: &Robot,
+    frame: Option<&str>,
+    q: &[f64],
+    qdot: &[f64],
+) -> Result<Posture, Failure> {
     let model = Model::<N>::new(robot, frame).map_err(Failure::input)?;
     let (n, q_vector, qdot_vector) = (robot.dof(), embedded::<N>(q), embedded::<N>(qdot));
     let terms = model.evaluate(&q_vector, &qdot_vector);
-    let start = Start { q_rad: Some(q.to_vec()), ..Start::default() };
-    let mut analyzer = analyzer::cycle(robot, &start_only(robot, frame, start)).map_err(Failure::input)?;
+    let start = Start {
+        q_rad: Some(q.to_vec()),
+        ..Start::default()
+    };
+    let mut analyzer =
+        analyzer::cycle(robot, &start_only(robot, frame, start)).map_err(Failure::input)?;
     let mut estimate = StateEstimate::default();
     estimate.q[..n].copy_from_slice(q);
     estimate.qdot[..n].copy_from_slice(qdot);
     let mut report = SingularityReport::default();
     analyzer.step(&estimate, &mut report);
     let at_centre = AtCentre::new(&terms, &report.p_BC.into(), &terms.omega[N - 1]);
-    let (scaled_singular_values, _) = linear::singular_values(&unit_scaled(&at_centre.J, report.length_m, &robot.task.0));
+    let (scaled_singular_values, _) =
+        linear::singular_values(&unit_scaled(&at_centre.J, report.length_m, &robot.task.0));
     let J = DMatrix::from_fn(6, n, |row, column| terms.J[(row, column)]);
     let (R, p) = (terms.X_BE.R, terms.X_BE.p);
-    let mut singular_values: Vec<f64> = J.clone().svd(false, false).singular_values.iter().copied().collect();
+    let mut singular_values: Vec<f64> = J
+        .clone()
+        .svd(false, false)
+        .singular_values
+        .iter()
+        .copied()
+        .collect();
     singular_values.sort_by(|a, b| b.total_cmp(a));
     Ok(Posture {
         frame: frame.unwrap_or(&robot.default_frame).to_owned(),
@@ -116,7 +141,10 @@ fn at<const N: usize>(robot: &Robot, frame: Option<&str>, q: &[f64], qdot: &[f64
 }
 
 fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
-    matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
+    matrix
+        .row_iter()
+        .map(|row| row.iter().copied().collect())
+        .collect()
 }
 
 impl Posture {
@@ -132,8 +160,15 @@ impl Posture {
     /// Condition of the unit-scaled J, σ_max/σ_min over the task's rows; 1e18 where σ_min is 0.
     #[must_use]
     pub fn condition(&self) -> f64 {
-        let (largest, smallest) = (self.scaled_singular_values[0], self.scaled_singular_values[self.served.saturating_sub(1)]);
-        if smallest > largest * 1e-18 { largest / smallest } else { 1e18 }
+        let (largest, smallest) = (
+            self.scaled_singular_values[0],
+            self.scaled_singular_values[self.served.saturating_sub(1)],
+        );
+        if smallest > largest * 1e-18 {
+            largest / smallest
+        } else {
+            1e18
+        }
     }
 
     /// All of it as JSON.

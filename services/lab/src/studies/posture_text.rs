@@ -20,10 +20,29 @@ pub struct PostureText<'a> {
 
 impl fmt::Display for PostureText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{} at frame {}, base axes, SI units\n", self.robot.name, self.posture.frame)?;
-        let mut joints = table(&["joint", "q rad", "q °", "lower °", "upper °", "gravity N·m", "bias N·m", "torque limit"]);
+        writeln!(
+            f,
+            "{} at frame {}, base axes, SI units\n",
+            self.robot.name, self.posture.frame
+        )?;
+        let mut joints = table(&[
+            "joint",
+            "q rad",
+            "q °",
+            "lower °",
+            "upper °",
+            "gravity N·m",
+            "bias N·m",
+            "torque limit",
+        ]);
         for (i, joint) in self.robot.joints.iter().enumerate() {
-            let degrees = |radians: f64| if radians.is_finite() { format!("{:.2}", radians.to_degrees()) } else { "–".to_owned() };
+            let degrees = |radians: f64| {
+                if radians.is_finite() {
+                    format!("{:.2}", radians.to_degrees())
+                } else {
+                    "–".to_owned()
+                }
+            };
             joints.add_row([
                 joint.name.clone().into(),
                 number(format!("{:.6}", self.posture.q[i])),
@@ -36,14 +55,28 @@ impl fmt::Display for PostureText<'_> {
             ]);
         }
         writeln!(f, "{joints}")?;
-        matrix(f, "pose X_BE", &DMatrix::from_fn(4, 4, |row, column| self.posture.pose[row][column]))?;
+        matrix(
+            f,
+            "pose X_BE",
+            &DMatrix::from_fn(4, 4, |row, column| self.posture.pose[row][column]),
+        )?;
         matrix(f, "J, rows [v; ω]", &self.posture.J)?;
         matrix(f, "A, kg·m²", &self.posture.A)?;
-        let list = |values: &[f64]| values.iter().map(|value| digits(*value)).collect::<Vec<_>>().join("  ");
+        let list = |values: &[f64]| {
+            values
+                .iter()
+                .map(|value| digits(*value))
+                .collect::<Vec<_>>()
+                .join("  ")
+        };
         if let Some(det) = self.posture.det {
             writeln!(f, "det J            {}", digits(det))?;
         }
-        writeln!(f, "singular values  {}", list(&self.posture.singular_values))?;
+        writeln!(
+            f,
+            "singular values  {}",
+            list(&self.posture.singular_values)
+        )?;
         writeln!(
             f,
             "unit-scaled      {}  (lengths / {} m, at the wrist centre)",
@@ -57,15 +90,32 @@ impl fmt::Display for PostureText<'_> {
             digits(self.posture.condition()),
             digits(self.posture.report.manipulability)
         )?;
-        let mut found = table(&["singularity", "s", "η in/out", "inside", "type", "κ₁", "κ₂", "ζ (base axes)"]);
+        let mut found = table(&[
+            "singularity",
+            "s",
+            "η in/out",
+            "inside",
+            "type",
+            "κ₁",
+            "κ₂",
+            "ζ (base axes)",
+        ]);
         for (name, s) in self.posture.singularities() {
-            let half = if s.angular != 0 { &s.zeta_B[3..] } else { &s.zeta_B[..3] };
+            let half = if s.angular != 0 {
+                &s.zeta_B[3..]
+            } else {
+                &s.zeta_B[..3]
+            };
             let kind = if s.angular != 0 { "ω" } else { "v" };
             found.add_row([
                 name.into(),
                 number(digits(s.s)),
                 number(format!("{} / {}", s.eta_in, s.eta_out)),
-                if s.inside != 0 { "inside".into() } else { "".into() },
+                if s.inside != 0 {
+                    "inside".into()
+                } else {
+                    "".into()
+                },
                 codes::name_of(codes::TYPES, s.class).into(),
                 number(digits(s.kappa_1)),
                 number(digits(s.kappa_2)),
@@ -83,7 +133,14 @@ impl fmt::Display for PostureText<'_> {
 fn matrix(f: &mut fmt::Formatter<'_>, title: &str, matrix: &DMatrix<f64>) -> fmt::Result {
     writeln!(f, "{title}")?;
     for row in matrix.row_iter() {
-        writeln!(f, "  {}", row.iter().map(|value| format!("{value:>10.5}")).collect::<Vec<_>>().join(" "))?;
+        writeln!(
+            f,
+            "  {}",
+            row.iter()
+                .map(|value| format!("{value:>10.5}"))
+                .collect::<Vec<_>>()
+                .join(" ")
+        )?;
     }
     writeln!(f)
 }

@@ -95,8 +95,19 @@ fn sized<const N: usize>(
     observer: Observer<'_>,
 ) -> Result<Vec<SingularLine>, Refused> {
     let model = Model::<N>::new(robot, None).map_err(Refused::because)?;
-    let arm = Kinematics { model: &model, p_EC: Vector3::zeros(), task: robot.task.0, length_m: robot.length_m };
-    let draw = Draw { robot, arm, analyzer: Analyzer::new(robot, &template.analysis), template, speed };
+    let arm = Kinematics {
+        model: &model,
+        p_EC: Vector3::zeros(),
+        task: robot.task.0,
+        length_m: robot.length_m,
+    };
+    let draw = Draw {
+        robot,
+        arm,
+        analyzer: Analyzer::new(robot, &template.analysis),
+        template,
+        speed,
+    };
     let mut kinds: Vec<Kind> = vec![];
     for (kind, _) in draw.at(&SVector::from_fn(|i, _| 0.3 + 0.37 * i as f64)) {
         if !kinds.contains(&kind) {
@@ -104,8 +115,18 @@ fn sized<const N: usize>(
         }
     }
     // A direction that no name explains is none of a pair: nothing tells one such direction from another.
-    let named: Vec<Kind> = kinds.iter().copied().filter(|kind| *kind != Kind::Numeric).collect();
-    let pairs = || named.iter().enumerate().flat_map(|(i, a)| named[i + 1..].iter().map(|b| vec![*a, *b])).collect::<Vec<_>>();
+    let named: Vec<Kind> = kinds
+        .iter()
+        .copied()
+        .filter(|kind| *kind != Kind::Numeric)
+        .collect();
+    let pairs = || {
+        named
+            .iter()
+            .enumerate()
+            .flat_map(|(i, a)| named[i + 1..].iter().map(|b| vec![*a, *b]))
+            .collect::<Vec<_>>()
+    };
     let wanted: Vec<Vec<Kind>> = match through {
         Through::One => kinds.iter().map(|kind| vec![*kind]).collect(),
         Through::Two => pairs(),
@@ -115,7 +136,11 @@ fn sized<const N: usize>(
     // Each in turn, so that a smaller number of lines is the beginning of a larger one.
     let mut given_up = vec![false; wanted.len()];
     let title = format!("drawing lines of {}", robot.name);
-    observer(Progress::Begin { title: &title, length: u64::from(count) * wanted.len() as u64, unit: "lines" });
+    observer(Progress::Begin {
+        title: &title,
+        length: u64::from(count) * wanted.len() as u64,
+        unit: "lines",
+    });
     for number in 0..count {
         for (kinds, given_up) in wanted.iter().zip(&mut given_up) {
             observer(Progress::Step);
@@ -149,13 +174,24 @@ impl<const N: usize> Draw<'_, N> {
     /// Kind, s, class, and the normal of the boundary where it is one that a path can run along.
     fn report(&self, q: &SVector<f64, N>) -> Vec<(Kind, f64, Class, Option<Vector3<f64>>)> {
         let zero = SVector::zeros();
-        let report = self.analyzer.clone().step(q, &zero, &self.arm.model.evaluate(q, &zero));
-        let boundary = |s: &Singularity<N>| (s.kind == Kind::Overhead && s.kappa_1 > 0.0).then(|| s.axis());
-        report.listed().iter().map(|s| (s.kind, s.s, s.class, boundary(s))).collect()
+        let report = self
+            .analyzer
+            .clone()
+            .step(q, &zero, &self.arm.model.evaluate(q, &zero));
+        let boundary =
+            |s: &Singularity<N>| (s.kind == Kind::Overhead && s.kappa_1 > 0.0).then(|| s.axis());
+        report
+            .listed()
+            .iter()
+            .map(|s| (s.kind, s.s, s.class, boundary(s)))
+            .collect()
     }
 
     fn limits(&self, i: usize) -> (f64, f64) {
-        (self.arm.model.lower()[i].max(-PI), self.arm.model.upper()[i].min(PI))
+        (
+            self.arm.model.lower()[i].max(-PI),
+            self.arm.model.upper()[i].min(PI),
+        )
     }
 
     fn is_inside(&self, q: &SVector<f64, N>) -> bool {
@@ -173,7 +209,12 @@ impl<const N: usize> Draw<'_, N> {
     }
 
     /// The gradient of `f` by central differences of width `h`.
-    fn gradient(&self, q: &SVector<f64, N>, h: f64, f: impl Fn(&SVector<f64, N>) -> f64) -> SVector<f64, N> {
+    fn gradient(
+        &self,
+        q: &SVector<f64, N>,
+        h: f64,
+        f: impl Fn(&SVector<f64, N>) -> f64,
+    ) -> SVector<f64, N> {
         let dof = self.robot.dof();
         SVector::from_fn(|i, _| {
             if i >= dof {
@@ -204,7 +245,9 @@ impl<const N: usize> Draw<'_, N> {
         let s = |q: &SVector<f64, N>, kind: Kind| {
             let all = self.at(q);
             let of_kind = all.iter().filter(|one| one.0 == kind).map(|one| one.1);
-            of_kind.min_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(1.0)
+            of_kind
+                .min_by(|a, b| a.abs().total_cmp(&b.abs()))
+                .unwrap_or(1.0)
         };
         for _ in 0..STEPS_ONTO_TWO {
             let here = Vector2::new(s(&q, kinds[0]), s(&q, kinds[1]));
@@ -213,7 +256,8 @@ impl<const N: usize> Draw<'_, N> {
             }
             let h = (0.05 * here.amax()).clamp(1e-8, 1e-5);
             let gradients = [0, 1].map(|k| self.gradient(&q, h, |q| s(q, kinds[k])));
-            let gram = Matrix2::from_fn(|a, b| gradients[a].dot(&gradients[b])) + Matrix2::identity() * 1e-9;
+            let gram = Matrix2::from_fn(|a, b| gradients[a].dot(&gradients[b]))
+                + Matrix2::identity() * 1e-9;
             let share = gram.try_inverse()? * -here;
             let step = gradients[0] * share.x + gradients[1] * share.y;
             q += step * (STEPS.1 / step.amax().max(STEPS.1));
@@ -232,11 +276,15 @@ impl<const N: usize> Draw<'_, N> {
                 return Some(q);
             }
             let (values, u) = symmetric_eigen(&(spectrum.J * spectrum.J.transpose()));
-            let mut order: Vec<usize> = (0..6).filter(|k| self.arm.task[*k] || values[*k] > 1e-12).collect();
+            let mut order: Vec<usize> = (0..6)
+                .filter(|k| self.arm.task[*k] || values[*k] > 1e-12)
+                .collect();
             order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
             let residual = |q: &SVector<f64, N>| {
                 let J = self.arm.spectrum(q).J;
-                DVector::from_fn(2 * free, |k, _| u.column(order[k / free]).dot(&(J * spectrum.v[k % free])))
+                DVector::from_fn(2 * free, |k, _| {
+                    u.column(order[k / free]).dot(&(J * spectrum.v[k % free]))
+                })
             };
             let mut slope = DMatrix::zeros(2 * free, dof);
             for i in 0..dof {
@@ -244,7 +292,8 @@ impl<const N: usize> Draw<'_, N> {
                 slope.set_column(i, &((residual(&(q + by)) - residual(&(q - by))) / 2e-6));
             }
             let step = slope.svd(true, true).solve(&residual(&q), 1e-6).ok()?;
-            q -= SVector::from_fn(|i, _| if i < dof { step[i] } else { 0.0 }) * (STEPS.1 / step.amax().max(STEPS.1));
+            q -= SVector::from_fn(|i, _| if i < dof { step[i] } else { 0.0 })
+                * (STEPS.1 / step.amax().max(STEPS.1));
         }
         None
     }
@@ -253,7 +302,13 @@ impl<const N: usize> Draw<'_, N> {
         self.robot.dof() > self.arm.task.iter().filter(|counts| **counts).count()
     }
 
-    fn line(&self, kinds: &[Kind], number: u32, index: usize, random: &mut Uniform) -> Option<SingularLine> {
+    fn line(
+        &self,
+        kinds: &[Kind],
+        number: u32,
+        index: usize,
+        random: &mut Uniform,
+    ) -> Option<SingularLine> {
         let mut excludes_both = true;
         for draw in 0..DRAWS {
             if draw == DRAWS_ONTO_TWO && excludes_both && !self.has_spare_joints() {
@@ -265,10 +320,16 @@ impl<const N: usize> Draw<'_, N> {
                 (_, false) => self.onto_two(q, kinds),
                 (_, true) => self.onto_rank_loss_of_two(q),
             };
-            let Some(q) = found.filter(|q| self.is_inside(q)) else { continue };
+            let Some(q) = found.filter(|q| self.is_inside(q)) else {
+                continue;
+            };
             let report = self.report(&q);
             let lost: Vec<_> = report.iter().filter(|one| one.1.abs() < 1e-6).collect();
-            if kinds.iter().any(|kind| !lost.iter().any(|one| one.0 == *kind)) || kinds.len() == 1 && lost.len() != 1 {
+            if kinds
+                .iter()
+                .any(|kind| !lost.iter().any(|one| one.0 == *kind))
+                || kinds.len() == 1 && lost.len() != 1
+            {
                 continue;
             }
             excludes_both = false;
@@ -282,7 +343,11 @@ impl<const N: usize> Draw<'_, N> {
             };
             for _ in 0..LINES {
                 if let Some(scenario) = self.through(&q, (place, boundary), index, random) {
-                    return Some(SingularLine { kinds: lost.iter().map(|one| one.0).collect(), place, scenario });
+                    return Some(SingularLine {
+                        kinds: lost.iter().map(|one| one.0).collect(),
+                        place,
+                        scenario,
+                    });
                 }
             }
         }
@@ -298,11 +363,18 @@ impl<const N: usize> Draw<'_, N> {
         random: &mut Uniform,
     ) -> Option<Scenario> {
         let at = self.arm.pose(q);
-        let served = |v: Vector3<f64>, first: usize| Vector3::from_fn(|k, _| if self.arm.task[first + k] { v[k] } else { 0.0 });
+        let served = |v: Vector3<f64>, first: usize| {
+            Vector3::from_fn(|k, _| if self.arm.task[first + k] { v[k] } else { 0.0 })
+        };
         let length = self.arm.length_m * random.within(0.5, 1.0);
-        let inside = boundary.filter(|_| place == Where::Middle).unwrap_or_else(Vector3::zeros);
+        let inside = boundary
+            .filter(|_| place == Where::Middle)
+            .unwrap_or_else(Vector3::zeros);
         let tangent = |v: Vector3<f64>| v - inside * inside.dot(&v);
-        let along = tangent(served(direction(random), 0)).try_normalize(1e-3).unwrap_or_else(Vector3::zeros) * length;
+        let along = tangent(served(direction(random), 0))
+            .try_normalize(1e-3)
+            .unwrap_or_else(Vector3::zeros)
+            * length;
         let turn = served(direction(random), 3) * random.within(0.0, 0.8);
         let middle = random.within(0.35, 0.65);
         let share = match place {
@@ -310,10 +382,20 @@ impl<const N: usize> Draw<'_, N> {
             Where::Middle => middle,
             Where::End => 1.0,
         };
-        let pose = |x: f64| Pose { R: rotation_exp(&(turn * (x - share))) * at.R, p: at.p + along * (x - share) };
-        let mut end = |x: f64| if x == share { Some(*q) } else { self.end(&pose(x), q, random) };
+        let pose = |x: f64| Pose {
+            R: rotation_exp(&(turn * (x - share))) * at.R,
+            p: at.p + along * (x - share),
+        };
+        let mut end = |x: f64| {
+            if x == share {
+                Some(*q)
+            } else {
+                self.end(&pose(x), q, random)
+            }
+        };
         let (q_start, q_end) = (end(0.0)?, end(1.0)?);
-        let has_ends = self.leads(&pose, &q_start, 0.0, share) && self.leads(&pose, &q_end, 1.0, share);
+        let has_ends =
+            self.leads(&pose, &q_start, 0.0, share) && self.leads(&pose, &q_end, 1.0, share);
         if !(self.has_spare_joints() || has_ends) {
             return None;
         }
@@ -324,11 +406,19 @@ impl<const N: usize> Draw<'_, N> {
         let goal = pose(1.0);
         let peak = 1.875 * (along.norm() / self.speed).max(turn.norm() / (self.speed / 0.28));
         let rotation = std::array::from_fn(|i| std::array::from_fn(|j| goal.R[(i, j)]));
-        let segment = Segment { duration_s: peak, to_m: Some(goal.p.into()), rotation: Some(rotation), ..Segment::default() };
+        let segment = Segment {
+            duration_s: peak,
+            to_m: Some(goal.p.into()),
+            rotation: Some(rotation),
+            ..Segment::default()
+        };
         let q_rad = Some(q_start.iter().copied().take(self.robot.dof()).collect());
         Some(Scenario {
             name: format!("{}-{index}", self.template.name),
-            start: Start { q_rad, ..Start::default() },
+            start: Start {
+                q_rad,
+                ..Start::default()
+            },
             segment: vec![segment],
             ..self.template.clone()
         })
@@ -339,8 +429,11 @@ impl<const N: usize> Draw<'_, N> {
         let (way, mut q, mut at, mut step) = (to - from, *q, 0.0, 1.0 / f64::from(POSES));
         while at < 1.0 - REST {
             let next = (at + step).min(1.0 - REST);
-            let (there, e) = self.arm.solve(&pose(from + way * next), &q, &SVector::zeros(), 0.0, SOLVED);
-            if e.norm() < 10.0 * SOLVED && (there - q).amax() < CONTINUES && self.is_inside(&there) {
+            let (there, e) =
+                self.arm
+                    .solve(&pose(from + way * next), &q, &SVector::zeros(), 0.0, SOLVED);
+            if e.norm() < 10.0 * SOLVED && (there - q).amax() < CONTINUES && self.is_inside(&there)
+            {
                 (q, at, step) = (there, next, (1.5 * step).min(1.0 / f64::from(POSES)));
             } else if step > SHORTEST {
                 step *= 0.5;
@@ -352,14 +445,28 @@ impl<const N: usize> Draw<'_, N> {
     }
 
     /// A posture of the pose `X` within the limits: the one that continues `last`, or another.
-    fn any(&self, X: &Pose, last: &SVector<f64, N>, q: &SVector<f64, N>, random: &mut Uniform) -> Option<SVector<f64, N>> {
+    fn any(
+        &self,
+        X: &Pose,
+        last: &SVector<f64, N>,
+        q: &SVector<f64, N>,
+        random: &mut Uniform,
+    ) -> Option<SVector<f64, N>> {
         let dof = self.robot.dof();
         let solve = |guess: &SVector<f64, N>| {
             let (there, e) = self.arm.solve(X, guess, &SVector::zeros(), 0.0, SOLVED);
             (e.norm() < 10.0 * SOLVED && self.is_inside(&there)).then_some(there)
         };
-        let mut guess = |by: f64| q + SVector::from_fn(|i, _| if i < dof { random.within(-by, by) } else { 0.0 });
-        let near = |k: u32| if k.is_multiple_of(2) { GUESSES.1 } else { FAR_GUESSES.1 };
+        let mut guess = |by: f64| {
+            q + SVector::from_fn(|i, _| if i < dof { random.within(-by, by) } else { 0.0 })
+        };
+        let near = |k: u32| {
+            if k.is_multiple_of(2) {
+                GUESSES.1
+            } else {
+                FAR_GUESSES.1
+            }
+        };
         solve(last).or_else(|| (0..FAR_GUESSES.0).find_map(|k| solve(&guess(near(k)))))
     }
 
@@ -367,7 +474,13 @@ impl<const N: usize> Draw<'_, N> {
     fn end(&self, X: &Pose, q: &SVector<f64, N>, random: &mut Uniform) -> Option<SVector<f64, N>> {
         let dof = self.robot.dof();
         let found = (0..GUESSES.0).filter_map(|_| {
-            let guess = q + SVector::from_fn(|i, _| if i < dof { random.within(-GUESSES.1, GUESSES.1) } else { 0.0 });
+            let guess = q + SVector::from_fn(|i, _| {
+                if i < dof {
+                    random.within(-GUESSES.1, GUESSES.1)
+                } else {
+                    0.0
+                }
+            });
             let (there, e) = self.arm.solve(X, &guess, &SVector::zeros(), 0.0, SOLVED);
             (e.norm() < 10.0 * SOLVED && self.is_inside(&there)).then_some(there)
         });
@@ -390,19 +503,32 @@ mod tests {
     use super::*;
 
     fn template(robot: &str) -> Scenario {
-        let text = format!("name = \"lines\"\nrobot = \"{robot}\"\n[start]\nposture = \"none\"\n[[segment]]\nduration_s = 2.0\n");
+        let text = format!(
+            "name = \"lines\"\nrobot = \"{robot}\"\n[start]\nposture = \"none\"\n[[segment]]\nduration_s = 2.0\n"
+        );
         Scenario::parse("lines.toml", &text, &[]).unwrap()
     }
 
     #[test]
     fn lines_are_exactly_singular_where_they_say_and_the_same_for_a_seed() {
         let robot = Robot::builtin("ur5").unwrap();
-        let draw = |through, count| singular_lines(&robot, &template("ur5"), through, (5, count, 0.28), &|_| ()).unwrap();
+        let draw = |through, count| {
+            singular_lines(&robot, &template("ur5"), through, (5, count, 0.28), &|_| ()).unwrap()
+        };
         let lines = draw(Through::One, 2);
         assert_eq!(lines.len(), 6);
-        assert_eq!(lines[..3], draw(Through::One, 1)[..], "fewer lines are the beginning of more");
+        assert_eq!(
+            lines[..3],
+            draw(Through::One, 1)[..],
+            "fewer lines are the beginning of more"
+        );
         let model = Model::<6>::new(&robot, None).unwrap();
-        let arm = Kinematics { model: &model, p_EC: Vector3::zeros(), task: [true; 6], length_m: robot.length_m };
+        let arm = Kinematics {
+            model: &model,
+            p_EC: Vector3::zeros(),
+            task: [true; 6],
+            length_m: robot.length_m,
+        };
         for line in lines.iter().filter(|line| line.place == Where::Start) {
             let q = SVector::from_column_slice(line.scenario.start.q_rad.as_ref().unwrap());
             assert!(arm.spectrum(&q).smallest() < 1e-8, "{:?}", line.kinds);

@@ -12,8 +12,8 @@ use session::table::{number, table};
 use session::{Failure, Observer, Steering};
 use shared_types::bounds::{larger, share};
 use shared_types::codes::{
-    REASON_EFFORT, REASON_HELD, REASON_LIMIT, REASON_OVER, REASON_REACH, REASON_RESTING, REASON_SINGULARITY, REASON_STALE, REFUSALS,
-    name_of, reason_text, singularity_name,
+    REASON_EFFORT, REASON_HELD, REASON_LIMIT, REASON_OVER, REASON_REACH, REASON_RESTING,
+    REASON_SINGULARITY, REASON_STALE, REFUSALS, name_of, reason_text, singularity_name,
 };
 use shared_types::random::Uniform;
 use shared_types::scenario::Analysis;
@@ -28,7 +28,9 @@ pub fn robots() -> Vec<&'static str> {
     let mut families = Vec::new();
     let mut robots = Vec::new();
     for name in Robot::builtin_names() {
-        let robot = Robot::builtin(name).ok().filter(|robot| robot.task.is_full());
+        let robot = Robot::builtin(name)
+            .ok()
+            .filter(|robot| robot.task.is_full());
         let family = robot.and_then(|robot| with_dof!(robot.dof(), N => Family::<N>::of(&robot, &Analysis::default()).name()));
         if let Some(family) = family.filter(|family| !families.contains(family)) {
             families.push(family);
@@ -140,7 +142,10 @@ pub fn twists(seed: u64, seconds: f64) -> String {
         };
         let (linear, angular) = (direction(0.25), direction(0.6));
         let kind = random.within(0.0, 4.0);
-        let values = linear.map(|x| if kind < 1.0 { 0.0 } else { x }).into_iter().chain(angular.map(|x| if kind > 3.0 { 0.0 } else { x }));
+        let values = linear
+            .map(|x| if kind < 1.0 { 0.0 } else { x })
+            .into_iter()
+            .chain(angular.map(|x| if kind > 3.0 { 0.0 } else { x }));
         let values: Vec<String> = values.map(|x| format!("{x:.4}")).collect();
         text += &format!("{time:.3}, twist, base, {lasts:.3}, {}\n", values.join(" "));
         time += lasts;
@@ -152,23 +157,41 @@ pub fn twists(seed: u64, seconds: f64) -> String {
 ///
 /// # Errors
 /// [`Failure`] where an arm cannot be steered.
-pub fn random(subjects: &[Steering], seeds: u64, seconds: f64, observer: Observer<'_>) -> Result<Vec<Score>, Failure> {
+pub fn random(
+    subjects: &[Steering],
+    seeds: u64,
+    seconds: f64,
+    observer: Observer<'_>,
+) -> Result<Vec<Score>, Failure> {
     let mut sessions = Vec::new();
     for subject in subjects {
         for seed in 1..=seeds {
             let targets = session::Targets::Text(twists(seed, seconds));
-            let mut loaded = Steering { targets, duration_s: None, ..subject.clone() }.load()?;
+            let mut loaded = Steering {
+                targets,
+                duration_s: None,
+                ..subject.clone()
+            }
+            .load()?;
             // Twists that know nothing of a floor: an arm that is pressed against one is no finding on the law.
             loaded.scenario.plant.floor_m = None;
             sessions.push((subject.subject.clone(), seed, loaded));
         }
     }
-    let done = on_all_cores("random twists", &sessions, |(_, seed, loaded)| score(loaded, *seed), observer);
+    let done = on_all_cores(
+        "random twists",
+        &sessions,
+        |(_, seed, loaded)| score(loaded, *seed),
+        observer,
+    );
     let mut scores: Vec<Score> = Vec::new();
     for ((robot, ..), one) in sessions.iter().zip(done) {
         let one = one?;
         if scores.last().is_none_or(|score| score.robot != *robot) {
-            scores.push(Score { robot: robot.clone(), ..Score::default() });
+            scores.push(Score {
+                robot: robot.clone(),
+                ..Score::default()
+            });
         }
         if let Some(score) = scores.last_mut() {
             score.add(&one);
@@ -178,23 +201,55 @@ pub fn random(subjects: &[Steering], seeds: u64, seconds: f64, observer: Observe
 }
 
 /// One session on one thread.
-fn score(Loaded { scenario, robot, .. }: &Loaded, seed: u64) -> Result<Score, Failure> {
+fn score(
+    Loaded {
+        scenario, robot, ..
+    }: &Loaded,
+    seed: u64,
+) -> Result<Score, Failure> {
     let mut chain = Chain::new(robot, scenario).map_err(Failure::input)?;
-    let mut judge = Judge::new(recorder::limits(robot), scenario.goal.clone(), scenario.duration_s() * f64::from(scenario.rate_hz));
+    let mut judge = Judge::new(
+        recorder::limits(robot),
+        scenario.goal.clone(),
+        scenario.duration_s() * f64::from(scenario.rate_hz),
+    );
     let (mut tick, dt) = (Tick::default(), scenario.dt_s());
-    let (mut score, mut before, mut still) = (Score { seconds: scenario.duration_s(), ..Score::default() }, None::<[f64; MAX_DOF]>, 0.0);
+    let (mut score, mut before, mut still) = (
+        Score {
+            seconds: scenario.duration_s(),
+            ..Score::default()
+        },
+        None::<[f64; MAX_DOF]>,
+        0.0,
+    );
     let mut worst: [Option<Event>; 5] = Default::default();
     while !chain.is_over() {
         chain.step(&mut tick);
-        let messages = recorder::Tick::of(&tick.lent()).ok_or_else(|| Failure::Work("a tick without a message".to_owned()))?;
+        let messages = recorder::Tick::of(&tick.lent())
+            .ok_or_else(|| Failure::Work("a tick without a message".to_owned()))?;
         let error = TaskError::on(&messages, &robot.task.0);
         judge.tick(messages);
         let state = &tick.servo_state;
-        let stated = [REASON_LIMIT, REASON_REACH, REASON_RESTING, REASON_STALE, REASON_OVER, REASON_HELD].contains(&state.reason);
-        let stands = !stated && state.V_target.iter().any(|x| x.abs() > MOVES) && state.speed_scale < STILL.0;
+        let stated = [
+            REASON_LIMIT,
+            REASON_REACH,
+            REASON_RESTING,
+            REASON_STALE,
+            REASON_OVER,
+            REASON_HELD,
+        ]
+        .contains(&state.reason);
+        let stands = !stated
+            && state.V_target.iter().any(|x| x.abs() > MOVES)
+            && state.speed_scale < STILL.0;
         still = if stands { still + dt } else { 0.0 };
         let seconds = tick.torque.header.tick as f64 * dt;
-        let kind = |place: usize| tick.singularity.singularities.get(place).map(|one| one.kind);
+        let kind = |place: usize| {
+            tick.singularity
+                .singularities
+                .get(place)
+                .map(|one| one.kind)
+        };
         if still > STILL.1 {
             score.stalled_s += dt;
         }
@@ -202,22 +257,43 @@ fn score(Loaded { scenario, robot, .. }: &Loaded, seed: u64) -> Result<Score, Fa
         before = Some(tick.torque.tau);
         // Beyond a range by so much is no worse than twice the bar of a degree.
         let excesses = [
-            (error.position[1] / ORTHOGONAL_MM, format!("{:.3} mm orthogonal to ζ", error.position[1])),
-            (error.orientation[1] / ORTHOGONAL_DEG, format!("{:.3}° orthogonal to ζ", error.orientation[1])),
-            (if beyond > 0.0 { 1.0 + beyond } else { 0.0 }, format!("a joint {:.4} rad beyond its range", beyond)),
+            (
+                error.position[1] / ORTHOGONAL_MM,
+                format!("{:.3} mm orthogonal to ζ", error.position[1]),
+            ),
+            (
+                error.orientation[1] / ORTHOGONAL_DEG,
+                format!("{:.3}° orthogonal to ζ", error.orientation[1]),
+            ),
+            (
+                if beyond > 0.0 { 1.0 + beyond } else { 0.0 },
+                format!("a joint {:.4} rad beyond its range", beyond),
+            ),
             (speed, format!("a joint at {speed:.3} of its speed")),
-            (if still > STILL.1 { 1.0 + still } else { 0.0 }, format!("stalled for {still:.2} s")),
+            (
+                if still > STILL.1 { 1.0 + still } else { 0.0 },
+                format!("stalled for {still:.2} s"),
+            ),
         ];
         for (worst, (times, what)) in worst.iter_mut().zip(excesses) {
             if times > 1.0 && worst.as_ref().is_none_or(|worst| times > worst.times) {
-                *worst = Some(Event { times, text: format!("seed {seed}, {seconds:.2} s: {what}; {}", describe(state, kind)) });
+                *worst = Some(Event {
+                    times,
+                    text: format!(
+                        "seed {seed}, {seconds:.2} s: {what}; {}",
+                        describe(state, kind)
+                    ),
+                });
             }
         }
     }
     let verdict = judge.verdict();
     score.speed = verdict.joints.speed_max_ratio;
     score.torque = verdict.joints.torque_max_ratio;
-    (score.orthogonal_mm, score.orthogonal_deg) = (verdict.task.orthogonal_max_mm, verdict.task.orthogonal_max_deg);
+    (score.orthogonal_mm, score.orthogonal_deg) = (
+        verdict.task.orthogonal_max_mm,
+        verdict.task.orthogonal_max_deg,
+    );
     score.stops = u64::from(tick.servo_state.stops);
     score.events = worst.into_iter().flatten().collect();
     Ok(score)
@@ -225,11 +301,20 @@ fn score(Loaded { scenario, robot, .. }: &Loaded, seed: u64) -> Result<Score, Fa
 
 impl Score {
     /// Takes a tick in; the largest share of a joint's speed in it, and the largest distance of a joint beyond its range, rad.
-    fn take(&mut self, robot: &Robot, tick: &Tick, before: Option<[f64; MAX_DOF]>, dt: f64) -> (f64, f64) {
+    fn take(
+        &mut self,
+        robot: &Robot,
+        tick: &Tick,
+        before: Option<[f64; MAX_DOF]>,
+        dt: f64,
+    ) -> (f64, f64) {
         let (mut speed, mut beyond) = (0.0_f64, 0.0_f64);
         for (i, joint) in robot.joints.iter().enumerate() {
             if let Some(before) = before {
-                self.step = larger(self.step, share(tick.torque.tau[i] - before[i], joint.torque_rate * dt));
+                self.step = larger(
+                    self.step,
+                    share(tick.torque.tau[i] - before[i], joint.torque_rate * dt),
+                );
             }
             let q = tick.plant_state.q[i];
             beyond = larger(beyond, (q - joint.upper).max(joint.lower - q));
@@ -252,15 +337,33 @@ impl Score {
 pub fn describe(state: &ServoState, kind: impl Fn(usize) -> Option<u32>) -> String {
     let mut text = reason_text(state.reason, state.joint, state.upper);
     if ![REASON_RESTING, REASON_STALE, REASON_OVER].contains(&state.reason) {
-        text += &format!("; hand at {:.0} % of the speed asked for", state.speed_scale * 100.0);
+        text += &format!(
+            "; hand at {:.0} % of the speed asked for",
+            state.speed_scale * 100.0
+        );
     }
     let place = (state.singularity as usize).checked_sub(1);
-    if let Some((place, kind)) = place.and_then(|place| Some((place, kind(place)?))).filter(|_| state.nearest < 1e8) {
-        let near = if state.nearest < 1.0 { "inside the neighbourhood of" } else { "nearest singularity:" };
-        text += &format!("; {near} {} (|s| {:.2} of its bound)", singularity_name(kind, place), state.nearest);
+    if let Some((place, kind)) = place
+        .and_then(|place| Some((place, kind(place)?)))
+        .filter(|_| state.nearest < 1e8)
+    {
+        let near = if state.nearest < 1.0 {
+            "inside the neighbourhood of"
+        } else {
+            "nearest singularity:"
+        };
+        text += &format!(
+            "; {near} {} (|s| {:.2} of its bound)",
+            singularity_name(kind, place),
+            state.nearest
+        );
     }
     if state.stops > 0 {
-        text += &format!("; stopped {} ×: {}", state.stops, name_of(REFUSALS, state.stop));
+        text += &format!(
+            "; stopped {} ×: {}",
+            state.stops,
+            name_of(REFUSALS, state.stop)
+        );
     }
     text
 }
@@ -271,7 +374,20 @@ pub struct ScoresText<'a>(pub &'a [Score]);
 
 impl fmt::Display for ScoresText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let heads = ["robot", "s", "speed", "torque", "step", "limits", "⊥ ζ, mm", "⊥ ζ, °", "stalled", "limit", "reach", "stop"];
+        let heads = [
+            "robot",
+            "s",
+            "speed",
+            "torque",
+            "step",
+            "limits",
+            "⊥ ζ, mm",
+            "⊥ ζ, °",
+            "stalled",
+            "limit",
+            "reach",
+            "stop",
+        ];
         let mut rows = table(&heads);
         for score in self.0 {
             rows.add_row([
@@ -298,7 +414,10 @@ impl fmt::Display for ScoresText<'_> {
              stalled: seconds at less than 2 % of the speed asked for, for longer than 0.5 s, neither reach nor a\n\
              joint limit the reason; limit, reach: seconds slowed there; stop: stops; --json has more"
         )?;
-        let events = self.0.iter().flat_map(|score| score.events.iter().map(|event| (&score.robot, event)));
+        let events = self
+            .0
+            .iter()
+            .flat_map(|score| score.events.iter().map(|event| (&score.robot, event)));
         for (robot, event) in events {
             writeln!(f, "{robot}, {}", event.text)?;
         }

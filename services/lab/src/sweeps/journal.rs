@@ -52,17 +52,27 @@ impl Journal {
     pub(super) fn append(&mut self, run: u64, cells: &[Cell]) -> io::Result<()> {
         let written: Vec<String> = cells.iter().map(Cell::write).collect();
         let content = serde_json::to_string(&(run, written))?;
-        self.file.write_all(format!("{:016x} {content}\n", xxh3_64(content.as_bytes())).as_bytes())
+        self.file
+            .write_all(format!("{:016x} {content}\n", xxh3_64(content.as_bytes())).as_bytes())
     }
 }
 
 fn read(line: &[u8]) -> Option<Finished> {
-    let (sum, content) = std::str::from_utf8(line).ok()?.strip_suffix('\n')?.split_once(' ')?;
+    let (sum, content) = std::str::from_utf8(line)
+        .ok()?
+        .strip_suffix('\n')?
+        .split_once(' ')?;
     if u64::from_str_radix(sum, 16).ok()? != xxh3_64(content.as_bytes()) {
         return None;
     }
     let (run, cells): (u64, Vec<String>) = serde_json::from_str(content).ok()?;
-    Some((run, cells.iter().map(|cell| Cell::read(cell)).collect::<Option<_>>()?))
+    Some((
+        run,
+        cells
+            .iter()
+            .map(|cell| Cell::read(cell))
+            .collect::<Option<_>>()?,
+    ))
 }
 
 #[cfg(test)]
@@ -73,22 +83,39 @@ mod tests {
     fn a_half_line_of_a_kill_is_cut_off_and_everything_before_it_stays() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("journal");
-        let cells = |x: f64| vec![Cell::Absent, Cell::Boolean(true), Cell::Whole(-3), Cell::Number(x), Cell::Text("ζ \"1\"\n2".to_owned())];
-        let runs: Vec<Finished> = vec![(4, cells(0.1)), (2, cells(f64::INFINITY)), (3, cells(-0.0))];
+        let cells = |x: f64| {
+            vec![
+                Cell::Absent,
+                Cell::Boolean(true),
+                Cell::Whole(-3),
+                Cell::Number(x),
+                Cell::Text("ζ \"1\"\n2".to_owned()),
+            ]
+        };
+        let runs: Vec<Finished> =
+            vec![(4, cells(0.1)), (2, cells(f64::INFINITY)), (3, cells(-0.0))];
         let (mut journal, before) = Journal::open(&path).unwrap();
         assert!(before.is_empty());
         for (run, cells) in &runs {
             journal.append(*run, cells).unwrap();
         }
         let whole = std::fs::read(&path).unwrap();
-        let last = whole[..whole.len() - 1].iter().rposition(|byte| *byte == b'\n').unwrap() + 1;
+        let last = whole[..whole.len() - 1]
+            .iter()
+            .rposition(|byte| *byte == b'\n')
+            .unwrap()
+            + 1;
         for cut in last..=whole.len() {
             std::fs::write(&path, &whole[..cut]).unwrap();
             let kept = if cut == whole.len() { 3 } else { 2 };
             let (mut journal, found) = Journal::open(&path).unwrap();
             assert_eq!(found, runs[..kept]);
             journal.append(9, &cells(1.0)).unwrap();
-            assert_eq!(Journal::open(&path).unwrap().1.len(), kept + 1, "what is appended after the cut is read");
+            assert_eq!(
+                Journal::open(&path).unwrap().1.len(),
+                kept + 1,
+                "what is appended after the cut is read"
+            );
         }
         let mut damaged = whole.clone();
         damaged[last + 20] ^= 1;

@@ -43,14 +43,28 @@ impl Outcomes {
     /// [`Failure::Input`] where a partition is missing or damaged.
     pub(super) fn of(folder: &Path, manifest: &Manifest) -> Result<Self, Failure> {
         let spec: Spec = shared_types::file::parse("sweep.toml", &manifest.sweep_toml, &[])?;
-        let listed: Vec<&str> = spec.key.iter().filter(|key| !key.values.is_empty()).map(|key| key.key.as_str()).collect();
-        let mut tallies: Vec<BTreeMap<String, Tally>> = listed.iter().map(|_| BTreeMap::new()).collect();
+        let listed: Vec<&str> = spec
+            .key
+            .iter()
+            .filter(|key| !key.values.is_empty())
+            .map(|key| key.key.as_str())
+            .collect();
+        let mut tallies: Vec<BTreeMap<String, Tally>> =
+            listed.iter().map(|_| BTreeMap::new()).collect();
         let mut outcomes = Self::default();
         for partition in manifest.own_partitions() {
             let opened = open(folder, manifest, partition)?;
-            let column = |name: &str| opened.column(name).map_err(|sentence| Failure::Input(format!("{}: {sentence}", folder.display())));
-            let keys = listed.iter().map(|key| column(key)).collect::<Result<Vec<_>, _>>()?;
-            for (row, (outcome, reason)) in column(OUTCOME)?.iter().zip(column(REASON)?).enumerate() {
+            let column = |name: &str| {
+                opened
+                    .column(name)
+                    .map_err(|sentence| Failure::Input(format!("{}: {sentence}", folder.display())))
+            };
+            let keys = listed
+                .iter()
+                .map(|key| column(key))
+                .collect::<Result<Vec<_>, _>>()?;
+            for (row, (outcome, reason)) in column(OUTCOME)?.iter().zip(column(REASON)?).enumerate()
+            {
                 let is_computed = outcomes.count(outcome, &reason);
                 for (cells, tallies) in keys.iter().zip(&mut tallies) {
                     let tally = tallies.entry(cells[row].to_string()).or_default();
@@ -63,7 +77,9 @@ impl Outcomes {
         }
         for (key, tallies) in listed.iter().zip(tallies) {
             let barren = tallies.into_iter().filter(|(_, tally)| tally.computed == 0);
-            outcomes.barren.extend(barren.map(|(value, tally)| (format!("{key} = {value}"), tally.reason)));
+            outcomes
+                .barren
+                .extend(barren.map(|(value, tally)| (format!("{key} = {value}"), tally.reason)));
         }
         Ok(outcomes)
     }
@@ -86,7 +102,13 @@ impl Outcomes {
 
     /// The lack of a whole sweep, in one sentence without an end; `None` where everything that its file lists has a result.
     pub(super) fn lack(&self) -> Option<String> {
-        let Self { computed, refused, failed, reason, barren } = self;
+        let Self {
+            computed,
+            refused,
+            failed,
+            reason,
+            barren,
+        } = self;
         let mut clauses = Vec::new();
         if *failed > 0 {
             clauses.push(format!(
@@ -95,11 +117,22 @@ impl Outcomes {
             ));
         }
         if *computed == 0 {
-            clauses.push(format!("no run of {} has a result: {reason}", refused + failed));
+            clauses.push(format!(
+                "no run of {} has a result: {reason}",
+                refused + failed
+            ));
         } else {
-            clauses.extend(barren.iter().take(NAMED).map(|(value, reason)| format!("no run with {value} has a result: {reason}")));
+            clauses.extend(
+                barren
+                    .iter()
+                    .take(NAMED)
+                    .map(|(value, reason)| format!("no run with {value} has a result: {reason}")),
+            );
             if barren.len() > NAMED {
-                clauses.push(format!("{} more values are without a result", barren.len() - NAMED));
+                clauses.push(format!(
+                    "{} more values are without a result",
+                    barren.len() - NAMED
+                ));
             }
         }
         (!clauses.is_empty()).then(|| clauses.join("; "))
@@ -122,15 +155,32 @@ mod tests {
     #[test]
     fn a_sweep_lacks_something_where_a_run_failed_or_none_has_a_result() {
         let reached = ("goal reached", "");
-        assert_eq!(outcomes(&[reached, (REFUSED, "the start")]).lack(), None, "a refused run is a row");
+        assert_eq!(
+            outcomes(&[reached, (REFUSED, "the start")]).lack(),
+            None,
+            "a refused run is a row"
+        );
         let none = outcomes(&[(REFUSED, "the start"), (REFUSED, "the law")]);
         assert_eq!(none.lack().unwrap(), "no run of 2 has a result: the start");
         let failed = outcomes(&[reached, (FAILED, "a panic")]);
-        assert!(failed.lack().unwrap().starts_with("1 of 2 runs ended in a defect of this program"));
-        let barren = (1..=5).map(|value| (format!("seed = {value}"), "too large".to_owned())).collect();
-        let barren = Outcomes { barren, ..outcomes(&[reached]) }.lack().unwrap();
         assert!(
-            barren.starts_with("no run with seed = 1 has a result: too large; ") && barren.ends_with("2 more values are without a result")
+            failed
+                .lack()
+                .unwrap()
+                .starts_with("1 of 2 runs ended in a defect of this program")
+        );
+        let barren = (1..=5)
+            .map(|value| (format!("seed = {value}"), "too large".to_owned()))
+            .collect();
+        let barren = Outcomes {
+            barren,
+            ..outcomes(&[reached])
+        }
+        .lack()
+        .unwrap();
+        assert!(
+            barren.starts_with("no run with seed = 1 has a result: too large; ")
+                && barren.ends_with("2 more values are without a result")
         );
     }
 }

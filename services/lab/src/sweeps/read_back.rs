@@ -32,12 +32,27 @@ impl Table {
     ///
     /// # Errors
     /// [`Failure::Input`] where there is no such column, or a file is damaged.
-    pub(super) fn read(folder: &Path, manifest: &Manifest, names: &[&str]) -> Result<Self, Failure> {
-        let mut table = Self { columns: names.iter().map(|name| ((*name).to_owned(), Vec::new())).collect(), rows: 0 };
-        for partition in manifest.own_partitions().filter(|partition| rows_file(folder, *partition).exists()) {
+    pub(super) fn read(
+        folder: &Path,
+        manifest: &Manifest,
+        names: &[&str],
+    ) -> Result<Self, Failure> {
+        let mut table = Self {
+            columns: names
+                .iter()
+                .map(|name| ((*name).to_owned(), Vec::new()))
+                .collect(),
+            rows: 0,
+        };
+        for partition in manifest
+            .own_partitions()
+            .filter(|partition| rows_file(folder, *partition).exists())
+        {
             let opened = open(folder, manifest, partition)?;
             for (name, cells) in &mut table.columns {
-                cells.extend(opened.column(name).map_err(|sentence| Failure::Input(format!("{}: {sentence}", folder.display())))?);
+                cells.extend(opened.column(name).map_err(|sentence| {
+                    Failure::Input(format!("{}: {sentence}", folder.display()))
+                })?);
             }
             table.rows += opened.rows as usize;
         }

@@ -121,18 +121,36 @@ pub fn report(request: &ReportRequest<'_>) -> Result<Report, Failure> {
     let map = map_keys(&keys, request.map)?;
     let hashes = TOPICS.map(hash_column);
     let hashes: Vec<&str> = hashes.iter().map(String::as_str).collect();
-    let mut names = [&keys[..], &SHOWN[..], &hashes[..], &[RUN, OUTCOME, REASON, COMPLETED, request.by]].concat();
+    let mut names = [
+        &keys[..],
+        &SHOWN[..],
+        &hashes[..],
+        &[RUN, OUTCOME, REASON, COMPLETED, request.by],
+    ]
+    .concat();
     names.sort_unstable();
     names.dedup();
     let table = Table::read(folder, &manifest, &names)?;
     if table.rows == 0 {
-        return Err(Failure::Input(format!("no partition in {} is complete yet: run the sweep first", folder.display())));
+        return Err(Failure::Input(format!(
+            "no partition in {} is complete yet: run the sweep first",
+            folder.display()
+        )));
     }
     let by = table.ordered(request.by);
     if by.is_empty() {
-        return Err(Failure::Input(format!("the column `{}` has no numbers; take one such as {}", request.by, SHOWN[0])));
+        return Err(Failure::Input(format!(
+            "the column `{}` has no numbers; take one such as {}",
+            request.by, SHOWN[0]
+        )));
     }
-    let texts = |name: &str| table.column(name).iter().map(ToString::to_string).collect::<Vec<_>>();
+    let texts = |name: &str| {
+        table
+            .column(name)
+            .iter()
+            .map(ToString::to_string)
+            .collect::<Vec<_>>()
+    };
     let (outcome, reason) = (texts(OUTCOME), texts(REASON));
     let mut outcomes = Vec::<(String, usize)>::new();
     for one in &outcome {
@@ -142,24 +160,52 @@ pub fn report(request: &ReportRequest<'_>) -> Result<Report, Failure> {
         }
     }
     outcomes.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
-    let refused = outcome.iter().zip(&reason).find(|(outcome, _)| *outcome == REFUSED).map(|(_, reason)| reason.clone());
+    let refused = outcome
+        .iter()
+        .zip(&reason)
+        .find(|(outcome, _)| *outcome == REFUSED)
+        .map(|(_, reason)| reason.clone());
     let mut shown = SHOWN.to_vec();
     if !shown.contains(&request.by) {
         shown.push(request.by);
     }
-    let spreads = shown.iter().filter_map(|column| spread(column, &table.ordered(column))).collect();
+    let spreads = shown
+        .iter()
+        .filter_map(|column| spread(column, &table.ordered(column)))
+        .collect();
     let source = load::Source::read(&manifest.scenario).ok();
-    let has_changed = source.as_ref().is_none_or(|source| source.text != manifest.scenario_toml);
+    let has_changed = source
+        .as_ref()
+        .is_none_or(|source| source.text != manifest.scenario_toml);
     let remark = match has_changed {
-        true => format!("{} is not as it was for the sweep: the commands repeat other runs", manifest.scenario),
+        true => format!(
+            "{} is not as it was for the sweep: the commands repeat other runs",
+            manifest.scenario
+        ),
         false => String::new(),
     };
-    let original = load::Source { file: manifest.scenario.clone(), text: manifest.scenario_toml.clone(), folder: None };
-    let space =
-        Space::new(&spec, &original).map_err(|_| Failure::Input(format!("{} is damaged: its scenario is invalid", folder.display())))?;
+    let original = load::Source {
+        file: manifest.scenario.clone(),
+        text: manifest.scenario_toml.clone(),
+        folder: None,
+    };
+    let space = Space::new(&spec, &original).map_err(|_| {
+        Failure::Input(format!(
+            "{} is damaged: its scenario is invalid",
+            folder.display()
+        ))
+    })?;
     let worst = worst(&table, request, |run| {
-        let values = space.values(run).iter().map(ToString::to_string).collect::<Vec<_>>();
-        let settings: Vec<_> = keys.iter().map(|key| (*key).to_owned()).zip(values).collect();
+        let values = space
+            .values(run)
+            .iter()
+            .map(ToString::to_string)
+            .collect::<Vec<_>>();
+        let settings: Vec<_> = keys
+            .iter()
+            .map(|key| (*key).to_owned())
+            .zip(values)
+            .collect();
         (settings, command(&manifest, &space.settings(run), run))
     });
     let report = Report {
@@ -167,7 +213,11 @@ pub fn report(request: &ReportRequest<'_>) -> Result<Report, Failure> {
         folder: folder.to_owned(),
         runs: [
             table.rows as u64,
-            manifest.own_partitions().map(|partition| manifest.runs_of(partition)).map(|runs| runs.end - runs.start).sum(),
+            manifest
+                .own_partitions()
+                .map(|partition| manifest.runs_of(partition))
+                .map(|runs| runs.end - runs.start)
+                .sum(),
         ],
         outcomes,
         refused,
@@ -178,7 +228,14 @@ pub fn report(request: &ReportRequest<'_>) -> Result<Report, Failure> {
     };
     let results = Results::create(Some(folder), &manifest.name)?;
     check_regular(folder)?;
-    let page = picture::page(title(&report, &spec), listed(&report.outcomes), &table, &spec, &map, &report.by);
+    let page = picture::page(
+        title(&report, &spec),
+        listed(&report.outcomes),
+        &table,
+        &spec,
+        &map,
+        &report.by,
+    );
     page.save(&folder.join("report")).map_err(Failure::work)?;
     results.save("report.json", &report.json())?;
     Ok(report)
@@ -186,62 +243,114 @@ pub fn report(request: &ReportRequest<'_>) -> Result<Report, Failure> {
 
 fn title(report: &Report, spec: &Spec) -> String {
     let [runs, of] = report.runs;
-    let counted = if runs == of { format!("{runs} runs") } else { format!("{runs} of {of} runs") };
+    let counted = if runs == of {
+        format!("{runs} runs")
+    } else {
+        format!("{runs} of {of} runs")
+    };
     format!("{}: {} in {counted}", report.name, spec.scenario)
 }
 
 /// "goal reached 12, stopped 1".
 fn listed(outcomes: &[(String, usize)]) -> String {
-    outcomes.iter().map(|(outcome, count)| format!("{outcome} {count}")).collect::<Vec<_>>().join(", ")
+    outcomes
+        .iter()
+        .map(|(outcome, count)| format!("{outcome} {count}"))
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 /// The keys of the map: those asked for, or the first two.
 fn map_keys<'a>(keys: &[&'a str], wanted: &[String]) -> Result<Vec<&'a str>, Failure> {
     let known = |wanted: &String| {
         let found = keys.iter().find(|key| **key == wanted.as_str()).copied();
-        found.ok_or_else(|| Failure::Input(load::unknown("key of this sweep", wanted, keys.iter().copied(), "")))
+        found.ok_or_else(|| {
+            Failure::Input(load::unknown(
+                "key of this sweep",
+                wanted,
+                keys.iter().copied(),
+                "",
+            ))
+        })
     };
     match wanted {
         [] => Ok(keys.iter().copied().take(2).collect()),
         [one, other] if one != other => Ok(vec![known(one)?, known(other)?]),
-        _ => Err(Failure::Input("a map has two keys: --map KEY,KEY".to_owned())),
+        _ => Err(Failure::Input(
+            "a map has two keys: --map KEY,KEY".to_owned(),
+        )),
     }
 }
 
 fn spread(column: &str, ordered: &[f64]) -> Option<Spread> {
     let last = *ordered.last()?;
-    let at = |share: f64| ordered[((share * ordered.len() as f64).ceil() as usize).clamp(1, ordered.len()) - 1];
+    let at = |share: f64| {
+        ordered[((share * ordered.len() as f64).ceil() as usize).clamp(1, ordered.len()) - 1]
+    };
     let [min, p50, p90, p99] = SHARES.map(at);
-    Some(Spread { column: column.to_owned(), runs: ordered.len(), values: [min, p50, p90, p99, last] })
+    Some(Spread {
+        column: column.to_owned(),
+        runs: ordered.len(),
+        values: [min, p50, p90, p99, last],
+    })
 }
 
 /// The worst runs: first those that did not come to their task's end, then by the column, the largest first; a number that is none is larger.
-fn worst(table: &Table, request: &ReportRequest<'_>, of: impl Fn(u64) -> (Vec<(String, String)>, String)) -> Vec<Worst> {
+fn worst(
+    table: &Table,
+    request: &ReportRequest<'_>,
+    of: impl Fn(u64) -> (Vec<(String, String)>, String),
+) -> Vec<Worst> {
     let (by, completed) = (table.column(request.by), table.column(COMPLETED));
     let rows = by.iter().zip(completed).enumerate();
-    let mut order: Vec<(bool, f64, usize)> =
-        rows.filter_map(|(row, (by, done))| Some((done == &Cell::Boolean(true), by.number()?, row))).collect();
+    let mut order: Vec<(bool, f64, usize)> = rows
+        .filter_map(|(row, (by, done))| Some((done == &Cell::Boolean(true), by.number()?, row)))
+        .collect();
     order.sort_by(|a, b| a.0.cmp(&b.0).then(b.1.total_cmp(&a.1)).then(a.2.cmp(&b.2)));
     let of_row = |(_, value, row): &(bool, f64, usize)| {
         let run = table.column(RUN)[*row].number().unwrap_or_default() as u64;
         let (settings, command) = of(run);
         let text = |name: &str| table.column(name)[*row].to_string();
-        let hashes = TOPICS.iter().map(|topic| ((*topic).to_owned(), text(&hash_column(topic)))).collect();
-        Worst { run, value: *value, outcome: text(OUTCOME), settings, hashes, command }
+        let hashes = TOPICS
+            .iter()
+            .map(|topic| ((*topic).to_owned(), text(&hash_column(topic))))
+            .collect();
+        Worst {
+            run,
+            value: *value,
+            outcome: text(OUTCOME),
+            settings,
+            hashes,
+            command,
+        }
     };
     order.iter().take(request.worst).map(of_row).collect()
 }
 
 /// The command that repeats a run as a recording.
 fn command(manifest: &Manifest, settings: &[String], run: u64) -> String {
-    let settings: String = settings.iter().map(|setting| format!(" --set {}", quoted(setting))).collect();
-    format!("armplane run {}{settings} --out {}-run-{run}", quoted(&manifest.scenario), manifest.name)
+    let settings: String = settings
+        .iter()
+        .map(|setting| format!(" --set {}", quoted(setting)))
+        .collect();
+    format!(
+        "armplane run {}{settings} --out {}-run-{run}",
+        quoted(&manifest.scenario),
+        manifest.name
+    )
 }
 
 /// A word of a shell's command line.
 fn quoted(word: &str) -> String {
-    let is_plain = !word.is_empty() && word.chars().all(|c| c.is_ascii_alphanumeric() || "-_./=:,+".contains(c));
-    if is_plain { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
+    let is_plain = !word.is_empty()
+        && word
+            .chars()
+            .all(|c| c.is_ascii_alphanumeric() || "-_./=:,+".contains(c));
+    if is_plain {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', "'\\''"))
+    }
 }
 
 #[cfg(test)]
@@ -250,8 +359,18 @@ mod tests {
 
     #[test]
     fn words_come_through_a_shell_unharmed() {
-        for word in ["control.k_p=900.5", "robot=\"ur5\"", "start.q_deg=[1, 2]", "it's", "$HOME `x` \\", ""] {
-            let said = std::process::Command::new("sh").args(["-c", &format!("printf %s {}", quoted(word))]).output().unwrap();
+        for word in [
+            "control.k_p=900.5",
+            "robot=\"ur5\"",
+            "start.q_deg=[1, 2]",
+            "it's",
+            "$HOME `x` \\",
+            "",
+        ] {
+            let said = std::process::Command::new("sh")
+                .args(["-c", &format!("printf %s {}", quoted(word))])
+                .output()
+                .unwrap();
             assert_eq!(String::from_utf8(said.stdout).unwrap(), word);
         }
     }
@@ -259,7 +378,10 @@ mod tests {
     #[test]
     fn percentiles_are_values_that_occurred() {
         let ordered: Vec<f64> = (1..=1000).map(f64::from).collect();
-        assert_eq!(spread("x", &ordered).unwrap().values, [1.0, 500.0, 900.0, 990.0, 1000.0]);
+        assert_eq!(
+            spread("x", &ordered).unwrap().values,
+            [1.0, 500.0, 900.0, 990.0, 1000.0]
+        );
         assert_eq!(spread("x", &[3.0]).unwrap().values, [3.0; 5]);
         assert_eq!(spread("x", &[]), None);
     }

@@ -31,40 +31,165 @@ type Of = fn(&Score, &Verdict) -> Cell;
 /// The results of a run: name, kind, meaning, value.
 const RESULTS: [(&str, Kind, &str, Of); 27] = [
     ("ticks", Kind::Whole, "ticks done", |_, v| whole(v.ticks)),
-    (COMPLETED, Kind::Boolean, "whether the task ran to its end", |_, v| Cell::Boolean(v.completed)),
-    ("s1", Kind::Boolean, "success by the strict bar of `armplane compare`", |s, _| Cell::Boolean(s.s1)),
-    ("s2", Kind::Boolean, "success by its bar for lines that are not along ζ", |s, _| Cell::Boolean(s.s2)),
-    ("missed", Kind::Text, "the conditions of s2 that failed", |s, _| Cell::Text(s.missed.join(", "))),
-    ("position_max_mm", Kind::Number, "largest position error", |_, v| Cell::Number(v.task.position_max_mm)),
-    ("position_rms_mm", Kind::Number, "root mean square position error", |_, v| Cell::Number(v.task.position_rms_mm)),
-    ("orientation_max_deg", Kind::Number, "largest orientation error", |_, v| Cell::Number(v.task.orientation_max_deg)),
-    ("orthogonal_max_mm", Kind::Number, "largest position error orthogonal to ζ", |_, v| Cell::Number(v.task.orthogonal_max_mm)),
-    ("orthogonal_max_deg", Kind::Number, "largest orientation error orthogonal to ζ", |_, v| Cell::Number(v.task.orthogonal_max_deg)),
-    ("along_max_mm", Kind::Number, "largest position error along ζ", |s, _| Cell::Number(s.along_max_mm)),
-    ("along_max_deg", Kind::Number, "largest orientation error along ζ", |s, _| Cell::Number(s.along_max_deg)),
-    ("final_position_mm", Kind::Number, "position error at the end", |_, v| Cell::Number(v.task.final_position_mm)),
-    ("final_orientation_deg", Kind::Number, "orientation error at the end", |_, v| Cell::Number(v.task.final_orientation_deg)),
-    ("time_stretch_ratio", Kind::Number, "ticks done over ticks planned", |_, v| Cell::Number(v.task.time_stretch)),
-    ("speed_max_ratio", Kind::Number, "largest joint speed over its limit", |_, v| Cell::Number(v.joints.speed_max_ratio)),
-    ("torque_max_ratio", Kind::Number, "largest torque over its limit", |_, v| Cell::Number(v.joints.torque_max_ratio)),
-    ("torque_step_max_ratio", Kind::Number, "largest change of a torque in one tick over its limit", |_, v| {
-        Cell::Number(v.joints.torque_step_max_ratio)
+    (
+        COMPLETED,
+        Kind::Boolean,
+        "whether the task ran to its end",
+        |_, v| Cell::Boolean(v.completed),
+    ),
+    (
+        "s1",
+        Kind::Boolean,
+        "success by the strict bar of `armplane compare`",
+        |s, _| Cell::Boolean(s.s1),
+    ),
+    (
+        "s2",
+        Kind::Boolean,
+        "success by its bar for lines that are not along ζ",
+        |s, _| Cell::Boolean(s.s2),
+    ),
+    (
+        "missed",
+        Kind::Text,
+        "the conditions of s2 that failed",
+        |s, _| Cell::Text(s.missed.join(", ")),
+    ),
+    (
+        "position_max_mm",
+        Kind::Number,
+        "largest position error",
+        |_, v| Cell::Number(v.task.position_max_mm),
+    ),
+    (
+        "position_rms_mm",
+        Kind::Number,
+        "root mean square position error",
+        |_, v| Cell::Number(v.task.position_rms_mm),
+    ),
+    (
+        "orientation_max_deg",
+        Kind::Number,
+        "largest orientation error",
+        |_, v| Cell::Number(v.task.orientation_max_deg),
+    ),
+    (
+        "orthogonal_max_mm",
+        Kind::Number,
+        "largest position error orthogonal to ζ",
+        |_, v| Cell::Number(v.task.orthogonal_max_mm),
+    ),
+    (
+        "orthogonal_max_deg",
+        Kind::Number,
+        "largest orientation error orthogonal to ζ",
+        |_, v| Cell::Number(v.task.orthogonal_max_deg),
+    ),
+    (
+        "along_max_mm",
+        Kind::Number,
+        "largest position error along ζ",
+        |s, _| Cell::Number(s.along_max_mm),
+    ),
+    (
+        "along_max_deg",
+        Kind::Number,
+        "largest orientation error along ζ",
+        |s, _| Cell::Number(s.along_max_deg),
+    ),
+    (
+        "final_position_mm",
+        Kind::Number,
+        "position error at the end",
+        |_, v| Cell::Number(v.task.final_position_mm),
+    ),
+    (
+        "final_orientation_deg",
+        Kind::Number,
+        "orientation error at the end",
+        |_, v| Cell::Number(v.task.final_orientation_deg),
+    ),
+    (
+        "time_stretch_ratio",
+        Kind::Number,
+        "ticks done over ticks planned",
+        |_, v| Cell::Number(v.task.time_stretch),
+    ),
+    (
+        "speed_max_ratio",
+        Kind::Number,
+        "largest joint speed over its limit",
+        |_, v| Cell::Number(v.joints.speed_max_ratio),
+    ),
+    (
+        "torque_max_ratio",
+        Kind::Number,
+        "largest torque over its limit",
+        |_, v| Cell::Number(v.joints.torque_max_ratio),
+    ),
+    (
+        "torque_step_max_ratio",
+        Kind::Number,
+        "largest change of a torque in one tick over its limit",
+        |_, v| Cell::Number(v.joints.torque_step_max_ratio),
+    ),
+    (
+        "torque_step_p95_ratio",
+        Kind::Number,
+        "95th percentile of that change",
+        |_, v| Cell::Number(v.joints.torque_step_p95_ratio),
+    ),
+    (
+        "saturated_ticks",
+        Kind::Whole,
+        "ticks with any torque at its limit",
+        |_, v| whole(v.joints.saturated_ticks),
+    ),
+    (
+        "chatter",
+        Kind::Whole,
+        "torque jumps back within 10 ms",
+        |s, _| whole(s.chatter),
+    ),
+    (
+        "jump_energy_j",
+        Kind::Number,
+        "½ΔΓᵀA⁻¹ΔΓ/k_v² over the torque jumps",
+        |s, _| Cell::Number(s.jump_energy_j),
+    ),
+    ("switches", Kind::Whole, "changes of mode", |_, v| {
+        whole(v.joints.switches)
     }),
-    ("torque_step_p95_ratio", Kind::Number, "95th percentile of that change", |_, v| Cell::Number(v.joints.torque_step_p95_ratio)),
-    ("saturated_ticks", Kind::Whole, "ticks with any torque at its limit", |_, v| whole(v.joints.saturated_ticks)),
-    ("chatter", Kind::Whole, "torque jumps back within 10 ms", |s, _| whole(s.chatter)),
-    ("jump_energy_j", Kind::Number, "½ΔΓᵀA⁻¹ΔΓ/k_v² over the torque jumps", |s, _| Cell::Number(s.jump_energy_j)),
-    ("switches", Kind::Whole, "changes of mode", |_, v| whole(v.joints.switches)),
-    ("switch_energy_j", Kind::Number, "energy put in at changes of mode", |_, v| Cell::Number(v.joints.switch_energy_j)),
-    ("stopped_by_plant", Kind::Boolean, "whether a joint ran against its stop, or the drive stopped the arm", |s, _| {
-        Cell::Boolean(s.stopped_by_plant)
-    }),
-    ("s_min", Kind::Number, "smallest |s| of any singularity", |_, v| {
-        v.singularities.iter().map(|one| one.s_min).min_by(f64::total_cmp).map_or(Cell::Absent, Cell::Number)
-    }),
-    ("inside_ticks", Kind::Whole, "ticks inside the neighbourhood of any singularity, each counted", |_, v| {
-        whole(v.singularities.iter().map(|one| one.inside_ticks).sum())
-    }),
+    (
+        "switch_energy_j",
+        Kind::Number,
+        "energy put in at changes of mode",
+        |_, v| Cell::Number(v.joints.switch_energy_j),
+    ),
+    (
+        "stopped_by_plant",
+        Kind::Boolean,
+        "whether a joint ran against its stop, or the drive stopped the arm",
+        |s, _| Cell::Boolean(s.stopped_by_plant),
+    ),
+    (
+        "s_min",
+        Kind::Number,
+        "smallest |s| of any singularity",
+        |_, v| {
+            v.singularities
+                .iter()
+                .map(|one| one.s_min)
+                .min_by(f64::total_cmp)
+                .map_or(Cell::Absent, Cell::Number)
+        },
+    ),
+    (
+        "inside_ticks",
+        Kind::Whole,
+        "ticks inside the neighbourhood of any singularity, each counted",
+        |_, v| whole(v.singularities.iter().map(|one| one.inside_ticks).sum()),
+    ),
 ];
 
 fn whole(number: u64) -> Cell {
@@ -86,17 +211,42 @@ pub(super) const FAILED: &str = "failed";
 
 /// The columns of a table with these keys.
 pub(super) fn columns<'a>(keys: impl Iterator<Item = (&'a str, Kind, &'a str)>) -> Vec<Column> {
-    let column =
-        |name: &str, kind: Kind, unit: &str, about: &str| Column { name: name.into(), kind, unit: unit.into(), about: about.into() };
+    let column = |name: &str, kind: Kind, unit: &str, about: &str| Column {
+        name: name.into(),
+        kind,
+        unit: unit.into(),
+        about: about.into(),
+    };
     let mut columns = vec![column(RUN, Kind::Whole, "", "number of the run, from 0")];
     columns.extend(keys.map(|(key, kind, unit)| column(key, kind, unit, "set by the sweep")));
-    columns.push(column(OUTCOME, Kind::Text, "", "goal reached, goal missed, stopped, refused (before the first tick) or failed"));
+    columns.push(column(
+        OUTCOME,
+        Kind::Text,
+        "",
+        "goal reached, goal missed, stopped, refused (before the first tick) or failed",
+    ));
     columns.push(column(REASON, Kind::Text, "", "why, in one sentence"));
     columns.extend(RESULTS.iter().map(|(name, kind, about, _)| {
         let ratio = *name == "s_min";
-        column(name, *kind, if ratio { "1" } else { unit_of(name).unwrap_or_default() }, about)
+        column(
+            name,
+            *kind,
+            if ratio {
+                "1"
+            } else {
+                unit_of(name).unwrap_or_default()
+            },
+            about,
+        )
     }));
-    columns.extend(TOPICS.map(|topic| column(&hash_column(topic), Kind::Text, "", "XXH3-64 over the topic, as in summary.json")));
+    columns.extend(TOPICS.map(|topic| {
+        column(
+            &hash_column(topic),
+            Kind::Text,
+            "",
+            "XXH3-64 over the topic, as in summary.json",
+        )
+    }));
     columns
 }
 
@@ -110,15 +260,32 @@ pub(super) fn results(loaded: Result<(&Robot, &Scenario), String>) -> (Vec<Cell>
     let computed = loaded.and_then(|(robot, scenario)| guarded(|| run(robot, scenario)));
     let without = |outcome: &str, reason: String| {
         let head = [Cell::Text(outcome.to_owned()), Cell::Text(reason)];
-        (head.into_iter().chain(std::iter::repeat_n(Cell::Absent, RESULTS.len() + COUNT)).collect(), 0)
+        (
+            head.into_iter()
+                .chain(std::iter::repeat_n(Cell::Absent, RESULTS.len() + COUNT))
+                .collect(),
+            0,
+        )
     };
     match computed {
-        Err(reason) if reason.is_empty() => without(FAILED, "the program ended this run by a panic: a defect, please report it".to_owned()),
+        Err(reason) if reason.is_empty() => without(
+            FAILED,
+            "the program ended this run by a panic: a defect, please report it".to_owned(),
+        ),
         Err(reason) => without(REFUSED, reason),
         Ok((score, verdict, hashes)) => {
-            let mut cells = vec![Cell::Text(verdict.outcome.clone()), Cell::Text(verdict.reason.clone())];
+            let mut cells = vec![
+                Cell::Text(verdict.outcome.clone()),
+                Cell::Text(verdict.reason.clone()),
+            ];
             cells.extend(RESULTS.iter().map(|(.., of)| of(&score, &verdict)));
-            cells.extend(hashes.map(|hash| if hash.count() > 0 { Cell::Text(hash.summary().hash) } else { Cell::Absent }));
+            cells.extend(hashes.map(|hash| {
+                if hash.count() > 0 {
+                    Cell::Text(hash.summary().hash)
+                } else {
+                    Cell::Absent
+                }
+            }));
             (cells, verdict.ticks)
         }
     }
@@ -126,10 +293,15 @@ pub(super) fn results(loaded: Result<(&Robot, &Scenario), String>) -> (Vec<Cell>
 
 /// The results of a run, or the reason why there are none; a panic leaves no further detail.
 fn guarded<T>(run: impl FnOnce() -> Result<T, Refused>) -> Result<T, String> {
-    catch_unwind(AssertUnwindSafe(run)).map_err(|_| String::new())?.map_err(|refused| refused.to_string())
+    catch_unwind(AssertUnwindSafe(run))
+        .map_err(|_| String::new())?
+        .map_err(|refused| refused.to_string())
 }
 
-fn run(robot: &Robot, scenario: &Scenario) -> Result<(Score, Verdict, [TopicHash; COUNT]), Refused> {
+fn run(
+    robot: &Robot,
+    scenario: &Scenario,
+) -> Result<(Score, Verdict, [TopicHash; COUNT]), Refused> {
     // As `armplane run` does it: a start that the control law refuses is no run.
     chain::try_first_tick(robot, scenario)?;
     let mut hashes = Hashes([TopicHash::default(); COUNT]);
@@ -155,16 +327,26 @@ mod tests {
         let ended: Result<(), String> = guarded(|| panic!("planted"));
         assert_eq!(ended, Err(String::new()));
         let (row, ticks) = results(Err(String::new()));
-        assert_eq!((&row[0], ticks, row.len()), (&Cell::Text(FAILED.to_owned()), 0, 2 + RESULTS.len() + COUNT));
+        assert_eq!(
+            (&row[0], ticks, row.len()),
+            (&Cell::Text(FAILED.to_owned()), 0, 2 + RESULTS.len() + COUNT)
+        );
         let (row, _) = results(Err("no such posture".to_owned()));
-        assert_eq!(row[..2], [Cell::Text(REFUSED.to_owned()), Cell::Text("no such posture".to_owned())]);
+        assert_eq!(
+            row[..2],
+            [
+                Cell::Text(REFUSED.to_owned()),
+                Cell::Text("no such posture".to_owned())
+            ]
+        );
     }
 
     #[test]
     fn rows_and_columns_have_the_same_length_and_names_are_unique() {
         let columns = columns([("control.k_p", Kind::Number, "1/s²")].into_iter());
         assert_eq!(columns.len(), 2 + results(Err(String::new())).0.len());
-        let names: std::collections::BTreeSet<_> = columns.iter().map(|column| &column.name).collect();
+        let names: std::collections::BTreeSet<_> =
+            columns.iter().map(|column| &column.name).collect();
         assert_eq!(names.len(), columns.len());
     }
 }

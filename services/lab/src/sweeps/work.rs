@@ -59,7 +59,10 @@ impl Done {
     /// The runs of the file that came to nothing, where that is for this folder to say: a shard is judged when all of them are put together.
     #[must_use]
     pub fn lack(&self) -> Option<String> {
-        self.outcomes.lack().filter(|_| self.shard.is_none()).map(|lack| format!("{}: {lack}", self.folder.display()))
+        self.outcomes
+            .lack()
+            .filter(|_| self.shard.is_none())
+            .map(|lack| format!("{}: {lack}", self.folder.display()))
     }
 }
 
@@ -79,8 +82,13 @@ pub fn run(request: &Request<'_>, observer: Observer<'_>) -> Result<Done, Failur
     if let Some(shard) = request.shard {
         let partitions = sweep.manifest.partitions();
         if shard.of > partitions {
-            let sentence = format!("{} shards of {partitions} partitions: some would be empty", shard.of);
-            return Err(Failure::Input(format!("{sentence}; take at most {partitions}, or a smaller `partition` in the sweep's file")));
+            let sentence = format!(
+                "{} shards of {partitions} partitions: some would be empty",
+                shard.of
+            );
+            return Err(Failure::Input(format!(
+                "{sentence}; take at most {partitions}, or a smaller `partition` in the sweep's file"
+            )));
         }
         sweep.manifest.shard = shard;
     }
@@ -89,35 +97,62 @@ pub fn run(request: &Request<'_>, observer: Observer<'_>) -> Result<Done, Failur
         Shard::WHOLE => manifest.name.clone(),
         Shard { index, of } => format!("{}-{index}-of-{of}", manifest.name),
     };
-    let folder = request.out.map_or_else(|| Path::new(RUNS).join(usual), Path::to_owned);
+    let folder = request
+        .out
+        .map_or_else(|| Path::new(RUNS).join(usual), Path::to_owned);
     let results = Results::create(Some(&folder), &manifest.name)?;
     manifest.take(&results)?;
-    let cannot = |error: std::io::Error| Failure::Work(format!("cannot write to {}: {error}", folder.display()));
+    let cannot = |error: std::io::Error| {
+        Failure::Work(format!("cannot write to {}: {error}", folder.display()))
+    };
     for made in [rows_folder(&folder), journals_folder(&folder)] {
         std::fs::create_dir_all(made).map_err(cannot)?;
     }
     let work = Work::begin(&sweep, &folder)?;
     let (runs, pending) = (work.runs, work.pending.len() as u64);
-    let cores = thread::available_parallelism().map_or(1, usize::from).min(work.pending.len());
+    let cores = thread::available_parallelism()
+        .map_or(1, usize::from)
+        .min(work.pending.len());
     let began = Instant::now();
-    observer(Progress::Begin { title: &manifest.name, length: pending, unit: "runs" });
+    observer(Progress::Begin {
+        title: &manifest.name,
+        length: pending,
+        unit: "runs",
+    });
     thread::scope(|scope| {
-        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(|| work.work(observer))).collect();
+        let workers: Vec<_> = (0..cores)
+            .map(|_| scope.spawn(|| work.work(observer)))
+            .collect();
         while workers.iter().any(|worker| !worker.is_finished()) {
             if let Some(signal) = signals.pending() {
                 let kept = "the runs finished so far are kept, the same command goes on";
                 work.stop(Failure::Work(format!("stopped by {signal}: {kept}")));
             }
-            thread::sleep(LOOK.min(Duration::from_millis(1 + began.elapsed().as_millis() as u64 / 20)));
+            thread::sleep(LOOK.min(Duration::from_millis(
+                1 + began.elapsed().as_millis() as u64 / 20,
+            )));
         }
     });
     observer(Progress::End);
     let simulated_s = work.simulated_ns.load(Ordering::Relaxed) as f64 * 1e-9;
-    work.failure.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)?;
+    work.failure
+        .into_inner()
+        .unwrap_or_else(PoisonError::into_inner)
+        .map_or(Ok(()), Err)?;
     std::fs::remove_dir(journals_folder(&folder)).map_err(cannot)?;
     let (name, wall_s) = (manifest.name.clone(), began.elapsed().as_secs_f64());
     let outcomes = Outcomes::of(&folder, manifest)?;
-    Ok(Done { name, shard: request.shard, folder, runs, found: runs - pending, simulated_s, wall_s, cores, outcomes })
+    Ok(Done {
+        name,
+        shard: request.shard,
+        folder,
+        runs,
+        found: runs - pending,
+        simulated_s,
+        wall_s,
+        cores,
+        outcomes,
+    })
 }
 
 /// The runs to compute, and those that are finished in partitions that are not.
@@ -144,7 +179,10 @@ impl<'a> Work<'a> {
     fn begin(sweep: &'a Sweep, folder: &'a Path) -> Result<Self, Failure> {
         let (mut runs, mut pending, mut all) = (0, Vec::new(), BTreeMap::new());
         for partition in sweep.manifest.own_partitions() {
-            let (own, journal) = (sweep.manifest.runs_of(partition), journal_file(folder, partition));
+            let (own, journal) = (
+                sweep.manifest.runs_of(partition),
+                journal_file(folder, partition),
+            );
             runs += own.end - own.start;
             if rows_file(folder, partition).exists() {
                 open(folder, &sweep.manifest, partition)?;
@@ -152,7 +190,9 @@ impl<'a> Work<'a> {
                 let _ = std::fs::remove_file(&journal);
             } else if journal.exists() {
                 let mut begun = Open::begin(&journal)?;
-                begun.finished.retain(|(run, cells)| own.contains(run) && cells.len() == sweep.results());
+                begun
+                    .finished
+                    .retain(|(run, cells)| own.contains(run) && cells.len() == sweep.results());
                 let known: BTreeSet<u64> = begun.finished.iter().map(|(run, _)| *run).collect();
                 pending.extend(own.clone().filter(|run| !known.contains(run)));
                 if begun.finished.len() as u64 == own.end - own.start {
@@ -178,7 +218,10 @@ impl<'a> Work<'a> {
     }
 
     fn stop(&self, failure: Failure) {
-        self.failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(failure);
+        self.failure
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .get_or_insert(failure);
         self.is_stopped.store(true, Ordering::Relaxed);
     }
 
@@ -189,8 +232,16 @@ impl<'a> Work<'a> {
         {
             let loaded = self.sweep.load(*run);
             let rate_hz = loaded.as_ref().map_or(1, |(_, scenario)| scenario.rate_hz);
-            let (cells, ticks) = row::results(loaded.as_ref().map(|(robot, scenario)| (*robot, scenario)).map_err(Clone::clone));
-            self.simulated_ns.fetch_add(ticks * 1_000_000_000 / u64::from(rate_hz), Ordering::Relaxed);
+            let (cells, ticks) = row::results(
+                loaded
+                    .as_ref()
+                    .map(|(robot, scenario)| (*robot, scenario))
+                    .map_err(Clone::clone),
+            );
+            self.simulated_ns.fetch_add(
+                ticks * 1_000_000_000 / u64::from(rate_hz),
+                Ordering::Relaxed,
+            );
             match self.finish(*run, cells) {
                 Ok(()) => observer(Progress::Step),
                 Err(failure) => return self.stop(failure),
@@ -208,27 +259,51 @@ impl<'a> Work<'a> {
             std::collections::btree_map::Entry::Occupied(entry) => entry.into_mut(),
             std::collections::btree_map::Entry::Vacant(entry) => entry.insert(Open::begin(&path)?),
         };
-        open.journal.append(run, &cells).map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
+        open.journal
+            .append(run, &cells)
+            .map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
         open.finished.push((run, cells));
         let is_complete = open.finished.len() as u64 == own.end - own.start;
-        let whole = if is_complete { all.remove(&partition) } else { None };
+        let whole = if is_complete {
+            all.remove(&partition)
+        } else {
+            None
+        };
         drop(all);
-        whole.map_or(Ok(()), |open| complete(self.sweep, self.folder, partition, open.finished))
+        whole.map_or(Ok(()), |open| {
+            complete(self.sweep, self.folder, partition, open.finished)
+        })
     }
 }
 
 impl Open {
     fn begin(path: &Path) -> Result<Self, Failure> {
-        let (journal, finished) = Journal::open(path).map_err(|error| Failure::Work(format!("cannot use {}: {error}", path.display())))?;
+        let (journal, finished) = Journal::open(path)
+            .map_err(|error| Failure::Work(format!("cannot use {}: {error}", path.display())))?;
         Ok(Self { journal, finished })
     }
 }
 
 /// Writes a partition all of whose runs are finished; its journal goes.
-fn complete(sweep: &Sweep, folder: &Path, partition: u64, mut finished: Vec<Finished>) -> Result<(), Failure> {
+fn complete(
+    sweep: &Sweep,
+    folder: &Path,
+    partition: u64,
+    mut finished: Vec<Finished>,
+) -> Result<(), Failure> {
     finished.sort_by_key(|(run, _)| *run);
-    let rows: Vec<_> = finished.into_iter().map(|(run, cells)| sweep.row(run, cells)).collect();
+    let rows: Vec<_> = finished
+        .into_iter()
+        .map(|(run, cells)| sweep.row(run, cells))
+        .collect();
     let journal = journal_file(folder, partition);
-    table::write(&rows_file(folder, partition), &journal.with_extension("draft"), &sweep.columns, &rows, &sweep.metadata(partition))?;
-    std::fs::remove_file(&journal).map_err(|error| Failure::Work(format!("cannot remove {}: {error}", journal.display())))
+    table::write(
+        &rows_file(folder, partition),
+        &journal.with_extension("draft"),
+        &sweep.columns,
+        &rows,
+        &sweep.metadata(partition),
+    )?;
+    std::fs::remove_file(&journal)
+        .map_err(|error| Failure::Work(format!("cannot remove {}: {error}", journal.display())))
 }

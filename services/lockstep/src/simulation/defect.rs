@@ -35,10 +35,17 @@ pub enum Defect {
 
 impl Defect {
     /// Those of the chain.
-    pub const OF_THE_CHAIN: [Self; 6] =
-        [Self::NoRetainer, Self::PlacedByClosings, Self::NoDeathWithinTick, Self::NoFinish, Self::NoHoldBack, Self::NoLag];
+    pub const OF_THE_CHAIN: [Self; 6] = [
+        Self::NoRetainer,
+        Self::PlacedByClosings,
+        Self::NoDeathWithinTick,
+        Self::NoFinish,
+        Self::NoHoldBack,
+        Self::NoLag,
+    ];
     /// Those of the recorder.
-    pub const OF_THE_RECORDER: [Self; 3] = [Self::NoRecorderLag, Self::NoRecall, Self::RareCheckpoints];
+    pub const OF_THE_RECORDER: [Self; 3] =
+        [Self::NoRecorderLag, Self::NoRecall, Self::RareCheckpoints];
 
     /// All defects.
     pub fn all() -> impl Iterator<Item = Self> {

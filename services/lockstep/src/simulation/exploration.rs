@@ -16,7 +16,10 @@ impl State {
             if next.step(graph, me, defect) {
                 all.push(next);
             }
-            if me > 0 && self.kills_left > 0 && !matches!(self.at[me], At::Dead | At::Detected | At::Done) {
+            if me > 0
+                && self.kills_left > 0
+                && !matches!(self.at[me], At::Dead | At::Detected | At::Done)
+            {
                 let mut next = self.clone();
                 next.kills_left -= 1;
                 next.kill(me);
@@ -41,7 +44,11 @@ struct Explored {
 
 fn explore(graph: &Graph, outages: &[Outage], kills: u32, defect: Defect) -> Explored {
     let first = State::new(graph, outages, kills, defect);
-    let (mut seen, mut open, mut explored) = (HashSet::from([digest(&first)]), vec![first], Explored::default());
+    let (mut seen, mut open, mut explored) = (
+        HashSet::from([digest(&first)]),
+        vec![first],
+        Explored::default(),
+    );
     while let Some(state) = open.pop() {
         explored.states += 1;
         if state.broken.is_some() {
@@ -52,8 +59,17 @@ fn explore(graph: &Graph, outages: &[Outage], kills: u32, defect: Defect) -> Exp
             continue;
         }
         if state.at.iter().all(|at| *at == At::Done) {
-            let key = state.outages.iter().map(|outage| (outage.process, outage.at, outage.after_outputs)).collect();
-            explored.ends.entry(key).or_insert_with(|| (state.plan(), BTreeSet::new())).1.insert(state.retainer);
+            let key = state
+                .outages
+                .iter()
+                .map(|outage| (outage.process, outage.at, outage.after_outputs))
+                .collect();
+            explored
+                .ends
+                .entry(key)
+                .or_insert_with(|| (state.plan(), BTreeSet::new()))
+                .1
+                .insert(state.retainer);
             continue;
         }
         let next = state.next(graph, defect);
@@ -70,47 +86,84 @@ fn explore(graph: &Graph, outages: &[Outage], kills: u32, defect: Defect) -> Exp
 fn check(graph: &Graph, kills: u32, defect: Defect) -> (usize, usize, Option<String>) {
     let live = explore(graph, &[], kills, defect);
     let (mut states, plans) = (live.states, live.ends.len());
-    let mut found = live
-        .stuck
-        .map(|state| format!("{:?}, or no process can go on: {:?} at {:?} with {:?}", state.broken, state.at, state.tick, state.outages));
+    let mut found = live.stuck.map(|state| {
+        format!(
+            "{:?}, or no process can go on: {:?} at {:?} with {:?}",
+            state.broken, state.at, state.tick, state.outages
+        )
+    });
     for (plan, messages) in live.ends.values() {
         let planned = explore(graph, plan, 0, defect);
         states += planned.states;
-        let again: BTreeSet<_> = planned.ends.into_values().flat_map(|(_, messages)| messages).collect();
-        if found.is_none() && (planned.stuck.is_some() || messages.len() != 1 || again != *messages) {
+        let again: BTreeSet<_> = planned
+            .ends
+            .into_values()
+            .flat_map(|(_, messages)| messages)
+            .collect();
+        if found.is_none() && (planned.stuck.is_some() || messages.len() != 1 || again != *messages)
+        {
             let stuck = planned.stuck.is_some();
-            found = Some(format!("{plan:?}: {} and {} results, stuck: {stuck}", messages.len(), again.len()));
+            found = Some(format!(
+                "{plan:?}: {} and {} results, stuck: {stuck}",
+                messages.len(),
+                again.len()
+            ));
         }
     }
     (states, plans, found)
 }
 
 fn pair(ticks: u64) -> Graph {
-    Graph { reads: vec![vec![], vec![(0, 0)]], outputs: vec![1, 2], ticks }
+    Graph {
+        reads: vec![vec![], vec![(0, 0)]],
+        outputs: vec![1, 2],
+        ticks,
+    }
 }
 
 fn chain() -> Graph {
-    Graph { reads: vec![vec![], vec![(0, 0)], vec![(1, 0), (0, 0)]], outputs: vec![1, 1, 2], ticks: 4 }
+    Graph {
+        reads: vec![vec![], vec![(0, 0)], vec![(1, 0), (0, 0)]],
+        outputs: vec![1, 1, 2],
+        ticks: 4,
+    }
 }
 
 /// A chain beside a process whose messages no process reads.
 fn leaf() -> Graph {
-    Graph { reads: vec![vec![], vec![(0, 0)], vec![(0, 0)]], outputs: vec![1, 1, 1], ticks: 6 }
+    Graph {
+        reads: vec![vec![], vec![(0, 0)], vec![(0, 0)]],
+        outputs: vec![1, 1, 1],
+        ticks: 6,
+    }
 }
 
 /// The default graph without its recorder.
 fn default_graph() -> Graph {
-    Graph { reads: vec![vec![], vec![(0, 0)], vec![(1, 0)], vec![(2, 0), (1, 0)]], outputs: vec![1, 1, 1, 2], ticks: 4 }
+    Graph {
+        reads: vec![vec![], vec![(0, 0)], vec![(1, 0)], vec![(2, 0), (1, 0)]],
+        outputs: vec![1, 1, 1, 2],
+        ticks: 4,
+    }
 }
 
 #[test]
 fn deaths_at_every_moment_of_every_schedule_are_repeated_by_their_plan() {
-    let graphs = [("pair", pair(5), 4), ("pair", pair(8), 3), ("chain", chain(), 3), ("leaf", leaf(), 2), ("default", default_graph(), 2)];
+    let graphs = [
+        ("pair", pair(5), 4),
+        ("pair", pair(8), 3),
+        ("chain", chain(), 3),
+        ("leaf", leaf(), 2),
+        ("default", default_graph(), 2),
+    ];
     for (name, graph, kills) in graphs {
         let (states, plans, found) = check(&graph, kills, Defect::None);
         println!("{name}: {states} states, {plans} plans of up to {kills} deaths");
         assert_eq!(found, None, "{name}");
-        assert!(states > 1_000 && plans > 10, "{name}: {states} states, {plans} plans");
+        assert!(
+            states > 1_000 && plans > 10,
+            "{name}: {states} states, {plans} plans"
+        );
     }
 }
 
@@ -121,6 +174,9 @@ fn the_exploration_finds_each_defect_that_is_put_in() {
             let (.., found) = check(graph, kills, defect);
             found.is_some()
         };
-        assert!(is_found(&chain(), 2) || is_found(&pair(5), 2) || is_found(&leaf(), 0), "{defect:?}");
+        assert!(
+            is_found(&chain(), 2) || is_found(&pair(5), 2) || is_found(&leaf(), 0),
+            "{defect:?}"
+        );
     }
 }

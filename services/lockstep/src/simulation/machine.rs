@@ -30,7 +30,9 @@ impl Graph {
     fn readers(&self, output: (usize, usize)) -> Vec<usize> {
         let last = self.reads.len() - 1;
         let closes_loop = output == (last, self.outputs[last] - 1);
-        let reads = |process: &usize| self.reads[*process].contains(&output) || (*process == 0 && closes_loop);
+        let reads = |process: &usize| {
+            self.reads[*process].contains(&output) || (*process == 0 && closes_loop)
+        };
         (0..self.reads.len()).filter(reads).collect()
     }
 }
@@ -90,7 +92,10 @@ impl View for State {
         self.progress.len()
     }
     fn role(&self, process: usize) -> Role {
-        Role { makes_ticks: process == 0, polled: process == self.memory.len() }
+        Role {
+            makes_ticks: process == 0,
+            polled: process == self.memory.len(),
+        }
     }
     fn progress(&self, process: usize) -> Progress {
         self.progress[process]
@@ -115,7 +120,12 @@ impl View for State {
 impl State {
     pub(crate) fn new(graph: &Graph, outages: &[Outage], kills: u32, defect: Defect) -> Self {
         let count = graph.reads.len();
-        let progress = Progress { ticks: 0, incarnation: 1, is_running: true, awaits_progress: false };
+        let progress = Progress {
+            ticks: 0,
+            incarnation: 1,
+            is_running: true,
+            awaits_progress: false,
+        };
         Self {
             progress: vec![progress; count],
             at: vec![At::Tick; count],
@@ -127,8 +137,16 @@ impl State {
             retainer: BTreeMap::new(),
             buffers: vec![BTreeMap::new(); count],
             kills_left: kills,
-            chain_lag: if defect == Defect::NoLag { u64::MAX } else { DEPTH / 2 },
-            recorder_lag: if defect == Defect::NoRecorderLag { u64::MAX } else { LAG },
+            chain_lag: if defect == Defect::NoLag {
+                u64::MAX
+            } else {
+                DEPTH / 2
+            },
+            recorder_lag: if defect == Defect::NoRecorderLag {
+                u64::MAX
+            } else {
+                LAG
+            },
             recorder: None,
             is_stopping: false,
             has_failed: false,
@@ -158,10 +176,23 @@ impl State {
     }
 
     /// The message of an output at a tick, as a reader finds it.
-    fn message(&self, me: usize, (writer, output): (usize, usize), tick: u64, defect: Defect) -> Option<u64> {
+    fn message(
+        &self,
+        me: usize,
+        (writer, output): (usize, usize),
+        tick: u64,
+        defect: Defect,
+    ) -> Option<u64> {
         let place = (writer, output, tick);
-        let missed = || self.protocol(me).sent_before_death(writer) > tick && defect != Defect::NoRetainer;
-        self.buffers[me].get(&place).copied().or_else(|| if missed() { self.retainer.get(&place).copied() } else { None })
+        let missed =
+            || self.protocol(me).sent_before_death(writer) > tick && defect != Defect::NoRetainer;
+        self.buffers[me].get(&place).copied().or_else(|| {
+            if missed() {
+                self.retainer.get(&place).copied()
+            } else {
+                None
+            }
+        })
     }
 
     pub(crate) fn die(&mut self, me: usize, at: At) {
@@ -182,7 +213,8 @@ impl State {
 
     fn close(&mut self, me: usize) {
         if self.progress[me].ticks != self.tick[me] {
-            self.broken.get_or_insert("a process closes another tick than its next");
+            self.broken
+                .get_or_insert("a process closes another tick than its next");
         }
         self.tick[me] += 1;
         self.progress[me].ticks = self.tick[me];
@@ -200,7 +232,11 @@ impl State {
     fn detect(&mut self, graph: &Graph, me: usize, defect: Defect) {
         let closed = self.progress[me].ticks;
         self.hand_over();
-        let has_sent = |output: &usize| self.retainer.keys().any(|key| (key.0, key.1) == (me, *output) && key.2 >= closed);
+        let has_sent = |output: &usize| {
+            self.retainer
+                .keys()
+                .any(|key| (key.0, key.1) == (me, *output) && key.2 >= closed)
+        };
         let sent = (0..graph.outputs[me]).filter(has_sent).count();
         let (at, after_outputs) = match sent {
             _ if defect == Defect::PlacedByClosings => (closed, 0),
@@ -209,7 +245,16 @@ impl State {
             sent => (closed, sent as u32),
         };
         let (place, until) = (self.outages.len(), at + DOWN);
-        self.outages.push(Outage { place, process: me, at, until, has_struck: true, is_death: true, is_unplanned: true, after_outputs });
+        self.outages.push(Outage {
+            place,
+            process: me,
+            at,
+            until,
+            has_struck: true,
+            is_death: true,
+            is_unplanned: true,
+            after_outputs,
+        });
         self.progress[me].ticks = closed.max(at);
         self.at[me] = At::Detected;
     }
@@ -220,16 +265,23 @@ impl State {
             return self.die(me, At::Detected);
         }
         let commits = self.checkpoint[me].iter().flatten();
-        let last = commits.filter(|(tick, _)| self.protocol(me).may_resume_from(*tick)).max_by_key(|(tick, _)| *tick);
+        let last = commits
+            .filter(|(tick, _)| self.protocol(me).may_resume_from(*tick))
+            .max_by_key(|(tick, _)| *tick);
         let last = last.copied();
         self.memory[me] = last.map_or(0, |(_, memory)| memory);
         self.checkpoint[me] = [None, last];
         let back = self.protocol(me).returns_at();
-        self.progress[me].ticks = self.protocol(me).skips_to(back).unwrap_or(self.progress[me].ticks);
+        self.progress[me].ticks = self
+            .protocol(me)
+            .skips_to(back)
+            .unwrap_or(self.progress[me].ticks);
         self.tick[me] = self.progress[me].ticks;
         self.progress[me].is_running = true;
         if self.is_recorded() {
-            self.recorder.iter_mut().for_each(|recorder| recorder.connect(me));
+            self.recorder
+                .iter_mut()
+                .for_each(|recorder| recorder.connect(me));
         }
         self.begin_tick(graph, me);
     }
@@ -242,7 +294,16 @@ impl State {
             At::Dead => {
                 let (place, until) = (self.outages.len(), closed + DOWN);
                 let (has_struck, is_death, is_unplanned) = (true, true, true);
-                self.outages.push(Outage { place, process: me, at: closed, until, has_struck, is_death, is_unplanned, after_outputs: 0 });
+                self.outages.push(Outage {
+                    place,
+                    process: me,
+                    at: closed,
+                    until,
+                    has_struck,
+                    is_death,
+                    is_unplanned,
+                    after_outputs: 0,
+                });
                 self.at[me] = At::Detected;
             }
             At::Detected => {
@@ -262,12 +323,22 @@ impl State {
     }
 
     fn record(&mut self, me: usize, closed: u64) -> bool {
-        let Some(mut recorder) = self.recorder.take() else { return false };
+        let Some(mut recorder) = self.recorder.take() else {
+            return false;
+        };
         let is_over = self.is_stopping && self.at[..me].iter().all(|at| *at == At::Done);
-        let falls = |state: &Self, ticks| state.protocol(me).downfall(ticks).is_some() && state.protocol(me).is_settled(ticks);
+        let falls = |state: &Self, ticks| {
+            state.protocol(me).downfall(ticks).is_some() && state.protocol(me).is_settled(ticks)
+        };
         let wants_round = is_over || recorder.is_falling || falls(self, closed);
         let before_death = |writer| self.protocol(me).sent_before_death(writer);
-        let step = recorder.step(self.progress[0].ticks, closed, is_over, before_death, wants_round);
+        let step = recorder.step(
+            self.progress[0].ticks,
+            closed,
+            is_over,
+            before_death,
+            wants_round,
+        );
         let (is_falling, is_last) = (recorder.is_falling, recorder.is_last);
         if let Step::Closed(ticks) = step {
             self.progress[me].ticks = closed.max(ticks);
@@ -279,7 +350,9 @@ impl State {
             Step::Closed(_) if is_last => self.at[me] = At::Done,
             Step::Closed(ticks) if is_falling => {
                 let outage = self.protocol(me).downfall(closed.max(ticks));
-                outage.into_iter().for_each(|outage| self.outages[outage.place].has_struck = true);
+                outage
+                    .into_iter()
+                    .for_each(|outage| self.outages[outage.place].has_struck = true);
                 self.die(me, At::Detected);
             }
             Step::Closed(_) | Step::Done => {}
@@ -303,7 +376,8 @@ impl State {
             }
             At::Starting => self.start(graph, me),
             At::Tick if me == 0 => {
-                self.progress[0].awaits_progress = self.protocol(0).holds_back(tick).is_some() && defect != Defect::NoHoldBack;
+                self.progress[0].awaits_progress =
+                    self.protocol(0).holds_back(tick).is_some() && defect != Defect::NoHoldBack;
                 if self.progress[0].awaits_progress {
                     return false;
                 }
@@ -321,8 +395,11 @@ impl State {
                     self.broken.get_or_insert("a process sends a tick twice");
                 }
                 // A writer that sends looks for new readers from time to time, and before the first of them has the message.
-                let learns = self.is_recorded() && !digest((value, self.progress.last())).is_multiple_of(3);
-                self.recorder.iter_mut().for_each(|recorder| recorder.retain(me, output, (tick, value), learns));
+                let learns =
+                    self.is_recorded() && !digest((value, self.progress.last())).is_multiple_of(3);
+                self.recorder
+                    .iter_mut()
+                    .for_each(|recorder| recorder.retain(me, output, (tick, value), learns));
                 self.at[me] = At::Sending(output, 2);
             }
             At::Sending(output, stage) => self.deliver(graph, me, output, stage),
@@ -345,7 +422,8 @@ impl State {
                 self.begin_tick(graph, 0);
             }
             At::Finish => {
-                if self.protocol(0).unfinished(graph.ticks).is_some() && defect != Defect::NoFinish {
+                if self.protocol(0).unfinished(graph.ticks).is_some() && defect != Defect::NoFinish
+                {
                     return false;
                 }
                 // The launcher stops the others now: each at its next wait.
@@ -353,7 +431,10 @@ impl State {
                 let count = self.memory.len();
                 self.has_failed = self.at[..count].contains(&At::Dead);
                 let is_waiting = |at: &At| !matches!(at, At::Sending(..) | At::Closing);
-                self.at[..count].iter_mut().filter(|at| is_waiting(at)).for_each(|at| *at = At::Done);
+                self.at[..count]
+                    .iter_mut()
+                    .filter(|at| is_waiting(at))
+                    .for_each(|at| *at = At::Done);
             }
         }
         true
@@ -393,13 +474,17 @@ impl State {
         let place = (me, output, tick);
         if let Some(&reader) = readers.get(stage - 2) {
             if self.progress[reader].is_running && tick >= self.tick[reader] + DEPTH {
-                self.broken.get_or_insert("a message is lost: its reader is too far behind");
+                self.broken
+                    .get_or_insert("a message is lost: its reader is too far behind");
             }
             self.buffers[reader].extend(self.retainer.get(&place).map(|message| (place, *message)));
         }
         if stage - 2 == readers.len() && self.is_recorded() {
             let message = self.retainer.get(&place).map(|value| (tick, *value));
-            self.recorder.iter_mut().zip(message).for_each(|(recorder, message)| recorder.deliver(me, output, message));
+            self.recorder
+                .iter_mut()
+                .zip(message)
+                .for_each(|(recorder, message)| recorder.deliver(me, output, message));
         }
         if stage - 1 < readers.len() + usize::from(self.recorder.is_some()) {
             self.at[me] = At::Sending(output, stage + 1);
@@ -415,6 +500,13 @@ impl State {
 
     /// The deaths that the launcher writes into the scenario.
     pub(crate) fn plan(&self) -> Vec<Outage> {
-        self.outages.iter().map(|outage| Outage { has_struck: false, is_unplanned: false, ..*outage }).collect()
+        self.outages
+            .iter()
+            .map(|outage| Outage {
+                has_struck: false,
+                is_unplanned: false,
+                ..*outage
+            })
+            .collect()
     }
 }

@@ -57,7 +57,12 @@ struct Taken {
 
 impl Taken {
     fn add(&mut self, message: Sent) {
-        *self = Self { count: self.count + 1, digest: digest((self.digest, message)), last: Some(message), ..*self };
+        *self = Self {
+            count: self.count + 1,
+            digest: digest((self.digest, message)),
+            last: Some(message),
+            ..*self
+        };
     }
 }
 
@@ -128,7 +133,12 @@ impl Channel {
         let next = self.taken.last.map_or(0, |(tick, _)| tick + 1);
         let came = self.buffer.front().map_or(u64::MAX, |(tick, _)| *tick);
         let missed = if next < before_death && came > next {
-            oldest_missed(&self.handed_over, next, came.min(before_death), |(tick, _)| *tick)
+            oldest_missed(
+                &self.handed_over,
+                next,
+                came.min(before_death),
+                |(tick, _)| *tick,
+            )
         } else {
             None
         };
@@ -143,7 +153,9 @@ impl Channel {
             }
             self.hand_over();
             let place = recall.place_ahead(&self.handed_over, |one| *one == message);
-            while let Some(before) = place.and_then(|place| recall.take_before(&self.handed_over, place)) {
+            while let Some(before) =
+                place.and_then(|place| recall.take_before(&self.handed_over, place))
+            {
                 self.take(before, room);
             }
             self.take(message, room);
@@ -159,7 +171,11 @@ enum At {
     /// Between two rounds.
     Resting,
     /// In a round that began when the run had made so many ticks: before the draining of a topic, or within it.
-    Draining { ticks: u64, channel: usize, has_read: bool },
+    Draining {
+        ticks: u64,
+        channel: usize,
+        has_read: bool,
+    },
     /// At the end of the round.
     Ending { ticks: u64 },
 }
@@ -192,14 +208,32 @@ pub(crate) struct Recorder {
 impl Recorder {
     /// Of a graph with so many outputs by process, on a volume with room for so many blocks of the logs.
     pub(super) fn new(outputs: &[usize], room: u64, defect: Defect) -> Self {
-        let channels = outputs.iter().enumerate().flat_map(|(writer, count)| (0..*count).map(move |output| (writer, output)));
-        let channel = |(writer, output)| Channel { writer, output, is_connected: true, ..Channel::default() };
+        let channels = outputs
+            .iter()
+            .enumerate()
+            .flat_map(|(writer, count)| (0..*count).map(move |output| (writer, output)));
+        let channel = |(writer, output)| Channel {
+            writer,
+            output,
+            is_connected: true,
+            ..Channel::default()
+        };
         let (at, saved_ticks) = (At::Resting, 0);
-        Self { channels: channels.map(channel).collect(), at, room, saved_ticks, is_falling: false, is_last: false, defect }
+        Self {
+            channels: channels.map(channel).collect(),
+            at,
+            room,
+            saved_ticks,
+            is_falling: false,
+            is_last: false,
+            defect,
+        }
     }
 
     fn of(&mut self, writer: usize, output: usize) -> Option<&mut Channel> {
-        self.channels.iter_mut().find(|channel| (channel.writer, channel.output) == (writer, output))
+        self.channels
+            .iter_mut()
+            .find(|channel| (channel.writer, channel.output) == (writer, output))
     }
 
     /// A message reaches the retainer of its topic; `learns`: before that its writer has looked for new readers, and there is a recorder.
@@ -213,14 +247,20 @@ impl Recorder {
 
     /// A message that the retainer has reaches the recorder, where there is one and its writer knows of it.
     pub(super) fn deliver(&mut self, writer: usize, output: usize, message: Sent) {
-        if let Some(channel) = self.of(writer, output).filter(|channel| channel.is_connected) {
+        if let Some(channel) = self
+            .of(writer, output)
+            .filter(|channel| channel.is_connected)
+        {
             put(&mut channel.buffer, message);
         }
     }
 
     /// A writer has opened its topics after this recorder has.
     pub(super) fn connect(&mut self, writer: usize) {
-        self.channels.iter_mut().filter(|channel| channel.writer == writer).for_each(|channel| channel.is_connected = true);
+        self.channels
+            .iter_mut()
+            .filter(|channel| channel.writer == writer)
+            .for_each(|channel| channel.is_connected = true);
     }
 
     /// The launcher copies what the retainers hold.
@@ -244,28 +284,52 @@ impl Recorder {
             channel.taken = channel.saved;
             if !channel.taken.is_log_over {
                 // Blocks after the checkpoint.
-                channel.log[channel.saved.logged..].iter().for_each(|message| channel.taken.add(*message));
+                channel.log[channel.saved.logged..]
+                    .iter()
+                    .for_each(|message| channel.taken.add(*message));
                 channel.taken.logged = channel.log.len();
             }
             channel.hand_over();
             if self.defect != Defect::NoRecall {
-                channel.recall = Some(Recall::after(&channel.handed_over, channel.taken.last.as_ref()));
+                channel.recall = Some(Recall::after(
+                    &channel.handed_over,
+                    channel.taken.last.as_ref(),
+                ));
             }
         }
     }
 
     /// One step of a recorder that works, where the run has made so many ticks. `before_death` as in [`Channel::receive`], by writer.
-    pub(super) fn step(&mut self, made: u64, closed: u64, is_over: bool, before_death: impl Fn(usize) -> u64, wants_round: bool) -> Step {
+    pub(super) fn step(
+        &mut self,
+        made: u64,
+        closed: u64,
+        is_over: bool,
+        before_death: impl Fn(usize) -> u64,
+        wants_round: bool,
+    ) -> Step {
         match self.at {
             At::Resting => {
-                let has_news = made > closed || self.channels.iter().any(|channel| !channel.buffer.is_empty());
+                let has_news = made > closed
+                    || self
+                        .channels
+                        .iter()
+                        .any(|channel| !channel.buffer.is_empty());
                 if !has_news && !wants_round {
                     return Step::Idle;
                 }
                 self.is_last = is_over;
-                self.at = At::Draining { ticks: made, channel: 0, has_read: false };
+                self.at = At::Draining {
+                    ticks: made,
+                    channel: 0,
+                    has_read: false,
+                };
             }
-            At::Draining { ticks, channel: number, has_read } => {
+            At::Draining {
+                ticks,
+                channel: number,
+                has_read,
+            } => {
                 let (room, count) = (&mut self.room, self.channels.len());
                 let channel = &mut self.channels[number];
                 let is_through = match channel.recall.take() {
@@ -290,15 +354,29 @@ impl Recorder {
                     }
                 }
                 self.at = match (is_through, number + 1 < count) {
-                    (false, _) => At::Draining { ticks, channel: number, has_read: true },
-                    (true, true) => At::Draining { ticks, channel: number + 1, has_read: false },
+                    (false, _) => At::Draining {
+                        ticks,
+                        channel: number,
+                        has_read: true,
+                    },
+                    (true, true) => At::Draining {
+                        ticks,
+                        channel: number + 1,
+                        has_read: false,
+                    },
                     (true, false) => At::Ending { ticks },
                 };
             }
             At::Ending { ticks } => {
-                let are_kept = !self.channels.iter().any(|channel| channel.taken.is_log_over);
+                let are_kept = !self
+                    .channels
+                    .iter()
+                    .any(|channel| channel.taken.is_log_over);
                 let rule = are_kept || self.defect == Defect::RareCheckpoints;
-                if self.is_falling || ticks >= self.saved_ticks + most_ticks_unsaved(rule, LAG, BLOCK as u64, USUAL) {
+                if self.is_falling
+                    || ticks
+                        >= self.saved_ticks + most_ticks_unsaved(rule, LAG, BLOCK as u64, USUAL)
+                {
                     self.save(ticks);
                 }
                 self.at = At::Resting;
@@ -320,11 +398,22 @@ impl Recorder {
     pub(super) fn lack(&mut self) -> Option<String> {
         let is_lacking = |channel: &mut Channel| {
             channel.write_block(&mut self.room);
-            let Channel { writer, output, sent, taken, log, .. } = channel;
+            let Channel {
+                writer,
+                output,
+                sent,
+                taken,
+                log,
+                ..
+            } = channel;
             let mut logged = Taken::default();
             log.iter().for_each(|message| logged.add(*message));
             let is_whole = (sent.count, sent.digest) == (taken.count, taken.digest);
-            let is_log_right = if taken.is_log_over { logged.count <= sent.count } else { logged.digest == sent.digest };
+            let is_log_right = if taken.is_log_over {
+                logged.count <= sent.count
+            } else {
+                logged.digest == sent.digest
+            };
             let of = format!("message {output} of process {writer}");
             (!(is_whole && is_log_right)).then(|| {
                 format!(

@@ -50,7 +50,10 @@ macro_rules! by_fours {
             #[inline(always)]
             fn $method(self, other: Self) -> Self {
                 let ([a, b], [c, d]) = (self.0, other.0);
-                avx2!(Self([$instruction(a, c), if N > 4 { $instruction(b, d) } else { b }]))
+                avx2!(Self([
+                    $instruction(a, c),
+                    if N > 4 { $instruction(b, d) } else { b }
+                ]))
             }
         }
 
@@ -79,7 +82,10 @@ impl<const N: usize> Row<N> for Fours<N> {
     fn of(values: &SVector<f64, N>) -> Self {
         const { assert!(N <= MAX_DOF && MAX_DOF == 8) };
         let v = |i: usize| if i < N { values[i] } else { 0.0 };
-        avx2!(Self([_mm256_setr_pd(v(0), v(1), v(2), v(3)), _mm256_setr_pd(v(4), v(5), v(6), v(7))]))
+        avx2!(Self([
+            _mm256_setr_pd(v(0), v(1), v(2), v(3)),
+            _mm256_setr_pd(v(4), v(5), v(6), v(7))
+        ]))
     }
 
     #[inline(always)]
@@ -104,7 +110,10 @@ impl<const N: usize> Row<N> for Fours<N> {
         let [a, b] = self.0;
         avx2!({
             let (a, b) = (outwards(a), outwards(b));
-            Self([a, _mm256_add_pd(b, _mm256_permute4x64_pd::<0b11_11_11_11>(a))])
+            Self([
+                a,
+                _mm256_add_pd(b, _mm256_permute4x64_pd::<0b11_11_11_11>(a)),
+            ])
         })
     }
 
@@ -125,16 +134,29 @@ impl<const N: usize> Row<N> for Fours<N> {
     fn parents(self) -> Self {
         let [a, b] = self.0;
         avx2!({
-            let (up_a, up_b) = (_mm256_permute4x64_pd::<0b10_01_00_00>(a), _mm256_permute4x64_pd::<0b10_01_00_00>(b));
+            let (up_a, up_b) = (
+                _mm256_permute4x64_pd::<0b10_01_00_00>(a),
+                _mm256_permute4x64_pd::<0b10_01_00_00>(b),
+            );
             let last = _mm256_permute4x64_pd::<0b11_11_11_11>(a);
-            Self([_mm256_blend_pd::<1>(up_a, _mm256_setzero_pd()), _mm256_blend_pd::<1>(up_b, last)])
+            Self([
+                _mm256_blend_pd::<1>(up_a, _mm256_setzero_pd()),
+                _mm256_blend_pd::<1>(up_b, last),
+            ])
         })
     }
 
     #[inline(always)]
     fn rows(v: &[Components; MAX_DOF]) -> V3<Self> {
-        let ([x_a, y_a, z_a], [x_b, y_b, z_b]) = (transposed(&v[0], &v[1], &v[2], &v[3]), transposed(&v[4], &v[5], &v[6], &v[7]));
-        V3 { x: Self([x_a, x_b]), y: Self([y_a, y_b]), z: Self([z_a, z_b]) }
+        let ([x_a, y_a, z_a], [x_b, y_b, z_b]) = (
+            transposed(&v[0], &v[1], &v[2], &v[3]),
+            transposed(&v[4], &v[5], &v[6], &v[7]),
+        );
+        V3 {
+            x: Self([x_a, x_b]),
+            y: Self([y_a, y_b]),
+            z: Self([z_a, z_b]),
+        }
     }
 
     #[inline(always)]
@@ -162,7 +184,10 @@ fn outwards(s: __m256d) -> __m256d {
     avx2!({
         let none = _mm256_set1_pd(-0.0);
         let s = _mm256_add_pd(s, _mm256_unpacklo_pd(none, s));
-        _mm256_add_pd(s, _mm256_blend_pd::<0b1100>(none, _mm256_permute4x64_pd::<0b01_01_01_01>(s)))
+        _mm256_add_pd(
+            s,
+            _mm256_blend_pd::<0b1100>(none, _mm256_permute4x64_pd::<0b01_01_01_01>(s)),
+        )
     })
 }
 
@@ -181,7 +206,10 @@ fn inwards(s: __m256d, used: usize) -> __m256d {
         if used <= 2 {
             return s;
         }
-        _mm256_add_pd(s, _mm256_blend_pd::<0b1100>(_mm256_permute4x64_pd::<0b10_10_10_10>(s), none))
+        _mm256_add_pd(
+            s,
+            _mm256_blend_pd::<0b1100>(_mm256_permute4x64_pd::<0b10_10_10_10>(s), none),
+        )
     })
 }
 
@@ -206,7 +234,10 @@ fn turned(sin: __m256d, cos: __m256d, quarters: __m256d) -> (__m256d, __m256d) {
         // A blend and a sign look at the highest bit.
         let swaps = _mm256_castsi256_pd(_mm256_slli_epi64::<63>(quarters));
         let next = _mm256_add_epi64(quarters, _mm256_set1_epi64x(1));
-        let (s, c) = (_mm256_blendv_pd(sin, cos, swaps), _mm256_blendv_pd(cos, sin, swaps));
+        let (s, c) = (
+            _mm256_blendv_pd(sin, cos, swaps),
+            _mm256_blendv_pd(cos, sin, swaps),
+        );
         let sign = _mm256_set1_pd(-0.0);
         let sign_s = _mm256_and_pd(sign, _mm256_castsi256_pd(_mm256_slli_epi64::<62>(quarters)));
         let sign_c = _mm256_and_pd(sign, _mm256_castsi256_pd(_mm256_slli_epi64::<62>(next)));

@@ -5,7 +5,10 @@ use shared_types::MAX_DOF;
 use std::ops::{Add, Mul, Sub};
 
 /// Numbers that are computed with as one.
-pub(crate) trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {}
+pub(crate) trait Number:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>
+{
+}
 
 impl<T: Copy + Add<Output = T> + Sub<Output = T> + Mul<Output = T>> Number for T {}
 
@@ -64,7 +67,11 @@ impl<R: Number> Add for V3<R> {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: Self) -> Self {
-        Self { x: self.x + other.x, y: self.y + other.y, z: self.z + other.z }
+        Self {
+            x: self.x + other.x,
+            y: self.y + other.y,
+            z: self.z + other.z,
+        }
     }
 }
 
@@ -72,7 +79,11 @@ impl<R: Number> Sub for V3<R> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
-        Self { x: self.x - other.x, y: self.y - other.y, z: self.z - other.z }
+        Self {
+            x: self.x - other.x,
+            y: self.y - other.y,
+            z: self.z - other.z,
+        }
     }
 }
 
@@ -80,14 +91,22 @@ impl<R: Number> Mul<R> for V3<R> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, factor: R) -> Self {
-        Self { x: self.x * factor, y: self.y * factor, z: self.z * factor }
+        Self {
+            x: self.x * factor,
+            y: self.y * factor,
+            z: self.z * factor,
+        }
     }
 }
 
 impl<R: Number> V3<R> {
     #[inline(always)]
     pub(crate) fn cross(self, other: Self) -> Self {
-        Self { x: self.y * other.z - self.z * other.y, y: self.z * other.x - self.x * other.z, z: self.x * other.y - self.y * other.x }
+        Self {
+            x: self.y * other.z - self.z * other.y,
+            y: self.z * other.x - self.x * other.z,
+            z: self.x * other.y - self.y * other.x,
+        }
     }
 
     #[inline(always)]
@@ -103,7 +122,11 @@ impl<R: Copy> V3<R> {
     where
         R: Row<N>,
     {
-        Self { x: R::splat(v.x), y: R::splat(v.y), z: R::splat(v.z) }
+        Self {
+            x: R::splat(v.x),
+            y: R::splat(v.y),
+            z: R::splat(v.z),
+        }
     }
 
     #[inline(always)]
@@ -111,7 +134,11 @@ impl<R: Copy> V3<R> {
     where
         R: Row<N>,
     {
-        Self { x: R::load(&vectors.x), y: R::load(&vectors.y), z: R::load(&vectors.z) }
+        Self {
+            x: R::load(&vectors.x),
+            y: R::load(&vectors.y),
+            z: R::load(&vectors.z),
+        }
     }
 
     #[inline(always)]
@@ -119,7 +146,11 @@ impl<R: Copy> V3<R> {
     where
         R: Row<N>,
     {
-        Vectors { x: self.x.store(), y: self.y.store(), z: self.z.store() }
+        Vectors {
+            x: self.x.store(),
+            y: self.y.store(),
+            z: self.z.store(),
+        }
     }
 
     #[inline(always)]
@@ -127,7 +158,11 @@ impl<R: Copy> V3<R> {
     where
         R: Row<N>,
     {
-        Self { x: self.x.outwards(), y: self.y.outwards(), z: self.z.outwards() }
+        Self {
+            x: self.x.outwards(),
+            y: self.y.outwards(),
+            z: self.z.outwards(),
+        }
     }
 
     #[inline(always)]
@@ -135,7 +170,11 @@ impl<R: Copy> V3<R> {
     where
         R: Row<N>,
     {
-        Self { x: self.x.inwards(), y: self.y.inwards(), z: self.z.inwards() }
+        Self {
+            x: self.x.inwards(),
+            y: self.y.inwards(),
+            z: self.z.inwards(),
+        }
     }
 
     #[inline(always)]
@@ -143,7 +182,11 @@ impl<R: Copy> V3<R> {
     where
         R: Row<N>,
     {
-        Self { x: self.x.parents(), y: self.y.parents(), z: self.z.parents() }
+        Self {
+            x: self.x.parents(),
+            y: self.y.parents(),
+            z: self.z.parents(),
+        }
     }
 }
 
@@ -156,7 +199,11 @@ pub(crate) struct Vectors {
 }
 
 impl Vectors {
-    pub(crate) const ZERO: Self = Self { x: PerJoint::ZERO, y: PerJoint::ZERO, z: PerJoint::ZERO };
+    pub(crate) const ZERO: Self = Self {
+        x: PerJoint::ZERO,
+        y: PerJoint::ZERO,
+        z: PerJoint::ZERO,
+    };
 
     #[inline(always)]
     pub(crate) fn set(&mut self, i: usize, v: &Vector3<f64>) {

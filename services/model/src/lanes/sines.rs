@@ -14,7 +14,10 @@ pub(crate) fn sincos<const N: usize, R: Row<N>>(x: R) -> (R, R) {
     /// Adding this rounds a number to a whole one, which is then in its last bits.
     const ROUND: f64 = 1.5 / f64::EPSILON;
     /// π/2 in two parts; the first has 33 bits, so that n times it is exact.
-    const HALF_PI: [f64; 2] = [f64::from_bits(0x3FF9_21FB_5440_0000), f64::from_bits(0x3DD0_B461_1A62_6331)];
+    const HALF_PI: [f64; 2] = [
+        f64::from_bits(0x3FF9_21FB_5440_0000),
+        f64::from_bits(0x3DD0_B461_1A62_6331),
+    ];
     let rounded = x * R::splat(std::f64::consts::FRAC_2_PI) + R::splat(ROUND);
     let n = rounded - R::splat(ROUND);
     let (r, w) = (x - n * R::splat(HALF_PI[0]), n * R::splat(HALF_PI[1]));
@@ -24,19 +27,29 @@ pub(crate) fn sincos<const N: usize, R: Row<N>>(x: R) -> (R, R) {
     let y2 = y * y;
     let (y3, y4) = (y2 * y, y2 * y2);
     let (one, half) = (R::splat(1.0), R::splat(0.5));
-    let sin = y - ((y2 * (half * tail - y3 * series::<N, R>(&SIN, y2, y4)) - tail) - y3 * R::splat(SIN_0));
+    let sin = y
+        - ((y2 * (half * tail - y3 * series::<N, R>(&SIN, y2, y4)) - tail) - y3 * R::splat(SIN_0));
     let drop = half * y2;
     let most = one - drop;
-    let cos = most + (((one - most) - drop) + (y4 * (R::splat(COS_0) + y2 * series::<N, R>(&COS, y2, y4)) - y * tail));
+    let cos = most
+        + (((one - most) - drop)
+            + (y4 * (R::splat(COS_0) + y2 * series::<N, R>(&COS, y2, y4)) - y * tail));
     let (sin, cos) = R::turned(sin, cos, rounded);
     // Written so that a NaN is libm's to answer.
-    if x.is_within(LARGE) { (sin, cos) } else { reduced_one_by_one::<N, R>(x, sin, cos) }
+    if x.is_within(LARGE) {
+        (sin, cos)
+    } else {
+        reduced_one_by_one::<N, R>(x, sin, cos)
+    }
 }
 
 /// A polynomial of y² by its five coefficients, with y⁴ at hand.
 #[inline(always)]
 fn series<const N: usize, R: Row<N>>(c: &[f64; 5], y2: R, y4: R) -> R {
-    let (low, high) = (R::splat(c[1]) * y2 + R::splat(c[0]), R::splat(c[3]) * y2 + R::splat(c[2]));
+    let (low, high) = (
+        R::splat(c[1]) * y2 + R::splat(c[0]),
+        R::splat(c[3]) * y2 + R::splat(c[2]),
+    );
     (R::splat(c[4]) * y4 + high) * y4 + low
 }
 
@@ -106,7 +119,13 @@ mod tests {
                 for (x, (sin, cos)) in [x, -0.7 * x].into_iter().zip(sincos([x, -0.7 * x])) {
                     let (s, c) = libm::sincos(x);
                     // Where a value nearly vanishes it is exact to 1e-20.
-                    let off = |a: f64, b: f64| if (a - b).abs() < 1e-20 { 0.0 } else { units(a, b) };
+                    let off = |a: f64, b: f64| {
+                        if (a - b).abs() < 1e-20 {
+                            0.0
+                        } else {
+                            units(a, b)
+                        }
+                    };
                     worst = worst.max(off(sin, s)).max(off(cos, c));
                 }
             }
@@ -116,7 +135,11 @@ mod tests {
         for exact in [[0.0, -0.0], [f64::NAN, 1.0], [f64::INFINITY, 1e300]] {
             for (x, (sin, cos)) in exact.into_iter().zip(sincos(exact)) {
                 let (s, c) = libm::sincos(x);
-                assert_eq!((sin.to_bits(), cos.to_bits()), (s.to_bits(), c.to_bits()), "{x}");
+                assert_eq!(
+                    (sin.to_bits(), cos.to_bits()),
+                    (s.to_bits(), c.to_bits()),
+                    "{x}"
+                );
             }
         }
     }

@@ -61,7 +61,14 @@ impl<const N: usize> Row<N> for Twos<N> {
     fn of(values: &SVector<f64, N>) -> Self {
         let mut all = Self::ZERO;
         for k in 0..Self::IN_USE {
-            all.0[k] = f64x2::new([values[2 * k], if 2 * k + 1 < N { values[2 * k + 1] } else { 0.0 }]);
+            all.0[k] = f64x2::new([
+                values[2 * k],
+                if 2 * k + 1 < N {
+                    values[2 * k + 1]
+                } else {
+                    0.0
+                },
+            ]);
         }
         all
     }
@@ -127,7 +134,11 @@ impl<const N: usize> Row<N> for Twos<N> {
         for k in 0..Self::IN_USE {
             let (a, b) = (&vectors[2 * k], &vectors[2 * k + 1]);
             let ([a_x, a_y], [b_x, b_y]) = (a.xy.to_array(), b.xy.to_array());
-            (x.0[k], y.0[k], z.0[k]) = (f64x2::new([a_x, b_x]), f64x2::new([a_y, b_y]), f64x2::new([a.z, b.z]));
+            (x.0[k], y.0[k], z.0[k]) = (
+                f64x2::new([a_x, b_x]),
+                f64x2::new([a_y, b_y]),
+                f64x2::new([a.z, b.z]),
+            );
         }
         V3 { x, y, z }
     }
@@ -141,7 +152,11 @@ impl<const N: usize> Row<N> for Twos<N> {
     fn turned(sin: Self, cos: Self, quarters: Self) -> (Self, Self) {
         let (mut s, mut c) = (Self::ZERO, Self::ZERO);
         for k in 0..Self::IN_USE {
-            let ([s_0, s_1], [c_0, c_1], [q_0, q_1]) = (sin.0[k].to_array(), cos.0[k].to_array(), quarters.0[k].to_array());
+            let ([s_0, s_1], [c_0, c_1], [q_0, q_1]) = (
+                sin.0[k].to_array(),
+                cos.0[k].to_array(),
+                quarters.0[k].to_array(),
+            );
             let ((s_0, c_0), (s_1, c_1)) = (turned(s_0, c_0, q_0), turned(s_1, c_1, q_1));
             (s.0[k], c.0[k]) = (f64x2::new([s_0, s_1]), f64x2::new([c_0, c_1]));
         }
@@ -155,7 +170,10 @@ fn turned(sin: f64, cos: f64, quarters: f64) -> (f64, f64) {
     // All bits where sine and cosine change places.
     let swaps = (s ^ c) & (quarter & 1).wrapping_neg();
     let sign = |turns: u64| (turns & 2) << 62;
-    (f64::from_bits(s ^ swaps ^ sign(quarter)), f64::from_bits(c ^ swaps ^ sign(quarter.wrapping_add(1))))
+    (
+        f64::from_bits(s ^ swaps ^ sign(quarter)),
+        f64::from_bits(c ^ swaps ^ sign(quarter.wrapping_add(1))),
+    )
 }
 
 /// A vector's components.
@@ -169,7 +187,10 @@ impl Add for Components {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: Self) -> Self {
-        Self { xy: self.xy + other.xy, z: self.z + other.z }
+        Self {
+            xy: self.xy + other.xy,
+            z: self.z + other.z,
+        }
     }
 }
 
@@ -177,14 +198,20 @@ impl Sub for Components {
     type Output = Self;
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
-        Self { xy: self.xy - other.xy, z: self.z - other.z }
+        Self {
+            xy: self.xy - other.xy,
+            z: self.z - other.z,
+        }
     }
 }
 
 impl Space for Components {
     #[inline(always)]
     fn of([x, y, z]: [f64; 3]) -> Self {
-        Self { xy: f64x2::new([x, y]), z }
+        Self {
+            xy: f64x2::new([x, y]),
+            z,
+        }
     }
 
     #[inline(always)]
@@ -195,6 +222,9 @@ impl Space for Components {
 
     #[inline(always)]
     fn times(self, factor: f64) -> Self {
-        Self { xy: self.xy * f64x2::splat(factor), z: self.z * factor }
+        Self {
+            xy: self.xy * f64x2::splat(factor),
+            z: self.z * factor,
+        }
     }
 }

@@ -12,7 +12,12 @@ fn rows(value: &Value) -> Vec<Vec<f64>> {
 }
 
 fn numbers(value: &Value) -> Vec<f64> {
-    value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
+    value
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|x| x.as_f64().unwrap())
+        .collect()
 }
 
 fn vector<const N: usize>(value: &Value) -> SVector<f64, N> {
@@ -28,7 +33,12 @@ fn matrix<const R: usize, const C: usize>(value: &Value) -> SMatrix<f64, R, C> {
 struct Worst(std::collections::BTreeMap<&'static str, (f64, f64)>);
 
 impl Worst {
-    fn see<const R: usize, const C: usize>(&mut self, quantity: &'static str, ours: SMatrix<f64, R, C>, theirs: SMatrix<f64, R, C>) {
+    fn see<const R: usize, const C: usize>(
+        &mut self,
+        quantity: &'static str,
+        ours: SMatrix<f64, R, C>,
+        theirs: SMatrix<f64, R, C>,
+    ) {
         let (deviation, magnitude) = self.0.entry(quantity).or_default();
         let difference = (ours - theirs).amax();
         assert!(difference.is_finite(), "{quantity}");
@@ -60,22 +70,43 @@ fn check<const N: usize>(robot: &str, text: &str) {
         worst.see("Jdot_qd", terms.Jdot_qdot, vector(&s["Jdot_qd"]));
         worst.see("ee_pos", terms.X_BE.p, vector(&s["ee_pos"]));
         worst.see("ee_R", terms.X_BE.R, matrix(&s["ee_R"]));
-        worst.see("ee_R (FK)", model.forward_kinematics(&q).R, matrix(&s["ee_R"]));
-        worst.see("tau_rnea", model.inverse_dynamics(&q, &qdot, &qddot), vector(&s["tau_rnea"]));
-        worst.see("qdd_fd", model.forward_dynamics(&q, &qdot, &tau), vector(&s["qdd_fd"]));
+        worst.see(
+            "ee_R (FK)",
+            model.forward_kinematics(&q).R,
+            matrix(&s["ee_R"]),
+        );
+        worst.see(
+            "tau_rnea",
+            model.inverse_dynamics(&q, &qdot, &qddot),
+            vector(&s["tau_rnea"]),
+        );
+        worst.see(
+            "qdd_fd",
+            model.forward_dynamics(&q, &qdot, &tau),
+            vector(&s["qdd_fd"]),
+        );
     }
     for (quantity, (deviation, magnitude)) in worst.0 {
         println!("{robot:9} {quantity:11} worst {deviation:.1e} of {magnitude:.1e}");
-        assert!(deviation <= TOLERANCE * magnitude.max(1.0), "{robot} {quantity}: {deviation:e} of {magnitude:e}");
+        assert!(
+            deviation <= TOLERANCE * magnitude.max(1.0),
+            "{robot} {quantity}: {deviation:e} of {magnitude:e}"
+        );
     }
 }
 
 #[test]
 fn puma560_agrees_with_pinocchio() {
-    check::<6>("puma560", include_str!("../../../../tests/golden/reference_puma560.json"));
+    check::<6>(
+        "puma560",
+        include_str!("../../../../tests/golden/reference_puma560.json"),
+    );
 }
 
 #[test]
 fn planar3r_agrees_with_pinocchio() {
-    check::<3>("planar3r", include_str!("../../../../tests/golden/reference_planar3.json"));
+    check::<3>(
+        "planar3r",
+        include_str!("../../../../tests/golden/reference_planar3.json"),
+    );
 }

@@ -38,7 +38,12 @@ pub(super) const ODD: &str = r#"
 
 pub(super) fn odd() -> Robot {
     let description = "[joints.slide]\narmature = 0.7\n".to_owned();
-    Robot::from_source(&RobotSource { name: "odd".to_owned(), description, urdf: ODD.to_owned() }).unwrap()
+    Robot::from_source(&RobotSource {
+        name: "odd".to_owned(),
+        description,
+        urdf: ODD.to_owned(),
+    })
+    .unwrap()
 }
 
 fn close<const R: usize, const C: usize>(
@@ -48,12 +53,17 @@ fn close<const R: usize, const C: usize>(
     other: SMatrix<f64, R, C>,
 ) -> Result<(), TestCaseError> {
     let (deviation, allowed) = ((ours - other).amax(), tolerance * other.amax().max(1.0));
-    prop_assert!(deviation <= allowed, "{what}: off by {deviation:e}, {allowed:e} allowed\n{ours}{other}");
+    prop_assert!(
+        deviation <= allowed,
+        "{what}: off by {deviation:e}, {allowed:e} allowed\n{ours}{other}"
+    );
     Ok(())
 }
 
 /// f′(0), by central differences of fourth order.
-fn slope<const R: usize, const C: usize>(f: impl Fn(f64) -> SMatrix<f64, R, C>) -> SMatrix<f64, R, C> {
+fn slope<const R: usize, const C: usize>(
+    f: impl Fn(f64) -> SMatrix<f64, R, C>,
+) -> SMatrix<f64, R, C> {
     (8.0 * (f(H) - f(-H)) - (f(2.0 * H) - f(-2.0 * H))) / (12.0 * H)
 }
 
@@ -65,27 +75,58 @@ fn bits(value: &impl std::fmt::Debug) -> String {
 /// ω of a rotation with Ṙ = [ω]×·R.
 fn angular(Rdot: Matrix3<f64>, R: Matrix3<f64>) -> Vector3<f64> {
     let W = Rdot * R.transpose();
-    Vector3::new(W[(2, 1)] - W[(1, 2)], W[(0, 2)] - W[(2, 0)], W[(1, 0)] - W[(0, 1)]) / 2.0
+    Vector3::new(
+        W[(2, 1)] - W[(1, 2)],
+        W[(0, 2)] - W[(2, 0)],
+        W[(1, 0)] - W[(0, 1)],
+    ) / 2.0
 }
 
 /// Registers of this width, or the widest that this processor has: the same bits.
-fn same_bits<const N: usize, R: Row<N>>(model: &Model<N>, [q, qdot, tau]: [&SVector<f64, N>; 3]) -> Result<(), TestCaseError> {
+fn same_bits<const N: usize, R: Row<N>>(
+    model: &Model<N>,
+    [q, qdot, tau]: [&SVector<f64, N>; 3],
+) -> Result<(), TestCaseError> {
     let mut terms = model.evaluate(&SVector::zeros(), &SVector::zeros());
     model.evaluate_anywhere::<R>(q, qdot, &mut terms);
     prop_assert!(bits(&terms) == bits(&model.evaluate(q, qdot)));
     prop_assert!(bits(&model.motion_anywhere::<R>(q, qdot)) == bits(&model.motion(q, qdot)));
-    prop_assert!(bits(&model.qddot_anywhere::<R>(q, qdot, tau)) == bits(&model.forward_dynamics(q, qdot, tau)));
-    let advanced = model.advance_anywhere::<R>(&[*q, *qdot], tau, tau, &model.viscous_friction().abs(), 1e-3);
-    prop_assert!(bits(&advanced) == bits(&model.advance(&[*q, *qdot], tau, tau, &model.viscous_friction().abs(), 1e-3)));
+    prop_assert!(
+        bits(&model.qddot_anywhere::<R>(q, qdot, tau))
+            == bits(&model.forward_dynamics(q, qdot, tau))
+    );
+    let advanced = model.advance_anywhere::<R>(
+        &[*q, *qdot],
+        tau,
+        tau,
+        &model.viscous_friction().abs(),
+        1e-3,
+    );
+    prop_assert!(
+        bits(&advanced)
+            == bits(&model.advance(
+                &[*q, *qdot],
+                tau,
+                tau,
+                &model.viscous_friction().abs(),
+                1e-3
+            ))
+    );
     prop_assert!(bits(&model.mass_matrix_anywhere::<R>(q)) == bits(&model.mass_matrix(q)));
-    let torques = model.torques_anywhere::<R>(q, qdot, Some(tau)) + model.armature().component_mul(tau);
+    let torques =
+        model.torques_anywhere::<R>(q, qdot, Some(tau)) + model.armature().component_mul(tau);
     prop_assert!(bits(&torques) == bits(&model.inverse_dynamics(q, qdot, tau)));
     Ok(())
 }
 
-fn identities<const N: usize>(robot: &Robot, frame: Option<&str>, state: &[f64]) -> Result<(), TestCaseError> {
+fn identities<const N: usize>(
+    robot: &Robot,
+    frame: Option<&str>,
+    state: &[f64],
+) -> Result<(), TestCaseError> {
     let model = Model::<N>::new(robot, frame).unwrap();
-    let [q, qdot, tau] = [0, 1, 2].map(|k| SVector::<f64, N>::from_column_slice(&state[k * 7..k * 7 + N]));
+    let [q, qdot, tau] =
+        [0, 1, 2].map(|k| SVector::<f64, N>::from_column_slice(&state[k * 7..k * 7 + N]));
     let zero = SVector::<f64, N>::zeros();
     let unit = |i: usize| SVector::<f64, N>::from_fn(|j, _| f64::from(u8::from(i == j)));
     let terms = model.evaluate(&q, &qdot);
@@ -93,26 +134,47 @@ fn identities<const N: usize>(robot: &Robot, frame: Option<&str>, state: &[f64])
     // Dynamics: composite bodies, Newton–Euler and articulated bodies.
     let A = terms.A;
     close("A, CRBA", EXACT, A, model.mass_matrix(&q))?;
-    let columns: [SVector<f64, N>; N] = std::array::from_fn(|i| model.inverse_dynamics(&q, &zero, &unit(i)) - model.gravity(&q));
+    let columns: [SVector<f64, N>; N] =
+        std::array::from_fn(|i| model.inverse_dynamics(&q, &zero, &unit(i)) - model.gravity(&q));
     close("A, RNEA", EXACT, A, SMatrix::from_columns(&columns))?;
     close("g", EXACT, terms.gravity, model.gravity(&q))?;
     close("C q̇ + g", EXACT, terms.bias(), model.bias(&q, &qdot))?;
     let cholesky = A.cholesky();
     prop_assert!(cholesky.is_some(), "A is not positive definite: {A}");
     let qddot = model.forward_dynamics(&q, &qdot, &tau);
-    close("q̈, ABA", 1e-10, qddot, cholesky.unwrap().solve(&(tau - terms.bias())))?;
-    close("τ, there and back", 1e-11, model.inverse_dynamics(&q, &qdot, &qddot), tau)?;
+    close(
+        "q̈, ABA",
+        1e-10,
+        qddot,
+        cholesky.unwrap().solve(&(tau - terms.bias())),
+    )?;
+    close(
+        "τ, there and back",
+        1e-11,
+        model.inverse_dynamics(&q, &qdot, &qddot),
+        tau,
+    )?;
 
     // Dynamics: energies.
     let energy = |q: &SVector<f64, N>| SVector::<f64, 1>::new(model.potential_energy(q));
     for i in 0..N {
         let numeric = slope(|h| energy(&(q + h * unit(i))));
-        close("g = ∂V/∂q", NUMERIC, SVector::<f64, 1>::new(terms.gravity[i]), numeric)?;
+        close(
+            "g = ∂V/∂q",
+            NUMERIC,
+            SVector::<f64, 1>::new(terms.gravity[i]),
+            numeric,
+        )?;
     }
     // Ȧ − 2C is skew: q̇ᵀ·C·q̇ = ½·q̇ᵀ·Ȧ·q̇.
     let Adot = slope(|h| model.mass_matrix(&(q + h * qdot)));
     let power = SVector::<f64, 1>::new(qdot.dot(&terms.coriolis));
-    close("passivity", NUMERIC, power, 0.5 * qdot.transpose() * Adot * qdot)?;
+    close(
+        "passivity",
+        NUMERIC,
+        power,
+        0.5 * qdot.transpose() * Adot * qdot,
+    )?;
     let kinetic = model.kinetic_energy(&q, &qdot);
     prop_assert!((kinetic - 0.5 * qdot.dot(&(A * qdot))).abs() <= EXACT * kinetic.max(1.0));
 
@@ -121,7 +183,10 @@ fn identities<const N: usize>(robot: &Robot, frame: Option<&str>, state: &[f64])
     prop_assert_eq!(motion.X_BE, model.forward_kinematics(&q));
     prop_assert_eq!(motion.V_BE, model.jacobian(&q) * qdot);
     prop_assert_eq!(motion.energy, kinetic + model.potential_energy(&q));
-    prop_assert_eq!((motion.A, motion.bias), (model.mass_matrix(&q), model.bias(&q, &qdot)));
+    prop_assert_eq!(
+        (motion.A, motion.bias),
+        (model.mass_matrix(&q), model.bias(&q, &qdot))
+    );
     prop_assert_eq!(motion.qddot(&tau), qddot);
     close("q̈ of the terms", 1e-10, terms.qddot(&tau), qddot)?;
 
@@ -135,13 +200,28 @@ fn identities<const N: usize>(robot: &Robot, frame: Option<&str>, state: &[f64])
     let X = model.forward_kinematics(&q);
     close("X_BE.p", EXACT, terms.X_BE.p, X.p)?;
     close("X_BE.R", EXACT, terms.X_BE.R, X.R)?;
-    close("X_BE.R is a rotation", EXACT, X.R * X.R.transpose(), Matrix3::identity())?;
+    close(
+        "X_BE.R is a rotation",
+        EXACT,
+        X.R * X.R.transpose(),
+        Matrix3::identity(),
+    )?;
     close("J", EXACT, terms.J, model.jacobian(&q))?;
     for i in 0..N {
         let at = |h: f64| model.forward_kinematics(&(q + h * unit(i)));
         let (v, w) = (slope(|h| at(h).p), angular(slope(|h| at(h).R), X.R));
-        close("J, linear", NUMERIC, terms.J.fixed_view::<3, 1>(0, i).into_owned(), v)?;
-        close("J, angular", NUMERIC, terms.J.fixed_view::<3, 1>(3, i).into_owned(), w)?;
+        close(
+            "J, linear",
+            NUMERIC,
+            terms.J.fixed_view::<3, 1>(0, i).into_owned(),
+            v,
+        )?;
+        close(
+            "J, angular",
+            NUMERIC,
+            terms.J.fixed_view::<3, 1>(3, i).into_owned(),
+            w,
+        )?;
     }
     let Jdot = slope(|h| model.jacobian(&(q + h * qdot)));
     close("J̇ q̇", NUMERIC, terms.Jdot_qdot, Jdot * qdot)?;
@@ -153,10 +233,20 @@ fn identities<const N: usize>(robot: &Robot, frame: Option<&str>, state: &[f64])
         close("p", EXACT, terms.p[i], X.p)?;
         close("z", EXACT, terms.z[i], X.R * robot.joints[i].axis)?;
         close("ṗ", NUMERIC, terms.pdot[i], slope(|h| moved(h).p[i]))?;
-        close("p̈", NUMERIC, terms.pddot_bias[i], slope(|h| moved(h).pdot[i]))?;
+        close(
+            "p̈",
+            NUMERIC,
+            terms.pddot_bias[i],
+            slope(|h| moved(h).pdot[i]),
+        )?;
         let Rdot = slope(|h| model.link_poses(&(q + h * qdot))[i].R);
         close("ω", NUMERIC, terms.omega[i], angular(Rdot, X.R))?;
-        close("α", NUMERIC, terms.alpha_bias[i], slope(|h| moved(h).omega[i]))?;
+        close(
+            "α",
+            NUMERIC,
+            terms.alpha_bias[i],
+            slope(|h| moved(h).omega[i]),
+        )?;
     }
     Ok(())
 }
@@ -168,7 +258,10 @@ fn factors(robot: &str, q: &[f64]) -> Result<(), TestCaseError> {
     for frame in ["ee", "flange"] {
         let model = Model::<6>::new(&robot, Some(frame)).unwrap();
         let det = model.jacobian(&SVector::from_column_slice(q)).determinant();
-        prop_assert!((det - product).abs() < 1e-15, "{frame}: {det:e}, {product:e}");
+        prop_assert!(
+            (det - product).abs() < 1e-15,
+            "{frame}: {det:e}, {product:e}"
+        );
     }
     Ok(())
 }
@@ -226,24 +319,42 @@ proptest! {
 }
 
 /// In a larger size an arm computes the same numbers in its own places; absent joints are decoupled and at rest.
-fn embedding<const N: usize, const M: usize>(robot: &Robot, state: &[f64]) -> Result<(), TestCaseError> {
-    let (own, large) = (Model::<N>::new(robot, None).unwrap(), Model::<M>::new(robot, None).unwrap());
-    let [q, qdot, tau] = [0, 1, 2].map(|k| SVector::<f64, N>::from_column_slice(&state[k * 7..k * 7 + N]));
+fn embedding<const N: usize, const M: usize>(
+    robot: &Robot,
+    state: &[f64],
+) -> Result<(), TestCaseError> {
+    let (own, large) = (
+        Model::<N>::new(robot, None).unwrap(),
+        Model::<M>::new(robot, None).unwrap(),
+    );
+    let [q, qdot, tau] =
+        [0, 1, 2].map(|k| SVector::<f64, N>::from_column_slice(&state[k * 7..k * 7 + N]));
     let [Q, Qdot, Tau] = [q, qdot, tau].map(|values| crate::embedded::<M>(values.as_slice()));
     let (a, b) = (own.evaluate(&q, &qdot), large.evaluate(&Q, &Qdot));
     for i in 0..M {
         for j in 0..M {
-            let expected = if i < N && j < N { a.A[(i, j)] } else { f64::from(u8::from(i == j)) };
+            let expected = if i < N && j < N {
+                a.A[(i, j)]
+            } else {
+                f64::from(u8::from(i == j))
+            };
             prop_assert_eq!(b.A[(i, j)], expected);
         }
-        let column = if i < N { a.J.column(i).into_owned() } else { nalgebra::Vector6::zeros() };
+        let column = if i < N {
+            a.J.column(i).into_owned()
+        } else {
+            nalgebra::Vector6::zeros()
+        };
         prop_assert_eq!(b.J.column(i).into_owned(), column);
         prop_assert_eq!(b.bias()[i], if i < N { a.bias()[i] } else { 0.0 });
     }
     prop_assert_eq!((a.X_BE, a.Jdot_qdot), (b.X_BE, b.Jdot_qdot));
     prop_assert_eq!((large.mass_matrix(&Q), large.jacobian(&Q)), (b.A, b.J));
     let qddot = own.forward_dynamics(&q, &qdot, &tau);
-    prop_assert_eq!(large.forward_dynamics(&Q, &Qdot, &Tau), crate::embedded::<M>(qddot.as_slice()));
+    prop_assert_eq!(
+        large.forward_dynamics(&Q, &Qdot, &Tau),
+        crate::embedded::<M>(qddot.as_slice())
+    );
     prop_assert_eq!(
         large.inverse_dynamics(&Q, &Qdot, &crate::embedded(qddot.as_slice())),
         crate::embedded::<M>(own.inverse_dynamics(&q, &qdot, &qddot).as_slice())
@@ -274,13 +385,22 @@ fn energy_is_conserved() {
         let (start, dt) = (energy(&q, &v), 0.25e-3);
         for _ in 0..4000 {
             let (v1, a1) = (v, acceleration(&q, &v));
-            let (v2, a2) = (v + 0.5 * dt * a1, acceleration(&(q + 0.5 * dt * v1), &(v + 0.5 * dt * a1)));
-            let (v3, a3) = (v + 0.5 * dt * a2, acceleration(&(q + 0.5 * dt * v2), &(v + 0.5 * dt * a2)));
+            let (v2, a2) = (
+                v + 0.5 * dt * a1,
+                acceleration(&(q + 0.5 * dt * v1), &(v + 0.5 * dt * a1)),
+            );
+            let (v3, a3) = (
+                v + 0.5 * dt * a2,
+                acceleration(&(q + 0.5 * dt * v2), &(v + 0.5 * dt * a2)),
+            );
             let (v4, a4) = (v + dt * a3, acceleration(&(q + dt * v3), &(v + dt * a3)));
             q += dt / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4);
             v += dt / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4);
         }
-        assert!((q - SVector::from_fn(|i, _| 0.4 + 0.3 * i as f64)).amax() > 0.3, "the arm has moved");
+        assert!(
+            (q - SVector::from_fn(|i, _| 0.4 + 0.3 * i as f64)).amax() > 0.3,
+            "the arm has moved"
+        );
         (energy(&q, &v) - start).abs()
     }
     for (name, drift) in [
@@ -312,5 +432,8 @@ fn tools_move_the_frame() {
     let flange = Model::<6>::new(&robot, Some("flange")).unwrap();
     let X_EF = robot.frame("flange").unwrap().X_LF;
     let q = SVector::from([0.3, -0.7, 2.0, 0.6, 0.9, -0.4]);
-    assert_eq!(wrist.with_tool(&X_EF).evaluate(&q, &q), flange.evaluate(&q, &q));
+    assert_eq!(
+        wrist.with_tool(&X_EF).evaluate(&q, &q),
+        flange.evaluate(&q, &q)
+    );
 }

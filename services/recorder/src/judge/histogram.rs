@@ -17,20 +17,30 @@ pub(super) mod stored {
     pub(in super::super) type Values = Vec<(u64, u32)>;
 
     pub(in super::super) fn values(histogram: &Histogram) -> Values {
-        histogram.iter_recorded().map(|one| (one.value_iterated_to(), one.count_at_value())).collect()
+        histogram
+            .iter_recorded()
+            .map(|one| (one.value_iterated_to(), one.count_at_value()))
+            .collect()
     }
 
     pub(in super::super) fn of(values: Values) -> Histogram {
         let mut histogram = new();
-        values.into_iter().for_each(|(value, count)| histogram.saturating_record_n(value, count));
+        values
+            .into_iter()
+            .for_each(|(value, count)| histogram.saturating_record_n(value, count));
         histogram
     }
 
-    pub(in super::super) fn serialize<S: Serializer>(histogram: &Histogram, serializer: S) -> Result<S::Ok, S::Error> {
+    pub(in super::super) fn serialize<S: Serializer>(
+        histogram: &Histogram,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
         values(histogram).serialize(serializer)
     }
 
-    pub(in super::super) fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<Histogram, D::Error> {
+    pub(in super::super) fn deserialize<'a, D: Deserializer<'a>>(
+        deserializer: D,
+    ) -> Result<Histogram, D::Error> {
         Values::deserialize(deserializer).map(of)
     }
 }

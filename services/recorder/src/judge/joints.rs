@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 use shared_types::bounds::{larger, share, within};
-use shared_types::codes::{DRIVE_RATE, DRIVE_SPEED, PHASE_REFUSED, REFUSAL_LIMIT, REFUSAL_UNLISTED};
+use shared_types::codes::{
+    DRIVE_RATE, DRIVE_SPEED, PHASE_REFUSED, REFUSAL_LIMIT, REFUSAL_UNLISTED,
+};
 use shared_types::summary::{JointSummary, LimitSummary};
 
 use super::histogram::{Histogram, new, stored};
@@ -48,7 +50,13 @@ pub(super) struct JointMeter {
 
 impl JointMeter {
     pub(super) fn new(limits: Limits) -> Self {
-        Self { limits, summary: JointSummary::default(), torque_steps: new(), last_tau: None, refused: None }
+        Self {
+            limits,
+            summary: JointSummary::default(),
+            torque_steps: new(),
+            last_tau: None,
+            refused: None,
+        }
     }
 
     /// The task axes that the arm serves.
@@ -62,7 +70,12 @@ impl JointMeter {
     }
 
     /// Takes in a tick with `switches` changes of mode; a limit that is reached for the first time goes into `events`.
-    pub(super) fn tick(&mut self, tick: &Tick<'_>, switches: usize, mut events: impl FnMut(String)) {
+    pub(super) fn tick(
+        &mut self,
+        tick: &Tick<'_>,
+        switches: usize,
+        mut events: impl FnMut(String),
+    ) {
         self.measure_switches(tick, switches);
         self.measure_loads(tick);
         if tick.torque.phase == PHASE_REFUSED && self.refused.is_none() {
@@ -90,11 +103,24 @@ impl JointMeter {
                 let joint = (0..self.count()).min_by(|a, b| room(*a).0.total_cmp(&room(*b).0))?;
                 let (left, limit) = room(joint);
                 let name = &self.limits.names[joint];
-                Some(format!("{name} was {:.2}° from its limit of {:.1}° at tick {k}", left.to_degrees(), limit.to_degrees()))
+                Some(format!(
+                    "{name} was {:.2}° from its limit of {:.1}° at tick {k}",
+                    left.to_degrees(),
+                    limit.to_degrees()
+                ))
             }
             REFUSAL_UNLISTED => {
-                let listed = tick.report.singularities.iter().take(tick.report.count as usize).filter(|s| s.inside != 0).count();
-                Some(format!("at tick {k} the Jacobian had rank {} with {listed} singularities listed", tick.report.rank))
+                let listed = tick
+                    .report
+                    .singularities
+                    .iter()
+                    .take(tick.report.count as usize)
+                    .filter(|s| s.inside != 0)
+                    .count();
+                Some(format!(
+                    "at tick {k} the Jacobian had rank {} with {listed} singularities listed",
+                    tick.report.rank
+                ))
             }
             _ => None,
         }
@@ -105,13 +131,22 @@ impl JointMeter {
         let joints = &mut self.summary;
         let tau = &tick.torque.tau[..n];
         for (i, torque) in tau.iter().enumerate() {
-            joints.speed_max_ratio = larger(joints.speed_max_ratio, share(tick.truth.qdot[i], self.limits.velocity[i]));
-            joints.torque_max_ratio = larger(joints.torque_max_ratio, share(*torque, self.limits.effort[i]));
+            joints.speed_max_ratio = larger(
+                joints.speed_max_ratio,
+                share(tick.truth.qdot[i], self.limits.velocity[i]),
+            );
+            joints.torque_max_ratio = larger(
+                joints.torque_max_ratio,
+                share(*torque, self.limits.effort[i]),
+            );
         }
         if let Some(last) = &self.last_tau {
-            let step = (0..n).fold(0.0f64, |step, i| larger(step, share(tau[i] - last[i], self.limits.effort[i])));
+            let step = (0..n).fold(0.0f64, |step, i| {
+                larger(step, share(tau[i] - last[i], self.limits.effort[i]))
+            });
             joints.torque_step_max_ratio = larger(joints.torque_step_max_ratio, step);
-            self.torque_steps.saturating_record((step.min(STEP_MOST) * STEP_UNIT) as u64 + 1);
+            self.torque_steps
+                .saturating_record((step.min(STEP_MOST) * STEP_UNIT) as u64 + 1);
         } else {
             joints.q_start = tick.truth.q[..n].to_vec();
         }
@@ -131,7 +166,11 @@ impl JointMeter {
         if changes > 0
             && let Some(last) = &self.last_tau
         {
-            let jump: f64 = last.iter().enumerate().map(|(i, before)| (tick.torque.tau[i] - before) * tick.truth.qdot[i]).sum();
+            let jump: f64 = last
+                .iter()
+                .enumerate()
+                .map(|(i, before)| (tick.torque.tau[i] - before) * tick.truth.qdot[i])
+                .sum();
             self.summary.switch_energy_j += jump.abs() * SWITCH_S;
         }
     }
@@ -140,18 +179,33 @@ impl JointMeter {
         let bit = 1u32 << i;
         let is_fast = !within(share(tick.truth.qdot[i], self.limits.velocity[i]), 1.0);
         // At almost every tick.
-        if !is_fast && (tick.truth.limit_mask | tick.truth.saturation_mask | tick.torque.saturation_mask) & bit == 0 {
+        if !is_fast
+            && (tick.truth.limit_mask | tick.truth.saturation_mask | tick.torque.saturation_mask)
+                & bit
+                == 0
+        {
             return;
         }
         let middle = 0.5 * (self.limits.lower[i] + self.limits.upper[i]);
-        let stop = if tick.truth.q[i] > middle { "upper stop" } else { "lower stop" };
+        let stop = if tick.truth.q[i] > middle {
+            "upper stop"
+        } else {
+            "lower stop"
+        };
         let cut = tick.truth.saturation_mask & bit != 0;
-        let (by_speed, by_rate) = (tick.truth.drive_flags & DRIVE_SPEED != 0, tick.truth.drive_flags & DRIVE_RATE != 0);
-        let is_at_effort = !within(share(tick.truth.tau[i], self.limits.effort[i]), 1.0 - 1e-9) || !(by_speed || by_rate);
+        let (by_speed, by_rate) = (
+            tick.truth.drive_flags & DRIVE_SPEED != 0,
+            tick.truth.drive_flags & DRIVE_RATE != 0,
+        );
+        let is_at_effort = !within(share(tick.truth.tau[i], self.limits.effort[i]), 1.0 - 1e-9)
+            || !(by_speed || by_rate);
         for (is_reached, limit) in [
             (tick.truth.limit_mask & bit != 0, stop),
             (is_fast, "speed"),
-            (tick.torque.saturation_mask & bit != 0 || cut && is_at_effort, "torque"),
+            (
+                tick.torque.saturation_mask & bit != 0 || cut && is_at_effort,
+                "torque",
+            ),
             (cut && !is_at_effort && by_speed, "drive speed"),
             (cut && !is_at_effort && !by_speed, "drive rate"),
         ] {
@@ -159,11 +213,21 @@ impl JointMeter {
                 continue;
             }
             let joint = &self.limits.names[i];
-            if let Some(known) = self.summary.limits.iter_mut().find(|known| known.joint == *joint && known.limit == limit) {
+            if let Some(known) = self
+                .summary
+                .limits
+                .iter_mut()
+                .find(|known| known.joint == *joint && known.limit == limit)
+            {
                 known.ticks += 1;
                 continue;
             }
-            let first = LimitSummary { joint: joint.clone(), limit: limit.to_owned(), first_tick: tick.truth.header.tick, ticks: 1 };
+            let first = LimitSummary {
+                joint: joint.clone(),
+                limit: limit.to_owned(),
+                first_tick: tick.truth.header.tick,
+                ticks: 1,
+            };
             events(reached(&first));
             self.summary.limits.push(first);
         }
@@ -172,16 +236,30 @@ impl JointMeter {
     /// One clause for each limit that was reached.
     pub(super) fn clauses(&self) -> impl Iterator<Item = String> {
         let limits = self.summary.limits.iter().map(|limit| {
-            let LimitSummary { first_tick, ticks, .. } = limit;
-            format!("{} for {ticks} ticks from tick {first_tick} on", reached(limit))
+            let LimitSummary {
+                first_tick, ticks, ..
+            } = limit;
+            format!(
+                "{} for {ticks} ticks from tick {first_tick} on",
+                reached(limit)
+            )
         });
-        let JointSummary { rate_limited_ticks, rejected_estimate_ticks, .. } = self.summary;
+        let JointSummary {
+            rate_limited_ticks,
+            rejected_estimate_ticks,
+            ..
+        } = self.summary;
         let waits = (rate_limited_ticks > FREE_TICKS)
             .then(|| format!("torques waited for the rates that the drives accept, {rate_limited_ticks} ticks in all"));
         let rejections = (rejected_estimate_ticks > 0).then(|| {
             format!("the estimate was set aside for {rejected_estimate_ticks} ticks, because no torque within the limits moves the arm so")
         });
-        self.refused.clone().into_iter().chain(limits).chain(waits).chain(rejections)
+        self.refused
+            .clone()
+            .into_iter()
+            .chain(limits)
+            .chain(waits)
+            .chain(rejections)
     }
 
     pub(super) fn finish(mut self) -> JointSummary {
@@ -189,8 +267,10 @@ impl JointMeter {
         self.summary.has_speed_limit = has_limit(&self.limits.velocity);
         self.summary.has_torque_limit = has_limit(&self.limits.effort);
         if !self.torque_steps.is_empty() {
-            self.summary.torque_step_p99_ratio = self.torque_steps.value_at_quantile(0.99) as f64 / STEP_UNIT;
-            self.summary.torque_step_p95_ratio = self.torque_steps.value_at_quantile(0.95) as f64 / STEP_UNIT;
+            self.summary.torque_step_p99_ratio =
+                self.torque_steps.value_at_quantile(0.99) as f64 / STEP_UNIT;
+            self.summary.torque_step_p95_ratio =
+                self.torque_steps.value_at_quantile(0.95) as f64 / STEP_UNIT;
         }
         self.summary
     }

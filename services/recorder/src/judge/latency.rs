@@ -27,18 +27,29 @@ pub(super) struct Chain(Vec<(usize, String)>);
 impl Default for Chain {
     /// That of the built-in graph.
     fn default() -> Self {
-        Self::of(&Graph::parse("graph.toml", BUILT_IN).expect("the graph that the program contains can be read"))
+        Self::of(
+            &Graph::parse("graph.toml", BUILT_IN)
+                .expect("the graph that the program contains can be read"),
+        )
     }
 }
 
 impl Chain {
     pub(super) fn of(graph: &Graph) -> Self {
-        Self(graph.chain().into_iter().map(|(hop, process)| (hop, process.name.clone())).collect())
+        Self(
+            graph
+                .chain()
+                .into_iter()
+                .map(|(hop, process)| (hop, process.name.clone()))
+                .collect(),
+        )
     }
 
     fn spans(&self) -> impl Iterator<Item = Span> {
         let length = self.0.len();
-        std::iter::once(Span::Chain).chain((0..length).map(Span::Own)).chain((1..length).map(Span::Way))
+        std::iter::once(Span::Chain)
+            .chain((0..length).map(Span::Own))
+            .chain((1..length).map(Span::Way))
     }
 
     /// The place of a span among all.
@@ -72,7 +83,10 @@ impl Times {
     const MOST_WAITING: usize = 128;
 
     fn new(entered: Histogram) -> Self {
-        Self { entered, waiting: Vec::with_capacity(Self::MOST_WAITING) }
+        Self {
+            entered,
+            waiting: Vec::with_capacity(Self::MOST_WAITING),
+        }
     }
 
     fn add(&mut self, time_ns: u64) {
@@ -118,7 +132,15 @@ pub(super) struct LatencyMeter {
 impl LatencyMeter {
     pub(super) fn new(chain: Chain) -> Self {
         let latencies = chain.spans().map(|_| Times::new(new())).collect();
-        Self { chain, latencies, last_sensor: None, period_ns: 0, due_before_ns: 0, first_ns: 0, last_ns: 0 }
+        Self {
+            chain,
+            latencies,
+            last_sensor: None,
+            period_ns: 0,
+            due_before_ns: 0,
+            first_ns: 0,
+            last_ns: 0,
+        }
     }
 
     /// For ticks on a grid of `period_ns`.
@@ -136,7 +158,10 @@ impl LatencyMeter {
     }
 
     pub(super) fn summary(&self) -> BTreeMap<String, Latency> {
-        self.chain.spans().map(|span| (self.chain.name(span), latency(&self.of(span)))).collect()
+        self.chain
+            .spans()
+            .map(|span| (self.chain.name(span), latency(&self.of(span))))
+            .collect()
     }
 
     /// Adds a time to a distribution.
@@ -151,8 +176,16 @@ impl LatencyMeter {
         let stamps = command.header.stamps;
         for place in 1..self.chain.0.len() {
             let (before, hop) = (self.chain.0[place - 1].0, self.chain.0[place].0);
-            self.measure(Span::Way(place), stamps.sent_ns[before], stamps.received_ns[hop]);
-            self.measure(Span::Own(place), stamps.received_ns[hop], stamps.sent_ns[hop]);
+            self.measure(
+                Span::Way(place),
+                stamps.sent_ns[before],
+                stamps.received_ns[hop],
+            );
+            self.measure(
+                Span::Own(place),
+                stamps.received_ns[hop],
+                stamps.sent_ns[hop],
+            );
         }
     }
 
@@ -166,18 +199,31 @@ impl LatencyMeter {
         {
             let then = last.header.stamps;
             // A torque that never came counts with all the time that the plant gave it.
-            let ended = if now.received_ns[0] > then.sent_ns[0] { now.received_ns[0] } else { sent };
+            let ended = if now.received_ns[0] > then.sent_ns[0] {
+                now.received_ns[0]
+            } else {
+                sent
+            };
             self.measure(Span::Chain, then.origin_ns(), ended);
             if self.period_ns > 0 && self.due_before_ns > 0 {
                 // No coordinated omission: a request at a skipped grid point would have waited for this answer.
-                let skipped = (self.due_before_ns + self.period_ns..then.due_ns).step_by(self.period_ns as usize);
+                let skipped = (self.due_before_ns + self.period_ns..then.due_ns)
+                    .step_by(self.period_ns as usize);
                 skipped.for_each(|due| self.measure(Span::Chain, due, ended));
             }
             self.due_before_ns = then.due_ns;
-            let began = if now.due_ns > 0 { now.due_ns } else { now.received_ns[0] };
+            let began = if now.due_ns > 0 {
+                now.due_ns
+            } else {
+                now.received_ns[0]
+            };
             self.measure(Span::Own(0), began, sent);
         }
-        self.first_ns = if self.first_ns == 0 { sent } else { self.first_ns };
+        self.first_ns = if self.first_ns == 0 {
+            sent
+        } else {
+            self.first_ns
+        };
         self.last_ns = sent.max(self.last_ns);
         self.last_sensor = Some(*sensor);
     }
@@ -185,18 +231,33 @@ impl LatencyMeter {
 
 fn latency(histogram: &Histogram) -> Latency {
     let us = |quantile: f64| histogram.value_at_quantile(quantile) as f64 * 1e-3;
-    Latency { count: histogram.len(), p50: us(0.5), p99: us(0.99), p999: us(0.999), max: histogram.max() as f64 * 1e-3 }
+    Latency {
+        count: histogram.len(),
+        p50: us(0.5),
+        p99: us(0.99),
+        p999: us(0.999),
+        max: histogram.max() as f64 * 1e-3,
+    }
 }
 
 mod stored_all {
     use super::{Times, stored};
     use serde::{Deserialize, Deserializer, Serializer};
 
-    pub(super) fn serialize<S: Serializer>(all: &[Times], serializer: S) -> Result<S::Ok, S::Error> {
+    pub(super) fn serialize<S: Serializer>(
+        all: &[Times],
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
         serializer.collect_seq(all.iter().map(|times| stored::values(&times.all())))
     }
 
-    pub(super) fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<Vec<Times>, D::Error> {
-        Ok(Vec::deserialize(deserializer)?.into_iter().map(stored::of).map(Times::new).collect())
+    pub(super) fn deserialize<'a, D: Deserializer<'a>>(
+        deserializer: D,
+    ) -> Result<Vec<Times>, D::Error> {
+        Ok(Vec::deserialize(deserializer)?
+            .into_iter()
+            .map(stored::of)
+            .map(Times::new)
+            .collect())
     }
 }

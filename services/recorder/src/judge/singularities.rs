@@ -34,12 +34,22 @@ struct Watched {
 
 impl SingularityMeter {
     /// Takes in a tick; each beginning of a hold that costs more than the goal allows goes into `events`. Returns the changes of mode.
-    pub(super) fn tick(&mut self, tick: &Tick<'_>, error: &TaskError, goal: &Goal, mut events: impl FnMut(String)) -> usize {
+    pub(super) fn tick(
+        &mut self,
+        tick: &Tick<'_>,
+        error: &TaskError,
+        goal: &Goal,
+        mut events: impl FnMut(String),
+    ) -> usize {
         let before = self.modes.len();
         for (i, singularity) in active(tick.report).iter().enumerate() {
             if self.watched.len() <= i {
                 let name = codes::singularity_name(singularity.kind, i);
-                let summary = SingularitySummary { name, s_min: f64::INFINITY, ..SingularitySummary::default() };
+                let summary = SingularitySummary {
+                    name,
+                    s_min: f64::INFINITY,
+                    ..SingularitySummary::default()
+                };
                 self.watched.push(Watched {
                     summary,
                     mode: MODE_REGULAR,
@@ -59,7 +69,11 @@ impl SingularityMeter {
             summary.inside_ticks += u64::from(inside);
             summary.entries += u64::from(inside && !watched.inside);
             let (linear, angular) = halves(&singularity.zeta_B);
-            let zeta = if singularity.angular != 0 { angular } else { linear };
+            let zeta = if singularity.angular != 0 {
+                angular
+            } else {
+                linear
+            };
             if inside && !watched.inside {
                 watched.zeta_at_entry = zeta.into();
             }
@@ -107,7 +121,13 @@ impl SingularityMeter {
     }
 
     pub(super) fn finish(self) -> (Vec<SingularitySummary>, Vec<ModeChange>) {
-        (self.watched.into_iter().map(|watched| watched.summary).collect(), self.modes)
+        (
+            self.watched
+                .into_iter()
+                .map(|watched| watched.summary)
+                .collect(),
+            self.modes,
+        )
     }
 }
 
@@ -124,7 +144,10 @@ impl Watched {
             summary.hold_max_mm = larger(summary.hold_max_mm, mm);
             summary.hold_max_deg = larger(summary.hold_max_deg, deg);
             if !self.is_held {
-                events(format!("the law holds at the {} singularity: the goal's bounds are exceeded along it", summary.name));
+                events(format!(
+                    "the law holds at the {} singularity: the goal's bounds are exceeded along it",
+                    summary.name
+                ));
             }
             self.held_from.get_or_insert(tick);
         }

@@ -34,7 +34,8 @@ impl TaskError {
         let kept = |axis: usize| if served[axis] { 1.0 } else { 0.0 };
         let position = Vector3::from(command.p_BE_d) - Vector3::from(truth.p_BE);
         let position = Vector3::from_fn(|i, _| position[i] * kept(i));
-        let orientation = model::rotation_log(&(matrix(&command.R_BE_d) * matrix(&truth.R_BE).transpose()));
+        let orientation =
+            model::rotation_log(&(matrix(&command.R_BE_d) * matrix(&truth.R_BE).transpose()));
         let orientation = Vector3::from_fn(|i, _| orientation[i] * kept(3 + i));
         let (mut across_m, mut across_rad) = (position, orientation);
         for (i, singularity) in active(tick.report).iter().enumerate() {
@@ -45,8 +46,13 @@ impl TaskError {
             across_m -= linear * linear.dot(&across_m);
             across_rad -= angular * angular.dot(&across_rad);
         }
-        let split = |whole: Vector3<f64>, across: Vector3<f64>, unit: f64| [whole, across, whole - across].map(|x| x.norm() * unit);
-        Self { position: split(position, across_m, 1e3), orientation: split(orientation, across_rad, 1f64.to_degrees()) }
+        let split = |whole: Vector3<f64>, across: Vector3<f64>, unit: f64| {
+            [whole, across, whole - across].map(|x| x.norm() * unit)
+        };
+        Self {
+            position: split(position, across_m, 1e3),
+            orientation: split(orientation, across_rad, 1f64.to_degrees()),
+        }
     }
 }
 
@@ -63,7 +69,10 @@ pub(super) struct TaskMeter {
 
 impl TaskMeter {
     pub(super) fn tick(&mut self, error: &TaskError) {
-        let TaskError { position: [mm, across_mm, _], orientation: [deg, across_deg, _] } = *error;
+        let TaskError {
+            position: [mm, across_mm, _],
+            orientation: [deg, across_deg, _],
+        } = *error;
         let task = &mut self.summary;
         task.position_max_mm = larger(task.position_max_mm, mm);
         task.orientation_max_deg = larger(task.orientation_max_deg, deg);

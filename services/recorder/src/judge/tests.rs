@@ -11,14 +11,25 @@ const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 
 fn limits() -> Limits {
     let names = (1..=6).map(|i| format!("joint{i}")).collect();
-    Limits { served: [true; 6], names, lower: vec![-3.0; 6], upper: vec![3.0; 6], effort: vec![10.0; 6], velocity: vec![2.0; 6] }
+    Limits {
+        served: [true; 6],
+        names,
+        lower: vec![-3.0; 6],
+        upper: vec![3.0; 6],
+        effort: vec![10.0; 6],
+        velocity: vec![2.0; 6],
+    }
 }
 
 fn judged(ticks: u64, shape: impl Fn(u64, &mut ByTopic<Whole>)) -> Verdict {
     let mut judge = Judge::new(limits(), Goal::default(), ticks as f64);
     for k in 0..ticks {
         let mut m = upright(k);
-        m.torque.phase = if k + 1 == ticks { codes::PHASE_DONE } else { codes::PHASE_RUNNING };
+        m.torque.phase = if k + 1 == ticks {
+            codes::PHASE_DONE
+        } else {
+            codes::PHASE_RUNNING
+        };
         shape(k, &mut m);
         judge.tick(Tick::of(&m.lent()).unwrap());
     }
@@ -37,14 +48,25 @@ fn upright(tick: u64) -> ByTopic<Whole> {
 #[test]
 fn a_perfect_run_reaches_its_goal() {
     let verdict = judged(10, |_, _| ());
-    assert_eq!((verdict.outcome.as_str(), verdict.completed, verdict.ticks), ("goal reached", true, 10));
+    assert_eq!(
+        (verdict.outcome.as_str(), verdict.completed, verdict.ticks),
+        ("goal reached", true, 10)
+    );
 }
 
 #[test]
 fn an_error_at_the_end_misses_the_goal_and_says_by_how_much() {
-    let verdict = judged(10, |k, m| m.plant_state.p_BE[0] = if k == 9 { 2e-3 } else { 0.0 });
+    let verdict = judged(10, |k, m| {
+        m.plant_state.p_BE[0] = if k == 9 { 2e-3 } else { 0.0 }
+    });
     assert_eq!(verdict.outcome, "goal missed");
-    assert!(verdict.reason.contains("end position off by 2.000 mm, allowed 1 mm"), "{}", verdict.reason);
+    assert!(
+        verdict
+            .reason
+            .contains("end position off by 2.000 mm, allowed 1 mm"),
+        "{}",
+        verdict.reason
+    );
     assert!((verdict.task.position_max_mm - 2.0).abs() < 1e-12);
 }
 
@@ -59,7 +81,10 @@ fn an_error_along_the_singular_direction_is_not_across_it() {
     });
     assert!(verdict.task.position_max_mm > 4.9 && verdict.task.orthogonal_max_mm < 1e-12);
     assert_eq!(verdict.outcome, "goal reached");
-    assert_eq!((verdict.modes.len(), verdict.modes[0].mode.as_str()), (1, "track"));
+    assert_eq!(
+        (verdict.modes.len(), verdict.modes[0].mode.as_str()),
+        (1, "track")
+    );
 }
 
 #[test]
@@ -79,13 +104,21 @@ fn the_angle_through_which_zeta_turns_is_measured_from_the_entry() {
 fn a_switch_puts_in_the_power_that_jumps() {
     let verdict = judged(20, |k, m| {
         m.singularity.count = 1;
-        m.control_state.mode[0] = if k >= 10 { codes::MODE_TRACK } else { codes::MODE_REGULAR };
+        m.control_state.mode[0] = if k >= 10 {
+            codes::MODE_TRACK
+        } else {
+            codes::MODE_REGULAR
+        };
         // 4 N·m at 0.5 rad/s against 1 N·m at 1 rad/s: 1 W for 25 ms.
         (m.torque.tau[0], m.torque.tau[1]) = if k >= 10 { (4.0, -1.0) } else { (0.0, 0.0) };
         (m.plant_state.qdot[0], m.plant_state.qdot[1]) = (0.5, 1.0);
     });
     assert_eq!(verdict.joints.switches, 1);
-    assert!((verdict.joints.switch_energy_j - 0.025).abs() < 1e-12, "{}", verdict.joints.switch_energy_j);
+    assert!(
+        (verdict.joints.switch_energy_j - 0.025).abs() < 1e-12,
+        "{}",
+        verdict.joints.switch_energy_j
+    );
 }
 
 #[test]
@@ -94,13 +127,23 @@ fn a_turn_is_followed_from_its_announcement_to_its_end() {
         m.singularity.count = 2;
         m.singularity.singularities[1].kind = codes::KIND_WRIST;
         if (10..20).contains(&k) {
-            (m.control_state.planned, m.control_state.planned_s, m.control_state.planned_dq[3]) = (2, 0.009, 1.5);
+            (
+                m.control_state.planned,
+                m.control_state.planned_s,
+                m.control_state.planned_dq[3],
+            ) = (2, 0.009, 1.5);
         }
         m.plant_state.q[3] = 0.1 * k.clamp(10, 20) as f64;
     });
     let turn = &verdict.turns[0];
-    assert_eq!((verdict.turns.len(), turn.tick, turn.singularity.as_str()), (1, 10, "wrist"));
-    assert!((turn.actual_deg[3] - 1f64.to_degrees()).abs() < 1e-9 && turn.actual_ticks == 10, "{turn:?}");
+    assert_eq!(
+        (verdict.turns.len(), turn.tick, turn.singularity.as_str()),
+        (1, 10, "wrist")
+    );
+    assert!(
+        (turn.actual_deg[3] - 1f64.to_degrees()).abs() < 1e-9 && turn.actual_ticks == 10,
+        "{turn:?}"
+    );
     assert!((turn.planned_deg[3] - 1.5f64.to_degrees()).abs() < 1e-9);
 }
 
@@ -110,19 +153,35 @@ fn a_turn_goes_on_after_ticks_that_only_bring_the_arm_to_rest() {
         m.singularity.count = 2;
         m.singularity.singularities[1].kind = codes::KIND_WRIST;
         if (10..20).contains(&k) && !(13..16).contains(&k) {
-            (m.control_state.planned, m.control_state.planned_s, m.control_state.planned_dq[3]) = (2, 0.009, 1.5);
+            (
+                m.control_state.planned,
+                m.control_state.planned_s,
+                m.control_state.planned_dq[3],
+            ) = (2, 0.009, 1.5);
         }
         m.plant_state.q[3] = 0.1 * k.clamp(10, 20) as f64;
     });
     let turn = &verdict.turns[0];
-    assert_eq!((verdict.turns.len(), turn.tick, turn.actual_ticks), (1, 10, 10));
-    assert!((turn.actual_deg[3] - 1f64.to_degrees()).abs() < 1e-9, "{turn:?}");
+    assert_eq!(
+        (verdict.turns.len(), turn.tick, turn.actual_ticks),
+        (1, 10, 10)
+    );
+    assert!(
+        (turn.actual_deg[3] - 1f64.to_degrees()).abs() < 1e-9,
+        "{turn:?}"
+    );
 }
 
 #[test]
 fn a_refusal_says_why() {
-    let verdict = judged(5, |_, m| (m.torque.phase, m.control_state.refusal) = (codes::PHASE_REFUSED, codes::REFUSAL_ROOM));
-    assert!(verdict.reason.contains("the joints have no room for it"), "{}", verdict.reason);
+    let verdict = judged(5, |_, m| {
+        (m.torque.phase, m.control_state.refusal) = (codes::PHASE_REFUSED, codes::REFUSAL_ROOM)
+    });
+    assert!(
+        verdict.reason.contains("the joints have no room for it"),
+        "{}",
+        verdict.reason
+    );
 }
 
 #[test]
@@ -131,9 +190,15 @@ fn loads_are_ratios_and_steps_have_a_tail() {
         m.torque.tau[1] = if k == 50 { 5.0 } else { 0.0 };
         m.plant_state.qdot[2] = if k == 3 { -1.0 } else { 0.0 };
     });
-    assert!((verdict.joints.torque_max_ratio - 0.5).abs() < 1e-12 && (verdict.joints.torque_step_max_ratio - 0.5).abs() < 1e-12);
+    assert!(
+        (verdict.joints.torque_max_ratio - 0.5).abs() < 1e-12
+            && (verdict.joints.torque_step_max_ratio - 0.5).abs() < 1e-12
+    );
     assert!((verdict.joints.speed_max_ratio - 0.5).abs() < 1e-12);
-    assert!(verdict.joints.torque_step_p95_ratio < 1e-3, "two steps of a hundred lie above the 95th percentile");
+    assert!(
+        verdict.joints.torque_step_p95_ratio < 1e-3,
+        "two steps of a hundred lie above the 95th percentile"
+    );
 }
 
 #[test]
@@ -157,50 +222,98 @@ fn latencies_come_from_the_stamps_and_an_unfinished_run_is_stopped() {
 fn on_a_grid_latencies_count_from_the_due_time_and_skipped_points_count_too() {
     const MS: u64 = 1_000_000;
     // Due at 10, 11, then 14 ms: the second tick took until 13.5 ms. It began 0.2 ms late. The third torque never came.
-    let (due, sent, received) = ([10, 11, 14, 15].map(|ms| ms * MS), [10_000, 11_200, 14_000, 15_000], [0, 10_500, 13_500, 13_500]);
+    let (due, sent, received) = (
+        [10, 11, 14, 15].map(|ms| ms * MS),
+        [10_000, 11_200, 14_000, 15_000],
+        [0, 10_500, 13_500, 13_500],
+    );
     let mut judge = Judge::new(limits(), Goal::default(), 4.0).on_grid(MS);
     for k in 0..4 {
         let mut m = upright(k as u64);
         let stamps = &mut m.sensor.header.stamps;
-        (stamps.due_ns, stamps.sent_ns[0], stamps.received_ns[0]) = (due[k], sent[k] * 1000, received[k] * 1000);
+        (stamps.due_ns, stamps.sent_ns[0], stamps.received_ns[0]) =
+            (due[k], sent[k] * 1000, received[k] * 1000);
         judge.tick(Tick::of(&m.lent()).unwrap());
     }
-    let mut chain: Vec<f64> =
-        judge.latency.of(Span::Chain).iter_recorded().map(|bucket| bucket.value_iterated_to() as f64 / MS as f64).collect();
+    let mut chain: Vec<f64> = judge
+        .latency
+        .of(Span::Chain)
+        .iter_recorded()
+        .map(|bucket| bucket.value_iterated_to() as f64 / MS as f64)
+        .collect();
     chain.sort_by(f64::total_cmp);
     // 0.5 from 10; 2.5 from 11; of the third 1.0 until the plant went on, and 3.0 and 2.0 from the skipped points 12 and 13.
     let expected = [0.5, 1.0, 2.0, 2.5, 3.0];
-    assert!(chain.len() == 5 && chain.iter().zip(expected).all(|(a, b)| (a / b - 1.0).abs() < 2e-3), "{chain:?}");
+    assert!(
+        chain.len() == 5
+            && chain
+                .iter()
+                .zip(expected)
+                .all(|(a, b)| (a / b - 1.0).abs() < 2e-3),
+        "{chain:?}"
+    );
     let plant = &judge.verdict().latency_us["plant"];
-    assert!(plant.count == 3 && (plant.max - 200.0).abs() < 1.0, "late beginnings: {plant:?}");
+    assert!(
+        plant.count == 3 && (plant.max - 200.0).abs() < 1.0,
+        "late beginnings: {plant:?}"
+    );
 }
 
 /// A number that is not finite misses the goal, whichever message it came in, and shows in the figures.
 #[test]
 fn nan_misses_the_goal() {
     for at in [4, 9] {
-        let verdict = judged(10, |k, m| m.plant_state.p_BE[0] = if k == at { f64::NAN } else { 0.0 });
+        let verdict = judged(10, |k, m| {
+            m.plant_state.p_BE[0] = if k == at { f64::NAN } else { 0.0 }
+        });
         assert_eq!(verdict.outcome, "goal missed", "{}", verdict.reason);
         assert!(verdict.task.position_max_mm.is_nan() && verdict.task.orthogonal_max_mm.is_nan());
     }
-    let verdict = judged(10, |k, m| m.control_state.R_BE_d[0] = if k == 9 { f64::NAN } else { 1.0 });
-    assert_eq!(verdict.outcome, "goal missed");
-    assert!(verdict.task.final_orientation_deg.is_nan() && verdict.reason.contains("end orientation off by NaN"), "{}", verdict.reason);
     let verdict = judged(10, |k, m| {
-        (m.plant_state.qdot[1], m.torque.tau[2]) = if k == 3 { (f64::NAN, f64::NAN) } else { (0.0, 0.0) };
+        m.control_state.R_BE_d[0] = if k == 9 { f64::NAN } else { 1.0 }
+    });
+    assert_eq!(verdict.outcome, "goal missed");
+    assert!(
+        verdict.task.final_orientation_deg.is_nan()
+            && verdict.reason.contains("end orientation off by NaN"),
+        "{}",
+        verdict.reason
+    );
+    let verdict = judged(10, |k, m| {
+        (m.plant_state.qdot[1], m.torque.tau[2]) = if k == 3 {
+            (f64::NAN, f64::NAN)
+        } else {
+            (0.0, 0.0)
+        };
     });
     let joints = &verdict.joints;
-    assert!(joints.speed_max_ratio.is_nan() && joints.torque_max_ratio.is_nan() && joints.torque_step_max_ratio.is_nan());
-    assert!(verdict.reason.contains("joint2 above its speed limit"), "{}", verdict.reason);
+    assert!(
+        joints.speed_max_ratio.is_nan()
+            && joints.torque_max_ratio.is_nan()
+            && joints.torque_step_max_ratio.is_nan()
+    );
+    assert!(
+        verdict.reason.contains("joint2 above its speed limit"),
+        "{}",
+        verdict.reason
+    );
 }
 
 /// A half turn off is 180° off, and a rotation whose trace rounds to more than 3 is not off at all.
 #[test]
 fn both_ends_of_the_rotation_error_are_finite() {
-    let verdict = judged(10, |_, m| m.plant_state.R_BE = [1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0]);
-    assert_eq!((verdict.outcome.as_str(), verdict.task.final_orientation_deg), ("goal missed", 180.0));
+    let verdict = judged(10, |_, m| {
+        m.plant_state.R_BE = [1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0]
+    });
+    assert_eq!(
+        (verdict.outcome.as_str(), verdict.task.final_orientation_deg),
+        ("goal missed", 180.0)
+    );
     let verdict = judged(10, |_, m| m.plant_state.R_BE[0] = 1.0 + 4e-16);
-    assert_eq!((verdict.outcome.as_str(), verdict.task.final_orientation_deg), ("goal reached", 0.0));
+    assert_eq!(
+        (verdict.outcome.as_str(), verdict.task.final_orientation_deg),
+        ("goal reached", 0.0)
+    );
 }
 
 #[test]
@@ -217,12 +330,25 @@ fn every_limit_is_in_the_reason_and_in_the_events() {
         judge.tick(Tick::of(&m.lent()).unwrap());
     }
     let events: Vec<_> = judge.events().collect();
-    let expected = ["joint2 above its speed limit", "joint4 against its lower stop", "joint6 at its torque limit"];
+    let expected = [
+        "joint2 above its speed limit",
+        "joint4 against its lower stop",
+        "joint6 at its torque limit",
+    ];
     assert_eq!(events, expected.map(|text| (3, text.to_owned())));
     let verdict = judge.verdict();
-    assert_eq!((verdict.outcome.as_str(), verdict.joints.limits.len()), ("goal reached", 3));
+    assert_eq!(
+        (verdict.outcome.as_str(), verdict.joints.limits.len()),
+        ("goal reached", 3)
+    );
     for text in expected {
-        assert!(verdict.reason.contains(&format!("{text} for 4 ticks from tick 3 on")), "{}", verdict.reason);
+        assert!(
+            verdict
+                .reason
+                .contains(&format!("{text} for 4 ticks from tick 3 on")),
+            "{}",
+            verdict.reason
+        );
     }
 }
 
@@ -236,14 +362,36 @@ fn a_drive_that_cuts_a_torque_is_named_with_its_cause() {
                 m.plant_state.tau[5] = share * limits().effort[5];
             }
         });
-        assert_eq!(verdict.joints.limits.len(), 1, "{:?}", verdict.joints.limits);
+        assert_eq!(
+            verdict.joints.limits.len(),
+            1,
+            "{:?}",
+            verdict.joints.limits
+        );
         verdict.reason
     };
-    let is_told = |reason: String, text: &str| assert!(reason.contains(&format!("{text} for 4 ticks from tick 3 on")), "{reason}");
-    is_told(reason(codes::DRIVE_EFFORT, 1.0), "joint6 at its torque limit");
-    is_told(reason(codes::DRIVE_EFFORT | codes::DRIVE_SPEED, -1.0), "joint6 at its torque limit");
-    is_told(reason(codes::DRIVE_SPEED, 0.3), "joint6's torque cut by its drive because of the speed");
-    is_told(reason(codes::DRIVE_RATE, 0.3), "joint6's torque delayed by its drive because of the rate");
+    let is_told = |reason: String, text: &str| {
+        assert!(
+            reason.contains(&format!("{text} for 4 ticks from tick 3 on")),
+            "{reason}"
+        )
+    };
+    is_told(
+        reason(codes::DRIVE_EFFORT, 1.0),
+        "joint6 at its torque limit",
+    );
+    is_told(
+        reason(codes::DRIVE_EFFORT | codes::DRIVE_SPEED, -1.0),
+        "joint6 at its torque limit",
+    );
+    is_told(
+        reason(codes::DRIVE_SPEED, 0.3),
+        "joint6's torque cut by its drive because of the speed",
+    );
+    is_told(
+        reason(codes::DRIVE_RATE, 0.3),
+        "joint6's torque delayed by its drive because of the rate",
+    );
 }
 
 #[test]
@@ -253,28 +401,60 @@ fn a_hold_beyond_the_goal_is_counted_and_named() {
             (m.singularity.count, m.singularity.singularities[0].kind) = (1, codes::KIND_ELBOW);
             m.singularity.singularities[0].zeta_B[0] = 1.0;
             let is_held = (5..12).contains(&k);
-            (m.control_state.mode[0], m.plant_state.p_BE[0]) = if is_held { (mode, off_m) } else { (codes::MODE_TRACK, 0.0) };
+            (m.control_state.mode[0], m.plant_state.p_BE[0]) = if is_held {
+                (mode, off_m)
+            } else {
+                (codes::MODE_TRACK, 0.0)
+            };
         })
     };
     let verdict = held(codes::MODE_HOLD, 24e-3);
     let elbow = &verdict.singularities[0];
-    assert!(elbow.hold_ticks == 7 && (elbow.hold_max_mm - 24.0).abs() < 1e-9 && elbow.hold_max_deg == 0.0, "{elbow:?}");
-    assert!(verdict.reason.contains("held at the elbow singularity for 7 ticks from tick 5 on, up to 24.000 mm"), "{}", verdict.reason);
-    for quiet in [held(codes::MODE_HOLD, 0.5e-3), held(codes::MODE_TRACK, 24e-3)] {
-        assert!(quiet.singularities[0].hold_ticks == 0 && !quiet.reason.contains("held"), "{}", quiet.reason);
+    assert!(
+        elbow.hold_ticks == 7
+            && (elbow.hold_max_mm - 24.0).abs() < 1e-9
+            && elbow.hold_max_deg == 0.0,
+        "{elbow:?}"
+    );
+    assert!(
+        verdict
+            .reason
+            .contains("held at the elbow singularity for 7 ticks from tick 5 on, up to 24.000 mm"),
+        "{}",
+        verdict.reason
+    );
+    for quiet in [
+        held(codes::MODE_HOLD, 0.5e-3),
+        held(codes::MODE_TRACK, 24e-3),
+    ] {
+        assert!(
+            quiet.singularities[0].hold_ticks == 0 && !quiet.reason.contains("held"),
+            "{}",
+            quiet.reason
+        );
     }
 }
 
 /// A planar arm turns its end-effector where it goes; only the axes it serves are judged, and a NaN on the others is a NaN.
 #[test]
 fn only_served_axes_are_judged() {
-    let planar = || Limits { served: [true, true, false, false, false, false], ..limits() };
+    let planar = || Limits {
+        served: [true, true, false, false, false, false],
+        ..limits()
+    };
     let error = |x_m: f64, z_m: f64| {
         let mut all = ByTopic::<Whole>::default();
-        (all.plant_state.R_BE, all.control_state.R_BE_d) = ([0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0], IDENTITY);
+        (all.plant_state.R_BE, all.control_state.R_BE_d) =
+            ([0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0], IDENTITY);
         (all.plant_state.p_BE[0], all.plant_state.p_BE[2]) = (x_m, z_m);
         super::TaskError::on(&Tick::of(&all.lent()).unwrap(), &planar().served)
     };
-    assert_eq!((error(2e-3, 5e-3).position[0], error(2e-3, 5e-3).orientation[0]), (2.0, 0.0));
+    assert_eq!(
+        (
+            error(2e-3, 5e-3).position[0],
+            error(2e-3, 5e-3).orientation[0]
+        ),
+        (2.0, 0.0)
+    );
     assert!(error(0.0, f64::NAN).position[0].is_nan());
 }

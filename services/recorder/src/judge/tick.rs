@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 use shared_types::topics::{ByTopic, Lent};
 use shared_types::{
-    ControlState, MAX_SINGULARITIES, PlantState, SensorSample, ServoState, SingularityReport, SingularityState, StateEstimate,
-    TorqueCommand,
+    ControlState, MAX_SINGULARITIES, PlantState, SensorSample, ServoState, SingularityReport,
+    SingularityState, StateEstimate, TorqueCommand,
 };
 
 /// One tick, whole: a message of each topic.
@@ -49,5 +49,8 @@ pub(super) fn active(report: &SingularityReport) -> &[SingularityState] {
 
 /// The linear and the angular half of a twist.
 pub(super) fn halves(twist: &[f64; 6]) -> (Vector3<f64>, Vector3<f64>) {
-    (Vector3::new(twist[0], twist[1], twist[2]), Vector3::new(twist[3], twist[4], twist[5]))
+    (
+        Vector3::new(twist[0], twist[1], twist[2]),
+        Vector3::new(twist[3], twist[4], twist[5]),
+    )
 }

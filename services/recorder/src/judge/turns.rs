@@ -29,18 +29,29 @@ impl TurnMeter {
         let command = tick.control;
         let place = (command.planned as usize).wrapping_sub(1);
         let announced = (command.planned, command.segment);
-        let is_new = self.turns.last().is_none_or(|turn| turn.announced != announced);
+        let is_new = self
+            .turns
+            .last()
+            .is_none_or(|turn| turn.announced != announced);
         if let Some(singularity) = active(tick.report).get(place)
             && is_new
         {
             let summary = TurnSummary {
                 tick: command.header.tick,
                 singularity: codes::singularity_name(singularity.kind, place),
-                planned_deg: command.planned_dq[..n].iter().map(|by| by.to_degrees()).collect(),
+                planned_deg: command.planned_dq[..n]
+                    .iter()
+                    .map(|by| by.to_degrees())
+                    .collect(),
                 planned_s: command.planned_s,
                 ..TurnSummary::default()
             };
-            self.turns.push(Turn { summary, q_start: tick.truth.q[..n].to_vec(), announced, is_open: true });
+            self.turns.push(Turn {
+                summary,
+                q_start: tick.truth.q[..n].to_vec(),
+                announced,
+                is_open: true,
+            });
         }
         if let Some(turn) = self.turns.last_mut() {
             // A command that only brings the arm to rest announces nothing; the turn goes on after it.
@@ -48,7 +59,12 @@ impl TurnMeter {
             if turn.is_open || goes_on {
                 // In place: nothing is allocated per tick.
                 turn.summary.actual_deg.clear();
-                turn.summary.actual_deg.extend(turn.q_start.iter().zip(&tick.truth.q).map(|(from, to)| (to - from).to_degrees()));
+                turn.summary.actual_deg.extend(
+                    turn.q_start
+                        .iter()
+                        .zip(&tick.truth.q)
+                        .map(|(from, to)| (to - from).to_degrees()),
+                );
                 turn.summary.actual_ticks = command.header.tick.saturating_sub(turn.summary.tick);
             }
             turn.is_open = goes_on;

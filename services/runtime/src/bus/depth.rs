@@ -34,5 +34,9 @@ pub(crate) fn least_depth(topics: &[&str]) -> usize {
             depth(size_of::<M>())
         }
     }
-    topics.iter().filter_map(|topic| topics::named(topic, &mut Depth)).min().unwrap_or(RECORDER_DEPTH)
+    topics
+        .iter()
+        .filter_map(|topic| topics::named(topic, &mut Depth))
+        .min()
+        .unwrap_or(RECORDER_DEPTH)
 }

@@ -23,16 +23,32 @@ pub(crate) struct Format {
 impl Format {
     /// That of a message whose type this program knows.
     pub(crate) fn of<M: Message>() -> Self {
-        let layout = if TOPICS.contains(&M::TOPIC) { wire_hash() } else { M::layout_hash() };
+        let layout = if TOPICS.contains(&M::TOPIC) {
+            wire_hash()
+        } else {
+            M::layout_hash()
+        };
         let is_finite = |bytes: &[u8]| read(bytes, M::is_finite).unwrap_or(false);
-        Self { topic: M::TOPIC, type_name: M::TYPE_NAME, bytes: size_of::<M>(), layout, is_finite }
+        Self {
+            topic: M::TOPIC,
+            type_name: M::TYPE_NAME,
+            bytes: size_of::<M>(),
+            layout,
+            is_finite,
+        }
     }
 
     /// That of a message of which only the graph and other programs know the type. Its names stay for the life of the process: a run has few.
     pub(crate) fn foreign(message: &ForeignMessage) -> Self {
         let stays = |name: &str| -> &'static str { Box::leak(name.to_owned().into_boxed_str()) };
         let (topic, type_name) = (stays(&message.topic), stays(&message.type_name));
-        Self { topic, type_name, bytes: message.bytes, layout: message.hash, is_finite: |_| true }
+        Self {
+            topic,
+            type_name,
+            bytes: message.bytes,
+            layout: message.hash,
+            is_finite: |_| true,
+        }
     }
 
     /// Whether armplane itself has this message.
@@ -61,5 +77,8 @@ fn read_copy<M: Message, T>(bytes: &[u8], read: impl FnOnce(&M) -> T) -> T {
 
 /// The header of a message; that of a message too short for one is empty.
 pub(crate) fn header(message: &[u8]) -> Header {
-    message.get(..size_of::<Header>()).map(pod_read_unaligned).unwrap_or_default()
+    message
+        .get(..size_of::<Header>())
+        .map(pod_read_unaligned)
+        .unwrap_or_default()
 }

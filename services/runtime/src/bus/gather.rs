@@ -28,7 +28,13 @@ pub(crate) struct Gathering {
 impl Gathering {
     pub(crate) fn new(shared: Rc<Context>, receiver: Rc<Receiver>) -> Self {
         let inlet = Inlet::new(shared, receiver, Admission::InOrder);
-        Self { inlet, last: None, lost: 0, recall: None, ahead: Ahead::default() }
+        Self {
+            inlet,
+            last: None,
+            lost: 0,
+            recall: None,
+            ahead: Ahead::default(),
+        }
     }
 
     /// Hands over all messages that are there, oldest first.
@@ -61,12 +67,16 @@ impl Gathering {
         (file, mut recall): (HandedOver, Recall),
         take: &mut dyn FnMut(&[u8]),
     ) -> Result<Option<(HandedOver, Recall)>, Interrupted> {
-        self.inlet.shared.await_hand_over(self.inlet.format().topic)?;
+        self.inlet
+            .shared
+            .await_hand_over(self.inlet.format().topic)?;
         while let Some(message) = recall.take(&file) {
             self.hand_over(&message, take);
         }
         loop {
-            let Some(message) = self.inlet.receive_any()? else { break };
+            let Some(message) = self.inlet.receive_any()? else {
+                break;
+            };
             let is_it = |one: &Vec<u8>| **one == *message;
             if recall.knows(&file, is_it) {
                 continue;
@@ -74,7 +84,9 @@ impl Gathering {
             // It came after the file was read: what lies before it comes first, and nothing after it can be missed.
             let mut place = None;
             for _ in 0..ATTEMPTS {
-                self.inlet.shared.await_hand_over(self.inlet.format().topic)?;
+                self.inlet
+                    .shared
+                    .await_hand_over(self.inlet.format().topic)?;
                 place = recall.place_ahead(&file, is_it);
                 if place.is_some() {
                     break;

@@ -44,9 +44,16 @@ impl Hub {
         Self::create_speaking(run, manifest, wire_hash())
     }
 
-    pub(crate) fn create_speaking(run: &RunDir, manifest: &Manifest, wire: u64) -> Result<Self, TopicError> {
+    pub(crate) fn create_speaking(
+        run: &RunDir,
+        manifest: &Manifest,
+        wire: u64,
+    ) -> Result<Self, TopicError> {
         let node = join(run, "launcher", true)?;
-        run.make_private().map_err(|e| TopicError::Node { run: run.name().to_owned(), reason: e.to_string() })?;
+        run.make_private().map_err(|e| TopicError::Node {
+            run: run.name().to_owned(),
+            reason: e.to_string(),
+        })?;
         let retainers = manifest.topics().into_iter().map(|topic| {
             let (format, layout) = match manifest.message(topic) {
                 Some(message) => (Format::foreign(message), message.hash),
@@ -54,7 +61,10 @@ impl Hub {
             };
             Retainer::create(&node, run, format, manifest.readers_of(topic), layout)
         });
-        Ok(Self { retainers: retainers.collect::<Result<_, _>>()?, node })
+        Ok(Self {
+            retainers: retainers.collect::<Result<_, _>>()?,
+            node,
+        })
     }
 
     /// Connects the retainers to writers that are new; one load per topic where there is none.
@@ -82,8 +92,13 @@ impl Hub {
         // A replacement that lived for a moment only may not have been connected yet.
         self.connect()?;
         self.hand_over()?;
-        let written = self.retainers.iter().filter(|retainer| topics.iter().any(|topic| topic == retainer.topic()));
-        Ok(written.filter(|retainer| retainer.last_tick().is_some_and(|last| last >= tick)).count() as u32)
+        let written = self
+            .retainers
+            .iter()
+            .filter(|retainer| topics.iter().any(|topic| topic == retainer.topic()));
+        Ok(written
+            .filter(|retainer| retainer.last_tick().is_some_and(|last| last >= tick))
+            .count() as u32)
     }
 
     /// Hands over where a process has requested it; whether one has.
@@ -91,7 +106,9 @@ impl Hub {
     /// # Errors
     /// When iceoryx2 fails.
     pub fn answer(&self, control_page: &ControlPage) -> Result<bool, TopicError> {
-        let Some(request) = control_page.requested_hand_over() else { return Ok(false) };
+        let Some(request) = control_page.requested_hand_over() else {
+            return Ok(false);
+        };
         self.hand_over()?;
         control_page.answer_hand_over(request);
         Ok(true)
@@ -109,22 +126,34 @@ impl Hub {
             }
             CallbackProgression::Continue
         });
-        found.map_err(|e| TopicError::Node { run: self.node.config().global.prefix.to_string(), reason: e.to_string() })?;
+        found.map_err(|e| TopicError::Node {
+            run: self.node.config().global.prefix.to_string(),
+            reason: e.to_string(),
+        })?;
         // All that these have sent is delivered by now, and handed over before their ports go: a retainer has room for few dead writers. It is
         // handed over before a replacement can send, too: the files have the messages in the order in which they were sent.
         if let Err(error) = self.hand_over() {
             tracing::warn!("{error}");
         }
         let count = dead.len() as u64;
-        dead.iter().for_each(|view| remove_unfinished_tags(self.node.config(), view.id()));
+        dead.iter()
+            .for_each(|view| remove_unfinished_tags(self.node.config(), view.id()));
         let failures = dead.into_iter().filter_map(|view| {
-            let name = view.details().as_ref().map_or_else(|| "a process that has not joined".to_owned(), |node| node.name().to_string());
+            let name = view.details().as_ref().map_or_else(
+                || "a process that has not joined".to_owned(),
+                |node| node.name().to_string(),
+            );
             let failure = view.blocking_remove_stale_resources(CLEAR_LIMIT).err()?;
-            Some(format!("what the dead {name} left is not cleared away ({failure:?})"))
+            Some(format!(
+                "what the dead {name} left is not cleared away ({failure:?})"
+            ))
         });
         match failures.collect::<Vec<_>>() {
             failures if failures.is_empty() => Ok(count),
-            failures => Err(TopicError::Node { run: self.node.config().global.prefix.to_string(), reason: failures.join("; ") }),
+            failures => Err(TopicError::Node {
+                run: self.node.config().global.prefix.to_string(),
+                reason: failures.join("; "),
+            }),
         }
     }
 }
@@ -132,12 +161,24 @@ impl Hub {
 /// Removes what a process was making in the folder of its node when it died: iceoryx2 lists only what is finished, and then cannot remove the folder.
 fn remove_unfinished_tags(config: &Config, id: &UniqueNodeId) {
     // Its text is hexadecimal, the folder's name is decimal.
-    let Ok(number) = u128::from_str_radix(&id.to_string(), 16) else { return };
-    let nodes = PathBuf::from(config.global.root_path().to_string()).join(config.global.node.directory.to_string());
-    let entries = std::fs::read_dir(nodes.join(number.to_string())).into_iter().flatten().flatten();
+    let Ok(number) = u128::from_str_radix(&id.to_string(), 16) else {
+        return;
+    };
+    let nodes = PathBuf::from(config.global.root_path().to_string())
+        .join(config.global.node.directory.to_string());
+    let entries = std::fs::read_dir(nodes.join(number.to_string()))
+        .into_iter()
+        .flatten()
+        .flatten();
     // Finished ones cannot be written to.
-    let is_unfinished = |entry: &DirEntry| entry.metadata().is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o200 != 0);
-    entries.filter(is_unfinished).for_each(|entry| drop(std::fs::remove_file(entry.path())));
+    let is_unfinished = |entry: &DirEntry| {
+        entry
+            .metadata()
+            .is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o200 != 0)
+    };
+    entries
+        .filter(is_unfinished)
+        .for_each(|entry| drop(std::fs::remove_file(entry.path())));
 }
 
 /// A topic's name decides its message.
@@ -149,5 +190,8 @@ fn format_by_name(topic: &str) -> Result<Format, TopicError> {
             Format::of::<M>()
         }
     }
-    topics::named(topic, &mut Listed).ok_or_else(|| TopicError::Unknown { topic: topic.to_owned(), known: TOPICS.join(", ") })
+    topics::named(topic, &mut Listed).ok_or_else(|| TopicError::Unknown {
+        topic: topic.to_owned(),
+        known: TOPICS.join(", "),
+    })
 }

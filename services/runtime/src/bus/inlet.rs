@@ -41,7 +41,17 @@ impl Inlet {
         let topic = receiver.format().topic;
         let (writer, topic) = (shared.manifest.writer_of(topic), shared.topic_index(topic));
         let missed = Missed::new(&shared, receiver.format().topic, receiver.format().bytes);
-        Self { shared, receiver, writer, topic, empty_at: None, fence: Fence::default(), admission, missed, held: None }
+        Self {
+            shared,
+            receiver,
+            writer,
+            topic,
+            empty_at: None,
+            fence: Fence::default(),
+            admission,
+            missed,
+            held: None,
+        }
     }
 
     /// Nothing before this tick is missed.
@@ -80,7 +90,9 @@ impl Inlet {
     /// The next message, whether it counts or not.
     #[inline(always)]
     pub(crate) fn receive_any(&self) -> Result<Option<Incoming>, Interrupted> {
-        self.receiver.receive().map_err(|error| self.shared.port_failed(self.format().topic, error))
+        self.receiver
+            .receive()
+            .map_err(|error| self.shared.port_failed(self.format().topic, error))
     }
 
     /// The next message that counts, in shared memory still: of a living incarnation, and all its numbers finite.
@@ -91,7 +103,8 @@ impl Inlet {
     pub(crate) fn receive(&mut self) -> Result<Option<Incoming>, Interrupted> {
         // Read before the look: what is delivered later is counted later.
         let sent = self.shared.control_page.topic(self.topic).sent();
-        if self.empty_at == Some(sent) && !self.missed.is_open(&self.shared) && self.held.is_none() {
+        if self.empty_at == Some(sent) && !self.missed.is_open(&self.shared) && self.held.is_none()
+        {
             return Ok(None);
         }
         loop {
@@ -109,7 +122,10 @@ impl Inlet {
     /// Whether a message counts; one that does not is counted as what it is, but for one that a fault keeps from this reader alone.
     #[inline]
     pub(crate) fn admits(&mut self, message: &[u8]) -> bool {
-        let living = match (self.shared.is_lockstep() || self.admission == Admission::InOrder, self.writer) {
+        let living = match (
+            self.shared.is_lockstep() || self.admission == Admission::InOrder,
+            self.writer,
+        ) {
             (false, Some(writer)) => Some(self.shared.control_page.process(writer).incarnation()),
             _ => None,
         };
@@ -144,7 +160,10 @@ impl Inlet {
 
     /// Whether there is something to receive, counted by its writer or not: a writer that was killed between the two has not.
     pub(crate) fn has_more(&mut self) -> Result<bool, Interrupted> {
-        let has_samples = self.receiver.has_samples().map_err(|error| self.shared.port_failed(self.format().topic, error))?;
+        let has_samples = self
+            .receiver
+            .has_samples()
+            .map_err(|error| self.shared.port_failed(self.format().topic, error))?;
         let has_more = has_samples || self.held.is_some() || self.missed.is_open(&self.shared);
         if has_more {
             self.empty_at = None;

@@ -26,8 +26,17 @@ pub(crate) struct Missed {
 
 impl Missed {
     pub(crate) fn new(context: &Context, topic: &'static str, size: usize) -> Self {
-        let writer = context.manifest.writer_of(topic).filter(|_| context.is_lockstep());
-        Self { writer, topic, size, next: 0, settled: 0 }
+        let writer = context
+            .manifest
+            .writer_of(topic)
+            .filter(|_| context.is_lockstep());
+        Self {
+            writer,
+            topic,
+            size,
+            next: 0,
+            settled: 0,
+        }
     }
 
     /// Nothing before this tick is missed.
@@ -50,28 +59,48 @@ impl Missed {
         if self.writer.is_none() || before <= self.next {
             return None;
         }
-        let missed = if self.is_open(context) { self.look(context, before) } else { None };
-        if missed.is_some() || before == u64::MAX { missed } else { self.look_back(context, before) }
+        let missed = if self.is_open(context) {
+            self.look(context, before)
+        } else {
+            None
+        };
+        if missed.is_some() || before == u64::MAX {
+            missed
+        } else {
+            self.look_back(context, before)
+        }
     }
 
     /// After a gap in the ticks: what an incarnation that fell by plan had sent in it.
     #[cold]
     fn look_back(&mut self, context: &Context, before: u64) -> Option<Vec<u8>> {
-        let sent = context.protocol().sent_before_planned_death(self.writer?, (self.next, before));
+        let sent = context
+            .protocol()
+            .sent_before_planned_death(self.writer?, (self.next, before));
         if sent <= self.next {
             return None;
         }
         context.await_hand_over(self.topic).ok()?;
         let missed = self.oldest(context, sent);
-        self.begin_at(missed.as_ref().map_or(sent, |message| header(message).tick.saturating_add(1)));
+        self.begin_at(
+            missed
+                .as_ref()
+                .map_or(sent, |message| header(message).tick.saturating_add(1)),
+        );
         missed
     }
 
     #[cold]
     fn look(&mut self, context: &Context, before: u64) -> Option<Vec<u8>> {
         let known = context.faults.known.borrow().changes();
-        let sent = self.writer.map_or(0, |writer| context.protocol().sent_before_death(writer));
-        let missed = if self.next < sent { self.oldest(context, before.min(sent)) } else { None };
+        let sent = self
+            .writer
+            .map_or(0, |writer| context.protocol().sent_before_death(writer));
+        let missed = if self.next < sent {
+            self.oldest(context, before.min(sent))
+        } else {
+            None
+        };
         match &missed {
             Some(message) => self.begin_at(header(message).tick.saturating_add(1)),
             None if before == u64::MAX || sent <= self.next => self.settled = known,
@@ -83,6 +112,8 @@ impl Missed {
     /// The oldest message of the ticks from the next one on and before another in the file of the topic.
     fn oldest(&self, context: &Context, before: u64) -> Option<Vec<u8>> {
         let handed_over = HandedOver::open(&context.run, self.topic, self.size).ok()?;
-        oldest_missed(&handed_over, self.next, before, |message| header(message).tick)
+        oldest_missed(&handed_over, self.next, before, |message| {
+            header(message).tick
+        })
     }
 }

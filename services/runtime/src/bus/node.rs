@@ -12,22 +12,34 @@ const MAX_DEAD_WRITERS: usize = 8;
 pub(crate) type Bus = Node<ipc::Service>;
 
 fn config(run: &RunDir, is_launcher: bool) -> Result<Config, TopicError> {
-    let unusable = |reason: String| TopicError::Node { run: run.name().to_owned(), reason };
+    let unusable = |reason: String| TopicError::Node {
+        run: run.name().to_owned(),
+        reason,
+    };
     let path = run.path().to_str().unwrap_or(SHM);
     let mut config = Config::default();
-    config.global.set_root_path(&Path::new(path.as_bytes()).map_err(|e| unusable(format!("{path}: {e:?}")))?);
-    config.global.prefix = FileName::new(format!("{}.", run.name()).as_bytes()).map_err(|e| unusable(format!("{e:?}")))?;
+    config.global.set_root_path(
+        &Path::new(path.as_bytes()).map_err(|e| unusable(format!("{path}: {e:?}")))?,
+    );
+    config.global.prefix = FileName::new(format!("{}.", run.name()).as_bytes())
+        .map_err(|e| unusable(format!("{e:?}")))?;
     // Cleaning up after a dead process takes milliseconds: the launcher does it, never a process of the chain.
     config.global.node.cleanup_dead_nodes_on_creation = is_launcher;
     config.global.node.cleanup_dead_nodes_on_destruction = is_launcher;
     config.global.service.cleanup_dead_nodes_on_open = is_launcher;
     // Every look into an empty buffer walks over the places for connections to dead writers: 128 by default, a tenth of a hop.
-    config.defaults.publish_subscribe.subscriber_expired_connection_buffer = MAX_DEAD_WRITERS;
+    config
+        .defaults
+        .publish_subscribe
+        .subscriber_expired_connection_buffer = MAX_DEAD_WRITERS;
     Ok(config)
 }
 
 pub(crate) fn join(run: &RunDir, name: &str, is_launcher: bool) -> Result<Bus, TopicError> {
-    let unusable = |reason: String| TopicError::Node { run: run.name().to_owned(), reason };
+    let unusable = |reason: String| TopicError::Node {
+        run: run.name().to_owned(),
+        reason,
+    };
     let node_name = NodeName::new(name).map_err(|e| unusable(format!("{name:?}: {e:?}")))?;
     NodeBuilder::new()
         .name(&node_name)

@@ -59,12 +59,17 @@ impl Sender {
 
 impl Connect for Sender {
     fn connect(&self, shared: &Context) -> Result<(), Interrupted> {
-        self.publisher.update_connections().map_err(|error| shared.port_failed(self.format.topic, error))
+        self.publisher
+            .update_connections()
+            .map_err(|error| shared.port_failed(self.format.topic, error))
     }
 }
 
 impl Receiver {
-    pub(crate) fn new(format: Format, subscriber: Subscriber<ipc::Service, Bytes, NoHeader>) -> Self {
+    pub(crate) fn new(
+        format: Format,
+        subscriber: Subscriber<ipc::Service, Bytes, NoHeader>,
+    ) -> Self {
         Self { format, subscriber }
     }
 
@@ -97,7 +102,8 @@ impl Receiver {
 
 impl Connect for Receiver {
     fn connect(&self, shared: &Context) -> Result<(), Interrupted> {
-        self.update_connections().map_err(|error| shared.port_failed(self.format.topic, error))
+        self.update_connections()
+            .map_err(|error| shared.port_failed(self.format.topic, error))
     }
 }
 
@@ -131,7 +137,9 @@ pub(crate) struct Incoming {
 /// The memory in which a received message lies.
 enum Held {
     /// Shared memory.
-    Sample { _sample: Sample<ipc::Service, Bytes, NoHeader> },
+    Sample {
+        _sample: Sample<ipc::Service, Bytes, NoHeader>,
+    },
     /// A copy of the retainer's: its writer was killed while it sent it.
     Copy { _words: Box<[u64]> },
 }
@@ -139,8 +147,15 @@ enum Held {
 impl Incoming {
     /// A message from the retainer of its topic.
     pub(crate) fn copied(message: &[u8]) -> Self {
-        let words: Box<[u64]> = message.chunks_exact(size_of::<u64>()).map(bytemuck::pod_read_unaligned).collect();
-        Self { payload: words.as_ptr().cast(), bytes: size_of_val(&*words), _held: Held::Copy { _words: words } }
+        let words: Box<[u64]> = message
+            .chunks_exact(size_of::<u64>())
+            .map(bytemuck::pod_read_unaligned)
+            .collect();
+        Self {
+            payload: words.as_ptr().cast(),
+            bytes: size_of_val(&*words),
+            _held: Held::Copy { _words: words },
+        }
     }
 
     #[inline]

@@ -30,7 +30,10 @@ impl<M: Message> Reader<M> {
     ///
     /// # Errors
     /// When nothing comes within the limit, or in lockstep a tick was skipped that no fault accounts for.
-    #[allow(clippy::should_implement_trait, reason = "it lends from itself and can fail; `while let Some(m) = reader.next()?`")]
+    #[allow(
+        clippy::should_implement_trait,
+        reason = "it lends from itself and can fail; `while let Some(m) = reader.next()?`"
+    )]
     pub fn next(&mut self) -> Result<Option<&M>, Interrupted> {
         Ok(self.0.next()?.and_then(typed))
     }
@@ -61,7 +64,11 @@ impl<M: Message> Reader<M> {
     ///
     /// # Errors
     /// As [`Reader::next`].
-    pub fn arriving(&mut self, tick: u64, deadline_ns: Option<u64>) -> Result<Option<&M>, Interrupted> {
+    pub fn arriving(
+        &mut self,
+        tick: u64,
+        deadline_ns: Option<u64>,
+    ) -> Result<Option<&M>, Interrupted> {
         Ok(self.0.arriving(tick, deadline_ns)?.and_then(typed))
     }
 }
@@ -95,7 +102,12 @@ fn expected(shared: &Context, topic: &str, tick: Option<u64>) -> Wait {
             Some(tick) => format!("tick {tick} of topic {topic:?}"),
             None => format!("a first message on topic {topic:?}"),
         },
-        from: shared.manifest.writer_of(topic).map_or("its writer".into(), |w| shared.manifest.processes[w].name.clone()),
+        from: shared
+            .manifest
+            .writer_of(topic)
+            .map_or("its writer".into(), |w| {
+                shared.manifest.processes[w].name.clone()
+            }),
     }
 }
 
@@ -117,7 +129,16 @@ impl Ticks {
         let returns_at = shared.returns_at();
         inlet.begin_at(returns_at);
         let last = returns_at.checked_sub(1);
-        Self { shared, inlet, topic, bit, current: None, last, ahead: None, in_hand: None }
+        Self {
+            shared,
+            inlet,
+            topic,
+            bit,
+            current: None,
+            last,
+            ahead: None,
+            in_hand: None,
+        }
     }
 
     fn next(&mut self) -> Result<Option<&Incoming>, Interrupted> {
@@ -130,7 +151,11 @@ impl Ticks {
             && let Some(topic) = shared.unsent(tick)
             && !shared.is_stopping()
         {
-            return Err(Interrupted::Unsent { process: shared.name().to_owned(), topic: topic.to_owned(), tick });
+            return Err(Interrupted::Unsent {
+                process: shared.name().to_owned(),
+                topic: topic.to_owned(),
+                tick,
+            });
         }
         shared.pause();
         loop {
@@ -140,12 +165,22 @@ impl Ticks {
                 None,
                 || expected(&shared, topic, last.map(|last| last + 1)),
                 || {
-                    if shared.is_lockstep() { self.look_for_next(tick) } else { self.look_for_newest() }
+                    if shared.is_lockstep() {
+                        self.look_for_next(tick)
+                    } else {
+                        self.look_for_newest()
+                    }
                 },
             )?;
-            let Waited::Ready(found) = found else { return Ok(None) };
+            let Waited::Ready(found) = found else {
+                return Ok(None);
+            };
             // The tick in hand: in real time it is the message's.
-            let tick = if shared.is_lockstep() { tick } else { self.current.as_ref().map_or(tick, |message| message.tick()) };
+            let tick = if shared.is_lockstep() {
+                tick
+            } else {
+                self.current.as_ref().map_or(tick, |message| message.tick())
+            };
             shared.tick.set(tick);
             let goes_on = shared.apply_process_faults(tick);
             if goes_on > tick {
@@ -170,7 +205,12 @@ impl Ticks {
         }
         shared.pause();
         let topic = self.topic;
-        let found = shared.wait(self.bit, None, || expected(&shared, topic, Some(tick)), || self.look_for(tick))?;
+        let found = shared.wait(
+            self.bit,
+            None,
+            || expected(&shared, topic, Some(tick)),
+            || self.look_for(tick),
+        )?;
         match found {
             Waited::Ready(Found::Current) => {
                 self.last = Some(tick);
@@ -180,7 +220,10 @@ impl Ticks {
                 self.shared.entry().add(Count::Lost, 1);
                 self.shared.excuse(tick);
                 if self.shared.is_lockstep() && self.shared.is_unharmed() {
-                    return Err(self.lost(tick, self.ahead.as_ref().map_or(tick + 1, |ahead| ahead.tick())));
+                    return Err(self.lost(
+                        tick,
+                        self.ahead.as_ref().map_or(tick + 1, |ahead| ahead.tick()),
+                    ));
                 }
                 Ok(None)
             }
@@ -202,7 +245,11 @@ impl Ticks {
         Ok(self.current.as_ref())
     }
 
-    fn arriving(&mut self, tick: u64, deadline_ns: Option<u64>) -> Result<Option<&Incoming>, Interrupted> {
+    fn arriving(
+        &mut self,
+        tick: u64,
+        deadline_ns: Option<u64>,
+    ) -> Result<Option<&Incoming>, Interrupted> {
         let shared = Rc::clone(&self.shared);
         if matches!(shared.start()?, Waited::Stopped) {
             return Ok(None);
@@ -269,7 +316,12 @@ impl Ticks {
     }
 
     fn lost(&self, expected: u64, found: u64) -> Interrupted {
-        Interrupted::Lost { process: self.shared.name().to_owned(), topic: self.topic, expected, found }
+        Interrupted::Lost {
+            process: self.shared.name().to_owned(),
+            topic: self.topic,
+            expected,
+            found,
+        }
     }
 
     /// The next message in order; or nothing, when the tick is over without one.
@@ -296,7 +348,11 @@ impl Ticks {
     }
 
     fn take_up_ahead(&mut self) -> bool {
-        match self.ahead.take().filter(|message| self.last.is_none_or(|last| message.tick() > last)) {
+        match self
+            .ahead
+            .take()
+            .filter(|message| self.last.is_none_or(|last| message.tick() > last))
+        {
             Some(ahead) => {
                 self.current = Some(ahead);
                 true
@@ -337,14 +393,18 @@ impl Ticks {
                 }
                 Some(_) => self.shared.entry().add(Count::Repeated, 1),
                 None if over => return Ok(Some(Found::Nothing)),
-                None if self.shared.is_lockstep() && self.inlet.is_over(self.shared.tick.get()) => over = true,
+                None if self.shared.is_lockstep() && self.inlet.is_over(self.shared.tick.get()) => {
+                    over = true
+                }
                 None => return Ok(None),
             }
         }
     }
 
     fn accept(&mut self) -> Result<Option<&Incoming>, Interrupted> {
-        let Some(tick) = self.current.as_ref().map(|message| message.tick()) else { return Ok(None) };
+        let Some(tick) = self.current.as_ref().map(|message| message.tick()) else {
+            return Ok(None);
+        };
         let expected = self.last.map_or(tick, |last| last + 1);
         if tick > expected {
             self.shared.entry().add(Count::Lost, tick - expected);

@@ -24,17 +24,34 @@ pub(crate) struct Retainer {
 
 impl Retainer {
     /// Makes the topic, and its first reader: a message is in the retainer's buffer before any other reader has it.
-    pub(crate) fn create(bus: &Bus, run: &RunDir, format: Format, readers: usize, layout: u64) -> Result<Self, TopicError> {
+    pub(crate) fn create(
+        bus: &Bus,
+        run: &RunDir,
+        format: Format,
+        readers: usize,
+        layout: u64,
+    ) -> Result<Self, TopicError> {
         let topic = Topic::create(bus, format, readers, layout)?;
         let receiver = topic.receiver(depth(format.bytes))?;
-        let handed_over = HandedOver::open(run, format.topic, format.bytes)
-            .map_err(|error| TopicError::Memory { topic: format.topic, reason: error.to_string() })?;
-        Ok(Self { format, receiver, handed_over, _topic: topic })
+        let handed_over = HandedOver::open(run, format.topic, format.bytes).map_err(|error| {
+            TopicError::Memory {
+                topic: format.topic,
+                reason: error.to_string(),
+            }
+        })?;
+        Ok(Self {
+            format,
+            receiver,
+            handed_over,
+            _topic: topic,
+        })
     }
 
     /// Connects to writers that are new: what a dead one has sent outlives the clearing away of its ports only in connected readers.
     pub(crate) fn connect(&self) -> Result<(), TopicError> {
-        self.receiver.update_connections().map_err(|e| self.failed(e))
+        self.receiver
+            .update_connections()
+            .map_err(|e| self.failed(e))
     }
 
     /// Copies all that is there to the file, oldest first.
@@ -52,10 +69,16 @@ impl Retainer {
     /// The tick of the newest message handed over.
     pub(crate) fn last_tick(&self) -> Option<u64> {
         let newest = self.handed_over.count().checked_sub(1)?;
-        self.handed_over.get(newest).map(|message| header(&message).tick)
+        self.handed_over
+            .get(newest)
+            .map(|message| header(&message).tick)
     }
 
     fn failed(&self, reason: impl std::fmt::Display) -> TopicError {
-        TopicError::Service { action: "keep", topic: self.format.topic, reason: reason.to_string() }
+        TopicError::Service {
+            action: "keep",
+            topic: self.format.topic,
+            reason: reason.to_string(),
+        }
     }
 }

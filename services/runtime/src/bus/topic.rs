@@ -26,7 +26,8 @@ const WIRE_ATTRIBUTE: &str = "armplane.wire";
 /// Shared memory that a topic with one reader takes at most, for messages of so many bytes: what the reader and the retainer may leave unread and hold.
 #[must_use]
 pub const fn topic_bytes(message_bytes: usize) -> u64 {
-    ((1 + MORE_READERS) * (depth(message_bytes) + MAX_BORROWED) * message_bytes + 2 * depth(message_bytes) * message_bytes) as u64
+    ((1 + MORE_READERS) * (depth(message_bytes) + MAX_BORROWED) * message_bytes
+        + 2 * depth(message_bytes) * message_bytes) as u64
 }
 
 /// A topic of the run, made by the launcher and opened by the processes that the graph names.
@@ -37,12 +38,25 @@ pub(crate) struct Topic {
 
 impl Topic {
     /// Makes the topic for so many readers of the graph, and its retainer; it is marked with the hash `layout`.
-    pub(crate) fn create(bus: &Bus, format: Format, readers: usize, layout: u64) -> Result<Self, TopicError> {
+    pub(crate) fn create(
+        bus: &Bus,
+        format: Format,
+        readers: usize,
+        layout: u64,
+    ) -> Result<Self, TopicError> {
         let attribute = |reason: String| failed("create", &format, reason);
-        let value = AttributeValue::new(format!("{layout:016x}").as_bytes()).map_err(|e| attribute(format!("{e:?}")))?;
-        let attributes = AttributeSpecifier::new().define(&wire_attribute(&format)?, &value).map_err(|e| attribute(e.to_string()))?;
-        let service = builder(bus, &format)?.max_subscribers(readers + MORE_READERS).create_with_attributes(&attributes);
-        Ok(Self { format, service: service.map_err(|e| failed("create", &format, e))? })
+        let value = AttributeValue::new(format!("{layout:016x}").as_bytes())
+            .map_err(|e| attribute(format!("{e:?}")))?;
+        let attributes = AttributeSpecifier::new()
+            .define(&wire_attribute(&format)?, &value)
+            .map_err(|e| attribute(e.to_string()))?;
+        let service = builder(bus, &format)?
+            .max_subscribers(readers + MORE_READERS)
+            .create_with_attributes(&attributes);
+        Ok(Self {
+            format,
+            service: service.map_err(|e| failed("create", &format, e))?,
+        })
     }
 
     /// Opens a topic that the launcher made, and compares the layouts.
@@ -54,9 +68,13 @@ impl Topic {
             }
             Err(error) => {
                 // iceoryx2 itself only says "incompatible". Its details of a service tell more, and cost a look at every process that has it open.
-                let details = ipc::Service::details(&service_name(&format)?, bus.config(), MessagingPattern::PublishSubscribe)
-                    .map_err(|e| failed("open", &format, e))?
-                    .ok_or_else(|| failed("open", &format, "the launcher has not made it"))?;
+                let details = ipc::Service::details(
+                    &service_name(&format)?,
+                    bus.config(),
+                    MessagingPattern::PublishSubscribe,
+                )
+                .map_err(|e| failed("open", &format, e))?
+                .ok_or_else(|| failed("open", &format, "the launcher has not made it"))?;
                 layout_fits(details.static_details.attributes(), &format)?;
                 Err(failed("open", &format, error))
             }
@@ -65,35 +83,67 @@ impl Topic {
 
     /// The end that writes.
     pub(crate) fn sender(&self) -> Result<Sender, TopicError> {
-        let publisher = self.service.publisher_builder().max_loaned_samples(1).backpressure_strategy(BackpressureStrategy::DiscardData);
-        let publisher = publisher.create().map_err(|e| failed("write", &self.format, e))?;
+        let publisher = self
+            .service
+            .publisher_builder()
+            .max_loaned_samples(1)
+            .backpressure_strategy(BackpressureStrategy::DiscardData);
+        let publisher = publisher
+            .create()
+            .map_err(|e| failed("write", &self.format, e))?;
         Ok(Sender::new(self.format, publisher))
     }
 
     /// An end that reads, with room for so many messages, or for as many as the topic holds.
     pub(crate) fn receiver(&self, most: usize) -> Result<Receiver, TopicError> {
-        let subscriber = self.service.subscriber_builder().buffer_size(most.min(depth(self.format.bytes)));
-        let subscriber = subscriber.create().map_err(|e| failed("read", &self.format, e))?;
+        let subscriber = self
+            .service
+            .subscriber_builder()
+            .buffer_size(most.min(depth(self.format.bytes)));
+        let subscriber = subscriber
+            .create()
+            .map_err(|e| failed("read", &self.format, e))?;
         Ok(Receiver::new(self.format, subscriber))
     }
 }
 
 /// Whether a topic is marked with the hash of the layout that is expected here.
 fn layout_fits(attributes: &AttributeSet, format: &Format) -> Result<(), TopicError> {
-    let found = attributes.key_value(&wire_attribute(format)?, 0).map(ToString::to_string).unwrap_or_default();
-    let Format { topic, type_name, layout: ours, .. } = *format;
+    let found = attributes
+        .key_value(&wire_attribute(format)?, 0)
+        .map(ToString::to_string)
+        .unwrap_or_default();
+    let Format {
+        topic,
+        type_name,
+        layout: ours,
+        ..
+    } = *format;
     if found == format!("{ours:016x}") {
         return Ok(());
     }
-    let found = if found.is_empty() { "unknown".into() } else { found };
+    let found = if found.is_empty() {
+        "unknown".into()
+    } else {
+        found
+    };
     Err(match format.is_listed() {
         true => TopicError::WireFormat { topic, found, ours },
-        false => TopicError::Layout { topic, type_name, found, ours },
+        false => TopicError::Layout {
+            topic,
+            type_name,
+            found,
+            ours,
+        },
     })
 }
 
 fn failed(action: &'static str, format: &Format, reason: impl std::fmt::Display) -> TopicError {
-    TopicError::Service { action, topic: format.topic, reason: reason.to_string() }
+    TopicError::Service {
+        action,
+        topic: format.topic,
+        reason: reason.to_string(),
+    }
 }
 
 fn service_name(format: &Format) -> Result<ServiceName, TopicError> {
@@ -101,21 +151,37 @@ fn service_name(format: &Format) -> Result<ServiceName, TopicError> {
 }
 
 fn wire_attribute(format: &Format) -> Result<AttributeKey, TopicError> {
-    AttributeKey::new(WIRE_ATTRIBUTE.as_bytes()).map_err(|e| failed("open", format, format!("{e:?}")))
+    AttributeKey::new(WIRE_ATTRIBUTE.as_bytes())
+        .map_err(|e| failed("open", format, format!("{e:?}")))
 }
 
 /// The service of a topic, with the settings of every topic.
 ///
 /// Its payload is described as iceoryx2's bindings for other languages describe theirs, so that the ports are compiled once for all messages, and
 /// a program that knows the type opens it with that type.
-fn builder(bus: &Bus, format: &Format) -> Result<Builder<Bytes, NoHeader, ipc::Service>, TopicError> {
+fn builder(
+    bus: &Bus,
+    format: &Format,
+) -> Result<Builder<Bytes, NoHeader, ipc::Service>, TopicError> {
     let unusable = |e: &dyn std::fmt::Debug| failed("name", format, format!("{e:?}"));
-    let payload = TypeDetail::__internal_new_from_parts(TypeVariant::FixedSize, format.type_name, format.bytes, align_of::<u64>());
+    let payload = TypeDetail::__internal_new_from_parts(
+        TypeVariant::FixedSize,
+        format.type_name,
+        format.bytes,
+        align_of::<u64>(),
+    );
     let payload = payload.map_err(|e| unusable(&e))?;
     let header = TypeDetail::new::<()>(TypeVariant::FixedSize);
-    let builder = bus.service_builder(&service_name(format)?).publish_subscribe::<Bytes>().user_header::<NoHeader>();
+    let builder = bus
+        .service_builder(&service_name(format)?)
+        .publish_subscribe::<Bytes>()
+        .user_header::<NoHeader>();
     // SAFETY: a message is `format.bytes` plain bytes, of any value, and a header of no bytes is that of any program without one.
-    let builder = unsafe { builder.__internal_set_payload_type_details(&payload).__internal_set_user_header_type_details(&header) };
+    let builder = unsafe {
+        builder
+            .__internal_set_payload_type_details(&payload)
+            .__internal_set_user_header_type_details(&header)
+    };
     Ok(builder
         .enable_safe_overflow(true)
         .history_size(0)

@@ -74,14 +74,22 @@ struct Sending<M: Message> {
 
 impl<M: Message> Writer<M> {
     pub(crate) fn new(shared: &Rc<Context>, sender: Rc<Sender>) -> Result<Self, TopicError> {
-        let last_made = LastMade::open(&shared.run).map_err(|error| TopicError::Memory { topic: M::TOPIC, reason: error.to_string() })?;
+        let last_made = LastMade::open(&shared.run).map_err(|error| TopicError::Memory {
+            topic: M::TOPIC,
+            reason: error.to_string(),
+        })?;
         let topic = shared.topic_index(M::TOPIC);
         shared.control_page.topic(topic).begin_writer();
         let outlet = Rc::new(Sending {
             shared: Rc::clone(shared),
             sender,
-            is_corruptible: corrupted_topic(&shared.manifest.processes[shared.me].writes) == Some(M::TOPIC),
-            output: shared.manifest.processes[shared.me].writes.iter().position(|topic| topic == M::TOPIC).unwrap_or(0),
+            is_corruptible: corrupted_topic(&shared.manifest.processes[shared.me].writes)
+                == Some(M::TOPIC),
+            output: shared.manifest.processes[shared.me]
+                .writes
+                .iter()
+                .position(|topic| topic == M::TOPIC)
+                .unwrap_or(0),
             bit: shared.topic_bit(M::TOPIC),
             topic,
             readers: shared.manifest.woken_by(M::TOPIC).collect(),
@@ -89,7 +97,11 @@ impl<M: Message> Writer<M> {
             shaper: RefCell::default(),
         });
         shared.add_outlet(Rc::clone(&outlet) as Rc<dyn Outlet>);
-        Ok(Self { outlet, usage: Usage::now(), loaned: None })
+        Ok(Self {
+            outlet,
+            usage: Usage::now(),
+            loaned: None,
+        })
     }
 
     /// Loans shared memory for the message of a tick: all zero but for the tick, to be filled in place.
@@ -111,15 +123,26 @@ impl<M: Message> Writer<M> {
     /// As [`Writer::loan`].
     pub fn loan_as_is(&mut self, tick: u64) -> Result<Loan<'_, M>, SendError> {
         let mut loan = self.loan_with(|_| {})?;
-        *loan.header_mut() = Header { tick, ..Header::default() };
+        *loan.header_mut() = Header {
+            tick,
+            ..Header::default()
+        };
         Ok(loan)
     }
 
     #[inline]
     fn loan_with(&mut self, prepare: impl FnOnce(*mut M)) -> Result<Loan<'_, M>, SendError> {
-        let payload = self.outlet.sender.loan_into(&mut self.loaned).map_err(|error| self.outlet.failed(error))?.cast();
+        let payload = self
+            .outlet
+            .sender
+            .loan_into(&mut self.loaned)
+            .map_err(|error| self.outlet.failed(error))?
+            .cast();
         prepare(payload);
-        Ok(Loan { payload, writer: self })
+        Ok(Loan {
+            payload,
+            writer: self,
+        })
     }
 
     /// Sends a message that was made elsewhere, for which it is copied once into shared memory; otherwise as [`Loan::send`].
@@ -128,7 +151,8 @@ impl<M: Message> Writer<M> {
     /// As [`Writer::loan`] and [`Loan::send`].
     pub fn send(&mut self, message: M) -> Result<(), SendError> {
         // SAFETY: the pointer is that of a loan of one message.
-        self.loan_with(|payload| unsafe { payload.write(message) })?.send()
+        self.loan_with(|payload| unsafe { payload.write(message) })?
+            .send()
     }
 }
 
@@ -172,12 +196,21 @@ impl<M: Message> Loan<'_, M> {
     pub fn send(self) -> Result<(), SendError> {
         // SAFETY: as for `deref_mut`, without a borrow of the writer, whose other parts are needed beside it.
         let message = unsafe { &mut *self.payload };
-        let Writer { outlet, usage, loaned } = &mut *self.writer;
+        let Writer {
+            outlet,
+            usage,
+            loaned,
+        } = &mut *self.writer;
         let shared = &outlet.shared;
         let tick = message.header().tick;
         if let Some(field) = first_not_finite(message) {
             shared.entry().add(Count::NotFinite, 1);
-            let error = SendError::NotFinite { process: shared.name().to_owned(), topic: M::TOPIC, tick, field };
+            let error = SendError::NotFinite {
+                process: shared.name().to_owned(),
+                topic: M::TOPIC,
+                tick,
+                field,
+            };
             tracing::error!("{error}");
             return Err(error);
         }
@@ -189,7 +222,9 @@ impl<M: Message> Loan<'_, M> {
         }
         // In real time only: for the account of late messages.
         let header = (!shared.is_lockstep()).then(|| *message.header());
-        let Some(message) = loaned.take() else { return Ok(()) };
+        let Some(message) = loaned.take() else {
+            return Ok(());
+        };
         if shared.is_shaped() && shaped_topic(M::TOPIC) {
             outlet.send_shaped(message)?;
         } else {
@@ -215,7 +250,12 @@ impl<M: Message> Loan<'_, M> {
 }
 
 /// In real time an output is due one period after its tick was.
-fn count_lateness(usage: &mut Usage, shared: &Context, header: &shared_types::Header, sent_ns: u64) {
+fn count_lateness(
+    usage: &mut Usage,
+    shared: &Context,
+    header: &shared_types::Header,
+    sent_ns: u64,
+) {
     let origin_ns = header.stamps.origin_ns();
     let due_ns = origin_ns + shared.manifest.period_ns();
     let is_late = origin_ns > 0 && sent_ns > due_ns;
@@ -225,14 +265,25 @@ fn count_lateness(usage: &mut Usage, shared: &Context, header: &shared_types::He
     let now = Usage::now();
     if is_late {
         let was_late_already = header.stamps.received_ns.iter().any(|&ns| ns > due_ns);
-        shared.entry().add(if was_late_already { Count::MissedLateInput } else { cause(*usage, now, false) }, 1);
+        shared.entry().add(
+            if was_late_already {
+                Count::MissedLateInput
+            } else {
+                cause(*usage, now, false)
+            },
+            1,
+        );
     }
     *usage = now;
 }
 
 impl<M: Message> Sending<M> {
     fn failed(&self, reason: impl std::fmt::Display) -> SendError {
-        SendError::Port { process: self.shared.name().to_owned(), topic: M::TOPIC, reason: reason.to_string() }
+        SendError::Port {
+            process: self.shared.name().to_owned(),
+            topic: M::TOPIC,
+            reason: reason.to_string(),
+        }
     }
 
     fn deliver(&self, message: Outgoing) -> Result<(), SendError> {
@@ -274,17 +325,32 @@ impl<M: Message> Sending<M> {
         }
         self.shared.await_hand_over(M::TOPIC).ok()?;
         let handed_over = HandedOver::open(&self.shared.run, M::TOPIC, size_of::<M>()).ok()?;
-        let newest: M = bytemuck::pod_read_unaligned(&handed_over.get(handed_over.count().checked_sub(1)?)?);
+        let newest: M =
+            bytemuck::pod_read_unaligned(&handed_over.get(handed_over.count().checked_sub(1)?)?);
         (newest.header().tick < tick).then_some(newest)
     }
 
     /// Applies the faults of its tick to a message.
     fn shape(&self, message: &M) -> Result<(), SendError> {
         let (shared, tick) = (&self.shared, self.shared.tick.get());
-        let injected = |place| shared.control_page.fault_table().mark_injected(place, now_ns());
-        let (known, before) = (shared.faults.known.borrow(), || self.before(message.header().tick));
+        let injected = |place| {
+            shared
+                .control_page
+                .fault_table()
+                .mark_injected(place, now_ns())
+        };
+        let (known, before) = (shared.faults.known.borrow(), || {
+            self.before(message.header().tick)
+        });
         let faults = known.of(shared.me, tick);
-        self.shaper.borrow_mut().shape(message, (tick, self.is_corruptible), faults, before, injected, |message| self.deliver_copy(message))
+        self.shaper.borrow_mut().shape(
+            message,
+            (tick, self.is_corruptible),
+            faults,
+            before,
+            injected,
+            |message| self.deliver_copy(message),
+        )
     }
 }
 
@@ -302,7 +368,11 @@ impl<M: Message> Outlet for Sending<M> {
 
     fn ring(&self) {
         for &reader in &self.readers {
-            self.shared.control_page.process(reader).doorbell().ring(self.bit);
+            self.shared
+                .control_page
+                .process(reader)
+                .doorbell()
+                .ring(self.bit);
         }
     }
 }

@@ -9,15 +9,28 @@ impl Context {
     /// Goes with all others through the phases of the beginning; from here on nothing can be lost.
     #[inline]
     pub(crate) fn start(&self) -> Result<Waited<()>, Interrupted> {
-        if self.has_started.get() { Ok(Waited::Ready(())) } else { self.begin() }
+        if self.has_started.get() {
+            Ok(Waited::Ready(()))
+        } else {
+            self.begin()
+        }
     }
 
     /// A tick closes with the last of the declared outputs: one without a writer would keep every tick open.
     fn has_all_outputs(&self) -> Result<(), Interrupted> {
-        let (writes, outlets) = (&self.manifest.processes[self.me].writes, self.attached.outlets.borrow());
-        match writes.iter().find(|declared| !outlets.iter().any(|outlet| outlet.topic() == *declared)) {
+        let (writes, outlets) = (
+            &self.manifest.processes[self.me].writes,
+            self.attached.outlets.borrow(),
+        );
+        match writes
+            .iter()
+            .find(|declared| !outlets.iter().any(|outlet| outlet.topic() == *declared))
+        {
             None => Ok(()),
-            Some(topic) => Err(Interrupted::Unopened { process: self.name().to_owned(), topic: topic.clone() }),
+            Some(topic) => Err(Interrupted::Unopened {
+                process: self.name().to_owned(),
+                topic: topic.clone(),
+            }),
         }
     }
 
@@ -41,14 +54,21 @@ impl Context {
         self.skip_to(self.tick.get());
         self.entry().set_state(State::Running);
         if self.entry().incarnation() > 1 {
-            self.control_page.fault_table().mark_recovered(self.me, now_ns());
+            self.control_page
+                .fault_table()
+                .mark_recovered(self.me, now_ns());
             self.control_page.ring_all();
         }
         Ok(Waited::Ready(()))
     }
 
     fn wait_for_phase(&self, phase: Phase) -> Result<Waited<()>, Interrupted> {
-        let describe = || Wait { what: format!("the beginning of the run's phase \"{phase:?}\""), from: "the launcher".into() };
-        self.wait(0, None, describe, || Ok(self.control_page.has_begun(phase).then_some(())))
+        let describe = || Wait {
+            what: format!("the beginning of the run's phase \"{phase:?}\""),
+            from: "the launcher".into(),
+        };
+        self.wait(0, None, describe, || {
+            Ok(self.control_page.has_begun(phase).then_some(()))
+        })
     }
 }

@@ -15,13 +15,22 @@ impl Context {
 
     #[cold]
     fn is_cut_by_fault(&self, topic: &str, tick: u64) -> bool {
-        let read = self.manifest.processes[self.me].reads.iter().position(|read| read == topic);
+        let read = self.manifest.processes[self.me]
+            .reads
+            .iter()
+            .position(|read| read == topic);
         let known = self.faults.known.borrow();
         let mut cuts = known.of(self.me, tick).filter(|(_, fault, kind)| {
-            *kind == Kind::Cut && read.is_some_and(|read| fault.target as usize == read) && happens(fault, tick)
+            *kind == Kind::Cut
+                && read.is_some_and(|read| fault.target as usize == read)
+                && happens(fault, tick)
         });
         let cut = cuts.next().map(|(place, ..)| place);
-        cut.into_iter().for_each(|place| self.control_page.fault_table().mark_injected(place, now_ns()));
+        cut.into_iter().for_each(|place| {
+            self.control_page
+                .fault_table()
+                .mark_injected(place, now_ns())
+        });
         cut.is_some()
     }
 }

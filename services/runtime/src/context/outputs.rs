@@ -16,7 +16,9 @@ impl Context {
 
     /// Notes that an input of a tick will not come: the process may pass the tick over.
     pub(crate) fn excuse(&self, tick: u64) {
-        self.attached.outputs_sent.set((tick, self.sent_of(tick) | EXCUSED));
+        self.attached
+            .outputs_sent
+            .set((tick, self.sent_of(tick) | EXCUSED));
     }
 
     /// For a process that asks for more after it has been given an input of a tick in lockstep: an output of the tick that it has not sent, so that the
@@ -27,7 +29,11 @@ impl Context {
             return None;
         }
         let writes = &self.manifest.processes[self.me].writes;
-        writes.iter().enumerate().find(|(output, _)| sent & 1 << output == 0).map(|(_, topic)| topic.as_str())
+        writes
+            .iter()
+            .enumerate()
+            .find(|(output, _)| sent & 1 << output == 0)
+            .map(|(_, topic)| topic.as_str())
     }
 
     /// The outputs of a tick that have left, one bit each.

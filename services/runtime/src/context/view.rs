@@ -13,8 +13,15 @@ impl View for Context {
     }
 
     fn role(&self, process: usize) -> Role {
-        let Process { makes_ticks, polled, .. } = self.manifest.processes[process];
-        Role { makes_ticks, polled }
+        let Process {
+            makes_ticks,
+            polled,
+            ..
+        } = self.manifest.processes[process];
+        Role {
+            makes_ticks,
+            polled,
+        }
     }
 
     fn progress(&self, process: usize) -> Progress {
@@ -35,7 +42,12 @@ impl View for Context {
         let outage = |index: usize| {
             let (place, fault) = *self.faults.known.borrow().faults().get(index)?;
             let record = self.control_page.fault_table().record(place)?;
-            Outage::of(&fault, place, record.injected_ns != 0, record.origin == Origin::Detected)
+            Outage::of(
+                &fault,
+                place,
+                record.injected_ns != 0,
+                record.origin == Origin::Detected,
+            )
         };
         let count = self.faults.known.borrow().faults().len();
         (0..count).filter_map(outage)

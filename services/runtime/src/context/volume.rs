@@ -18,7 +18,9 @@ impl Context {
                 Kind::SlowDisk => pause_ms += fault.amount,
                 _ => continue,
             }
-            self.control_page.fault_table().mark_injected(place, now_ns());
+            self.control_page
+                .fault_table()
+                .mark_injected(place, now_ns());
         }
         // The rest is written to another volume.
         self.fill_volume(is_full && !is_last);

@@ -74,7 +74,10 @@ impl Doorbell {
     /// Announces a sleep. The caller has read [`Doorbell::rings`] before it last looked for data: a ring since then ends [`Doorbell::sleep`] at once.
     #[inline]
     pub(crate) fn arm(&self, bits: u32) {
-        self.sleeps.store(self.sleeps.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+        self.sleeps.store(
+            self.sleeps.load(Ordering::Relaxed).wrapping_add(1),
+            Ordering::Relaxed,
+        );
         self.awaited.store(bits | ATTENTION, Ordering::SeqCst);
     }
 
@@ -157,13 +160,20 @@ mod tests {
 
     impl Moment {
         fn has_lost_a_wake(&self) -> bool {
-            let is_over = self.ringers.iter().all(|ringer| ringer.sent == MESSAGES && ringer.step == Step::Sends);
+            let is_over = self
+                .ringers
+                .iter()
+                .all(|ringer| ringer.sent == MESSAGES && ringer.step == Step::Sends);
             is_over && self.owner == Owner::Sleeps && self.messages[0] > self.messages[1]
         }
 
         /// The next step of a ringer (0, 1) or the owner (2); `None` where it has none. `counts_again`: as [`Doorbell::end_sleep`] does it.
         fn after(mut self, actor: usize, counts_again: bool) -> Option<Self> {
-            let bell = Doorbell { rings: self.rings.into(), awaited: self.awaited.into(), ..Doorbell::default() };
+            let bell = Doorbell {
+                rings: self.rings.into(),
+                awaited: self.awaited.into(),
+                ..Doorbell::default()
+            };
             if let Some(ringer) = self.ringers.get_mut(actor) {
                 ringer.step = match ringer.step {
                     Step::Sends if ringer.sent == MESSAGES => return None,
@@ -219,16 +229,28 @@ mod tests {
                     Owner::GoesToSleep { .. } => Owner::ReadsRings,
                 };
             }
-            Some(Self { rings: bell.rings(), awaited: bell.awaited.into_inner(), ..self })
+            Some(Self {
+                rings: bell.rings(),
+                awaited: bell.awaited.into_inner(),
+                ..self
+            })
         }
     }
 
     /// The moments of all orders of all steps: how many, and how many in which the owner sleeps over a message for ever.
     fn explore(counts_again: bool) -> (usize, usize) {
-        let (mut known, mut open, mut lost) = (HashSet::from([Moment::default()]), vec![Moment::default()], 0);
+        let (mut known, mut open, mut lost) = (
+            HashSet::from([Moment::default()]),
+            vec![Moment::default()],
+            0,
+        );
         while let Some(moment) = open.pop() {
             lost += usize::from(moment.has_lost_a_wake());
-            open.extend((0..3).filter_map(|actor| moment.after(actor, counts_again)).filter(|next| known.insert(*next)));
+            open.extend(
+                (0..3)
+                    .filter_map(|actor| moment.after(actor, counts_again))
+                    .filter(|next| known.insert(*next)),
+            );
         }
         (known.len(), lost)
     }

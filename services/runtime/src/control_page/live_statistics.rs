@@ -5,7 +5,10 @@
 use std::any::Any;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
-use shared_types::{ControlState, MAX_SINGULARITIES, Message, SensorSample, ServoState, SingularityReport, TorqueCommand};
+use shared_types::{
+    ControlState, MAX_SINGULARITIES, Message, SensorSample, ServoState, SingularityReport,
+    TorqueCommand,
+};
 
 /// Buckets per factor of two: a bucket is an eighth of its value wide, at most.
 const SPLIT_BITS: u32 = 3;
@@ -41,7 +44,10 @@ pub(crate) struct DurationHistogram {
 
 impl Default for DurationHistogram {
     fn default() -> Self {
-        Self { longest_ns: AtomicU64::new(0), counts: std::array::from_fn(|_| AtomicU64::new(0)) }
+        Self {
+            longest_ns: AtomicU64::new(0),
+            counts: std::array::from_fn(|_| AtomicU64::new(0)),
+        }
     }
 }
 
@@ -58,7 +64,11 @@ impl DurationHistogram {
 
     pub(crate) fn read(&self) -> Distribution {
         Distribution {
-            counts: self.counts.iter().map(|count| count.load(Ordering::Relaxed)).collect(),
+            counts: self
+                .counts
+                .iter()
+                .map(|count| count.load(Ordering::Relaxed))
+                .collect(),
             longest_ns: self.longest_ns.load(Ordering::Relaxed),
         }
     }
@@ -75,14 +85,24 @@ impl Distribution {
     /// How many times.
     #[must_use]
     pub fn count(&self) -> u64 {
-        self.counts.iter().fold(0, |sum: u64, count| sum.saturating_add(*count))
+        self.counts
+            .iter()
+            .fold(0, |sum: u64, count| sum.saturating_add(*count))
     }
 
     /// The difference to an earlier snapshot; the longest stays that of the whole run.
     #[must_use]
     pub fn since(&self, earlier: &Self) -> Self {
-        let counts = self.counts.iter().zip(&earlier.counts).map(|(now, before)| now.saturating_sub(*before)).collect();
-        Self { counts, longest_ns: self.longest_ns }
+        let counts = self
+            .counts
+            .iter()
+            .zip(&earlier.counts)
+            .map(|(now, before)| now.saturating_sub(*before))
+            .collect();
+        Self {
+            counts,
+            longest_ns: self.longest_ns,
+        }
     }
 
     /// The time below which a share of all times lies; µs, `None` without any.
@@ -94,7 +114,10 @@ impl Distribution {
             below = below.saturating_add(*count);
             below >= rank
         };
-        self.counts.iter().position(reached).map(|index| (middle(index) * 1e-3).min(self.longest_us()))
+        self.counts
+            .iter()
+            .position(reached)
+            .map(|index| (middle(index) * 1e-3).min(self.longest_us()))
     }
 
     /// The longest since the beginning; µs, exact.
@@ -139,15 +162,31 @@ impl LiveStateCells {
         } else if let Some(command) = message.downcast_ref::<TorqueCommand>() {
             self.phase.store(command.phase, Ordering::Relaxed);
         } else if let Some(state) = message.downcast_ref::<ControlState>() {
-            self.mode.iter().zip(state.mode).for_each(|(shown, mode)| shown.store(mode, Ordering::Relaxed));
+            self.mode
+                .iter()
+                .zip(state.mode)
+                .for_each(|(shown, mode)| shown.store(mode, Ordering::Relaxed));
         } else if let Some(state) = message.downcast_ref::<ServoState>() {
-            let codes = [state.reason, state.joint, state.upper, state.singularity, state.refused];
-            self.servo.iter().zip(codes).for_each(|(shown, code)| shown.store(code, Ordering::Relaxed));
+            let codes = [
+                state.reason,
+                state.joint,
+                state.upper,
+                state.singularity,
+                state.refused,
+            ];
+            self.servo
+                .iter()
+                .zip(codes)
+                .for_each(|(shown, code)| shown.store(code, Ordering::Relaxed));
             let shares = [state.nearest, state.speed_scale];
-            self.servo_share.iter().zip(shares).for_each(|(shown, share)| shown.store(share.to_bits(), Ordering::Relaxed));
+            self.servo_share
+                .iter()
+                .zip(shares)
+                .for_each(|(shown, share)| shown.store(share.to_bits(), Ordering::Relaxed));
         } else if let Some(sample) = message.downcast_ref::<SensorSample>() {
             self.drive.store(sample.drive, Ordering::Relaxed);
-            self.stale_ticks.store(sample.stale_ticks, Ordering::Relaxed);
+            self.stale_ticks
+                .store(sample.stale_ticks, Ordering::Relaxed);
         }
     }
 
@@ -160,10 +199,21 @@ impl LiveStateCells {
             s: f64::from_bits(self.s[index].load(Ordering::Relaxed)),
             mode: self.mode[index].load(Ordering::Relaxed),
         };
-        let [reason, joint, upper, nearest, refused] = std::array::from_fn(|i| self.servo[i].load(Ordering::Relaxed));
-        let [openness, speed_scale] = std::array::from_fn(|i| f64::from_bits(self.servo_share[i].load(Ordering::Relaxed)));
+        let [reason, joint, upper, nearest, refused] =
+            std::array::from_fn(|i| self.servo[i].load(Ordering::Relaxed));
+        let [openness, speed_scale] =
+            std::array::from_fn(|i| f64::from_bits(self.servo_share[i].load(Ordering::Relaxed)));
         LiveState {
-            servo: ServoState { reason, joint, upper, singularity: nearest, refused, nearest: openness, speed_scale, ..Default::default() },
+            servo: ServoState {
+                reason,
+                joint,
+                upper,
+                singularity: nearest,
+                refused,
+                nearest: openness,
+                speed_scale,
+                ..Default::default()
+            },
             singularities: (0..count).map(singularity).collect(),
             phase: self.phase.load(Ordering::Relaxed),
             drive: self.drive.load(Ordering::Relaxed),
@@ -211,7 +261,10 @@ mod tests {
         let mut last = 0;
         for ns in (0..4096).chain((12..60).map(|bits| 1 << bits)) {
             let index = bucket(ns);
-            assert!(index == last || index > last && (ns > 4096 || index == last + 1), "{ns} ns in bucket {index} after {last}");
+            assert!(
+                index == last || index > last && (ns > 4096 || index == last + 1),
+                "{ns} ns in bucket {index} after {last}"
+            );
             last = index;
         }
         assert_eq!(last, BUCKETS - 1);
@@ -225,10 +278,17 @@ mod tests {
     fn quantiles_are_those_of_the_samples() {
         let times = DurationHistogram::default();
         (1..=1000).for_each(|us| times.record(us * 1000));
-        let (first, share) =
-            (times.read(), |spread: &Distribution, share, us: f64| (spread.quantile_us(share).unwrap() / us - 1.0).abs() < 0.07);
+        let (first, share) = (times.read(), |spread: &Distribution, share, us: f64| {
+            (spread.quantile_us(share).unwrap() / us - 1.0).abs() < 0.07
+        });
         assert!(first.count() == 1000 && share(&first, 0.5, 500.0) && share(&first, 0.99, 990.0));
-        assert_eq!((first.longest_us(), first.quantile_us(1.0).unwrap() <= 1000.0), (1000.0, true));
+        assert_eq!(
+            (
+                first.longest_us(),
+                first.quantile_us(1.0).unwrap() <= 1000.0
+            ),
+            (1000.0, true)
+        );
         (0..10).for_each(|_| times.record(5_000));
         let later = times.read().since(&first);
         assert!(later.count() == 10 && share(&later, 0.5, 5.0));
@@ -238,16 +298,47 @@ mod tests {
     #[test]
     fn each_writer_notes_its_own() {
         let live_state = LiveStateCells::default();
-        let mut report = SingularityReport { count: 2, ..SingularityReport::default() };
-        (report.singularities[1].s, report.singularities[1].inside, report.singularities[1].kind) = (-0.25, 1, 3);
+        let mut report = SingularityReport {
+            count: 2,
+            ..SingularityReport::default()
+        };
+        (
+            report.singularities[1].s,
+            report.singularities[1].inside,
+            report.singularities[1].kind,
+        ) = (-0.25, 1, 3);
         let mut state = ControlState::default();
         state.mode[1] = 5;
         live_state.note(&report);
         live_state.note(&state);
-        live_state.note(&TorqueCommand { phase: 1, ..TorqueCommand::default() });
-        live_state.note(&SensorSample { drive: 2, stale_ticks: 7, ..SensorSample::default() });
+        live_state.note(&TorqueCommand {
+            phase: 1,
+            ..TorqueCommand::default()
+        });
+        live_state.note(&SensorSample {
+            drive: 2,
+            stale_ticks: 7,
+            ..SensorSample::default()
+        });
         let seen = live_state.read();
-        assert_eq!((seen.singularities.len(), seen.phase, seen.drive, seen.stale_ticks), (2, 1, 2, 7));
-        assert_eq!(seen.singularities[1], LiveSingularity { kind: 3, class: 0, is_inside: true, s: -0.25, mode: 5 });
+        assert_eq!(
+            (
+                seen.singularities.len(),
+                seen.phase,
+                seen.drive,
+                seen.stale_ticks
+            ),
+            (2, 1, 2, 7)
+        );
+        assert_eq!(
+            seen.singularities[1],
+            LiveSingularity {
+                kind: 3,
+                class: 0,
+                is_inside: true,
+                s: -0.25,
+                mode: 5
+            }
+        );
     }
 }

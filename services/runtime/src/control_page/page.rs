@@ -89,7 +89,8 @@ impl TopicEntry {
     /// The one living writer has delivered a message.
     #[inline]
     pub(crate) fn count_sent(&self) {
-        self.sent.store(self.sent.load(Ordering::Relaxed) + 1, Ordering::Release);
+        self.sent
+            .store(self.sent.load(Ordering::Relaxed) + 1, Ordering::Release);
     }
 
     /// Changes with each message that is delivered; 0 where the writer, a program of others, does not count.
@@ -142,8 +143,17 @@ impl ControlPage {
     /// When the file exists already or cannot be made.
     pub fn create(run: &RunDir) -> Result<Self, ControlPageError> {
         let path = run.path().join("control_page");
-        let failed = |source| ControlPageError::File { path: path.clone(), source };
-        let file = OpenOptions::new().read(true).write(true).create_new(true).mode(0o600).open(&path).map_err(failed)?;
+        let failed = |source| ControlPageError::File {
+            path: path.clone(),
+            source,
+        };
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create_new(true)
+            .mode(0o600)
+            .open(&path)
+            .map_err(failed)?;
         // Written, not only truncated: the memory is there now, or the error is.
         std::io::Write::write_all(&mut &file, &vec![0; size_of::<Page>()]).map_err(failed)?;
         std::os::unix::fs::FileExt::write_all_at(&file, &MAGIC.to_ne_bytes(), 0).map_err(failed)?;
@@ -156,8 +166,15 @@ impl ControlPage {
     /// When there is none, or it is of another version.
     pub fn open(run: &RunDir) -> Result<Self, ControlPageError> {
         let path = run.path().join("control_page");
-        let failed = |source| ControlPageError::File { path: path.clone(), source };
-        let file = OpenOptions::new().read(true).write(true).open(&path).map_err(failed)?;
+        let failed = |source| ControlPageError::File {
+            path: path.clone(),
+            source,
+        };
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .open(&path)
+            .map_err(failed)?;
         let size = file.metadata().map_err(failed)?.len();
         let mut magic = [0; 8];
         std::os::unix::fs::FileExt::read_exact_at(&file, &mut magic, 0).map_err(failed)?;
@@ -170,9 +187,19 @@ impl ControlPage {
 
     fn map(file: &std::fs::File) -> std::io::Result<Self> {
         // SAFETY: a fresh shared mapping of a file that is at least this long; nothing else in this process lies there.
-        let address =
-            unsafe { mmap(std::ptr::null_mut(), size_of::<Page>(), ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED, file, 0)? };
-        NonNull::new(address.cast()).map(|page| Self { page }).ok_or_else(|| std::io::Error::other("mapped at address 0"))
+        let address = unsafe {
+            mmap(
+                std::ptr::null_mut(),
+                size_of::<Page>(),
+                ProtFlags::READ | ProtFlags::WRITE,
+                MapFlags::SHARED,
+                file,
+                0,
+            )?
+        };
+        NonNull::new(address.cast())
+            .map(|page| Self { page })
+            .ok_or_else(|| std::io::Error::other("mapped at address 0"))
     }
 
     #[inline]
@@ -250,7 +277,10 @@ impl ControlPage {
 
     /// Asks the launcher for what the retainers of the topics hold; the answer is the request's number.
     pub(crate) fn request_hand_over(&self) -> u64 {
-        self.page().hand_overs_requested.fetch_add(1, Ordering::AcqRel) + 1
+        self.page()
+            .hand_overs_requested
+            .fetch_add(1, Ordering::AcqRel)
+            + 1
     }
 
     /// Whether all that was delivered before a request lies in the files of the run.
@@ -265,12 +295,19 @@ impl ControlPage {
     }
 
     pub(crate) fn answer_hand_over(&self, request: u64) {
-        self.page().hand_overs_done.store(request, Ordering::Release);
+        self.page()
+            .hand_overs_done
+            .store(request, Ordering::Release);
     }
 
     /// Where the real-time grid begins: the first caller decides, a replacement keeps the phase.
     pub(crate) fn grid_origin(&self, proposal_ns: u64) -> u64 {
-        match self.page().grid_origin_ns.compare_exchange(0, proposal_ns, Ordering::AcqRel, Ordering::Acquire) {
+        match self.page().grid_origin_ns.compare_exchange(
+            0,
+            proposal_ns,
+            Ordering::AcqRel,
+            Ordering::Acquire,
+        ) {
             Ok(_) => proposal_ns,
             Err(earlier) => earlier,
         }
@@ -304,21 +341,44 @@ mod tests {
         theirs.process(3).add(Count::Lost, 2);
         ours.request_stop(Stop::Everything);
         ours.request_stop(Stop::Chain);
-        assert_eq!((theirs.process(3).incarnation(), theirs.process(3).ticks()), (1, 42));
+        assert_eq!(
+            (theirs.process(3).incarnation(), theirs.process(3).ticks()),
+            (1, 42)
+        );
         assert_eq!(theirs.process(3).state(), State::Starting);
         assert_eq!(ours.process(3).count(Count::Lost), 2);
-        assert_eq!(theirs.stop(), Stop::Everything, "a stop is never taken back");
-        assert_eq!((ours.grid_origin(10), theirs.grid_origin(20)), (10, 10), "the first one sets the phase");
-        assert!(matches!(ControlPage::create(&run), Err(ControlPageError::File { .. })));
+        assert_eq!(
+            theirs.stop(),
+            Stop::Everything,
+            "a stop is never taken back"
+        );
+        assert_eq!(
+            (ours.grid_origin(10), theirs.grid_origin(20)),
+            (10, 10),
+            "the first one sets the phase"
+        );
+        assert!(matches!(
+            ControlPage::create(&run),
+            Err(ControlPageError::File { .. })
+        ));
     }
 
     #[test]
     fn a_board_of_another_version_is_refused() {
         let run = RunDir::create().unwrap();
         drop(ControlPage::create(&run).unwrap());
-        let file = OpenOptions::new().write(true).open(run.path().join("control_page")).unwrap();
+        let file = OpenOptions::new()
+            .write(true)
+            .open(run.path().join("control_page"))
+            .unwrap();
         std::os::unix::fs::FileExt::write_all_at(&file, &[0xff; 8], 0).unwrap();
-        assert!(matches!(ControlPage::open(&run), Err(ControlPageError::Version { magic: u64::MAX, .. })));
+        assert!(matches!(
+            ControlPage::open(&run),
+            Err(ControlPageError::Version {
+                magic: u64::MAX,
+                ..
+            })
+        ));
     }
 
     #[test]
@@ -329,7 +389,10 @@ mod tests {
         doorbell.ring(1);
         // Would sleep for an hour if the ring were lost.
         doorbell.sleep(seen, Some(3_600_000_000_000));
-        assert!(!doorbell.is_armed_for(1), "the ringer has disarmed it: the next ring costs no system call");
+        assert!(
+            !doorbell.is_armed_for(1),
+            "the ringer has disarmed it: the next ring costs no system call"
+        );
     }
 
     #[test]
@@ -353,7 +416,11 @@ mod tests {
                 while doorbell.is_armed_for(0b01) {
                     doorbell.sleep(doorbell.rings(), None);
                 }
-                assert_eq!(doorbell.sleeps(), ended + 1, "one sleep was announced, and it has ended");
+                assert_eq!(
+                    doorbell.sleeps(),
+                    ended + 1,
+                    "one sleep was announced, and it has ended"
+                );
             }
             is_over.store(true, Ordering::Relaxed);
         });
@@ -364,7 +431,10 @@ mod tests {
         let doorbell = Doorbell::default();
         doorbell.arm(0);
         doorbell.ring(ANYTHING);
-        assert!(!doorbell.is_armed_for(ANYTHING), "a sleeper that waits for no topic still hears of a stop");
+        assert!(
+            !doorbell.is_armed_for(ANYTHING),
+            "a sleeper that waits for no topic still hears of a stop"
+        );
         doorbell.arm(0b10);
         doorbell.ring(0b01);
         assert!(doorbell.is_armed_for(0b10));

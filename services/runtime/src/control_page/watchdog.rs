@@ -31,6 +31,10 @@ impl Watchdog {
                 std::thread::sleep(Self::PERIOD);
             }
         };
-        std::thread::Builder::new().name("watchdog".into()).stack_size(Self::STACK).spawn(watch).map(drop)
+        std::thread::Builder::new()
+            .name("watchdog".into())
+            .stack_size(Self::STACK)
+            .spawn(watch)
+            .map(drop)
     }
 }

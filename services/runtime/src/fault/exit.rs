@@ -36,9 +36,11 @@ impl Exit {
     pub fn signal(self) -> Option<i32> {
         match self {
             Self::Signal(signal) => Some(signal),
-            Self::Code(code) => {
-                [SIGHUP, SIGINT, SIGQUIT, SIGABRT, SIGBUS, SIGKILL, SIGSEGV, SIGTERM].into_iter().find(|signal| code == 128 + signal)
-            }
+            Self::Code(code) => [
+                SIGHUP, SIGINT, SIGQUIT, SIGABRT, SIGBUS, SIGKILL, SIGSEGV, SIGTERM,
+            ]
+            .into_iter()
+            .find(|signal| code == 128 + signal),
         }
     }
 
@@ -61,7 +63,10 @@ impl Exit {
 
 impl From<ExitStatus> for Exit {
     fn from(status: ExitStatus) -> Self {
-        status.code().map_or_else(|| Self::Signal(status.signal().unwrap_or_default()), Self::Code)
+        status.code().map_or_else(
+            || Self::Signal(status.signal().unwrap_or_default()),
+            Self::Code,
+        )
     }
 }
 
@@ -69,7 +74,11 @@ impl fmt::Display for Exit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::Code(code) => write!(f, "exit code {code}"),
-            Self::Signal(signal) => write!(f, "signal {signal} ({})", signal_name(signal).unwrap_or("no name")),
+            Self::Signal(signal) => write!(
+                f,
+                "signal {signal} ({})",
+                signal_name(signal).unwrap_or("no name")
+            ),
         }
     }
 }
@@ -80,7 +89,13 @@ mod tests {
 
     #[test]
     fn an_end_survives_the_fault_table() {
-        for exit in [Exit::Code(0), Exit::Code(3), Exit::Code(255), Exit::Signal(9), Exit::Signal(64)] {
+        for exit in [
+            Exit::Code(0),
+            Exit::Code(3),
+            Exit::Code(255),
+            Exit::Signal(9),
+            Exit::Signal(64),
+        ] {
             assert_eq!(Exit::of_word(exit.word()), Some(exit));
         }
         assert_eq!(Exit::of_word(0), None);
@@ -88,7 +103,15 @@ mod tests {
 
     #[test]
     fn the_exit_code_of_a_shell_gives_the_signal_that_ended_its_program() {
-        let signals = [Exit::Signal(9), Exit::Code(137), Exit::Code(143), Exit::Code(1), Exit::Code(0), Exit::Code(128)].map(Exit::signal);
+        let signals = [
+            Exit::Signal(9),
+            Exit::Code(137),
+            Exit::Code(143),
+            Exit::Code(1),
+            Exit::Code(0),
+            Exit::Code(128),
+        ]
+        .map(Exit::signal);
         assert_eq!(signals, [Some(9), Some(9), Some(15), None, None, None]);
     }
 }

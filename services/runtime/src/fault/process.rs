@@ -40,7 +40,14 @@ impl CpuLoad {
                 std::thread::sleep(Self::REST);
             }
         };
-        Self { place, stop, thread: std::thread::Builder::new().name("cpu-load".into()).spawn(work).ok() }
+        Self {
+            place,
+            stop,
+            thread: std::thread::Builder::new()
+                .name("cpu-load".into())
+                .spawn(work)
+                .ok(),
+        }
     }
 }
 
@@ -67,7 +74,14 @@ pub(crate) fn bus_error() {
         ftruncate(&file, BYTES as u64)?;
         // SAFETY: a fresh mapping that no reference of this process concerns; the read beyond the end of its file is meant to end the process.
         unsafe {
-            let start = mmap(std::ptr::null_mut(), BYTES, ProtFlags::READ, MapFlags::SHARED, &file, 0)?;
+            let start = mmap(
+                std::ptr::null_mut(),
+                BYTES,
+                ProtFlags::READ,
+                MapFlags::SHARED,
+                &file,
+                0,
+            )?;
             ftruncate(&file, 0)?;
             start.cast::<u8>().read_volatile();
         }
@@ -81,17 +95,38 @@ pub(crate) fn bus_error() {
 /// Gives the pages of this process's program and libraries back to the kernel, which reads them in again as they are needed. Pages that are locked,
 /// as those of a process in real time with the right to it, stay.
 pub(crate) fn give_up_pages() {
-    for line in std::fs::read_to_string("/proc/self/maps").unwrap_or_default().lines() {
+    for line in std::fs::read_to_string("/proc/self/maps")
+        .unwrap_or_default()
+        .lines()
+    {
         let mut fields = line.split_ascii_whitespace();
-        let (Some(range), Some(rights), Some(path)) = (fields.next(), fields.next(), fields.nth(3)) else { continue };
+        let (Some(range), Some(rights), Some(path)) = (fields.next(), fields.next(), fields.nth(3))
+        else {
+            continue;
+        };
         // Of what can be written nothing may be lost, and shared memory is not the program's.
-        if !rights.starts_with('r') || rights.contains('w') || rights.contains('s') || !path.starts_with('/') {
+        if !rights.starts_with('r')
+            || rights.contains('w')
+            || rights.contains('s')
+            || !path.starts_with('/')
+        {
             continue;
         }
         let address = |text: &str| usize::from_str_radix(text, 16).ok();
-        let Some((Some(from), Some(to))) = range.split_once('-').map(|(from, to)| (address(from), address(to))) else { continue };
+        let Some((Some(from), Some(to))) = range
+            .split_once('-')
+            .map(|(from, to)| (address(from), address(to)))
+        else {
+            continue;
+        };
         // SAFETY: pages of a private mapping of a file that this process cannot write: they are read in again with the same bytes.
-        let _ = unsafe { madvise(std::ptr::with_exposed_provenance_mut(from), to - from, Advice::LinuxPageOut) };
+        let _ = unsafe {
+            madvise(
+                std::ptr::with_exposed_provenance_mut(from),
+                to - from,
+                Advice::LinuxPageOut,
+            )
+        };
     }
 }
 
@@ -105,5 +140,11 @@ pub(crate) fn forbid_writes(is_full: bool) {
     // Without this the signal would end the process; the error is what a full volume gives.
     let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default());
     let limit = getrlimit(Resource::Fsize);
-    let _ = setrlimit(Resource::Fsize, Rlimit { current: if is_full { Some(0) } else { limit.maximum }, ..limit });
+    let _ = setrlimit(
+        Resource::Fsize,
+        Rlimit {
+            current: if is_full { Some(0) } else { limit.maximum },
+            ..limit
+        },
+    );
 }

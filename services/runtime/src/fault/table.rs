@@ -105,9 +105,16 @@ impl FaultTable {
     }
 
     fn write(&self, scheduled: &ScheduledFault, origin: Origin, standing: u32) -> Option<usize> {
-        let most = if origin == Origin::Live { MOST_WHEN_REQUESTED } else { MOST_FAULTS };
+        let most = if origin == Origin::Live {
+            MOST_WHEN_REQUESTED
+        } else {
+            MOST_FAULTS
+        };
         let next = |taken: u32| ((taken as usize) < most).then(|| taken + 1);
-        let place = self.taken.fetch_update(Ordering::AcqRel, Ordering::Acquire, next).ok()? as usize;
+        let place = self
+            .taken
+            .fetch_update(Ordering::AcqRel, Ordering::Acquire, next)
+            .ok()? as usize;
         let entry = self.entries.get(place)?;
         entry.put(scheduled);
         entry.origin.store(origin as u32, Ordering::Relaxed);
@@ -128,8 +135,16 @@ impl FaultTable {
             if asked.at > tick {
                 continue;
             }
-            let until = if asked.until == u64::MAX { u64::MAX } else { tick.saturating_add(asked.until.saturating_sub(asked.at)) };
-            entry.put(&ScheduledFault { at: tick, until, ..asked });
+            let until = if asked.until == u64::MAX {
+                u64::MAX
+            } else {
+                tick.saturating_add(asked.until.saturating_sub(asked.at))
+            };
+            entry.put(&ScheduledFault {
+                at: tick,
+                until,
+                ..asked
+            });
             entry.standing.store(IN_FORCE, Ordering::Release);
             self.changes.fetch_add(1, Ordering::Release);
         }
@@ -147,7 +162,9 @@ impl FaultTable {
     /// Whether a requested fault has come into force.
     #[must_use]
     pub fn is_in_force(&self, place: usize) -> bool {
-        self.entries.get(place).is_some_and(|entry| entry.standing.load(Ordering::Acquire) == IN_FORCE)
+        self.entries
+            .get(place)
+            .is_some_and(|entry| entry.standing.load(Ordering::Acquire) == IN_FORCE)
     }
 
     /// One fault, if there is one at that place.
@@ -182,37 +199,57 @@ impl FaultTable {
 
     /// This process has ended so: for those of its ends that no plan had and of which it is not known yet.
     pub fn mark_exit(&self, process: usize, exit: Exit) {
-        let unplanned = self.of(process).filter(|entry| entry.origin.load(Ordering::Relaxed) == Origin::Detected as u32);
+        let unplanned = self
+            .of(process)
+            .filter(|entry| entry.origin.load(Ordering::Relaxed) == Origin::Detected as u32);
         unplanned.for_each(|entry| {
-            let _ = entry.exit.compare_exchange(0, exit.word(), Ordering::Relaxed, Ordering::Relaxed);
+            let _ =
+                entry
+                    .exit
+                    .compare_exchange(0, exit.word(), Ordering::Relaxed, Ordering::Relaxed);
         });
     }
 
     /// A fault of this process is detected at a tick: the one that ended it, and others that are in force or has been shortly before.
     pub fn mark_detected(&self, process: usize, tick: u64, now_ns: u64) {
-        let is_it = |entry: &&Entry| entry.is_at_work(tick) || entry.scheduled().kind().is_some_and(Kind::takes_down);
-        let injected = self.of(process).filter(|entry| entry.injected_ns.load(Ordering::Relaxed) != 0);
-        injected.filter(is_it).for_each(|entry| first(&entry.detected_ns, now_ns));
+        let is_it = |entry: &&Entry| {
+            entry.is_at_work(tick) || entry.scheduled().kind().is_some_and(Kind::takes_down)
+        };
+        let injected = self
+            .of(process)
+            .filter(|entry| entry.injected_ns.load(Ordering::Relaxed) != 0);
+        injected
+            .filter(is_it)
+            .for_each(|entry| first(&entry.detected_ns, now_ns));
     }
 
     /// A message is missing, or came twice, or was refused, at a tick: every injected fault that is in force, or has been shortly before, has
     /// been detected by that.
     pub(crate) fn mark_all_detected(&self, tick: u64, now_ns: u64) {
-        let injected = self.taken().iter().filter(|entry| entry.injected_ns.load(Ordering::Relaxed) != 0);
-        injected.filter(|entry| entry.is_at_work(tick)).for_each(|entry| first(&entry.detected_ns, now_ns));
+        let injected = self
+            .taken()
+            .iter()
+            .filter(|entry| entry.injected_ns.load(Ordering::Relaxed) != 0);
+        injected
+            .filter(|entry| entry.is_at_work(tick))
+            .for_each(|entry| first(&entry.detected_ns, now_ns));
     }
 
     /// This process sends again.
     pub(crate) fn mark_recovered(&self, process: usize, now_ns: u64) {
         self.of(process)
-            .filter(|entry| entry.injected_ns.load(Ordering::Relaxed) != 0 && entry.scheduled().kind().is_some_and(Kind::takes_down))
+            .filter(|entry| {
+                entry.injected_ns.load(Ordering::Relaxed) != 0
+                    && entry.scheduled().kind().is_some_and(Kind::takes_down)
+            })
             .for_each(|entry| first(&entry.recovered_ns, now_ns));
     }
 
     fn of(&self, process: usize) -> impl Iterator<Item = &Entry> {
-        self.taken()
-            .iter()
-            .filter(move |entry| entry.standing.load(Ordering::Acquire) == IN_FORCE && entry.scheduled().process as usize == process)
+        self.taken().iter().filter(move |entry| {
+            entry.standing.load(Ordering::Acquire) == IN_FORCE
+                && entry.scheduled().process as usize == process
+        })
     }
 }
 
@@ -223,7 +260,10 @@ fn first(time: &AtomicU64, now_ns: u64) {
 impl Entry {
     fn put(&self, scheduled: &ScheduledFault) {
         let words: [u64; WORDS] = bytemuck::cast(*scheduled);
-        self.words.iter().zip(words).for_each(|(place, word)| place.store(word, Ordering::Relaxed));
+        self.words
+            .iter()
+            .zip(words)
+            .for_each(|(place, word)| place.store(word, Ordering::Relaxed));
     }
 
     /// Whether it is in force at a tick, or what it has done may still come to light.
@@ -233,7 +273,9 @@ impl Entry {
     }
 
     fn scheduled(&self) -> ScheduledFault {
-        bytemuck::cast::<[u64; WORDS], ScheduledFault>(std::array::from_fn(|i| self.words[i].load(Ordering::Relaxed)))
+        bytemuck::cast::<[u64; WORDS], ScheduledFault>(std::array::from_fn(|i| {
+            self.words[i].load(Ordering::Relaxed)
+        }))
     }
 }
 
@@ -246,7 +288,10 @@ pub(crate) struct KnownFaults {
 
 impl Default for KnownFaults {
     fn default() -> Self {
-        Self { changes: 0, faults: Vec::with_capacity(MOST_FAULTS) }
+        Self {
+            changes: 0,
+            faults: Vec::with_capacity(MOST_FAULTS),
+        }
     }
 }
 
@@ -271,20 +316,33 @@ impl KnownFaults {
     pub(crate) fn renew(&mut self, table: &FaultTable) {
         self.changes = table.changes();
         self.faults.clear();
-        self.faults.extend(table.records().map(|(place, account)| (place, account.scheduled)).take(MOST_FAULTS));
+        self.faults.extend(
+            table
+                .records()
+                .map(|(place, account)| (place, account.scheduled))
+                .take(MOST_FAULTS),
+        );
     }
 
     /// The faults of a process at a tick.
-    pub(crate) fn of(&self, process: usize, tick: u64) -> impl Iterator<Item = (usize, &ScheduledFault, Kind)> {
+    pub(crate) fn of(
+        &self,
+        process: usize,
+        tick: u64,
+    ) -> impl Iterator<Item = (usize, &ScheduledFault, Kind)> {
         self.faults
             .iter()
-            .filter(move |(_, scheduled)| scheduled.process as usize == process && scheduled.concerns(tick))
+            .filter(move |(_, scheduled)| {
+                scheduled.process as usize == process && scheduled.concerns(tick)
+            })
             .filter_map(|(place, scheduled)| Some((*place, scheduled, scheduled.kind()?)))
     }
 
     /// Whether any fault makes more or fewer than one message of a topic leave in a tick.
     pub(crate) fn shapes_messages(&self) -> bool {
-        self.faults.iter().any(|(_, scheduled)| scheduled.kind().is_some_and(Kind::shapes_messages))
+        self.faults
+            .iter()
+            .any(|(_, scheduled)| scheduled.kind().is_some_and(Kind::shapes_messages))
     }
 }
 
@@ -297,24 +355,46 @@ mod tests {
     use shared_types::process::Role;
 
     fn scheduled(kind: Kind, at: u64) -> ScheduledFault {
-        Fault { at_tick: Some(at), ..Fault::new("controller", kind) }
-            .schedule(&Target::sending::<TorqueCommand>(3, Role::Stage), 1000, 7)
-            .unwrap()
+        Fault {
+            at_tick: Some(at),
+            ..Fault::new("controller", kind)
+        }
+        .schedule(&Target::sending::<TorqueCommand>(3, Role::Stage), 1000, 7)
+        .unwrap()
     }
 
     #[test]
     fn a_request_is_in_force_from_the_tick_that_adopts_it() {
         let run = RunDir::create().unwrap();
-        let (ours, theirs) = (ControlPage::create(&run).unwrap(), ControlPage::open(&run).unwrap());
+        let (ours, theirs) = (
+            ControlPage::create(&run).unwrap(),
+            ControlPage::open(&run).unwrap(),
+        );
         let mut copied = KnownFaults::default();
-        let is_down = |copied: &KnownFaults, process, tick| copied.of(process, tick).any(|(_, _, kind)| kind.takes_down());
+        let is_down = |copied: &KnownFaults, process, tick| {
+            copied
+                .of(process, tick)
+                .any(|(_, _, kind)| kind.takes_down())
+        };
         assert!(copied.is_current(theirs.fault_table()) && !is_down(&copied, 3, 500));
-        let place = theirs.fault_table().request(&scheduled(Kind::Kill, 0)).unwrap();
-        assert!(copied.is_current(theirs.fault_table()) && !theirs.fault_table().is_in_force(place));
+        let place = theirs
+            .fault_table()
+            .request(&scheduled(Kind::Kill, 0))
+            .unwrap();
+        assert!(
+            copied.is_current(theirs.fault_table()) && !theirs.fault_table().is_in_force(place)
+        );
         ours.fault_table().adopt(500);
-        assert!(!copied.is_current(theirs.fault_table()) && theirs.fault_table().is_in_force(place));
+        assert!(
+            !copied.is_current(theirs.fault_table()) && theirs.fault_table().is_in_force(place)
+        );
         copied.renew(theirs.fault_table());
-        assert!(is_down(&copied, 3, 500) && is_down(&copied, 3, 599) && !is_down(&copied, 3, 600) && !is_down(&copied, 2, 500));
+        assert!(
+            is_down(&copied, 3, 500)
+                && is_down(&copied, 3, 599)
+                && !is_down(&copied, 3, 600)
+                && !is_down(&copied, 2, 500)
+        );
         assert!(!copied.shapes_messages());
     }
 
@@ -323,9 +403,15 @@ mod tests {
         let run = RunDir::create().unwrap();
         let control_page = ControlPage::create(&run).unwrap();
         let table = control_page.fault_table();
-        let place = table.enter(&scheduled(Kind::Hang, 10), Origin::Planned).unwrap();
+        let place = table
+            .enter(&scheduled(Kind::Hang, 10), Origin::Planned)
+            .unwrap();
         table.mark_detected(3, 10, 50);
-        assert_eq!(table.record(place).unwrap().detected_ns, 0, "not injected yet");
+        assert_eq!(
+            table.record(place).unwrap().detected_ns,
+            0,
+            "not injected yet"
+        );
         table.mark_injected(place, 60);
         table.mark_detected(3, 10, 70);
         table.mark_detected(3, 10, 80);
@@ -333,7 +419,15 @@ mod tests {
         table.mark_exit(3, Exit::Code(1));
         let account = table.record(place).unwrap();
         assert_eq!(account.exit, None, "the plan says how it ends");
-        assert_eq!((account.injected_ns, account.detected_ns, account.recovered_ns, account.origin), (60, 70, 90, Origin::Planned));
+        assert_eq!(
+            (
+                account.injected_ns,
+                account.detected_ns,
+                account.recovered_ns,
+                account.origin
+            ),
+            (60, 70, 90, Origin::Planned)
+        );
         assert_eq!(account.scheduled, scheduled(Kind::Hang, 10));
     }
 
@@ -342,10 +436,14 @@ mod tests {
         let run = RunDir::create().unwrap();
         let control_page = ControlPage::create(&run).unwrap();
         let table = control_page.fault_table();
-        let first = table.enter(&scheduled(Kind::Kill, 10), Origin::Detected).unwrap();
+        let first = table
+            .enter(&scheduled(Kind::Kill, 10), Origin::Detected)
+            .unwrap();
         table.mark_exit(2, Exit::Signal(9));
         table.mark_exit(3, Exit::Code(3));
-        let second = table.enter(&scheduled(Kind::Kill, 200), Origin::Detected).unwrap();
+        let second = table
+            .enter(&scheduled(Kind::Kill, 200), Origin::Detected)
+            .unwrap();
         table.mark_exit(3, Exit::Signal(11));
         let exits = [first, second].map(|place| table.record(place).unwrap().exit);
         assert_eq!(exits, [Some(Exit::Code(3)), Some(Exit::Signal(11))]);
@@ -356,13 +454,25 @@ mod tests {
         let run = RunDir::create().unwrap();
         let control_page = ControlPage::create(&run).unwrap();
         let table = control_page.fault_table();
-        let places = [10, 1_000, 3_000].map(|at| table.enter(&scheduled(Kind::Drop, at), Origin::Planned).unwrap());
-        places.iter().for_each(|place| table.mark_injected(*place, 5));
+        let places = [10, 1_000, 3_000].map(|at| {
+            table
+                .enter(&scheduled(Kind::Drop, at), Origin::Planned)
+                .unwrap()
+        });
+        places
+            .iter()
+            .for_each(|place| table.mark_injected(*place, 5));
         // The second lasts 100 ticks from 1000.
         table.mark_all_detected(1_150, 77);
-        assert_eq!(places.map(|place| table.record(place).unwrap().detected_ns), [0, 77, 0]);
+        assert_eq!(
+            places.map(|place| table.record(place).unwrap().detected_ns),
+            [0, 77, 0]
+        );
         table.mark_detected(3, 3_000, 88);
-        assert_eq!(places.map(|place| table.record(place).unwrap().detected_ns), [0, 77, 88]);
+        assert_eq!(
+            places.map(|place| table.record(place).unwrap().detected_ns),
+            [0, 77, 88]
+        );
     }
 
     #[test]
@@ -370,14 +480,37 @@ mod tests {
         let run = RunDir::create().unwrap();
         let control_page = ControlPage::create(&run).unwrap();
         for _ in 0..MOST_WHEN_REQUESTED {
-            assert!(control_page.fault_table().request(&scheduled(Kind::Drop, 1)).is_some());
+            assert!(
+                control_page
+                    .fault_table()
+                    .request(&scheduled(Kind::Drop, 1))
+                    .is_some()
+            );
         }
-        assert_eq!(control_page.fault_table().request(&scheduled(Kind::Drop, 1)), None, "the rest is for deaths");
+        assert_eq!(
+            control_page
+                .fault_table()
+                .request(&scheduled(Kind::Drop, 1)),
+            None,
+            "the rest is for deaths"
+        );
         control_page.fault_table().adopt(1);
         for _ in MOST_WHEN_REQUESTED..MOST_FAULTS {
-            assert!(control_page.fault_table().enter(&scheduled(Kind::Drop, 1), Origin::Planned).is_some());
+            assert!(
+                control_page
+                    .fault_table()
+                    .enter(&scheduled(Kind::Drop, 1), Origin::Planned)
+                    .is_some()
+            );
         }
-        assert_eq!((0..3).map(|_| control_page.fault_table().request(&scheduled(Kind::Drop, 1))).collect::<Vec<_>>(), [None; 3]);
+        assert_eq!(
+            (0..3)
+                .map(|_| control_page
+                    .fault_table()
+                    .request(&scheduled(Kind::Drop, 1)))
+                .collect::<Vec<_>>(),
+            [None; 3]
+        );
         assert_eq!(control_page.fault_table().records().count(), MOST_FAULTS);
     }
 }

@@ -9,9 +9,19 @@ use crate::{MergeError, ReadNews, complete, merge};
 fn two_parts(folder: &Path, run: &str) -> [std::path::PathBuf; 2] {
     let robot = puma();
     let scenario = Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid");
-    let info =
-        RunInfo { scenario: &scenario, robot: &robot, run, version: "0", seed: 1, hops: Some([0, 1, 2, 3]), lives: Lives::default() };
-    let (mut recording, mut messages) = (Recording::create(folder, &info).expect("room"), Run::new(&robot));
+    let info = RunInfo {
+        scenario: &scenario,
+        robot: &robot,
+        run,
+        version: "0",
+        seed: 1,
+        hops: Some([0, 1, 2, 3]),
+        lives: Lives::default(),
+    };
+    let (mut recording, mut messages) = (
+        Recording::create(folder, &info).expect("room"),
+        Run::new(&robot),
+    );
     for tick in 0..1200 {
         if tick == 600 {
             recording.next_part(folder).expect("room");
@@ -37,13 +47,32 @@ fn a_part_of_a_killed_recorder_gets_its_footer_and_loses_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     let [first, last] = two_parts(folder.path(), "one");
     assert!(is_complete(&first).expect("the file") && !is_complete(&last).expect("the file"));
-    let before = [&first, &last].map(|part| (std::fs::read(part).expect("bytes"), ticks_of(part), chunks_of(part).len()));
+    let before = [&first, &last].map(|part| {
+        (
+            std::fs::read(part).expect("bytes"),
+            ticks_of(part),
+            chunks_of(part).len(),
+        )
+    });
     complete(&first).expect("room");
     complete(&last).expect("room");
     assert!(is_complete(&last).expect("the file"));
-    assert_eq!(std::fs::read(&first).expect("bytes"), before[0].0, "a whole part is not touched");
-    assert_eq!((ticks_of(&last), chunks_of(&last).len()), (before[1].1.clone(), before[1].2));
-    assert_eq!(std::fs::read_dir(folder.path()).expect("the folder").count(), 2, "no draft is left");
+    assert_eq!(
+        std::fs::read(&first).expect("bytes"),
+        before[0].0,
+        "a whole part is not touched"
+    );
+    assert_eq!(
+        (ticks_of(&last), chunks_of(&last).len()),
+        (before[1].1.clone(), before[1].2)
+    );
+    assert_eq!(
+        std::fs::read_dir(folder.path())
+            .expect("the folder")
+            .count(),
+        2,
+        "no draft is left"
+    );
     // A part that cannot be read to its end keeps its bytes: there may be more in them than we can read.
     let mut damaged = before[1].0.clone();
     let middle = damaged.len() / 2;
@@ -51,7 +80,13 @@ fn a_part_of_a_killed_recorder_gets_its_footer_and_loses_nothing() {
     std::fs::write(&last, &damaged).expect("room");
     complete(&last).expect("nothing to write");
     assert_eq!(std::fs::read(&last).expect("bytes"), damaged);
-    assert_eq!(std::fs::read_dir(folder.path()).expect("the folder").count(), 2, "no draft is left");
+    assert_eq!(
+        std::fs::read_dir(folder.path())
+            .expect("the folder")
+            .count(),
+        2,
+        "no draft is left"
+    );
 }
 
 #[test]
@@ -74,12 +109,29 @@ fn parts_are_merged_with_every_row_and_constants_once() {
     let data = chunks(&messages);
     let figures = |path: &Path| {
         let link = EntityPath::from(entity::link(1));
-        chunks_of(path).iter().filter(|chunk| chunk.is_static() && *chunk.entity_path() == link).count()
+        chunks_of(path)
+            .iter()
+            .filter(|chunk| chunk.is_static() && *chunk.entity_path() == link)
+            .count()
     };
-    assert_eq!((figures(&parts[0]), figures(&parts[1]), figures(&whole)), (1, 1, 1));
+    assert_eq!(
+        (figures(&parts[0]), figures(&parts[1]), figures(&whole)),
+        (1, 1, 1)
+    );
     let moving = |chunks: &[Chunk]| chunks.iter().filter(|chunk| !chunk.is_static()).count();
-    assert_eq!(moving(&data), parts.iter().map(|part| moving(&chunks_of(part))).sum::<usize>());
-    assert!(messages.iter().any(|message| matches!(message, LogMsg::BlueprintActivationCommand(_))), "it has its layout");
+    assert_eq!(
+        moving(&data),
+        parts
+            .iter()
+            .map(|part| moving(&chunks_of(part)))
+            .sum::<usize>()
+    );
+    assert!(
+        messages
+            .iter()
+            .any(|message| matches!(message, LogMsg::BlueprintActivationCommand(_))),
+        "it has its layout"
+    );
 
     let other = tempfile::tempdir().expect("a folder");
     let [foreign, _] = two_parts(other.path(), "two");

@@ -15,33 +15,64 @@ fn every_part_opens_alone_and_all_together() {
         recording.tick(&row(tick, &run.step())).expect("room");
     }
     let info = recording.finish().expect("room");
-    assert_eq!((info.parts, info.ticks, info.bytes as usize), (2, 300, first.content().len() + second.content().len()));
+    assert_eq!(
+        (info.parts, info.ticks, info.bytes as usize),
+        (2, 300, first.content().len() + second.content().len())
+    );
 
     let parts = [first, second].map(|volume| read(&volume.content()));
     let ids = parts.each_ref().map(|(messages, whole)| {
         assert!(*whole, "a part ends with its footer");
-        let mut ids: Vec<String> = messages.iter().map(|message| format!("{:?}", message.store_id())).collect();
+        let mut ids: Vec<String> = messages
+            .iter()
+            .map(|message| format!("{:?}", message.store_id()))
+            .collect();
         ids.sort();
         ids.dedup();
         ids
     });
     assert_eq!(ids[0], ids[1], "one recording and one blueprint");
     let data = parts.each_ref().map(|(messages, _)| chunks(messages));
-    let ticks = data.each_ref().map(|data| times(&of(data, entity::SIGNALS), "tick"));
-    assert_eq!(ticks, [(0..130).collect::<Vec<i64>>(), (130..300).collect()], "no tick is lost or told twice");
+    let ticks = data
+        .each_ref()
+        .map(|data| times(&of(data, entity::SIGNALS), "tick"));
+    assert_eq!(
+        ticks,
+        [(0..130).collect::<Vec<i64>>(), (130..300).collect()],
+        "no tick is lost or told twice"
+    );
     let statics = data.each_ref().map(|data| {
-        let mut paths: Vec<String> = data.iter().filter(|chunk| chunk.is_static()).map(|chunk| chunk.entity_path().to_string()).collect();
+        let mut paths: Vec<String> = data
+            .iter()
+            .filter(|chunk| chunk.is_static())
+            .map(|chunk| chunk.entity_path().to_string())
+            .collect();
         paths.sort();
         paths
     });
-    assert!(statics[0] == statics[1] && statics[0].contains(&entity::link(5)), "{statics:?}");
+    assert!(
+        statics[0] == statics[1] && statics[0].contains(&entity::link(5)),
+        "{statics:?}"
+    );
     // Values that rarely change are written again at the beginning of each part.
-    assert_eq!(texts(&of(&data[1], "/wrist"), "StateChange:state"), ["reorient"]);
-    assert!(times(&of(&data[1], entity::NOW), "tick").first() == Some(&130) && times(&of(&data[1], entity::GUIDES), "tick")[0] == 130);
+    assert_eq!(
+        texts(&of(&data[1], "/wrist"), "StateChange:state"),
+        ["reorient"]
+    );
+    assert!(
+        times(&of(&data[1], entity::NOW), "tick").first() == Some(&130)
+            && times(&of(&data[1], entity::GUIDES), "tick")[0] == 130
+    );
     let log = texts(&of(&data[1], entity::LOG), "TextLog:text");
     assert_eq!(log, Vec::<String>::new(), "nothing has changed");
-    let ends = data.each_ref().map(|data| times(&of(data, entity::GUIDES), "tick").last().copied());
-    assert_eq!(ends, [Some(0), Some(299 + 51)], "the last part's guides leave a legend room beside 170 ticks");
+    let ends = data
+        .each_ref()
+        .map(|data| times(&of(data, entity::GUIDES), "tick").last().copied());
+    assert_eq!(
+        ends,
+        [Some(0), Some(299 + 51)],
+        "the last part's guides leave a legend room beside 170 ticks"
+    );
 }
 
 #[test]
@@ -52,15 +83,27 @@ fn a_recorder_that_takes_up_writes_the_next_part_of_the_same_recording() {
     let mut run = Run::new(&robot);
     let messages: Vec<Messages> = (0..200).map(|_| run.step()).collect();
     let mut recording = begin(&killed, &robot).expect("room");
-    (0..100).for_each(|tick| recording.tick(&row(tick as u64, &messages[tick])).expect("room"));
+    (0..100).for_each(|tick| {
+        recording
+            .tick(&row(tick as u64, &messages[tick]))
+            .expect("room")
+    });
     std::mem::forget(recording);
-    let mut recording = Recording::with_storage(taken_up.clone(), 1, &about, Options::default()).expect("room");
-    (100..200).for_each(|tick| recording.tick(&row(tick as u64, &messages[tick])).expect("room"));
+    let mut recording =
+        Recording::with_storage(taken_up.clone(), 1, &about, Options::default()).expect("room");
+    (100..200).for_each(|tick| {
+        recording
+            .tick(&row(tick as u64, &messages[tick]))
+            .expect("room")
+    });
     assert_eq!(recording.finish().expect("room").parts, 2);
     let [before, after] = [killed, taken_up].map(|volume| read(&volume.content()).0);
     let id = |messages: &[LogMsg]| messages[0].store_id().clone();
     assert_eq!(id(&before), id(&after));
-    assert_eq!(times(&of(&chunks(&after), entity::SIGNALS), "tick"), (100..200).collect::<Vec<i64>>());
+    assert_eq!(
+        times(&of(&chunks(&after), entity::SIGNALS), "tick"),
+        (100..200).collect::<Vec<i64>>()
+    );
 }
 
 #[test]
@@ -72,9 +115,15 @@ fn rows_behind_the_place_that_a_killed_recorder_noted_are_written_once() {
     let mut run = Run::new(&robot);
     let messages: Vec<Messages> = (0..900).map(|_| run.step()).collect();
     let record = |recording: &mut Recording, ticks: std::ops::Range<usize>| {
-        ticks.for_each(|tick| recording.tick(&row(tick as u64, &messages[tick])).expect("room"));
+        ticks.for_each(|tick| {
+            recording
+                .tick(&row(tick as u64, &messages[tick]))
+                .expect("room")
+        });
     };
-    let part = |part| Recording::create_part(folder.path(), part, &about, Options::default()).expect("room");
+    let part = |part| {
+        Recording::create_part(folder.path(), part, &about, Options::default()).expect("room")
+    };
     let mut killed = part(0);
     record(&mut killed, 0..300);
     killed.next_part(folder.path()).expect("room");
@@ -97,17 +146,26 @@ fn rows_behind_the_place_that_a_killed_recorder_noted_are_written_once() {
         let bytes = std::fs::read(folder.path().join(part_name(part))).expect("a part");
         times(&of(&chunks(&read(&bytes).0), entity::SIGNALS), "tick")
     };
-    assert_eq!((0..3).flat_map(of_part).collect::<Vec<_>>(), (0..900).collect::<Vec<i64>>());
+    assert_eq!(
+        (0..3).flat_map(of_part).collect::<Vec<_>>(),
+        (0..900).collect::<Vec<i64>>()
+    );
 
     cut_behind(folder.path(), None).expect("files of ours");
-    assert_eq!(parts_in(folder.path()), Vec::<std::path::PathBuf>::new(), "where no place is known");
+    assert_eq!(
+        parts_in(folder.path()),
+        Vec::<std::path::PathBuf>::new(),
+        "where no place is known"
+    );
 }
 
 #[test]
 fn parts_are_found_by_name() {
     let folder = std::env::temp_dir().join(format!("armplane-parts-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
-    let write = |part: u32, bytes: usize| std::fs::write(folder.join(part_name(part)), vec![0; bytes]).expect("a file");
+    let write = |part: u32, bytes: usize| {
+        std::fs::write(folder.join(part_name(part)), vec![0; bytes]).expect("a file")
+    };
     for part in [0, 1, 3] {
         write(part, 100);
     }
@@ -121,7 +179,11 @@ fn parts_are_found_by_name() {
     write(1, 100);
     let behind = parts_in(&folder);
     std::fs::remove_dir_all(&folder).expect("ours");
-    assert_eq!(found, ["run.rrd", "run-001.rrd"].map(|name| folder.join(name)), "up to the first gap");
+    assert_eq!(
+        found,
+        ["run.rrd", "run-001.rrd"].map(|name| folder.join(name)),
+        "up to the first gap"
+    );
     assert_eq!(without, [folder.join("run.rrd")]);
     assert_eq!(behind, [folder.join("run-001.rrd")]);
 }

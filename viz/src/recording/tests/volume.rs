@@ -14,7 +14,10 @@ pub(super) struct Volume {
 
 impl Volume {
     pub(super) fn new(room: usize) -> Self {
-        Self { bytes: Arc::default(), room }
+        Self {
+            bytes: Arc::default(),
+            room,
+        }
     }
 
     pub(super) fn content(&self) -> Vec<u8> {
@@ -27,7 +30,11 @@ impl Write for Volume {
         let mut bytes = self.bytes.lock().expect("one thread");
         let fits = buffer.len().min(self.room - bytes.len());
         bytes.extend(&buffer[..fits]);
-        if fits == 0 { Err(io::ErrorKind::StorageFull.into()) } else { Ok(fits) }
+        if fits == 0 {
+            Err(io::ErrorKind::StorageFull.into())
+        } else {
+            Ok(fits)
+        }
     }
 
     fn flush(&mut self) -> io::Result<()> {
@@ -37,7 +44,10 @@ impl Write for Volume {
 
 impl Storage for Volume {
     fn cut(&mut self, bytes: u64) -> io::Result<()> {
-        self.bytes.lock().expect("one thread").truncate(bytes as usize);
+        self.bytes
+            .lock()
+            .expect("one thread")
+            .truncate(bytes as usize);
         Ok(())
     }
 

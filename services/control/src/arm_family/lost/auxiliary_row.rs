@@ -55,11 +55,27 @@ impl<const N: usize> Turn<'_, N> {
                     // m has grown along the self-motion: what is orthogonal to it leaves x alone exactly.
                     Class::Mixed if self.s > FOUND => Some(b * self.m.dot(&a) - a * self.m.dot(&b)),
                     Class::Type2 => strongest([&a, &b].map(&zeta_rate)).map(in_plane),
-                    class => preferred(class, [a.dot(&(self.Q * a)), self.mixed(&a, &b), b.dot(&(self.Q * b))]).map(in_plane),
+                    class => preferred(
+                        class,
+                        [
+                            a.dot(&(self.Q * a)),
+                            self.mixed(&a, &b),
+                            b.dot(&(self.Q * b)),
+                        ],
+                    )
+                    .map(in_plane),
                 };
                 if let Some(target) = target {
                     let openness = smoothstep((self.s - self.eta[0]) / (self.eta[1] - self.eta[0]));
-                    a = towards(&a, &target, if self.begins { TURN.1 } else { TURN.0 + TURN.1 * openness });
+                    a = towards(
+                        &a,
+                        &target,
+                        if self.begins {
+                            TURN.1
+                        } else {
+                            TURN.0 + TURN.1 * openness
+                        },
+                    );
                 }
             }
             others.push(a);
@@ -67,7 +83,11 @@ impl<const N: usize> Turn<'_, N> {
             curvature_b = b * self.mixed(&a, &b);
         }
         // Where directions cross, what is left of a can have no length: it begins anew at the direction that is lost.
-        if within(a.amax(), 2.0) { (a, curvature_b) } else { (self.v, SVector::zeros()) }
+        if within(a.amax(), 2.0) {
+            (a, curvature_b)
+        } else {
+            (self.v, SVector::zeros())
+        }
     }
 
     /// aᵀCb.

@@ -32,7 +32,11 @@ impl<const N: usize> LostDirections<N> {
         for (entry, from) in self.entries.iter_mut().zip(&from.places) {
             let class = Class::from_code(from.class);
             // Without a type that exists it is classified again.
-            let (angular, latched, flipped) = (from.angular != 0, from.latched != 0 && class.is_some(), from.flipped != 0);
+            let (angular, latched, flipped) = (
+                from.angular != 0,
+                from.latched != 0 && class.is_some(),
+                from.flipped != 0,
+            );
             *entry = Entry {
                 index: (from.index as usize).min(self.block.count.saturating_sub(1)),
                 place: (from.place as usize).min(self.place_count.saturating_sub(1)),
@@ -40,7 +44,12 @@ impl<const N: usize> LostDirections<N> {
                 latched,
                 settled: latched,
                 flipped,
-                verdict: Verdict { class: class.unwrap_or(Class::Unknown), kappa_1: from.kappa_1, kappa_2: from.kappa_2, distance: 0.0 },
+                verdict: Verdict {
+                    class: class.unwrap_or(Class::Unknown),
+                    kappa_1: from.kappa_1,
+                    kappa_2: from.kappa_2,
+                    distance: 0.0,
+                },
                 a: joints(&from.direction),
             };
         }

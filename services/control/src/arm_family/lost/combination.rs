@@ -16,15 +16,27 @@ pub(super) fn is_set<const N: usize>(a: &SVector<f64, N>) -> bool {
 ///
 /// Where two directions are lost any two vectors span them: both may be largest in the same half, along the same axis, and the rows that are kept then
 /// lack one. u − u_1·(ζ_1ᵀu)/(ζ_1ᵀu_1) is lost just as u is, and has nothing along ζ_1.
-pub(super) fn apart(u: SVector<f64, 6>, before: &[(SVector<f64, 6>, SVector<f64, 6>)]) -> SVector<f64, 6> {
+pub(super) fn apart(
+    u: SVector<f64, 6>,
+    before: &[(SVector<f64, 6>, SVector<f64, 6>)],
+) -> SVector<f64, 6> {
     before.iter().fold(u, |u, (zeta, other)| {
         let own = zeta.dot(other);
-        if own.abs() < 0.1 { u } else { u - other * (zeta.dot(&u) / own) }
+        if own.abs() < 0.1 {
+            u
+        } else {
+            u - other * (zeta.dot(&u) / own)
+        }
     })
 }
 
 /// The half of u that ζ takes, whether it is the rotation, and its vector; `is_settled` inside a neighbourhood, `was_angular` at the tick before.
-pub(super) fn larger_half(u: &SVector<f64, 6>, kind: Kind, is_settled: bool, was_angular: bool) -> (bool, Vector3<f64>) {
+pub(super) fn larger_half(
+    u: &SVector<f64, 6>,
+    kind: Kind,
+    is_settled: bool,
+    was_angular: bool,
+) -> (bool, Vector3<f64>) {
     let (u_v, u_w) = (linear(u), angular(u));
     let (above, below) = match (is_settled, kind) {
         (true, _) => ANGULAR[3],
@@ -45,7 +57,12 @@ pub(super) fn preferred(class: Class, [aa, ab, bb]: [f64; 3]) -> Option<[f64; 2]
     if radius < 1e-6 {
         return None;
     }
-    let strongest = 0.5 * libm::atan2(ab, half) + if mean < 0.0 { std::f64::consts::FRAC_PI_2 } else { 0.0 };
+    let strongest = 0.5 * libm::atan2(ab, half)
+        + if mean < 0.0 {
+            std::f64::consts::FRAC_PI_2
+        } else {
+            0.0
+        };
     let angle = match class {
         Class::Type1 => strongest,
         Class::Mixed if mean.abs() < radius => {
@@ -53,7 +70,11 @@ pub(super) fn preferred(class: Class, [aa, ab, bb]: [f64; 3]) -> Option<[f64; 2]
             let first = 0.5 * libm::atan2(ab, half);
             // The nearer of the two self-motions.
             let off = |angle: f64| wrap_line(angle).abs();
-            if off(first + away) < off(first - away) { first + away } else { first - away }
+            if off(first + away) < off(first - away) {
+                first + away
+            } else {
+                first - away
+            }
         }
         _ => return None,
     };
@@ -63,7 +84,10 @@ pub(super) fn preferred(class: Class, [aa, ab, bb]: [f64; 3]) -> Option<[f64; 2]
 
 /// The combination of two motions that turns ζ fastest, from its rates along each. `None` where neither turns it.
 pub(super) fn strongest([one, two]: [Vector3<f64>; 2]) -> Option<[f64; 2]> {
-    let (half, cross) = (0.5 * (one.norm_squared() - two.norm_squared()), one.dot(&two));
+    let (half, cross) = (
+        0.5 * (one.norm_squared() - two.norm_squared()),
+        one.dot(&two),
+    );
     if libm::hypot(half, cross) < 1e-6 {
         return None;
     }
@@ -72,13 +96,21 @@ pub(super) fn strongest([one, two]: [Vector3<f64>; 2]) -> Option<[f64; 2]> {
 }
 
 /// `a` turned by at most `angle` towards the line of `target`.
-pub(super) fn towards<const N: usize>(a: &SVector<f64, N>, target: &SVector<f64, N>, angle: f64) -> SVector<f64, N> {
+pub(super) fn towards<const N: usize>(
+    a: &SVector<f64, N>,
+    target: &SVector<f64, N>,
+    angle: f64,
+) -> SVector<f64, N> {
     let size = target.norm();
     if size <= 1e-9 || size.is_nan() {
         return *a;
     }
     let cos = a.dot(target) / size;
-    let target = if cos < 0.0 { -target / size } else { target / size };
+    let target = if cos < 0.0 {
+        -target / size
+    } else {
+        target / size
+    };
     let across = target - a * cos.abs();
     let sin = across.norm();
     if sin < 1e-12 {

@@ -54,30 +54,63 @@ proptest! {
 fn predicted<const N: usize>(name: &str, place: usize, q: SVector<f64, N>, angle: f64) {
     let model = Model::<N>::new(robot(name), None).unwrap();
     let zero = SVector::zeros();
-    let analysed = |q: &SVector<f64, N>| Analyzer::new(robot(name), &Analysis::default()).step(q, &zero, &model.evaluate(q, &zero));
+    let analysed = |q: &SVector<f64, N>| {
+        Analyzer::new(robot(name), &Analysis::default()).step(q, &zero, &model.evaluate(q, &zero))
+    };
     let (terms, report) = (model.evaluate(&q, &zero), analysed(&q));
     let one = report.singularities[place];
     assert!(one.s.abs() < 1e-9, "{name}: {one:?}");
-    let by = Family::<N>::of(robot(name), &Analysis::default()).get().turning(&one, &terms, &report.p_BC, angle).unwrap();
+    let by = Family::<N>::of(robot(name), &Analysis::default())
+        .get()
+        .turning(&one, &terms, &report.p_BC, angle)
+        .unwrap();
     let there = model.evaluate(&(q + by), &zero).X_BE;
-    assert!((there.p - terms.X_BE.p).norm() < 1e-9 && (there.R - terms.X_BE.R).norm() < 1e-9, "{name}: the hand moves, {by}");
+    assert!(
+        (there.p - terms.X_BE.p).norm() < 1e-9 && (there.R - terms.X_BE.R).norm() < 1e-9,
+        "{name}: the hand moves, {by}"
+    );
     let zeta = analysed(&(q + by)).singularities[place].axis();
     let about: Vector3<f64> = one.R_BS.column(1).into_owned();
     let turned = libm::atan2(about.dot(&one.axis().cross(&zeta)), one.axis().dot(&zeta));
-    assert!(wrap_angle(turned - angle).abs() < 1e-9, "{name}: ζ turned by {turned}");
+    assert!(
+        wrap_angle(turned - angle).abs() < 1e-9,
+        "{name}: ζ turned by {turned}"
+    );
 }
 
 #[test]
 fn the_predicted_motion_keeps_the_hand_still_and_turns_zeta() {
     for angle in [-1.2, 0.4, 1.5] {
-        predicted("puma560", 1, SVector::from([0.3, -1.0, 2.9, 0.2, 0.0, 0.1]), angle);
-        predicted("ur5", 1, SVector::from([0.3, -1.2, 1.6, -1.0, 0.0, 0.2]), angle);
+        predicted(
+            "puma560",
+            1,
+            SVector::from([0.3, -1.0, 2.9, 0.2, 0.0, 0.1]),
+            angle,
+        );
+        predicted(
+            "ur5",
+            1,
+            SVector::from([0.3, -1.2, 1.6, -1.0, 0.0, 0.2]),
+            angle,
+        );
     }
     // Straight up with the elbow bent: R = 0 at q2 = atan2(−K, M).
-    let (PumaLengths { a2, L3, q3_stretched }, q3) = (puma_lengths("puma560-ideal"), 2.6_f64);
+    let (
+        PumaLengths {
+            a2,
+            L3,
+            q3_stretched,
+        },
+        q3,
+    ) = (puma_lengths("puma560-ideal"), 2.6_f64);
     let theta = q3 - q3_stretched;
     let q2 = libm::atan2(-(a2 + L3 * libm::cos(theta)), -L3 * libm::sin(theta));
     for angle in [-0.6, 0.5] {
-        predicted("puma560-ideal", 2, SVector::from([0.3, q2, q3, 0.2, 0.9, 0.1]), angle);
+        predicted(
+            "puma560-ideal",
+            2,
+            SVector::from([0.3, q2, q3, 0.2, 0.9, 0.1]),
+            angle,
+        );
     }
 }

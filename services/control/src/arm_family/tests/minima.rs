@@ -16,10 +16,15 @@ use std::collections::BTreeMap;
 const MINIMA: usize = 200;
 
 /// JJᵀ, lengths divided by `length_m`: its smallest eigenvalue, eigenvector, and the gradient of σ_min.
-fn smallest<const N: usize>(J: &SMatrix<f64, 6, N>, length_m: f64) -> (f64, Vector6<f64>, SVector<f64, N>) {
+fn smallest<const N: usize>(
+    J: &SMatrix<f64, 6, N>,
+    length_m: f64,
+) -> (f64, Vector6<f64>, SVector<f64, N>) {
     let scaled = Screws(*J).scaled(length_m);
     let (values, vectors) = symmetric_eigen(&(scaled * scaled.transpose()));
-    let i = (0..6).min_by(|a, b| values[*a].total_cmp(&values[*b])).unwrap();
+    let i = (0..6)
+        .min_by(|a, b| values[*a].total_cmp(&values[*b]))
+        .unwrap();
     let u: Vector6<f64> = vectors.column(i).into_owned();
     let row = scaled.tr_mul(&u);
     let sigma = row.norm();
@@ -30,9 +35,19 @@ fn smallest<const N: usize>(J: &SMatrix<f64, 6, N>, length_m: f64) -> (f64, Vect
 }
 
 /// A posture within the limits with σ_min below 1e-7, found downhill from a random one; `None` where the way down ends elsewhere.
-fn minimum<const N: usize>(model: &Model<N>, length_m: f64, random: &mut Uniform) -> Option<SVector<f64, N>> {
-    let inside = |q: &SVector<f64, N>| SVector::<f64, N>::from_fn(|i, _| q[i].clamp(model.lower()[i].max(-3.1), model.upper()[i].min(3.1)));
-    let mut q = SVector::from_fn(|i, _| random.within(model.lower()[i].max(-3.1), model.upper()[i].min(3.1)));
+fn minimum<const N: usize>(
+    model: &Model<N>,
+    length_m: f64,
+    random: &mut Uniform,
+) -> Option<SVector<f64, N>> {
+    let inside = |q: &SVector<f64, N>| {
+        SVector::<f64, N>::from_fn(|i, _| {
+            q[i].clamp(model.lower()[i].max(-3.1), model.upper()[i].min(3.1))
+        })
+    };
+    let mut q = SVector::from_fn(|i, _| {
+        random.within(model.lower()[i].max(-3.1), model.upper()[i].min(3.1))
+    });
     let value = |q: &SVector<f64, N>| smallest(&model.jacobian(q), length_m);
     let (mut sigma, _, mut gradient) = value(&q);
     for _ in 0..200 {
@@ -64,18 +79,27 @@ fn census<const N: usize>(robot: &Robot, analysis: &Analysis) -> Census {
     let mut found = 0;
     while found < MINIMA {
         let zero = SVector::zeros();
-        let Some(q) = minimum(&model, robot.length_m, &mut random) else { continue };
+        let Some(q) = minimum(&model, robot.length_m, &mut random) else {
+            continue;
+        };
         found += 1;
-        let step = |analyzer: &mut Analyzer<N>, q: &SVector<f64, N>| analyzer.step(q, &zero, &model.evaluate(q, &zero));
+        let step = |analyzer: &mut Analyzer<N>, q: &SVector<f64, N>| {
+            analyzer.step(q, &zero, &model.evaluate(q, &zero))
+        };
         let mut tracked = fresh.clone();
         let away = SVector::<f64, N>::from_fn(|_, _| random.within(-0.2, 0.2));
         (0..=40).for_each(|k| {
             step(&mut tracked, &(q + away * (1.0 - f64::from(k) / 40.0)));
         });
-        for (how, report) in [("at once", step(&mut fresh.clone(), &q)), ("tracked", step(&mut tracked, &q))] {
+        for (how, report) in [
+            ("at once", step(&mut fresh.clone(), &q)),
+            ("tracked", step(&mut tracked, &q)),
+        ] {
             explained(&model, robot, &q, &report, how);
             for s in report.listed().iter().filter(|s| s.inside) {
-                *census.entry((format!("{:?}", s.kind), format!("{:?}", s.class))).or_default() += 1;
+                *census
+                    .entry((format!("{:?}", s.kind), format!("{:?}", s.class)))
+                    .or_default() += 1;
             }
         }
     }
@@ -83,14 +107,27 @@ fn census<const N: usize>(robot: &Robot, analysis: &Analysis) -> Census {
 }
 
 /// The rank that is lost is what is listed inside, and the listed ζ with the kept rows span every lost direction.
-fn explained<const N: usize>(model: &Model<N>, robot: &Robot, q: &SVector<f64, N>, report: &Report<N>, how: &str) {
+fn explained<const N: usize>(
+    model: &Model<N>,
+    robot: &Robot,
+    q: &SVector<f64, N>,
+    report: &Report<N>,
+    how: &str,
+) {
     let terms = model.evaluate(q, &SVector::zeros());
     let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[N - 1]);
     let inside: Vec<_> = report.listed().iter().filter(|s| s.inside).collect();
     let scaled = Screws(at.J).scaled(robot.length_m);
-    let rank = singular_values(&scaled).0.iter().filter(|s| **s > RANK_TOLERANCE * scaled.norm()).count();
+    let rank = singular_values(&scaled)
+        .0
+        .iter()
+        .filter(|s| **s > RANK_TOLERANCE * scaled.norm())
+        .count();
     assert_eq!(report.rank as usize, rank);
-    assert!(report.rank < 6 && rank + inside.len() >= 6, "{how}: rank {rank}, listed inside {inside:?} at {q}");
+    assert!(
+        report.rank < 6 && rank + inside.len() >= 6,
+        "{how}: rank {rank}, listed inside {inside:?} at {q}"
+    );
     // The lost covectors, not orthogonal to every ζ: eliminating the rows of ζ leaves full rank.
     let (values, vectors) = symmetric_eigen(&(scaled * scaled.transpose()));
     for i in (0..6).filter(|i| values[*i] < 1e-10) {
@@ -102,7 +139,10 @@ fn explained<const N: usize>(model: &Model<N>, robot: &Robot, q: &SVector<f64, N
                 half.dot(&s.axis()).powi(2)
             })
             .sum();
-        assert!(share > 1e-3, "{how}: no ζ has a share in the lost direction {u} at {q}: {inside:?}");
+        assert!(
+            share > 1e-3,
+            "{how}: no ζ has a share in the lost direction {u} at {q}: {inside:?}"
+        );
     }
     // In place of the rows of ζ, the auxiliary rows make the matrix regular.
     let mut rows: Vec<SVector<f64, N>> = inside.iter().map(|s| s.aux_row.normalize()).collect();
@@ -118,19 +158,33 @@ fn explained<const N: usize>(model: &Model<N>, robot: &Robot, q: &SVector<f64, N
         };
         for s in inside.iter().filter(|s| s.angular == (half.start == 3)) {
             let e = residual(s.zeta_B, &basis);
-            assert!(e.norm() > 1e-3, "{how}: two ζ are the same at {q}: {inside:?}");
+            assert!(
+                e.norm() > 1e-3,
+                "{how}: two ζ are the same at {q}: {inside:?}"
+            );
             basis.push(e.normalize());
         }
         while basis.len() < 3 {
-            let axes = half.clone().map(|k| residual(Vector6::from_fn(|i, _| if i == k { 1.0 } else { 0.0 }), &basis));
-            let e = axes.max_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap().normalize();
+            let axes = half.clone().map(|k| {
+                residual(
+                    Vector6::from_fn(|i, _| if i == k { 1.0 } else { 0.0 }),
+                    &basis,
+                )
+            });
+            let e = axes
+                .max_by(|a, b| a.norm().total_cmp(&b.norm()))
+                .unwrap()
+                .normalize();
             basis.push(e);
             rows.push(scaled.tr_mul(&e));
         }
     }
     let gram = SMatrix::<f64, 6, 6>::from_fn(|i, j| rows[i].dot(&rows[j]));
     let least = symmetric_eigen(&gram).0.min().max(0.0).sqrt();
-    assert!(least > 5e-3, "{how}: kept and auxiliary rows have σ_min = {least:e} at {q}: {inside:?}");
+    assert!(
+        least > 5e-3,
+        "{how}: kept and auxiliary rows have σ_min = {least:e} at {q}: {inside:?}"
+    );
 }
 
 #[test]
@@ -138,7 +192,10 @@ fn every_lost_direction_of_a_puma_and_a_ur5_is_listed() {
     for name in ["puma560", "ur5"] {
         let census = census::<6>(robot(name), &Analysis::default());
         println!("{name}: {census:?}");
-        assert!(census.keys().all(|(kind, _)| kind != "Numeric"), "{census:?}");
+        assert!(
+            census.keys().all(|(kind, _)| kind != "Numeric"),
+            "{census:?}"
+        );
     }
 }
 
@@ -147,9 +204,17 @@ fn every_lost_direction_of_an_iiwa_is_listed() {
     let census = census::<7>(robot("iiwa14"), &Analysis::default());
     println!("iiwa14: {census:?}");
     for kind in [Kind::Elbow, Kind::Wrist, Kind::Shoulder] {
-        assert!(census.keys().any(|(name, _)| *name == format!("{kind:?}")), "{kind:?}: {census:?}");
+        assert!(
+            census.keys().any(|(name, _)| *name == format!("{kind:?}")),
+            "{kind:?}: {census:?}"
+        );
     }
-    assert!(census.keys().all(|(_, class)| *class != format!("{:?}", Class::Unknown)), "{census:?}");
+    assert!(
+        census
+            .keys()
+            .all(|(_, class)| *class != format!("{:?}", Class::Unknown)),
+        "{census:?}"
+    );
 }
 
 #[test]
@@ -157,9 +222,17 @@ fn every_lost_direction_of_a_panda_is_listed_and_named() {
     let census = census::<7>(panda(), &Analysis::default());
     println!("panda: {census:?}");
     for kind in [Kind::Elbow, Kind::Wrist, Kind::Shoulder] {
-        assert!(census.keys().any(|(name, _)| *name == format!("{kind:?}")), "{kind:?}: {census:?}");
+        assert!(
+            census.keys().any(|(name, _)| *name == format!("{kind:?}")),
+            "{kind:?}: {census:?}"
+        );
     }
-    assert!(census.keys().all(|(kind, class)| kind != "Numeric" && *class != format!("{:?}", Class::Unknown)), "{census:?}");
+    assert!(
+        census
+            .keys()
+            .all(|(kind, class)| kind != "Numeric" && *class != format!("{:?}", Class::Unknown)),
+        "{census:?}"
+    );
 }
 
 #[test]
@@ -167,13 +240,23 @@ fn names_and_types_stand_off_the_singularities_too() {
     for (robot, first) in [(robot("iiwa14"), 1), (panda(), 0)] {
         let model = Model::<7>::new(robot, None).unwrap();
         let q = SVector::<f64, 7>::from([0.2, 0.5, -0.3, -1.6, 0.4, 1.6, 0.3]);
-        let report = Analyzer::<7>::new(robot, &Analysis::default()).step(&q, &SVector::zeros(), &model.evaluate(&q, &SVector::zeros()));
+        let report = Analyzer::<7>::new(robot, &Analysis::default()).step(
+            &q,
+            &SVector::zeros(),
+            &model.evaluate(&q, &SVector::zeros()),
+        );
         let listed: Vec<_> = report.listed().iter().map(|s| (s.kind, s.class)).collect();
         println!("{}: {listed:?}", robot.name);
         assert_eq!(
             listed.iter().map(|one| one.0).collect::<Vec<_>>()[first..],
             [Kind::Elbow, Kind::Wrist, Kind::Shoulder, Kind::Numeric][first..]
         );
-        assert!(listed.iter().filter(|one| one.0 != Kind::Numeric).all(|one| one.1 != Class::Unknown), "{listed:?}");
+        assert!(
+            listed
+                .iter()
+                .filter(|one| one.0 != Kind::Numeric)
+                .all(|one| one.1 != Class::Unknown),
+            "{listed:?}"
+        );
     }
 }

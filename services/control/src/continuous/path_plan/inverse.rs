@@ -77,7 +77,9 @@ impl<const N: usize> Spectrum<N> {
     /// The share of `dq` that moves nothing.
     #[must_use]
     pub fn null_part(&self, dq: &SVector<f64, N>) -> SVector<f64, N> {
-        self.v[..self.free].iter().fold(SVector::zeros(), |sum, v| sum + v * v.dot(dq))
+        self.v[..self.free]
+            .iter()
+            .fold(SVector::zeros(), |sum, v| sum + v * v.dot(dq))
     }
 }
 
@@ -86,7 +88,10 @@ impl<const N: usize> Kinematics<'_, N> {
     #[must_use]
     pub fn pose(&self, q: &SVector<f64, N>) -> Pose {
         let X = self.model.forward_kinematics(q);
-        Pose { R: X.R, p: X.p + X.R * self.p_EC }
+        Pose {
+            R: X.R,
+            p: X.p + X.R * self.p_EC,
+        }
     }
 
     /// From `X` to `X_d`, unit-scaled, on the task's axes; where two rotations are served, whatever the third one is.
@@ -142,7 +147,11 @@ impl<const N: usize> Kinematics<'_, N> {
         let mut q = *guess;
         let mut drift = *drift;
         let mut e = self.error(X_d, &self.pose(&q));
-        for _ in 0..if damping == 0.0 || enough > SOLVED { STEPS } else { DAMPED_STEPS } {
+        for _ in 0..if damping == 0.0 || enough > SOLVED {
+            STEPS
+        } else {
+            DAMPED_STEPS
+        } {
             let wanted = drift.amax() > 0.0;
             if e.norm() < enough && !wanted {
                 break;
@@ -196,7 +205,13 @@ impl<const N: usize> Kinematics<'_, N> {
 
     /// Largest part of a unit-scaled error at C over what is allowed of it at E: position (m) and orientation (rad).
     #[must_use]
-    pub fn excess(&self, e: &Vector6<f64>, R: &Matrix3<f64>, position_m: f64, orientation_rad: f64) -> f64 {
+    pub fn excess(
+        &self,
+        e: &Vector6<f64>,
+        R: &Matrix3<f64>,
+        position_m: f64,
+        orientation_rad: f64,
+    ) -> f64 {
         let at_E = linear(e) * self.length_m - angular(e).cross(&(R * self.p_EC));
         (at_E.norm() / position_m).max(angular(e).norm() / orientation_rad)
     }

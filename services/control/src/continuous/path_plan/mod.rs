@@ -77,28 +77,61 @@ pub enum Remedy<const N: usize> {
 #[must_use]
 pub fn remedy<const N: usize>(request: &Request<'_, N>) -> Option<Remedy<N>> {
     let legs = (0..).take_while(|i| request.path.leg(*i).is_some()).count();
-    let holds = |request: &Request<'_, N>| attempt(request, false, &[]).is_ok_and(|plan| plan.legs() == legs);
-    let arm = Kinematics { model: request.model, p_EC: Vector3::zeros(), task: request.task, length_m: request.length_m };
+    let holds = |request: &Request<'_, N>| {
+        attempt(request, false, &[]).is_ok_and(|plan| plan.legs() == legs)
+    };
+    let arm = Kinematics {
+        model: request.model,
+        p_EC: Vector3::zeros(),
+        task: request.task,
+        length_m: request.length_m,
+    };
     let X = arm.pose(&request.q_start);
     let (lower, upper) = (request.model.lower(), request.model.upper());
     let mut starts = vec![request.q_start];
     for k in 0..SEEDS {
         let near = spread(request.model, k);
-        let Some(q) = arm.approach(&X, &near) else { continue };
-        let fits = (0..N).all(|i| q[i] >= lower[i] && q[i] <= upper[i]) && starts.iter().all(|other| (q - other).amax() > DISTINCT);
+        let Some(q) = arm.approach(&X, &near) else {
+            continue;
+        };
+        let fits = (0..N).all(|i| q[i] >= lower[i] && q[i] <= upper[i])
+            && starts.iter().all(|other| (q - other).amax() > DISTINCT);
         if fits && starts.len() <= STARTS {
             starts.push(q);
         }
     }
-    starts[1..].sort_by(|a, b| (a - request.q_start).norm().total_cmp(&(b - request.q_start).norm()));
-    let start = starts[1..].iter().find(|q| holds(&Request { q_start: **q, ..*request }));
-    let allowed = |factor: f64| (request.position_m * factor, request.orientation_rad * factor);
-    let more = || {
-        ALLOWANCES.into_iter().map(allowed).find(|(position_m, orientation_rad)| {
-            holds(&Request { position_m: *position_m, orientation_rad: *orientation_rad, ..*request })
+    starts[1..].sort_by(|a, b| {
+        (a - request.q_start)
+            .norm()
+            .total_cmp(&(b - request.q_start).norm())
+    });
+    let start = starts[1..].iter().find(|q| {
+        holds(&Request {
+            q_start: **q,
+            ..*request
         })
+    });
+    let allowed = |factor: f64| {
+        (
+            request.position_m * factor,
+            request.orientation_rad * factor,
+        )
     };
-    start.map(|q| Remedy::Start(*q)).or_else(|| more().map(|(position_m, orientation_rad)| Remedy::Allow(position_m, orientation_rad)))
+    let more = || {
+        ALLOWANCES
+            .into_iter()
+            .map(allowed)
+            .find(|(position_m, orientation_rad)| {
+                holds(&Request {
+                    position_m: *position_m,
+                    orientation_rad: *orientation_rad,
+                    ..*request
+                })
+            })
+    };
+    start.map(|q| Remedy::Start(*q)).or_else(|| {
+        more().map(|(position_m, orientation_rad)| Remedy::Allow(position_m, orientation_rad))
+    })
 }
 
 /// A plan for the whole path, or as far as it lies within reach.
@@ -134,7 +167,11 @@ pub fn plan<const N: usize>(request: &Request<'_, N>) -> Result<PathPlan<N>, Inf
 type Failed<const N: usize> = (Infeasible, Vec<Knot<N>>);
 
 /// One search; `times` are further layers, on the path's clock.
-fn attempt<const N: usize>(request: &Request<'_, N>, fan: bool, times: &[f64]) -> Result<PathPlan<N>, Failed<N>> {
+fn attempt<const N: usize>(
+    request: &Request<'_, N>,
+    fan: bool,
+    times: &[f64],
+) -> Result<PathPlan<N>, Failed<N>> {
     let mut route = Route::new(*request);
     while let Some(leg) = request.path.leg(route.progress.leg).copied() {
         if let Some((place, angle)) = leg.reorient {
@@ -149,7 +186,13 @@ fn attempt<const N: usize>(request: &Request<'_, N>, fan: bool, times: &[f64]) -
         route.end_leg(&leg);
     }
     let node = route.best();
-    Ok(PathPlan::new(request, &route.arm, &route.search.chain(node), &route.ends, route.search.node(node).cost))
+    Ok(PathPlan::new(
+        request,
+        &route.arm,
+        &route.search.chain(node),
+        &route.ends,
+        route.search.node(node).cost,
+    ))
 }
 
 /// The routes of one search, up to the beginning of a leg.
@@ -174,10 +217,20 @@ struct Route<'a, const N: usize> {
 
 impl<'a, const N: usize> Route<'a, N> {
     fn new(request: Request<'a, N>) -> Self {
-        let Request { model, path, q_start, .. } = request;
+        let Request {
+            model,
+            path,
+            q_start,
+            ..
+        } = request;
         let mut analyzer = request.analyzer.clone();
         let report = analyse(&mut analyzer, model, &q_start);
-        let arm = Kinematics { model, p_EC: centre(model, &q_start, &report), task: request.task, length_m: request.length_m };
+        let arm = Kinematics {
+            model,
+            p_EC: centre(model, &q_start, &report),
+            task: request.task,
+            length_m: request.length_m,
+        };
         let bounds = Bounds {
             lower: *model.lower(),
             upper: *model.upper(),
@@ -212,7 +265,9 @@ impl<'a, const N: usize> Route<'a, N> {
     fn pose(&self) -> impl Fn(f64) -> Pose + use<'a, N> {
         let (path, begun, p_EC) = (self.request.path, self.progress, self.arm.p_EC);
         move |t| {
-            let X = path.desired(&Progress { time_s: t, ..begun }, 1.0, 0.0).at(&p_EC);
+            let X = path
+                .desired(&Progress { time_s: t, ..begun }, 1.0, 0.0)
+                .at(&p_EC);
             Pose { R: X.R, p: X.p }
         }
     }
@@ -222,11 +277,19 @@ impl<'a, const N: usize> Route<'a, N> {
         let node = self.best();
         let q = self.search.node(node).q;
         // Where ζ cannot be turned the controller reports it when the leg begins.
-        let by = (self.request.turning)(&q, &self.report, place, angle).unwrap_or_else(SVector::zeros);
+        let by =
+            (self.request.turning)(&q, &self.report, place, angle).unwrap_or_else(SVector::zeros);
         let knots = (1..=24).map(|k| {
             let t = leg.duration_s * f64::from(k) / 24.0;
-            let x = self.request.path.fraction(&Progress { time_s: t, ..self.progress })[0];
-            Knot { t: self.from_s + t, q: q + by * x, waits: false }
+            let x = self.request.path.fraction(&Progress {
+                time_s: t,
+                ..self.progress
+            })[0];
+            Knot {
+                t: self.from_s + t,
+                q: q + by * x,
+                waits: false,
+            }
         });
         let knots = knots.collect();
         self.layer = self.search.append(node, knots).into_iter().collect();
@@ -234,19 +297,45 @@ impl<'a, const N: usize> Route<'a, N> {
 
     /// Searches for routes along a leg that moves the end-effector; false where none leads to its end.
     fn follow(&mut self, leg: &Leg, fan: bool, times: &[f64]) -> bool {
-        let Request { path, q_start, postures, analyzer, model, .. } = self.request;
+        let Request {
+            path,
+            q_start,
+            postures,
+            analyzer,
+            model,
+            ..
+        } = self.request;
         let (begun, from_s, pose) = (self.progress, self.from_s, self.pose());
         let elbow = |q: &SVector<f64, N>| {
             let report = analyse(&mut analyzer.clone(), model, q);
-            report.listed().iter().find(|s| s.kind == Kind::Elbow).or(report.listed().first()).map_or(0.0, |s| s.aux)
+            report
+                .listed()
+                .iter()
+                .find(|s| s.kind == Kind::Elbow)
+                .or(report.listed().first())
+                .map_or(0.0, |s| s.aux)
         };
         let goal = postures.get(begun.leg).copied().flatten();
-        let before = begun.leg.checked_sub(1).and_then(|i| postures.get(i).copied().flatten()).unwrap_or(q_start);
-        let ramp = |t: f64| before + (goal.unwrap_or(before) - before) * path.ramp(&Progress { time_s: t, ..begun });
-        let still = begun.by == Vector3::zeros() && begun.turn == Vector3::zeros() && goal.is_none();
+        let before = begun
+            .leg
+            .checked_sub(1)
+            .and_then(|i| postures.get(i).copied().flatten())
+            .unwrap_or(q_start);
+        let ramp = |t: f64| {
+            before + (goal.unwrap_or(before) - before) * path.ramp(&Progress { time_s: t, ..begun })
+        };
+        let still =
+            begun.by == Vector3::zeros() && begun.turn == Vector3::zeros() && goal.is_none();
         let count = if still { 1 } else { self.layers_max };
-        let mut layers: Vec<f64> = (1..=count).map(|k| leg.duration_s * k as f64 / count as f64).collect();
-        layers.extend(times.iter().map(|t| t - from_s).filter(|t| *t > 1e-6 && *t < leg.duration_s - 1e-6));
+        let mut layers: Vec<f64> = (1..=count)
+            .map(|k| leg.duration_s * k as f64 / count as f64)
+            .collect();
+        layers.extend(
+            times
+                .iter()
+                .map(|t| t - from_s)
+                .filter(|t| *t > 1e-6 && *t < leg.duration_s - 1e-6),
+        );
         layers.sort_by(f64::total_cmp);
         layers.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
         let stretch = Stretch {
@@ -255,7 +344,9 @@ impl<'a, const N: usize> Route<'a, N> {
             pose: &pose,
             branch: leg.branch,
             side: &elbow,
-            posture: goal.is_some().then_some(&ramp as &dyn Fn(f64) -> SVector<f64, N>),
+            posture: goal
+                .is_some()
+                .then_some(&ramp as &dyn Fn(f64) -> SVector<f64, N>),
             layers: &layers,
             fan: fan && !still,
         };
@@ -271,7 +362,11 @@ impl<'a, const N: usize> Route<'a, N> {
     fn infeasible(&self, leg: &Leg) -> Option<Infeasible> {
         let (request, arm, pose) = (&self.request, &self.arm, self.pose());
         let goal = pose(leg.duration_s);
-        let far = self.search.furthest.unwrap_or(Furthest { t: self.from_s, q: request.q_start, block: Block::End });
+        let far = self.search.furthest.unwrap_or(Furthest {
+            t: self.from_s,
+            q: request.q_start,
+            block: Block::End,
+        });
         if !self.search.is_exhausted() && !reachable(arm, &goal, &far.q) {
             return None;
         }
@@ -282,20 +377,34 @@ impl<'a, const N: usize> Route<'a, N> {
             _ if self.search.is_exhausted() || left < ARRIVED => Obstacle::Undecided,
             Block::Limit { joint, value } => {
                 let (low, high) = (request.model.lower()[joint], request.model.upper()[joint]);
-                Obstacle::Limit { joint, limit: if value - low < high - value { low } else { high } }
+                Obstacle::Limit {
+                    joint,
+                    limit: if value - low < high - value {
+                        low
+                    } else {
+                        high
+                    },
+                }
             }
             Block::End if !reachable(arm, &beyond, &far.q) => Obstacle::Reach,
             // The goal is on the branch where the arm is: the law may get there, though no route of the search does.
             Block::End if arm.approach(&goal, &far.q).is_some() => Obstacle::Undecided,
             Block::End => Obstacle::Discontinuous,
         };
-        Some(Infeasible { leg: self.progress.leg, time_s: far.t, obstacle })
+        Some(Infeasible {
+            leg: self.progress.leg,
+            time_s: far.t,
+            obstacle,
+        })
     }
 
     /// Ends a leg: a next one that is relative to the posture begins from the best route alone, whose knots are analysed.
     fn end_leg(&mut self, leg: &Leg) {
         let path = self.request.path;
-        if path.leg(self.progress.leg + 1).is_some_and(Leg::is_relative) {
+        if path
+            .leg(self.progress.leg + 1)
+            .is_some_and(Leg::is_relative)
+        {
             let node = self.best();
             self.layer = vec![node];
             let chain = self.search.chain(node);
@@ -306,9 +415,15 @@ impl<'a, const N: usize> Route<'a, N> {
         }
         self.from_s += leg.duration_s;
         self.ends.push(self.from_s);
-        let mut next = Progress { time_s: leg.duration_s, ..self.progress };
+        let mut next = Progress {
+            time_s: leg.duration_s,
+            ..self.progress
+        };
         path.advance(&mut next, 0.0, &self.report);
-        self.progress = Progress { time_s: 0.0, ..next };
+        self.progress = Progress {
+            time_s: 0.0,
+            ..next
+        };
     }
 }
 

@@ -8,7 +8,8 @@ use nalgebra::{SVector, Vector3};
 use shared_types::scenario::BySingularity;
 
 /// Joint motion that turns ζ: from a posture, its analysis, the singularity's place and the angle, rad.
-pub type Turning<'a, const N: usize> = dyn Fn(&SVector<f64, N>, &Report<N>, usize, f64) -> Option<SVector<f64, N>> + 'a;
+pub type Turning<'a, const N: usize> =
+    dyn Fn(&SVector<f64, N>, &Report<N>, usize, f64) -> Option<SVector<f64, N>> + 'a;
 
 /// The arm, its task, and the bounds of a plan.
 #[derive(Clone, Copy)]
@@ -38,13 +39,21 @@ pub struct Request<'a, const N: usize> {
 }
 
 /// C in the end-effector's axes, from the analysis of the start posture.
-pub(super) fn centre<const N: usize>(model: &Model<N>, q: &SVector<f64, N>, report: &Report<N>) -> Vector3<f64> {
+pub(super) fn centre<const N: usize>(
+    model: &Model<N>,
+    q: &SVector<f64, N>,
+    report: &Report<N>,
+) -> Vector3<f64> {
     let X = model.forward_kinematics(q);
     X.R.transpose() * (report.p_BC - X.p)
 }
 
 /// The analysis of a posture at rest, after those before it.
-pub(super) fn analyse<const N: usize>(analyzer: &mut Analyzer<N>, model: &Model<N>, q: &SVector<f64, N>) -> Report<N> {
+pub(super) fn analyse<const N: usize>(
+    analyzer: &mut Analyzer<N>,
+    model: &Model<N>,
+    q: &SVector<f64, N>,
+) -> Report<N> {
     let zero = SVector::zeros();
     analyzer.step(q, &zero, &model.evaluate(q, &zero))
 }

@@ -141,9 +141,24 @@ pub(super) struct Search<'a, const N: usize> {
 
 impl<'a, const N: usize> Search<'a, N> {
     pub(super) fn new(arm: Kinematics<'a, N>, bounds: Bounds<N>, q_start: SVector<f64, N>) -> Self {
-        let start =
-            Node { parent: None, q: q_start, heading: SVector::zeros(), cost: 0.0, knots: vec![Knot { t: 0.0, q: q_start, waits: false }] };
-        Self { arm, bounds, nodes: vec![start], furthest: None, spent: Cell::new(0) }
+        let start = Node {
+            parent: None,
+            q: q_start,
+            heading: SVector::zeros(),
+            cost: 0.0,
+            knots: vec![Knot {
+                t: 0.0,
+                q: q_start,
+                waits: false,
+            }],
+        };
+        Self {
+            arm,
+            bounds,
+            nodes: vec![start],
+            furthest: None,
+            spent: Cell::new(0),
+        }
     }
 
     /// Whether the search ended before it had tried everything.
@@ -154,7 +169,9 @@ impl<'a, const N: usize> Search<'a, N> {
     /// The posture furthest along the path.
     pub(super) fn deepest(&self) -> usize {
         let time = |node: &Node<N>| node.knots.last().map_or(0.0, |knot| knot.t);
-        (0..self.nodes.len()).max_by(|a, b| time(&self.nodes[*a]).total_cmp(&time(&self.nodes[*b]))).unwrap_or_default()
+        (0..self.nodes.len())
+            .max_by(|a, b| time(&self.nodes[*a]).total_cmp(&time(&self.nodes[*b])))
+            .unwrap_or_default()
     }
 
     pub(super) fn node(&self, index: usize) -> &Node<N> {
@@ -176,14 +193,26 @@ impl<'a, const N: usize> Search<'a, N> {
 
     /// The cheapest node of a layer.
     pub(super) fn best(&self, layer: &[usize]) -> Option<usize> {
-        layer.iter().copied().min_by(|a, b| self.nodes[*a].cost.total_cmp(&self.nodes[*b].cost))
+        layer
+            .iter()
+            .copied()
+            .min_by(|a, b| self.nodes[*a].cost.total_cmp(&self.nodes[*b].cost))
     }
 
     /// Adds a posture that follows on another by a given motion.
     pub(super) fn append(&mut self, parent: usize, knots: Vec<Knot<N>>) -> Option<usize> {
         let end = knots.last()?;
-        let (q, cost) = (end.q, self.nodes[parent].cost + (end.t - self.nodes[parent].knots.last()?.t));
-        self.nodes.push(Node { parent: Some(parent), q, heading: SVector::zeros(), cost, knots });
+        let (q, cost) = (
+            end.q,
+            self.nodes[parent].cost + (end.t - self.nodes[parent].knots.last()?.t),
+        );
+        self.nodes.push(Node {
+            parent: Some(parent),
+            q,
+            heading: SVector::zeros(),
+            cost,
+            knots,
+        });
         Some(self.nodes.len() - 1)
     }
 
@@ -196,10 +225,16 @@ impl<'a, const N: usize> Search<'a, N> {
         let mut t = 0.0;
         for (k, next) in leg.layers.iter().enumerate() {
             let ends = k == 0 && leg.from_s == 0.0;
-            let waiting: Vec<usize> = layer.iter().flat_map(|node| self.waits(leg, *node, t, ends)).collect();
+            let waiting: Vec<usize> = layer
+                .iter()
+                .flat_map(|node| self.waits(leg, *node, t, ends))
+                .collect();
             layer.extend(waiting);
             let layer_in = self.prune(layer);
-            layer = layer_in.iter().flat_map(|node| self.extend(leg, *node, t, *next)).collect();
+            layer = layer_in
+                .iter()
+                .flat_map(|node| self.extend(leg, *node, t, *next))
+                .collect();
             layer = self.prune(layer);
             if layer.is_empty() {
                 return layer;
@@ -213,10 +248,19 @@ impl<'a, const N: usize> Search<'a, N> {
 
     /// The cheapest of postures that are one, and of those the cheapest few.
     fn prune(&self, mut layer: Vec<usize>) -> Vec<usize> {
-        layer.sort_by(|a, b| self.nodes[*a].cost.total_cmp(&self.nodes[*b].cost).then(a.cmp(b)));
+        layer.sort_by(|a, b| {
+            self.nodes[*a]
+                .cost
+                .total_cmp(&self.nodes[*b].cost)
+                .then(a.cmp(b))
+        });
         let mut out: Vec<usize> = vec![];
         for node in layer {
-            if out.len() < WIDTH && out.iter().all(|other| (self.nodes[*other].q - self.nodes[node].q).amax() > SAME) {
+            if out.len() < WIDTH
+                && out
+                    .iter()
+                    .all(|other| (self.nodes[*other].q - self.nodes[node].q).amax() > SAME)
+            {
                 out.push(node);
             }
         }
@@ -227,21 +271,41 @@ impl<'a, const N: usize> Search<'a, N> {
     fn extend(&mut self, leg: &Stretch<'_, N>, node: usize, t0: f64, t1: f64) -> Vec<usize> {
         let Node { q, heading, .. } = self.nodes[node];
         let spectrum = self.arm.spectrum(&q);
-        let straight = Way { damping: 0.0, drift: self.push(&spectrum, &q, t1 - t0) };
+        let straight = Way {
+            damping: 0.0,
+            drift: self.push(&spectrum, &q, t1 - t0),
+        };
         let mut ways = vec![straight];
         if leg.fan && leg.posture.is_none() {
             for v in &spectrum.v[..spectrum.free] {
-                let stride =
-                    0.6 * SPEED * (t1 - t0) / (0..N).fold(1e-9_f64, |slowest, i| slowest.max(v[i].abs() / self.bounds.velocity[i]));
+                let stride = 0.6 * SPEED * (t1 - t0)
+                    / (0..N).fold(1e-9_f64, |slowest, i| {
+                        slowest.max(v[i].abs() / self.bounds.velocity[i])
+                    });
                 let by = v * stride.min(0.3);
-                ways.extend([Way { drift: straight.drift + by, ..straight }, Way { drift: straight.drift - by, ..straight }]);
+                ways.extend([
+                    Way {
+                        drift: straight.drift + by,
+                        ..straight
+                    },
+                    Way {
+                        drift: straight.drift - by,
+                        ..straight
+                    },
+                ]);
             }
         }
         let near = spectrum.smallest() < NEAR;
         if near {
             let strong = STRONG_DAMPING.max(DAMPING_PER_RAD * self.bounds.orientation_rad);
-            ways.push(Way { damping: DAMPING, ..straight });
-            ways.push(Way { damping: strong, ..straight });
+            ways.push(Way {
+                damping: DAMPING,
+                ..straight
+            });
+            ways.push(Way {
+                damping: strong,
+                ..straight
+            });
         }
         let mut out = vec![];
         let mut stuck = false;
@@ -264,7 +328,10 @@ impl<'a, const N: usize> Search<'a, N> {
 
     fn blocked(&mut self, leg: &Stretch<'_, N>, at: &Furthest<N>) {
         let t = leg.from_s + at.t;
-        if self.furthest.is_none_or(|far| t > far.t + 1e-6 || (t > far.t - 1e-6 && at.block != Block::End)) {
+        if self
+            .furthest
+            .is_none_or(|far| t > far.t + 1e-6 || (t > far.t - 1e-6 && at.block != Block::End))
+        {
             self.furthest = Some(Furthest { t, ..*at });
         }
     }
@@ -281,10 +348,22 @@ impl<'a, const N: usize> Search<'a, N> {
         spectrum.null_part(&inwards) * dt
     }
 
-    fn push_node(&mut self, leg: &Stretch<'_, N>, parent: usize, knots: Vec<Knot<N>>, way: &Way<N>) -> Option<usize> {
+    fn push_node(
+        &mut self,
+        leg: &Stretch<'_, N>,
+        parent: usize,
+        knots: Vec<Knot<N>>,
+        way: &Way<N>,
+    ) -> Option<usize> {
         let end = *knots.last()?;
         let mut cost = self.nodes[parent].cost;
-        let (mut before, mut t) = (self.nodes[parent].q, self.nodes[parent].knots.last().map_or(leg.from_s, |knot| knot.t));
+        let (mut before, mut t) = (
+            self.nodes[parent].q,
+            self.nodes[parent]
+                .knots
+                .last()
+                .map_or(leg.from_s, |knot| knot.t),
+        );
         let mut heading = SVector::zeros();
         for knot in &knots {
             let dq = knot.q - before;
@@ -297,14 +376,27 @@ impl<'a, const N: usize> Search<'a, N> {
         if way.damping > 0.0 {
             let X = (leg.pose)(end.t - leg.from_s);
             let e = self.arm.error(&X, &self.arm.pose(&end.q));
-            cost += 0.02 + 0.1 * self.arm.excess(&e, &X.R, self.bounds.position_m, self.bounds.orientation_rad);
+            cost += 0.02
+                + 0.1
+                    * self.arm.excess(
+                        &e,
+                        &X.R,
+                        self.bounds.position_m,
+                        self.bounds.orientation_rad,
+                    );
         }
         if leg.fan {
             let sigma = self.arm.spectrum(&end.q).smallest();
             let narrow = (1.0 - sigma / 0.1).max(0.0);
             cost += (end.t - leg.from_s).min(0.1) * 2.0 * (narrow * narrow);
         }
-        self.nodes.push(Node { parent: Some(parent), q: end.q, heading, cost, knots });
+        self.nodes.push(Node {
+            parent: Some(parent),
+            q: end.q,
+            heading,
+            cost,
+            knots,
+        });
         Some(self.nodes.len() - 1)
     }
 
@@ -326,7 +418,10 @@ impl<'a, const N: usize> Search<'a, N> {
             let (low, high) = (self.bounds.lower[i] + CLEAR, self.bounds.upper[i] - CLEAR);
             // A start posture may lie on a limit: from there inwards.
             let out = q[i] < low && q[i] < from[i] || q[i] > high && q[i] > from[i];
-            out.then_some(Block::Limit { joint: i, value: q[i] })
+            out.then_some(Block::Limit {
+                joint: i,
+                value: q[i],
+            })
         })
     }
 
@@ -366,28 +461,60 @@ impl<'a, const N: usize> Search<'a, N> {
             let guess = if ahead.amax() < STEP { q + ahead } else { q };
             let (next, e) = self.arm.solve(&X, &guess, &drift, way.damping, SOLVED);
             let dq = next - q;
-            let solved =
-                if lax { self.arm.excess(&e, &X.R, self.bounds.position_m, self.bounds.orientation_rad) < LEFT.0 } else { e.norm() < 1e-7 };
+            let solved = if lax {
+                self.arm.excess(
+                    &e,
+                    &X.R,
+                    self.bounds.position_m,
+                    self.bounds.orientation_rad,
+                ) < LEFT.0
+            } else {
+                e.norm() < 1e-7
+            };
             // A jump to another branch shows half-way: there the posture is elsewhere, or there is none.
             let middle = || {
                 let (X, mean) = ((leg.pose)(t + 0.5 * h), q + dq * 0.5);
                 let e = self.arm.error(&X, &self.arm.pose(&mean));
                 if lax {
-                    return (self.arm.excess(&e, &X.R, self.bounds.position_m, self.bounds.orientation_rad) < LEFT.1).then_some(mean);
+                    return (self.arm.excess(
+                        &e,
+                        &X.R,
+                        self.bounds.position_m,
+                        self.bounds.orientation_rad,
+                    ) < LEFT.1)
+                        .then_some(mean);
                 }
                 let (there, e_left) = self.arm.solve(&X, &mean, &zero, 0.0, SOLVED);
-                (e.norm() < STRAIGHT || e_left.norm() < 1e-7 && (there - mean).norm() < BEND * dq.norm() + 1e-6).then_some(there)
+                (e.norm() < STRAIGHT
+                    || e_left.norm() < 1e-7 && (there - mean).norm() < BEND * dq.norm() + 1e-6)
+                    .then_some(there)
             };
-            let outside = if solved && dq.amax() < longest { self.outside(&next, &q) } else { None };
-            let half = if solved && dq.amax() < longest && outside.is_none() { middle() } else { None };
+            let outside = if solved && dq.amax() < longest {
+                self.outside(&next, &q)
+            } else {
+                None
+            };
+            let half = if solved && dq.amax() < longest && outside.is_none() {
+                middle()
+            } else {
+                None
+            };
             if let Some(half) = half {
                 if dq.amax() > 0.3 * STEP {
-                    knots.push(Knot { t: leg.from_s + t + 0.5 * h, q: half, waits: false });
+                    knots.push(Knot {
+                        t: leg.from_s + t + 0.5 * h,
+                        q: half,
+                        waits: false,
+                    });
                 }
                 t = if h == t1 - t { t1 } else { t + h };
                 heading = dq / h;
                 q = next;
-                knots.push(Knot { t: leg.from_s + t, q, waits: false });
+                knots.push(Knot {
+                    t: leg.from_s + t,
+                    q,
+                    waits: false,
+                });
                 h *= 2.0;
             } else {
                 // A limit in the way is reached as nearly as the shortest step allows: its place is worth knowing.
@@ -405,32 +532,64 @@ impl<'a, const N: usize> Search<'a, N> {
     }
 
     /// Ways out of a fold: the solutions beside the lock, followed back to it.
-    fn folds(&self, leg: &Stretch<'_, N>, q: &SVector<f64, N>, spectrum: &Spectrum<N>, t0: f64, t1: f64) -> Vec<Vec<Knot<N>>> {
+    fn folds(
+        &self,
+        leg: &Stretch<'_, N>,
+        q: &SVector<f64, N>,
+        spectrum: &Spectrum<N>,
+        t0: f64,
+        t1: f64,
+    ) -> Vec<Vec<Knot<N>>> {
         let mut out: Vec<Vec<Knot<N>>> = vec![];
         let zero = SVector::zeros();
-        let straight = Way { damping: 0.0, drift: zero };
+        let straight = Way {
+            damping: 0.0,
+            drift: zero,
+        };
         let X = (leg.pose)(t1);
-        let small: Vec<_> = (spectrum.free..N).filter(|k| spectrum.sigma[*k] < 0.1).map(|k| spectrum.v[k]).collect();
+        let small: Vec<_> = (spectrum.free..N)
+            .filter(|k| spectrum.sigma[*k] < 0.1)
+            .map(|k| spectrum.v[k])
+            .collect();
         for v in small {
             for stride in [0.02, 0.06, 0.18] {
                 for v in [v * stride, -v * stride] {
                     self.spent.set(self.spent.get() + 4);
                     let (there, e) = self.arm.solve(&X, &(q + v), &zero, 0.0, SOLVED);
-                    let known = out.iter().any(|knots| knots.last().is_some_and(|knot| (knot.q - there).amax() < SAME));
-                    if e.norm() > 1e-7 || (there - q).amax() > 0.5 || known || self.outside(&there, q).is_some() {
+                    let known = out.iter().any(|knots| {
+                        knots
+                            .last()
+                            .is_some_and(|knot| (knot.q - there).amax() < SAME)
+                    });
+                    if e.norm() > 1e-7
+                        || (there - q).amax() > 0.5
+                        || known
+                        || self.outside(&there, q).is_some()
+                    {
                         continue;
                     }
                     if leg.branch != 0 && (leg.side)(&there) * f64::from(leg.branch) < 0.0 {
                         continue;
                     }
                     // From there back towards the lock, as far as it goes; what is left is no more than a step.
-                    let mut knots = vec![Knot { t: leg.from_s + t1, q: there, waits: false }];
+                    let mut knots = vec![Knot {
+                        t: leg.from_s + t1,
+                        q: there,
+                        waits: false,
+                    }];
                     let (mut at, mut t, mut share) = (there, t1, 0.5);
                     while (at - q).amax() > 0.2 * STEP && share > 1e-4 {
-                        match self.follow(leg, &at, &zero, (t, t0 + (t - t0) * (1.0 - share)), &straight) {
+                        match self.follow(
+                            leg,
+                            &at,
+                            &zero,
+                            (t, t0 + (t - t0) * (1.0 - share)),
+                            &straight,
+                        ) {
                             Ok(part) if !part.is_empty() => {
                                 knots.extend(&part);
-                                (at, t) = (part[part.len() - 1].q, part[part.len() - 1].t - leg.from_s);
+                                (at, t) =
+                                    (part[part.len() - 1].q, part[part.len() - 1].t - leg.from_s);
                             }
                             _ => share *= 0.5,
                         }
@@ -451,7 +610,10 @@ impl<'a, const N: usize> Search<'a, N> {
         let spectrum = self.arm.spectrum(&q);
         let X = (leg.pose)(t);
         let mut directions: Vec<SVector<f64, N>> = vec![];
-        let locked: Vec<_> = (spectrum.free..N).filter(|k| spectrum.sigma[*k] < LOCKED).map(|k| spectrum.v[k]).collect();
+        let locked: Vec<_> = (spectrum.free..N)
+            .filter(|k| spectrum.sigma[*k] < LOCKED)
+            .map(|k| spectrum.v[k])
+            .collect();
         match locked[..] {
             [] if leg.fan && at_start => directions.extend(&spectrum.v[..spectrum.free]),
             [] => {}
@@ -465,11 +627,17 @@ impl<'a, const N: usize> Search<'a, N> {
                 };
                 const PIECE: f64 = std::f64::consts::PI / 64.0;
                 let angles = (0..64).map(|k| f64::from(k) * PIECE);
-                let best = angles.min_by(|a, b| moved(*a).0.total_cmp(&moved(*b).0)).unwrap_or_default();
+                let best = angles
+                    .min_by(|a, b| moved(*a).0.total_cmp(&moved(*b).0))
+                    .unwrap_or_default();
                 let (mut low, mut high) = (best - PIECE, best + PIECE);
                 for _ in 0..40 {
                     let (c, d) = (high - 0.618 * (high - low), low + 0.618 * (high - low));
-                    if moved(c).0 < moved(d).0 { high = d } else { low = c }
+                    if moved(c).0 < moved(d).0 {
+                        high = d
+                    } else {
+                        low = c
+                    }
                 }
                 directions.push(moved(0.5 * (low + high)).1);
             }
@@ -477,7 +645,11 @@ impl<'a, const N: usize> Search<'a, N> {
         // Where the path goes on to: a posture is left there only along what it can move.
         let soon = (leg.pose)((t + 0.02 * leg.duration_s).min(leg.duration_s));
         let onwards = self.arm.error(&soon, &X);
-        let onwards = if onwards.norm() > 1e-9 { onwards.normalize() } else { onwards };
+        let onwards = if onwards.norm() > 1e-9 {
+            onwards.normalize()
+        } else {
+            onwards
+        };
         let mut out = vec![];
         for v in directions {
             for v in [v, -v] {
@@ -495,5 +667,7 @@ fn dot(a: &Vector6<f64>, b: &Vector6<f64>, half: usize) -> f64 {
 
 /// The half in which `b` has become the opposite of `a`, or nothing.
 fn turned(a: &Vector6<f64>, b: &Vector6<f64>) -> Option<usize> {
-    [0, 3].into_iter().find(|half| dot(b, b, *half) > 1e-12 && dot(a, b, *half) <= 0.0)
+    [0, 3]
+        .into_iter()
+        .find(|half| dot(b, b, *half) > 1e-12 && dot(a, b, *half) <= 0.0)
 }

@@ -33,7 +33,11 @@ pub(crate) const BLOCK_TOPICS: [[&str; 2]; 6] = [
 /// Words of a message of [`BLOCKS`] behind its header; the smallest block is smaller than the header and comes on top of it.
 pub(crate) const fn message_words(block: usize) -> usize {
     let (bytes, header) = (BLOCKS[block], size_of::<Header>());
-    (if bytes > header { bytes - header } else { bytes }) / size_of::<u64>()
+    (if bytes > header {
+        bytes - header
+    } else {
+        bytes
+    }) / size_of::<u64>()
 }
 
 /// A block as the message of a topic: number `BLOCK` of [`BLOCKS`], `N` is its [`message_words`], `WAY` 0 there and 1 back.
@@ -46,13 +50,24 @@ pub(crate) struct BlockMessage<const BLOCK: usize, const N: usize, const WAY: us
 }
 
 // SAFETY: plain words, for which zero is a value.
-unsafe impl<const BLOCK: usize, const N: usize, const WAY: usize> Zeroable for BlockMessage<BLOCK, N, WAY> {}
+unsafe impl<const BLOCK: usize, const N: usize, const WAY: usize> Zeroable
+    for BlockMessage<BLOCK, N, WAY>
+{
+}
 // SAFETY: plain words aligned as the header is, without padding.
-unsafe impl<const BLOCK: usize, const N: usize, const WAY: usize> Pod for BlockMessage<BLOCK, N, WAY> {}
+unsafe impl<const BLOCK: usize, const N: usize, const WAY: usize> Pod
+    for BlockMessage<BLOCK, N, WAY>
+{
+}
 
-impl<const BLOCK: usize, const N: usize, const WAY: usize> fmt::Debug for BlockMessage<BLOCK, N, WAY> {
+impl<const BLOCK: usize, const N: usize, const WAY: usize> fmt::Debug
+    for BlockMessage<BLOCK, N, WAY>
+{
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct(Self::TYPE_NAME).field("header", &self.header).field("rest", &self.rest.len()).finish()
+        f.debug_struct(Self::TYPE_NAME)
+            .field("header", &self.header)
+            .field("rest", &self.rest.len())
+            .finish()
     }
 }
 
@@ -66,8 +81,20 @@ impl<const BLOCK: usize, const N: usize, const WAY: usize> Part for BlockMessage
 impl<const BLOCK: usize, const N: usize, const WAY: usize> Layout for BlockMessage<BLOCK, N, WAY> {
     const TYPE_NAME: &'static str = BLOCK_TOPICS[BLOCK][WAY];
     const FIELDS: &'static [Field] = &[
-        Field::known("header", ["Header", "Header"], 0, size_of::<Header>(), "The header"),
-        Field::known("rest", ["[u64; N]", "u64"], size_of::<Header>(), N * size_of::<u64>(), "words that are never touched"),
+        Field::known(
+            "header",
+            ["Header", "Header"],
+            0,
+            size_of::<Header>(),
+            "The header",
+        ),
+        Field::known(
+            "rest",
+            ["[u64; N]", "u64"],
+            size_of::<Header>(),
+            N * size_of::<u64>(),
+            "words that are never touched",
+        ),
     ];
     const ABOUT: &'static str = "A block of a benchmark.";
 }

@@ -48,32 +48,72 @@ impl Iceoryx {
     ///
     /// # Errors
     /// [`ProcessError`] when iceoryx2 refuses.
-    pub(crate) fn open(shell: &Shell, [from, me, to]: [usize; 3], bytes: usize) -> Result<Self, ProcessError> {
+    pub(crate) fn open(
+        shell: &Shell,
+        [from, me, to]: [usize; 3],
+        bytes: usize,
+    ) -> Result<Self, ProcessError> {
         let doorbell = DoorbellPort::of(shell);
         let publisher = {
             let service = data(&doorbell, me)?;
-            service.publisher_builder().max_loaned_samples(1).initial_max_slice_len(bytes).create().map_err(refused)?
+            service
+                .publisher_builder()
+                .max_loaned_samples(1)
+                .initial_max_slice_len(bytes)
+                .create()
+                .map_err(refused)?
         };
-        let subscriber = data(&doorbell, from)?.subscriber_builder().create().map_err(refused)?;
+        let subscriber = data(&doorbell, from)?
+            .subscriber_builder()
+            .create()
+            .map_err(refused)?;
         let events = |writer: usize| {
-            let builder = doorbell.node().service_builder(&name("event", writer)?).event();
-            builder.event_id_max_value(7).open_or_create().map_err(refused)
+            let builder = doorbell
+                .node()
+                .service_builder(&name("event", writer)?)
+                .event();
+            builder
+                .event_id_max_value(7)
+                .open_or_create()
+                .map_err(refused)
         };
         let notifier = events(me)?.notifier_builder().create().map_err(refused)?;
         // A wait set borrows its attachments; both last as long as the process, and their files go with the run.
-        let listener: &'static _ = Box::leak(Box::new(events(from)?.listener_builder().create().map_err(refused)?));
-        let waitset = WaitSetBuilder::new().signal_handling_mode(SignalHandlingMode::Disabled).create::<Ipc>().map_err(refused)?;
+        let listener: &'static _ = Box::leak(Box::new(
+            events(from)?.listener_builder().create().map_err(refused)?,
+        ));
+        let waitset = WaitSetBuilder::new()
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<Ipc>()
+            .map_err(refused)?;
         let waitset: &'static _ = Box::leak(Box::new(waitset));
         let attached = waitset.attach_notification(listener).map_err(refused)?;
-        Ok(Self { doorbell, publisher, subscriber, bytes, notifier, listener, waitset, _attached: attached, to })
+        Ok(Self {
+            doorbell,
+            publisher,
+            subscriber,
+            bytes,
+            notifier,
+            listener,
+            waitset,
+            _attached: attached,
+            to,
+        })
     }
 
     /// Loans a sample, lets `fill` write it in place, sends it and wakes its reader.
     ///
     /// # Errors
     /// [`ProcessError`] when iceoryx2 fails.
-    pub(crate) fn send(&mut self, wake: Wake, fill: impl FnOnce(&mut [u8])) -> Result<(), ProcessError> {
-        let sample = self.publisher.loan_slice_uninit(self.bytes).map_err(refused)?;
+    pub(crate) fn send(
+        &mut self,
+        wake: Wake,
+        fill: impl FnOnce(&mut [u8]),
+    ) -> Result<(), ProcessError> {
+        let sample = self
+            .publisher
+            .loan_slice_uninit(self.bytes)
+            .map_err(refused)?;
         // SAFETY: the memory is a mapped file, whose bytes are those of an earlier payload or zero.
         let mut sample = unsafe { sample.assume_init() };
         fill(sample.payload_mut());
@@ -92,10 +132,17 @@ impl Iceoryx {
     ///
     /// # Errors
     /// [`ProcessError`] when iceoryx2 fails, nothing comes within the run's limit (a doorbell), or the run stops.
-    pub(crate) fn receive<R>(&mut self, wake: Wake, read: impl FnOnce(&[u8]) -> R) -> Result<R, ProcessError> {
+    pub(crate) fn receive<R>(
+        &mut self,
+        wake: Wake,
+        read: impl FnOnce(&[u8]) -> R,
+    ) -> Result<R, ProcessError> {
         let stopped = || ProcessError::setup("stopped before the end");
         if wake == Wake::Doorbell {
-            let sample = self.doorbell.wait(|| self.subscriber.receive())?.ok_or_else(stopped)?;
+            let sample = self
+                .doorbell
+                .wait(|| self.subscriber.receive())?
+                .ok_or_else(stopped)?;
             return Ok(read(&sample));
         }
         loop {
@@ -128,11 +175,25 @@ fn name(what: &str, writer: usize) -> Result<ServiceName, ProcessError> {
 }
 
 /// The service on which a process writes. One reader holds one sample: large payloads take no more memory than they must.
-fn data(doorbell: &DoorbellPort, writer: usize) -> Result<PortFactory<Ipc, [u8], ()>, ProcessError> {
+fn data(
+    doorbell: &DoorbellPort,
+    writer: usize,
+) -> Result<PortFactory<Ipc, [u8], ()>, ProcessError> {
     let aligned = Alignment::new(align_of::<u64>()).ok_or_else(|| refused("the alignment"))?;
-    let builder = doorbell.node().service_builder(&name("data", writer)?).publish_subscribe::<[u8]>().payload_alignment(aligned);
-    let builder = builder.max_publishers(1).max_subscribers(1).subscriber_max_borrowed_samples(1);
-    builder.history_size(0).subscriber_max_buffer_size(2).open_or_create().map_err(refused)
+    let builder = doorbell
+        .node()
+        .service_builder(&name("data", writer)?)
+        .publish_subscribe::<[u8]>()
+        .payload_alignment(aligned);
+    let builder = builder
+        .max_publishers(1)
+        .max_subscribers(1)
+        .subscriber_max_borrowed_samples(1);
+    builder
+        .history_size(0)
+        .subscriber_max_buffer_size(2)
+        .open_or_create()
+        .map_err(refused)
 }
 
 fn refused(error: impl Display) -> ProcessError {

@@ -53,7 +53,10 @@ impl Mailboxes {
     /// When a file or pipe cannot be made.
     pub(crate) fn create(run: &Path, count: usize) -> std::io::Result<()> {
         std::fs::write(run.join("mailboxes"), vec![0; count * size_of::<Mailbox>()])?;
-        (0..count).try_for_each(|index| rustix::fs::mkfifoat(CWD, run.join(format!("pipe-{index}")), Mode::RWXU).map_err(Into::into))
+        (0..count).try_for_each(|index| {
+            rustix::fs::mkfifoat(CWD, run.join(format!("pipe-{index}")), Mode::RWXU)
+                .map_err(Into::into)
+        })
     }
 
     /// Maps what [`Mailboxes::create`] made; blocks of `block_bytes` go through its pipes.
@@ -61,17 +64,41 @@ impl Mailboxes {
     /// # Errors
     /// When it is not there.
     pub(crate) fn open(run: &Path, count: usize, block_bytes: usize) -> std::io::Result<Self> {
-        let open = |name: String| OpenOptions::new().read(true).write(true).open(run.join(name));
+        let open = |name: String| {
+            OpenOptions::new()
+                .read(true)
+                .write(true)
+                .open(run.join(name))
+        };
         let file = open("mailboxes".to_owned())?;
         let size = count * size_of::<Mailbox>();
         if file.metadata()?.len() != size as u64 {
-            return Err(std::io::Error::other(format!("there are not {count} mailboxes")));
+            return Err(std::io::Error::other(format!(
+                "there are not {count} mailboxes"
+            )));
         }
-        let pipes = (0..count).map(|index| open(format!("pipe-{index}"))).collect::<Result<_, _>>()?;
+        let pipes = (0..count)
+            .map(|index| open(format!("pipe-{index}")))
+            .collect::<Result<_, _>>()?;
         // SAFETY: a fresh shared mapping of a file of this size; unmapped when dropped.
-        let address = unsafe { mmap(std::ptr::null_mut(), size, ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED, file, 0)? };
-        let boxes = NonNull::new(address.cast()).ok_or_else(|| std::io::Error::other("mapped at address 0"))?;
-        Ok(Self { boxes, count, pipes, rest: vec![0; block_bytes.saturating_sub(HEADER_BYTES)] })
+        let address = unsafe {
+            mmap(
+                std::ptr::null_mut(),
+                size,
+                ProtFlags::READ | ProtFlags::WRITE,
+                MapFlags::SHARED,
+                file,
+                0,
+            )?
+        };
+        let boxes = NonNull::new(address.cast())
+            .ok_or_else(|| std::io::Error::other("mapped at address 0"))?;
+        Ok(Self {
+            boxes,
+            count,
+            pipes,
+            rest: vec![0; block_bytes.saturating_sub(HEADER_BYTES)],
+        })
     }
 
     fn mailbox(&self, index: usize) -> *mut Mailbox {
@@ -84,7 +111,12 @@ impl Mailboxes {
     ///
     /// # Errors
     /// When the pipe fails.
-    pub(crate) fn send<M: Pod>(&mut self, wake: Wake, index: usize, message: &M) -> std::io::Result<()> {
+    pub(crate) fn send<M: Pod>(
+        &mut self,
+        wake: Wake,
+        index: usize,
+        message: &M,
+    ) -> std::io::Result<()> {
         const { assert!(size_of::<M>() <= LARGEST) };
         if wake == Wake::Pipe {
             return self.pipes[index].write_all(bytemuck::bytes_of(message));
@@ -92,7 +124,9 @@ impl Mailboxes {
         let mailbox = self.mailbox(index);
         // SAFETY: the reader looks at these bytes only after the count below has changed, and answers before we write again.
         unsafe {
-            (&raw mut (*mailbox).bytes).cast::<M>().write_unaligned(*message);
+            (&raw mut (*mailbox).bytes)
+                .cast::<M>()
+                .write_unaligned(*message);
             (*mailbox).sent.fetch_add(1, Ordering::Release);
             if wake == Wake::Futex {
                 let _ = futex::wake(&(*mailbox).sent, futex::Flags::empty(), 1);
@@ -118,11 +152,18 @@ impl Mailboxes {
             let read = (*mailbox).read.load(Ordering::Relaxed);
             while (*mailbox).sent.load(Ordering::Acquire) == read {
                 match wake {
-                    Wake::Futex => drop(futex::wait(&(*mailbox).sent, futex::Flags::empty(), read, None)),
+                    Wake::Futex => drop(futex::wait(
+                        &(*mailbox).sent,
+                        futex::Flags::empty(),
+                        read,
+                        None,
+                    )),
                     Wake::Pipe | Wake::Spin => std::hint::spin_loop(),
                 }
             }
-            (*mailbox).read.store(read.wrapping_add(1), Ordering::Relaxed);
+            (*mailbox)
+                .read
+                .store(read.wrapping_add(1), Ordering::Relaxed);
             Ok((&raw const (*mailbox).bytes).cast::<M>().read_unaligned())
         }
     }
@@ -131,16 +172,29 @@ impl Mailboxes {
     ///
     /// # Errors
     /// When the pipe fails.
-    pub(crate) fn send_block(&mut self, wake: Wake, index: usize, header: &[u64; HEADER_WORDS]) -> std::io::Result<()> {
+    pub(crate) fn send_block(
+        &mut self,
+        wake: Wake,
+        index: usize,
+        header: &[u64; HEADER_WORDS],
+    ) -> std::io::Result<()> {
         self.send(wake, index, header)?;
-        if wake == Wake::Pipe { self.pipes[index].write_all(&self.rest) } else { Ok(()) }
+        if wake == Wake::Pipe {
+            self.pipes[index].write_all(&self.rest)
+        } else {
+            Ok(())
+        }
     }
 
     /// Waits for a block and gives its header.
     ///
     /// # Errors
     /// When the pipe fails.
-    pub(crate) fn receive_block(&mut self, wake: Wake, index: usize) -> std::io::Result<[u64; HEADER_WORDS]> {
+    pub(crate) fn receive_block(
+        &mut self,
+        wake: Wake,
+        index: usize,
+    ) -> std::io::Result<[u64; HEADER_WORDS]> {
         let header = self.receive(wake, index)?;
         if wake == Wake::Pipe {
             self.pipes[index].read_exact(&mut self.rest)?;
@@ -152,7 +206,12 @@ impl Mailboxes {
 impl Drop for Mailboxes {
     fn drop(&mut self) {
         // SAFETY: mapped by `open` with this size; nothing refers to it any more.
-        let _ = unsafe { munmap(self.boxes.as_ptr().cast(), self.count * size_of::<Mailbox>()) };
+        let _ = unsafe {
+            munmap(
+                self.boxes.as_ptr().cast(),
+                self.count * size_of::<Mailbox>(),
+            )
+        };
     }
 }
 
@@ -173,7 +232,10 @@ mod tests {
                     let mut ends = open();
                     for trip in 0..100 {
                         let sample: SensorSample = ends.receive(wake, 0).unwrap();
-                        let state = PlantState { energy_j: sample.q_encoder[7] + 1.0, ..PlantState::default() };
+                        let state = PlantState {
+                            energy_j: sample.q_encoder[7] + 1.0,
+                            ..PlantState::default()
+                        };
                         ends.send(wake, 1, &state).unwrap();
                         assert_eq!(ends.receive_block(wake, 0).unwrap(), [trip; HEADER_WORDS]);
                         ends.send_block(wake, 1, &[trip; HEADER_WORDS]).unwrap();
@@ -181,12 +243,19 @@ mod tests {
                 });
                 let mut ends = open();
                 for trip in 0..100_u32 {
-                    let sample = SensorSample { q_encoder: [f64::from(trip); 8], ..SensorSample::default() };
+                    let sample = SensorSample {
+                        q_encoder: [f64::from(trip); 8],
+                        ..SensorSample::default()
+                    };
                     ends.send(wake, 0, &sample).unwrap();
                     let state: PlantState = ends.receive(wake, 1).unwrap();
                     assert_eq!(state.energy_j, f64::from(trip) + 1.0, "{wake:?}");
-                    ends.send_block(wake, 0, &[u64::from(trip); HEADER_WORDS]).unwrap();
-                    assert_eq!(ends.receive_block(wake, 1).unwrap(), [u64::from(trip); HEADER_WORDS]);
+                    ends.send_block(wake, 0, &[u64::from(trip); HEADER_WORDS])
+                        .unwrap();
+                    assert_eq!(
+                        ends.receive_block(wake, 1).unwrap(),
+                        [u64::from(trip); HEADER_WORDS]
+                    );
                 }
             });
         }

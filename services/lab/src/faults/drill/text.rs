@@ -10,11 +10,17 @@ use super::matrix::Drilled;
 /// A row a cell, how many ended how, and whether a guarantee does not hold.
 impl fmt::Display for Drilled {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let headings = ["process", "fault", "detected", "stale", "torque", "step", "mrad", "mm", "settled", "end", "again"];
+        let headings = [
+            "process", "fault", "detected", "stale", "torque", "step", "mrad", "mm", "settled",
+            "end", "again",
+        ];
         let mut rows = table(&headings);
         for cell in &self.cells {
-            let name =
-                if cell.way.trim_matches([' ', '+']).is_empty() { cell.kind.clone() } else { format!("{} ({})", cell.kind, cell.way) };
+            let name = if cell.way.trim_matches([' ', '+']).is_empty() {
+                cell.kind.clone()
+            } else {
+                format!("{} ({})", cell.kind, cell.way)
+            };
             let end = match (cell.goal_reached, cell.safe_stop) {
                 (true, _) => "goal",
                 (false, true) => "rest",
@@ -32,7 +38,12 @@ impl fmt::Display for Drilled {
                 number(digits(cell.excursion_max_mm)),
                 number(optional(cell.settled_ms)),
                 end.into(),
-                if cell.replayed_identically { "same" } else { "OTHER" }.into(),
+                if cell.replayed_identically {
+                    "same"
+                } else {
+                    "OTHER"
+                }
+                .into(),
             ]);
         }
         writeln!(f, "{rows}")?;
@@ -42,20 +53,42 @@ impl fmt::Display for Drilled {
              mrad, mm: off the path, joints and hand; detected, settled: after so many ms;\n\
              again: whether a repetition has the same bytes; --json has more"
         )?;
-        for cell in self.cells.iter().filter(|cell| !cell.invariants_broken.is_empty()) {
-            writeln!(f, "{}, {} {}: {}", cell.process, cell.kind, cell.way, cell.invariants_broken.join("; "))?;
+        for cell in self
+            .cells
+            .iter()
+            .filter(|cell| !cell.invariants_broken.is_empty())
+        {
+            writeln!(
+                f,
+                "{}, {} {}: {}",
+                cell.process,
+                cell.kind,
+                cell.way,
+                cell.invariants_broken.join("; ")
+            )?;
         }
-        let broken = self.cells.iter().filter(|cell| !cell.invariants_broken.is_empty()).count();
+        let broken = self
+            .cells
+            .iter()
+            .filter(|cell| !cell.invariants_broken.is_empty())
+            .count();
         let goals = self.cells.iter().filter(|cell| cell.goal_reached).count();
         writeln!(
             f,
             "{} {}: {goals} reached the goal, {} came to rest or ended cleanly, {broken} broke a guarantee",
             self.cells.len(),
-            if self.cells.len() == 1 { "cell" } else { "cells" },
+            if self.cells.len() == 1 {
+                "cell"
+            } else {
+                "cells"
+            },
             self.cells.len() - goals
         )?;
         if !self.passed {
-            writeln!(f, "a guarantee does not hold: see the lines below the table")?;
+            writeln!(
+                f,
+                "a guarantee does not hold: see the lines below the table"
+            )?;
         }
         Ok(())
     }

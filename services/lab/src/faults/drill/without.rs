@@ -28,7 +28,9 @@ impl Without {
     pub(super) fn leave_out(self, job: &mut Job) -> Result<(), Failure> {
         match self {
             Self::Hold => job.scenario.plant.hold_ticks = u32::MAX,
-            Self::TorqueCheck => job.robot.urdf = with_efforts(&job.robot.urdf, EXCESS).map_err(Failure::Input)?,
+            Self::TorqueCheck => {
+                job.robot.urdf = with_efforts(&job.robot.urdf, EXCESS).map_err(Failure::Input)?
+            }
             Self::Fencing => {}
         }
         Ok(())
@@ -36,7 +38,9 @@ impl Without {
 
     /// Takes the protection out of the processes, where it is in them.
     pub(super) fn leave_out_of(self, plan: &mut Plan) {
-        plan.children.iter_mut().for_each(|child| child.process.disturbance.unfenced = self == Self::Fencing);
+        plan.children
+            .iter_mut()
+            .for_each(|child| child.process.disturbance.unfenced = self == Self::Fencing);
     }
 }
 
@@ -47,9 +51,17 @@ fn with_efforts(urdf: &str, factor: f64) -> Result<String, String> {
     let mut text = parts.next().unwrap_or_default().to_owned();
     let mut count = 0;
     for part in parts {
-        let (number, rest) = part.split_once('"').ok_or("an effort limit of the URDF has no end")?;
-        let effort = number.trim().parse().ok().filter(|effort: &f64| effort.is_finite());
-        let effort = effort.ok_or_else(|| format!("the effort limit {number:?} of the URDF is no number: give one in N m"))?;
+        let (number, rest) = part
+            .split_once('"')
+            .ok_or("an effort limit of the URDF has no end")?;
+        let effort = number
+            .trim()
+            .parse()
+            .ok()
+            .filter(|effort: &f64| effort.is_finite());
+        let effort = effort.ok_or_else(|| {
+            format!("the effort limit {number:?} of the URDF is no number: give one in N m")
+        })?;
         // Writing to a string does not fail.
         let _ = write!(text, "{ATTRIBUTE}{}\"{rest}", factor * effort);
         count += 1;
@@ -73,6 +85,9 @@ mod tests {
             let reason = with_efforts(&format!("<limit effort=\"{wrong}\"/>"), EXCESS).unwrap_err();
             assert!(reason.contains(&format!("{wrong:?}")), "{reason}");
         }
-        assert!(with_efforts("<limit velocity=\"1\"/>", EXCESS).is_err() && with_efforts("effort=\"3", EXCESS).is_err());
+        assert!(
+            with_efforts("<limit velocity=\"1\"/>", EXCESS).is_err()
+                && with_efforts("effort=\"3", EXCESS).is_err()
+        );
     }
 }

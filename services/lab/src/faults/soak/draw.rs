@@ -40,7 +40,10 @@ pub(super) enum Signal {
 
 /// One thing that goes wrong.
 #[derive(Clone, Debug, PartialEq)]
-#[allow(clippy::large_enum_variant, reason = "a few dozen of them, drawn once a round")]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "a few dozen of them, drawn once a round"
+)]
 pub(super) enum Act {
     /// As `armplane fault` requests it.
     Fault(Fault),
@@ -68,13 +71,21 @@ impl Act {
 
     /// In which way, for a fault that has several.
     pub(super) fn way(&self) -> Option<Way> {
-        if let Self::Fault(fault) = self { fault.way } else { None }
+        if let Self::Fault(fault) = self {
+            fault.way
+        } else {
+            None
+        }
     }
 
     /// Its row in the table.
     pub(super) fn name(&self) -> String {
         match self {
-            Self::Fault(Fault { kind, way: Some(way), .. }) => format!("{kind} {way}"),
+            Self::Fault(Fault {
+                kind,
+                way: Some(way),
+                ..
+            }) => format!("{kind} {way}"),
             Self::Fault(Fault { kind, .. }) => kind.to_string(),
             Self::Signal(_, Signal::Kill) => "SIGKILL".to_owned(),
             Self::Signal(_, Signal::KillTwice(_)) => "SIGKILL, and again".to_owned(),
@@ -126,7 +137,11 @@ impl Draws {
     }
 
     fn sign(&mut self) -> f64 {
-        if self.next().is_multiple_of(2) { 1.0 } else { -1.0 }
+        if self.next().is_multiple_of(2) {
+            1.0
+        } else {
+            -1.0
+        }
     }
 
     fn shuffle<T>(&mut self, deck: &mut [T]) {
@@ -151,7 +166,10 @@ pub(super) struct FaultDraw {
 impl FaultDraw {
     pub(super) fn new(robot: &Robot, graph: Graph, rate_hz: u32, seed: u64) -> Self {
         Self {
-            draws: Draws { seed: seed ^ 0x50a4, drawn: 0 },
+            draws: Draws {
+                seed: seed ^ 0x50a4,
+                drawn: 0,
+            },
             graph,
             joints: robot.dof() as u64,
             rate_hz: f64::from(rate_hz),
@@ -174,14 +192,20 @@ impl FaultDraw {
             }
             let is_late = at_s >= to - FULL_S;
             let waiting = if is_late { self.full.pop_front() } else { None };
-            let Some(act) = waiting.or_else(|| self.next_act()) else { break };
+            let Some(act) = waiting.or_else(|| self.next_act()) else {
+                break;
+            };
             if act.ends_world(&self.graph) {
                 self.fatal.push_back(act);
             } else if is_disk(&act) && !is_late {
                 self.full.push_back(act);
             } else {
                 let act = self.detailed(act);
-                planned.push(Planned { at_s, act, is_fatal: false });
+                planned.push(Planned {
+                    at_s,
+                    act,
+                    is_fatal: false,
+                });
             }
         }
         if self.draws.below(FATAL_ONE_IN) == 0 {
@@ -196,15 +220,29 @@ impl FaultDraw {
             && let Some(act) = self.fatal.pop_front()
         {
             let act = self.detailed(act);
-            return planned.push(Planned { at_s, act, is_fatal: true });
+            return planned.push(Planned {
+                at_s,
+                act,
+                is_fatal: true,
+            });
         }
         let is_mortal = |process: &&Process| process.role() != Role::World;
-        let mortal: Vec<_> = self.graph.process.iter().filter(is_mortal).map(|process| process.name.clone()).collect();
+        let mortal: Vec<_> = self
+            .graph
+            .process
+            .iter()
+            .filter(is_mortal)
+            .map(|process| process.name.clone())
+            .collect();
         let process = mortal[self.draws.below(mortal.len() as u64) as usize].clone();
         for k in 0..SPENT {
             // Its pause is over by then, and its replacement at work.
             let act = Act::Signal(process.clone(), Signal::Kill);
-            planned.push(Planned { at_s: at_s + 0.35 * f64::from(k), act, is_fatal: true });
+            planned.push(Planned {
+                at_s: at_s + 0.35 * f64::from(k),
+                act,
+                is_fatal: true,
+            });
         }
     }
 
@@ -221,22 +259,37 @@ impl FaultDraw {
     fn detailed(&mut self, act: Act) -> Act {
         match act {
             Act::Fault(fault) => Act::Fault(self.detailed_fault(fault)),
-            Act::Signal(process, Signal::KillTwice(_)) => Act::Signal(process, Signal::KillTwice(1 + self.draws.below(80) as u32)),
+            Act::Signal(process, Signal::KillTwice(_)) => {
+                Act::Signal(process, Signal::KillTwice(1 + self.draws.below(80) as u32))
+            }
             Act::Signal(process, Signal::StopFor(_)) => {
                 // A process stopped for a tenth of a second is replaced; the plant has no replacement.
-                let most_ms = if is_world(&self.graph, &process) { 50 } else { 250 };
-                Act::Signal(process, Signal::StopFor(1 + self.draws.below(most_ms) as u32))
+                let most_ms = if is_world(&self.graph, &process) {
+                    50
+                } else {
+                    250
+                };
+                Act::Signal(
+                    process,
+                    Signal::StopFor(1 + self.draws.below(most_ms) as u32),
+                )
             }
             signal => signal,
         }
     }
 
     fn detailed_fault(&mut self, fault: Fault) -> Fault {
-        let (fields, reads) = self.graph.target(&fault.process).map(|target| (target.fields, target.reads)).unwrap_or_default();
+        let (fields, reads) = self
+            .graph
+            .target(&fault.process)
+            .map(|target| (target.fields, target.reads))
+            .unwrap_or_default();
         let (kind, draws) = (fault.kind, &mut self.draws);
         let usual_s = kind.usual_length_s();
         let ticks = |s: f64| (s * self.rate_hz).round().max(1.0) as u64;
-        let for_ticks = usual_s.is_finite().then(|| ticks(draws.scaled(usual_s, 5.0)));
+        let for_ticks = usual_s
+            .is_finite()
+            .then(|| ticks(draws.scaled(usual_s, 5.0)));
         let usual = fault.way.map_or(0.0, |way| kind.usual_amount(way));
         let amount = match (kind, fault.way) {
             _ if kind.usual_ms() > 0.0 => Some(draws.scaled(kind.usual_ms(), 3.0)),
@@ -245,13 +298,19 @@ impl FaultDraw {
             _ if usual > 0.0 => Some(draws.scaled(usual, 3.0)),
             _ => None,
         };
-        let probability = (kind.has_probability() && draws.next().is_multiple_of(2)).then(|| 0.05 + 0.95 * draws.unit());
+        let probability = (kind.has_probability() && draws.next().is_multiple_of(2))
+            .then(|| 0.05 + 0.95 * draws.unit());
         let field = (kind == Kind::Corrupt).then(|| {
             let fields: Vec<_> = fields.iter().filter(|field| field.is_number()).collect();
             let field = fields[draws.below(fields.len() as u64) as usize];
-            format!("{}[{}]", field.name, draws.below((field.size / size_of::<f64>()) as u64))
+            format!(
+                "{}[{}]",
+                field.name,
+                draws.below((field.size / size_of::<f64>()) as u64)
+            )
         });
-        let topic = (kind == Kind::Cut).then(|| reads[draws.below(reads.len() as u64) as usize].clone());
+        let topic =
+            (kind == Kind::Cut).then(|| reads[draws.below(reads.len() as u64) as usize].clone());
         Fault {
             topic,
             for_ticks,
@@ -260,7 +319,9 @@ impl FaultDraw {
             field,
             delay_ticks: (kind == Kind::Delay).then(|| 1 + draws.below(10)),
             jitter_ticks: (kind == Kind::Delay).then(|| draws.below(6)),
-            joint: kind.concerns_joint().then(|| 1 + draws.below(self.joints) as u32),
+            joint: kind
+                .concerns_joint()
+                .then(|| 1 + draws.below(self.joints) as u32),
             ..fault
         }
     }
@@ -273,17 +334,33 @@ fn every(graph: &Graph) -> Vec<Act> {
         for &kind in Kind::ALL.iter().filter(|kind| graph.takes(**kind, process)) {
             let ways: Vec<_> = kind.ways().map(Some).collect();
             let ways = if ways.is_empty() { vec![None] } else { ways };
-            acts.extend(ways.into_iter().map(|way| Act::Fault(Fault { way, ..Fault::new(&process.name, kind) })));
+            acts.extend(ways.into_iter().map(|way| {
+                Act::Fault(Fault {
+                    way,
+                    ..Fault::new(&process.name, kind)
+                })
+            }));
         }
-        let signals = [Signal::Kill, Signal::KillTwice(0), Signal::Stop, Signal::StopFor(0)];
-        acts.extend(signals.into_iter().map(|signal| Act::Signal(process.name.clone(), signal)));
+        let signals = [
+            Signal::Kill,
+            Signal::KillTwice(0),
+            Signal::Stop,
+            Signal::StopFor(0),
+        ];
+        acts.extend(
+            signals
+                .into_iter()
+                .map(|signal| Act::Signal(process.name.clone(), signal)),
+        );
     }
     acts
 }
 
 /// Whether a process makes the ticks.
 fn is_world(graph: &Graph, process: &str) -> bool {
-    graph.process(process).is_some_and(|process| process.role() == Role::World)
+    graph
+        .process(process)
+        .is_some_and(|process| process.role() == Role::World)
 }
 
 #[cfg(test)]
@@ -293,7 +370,12 @@ mod tests {
     use std::collections::BTreeSet;
 
     fn draw(seed: u64) -> FaultDraw {
-        FaultDraw::new(&Robot::builtin("puma560").unwrap(), Graph::parse("graph.toml", BUILT_IN).unwrap(), 1000, seed)
+        FaultDraw::new(
+            &Robot::builtin("puma560").unwrap(),
+            Graph::parse("graph.toml", BUILT_IN).unwrap(),
+            1000,
+            seed,
+        )
     }
 
     #[test]
@@ -307,7 +389,9 @@ mod tests {
         let graph = Graph::parse("graph.toml", BUILT_IN).unwrap();
         for planned in deal(7).concat() {
             if let Act::Fault(fault) = &planned.act {
-                fault.schedule(&graph.target(&fault.process).unwrap(), 1000, 1).unwrap_or_else(|complaint| panic!("{fault}: {complaint}"));
+                fault
+                    .schedule(&graph.target(&fault.process).unwrap(), 1000, 1)
+                    .unwrap_or_else(|complaint| panic!("{fault}: {complaint}"));
             }
         }
     }
@@ -318,15 +402,30 @@ mod tests {
         let graph = faults.graph.clone();
         let rounds: Vec<_> = (0..30).map(|_| faults.round(60.0)).collect();
         let name = |act: &Act| format!("{} {}", act.process(), act.name());
-        let dealt: BTreeSet<_> = rounds.iter().flatten().map(|planned| name(&planned.act)).collect();
-        let missing: Vec<_> =
-            every(&graph).iter().filter(|act| !act.ends_world(&graph)).map(name).filter(|one| !dealt.contains(one)).collect();
+        let dealt: BTreeSet<_> = rounds
+            .iter()
+            .flatten()
+            .map(|planned| name(&planned.act))
+            .collect();
+        let missing: Vec<_> = every(&graph)
+            .iter()
+            .filter(|act| !act.ends_world(&graph))
+            .map(name)
+            .filter(|one| !dealt.contains(one))
+            .collect();
         assert!(missing.is_empty(), "{missing:?}");
         for round in &rounds {
-            assert!(round.iter().all(|planned| !planned.act.ends_world(&graph) || planned.is_fatal && planned.at_s > 50.0));
+            assert!(round.iter().all(|planned| !planned.act.ends_world(&graph)
+                || planned.is_fatal && planned.at_s > 50.0));
             assert!(round.len() > 15, "{} planned", round.len());
         }
-        let ended = rounds.iter().filter(|round| round.iter().any(|planned| planned.is_fatal)).count();
-        assert!((2..15).contains(&ended), "{ended} of 30 rounds end by design");
+        let ended = rounds
+            .iter()
+            .filter(|round| round.iter().any(|planned| planned.is_fatal))
+            .count();
+        assert!(
+            (2..15).contains(&ended),
+            "{ended} of 30 rounds end by design"
+        );
     }
 }

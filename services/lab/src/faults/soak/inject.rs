@@ -65,7 +65,12 @@ pub(super) struct Injector<'a> {
 impl Injector<'_> {
     /// Injects from the first tick, which `going` tells by a word, to the end of the run, which it tells by closing; and stops the run after
     /// `most_s`.
-    pub(super) fn inject(&self, planned: Vec<Planned>, most_s: f64, going: &Receiver<()>) -> Vec<Executed> {
+    pub(super) fn inject(
+        &self,
+        planned: Vec<Planned>,
+        most_s: f64,
+        going: &Receiver<()>,
+    ) -> Vec<Executed> {
         let mut executed = Vec::new();
         if going.recv().is_err() {
             return executed;
@@ -78,9 +83,17 @@ impl Injector<'_> {
             agenda.insert((at, count), todo);
         };
         for planned in planned {
-            plan(&mut agenda, began + Duration::from_secs_f64(planned.at_s), Todo::ScheduledFault(Box::new(planned)));
+            plan(
+                &mut agenda,
+                began + Duration::from_secs_f64(planned.at_s),
+                Todo::ScheduledFault(Box::new(planned)),
+            );
         }
-        plan(&mut agenda, began + Duration::from_secs_f64(most_s), Todo::Stop);
+        plan(
+            &mut agenda,
+            began + Duration::from_secs_f64(most_s),
+            Todo::Stop,
+        );
         while let Some(((at, _), todo)) = agenda.pop_first() {
             match going.recv_timeout(at.saturating_duration_since(Instant::now())) {
                 Err(RecvTimeoutError::Timeout) | Ok(()) => {}
@@ -93,7 +106,12 @@ impl Injector<'_> {
                     if let Some((after, todo)) = next {
                         plan(&mut agenda, Instant::now() + after, todo);
                     }
-                    executed.push(Executed { planned: *planned, at_ns, tick, done });
+                    executed.push(Executed {
+                        planned: *planned,
+                        at_ns,
+                        tick,
+                        done,
+                    });
                 }
                 Todo::Continue(process) => drop(pidfd_send_signal(process, Posix::CONT)),
                 Todo::KillAgain(index) => drop(self.send(index, Posix::KILL)),
@@ -108,8 +126,15 @@ impl Injector<'_> {
             return (Done::LeftOut("no such process"), None);
         };
         let index = target.index as usize;
-        let restarts = self.control_page.process(index).incarnation().saturating_sub(1);
-        if !planned.is_fatal && planned.act.deaths() > 0 && restarts + planned.act.deaths() > MOST_RESTARTS {
+        let restarts = self
+            .control_page
+            .process(index)
+            .incarnation()
+            .saturating_sub(1);
+        if !planned.is_fatal
+            && planned.act.deaths() > 0
+            && restarts + planned.act.deaths() > MOST_RESTARTS
+        {
             return (Done::LeftOut("its restarts are needed"), None);
         }
         let ms = |ms: u32| Duration::from_millis(u64::from(ms));
@@ -118,13 +143,28 @@ impl Injector<'_> {
                 let fault_table = self.control_page.fault_table();
                 let scheduled = fault.schedule(&target, self.rate_hz, random(self.seed, number));
                 let is_full = !planned.is_fatal && fault_table.records().count() >= MOST_REQUESTS;
-                let place = scheduled.ok().filter(|_| !is_full).and_then(|scheduled| fault_table.request(&scheduled));
-                return (place.map_or(Done::LeftOut("the fault table is full"), Done::Requested), None);
+                let place = scheduled
+                    .ok()
+                    .filter(|_| !is_full)
+                    .and_then(|scheduled| fault_table.request(&scheduled));
+                return (
+                    place.map_or(Done::LeftOut("the fault table is full"), Done::Requested),
+                    None,
+                );
             }
             Act::Signal(_, signal) => *signal,
         };
-        let sent = self.send(index, if matches!(signal, Signal::Kill | Signal::KillTwice(_)) { Posix::KILL } else { Posix::STOP });
-        let Some(process) = sent else { return (Done::LeftOut("it was down"), None) };
+        let sent = self.send(
+            index,
+            if matches!(signal, Signal::Kill | Signal::KillTwice(_)) {
+                Posix::KILL
+            } else {
+                Posix::STOP
+            },
+        );
+        let Some(process) = sent else {
+            return (Done::LeftOut("it was down"), None);
+        };
         let next = match signal {
             Signal::StopFor(after) => Some((ms(after), Todo::Continue(process))),
             Signal::KillTwice(after) => Some((ms(after), Todo::KillAgain(index))),

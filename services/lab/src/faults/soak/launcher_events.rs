@@ -35,13 +35,25 @@ impl LauncherEvents {
                 }
                 format!("{process}: {line}")
             }
-            Event::Silenced { process, silent, .. } => {
+            Event::Silenced {
+                process, silent, ..
+            } => {
                 self.silenced.push((*process).to_owned());
-                format!("{process} has done nothing for {} ms and is killed", silent.as_millis())
+                format!(
+                    "{process} has done nothing for {} ms and is killed",
+                    silent.as_millis()
+                )
             }
-            Event::Restarted { process, exit, pid, incarnation } => {
+            Event::Restarted {
+                process,
+                exit,
+                pid,
+                incarnation,
+            } => {
                 self.ended.push(((*process).to_owned(), *exit, now_ns()));
-                format!("{process} ended with {exit} and was started again (start {incarnation}, process {pid})")
+                format!(
+                    "{process} ended with {exit} and was started again (start {incarnation}, process {pid})"
+                )
             }
             _ => return,
         };
@@ -53,6 +65,10 @@ impl LauncherEvents {
 
     /// The last line that contains these words; empty where there is none.
     pub(super) fn words_on(&self, what: &str) -> String {
-        self.lines.iter().rfind(|line| line.contains(what)).cloned().unwrap_or_default()
+        self.lines
+            .iter()
+            .rfind(|line| line.contains(what))
+            .cloned()
+            .unwrap_or_default()
     }
 }

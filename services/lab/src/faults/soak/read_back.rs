@@ -20,7 +20,10 @@ pub struct Stop {
 }
 
 /// Reads the messages back: what the arm did, when the drives stopped it, and how many there are of each topic.
-pub(super) fn read(mut motion: Motion, messages: &Path) -> (Motion, Vec<Stop>, Files, [u64; COUNT]) {
+pub(super) fn read(
+    mut motion: Motion,
+    messages: &Path,
+) -> (Motion, Vec<Stop>, Files, [u64; COUNT]) {
     let (mut files, mut stops) = (Files::default(), Vec::<Stop>::new());
     each::<PlantState>(messages, &mut files, |state| {
         motion.add(state);
@@ -28,7 +31,10 @@ pub(super) fn read(mut motion: Motion, messages: &Path) -> (Motion, Vec<Stop>, F
         if matches!(state.drive, DRIVE_STOPPING | DRIVE_BRAKED) {
             match stops.last_mut().filter(|stop| stop.until == tick) {
                 Some(stop) => stop.until = tick + 1,
-                None => stops.push(Stop { from: tick, until: tick + 1 }),
+                None => stops.push(Stop {
+                    from: tick,
+                    until: tick + 1,
+                }),
             }
         }
     });
@@ -38,7 +44,11 @@ pub(super) fn read(mut motion: Motion, messages: &Path) -> (Motion, Vec<Stop>, F
         type Output = u64;
         fn each<M: Topic>(&mut self) -> u64 {
             // The soak's arm is not steered.
-            if STEERED.contains(&M::TOPIC) { 0 } else { each::<M>(self.0, self.1, |_| ()) }
+            if STEERED.contains(&M::TOPIC) {
+                0
+            } else {
+                each::<M>(self.0, self.1, |_| ())
+            }
         }
     }
     let counts = topics::each(&mut CountEach(messages, &mut files));
@@ -65,7 +75,10 @@ fn each<M: Message>(messages: &Path, files: &mut Files, mut each: impl FnMut(&M)
 pub(super) fn left_over(run: &str) -> Vec<String> {
     let names = |folder: &Path| {
         let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-        entries.filter(|entry| entry.file_name().to_string_lossy().contains(run)).map(|entry| entry.path().display().to_string()).collect()
+        entries
+            .filter(|entry| entry.file_name().to_string_lossy().contains(run))
+            .map(|entry| entry.path().display().to_string())
+            .collect()
     };
     let mut left: Vec<String> = names(Path::new(runtime::SHM));
     left.extend(names(&std::env::temp_dir()));
@@ -88,8 +101,16 @@ mod tests {
     fn a_child_that_nobody_waited_for_is_left_over() {
         let mut child = std::process::Command::new("true").spawn().unwrap();
         let name = format!("process {}", child.id());
-        assert!(left_over("no-such-run").iter().any(|left| left.starts_with(&name)));
+        assert!(
+            left_over("no-such-run")
+                .iter()
+                .any(|left| left.starts_with(&name))
+        );
         child.wait().unwrap();
-        assert!(!left_over("no-such-run").iter().any(|left| left.starts_with(&name)));
+        assert!(
+            !left_over("no-such-run")
+                .iter()
+                .any(|left| left.starts_with(&name))
+        );
     }
 }

@@ -118,8 +118,18 @@ pub(super) struct Setting<'a> {
 
 impl Setting<'_> {
     fn job(&self, out: &Path, seed: u64) -> Result<Job, Failure> {
-        let scenario = Scenario { seed, fault: Vec::new(), ..self.scenario.clone() };
-        Ok(load::job(self.robot, scenario, load::graph(None)?, Mode::Realtime, out.to_owned()))
+        let scenario = Scenario {
+            seed,
+            fault: Vec::new(),
+            ..self.scenario.clone()
+        };
+        Ok(load::job(
+            self.robot,
+            scenario,
+            load::graph(None)?,
+            Mode::Realtime,
+            out.to_owned(),
+        ))
     }
 
     /// Runs and judges a round; its files stay in `out`.
@@ -132,10 +142,22 @@ impl Setting<'_> {
         progress: &mut dyn FnMut(u64),
     ) -> Result<Round, Failure> {
         let job = self.job(out, seed)?;
-        let processes: Vec<String> = job.graph.process.iter().map(|process| process.name.clone()).collect();
+        let processes: Vec<String> = job
+            .graph
+            .process
+            .iter()
+            .map(|process| process.name.clone())
+            .collect();
         let plan = session::plan(&job)?;
-        let source = plan.children.iter().position(|child| child.ends_run).unwrap_or_default();
-        let (rate_hz, most_s) = (job.scenario.rate_hz, LONGEST * self.seconds + LONGEST_MORE_S);
+        let source = plan
+            .children
+            .iter()
+            .position(|child| child.ends_run)
+            .unwrap_or_default();
+        let (rate_hz, most_s) = (
+            job.scenario.rate_hz,
+            LONGEST * self.seconds + LONGEST_MORE_S,
+        );
         let mut events = LauncherEvents::default();
         // Before the launch, for the kernel ends the children of a thread that ends.
         let (begun, begins) = channel::<ControlPage>();
@@ -144,8 +166,16 @@ impl Setting<'_> {
         let mut name = String::new();
         let (launched, injected) = std::thread::scope(|scope| {
             let injector = scope.spawn(move || {
-                let Ok(control_page) = begins.recv() else { return (Vec::new(), None) };
-                let injector = Injector { control_page: &control_page, graph: &graph, source, rate_hz, seed };
+                let Ok(control_page) = begins.recv() else {
+                    return (Vec::new(), None);
+                };
+                let injector = Injector {
+                    control_page: &control_page,
+                    graph: &graph,
+                    source,
+                    rate_hz,
+                    seed,
+                };
                 let executed = injector.inject(planned, most_s, &going);
                 (executed, Some(control_page))
             });
@@ -175,10 +205,25 @@ impl Setting<'_> {
         let accounts: Vec<(usize, FaultRecord)> = fault_table.records().collect();
         let summary = session::summarise(&job, &outcome, account);
         session::keep(out, &job, &summary)?;
-        let seen = Seen { processes, graph: job.graph.clone(), executed, accounts, events, outcome, summary, end_ns, run: name };
+        let seen = Seen {
+            processes,
+            graph: job.graph.clone(),
+            executed,
+            accounts,
+            events,
+            outcome,
+            summary,
+            end_ns,
+            run: name,
+        };
         let round = seen.judge(self, number, seed, &job, out)?;
         if !round.broken.is_empty() {
-            let lines = seen.events.lines.iter().map(|line| format!("{line}\n")).collect::<String>();
+            let lines = seen
+                .events
+                .lines
+                .iter()
+                .map(|line| format!("{line}\n"))
+                .collect::<String>();
             let _ = std::fs::write(out.join("stderr.txt"), lines);
         }
         Ok(round)
@@ -199,29 +244,74 @@ struct Seen {
 }
 
 impl Seen {
-    fn judge(&self, setting: &Setting<'_>, number: usize, seed: u64, job: &Job, out: &Path) -> Result<Round, Failure> {
+    fn judge(
+        &self,
+        setting: &Setting<'_>,
+        number: usize,
+        seed: u64,
+        job: &Job,
+        out: &Path,
+    ) -> Result<Round, Failure> {
         let rate_hz = job.scenario.rate_hz;
-        let faults = self.summary.faults.iter().filter(|fault| fault.occurred).filter_map(|fault| fault.plan.as_ref());
-        let (motion, stops, mut files, by_topic) =
-            read(Motion::new(Guarantee::new(setting.robot, &job.scenario, SPEED_MARGIN_AT_FULL_TORQUE, faults)), &out.join(MESSAGES));
+        let faults = self
+            .summary
+            .faults
+            .iter()
+            .filter(|fault| fault.occurred)
+            .filter_map(|fault| fault.plan.as_ref());
+        let (motion, stops, mut files, by_topic) = read(
+            Motion::new(Guarantee::new(
+                setting.robot,
+                &job.scenario,
+                SPEED_MARGIN_AT_FULL_TORQUE,
+                faults,
+            )),
+            &out.join(MESSAGES),
+        );
         self.read_recording(out, &mut files);
-        let mut injected: Vec<Injected> = self.executed.iter().filter_map(|executed| self.injected(executed, rate_hz)).collect();
+        let mut injected: Vec<Injected> = self
+            .executed
+            .iter()
+            .filter_map(|executed| self.injected(executed, rate_hz))
+            .collect();
         blame(&mut injected, &stops, rate_hz);
-        let recorder_counts = self.outcome.processes.iter().find(|process| process.name == Program::Recorder.name()).map(|one| one.counts);
-        let (refused, fenced) = recorder_counts.map_or((0, 0), |counts| (counts.refused, counts.fenced));
-        let sent = self.outcome.processes.iter().map(|process| process.counts.sent).sum::<u64>();
+        let recorder_counts = self
+            .outcome
+            .processes
+            .iter()
+            .find(|process| process.name == Program::Recorder.name())
+            .map(|one| one.counts);
+        let (refused, fenced) =
+            recorder_counts.map_or((0, 0), |counts| (counts.refused, counts.fenced));
+        let sent = self
+            .outcome
+            .processes
+            .iter()
+            .map(|process| process.counts.sent)
+            .sum::<u64>();
         let in_files: u64 = by_topic.iter().sum();
         // A recorder that is dead at the end leaves no account, but it leaves its files; where a full volume has ended those, its last words.
         let account = &self.summary.recorder;
         let (taken_in, recording_error) = match (account.messages, self.full_at()) {
-            (0, Some(_)) => (sent.saturating_sub(refused + fenced), self.events.words_on(RECORDING_ENDS)),
+            (0, Some(_)) => (
+                sent.saturating_sub(refused + fenced),
+                self.events.words_on(RECORDING_ENDS),
+            ),
             (0, None) => (in_files, String::new()),
             (messages, _) => (messages, account.error.clone()),
         };
-        let messages = Messages { sent, taken_in, refused, fenced, lost: sent.saturating_sub(taken_in + refused + fenced), in_files };
+        let messages = Messages {
+            sent,
+            taken_in,
+            refused,
+            fenced,
+            lost: sent.saturating_sub(taken_in + refused + fenced),
+            in_files,
+        };
         // As `drill` sees it: what it went through on its way is not the goal.
         let (task, goal) = (&self.summary.task, &job.scenario.goal);
-        let is_there = task.final_position_mm <= goal.position_mm && task.final_orientation_deg <= goal.orientation_deg;
+        let is_there = task.final_position_mm <= goal.position_mm
+            && task.final_orientation_deg <= goal.orientation_deg;
         let goal_reached = self.outcome.end == End::Completed && self.summary.completed && is_there;
         let is_at_rest = motion.is_at_rest();
         let evidence = Evidence {
@@ -270,7 +360,12 @@ impl Seen {
             injected,
             left_out,
             stops,
-            restarts: self.outcome.processes.iter().map(|process| (process.name.clone(), process.restarts)).collect(),
+            restarts: self
+                .outcome
+                .processes
+                .iter()
+                .map(|process| (process.name.clone(), process.restarts))
+                .collect(),
             messages,
             not_taken_in: self.not_taken_in(job),
             deadlines: self.summary.deadlines.clone(),
@@ -286,11 +381,30 @@ impl Seen {
 
     fn not_taken_in(&self, job: &Job) -> BTreeMap<String, u64> {
         let taken_in = |process: &str| {
-            let writes = job.graph.process.iter().find(|one| one.name == process).map(|one| one.writes.as_slice()).unwrap_or_default();
-            writes.iter().filter_map(|topic| Some(self.summary.topics.get(topic)?.count)).sum::<u64>()
+            let writes = job
+                .graph
+                .process
+                .iter()
+                .find(|one| one.name == process)
+                .map(|one| one.writes.as_slice())
+                .unwrap_or_default();
+            writes
+                .iter()
+                .filter_map(|topic| Some(self.summary.topics.get(topic)?.count))
+                .sum::<u64>()
         };
-        let of = |process: &launcher::ProcessOutcome| (process.name.clone(), process.counts.sent.saturating_sub(taken_in(&process.name)));
-        self.outcome.processes.iter().map(of).filter(|(_, count)| *count > 0).collect()
+        let of = |process: &launcher::ProcessOutcome| {
+            (
+                process.name.clone(),
+                process.counts.sent.saturating_sub(taken_in(&process.name)),
+            )
+        };
+        self.outcome
+            .processes
+            .iter()
+            .map(of)
+            .filter(|(_, count)| *count > 0)
+            .collect()
     }
 
     /// Counts the ticks that the recording has numbers of.
@@ -323,37 +437,85 @@ impl Seen {
     }
 
     fn account(&self, executed: &Executed) -> Option<&FaultRecord> {
-        let Done::Requested(place) = executed.done else { return None };
-        self.accounts.iter().find(|(known, _)| *known == place).map(|(_, account)| account)
+        let Done::Requested(place) = executed.done else {
+            return None;
+        };
+        self.accounts
+            .iter()
+            .find(|(known, _)| *known == place)
+            .map(|(_, account)| account)
     }
 
     /// The entry in which the launcher detected what a signal did.
     fn detected(&self, executed: &Executed) -> Option<&FaultRecord> {
         let index = self.index_of(executed.planned.act.process())?;
-        let of_it = |account: &&FaultRecord| account.scheduled.process as usize == index && account.detected_ns > executed.at_ns;
-        let takes_down = |account: &&FaultRecord| account.scheduled.kind().is_some_and(Kind::takes_down);
-        self.accounts.iter().map(|(_, account)| account).filter(of_it).filter(takes_down).min_by_key(|account| account.detected_ns)
+        let of_it = |account: &&FaultRecord| {
+            account.scheduled.process as usize == index && account.detected_ns > executed.at_ns
+        };
+        let takes_down =
+            |account: &&FaultRecord| account.scheduled.kind().is_some_and(Kind::takes_down);
+        self.accounts
+            .iter()
+            .map(|(_, account)| account)
+            .filter(of_it)
+            .filter(takes_down)
+            .min_by_key(|account| account.detected_ns)
     }
 
     /// The record of a fault or signal; `None` where it was left out, or the run was over before it was due.
     fn injected(&self, executed: &Executed, rate_hz: u32) -> Option<Injected> {
         let act = &executed.planned.act;
-        let since_ms = |from: u64, to: u64| (to > from && from > 0).then(|| (to - from) as f64 * 1e-6);
+        let since_ms =
+            |from: u64, to: u64| (to > from && from > 0).then(|| (to - from) as f64 * 1e-6);
         let (what, tick, length_s, detected_ms, recovered_ms) = match (act, &executed.done) {
             (_, Done::LeftOut(_)) => return None,
             (Act::Fault(_), _) => {
-                let account = self.account(executed).filter(|account| account.injected_ns > 0)?;
-                let fault = account.scheduled.fault(act.process(), &self.graph.target(act.process())?)?;
-                let length_s = fault.for_ticks.map_or(0.0, |ticks| ticks as f64 / f64::from(rate_hz));
-                let FaultRecord { injected_ns, detected_ns, recovered_ns, .. } = *account;
-                (fault.to_string(), account.scheduled.at, length_s, since_ms(injected_ns, detected_ns), since_ms(injected_ns, recovered_ns))
+                let account = self
+                    .account(executed)
+                    .filter(|account| account.injected_ns > 0)?;
+                let fault = account
+                    .scheduled
+                    .fault(act.process(), &self.graph.target(act.process())?)?;
+                let length_s = fault
+                    .for_ticks
+                    .map_or(0.0, |ticks| ticks as f64 / f64::from(rate_hz));
+                let FaultRecord {
+                    injected_ns,
+                    detected_ns,
+                    recovered_ns,
+                    ..
+                } = *account;
+                (
+                    fault.to_string(),
+                    account.scheduled.at,
+                    length_s,
+                    since_ms(injected_ns, detected_ns),
+                    since_ms(injected_ns, recovered_ns),
+                )
             }
             (Act::Signal(process, signal), Done::Signalled) => {
-                let account = if act.deaths() > 0 { self.detected(executed) } else { None };
-                let length_s = if let Signal::StopFor(ms) = signal { f64::from(*ms) * 1e-3 } else { 0.1 };
+                let account = if act.deaths() > 0 {
+                    self.detected(executed)
+                } else {
+                    None
+                };
+                let length_s = if let Signal::StopFor(ms) = signal {
+                    f64::from(*ms) * 1e-3
+                } else {
+                    0.1
+                };
                 let since = |ns: Option<u64>| ns.and_then(|ns| since_ms(executed.at_ns, ns));
-                let (detected, recovered) = (account.map(|one| one.detected_ns), account.map(|one| one.recovered_ns));
-                (format!("{signal:?} of the {process}"), executed.tick, length_s, since(detected), since(recovered))
+                let (detected, recovered) = (
+                    account.map(|one| one.detected_ns),
+                    account.map(|one| one.recovered_ns),
+                );
+                (
+                    format!("{signal:?} of the {process}"),
+                    executed.tick,
+                    length_s,
+                    since(detected),
+                    since(recovered),
+                )
             }
             _ => return None,
         };
@@ -374,7 +536,9 @@ impl Seen {
 
     fn has_injected(&self, executed: &Executed) -> bool {
         match executed.done {
-            Done::Requested(_) => self.account(executed).is_some_and(|account| account.injected_ns > 0),
+            Done::Requested(_) => self
+                .account(executed)
+                .is_some_and(|account| account.injected_ns > 0),
             Done::Signalled => true,
             Done::LeftOut(_) => false,
         }
@@ -383,33 +547,66 @@ impl Seen {
     /// The planned that was to end the run, and whether it fell.
     fn fatal(&self) -> Option<(String, bool)> {
         // A busy machine may have continued the plant too late.
-        if let Some(stopped) = self.events.silenced.iter().find(|process| *process == Program::Plant.name() && self.was_stopped(process)) {
+        if let Some(stopped) = self
+            .events
+            .silenced
+            .iter()
+            .find(|process| *process == Program::Plant.name() && self.was_stopped(process))
+        {
             return Some((stopped.clone(), true));
         }
-        let mut fatal = self.executed.iter().filter(|executed| executed.planned.is_fatal);
+        let mut fatal = self
+            .executed
+            .iter()
+            .filter(|executed| executed.planned.is_fatal);
         let first = fatal.next()?;
-        let has_injected = self.has_injected(first) || fatal.any(|executed| self.has_injected(executed));
+        let has_injected =
+            self.has_injected(first) || fatal.any(|executed| self.has_injected(executed));
         Some((first.planned.act.process().to_owned(), has_injected))
     }
 
     fn full_at(&self) -> Option<u64> {
-        let full = |(_, account): &(usize, FaultRecord)| account.scheduled.kind() == Some(Kind::DiskFull) && account.injected_ns > 0;
-        self.accounts.iter().filter(|account| full(account)).map(|(_, account)| account.scheduled.at).min()
+        let full = |(_, account): &(usize, FaultRecord)| {
+            account.scheduled.kind() == Some(Kind::DiskFull) && account.injected_ns > 0
+        };
+        self.accounts
+            .iter()
+            .filter(|account| full(account))
+            .map(|(_, account)| account.scheduled.at)
+            .min()
     }
 
     /// Every death that was brought about: by the fault table, by a signal.
     fn deaths(&self) -> Vec<Death> {
-        let is_restarted = |process: &str, at_ns: u64| self.events.ended.iter().any(|(who, _, ns)| who == process && *ns > at_ns);
+        let is_restarted = |process: &str, at_ns: u64| {
+            self.events
+                .ended
+                .iter()
+                .any(|(who, _, ns)| who == process && *ns > at_ns)
+        };
         let before_end_s = |at_ns: u64| self.end_ns.saturating_sub(at_ns) as f64 * 1e-9;
         let mut deaths = Vec::new();
-        for executed in self.executed.iter().filter(|executed| executed.planned.act.deaths() > 0 && self.has_injected(executed)) {
+        for executed in self
+            .executed
+            .iter()
+            .filter(|executed| executed.planned.act.deaths() > 0 && self.has_injected(executed))
+        {
             let process = executed.planned.act.process().to_owned();
             let (at_ns, is_detected) = match self.account(executed) {
                 Some(account) => (account.injected_ns, account.detected_ns > 0),
-                None => (executed.at_ns, self.detected(executed).is_some() || self.is_explained(executed)),
+                None => (
+                    executed.at_ns,
+                    self.detected(executed).is_some() || self.is_explained(executed),
+                ),
             };
             let is_restarted = is_restarted(&process, at_ns);
-            deaths.push(Death { what: executed.planned.act.name(), before_end_s: before_end_s(at_ns), is_detected, is_restarted, process });
+            deaths.push(Death {
+                what: executed.planned.act.name(),
+                before_end_s: before_end_s(at_ns),
+                is_detected,
+                is_restarted,
+                process,
+            });
         }
         deaths
     }
@@ -418,7 +615,8 @@ impl Seen {
     fn is_explained(&self, executed: &Executed) -> bool {
         let index = self.index_of(executed.planned.act.process());
         let explains = |account: &FaultRecord| {
-            let is_its = Some(account.scheduled.process as usize) == index && account.scheduled.kind().is_some_and(Kind::takes_down);
+            let is_its = Some(account.scheduled.process as usize) == index
+                && account.scheduled.kind().is_some_and(Kind::takes_down);
             is_its
                 && account.injected_ns > 0
                 && account.detected_ns > 0
@@ -431,16 +629,48 @@ impl Seen {
     fn ended(&self) -> Vec<Ended> {
         let mut ended: Vec<Ended> = Vec::new();
         for (process, exit, _) in &self.events.ended {
-            let so_far = |exits: &dyn Fn(Exit) -> bool| ended.iter().filter(|one| one.process == *process && exits(one.exit)).count();
-            let injected = || self.executed.iter().filter(|one| one.planned.act.process() == process && self.has_injected(one));
-            let by = |way: Way| injected().filter(|one| one.planned.act.way() == Some(way)).count();
+            let so_far = |exits: &dyn Fn(Exit) -> bool| {
+                ended
+                    .iter()
+                    .filter(|one| one.process == *process && exits(one.exit))
+                    .count()
+            };
+            let injected = || {
+                self.executed
+                    .iter()
+                    .filter(|one| one.planned.act.process() == process && self.has_injected(one))
+            };
+            let by = |way: Way| {
+                injected()
+                    .filter(|one| one.planned.act.way() == Some(way))
+                    .count()
+            };
             let (panics, bus_errors) = (by(Way::Panic), by(Way::BusError));
-            let kills: usize = injected().map(|one| one.planned.act.deaths() as usize).sum::<usize>() - panics - bus_errors;
+            let kills: usize = injected()
+                .map(|one| one.planned.act.deaths() as usize)
+                .sum::<usize>()
+                - panics
+                - bus_errors;
             // A stop that lasts too long ends with a kill; a stopped process killed by a second planned dies once.
-            let silenced = self.events.silenced.iter().filter(|one| *one == process).count();
+            let silenced = self
+                .events
+                .silenced
+                .iter()
+                .filter(|one| *one == process)
+                .count();
             // Numbers far out of range may end in one that is not finite; then a process stops rather than send it.
-            let is_corrupted = self.executed.iter().any(|one| matches!(&one.planned.act, Act::Fault(fault) if fault.kind == Kind::Corrupt));
-            let refused = if is_corrupted { self.events.refused.iter().filter(|one| *one == process).count() } else { 0 };
+            let is_corrupted = self.executed.iter().any(
+                |one| matches!(&one.planned.act, Act::Fault(fault) if fault.kind == Kind::Corrupt),
+            );
+            let refused = if is_corrupted {
+                self.events
+                    .refused
+                    .iter()
+                    .filter(|one| *one == process)
+                    .count()
+            } else {
+                0
+            };
             let is_ours = match exit {
                 Exit::Signal(9) => so_far(&|exit| exit == Exit::Signal(9)) < kills + silenced,
                 Exit::Signal(SIGBUS) => so_far(&|exit| exit == Exit::Signal(SIGBUS)) < bus_errors,
@@ -448,14 +678,23 @@ impl Seen {
                 Exit::Code(1) => so_far(&|exit| exit == Exit::Code(1)) < refused,
                 _ => false,
             };
-            ended.push(Ended { process: process.clone(), exit: *exit, is_ours });
+            ended.push(Ended {
+                process: process.clone(),
+                exit: *exit,
+                is_ours,
+            });
         }
         ended
     }
 
     /// Processes killed for their silence that no fault had stopped.
     fn falsely_silenced(&self) -> Vec<String> {
-        self.events.silenced.iter().filter(|process| !self.was_stopped(process)).cloned().collect()
+        self.events
+            .silenced
+            .iter()
+            .filter(|process| !self.was_stopped(process))
+            .cloned()
+            .collect()
     }
 
     fn was_stopped(&self, process: &str) -> bool {
@@ -463,9 +702,11 @@ impl Seen {
             Act::Fault(fault) => fault.kind == Kind::Hang,
             Act::Signal(_, signal) => matches!(signal, Signal::Stop | Signal::StopFor(_)),
         };
-        self.executed
-            .iter()
-            .any(|executed| executed.planned.act.process() == process && stops(&executed.planned.act) && self.has_injected(executed))
+        self.executed.iter().any(|executed| {
+            executed.planned.act.process() == process
+                && stops(&executed.planned.act)
+                && self.has_injected(executed)
+        })
     }
 }
 
@@ -473,9 +714,15 @@ impl Seen {
 fn blame(injected: &mut [Injected], stops: &[Stop], rate_hz: u32) {
     let rate = f64::from(rate_hz);
     for stop in stops {
-        let lasts = |planned: &Injected| planned.tick + ((planned.length_s + AFTERMATH_S) * rate) as u64;
-        let was_in_force = |planned: &&mut Injected| (planned.tick..=lasts(planned)).contains(&stop.from);
-        if let Some(planned) = injected.iter_mut().filter(was_in_force).max_by_key(|planned| planned.tick) {
+        let lasts =
+            |planned: &Injected| planned.tick + ((planned.length_s + AFTERMATH_S) * rate) as u64;
+        let was_in_force =
+            |planned: &&mut Injected| (planned.tick..=lasts(planned)).contains(&stop.from);
+        if let Some(planned) = injected
+            .iter_mut()
+            .filter(was_in_force)
+            .max_by_key(|planned| planned.tick)
+        {
             planned.stopped_ms += (stop.until - stop.from) as f64 * 1e3 / rate;
         }
     }
@@ -500,8 +747,24 @@ mod tests {
             deaths: 0,
         };
         let mut injected = [planned(100, 0.5), planned(300, 0.1), planned(900, 0.1)];
-        let stops = [Stop { from: 350, until: 400 }, Stop { from: 600, until: 610 }, Stop { from: 800, until: 820 }];
+        let stops = [
+            Stop {
+                from: 350,
+                until: 400,
+            },
+            Stop {
+                from: 600,
+                until: 610,
+            },
+            Stop {
+                from: 800,
+                until: 820,
+            },
+        ];
         blame(&mut injected, &stops, 1000);
-        assert_eq!(injected.map(|planned| planned.stopped_ms), [10.0, 50.0, 0.0]);
+        assert_eq!(
+            injected.map(|planned| planned.stopped_ms),
+            [10.0, 50.0, 0.0]
+        );
     }
 }

@@ -40,10 +40,15 @@ impl Usage {
         let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
         let number = |key: &str| {
             let line = status.lines().find_map(|line| line.strip_prefix(key));
-            line.and_then(|rest| rest.split_whitespace().next()?.parse().ok()).unwrap_or_default()
+            line.and_then(|rest| rest.split_whitespace().next()?.parse().ok())
+                .unwrap_or_default()
         };
         let open_files = std::fs::read_dir("/proc/self/fd").map_or(0, |files| files.count() as u64);
-        Self { resident_kb: number("VmRSS:"), open_files, threads: number("Threads:") }
+        Self {
+            resident_kb: number("VmRSS:"),
+            open_files,
+            threads: number("Threads:"),
+        }
     }
 
     /// The growth since an earlier count.
@@ -51,13 +56,30 @@ impl Usage {
         let mut grown = Vec::new();
         let mut unless = |is_flat: bool, what: &str, before: u64, now: u64| {
             if !is_flat {
-                grown.push(format!("the soak itself has grown from {before} to {now} {what}"));
+                grown.push(format!(
+                    "the soak itself has grown from {before} to {now} {what}"
+                ));
             }
         };
         let kb = self.resident_kb;
-        unless(kb <= earlier.resident_kb + GROWTH_KB, "kB", earlier.resident_kb, kb);
-        unless(self.open_files <= earlier.open_files, "open files", earlier.open_files, self.open_files);
-        unless(self.threads <= earlier.threads, "threads", earlier.threads, self.threads);
+        unless(
+            kb <= earlier.resident_kb + GROWTH_KB,
+            "kB",
+            earlier.resident_kb,
+            kb,
+        );
+        unless(
+            self.open_files <= earlier.open_files,
+            "open files",
+            earlier.open_files,
+            self.open_files,
+        );
+        unless(
+            self.threads <= earlier.threads,
+            "threads",
+            earlier.threads,
+            self.threads,
+        );
         grown
     }
 }
@@ -102,7 +124,11 @@ pub fn soak(
     let seed = seed.unwrap_or_else(|| runtime::now_ns() % 1_000_000);
     let (seconds, rate) = (seconds as f64, f64::from(rate_hz));
     let mut faults = FaultDraw::new(robot, load::graph(None)?, rate_hz, seed);
-    observer(Progress::Begin { title: "round 1", length: (seconds * rate) as u64, unit: "ticks" });
+    observer(Progress::Begin {
+        title: "round 1",
+        length: (seconds * rate) as u64,
+        unit: "ticks",
+    });
     let (mut rounds, mut usage, mut interrupted) = (Vec::<Round>::new(), Vec::<Usage>::new(), None);
     let mut done = 0;
     for number in 1.. {
@@ -112,14 +138,35 @@ pub fn soak(
             break;
         }
         let scenario = prolonged(scenario, rate_hz, left_s.min(ROUND_S).ceil() as u64);
-        let setting = Setting { robot, scenario: &scenario, seconds: scenario.duration_s() };
+        let setting = Setting {
+            robot,
+            scenario: &scenario,
+            seconds: scenario.duration_s(),
+        };
         let out = folder.path().join(format!("round-{number:03}"));
-        std::fs::create_dir_all(&out).map_err(|error| Failure::Work(format!("cannot make {}: {error}", out.display())))?;
+        std::fs::create_dir_all(&out)
+            .map_err(|error| Failure::Work(format!("cannot make {}: {error}", out.display())))?;
         let planned = faults.round(setting.seconds);
-        let broken = rounds.iter().filter(|round| !round.broken.is_empty()).count();
-        observer(Progress::Title(&format!("round {number}{}", if broken > 0 { format!(", {broken} BROKEN") } else { String::new() })));
+        let broken = rounds
+            .iter()
+            .filter(|round| !round.broken.is_empty())
+            .count();
+        observer(Progress::Title(&format!(
+            "round {number}{}",
+            if broken > 0 {
+                format!(", {broken} BROKEN")
+            } else {
+                String::new()
+            }
+        )));
         let mut progress = |ticks: u64| observer(Progress::Position(done + ticks));
-        let round = setting.round(number, random(seed, number as u64) % 1_000_000_000, planned, &out, &mut progress);
+        let round = setting.round(
+            number,
+            random(seed, number as u64) % 1_000_000_000,
+            planned,
+            &out,
+            &mut progress,
+        );
         interrupted = signals.pending();
         let round = match round {
             Ok(round) => round,
@@ -127,7 +174,11 @@ pub fn soak(
             Err(failure) => return Err(failure),
         };
         for what in &round.broken {
-            observer(Progress::Line(&format!("round {number}, seed {}: {what} ({})", round.seed, out.display())));
+            observer(Progress::Line(&format!(
+                "round {number}, seed {}: {what} ({})",
+                round.seed,
+                out.display()
+            )));
         }
         if round.broken.is_empty() {
             // Nothing to be looked at: twenty-five megabytes a minute.
@@ -143,7 +194,8 @@ pub fn soak(
     }
     observer(Progress::End);
     let mut passed = rounds.iter().all(|round| round.broken.is_empty());
-    if let (Some(second), Some(last), Some(round)) = (usage.get(1), usage.last(), rounds.last_mut()) {
+    if let (Some(second), Some(last), Some(round)) = (usage.get(1), usage.last(), rounds.last_mut())
+    {
         let grown = last.grown_since(*second);
         passed &= grown.is_empty();
         round.broken.extend(grown);
@@ -168,17 +220,49 @@ mod tests {
 
     #[test]
     fn growth_is_named_and_the_reserve_of_an_allocator_is_not() {
-        let before = Usage { resident_kb: 50_000, open_files: 12, threads: 1 };
-        assert!(Usage { resident_kb: 60_000, ..before }.grown_since(before).is_empty());
+        let before = Usage {
+            resident_kb: 50_000,
+            open_files: 12,
+            threads: 1,
+        };
+        assert!(
+            Usage {
+                resident_kb: 60_000,
+                ..before
+            }
+            .grown_since(before)
+            .is_empty()
+        );
         for (grown, word) in [
-            (Usage { resident_kb: 70_000, ..before }, "70000 kB"),
-            (Usage { open_files: 13, ..before }, "13 open files"),
-            (Usage { threads: 2, ..before }, "2 threads"),
+            (
+                Usage {
+                    resident_kb: 70_000,
+                    ..before
+                },
+                "70000 kB",
+            ),
+            (
+                Usage {
+                    open_files: 13,
+                    ..before
+                },
+                "13 open files",
+            ),
+            (
+                Usage {
+                    threads: 2,
+                    ..before
+                },
+                "2 threads",
+            ),
         ] {
             let said = grown.grown_since(before);
             assert!(said.len() == 1 && said[0].ends_with(word), "{said:?}");
         }
         let now = Usage::now();
-        assert!(now.resident_kb > 1_000 && now.open_files >= 3 && now.threads >= 1, "{now:?}");
+        assert!(
+            now.resident_kb > 1_000 && now.open_files >= 3 && now.threads >= 1,
+            "{now:?}"
+        );
     }
 }

@@ -84,7 +84,10 @@ pub struct Totals {
 
 fn p50(mut values: Vec<f64>) -> (Option<f64>, Option<f64>) {
     values.sort_by(f64::total_cmp);
-    (values.get(values.len().saturating_sub(1) / 2).copied(), values.last().copied())
+    (
+        values.get(values.len().saturating_sub(1) / 2).copied(),
+        values.last().copied(),
+    )
 }
 
 /// A row for each kind, in the order of their names, signals first.
@@ -92,16 +95,25 @@ pub(super) fn kinds(rounds: &[Round]) -> Vec<Kind> {
     let mut by_kind = BTreeMap::<&str, Vec<(&Round, &Injected)>>::new();
     for round in rounds {
         for injected in &round.injected {
-            by_kind.entry(injected.kind.as_str()).or_default().push((round, injected));
+            by_kind
+                .entry(injected.kind.as_str())
+                .or_default()
+                .push((round, injected));
         }
     }
     let row = |(kind, planned): (&str, Vec<(&Round, &Injected)>)| {
-        let of = |value: fn(&Injected) -> Option<f64>| planned.iter().filter_map(|(_, injected)| value(injected)).collect::<Vec<_>>();
+        let of = |value: fn(&Injected) -> Option<f64>| {
+            planned
+                .iter()
+                .filter_map(|(_, injected)| value(injected))
+                .collect::<Vec<_>>()
+        };
         let detected = of(|injected| injected.detected_ms);
         let stood = of(|injected| (injected.stopped_ms > 0.0).then_some(injected.stopped_ms));
         let ends = |end: &str| planned.iter().filter(|(round, _)| round.end == end).count() as u64;
         let count = (detected.len() as u64, stood.len() as u64);
-        let ((detected_ms_p50, detected_ms_max), (stopped_ms_p50, stopped_ms_max)) = (p50(detected), p50(stood));
+        let ((detected_ms_p50, detected_ms_max), (stopped_ms_p50, stopped_ms_max)) =
+            (p50(detected), p50(stood));
         let (recovered_ms_p50, recovered_ms_max) = p50(of(|injected| injected.recovered_ms));
         Kind {
             kind: kind.to_owned(),
@@ -109,7 +121,10 @@ pub(super) fn kinds(rounds: &[Round]) -> Vec<Kind> {
             detected: count.0,
             detected_ms_p50,
             detected_ms_max,
-            deaths: planned.iter().map(|(_, injected)| u64::from(injected.deaths)).sum(),
+            deaths: planned
+                .iter()
+                .map(|(_, injected)| u64::from(injected.deaths))
+                .sum(),
             recovered_ms_p50,
             recovered_ms_max,
             stops: count.1,
@@ -126,7 +141,10 @@ pub(super) fn kinds(rounds: &[Round]) -> Vec<Kind> {
 impl Totals {
     /// Sums and maxima over `rounds`.
     pub fn of(rounds: &[Round]) -> Self {
-        let mut totals = Self { rounds: rounds.len() as u64, ..Self::default() };
+        let mut totals = Self {
+            rounds: rounds.len() as u64,
+            ..Self::default()
+        };
         for round in rounds {
             totals.broken += u64::from(!round.broken.is_empty());
             match round.end {
@@ -158,12 +176,23 @@ impl Totals {
                 *totals.deadlines_by_cause.entry(cause.clone()).or_default() += count;
             }
             totals.torque_max_ratio = totals.torque_max_ratio.max(round.torque_max_ratio);
-            totals.torque_step_max_ratio = totals.torque_step_max_ratio.max(round.torque_step_max_ratio);
+            totals.torque_step_max_ratio = totals
+                .torque_step_max_ratio
+                .max(round.torque_step_max_ratio);
             totals.speed_max_ratio = totals.speed_max_ratio.max(round.speed_max_ratio);
             totals.stale_ticks = totals.stale_ticks.max(round.stale_ticks);
-            totals.stopped_s += round.stops.iter().map(|stop| (stop.until - stop.from) as f64).sum::<f64>() / f64::from(round.rate_hz);
+            totals.stopped_s += round
+                .stops
+                .iter()
+                .map(|stop| (stop.until - stop.from) as f64)
+                .sum::<f64>()
+                / f64::from(round.rate_hz);
         }
-        let deaths = totals.restarts.get(Program::Recorder.name()).copied().unwrap_or_default();
+        let deaths = totals
+            .restarts
+            .get(Program::Recorder.name())
+            .copied()
+            .unwrap_or_default();
         totals.lost_per_death_of_recorder = totals.messages.lost as f64 / deaths.max(1) as f64;
         totals
     }

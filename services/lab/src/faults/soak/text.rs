@@ -68,20 +68,43 @@ impl Soak {
             self.rate_hz,
             self.seed
         )?;
-        let left_out = all.left_out.iter().map(|(why, count)| format!("{count} because {why}")).collect::<Vec<_>>().join(", ");
+        let left_out = all
+            .left_out
+            .iter()
+            .map(|(why, count)| format!("{count} because {why}"))
+            .collect::<Vec<_>>()
+            .join(", ");
         writeln!(
             f,
             "faults     {} injected{}",
             all.planned,
-            if left_out.is_empty() { String::new() } else { format!("; left out {left_out}") }
+            if left_out.is_empty() {
+                String::new()
+            } else {
+                format!("; left out {left_out}")
+            }
         )?;
-        let restarts = all.restarts.iter().filter(|(_, count)| **count > 0).map(|(process, count)| format!("{process} {count}"));
+        let restarts = all
+            .restarts
+            .iter()
+            .filter(|(_, count)| **count > 0)
+            .map(|(process, count)| format!("{process} {count}"));
         writeln!(f, "restarts   {}", restarts.collect::<Vec<_>>().join(", "))
     }
 
     fn messages(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Messages { sent, taken_in, refused, fenced, lost, in_files } = self.totals.messages;
-        writeln!(f, "messages   {sent} sent, {taken_in} received by the recorder, {in_files} read back from its files")?;
+        let Messages {
+            sent,
+            taken_in,
+            refused,
+            fenced,
+            lost,
+            in_files,
+        } = self.totals.messages;
+        writeln!(
+            f,
+            "messages   {sent} sent, {taken_in} received by the recorder, {in_files} read back from its files"
+        )?;
         writeln!(
             f,
             "           {refused} refused for a number that is not finite, {fenced} of a dead incarnation; {lost} lost, sent while the recorder was away or too far behind ({:.0} for each of its deaths)",
@@ -91,7 +114,11 @@ impl Soak {
 
     fn margins(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let all = &self.totals;
-        writeln!(f, "deadlines  {} missed of {}", all.deadlines_missed, all.ticks)?;
+        writeln!(
+            f,
+            "deadlines  {} missed of {}",
+            all.deadlines_missed, all.ticks
+        )?;
         for (cause, count) in &all.deadlines_by_cause {
             writeln!(f, "           {count} {cause}")?;
         }
@@ -104,11 +131,17 @@ impl Soak {
             percent(all.speed_max_ratio),
             all.stale_ticks
         )?;
-        writeln!(f, "the arm    was stopped or braked for {:.1} s", all.stopped_s)
+        writeln!(
+            f,
+            "the arm    was stopped or braked for {:.1} s",
+            all.stopped_s
+        )
     }
 
     fn usage(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (Some(first), Some(last)) = (self.usage.first(), self.usage.last()) else { return Ok(()) };
+        let (Some(first), Some(last)) = (self.usage.first(), self.usage.last()) else {
+            return Ok(());
+        };
         writeln!(
             f,
             "the soak   {:.1} to {:.1} MB, {} to {} open files, {} to {} threads from its first round to its last",
@@ -124,11 +157,19 @@ impl Soak {
     fn verdict(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for round in self.rounds.iter().filter(|round| !round.broken.is_empty()) {
             for what in &round.broken {
-                writeln!(f, "BROKEN     round {}, seed {}: {what}", round.round, round.seed)?;
+                writeln!(
+                    f,
+                    "BROKEN     round {}, seed {}: {what}",
+                    round.round, round.seed
+                )?;
             }
         }
         if let Some(folder) = &self.folder {
-            writeln!(f, "           {}/round-NNN/scenario.toml holds the faults of each such round", folder.display())?;
+            writeln!(
+                f,
+                "           {}/round-NNN/scenario.toml holds the faults of each such round",
+                folder.display()
+            )?;
         }
         if self.passed {
             writeln!(f, "every guarantee held, and nothing is left behind")?;

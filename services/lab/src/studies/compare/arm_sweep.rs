@@ -96,7 +96,10 @@ impl ArmLines {
     /// How many lines became so.
     #[must_use]
     pub fn count(&self, outcome: Outcome) -> usize {
-        self.lines.iter().filter(|line| line.outcome == outcome).count()
+        self.lines
+            .iter()
+            .filter(|line| line.outcome == outcome)
+            .count()
     }
 
     /// As one JSON object.
@@ -112,8 +115,17 @@ impl ArmLines {
     pub fn save(&self, out: Option<&Path>) -> Result<PathBuf, Failure> {
         let results = Results::create(out, "compare")?;
         results.save("compare.json", &self.json())?;
-        for (i, line) in self.lines.iter().enumerate().filter(|(_, line)| line.outcome != Outcome::Reached) {
-            std::fs::write(results.folder.join(format!("line-{}.toml", i + 1)), line.scenario_text()?).map_err(Failure::work)?;
+        for (i, line) in self
+            .lines
+            .iter()
+            .enumerate()
+            .filter(|(_, line)| line.outcome != Outcome::Reached)
+        {
+            std::fs::write(
+                results.folder.join(format!("line-{}.toml", i + 1)),
+                line.scenario_text()?,
+            )
+            .map_err(Failure::work)?;
         }
         Ok(results.folder.clone())
     }
@@ -126,7 +138,10 @@ impl ArmSweep<'_> {
     /// [`Failure`] for a robot or a setting that does not exist, or an arm for which no line is found.
     pub fn run(&self, observer: Observer<'_>) -> Result<ArmLines, Failure> {
         let robot = load::robot(self.robot, None, None)?;
-        let text = format!("name = \"sweep\"\nrobot = \"{}\"\n[start]\nposture = \"none\"\n[[segment]]\nduration_s = 2.0\n", self.robot);
+        let text = format!(
+            "name = \"sweep\"\nrobot = \"{}\"\n[start]\nposture = \"none\"\n[[segment]]\nduration_s = 2.0\n",
+            self.robot
+        );
         let mut template = Scenario::parse("sweep.toml", &text, self.settings)?;
         if let Ok(path) = Path::new(self.robot).canonicalize() {
             // The lines' scenarios lie elsewhere.
@@ -134,11 +149,29 @@ impl ArmSweep<'_> {
         }
         template.seed = self.seed;
         template.plant.floor_m = None;
-        let through = if self.pairs { Through::Two } else { Through::One };
-        let lines = singular_lines(&robot, &template, through, (self.seed, self.count, self.speed), observer).map_err(Failure::input)?;
+        let through = if self.pairs {
+            Through::Two
+        } else {
+            Through::One
+        };
+        let lines = singular_lines(
+            &robot,
+            &template,
+            through,
+            (self.seed, self.count, self.speed),
+            observer,
+        )
+        .map_err(Failure::input)?;
         if lines.is_empty() {
-            let what = if self.pairs { "two singularities at once" } else { "a singularity" };
-            return Err(Failure::Input(format!("{} has no posture with {what} within its limits from which a line leads on", robot.name)));
+            let what = if self.pairs {
+                "two singularities at once"
+            } else {
+                "a singularity"
+            };
+            return Err(Failure::Input(format!(
+                "{} has no posture with {what} within its limits from which a line leads on",
+                robot.name
+            )));
         }
         let title = format!("lines of {}", robot.name);
         let run = |line: &SingularLine| run(&robot, self.law, line);
@@ -154,24 +187,40 @@ impl ArmSweep<'_> {
 
 fn run(robot: &model::Robot, law: Strategy, line: &SingularLine) -> Line {
     let scenario = under(&line.scenario, law);
-    let names = line.kinds.iter().map(|kind| singularity_name(kind.code(), 0)).collect::<Vec<_>>();
+    let names = line
+        .kinds
+        .iter()
+        .map(|kind| singularity_name(kind.code(), 0))
+        .collect::<Vec<_>>();
     let place = match line.place {
         Where::Start => "start",
         Where::Middle => "middle",
         Where::End => "end",
     };
     let began = Instant::now();
-    let obstacle =
-        chain::Chain::new(robot, &scenario).and_then(|chain| chain.obstacle().map_or(Ok(()), |why| Err(model::Refused::because(why))));
+    let obstacle = chain::Chain::new(robot, &scenario).and_then(|chain| {
+        chain
+            .obstacle()
+            .map_or(Ok(()), |why| Err(model::Refused::because(why)))
+    });
     let planning_ms = began.elapsed().as_secs_f64() * 1e3;
     let result = obstacle.and_then(|()| score(robot, &scenario));
-    let out =
-        |outcome, reason: String, score| Line { singularities: names.join("+"), place, outcome, reason, planning_ms, score, scenario };
+    let out = |outcome, reason: String, score| Line {
+        singularities: names.join("+"),
+        place,
+        outcome,
+        reason,
+        planning_ms,
+        score,
+        scenario,
+    };
     match result {
         Err(refused) => out(Outcome::Refused, refused.to_string(), None),
         Ok(score) => {
             let within = score.speed_max_ratio <= 1.0 && !score.stopped_by_plant;
-            let says = ["held", "clipped", "orthogonal", "off along", "beyond reach"].iter().any(|word| score.reason.contains(word));
+            let says = ["held", "clipped", "orthogonal", "off along", "beyond reach"]
+                .iter()
+                .any(|word| score.reason.contains(word));
             let outcome = match score.outcome.as_str() {
                 "goal reached" => Outcome::Reached,
                 "stopped" if within => Outcome::Refused,

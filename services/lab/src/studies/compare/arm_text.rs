@@ -32,7 +32,12 @@ impl fmt::Display for ArmLines {
             self.seed
         )?;
         self.by_line(f)?;
-        for (i, line) in self.lines.iter().enumerate().filter(|(_, line)| line.outcome != Outcome::Reached) {
+        for (i, line) in self
+            .lines
+            .iter()
+            .enumerate()
+            .filter(|(_, line)| line.outcome != Outcome::Reached)
+        {
             writeln!(f, "line {}, {}: {}", i + 1, line.outcome, line.reason)?;
         }
         self.by_singularity(f)
@@ -58,7 +63,9 @@ impl ArmLines {
         ];
         let mut rows = table(&headings);
         for (i, line) in self.lines.iter().enumerate() {
-            let of = |value: &dyn Fn(&Score) -> String| number(line.score.as_ref().map_or_else(|| "–".to_owned(), value));
+            let of = |value: &dyn Fn(&Score) -> String| {
+                number(line.score.as_ref().map_or_else(|| "–".to_owned(), value))
+            };
             rows.add_row([
                 number(i + 1),
                 line.singularities.clone().into(),
@@ -72,14 +79,21 @@ impl ArmLines {
                 of(&|score| format!("{:.1} %", score.torque_step_max_ratio * 100.0)),
                 of(&|score| format!("× {:.2}", score.time_stretch)),
                 number(format!("{:.0}", line.planning_ms)),
-                line.score.as_ref().map_or_else(String::new, Score::success).into(),
+                line.score
+                    .as_ref()
+                    .map_or_else(String::new, Score::success)
+                    .into(),
             ]);
         }
         writeln!(f, "{rows}")
     }
 
     fn by_singularity(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut names: Vec<&str> = self.lines.iter().map(|line| line.singularities.as_str()).collect();
+        let mut names: Vec<&str> = self
+            .lines
+            .iter()
+            .map(|line| line.singularities.as_str())
+            .collect();
         names.sort_unstable();
         names.dedup();
         let mut rows = table(&[
@@ -94,12 +108,18 @@ impl ArmLines {
             "plan, median and largest, ms",
         ]);
         for name in names.iter().map(Some).chain([None]) {
-            let of: Vec<&Line> = self.lines.iter().filter(|line| name.is_none_or(|name| line.singularities == **name)).collect();
+            let of: Vec<&Line> = self
+                .lines
+                .iter()
+                .filter(|line| name.is_none_or(|name| line.singularities == **name))
+                .collect();
             let count = |outcome| number(of.iter().filter(|line| line.outcome == outcome).count());
             let scores = || of.iter().filter_map(|line| line.score.as_ref());
             let mut planning: Vec<f64> = of.iter().map(|line| line.planning_ms).collect();
             planning.sort_by(f64::total_cmp);
-            let step = scores().map(|score| score.torque_step_max_ratio).fold(0.0, f64::max);
+            let step = scores()
+                .map(|score| score.torque_step_max_ratio)
+                .fold(0.0, f64::max);
             rows.add_row([
                 name.map_or("all", |name| *name).into(),
                 number(of.len()),
@@ -107,9 +127,16 @@ impl ArmLines {
                 count(Outcome::Refused),
                 count(Outcome::Missed),
                 count(Outcome::Silent),
-                number(format!("{:.0}", 100.0 * scores().filter(|score| score.s2).count() as f64 / of.len() as f64)),
+                number(format!(
+                    "{:.0}",
+                    100.0 * scores().filter(|score| score.s2).count() as f64 / of.len() as f64
+                )),
                 number(format!("{:.1} %", step * 100.0)),
-                number(format!("{:.0} {:.0}", planning[planning.len() / 2], planning[planning.len() - 1])),
+                number(format!(
+                    "{:.0} {:.0}",
+                    planning[planning.len() / 2],
+                    planning[planning.len() - 1]
+                )),
             ]);
         }
         writeln!(f, "{rows}")

@@ -11,7 +11,10 @@ use shared_types::scenario::{Scenario, Strategy};
 /// [`Failure::Input`] where there is no such law.
 pub fn laws(names: &[String]) -> Result<Vec<Strategy>, Failure> {
     if names.is_empty() {
-        return Ok(Strategy::ALL.into_iter().filter(|law| law.follows_paths()).collect());
+        return Ok(Strategy::ALL
+            .into_iter()
+            .filter(|law| law.follows_paths())
+            .collect());
     }
     let law = |name: &String| {
         let known = || Strategy::ALL.iter().map(|law| law.name());

@@ -20,19 +20,64 @@ fn metrics() -> [[Metric; 3]; 3] {
     let (s2, goal) = (Bounds::s2(), Goal::default());
     [
         [
-            ("error orthogonal to ζ, mm", |score| score.orthogonal_max_mm, Some(s2.orthogonal_mm), true),
-            ("error along ζ, mm", |score| score.along_max_mm, Some(s2.along_mm), true),
-            ("error at the end, mm", |score| score.final_mm, Some(goal.position_mm), true),
+            (
+                "error orthogonal to ζ, mm",
+                |score| score.orthogonal_max_mm,
+                Some(s2.orthogonal_mm),
+                true,
+            ),
+            (
+                "error along ζ, mm",
+                |score| score.along_max_mm,
+                Some(s2.along_mm),
+                true,
+            ),
+            (
+                "error at the end, mm",
+                |score| score.final_mm,
+                Some(goal.position_mm),
+                true,
+            ),
         ],
         [
-            ("error orthogonal to ζ, °", |score| score.orthogonal_max_deg, Some(s2.orthogonal_deg), true),
-            ("error along ζ, °", |score| score.along_max_deg, Some(s2.along_deg), true),
-            ("error at the end, °", |score| score.final_deg, Some(goal.orientation_deg), true),
+            (
+                "error orthogonal to ζ, °",
+                |score| score.orthogonal_max_deg,
+                Some(s2.orthogonal_deg),
+                true,
+            ),
+            (
+                "error along ζ, °",
+                |score| score.along_max_deg,
+                Some(s2.along_deg),
+                true,
+            ),
+            (
+                "error at the end, °",
+                |score| score.final_deg,
+                Some(goal.orientation_deg),
+                true,
+            ),
         ],
         [
-            ("peak joint speed, share of limit", |score| score.speed_max_ratio, Some(1.0), false),
-            ("largest torque step, share of limit", |score| score.torque_step_max_ratio, None, false),
-            ("energy put in by jumps, J", |score| score.jump_energy_j, Some(0.5), true),
+            (
+                "peak joint speed, share of limit",
+                |score| score.speed_max_ratio,
+                Some(1.0),
+                false,
+            ),
+            (
+                "largest torque step, share of limit",
+                |score| score.torque_step_max_ratio,
+                None,
+                false,
+            ),
+            (
+                "energy put in by jumps, J",
+                |score| score.jump_energy_j,
+                Some(0.5),
+                true,
+            ),
         ],
     ]
 }
@@ -45,14 +90,25 @@ pub(super) fn scenario(scenario: &Scenario, scores: &[Score]) -> Page {
     let names = || scores.iter().map(|score| score.law.clone());
     let rows = metrics().into_iter().map(|metrics| {
         let panels = metrics.iter().enumerate().map(|(column, metric)| {
-            let y = if column == 0 { Axis::names(names()) } else { Axis { hidden: true, ..Axis::names(names()) } };
+            let y = if column == 0 {
+                Axis::names(names())
+            } else {
+                Axis {
+                    hidden: true,
+                    ..Axis::names(names())
+                }
+            };
             let mut panel = bars(metric, scores, y);
             panel.share = if column == 0 { 1.5 } else { 1.0 };
             panel
         });
         Row::of(LAW * scores.len() as f64 + AROUND, panels)
     });
-    let mut notes: Vec<String> = scores.iter().zip(verdicts(scores)).map(|(score, verdict)| format!("{}: {verdict}", score.law)).collect();
+    let mut notes: Vec<String> = scores
+        .iter()
+        .zip(verdicts(scores))
+        .map(|(score, verdict)| format!("{}: {verdict}", score.law))
+        .collect();
     notes.extend(failures(scores).into_iter().chain(margin(scores)));
     Page {
         title: format!("{}, every law on the same plant and seed", scenario.name),
@@ -64,10 +120,18 @@ pub(super) fn scenario(scenario: &Scenario, scores: &[Score]) -> Page {
 }
 
 fn bars((title, value, bar, logarithmic): &Metric, scores: &[Score], y: Axis) -> Panel {
-    let finished = || scores.iter().filter(|score| score.completed).map(value).chain(*bar);
+    let finished = || {
+        scores
+            .iter()
+            .filter(|score| score.completed)
+            .map(value)
+            .chain(*bar)
+    };
     let largest = finished().fold(LEAST, f64::max);
     let x = if *logarithmic {
-        Axis::default().logarithmic().within(LEAST..10f64.powf((1.5 * largest).log10().ceil()))
+        Axis::default()
+            .logarithmic()
+            .within(LEAST..10f64.powf((1.5 * largest).log10().ceil()))
     } else {
         Axis::default().within(0.0..1.25 * largest.max(0.8))
     };
@@ -78,11 +142,19 @@ fn bars((title, value, bar, logarithmic): &Metric, scores: &[Score], y: Axis) ->
             continue;
         }
         let size = value(score);
-        let color = if bar.is_some_and(|bar| size >= bar) { RED } else { BLUE };
+        let color = if bar.is_some_and(|bar| size >= bar) {
+            RED
+        } else {
+            BLUE
+        };
         panel.bar(row, size, color, digits(size));
     }
     if let Some(bar) = bar {
-        panel.dashed(&format!("bar: {bar}"), GREY, &[(*bar, -0.5), (*bar, scores.len() as f64 - 0.5)]);
+        panel.dashed(
+            &format!("bar: {bar}"),
+            GREY,
+            &[(*bar, -0.5), (*bar, scores.len() as f64 - 0.5)],
+        );
     }
     panel
 }
@@ -92,8 +164,17 @@ pub(super) fn sweep(sweep: &Sweep) -> Page {
     let names = || sweep.laws.iter().map(|(law, _)| law.name().to_owned());
     let near = [None].into_iter().chain(KINDS.map(Some));
     let panels = near.enumerate().map(|(column, near)| {
-        let title = near.map_or("all lines".to_owned(), |kind| format!("near {} lock", name_of(kind)));
-        let y = if column == 0 { Axis::names(names()) } else { Axis { hidden: true, ..Axis::names(names()) } };
+        let title = near.map_or("all lines".to_owned(), |kind| {
+            format!("near {} lock", name_of(kind))
+        });
+        let y = if column == 0 {
+            Axis::names(names())
+        } else {
+            Axis {
+                hidden: true,
+                ..Axis::names(names())
+            }
+        };
         let mut panel = Panel::new(&title, Axis::named("% of the lines").within(0.0..118.0), y);
         let pale = |color: Color| Color { 3: 0.35, ..color };
         for (row, (law, scores)) in sweep.laws.iter().enumerate() {

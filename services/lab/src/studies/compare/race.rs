@@ -76,15 +76,25 @@ pub fn race(
     out: Option<&Path>,
     observer: Observer<'_>,
 ) -> Result<Race, Failure> {
-    let load::Loaded { scenario, robot, .. } = load::scenario(name, settings, seed)?;
+    let load::Loaded {
+        scenario, robot, ..
+    } = load::scenario(name, settings, seed)?;
     let scenario = chain::without_faults(&scenario);
     let law = scenario.control.strategy;
     if law == rival {
-        return Err(Failure::Input(format!("{} runs under {} already: name another law with --law", scenario.name, law.name())));
+        return Err(Failure::Input(format!(
+            "{} runs under {} already: name another law with --law",
+            scenario.name,
+            law.name()
+        )));
     }
     let results = Results::create(out, "race")?;
     let every = u64::from((scenario.rate_hz / PICTURE_HZ).max(1));
-    observer(Progress::Begin { title: "race", length: 2, unit: "laws" });
+    observer(Progress::Begin {
+        title: "race",
+        length: 2,
+        unit: "laws",
+    });
     let places = rival_places(&robot, &under(&scenario, rival), every)?;
     observer(Progress::Step);
 
@@ -98,8 +108,13 @@ pub fn race(
         hops: None,
         lives: viz::Lives::default(),
     };
-    let options = Options { signal_chunk_s: 1.0, picture_chunk_s: 10.0, ..Options::default() };
-    let mut recording = Recording::create_part(&results.folder, 0, &info, options).map_err(Failure::work)?;
+    let options = Options {
+        signal_chunk_s: 1.0,
+        picture_chunk_s: 10.0,
+        ..Options::default()
+    };
+    let mut recording =
+        Recording::create_part(&results.folder, 0, &info, options).map_err(Failure::work)?;
     let (mut racer, mut words, mut failed) = (Racer::default(), String::new(), None);
     let names = [law.name(), rival.name()];
     chain::run(&robot, &scenario, |tick| {
@@ -119,7 +134,9 @@ pub fn race(
             // The chain has a place for them in any run.
             (messages.target, messages.servo_state) = (None, None);
         }
-        failed = failed.take().or(recording.tick(&TickRow::new(number, messages)).err());
+        failed = failed
+            .take()
+            .or(recording.tick(&TickRow::new(number, messages)).err());
     })
     .map_err(Failure::input)?;
     failed.map_or(Ok(()), |error| Err(Failure::work(error)))?;
@@ -133,7 +150,10 @@ pub fn race(
         rival: (names[1].to_owned(), end),
         folder: results.folder.clone(),
     };
-    results.save("race.json", &serde_json::to_value(&race).map_err(Failure::work)?)?;
+    results.save(
+        "race.json",
+        &serde_json::to_value(&race).map_err(Failure::work)?,
+    )?;
     Ok(race)
 }
 
@@ -143,7 +163,10 @@ fn rival_places(robot: &Robot, scenario: &Scenario, every: u64) -> Result<Vec<Pl
     chain::run(robot, scenario, |tick| {
         racer.tick(tick, robot);
         if tick.sensor.header.tick % every == 0 {
-            places.push(Place { q: tick.plant_state.q, racer });
+            places.push(Place {
+                q: tick.plant_state.q,
+                racer,
+            });
         }
     })
     .map_err(Failure::input)?;
@@ -152,20 +175,38 @@ fn rival_places(robot: &Robot, scenario: &Scenario, every: u64) -> Result<Vec<Pl
 
 /// Both laws' numbers so far, as Markdown.
 fn counters([law, rival]: [&str; 2], racers: [&Racer; 2]) -> String {
-    let row = |what: &str, of: fn(&Racer) -> String| format!("| {what} | **{}** | {} |\n", of(racers[0]), of(racers[1]));
-    let mut words = format!("## Solid: {law}. Red: {rival}\n\n| so far, at most | {law} | {rival} |\n|---|---|---|\n");
-    words += &row("hand turned off its reference", |racer| angle(racer.orientation_max_deg));
-    words += &row("hand moved off its reference", |racer| length(racer.position_max_mm));
-    words += &row("joint speed, of the limit", |racer| format!("{:.0} %", 100.0 * racer.speed_max_ratio));
+    let row = |what: &str, of: fn(&Racer) -> String| {
+        format!("| {what} | **{}** | {} |\n", of(racers[0]), of(racers[1]))
+    };
+    let mut words = format!(
+        "## Solid: {law}. Red: {rival}\n\n| so far, at most | {law} | {rival} |\n|---|---|---|\n"
+    );
+    words += &row("hand turned off its reference", |racer| {
+        angle(racer.orientation_max_deg)
+    });
+    words += &row("hand moved off its reference", |racer| {
+        length(racer.position_max_mm)
+    });
+    words += &row("joint speed, of the limit", |racer| {
+        format!("{:.0} %", 100.0 * racer.speed_max_ratio)
+    });
     words + "\n*The same plant, seed and task. Green: the reference of the solid arm.*\n"
 }
 
 fn angle(deg: f64) -> String {
-    if deg < 0.1 { format!("{deg:.3}°") } else { format!("{deg:.1}°") }
+    if deg < 0.1 {
+        format!("{deg:.3}°")
+    } else {
+        format!("{deg:.1}°")
+    }
 }
 
 fn length(mm: f64) -> String {
-    if mm < 1.0 { format!("{mm:.2} mm") } else { format!("{mm:.1} mm") }
+    if mm < 1.0 {
+        format!("{mm:.2} mm")
+    } else {
+        format!("{mm:.1} mm")
+    }
 }
 
 #[cfg(test)]
@@ -174,10 +215,22 @@ mod tests {
 
     #[test]
     fn counters_show_both_laws() {
-        let ours = Racer { position_max_mm: 0.023, orientation_max_deg: 0.006, speed_max_ratio: 0.28 };
-        let theirs = Racer { position_max_mm: 12.5, orientation_max_deg: 4.42, speed_max_ratio: 1.02 };
+        let ours = Racer {
+            position_max_mm: 0.023,
+            orientation_max_deg: 0.006,
+            speed_max_ratio: 0.28,
+        };
+        let theirs = Racer {
+            position_max_mm: 12.5,
+            orientation_max_deg: 4.42,
+            speed_max_ratio: 1.02,
+        };
         let words = counters(["blended", "damped-least-squares"], [&ours, &theirs]);
-        for expected in ["**0.006°** | 4.4°", "**0.02 mm** | 12.5 mm", "**28 %** | 102 %"] {
+        for expected in [
+            "**0.006°** | 4.4°",
+            "**0.02 mm** | 12.5 mm",
+            "**28 %** | 102 %",
+        ] {
             assert!(words.contains(expected), "{expected}: {words}");
         }
     }

@@ -54,7 +54,12 @@ impl Compared {
     pub fn json(&self) -> Value {
         match self {
             Self::Sweep { sweep, .. } => sweep.json(),
-            Self::Scenario { scenario, robot, faults_left_out, scores } => json!({
+            Self::Scenario {
+                scenario,
+                robot,
+                faults_left_out,
+                scores,
+            } => json!({
                 "scenario": scenario.name, "robot": robot, "seed": scenario.seed, "faults_left_out": faults_left_out, "laws": scores,
             }),
         }
@@ -72,7 +77,11 @@ pub fn compare(
     each: &mut dyn FnMut(&Compared),
 ) -> Result<(Value, std::path::PathBuf), Failure> {
     let load = |name: &String| load::scenario(name, request.settings, request.seed);
-    let loaded = request.scenarios.iter().map(load).collect::<Result<Vec<_>, _>>()?;
+    let loaded = request
+        .scenarios
+        .iter()
+        .map(load)
+        .collect::<Result<Vec<_>, _>>()?;
     let results = Results::create(request.out, "compare")?;
     let mut comparisons = Vec::new();
     for mut loaded in loaded {
@@ -82,11 +91,21 @@ pub fn compare(
         let compared = if loaded.scenario.name == SWEEP {
             let sweep = Sweep::run(&loaded, request.laws, request.size, observer)?;
             picture::sweep(&sweep).save(&path).map_err(Failure::work)?;
-            Compared::Sweep { sweep, faults_left_out }
+            Compared::Sweep {
+                sweep,
+                faults_left_out,
+            }
         } else {
             let scores = under_each(&loaded, request.laws, observer)?;
-            picture::scenario(&loaded.scenario, &scores).save(&path).map_err(Failure::work)?;
-            Compared::Scenario { robot: loaded.robot.name.clone(), scenario: Box::new(loaded.scenario), faults_left_out, scores }
+            picture::scenario(&loaded.scenario, &scores)
+                .save(&path)
+                .map_err(Failure::work)?;
+            Compared::Scenario {
+                robot: loaded.robot.name.clone(),
+                scenario: Box::new(loaded.scenario),
+                faults_left_out,
+                scores,
+            }
         };
         each(&compared);
         comparisons.push(compared.json());
@@ -96,10 +115,21 @@ pub fn compare(
     Ok((whole, results.folder.clone()))
 }
 
-fn under_each(loaded: &load::Loaded, laws: &[Strategy], observer: Observer<'_>) -> Result<Vec<Score>, Failure> {
-    let load::Loaded { scenario, robot, .. } = loaded;
-    on_all_cores(&scenario.name, laws, |law| score(robot, &under(scenario, *law)), observer)
-        .into_iter()
-        .map(|score| score.map_err(|error| Failure::Input(format!("{}: {error}", scenario.name))))
-        .collect()
+fn under_each(
+    loaded: &load::Loaded,
+    laws: &[Strategy],
+    observer: Observer<'_>,
+) -> Result<Vec<Score>, Failure> {
+    let load::Loaded {
+        scenario, robot, ..
+    } = loaded;
+    on_all_cores(
+        &scenario.name,
+        laws,
+        |law| score(robot, &under(scenario, *law)),
+        observer,
+    )
+    .into_iter()
+    .map(|score| score.map_err(|error| Failure::Input(format!("{}: {error}", scenario.name))))
+    .collect()
 }

@@ -33,13 +33,27 @@ pub(super) struct Bounds {
 impl Bounds {
     /// S1: those of a scenario that states none, and nothing along the singular directions.
     pub(super) fn s1() -> Self {
-        let Goal { orthogonal_mm, orthogonal_deg, .. } = Goal::default();
-        Self { orthogonal_mm, orthogonal_deg, along_mm: f64::INFINITY, along_deg: f64::INFINITY }
+        let Goal {
+            orthogonal_mm,
+            orthogonal_deg,
+            ..
+        } = Goal::default();
+        Self {
+            orthogonal_mm,
+            orthogonal_deg,
+            along_mm: f64::INFINITY,
+            along_deg: f64::INFINITY,
+        }
     }
 
     /// S2: for lines that are not along ζ.
     pub(super) fn s2() -> Self {
-        Self { orthogonal_deg: 3.0, along_mm: 10.0, along_deg: 5.0, ..Self::s1() }
+        Self {
+            orthogonal_deg: 3.0,
+            along_mm: 10.0,
+            along_deg: 5.0,
+            ..Self::s1()
+        }
     }
 }
 
@@ -126,24 +140,49 @@ pub(super) fn score(robot: &Robot, scenario: &Scenario) -> Result<Score, Refused
 ///
 /// # Errors
 /// As [`score`], and where one thread cannot have a fault.
-pub(crate) fn scored<O: Sink>(robot: &Robot, scenario: &Scenario, sink: &mut O) -> Result<(Score, Verdict), Refused> {
-    with_dof!(robot.dof(), N => sized::<N, O>(robot, scenario, sink)).unwrap_or_else(|| Err(Refused::size(robot)))
+pub(crate) fn scored<O: Sink>(
+    robot: &Robot,
+    scenario: &Scenario,
+    sink: &mut O,
+) -> Result<(Score, Verdict), Refused> {
+    with_dof!(robot.dof(), N => sized::<N, O>(robot, scenario, sink))
+        .unwrap_or_else(|| Err(Refused::size(robot)))
 }
 
-fn sized<const N: usize, O: Sink>(robot: &Robot, scenario: &Scenario, sink: &mut O) -> Result<(Score, Verdict), Refused> {
-    let judge = Judge::new(limits(robot), scenario.goal.clone(), scenario.planned_ticks() as f64);
-    let mut bench = Bench { judge, meter: Meter::<N>::new(robot, scenario)? };
+fn sized<const N: usize, O: Sink>(
+    robot: &Robot,
+    scenario: &Scenario,
+    sink: &mut O,
+) -> Result<(Score, Verdict), Refused> {
+    let judge = Judge::new(
+        limits(robot),
+        scenario.goal.clone(),
+        scenario.planned_ticks() as f64,
+    );
+    let mut bench = Bench {
+        judge,
+        meter: Meter::<N>::new(robot, scenario)?,
+    };
     let is_sent = |topic: &str| scenario.servo.is_some() || !STEERED.contains(&topic);
     let mut ended = None;
     if chain::plans_faults_of_processes(scenario) {
         let assembler = Assembler::new(Set::of(is_sent), PATIENCE, HORIZON);
-        let mut assembled = Assembled { sink, assembler, newest: 0, bench: &mut bench };
+        let mut assembled = Assembled {
+            sink,
+            assembler,
+            newest: 0,
+            bench: &mut bench,
+        };
         ended = chain::run_under_faults(robot, scenario, &mut assembled)?;
         assembled.take_rows(true);
     } else {
         // Each tick is whole: nothing is to be assembled.
         chain::run(robot, scenario, |tick| {
-            topics::each(&mut Pass { sink: &mut *sink, tick, is_sent });
+            topics::each(&mut Pass {
+                sink: &mut *sink,
+                tick,
+                is_sent,
+            });
             bench.tick(&tick.lent());
         })?;
     }
@@ -207,7 +246,10 @@ impl<O: Sink, const N: usize> Sink for Assembled<'_, O, N> {
     fn take<M: Topic>(&mut self, message: &M) {
         self.sink.take(message);
         let tick = message.header().tick;
-        self.assembler.row(tick).into_iter().for_each(|row| row.put(message));
+        self.assembler
+            .row(tick)
+            .into_iter()
+            .for_each(|row| row.put(message));
         self.newest = self.newest.max(tick);
         self.take_rows(false);
     }
@@ -246,9 +288,16 @@ impl<const N: usize> Meter<N> {
 
     fn tick(&mut self, tick: &recorder::Tick<'_>) {
         self.ticks += 1;
-        let TaskError { position, orientation } = TaskError::of(tick);
-        self.along = [larger(self.along[0], position[2]), larger(self.along[1], orientation[2])];
-        self.stopped_by_plant |= tick.truth.limit_mask != 0 || tick.truth.drive != DRIVE_ACTIVE && tick.truth.header.tick > 0;
+        let TaskError {
+            position,
+            orientation,
+        } = TaskError::of(tick);
+        self.along = [
+            larger(self.along[0], position[2]),
+            larger(self.along[1], orientation[2]),
+        ];
+        self.stopped_by_plant |= tick.truth.limit_mask != 0
+            || tick.truth.drive != DRIVE_ACTIVE && tick.truth.header.tick > 0;
         let tau = SVector::<f64, N>::from_fn(|i, _| tick.torque.tau[i]);
         if let Some(last) = self.last_tau.replace(tau) {
             self.jumps(tick, &(tau - last));
@@ -263,7 +312,8 @@ impl<const N: usize> Meter<N> {
                 continue;
             }
             any = true;
-            let back = self.last_jump[i].is_some_and(|(when, way)| k - when <= self.back_within && way * step[i] < 0.0);
+            let back = self.last_jump[i]
+                .is_some_and(|(when, way)| k - when <= self.back_within && way * step[i] < 0.0);
             self.chatter += u64::from(back);
             self.last_jump[i] = Some((k, step[i].signum()));
         }
@@ -280,22 +330,37 @@ impl<const N: usize> Meter<N> {
         let [along_mm, along_deg] = self.along;
         let (orthogonal_mm, orthogonal_deg) = (task.orthogonal_max_mm, task.orthogonal_max_deg);
         // The repetition of an interrupted session is over with its last tick.
-        let completed = verdict.completed || self.ticks > 0 && scenario.servo.as_ref().is_some_and(|session| session.ticks == self.ticks);
+        let completed = verdict.completed
+            || self.ticks > 0
+                && scenario
+                    .servo
+                    .as_ref()
+                    .is_some_and(|session| session.ticks == self.ticks);
         let (goal, s1, s2) = (Goal::default(), Bounds::s1(), Bounds::s2());
-        let at_goal = within(task.final_position_mm, goal.position_mm) && within(task.final_orientation_deg, goal.orientation_deg);
+        let at_goal = within(task.final_position_mm, goal.position_mm)
+            && within(task.final_orientation_deg, goal.orientation_deg);
         let missed: Vec<&'static str> = [
             ("stopped", !completed),
             ("joint stop", self.stopped_by_plant),
             ("end", !at_goal),
             ("speed", !within(joints.speed_max_ratio, 1.0)),
             ("torque", saturated_s > SATURATED_S + 1e-9),
-            ("orthogonal", !(within(orthogonal_mm, s2.orthogonal_mm) && within(orthogonal_deg, s2.orthogonal_deg))),
-            ("along", !(within(along_mm, s2.along_mm) && within(along_deg, s2.along_deg))),
+            (
+                "orthogonal",
+                !(within(orthogonal_mm, s2.orthogonal_mm)
+                    && within(orthogonal_deg, s2.orthogonal_deg)),
+            ),
+            (
+                "along",
+                !(within(along_mm, s2.along_mm) && within(along_deg, s2.along_deg)),
+            ),
         ]
         .into_iter()
         .filter_map(|(what, is_so)| is_so.then_some(what))
         .collect();
-        let clean = missed.iter().all(|what| ["orthogonal", "along"].contains(what));
+        let clean = missed
+            .iter()
+            .all(|what| ["orthogonal", "along"].contains(what));
         Score {
             law: scenario.control.strategy.name().to_owned(),
             completed,

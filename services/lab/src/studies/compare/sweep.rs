@@ -38,11 +38,21 @@ pub struct Sweep {
 ///
 /// # Errors
 /// [`Failure::Input`] for an arm without a PUMA's factors.
-pub(super) fn draw(loaded: &load::Loaded, seed: u64, size: SweepSize) -> Result<Vec<Line>, Failure> {
+pub(super) fn draw(
+    loaded: &load::Loaded,
+    seed: u64,
+    size: SweepSize,
+) -> Result<Vec<Line>, Failure> {
     let mut template = loaded.scenario.clone();
     // The lines fill the arm's whole reach: where a floor would be, too.
     template.plant.floor_m = None;
-    let lines = lines(&loaded.robot, &template, seed, size.count as usize, size.speed);
+    let lines = lines(
+        &loaded.robot,
+        &template,
+        seed,
+        size.count as usize,
+        size.speed,
+    );
     if lines.is_empty() {
         return Err(Failure::Input(format!(
             "the sweep's lines are drawn for a PUMA, and '{}' has no such factors: compare scenarios of your own instead",
@@ -57,21 +67,54 @@ impl Sweep {
     ///
     /// # Errors
     /// The scenario is refused.
-    pub fn run(loaded: &load::Loaded, laws: &[Strategy], size: SweepSize, observer: Observer<'_>) -> Result<Self, Failure> {
+    pub fn run(
+        loaded: &load::Loaded,
+        laws: &[Strategy],
+        size: SweepSize,
+        observer: Observer<'_>,
+    ) -> Result<Self, Failure> {
         let lines = draw(loaded, loaded.scenario.seed, size)?;
-        let work: Vec<_> = laws.iter().flat_map(|law| lines.iter().map(move |line| under(&line.scenario, *law))).collect();
-        let mut scores = on_all_cores("sweep", &work, |scenario| score(&loaded.robot, scenario), observer).into_iter();
+        let work: Vec<_> = laws
+            .iter()
+            .flat_map(|law| lines.iter().map(move |line| under(&line.scenario, *law)))
+            .collect();
+        let mut scores = on_all_cores(
+            "sweep",
+            &work,
+            |scenario| score(&loaded.robot, scenario),
+            observer,
+        )
+        .into_iter();
         let mut of_laws = Vec::new();
         for law in laws {
-            let mine = scores.by_ref().take(lines.len()).collect::<Result<Vec<_>, _>>().map_err(Failure::input)?;
+            let mine = scores
+                .by_ref()
+                .take(lines.len())
+                .collect::<Result<Vec<_>, _>>()
+                .map_err(Failure::input)?;
             of_laws.push((*law, mine));
         }
-        Ok(Self { seed: loaded.scenario.seed, speed: size.speed, near: lines.iter().map(|line| line.near).collect(), laws: of_laws })
+        Ok(Self {
+            seed: loaded.scenario.seed,
+            speed: size.speed,
+            near: lines.iter().map(|line| line.near).collect(),
+            laws: of_laws,
+        })
     }
 
     /// How many of a law's lines near a singularity (near any: `None`) are so, and of how many.
-    pub fn count(&self, scores: &[Score], near: Option<Kind>, so: impl Fn(&Score) -> bool) -> (usize, usize) {
-        let of = || self.near.iter().zip(scores).filter(|(kind, _)| near.is_none_or(|near| near == **kind));
+    pub fn count(
+        &self,
+        scores: &[Score],
+        near: Option<Kind>,
+        so: impl Fn(&Score) -> bool,
+    ) -> (usize, usize) {
+        let of = || {
+            self.near
+                .iter()
+                .zip(scores)
+                .filter(|(kind, _)| near.is_none_or(|near| near == **kind))
+        };
         (of().filter(|(_, score)| so(score)).count(), of().count())
     }
 
@@ -100,5 +143,9 @@ pub fn missed(scores: &[Score]) -> String {
         }
     }
     counts.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
-    counts.iter().map(|(what, count)| format!("{what} {count}")).collect::<Vec<_>>().join(", ")
+    counts
+        .iter()
+        .map(|(what, count)| format!("{what} {count}"))
+        .collect::<Vec<_>>()
+        .join(", ")
 }

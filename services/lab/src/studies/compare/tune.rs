@@ -33,25 +33,74 @@ fn points(law: Strategy) -> Vec<Point> {
                 for largest in [0.0025, 0.005, 0.01, 0.02, 0.04, 0.08] {
                     let damping = Damping { onset, largest };
                     let (name, baseline) = match law {
-                        Strategy::JointPd => ("joint_pd", Baseline { joint_pd: damping, ..base.clone() }),
-                        _ => ("damped_least_squares", Baseline { damped_least_squares: damping, ..base.clone() }),
+                        Strategy::JointPd => (
+                            "joint_pd",
+                            Baseline {
+                                joint_pd: damping,
+                                ..base.clone()
+                            },
+                        ),
+                        _ => (
+                            "damped_least_squares",
+                            Baseline {
+                                damped_least_squares: damping,
+                                ..base.clone()
+                            },
+                        ),
                     };
-                    baselines.push((format!("{name}={{onset={onset},largest={largest}}}"), baseline));
+                    baselines.push((
+                        format!("{name}={{onset={onset},largest={largest}}}"),
+                        baseline,
+                    ));
                 }
             }
         }
         Strategy::TruncatedSvd => {
-            for truncated_svd_floor in [0.003, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.04, 0.06, 0.08] {
-                baselines.push((format!("truncated_svd_floor={truncated_svd_floor}"), Baseline { truncated_svd_floor, ..base.clone() }));
+            for truncated_svd_floor in [
+                0.003, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.04, 0.06, 0.08,
+            ] {
+                baselines.push((
+                    format!("truncated_svd_floor={truncated_svd_floor}"),
+                    Baseline {
+                        truncated_svd_floor,
+                        ..base.clone()
+                    },
+                ));
             }
         }
         Strategy::HoldAndBlend => {
-            for blend in [[0.001, 0.004], [0.001, 0.01], [0.001, 0.02], [0.003, 0.02], [0.006, 0.06]] {
-                for (hold_k_p, hold_k_v) in [(0.001, 2.0), (0.001, 5.0), (5.0, 4.5), (50.0, 14.0), (400.0, 40.0)] {
+            for blend in [
+                [0.001, 0.004],
+                [0.001, 0.01],
+                [0.001, 0.02],
+                [0.003, 0.02],
+                [0.006, 0.06],
+            ] {
+                for (hold_k_p, hold_k_v) in [
+                    (0.001, 2.0),
+                    (0.001, 5.0),
+                    (5.0, 4.5),
+                    (50.0, 14.0),
+                    (400.0, 40.0),
+                ] {
                     for push in [0.001, 0.01, 0.1] {
-                        let tuned = HoldAndBlend { blend, hold_k_p, hold_k_v, push, ..base.hold_and_blend };
-                        let text = format!("hold_and_blend={{blend={blend:?},hold_k_p={hold_k_p},hold_k_v={hold_k_v},push={push}}}");
-                        baselines.push((text, Baseline { hold_and_blend: tuned, ..base.clone() }));
+                        let tuned = HoldAndBlend {
+                            blend,
+                            hold_k_p,
+                            hold_k_v,
+                            push,
+                            ..base.hold_and_blend
+                        };
+                        let text = format!(
+                            "hold_and_blend={{blend={blend:?},hold_k_p={hold_k_p},hold_k_v={hold_k_v},push={push}}}"
+                        );
+                        baselines.push((
+                            text,
+                            Baseline {
+                                hold_and_blend: tuned,
+                                ..base.clone()
+                            },
+                        ));
                     }
                 }
             }
@@ -64,7 +113,10 @@ fn points(law: Strategy) -> Vec<Point> {
         baseline: baseline.clone(),
         governor,
     };
-    baselines.iter().flat_map(|one| [with(true, one), with(false, one)]).collect()
+    baselines
+        .iter()
+        .flat_map(|one| [with(true, one), with(false, one)])
+        .collect()
 }
 
 impl Point {
@@ -79,7 +131,11 @@ impl Point {
 /// Lines with S2, with S1, and reached ends: in this order of weight.
 pub fn worth(scores: &[Score]) -> [usize; 3] {
     let count = |so: &dyn Fn(&Score) -> bool| scores.iter().filter(|score| so(score)).count();
-    [count(&|score| score.s2), count(&|score| score.s1), count(&Score::ended)]
+    [
+        count(&|score| score.s2),
+        count(&|score| score.s1),
+        count(&Score::ended),
+    ]
 }
 
 /// The points of a search with their scores, the best first.
@@ -106,9 +162,20 @@ pub fn tune(
         if points.is_empty() {
             continue;
         }
-        let work: Vec<_> = points.iter().flat_map(|point| lines.iter().map(|line| point.lay_over(&line.scenario))).collect();
-        let scores = on_all_cores(law.name(), &work, |scenario| score(&loaded.robot, scenario), observer);
-        let scores = scores.into_iter().collect::<Result<Vec<_>, _>>().map_err(Failure::input)?;
+        let work: Vec<_> = points
+            .iter()
+            .flat_map(|point| lines.iter().map(|line| point.lay_over(&line.scenario)))
+            .collect();
+        let scores = on_all_cores(
+            law.name(),
+            &work,
+            |scenario| score(&loaded.robot, scenario),
+            observer,
+        );
+        let scores = scores
+            .into_iter()
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(Failure::input)?;
         let mut ranked: Vec<_> = points.iter().zip(scores.chunks(lines.len())).collect();
         ranked.sort_by_key(|(_, scores)| std::cmp::Reverse(worth(scores)));
         each(*law, seed, &ranked);

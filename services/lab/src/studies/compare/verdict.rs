@@ -15,7 +15,10 @@ fn ranked(scores: &[Score]) -> Vec<&Score> {
 }
 
 fn class(score: &Score) -> usize {
-    [score.s1, score.s2, score.completed].into_iter().position(|so| so).unwrap_or(3)
+    [score.s1, score.s2, score.completed]
+        .into_iter()
+        .position(|so| so)
+        .unwrap_or(3)
 }
 
 /// The error orthogonal to ζ, as a multiple of what S1 allows.
@@ -27,14 +30,22 @@ fn error(score: &Score) -> f64 {
 /// The laws that win: the best one, and those that cannot be told from it.
 fn winners(scores: &[Score]) -> Vec<&Score> {
     let ranked = ranked(scores);
-    let Some(best) = ranked.first().copied() else { return Vec::new() };
-    ranked.into_iter().take_while(|one| class(one) == class(best) && error(one) <= SAME * error(best)).collect()
+    let Some(best) = ranked.first().copied() else {
+        return Vec::new();
+    };
+    ranked
+        .into_iter()
+        .take_while(|one| class(one) == class(best) && error(one) <= SAME * error(best))
+        .collect()
 }
 
 /// Each law's verdict in a table: it wins, succeeds, or fails.
 pub(super) fn verdicts(scores: &[Score]) -> Vec<String> {
     let winners = winners(scores);
-    let of = |score: &Score| match (score.s1 || score.s2, winners.iter().any(|one| std::ptr::eq(*one, score))) {
+    let of = |score: &Score| match (
+        score.s1 || score.s2,
+        winners.iter().any(|one| std::ptr::eq(*one, score)),
+    ) {
         (true, true) if scores.len() > winners.len() => format!("wins, {}", score.success()),
         (true, _) => format!("succeeds, {}", score.success()),
         (false, _) => "fails".to_owned(),
@@ -45,21 +56,37 @@ pub(super) fn verdicts(scores: &[Score]) -> Vec<String> {
 /// The bars that each law that fails has missed, a line each.
 pub(super) fn failures(scores: &[Score]) -> Vec<String> {
     let failed = scores.iter().filter(|score| !(score.s1 || score.s2));
-    failed.map(|score| format!("{} misses {}", score.law, score.missed.join(", "))).collect()
+    failed
+        .map(|score| format!("{} misses {}", score.law, score.missed.join(", ")))
+        .collect()
 }
 
 /// The margin by which the best law wins, in one sentence; `None` where there is nothing to compare.
 pub(super) fn margin(scores: &[Score]) -> Option<String> {
     let winners = winners(scores);
     let (best, next) = (*winners.first()?, *ranked(scores).get(winners.len())?);
-    let names = winners.iter().map(|one| one.law.as_str()).collect::<Vec<_>>().join(" and ");
-    let times = |worse: f64, better: f64| if better > 0.0 { format!(" ({:.1} ×)", worse / better) } else { String::new() };
+    let names = winners
+        .iter()
+        .map(|one| one.law.as_str())
+        .collect::<Vec<_>>()
+        .join(" and ");
+    let times = |worse: f64, better: f64| {
+        if better > 0.0 {
+            format!(" ({:.1} ×)", worse / better)
+        } else {
+            String::new()
+        }
+    };
     let begin = if best.s1 || best.s2 {
         format!("{names} win{}", if winners.len() > 1 { "" } else { "s" })
     } else {
         format!("no law succeeds; nearest is {names}")
     };
-    let end = if next.s1 || next.s2 { "succeeds too" } else { "fails" };
+    let end = if next.s1 || next.s2 {
+        "succeeds too"
+    } else {
+        "fails"
+    };
     Some(format!(
         "{begin}: at most {} mm and {}° off, orthogonal to ζ; next {}: {} mm{} and {}°{}, {end}",
         digits(best.orthogonal_max_mm),
@@ -92,18 +119,34 @@ mod tests {
 
     #[test]
     fn success_comes_before_accuracy_and_equals_win_together() {
-        let scores =
-            [score("a", false, 0.001, 0.0), score("b", true, 0.02, 0.001), score("c", true, 0.02, 0.001), score("d", true, 0.5, 0.1)];
-        assert_eq!(verdicts(&scores), ["fails", "wins, S1", "wins, S1", "succeeds, S1"]);
+        let scores = [
+            score("a", false, 0.001, 0.0),
+            score("b", true, 0.02, 0.001),
+            score("c", true, 0.02, 0.001),
+            score("d", true, 0.5, 0.1),
+        ];
+        assert_eq!(
+            verdicts(&scores),
+            ["fails", "wins, S1", "wins, S1", "succeeds, S1"]
+        );
         let margin = margin(&scores).expect("there is a next one");
-        assert!(margin.starts_with("b and c win: at most 0.020 mm") && margin.contains("next d: 0.500 mm (25.0 ×)"), "{margin}");
+        assert!(
+            margin.starts_with("b and c win: at most 0.020 mm")
+                && margin.contains("next d: 0.500 mm (25.0 ×)"),
+            "{margin}"
+        );
     }
 
     #[test]
     fn one_law_alone_wins_nothing() {
         let alone = [score("a", true, 0.1, 0.1)];
-        assert_eq!((verdicts(&alone), margin(&alone)), (vec!["succeeds, S1".to_owned()], None));
+        assert_eq!(
+            (verdicts(&alone), margin(&alone)),
+            (vec!["succeeds, S1".to_owned()], None)
+        );
         let failed = [score("a", false, 0.1, 0.1), score("b", false, 1.0, 0.1)];
-        assert!(margin(&failed).is_some_and(|text| text.starts_with("no law succeeds; nearest is a")));
+        assert!(
+            margin(&failed).is_some_and(|text| text.starts_with("no law succeeds; nearest is a"))
+        );
     }
 }

@@ -26,8 +26,15 @@ impl View {
         let hand = sample.arm.last().copied().unwrap_or_else(Vector3::x);
         let heading = hand.y.atan2(hand.x) - 1.05;
         let (elevation, sin, cos) = (0.4f64, heading.sin(), heading.cos());
-        let up = Vector3::new(-cos * elevation.sin(), -sin * elevation.sin(), elevation.cos());
-        Self { right: Vector3::new(-sin, cos, 0.0), up }
+        let up = Vector3::new(
+            -cos * elevation.sin(),
+            -sin * elevation.sin(),
+            elevation.cos(),
+        );
+        Self {
+            right: Vector3::new(-sin, cos, 0.0),
+            up,
+        }
     }
 
     fn place(&self, p: &Vector3<f64>) -> (f64, f64) {
@@ -72,7 +79,10 @@ pub(super) fn three_locks(locks: [(u32, &Trace); 3]) -> Figure {
 }
 
 fn hidden() -> Axis {
-    Axis { hidden: true, ..Axis::default() }
+    Axis {
+        hidden: true,
+        ..Axis::default()
+    }
 }
 
 fn draw(panel: &mut Panel, sample: &Sample, kind: u32, zeta: &Vector3<f64>, color: Color) {
@@ -81,28 +91,60 @@ fn draw(panel: &mut Panel, sample: &Sample, kind: u32, zeta: &Vector3<f64>, colo
     let centre = sample.arm.get(WRIST).copied().unwrap_or(sample.p);
     // The floor's axes, for the eye; they are not to scale with anything.
     for axis in [Vector3::x(), Vector3::y()] {
-        panel.dashed("", Color { 3: 0.5, ..GREY }, &line(-0.25 * axis, 0.25 * axis));
+        panel.dashed(
+            "",
+            Color { 3: 0.5, ..GREY },
+            &line(-0.25 * axis, 0.25 * axis),
+        );
     }
     match kind {
         KIND_ELBOW => {
             let shoulder = sample.arm.get(SHOULDER).copied().unwrap_or_default();
-            panel.dashed("shoulder, elbow, wrist", color, &line(shoulder, shoulder + 1.3 * (centre - shoulder)));
+            panel.dashed(
+                "shoulder, elbow, wrist",
+                color,
+                &line(shoulder, shoulder + 1.3 * (centre - shoulder)),
+            );
         }
-        KIND_WRIST => panel.dashed("axes 4 and 6", color, &line(centre - 0.3 * sample.axis(2), centre + 0.35 * sample.axis(2))),
-        _ => panel.dashed("waist's axis", color, &line(Vector3::zeros(), Vector3::z() * (centre.z + 0.25))),
+        KIND_WRIST => panel.dashed(
+            "axes 4 and 6",
+            color,
+            &line(
+                centre - 0.3 * sample.axis(2),
+                centre + 0.35 * sample.axis(2),
+            ),
+        ),
+        _ => panel.dashed(
+            "waist's axis",
+            color,
+            &line(Vector3::zeros(), Vector3::z() * (centre.z + 0.25)),
+        ),
     }
     let arm: Vec<_> = sample.arm.iter().map(|p| view.place(p)).collect();
     panel.arm(BLUE, 0.9, &arm);
-    panel.line("ζ", color, &line(centre - ZETA * zeta, centre + ZETA * zeta));
+    panel.line(
+        "ζ",
+        color,
+        &line(centre - ZETA * zeta, centre + ZETA * zeta),
+    );
     if kind == KIND_WRIST {
         // Three quarters of a turn about ζ.
-        let side = zeta.cross(&sample.axis(2)).try_normalize(1e-9).unwrap_or_else(Vector3::x);
+        let side = zeta
+            .cross(&sample.axis(2))
+            .try_normalize(1e-9)
+            .unwrap_or_else(Vector3::x);
         let other = zeta.cross(&side);
         let arc = (0..=36).map(|k| (0.05 + 0.75 * f64::from(k) / 36.0) * std::f64::consts::TAU);
-        let arc: Vec<_> = arc.map(|turn| view.place(&(centre + 0.6 * ZETA * (side * turn.cos() + other * turn.sin())))).collect();
+        let arc: Vec<_> = arc
+            .map(|turn| {
+                view.place(&(centre + 0.6 * ZETA * (side * turn.cos() + other * turn.sin())))
+            })
+            .collect();
         let heads = [[arc[2], arc[0]], [arc[34], arc[36]]];
         panel.line("", color, &arc);
-        heads.iter().for_each(|[from, tip]| head(panel, *from, *tip, color));
+        heads
+            .iter()
+            .for_each(|[from, tip]| head(panel, *from, *tip, color));
     } else {
         for side in [-1.0, 1.0] {
             let [from, tip] = line(centre, centre + side * ZETA * zeta);
@@ -116,5 +158,13 @@ fn head(panel: &mut Panel, from: (f64, f64), tip: (f64, f64), color: Color) {
     let (dx, dy) = (tip.0 - from.0, tip.1 - from.1);
     let long = dx.hypot(dy).max(1e-9);
     let (dx, dy) = (0.05 * dx / long, 0.05 * dy / long);
-    panel.line("", color, &[(tip.0 - dx + 0.6 * dy, tip.1 - dy - 0.6 * dx), tip, (tip.0 - dx - 0.6 * dy, tip.1 - dy + 0.6 * dx)]);
+    panel.line(
+        "",
+        color,
+        &[
+            (tip.0 - dx + 0.6 * dy, tip.1 - dy - 0.6 * dx),
+            tip,
+            (tip.0 - dx - 0.6 * dy, tip.1 - dy + 0.6 * dx),
+        ],
+    );
 }

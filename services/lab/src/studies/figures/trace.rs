@@ -48,7 +48,9 @@ impl Sample {
 
     /// Angle about `axis` by which the end-effector has turned since another moment; rad.
     pub(super) fn turned_about(&self, axis: &Vector3<f64>, since: Option<&Self>) -> f64 {
-        since.map_or(0.0, |since| rotation_log(&(self.R * since.R.transpose())).dot(axis))
+        since.map_or(0.0, |since| {
+            rotation_log(&(self.R * since.R.transpose())).dot(axis)
+        })
     }
 }
 
@@ -66,7 +68,8 @@ impl Trace {
     /// # Errors
     /// [`Refused`] where a cycle does not accept the robot or the scenario.
     pub(super) fn of(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
-        with_dof!(robot.dof(), N => sized::<N>(robot, scenario)).unwrap_or_else(|| Err(Refused::size(robot)))
+        with_dof!(robot.dof(), N => sized::<N>(robot, scenario))
+            .unwrap_or_else(|| Err(Refused::size(robot)))
     }
 
     pub(super) fn largest(&self, of: impl Fn(&Sample) -> f64) -> f64 {
@@ -79,66 +82,113 @@ impl Trace {
 
     /// By how much a joint has moved until `t`; degrees.
     pub(super) fn moved_deg(&self, joint: usize, t: f64) -> f64 {
-        let until = self.samples.iter().take_while(|sample| sample.t <= t).last();
-        until.zip(self.samples.first()).map_or(0.0, |(end, start)| (end.q[joint] - start.q[joint]).to_degrees())
+        let until = self
+            .samples
+            .iter()
+            .take_while(|sample| sample.t <= t)
+            .last();
+        until.zip(self.samples.first()).map_or(0.0, |(end, start)| {
+            (end.q[joint] - start.q[joint]).to_degrees()
+        })
     }
 
     /// ζ of a singularity at the start.
     pub(super) fn zeta_at_start(&self, place: usize) -> Vector3<f64> {
-        self.samples.first().and_then(|sample| sample.zeta.get(place)).copied().unwrap_or_else(Vector3::x)
+        self.samples
+            .first()
+            .and_then(|sample| sample.zeta.get(place))
+            .copied()
+            .unwrap_or_else(Vector3::x)
     }
 
     /// Place of a kind of singularity in the report; the first where there is none.
     pub(super) fn place_of(&self, kind: u32) -> usize {
-        self.samples.first().and_then(|sample| sample.kind.iter().position(|known| *known == kind)).unwrap_or_default()
+        self.samples
+            .first()
+            .and_then(|sample| sample.kind.iter().position(|known| *known == kind))
+            .unwrap_or_default()
     }
 
     /// Until when a singularity's neighbourhood is not left, from the start; s.
     pub(super) fn inside_until(&self, place: usize) -> f64 {
-        self.samples.iter().take_while(|sample| sample.inside.get(place) == Some(&true)).last().map_or(0.0, |sample| sample.t)
+        self.samples
+            .iter()
+            .take_while(|sample| sample.inside.get(place) == Some(&true))
+            .last()
+            .map_or(0.0, |sample| sample.t)
     }
 
     /// The sample at which a singularity's measure is least in size.
     pub(super) fn most_singular(&self, place: usize) -> Option<&Sample> {
         let size = |sample: &Sample| sample.s.get(place).map_or(f64::INFINITY, |s| s.abs());
-        self.samples.iter().min_by(|a, b| size(a).total_cmp(&size(b)))
+        self.samples
+            .iter()
+            .min_by(|a, b| size(a).total_cmp(&size(b)))
     }
 
     /// When the second segment begins; s.
     pub(super) fn phase_change(&self) -> f64 {
-        self.samples.iter().find(|sample| sample.segment > 0).map_or(0.0, |sample| sample.t) - self.dt
+        self.samples
+            .iter()
+            .find(|sample| sample.segment > 0)
+            .map_or(0.0, |sample| sample.t)
+            - self.dt
     }
 }
 
 fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Trace, Refused> {
     let model = Model::<N>::new(robot, scenario.frame()).map_err(Refused::because)?;
     let is_planar = !robot.task.0[2];
-    let mut trace = Trace { samples: Vec::new(), dt: scenario.dt_s() };
+    let mut trace = Trace {
+        samples: Vec::new(),
+        dt: scenario.dt_s(),
+    };
     chain::run(robot, scenario, |tick| {
-        let Some(judged) = recorder::Tick::of(&tick.lent()) else { return };
+        let Some(judged) = recorder::Tick::of(&tick.lent()) else {
+            return;
+        };
         let error = TaskError::of(&judged);
-        let recorder::Tick { truth, report, control, .. } = judged;
+        let recorder::Tick {
+            truth,
+            report,
+            control,
+            ..
+        } = judged;
         let q = SVector::<f64, N>::from_fn(|i, _| truth.q[i]);
         let terms = model.evaluate(&q, &SVector::zeros());
-        let (p, R) = (Vector3::from(truth.p_BE), Matrix3::from_column_slice(&truth.R_BE));
+        let (p, R) = (
+            Vector3::from(truth.p_BE),
+            Matrix3::from_column_slice(&truth.R_BE),
+        );
         let hand = (!is_planar).then(|| p + R.column(2) * HAND);
-        let singularities = &report.singularities[..(report.count as usize).min(report.singularities.len())];
+        let singularities =
+            &report.singularities[..(report.count as usize).min(report.singularities.len())];
         trace.samples.push(Sample {
             t: truth.header.tick as f64 * scenario.dt_s(),
             q: truth.q[..N].to_vec(),
             qdot: truth.qdot[..N].to_vec(),
-            arm: [Vector3::zeros()].into_iter().chain(terms.p).chain([p]).chain(hand).collect(),
+            arm: [Vector3::zeros()]
+                .into_iter()
+                .chain(terms.p)
+                .chain([p])
+                .chain(hand)
+                .collect(),
             p,
             p_d: control.p_BE_d.into(),
             R,
             error_mm: error.position,
             error_deg: error.orientation,
             s: singularities.iter().map(|s| s.s).collect(),
-            zeta: singularities.iter().map(|s| zeta(&s.zeta_B, s.angular != 0)).collect(),
+            zeta: singularities
+                .iter()
+                .map(|s| zeta(&s.zeta_B, s.angular != 0))
+                .collect(),
             inside: singularities.iter().map(|s| s.inside != 0).collect(),
             kind: singularities.iter().map(|s| s.kind).collect(),
             class: singularities.iter().map(|s| s.class).collect(),
-            coupling_n: is_planar.then(|| coupling(&model, &q, &SVector::from_fn(|i, _| control.tau_null[i]))).flatten(),
+            coupling_n: is_planar
+                .then(|| coupling(&model, &q, &SVector::from_fn(|i, _| control.tau_null[i])))
+                .flatten(),
             segment: control.segment,
         });
     })?;
@@ -146,7 +196,11 @@ fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Trace, Re
 }
 
 /// |J̄ᵀΓ| at the tip of an arm in the plane, J̄ = A⁻¹JᵀΛ; N. `None` where the tip cannot move in some direction.
-fn coupling<const N: usize>(model: &Model<N>, q: &SVector<f64, N>, torque: &SVector<f64, N>) -> Option<f64> {
+fn coupling<const N: usize>(
+    model: &Model<N>,
+    q: &SVector<f64, N>,
+    torque: &SVector<f64, N>,
+) -> Option<f64> {
     let J = model.jacobian(q).fixed_rows::<2>(0).into_owned();
     let A = Cholesky::new(model.mass_matrix(q))?;
     let mobility = Cholesky::new(J * A.solve(&J.transpose()))?;

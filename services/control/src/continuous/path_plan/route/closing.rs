@@ -19,18 +19,40 @@ impl<const N: usize> Search<'_, N> {
             return true;
         }
         self.spent.set(self.spent.get() + 12);
-        let excess = |q: &SVector<f64, N>| self.arm.excess(&error(q), &goal.R, self.bounds.position_m, self.bounds.orientation_rad);
+        let excess = |q: &SVector<f64, N>| {
+            self.arm.excess(
+                &error(q),
+                &goal.R,
+                self.bounds.position_m,
+                self.bounds.orientation_rad,
+            )
+        };
         let near = |by: &SVector<f64, N>| {
             by.amax() < CLOSING
                 && self.outside(&(q + by), &q).is_none()
-                && (1..POINTS).all(|k| excess(&(q + by * (f64::from(k) / f64::from(POINTS)))) < LEFT.1)
+                && (1..POINTS)
+                    .all(|k| excess(&(q + by * (f64::from(k) / f64::from(POINTS)))) < LEFT.1)
         };
-        let Some(by) = self.arm.approach(goal, &q).map(|there| there - q).filter(near) else {
+        let Some(by) = self
+            .arm
+            .approach(goal, &q)
+            .map(|there| there - q)
+            .filter(near)
+        else {
             self.nodes[node].cost += excess(&q);
-            let (position_m, orientation_rad) = (self.bounds.position_m.min(MISSED.0), self.bounds.orientation_rad.min(MISSED.1));
-            return self.arm.excess(&error(&q), &goal.R, position_m, orientation_rad) < 1.0;
+            let (position_m, orientation_rad) = (
+                self.bounds.position_m.min(MISSED.0),
+                self.bounds.orientation_rad.min(MISSED.1),
+            );
+            return self
+                .arm
+                .excess(&error(&q), &goal.R, position_m, orientation_rad)
+                < 1.0;
         };
-        let from = self.nodes[node].parent.and_then(|parent| self.nodes[parent].knots.last()).map_or(0.0, |knot| knot.t);
+        let from = self.nodes[node]
+            .parent
+            .and_then(|parent| self.nodes[parent].knots.last())
+            .map_or(0.0, |knot| knot.t);
         let node = &mut self.nodes[node];
         let to = node.knots.last().map_or(from, |knot| knot.t);
         for knot in &mut node.knots {

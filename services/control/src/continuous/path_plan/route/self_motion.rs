@@ -60,10 +60,30 @@ impl<const N: usize> Search<'_, N> {
     ) -> Vec<usize> {
         let (zero, start, parent) = (SVector::zeros(), self.nodes[node].q, self.nodes[node].cost);
         let mut found = vec![];
-        for (q, knots) in self.postures_on(&AtRest { node, v, X, onwards, every }, leg.from_s + t) {
-            let moved = (0..N).fold(0.0_f64, |time, i| time.max((q[i] - start[i]).abs() / (SPEED * self.bounds.velocity[i])));
-            if let Some(one) = self.push_node(leg, node, knots, &Way { damping: 0.0, drift: zero }) {
-                self.nodes[one].cost = parent + STOP_S + 1.875 * moved + self.price(&zero, STOP_S, &q);
+        for (q, knots) in self.postures_on(
+            &AtRest {
+                node,
+                v,
+                X,
+                onwards,
+                every,
+            },
+            leg.from_s + t,
+        ) {
+            let moved = (0..N).fold(0.0_f64, |time, i| {
+                time.max((q[i] - start[i]).abs() / (SPEED * self.bounds.velocity[i]))
+            });
+            if let Some(one) = self.push_node(
+                leg,
+                node,
+                knots,
+                &Way {
+                    damping: 0.0,
+                    drift: zero,
+                },
+            ) {
+                self.nodes[one].cost =
+                    parent + STOP_S + 1.875 * moved + self.price(&zero, STOP_S, &q);
                 self.nodes[one].heading = zero;
                 found.push(one);
             }
@@ -73,7 +93,9 @@ impl<const N: usize> Search<'_, N> {
 
     /// The postures to leave a self-motion from, each with the knots that lead there, all at the time `t` on the path's clock.
     fn postures_on(&self, from: &AtRest<'_, N>, t: f64) -> Vec<(SVector<f64, N>, Vec<Knot<N>>)> {
-        let AtRest { X, onwards, every, .. } = *from;
+        let AtRest {
+            X, onwards, every, ..
+        } = *from;
         let zero = SVector::zeros();
         let mut knots: Vec<Knot<N>> = vec![];
         let (mut at, mut v) = (self.nodes[from.node].q, from.v / from.v.amax());
@@ -82,7 +104,11 @@ impl<const N: usize> Search<'_, N> {
         // A second direction may be lost on the way: where the rank falls further, a fold may open.
         let second = |q: &SVector<f64, N>| {
             let spectrum = self.arm.spectrum(q);
-            spectrum.sigma.get(spectrum.free + 1).copied().unwrap_or(1.0)
+            spectrum
+                .sigma
+                .get(spectrum.free + 1)
+                .copied()
+                .unwrap_or(1.0)
         };
         let mut ranks = [f64::INFINITY, second(&at)];
         let (mut gaps, mut crossed) = ([f64::INFINITY, undone.norm()], false);
@@ -93,7 +119,11 @@ impl<const N: usize> Search<'_, N> {
             }
             let (next, e) = self.arm.solve(X, &(at + v * STRIDE), &zero, 0.0, SOLVED);
             let dq = next - at;
-            if e.norm() > 1e-5 || dq.amax() < 0.5 * STRIDE || dq.amax() > 2.0 * STRIDE || self.outside(&next, &at).is_some() {
+            if e.norm() > 1e-5
+                || dq.amax() < 0.5 * STRIDE
+                || dq.amax() > 2.0 * STRIDE
+                || self.outside(&next, &at).is_some()
+            {
                 break;
             }
             let rest = self.undone(&next, onwards);
@@ -105,14 +135,33 @@ impl<const N: usize> Search<'_, N> {
             let (rank, gap) = (second(&next), rest.norm());
             let falls = k > 1 && ranks[1] < ranks[0] && ranks[1] <= rank && ranks[1] < 0.1;
             // Where the lost direction touches what the path needs and turns back, a fold opens, too.
-            let least = gaps[1] < gaps[0] && gaps[1] <= gap && gaps[1] < TOUCHING.0 && gaps[0].max(gap) > TOUCHING.1;
+            let least = gaps[1] < gaps[0]
+                && gaps[1] <= gap
+                && gaps[1] < TOUCHING.0
+                && gaps[0].max(gap) > TOUCHING.1;
             let touches = k > 1 && !crossed && least;
             crossed = chosen.is_some();
             let chosen = if !crossed && !every && (falls || touches) {
                 self.spent.set(self.spent.get() + 80);
-                let there = |x: f64| self.arm.solve(X, &(at + if x < 0.0 { v * (x * STRIDE) } else { dq * x }), &zero, 0.0, SOLVED).0;
+                let there = |x: f64| {
+                    self.arm
+                        .solve(
+                            X,
+                            &(at + if x < 0.0 { v * (x * STRIDE) } else { dq * x }),
+                            &zero,
+                            0.0,
+                            SOLVED,
+                        )
+                        .0
+                };
                 let left = |q: &SVector<f64, N>| self.undone(q, onwards).norm();
-                let q = there(lowest(|x| if falls { second(&there(x)) } else { left(&there(x)) }));
+                let q = there(lowest(|x| {
+                    if falls {
+                        second(&there(x))
+                    } else {
+                        left(&there(x))
+                    }
+                }));
                 (falls || left(&q) < TOUCHING.2).then_some(q)
             } else {
                 chosen
@@ -123,7 +172,11 @@ impl<const N: usize> Search<'_, N> {
                 knots.push(Knot { t, q, waits: true });
                 out.push((q, knots));
             }
-            knots.push(Knot { t, q: next, waits: true });
+            knots.push(Knot {
+                t,
+                q: next,
+                waits: true,
+            });
             (at, v, undone) = (next, dq / dq.amax(), rest);
         }
         out
@@ -137,11 +190,19 @@ impl<const N: usize> Search<'_, N> {
         (undone, half): (&Vector6<f64>, usize),
     ) -> SVector<f64, N> {
         self.spent.set(self.spent.get() + 24);
-        let there = |x: f64| self.arm.solve(from.X, &(at + dq * x), &SVector::zeros(), 0.0, SOLVED).0;
+        let there = |x: f64| {
+            self.arm
+                .solve(from.X, &(at + dq * x), &SVector::zeros(), 0.0, SOLVED)
+                .0
+        };
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..24 {
             let middle = 0.5 * (low + high);
-            if dot(&self.undone(&there(middle), from.onwards), undone, half) > 0.0 { low = middle } else { high = middle }
+            if dot(&self.undone(&there(middle), from.onwards), undone, half) > 0.0 {
+                low = middle
+            } else {
+                high = middle
+            }
         }
         there(high)
     }
