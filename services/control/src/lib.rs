@@ -35,6 +35,7 @@ pub mod baselines;
 mod beyond_reach;
 pub mod centre;
 mod command;
+mod commanded;
 pub mod continuous;
 mod controller;
 mod demand_ahead;
@@ -65,6 +66,8 @@ mod testing;
 mod tests;
 
 pub use analyzer::{Analyzer, RANK_TOLERANCE};
+pub use commanded::{CommandedPath, commanded_path};
 pub use controller::Controller;
 pub use setup::{SetupError, start_posture};
+pub use trajectory::Progress;
 pub use types::{Class, Command, Kind, Mode, Phase, Plan, Refusal, Report, Singularity};

@@ -205,6 +205,12 @@ impl Path {
         self.legs.get(index)
     }
 
+    /// The time that all legs take by the path's clock, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.legs.iter().map(|leg| leg.duration_s).sum()
+    }
+
     /// Moves the clock on by `dt_s` and settles the goal of a leg that begins.
     ///
     /// Ensures `progress.begun` while a leg is left. `report` is the analysis of the present posture.

@@ -3,6 +3,7 @@
 mod histogram;
 mod joints;
 mod latency;
+mod path;
 mod singularities;
 mod steered;
 mod task;
@@ -13,18 +14,22 @@ mod turns;
 
 use std::collections::BTreeMap;
 
+use control::commanded_path;
+use model::{Refused, Robot};
 use serde::{Deserialize, Serialize};
 use shared_types::SensorSample;
 use shared_types::bounds::within;
 use shared_types::codes;
 use shared_types::graph::Graph;
-use shared_types::scenario::Goal;
+use shared_types::scenario::{Goal, Scenario};
 use shared_types::summary::{
     JointSummary, Latency, ModeChange, ServoSummary, SingularitySummary, TaskSummary, TurnSummary,
 };
 
+use crate::limits;
 use joints::JointMeter;
 use latency::{Chain, LatencyMeter};
+use path::PathMeter;
 use singularities::SingularityMeter;
 use steered::SteeredMeter;
 use task::TaskMeter;
@@ -44,6 +49,7 @@ pub struct Judge {
     planned_ticks: f64,
     rate_hz: f64,
     ticks: u64,
+    path: PathMeter,
     task: TaskMeter,
     joints: JointMeter,
     singularities: SingularityMeter,
@@ -86,24 +92,63 @@ pub struct Verdict {
 }
 
 impl Judge {
-    /// A judge for an arm with these limits and a task planned to take `planned_ticks`, at 1000 ticks per second.
-    #[must_use]
-    pub fn new(limits: Limits, goal: Goal, planned_ticks: f64) -> Self {
-        Self::of_chain(Chain::default(), limits, goal, planned_ticks)
+    /// A judge of a scenario on a robot.
+    ///
+    /// # Errors
+    /// [`Refused`] where the scenario does not fit the robot.
+    pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
+        Self::resumed(
+            Self::of_chain(Chain::default(), robot, scenario),
+            robot,
+            scenario,
+        )
     }
 
     /// The same for a run in the processes of a graph, by which its latencies are named.
-    #[must_use]
-    pub fn in_processes(graph: &Graph, limits: Limits, goal: Goal, planned_ticks: f64) -> Self {
-        Self::of_chain(Chain::of(graph), limits, goal, planned_ticks)
+    ///
+    /// # Errors
+    /// As [`Judge::new`].
+    pub fn in_processes(
+        graph: &Graph,
+        robot: &Robot,
+        scenario: &Scenario,
+    ) -> Result<Self, Refused> {
+        Self::resumed(
+            Self::of_chain(Chain::of(graph), robot, scenario),
+            robot,
+            scenario,
+        )
     }
 
-    fn of_chain(chain: Chain, limits: Limits, goal: Goal, planned_ticks: f64) -> Self {
+    /// A judge that a checkpoint has kept, of the same scenario and robot: it takes up the path where it was.
+    ///
+    /// # Errors
+    /// As [`Judge::new`].
+    pub fn resumed(mut self, robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
+        self.path.follow(commanded_path(robot, scenario)?);
+        Ok(self)
+    }
+
+    fn of_chain(chain: Chain, robot: &Robot, scenario: &Scenario) -> Self {
+        Self {
+            rate_hz: f64::from(scenario.rate_hz),
+            ..Self::pathless(
+                chain,
+                limits(robot),
+                scenario.goal.clone(),
+                scenario.planned_ticks() as f64,
+            )
+        }
+    }
+
+    /// A judge without a path of its own: errors are those against the controller's reference.
+    fn pathless(chain: Chain, limits: Limits, goal: Goal, planned_ticks: f64) -> Self {
         Self {
             goal,
             planned_ticks,
             rate_hz: 1000.0,
             ticks: 0,
+            path: PathMeter::default(),
             task: TaskMeter::default(),
             joints: JointMeter::new(limits),
             singularities: SingularityMeter::default(),
@@ -117,15 +162,6 @@ impl Judge {
         }
     }
 
-    /// The same at another control rate, 1/s.
-    #[must_use]
-    pub fn at_rate(self, rate_hz: u32) -> Self {
-        Self {
-            rate_hz: f64::from(rate_hz),
-            ..self
-        }
-    }
-
     /// The same for a run on a grid in time: a grid point at which no tick began, because the one before took too long, is a sample too.
     #[must_use]
     pub fn on_grid(self, period_ns: u64) -> Self {
@@ -135,15 +171,22 @@ impl Judge {
         }
     }
 
-    /// Takes in one whole tick.
-    pub fn tick(&mut self, tick: Tick<'_>) {
+    /// Takes in one whole tick; the error of its true pose.
+    pub fn tick(&mut self, tick: Tick<'_>) -> TaskError {
         let (events, k) = (&mut self.events, tick.truth.header.tick);
         let mut event = |text: String| {
             if events.len() < MOST_EVENTS {
                 events.push((k, text));
             }
         };
-        let error = TaskError::on(&tick, self.joints.served());
+        let dt_s = 1.0 / self.rate_hz;
+        let against_path = self
+            .path
+            .error(tick.control.path_time_s, dt_s, tick.truth, tick.report);
+        let error = match against_path {
+            Some(error) => TaskError::split(&tick, &error),
+            None => TaskError::on(&tick, self.joints.served()),
+        };
         let switches = self
             .singularities
             .tick(&tick, &error, &self.goal, &mut event);
@@ -163,6 +206,7 @@ impl Judge {
         self.clipped |= tick.control.clipped != 0;
         (self.phase, self.refusal) = (tick.torque.phase, tick.control.refusal);
         self.ticks += 1;
+        error
     }
 
     /// Takes in a tick that not every process answered: only its duration can be judged.
@@ -179,6 +223,7 @@ impl Judge {
     #[must_use]
     pub fn verdict(self) -> Verdict {
         let task = self.task.finish(self.ticks, self.planned_ticks);
+        let breach = self.path.breach(self.phase == codes::PHASE_DONE);
         let (outcome, mut reason) = match (self.phase, self.clipped) {
             (codes::PHASE_REFUSED, _) => {
                 let why = codes::name_of(codes::REFUSALS, self.refusal);
@@ -187,7 +232,10 @@ impl Judge {
                     format!("the controller refused to go on and brought the arm to rest: {why}"),
                 )
             }
-            (codes::PHASE_DONE, clipped) => done(&task, &self.goal, clipped),
+            (codes::PHASE_DONE, clipped) => match breach {
+                Some(breach) => ("goal missed", breach),
+                None => done(&task, &self.goal, clipped),
+            },
             _ => (
                 "stopped",
                 format!(

@@ -124,14 +124,8 @@ fn record(
         None
     };
     let mut assembler = Assembler::new(Set::of(|topic| shell.reads(topic)), PATIENCE, HORIZON);
-    let planned_ticks = job.scenario.duration_s() * f64::from(job.scenario.rate_hz);
-    let judge = Judge::in_processes(
-        &job.graph,
-        limits(robot),
-        job.scenario.goal.clone(),
-        planned_ticks,
-    );
-    let mut judge = judge.at_rate(job.scenario.rate_hz);
+    let mut judge =
+        Judge::in_processes(&job.graph, robot, &job.scenario).map_err(ProcessError::setup)?;
     if shell.mode() == Mode::Realtime {
         judge = judge.on_grid(shell.manifest().period_ns());
     }
@@ -150,7 +144,11 @@ fn record(
         }
         // Those since then come again.
         tape.result.rows = past.result.rows;
-        (judge, fault_reporter) = (past.judge, FaultReporter::resume(past.reported));
+        judge = past
+            .judge
+            .resumed(robot, &job.scenario)
+            .map_err(ProcessError::setup)?;
+        fault_reporter = FaultReporter::resume(past.reported);
     }
     let logs = Logs::of(job);
     let keep = job.messages.then_some((folder.as_path(), &logs));

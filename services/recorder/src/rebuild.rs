@@ -9,7 +9,7 @@ use crate::assemble::Row;
 use crate::judge::{Judge, Tick};
 use crate::message_rows::MessageRows;
 use crate::tape::Tape;
-use crate::{MESSAGES, limits, summary, take};
+use crate::{MESSAGES, summary, take};
 
 /// Writes the recording of a run again, and judges it, from the messages in its folder, to the last that is whole; a run that was killed before its first
 /// message has no tick. The damage of a message log stands in the recorder's part of the summary, as its error.
@@ -19,14 +19,8 @@ use crate::{MESSAGES, limits, summary, take};
 pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
     let mut rows =
         MessageRows::open_left(&job.out.join(MESSAGES), job).map_err(ProcessError::setup)?;
-    let planned_ticks = job.scenario.duration_s() * f64::from(job.scenario.rate_hz);
-    let judge = Judge::in_processes(
-        &job.graph,
-        limits(robot),
-        job.scenario.goal.clone(),
-        planned_ticks,
-    );
-    let mut judge = judge.at_rate(job.scenario.rate_hz);
+    let mut judge =
+        Judge::in_processes(&job.graph, robot, &job.scenario).map_err(ProcessError::setup)?;
     if job.mode == Mode::Realtime {
         judge = judge.on_grid(1_000_000_000 / u64::from(job.scenario.rate_hz));
     }

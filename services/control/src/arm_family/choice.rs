@@ -61,7 +61,8 @@ impl<const N: usize> Family<N> {
                 .unwrap_or(Self::Deficient(Deficient))
         };
         match robot.factors {
-            _ if analysis.numeric => numeric(),
+            // The formulas are those of the whole twist at the wrist centre: a task that leaves a rotation free has other singularities.
+            _ if analysis.numeric || robot.task.0 != [true; 6] => numeric(),
             Factors::Puma { a2, a3, d4 } if N == 6 => Self::Puma(Puma::new(a2, a3, d4)),
             _ => None
                 .or_else(|| ParallelAxes::of::<N>(robot).map(Self::ParallelAxes))

@@ -31,7 +31,6 @@ use crate::centre::AtCentre;
 use crate::linear::stack;
 use crate::paper::type_1::Fold;
 use crate::paper::type_2::TURNS;
-use crate::served::free_axis;
 use crate::types::{Class, Kind, Singularity};
 use model::{Model, Robot, Terms};
 use nalgebra::{SMatrix, SVector, Vector3};
@@ -134,7 +133,7 @@ impl<const N: usize> Numeric<N> {
         }
         // C's position must not depend on a rotation that the task does not serve.
         let centre = meeting
-            .filter(|_| free_axis(&task).is_none())
+            .filter(|_| task[3..].iter().all(|served| *served))
             .map_or(Centre::EndEffector, Centre::OnLastAxis);
         let mut source = Self {
             centre,

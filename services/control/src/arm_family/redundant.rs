@@ -40,6 +40,8 @@ impl<const N: usize> Redundant<N> {
             &SVector::zeros(),
         );
         let (offset, _) = meeting(&terms);
+        // C's position must not depend on a rotation that the task does not serve: only E itself may then be moved.
+        let offset = offset.filter(|_| robot.task.0[3..].iter().all(|served| *served));
         let S = (N == 7 && robot.task.is_full())
             .then(|| three_meet(&terms, EXACT))
             .flatten();

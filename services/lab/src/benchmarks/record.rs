@@ -40,11 +40,7 @@ pub fn record(
         folder.path().to_owned(),
     );
     let mut tape = recorder::Tape::start(robot, &job).map_err(Failure::work)?;
-    let mut judge = Judge::new(
-        recorder::limits(robot),
-        scenario.goal.clone(),
-        scenario.duration_s() * f64::from(scenario.rate_hz),
-    );
+    let mut judge = Judge::new(robot, scenario).map_err(Failure::work)?;
     let parts = folder.path().join("parts");
     let mut files = ByTopic::<Files>::try_build(&mut Create(&parts, Logs::new(job.id, TOPICS)))
         .map_err(Failure::work)?;
@@ -52,9 +48,9 @@ pub fn record(
     chain::run(robot, scenario, |tick| {
         let row = Row::new(tick.sensor.header.tick, tick.into());
         let began = now_ns();
-        Tick::of(&tick.lent())
-            .into_iter()
-            .for_each(|tick| judge.tick(tick));
+        Tick::of(&tick.lent()).into_iter().for_each(|tick| {
+            judge.tick(tick);
+        });
         let judged = now_ns();
         tape.tick(&row);
         let taped = now_ns();

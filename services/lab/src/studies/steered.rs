@@ -5,7 +5,7 @@ use std::fmt;
 use chain::{Chain, Tick};
 use control::arm_family::choice::Family;
 use model::{Robot, with_dof};
-use recorder::{Judge, TaskError};
+use recorder::Judge;
 use serde::Serialize;
 use session::load::Loaded;
 use session::table::{number, table};
@@ -208,11 +208,7 @@ fn score(
     seed: u64,
 ) -> Result<Score, Failure> {
     let mut chain = Chain::new(robot, scenario).map_err(Failure::input)?;
-    let mut judge = Judge::new(
-        recorder::limits(robot),
-        scenario.goal.clone(),
-        scenario.duration_s() * f64::from(scenario.rate_hz),
-    );
+    let mut judge = Judge::new(robot, scenario).map_err(Failure::input)?;
     let (mut tick, dt) = (Tick::default(), scenario.dt_s());
     let (mut score, mut before, mut still) = (
         Score {
@@ -227,8 +223,7 @@ fn score(
         chain.step(&mut tick);
         let messages = recorder::Tick::of(&tick.lent())
             .ok_or_else(|| Failure::Work("a tick without a message".to_owned()))?;
-        let error = TaskError::on(&messages, &robot.task.0);
-        judge.tick(messages);
+        let error = judge.tick(messages);
         let state = &tick.servo_state;
         let stated = [
             REASON_LIMIT,

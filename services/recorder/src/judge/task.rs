@@ -1,6 +1,6 @@
 //! Errors of the task: desired against true pose.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 use shared_types::bounds::larger;
 use shared_types::codes::MODE_REGULAR;
@@ -18,28 +18,34 @@ pub struct TaskError {
 }
 
 impl TaskError {
-    /// The error split at the directions of the singularities that are engaged: inside their neighbourhood, or not yet left by the law.
-    ///
-    /// Finite for every pair of poses that are finite.
-    #[must_use]
-    pub fn of(tick: &Tick<'_>) -> Self {
-        Self::on(tick, &[true; 6])
-    }
-
-    /// [`of`](Self::of) on the task axes `served` alone (x, y, z, rx, ry, rz of the base): an arm of fewer axes does not move the others.
+    /// The error against the controller's own reference on the task axes `served` alone (x, y, z, rx, ry, rz of the base),
+    /// split as in [`split`](Self::split): of a steered run, whose targets become a reference in the controller.
     #[must_use]
     pub fn on(tick: &Tick<'_>, served: &[bool; 6]) -> Self {
         let (truth, command) = (tick.truth, tick.control);
+        let position = Vector3::from(command.p_BE_d) - Vector3::from(truth.p_BE);
+        let turn = matrix(&command.R_BE_d) * matrix(&truth.R_BE).transpose();
+        let orientation = model::rotation_log(&turn);
         // Times zero, not zero: a NaN stays one.
         let kept = |axis: usize| if served[axis] { 1.0 } else { 0.0 };
-        let position = Vector3::from(command.p_BE_d) - Vector3::from(truth.p_BE);
-        let position = Vector3::from_fn(|i, _| position[i] * kept(i));
-        let orientation =
-            model::rotation_log(&(matrix(&command.R_BE_d) * matrix(&truth.R_BE).transpose()));
-        let orientation = Vector3::from_fn(|i, _| orientation[i] * kept(3 + i));
+        let error = Vector6::from_fn(|i, _| match i {
+            0..3 => position[i] * kept(i),
+            _ => orientation[i - 3] * kept(i),
+        });
+        Self::split(tick, &error)
+    }
+
+    /// A pose error `[p_d − p; log(R_d Rᵀ)]` (m, rad, base axes), split at the directions of the singularities that are
+    /// engaged: inside their neighbourhood, or not yet left by the law.
+    ///
+    /// Finite for every error that is finite.
+    #[must_use]
+    pub fn split(tick: &Tick<'_>, error: &Vector6<f64>) -> Self {
+        let position: Vector3<f64> = error.fixed_rows::<3>(0).into();
+        let orientation: Vector3<f64> = error.fixed_rows::<3>(3).into();
         let (mut across_m, mut across_rad) = (position, orientation);
         for (i, singularity) in active(tick.report).iter().enumerate() {
-            if command.mode[i] == MODE_REGULAR && singularity.inside == 0 {
+            if tick.control.mode[i] == MODE_REGULAR && singularity.inside == 0 {
                 continue;
             }
             let (linear, angular) = halves(&singularity.zeta_B);

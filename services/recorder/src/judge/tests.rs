@@ -4,7 +4,7 @@ use shared_types::codes;
 use shared_types::scenario::Goal;
 use shared_types::topics::{ByTopic, Whole};
 
-use super::latency::Span;
+use super::latency::{Chain, Span};
 use super::{Judge, Limits, Tick, Verdict};
 
 const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
@@ -22,7 +22,7 @@ fn limits() -> Limits {
 }
 
 fn judged(ticks: u64, shape: impl Fn(u64, &mut ByTopic<Whole>)) -> Verdict {
-    let mut judge = Judge::new(limits(), Goal::default(), ticks as f64);
+    let mut judge = Judge::pathless(Chain::default(), limits(), Goal::default(), ticks as f64);
     for k in 0..ticks {
         let mut m = upright(k);
         m.torque.phase = if k + 1 == ticks {
@@ -227,7 +227,7 @@ fn on_a_grid_latencies_count_from_the_due_time_and_skipped_points_count_too() {
         [10_000, 11_200, 14_000, 15_000],
         [0, 10_500, 13_500, 13_500],
     );
-    let mut judge = Judge::new(limits(), Goal::default(), 4.0).on_grid(MS);
+    let mut judge = Judge::pathless(Chain::default(), limits(), Goal::default(), 4.0).on_grid(MS);
     for k in 0..4 {
         let mut m = upright(k as u64);
         let stamps = &mut m.sensor.header.stamps;
@@ -318,7 +318,7 @@ fn both_ends_of_the_rotation_error_are_finite() {
 
 #[test]
 fn every_limit_is_in_the_reason_and_in_the_events() {
-    let mut judge = Judge::new(limits(), Goal::default(), 10.0);
+    let mut judge = Judge::pathless(Chain::default(), limits(), Goal::default(), 10.0);
     for k in 0..10 {
         let mut m = upright(k);
         m.torque.phase = codes::PHASE_DONE;

@@ -3,7 +3,7 @@
 use chain::Sink;
 use model::{Model, Refused, Robot, with_dof};
 use nalgebra::{Cholesky, SVector};
-use recorder::{Assembler, HORIZON, Judge, PATIENCE, Set, TaskError, Verdict, limits};
+use recorder::{Assembler, HORIZON, Judge, PATIENCE, Set, TaskError, Verdict};
 use serde::Serialize;
 use shared_types::bounds::{larger, within};
 use shared_types::codes::DRIVE_ACTIVE;
@@ -154,13 +154,8 @@ fn sized<const N: usize, O: Sink>(
     scenario: &Scenario,
     sink: &mut O,
 ) -> Result<(Score, Verdict), Refused> {
-    let judge = Judge::new(
-        limits(robot),
-        scenario.goal.clone(),
-        scenario.planned_ticks() as f64,
-    );
     let mut bench = Bench {
-        judge,
+        judge: Judge::new(robot, scenario)?,
         meter: Meter::<N>::new(robot, scenario)?,
     };
     let is_sent = |topic: &str| scenario.servo.is_some() || !STEERED.contains(&topic);
@@ -203,8 +198,8 @@ struct Bench<const N: usize> {
 impl<const N: usize> Bench<N> {
     fn tick(&mut self, messages: &ByTopic<Lent<'_>>) {
         if let Some(tick) = recorder::Tick::of(messages) {
-            self.judge.tick(tick);
-            self.meter.tick(&tick);
+            let error = self.judge.tick(tick);
+            self.meter.tick(&tick, &error);
         }
     }
 }
@@ -286,15 +281,11 @@ impl<const N: usize> Meter<N> {
         })
     }
 
-    fn tick(&mut self, tick: &recorder::Tick<'_>) {
+    fn tick(&mut self, tick: &recorder::Tick<'_>, error: &TaskError) {
         self.ticks += 1;
-        let TaskError {
-            position,
-            orientation,
-        } = TaskError::of(tick);
         self.along = [
-            larger(self.along[0], position[2]),
-            larger(self.along[1], orientation[2]),
+            larger(self.along[0], error.position[2]),
+            larger(self.along[1], error.orientation[2]),
         ];
         self.stopped_by_plant |= tick.truth.limit_mask != 0
             || tick.truth.drive != DRIVE_ACTIVE && tick.truth.header.tick > 0;

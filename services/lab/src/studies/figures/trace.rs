@@ -147,7 +147,7 @@ fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Trace, Re
         let Some(judged) = recorder::Tick::of(&tick.lent()) else {
             return;
         };
-        let error = TaskError::of(&judged);
+        let error = TaskError::on(&judged, &robot.task.0);
         let recorder::Tick {
             truth,
             report,

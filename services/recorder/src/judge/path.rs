@@ -1,0 +1,159 @@
+//! The commanded path, followed by the judge itself. Of the controller it takes the path's time alone, and holds it to
+//! the rules of a clock: it never goes back, runs no faster than the run, and comes to the path's end.
+
+use control::{CommandedPath, Progress};
+use model::Pose;
+use nalgebra::{Matrix3, Vector3, Vector6};
+use serde::{Deserialize, Serialize};
+use shared_types::{PlantState, SingularityReport};
+
+/// Path time that a controller may be short of the end by rounding, s.
+const ROUNDING_S: f64 = 1e-6;
+
+/// Where the judge is on the path. What a replacement of the recorder goes on from; the path itself follows from the scenario.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct PathMeter {
+    #[serde(skip)]
+    path: Option<Box<dyn CommandedPath>>,
+    place: Option<Place>,
+    clock: PathClock,
+}
+
+/// [`Progress`] as a checkpoint holds it.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+struct Place {
+    leg: usize,
+    time_s: f64,
+    begun: bool,
+    R: [[f64; 3]; 3],
+    p: [f64; 3],
+    by: [f64; 3],
+    turn: [f64; 3],
+}
+
+impl From<&Progress> for Place {
+    fn from(progress: &Progress) -> Self {
+        Self {
+            leg: progress.leg,
+            time_s: progress.time_s,
+            begun: progress.begun,
+            R: progress.start.R.into(),
+            p: progress.start.p.into(),
+            by: progress.by.into(),
+            turn: progress.turn.into(),
+        }
+    }
+}
+
+impl From<&Place> for Progress {
+    fn from(place: &Place) -> Self {
+        Self {
+            leg: place.leg,
+            time_s: place.time_s,
+            begun: place.begun,
+            start: Pose {
+                R: Matrix3::from(place.R),
+                p: Vector3::from(place.p),
+            },
+            by: place.by.into(),
+            turn: place.turn.into(),
+        }
+    }
+}
+
+impl PathMeter {
+    /// Follows `path` from its start, or from where a predecessor was; `None`: a steered run has no path.
+    pub(super) fn follow(&mut self, path: Option<Box<dyn CommandedPath>>) {
+        self.place = self
+            .place
+            .or_else(|| path.as_ref().map(|path| Place::from(&path.start())));
+        self.path = path;
+    }
+
+    /// The true pose's error against the path at the time that the controller states, `[p_d − p; log(R_d Rᵀ)]`; m, rad.
+    /// `None`: there is no path. `dt_s`: length of a tick.
+    pub(super) fn error(
+        &mut self,
+        path_time_s: f64,
+        dt_s: f64,
+        truth: &PlantState,
+        reported: &SingularityReport,
+    ) -> Option<Vector6<f64>> {
+        let (path, place) = (self.path.as_mut()?, self.place.as_mut()?);
+        let by_s = self.clock.take(truth.header.tick, path_time_s, dt_s);
+        let mut progress = Progress::from(&*place);
+        path.advance(&mut progress, by_s, truth, reported);
+        *place = Place::from(&progress);
+        Some(path.error(&progress, truth))
+    }
+
+    /// What the controller did with its clock that no controller may; `is_done`: it has said that its task is done.
+    pub(super) fn breach(&self, is_done: bool) -> Option<String> {
+        let path = self.path.as_ref()?;
+        let (came_s, all_s) = (self.clock.time_s, path.duration_s());
+        if let Some((tick, from_s, to_s)) = self.clock.breach {
+            return Some(format!(
+                "the controller moved the path's time from {from_s:.3} s to {to_s:.3} s by tick {tick}: it may only run on, at most as fast as the run"
+            ));
+        }
+        (is_done && came_s < all_s - ROUNDING_S).then(|| {
+            format!("the controller ended at {came_s:.3} s of a path that takes {all_s:.3} s")
+        })
+    }
+}
+
+/// The path's time as a controller states it.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct PathClock {
+    time_s: f64,
+    /// Tick of the last statement.
+    last: Option<u64>,
+    /// The first breach: its tick, and the times before and after.
+    breach: Option<(u64, f64, f64)>,
+}
+
+impl PathClock {
+    /// The time that passes on the path up to a tick, s: as the controller states it, within the rules.
+    fn take(&mut self, tick: u64, time_s: f64, dt_s: f64) -> f64 {
+        let ticks = self.last.map_or(tick + 1, |last| tick.saturating_sub(last));
+        let most_s = ticks as f64 * dt_s * (1.0 + 1e-6) + 1e-9;
+        let by_s = time_s - self.time_s;
+        // A NaN is in no range.
+        if !(-1e-9..=most_s).contains(&by_s) && self.breach.is_none() {
+            self.breach = Some((tick, self.time_s, time_s));
+        }
+        self.last = Some(tick);
+        let by_s = if by_s > 0.0 { by_s.min(most_s) } else { 0.0 };
+        self.time_s += by_s;
+        by_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::PathClock;
+
+    fn clock(times: &[f64]) -> PathClock {
+        let mut clock = PathClock::default();
+        for (tick, time_s) in times.iter().enumerate() {
+            clock.take(tick as u64, *time_s, 1e-3);
+        }
+        clock
+    }
+
+    #[test]
+    fn a_clock_that_waits_and_runs_on_is_one() {
+        let clock = clock(&[0.0, 1e-3, 1e-3, 1.5e-3, 2.5e-3]);
+        assert_eq!(clock.breach, None);
+        assert!((clock.time_s - 2.5e-3).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_clock_that_jumps_goes_back_or_is_no_number_is_none() {
+        for times in [[0.0, 1e-3, 0.9], [0.0, 1e-3, 0.0], [0.0, 1e-3, f64::NAN]] {
+            let clock = clock(&times);
+            assert_eq!(clock.breach.map(|(tick, ..)| tick), Some(2), "{times:?}");
+            assert!(clock.time_s <= 2.1e-3, "no time is credited for it");
+        }
+    }
+}
