@@ -110,7 +110,8 @@ class Controller(Process):
     """Computes the torque. The graph gives it `reads = ["estimate", "singularity"]`, `writes = ["control_state", "torque"]`."""
 
     def control(self, tick, estimate, singularity, state, torque):
-        """Fills `torque` (`wire.TorqueCommand`) and `state` (`wire.ControlState`: the desired pose is what the run is judged by)."""
+        """Fills `torque` (`wire.TorqueCommand`) and `state` (`wire.ControlState`). Of `state` the judge takes `path_time_s` alone, the time come to on the
+        scenario's path: it may wait, but neither jump nor go back, and must reach the end before the phase is `PHASE_DONE`."""
         raise NotImplementedError
 
     def tick(self, tick):

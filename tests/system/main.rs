@@ -15,6 +15,7 @@ mod foreign;
 mod franka;
 mod graph;
 mod histories;
+mod honesty;
 mod hostile;
 mod inspect;
 mod life;

@@ -96,7 +96,7 @@ fn every_file_and_command_of_the_tutorial_works() {
         ("reach/report.html", "Locked"),
         ("faulty/report.html", "fault in force"),
         ("s1.svg", "polyline"),
-        ("swing/summary.json", "goal reached"),
+        ("straight/summary.json", "goal reached"),
     ] {
         if left != "s1.svg" || python {
             assert!(

@@ -257,19 +257,21 @@ impl<const N: usize> Controller<N> {
             return rest;
         }
         let clock = self.state.governor.rate;
-        if self.path.leg(self.state.progress.leg).is_some() {
+        let desired = self.path.desired(&self.state.progress, clock, 0.0);
+        let path_time_s = self.state.path_time_s;
+        let running = self.path.leg(self.state.progress.leg).is_some();
+        // As in a tick that is not rejected, the clock moves on once the command stands.
+        if running {
             let on_path = self.guide.path_time(self.state.route_time_s, clock * dt);
             self.state.route_time_s += clock * dt;
             self.state.progress.time_s += on_path;
             self.state.path_time_s += on_path;
         }
-        let desired = self.path.desired(&self.state.progress, clock, 0.0);
-        let running = self.path.leg(self.state.progress.leg).is_some();
         Command {
             R_BE_d: desired.R,
             p_BE_d: desired.p,
             V_BE_d: desired.V,
-            path_time_s: self.state.path_time_s,
+            path_time_s,
             time_scale: clock,
             mode: self.state.loops.map(|one| one.mode),
             phase: if running {

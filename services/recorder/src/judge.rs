@@ -26,7 +26,6 @@ use shared_types::summary::{
     JointSummary, Latency, ModeChange, ServoSummary, SingularitySummary, TaskSummary, TurnSummary,
 };
 
-use crate::limits;
 use joints::JointMeter;
 use latency::{Chain, LatencyMeter};
 use path::PathMeter;
@@ -134,7 +133,7 @@ impl Judge {
             rate_hz: f64::from(scenario.rate_hz),
             ..Self::pathless(
                 chain,
-                limits(robot),
+                Limits::of(robot),
                 scenario.goal.clone(),
                 scenario.planned_ticks() as f64,
             )

@@ -233,24 +233,6 @@ fn take(row: &Row, judge: &mut Judge, tape: &mut Tape) {
         .for_each(|(tick, text)| tape.event(tick, Level::Warning, &text));
 }
 
-/// A robot's limits, in the judge's form.
-#[must_use]
-pub fn limits(robot: &Robot) -> Limits {
-    let of = |value: fn(&model::Joint) -> f64| robot.joints.iter().map(value).collect();
-    Limits {
-        served: robot.task.0,
-        names: robot
-            .joints
-            .iter()
-            .map(|joint| joint.name.clone())
-            .collect(),
-        lower: of(|joint| joint.lower),
-        upper: of(|joint| joint.upper),
-        effort: of(|joint| joint.effort),
-        velocity: of(|joint| joint.velocity),
-    }
-}
-
 /// One topic's end: its messages, its fingerprint, and the file they are kept in where that is wanted.
 struct Tap<M: Message> {
     drain: Collector<M>,

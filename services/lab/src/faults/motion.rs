@@ -69,7 +69,7 @@ impl Guarantee {
             }
         };
         Self {
-            limits: recorder::limits(robot),
+            limits: recorder::Limits::of(robot),
             hold_ticks: scenario.plant.hold_ticks,
             step: STEP_PER_MS * 1e3 / rate_hz,
             speed,

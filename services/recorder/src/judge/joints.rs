@@ -1,5 +1,6 @@
 //! Loads of the joints, and the limits that they reach.
 
+use model::Robot;
 use serde::{Deserialize, Serialize};
 use shared_types::bounds::{larger, share, within};
 use shared_types::codes::{
@@ -34,6 +35,26 @@ pub struct Limits {
     pub effort: Vec<f64>,
     /// rad/s.
     pub velocity: Vec<f64>,
+}
+
+impl Limits {
+    /// Those of a robot.
+    #[must_use]
+    pub fn of(robot: &Robot) -> Self {
+        let of = |value: fn(&model::Joint) -> f64| robot.joints.iter().map(value).collect();
+        Self {
+            served: robot.task.0,
+            names: robot
+                .joints
+                .iter()
+                .map(|joint| joint.name.clone())
+                .collect(),
+            lower: of(|joint| joint.lower),
+            upper: of(|joint| joint.upper),
+            effort: of(|joint| joint.effort),
+            velocity: of(|joint| joint.velocity),
+        }
+    }
 }
 
 /// Gathers the joints' loads tick by tick.

@@ -1,11 +1,13 @@
-//! A controller of one's own, to copy: it swings all joints from the start posture to the `posture_deg` of the scenario's first segment.
+//! A controller of one's own, to copy: it moves the hand along the straight line
+//! `by_m` of the scenario's first segment.
 //!
 //! ```text
 //! law.rs    the pure step: one estimate in, one torque out
 //! main.rs   connects the step to topics
 //! ```
 //!
-//! `docs/tutorial.md` builds and runs it. It does not care about singularities: the path it follows is one of joints, not of the hand.
+//! `docs/tutorial.md` builds and runs it. Its inverse is damped
+//! everywhere, as one writes it in a first course; near a singularity the hand falls behind.
 
 mod law;
 
