@@ -45,12 +45,8 @@ fn time_panel() -> TimePanelBlueprint {
 }
 
 /// Writes a layout as a blueprint store into `sink` and activates it.
-pub(crate) fn send(sink: &mut Sink, store: &StoreId, subject: &Subject, which: Layout) {
-    sink.announce(store);
-    for chunk in layout(subject, which) {
-        sink.chunk(store, chunk);
-    }
-    sink.activate(store);
+pub(crate) fn send(sink: &Sink, store: &StoreId, subject: &Subject, which: Layout) {
+    sink.send_blueprint(store, layout(subject, which));
 }
 
 /// Settings known at the end of a run only: the stretch of time to repeat, ns, and the eye of the close-up.
@@ -65,7 +61,7 @@ pub(crate) struct Ending {
 /// Adds the ending to a blueprint that has been sent, and activates it again: the viewer works on a copy made at activation. With
 /// `is_changed`, because the subject is another than the blueprint was sent for, all of its views too.
 pub(crate) fn send_ending(
-    sink: &mut Sink,
+    sink: &Sink,
     store: &StoreId,
     subject: &Subject,
     which: Layout,
@@ -107,10 +103,7 @@ pub(crate) fn send_ending(
     for (view, eye) in views.into_iter().filter_map(|(view, eye)| view.zip(eye)) {
         places.eye(&view, &eye);
     }
-    for chunk in places.chunks {
-        sink.chunk(store, chunk);
-    }
-    sink.activate(store);
+    sink.send_blueprint(store, places.chunks);
 }
 
 #[cfg(test)]

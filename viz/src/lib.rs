@@ -8,8 +8,8 @@
 //! * How it is read back without a viewer: [`read`]; as tables of other formats: [`export`]; as one HTML page: [`report`], with the pictures
 //!   of [`plot`].
 //!
-//! Cost, six joints at 1 kHz with everything on: 4.5 µs CPU a tick and 16 MB a minute (`examples/synthetic.rs`). It grows with the number
-//! of chunks, each of which carries its schema, hence one wide table of numbers and a signal per component rather than per entity.
+//! The cost (`examples/synthetic.rs`) grows with the number of chunks, each of which carries its schema, hence one wide table of numbers
+//! and a signal per component rather than per entity.
 //!
 //! docs/recording.md reads a recording back in Python.
 //!
@@ -19,11 +19,9 @@
 
 mod arm;
 mod blueprint;
-mod contents;
 mod entity;
 mod export;
 mod frames;
-mod ipc;
 mod manipulability;
 mod narration;
 pub mod plot;
@@ -35,8 +33,6 @@ mod shortfall;
 mod signals;
 mod sink;
 mod solid;
-mod storage;
-mod stream;
 #[cfg(test)]
 mod synthetic;
 mod tint;
@@ -50,6 +46,5 @@ pub use recording::{
 pub use report::{Report, ReportError, report};
 pub use shortfall::{Reading, Shortfall, altered, has_rows, rows_in};
 pub use signals::{ChainHops, Lives, Signal, TickRow, chain_hops, hop_names};
-pub use sink::FileInfo;
-pub use storage::{RecordError, Storage};
+pub use sink::{FileInfo, RecordError, Storage};
 pub use tint::singularity_ink;

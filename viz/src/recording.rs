@@ -1,6 +1,5 @@
 //! A recording in the making.
 
-mod arrays;
 mod columns;
 mod ending;
 mod file;

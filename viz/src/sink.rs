@@ -1,17 +1,132 @@
-//! An `.rrd` stream that ends cleanly when its volume does.
+//! Rerun's stream into a file that ends cleanly when its volume is full.
 //!
 //! Rerun's own file sink writes from a thread that returns on the first error, after which flushing waits for an answer that never
-//! comes. This one writes where it is called: the first error is kept, the stream is cut back to its last whole message, and every
-//! later call returns at once.
+//! comes. This one keeps the first error, cuts the file back to its last whole message, and ignores what comes later.
 
-use re_chunk::{Chunk, ChunkResult};
+use std::fs::File;
+use std::io::{self, Seek, SeekFrom, Write};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use re_chunk::{Chunk, ChunkBatcherConfig, ChunkResult, EntityPath, TimeColumn, TimePoint};
+use re_log_encoding::{CrateVersion, EncodeError, Encoder, EncodingOptions, StreamHeader};
 use re_log_types::external::re_tuid::Tuid;
 use re_log_types::{
     BlueprintActivationCommand, LogMsg, SetStoreInfo, StoreId, StoreInfo, StoreSource,
 };
+use re_sdk::sink::{LogSink, SinkFlushError};
+use re_sdk::{RecordingStream, RecordingStreamBuilder};
+use re_sdk_types::{AsComponents, SerializedComponentColumn};
 
-use crate::storage::{RecordError, Storage};
-use crate::stream::Stream;
+/// Where a recording goes: bytes that can be cut back.
+pub trait Storage: Write + Send {
+    /// Cuts to `bytes` and continues there.
+    ///
+    /// # Errors
+    /// The medium's own errors.
+    fn cut(&mut self, bytes: u64) -> io::Result<()>;
+
+    /// Makes everything written durable.
+    ///
+    /// # Errors
+    /// The medium's own errors.
+    fn sync(&mut self) -> io::Result<()>;
+}
+
+impl Storage for File {
+    fn cut(&mut self, bytes: u64) -> io::Result<()> {
+        self.set_len(bytes)?;
+        self.seek(SeekFrom::Start(bytes)).map(drop)
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        self.sync_data()
+    }
+}
+
+/// Why a recording could not be made, or ended before its run; a file that exists is readable up to its last byte.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// The file could not be made.
+    #[error(
+        "cannot create the recording {path}: {source}; choose another folder with --out, or run with --no-record"
+    )]
+    Create {
+        /// The file.
+        path: String,
+        /// The system's error.
+        source: io::Error,
+    },
+    /// The arm cannot be drawn: its model does not fit.
+    #[error("cannot record the robot {robot}: {reason}")]
+    Arm {
+        /// The robot's name.
+        robot: String,
+        /// The model's error.
+        reason: String,
+    },
+    /// The volume refused a write.
+    #[error("the recording {}: {source}{}. {}, choose another folder with --out, or run with --no-record", ends(*bytes), kept(*bytes), remedy(source))]
+    Write {
+        /// Bytes kept.
+        bytes: u64,
+        /// The system's error.
+        source: io::Error,
+    },
+    /// There is no room to write a part anew with its table of contents.
+    #[error("there is no room for a second copy of it: {source}; it is readable as it is")]
+    Anew {
+        /// The system's error.
+        source: io::Error,
+    },
+    /// A chunk could not be built or encoded: a defect of ours.
+    #[error(
+        "the recording ends early because a chunk could not be encoded: {reason}; please report this"
+    )]
+    Encode {
+        /// Bytes kept.
+        bytes: u64,
+        /// The defect.
+        reason: String,
+    },
+}
+
+impl RecordError {
+    /// The same where so many bytes of the recording can be read, all of its parts together.
+    #[must_use]
+    pub fn keeping(mut self, kept: u64) -> Self {
+        if let Self::Write { bytes, .. } | Self::Encode { bytes, .. } = &mut self {
+            *bytes = kept;
+        }
+        self
+    }
+}
+
+/// Without the number of bytes: the file gets its end, and may get a table of contents, after this.
+fn ends(bytes: u64) -> &'static str {
+    if bytes == 0 {
+        "cannot begin"
+    } else {
+        "ends early"
+    }
+}
+
+fn kept(bytes: u64) -> &'static str {
+    if bytes == 0 {
+        ""
+    } else {
+        "; what came before is kept and readable"
+    }
+}
+
+fn remedy(source: &io::Error) -> &'static str {
+    match source.kind() {
+        io::ErrorKind::FileTooLarge => {
+            "Raise the shell's limit on the size of files with `ulimit -f unlimited`"
+        }
+        _ => "Free space there",
+    }
+}
 
 /// A finished recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -26,123 +141,262 @@ pub struct FileInfo {
     pub parts: u32,
 }
 
-/// A stream of stores' messages.
-pub(crate) struct Sink {
+/// Whole messages that wait for [`Write::flush`]: it writes all of them, or none.
+struct Waiting {
+    storage: Box<dyn Storage>,
+    messages: Vec<u8>,
+    written: u64,
+}
+
+impl Write for Waiting {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.messages.extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        let written = self.storage.write_all(&self.messages);
+        let written = written.and_then(|()| self.storage.flush());
+        match written {
+            Ok(()) => self.written += self.messages.len() as u64,
+            // The first error is the one to report, not the error of the cut.
+            Err(_) => drop(self.storage.cut(self.written)),
+        }
+        self.messages.clear();
+        written
+    }
+}
+
+/// The file at the end of Rerun's stream.
+struct Disk {
     /// `None` once closed.
-    stream: Option<Stream>,
-    /// Bytes of whole messages.
+    encoder: Option<Encoder<Waiting>>,
+    /// Bytes of all messages, and of those that are flushed.
     bytes: u64,
+    flushed: u64,
     chunks: u64,
     /// The error that closed it, until it is answered.
     error: Option<RecordError>,
 }
 
-impl Sink {
-    /// Starts a stream.
-    pub(crate) fn new(storage: Box<dyn Storage>) -> Result<Self, RecordError> {
-        let stream = Stream::begin(storage)?;
-        Ok(Self {
-            bytes: stream.bytes(),
-            stream: Some(stream),
-            chunks: 0,
-            error: None,
-        })
-    }
-
-    /// Announces a store, before its first chunk.
-    pub(crate) fn announce(&mut self, store: &StoreId) {
-        let source = StoreSource::Other(concat!("armplane ", env!("CARGO_PKG_VERSION")).into());
-        let message = LogMsg::SetStoreInfo(SetStoreInfo {
-            row_id: Tuid::new(),
-            info: StoreInfo::new(store.clone(), source),
-        });
-        self.write(|stream| stream.message(&message));
-    }
-
-    /// Appends a chunk of a store.
-    pub(crate) fn chunk(&mut self, store: &StoreId, chunk: ChunkResult<Chunk>) {
-        match chunk {
-            Ok(chunk) => {
-                self.chunks += 1;
-                self.write(|stream| stream.chunk(store, chunk));
-            }
-            Err(error) => self.fail(RecordError::Encode {
-                bytes: self.bytes,
-                reason: error.to_string(),
-            }),
-        }
-    }
-
-    /// Says that a blueprint is complete and shall be shown.
-    pub(crate) fn activate(&mut self, blueprint: &StoreId) {
-        let message = LogMsg::BlueprintActivationCommand(BlueprintActivationCommand {
-            blueprint_id: blueprint.clone(),
-            make_active: true,
-            make_default: true,
-        });
-        self.write(|stream| stream.message(&message));
-    }
-
-    /// Writes what waits: from then on it outlives the process.
-    pub(crate) fn flush(&mut self) {
-        self.write(Stream::flush);
-    }
-
-    fn write(&mut self, write: impl FnOnce(&mut Stream) -> Result<(), RecordError>) {
-        let Some(stream) = &mut self.stream else {
+impl Disk {
+    fn attempt(&mut self, work: impl FnOnce(&mut Encoder<Waiting>) -> Result<u64, EncodeError>) {
+        let Some(encoder) = &mut self.encoder else {
             return;
         };
-        let written = write(stream);
-        self.bytes = stream.bytes();
-        if let Err(error) = written {
-            self.fail(error);
+        let bytes = self.flushed;
+        match work(encoder) {
+            Ok(more) => self.bytes += more,
+            Err(EncodeError::Write(source)) => self.fail(RecordError::Write { bytes, source }),
+            Err(defect) => self.defect(&defect),
         }
     }
 
-    /// Closes the stream for good; the first error is the one to answer.
+    fn flush(&mut self) {
+        self.attempt(|encoder| encoder.flush_blocking().map(|()| 0));
+        if self.encoder.is_some() {
+            self.flushed = self.bytes;
+        }
+    }
+
+    fn defect(&mut self, reason: &dyn std::fmt::Display) {
+        self.fail(RecordError::Encode {
+            bytes: self.flushed,
+            reason: reason.to_string(),
+        });
+    }
+
+    /// Closes the file for good; the first error is the one to answer.
     fn fail(&mut self, error: RecordError) {
         self.error.get_or_insert(error);
-        let _ = self.close();
+        self.close();
+    }
+
+    /// Makes what is flushed durable.
+    fn close(&mut self) {
+        if let Some(Ok(mut end)) = self.encoder.take().map(Encoder::into_inner) {
+            self.bytes = end.written;
+            if let Err(source) = end.storage.sync() {
+                let bytes = end.written;
+                self.error
+                    .get_or_insert(RecordError::Write { bytes, source });
+            }
+        }
+    }
+}
+
+/// The disk, as Rerun's thread has it.
+#[derive(Clone)]
+struct Shared(Arc<Mutex<Disk>>);
+
+impl Shared {
+    fn disk(&self) -> MutexGuard<'_, Disk> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl LogSink for Shared {
+    fn send(&self, message: LogMsg) {
+        let mut disk = self.disk();
+        disk.chunks += u64::from(matches!(message, LogMsg::ArrowMsg(..)));
+        disk.attempt(|encoder| encoder.append(&message));
+    }
+
+    fn flush_blocking(&self, _: Duration) -> Result<(), SinkFlushError> {
+        self.disk().flush();
+        Ok(())
+    }
+}
+
+/// A recording's stream into a file.
+pub(crate) struct Sink {
+    stream: RecordingStream,
+    shared: Shared,
+}
+
+impl Sink {
+    /// Starts a file.
+    pub(crate) fn new(storage: Box<dyn Storage>, store: &StoreId) -> Result<Self, RecordError> {
+        let waiting = Waiting {
+            storage,
+            messages: Vec::new(),
+            written: 0,
+        };
+        let defect = |error: &dyn std::fmt::Display| RecordError::Encode {
+            bytes: 0,
+            reason: error.to_string(),
+        };
+        let options = EncodingOptions::PROTOBUF_COMPRESSED;
+        let encoder = Encoder::new_eager(CrateVersion::LOCAL, options, waiting);
+        let shared = Shared(Arc::new(Mutex::new(Disk {
+            encoder: Some(encoder.map_err(|error| defect(&error))?),
+            bytes: StreamHeader::ENCODED_SIZE_BYTES as u64,
+            flushed: 0,
+            chunks: 0,
+            error: None,
+        })));
+        // Alone: whatever comes of the rest, this is a stream.
+        shared.disk().flush();
+        let stream = RecordingStreamBuilder::from_store_id(store)
+            .enabled(true)
+            .send_properties(false)
+            .store_source(source())
+            .batcher_config(ChunkBatcherConfig::NEVER)
+            .buffered()
+            .map_err(|error| defect(&error))?;
+        stream.set_log_tick_enabled(false);
+        stream.set_log_time_enabled(false);
+        stream.set_sink(Box::new(shared.clone()));
+        let mut sink = Self { stream, shared };
+        sink.flush();
+        sink.check().map(|()| sink)
+    }
+
+    /// Adds a row to the chunk of its place; [`Sink::flush`] ends chunks.
+    pub(crate) fn log(
+        &self,
+        at: TimePoint,
+        path: impl Into<EntityPath>,
+        archetype: &dyn AsComponents,
+    ) {
+        self.stream.set_timepoint(at);
+        self.done(self.stream.log(path, archetype));
+    }
+
+    /// A value that never changes.
+    pub(crate) fn log_static(&self, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
+        self.done(self.stream.log_static(path, archetype));
+    }
+
+    /// A chunk of columns.
+    pub(crate) fn send_columns(
+        &self,
+        path: impl Into<EntityPath>,
+        times: impl IntoIterator<Item = TimeColumn>,
+        columns: impl IntoIterator<Item = SerializedComponentColumn>,
+    ) {
+        self.done(self.stream.send_columns(path, times, columns));
+    }
+
+    /// A chunk as it stands in another file.
+    pub(crate) fn send_chunk(&self, chunk: Chunk) {
+        self.stream.send_chunk(chunk);
+    }
+
+    /// A blueprint, which is complete then and shall be shown. All that has been logged before comes before it.
+    pub(crate) fn send_blueprint(
+        &self,
+        store: &StoreId,
+        chunks: impl IntoIterator<Item = ChunkResult<Chunk>>,
+    ) {
+        self.flush();
+        let info = LogMsg::SetStoreInfo(SetStoreInfo {
+            row_id: Tuid::new(),
+            info: StoreInfo::new(store.clone(), source()),
+        });
+        let chunks = chunks.into_iter().map(|chunk| {
+            let message = chunk.and_then(|chunk| chunk.to_arrow_msg())?;
+            Ok(LogMsg::ArrowMsg(store.clone(), message))
+        });
+        let messages: ChunkResult<Vec<_>> = std::iter::once(Ok(info)).chain(chunks).collect();
+        match messages {
+            Ok(messages) => self.stream.send_blueprint(
+                messages,
+                BlueprintActivationCommand {
+                    blueprint_id: store.clone(),
+                    make_active: true,
+                    make_default: true,
+                },
+            ),
+            Err(error) => self.shared.disk().defect(&error),
+        }
+        self.flush();
+    }
+
+    /// Writes what has been logged: from then on it outlives the process.
+    pub(crate) fn flush(&self) {
+        self.done(self.stream.flush_blocking());
+    }
+
+    fn done<E: std::fmt::Display>(&self, done: Result<(), E>) {
+        if let Err(defect) = done {
+            self.shared.disk().defect(&defect);
+        }
     }
 
     /// Size so far; bytes.
     pub(crate) fn bytes(&self) -> u64 {
-        self.bytes
+        self.shared.disk().bytes
     }
 
     /// Chunks so far.
     pub(crate) fn chunks(&self) -> u64 {
-        self.chunks
+        self.shared.disk().chunks
     }
 
-    /// Whether the stream has ended.
+    /// Whether the file has ended.
     pub(crate) fn is_closed(&self) -> bool {
-        self.stream.is_none()
+        self.shared.disk().encoder.is_none()
     }
 
-    /// The error that closed the stream, once.
+    /// The error that closed the file, once.
     pub(crate) fn check(&mut self) -> Result<(), RecordError> {
-        self.error.take().map_or(Ok(()), Err)
+        self.shared.disk().error.take().map_or(Ok(()), Err)
     }
 
-    /// Closes the stream without a word: the one before it could not be ended.
-    pub(crate) fn abandon(&mut self) {
-        let _ = self.close();
+    /// Ends the file with its footer, which a reader that seeks needs, and makes it durable; where the footer does not fit, the file ends without one,
+    /// after its last whole message. Returns the size.
+    pub(crate) fn finish(&mut self) -> Result<u64, RecordError> {
+        self.flush();
+        let mut disk = self.shared.disk();
+        disk.attempt(|encoder| encoder.finish().map(|()| 0));
+        disk.flush();
+        disk.close();
+        drop(disk);
+        self.check().map(|()| self.bytes())
     }
+}
 
-    /// Ends the stream with its footer, which a reader that seeks needs, and makes it durable.
-    pub(crate) fn finish(mut self) -> Result<u64, RecordError> {
-        let closed = self.close();
-        self.check().and(closed)?;
-        Ok(self.bytes)
-    }
-
-    fn close(&mut self) -> Result<(), RecordError> {
-        let Some(stream) = self.stream.take() else {
-            return Ok(());
-        };
-        let (bytes, ended) = stream.end();
-        self.bytes = bytes;
-        ended
-    }
+fn source() -> StoreSource {
+    StoreSource::Other(concat!("armplane ", env!("CARGO_PKG_VERSION")).into())
 }

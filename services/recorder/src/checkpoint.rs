@@ -173,32 +173,23 @@ impl Memory {
     pub(crate) fn note(&mut self, written: Written) {
         if written != self.noted {
             self.noted = written;
-            let Written {
-                signals,
-                picture,
-                changes,
-                part,
-                bytes,
-            } = written;
+            let Written { next, part, bytes } = written;
             // It may fail, or the recorder be killed before: then a replacement goes on from the place noted last, and cuts away what is behind that.
-            let _ = self.written.write_all_at(
-                bytes_of(&[signals, picture, changes, part.into(), bytes]),
-                0,
-            );
+            let _ = self
+                .written
+                .write_all_at(bytes_of(&[next, part.into(), bytes]), 0);
         }
     }
 
     /// How far the predecessor's recording had come; `None` where it has not come to note it.
     pub(crate) fn written(&self) -> Option<Written> {
-        let mut numbers = [0_u64; 5];
+        let mut numbers = [0_u64; 3];
         self.written
             .read_exact_at(bytes_of_mut(&mut numbers), 0)
             .ok()?;
-        let [signals, picture, changes, part, bytes] = numbers;
+        let [next, part, bytes] = numbers;
         Some(Written {
-            signals,
-            picture,
-            changes,
+            next,
             part: u32::try_from(part).ok()?,
             bytes,
         })

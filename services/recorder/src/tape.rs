@@ -24,14 +24,13 @@ pub struct Tape {
 }
 
 /// How often the recording is written besides at every checkpoint: a chunk costs the same whatever it holds, and what it holds goes with a run
-/// that is killed whole, until `armplane recover`, or with a volume that is full. The picture is written rarely, but where a viewer watches.
-fn chunks(job: &Job) -> viz::Options {
-    let often = viz::Options::default();
+/// that is killed whole, until `armplane recover`, or with a volume that is full. Often where a viewer watches.
+fn options(job: &Job) -> viz::Options {
+    let seldom = viz::Options::default();
     viz::Options {
-        signal_chunk_s: if job.live { often.signal_chunk_s } else { 1.0 },
-        picture_chunk_s: if job.live { often.signal_chunk_s } else { 10.0 },
+        chunk_s: if job.live { 0.25 } else { seldom.chunk_s },
         is_live: job.live,
-        ..often
+        ..seldom
     }
 }
 
@@ -114,7 +113,7 @@ impl Tape {
             },
             ..tape
         };
-        match Recording::create_part(&job.out, part, &info, chunks(job)) {
+        match Recording::create_part(&job.out, part, &info, options(job)) {
             Ok(mut recording) => {
                 recording.go_on_after(noted.unwrap_or_default());
                 tape.recording = Some(recording);

@@ -1,14 +1,15 @@
 //! Rows gathered between two chunks: signals, and places over time.
 
-use glam::Vec3;
-use re_chunk::external::arrow::array::{ArrayRef, Float32Array, Float64Array, ListArray};
-use re_chunk::external::arrow::buffer::{OffsetBuffer, ScalarBuffer};
-use re_chunk::external::arrow::datatypes::Field;
-use re_sdk_types::SerializedComponentColumn;
-use re_sdk_types::archetypes::Transform3D;
+use std::sync::Arc;
 
-use super::arrays::numbers;
-use super::pieces::custom;
+use glam::Vec3;
+use re_chunk::external::arrow::array::{Array, ArrayRef, Float32Array, Float64Array, ListArray};
+use re_chunk::external::arrow::buffer::OffsetBuffer;
+use re_chunk::external::arrow::datatypes::Field;
+use re_sdk_types::archetypes::Transform3D;
+use re_sdk_types::datatypes::Quaternion;
+use re_sdk_types::{ComponentDescriptor, SerializedComponentColumn};
+
 use crate::scene::{Mark, Presence, rotation};
 use crate::signals::{Drawn, Signal, Width, logarithm, share};
 use crate::solid::Placement;
@@ -28,8 +29,6 @@ pub(super) struct Table {
     pub(super) ticks: Vec<u64>,
     /// `None` for what is not recorded.
     columns: Vec<Option<Column>>,
-    /// Rows to make room for.
-    room: usize,
 }
 
 /// One column's rows: values end to end, and where each row ends. A row without its message is an empty list, not a null: no plot draws a
@@ -37,13 +36,10 @@ pub(super) struct Table {
 struct Column {
     name: &'static str,
     encoding: Encoding,
-    wide: Vec<f64>,
-    narrow: Vec<f32>,
+    values: Vec<f64>,
     ends: Vec<i32>,
     /// Whether there has been a value, in this chunk or before.
     seen: bool,
-    /// Values and rows to make room for.
-    room: (usize, usize),
 }
 
 impl Table {
@@ -61,7 +57,6 @@ impl Table {
         Self {
             ticks: Vec::new(),
             columns: columns.collect(),
-            room: 0,
         }
     }
 
@@ -83,7 +78,6 @@ impl Table {
         Self {
             ticks: Vec::new(),
             columns,
-            room: 0,
         }
     }
 
@@ -96,25 +90,13 @@ impl Table {
         self.ticks.push(tick);
         let columns = &mut self.columns;
         fill(&mut |place, values| {
-            let Some(column) = &mut columns[place] else {
-                return;
-            };
-            match column.encoding {
-                Encoding::F64 => column.wide.extend_from_slice(values),
-                Encoding::F32 => column
-                    .narrow
-                    .extend(values.iter().map(|value| *value as f32)),
-                Encoding::Log => column.narrow.extend(values.iter().copied().map(logarithm)),
-                Encoding::Share => column.narrow.extend(values.iter().copied().map(share)),
+            if let Some(column) = &mut columns[place] {
+                column.values.extend_from_slice(values);
             }
         });
         for column in columns.iter_mut().flatten() {
-            let (end, before) = (
-                (column.wide.len() + column.narrow.len()) as i32,
-                column.ends.last().copied().unwrap_or(0),
-            );
-            column.seen |= end > before;
-            column.ends.push(end);
+            column.seen |= column.values.len() as i32 > column.ends[column.ends.len() - 1];
+            column.ends.push(column.values.len() as i32);
         }
     }
 
@@ -124,26 +106,8 @@ impl Table {
             return None;
         }
         let ticks = std::mem::take(&mut self.ticks);
-        self.room = ticks.len();
-        Some((
-            ticks,
-            self.columns
-                .iter_mut()
-                .flatten()
-                .filter_map(Column::take)
-                .collect(),
-        ))
-    }
-
-    /// Asks for the memory of as many rows as have been taken last, for chunks are about as long as the one before: when that one is gone, so that it is its
-    /// memory, and in the caches.
-    pub(super) fn make_room(&mut self) {
-        let rows = std::mem::take(&mut self.room);
-        self.ticks.reserve(rows);
-        self.columns
-            .iter_mut()
-            .flatten()
-            .for_each(Column::make_room);
+        let columns = self.columns.iter_mut().flatten();
+        Some((ticks, columns.filter_map(Column::take).collect()))
     }
 }
 
@@ -152,51 +116,33 @@ impl Column {
         Self {
             name,
             encoding,
-            wide: Vec::new(),
-            narrow: Vec::new(),
+            values: Vec::new(),
             ends: vec![0],
             seen: false,
-            room: (0, 0),
         }
-    }
-
-    fn make_room(&mut self) {
-        let (values, rows) = std::mem::take(&mut self.room);
-        match self.encoding {
-            Encoding::F64 => self.wide.reserve(values),
-            Encoding::F32 | Encoding::Log | Encoding::Share => self.narrow.reserve(values),
-        }
-        self.ends.reserve(rows);
     }
 
     /// Its rows; none where there has never been a value.
     fn take(&mut self) -> Option<SerializedComponentColumn> {
-        let (wide, narrow) = (
-            std::mem::take(&mut self.wide),
-            std::mem::take(&mut self.narrow),
-        );
         let ends = std::mem::replace(&mut self.ends, vec![0]);
-        self.room = (wide.len() + narrow.len(), ends.len());
+        let values = std::mem::take(&mut self.values);
         if !self.seen {
             return None;
         }
-        let values: ArrayRef = match self.encoding {
-            Encoding::F64 => std::sync::Arc::new(Float64Array::from(wide)),
-            Encoding::F32 | Encoding::Log | Encoding::Share => {
-                std::sync::Arc::new(Float32Array::from(narrow))
-            }
+        let narrow = |narrowed: fn(f64) -> f32| -> ArrayRef {
+            let values = values.iter().map(|value| narrowed(*value));
+            Arc::new(Float32Array::from_iter_values(values))
         };
-        let field = std::sync::Arc::new(Field::new_list_field(values.data_type().clone(), true));
-        let list = ListArray::new(
-            field,
-            OffsetBuffer::new(ScalarBuffer::from(ends)),
-            values,
-            None,
-        );
-        Some(SerializedComponentColumn::new(
-            list,
-            custom(self.name, None),
-        ))
+        let values = match self.encoding {
+            Encoding::F32 => narrow(|value| value as f32),
+            Encoding::Log => narrow(logarithm),
+            Encoding::Share => narrow(share),
+            Encoding::F64 => Arc::new(Float64Array::from(values)),
+        };
+        let field = Arc::new(Field::new_list_field(values.data_type().clone(), true));
+        let list = ListArray::new(field, OffsetBuffer::new(ends.into()), values, None);
+        let name = ComponentDescriptor::partial(self.name);
+        Some(SerializedComponentColumn::new(list, name))
     }
 }
 
@@ -217,25 +163,19 @@ impl Track {
         self.quaternions.push(rotation(at).to_array());
     }
 
-    pub(super) fn columns(self) -> Vec<SerializedComponentColumn> {
+    pub(super) fn columns(&self) -> Vec<SerializedComponentColumn> {
         let mut transform = Transform3D::update_fields();
         if !self.translations.is_empty() {
-            transform.translation = Some(numbers(
-                self.translations,
-                Transform3D::descriptor_translation(),
-            ));
-            transform.quaternion = Some(numbers(
-                self.quaternions,
-                Transform3D::descriptor_quaternion(),
-            ));
+            let turns = self.quaternions.iter().copied().map(Quaternion::from_xyzw);
+            transform = transform
+                .with_many_translation(self.translations.iter().copied())
+                .with_many_quaternion(turns);
         }
         if !self.sizes.is_empty() {
-            transform.scale = Some(numbers(self.sizes, Transform3D::descriptor_scale()));
+            transform = transform.with_many_scale(self.sizes.iter().copied());
         }
-        transform
-            .columns_of_unit_batches()
-            .map(Iterator::collect)
-            .unwrap_or_default()
+        let columns = transform.columns_of_unit_batches();
+        columns.map(Iterator::collect).unwrap_or_default()
     }
 }
 

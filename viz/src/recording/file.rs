@@ -10,18 +10,18 @@ use shared_types::{MAX_DOF, MAX_SINGULARITIES};
 use std::path::Path;
 
 use super::columns::{Picture, Table};
+use super::ending::Stretches;
 use super::parts::{create, part_name};
 use super::pieces::{Room, application};
-use super::state::{Lanes, Level, Options, Recording, RunInfo, Title, Written};
+use super::state::{Facts, Level, Options, Part, Recording, RunInfo, Story, Title, Written};
 use super::write::LEGEND;
-use crate::arm::{Figure, placement};
+use crate::arm::Figure;
 use crate::blueprint::{Subject, Way};
 use crate::manipulability::{at_point, singular_values};
 use crate::narration::History;
 use crate::scene::NullMotion;
 use crate::signals::{Drawn, Limits, Signal, TickRow, draw, sample};
-use crate::sink::{FileInfo, Sink};
-use crate::storage::{RecordError, Storage};
+use crate::sink::{FileInfo, RecordError, Sink, Storage};
 use crate::{blueprint, entity};
 
 impl Recording {
@@ -127,121 +127,25 @@ impl Recording {
         run: &RunInfo,
         options: Options,
     ) -> Result<Self, RecordError> {
-        Self::begin(Box::new(storage), part, run, options)
-    }
-
-    fn begin(
-        storage: Box<dyn Storage>,
-        part: u32,
-        run: &RunInfo,
-        options: Options,
-    ) -> Result<Self, RecordError> {
-        let RunInfo {
-            scenario, robot, ..
-        } = *run;
-        let arm = Model::new(robot, scenario.frame()).map_err(|error| RecordError::Arm {
-            robot: robot.name.clone(),
-            reason: error.to_string(),
-        })?;
-        let floor_m = scenario.plant.floor_m.map_or(0.0, |height| height as f32);
-        let figure = Figure::new(robot, floor_m);
-        let rate = f64::from(scenario.rate_hz);
-        let every = |seconds: f64| (seconds * rate).round().max(1.0);
-        let unlimited = |limits: fn(&model::Joint) -> f64| {
-            robot.joints.iter().any(|joint| !limits(joint).is_finite())
-        };
-        let judged = |bound: f64, most: f64| Some(bound).filter(|bound| *bound < most);
-        let subject = Subject {
-            lives: run.lives.clone(),
-            joints: robot.joints.len(),
-            floor_m,
-            goal: [
-                judged(scenario.goal.position_mm, 1000.0),
-                judged(scenario.goal.orientation_deg, 180.0),
-            ],
-            faults: !scenario.fault.is_empty() || options.is_live,
-            is_long: (1.0 + LEGEND) * scenario.duration_s() > PLOTTED_S && !options.is_live,
-            stands_still: stands_still(scenario),
-            without_orientation: !robot.task.0[3..].contains(&true),
-            ways: scenario.segment.iter().filter_map(Way::of).collect(),
-            unlimited_torque: unlimited(|joint| joint.effort),
-            unlimited_speed: unlimited(|joint| joint.velocity),
-            ..Subject::default()
-        };
+        let facts = Facts::new(run, options)?;
+        let store = StoreId::recording(application(run.robot), run.run);
         let mut recording = Self {
-            sink: Sink::new(storage)?,
-            store: StoreId::recording(application(robot), run.run),
-            title: Title::new(run),
+            sink: Sink::new(Box::new(storage), &store)?,
+            store,
             before: FileInfo {
                 parts: part,
                 ..FileInfo::default()
             },
-            part_ticks: 0,
-            arm,
-            figure,
-            directions: robot
-                .task
-                .0
-                .iter()
-                .filter(|served| **served)
-                .count()
-                .min(robot.joints.len()),
-            planar: !robot.task.0[2],
-            limits: Limits::new(robot),
-            subject,
-            layout: scenario.view.layout,
-            rate_hz: scenario.rate_hz.max(1),
-            blueprint_sent: false,
-            last: None,
-            written: Written::default(),
-            changes_next: 0,
-            pending: Default::default(),
+            subject: subject(run, options),
+            part: Part::default(),
+            story: Story::new(run),
             rival: None,
             signals: Table::of_signals(),
             drawn_table: Table::of_drawn(options.is_live),
-            drawn_every: every(1.0 / DRAWN_HZ) as u64,
-            signal_rows: every(options.signal_chunk_s) as usize,
             picture: Picture::default(),
-            picture_every: every(1.0 / options.picture_hz) as u64,
-            picture_rows: (options.picture_chunk_s * options.picture_hz)
-                .round()
-                .max(1.0) as usize,
-            is_live: options.is_live,
-            wanted_turns: scenario
-                .segment
-                .iter()
-                .map(|one| {
-                    one.reorient
-                        .as_ref()
-                        .map(|turn| (turn.singularity.clone(), turn.by_deg))
-                })
-                .collect(),
-            wanted_rotations: scenario
-                .segment
-                .iter()
-                .map(|one| one.turn.as_ref().map(|turn| turn.by_deg))
-                .collect(),
-            stretches: Default::default(),
-            room: Room::default(),
-            guides_due: 0,
-            marks: Default::default(),
-            drawn: Default::default(),
-            sides: [1.0; MAX_SINGULARITIES],
-            swept: Default::default(),
-            why: Default::default(),
-            task: robot.task.0,
-            motion: NullMotion::new(robot.length_m),
-            ghosts: [0; MAX_DOF],
-            ghost_drawn: [false; MAX_DOF],
-            situation: None,
-            reason: None,
-            history: History::new(stands_still(scenario)),
-            faults: Vec::new(),
-            fault_states: Vec::new(),
-            unheard: 0,
-            lanes: Lanes::default(),
-            incarnations: Default::default(),
-            hops: run.hops,
+            last: None,
+            next: 0,
+            run: facts,
         };
         recording.open()?;
         Ok(recording)
@@ -249,7 +153,6 @@ impl Recording {
 
     /// The beginning of every part.
     fn open(&mut self) -> Result<(), RecordError> {
-        self.sink.announce(&self.store);
         self.write_properties();
         self.write_figure();
         self.sink.flush();
@@ -261,35 +164,18 @@ impl Recording {
     /// # Errors
     /// As [`create`](Recording::create).
     pub fn turn_over(&mut self, storage: impl Storage + 'static) -> Result<(), RecordError> {
-        self.go_on_in(Box::new(storage))
-    }
-
-    fn go_on_in(&mut self, storage: Box<dyn Storage>) -> Result<(), RecordError> {
         self.flush();
-        let (chunks, ended) = (
-            self.sink.chunks(),
-            std::mem::replace(&mut self.sink, Sink::new(storage)?),
-        );
-        let bytes = ended.finish().inspect_err(|_| self.sink.abandon())?;
-        let FileInfo { parts, .. } = self.before;
+        let chunks = self.sink.chunks();
+        // The part's end comes first: who follows the files goes on as soon as the next one holds something.
+        let bytes = self.sink.finish()?;
+        self.sink = Sink::new(Box::new(storage), &self.store)?;
         self.before = FileInfo {
             bytes: self.before.bytes + bytes,
             chunks: self.before.chunks + chunks,
-            ticks: self.before.ticks + self.part_ticks,
-            parts: parts + 1,
+            ticks: self.before.ticks + self.part.ticks,
+            parts: self.before.parts + 1,
         };
-        // Values written only on change are written again.
-        self.part_ticks = 0;
-        self.blueprint_sent = false;
-        self.guides_due = 0;
-        self.marks = Default::default();
-        self.reason = None;
-        self.drawn = Default::default();
-        self.swept = Default::default();
-        self.why = Default::default();
-        self.ghost_drawn = Default::default();
-        self.situation = None;
-        self.lanes = Lanes::default();
+        self.part = Part::default();
         self.open()
     }
 
@@ -304,13 +190,13 @@ impl Recording {
         );
         let q = SVector::from_column_slice(q);
         let J = at_point(
-            self.arm.jacobian(&q),
-            &(Vector3::from(report.p_BC) - self.arm.forward_kinematics(&q).p),
+            self.run.arm.jacobian(&q),
+            &(Vector3::from(report.p_BC) - self.run.arm.forward_kinematics(&q).p),
         );
-        Some(singular_values(&J, report.length_m, &self.task))
+        Some(singular_values(&J, report.length_m, &self.run.task))
     }
 
-    /// Takes a tick in. Ticks must come in order; a tick that was lost leaves a gap.
+    /// Takes a tick in. Ticks must come in order; a tick that was lost leaves a gap, and one that is on file already is left out.
     ///
     /// # Errors
     /// [`RecordError`] when it ends the recording, once; ticks after it are not recorded.
@@ -318,93 +204,83 @@ impl Recording {
         if self.sink.is_closed() {
             return Ok(());
         }
-        if self.part_ticks == 0 {
+        self.last = Some(row.tick);
+        if row.tick < self.next {
+            return Ok(());
+        }
+        if self.part.ticks == 0 {
             self.write_ghosts(row.tick, true);
-            if let (Some(q), Some(turned)) = (row.q(), self.motion.turned(true)) {
-                let links = self
-                    .arm
-                    .link_poses(&SVector::from_column_slice(q))
-                    .map(|X| placement(&X));
+            if let (Some(q), Some(turned)) = (row.q(), self.story.motion.turned(true)) {
+                let links = self.links(q);
                 self.write_turned(row.tick, &links, &turned);
             }
         }
-        self.part_ticks += 1;
-        self.last = Some(row.tick);
-        if !self.blueprint_sent && row.singularity.is_some() {
+        self.part.ticks += 1;
+        if !self.part.blueprint_sent && row.singularity.is_some() {
             self.introduce(row);
         }
-        // Content of an earlier part is not written again.
-        if row.tick >= self.written.signals {
-            self.signals.push(row.tick, |put| {
-                sample(row, &self.limits, self.hops, |signal, values| {
-                    put(signal as usize, values)
-                })
-            });
-            if row.tick.is_multiple_of(self.drawn_every) {
-                let gravity = row
-                    .q()
-                    .map(|q| self.arm.gravity(&SVector::from_column_slice(q)))
-                    .unwrap_or_default();
-                let sigma = self.singular_values(row);
-                let (limits, hops) = (&self.limits, self.hops);
-                let is_faulty = self
-                    .faults
-                    .iter()
-                    .any(|fault| fault.until.is_none_or(|until| row.tick < until));
-                self.drawn_table.push(row.tick, |put| {
-                    draw(row, limits, gravity.as_slice(), |drawn, values| {
-                        put(drawn as usize, values)
-                    });
-                    if is_faulty {
-                        put(Drawn::Fault as usize, &[0.0]);
-                    }
-                    let mut put = |signal: Signal, values: &[f64]| {
-                        put(Drawn::ALL.len() + signal as usize, values)
-                    };
-                    sample(row, limits, hops, &mut put);
-                    if let Some(sigma) = &sigma {
-                        put(Signal::SingularValues, &sigma[..limits.dof().min(6)]);
-                    }
-                });
-            }
-        }
-        if row.tick >= self.changes_next {
-            self.write_changes(row);
-            self.changes_next = row.tick + 1;
-        }
-        if row.tick.is_multiple_of(self.picture_every) && row.tick >= self.written.picture {
+        self.gather(row);
+        self.write_changes(row);
+        if row.tick.is_multiple_of(self.run.picture_every) {
             self.see(row);
-            if self.picture.rows() >= self.picture_rows {
-                self.write_picture();
-            }
         }
-        if row.tick >= self.guides_due {
-            self.guides_due = row.tick + 5 * u64::from(self.rate_hz);
+        if row.tick >= self.part.guides_due {
+            self.part.guides_due = row.tick + 5 * u64::from(self.run.rate_hz);
             self.write_guides(row.tick);
         }
-        // Last of all: from here to the caller's note of the progress a kill would have the ticks written twice.
-        if self.signals.rows() >= self.signal_rows {
-            self.write_pending(false);
-            self.write_signals();
+        if self.signals.rows() as u64 >= self.run.chunk_every {
+            self.flush();
         }
-        self.sink.flush();
         self.sink.check()
+    }
+
+    /// The numbers of a tick.
+    fn gather(&mut self, row: &TickRow) {
+        let (limits, hops) = (&self.run.limits, self.run.hops);
+        self.signals.push(row.tick, |put| {
+            sample(row, limits, hops, |signal, values| {
+                put(signal as usize, values)
+            })
+        });
+        if !row.tick.is_multiple_of(self.run.drawn_every) {
+            return;
+        }
+        let gravity = row
+            .q()
+            .map(|q| self.run.arm.gravity(&SVector::from_column_slice(q)))
+            .unwrap_or_default();
+        let sigma = self.singular_values(row);
+        let mut faults = self.story.faults.iter();
+        let is_faulty = faults.any(|fault| fault.until.is_none_or(|until| row.tick < until));
+        self.drawn_table.push(row.tick, |put| {
+            draw(row, limits, gravity.as_slice(), |drawn, values| {
+                put(drawn as usize, values)
+            });
+            if is_faulty {
+                put(Drawn::Fault as usize, &[0.0]);
+            }
+            let mut put =
+                |signal: Signal, values: &[f64]| put(Drawn::ALL.len() + signal as usize, values);
+            sample(row, limits, hops, &mut put);
+            if let Some(sigma) = &sigma {
+                put(Signal::SingularValues, &sigma[..limits.dof().min(6)]);
+            }
+        });
     }
 
     /// How far it has come.
     pub fn written(&self) -> Written {
         Written {
+            next: self.next,
             part: self.part(),
             bytes: self.part_bytes(),
-            ..self.written
         }
     }
 
     /// Goes on where an earlier part had come to, which a recorder that was killed has left: ticks that come again are not written again. What is behind
     /// that place is taken away before, by [`cut_behind`](super::parts::cut_behind).
     pub fn go_on_after(&mut self, written: Written) {
-        self.written = written;
-        self.changes_next = written.changes;
+        self.next = written.next;
     }
 
     /// Notes an event.
@@ -426,8 +302,14 @@ impl Recording {
     /// Writes out what is being gathered.
     pub fn flush(&mut self) {
         self.write_picture();
-        self.write_pending(false);
-        self.write_signals();
+        // Values held between their rows come first, so that readers of the signals have them.
+        if let Some((ticks, columns)) = self.drawn_table.take() {
+            self.send_columns(entity::DRAWN, &ticks, columns);
+        }
+        if let Some((ticks, columns)) = self.signals.take() {
+            self.send_columns(entity::SIGNALS, &ticks, columns);
+            self.next = ticks.last().map_or(self.next, |last| last + 1);
+        }
         self.sink.flush();
     }
 
@@ -443,7 +325,7 @@ impl Recording {
 
     /// Ticks in the present part.
     pub fn part_ticks(&self) -> u64 {
-        self.part_ticks
+        self.part.ticks
     }
 
     /// Number of the present part, from 0.
@@ -456,19 +338,19 @@ impl Recording {
     /// # Errors
     /// [`RecordError`] where one ended the recording and has not been answered yet; the file is readable nevertheless.
     pub fn finish(mut self) -> Result<FileInfo, RecordError> {
-        if !self.blueprint_sent {
+        if !self.part.blueprint_sent {
             self.introduce(&TickRow::default());
         }
         self.flush();
         if let Some(last) = self.last {
             self.write_guides(last);
-            if !self.is_live {
-                self.write_guides(last + (LEGEND * self.part_ticks as f64) as u64);
+            if !self.run.is_live {
+                self.write_guides(last + (LEGEND * self.part.ticks as f64) as u64);
             }
             self.write_ending(last);
         }
         let (before, chunks) = (self.before, self.before.chunks + self.sink.chunks());
-        let ticks = before.ticks + self.part_ticks;
+        let ticks = before.ticks + self.part.ticks;
         Ok(FileInfo {
             bytes: before.bytes + self.sink.finish()?,
             chunks,
@@ -482,8 +364,102 @@ impl Recording {
     /// # Errors
     /// [`RecordError`] where the file cannot be made or written.
     pub fn save_blueprint(&self, path: &Path, layout: Layout) -> Result<(), RecordError> {
-        let mut sink = Sink::new(Box::new(create(path)?))?;
-        blueprint::send(&mut sink, &self.blueprint(), &self.subject, layout);
+        let store = self.blueprint();
+        let mut sink = Sink::new(Box::new(create(path)?), &store)?;
+        blueprint::send(&sink, &store, &self.subject, layout);
         sink.finish().map(drop)
+    }
+}
+
+impl Facts {
+    fn new(run: &RunInfo, options: Options) -> Result<Self, RecordError> {
+        let RunInfo {
+            scenario, robot, ..
+        } = *run;
+        let arm = Model::new(robot, scenario.frame()).map_err(|error| RecordError::Arm {
+            robot: robot.name.clone(),
+            reason: error.to_string(),
+        })?;
+        let rate = f64::from(scenario.rate_hz);
+        let every = |seconds: f64| (seconds * rate).round().max(1.0) as u64;
+        let segments = || scenario.segment.iter();
+        Ok(Self {
+            title: Title::new(run),
+            arm,
+            figure: Figure::new(robot, floor_m(scenario)),
+            task: robot.task.0,
+            directions: robot
+                .task
+                .0
+                .iter()
+                .filter(|served| **served)
+                .count()
+                .min(robot.joints.len()),
+            planar: !robot.task.0[2],
+            limits: Limits::new(robot),
+            hops: run.hops,
+            layout: scenario.view.layout,
+            rate_hz: scenario.rate_hz.max(1),
+            is_live: options.is_live,
+            chunk_every: every(options.chunk_s),
+            picture_every: every(1.0 / options.picture_hz),
+            drawn_every: every(1.0 / DRAWN_HZ),
+            wanted_turns: segments()
+                .map(|one| one.reorient.as_ref())
+                .map(|turn| turn.map(|turn| (turn.singularity.clone(), turn.by_deg)))
+                .collect(),
+            wanted_rotations: segments()
+                .map(|one| one.turn.as_ref().map(|turn| turn.by_deg))
+                .collect(),
+        })
+    }
+}
+
+impl Story {
+    fn new(run: &RunInfo) -> Self {
+        Self {
+            stretches: Stretches::default(),
+            room: Room::default(),
+            motion: NullMotion::new(run.robot.length_m),
+            history: History::new(stands_still(run.scenario)),
+            sides: [1.0; MAX_SINGULARITIES],
+            ghosts: [0; MAX_DOF],
+            faults: Vec::new(),
+            fault_states: Vec::new(),
+            unheard: 0,
+            incarnations: Default::default(),
+        }
+    }
+}
+
+fn floor_m(scenario: &Scenario) -> f32 {
+    scenario.plant.floor_m.map_or(0.0, |height| height as f32)
+}
+
+/// What a layout depends on, but for the singularities, which the first report names.
+fn subject(run: &RunInfo, options: Options) -> Subject {
+    let RunInfo {
+        scenario, robot, ..
+    } = *run;
+    let unlimited = |limits: fn(&model::Joint) -> f64| {
+        robot.joints.iter().any(|joint| !limits(joint).is_finite())
+    };
+    let judged = |bound: f64, most: f64| Some(bound).filter(|bound| *bound < most);
+    Subject {
+        lives: run.lives.clone(),
+        joints: robot.joints.len(),
+        floor_m: floor_m(scenario),
+        goal: [
+            judged(scenario.goal.position_mm, 1000.0),
+            judged(scenario.goal.orientation_deg, 180.0),
+        ],
+        faults: !scenario.fault.is_empty() || options.is_live,
+        is_long: (1.0 + LEGEND) * scenario.duration_s() > PLOTTED_S && !options.is_live,
+        stands_still: stands_still(scenario),
+        without_orientation: !robot.task.0[3..].contains(&true),
+        ways: scenario.segment.iter().filter_map(Way::of).collect(),
+        unlimited_torque: unlimited(|joint| joint.effort),
+        unlimited_speed: unlimited(|joint| joint.velocity),
+        ..Subject::default()
     }
 }

@@ -15,7 +15,7 @@ const PATIENCE: u64 = 3;
 impl Recording {
     /// A fault takes effect: its number, its words for the lane and for the headline.
     pub fn fault_begins(&mut self, tick: u64, number: usize, lane: &str, headline: &str) {
-        self.faults.push(Fault {
+        self.story.faults.push(Fault {
             number,
             lane: lane.to_owned(),
             headline: headline.to_owned(),
@@ -26,7 +26,8 @@ impl Recording {
 
     /// A fault is over at a tick, be it past or still to come.
     pub fn fault_ends(&mut self, tick: u64, number: usize) {
-        self.faults
+        self.story
+            .faults
             .iter_mut()
             .filter(|fault| fault.number == number)
             .for_each(|fault| fault.until = Some(tick));
@@ -34,16 +35,17 @@ impl Recording {
 
     fn write_fault_lane(&mut self, tick: u64) {
         let text = self
+            .story
             .faults
             .last()
             .map_or(NO_FAULT.0, |fault| fault.lane.as_str())
             .to_owned();
-        if self.lanes.fault.as_deref() == Some(text.as_str()) {
+        if self.part.lanes.fault.as_deref() == Some(text.as_str()) {
             return;
         }
-        if text != NO_FAULT.0 && !self.fault_states.contains(&text) {
-            self.fault_states.push(text.clone());
-            let all = self.fault_states.clone();
+        if text != NO_FAULT.0 && !self.story.fault_states.contains(&text) {
+            self.story.fault_states.push(text.clone());
+            let all = self.story.fault_states.clone();
             let styles: Vec<(&str, u32)> = all
                 .iter()
                 .map(|state| (state.as_str(), FAULT_COLOUR))
@@ -52,35 +54,36 @@ impl Recording {
             self.style(entity::state("fault"), &styles);
         }
         self.lane(tick, "fault", &text);
-        self.lanes.fault = Some(text);
-        self.situation = None;
+        self.part.lanes.fault = Some(text);
+        self.part.situation = None;
     }
 
     pub(super) fn write_changes(&mut self, row: &TickRow) {
-        let before = self.faults.len();
-        self.faults
+        let before = self.story.faults.len();
+        self.story
+            .faults
             .retain(|fault| fault.until.is_none_or(|until| row.tick < until));
-        if self.lanes.fault.is_none() || self.faults.len() < before {
+        if self.part.lanes.fault.is_none() || self.story.faults.len() < before {
             self.write_fault_lane(row.tick);
         }
         self.write_lives(row);
         if let Some(sensor) = row.sensor
-            && self.lanes.drive != Some(sensor.drive)
+            && self.part.lanes.drive != Some(sensor.drive)
         {
-            self.lanes.drive = Some(sensor.drive);
+            self.part.lanes.drive = Some(sensor.drive);
             self.lane(row.tick, "drive", name_of(DRIVES, sensor.drive));
         }
         if let Some(torque) = row.torque
-            && self.lanes.phase != Some(torque.phase)
+            && self.part.lanes.phase != Some(torque.phase)
         {
-            self.lanes.phase = Some(torque.phase);
+            self.part.lanes.phase = Some(torque.phase);
             self.lane(row.tick, "phase", name_of(PHASES, torque.phase));
         }
         if let Some(command) = row.control_state {
             for i in 0..self.subject.singularities.len().min(MAX_SINGULARITIES) {
                 let mode = command.mode[i];
-                if self.lanes.modes[i] != Some(mode) {
-                    let before = self.lanes.modes[i].replace(mode);
+                if self.part.lanes.modes[i] != Some(mode) {
+                    let before = self.part.lanes.modes[i].replace(mode);
                     let name = self.subject.singularities[i].0.clone();
                     self.lane(row.tick, &format!("mode/{name}"), name_of(MODES, mode));
                     if let Some(before) = before {
@@ -98,22 +101,26 @@ impl Recording {
             }
         }
         // A tick or two without a command is not worth a line.
-        self.unheard = if row.torque.is_some() {
+        self.story.unheard = if row.torque.is_some() {
             0
         } else {
-            self.unheard + 1
+            self.story.unheard + 1
         };
-        self.history.push(row);
-        let situation = self.history.situation(row);
-        let told = row.torque.is_some() && row.singularity.is_some() || self.unheard >= 5;
-        if told && self.situation != Some(situation) && self.rival.is_none() {
-            self.situation = Some(situation);
+        self.story.history.push(row);
+        let situation = self.story.history.situation(row);
+        let told = row.torque.is_some() && row.singularity.is_some() || self.story.unheard >= 5;
+        if told && self.part.situation != Some(situation) && self.rival.is_none() {
+            self.part.situation = Some(situation);
             let run = Run {
-                title: &self.title.name,
+                title: &self.run.title.name,
                 joints: self.subject.joints,
-                rate_hz: self.rate_hz,
-                directions: self.directions,
-                fault: self.faults.last().map(|fault| fault.headline.as_str()),
+                rate_hz: self.run.rate_hz,
+                directions: self.run.directions,
+                fault: self
+                    .story
+                    .faults
+                    .last()
+                    .map(|fault| fault.headline.as_str()),
             };
             let words = situation.markdown(&run);
             self.log(row.tick, entity::NOW, &TextDocument::from_markdown(words));
@@ -140,37 +147,39 @@ impl Recording {
             row.estimate.is_some(),
             row.estimate.is_some() && row.singularity.is_some(),
         ];
-        let freshness = u64::from(self.rate_hz) / 2;
+        let freshness = u64::from(self.run.rate_hz) / 2;
         let lives = self.subject.lives.clone();
         for (i, name) in lives.named() {
             let Some(&incarnation) = now.get(i) else {
                 continue;
             };
-            if incarnation > self.incarnations[i] {
-                if self.incarnations[i] > 0 {
+            if incarnation > self.story.incarnations[i] {
+                if self.story.incarnations[i] > 0 {
                     self.event(
                         row.tick,
                         Level::Warning,
                         &format!("{name} is back as incarnation {incarnation}"),
                     );
-                    self.lanes.fresh_until[i] = row.tick + freshness;
+                    self.part.lanes.fresh_until[i] = row.tick + freshness;
                 }
-                self.incarnations[i] = incarnation;
+                self.story.incarnations[i] = incarnation;
             }
-            self.lanes.missing[i] = if incarnation == 0 {
-                self.lanes.missing[i] + 1
+            self.part.lanes.missing[i] = if incarnation == 0 {
+                self.part.lanes.missing[i] + 1
             } else {
                 0
             };
             let text = match incarnation {
-                0 if self.lanes.missing[i] < PATIENCE && self.lanes.life[i].is_some() => continue,
+                0 if self.part.lanes.missing[i] < PATIENCE && self.part.lanes.life[i].is_some() => {
+                    continue;
+                }
                 0 if has_input[i] => "silent",
                 0 => "waiting",
-                _ if row.tick < self.lanes.fresh_until[i] => "restarted",
+                _ if row.tick < self.part.lanes.fresh_until[i] => "restarted",
                 _ => "up",
             };
-            if self.lanes.life[i] != Some(text) {
-                self.lanes.life[i] = Some(text);
+            if self.part.lanes.life[i] != Some(text) {
+                self.part.lanes.life[i] = Some(text);
                 self.log(
                     row.tick,
                     entity::life((i, name)),
@@ -178,22 +187,22 @@ impl Recording {
                 );
             }
         }
-        let text = if row.tick < self.lanes.fresh_until[WRITERS] {
+        let text = if row.tick < self.part.lanes.fresh_until[WRITERS] {
             "restarted"
         } else {
             "up"
         };
         if let Some(recorder) = lives.named().find(|(place, _)| *place == WRITERS)
-            && self.lanes.recorder != Some(text)
+            && self.part.lanes.recorder != Some(text)
         {
-            self.lanes.recorder = Some(text);
+            self.part.lanes.recorder = Some(text);
             self.log(row.tick, entity::life(recorder), &StateChange::single(text));
         }
     }
 
     /// The recorder that writes this part has taken up where one before it ended: its lane says so from tick `from` on.
     pub fn recorder_restarted(&mut self, from: u64) {
-        self.lanes.fresh_until[WRITERS] = from + u64::from(self.rate_hz) / 2;
+        self.part.lanes.fresh_until[WRITERS] = from + u64::from(self.run.rate_hz) / 2;
     }
 
     pub(super) fn lane(&mut self, tick: u64, lane: &str, state: &str) {

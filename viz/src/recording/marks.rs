@@ -2,11 +2,11 @@
 
 use nalgebra::SVector;
 use re_sdk_types::archetypes::{Arrows3D, Clear, LineStrips3D, Points3D, Transform3D};
-use re_sdk_types::components::{Color, Radius};
+use re_sdk_types::components::Radius;
 use shared_types::codes::MODE_REORIENT;
 use shared_types::messages::SingularityState;
 
-use super::pieces::{ghost3d, lettered, mesh3d, tinted};
+use super::pieces::{ghost3d, lettered, mesh3d, rgba, tinted};
 use super::state::{Recording, Swept};
 use crate::scene::{Mark, Presence, dashed, glyph};
 use crate::signals::TickRow;
@@ -24,10 +24,6 @@ const TELL_STEP_DEG: f32 = 5.0;
 /// Colour of a direction that is free again.
 const FREE: Rgba = [90, 220, 120, 255];
 
-fn colour([r, g, b, a]: Rgba) -> Color {
-    Color::from_unmultiplied_rgba(r, g, b, a)
-}
-
 impl Recording {
     /// Marks change their looks rarely; their places go with the picture.
     pub(super) fn write_marks(
@@ -41,15 +37,16 @@ impl Recording {
         let is_inside = |mark: &Mark| mark.look.presence == Presence::Inside;
         let entered = marks
             .iter()
-            .zip(&self.marks)
+            .zip(&self.part.marks)
             .any(|(mark, before)| is_inside(mark) && before.presence != Presence::Inside);
         if entered {
             // Labels that stand keep their sides.
             for ((side, new), before) in self
+                .story
                 .sides
                 .iter_mut()
                 .zip(scene::label_sides(marks))
-                .zip(&self.marks)
+                .zip(&self.part.marks)
             {
                 if before.presence != Presence::Inside {
                     *side = new;
@@ -60,8 +57,8 @@ impl Recording {
             let Some((name, tint)) = self.subject.singularities.get(i).cloned() else {
                 return;
             };
-            if self.marks[i] != mark.look {
-                self.marks[i] = mark.look;
+            if self.part.marks[i] != mark.look {
+                self.part.marks[i] = mark.look;
                 self.write_look(tick, &name, tint, i, mark, &narration::label(one, i));
                 self.write_why(tick, &name, tint, i, one, q);
             }
@@ -91,8 +88,8 @@ impl Recording {
         ];
         let unit = self.mark_size();
         // Meshes are large: they are written once, later changes are their tint and their size.
-        if self.drawn[i] != Some(mark.look.angular) && mark.look.presence != Presence::Hidden {
-            self.drawn[i] = Some(mark.look.angular);
+        if self.part.drawn[i] != Some(mark.look.angular) && mark.look.presence != Presence::Hidden {
+            self.part.drawn[i] = Some(mark.look.angular);
             self.log(
                 tick,
                 &*solid,
@@ -131,7 +128,7 @@ impl Recording {
             );
             let point = Points3D::new([[0.0; 3]])
                 .with_radii([Radius::new_ui_points(0.5)])
-                .with_colors([colour(of_words([r, g, b, 255]))]);
+                .with_colors([rgba(of_words([r, g, b, 255]))]);
             self.log(
                 tick,
                 label,
@@ -153,35 +150,35 @@ impl Recording {
         one: &SingularityState,
         q: &[f64],
     ) {
-        if self.marks[i].presence == Presence::Hidden {
-            for link in std::mem::take(&mut self.why[i]) {
+        if self.part.marks[i].presence == Presence::Hidden {
+            for link in std::mem::take(&mut self.part.why[i]) {
                 self.log(tick, entity::reason(name, link), &Clear::flat());
             }
             return;
         }
-        if !self.why[i].is_empty() {
+        if !self.part.why[i].is_empty() {
             return;
         }
         let joints = self.subject.joints;
         let dependent = match one.kind {
             shared_types::codes::KIND_NUMERIC if joints <= 6 => scene::dependent_joints(
-                &self.arm.jacobian(&SVector::from_column_slice(q)),
+                &self.run.arm.jacobian(&SVector::from_column_slice(q)),
                 joints,
-                f64::from(0.4 * self.figure.reach),
+                f64::from(0.4 * self.run.figure.reach),
             ),
             _ => Vec::new(),
         };
-        for (link, strips, is_second) in scene::reasons(one.kind, &self.figure, &dependent) {
+        for (link, strips, is_second) in scene::reasons(one.kind, &self.run.figure, &dependent) {
             let drawn = if is_second {
                 [245, 245, 250, 255]
             } else {
                 tint
             };
             let lines = LineStrips3D::new(strips)
-                .with_colors([colour(drawn)])
-                .with_radii([0.0045 * self.figure.reach]);
+                .with_colors([rgba(drawn)])
+                .with_radii([0.0045 * self.run.figure.reach]);
             self.log(tick, entity::reason(name, link), &lines);
-            self.why[i].push(link);
+            self.part.why[i].push(link);
         }
     }
 
@@ -201,14 +198,18 @@ impl Recording {
         hand: &Placement,
     ) {
         // On the other side than the mark's label.
-        let (unit, centre, zeta) = (self.mark_size(), mark.X_BS.p, -self.sides[i] * mark.zeta());
+        let (unit, centre, zeta) = (
+            self.mark_size(),
+            mark.X_BS.p,
+            -self.story.sides[i] * mark.zeta(),
+        );
         let [sector, entry, words] = [
             entity::sector(name),
             entity::entry(name),
             entity::swept(name),
         ];
         let is_inside = mark.look.presence == Presence::Inside;
-        let mut swept = match self.swept[i].take() {
+        let mut swept = match self.part.swept[i].take() {
             Some(swept) => swept,
             None if is_inside => Swept {
                 directions: vec![zeta],
@@ -242,7 +243,7 @@ impl Recording {
             let mut labels = vec![String::new(); strips.len() - 1];
             labels.push(words);
             let colours = vec![colour_of; strips.len()];
-            lettered(strips, colours, labels, 0.004 * self.figure.reach)
+            lettered(strips, colours, labels, 0.004 * self.run.figure.reach)
         };
         if !is_inside && swept.freed.is_none() {
             // It left as it came.
@@ -265,6 +266,7 @@ impl Recording {
                 .sum::<f32>()
                 .to_degrees();
             let goal = self
+                .run
                 .wanted_turns
                 .get(segment)
                 .and_then(|wanted| wanted.as_ref())
@@ -280,7 +282,7 @@ impl Recording {
                 .collect();
             // A few degrees are worth no picture.
             if swept.directions.len() < 3 {
-                self.swept[i] = Some(swept);
+                self.part.swept[i] = Some(swept);
                 return;
             }
             let first_picture = swept.directions.len() == 3;
@@ -290,7 +292,7 @@ impl Recording {
                 vec![arc],
                 vec![tint],
                 vec![format!("ζ turned {turned:.0}°{of}")],
-                0.004 * self.figure.reach,
+                0.004 * self.run.figure.reach,
             );
             self.log(tick, &*words, &arc);
             if first_picture {
@@ -308,6 +310,7 @@ impl Recording {
                 if about_deg > swept.told_deg + TELL_STEP_DEG {
                     swept.told_deg = about_deg;
                     let of = self
+                        .run
                         .wanted_rotations
                         .get(segment)
                         .copied()
@@ -330,11 +333,11 @@ impl Recording {
                 return;
             }
         }
-        self.swept[i] = Some(swept);
+        self.part.swept[i] = Some(swept);
     }
 
     /// Half the length of the mark of a singularity the arm is in; m.
     pub(super) fn mark_size(&self) -> f32 {
-        0.2 * self.figure.reach
+        0.2 * self.run.figure.reach
     }
 }

@@ -13,8 +13,7 @@ use super::parts::create;
 use crate::entity;
 use crate::frames::Frames;
 use crate::read::{Damage, ReadError, ReadNews};
-use crate::sink::Sink;
-use crate::storage::RecordError;
+use crate::sink::{RecordError, Sink};
 
 /// Why recordings cannot be merged.
 #[derive(Debug, thiserror::Error)]
@@ -116,8 +115,7 @@ pub fn merge(
             let (sink, known) = match &mut sink {
                 Some(begun) => begun,
                 none => {
-                    let mut begun = Sink::new(Box::new(create(to)?))?;
-                    begun.announce(&store);
+                    let begun = Sink::new(Box::new(create(to)?), &store)?;
                     none.insert((begun, store.clone()))
                 }
             };
@@ -131,7 +129,8 @@ pub fn merge(
                 news(ReadNews::Rows(chunk.num_rows() as u64));
             }
             if !chunk.is_static() || constants.add(&chunk) {
-                sink.chunk(known, Ok(chunk));
+                sink.send_chunk(chunk);
+                sink.flush();
                 sink.check()?;
             }
         }
@@ -146,11 +145,7 @@ pub fn merge(
         .into());
     };
     if let Some((store, chunks)) = blueprint {
-        sink.announce(&store);
-        chunks
-            .into_iter()
-            .for_each(|chunk| sink.chunk(&store, Ok(chunk)));
-        sink.activate(&store);
+        sink.send_blueprint(&store, chunks.into_iter().map(Ok));
     }
     Ok(sink.finish()?)
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::Xxh3Default;
 
 use super::state::Written;
-use crate::storage::RecordError;
+use crate::sink::RecordError;
 
 /// Name of a part of a recording in its folder: `run.rrd`, then `run-001.rrd`, `run-002.rrd` and so on.
 #[must_use]

@@ -1,8 +1,6 @@
 //! The picture of a tick: ghosts, paths, and poses.
 
 use glam::Vec3;
-use nalgebra::SVector;
-use re_chunk::{Chunk, RowId};
 use re_sdk_types::archetypes::{InstancePoses3D, LineStrips3D};
 use re_sdk_types::components::Color;
 use shared_types::MAX_DOF;
@@ -11,7 +9,6 @@ use super::columns::{MarkTracks, Track};
 use super::marks::UNSEEN;
 use super::pieces::{ghost3d, lettered, quaternion};
 use super::state::Recording;
-use crate::arm::placement;
 use crate::scene::differs;
 use crate::solid::{Placement, Rgba};
 use crate::{blueprint, entity, scene};
@@ -20,32 +17,29 @@ impl Recording {
     /// Where the arm has been in the present null-space motion.
     pub(super) fn write_ghosts(&mut self, tick: u64, all: bool) {
         let postures: Vec<[Placement; MAX_DOF]> = self
+            .story
             .motion
             .postures
             .iter()
-            .map(|q| {
-                self.arm
-                    .link_poses(&SVector::from_column_slice(q))
-                    .map(|X| placement(&X))
-            })
+            .map(|q| self.links(q))
             .collect();
         let (now, before) = match postures.split_last() {
             Some((now, before)) => (Some(now), before),
             None => (None, &[][..]),
         };
-        for i in 0..self.figure.links.len() {
+        for i in 0..self.run.figure.links.len() {
             let places: Vec<&Placement> = before
                 .iter()
                 .map(|links| &links[i])
                 .filter(|link| now.is_some_and(|now| differs(link, &now[i])))
                 .collect();
-            let none_before = std::mem::replace(&mut self.ghosts[i], places.len()) == 0;
+            let none_before = std::mem::replace(&mut self.story.ghosts[i], places.len()) == 0;
             // A mesh is large: a link that has no ghosts needs none.
-            if places.is_empty() && !self.ghost_drawn[i] {
+            if places.is_empty() && !self.part.ghost_drawn[i] {
                 continue;
             }
-            if !std::mem::replace(&mut self.ghost_drawn[i], true) {
-                let pale = ghost3d(&self.figure.links[i], [150, 205, 255, 110]);
+            if !std::mem::replace(&mut self.part.ghost_drawn[i], true) {
+                let pale = ghost3d(&self.run.figure.links[i], [150, 205, 255, 110]);
                 self.log(tick, entity::ghost(i), &pale);
             }
             let poses = InstancePoses3D::new();
@@ -70,7 +64,7 @@ impl Recording {
                 .windows(2)
                 .any(|pair| Vec3::from(pair[0]).distance(Vec3::from(pair[1])) > 0.005)
         };
-        let strips: Vec<Vec<[f32; 3]>> = (0..self.figure.links.len())
+        let strips: Vec<Vec<[f32; 3]>> = (0..self.run.figure.links.len())
             .map(trail)
             .filter(moved)
             .collect();
@@ -79,7 +73,7 @@ impl Recording {
             entity::TRAIL,
             &LineStrips3D::new(strips)
                 .with_colors([Color::from_unmultiplied_rgba(150, 205, 255, 160)])
-                .with_radii([0.002 * self.figure.reach]),
+                .with_radii([0.002 * self.run.figure.reach]),
         );
     }
 
@@ -89,6 +83,7 @@ impl Recording {
             .iter()
             .fold(0.0f64, |most, angle| most.max(angle.abs()));
         let joints = self
+            .run
             .figure
             .rings
             .iter()
@@ -127,7 +122,7 @@ impl Recording {
             strips.push(strip);
             colours.push(colour);
         }
-        let radius = 0.004 * self.figure.reach;
+        let radius = 0.004 * self.run.figure.reach;
         self.log(
             tick,
             entity::TURNED,
@@ -136,18 +131,12 @@ impl Recording {
     }
 
     pub(super) fn write_picture(&mut self) {
-        self.write_pending(true);
         let Some(picture) = self.picture.take() else {
             return;
         };
-        self.written.picture = picture
-            .hand
-            .ticks
-            .last()
-            .map_or(self.written.picture, |last| last + 1);
         let mut tracks: Vec<(String, Track)> = Vec::new();
         tracks.extend(
-            (0..self.figure.links.len())
+            (0..self.run.figure.links.len())
                 .map(entity::link)
                 .zip(picture.links),
         );
@@ -181,9 +170,7 @@ impl Recording {
         }
         for (path, track) in tracks {
             if !track.ticks.is_empty() {
-                let ticks = track.ticks.clone();
-                let chunk = self.chunk_of(&path, &ticks, track.columns());
-                self.sink.chunk(&self.store, chunk);
+                self.send_columns(&path, &track.ticks, track.columns());
             }
         }
         if let Some(path) = self
@@ -219,33 +206,25 @@ impl Recording {
 
     /// A path in pieces of a tenth of a second, each a row, so that it grows with the cursor.
     pub(super) fn write_path(
-        &mut self,
+        &self,
         path: &str,
         points: &[(u64, Vec3)],
         [r, g, b, a]: Rgba,
         radius: f32,
     ) {
         const PIECE: usize = 5;
-        let mut chunk = Chunk::builder(path);
-        let mut any = false;
         let mut from = 0;
         while from + 1 < points.len() {
             let to = (from + PIECE).min(points.len() - 1);
-            let piece: Vec<[f32; 3]> = points[from..=to]
-                .iter()
-                .map(|(_, p)| p.to_array())
-                .collect();
+            let piece = points[from..=to].iter().map(|(_, p)| p.to_array());
+            let piece: Vec<[f32; 3]> = piece.collect();
             if Vec3::from(piece[0]).distance(points[to].1) > 1e-4 {
                 let strip = LineStrips3D::new([piece])
                     .with_colors([Color::from_unmultiplied_rgba(r, g, b, a)])
-                    .with_radii([radius * self.figure.reach]);
-                chunk = chunk.with_archetype(RowId::new(), self.at(points[to].0), &strip);
-                any = true;
+                    .with_radii([radius * self.run.figure.reach]);
+                self.log(points[to].0, path, &strip);
             }
             from = to;
-        }
-        if any {
-            self.sink.chunk(&self.store, chunk.build());
         }
     }
 }

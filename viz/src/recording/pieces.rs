@@ -3,12 +3,10 @@
 use glam::Vec3;
 use model::Robot;
 use re_log_types::ApplicationId;
-use re_sdk_types::ComponentDescriptor;
 use re_sdk_types::archetypes::{LineStrips3D, Mesh3D};
 use re_sdk_types::components::{AlbedoFactor, Color};
 use re_sdk_types::datatypes::Quaternion;
 
-use super::arrays;
 use crate::blueprint::{Eye, Subject};
 use crate::scene::rotation;
 use crate::solid::{Mesh, Placement, Rgba};
@@ -17,14 +15,6 @@ use crate::tint::of_words;
 /// Recordings of one robot share their blueprint.
 pub(super) fn application(robot: &Robot) -> ApplicationId {
     ApplicationId::new_or_unknown(format!("armplane-{}", robot.name))
-}
-
-/// A component of ours.
-pub(super) fn custom(name: &'static str, archetype: Option<&'static str>) -> ComponentDescriptor {
-    let descriptor = ComponentDescriptor::partial(name);
-    archetype.map_or(descriptor.clone(), |archetype| {
-        descriptor.with_archetype(archetype.into())
-    })
 }
 
 pub(super) fn pose(p: &[f64; 3], R: &[f64; 9]) -> Placement {
@@ -40,11 +30,8 @@ pub(super) fn quaternion(at: &Placement) -> Quaternion {
 }
 
 pub(super) fn mesh3d(mesh: &Mesh, tint: Option<Rgba>) -> Mesh3D {
-    let colours = arrays::colours(&mesh.colours, Mesh3D::descriptor_vertex_colors());
-    let made = Mesh3D {
-        vertex_colors: Some(colours),
-        ..shape3d(mesh)
-    };
+    let colours = mesh.colours.iter().map(|colour| rgba(*colour));
+    let made = shape3d(mesh).with_vertex_colors(colours);
     match tint {
         Some(tint) => made.with_albedo_factor(albedo(tint)),
         None => made,
@@ -53,21 +40,13 @@ pub(super) fn mesh3d(mesh: &Mesh, tint: Option<Rgba>) -> Mesh3D {
 
 /// A mesh without its colours.
 fn shape3d(mesh: &Mesh) -> Mesh3D {
-    Mesh3D {
-        vertex_positions: Some(arrays::numbers(
-            mesh.positions.clone(),
-            Mesh3D::descriptor_vertex_positions(),
-        )),
-        vertex_normals: Some(arrays::numbers(
-            mesh.normals.clone(),
-            Mesh3D::descriptor_vertex_normals(),
-        )),
-        triangle_indices: Some(arrays::corners(
-            mesh.triangles.clone(),
-            Mesh3D::descriptor_triangle_indices(),
-        )),
-        ..Mesh3D::update_fields()
-    }
+    Mesh3D::new(mesh.positions.iter().copied())
+        .with_vertex_normals(mesh.normals.iter().copied())
+        .with_triangle_indices(mesh.triangles.iter().copied())
+}
+
+pub(super) fn rgba([r, g, b, a]: Rgba) -> Color {
+    Color::from_unmultiplied_rgba(r, g, b, a)
 }
 
 /// Lines of one width, some with words at their middle. Words have the colour of their line, which the viewer's light theme hides, so each
@@ -97,11 +76,8 @@ pub(super) fn lettered(
         radii.push(1e-5);
         labels.push(word);
     }
-    let colours = colours
-        .into_iter()
-        .map(|[r, g, b, a]| Color::from_unmultiplied_rgba(r, g, b, a));
     LineStrips3D::new(strips)
-        .with_colors(colours)
+        .with_colors(colours.into_iter().map(rgba))
         .with_radii(radii)
         .with_labels(labels)
         .with_show_labels(true)
@@ -117,10 +93,8 @@ pub(super) fn tinted(tint: Rgba) -> Mesh3D {
     Mesh3D::update_fields().with_albedo_factor(albedo(tint))
 }
 
-pub(super) fn albedo([r, g, b, a]: Rgba) -> AlbedoFactor {
-    AlbedoFactor(re_sdk_types::datatypes::Rgba32::from_unmultiplied_rgba(
-        r, g, b, a,
-    ))
+fn albedo(tint: Rgba) -> AlbedoFactor {
+    AlbedoFactor(rgba(tint).0)
 }
 
 /// The room that an arm takes.

@@ -15,10 +15,10 @@ impl Recording {
     /// picture, before the tick of the same number. The words replace those about singularities.
     pub fn rival(&mut self, tick: u64, q: &[f64], words: &str) {
         if self.rival.is_none() {
-            for i in 0..self.figure.links.len() {
+            for i in 0..self.run.figure.links.len() {
                 // A little inside the solid arm, which hides it where both are in one place.
-                let mut mesh = self.figure.links[i].clone();
-                let inwards = -0.004 * self.figure.reach;
+                let mut mesh = self.run.figure.links[i].clone();
+                let inwards = -0.004 * self.run.figure.reach;
                 for (p, normal) in mesh.positions.iter_mut().zip(&mesh.normals) {
                     *p = (Vec3::from_array(*p) + inwards * Vec3::from_array(*normal)).to_array();
                 }
@@ -26,7 +26,13 @@ impl Recording {
                 self.log_static(entity::rival_link(i), &pale);
             }
             self.rival = Some(Rival {
-                links: self.figure.links.iter().map(|_| Track::default()).collect(),
+                links: self
+                    .run
+                    .figure
+                    .links
+                    .iter()
+                    .map(|_| Track::default())
+                    .collect(),
                 ..Rival::default()
             });
         }
@@ -35,8 +41,8 @@ impl Recording {
             .take(self.subject.joints)
             .enumerate()
             .for_each(|(i, value)| q_all[i] = *value);
-        let links = self.arm.link_poses(&q_all).map(|X| placement(&X));
-        let hand = vec3(&self.arm.forward_kinematics(&q_all).p);
+        let links = self.run.arm.link_poses(&q_all).map(|X| placement(&X));
+        let hand = vec3(&self.run.arm.forward_kinematics(&q_all).p);
         let Some(rival) = &mut self.rival else { return };
         rival
             .links

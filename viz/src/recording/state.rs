@@ -1,12 +1,9 @@
-//! The state of a recording in the making, and how a piece of it becomes a chunk.
+//! The state of a recording in the making.
 
 use glam::Vec3;
 use model::{Model, Robot};
-use re_chunk::external::arrow::buffer::ScalarBuffer;
-use re_chunk::{
-    Chunk, ChunkBuilder, ChunkComponents, ChunkId, EntityPath, RowId, TimeColumn, TimePoint,
-    Timeline,
-};
+use nalgebra::SVector;
+use re_chunk::{EntityPath, TimeColumn, TimePoint};
 use re_log_types::{StoreId, TimeCell};
 use re_sdk_types::{AsComponents, SerializedComponentColumn};
 use shared_types::scenario::{Layout, Scenario};
@@ -15,13 +12,13 @@ use shared_types::{MAX_DOF, MAX_SINGULARITIES};
 use super::columns::{Picture, Table, Track};
 use super::ending::Stretches;
 use super::pieces::Room;
-use crate::arm::Figure;
+use crate::arm::{Figure, placement};
 use crate::blueprint::Subject;
-use crate::entity;
 use crate::narration::{History, Situation};
 use crate::scene::{Look, NullMotion};
 use crate::signals::{ChainHops, LIVES, Limits, Lives};
 use crate::sink::{FileInfo, Sink};
+use crate::solid::Placement;
 
 /// Which run a recording is of.
 #[derive(Clone, Debug)]
@@ -45,10 +42,8 @@ pub struct RunInfo<'a> {
 /// How much is recorded, and how often it is written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// Numbers are written every so many seconds of the run: what a killed process leaves unwritten.
-    pub signal_chunk_s: f64,
-    /// The picture is written every so many seconds.
-    pub picture_chunk_s: f64,
+    /// A chunk is written every so many seconds of the run: what a killed process leaves unwritten.
+    pub chunk_s: f64,
     /// Pictures per second.
     pub picture_hz: f64,
     /// Whether a viewer watches as it is made: the viewer follows the end then, and plays nothing again.
@@ -58,24 +53,19 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            signal_chunk_s: 0.25,
-            picture_chunk_s: 1.0,
+            chunk_s: 1.0,
             picture_hz: 50.0,
             is_live: false,
         }
     }
 }
 
-/// How far a recording has come: of every tick before these, it is on file what there is.
+/// How far a recording has come.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Written {
-    /// Numbers.
-    pub signals: u64,
-    /// The picture.
-    pub picture: u64,
-    /// Modes, states and words.
-    pub changes: u64,
-    /// The last part that has any of it, from 0.
+    /// The first tick of which nothing is on file: everything before it is.
+    pub next: u64,
+    /// The last part, from 0.
     pub part: u32,
     /// Where in that part all of it ends.
     pub bytes: u64,
@@ -105,11 +95,27 @@ pub enum Level {
 pub struct Recording {
     pub(super) sink: Sink,
     pub(super) store: StoreId,
-    pub(super) title: Title,
+    pub(super) run: Facts,
+    pub(super) subject: Subject,
     /// The content of the parts before this one.
     pub(super) before: FileInfo,
-    /// Ticks of this part.
-    pub(super) part_ticks: u64,
+    pub(super) part: Part,
+    pub(super) story: Story,
+    /// Another law's run, in a race.
+    pub(super) rival: Option<Rival>,
+    pub(super) signals: Table,
+    /// Values only drawn, every so many ticks.
+    pub(super) drawn_table: Table,
+    pub(super) picture: Picture,
+    /// The last tick taken in.
+    pub(super) last: Option<u64>,
+    /// The first tick of which nothing is on file.
+    pub(super) next: u64,
+}
+
+/// What is known of a run before its first tick.
+pub(super) struct Facts {
+    pub(super) title: Title,
     pub(super) arm: Model<MAX_DOF>,
     pub(super) figure: Figure,
     /// The axes of the hand's twist that the task has.
@@ -119,62 +125,59 @@ pub struct Recording {
     /// Whether the arm moves in the base's plane only.
     pub(super) planar: bool,
     pub(super) limits: Limits,
-    pub(super) subject: Subject,
+    pub(super) hops: Option<ChainHops>,
     pub(super) layout: Layout,
     pub(super) rate_hz: u32,
-    /// The blueprint waits for the first report, which names the singularities.
-    pub(super) blueprint_sent: bool,
-    pub(super) last: Option<u64>,
-    pub(super) written: Written,
-    /// The first tick whose modes, states and words are not yet taken in.
-    pub(super) changes_next: u64,
-    /// Rows of each place that wait to be written.
-    pub(super) pending: Vec<(EntityPath, Option<ChunkBuilder>)>,
-    /// Another law's run, in a race.
-    pub(super) rival: Option<Rival>,
-    pub(super) signals: Table,
-    /// Values only drawn, every so many ticks.
-    pub(super) drawn_table: Table,
-    pub(super) drawn_every: u64,
-    pub(super) signal_rows: usize,
-    pub(super) picture: Picture,
-    pub(super) picture_every: u64,
-    pub(super) picture_rows: usize,
     pub(super) is_live: bool,
+    /// Ticks from one chunk, one picture, one row of what is only drawn to the next.
+    pub(super) chunk_every: u64,
+    pub(super) picture_every: u64,
+    pub(super) drawn_every: u64,
     /// Which segments turn which singularity's ζ, and by how much; degrees.
     pub(super) wanted_turns: Vec<Option<(String, f64)>>,
     /// Which segments rotate the hand, and by how much; degrees.
     pub(super) wanted_rotations: Vec<Option<f64>>,
-    pub(super) stretches: Stretches,
-    pub(super) room: Room,
+}
+
+/// What the present part says already: values that are written only on change are written in each part again.
+#[derive(Default)]
+pub(super) struct Part {
+    pub(super) ticks: u64,
+    /// The blueprint waits for the first report, which names the singularities.
+    pub(super) blueprint_sent: bool,
     pub(super) guides_due: u64,
     pub(super) marks: [Look; MAX_SINGULARITIES],
-    /// Whether each singularity's ζ turns, of those whose mark's meshes this part has.
+    /// Whether each singularity's ζ turns, of those whose mark's meshes it has.
     pub(super) drawn: [Option<bool>; MAX_SINGULARITIES],
-    /// On which side of its axis each label is.
-    pub(super) sides: [f32; MAX_SINGULARITIES],
     /// The sector that ζ of each singularity has swept since the arm entered.
     pub(super) swept: [Option<Swept>; MAX_SINGULARITIES],
     /// The links that show why, of each singularity that they are drawn for.
     pub(super) why: [Vec<usize>; MAX_SINGULARITIES],
-    pub(super) motion: NullMotion,
-    /// How many ghosts each link has.
-    pub(super) ghosts: [usize; MAX_DOF],
-    /// Whether this part has the mesh of each link's ghosts.
+    /// Whether it has the mesh of each link's ghosts.
     pub(super) ghost_drawn: [bool; MAX_DOF],
     pub(super) situation: Option<Situation>,
     /// Of a steered arm: the reason last written at the hand, its joint and side; and the way down from there, in the hand's axes.
     pub(super) reason: Option<((u32, u32, u32), Vec3)>,
+    pub(super) lanes: Lanes,
+}
+
+/// What has happened in the run so far.
+pub(super) struct Story {
+    pub(super) stretches: Stretches,
+    pub(super) room: Room,
+    pub(super) motion: NullMotion,
     pub(super) history: History,
+    /// On which side of its axis each label is.
+    pub(super) sides: [f32; MAX_SINGULARITIES],
+    /// How many ghosts each link has.
+    pub(super) ghosts: [usize; MAX_DOF],
     /// Faults in force.
     pub(super) faults: Vec<Fault>,
     /// All that the lane of faults has said.
     pub(super) fault_states: Vec<String>,
     /// Ticks since the last command.
     pub(super) unheard: u64,
-    pub(super) lanes: Lanes,
     pub(super) incarnations: [u32; WRITERS],
-    pub(super) hops: Option<ChainHops>,
 }
 
 /// A recording's description of its run.
@@ -223,98 +226,42 @@ pub(super) struct Lanes {
 }
 
 impl Recording {
-    /// A tick's place on both time lines.
-    pub(super) fn at(&self, tick: u64) -> TimePoint {
-        TimePoint::from([
+    pub(super) fn nanoseconds(&self, tick: u64) -> i64 {
+        (u128::from(tick) * 1_000_000_000 / u128::from(self.run.rate_hz)) as i64
+    }
+
+    /// Where the links are.
+    pub(super) fn links(&self, q: &[f64]) -> [Placement; MAX_DOF] {
+        let poses = self.run.arm.link_poses(&SVector::from_column_slice(q));
+        poses.map(|X| placement(&X))
+    }
+
+    /// Adds a row that is written with the next chunks.
+    pub(super) fn log(&self, tick: u64, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
+        let at = TimePoint::from([
             ("tick", TimeCell::from_sequence(tick as i64)),
             ("t", TimeCell::from_duration_nanos(self.nanoseconds(tick))),
-        ])
+        ]);
+        self.sink.log(at, path, archetype);
     }
 
-    pub(super) fn nanoseconds(&self, tick: u64) -> i64 {
-        (u128::from(tick) * 1_000_000_000 / u128::from(self.rate_hz)) as i64
+    pub(super) fn log_static(&self, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
+        self.sink.log_static(path, archetype);
     }
 
-    /// Adds a row that is written with others of its place: a chunk costs more than a thousand bytes, whatever it holds.
-    pub(super) fn log(
-        &mut self,
-        tick: u64,
-        path: impl Into<EntityPath>,
-        archetype: &dyn AsComponents,
-    ) {
-        let (path, at) = (path.into(), self.at(tick));
-        // A handful, told apart by their hashes: to order them by their paths would cost more than a row.
-        let place = self
-            .pending
-            .iter()
-            .position(|(known, _)| *known == path)
-            .unwrap_or_else(|| {
-                self.pending.push((path.clone(), None));
-                self.pending.len() - 1
-            });
-        let (_, waiting) = &mut self.pending[place];
-        let rows = waiting.take().unwrap_or_else(|| Chunk::builder(path));
-        *waiting = Some(rows.with_archetype(RowId::new(), at, archetype));
-    }
-
-    /// Writes the rows that wait: those of the picture, or all others, too.
-    pub(super) fn write_pending(&mut self, is_picture: bool) {
-        let world = EntityPath::from(entity::WORLD);
-        for (path, rows) in std::mem::take(&mut self.pending) {
-            match rows {
-                Some(rows) if path.starts_with(&world) == is_picture => {
-                    self.sink.chunk(&self.store, rows.build())
-                }
-                rows => self.pending.push((path, rows)),
-            }
-        }
-        if !is_picture {
-            self.written.changes = self.changes_next;
-        }
-    }
-
-    pub(super) fn log_static(&mut self, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
-        let chunk = Chunk::builder(path)
-            .with_archetype(RowId::new(), TimePoint::default(), archetype)
-            .build();
-        self.sink.chunk(&self.store, chunk);
-    }
-
-    pub(super) fn chunk_of(
+    /// Rows of one place, gathered as columns.
+    pub(super) fn send_columns(
         &self,
         path: &str,
         ticks: &[u64],
-        components: impl IntoIterator<Item = SerializedComponentColumn>,
-    ) -> re_chunk::ChunkResult<Chunk> {
-        let first = RowId::new();
-        let rows: Vec<RowId> = (0..ticks.len())
-            .map(|k| first.incremented_by(k as u64))
-            .collect();
-        let column = |timeline: Timeline, times: Vec<i64>| {
-            (
-                *timeline.name(),
-                TimeColumn::new(Some(true), timeline, ScalarBuffer::from(times)),
-            )
-        };
-        let timelines = [
-            column(
-                Timeline::new_sequence("tick"),
-                ticks.iter().map(|tick| *tick as i64).collect(),
-            ),
-            column(
-                Timeline::new_duration("t"),
-                ticks.iter().map(|tick| self.nanoseconds(*tick)).collect(),
-            ),
+        columns: impl IntoIterator<Item = SerializedComponentColumn>,
+    ) {
+        let times = ticks.iter().map(|tick| self.nanoseconds(*tick));
+        let times = [
+            TimeColumn::new_sequence("tick", ticks.iter().map(|tick| *tick as i64)),
+            TimeColumn::new_duration_nanos("t", times),
         ];
-        let components: ChunkComponents = components.into_iter().collect();
-        Chunk::from_native_row_ids(
-            ChunkId::new(),
-            path.into(),
-            Some(true),
-            &rows,
-            timelines.into_iter().collect(),
-            components,
-        )
+        self.sink.send_columns(path, times, columns);
     }
 }
 

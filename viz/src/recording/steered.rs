@@ -2,10 +2,11 @@
 
 use glam::{Mat3, Vec3};
 use re_sdk_types::archetypes::{Arrows3D, LineStrips3D, Points3D};
-use re_sdk_types::components::{Color, Radius};
+use re_sdk_types::components::Radius;
 use shared_types::ServoState;
 use shared_types::codes::reason_text;
 
+use super::pieces::rgba;
 use super::state::Recording;
 use crate::arm::vec3;
 use crate::entity;
@@ -27,10 +28,6 @@ const STILL_BELOW: f32 = 0.94;
 /// Lines of a curve.
 const PIECES: usize = 16;
 
-fn colour([r, g, b, a]: Rgba) -> Color {
-    Color::from_unmultiplied_rgba(r, g, b, a)
-}
-
 impl Recording {
     /// The marks of a steered run; nothing in any other.
     pub(super) fn write_target(
@@ -50,12 +47,12 @@ impl Recording {
         let stands = |(before, at): &((u32, u32, u32), Vec3)| {
             *before == words && at.dot(below) > STILL_BELOW
         };
-        if !self.reason.as_ref().is_some_and(stands) {
-            self.reason = Some((words, below));
+        if !self.part.reason.as_ref().is_some_and(stands) {
+            self.part.reason = Some((words, below));
             let point = Points3D::new([(below * BELOW * unit).to_array()]);
             let point = point
                 .with_radii([Radius::new_ui_points(0.5)])
-                .with_colors([colour(of_words(ASKED))]);
+                .with_colors([rgba(of_words(ASKED))]);
             self.log(
                 row.tick,
                 entity::REASON,
@@ -80,9 +77,7 @@ impl Recording {
         self.log(
             tick,
             entity::ASKED,
-            &arrows
-                .with_colors([colour(ASKED)])
-                .with_radii([0.025 * unit]),
+            &arrows.with_colors([rgba(ASKED)]).with_radii([0.025 * unit]),
         );
         let mut strips: Vec<Vec<[f32; 3]>> = Vec::new();
         if w.length() > LEAST {
@@ -105,7 +100,7 @@ impl Recording {
             tick,
             entity::ASKED_TURN,
             &LineStrips3D::new(strips)
-                .with_colors([colour(ASKED)])
+                .with_colors([rgba(ASKED)])
                 .with_radii([0.018 * unit]),
         );
     }
@@ -133,15 +128,13 @@ impl Recording {
         self.log(
             tick,
             entity::AHEAD,
-            &arrows
-                .with_colors([colour(GHOST)])
-                .with_radii([0.015 * unit]),
+            &arrows.with_colors([rgba(GHOST)]).with_radii([0.015 * unit]),
         );
         let way = LineStrips3D::new([[from.p.to_array(), end.to_array()]]);
         self.log(
             tick,
             entity::AHEAD_WAY,
-            &way.with_colors([colour(GHOST)]).with_radii([0.012 * unit]),
+            &way.with_colors([rgba(GHOST)]).with_radii([0.012 * unit]),
         );
     }
 }

@@ -12,7 +12,7 @@ use re_log_types::{LogMsg, StoreKind};
 use super::*;
 use crate::entity;
 use crate::signals::{Limits, Lives, Signal, TickRow, sample};
-use crate::storage::RecordError;
+use crate::sink::RecordError;
 use crate::synthetic::{Messages, Run, SCENARIO};
 use model::{Model, Robot};
 use nalgebra::SVector;
@@ -20,6 +20,13 @@ use re_chunk::{Chunk, EntityPath};
 use shared_types::scenario::Scenario;
 use std::path::Path;
 use volume::Volume;
+
+/// A chunk every 250 ms.
+const OFTEN: Options = Options {
+    chunk_s: 0.25,
+    picture_hz: 50.0,
+    is_live: false,
+};
 
 fn puma() -> Robot {
     Robot::builtin("puma560").expect("built in")
@@ -39,12 +46,7 @@ fn about<'a>(scenario: &'a Scenario, robot: &'a Robot) -> RunInfo<'a> {
 
 fn begin(volume: &Volume, robot: &Robot) -> Result<Recording, RecordError> {
     let scenario = Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid");
-    Recording::with_storage(
-        volume.clone(),
-        0,
-        &about(&scenario, robot),
-        Options::default(),
-    )
+    Recording::with_storage(volume.clone(), 0, &about(&scenario, robot), OFTEN)
 }
 
 fn row(tick: u64, m: &Messages) -> TickRow<'_> {
@@ -583,7 +585,7 @@ fn a_recording_is_read_back() {
         Ok::<(), crate::ReadError>(())
     });
     let whole = std::fs::read(folder.join(part_name(0))).expect("part 0");
-    std::fs::write(folder.join("torn.rrd"), &whole[..whole.len() / 2]).expect("a file");
+    std::fs::write(folder.join("torn.rrd"), &whole[..whole.len() / 4]).expect("a file");
     let mut torn = 0;
     let torn_end = crate::read::read(&[folder.join("torn.rrd")], |piece| {
         torn += if let crate::Piece::Rows(rows) = piece {

@@ -2,16 +2,17 @@
 
 use glam::Vec3;
 use nalgebra::SVector;
-use re_chunk::external::arrow::array::{ArrayRef, Float64Array};
-use re_chunk::{Chunk, EntityPath, RowId, TimePoint};
+use re_chunk::EntityPath;
+use re_chunk::external::arrow::array::{Array, ArrayRef, Float64Array, StringArray};
 use re_log_types::{StoreId, StoreKind};
 use re_sdk_types::archetypes::{Arrows3D, LineStrips3D, RecordingInfo, TextDocument};
 use re_sdk_types::components::{Color, Radius, Timestamp};
+use re_sdk_types::{AnyValues, DynamicArchetype};
 use shared_types::messages::SingularityState;
 use shared_types::scenario::Layout;
 
 use super::ending::close_up;
-use super::pieces::{Room, custom, mesh3d, pose};
+use super::pieces::{Room, mesh3d, pose};
 use super::state::Recording;
 use crate::arm::{placement, vec3};
 use crate::blueprint::{Ending, Eye};
@@ -25,11 +26,23 @@ use crate::{blueprint, entity, narration};
 /// a legend of short names has room, and hides none of them.
 pub(super) const LEGEND: f64 = 0.3;
 
+fn array(values: impl Array + 'static) -> ArrayRef {
+    std::sync::Arc::new(values)
+}
+
+/// Components of our own.
+fn numbers<const N: usize>(columns: [(&'static str, Vec<f64>); N]) -> AnyValues {
+    let columns = columns.into_iter();
+    columns.fold(AnyValues::default(), |all, (name, values)| {
+        all.with_component_from_data(name, array(Float64Array::from(values)))
+    })
+}
+
 impl Recording {
     // Constants.
 
-    pub(super) fn write_properties(&mut self) {
-        let info = RecordingInfo::new().with_name(self.title.name.as_str());
+    pub(super) fn write_properties(&self) {
+        let info = RecordingInfo::new().with_name(self.run.title.name.as_str());
         // The first part holds the time of its beginning.
         let info = if self.before.parts == 0 {
             info.with_start_time(Timestamp::now())
@@ -37,20 +50,12 @@ impl Recording {
             info
         };
         self.log_static(EntityPath::properties(), &info);
-        let columns = self.title.properties.clone().map(|(name, value)| {
-            (
-                custom(name, Some("run")),
-                std::sync::Arc::new(re_chunk::external::arrow::array::StringArray::from(vec![
-                    value,
-                ])) as ArrayRef,
-            )
-        });
-        let chunk = Chunk::builder(EntityPath::properties().join(&"run".into())).with_row(
-            RowId::new(),
-            TimePoint::default(),
-            columns,
-        );
-        self.sink.chunk(&self.store, chunk.build());
+        let mut properties = DynamicArchetype::new("run");
+        for (name, value) in &self.run.title.properties {
+            properties = properties
+                .with_component_from_data(*name, array(StringArray::from_iter([Some(value)])));
+        }
+        self.log_static(EntityPath::properties().join(&"run".into()), &properties);
         let recorded = Signal::ALL
             .iter()
             .filter(|signal| signal.width() != Width::Derived);
@@ -61,27 +66,20 @@ impl Recording {
             "/signals/about",
             &TextDocument::from_markdown(about.join("\n\n")),
         );
+        let limits = &self.run.limits;
         let limits = [
-            ("joint:qdot_limit", &self.limits.speed),
-            ("joint:torque_limit", &self.limits.torque),
-            ("joint:q_centre", &self.limits.centre),
-            ("joint:q_half_range", &self.limits.half_range),
+            ("joint:qdot_limit", limits.speed.clone()),
+            ("joint:torque_limit", limits.torque.clone()),
+            ("joint:q_centre", limits.centre.clone()),
+            ("joint:q_half_range", limits.half_range.clone()),
         ];
-        let columns = limits.map(|(name, values)| {
-            (
-                custom(name, None),
-                std::sync::Arc::new(Float64Array::from(values.clone())) as ArrayRef,
-            )
-        });
-        let chunk =
-            Chunk::builder(entity::SIGNALS).with_row(RowId::new(), TimePoint::default(), columns);
-        self.sink.chunk(&self.store, chunk.build());
+        self.log_static(entity::SIGNALS, &numbers(limits));
     }
 
     pub(super) fn write_figure(&mut self) {
-        self.log_static(entity::BASE, &mesh3d(&self.figure.base, None));
-        for i in 0..self.figure.links.len() {
-            let solid = mesh3d(&self.figure.links[i], None);
+        self.log_static(entity::BASE, &mesh3d(&self.run.figure.base, None));
+        for i in 0..self.run.figure.links.len() {
+            let solid = mesh3d(&self.run.figure.links[i], None);
             self.log_static(entity::link(i), &solid);
         }
         let triad = |length: f32, radius: f32, colours: [u32; 3]| {
@@ -89,7 +87,7 @@ impl Recording {
                 .with_colors(colours)
                 .with_radii([radius])
         };
-        let size = 0.11 * self.figure.reach;
+        let size = 0.11 * self.run.figure.reach;
         self.log_static(
             entity::HAND,
             &triad(size, 0.03 * size, [0xf05050ff, 0x60d060ff, 0x5090ffff]),
@@ -124,7 +122,7 @@ impl Recording {
 
     /// At a part's first report: names and thresholds, the eye's place, and with them the blueprint.
     pub(super) fn introduce(&mut self, row: &TickRow) {
-        self.blueprint_sent = true;
+        self.part.blueprint_sent = true;
         if self.subject.singularities.is_empty() {
             self.meet(row);
         }
@@ -134,18 +132,13 @@ impl Recording {
             .iter()
             .map(|(name, _)| name.clone())
             .collect();
-        let column: ArrayRef =
-            std::sync::Arc::new(re_chunk::external::arrow::array::StringArray::from(names));
-        let components = [(custom(entity::SINGULARITY_NAMES, None), column)];
-        let chunk = Chunk::builder(entity::SIGNALS).with_row(
-            RowId::new(),
-            TimePoint::default(),
-            components,
-        );
-        self.sink.chunk(&self.store, chunk.build());
+        let names = StringArray::from_iter_values(names);
+        let names =
+            AnyValues::default().with_component_from_data(entity::SINGULARITY_NAMES, array(names));
+        self.log_static(entity::SIGNALS, &names);
         self.style_modes();
         let store = self.blueprint();
-        blueprint::send(&mut self.sink, &store, &self.subject, self.layout);
+        blueprint::send(&self.sink, &store, &self.subject, self.run.layout);
     }
 
     pub(super) fn meet(&mut self, row: &TickRow) {
@@ -160,14 +153,18 @@ impl Recording {
             }
         }
         let places = row.q().map(|q| {
-            self.arm
+            self.run
+                .arm
                 .link_poses(&SVector::from_column_slice(q))
                 .map(|X| vec3(&X.p))
         });
-        self.room = Room::of(places.map_or(vec![Vec3::X], |places| {
+        self.story.room = Room::of(places.map_or(vec![Vec3::X], |places| {
             places[..self.subject.joints].to_vec()
         }));
-        self.subject.eye = self.room.eye(self.mark_size(), &self.subject, self.planar);
+        self.subject.eye = self
+            .story
+            .room
+            .eye(self.mark_size(), &self.subject, self.run.planar);
         let near = row
             .singularities()
             .iter()
@@ -180,6 +177,7 @@ impl Recording {
             let hand = row.q().map_or(Vec3::X, |q| {
                 vec3(
                     &self
+                        .run
                         .arm
                         .forward_kinematics(&SVector::from_column_slice(q))
                         .p,
@@ -208,7 +206,7 @@ impl Recording {
 
     /// Settings known at the end only: the stretch to repeat, and the eye of the close-up. A viewer that follows a live run must not loop.
     pub(super) fn write_ending(&mut self, last: u64) {
-        if self.is_live {
+        if self.run.is_live {
             return;
         }
         let unit = self.mark_size();
@@ -218,12 +216,13 @@ impl Recording {
             main: None,
         };
         // A way that no plan told: an eye that sees all of it.
-        let main = self.room.eye(unit, &self.subject, self.planar);
+        let main = self.story.room.eye(unit, &self.subject, self.run.planar);
         let is_elsewhere = main.position.distance(self.subject.eye.position)
             > 0.05 * main.position.distance(main.look_at);
-        let ending = match self.layout {
+        let ending = match self.run.layout {
             Layout::Control if !self.subject.stands_still => {
-                self.stretches
+                self.story
+                    .stretches
                     .ending(|tick| self.nanoseconds(tick), last, unit, &main)
             }
             _ => None,
@@ -234,13 +233,13 @@ impl Recording {
         };
         let store = self.blueprint();
         // Unplanned faults: the same views with a bar for them.
-        let is_changed =
-            !self.fault_states.is_empty() && !std::mem::replace(&mut self.subject.faults, true);
+        let is_changed = !self.story.fault_states.is_empty()
+            && !std::mem::replace(&mut self.subject.faults, true);
         blueprint::send_ending(
-            &mut self.sink,
+            &self.sink,
             &store,
             &self.subject,
-            self.layout,
+            self.run.layout,
             &ending,
             is_changed,
         );
@@ -255,52 +254,21 @@ impl Recording {
         )
     }
 
-    // Numbers.
-
-    pub(super) fn write_signals(&mut self) {
-        // Values held between their rows come first, so that readers of the signals have them.
-        if let Some((ticks, components)) = self.drawn_table.take() {
-            let chunk = self.chunk_of(entity::DRAWN, &ticks, components);
-            self.sink.chunk(&self.store, chunk);
-        }
-        if let Some((ticks, components)) = self.signals.take() {
-            let chunk = self.chunk_of(entity::SIGNALS, &ticks, components);
-            self.sink.chunk(&self.store, chunk);
-            self.written.signals = ticks.last().map_or(self.written.signals, |last| last + 1);
-        }
-        self.drawn_table.make_room();
-        self.signals.make_room();
-    }
-
     /// Lines that never move, as often as a plot needs to draw them.
-    pub(super) fn write_guides(&mut self, tick: u64) {
-        let column =
-            |values: Vec<f64>| -> ArrayRef { std::sync::Arc::new(Float64Array::from(values)) };
+    pub(super) fn write_guides(&self, tick: u64) {
         let band = |k: usize| -3.1 * k as f64 / entity::BAND_LINES as f64;
-        let goal = |i: usize| column(self.subject.goal[i].map(f64::log10).into_iter().collect());
-        let columns = [
-            (custom("guide:zero", None), column(vec![0.0])),
-            (
-                custom("guide:band", None),
-                column((0..entity::BAND_LINES).map(band).collect()),
-            ),
-            (
-                custom("guide:edge", None),
-                column(
-                    self.subject
-                        .outer
-                        .iter()
-                        .map(|ratio| ratio.log10())
-                        .collect(),
-                ),
-            ),
-            (custom("guide:goal_position", None), goal(0)),
-            (custom("guide:goal_orientation", None), goal(1)),
+        let goal = self.subject.goal;
+        let goal = goal.map(|goal| goal.map(f64::log10).into_iter().collect());
+        let [position, orientation] = goal;
+        let edges = self.subject.outer.iter().map(|ratio| ratio.log10());
+        let guides = [
+            ("guide:zero", vec![0.0]),
+            ("guide:band", (0..entity::BAND_LINES).map(band).collect()),
+            ("guide:edge", edges.collect()),
+            ("guide:goal_position", position),
+            ("guide:goal_orientation", orientation),
         ];
-        let chunk = Chunk::builder(entity::GUIDES)
-            .with_row(RowId::new(), self.at(tick), columns)
-            .build();
-        self.sink.chunk(&self.store, chunk);
+        self.log(tick, entity::GUIDES, &numbers(guides));
     }
 
     // The picture.
@@ -308,6 +276,7 @@ impl Recording {
     pub(super) fn see(&mut self, row: &TickRow) {
         let Some(q) = row.q() else { return };
         let links = self
+            .run
             .arm
             .link_poses(&SVector::from_column_slice(q))
             .map(|X| placement(&X));
@@ -318,7 +287,12 @@ impl Recording {
             .plant_state
             .map(|state| pose(&state.p_BE, &state.R_BE))
             .unwrap_or_else(|| {
-                placement(&self.arm.forward_kinematics(&SVector::from_column_slice(q)))
+                placement(
+                    &self
+                        .run
+                        .arm
+                        .forward_kinematics(&SVector::from_column_slice(q)),
+                )
             });
         let marks: Vec<Mark> = row.singularity.map_or(Vec::new(), |report| {
             row.singularities()
@@ -328,18 +302,19 @@ impl Recording {
         });
         self.write_marks(row, q, &marks, &hand);
         self.write_target(row, &hand, desired.as_ref());
-        if self.motion.update(row) {
+        if self.story.motion.update(row) {
             self.write_ghosts(row.tick, false);
         }
-        if let Some(turned) = self.motion.turned(false) {
+        if let Some(turned) = self.story.motion.turned(false) {
             self.write_turned(row.tick, &links, &turned);
         }
         let unit = self.mark_size();
-        self.room.push(
+        self.story.room.push(
             links[..self.subject.joints].iter().map(|X_BL| X_BL.p),
             hand.p,
         );
-        self.stretches
+        self.story
+            .stretches
             .push(row.tick, row.singularities(), &marks, &hand);
         self.picture.push(
             row.tick,
@@ -347,7 +322,7 @@ impl Recording {
             [Some(&hand), desired.as_ref()],
             &marks,
             unit,
-            &self.sides,
+            &self.story.sides,
         );
         if let Some(report) = row.singularity {
             self.see_manipulability(row.tick, q, report.p_BC, row.singularities(), &marks);
@@ -377,13 +352,13 @@ impl Recording {
         };
         let (q, p_BC) = (SVector::from_column_slice(q), nalgebra::Vector3::from(p_BC));
         let J = at_point(
-            self.arm.jacobian(&q),
-            &(p_BC - self.arm.forward_kinematics(&q).p),
+            self.run.arm.jacobian(&q),
+            &(p_BC - self.run.arm.forward_kinematics(&q).p),
         );
         let unit = 0.62 * self.mark_size();
         let (velocity, mobility) = (
-            Ellipsoid::velocity(&J, self.arm.velocity(), half),
-            Ellipsoid::mobility(&J, &self.arm.mass_matrix(&q), half),
+            Ellipsoid::velocity(&J, self.run.arm.velocity(), half),
+            Ellipsoid::mobility(&J, &self.run.arm.mass_matrix(&q), half),
         );
         for (track, shape) in self
             .picture

@@ -89,8 +89,7 @@ fn a_recorder_that_takes_up_writes_the_next_part_of_the_same_recording() {
             .expect("room")
     });
     std::mem::forget(recording);
-    let mut recording =
-        Recording::with_storage(taken_up.clone(), 1, &about, Options::default()).expect("room");
+    let mut recording = Recording::with_storage(taken_up.clone(), 1, &about, OFTEN).expect("room");
     (100..200).for_each(|tick| {
         recording
             .tick(&row(tick as u64, &messages[tick]))
@@ -121,15 +120,13 @@ fn rows_behind_the_place_that_a_killed_recorder_noted_are_written_once() {
                 .expect("room")
         });
     };
-    let part = |part| {
-        Recording::create_part(folder.path(), part, &about, Options::default()).expect("room")
-    };
+    let part = |part| Recording::create_part(folder.path(), part, &about, OFTEN).expect("room");
     let mut killed = part(0);
     record(&mut killed, 0..300);
     killed.next_part(folder.path()).expect("room");
     record(&mut killed, 300..600);
     let noted = killed.written();
-    assert_eq!((noted.part, noted.signals), (1, 550));
+    assert_eq!((noted.part, noted.next), (1, 550));
     record(&mut killed, 600..700);
     killed.next_part(folder.path()).expect("room");
     record(&mut killed, 700..900);

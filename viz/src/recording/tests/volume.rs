@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 use std::sync::{Arc, Mutex};
 
-use crate::storage::Storage;
+use crate::sink::Storage;
 
 /// A volume with so much room, which fills up in the middle of a write as real ones do.
 #[derive(Clone)]

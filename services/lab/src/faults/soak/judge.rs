@@ -217,7 +217,7 @@ fn record(seen: &Evidence) -> Vec<String> {
         Some(_) => {}
     }
     // The chunk in hand goes with the volume, and what has come of the next one when that is detected.
-    let in_hand = 1.5 * viz::Options::default().signal_chunk_s * f64::from(seen.rate_hz);
+    let in_hand = 1.5 * viz::Options::default().chunk_s * f64::from(seen.rate_hz);
     let recorded = seen.full_at.map_or(seen.ticks, |full| {
         full.saturating_sub(in_hand as u64).min(seen.ticks)
     });

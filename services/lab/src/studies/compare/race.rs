@@ -8,7 +8,7 @@ use serde::Serialize;
 use session::{Failure, Observer, Progress, Results, load};
 use shared_types::bounds::larger;
 use shared_types::scenario::{Scenario, Strategy};
-use viz::{Options, Recording, RunInfo, TickRow};
+use viz::{Recording, RunInfo, TickRow};
 
 use super::law::under;
 
@@ -108,13 +108,7 @@ pub fn race(
         hops: None,
         lives: viz::Lives::default(),
     };
-    let options = Options {
-        signal_chunk_s: 1.0,
-        picture_chunk_s: 10.0,
-        ..Options::default()
-    };
-    let mut recording =
-        Recording::create_part(&results.folder, 0, &info, options).map_err(Failure::work)?;
+    let mut recording = Recording::create(&results.folder, &info).map_err(Failure::work)?;
     let (mut racer, mut words, mut failed) = (Racer::default(), String::new(), None);
     let names = [law.name(), rival.name()];
     chain::run(&robot, &scenario, |tick| {
