@@ -66,7 +66,7 @@ pub fn export(
     let mut rate_hz = 1000.0;
     read(parts, |piece| {
         let mut event = |tick: u64, kind, subject, text| {
-            format.event(&Event {
+            format.event(Event {
                 tick,
                 t_s: tick as f64 / rate_hz,
                 kind,

@@ -74,13 +74,13 @@ impl Format for Csv {
         Ok(())
     }
 
-    fn event(&mut self, event: &Event) -> Result<(), ExportError> {
+    fn event(&mut self, event: Event) -> Result<(), ExportError> {
         self.events.line([
             event.tick.to_string(),
             event.t_s.to_string(),
             event.kind.to_owned(),
-            event.subject.clone(),
-            event.text.clone(),
+            event.subject,
+            event.text,
         ])
     }
 

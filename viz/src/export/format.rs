@@ -37,7 +37,7 @@ pub(super) trait Format {
     /// Once, before the first numbers.
     fn begin(&mut self, columns: &Columns) -> Result<(), ExportError>;
     fn rows(&mut self, columns: &Columns, block: &Block) -> Result<(), ExportError>;
-    fn event(&mut self, event: &Event) -> Result<(), ExportError>;
+    fn event(&mut self, event: Event) -> Result<(), ExportError>;
     /// A solid of the picture, in its own frame; only a format that draws takes it.
     fn solid(&mut self, _solid: &Solid) -> Result<(), ExportError> {
         Ok(())

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use crate::read::Solid;
 use ::mcap::records::MessageHeader;
-use ::mcap::{McapError, WriteOptions, Writer};
+use ::mcap::{WriteOptions, Writer};
 use serde_json::{Map, Value, json};
 
 use super::format::{Block, Columns, Event, ExportError, Format, Place};
@@ -17,9 +17,8 @@ use super::foxglove;
 pub(super) struct Mcap {
     path: PathBuf,
     writer: Writer<BufWriter<File>>,
-    /// Channel of each group of signals.
-    groups: BTreeMap<&'static str, u16>,
-    fixed: Fixed,
+    /// Channel of each topic.
+    channels: BTreeMap<String, u16>,
     sequence: u32,
     /// Solids that are written: every part of a recording has them.
     solids: BTreeSet<String>,
@@ -27,71 +26,63 @@ pub(super) struct Mcap {
     extent: f32,
 }
 
-/// The channels that every file has.
-#[derive(Clone, Copy)]
-struct Fixed {
-    log: u16,
-    state: u16,
-    tf: u16,
-    arm: u16,
-    zeta: u16,
-    hand: u16,
-    desired: u16,
-}
+/// The topics that every file has, with the names of their schemas.
+const FIXED: [(&str, &str); 7] = [
+    ("/log", "foxglove.Log"),
+    ("/state", "armplane.State"),
+    ("/tf", "foxglove.FrameTransform"),
+    ("/arm", "foxglove.SceneUpdate"),
+    ("/zeta", "foxglove.SceneUpdate"),
+    ("/pose/hand", "foxglove.PoseInFrame"),
+    ("/pose/desired", "foxglove.PoseInFrame"),
+];
 
 impl Mcap {
     pub(super) fn create(out: &Path) -> Result<Self, ExportError> {
         let path = out.join("run.mcap");
         let failed = ExportError::write(&path);
-        let file = BufWriter::new(File::create(&path).map_err(|error| failed(&error))?);
-        let open = || -> Result<(Writer<BufWriter<File>>, Fixed), McapError> {
-            let library = format!("armplane {}", env!("CARGO_PKG_VERSION"));
-            let mut writer = WriteOptions::new()
-                .compression(None)
-                .library(library)
-                .create(file)?;
-            let text = json!({"type": "string"});
-            let state = json!({"type": "object", "properties": {"lane": text, "state": text}});
-            let mut schema = |name: &str, schema: &Value| -> Result<u16, McapError> {
-                writer.add_schema(name, "jsonschema", schema.to_string().as_bytes())
-            };
-            let (log, state) = (
-                schema("foxglove.Log", &foxglove::log_schema())?,
-                schema("armplane.State", &state)?,
-            );
-            let transform = schema("foxglove.FrameTransform", &foxglove::transform_schema())?;
-            let scene = schema("foxglove.SceneUpdate", &foxglove::scene_schema())?;
-            let pose = schema("foxglove.PoseInFrame", &foxglove::pose_schema())?;
-            let mut channel = |schema: u16, topic: &str| {
-                writer.add_channel(schema, topic, "json", &BTreeMap::new())
-            };
-            let fixed = Fixed {
-                log: channel(log, "/log")?,
-                state: channel(state, "/state")?,
-                tf: channel(transform, "/tf")?,
-                arm: channel(scene, "/arm")?,
-                zeta: channel(scene, "/zeta")?,
-                hand: channel(pose, "/pose/hand")?,
-                desired: channel(pose, "/pose/desired")?,
-            };
-            Ok((writer, fixed))
-        };
-        let (writer, fixed) = open().map_err(|error| failed(&error))?;
-        Ok(Self {
+        let file = File::create(&path).map_err(|error| failed(&error))?;
+        let writer = WriteOptions::new()
+            .compression(None)
+            .library(format!("armplane {}", env!("CARGO_PKG_VERSION")))
+            .create(BufWriter::new(file));
+        let schemas: Value =
+            serde_json::from_str(include_str!("foxglove.json")).map_err(|error| failed(&error))?;
+        let mut mcap = Self {
+            writer: writer.map_err(|error| failed(&error))?,
             path,
-            writer,
-            groups: BTreeMap::new(),
-            fixed,
+            channels: BTreeMap::new(),
             sequence: 0,
             solids: BTreeSet::new(),
             extent: 0.0,
-        })
+        };
+        for (topic, name) in FIXED {
+            mcap.open(topic, name, &schemas[name])?;
+        }
+        Ok(mcap)
     }
 
-    fn put(&mut self, channel: u16, time: u64, message: &Value) -> Result<(), ExportError> {
+    fn open(&mut self, topic: &str, name: &str, schema: &Value) -> Result<(), ExportError> {
+        let schema = schema.to_string();
+        let channel = self
+            .writer
+            .add_schema(name, "jsonschema", schema.as_bytes())
+            .and_then(|schema| {
+                self.writer
+                    .add_channel(schema, topic, "json", &BTreeMap::new())
+            });
+        let channel = channel.map_err(|error| ExportError::write(&self.path)(&error))?;
+        self.channels.insert(topic.to_owned(), channel);
+        Ok(())
+    }
+
+    fn put(&mut self, topic: &str, time: u64, message: &Value) -> Result<(), ExportError> {
+        let Some(channel_id) = self.channels.get(topic).copied() else {
+            return Ok(());
+        };
         self.sequence += 1;
         let header = MessageHeader {
-            channel_id: channel,
+            channel_id,
             sequence: self.sequence,
             log_time: time,
             publish_time: time,
@@ -105,16 +96,6 @@ impl Mcap {
 
 fn nanoseconds(t_s: f64) -> u64 {
     (t_s * 1e9).round() as u64
-}
-
-fn channel(
-    writer: &mut Writer<BufWriter<File>>,
-    topic: &str,
-    name: &str,
-    schema: &Value,
-) -> Result<u16, McapError> {
-    let schema = writer.add_schema(name, "jsonschema", schema.to_string().as_bytes())?;
-    writer.add_channel(schema, topic, "json", &BTreeMap::new())
 }
 
 impl Format for Mcap {
@@ -134,16 +115,7 @@ impl Format for Mcap {
         }
         for (group, properties) in properties {
             let schema = json!({"type": "object", "properties": properties});
-            let id = channel(
-                &mut self.writer,
-                &format!("/{group}"),
-                &format!("armplane.{group}"),
-                &schema,
-            );
-            self.groups.insert(
-                group,
-                id.map_err(|error| ExportError::write(&self.path)(&error))?,
-            );
+            self.open(&format!("/{group}"), &format!("armplane.{group}"), &schema)?;
         }
         Ok(())
     }
@@ -171,13 +143,8 @@ impl Format for Mcap {
                 }
             }
             for (group, message) in messages {
-                if let Some(channel) = self.groups.get(group).copied() {
-                    self.put(
-                        channel,
-                        nanoseconds(columns.t_s(tick)),
-                        &Value::Object(message),
-                    )?;
-                }
+                let at = nanoseconds(columns.t_s(tick));
+                self.put(&format!("/{group}"), at, &Value::Object(message))?;
             }
         }
         Ok(())
@@ -191,7 +158,7 @@ impl Format for Mcap {
         };
         let (scene, extent) = foxglove::solid(&frame, solid, 0);
         self.extent = self.extent.max(extent);
-        self.put(self.fixed.arm, 0, &scene)
+        self.put("/arm", 0, &scene)
     }
 
     fn place(&mut self, place: &Place) -> Result<(), ExportError> {
@@ -199,12 +166,12 @@ impl Format for Mcap {
             return Ok(());
         };
         let at = nanoseconds(place.t_s);
-        self.put(self.fixed.tf, at, &foxglove::transform(&frame, place, at))?;
+        self.put("/tf", at, &foxglove::transform(&frame, place, at))?;
         match frame.as_str() {
-            "hand" => self.put(self.fixed.hand, at, &foxglove::pose_in_base(place, at)),
-            "desired" => self.put(self.fixed.desired, at, &foxglove::pose_in_base(place, at)),
+            "hand" => self.put("/pose/hand", at, &foxglove::pose_in_base(place, at)),
+            "desired" => self.put("/pose/desired", at, &foxglove::pose_in_base(place, at)),
             frame if frame.starts_with("singularity_") => self.put(
-                self.fixed.zeta,
+                "/zeta",
                 at,
                 &foxglove::direction(frame, 0.4 * self.extent, at),
             ),
@@ -212,10 +179,10 @@ impl Format for Mcap {
         }
     }
 
-    fn event(&mut self, event: &Event) -> Result<(), ExportError> {
+    fn event(&mut self, event: Event) -> Result<(), ExportError> {
         if event.kind == "state" {
             return self.put(
-                self.fixed.state,
+                "/state",
                 nanoseconds(event.t_s),
                 &json!({"lane": event.subject, "state": event.text}),
             );
@@ -228,7 +195,7 @@ impl Format for Mcap {
         };
         let time = nanoseconds(event.t_s);
         let message = json!({"timestamp": foxglove::time(time), "level": level, "message": event.text, "name": "armplane", "file": "", "line": 0});
-        self.put(self.fixed.log, time, &message)
+        self.put("/log", time, &message)
     }
 
     fn finish(mut self: Box<Self>) -> Result<Vec<PathBuf>, ExportError> {
