@@ -344,4 +344,7 @@ pub struct ProcessSummary {
     pub restarts: u32,
     /// How it ended: `"0"`, `"1"`, `"signal 9"`.
     pub exit: String,
+    /// Lines of its standard error that were dropped, because they came faster than they were taken.
+    #[serde(default)]
+    pub lines_dropped: u64,
 }

@@ -22,6 +22,7 @@ mod life;
 mod limits;
 mod neighbours;
 mod observers;
+mod outputs;
 mod patience;
 mod pipes;
 mod properties;

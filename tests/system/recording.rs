@@ -3,6 +3,7 @@
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 use crate::command::{Desk, Said, assert_nothing_left, finish, skipped};
 
@@ -213,7 +214,12 @@ fn live_passes_on_every_byte_of_every_part() {
         ]
         .concat(),
     );
-    assert_eq!((said.code, said.err.as_str()), (0, ""), "{}", said.out);
+    // On a busy machine it gets the rest after the command has ended.
+    assert!(
+        said.code == 0 && said.err.lines().count() <= 1,
+        "{}",
+        said.err
+    );
     assert_nothing_left(said.launcher);
     crate::command::until("the viewer to have everything", || {
         desk.path().join("got").exists()
@@ -229,16 +235,19 @@ fn live_passes_on_every_byte_of_every_part() {
 #[test]
 fn no_process_waits_for_a_viewer_that_is_closed_or_stuck() {
     let desk = Desk::new();
+    let began = Instant::now();
     let plain = desk.run(&SHORT);
+    let alone = began.elapsed();
     for (name, text, expected) in [
         ("closed.sh", "exit 0", "closed"),
         (
             "stuck.sh",
-            "echo $$ > pid; exec sleep 600",
-            "stopped reading",
+            "[ \"$1\" = --version ] || echo $$ > pid; exec sleep 600",
+            "has not read everything",
         ),
     ] {
         let viewer = desk.viewer(name, text);
+        let began = Instant::now();
         let said = desk.with_viewer(
             &viewer,
             &[
@@ -252,6 +261,11 @@ fn no_process_waits_for_a_viewer_that_is_closed_or_stuck() {
                 &SHORT[..],
             ]
             .concat(),
+        );
+        let shown = began.elapsed();
+        assert!(
+            shown < 2 * alone + Duration::from_millis(1500),
+            "{name}: {shown:?} in place of {alone:?}"
         );
         assert!(
             said.code == 0

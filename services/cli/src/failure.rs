@@ -7,7 +7,7 @@ use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report};
 use serde_json::json;
 use session::Failure;
 
-use crate::out::{tell, tell_painted};
+use crate::out::{show, show_painted, tell, tell_painted};
 
 /// Prints a failure on standard error and gives the exit code: 2 for input that cannot be used, 1 for work that failed. For machines it is one JSON
 /// object on one line.
@@ -55,8 +55,12 @@ pub(crate) fn wants_json() -> bool {
 pub(crate) fn usage(error: &clap::Error) -> ExitCode {
     let code = u8::try_from(error.exit_code()).unwrap_or(2);
     if !error.use_stderr() {
-        // A reader that has gone away is no reason to fail otherwise.
-        let _ = error.print();
+        let text = error.render();
+        if std::io::stdout().is_terminal() {
+            show_painted(&text.ansi());
+        } else {
+            show(&text);
+        }
     } else if wants_json() {
         let text = with_remedy(&error.render().to_string());
         let message = text

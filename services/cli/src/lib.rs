@@ -33,6 +33,7 @@ mod verify;
 mod view;
 mod wire;
 
+use std::io::IsTerminal;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
@@ -262,6 +263,40 @@ fn work() -> ExitCode {
         Ok(cli) => cli,
         Err(error) => return failure::usage(&error),
     };
+    let (json, supervises) = (cli.json, cli.supervises());
+    // A process of a run writes by itself: its launcher reads whatever it writes.
+    if !matches!(
+        cli.command,
+        Some(Command::Process(_) | Command::BenchPeer(_))
+    ) {
+        out::start();
+    }
+    let code = execute(cli).unwrap_or_else(|failure| failure::report(failure, json));
+    // The results are kept: what ends in a moment anyway needs no second Ctrl-C.
+    let _signals = supervises.then(session::interrupts);
+    if !out::finish(supervises) {
+        return code;
+    }
+    out::tell(&"armplane: nobody reads standard output: results are missing there");
+    out::finish(supervises);
+    if code == ExitCode::SUCCESS {
+        ExitCode::from(1)
+    } else {
+        code
+    }
+}
+
+impl Cli {
+    /// Whether it is a run, whose results stand in its folder too: it ends although nobody reads them.
+    fn supervises(&self) -> bool {
+        matches!(
+            self.command,
+            None | Some(Command::Run(_) | Command::Servo(_))
+        )
+    }
+}
+
+fn execute(cli: Cli) -> Result<ExitCode, session::Failure> {
     let level = match cli.verbose {
         0 => "warn",
         1 => "info",
@@ -271,13 +306,14 @@ fn work() -> ExitCode {
         .unwrap_or_else(|_| level.into());
     tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(std::io::stderr)
+        .with_writer(|| out::Log)
+        .with_ansi(std::io::stderr().is_terminal())
         .log_internal_errors(false)
         .without_time()
         .with_target(false)
         .init();
     let json = cli.json;
-    let done = match cli
+    match cli
         .command
         .unwrap_or_else(|| Command::Run(run::RunArgs::default()))
     {
@@ -309,6 +345,5 @@ fn work() -> ExitCode {
         Command::Doctor => doctor::doctor(json),
         Command::Clean => clean::clean(json),
         Command::Process(command) => process::run(&command),
-    };
-    done.unwrap_or_else(|failure| failure::report(failure, json))
+    }
 }

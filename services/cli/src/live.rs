@@ -1,7 +1,7 @@
 //! A session that is steered while it lasts: by keys of a terminal in raw mode or by a gamepad, with a line of help and a line of state; or by lines
 //! from standard input. Each of them is a target for the operator's socket.
 
-use std::io::{BufRead, Read, Write};
+use std::io::Read;
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
 use std::sync::Arc;
@@ -14,6 +14,8 @@ use operator::{Gamepad, Keys, Pad};
 use runtime::{ControlPage, RunDir};
 use session::Failure;
 use shared_types::scenario::Servo;
+
+use crate::out::{set_status, tell};
 
 /// Pause between two lines of state.
 const EVERY: Duration = Duration::from_millis(100);
@@ -51,18 +53,14 @@ impl Panel {
 
     fn show(run: &RunDir, help: &str, is_raw: bool) -> Result<Self, Failure> {
         let page = ControlPage::open(run).map_err(Failure::work)?;
-        print(format_args!("{help}\r\n"));
+        tell(&help);
         let is_over = Arc::new(AtomicBool::new(false));
         let over = Arc::clone(&is_over);
         std::thread::spawn(move || {
             while !over.load(Ordering::Relaxed) {
-                // To the beginning of the line, and clear it.
                 let state = page.live_state();
                 let kind = |place: usize| state.singularities.get(place).map(|one| one.kind);
-                print(format_args!(
-                    "\r\x1b[K{}",
-                    steered::describe(&state.servo, kind)
-                ));
+                set_status(Some(steered::describe(&state.servo, kind).to_string()));
                 std::thread::sleep(EVERY);
             }
         });
@@ -73,17 +71,11 @@ impl Panel {
 impl Drop for Panel {
     fn drop(&mut self) {
         self.is_over.store(true, Ordering::Relaxed);
+        set_status(None);
         if self.is_raw {
             let _ = disable_raw_mode();
         }
-        print(format_args!("\n"));
     }
-}
-
-/// Prints to a terminal that may have been closed meanwhile.
-fn print(text: std::fmt::Arguments<'_>) {
-    let mut terminal = std::io::stderr();
-    let _ = terminal.write_fmt(text).and_then(|()| terminal.flush());
 }
 
 /// Sends the lines of standard input to a run; at the end of input the session ends with its last target.
@@ -93,26 +85,19 @@ pub(crate) fn send_lines(run: &RunDir) -> Result<(), Failure> {
         run.path().join(Servo::SOCKET),
     );
     std::thread::spawn(move || {
-        let send = |line: &[u8]| {
+        let send = |line: &str| {
             // The operator makes its socket when it starts.
-            while socket.send_to(line, &path).is_err()
+            while socket.send_to(line.as_bytes(), &path).is_err()
                 && path.parent().is_some_and(|run| run.exists())
             {
                 std::thread::sleep(AGAIN);
             }
         };
-        let mut input = std::io::stdin().lock();
-        let mut line = Vec::new();
-        while input
-            .read_until(b'\n', &mut line)
-            .is_ok_and(|bytes| bytes > 0)
-        {
+        for line in files::lines(std::io::stdin().lock()) {
             // A line longer than any target, cut: the operator refuses it as it does every other that is none.
-            let end = line.trim_ascii_end().len().min(LONGEST_LINE);
-            send(String::from_utf8_lossy(&line[..end]).as_bytes());
-            line.clear();
+            send(&line[..line.floor_char_boundary(LONGEST_LINE)]);
         }
-        send(Servo::CLOSE.as_bytes());
+        send(Servo::CLOSE);
     });
     Ok(())
 }

@@ -1,10 +1,322 @@
-//! Printing for people and pipes. Text of other programs may be in all of it (their last words, names, reasons), and with it codes that a terminal obeys: no
-//! control character reaches the terminal but the ends of lines, tabs, and where this program paints, colours.
+//! Printing for people and pipes, without waiting for either.
+//!
+//! Whoever prints leaves a text in a bounded queue and goes on: a terminal that is stopped (Ctrl-S) or a pipe that nobody reads must not stop the thread that
+//! mends deaths and answers Ctrl-C. A thread for each stream writes, in the order of the texts; one that is stuck holds the other up for a moment only.
+//! Lines on standard error for which there is no room are dropped and counted, and the count is printed as soon as there is room.
+//!
+//! Text of other programs may be in all of it (their last words, names, reasons), and with it codes that a terminal obeys: no control character reaches the
+//! terminal but the ends of lines, tabs, and where this program paints, colours.
 
 use std::borrow::Cow;
+use std::collections::VecDeque;
 use std::fmt::Write as _;
+use std::io::{ErrorKind, IsTerminal, Write};
+use std::sync::{Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
 
-/// `println!`, but a reader that has gone away (`armplane run | head`) is no error.
+/// Bytes that may wait for a reader of standard error ...
+const MOST_TOLD: usize = 1 << 20;
+/// ... and of standard output, whose texts are the results.
+const MOST_SHOWN: usize = 64 << 20;
+/// A reader that takes nothing for so long is stuck: the other stream goes on without it ...
+const SLOW: Duration = Duration::from_millis(200);
+/// ... and the program ends without it.
+const STUCK: Duration = Duration::from_secs(1);
+/// The longest that the end of the program waits for a reader that is slow.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Pause between two pictures of the status line.
+const EVERY: Duration = Duration::from_millis(100);
+/// A write is so short that each one shows whether the reader reads; bytes.
+const PIECE: usize = 4096;
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Stream {
+    Out,
+    Err,
+}
+
+/// What waits for one stream.
+struct Queue {
+    texts: VecDeque<(u64, String)>,
+    /// Place of the text that is being written.
+    writing: Option<u64>,
+    bytes: usize,
+    dropped: u64,
+    /// When the reader last took something, or the queue was empty.
+    moved: Instant,
+    is_gone: bool,
+    has_lost: bool,
+}
+
+impl Queue {
+    fn oldest(&self) -> Option<u64> {
+        self.writing.or(self.texts.front().map(|text| text.0))
+    }
+
+    fn is_stuck(&self, limit: Duration) -> bool {
+        self.oldest().is_some() && self.moved.elapsed() > limit
+    }
+}
+
+struct State {
+    out: Queue,
+    err: Queue,
+    next: u64,
+    /// The last line of a terminal, which is always the latest one.
+    status: Option<String>,
+    /// Standard error is a terminal ...
+    has_status: bool,
+    /// ... which shows an older status line.
+    is_stale: bool,
+}
+
+/// What a thread writes next.
+struct Job {
+    text: Option<String>,
+    /// The status line is drawn, or removed.
+    is_status: bool,
+    status: Option<String>,
+}
+
+impl State {
+    fn new(has_status: bool) -> Self {
+        let queue = || Queue {
+            texts: VecDeque::new(),
+            writing: None,
+            bytes: 0,
+            dropped: 0,
+            moved: Instant::now(),
+            is_gone: false,
+            has_lost: false,
+        };
+        Self {
+            out: queue(),
+            err: queue(),
+            next: 0,
+            status: None,
+            has_status,
+            is_stale: false,
+        }
+    }
+
+    fn queue(&mut self, stream: Stream) -> &mut Queue {
+        match stream {
+            Stream::Out => &mut self.out,
+            Stream::Err => &mut self.err,
+        }
+    }
+
+    fn place(&mut self) -> u64 {
+        self.next += 1;
+        self.next
+    }
+
+    fn push(&mut self, stream: Stream, text: String) {
+        let place = self.place();
+        let most = match stream {
+            Stream::Out => MOST_SHOWN,
+            Stream::Err => MOST_TOLD,
+        };
+        let queue = self.queue(stream);
+        if queue.is_gone {
+            return;
+        }
+        if queue.bytes > 0 && queue.bytes + text.len() > most {
+            queue.dropped += 1;
+            queue.has_lost = true;
+            return;
+        }
+        if queue.oldest().is_none() {
+            queue.moved = Instant::now();
+        }
+        queue.bytes += text.len();
+        queue.texts.push_back((place, text));
+        self.note_dropped(stream);
+    }
+
+    fn note_dropped(&mut self, stream: Stream) {
+        let dropped = std::mem::take(&mut self.queue(stream).dropped);
+        if dropped > 0 {
+            let sentence = format!("armplane: {dropped} lines dropped: nobody read them\n");
+            self.push(Stream::Err, sentence);
+        }
+    }
+
+    /// The next job of a stream, unless an older one of the other is under way.
+    fn take(&mut self, stream: Stream) -> Option<Job> {
+        if self.queue(stream).texts.is_empty() {
+            self.note_dropped(stream);
+        }
+        let other = match stream {
+            Stream::Out => &self.err,
+            Stream::Err => &self.out,
+        };
+        let before = other.oldest().filter(|_| !other.is_stuck(SLOW));
+        // The status line goes before results come.
+        let is_covered = stream == Stream::Out && self.is_stale && !self.err.is_stuck(SLOW);
+        let is_next =
+            |text: &mut (u64, String)| !is_covered && before.is_none_or(|before| text.0 < before);
+        let text = self.queue(stream).texts.pop_front_if(is_next);
+        let is_status = stream == Stream::Err && std::mem::take(&mut self.is_stale);
+        let status = self
+            .status
+            .clone()
+            .filter(|_| stream == Stream::Err && self.has_status);
+        let place = match &text {
+            Some(text) => text.0,
+            None if is_status => self.place(),
+            None => return None,
+        };
+        let queue = self.queue(stream);
+        if queue.oldest().is_none() {
+            queue.moved = Instant::now();
+        }
+        queue.writing = Some(place);
+        Some(Job {
+            text: text.map(|text| text.1),
+            is_status,
+            status,
+        })
+    }
+}
+
+static STATE: OnceLock<Mutex<State>> = OnceLock::new();
+static CHANGED: Condvar = Condvar::new();
+
+fn locked(state: &Mutex<State>) -> MutexGuard<'_, State> {
+    state.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Starts the threads that print; without them, in the processes of a run and where there can be no threads, whoever prints writes.
+pub(crate) fn start() {
+    for stream in [Stream::Out, Stream::Err] {
+        let thread = std::thread::Builder::new()
+            .name("printer".into())
+            .stack_size(128 << 10);
+        let is_started = thread.spawn(move || match stream {
+            Stream::Out => print(STATE.wait(), stream, std::io::stdout()),
+            Stream::Err => print(STATE.wait(), stream, std::io::stderr()),
+        });
+        if is_started.is_err() {
+            return;
+        }
+    }
+    let _ = STATE.set(Mutex::new(State::new(std::io::stderr().is_terminal())));
+}
+
+/// Writes what comes for a stream, until the program ends.
+fn print(shared: &Mutex<State>, stream: Stream, mut to: impl Write) {
+    let mut is_drawn = false;
+    let mut state = locked(shared);
+    loop {
+        let Some(job) = state.take(stream) else {
+            // Changes of a status line wake nobody.
+            state = CHANGED
+                .wait_timeout(state, EVERY)
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
+            continue;
+        };
+        drop(state);
+        let mut whole = if is_drawn { "\r\x1b[K" } else { "" }.to_owned();
+        whole += job.text.as_deref().unwrap_or_default();
+        is_drawn = (is_drawn || job.is_status) && job.status.is_some();
+        if is_drawn {
+            let columns = crossterm::terminal::size().map_or(80, |size| usize::from(size.0).max(1));
+            whole.extend(
+                job.status
+                    .iter()
+                    .flat_map(|line| line.chars())
+                    .take(columns - 1),
+            );
+        }
+        let is_written = write_whole(&whole, &mut to, || {
+            locked(shared).queue(stream).moved = Instant::now();
+        });
+        state = locked(shared);
+        let queue = state.queue(stream);
+        queue.writing = None;
+        queue.bytes -= job.text.map_or(0, |text| text.len());
+        if !is_written {
+            (queue.is_gone, queue.bytes) = (true, 0);
+            queue.texts.clear();
+        }
+        CHANGED.notify_all();
+    }
+}
+
+/// Whether a text could be written; `moved` is called whenever the reader has taken a piece.
+fn write_whole(text: &str, to: &mut impl Write, moved: impl Fn()) -> bool {
+    let mut rest = text.as_bytes();
+    while !rest.is_empty() {
+        match to.write(&rest[..rest.len().min(PIECE)]) {
+            Ok(0) => return false,
+            Ok(bytes) => {
+                rest = &rest[bytes..];
+                moved();
+            }
+            Err(error) if error.kind() == ErrorKind::Interrupted => {}
+            // Another program has made the terminal's end of all of us non-blocking.
+            Err(error) if error.kind() == ErrorKind::WouldBlock => std::thread::sleep(EVERY / 10),
+            Err(_) => return false,
+        }
+    }
+    to.flush().is_ok()
+}
+
+/// Gives the readers a short time for what is left; whether results have been lost, which is possible where `is_bounded`. A reader of results that
+/// stand nowhere else may take its time: nothing runs any more, and Ctrl-C ends the program.
+pub(crate) fn finish(is_bounded: bool) -> bool {
+    let Some(shared) = STATE.get() else {
+        return false;
+    };
+    set_status(None);
+    let began = Instant::now();
+    let is_late = |queue: &Queue| {
+        queue.oldest().is_none() || queue.is_stuck(STUCK) || began.elapsed() > PATIENCE
+    };
+    let mut state = locked(shared);
+    loop {
+        let is_shown = state.out.oldest().is_none() || is_bounded && is_late(&state.out);
+        let is_told = is_late(&state.err) && (!state.is_stale || state.err.is_stuck(STUCK));
+        if is_shown && is_told {
+            return state.out.has_lost || state.out.oldest().is_some();
+        }
+        state = CHANGED
+            .wait_timeout(state, EVERY)
+            .unwrap_or_else(PoisonError::into_inner)
+            .0;
+    }
+}
+
+fn push(stream: Stream, text: &str) {
+    if let Some(state) = STATE.get() {
+        locked(state).push(stream, text.to_owned());
+        CHANGED.notify_all();
+        return;
+    }
+    // A reader that has gone away (`armplane run | head`) is no error.
+    let _ = match stream {
+        Stream::Out => std::io::stdout().write_all(text.as_bytes()),
+        Stream::Err => std::io::stderr().write_all(text.as_bytes()),
+    };
+}
+
+/// Changes the last line of a terminal.
+pub(crate) fn set_status(line: Option<String>) {
+    if let Some(state) = STATE.get() {
+        let mut state = locked(state);
+        let is_over = line.is_none();
+        state.is_stale =
+            state.has_status && !state.err.is_gone && !(is_over && state.status.is_none());
+        state.status = line.map(|line| plain(&line).into_owned());
+        if is_over {
+            CHANGED.notify_all();
+        }
+    }
+}
+
+/// `println!`, into the queue.
 macro_rules! say {
     ($($text:tt)*) => {{
         $crate::out::show(&format_args!("{}\n", format_args!($($text)*)));
@@ -14,20 +326,36 @@ pub(crate) use say;
 
 /// Prints what ends its own lines.
 pub(crate) fn show(text: &impl std::fmt::Display) {
-    use std::io::Write as _;
-    let _ = std::io::stdout().write_all(plain(&text.to_string()).as_bytes());
+    push(Stream::Out, &plain(&text.to_string()));
 }
 
-/// Prints a line on standard error; a terminal that has gone away is no error.
+/// The same of a text that is painted.
+pub(crate) fn show_painted(text: &impl std::fmt::Display) {
+    push(Stream::Out, &painted(&text.to_string()));
+}
+
+/// Prints a line on standard error.
 pub(crate) fn tell(line: &impl std::fmt::Display) {
-    use std::io::Write as _;
-    let _ = std::io::stderr().write_all(plain(&format!("{line}\n")).as_bytes());
+    push(Stream::Err, &plain(&format!("{line}\n")));
 }
 
 /// The same of a line that is painted.
 pub(crate) fn tell_painted(line: &impl std::fmt::Display) {
-    use std::io::Write as _;
-    let _ = std::io::stderr().write_all(painted(&format!("{line}\n")).as_bytes());
+    push(Stream::Err, &painted(&format!("{line}\n")));
+}
+
+/// Takes the log of this program.
+pub(crate) struct Log;
+
+impl Write for Log {
+    fn write(&mut self, line: &[u8]) -> std::io::Result<usize> {
+        push(Stream::Err, &painted(&String::from_utf8_lossy(line)));
+        Ok(line.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
 }
 
 /// A text without control characters: each is written as JSON writes it (`\u001b`), so that JSON stays JSON.
@@ -84,6 +412,40 @@ fn escaped(text: &str, kept: fn(&str) -> usize) -> Cow<'_, str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn texts_keep_their_order_and_lines_without_room_are_counted() {
+        let mut state = State::new(false);
+        state.push(Stream::Err, "first".to_owned());
+        state.push(Stream::Out, "result".to_owned());
+        assert!(
+            state.take(Stream::Out).is_none(),
+            "an older line is to be written"
+        );
+        let line = "x".repeat(MOST_TOLD / 4);
+        for _ in 0..10 {
+            state.push(Stream::Err, line.clone());
+        }
+        let mut written = Vec::new();
+        while let Some(job) = state.take(Stream::Err) {
+            let text = job.text.expect("a text");
+            state.err.bytes -= text.len();
+            state.err.writing = None;
+            written.push(text);
+            if written.len() == 1 {
+                state.out.writing.take();
+                let result = state.take(Stream::Out).and_then(|job| job.text);
+                assert_eq!(result.as_deref(), Some("result"));
+                state.out.writing = None;
+            }
+        }
+        assert_eq!(
+            written.len(),
+            5,
+            "the first, three with room, and a sentence"
+        );
+        assert!(written[4].contains(" 7 lines dropped"), "{}", written[4]);
+    }
 
     #[test]
     fn no_code_that_a_terminal_obeys_is_left_but_colours_where_they_are_painted() {

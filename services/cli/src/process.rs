@@ -1,11 +1,11 @@
 //! The processes of the graph that this program contains, as the launcher starts them: `armplane plant --run DIR` and so on.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Arg, ArgMatches, FromArgMatches, Subcommand, value_parser};
 use runtime::{ProcessError, Shell};
-use session::{EXCHANGE, Failure, GUARD, ROBOT, load};
+use session::{EXCHANGE, FEED, Failure, GUARD, ROBOT, load};
 use shared_types::process::Program;
 
 /// One process of a running graph; the launcher starts these.
@@ -26,6 +26,8 @@ enum Part {
     Robot,
     /// It ends what is left when the launcher has ended.
     Guard,
+    /// It passes the recording in a folder on to the viewer.
+    Feed,
 }
 
 impl Part {
@@ -33,6 +35,7 @@ impl Part {
         match name {
             EXCHANGE => Some(Self::Exchange),
             GUARD => Some(Self::Guard),
+            FEED => Some(Self::Feed),
             ROBOT => Some(Self::Robot),
             _ => Program::named(name).map(Self::Process),
         }
@@ -65,7 +68,7 @@ impl Subcommand for Command {
             .chain([Program::Operator])
             .map(Program::name);
         names
-            .chain([EXCHANGE, GUARD, ROBOT])
+            .chain([EXCHANGE, GUARD, ROBOT, FEED])
             .fold(command, |command, name| {
                 let run = Arg::new("run")
                     .long("run")
@@ -101,6 +104,10 @@ fn work(Command { part, run }: &Command) -> Result<(), ProcessError> {
         Part::Guard => {
             run.iter().for_each(|run| launcher::guard(run));
             return Ok(());
+        }
+        Part::Feed => {
+            let folder = run.as_deref().unwrap_or(Path::new("."));
+            return session::feed(folder).map_err(ProcessError::setup);
         }
     };
     let shell = Shell::started(run.as_deref(), program.map(Program::name))?;

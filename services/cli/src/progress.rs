@@ -1,24 +1,34 @@
-//! The progress of long operations on a terminal: a bar on standard error, and lines above it; on a pipe only the lines.
+//! The progress of long operations: a bar on the last line of a terminal and lines above it; on a pipe only the lines.
 
-use std::fmt::Write;
 use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
 
-use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 use session::Progress;
 
-use crate::out::{plain, tell};
+use crate::out::{set_status, tell};
 
 /// Shows what an operation tells.
 #[derive(Default)]
 pub(crate) struct Terminal {
-    bar: Mutex<Option<ProgressBar>>,
+    bar: Mutex<Option<Bar>>,
+}
+
+struct Bar {
+    title: String,
+    unit: &'static str,
+    position: u64,
+    length: u64,
+    began: Instant,
 }
 
 impl Terminal {
     /// Takes one piece of news.
     pub(crate) fn show(&self, progress: Progress<'_>) {
+        if let Progress::Line(line) = progress {
+            return tell(&line);
+        }
         let mut bar = self.bar.lock().unwrap_or_else(PoisonError::into_inner);
-        match (progress, &*bar) {
+        match (progress, bar.as_mut()) {
             (
                 Progress::Begin {
                     title,
@@ -26,44 +36,47 @@ impl Terminal {
                     unit,
                 },
                 _,
-            ) => *bar = Some(begin(title, length, unit)),
-            (Progress::Title(title), Some(bar)) => bar.set_message(plain(title).into_owned()),
-            (Progress::Position(position), Some(bar)) => {
-                // A run may take longer than its path: the governor slows the path's clock.
-                if bar.length().is_some_and(|length| position > length) {
-                    bar.set_length(position);
-                }
-                bar.set_position(position);
+            ) => {
+                *bar = Some(Bar {
+                    title: title.to_owned(),
+                    unit,
+                    position: 0,
+                    length,
+                    began: Instant::now(),
+                });
             }
-            (Progress::Step, Some(bar)) => bar.inc(1),
-            (Progress::Line(line), Some(bar)) => bar.suspend(|| tell(&line)),
-            (Progress::Line(line), None) => tell(&line),
-            (Progress::End, Some(_)) => {
-                if let Some(bar) = bar.take() {
-                    bar.finish_and_clear();
-                }
-            }
-            (_, None) => {}
+            (Progress::Title(title), Some(bar)) => title.clone_into(&mut bar.title),
+            (Progress::Position(position), Some(bar)) => bar.position = position,
+            (Progress::Step, Some(bar)) => bar.position += 1,
+            (Progress::End, _) => *bar = None,
+            (_, _) => {}
         }
+        set_status(bar.as_ref().map(ToString::to_string));
     }
 }
 
-fn begin(title: &str, length: u64, unit: &str) -> ProgressBar {
-    let template =
-        format!("{{msg}} {{wide_bar:.cyan/dim}} {{pos}}/{{len}} {unit}  {{rate}}/s  {{eta}}");
-    let bar = ProgressBar::new(length).with_message(plain(title).into_owned());
-    ProgressStyle::with_template(&template).map_or(bar.clone(), |style| {
-        bar.with_style(style.with_key("rate", rate))
-    })
-}
-
-/// Steps per second, whole ones where there are ten or more.
-fn rate(state: &ProgressState, to: &mut dyn Write) {
-    let rate = state.per_sec();
-    // A progress line that cannot be written is no reason to stop.
-    let _ = if rate >= 10.0 {
-        write!(to, "{rate:.0}")
-    } else {
-        write!(to, "{rate:.1}")
-    };
+impl std::fmt::Display for Bar {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        const CELLS: u64 = 30;
+        let seconds = self.began.elapsed().as_secs_f64();
+        // A run may take longer than its path: the governor slows the path's clock.
+        let length = self.length.max(self.position).max(1);
+        let full = (self.position * CELLS / length) as usize;
+        let rate = self.position as f64 / seconds.max(1e-3);
+        let digits = usize::from(rate < 10.0);
+        write!(
+            f,
+            "{} {}{} {}/{length} {}  {rate:.digits$}/s",
+            self.title,
+            "█".repeat(full),
+            "░".repeat(CELLS as usize - full),
+            self.position,
+            self.unit
+        )?;
+        if self.position > 0 {
+            let left = (length - self.position) as f64 / rate;
+            write!(f, "  {left:.0} s left")?;
+        }
+        Ok(())
+    }
 }

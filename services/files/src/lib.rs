@@ -4,7 +4,7 @@
 //! read (`/dev/stdin`, and `/dev/fd/N` as a shell makes it of `<(command)`): it waits for nobody but the command that the user has put there.
 
 use std::fs::File;
-use std::io::{self, Read};
+use std::io::{self, BufRead, Read};
 use std::path::Path;
 
 use rustix::fs::{FileType, Mode, OFlags, fcntl_setfl, fstat, open as open_at};
@@ -57,6 +57,49 @@ pub fn read_text(path: &Path) -> io::Result<String> {
     Ok(text)
 }
 
+/// Longest line that is taken from a program or a person; bytes.
+pub const LONGEST_LINE: usize = 64 << 10;
+
+/// The lines of a text that somebody else writes, until it ends or cannot be read. Of a line longer than [`LONGEST_LINE`] the beginning comes as soon as
+/// it is there, and the rest is skipped: a line without an end costs no memory.
+pub fn lines(mut text: impl BufRead) -> impl Iterator<Item = String> {
+    let mut is_skipping = false;
+    std::iter::from_fn(move || {
+        let mut line = Vec::new();
+        loop {
+            let bytes = match text.fill_buf() {
+                Ok(bytes) => bytes,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+                Err(_) => &[],
+            };
+            if bytes.is_empty() {
+                return (!line.is_empty()).then(|| words_of(&line));
+            }
+            let end = bytes.iter().position(|byte| *byte == b'\n');
+            let here = end.unwrap_or(bytes.len());
+            let kept = if is_skipping {
+                0
+            } else {
+                here.min(LONGEST_LINE - line.len())
+            };
+            line.extend_from_slice(&bytes[..kept]);
+            let (was_skipping, is_cut) = (is_skipping, !is_skipping && kept < here);
+            is_skipping = end.is_none() && (is_skipping || is_cut);
+            text.consume(here + usize::from(end.is_some()));
+            if is_cut {
+                return Some(words_of(&line) + " … (cut at 64 KiB)");
+            }
+            if end.is_some() && !was_skipping {
+                return Some(words_of(&line));
+            }
+        }
+    })
+}
+
+fn words_of(line: &[u8]) -> String {
+    String::from_utf8_lossy(line).trim_end().to_owned()
+}
+
 /// Whether a path names a descriptor of this process.
 fn is_held(path: &Path) -> bool {
     ["/dev/fd", "/proc/self/fd"]
@@ -78,6 +121,17 @@ fn words(kind: FileType) -> &'static str {
 mod tests {
     use super::*;
     use rustix::fs::{CWD, mknodat};
+
+    #[test]
+    fn a_line_without_an_end_is_cut_and_the_next_one_is_whole() {
+        let long = "x".repeat(LONGEST_LINE);
+        let text = format!("first\r\n{long}\n{long}yy{long}\n\nlast");
+        let found: Vec<_> = lines(io::Cursor::new(text)).collect();
+        let cut = format!("{long} … (cut at 64 KiB)");
+        assert_eq!(found, ["first", &long, &cut, "", "last"]);
+        let mut endless = lines(io::BufReader::new(io::repeat(b'x')));
+        assert_eq!(endless.next().as_deref(), Some(cut.as_str()));
+    }
 
     #[test]
     fn a_file_that_is_not_regular_is_refused_at_once_and_a_pipe_in_hand_is_read() {

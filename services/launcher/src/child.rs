@@ -1,11 +1,11 @@
 //! One child process: started so that it cannot outlive the launcher, its exit and the end of its standard error recorded.
 
 use std::collections::VecDeque;
-use std::io::{BufRead, BufReader};
+use std::io::BufReader;
 use std::os::fd::OwnedFd;
 use std::os::unix::process::CommandExt;
 use std::process::{Command, Stdio};
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use runtime::Exit;
@@ -19,13 +19,60 @@ use crate::delay::Delay;
 const LAST_WORDS: usize = 20;
 /// How long to wait for the rest of a dead child's standard error.
 const LAST_WORDS_LIMIT: Duration = Duration::from_millis(200);
+/// Bytes of its lines that wait for the launcher; what comes beyond them is dropped, because the child must not wait for its reader.
+const WAITING: usize = 1 << 20;
 
 /// A child that has been started and whose exit has not been taken in yet.
 pub(crate) struct Child {
     process: std::process::Child,
     pub(crate) pidfd: OwnedFd,
-    lines: Receiver<String>,
-    last_words: VecDeque<String>,
+    ear: Arc<Ear>,
+    /// Lines that were dropped, so far as that has been reported.
+    pub(crate) dropped: u64,
+}
+
+/// Hears a child's standard error, on a thread that never waits for the launcher.
+#[derive(Default)]
+struct Ear {
+    heard: Mutex<Heard>,
+    ended: Condvar,
+}
+
+#[derive(Default)]
+struct Heard {
+    /// Lines that the launcher has not taken yet, and their bytes.
+    waiting: Vec<String>,
+    bytes: usize,
+    /// Lines for which there was no room since it took some.
+    dropped: u64,
+    last: VecDeque<String>,
+    is_over: bool,
+}
+
+impl Ear {
+    fn heard(&self) -> MutexGuard<'_, Heard> {
+        self.heard.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn listen(&self, stderr: impl std::io::Read) {
+        for line in files::lines(BufReader::new(stderr)) {
+            let heard = &mut *self.heard();
+            if heard.last.len() == LAST_WORDS {
+                heard.last.pop_front();
+            }
+            heard.last.push_back(line.clone());
+            // An empty line takes room too.
+            let bytes = line.len() + size_of::<String>();
+            if heard.bytes + bytes > WAITING {
+                heard.dropped += 1;
+            } else {
+                heard.bytes += bytes;
+                heard.waiting.push(line);
+            }
+        }
+        self.heard().is_over = true;
+        self.ended.notify_all();
+    }
 }
 
 impl Child {
@@ -50,15 +97,15 @@ impl Child {
             });
         }
         let mut process = command.spawn()?;
-        let (sender, lines) = channel();
+        let ear = Arc::new(Ear::default());
         let stderr = process.stderr.take();
         match pidfd_open(pid_of(&process), PidfdFlags::empty()) {
             Ok(pidfd) => {
                 if let Some(stderr) = stderr {
-                    let read = move || forward(stderr, &sender);
+                    let listener = Arc::clone(&ear);
                     if let Err(error) = std::thread::Builder::new()
                         .name("stderr".into())
-                        .spawn(read)
+                        .spawn(move || listener.listen(stderr))
                     {
                         let _ = process.kill();
                         let _ = process.wait();
@@ -68,8 +115,8 @@ impl Child {
                 Ok(Self {
                     process,
                     pidfd,
-                    lines,
-                    last_words: VecDeque::new(),
+                    ear,
+                    dropped: 0,
                 })
             }
             Err(errno) => {
@@ -115,24 +162,33 @@ impl Child {
 
     /// New lines on its standard error.
     pub(crate) fn new_lines(&mut self) -> Vec<String> {
-        let lines: Vec<_> = self.lines.try_iter().collect();
-        for line in &lines {
-            self.last_words.push_back(line.clone());
+        let (mut lines, dropped) = {
+            let heard = &mut *self.ear.heard();
+            heard.bytes = 0;
+            let dropped = std::mem::take(&mut heard.dropped);
+            (std::mem::take(&mut heard.waiting), dropped)
+        };
+        if dropped > 0 {
+            self.dropped += dropped;
+            lines.push(format!("({dropped} lines dropped: they came too fast)"));
         }
-        let surplus = self.last_words.len().saturating_sub(LAST_WORDS);
-        self.last_words.drain(..surplus);
         lines
     }
 
-    /// The lines not yet seen and the last ones before its end.
+    /// The lines not yet seen and the last ones before its end. A descendant may hold its standard error open, and write on.
     pub(crate) fn farewell(&mut self) -> (Vec<String>, Vec<String>) {
-        let mut rest = Vec::new();
-        while let Ok(line) = self.lines.recv_timeout(LAST_WORDS_LIMIT) {
-            self.last_words.push_back(line.clone());
-            rest.push(line);
-        }
-        let surplus = self.last_words.len().saturating_sub(LAST_WORDS);
-        (rest, self.last_words.drain(..).skip(surplus).collect())
+        let goes_on = |heard: &mut Heard| !heard.is_over;
+        let waited = self
+            .ear
+            .ended
+            .wait_timeout_while(self.ear.heard(), LAST_WORDS_LIMIT, goes_on);
+        let last = waited
+            .unwrap_or_else(PoisonError::into_inner)
+            .0
+            .last
+            .drain(..)
+            .collect();
+        (self.new_lines(), last)
     }
 }
 
@@ -140,14 +196,26 @@ fn pid_of(process: &std::process::Child) -> Pid {
     Pid::from_child(process)
 }
 
-fn forward(stderr: impl std::io::Read, lines: &Sender<String>) {
-    let mut reader = BufReader::new(stderr);
-    let mut line = Vec::new();
-    while reader.read_until(b'\n', &mut line).is_ok_and(|n| n > 0) {
-        let text = String::from_utf8_lossy(&line).trim_end().to_owned();
-        line.clear();
-        if lines.send(text).is_err() {
-            break;
-        }
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_for_which_there_is_no_room_are_dropped_and_the_last_ones_are_kept() {
+        let text: String = (0..200_000).map(|line| format!("line {line}\n")).collect();
+        let ear = Ear::default();
+        ear.listen(text.as_bytes());
+        let heard = ear.heard();
+        let kept = heard.waiting.len() as u64;
+        assert_eq!(heard.dropped + kept, 200_000);
+        assert!(
+            heard.dropped > 0 && heard.bytes <= WAITING,
+            "{kept} are kept"
+        );
+        let last: Vec<_> = heard.last.iter().collect();
+        assert_eq!(
+            (last.len(), last[LAST_WORDS - 1].as_str()),
+            (LAST_WORDS, "line 199999")
+        );
     }
 }

@@ -163,6 +163,8 @@ pub struct ProcessOutcome {
     pub restarts: u32,
     /// How its last incarnation ended.
     pub exit: Exit,
+    /// Lines of its standard error that were dropped, because they came faster than they were taken.
+    pub lines_dropped: u64,
     /// Everything it counted, by name: missed deadlines by cause, refused, lost and repeated messages.
     pub counts: runtime::Counts,
 }

@@ -60,6 +60,8 @@ pub(crate) struct Slot {
     pub(crate) exit: Option<Exit>,
     /// The end of its standard error.
     pub(crate) last_words: Vec<String>,
+    /// Lines of its standard error that were dropped.
+    pub(crate) dropped: u64,
     /// When to start it again.
     pub(crate) due: Option<Instant>,
     /// The ticks it had done and how often it had looked for more, and when that was first seen: how long it has been silent.
@@ -188,6 +190,7 @@ impl Supervised {
             };
             let (rest, mut last_words) = child.farewell();
             last_words.extend(limits::suspected(exit));
+            slot.dropped += child.dropped;
             for line in &rest {
                 report(Event::Line {
                     process: &self.plan.children[index].process.name,
@@ -242,6 +245,7 @@ impl Supervised {
             exit: slot
                 .exit
                 .unwrap_or(Exit::Signal(rustix::process::Signal::KILL.as_raw())),
+            lines_dropped: slot.dropped,
             counts: self.control_page.process(index).counts(),
         };
         self.slots.0.iter().enumerate().map(outcome).collect()

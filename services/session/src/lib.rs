@@ -54,4 +54,4 @@ pub use shared_types::job::JOB;
 pub use steer::{Steering, Targets};
 pub use summary::{deadlines, summarise};
 pub use text::RunText;
-pub use viewer::{show, viewer_command};
+pub use viewer::{FEED, feed, show, viewer_command};

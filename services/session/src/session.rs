@@ -117,19 +117,19 @@ pub fn run_loaded(
     let mut plan = plan(&job)?;
     plan.limits = plan.limits.with_silence(request.silence_limit);
     let live = if request.live {
-        Some(Live::start(&results.folder, observer)?)
+        Some(Live::start(&results.folder)?)
     } else {
         None
     };
     let launched = launch_begun(&job, plan, begin, observer);
-    if let Some(sentence) = live.and_then(Live::finish) {
-        observer(Progress::Line(&format!("armplane: {sentence}")));
-    }
     let (outcome, account) = launched?;
     let mut summary = summarise(&job, &outcome, account);
     complete(&results.folder, &mut summary, observer);
     seal(&results.folder, &mut summary.recorder);
     let saved = results.keep(&job, &summary).and_then(|()| whole(&summary));
+    for sentence in live.into_iter().flat_map(Live::finish) {
+        observer(Progress::Line(&format!("armplane: {sentence}")));
+    }
     Ok(Finished {
         summary,
         folder: results.folder.clone(),

@@ -106,6 +106,7 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
             pid: process.pid,
             restarts: process.restarts,
             exit: process.exit.to_string(),
+            lines_dropped: process.lines_dropped,
         })
         .collect();
     summary

@@ -4,12 +4,15 @@ use std::ffi::OsStr;
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpStream};
+use std::os::fd::AsFd;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::fs::OFlags;
+use rustix::time::Timespec;
 
 use crate::failure::Failure;
 use crate::progress::{Observer, Progress};
@@ -35,10 +38,13 @@ pub fn show(
     layout: Option<&Path>,
     observer: Observer<'_>,
 ) -> Result<(), Failure> {
+    if let Some(sentence) = Asked::ask()?.complaint(Duration::from_secs(3)) {
+        observer(Progress::Line(&format!("armplane: {sentence}")));
+    }
     let mut child = match layout {
-        None => start(files, Stdio::inherit(), Stdio::inherit, observer)?,
+        None => start(files, Stdio::inherit(), Stdio::inherit)?,
         Some(layout) => {
-            let mut child = start(&["-"], Stdio::piped(), Stdio::inherit, observer)?;
+            let mut child = start(&["-"], Stdio::piped(), Stdio::inherit)?;
             let input = child.stdin.take();
             let all = files.iter().map(PathBuf::as_path).chain([layout]);
             match input.map_or(Ok(()), |mut input| {
@@ -89,26 +95,8 @@ fn start(
     arguments: &[impl AsRef<OsStr>],
     input: Stdio,
     output: fn() -> Stdio,
-    observer: Observer<'_>,
 ) -> Result<Child, Failure> {
     let viewer = viewer_command();
-    let cannot = |error: std::io::Error| {
-        Failure::Work(match error.kind() {
-            ErrorKind::NotFound => format!(
-                "there is no Rerun viewer `{viewer}` on this machine: install it with `pip install rerun-sdk==0.36.3` or `cargo install rerun-cli@0.36.3 --locked`, or name it in {VIEWER_VARIABLE}"
-            ),
-            _ => format!("the viewer `{viewer}` cannot be started: {error}"),
-        })
-    };
-    if let Some((major, minor)) = version(&viewer)
-        .map_err(cannot)?
-        .filter(|version| *version < VIEWER_VERSION)
-    {
-        observer(Progress::Line(&format!(
-            "armplane: the viewer `{viewer}` is {major}.{minor}: one older than 0.36 may show the recording without its layout, or not at all; \
-             get a newer one with `pip install rerun-sdk==0.36.3`"
-        )));
-    }
     if named_viewer_command().is_none() && !has_screen() && !is_running() {
         return Err(Failure::Work(format!(
             "no Rerun viewer listens on 127.0.0.1:{VIEWER_PORT}, and there is no screen here to open one on: start `{VIEWER} --serve-web` \
@@ -125,7 +113,17 @@ fn start(
         .stdout(output())
         .stderr(output())
         .spawn()
-        .map_err(cannot)
+        .map_err(cannot_start)
+}
+
+fn cannot_start(error: std::io::Error) -> Failure {
+    let viewer = viewer_command();
+    Failure::Work(match error.kind() {
+        ErrorKind::NotFound => format!(
+            "there is no Rerun viewer `{viewer}` on this machine: install it with `pip install rerun-sdk==0.36.3` or `cargo install rerun-cli@0.36.3 --locked`, or name it in {VIEWER_VARIABLE}"
+        ),
+        _ => format!("the viewer `{viewer}` cannot be started: {error}"),
+    })
 }
 
 /// Whether a window can be opened: on Linux by what the desktop sets.
@@ -145,30 +143,53 @@ fn is_running() -> bool {
     .is_ok()
 }
 
-/// The version that the viewer reports; `None` without an answer in time.
-fn version(viewer: &str) -> std::io::Result<Option<(u32, u32)>> {
-    let command = &mut Command::new(viewer);
-    let mut child = command
-        .arg("--version")
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn()?;
-    let began = Instant::now();
-    while child.try_wait()?.is_none() {
-        if began.elapsed() > Duration::from_secs(3) {
-            child.kill()?;
-            child.wait()?;
-            return Ok(None);
+/// The viewer, asked for its version.
+struct Asked(Child);
+
+impl Asked {
+    fn ask() -> Result<Self, Failure> {
+        let command = &mut Command::new(viewer_command());
+        command
+            .arg("--version")
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .map_err(cannot_start)
+            .map(Self)
+    }
+
+    /// A sentence about a viewer that is too old; none without an answer within so long.
+    fn complaint(mut self, limit: Duration) -> Option<String> {
+        let asked = Instant::now();
+        while self.0.try_wait().ok()?.is_none() {
+            if asked.elapsed() >= limit {
+                return None;
+            }
+            std::thread::sleep(LOOK);
         }
-        std::thread::sleep(LOOK);
+        let mut said = String::new();
+        // A version is text. A descendant that holds the pipe open does not keep this waiting: a pipe without data is not read.
+        let mut output = self.0.stdout.take()?;
+        rustix::fs::fcntl_setfl(&output, OFlags::NONBLOCK).ok()?;
+        let _ = output.by_ref().take(4096).read_to_string(&mut said);
+        let (major, minor) = said
+            .split_whitespace()
+            .find_map(numbers)
+            .filter(|version| *version < VIEWER_VERSION)?;
+        Some(format!(
+            "the viewer `{}` is {major}.{minor}: one older than 0.36 may show the recording without its layout, or not at all; \
+             get a newer one with `pip install rerun-sdk==0.36.3`",
+            viewer_command()
+        ))
     }
-    let mut said = String::new();
-    if let Some(output) = child.stdout.take() {
-        // A version is text.
-        let _ = output.take(4096).read_to_string(&mut said);
+}
+
+impl Drop for Asked {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
     }
-    Ok(said.split_whitespace().find_map(numbers))
 }
 
 /// Major and minor of `0.36.3`.
@@ -177,18 +198,23 @@ fn numbers(word: &str) -> Option<(u32, u32)> {
     Some((parts.next()?.parse().ok()?, parts.next()?.parse().ok()?))
 }
 
-/// A running run in the viewer: what the recorder writes into its files is passed on to `rerun -`.
+/// A running run in the viewer: what the recorder writes into its files is passed on to `rerun -`, by a process that nobody waits for.
 ///
-/// No process waits for the viewer: the recorder writes files as ever, and a thread of this process reads them. The files are the queue, so a
-/// slow viewer falls behind and loses nothing; one that is closed ends the passing on, not the run.
+/// The recorder writes files as ever, and [`feed`] reads them. The files are the queue, so a slow viewer falls behind and loses nothing, also when the
+/// run is over; one that is closed ends the passing on, not the run.
 pub(crate) struct Live {
-    over: Arc<AtomicBool>,
-    passed: Arc<AtomicU64>,
-    thread: JoinHandle<std::io::Result<()>>,
+    /// Its standard input ends with the run, however that ends.
+    feeder: Child,
+    version: Asked,
 }
 
-/// How long the viewer may take for what it has not read yet when the run is over.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// The subcommand that passes a recording on to the viewer.
+pub const FEED: &str = "feed";
+
+/// How long the end of a run may wait for the news that the viewer has everything.
+const PATIENCE: Duration = Duration::from_millis(300);
+/// A viewer that reads nothing for so long gets no more.
+const STUCK: Duration = Duration::from_secs(60);
 /// More bytes than the head of a recording has.
 const HEAD: u64 = 64;
 /// How often the files are looked at.
@@ -199,112 +225,124 @@ impl Live {
     ///
     /// # Errors
     /// [`Failure::Work`] where there is no viewer, or none that can be shown.
-    pub(crate) fn start(folder: &Path, observer: Observer<'_>) -> Result<Self, Failure> {
+    pub(crate) fn start(folder: &Path) -> Result<Self, Failure> {
+        let version = Asked::ask()?;
         // Not this command's output: whoever reads that does not wait for the viewer's window to be closed.
-        let mut child = start(&["-"], Stdio::piped(), Stdio::null, observer)?;
-        let Some(input) = child.stdin.take() else {
-            return Err(Failure::Work("the viewer takes no input".to_owned()));
-        };
-        let (over, passed) = (
-            Arc::new(AtomicBool::new(false)),
-            Arc::new(AtomicU64::new(0)),
-        );
-        let feed = Feed {
-            folder: folder.to_owned(),
-            over: Arc::clone(&over),
-            passed: Arc::clone(&passed),
-        };
-        let thread = std::thread::spawn(move || feed.run(input));
-        Ok(Self {
-            over,
-            passed,
-            thread,
-        })
+        let mut viewer = start(&["-"], Stdio::piped(), Stdio::null)?;
+        let input = viewer.stdin.take().map_or_else(Stdio::null, Stdio::from);
+        let feeder = launcher::reexec(FEED, folder).and_then(|mut command| {
+            command
+                .process_group(0)
+                .stdin(Stdio::piped())
+                .stdout(input)
+                .stderr(Stdio::null())
+                .spawn()
+        });
+        let feeder =
+            feeder.map_err(|error| Failure::Work(format!("cannot start {FEED}: {error}")))?;
+        Ok(Self { feeder, version })
     }
 
-    /// The run is over: waits for the viewer to take the rest. Answers what to tell the user, if anything.
-    pub(crate) fn finish(self) -> Option<String> {
-        self.over.store(true, Ordering::Release);
-        let (mut since, mut before) = (Instant::now(), 0);
-        while !self.thread.is_finished() {
-            let passed = self.passed.load(Ordering::Relaxed);
-            if passed > before {
-                (since, before) = (Instant::now(), passed);
-            }
-            if since.elapsed() > PATIENCE {
-                return Some(format!(
-                    "the viewer has stopped reading after {:.1} MB; the recording is whole",
-                    passed as f64 / 1e6
-                ));
-            }
+    /// The run is over. Answers what to tell the user.
+    pub(crate) fn finish(mut self) -> impl Iterator<Item = String> {
+        drop(self.feeder.stdin.take());
+        let over = Instant::now();
+        let mut ended = None;
+        while ended.is_none() && over.elapsed() < PATIENCE {
             std::thread::sleep(LOOK);
+            ended = self.feeder.try_wait().ok().flatten();
         }
-        match self.thread.join() {
-            Ok(Ok(())) => None,
-            Ok(Err(error)) if error.kind() == ErrorKind::BrokenPipe => {
-                Some("the viewer was closed before the end; the recording is whole".to_owned())
-            }
-            Ok(Err(error)) => Some(format!(
-                "the viewer did not get everything: {error}; the recording is whole"
-            )),
-            Err(_) => Some("the viewer did not get everything; the recording is whole".to_owned()),
+        let passed = match ended.map(|status| status.success()) {
+            Some(true) => None,
+            Some(false) => Some("the viewer was closed before the end; the recording is whole"),
+            None => Some(
+                "the viewer has not read everything yet, it gets the rest while it reads; the recording is whole",
+            ),
+        };
+        let passed = passed.map(str::to_owned);
+        passed
+            .into_iter()
+            .chain(self.version.complaint(Duration::ZERO))
+    }
+}
+
+/// Passes the recording in a folder on to the viewer on standard output while it is made, until standard input ends and nothing is left.
+///
+/// # Errors
+/// The viewer's, or that of a file.
+pub fn feed(folder: &Path) -> std::io::Result<()> {
+    let viewer = File::from(std::io::stdout().as_fd().try_clone_to_owned()?);
+    rustix::fs::fcntl_setfl(&viewer, OFlags::NONBLOCK)?;
+    for part in 0.. {
+        let Some(mut file) = await_part(folder, part)? else {
+            break;
+        };
+        pass_part(&mut file, &folder.join(viz::part_name(part + 1)), &viewer)?;
+    }
+    Ok(())
+}
+
+/// Whether a file can be read or written, or its other end is closed, within so long.
+fn is_ready(file: impl AsFd, flags: PollFlags, limit: Duration) -> bool {
+    let limit = Timespec {
+        tv_sec: limit.as_secs() as i64,
+        tv_nsec: i64::from(limit.subsec_nanos()),
+    };
+    poll(&mut [PollFd::new(&file, flags)], Some(&limit)).is_ok_and(|ready| ready > 0)
+}
+
+/// Waits for a moment; whether the run is over.
+fn is_over() -> bool {
+    is_ready(std::io::stdin(), PollFlags::IN, LOOK)
+}
+
+/// Opens a part as soon as it exists; `None` when the run is over without it.
+fn await_part(folder: &Path, part: u32) -> std::io::Result<Option<File>> {
+    loop {
+        let over = is_over();
+        match files::open(&folder.join(viz::part_name(part))) {
+            Ok(file) => return Ok(Some(file)),
+            Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
+            Err(_) if over => return Ok(None),
+            Err(_) => {}
         }
     }
 }
 
-struct Feed {
-    folder: PathBuf,
-    over: Arc<AtomicBool>,
-    passed: Arc<AtomicU64>,
-}
-
-impl Feed {
-    fn run(&self, mut viewer: ChildStdin) -> std::io::Result<()> {
-        for part in 0.. {
-            let Some(mut file) = self.await_part(part)? else {
+/// Passes on what a part holds and what comes, until it has a successor or the run is over.
+fn pass_part(part: &mut File, next: &Path, viewer: &File) -> std::io::Result<()> {
+    let mut buffer = vec![0; 1 << 16];
+    loop {
+        // Asked before reading: what was written before the answer is read below.
+        // A successor is made, with no more than its head, before its predecessor has got its end; what it holds is written after.
+        let ended = is_over() || std::fs::metadata(next).is_ok_and(|file| file.len() > HEAD);
+        loop {
+            let got = part.read(&mut buffer)?;
+            if got == 0 {
                 break;
-            };
-            self.pass_on(&mut file, part, &mut viewer)?;
-        }
-        viewer.flush()
-    }
-
-    /// Opens a part as soon as it exists; `None` when the run is over without it.
-    fn await_part(&self, part: u32) -> std::io::Result<Option<File>> {
-        loop {
-            let over = self.over.load(Ordering::Acquire);
-            match files::open(&self.folder.join(viz::part_name(part))) {
-                Ok(file) => return Ok(Some(file)),
-                Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
-                Err(_) if over => return Ok(None),
-                Err(_) => std::thread::sleep(LOOK),
             }
+            pass(&buffer[..got], viewer)?;
+        }
+        if ended {
+            return Ok(());
         }
     }
+}
 
-    /// Passes on what a part holds and what comes, until it has a successor or the run is over.
-    fn pass_on(&self, file: &mut File, part: u32, viewer: &mut ChildStdin) -> std::io::Result<()> {
-        let next = self.folder.join(viz::part_name(part + 1));
-        let mut buffer = vec![0; 1 << 16];
-        loop {
-            // Asked before reading: what was written before the answer is read below.
-            // A successor is made, with no more than its head, before its predecessor has got its end; what it holds is written after.
-            let ended = self.over.load(Ordering::Acquire)
-                || std::fs::metadata(&next).is_ok_and(|file| file.len() > HEAD);
-            loop {
-                let got = file.read(&mut buffer)?;
-                if got == 0 {
-                    break;
+fn pass(mut bytes: &[u8], mut viewer: &File) -> std::io::Result<()> {
+    while !bytes.is_empty() {
+        match viewer.write(bytes) {
+            Ok(passed) => bytes = &bytes[passed..],
+            Err(error) if error.kind() == ErrorKind::Interrupted => {}
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                if !is_ready(viewer, PollFlags::OUT, STUCK) {
+                    return Err(ErrorKind::TimedOut.into());
                 }
-                viewer.write_all(&buffer[..got])?;
-                self.passed.fetch_add(got as u64, Ordering::Relaxed);
             }
-            if ended {
-                return Ok(());
-            }
-            std::thread::sleep(LOOK);
+            Err(error) => return Err(error),
         }
     }
+    Ok(())
 }
 
 #[cfg(test)]
