@@ -1,5 +1,6 @@
 //! The processes of the graph that this program contains, as the launcher starts them: `armplane plant --run DIR` and so on.
 
+use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -107,7 +108,10 @@ fn work(Command { part, run }: &Command) -> Result<(), ProcessError> {
         }
         Part::Feed => {
             let folder = run.as_deref().unwrap_or(Path::new("."));
-            return session::feed(folder).map_err(ProcessError::setup);
+            let viewer = std::io::stdout().as_fd().try_clone_to_owned();
+            return viewer
+                .and_then(|viewer| session::feed(folder, viewer))
+                .map_err(ProcessError::setup);
         }
     };
     let shell = Shell::started(run.as_deref(), program.map(Program::name))?;

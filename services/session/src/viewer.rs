@@ -4,7 +4,7 @@ use std::ffi::OsStr;
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpStream};
-use std::os::fd::AsFd;
+use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
@@ -266,12 +266,12 @@ impl Live {
     }
 }
 
-/// Passes the recording in a folder on to the viewer on standard output while it is made, until standard input ends and nothing is left.
+/// Passes the recording in a folder on to a viewer while it is made, until standard input ends and nothing is left.
 ///
 /// # Errors
 /// The viewer's, or that of a file.
-pub fn feed(folder: &Path) -> std::io::Result<()> {
-    let viewer = File::from(std::io::stdout().as_fd().try_clone_to_owned()?);
+pub fn feed(folder: &Path, viewer: OwnedFd) -> std::io::Result<()> {
+    let viewer = File::from(viewer);
     rustix::fs::fcntl_setfl(&viewer, OFlags::NONBLOCK)?;
     for part in 0.. {
         let Some(mut file) = await_part(folder, part)? else {
