@@ -17,7 +17,7 @@ use shared_types::job::{Job, RobotText};
 use shared_types::summary::{Machine, Summary};
 
 use crate::blueprint::{ACROSS, ALONG, JOINTS};
-use crate::plot::{Axis, Color, PlotError, RED, digits, numbered};
+use crate::plot::{Axis, Color, Panel, PlotError, RED, digits, numbered};
 use crate::read::ReadError;
 use crate::shortfall::Reading;
 use crate::signals::Signal;
@@ -64,39 +64,11 @@ pub fn report(
 ) -> Result<Report, ReportError> {
     let mut reading = Reading::default();
     let recorded = &Recorded::read(parts, summary, &mut reading)?;
-    let shortfall = reading
-        .shortfall(parts, Some(summary))
-        .map(|shortfall| shortfall.to_string());
-    let lacks: Vec<String> = shortfall
-        .into_iter()
-        .chain(damage.iter().cloned())
-        .collect();
+    let shortfall = reading.shortfall(parts, Some(summary));
+    let mut lacks: Vec<String> = shortfall.iter().map(ToString::to_string).collect();
+    lacks.extend_from_slice(damage);
     let mut page = Html::default();
-    let title = if job.scenario.title.is_empty() {
-        &summary.scenario
-    } else {
-        &job.scenario.title
-    };
-    let title = escaped(title);
-    page.add(format_args!(
-        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\
-         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\
-         <title>{title} · armplane</title><style>{}</style></head><body>\n<h1>{title}</h1>",
-        include_str!("report/report.css")
-    ));
-    let good = summary.outcome == "goal reached";
-    page.add(format_args!(
-        "<p class=\"outcome {}\">{} — {}</p>",
-        if good { "good" } else { "bad" },
-        escaped(&summary.outcome),
-        escaped(&summary.reason)
-    ));
-    if !job.scenario.about.is_empty() {
-        page.add(format_args!("<p>{}</p>", escaped(&job.scenario.about)));
-    }
-    for lack in &lacks {
-        page.add(format_args!("<p class=\"bad\">{}</p>", escaped(lack)));
-    }
+    head(&mut page, summary, job, &lacks);
     let singularities = Named::all(&recorded.singularities);
     let RobotText {
         name,
@@ -116,19 +88,17 @@ pub fn report(
         stage.moments(&mut page, job, summary, recorded, &singularities);
     }
     if recorded.lines.is_empty() {
-        page.add(format_args!(
-            "<p class=\"soft\">There is no recording, hence neither pictures nor plots.</p>"
-        ));
+        page.add("<p class=\"soft\">There is no recording, hence neither pictures nor plots.</p>");
     } else {
         page.heading("Arm and signals");
-        page.add(format_args!("<div class=\"desk\">"));
+        page.add("<div class=\"desk\">");
         if let Some(stage) = &stage {
             stage.slider(&mut page, recorded.end_s);
         }
-        page.add(format_args!("<div class=\"plots\">"));
+        page.add("<div class=\"plots\">");
         let turns = robot.is_none_or(|robot| robot.task.0[3..].contains(&true));
         plots(&mut page, job, recorded, &singularities, turns, path)?;
-        page.add(format_args!("</div></div>"));
+        page.add("</div></div>");
     }
     tables(&mut page, summary);
     happened(&mut page, summary, recorded);
@@ -136,78 +106,83 @@ pub fn report(
     if let Some(stage) = &mut stage {
         stage.script(&mut page);
     }
-    page.add(format_args!("</body></html>"));
+    page.add("</body></html>");
     Ok(Report {
         text: page.text,
         lacks,
     })
 }
 
+/// The run's title, its outcome, and what is missing of it.
+fn head(page: &mut Html, summary: &Summary, job: &Job, lacks: &[String]) {
+    let title = match job.scenario.title.as_str() {
+        "" => escaped(&summary.scenario),
+        title => escaped(title),
+    };
+    page.add(format_args!(
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\
+         <title>{title} · armplane</title><style>{}</style></head><body>\n<h1>{title}</h1>",
+        include_str!("report/report.css")
+    ));
+    let (outcome, reason) = (escaped(&summary.outcome), escaped(&summary.reason));
+    let class = if summary.outcome == "goal reached" {
+        "good"
+    } else {
+        "bad"
+    };
+    page.add(format_args!(
+        "<p class=\"outcome {class}\">{outcome} — {reason}</p>"
+    ));
+    if !job.scenario.about.is_empty() {
+        page.add(format_args!("<p>{}</p>", escaped(&job.scenario.about)));
+    }
+    for lack in lacks {
+        page.add(format_args!("<p class=\"bad\">{}</p>", escaped(lack)));
+    }
+}
+
+/// The texts of a row.
+macro_rules! row {
+    ($($cell:expr),* $(,)?) => { vec![$($cell.to_string()),*] };
+}
+
 fn tables(page: &mut Html, summary: &Summary) {
     let task = &summary.task;
     page.heading("Accuracy");
-    let of = |values: [f64; 3]| values.map(digits);
-    let row = |name: &str, values: [f64; 3]| [vec![name.to_owned()], of(values).to_vec()].concat();
     page.table(
         &["task error", "largest", "orthogonal to ζ", "at the end"],
-        &[
-            row(
+        [
+            row![
                 "position, mm",
-                [
-                    task.position_max_mm,
-                    task.orthogonal_max_mm,
-                    task.final_position_mm,
-                ],
-            ),
-            row(
+                digits(task.position_max_mm),
+                digits(task.orthogonal_max_mm),
+                digits(task.final_position_mm),
+            ],
+            row![
                 "orientation, °",
-                [
-                    task.orientation_max_deg,
-                    task.orthogonal_max_deg,
-                    task.final_orientation_deg,
-                ],
-            ),
+                digits(task.orientation_max_deg),
+                digits(task.orthogonal_max_deg),
+                digits(task.final_orientation_deg),
+            ],
         ],
     );
     let joints = &summary.joints;
-    let percent = |ratio: f64, has_limit: bool| {
-        if has_limit {
-            format!("{:.1} %", 100.0 * ratio)
-        } else {
-            "no limit".to_owned()
-        }
+    let percent = |ratio: f64, has_limit: bool| match has_limit {
+        true => format!("{:.1} %", 100.0 * ratio),
+        false => "no limit".to_owned(),
     };
+    let torque = |ratio: f64| percent(ratio, joints.has_torque_limit);
+    let step = torque(joints.torque_step_max_ratio);
+    let speed = percent(joints.speed_max_ratio, joints.has_speed_limit);
     page.table(
         &["joint load, of the robot's limit", "largest"],
-        &[
-            vec![
-                "torque".to_owned(),
-                percent(joints.torque_max_ratio, joints.has_torque_limit),
-            ],
-            vec![
-                "torque step in one tick".to_owned(),
-                percent(joints.torque_step_max_ratio, joints.has_torque_limit),
-            ],
-            vec![
-                "speed".to_owned(),
-                percent(joints.speed_max_ratio, joints.has_speed_limit),
-            ],
+        [
+            row!["torque", torque(joints.torque_max_ratio)],
+            row!["torque step in one tick", step],
+            row!["speed", speed],
         ],
     );
-    let singularities: Vec<Vec<String>> = summary
-        .singularities
-        .iter()
-        .map(|one| {
-            vec![
-                one.name.clone(),
-                one.class.clone(),
-                digits(one.s_min),
-                one.inside_ticks.to_string(),
-                one.entries.to_string(),
-                digits(one.zeta_turned_deg),
-            ]
-        })
-        .collect();
     page.table(
         &[
             "singularity",
@@ -217,7 +192,17 @@ fn tables(page: &mut Html, summary: &Summary) {
             "entries",
             "ζ turned, °",
         ],
-        &singularities,
+        summary.singularities.iter().map(|one| {
+            let (s, turned) = (digits(one.s_min), digits(one.zeta_turned_deg));
+            row![
+                one.name,
+                one.class,
+                s,
+                one.inside_ticks,
+                one.entries,
+                turned
+            ]
+        }),
     );
 }
 
@@ -233,30 +218,8 @@ fn plots(
     turns: bool,
     path: &Path,
 ) -> Result<(), PlotError> {
-    let rate_hz = f64::from(job.scenario.rate_hz.max(1));
-    let joint = |name: &str| format!("q{name}");
-    let joints: Vec<Color> = JOINTS.map(ink).to_vec();
     let own: Vec<Color> = singularities.iter().map(|one| ink(one.colour)).collect();
-    let analysis = &job.scenario.analysis;
-
-    let mut near = recorded.blank(
-        "|s|/η: how near to each singularity",
-        Axis::default().logarithmic().within(1e-3..30.0),
-    );
-    near.floor("treated as singular", Color { 3: 0.13, ..RED }, 1.0);
-    for (i, one) in singularities.iter().enumerate() {
-        let shade = Color { 3: 0.13, ..own[i] };
-        recorded
-            .stretches(&format!("mode/{}", one.name), "regular", rate_hz)
-            .into_iter()
-            .for_each(|stretch| near.band("", shade, stretch));
-    }
-    recorded.draw_scaled(&mut near, Signal::Measure, &own, |i, s| {
-        let eta = singularities
-            .get(i)
-            .map_or(1.0, |one| analysis.eta_in.of(one.kind));
-        (s.abs() / eta.max(1e-12)).clamp(LEAST, 1e6)
-    });
+    let near = nearness(job, recorded, singularities, &own);
     page.broad_figure(
         path,
         near,
@@ -264,99 +227,49 @@ fn plots(
          motion, reorienting, holding).",
     )?;
 
-    let errors = [ink(ACROSS), ink(ALONG)];
-    let error = |title: &str, signal, tolerance: f64, most: f64| {
-        let mut panel = recorded.blank(title, Axis::default().logarithmic().within(LEAST..most));
-        recorded.draw_scaled(&mut panel, signal, &errors, |_, value| {
-            value.clamp(LEAST, most)
+    let error = |title: &str, signal, tolerance: f64| {
+        const MOST: f64 = 100.0;
+        let axis = Axis::default().logarithmic().within(LEAST..MOST);
+        let mut panel = recorded.blank(title, axis);
+        let colours = [ink(ACROSS), ink(ALONG)];
+        recorded.draw(&mut panel, signal, &colours, str::to_owned, |_, value| {
+            value.clamp(LEAST, MOST)
         });
-        if tolerance < most {
-            panel.dashed(
-                "goal",
-                RED,
-                &[(0.0, tolerance), (recorded.end_s, tolerance)],
-            );
+        if tolerance < MOST {
+            let ends = [(0.0, tolerance), (recorded.end_s, tolerance)];
+            panel.dashed("goal", RED, &ends);
         }
         panel
     };
     let goal = &job.scenario.goal;
-    let position = error(
-        "position error, mm",
-        Signal::PositionError,
-        goal.position_mm,
-        100.0,
-    );
-    let orientation = error(
-        "orientation error, °",
-        Signal::OrientationError,
-        goal.orientation_deg,
-        100.0,
-    );
+    let (mm, deg) = (goal.position_mm, goal.orientation_deg);
+    let mut errors = vec![error("position error, mm", Signal::PositionError, mm)];
+    if turns {
+        errors.push(error("orientation error, °", Signal::OrientationError, deg));
+    }
     page.figure(
         path,
-        std::iter::once(position).chain(turns.then_some(orientation)),
+        errors,
         "Desired against true pose, orthogonal to and along the singular directions ζ that the arm is inside of.",
     )?;
-
-    let (torque, of) = recorded.over_limit(
-        [Signal::TorqueTaskRatio, Signal::TorqueNullRatio],
-        [Signal::TorqueTask, Signal::TorqueNull],
-        "N·m",
-    );
-    let task = recorded.panel(
-        &format!("hand torque, with gravity{of}"),
-        torque[0],
-        Axis::default(),
-        &joints,
-        joint,
-    );
-    let null = recorded.panel(
-        &format!("null-space torque{of}"),
-        torque[1],
-        Axis::default(),
-        &joints,
-        joint,
-    );
-    let range = recorded.panel(
-        "joints between their limits ±1",
-        Signal::PositionInRange,
-        Axis::default().within(-1.05..1.05),
-        &joints,
-        joint,
-    );
-    let ([speed], of) = recorded.over_limit([Signal::SpeedRatio], [Signal::Speed], "rad/s");
-    let speed = recorded.panel(
-        &format!("joint speeds{of}"),
-        speed,
-        Axis::default(),
-        &joints,
-        joint,
-    );
     page.figure(
         path,
-        [task, null, range, speed],
+        joints(recorded),
         "The joints; colours are the same in all four.",
     )?;
 
-    let mut scale = recorded.blank(
-        "β (1: hand, 0: null space) and governor",
-        Axis::default().within(-0.05..1.05),
-    );
-    recorded.draw(&mut scale, Signal::Beta, &own, |name| format!("β {name}"));
-    for (i, line) in recorded
-        .lines
-        .get(Signal::Scale.name())
-        .into_iter()
-        .flatten()
-        .enumerate()
-    {
+    let axis = Axis::default().within(-0.05..1.05);
+    let title = "β (1: hand, 0: null space) and governor";
+    let beta = |name: &str| format!("β {name}");
+    let mut scale = recorded.panel(title, Signal::Beta, axis, &own, beta);
+    for (i, line) in recorded.of(Signal::Scale).enumerate() {
         scale.dashed(&line.name, numbered(i + 4), &line.points);
     }
     let latency = recorded.panel(
         "latency per hop, µs",
         Signal::Latency,
         Axis::default().logarithmic(),
-        &joints,
+        &JOINTS.map(ink),
         str::to_owned,
     );
     page.figure(
@@ -365,6 +278,57 @@ fn plots(
         "The share of the hand in control (β), and how fast path time, task torque and null-space torque are let through; and the hops of each tick, the \
          whole chain among them: in lockstep they say how fast the machine is, not how punctual.",
     )
+}
+
+/// How near the arm is to each singularity, in units of its neighbourhood.
+fn nearness(job: &Job, recorded: &Recorded, singularities: &[Named], own: &[Color]) -> Panel {
+    let mut near = recorded.blank(
+        "|s|/η: how near to each singularity",
+        Axis::default().logarithmic().within(1e-3..30.0),
+    );
+    near.floor("treated as singular", Color { 3: 0.13, ..RED }, 1.0);
+    let rate_hz = f64::from(job.scenario.rate_hz.max(1));
+    for (one, colour) in singularities.iter().zip(own) {
+        let lane = format!("mode/{}", one.name);
+        for stretch in recorded.stretches(&lane, "regular", rate_hz) {
+            near.band("", Color { 3: 0.13, ..*colour }, stretch);
+        }
+    }
+    let eta_in = &job.scenario.analysis.eta_in;
+    recorded.draw(&mut near, Signal::Measure, own, str::to_owned, |i, s| {
+        let eta = singularities.get(i).map_or(1.0, |one| eta_in.of(one.kind));
+        (s.abs() / eta.max(1e-12)).clamp(LEAST, 1e6)
+    });
+    near
+}
+
+/// Torques, positions and speeds of the joints.
+fn joints(recorded: &Recorded) -> [Panel; 4] {
+    let panel = |title: &str, signal, axis| {
+        let name = |name: &str| format!("q{name}");
+        recorded.panel(title, signal, axis, &JOINTS.map(ink), name)
+    };
+    let ([task, null], of) = recorded.over_limit(
+        [Signal::TorqueTaskRatio, Signal::TorqueNullRatio],
+        [Signal::TorqueTask, Signal::TorqueNull],
+        "N·m",
+    );
+    let ([speed], speed_of) = recorded.over_limit([Signal::SpeedRatio], [Signal::Speed], "rad/s");
+    let range = Axis::default().within(-1.05..1.05);
+    [
+        panel(
+            &format!("hand torque, with gravity{of}"),
+            task,
+            Axis::default(),
+        ),
+        panel(&format!("null-space torque{of}"), null, Axis::default()),
+        panel(
+            "joints between their limits ±1",
+            Signal::PositionInRange,
+            range,
+        ),
+        panel(&format!("joint speeds{speed_of}"), speed, Axis::default()),
+    ]
 }
 
 /// The run's own description.
@@ -387,82 +351,46 @@ fn facts(page: &mut Html, summary: &Summary) {
 
 fn happened(page: &mut Html, summary: &Summary, recorded: &Recorded) {
     page.heading("Modes and faults");
-    let modes: Vec<Vec<String>> = summary
-        .modes
-        .iter()
-        .map(|change| {
-            vec![
-                change.tick.to_string(),
-                change.singularity.clone(),
-                change.mode.clone(),
-            ]
-        })
-        .collect();
-    page.some("No mode changed.", &["tick", "singularity", "mode"], &modes);
-    let faults: Vec<Vec<String>> = summary
-        .faults
-        .iter()
-        .map(|fault| {
-            vec![
-                fault.tick.to_string(),
-                fault.process.clone(),
-                fault.kind.clone(),
-                fault.detail.clone(),
-            ]
-        })
-        .collect();
+    let modes = summary.modes.iter();
+    let modes = modes.map(|change| row![change.tick, change.singularity, change.mode]);
+    page.some("No mode changed.", &["tick", "singularity", "mode"], modes);
+    let faults = summary.faults.iter();
     page.some(
         "No fault, refusal or loss.",
         &["tick", "process", "fault", "what happened"],
-        &faults,
+        faults.map(|fault| row![fault.tick, fault.process, fault.kind, fault.detail]),
     );
-    if summary.deadlines.total > 0 {
+    let deadlines = &summary.deadlines;
+    if deadlines.total > 0 {
         page.add(format_args!(
             "<p>{} deadlines missed of {}.</p>",
-            summary.deadlines.missed, summary.deadlines.total
+            deadlines.missed, deadlines.total
         ));
-        let causes: Vec<Vec<String>> = summary
-            .deadlines
-            .by_cause
-            .iter()
-            .map(|(cause, count)| vec![cause.clone(), count.to_string()])
-            .collect();
-        page.some("", &["cause", "missed"], &causes);
+        let causes = deadlines.by_cause.iter();
+        let causes = causes.map(|(cause, count)| row![cause, count]);
+        page.some("", &["cause", "missed"], causes);
     }
-    let latency: Vec<Vec<String>> = summary
-        .latency_us
-        .iter()
-        .map(|(hop, l)| {
-            vec![
-                hop.clone(),
-                l.count.to_string(),
-                digits(l.p50),
-                digits(l.p99),
-                digits(l.p999),
-                digits(l.max),
-            ]
-        })
-        .collect();
+    let latency = summary.latency_us.iter().map(|(hop, l)| {
+        let [p50, p99, p999, max] = [l.p50, l.p99, l.p999, l.max].map(digits);
+        row![hop, l.count, p50, p99, p999, max]
+    });
     page.some(
         "",
         &["latency, µs", "samples", "p50", "p99", "p99.9", "max"],
-        &latency,
+        latency,
     );
-    if !recorded.log.is_empty() {
-        page.heading("Log");
-        let lines: Vec<Vec<String>> = recorded
-            .log
-            .iter()
-            .take(LOG_LINES)
-            .map(|(tick, level, text)| vec![tick.to_string(), level.clone(), text.clone()])
-            .collect();
-        page.table(&["tick", "level", "what"], &lines);
-        if recorded.log.len() > LOG_LINES {
-            page.add(format_args!(
-                "<p class=\"soft\">{} more lines are in the recording.</p>",
-                recorded.log.len() - LOG_LINES
-            ));
-        }
+    if recorded.log.is_empty() {
+        return;
+    }
+    page.heading("Log");
+    let lines = recorded.log.iter().take(LOG_LINES);
+    let lines = lines.map(|(tick, level, text)| row![tick, level, text]);
+    page.table(&["tick", "level", "what"], lines);
+    if recorded.log.len() > LOG_LINES {
+        page.add(format_args!(
+            "<p class=\"soft\">{} more lines are in the recording.</p>",
+            recorded.log.len() - LOG_LINES
+        ));
     }
 }
 
@@ -470,54 +398,37 @@ fn provenance(page: &mut Html, summary: &Summary) {
     page.heading("Provenance");
     facts(page, summary);
     let Machine { cpu, cores, kernel } = &summary.machine;
-    let recording = match (
-        summary.recorder.file.as_str(),
-        summary.recorder.error.as_str(),
-    ) {
+    let recorder = &summary.recorder;
+    let recording = match (recorder.file.as_str(), recorder.error.as_str()) {
         ("", "") => "none".to_owned(),
         (file, "") => format!(
             "{file}, {:.1} MB, {} part(s)",
-            summary.recorder.bytes as f64 / 1e6,
-            summary.recorder.parts.max(1)
+            recorder.bytes as f64 / 1e6,
+            recorder.parts.max(1)
         ),
         (_, error) => error.to_owned(),
     };
+    let machine = match cpu.as_str() {
+        "" => "not recorded".to_owned(),
+        cpu => format!("{cpu}, {cores} cores, {kernel}"),
+    };
+    let messages = format!("{} received, {} lost", recorder.messages, recorder.lost);
     page.facts(&[
         ("armplane", summary.version.clone()),
-        (
-            "machine",
-            if cpu.is_empty() {
-                "not recorded".to_owned()
-            } else {
-                format!("{cpu}, {cores} cores, {kernel}")
-            },
-        ),
+        ("machine", machine),
         ("recording", recording),
-        (
-            "messages",
-            format!(
-                "{} received, {} lost",
-                summary.recorder.messages, summary.recorder.lost
-            ),
-        ),
+        ("messages", messages),
     ]);
-    let processes: Vec<Vec<String>> = summary
-        .processes
-        .iter()
-        .map(|one| {
-            vec![
-                one.name.clone(),
-                one.pid.to_string(),
-                one.restarts.to_string(),
-                one.exit.clone(),
-            ]
-        })
-        .collect();
-    page.some("", &["process", "pid", "restarts", "exit"], &processes);
-    let topics: Vec<Vec<String>> = summary
-        .topics
-        .iter()
-        .map(|(name, topic)| vec![name.clone(), topic.count.to_string(), topic.hash.clone()])
-        .collect();
-    page.some("", &["topic", "messages", "hash of the contents"], &topics);
+    let processes = summary.processes.iter();
+    page.some(
+        "",
+        &["process", "pid", "restarts", "exit"],
+        processes.map(|one| row![one.name, one.pid, one.restarts, one.exit]),
+    );
+    let topics = summary.topics.iter();
+    page.some(
+        "",
+        &["topic", "messages", "hash of the contents"],
+        topics.map(|(name, topic)| row![name, topic.count, topic.hash]),
+    );
 }

@@ -1,6 +1,6 @@
 //! HTML elements of a report.
 
-use std::fmt::Write;
+use std::fmt::{Display, Write};
 use std::path::Path;
 
 use crate::plot::{Page, Panel, PlotError, Row};
@@ -12,7 +12,7 @@ pub(super) struct Html {
 }
 
 impl Html {
-    pub(super) fn add(&mut self, text: std::fmt::Arguments<'_>) {
+    pub(super) fn add(&mut self, text: impl Display) {
         let _ = writeln!(self.text, "{text}");
     }
 
@@ -21,46 +21,47 @@ impl Html {
     }
 
     pub(super) fn facts(&mut self, facts: &[(&str, String)]) {
-        self.add(format_args!("<dl>"));
-        facts.iter().for_each(|(name, value)| {
-            self.add(format_args!("<dt>{name}</dt><dd>{}</dd>", escaped(value)))
-        });
-        self.add(format_args!("</dl>"));
+        self.add("<dl>");
+        for (name, value) in facts {
+            self.add(format_args!("<dt>{name}</dt><dd>{}</dd>", escaped(value)));
+        }
+        self.add("</dl>");
     }
 
     /// A table; columns of numbers are right-aligned.
-    pub(super) fn table(&mut self, headings: &[&str], rows: &[Vec<String>]) {
-        let numeric = |column: usize| {
-            column > 0
-                && rows
-                    .iter()
-                    .all(|row| row[column].starts_with(|c: char| c.is_ascii_digit() || c == '-'))
+    pub(super) fn table(&mut self, headings: &[&str], rows: impl IntoIterator<Item = Vec<String>>) {
+        let rows: Vec<Vec<String>> = rows.into_iter().collect();
+        let is_number = |cell: &String| cell.starts_with(|c: char| c.is_ascii_digit() || c == '-');
+        let class = |column: usize| {
+            let numeric = column > 0 && rows.iter().all(|row| is_number(&row[column]));
+            if numeric { " class=\"n\"" } else { "" }
         };
-        let class: Vec<&str> = (0..headings.len())
-            .map(|column| if numeric(column) { " class=\"n\"" } else { "" })
-            .collect();
-        self.add(format_args!("<div class=\"wide\"><table><tr>"));
-        headings.iter().zip(&class).for_each(|(heading, class)| {
-            self.add(format_args!("<th{class}>{}</th>", escaped(heading)))
-        });
-        self.add(format_args!("</tr>"));
-        for row in rows {
-            let cells: String = row
-                .iter()
-                .zip(&class)
-                .map(|(cell, class)| format!("<td{class}>{}</td>", escaped(cell)))
-                .collect();
-            self.add(format_args!("<tr>{cells}</tr>"));
+        let class: Vec<&str> = (0..headings.len()).map(class).collect();
+        self.add("<div class=\"wide\"><table><tr>");
+        for (heading, class) in headings.iter().zip(&class) {
+            self.add(format_args!("<th{class}>{}</th>", escaped(heading)));
         }
-        self.add(format_args!("</table></div>"));
+        self.add("</tr>");
+        for row in &rows {
+            let cells = row.iter().zip(&class);
+            let cells = cells.map(|(cell, class)| format!("<td{class}>{}</td>", escaped(cell)));
+            self.add(format_args!("<tr>{}</tr>", cells.collect::<String>()));
+        }
+        self.add("</table></div>");
     }
 
     /// A table, or what to say where there is nothing in it.
-    pub(super) fn some(&mut self, none: &str, headings: &[&str], rows: &[Vec<String>]) {
-        match (rows.is_empty(), none) {
-            (true, "") => {}
-            (true, none) => self.add(format_args!("<p>{}</p>", escaped(none))),
-            (false, _) => self.table(headings, rows),
+    pub(super) fn some(
+        &mut self,
+        none: &str,
+        headings: &[&str],
+        rows: impl IntoIterator<Item = Vec<String>>,
+    ) {
+        let mut rows = rows.into_iter().peekable();
+        if rows.peek().is_some() {
+            self.table(headings, rows);
+        } else if !none.is_empty() {
+            self.add(format_args!("<p>{}</p>", escaped(none)));
         }
     }
 

@@ -67,8 +67,8 @@ impl Line {
             gathered: 0,
             last_s: f64::INFINITY,
             patience_s,
-            least: (0.0, f64::INFINITY),
-            largest: (0.0, f64::NEG_INFINITY),
+            least: NOTHING.0,
+            largest: NOTHING.1,
         }
     }
 
@@ -104,19 +104,13 @@ impl Line {
                 self.points.push(b);
             }
         }
-        let name = std::mem::take(&mut self.name);
-        let (points, gaps) = (
-            std::mem::take(&mut self.points),
-            std::mem::take(&mut self.gaps),
-        );
-        *self = Self {
-            points,
-            gaps,
-            last_s: self.last_s,
-            ..Self::new(name, self.stride, self.patience_s)
-        };
+        self.gathered = 0;
+        (self.least, self.largest) = NOTHING;
     }
 }
+
+/// The least and the largest of no values.
+const NOTHING: ((f64, f64), (f64, f64)) = ((0.0, f64::INFINITY), (0.0, f64::NEG_INFINITY));
 
 impl Recorded {
     pub(super) fn read(
@@ -189,6 +183,11 @@ impl Recorded {
         panel
     }
 
+    /// The lines of a signal.
+    pub(super) fn of(&self, signal: Signal) -> impl Iterator<Item = &Line> {
+        self.lines.get(signal.name()).into_iter().flatten()
+    }
+
     /// A diagram of a signal's lines; `name`: how the legend calls them.
     pub(super) fn panel(
         &self,
@@ -199,52 +198,29 @@ impl Recorded {
         name: impl Fn(&str) -> String,
     ) -> Panel {
         let mut panel = self.blank(title, axis);
-        self.draw(&mut panel, signal, colours, name);
+        self.draw(&mut panel, signal, colours, name, |_, value| value);
         panel
     }
 
+    /// Draws a signal's lines, their values changed by `of`, by the place of the line.
     pub(super) fn draw(
         &self,
         panel: &mut Panel,
         signal: Signal,
         colours: &[Color],
         name: impl Fn(&str) -> String,
-    ) {
-        let lines = || self.lines.get(signal.name()).into_iter().flatten();
-        if let Some(line) = lines().max_by_key(|line| line.gaps.len()) {
-            self.shade_gaps(panel, line);
-        }
-        for (line, colour) in lines().zip(colours.iter().cycle()) {
-            panel.line(&name(&line.name), *colour, &line.points);
-        }
-    }
-
-    /// The same of values changed by `of`, by the place of the line; a legend names them.
-    pub(super) fn draw_scaled(
-        &self,
-        panel: &mut Panel,
-        signal: Signal,
-        colours: &[Color],
         of: impl Fn(usize, f64) -> f64,
     ) {
-        let lines = || self.lines.get(signal.name()).into_iter().flatten();
-        if let Some(line) = lines().max_by_key(|line| line.gaps.len()) {
-            self.shade_gaps(panel, line);
+        if let Some(line) = self.of(signal).max_by_key(|line| line.gaps.len()) {
+            for gap in &line.gaps {
+                panel.band("nothing recorded", Color { 3: 0.30, ..GREY }, gap.clone());
+            }
         }
-        for (i, (line, colour)) in lines().zip(colours.iter().cycle()).enumerate() {
-            let points: Vec<(f64, f64)> = line
-                .points
-                .iter()
-                .map(|(t_s, value)| (*t_s, of(i, *value)))
-                .collect();
-            panel.line(&line.name, *colour, &points);
+        for (i, (line, colour)) in self.of(signal).zip(colours.iter().cycle()).enumerate() {
+            let points = line.points.iter();
+            let points: Vec<_> = points.map(|(t_s, value)| (*t_s, of(i, *value))).collect();
+            panel.line(&name(&line.name), *colour, &points);
         }
-    }
-
-    fn shade_gaps(&self, panel: &mut Panel, line: &Line) {
-        line.gaps
-            .iter()
-            .for_each(|gap| panel.band("nothing recorded", Color { 3: 0.30, ..GREY }, gap.clone()));
     }
 
     /// Signals over the joints' limits, with their titles; where the limits are infinite, hence all is 0, the signals themselves.
@@ -255,11 +231,8 @@ impl Recorded {
         unit: &str,
     ) -> ([Signal; K], String) {
         let moves = |signal: &Signal| {
-            self.lines
-                .get(signal.name())
-                .into_iter()
-                .flatten()
-                .any(|line| line.points.iter().any(|(_, value)| *value != 0.0))
+            let mut lines = self.of(*signal);
+            lines.any(|line| line.points.iter().any(|(_, value)| *value != 0.0))
         };
         match values.iter().any(moves) && !ratios.iter().any(moves) {
             true => (values, format!(", {unit}")),

@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use model::Robot;
+use serde_json::{Value, json};
 use shared_types::job::Job;
 use shared_types::summary::Summary;
 
@@ -69,7 +70,7 @@ impl<'a> Stage<'a> {
         let nearest =
             |from: u64, to: u64| nearest(job, recorded, singularities, self.rate_hz, from, to);
         let moments = self.course.moments(nearest, fault);
-        page.add(format_args!("<div class=\"poses\">"));
+        page.add("<div class=\"poses\">");
         let ground = self.drawing.ground();
         for moment in moments {
             let t_s = moment.tick as f64 / self.rate_hz;
@@ -100,7 +101,7 @@ impl<'a> Stage<'a> {
                 moment.name
             ));
         }
-        page.add(format_args!("</div>"));
+        page.add("</div>");
     }
 
     /// The picture that the slider moves.
@@ -126,67 +127,38 @@ impl<'a> Stage<'a> {
             .step_by(self.ticks.len().div_ceil(most).max(1))
             .collect();
         ticks.extend(self.ticks.last().filter(|last| ticks.last() != Some(last)));
-        let frames: Vec<String> = ticks
-            .iter()
-            .map(|tick| quoted(&markup(&self.drawing.at(*tick))))
-            .collect();
-        let times: Vec<String> = ticks
-            .iter()
-            .map(|tick| (*tick as f64 / self.rate_hz).to_string())
-            .collect();
-        let paints: Vec<String> = self
-            .drawing
-            .paints
-            .iter()
-            .map(|paint| quoted(paint))
-            .collect();
-        let words: Vec<String> = self.words(&ticks);
+        let frames = ticks.iter().map(|tick| markup(&self.drawing.at(*tick)));
+        let frames: Vec<String> = frames.collect();
+        let times = ticks.iter().map(|tick| *tick as f64 / self.rate_hz);
+        let data = json!({
+            "t": times.collect::<Vec<_>>(), "p": self.drawing.paints, "g": ground, "w": self.words(&ticks), "f": frames,
+        });
         page.add(format_args!(
-            "<script>\nconst D={{t:[{}],p:[{}],g:{},w:[{}],f:[\n{}]}};\n{}</script>",
-            times.join(","),
-            paints.join(","),
-            quoted(&ground),
-            words.join(","),
-            frames.join(",\n"),
+            "<script>\nconst D={};\n{}</script>",
+            in_html(&data),
             include_str!("report.js")
         ));
     }
 
     /// From when on which words hold: a time, and for each singularity colour, name and words.
-    fn words(&self, ticks: &[u64]) -> Vec<String> {
-        let mut all: Vec<u64> = self
-            .course
-            .turning_points()
-            .into_iter()
-            .chain(ticks.iter().copied())
-            .collect();
+    fn words(&self, ticks: &[u64]) -> Vec<Value> {
+        let mut all = self.course.turning_points();
+        all.extend(ticks);
         all.sort_unstable();
-        let mut out: Vec<String> = Vec::new();
-        let mut before = None;
+        let mut out: Vec<(u64, Value)> = Vec::new();
         for tick in all {
-            let at = self.course.at(tick);
-            let fault = self
-                .course
-                .fault(tick)
-                .map(|fault| format!("[\"#cb3234\",\"fault\",{}]", quoted(fault)));
-            let text: Vec<String> = at
-                .iter()
-                .map(|(one, words)| {
-                    format!(
-                        "[{},{},{}]",
-                        quoted(&hex(on_paper(one.colour))),
-                        quoted(&one.name),
-                        quoted(words)
-                    )
-                })
-                .collect();
-            let text = fault.into_iter().chain(text).collect::<Vec<_>>().join(",");
-            if before.as_ref() != Some(&text) {
-                out.push(format!("[{},[{text}]]", tick as f64 / self.rate_hz));
-                before = Some(text);
+            let fault = self.course.fault(tick);
+            let fault = fault.map(|fault| json!(["#cb3234", "fault", fault]));
+            let at = self.course.at(tick).into_iter();
+            let at = at.map(|(one, words)| json!([hex(on_paper(one.colour)), one.name, words]));
+            let words = Value::from_iter(fault.into_iter().chain(at));
+            if out.last().is_none_or(|(_, before)| *before != words) {
+                out.push((tick, words));
             }
         }
-        out
+        let timed = out.into_iter();
+        let timed = timed.map(|(tick, words)| json!([tick as f64 / self.rate_hz, words]));
+        timed.collect()
     }
 
     fn svg(&self, paths: &[(usize, Path)]) -> String {
@@ -253,22 +225,13 @@ fn markup(paths: &[(usize, Path)]) -> String {
         .join("|")
 }
 
-/// A string of JavaScript that may stand in HTML.
-fn quoted(text: &str) -> String {
-    let mut out = String::from("\"");
-    for c in text.chars() {
-        match c {
-            '"' | '\\' => out.extend(['\\', c]),
-            '<' | '>' | '&' | '\u{2028}' | '\u{2029}' => {
-                let _ = write!(out, "\\u{:04x}", c as u32);
-            }
-            c if c.is_control() => {
-                let _ = write!(out, "\\u{:04x}", c as u32);
-            }
-            c => out.push(c),
-        }
-    }
-    out + "\""
+/// Data that a script may hold in HTML.
+fn in_html(data: &Value) -> String {
+    let text = data.to_string();
+    let escape = |c: char| format!("\\u{:04x}", c as u32);
+    ['<', '>', '&']
+        .iter()
+        .fold(text, |text, c| text.replace(*c, &escape(*c)))
 }
 
 #[cfg(test)]
@@ -279,8 +242,8 @@ mod tests {
     #[test]
     fn a_name_given_by_a_user_cannot_end_the_script() {
         assert_eq!(
-            quoted("a\"</script>\\\n"),
-            "\"a\\\"\\u003c/script\\u003e\\\\\\u000a\""
+            in_html(&json!("a\"</script>\\\n")),
+            "\"a\\\"\\u003c/script\\u003e\\\\\\n\""
         );
         assert_eq!(
             markup(&[(3, Path::line([Vec2::ZERO, Vec2::X])), (0, Path::default())]),
