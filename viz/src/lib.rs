@@ -8,7 +8,7 @@
 //! * How it is read back without a viewer: [`read`]; as tables of other formats: [`export`]; as one HTML page: [`report`], with the pictures
 //!   of [`plot`].
 //!
-//! The cost (`examples/synthetic.rs`) grows with the number of chunks, each of which carries its schema, hence one wide table of numbers
+//! The cost (`armplane bench record`) grows with the number of chunks, each of which carries its schema, hence one wide table of numbers
 //! and a signal per component rather than per entity.
 //!
 //! docs/recording.md reads a recording back in Python.
@@ -33,8 +33,6 @@ mod shortfall;
 mod signals;
 mod sink;
 mod solid;
-#[cfg(test)]
-mod synthetic;
 mod tint;
 
 pub use export::{ExportError, ExportFormat, Exported, Messages, export};

@@ -8,7 +8,7 @@ use crate::{MergeError, ReadNews, complete, merge};
 /// A recording of two parts of 600 ticks, the last without an end: its recorder was killed.
 fn two_parts(folder: &Path, run: &str) -> [std::path::PathBuf; 2] {
     let robot = puma();
-    let scenario = Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid");
+    let scenario = fig5();
     let info = RunInfo {
         scenario: &scenario,
         robot: &robot,

@@ -78,7 +78,7 @@ fn every_part_opens_alone_and_all_together() {
 #[test]
 fn a_recorder_that_takes_up_writes_the_next_part_of_the_same_recording() {
     let (killed, taken_up, robot) = (Volume::new(usize::MAX), Volume::new(usize::MAX), puma());
-    let scenario = Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid");
+    let scenario = fig5();
     let about = about(&scenario, &robot);
     let mut run = Run::new(&robot);
     let messages: Vec<Messages> = (0..200).map(|_| run.step()).collect();
@@ -109,7 +109,7 @@ fn a_recorder_that_takes_up_writes_the_next_part_of_the_same_recording() {
 fn rows_behind_the_place_that_a_killed_recorder_noted_are_written_once() {
     let folder = tempfile::tempdir().expect("a folder");
     let robot = puma();
-    let scenario = Scenario::parse("synthetic.toml", SCENARIO, &[]).expect("valid");
+    let scenario = fig5();
     let about = about(&scenario, &robot);
     let mut run = Run::new(&robot);
     let messages: Vec<Messages> = (0..900).map(|_| run.step()).collect();
