@@ -1,6 +1,6 @@
 /* Two unit links in the plane, as the plant of `two-links.toml`: the first arm of every textbook, in closed form.
  *
- *     armplane wire --lang c > armplane.h && cc -O2 -o plant plant.c -lm && armplane run two-links.toml
+ *     armplane generate wire --lang c > armplane.h && cc -O2 -o plant plant.c -lm && armplane run two-links.toml
  *
  * Length 1 m and mass 1 kg each, slender rods, gravity along -y; classical Runge-Kutta, four steps a tick; ideal encoders and drives. */
 #include <math.h>

@@ -1,4 +1,4 @@
-"""The wire of armplane: messages, codes and the exchange page. Written by `armplane wire --lang python`; do not edit."""
+"""The wire of armplane: messages, codes and the exchange page. Written by `armplane generate wire --lang python`; do not edit."""
 
 import ctypes
 

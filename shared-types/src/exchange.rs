@@ -3,7 +3,7 @@
 //! A process with `exchange = true` in the graph runs armplane's own shell (topics, lockstep, faults, checkpoints), and the step of each tick is
 //! done by a program of the user's. The two share one file, the exchange page, and nothing else: an [`ExchangeHead`], one [`ExchangeTopic`] for
 //! each topic of the process, the messages themselves as they are on the wire, and room for the program's checkpoint. `docs/wire.md` has the
-//! state machine; `armplane wire` prints the layouts for other languages.
+//! state machine; `armplane generate wire` prints the layouts for other languages.
 //!
 //! Both sides write only their own fields. A side fills its fields, then stores its count with release order and wakes the other side by a futex
 //! on that count; the other side reads the count with acquire order before anything else.

@@ -205,7 +205,8 @@ fn lay_over(table: &mut toml::Table, setting: &str) -> Result<(), (String, Strin
     let missing = |key: &str| {
         (
             format!("`{key}` does not name a place in the file"),
-            "the keys are those of the file: `armplane schema scenario` lists them".to_owned(),
+            "the keys are those of the file: `armplane generate schema scenario` lists them"
+                .to_owned(),
         )
     };
     let mut keys = path.trim().split('.').peekable();

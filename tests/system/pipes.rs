@@ -59,7 +59,7 @@ fn a_pipe_without_a_writer_is_refused_in_one_sentence_by_every_command() {
         &["run", "graph.toml"],
         &["run", "short.toml", "--graph", "p.toml"],
         &["graph", "p.toml"],
-        &["topics", "p.toml"],
+        &["graph", "p.toml", "--format", "topics"],
         &["inspect", "--robot", "p.urdf"],
         &["drill", "p.toml"],
         &["compare", "p.toml"],

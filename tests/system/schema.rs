@@ -17,7 +17,7 @@ fn root() -> &'static Path {
 }
 
 fn schema(desk: &Desk, file: &str) -> Value {
-    let said = desk.armplane(&["schema", file]);
+    let said = desk.armplane(&["generate", "schema", file]);
     assert_eq!((said.code, said.err.as_str()), (0, ""));
     serde_json::from_str(&said.out).expect("JSON")
 }

@@ -14,7 +14,7 @@ fn completions_are_those_of_the_commands() {
         ("zsh", "#compdef armplane"),
         ("fish", "complete -c armplane"),
     ] {
-        let said = desk.armplane(&["completions", shell]);
+        let said = desk.armplane(&["generate", "completions", shell]);
         assert_eq!((said.code, said.err.as_str()), (0, ""));
         assert!(
             said.out.contains(expected) && said.out.contains("completions"),
@@ -41,7 +41,7 @@ fn completions_are_those_of_the_commands() {
 #[test]
 fn every_command_has_a_manual_page_and_no_process_has() {
     let desk = Desk::new();
-    let said = desk.armplane(&["man", "pages"]);
+    let said = desk.armplane(&["generate", "man", "pages"]);
     assert_eq!(
         (said.code, said.out.as_str(), said.err.as_str()),
         (0, "", "")
@@ -51,7 +51,7 @@ fn every_command_has_a_manual_page_and_no_process_has() {
         "armplane.1",
         "armplane-run.1",
         "armplane-export.1",
-        "armplane-man.1",
+        "armplane-generate-man.1",
     ] {
         assert!(
             page(name)
@@ -61,7 +61,7 @@ fn every_command_has_a_manual_page_and_no_process_has() {
         );
     }
     assert!(page("armplane-plant.1").is_err() && page("armplane-bench-peer.1").is_err());
-    assert_eq!(desk.armplane(&["man", "/proc/nowhere"]).code, 2);
+    assert_eq!(desk.armplane(&["generate", "man", "/proc/nowhere"]).code, 2);
 }
 
 #[test]
@@ -85,14 +85,22 @@ fn an_error_for_machines_is_one_object() {
         (&["sweep", "nothing.toml"], "input", "nothing.toml"),
         (&["inspect", "--robot", "nothing"], "input", "nothing"),
         (&["graph", "nothing.toml"], "input", "nothing.toml"),
-        (&["topics", "nothing.toml"], "input", "nothing.toml"),
+        (
+            &["graph", "nothing.toml", "--format", "topics"],
+            "input",
+            "nothing.toml",
+        ),
         (&["fault", "controller", "explode"], "usage", "explode"),
         (
             &["top", "--run", "nobody"],
             "input",
             "no run nobody is alive",
         ),
-        (&["man", "/proc/nowhere"], "input", "cannot write"),
+        (
+            &["generate", "man", "/proc/nowhere"],
+            "input",
+            "cannot write",
+        ),
     ];
     for (args, kind, expected) in cases {
         let said = desk.armplane(&[args, &["--json"]].concat());

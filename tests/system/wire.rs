@@ -8,12 +8,12 @@ use crate::command::{Desk, skipped};
 use crate::exchange::{has_python, root};
 
 pub(crate) fn wire(desk: &Desk, lang: &str) -> String {
-    let said = desk.armplane(&["wire", "--lang", lang]);
+    let said = desk.armplane(&["generate", "wire", "--lang", lang]);
     assert_eq!(said.code, 0, "{}", said.err);
     said.out
 }
 
-/// Name, size and offset of every field of every structure, one to a line, as `armplane wire` says.
+/// Name, size and offset of every field of every structure, one to a line, as `armplane generate wire` says.
 fn layouts(json: &str) -> Vec<String> {
     let document: Value = serde_json::from_str(json).expect("JSON");
     let structures = document["structures"].as_array().expect("structures");
@@ -103,7 +103,7 @@ fn the_python_module_is_that_of_this_program_and_has_the_layouts_of_the_wire() {
     assert_eq!(
         kept.trim_end(),
         wire(&desk, "python").trim_end(),
-        "run: armplane wire --lang python > python/armplane/wire.py"
+        "run: armplane generate wire --lang python > python/armplane/wire.py"
     );
     if !has_python("ctypes") {
         return skipped("there is no python3");

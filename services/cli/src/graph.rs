@@ -1,10 +1,10 @@
-//! `armplane graph`: which process writes and reads which topic.
+//! `armplane graph`: which process writes and reads which topic, and the topics with their types, sizes and rates.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
-use session::{Failure, GraphText, load};
+use session::{Failure, GraphText, Topics, load};
 
 use crate::out::{say, show};
 
@@ -26,14 +26,21 @@ enum GraphFormat {
     Dot,
     /// Mermaid, as Markdown pages show it.
     Mermaid,
+    /// A table of the topics: types, sizes, writers, readers.
+    Topics,
 }
 
 pub(crate) fn graph(args: &GraphArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let graph = load::graph(args.file.as_deref())?;
     match args.format {
+        GraphFormat::Topics if as_json => say!(
+            "{}",
+            serde_json::to_string_pretty(&Topics(&graph).json()).map_err(Failure::work)?
+        ),
         _ if as_json => say!("{}", serde_json::to_string(&graph).map_err(Failure::work)?),
         GraphFormat::Text => show(&GraphText::Table(&graph)),
         GraphFormat::Dot => show(&GraphText::Dot(&graph)),
+        GraphFormat::Topics => show(&Topics(&graph)),
         GraphFormat::Mermaid => show(&GraphText::Mermaid(&graph)),
     }
     Ok(ExitCode::SUCCESS)

@@ -10,6 +10,7 @@ mod export;
 mod failure;
 mod fault;
 mod figures;
+mod generate;
 mod graph;
 mod inspect;
 mod layout;
@@ -24,19 +25,16 @@ mod report;
 mod run;
 mod screen;
 mod servo;
-mod shell;
 mod simulate;
 mod sweep;
 mod top;
-mod topics;
 mod verify;
 mod view;
-mod wire;
 
 use std::io::IsTerminal;
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 #[derive(Parser)]
 #[command(
@@ -204,50 +202,63 @@ enum Command {
         after_help = "Example:\n  armplane recover runs/fig5-wrist-rotation-001"
     )]
     Recover(recover::RecoverArgs),
-    /// Show which process reads and writes what.
+    /// Show which process reads and writes what, and the topics between them.
     #[command(
-        after_help = "Examples:\n  armplane graph\n  armplane graph --format dot | dot -Tsvg > graph.svg"
+        after_help = "Examples:\n  armplane graph\n  armplane graph examples/energy/graph.toml --format topics\n  armplane graph --format dot | dot -Tsvg > graph.svg"
     )]
     Graph(graph::GraphArgs),
-    /// List the topics of a graph: types, sizes, writers, readers.
-    #[command(
-        after_help = "Examples:\n  armplane topics\n  armplane topics examples/energy/graph.toml --json"
-    )]
-    Topics(topics::TopicsArgs),
-    /// Print the wire for programs in other languages: every message with offsets, sizes, units and meaning.
-    #[command(
-        long_about = "Prints the messages, the codes in them and the exchange page, by which a program in any language takes part in a run, from \
-                      the list that this program is compiled from: as JSON, as a C header with the program's side of the page, or as the module of \
-                      the Python package. docs/wire.md has the state machine.",
-        after_help = "Examples:\n  armplane wire --lang c > armplane.h\n  armplane wire --lang python > python/armplane/wire.py\n  armplane wire --lang json | jq .topics"
-    )]
-    Wire(wire::WireArgs),
     /// Check what the machine offers: shared memory, real-time rights, cores, leftovers.
     #[command(after_help = "Example:\n  armplane doctor")]
     Doctor,
     /// Remove what dead runs left in shared memory; living runs are not touched.
     #[command(after_help = "Example:\n  armplane clean")]
     Clean,
-    /// Print completions for a shell.
-    #[command(
-        after_help = "Examples:\n  armplane completions bash > ~/.local/share/bash-completion/completions/armplane\n  armplane completions zsh > ~/.zfunc/_armplane\n  armplane completions fish > ~/.config/fish/completions/armplane.fish"
-    )]
-    Completions(shell::CompletionsArgs),
-    /// Write manual pages into a folder.
-    #[command(after_help = "Example:\n  armplane man ~/.local/share/man/man1 && man armplane-run")]
-    Man(shell::ManArgs),
-    /// Print the JSON Schema of a scenario file or of summary.json.
-    #[command(
-        long_about = "Prints the JSON Schema of a scenario file or of summary.json: every key with its meaning and unit. An editor with a TOML language server \
-                      (taplo, Even Better TOML) completes and checks a scenario whose first line is `#:schema FILE`.",
-        after_help = "Examples:\n  armplane schema scenario > scenario.json\n  armplane schema summary | jq '.properties | keys'"
-    )]
-    Schema(shell::SchemaArgs),
+    /// Print or write what other programs read: completions, manual pages, JSON Schemas, the wire for C and Python.
+    #[command(subcommand)]
+    Generate(generate::Generate),
     /// One process of a bench.
     #[command(hide = true)]
     BenchPeer(bench::BenchPeerArgs),
     #[command(flatten)]
     Process(process::Command),
+}
+
+/// The commands by what they are for: those that a newcomer needs, and more.
+const GROUPS: [(&str, &[&str], &[&str]); 5] = [
+    (
+        "Run and look",
+        &["run", "view", "report", "servo"],
+        &["top", "export", "fault", "recover"],
+    ),
+    ("Arms and graphs", &["list", "inspect", "graph"], &[]),
+    ("Compare", &["compare"], &["sweep", "figures", "replay"]),
+    ("Prove", &["verify"], &["drill", "simulate"]),
+    ("Machine", &["doctor"], &["clean", "bench", "generate"]),
+];
+
+/// The command line, whose help shows the groups.
+fn command() -> clap::Command {
+    let command = Cli::command();
+    let about = |name: &str| {
+        let found = command
+            .find_subcommand(name)
+            .and_then(clap::Command::get_about);
+        found.map(ToString::to_string).unwrap_or_default()
+    };
+    let mut template = "{about-with-newline}\n{usage-heading} {usage}\n\n".to_owned();
+    for (title, first, more) in GROUPS {
+        template += &format!("{title}:\n");
+        for name in first {
+            template += &format!("  {name:<9} {}\n", about(name));
+        }
+        if !more.is_empty() {
+            template += &format!("  {:<9} {}\n", "more:", more.join(", "));
+        }
+        template.push('\n');
+    }
+    command.help_template(
+        template + "`armplane COMMAND --help` has examples.\n\nOptions:\n{options}{after-help}",
+    )
 }
 
 /// Parses the arguments of the process and executes the command; the exit code of the program.
@@ -259,7 +270,8 @@ pub fn main() -> ExitCode {
 }
 
 fn work() -> ExitCode {
-    let cli = match Cli::try_parse() {
+    let parsed = command().try_get_matches();
+    let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(error) => return failure::usage(&error),
     };
@@ -337,13 +349,33 @@ fn execute(cli: Cli) -> Result<ExitCode, session::Failure> {
         Command::List => list::list(json),
         Command::Inspect(args) => inspect::inspect(&args, json),
         Command::Graph(args) => graph::graph(&args, json),
-        Command::Topics(args) => topics::topics(&args, json),
-        Command::Wire(args) => wire::wire(&args),
-        Command::Completions(args) => shell::completions(&args, Cli::command()),
-        Command::Man(args) => shell::man(&args, Cli::command()),
-        Command::Schema(args) => shell::schema(&args),
+        Command::Generate(what) => generate::generate(&what, command()),
         Command::Doctor => doctor::doctor(json),
         Command::Clean => clean::clean(json),
         Command::Process(command) => process::run(&command),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn each_command_is_in_one_group_and_ten_come_first() {
+        let command = command();
+        let visible = command.get_subcommands().filter(|one| !one.is_hide_set());
+        let names: BTreeSet<_> = visible.map(clap::Command::get_name).collect();
+        let first = GROUPS.iter().flat_map(|group| group.1);
+        let grouped: Vec<_> = GROUPS
+            .iter()
+            .flat_map(|group| group.1.iter().chain(group.2))
+            .collect();
+        assert_eq!((first.count(), grouped.len()), (10, names.len()));
+        assert!(
+            grouped.iter().all(|name| names.contains(**name)),
+            "{names:?}"
+        );
     }
 }

@@ -25,11 +25,11 @@ pub enum Failure {
     #[error("the program of {process} has not joined within {} s: it has to store `program` = joined in its exchange page (docs/wire.md)", limit.as_secs())]
     Absent { process: String, limit: Duration },
     #[error(
-        "the program of {process} refuses the exchange page: {complaint}; compare it with `armplane wire`"
+        "the program of {process} refuses the exchange page: {complaint}; compare it with `armplane generate wire`"
     )]
     Refused { process: String, complaint: String },
     #[error(
-        "the program of {process} speaks version {theirs} of the exchange page, armplane speaks version {ours}: make its messages again by `armplane wire`"
+        "the program of {process} speaks version {theirs} of the exchange page, armplane speaks version {ours}: make its messages again by `armplane generate wire`"
     )]
     Version {
         process: String,
@@ -37,7 +37,7 @@ pub enum Failure {
         ours: u32,
     },
     #[error(
-        "the program of {process} uses {theirs} ({theirs_hash:016x}) for `{topic}`, armplane uses {ours} ({ours_hash:016x}): make its messages again by `armplane wire`"
+        "the program of {process} uses {theirs} ({theirs_hash:016x}) for `{topic}`, armplane uses {ours} ({ours_hash:016x}): make its messages again by `armplane generate wire`"
     )]
     Layout {
         process: String,

@@ -9,7 +9,7 @@
 //! reply.rs      what a program writes, judged failure.rs   a program's faults
 //! cut.rs        its end by a program          ended.rs     why a turn ends before the run does
 //! ports.rs      topics to and from the page   turn.rs      the turns of the three roles
-//! describe/     the wire for other languages: `armplane wire`
+//! describe/     the wire for other languages: `armplane generate wire`
 //! ```
 
 mod checkpoint;

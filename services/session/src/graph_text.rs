@@ -176,7 +176,7 @@ impl fmt::Display for Topics<'_> {
             f,
             "One message per tick of each. Each is an iceoryx2 publish-subscribe service of that name and type;\n\
              a run's services live under its own directory and prefix, /dev/shm/armplane-… : docs/wire.md.\n\
-             Fields: armplane wire"
+             Fields: armplane generate wire"
         )
     }
 }

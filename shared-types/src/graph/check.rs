@@ -186,7 +186,7 @@ impl Graph {
                 return Err(Complaint::new(
                     at("type"),
                     message,
-                    "another name, or the fields that `armplane wire` prints",
+                    "another name, or the fields that `armplane generate wire` prints",
                 ));
             }
             if self.writer(&topic.name).is_none() {

@@ -1,4 +1,4 @@
-/* The wire of armplane: messages, codes, and the program's side of an exchange page. Written by `armplane wire --lang c`.
+/* The wire of armplane: messages, codes, and the program's side of an exchange page. Written by `armplane generate wire --lang c`.
  *
  *     #include "armplane.h"
  *     int main(void) {

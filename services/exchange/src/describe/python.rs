@@ -10,7 +10,7 @@ use super::{Structure, about_and_unit, constants, elements, identifier, messages
 #[must_use]
 pub fn python() -> String {
     let mut text = String::from(
-        "\"\"\"The wire of armplane: messages, codes and the exchange page. Written by `armplane wire --lang python`; do not edit.\"\"\"\n\n\
+        "\"\"\"The wire of armplane: messages, codes and the exchange page. Written by `armplane generate wire --lang python`; do not edit.\"\"\"\n\n\
          import ctypes\n\n",
     );
     let _ = writeln!(text, "ARMPLANE_VERSION = \"{}\"", env!("CARGO_PKG_VERSION"));

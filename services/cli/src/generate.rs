@@ -1,0 +1,105 @@
+//! `armplane generate`: what shells, `man`, editors and programs in other languages read.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Command, Subcommand, ValueEnum};
+use exchange::describe;
+use session::Failure;
+
+use crate::out::say;
+
+#[derive(Subcommand)]
+pub(crate) enum Generate {
+    /// Print completions for a shell.
+    #[command(
+        after_help = "Examples:\n  armplane generate completions bash > ~/.local/share/bash-completion/completions/armplane\n  armplane generate completions zsh > ~/.zfunc/_armplane\n  armplane generate completions fish > ~/.config/fish/completions/armplane.fish"
+    )]
+    Completions {
+        /// The shell.
+        #[arg(value_enum)]
+        shell: clap_complete::Shell,
+    },
+    /// Write manual pages into a folder.
+    #[command(
+        after_help = "Example:\n  armplane generate man ~/.local/share/man/man1 && man armplane-run"
+    )]
+    Man {
+        /// The folder for the pages.
+        #[arg(value_name = "DIR")]
+        folder: PathBuf,
+    },
+    /// Print the JSON Schema of a scenario file or of summary.json.
+    #[command(
+        long_about = "Prints the JSON Schema of a scenario file or of summary.json: every key with its meaning and unit. An editor with a TOML language server \
+                      (taplo, Even Better TOML) completes and checks a scenario whose first line is `#:schema FILE`.",
+        after_help = "Examples:\n  armplane generate schema scenario > scenario.json\n  armplane generate schema summary | jq '.properties | keys'"
+    )]
+    Schema {
+        /// Which file.
+        #[arg(value_enum)]
+        file: Schema,
+    },
+    /// Print the wire for programs in other languages: every message with offsets, sizes, units and meaning.
+    #[command(
+        long_about = "Prints the messages, the codes in them and the exchange page, by which a program in any language takes part in a run, from \
+                      the list that this program is compiled from: as JSON, as a C header with the program's side of the page, or as the module of \
+                      the Python package. docs/wire.md has the state machine.",
+        after_help = "Examples:\n  armplane generate wire --lang c > armplane.h\n  armplane generate wire --lang python > python/armplane/wire.py\n  armplane generate wire --lang json | jq .topics"
+    )]
+    Wire {
+        /// The language.
+        #[arg(long, value_enum, default_value = "json")]
+        lang: Language,
+    },
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum Schema {
+    /// A scenario, as given to `armplane run`.
+    Scenario,
+    /// summary.json of a run.
+    Summary,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum Language {
+    /// Structures, topics, codes and constants as one document.
+    Json,
+    /// A header for C11 and C++11, with the program's side of an exchange page.
+    C,
+    /// The module `wire` of the Python package: ctypes structures.
+    Python,
+}
+
+pub(crate) fn generate(what: &Generate, mut command: Command) -> Result<ExitCode, Failure> {
+    let text = match what {
+        Generate::Completions { shell } => {
+            let mut script = Vec::new();
+            clap_complete::generate(*shell, &mut command, "armplane", &mut script);
+            String::from_utf8_lossy(&script).into_owned()
+        }
+        Generate::Man { folder } => {
+            let written = std::fs::create_dir_all(folder)
+                .and_then(|()| clap_mangen::generate_to(command, folder));
+            written.map_err(|error| {
+                Failure::Input(format!(
+                    "cannot write to {}: {error}; choose another folder",
+                    folder.display()
+                ))
+            })?;
+            return Ok(ExitCode::SUCCESS);
+        }
+        Generate::Schema { file } => match file {
+            Schema::Scenario => session::schema::SCENARIO.to_owned(),
+            Schema::Summary => session::schema::SUMMARY.to_owned(),
+        },
+        Generate::Wire { lang } => match lang {
+            Language::Json => describe::json(),
+            Language::C => describe::c(),
+            Language::Python => describe::python(),
+        },
+    };
+    say!("{}", text.trim_end());
+    Ok(ExitCode::SUCCESS)
+}
