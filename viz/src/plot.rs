@@ -11,7 +11,7 @@
 //!   of what has a name. `equal` gives both axes the same scale.
 //! * [`numbered`]: the colours that tell several lines apart.
 //!
-//! The axes are drawn here, on plotters' primitives; everything is in points of the page, drawn four times as fine.
+//! Axes and marks are plotters' charts; titles and legends stand above them. Sizes are in points of the page, drawn four times as fine.
 
 mod axis;
 mod color;

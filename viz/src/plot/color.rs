@@ -9,6 +9,8 @@ pub(super) const fn rgb(r: u8, g: u8, b: u8) -> Color {
     RGBAColor(r, g, b, 1.0)
 }
 
+/// Text on what is dark.
+pub(super) const WHITE: Color = rgb(255, 255, 255);
 /// Text and axes.
 pub const INK: Color = rgb(38, 42, 51);
 /// The colour of secondary data.

@@ -11,7 +11,7 @@ use plotters::style::{FontStyle, WHITE, register_font};
 
 use super::color::{GREY, INK};
 use super::panel::Panel;
-use super::pen::{FINE, FONT, Pen};
+use super::pen::{FINE, FONT, Pen, said};
 
 /// Drawn pixels per pixel of the PNG, which has two for each point.
 const SHRINK: u32 = 2;
@@ -92,28 +92,25 @@ const GAP: f64 = 28.0;
 /// Line height of notes, points.
 const NOTE: f64 = 17.0;
 impl Page {
-    /// The picture as an SVG element.
+    /// The picture as an SVG element, and where the data of its last panel is, in the units of the SVG: x, and y from above.
     ///
     /// # Errors
     /// [`PlotError`] where it cannot be drawn; `path` is what the error names.
-    pub fn svg(&self, path: &Path) -> Result<String, PlotError> {
-        register_font(FONT, FontStyle::Normal, SANS)
-            .map_err(|_| draw_error(path, "its font is broken"))?;
-        register_font(FONT, FontStyle::Bold, BOLD)
-            .map_err(|_| draw_error(path, "its font is broken"))?;
+    pub fn svg(&self, path: &Path) -> Result<(String, [Range<i32>; 2]), PlotError> {
+        for (weight, font) in [(FontStyle::Normal, SANS), (FontStyle::Bold, BOLD)] {
+            register_font(FONT, weight, font)
+                .map_err(|_| draw_error(path, "its font is broken"))?;
+        }
         let size = (self.width as u32 * FINE, self.height() as u32 * FINE);
         let mut svg = String::new();
-        self.paint(
-            &SVGBackend::with_string(&mut svg, size).into_drawing_area(),
-            true,
-        )
-        .map_err(|reason| draw_error(path, reason))?;
-        let fine = format!("width=\"{}\" height=\"{}\"", size.0, size.1);
-        Ok(svg.replacen(
-            &fine,
-            &format!("width=\"{}\" height=\"{}\"", size.0 / FINE, size.1 / FINE),
-            1,
-        ))
+        let area = SVGBackend::with_string(&mut svg, size).into_drawing_area();
+        let data = self
+            .paint(&area, true)
+            .map_err(|reason| draw_error(path, reason))?;
+        drop(area);
+        let sized = |(width, height)| format!("width=\"{width}\" height=\"{height}\"");
+        let (fine, points) = (sized(size), sized((size.0 / FINE, size.1 / FINE)));
+        Ok((svg.replacen(&fine, &points, 1), data))
     }
 
     /// Saves the picture as `path.svg` and `path.png`.
@@ -121,7 +118,7 @@ impl Page {
     /// # Errors
     /// [`PlotError`] where a file cannot be written.
     pub fn save(&self, path: &Path) -> Result<[PathBuf; 2], PlotError> {
-        let svg = self.svg(path)?;
+        let (svg, _) = self.svg(path)?;
         let svg_path = path.with_added_extension("svg");
         write(&svg_path, svg.as_bytes())?;
 
@@ -140,19 +137,6 @@ impl Page {
         Ok([svg_path, png_path])
     }
 
-    /// The rectangle of the data of a page's only panel, in the units of the SVG: x, and y from below.
-    pub(crate) fn frame(&self) -> Option<[Range<u32>; 2]> {
-        let row = self.rows.first()?;
-        let (x, y) = row.panels.first()?.frame(
-            MARGIN..self.width - MARGIN,
-            self.heading()..self.heading() + row.height,
-        );
-        let fine = |range: Range<f64>| {
-            (range.start * f64::from(FINE)) as u32..(range.end * f64::from(FINE)) as u32
-        };
-        Some([fine(x), fine(y)])
-    }
-
     fn height(&self) -> f64 {
         let rows: f64 = self.rows.iter().map(|row| row.height).sum();
         self.heading() + rows + NOTE * self.notes.len() as f64 + MARGIN
@@ -164,52 +148,43 @@ impl Page {
             + if self.subtitle.is_empty() { 0.0 } else { 20.0 }
     }
 
+    /// Draws everything; where the data of the last panel is, pixels.
     fn paint<DB: DrawingBackend>(
         &self,
         area: &DrawingArea<DB, Shift>,
         joins: bool,
-    ) -> Result<(), String> {
-        area.fill(&WHITE).map_err(|error| error.to_string())?;
+    ) -> Result<[Range<i32>; 2], String> {
+        area.fill(&WHITE).map_err(said)?;
         let pen = Pen { area, joins };
-        pen.text(
-            (MARGIN, MARGIN + 6.0),
-            &self.title,
-            17.0,
-            true,
-            INK,
-            HPos::Left,
-        )?;
-        pen.text(
-            (MARGIN, MARGIN + 29.0),
-            &self.subtitle,
-            12.0,
-            false,
-            GREY,
-            HPos::Left,
-        )?;
-        let mut top = self.heading();
+        let heads = [
+            (6.0, &self.title, 17.0, true, INK),
+            (29.0, &self.subtitle, 12.0, false, GREY),
+        ];
+        for (down, text, size, bold, color) in heads {
+            let place = (MARGIN, MARGIN + down);
+            pen.text(place, text, size, bold, color, HPos::Left)?;
+        }
+        let (mut top, mut data) = (self.heading(), [0..0, 0..0]);
         for row in &self.rows {
             let shares: f64 = row.panels.iter().map(|panel| panel.share).sum();
             let room = self.width - 2.0 * MARGIN + GAP;
             let mut left = MARGIN;
             for panel in &row.panels {
                 let width = room * panel.share / shares;
-                panel.paint(&pen, left..left + width - GAP, top..top + row.height)?;
+                data = panel
+                    .paint(&pen, left..left + width - GAP, top..top + row.height)?
+                    .into();
                 left += width;
             }
             top += row.height;
         }
         for (i, note) in self.notes.iter().enumerate() {
-            pen.text(
-                (MARGIN, top + NOTE * (i as f64 + 0.6)),
-                &note.replace(" -", " −"),
-                12.0,
-                false,
-                INK,
-                HPos::Left,
-            )?;
+            let place = (MARGIN, top + NOTE * (i as f64 + 0.6));
+            let note = note.replace(" -", " −");
+            pen.text(place, &note, 12.0, false, INK, HPos::Left)?;
         }
-        area.present().map_err(|error| error.to_string())
+        area.present().map_err(said)?;
+        Ok(data)
     }
 }
 
@@ -229,26 +204,18 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), PlotError> {
 
 /// The finely drawn pixels averaged, as a PNG.
 fn png(fine: &[u8], (width, height): (u32, u32)) -> Result<Vec<u8>, png::EncodingError> {
-    let (w, h, n) = (
-        (width / SHRINK) as usize,
-        (height / SHRINK) as usize,
-        SHRINK as usize,
-    );
-    let mut pixels = Vec::with_capacity(w * h * 3);
-    for y in 0..h {
-        for x in 0..w {
-            for c in 0..3 {
-                let block = (0..n).flat_map(|j| {
-                    (0..n).map(move |i| ((n * y + j) * width as usize + n * x + i) * 3 + c)
-                });
-                pixels.push(
-                    (block.map(|at| u32::from(fine[at])).sum::<u32>() / (SHRINK * SHRINK)) as u8,
-                );
-            }
-        }
-    }
+    let (w, h) = (width / SHRINK, height / SHRINK);
+    let average = |at: u32| {
+        let (x, y, c) = (at / 3 % w, at / 3 / w, at % 3);
+        let block = (0..SHRINK * SHRINK).map(|k| {
+            let (x, y) = (SHRINK * x + k % SHRINK, SHRINK * y + k / SHRINK);
+            u32::from(fine[((y * width + x) * 3 + c) as usize])
+        });
+        (block.sum::<u32>() / (SHRINK * SHRINK)) as u8
+    };
+    let pixels: Vec<u8> = (0..3 * w * h).map(average).collect();
     let mut out = Vec::new();
-    let mut encoder = png::Encoder::new(&mut out, w as u32, h as u32);
+    let mut encoder = png::Encoder::new(&mut out, w, h);
     encoder.set_color(png::ColorType::Rgb);
     encoder.write_header()?.write_image_data(&pixels)?;
     Ok(out)
@@ -289,11 +256,7 @@ mod tests {
             svg.len()
         );
         assert!(std::fs::read(png).unwrap().starts_with(b"\x89PNG"));
-        assert!(
-            thinned(wave.into_iter().map(|(x, y)| (x * 0.04, y)))
-                .iter()
-                .any(|(_, y)| *y == 9.0)
-        );
+        assert!(thinned(&wave, 12.0).iter().any(|(_, y)| *y == 9.0));
     }
 
     #[test]

@@ -3,11 +3,18 @@
 use std::ops::Range;
 
 use plotters::backend::DrawingBackend;
+use plotters::chart::{ChartBuilder, ChartContext, LabelAreaPosition};
+use plotters::coord::cartesian::Cartesian2d;
+use plotters::coord::ranged1d::{
+    KeyPointHint, KeyPointWeight, NoDefaultFormatting, Ranged, ValueFormatter,
+};
+use plotters::element::{Circle, DashedPathElement, EmptyElement, PathElement, Rectangle, Text};
 use plotters::style::text_anchor::HPos;
+use plotters::style::{Color as _, ShapeStyle};
 
 use super::axis::{Axis, Extent, Scale};
-use super::color::{Color, FAINT, GREY, INK, rgb};
-use super::pen::{CHARACTER, Pen, dashes, thinned};
+use super::color::{Color, FAINT, GREY, INK, WHITE, rgb};
+use super::pen::{CHARACTER, FINE, Pen, anchored, fine, said, stroke, style, thinned};
 
 /// Room above a panel for its title and legend, and below for labels; points.
 const HEAD: f64 = 44.0;
@@ -206,252 +213,289 @@ impl Panel {
     }
 }
 
-impl Panel {
-    /// The rectangle of the data in the panel's own, the y axis from below; points.
-    pub(super) fn frame(
-        &self,
-        outer_x: Range<f64>,
-        outer_y: Range<f64>,
-    ) -> (Range<f64>, Range<f64>) {
-        let (_, y) = self.data();
-        let head = HEAD
-            + self
-                .legend_places(outer_x.end - outer_x.start)
-                .last()
-                .map_or(0.0, |(_, down)| *down);
-        let y_ticks = self
-            .y
-            .ticks(&y, (outer_y.end - outer_y.start - head - FOOT) / 34.0);
-        let labels = if self.y.hidden {
-            0.0
-        } else {
-            y_ticks
-                .iter()
-                .map(|(_, text)| text.chars().count())
-                .max()
-                .unwrap_or(0) as f64
-        };
-        let left = outer_x.start
-            + if labels > 0.0 {
-                labels * 11.0 * CHARACTER + 12.0
-            } else {
-                0.0
-            };
-        (left..outer_x.end, outer_y.end - FOOT..outer_y.start + head)
+/// How places of an axis become pixels, and where its ticks are.
+struct Coordinate {
+    span: Range<f64>,
+    ticks: Vec<(f64, String)>,
+}
+
+impl Ranged for Coordinate {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    /// What is beyond the axis is drawn at its end.
+    fn map(&self, place: &f64, (from, to): (i32, i32)) -> i32 {
+        let share = (place - self.span.start) / (self.span.end - self.span.start);
+        from + (share.clamp(0.0, 1.0) * f64::from(to - from)).round() as i32
     }
 
-    /// Draws the diagram into a rectangle of the page; points.
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        match hint.weight() {
+            KeyPointWeight::Bold => self.ticks.iter().map(|(place, _)| *place).collect(),
+            KeyPointWeight::Any => Vec::new(),
+        }
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.span.clone()
+    }
+}
+
+impl ValueFormatter<f64> for Coordinate {
+    fn format_ext(&self, value: &f64) -> String {
+        let tick = self.ticks.iter().find(|(place, _)| place == value);
+        tick.map_or(String::new(), |(_, label)| label.clone())
+    }
+}
+
+type Chart<'a, DB> = ChartContext<'a, DB, Cartesian2d<Coordinate, Coordinate>>;
+
+impl Panel {
+    /// Draws the diagram into a rectangle of the page, points, and answers where its data is, pixels.
     pub(super) fn paint<DB: DrawingBackend>(
         &self,
         pen: &Pen<'_, DB>,
         outer_x: Range<f64>,
         outer_y: Range<f64>,
-    ) -> Result<(), String> {
+    ) -> Result<(Range<i32>, Range<i32>), String> {
+        let width = outer_x.end - outer_x.start;
+        let head = HEAD + self.paint_head(pen, (outer_x.start, outer_y.start), width)?;
+        let height = outer_y.end - outer_y.start - head - FOOT;
         let (mut x, mut y) = self.data();
-        let legend = self.legend_places(outer_x.end - outer_x.start);
-        let (frame_x, frame_y) = self.frame(outer_x.clone(), outer_y.clone());
-        let (width, height) = (frame_x.end - frame_x.start, frame_y.start - frame_y.end);
+        let labels = self.y.ticks(&y, height / 34.0);
+        let labels = labels.iter().map(|(_, text)| text.chars().count()).max();
+        let left = match labels {
+            Some(most) if most > 0 && !self.y.hidden => most as f64 * 11.0 * CHARACTER + 12.0,
+            _ => 0.0,
+        };
         if self.equal {
             // The axis with room to spare shows more.
-            let scale = ((x.end - x.start) / width).max((y.end - y.start) / height);
+            let scale = ((x.end - x.start) / (width - left)).max((y.end - y.start) / height);
             let grow = |range: &Range<f64>, room: f64| {
                 let (middle, half) = (0.5 * (range.start + range.end), 0.5 * scale * room);
                 middle - half..middle + half
             };
-            (x, y) = (grow(&x, width), grow(&y, height));
+            (x, y) = (grow(&x, width - left), grow(&y, height));
         }
-        let to = |range: &Range<f64>, frame: &Range<f64>, place: f64| {
-            frame.start
-                + ((place - range.start) / (range.end - range.start)).clamp(0.0, 1.0)
-                    * (frame.end - frame.start)
-        };
-        let at_x = |value: f64| to(&x, &frame_x, self.x.place(value));
-        let at_y = |value: f64| to(&y, &frame_y, self.y.place(value));
-
-        pen.text(
-            (outer_x.start, outer_y.start + 8.0),
-            &self.title,
-            12.0,
-            true,
-            INK,
-            HPos::Left,
-        )?;
-        for mark in &self.marks {
-            match mark {
-                Mark::Band { x, color } => pen.block(
-                    at_x(x.start)..at_x(x.end),
-                    frame_y.end..frame_y.start,
-                    *color,
-                )?,
-                Mark::Floor { to, color } => {
-                    pen.block(frame_x.clone(), at_y(*to)..frame_y.start, *color)?
-                }
-                _ => {}
-            }
-        }
-        let named_rows = matches!(self.y.scale, Scale::Names(_));
+        let corner = fine((outer_x.start, outer_y.start + head));
+        let area = pen.area.clone();
+        let area = area.shrink(corner, fine((width, height + FOOT)));
+        let mut chart = ChartBuilder::on(&area)
+            .set_label_area_size(LabelAreaPosition::Left, fine((left, 0.0)).0)
+            .set_label_area_size(LabelAreaPosition::Bottom, fine((FOOT, 0.0)).0)
+            .build_cartesian_2d(
+                Coordinate {
+                    ticks: self.x.ticks(&x, (width - left) / 62.0),
+                    span: x,
+                },
+                Coordinate {
+                    ticks: self.y.ticks(&y, height / 34.0),
+                    span: y,
+                },
+            )
+            .map_err(said)?;
+        self.paint_behind(&mut chart)?;
+        self.paint_axes(&mut chart)?;
         if !self.x.hidden {
-            for (tick, text) in self.x.ticks(&x, width / 62.0) {
-                let place = to(&x, &frame_x, tick);
-                pen.line(&[(place, frame_y.start), (place, frame_y.end)], FAINT, 0.8)?;
-                pen.text(
-                    (place, frame_y.start + 10.0),
-                    &text,
-                    11.0,
-                    false,
-                    GREY,
-                    HPos::Center,
-                )?;
-            }
-            pen.line(
-                &[(frame_x.start, frame_y.start), (frame_x.end, frame_y.start)],
-                GREY,
-                0.8,
-            )?;
-            pen.text(
-                (frame_x.end, frame_y.start + 24.0),
-                &self.x.label,
-                11.0,
-                false,
-                GREY,
-                HPos::Right,
-            )?;
-        }
-        if !self.y.hidden {
-            for (tick, text) in self.y.ticks(&y, height / 34.0) {
-                let place = to(&y, &frame_y, tick);
-                if !named_rows {
-                    pen.line(&[(frame_x.start, place), (frame_x.end, place)], FAINT, 0.8)?;
-                }
-                let color = if named_rows { INK } else { GREY };
-                pen.text(
-                    (frame_x.start - 7.0, place),
-                    &text,
-                    11.0,
-                    false,
-                    color,
-                    HPos::Right,
-                )?;
-            }
+            let place = (outer_x.end, outer_y.end - FOOT + 24.0);
+            pen.text(place, &self.x.label, 11.0, false, GREY, HPos::Right)?;
         }
         for mark in &self.marks {
-            match mark {
-                Mark::Band { .. } | Mark::Floor { .. } => {}
-                Mark::Cell {
-                    column,
-                    row,
-                    color,
-                    text,
-                } => {
-                    let half = |span: &Range<f64>, room: f64| {
-                        0.5 * room / (span.end - span.start).abs().max(1.0) - 1.0
-                    };
-                    let (middle, across, up) = (
-                        (at_x(*column as f64), at_y(*row as f64)),
-                        half(&x, width),
-                        half(&y, height),
-                    );
-                    pen.block(
-                        middle.0 - across..middle.0 + across,
-                        middle.1 - up..middle.1 + up,
-                        *color,
-                    )?;
-                    let bright = 0.299 * f64::from(color.0)
-                        + 0.587 * f64::from(color.1)
-                        + 0.114 * f64::from(color.2)
-                        > 150.0;
-                    pen.text(
-                        middle,
-                        text,
-                        10.0,
-                        false,
-                        if bright { INK } else { rgb(255, 255, 255) },
-                        HPos::Center,
-                    )?;
-                }
-                Mark::Line {
-                    points,
-                    color,
-                    width,
-                    dashed,
-                } => {
-                    for stretch in points.split(|(x, y)| {
-                        !self.x.place(*x).is_finite() || !self.y.place(*y).is_finite()
-                    }) {
-                        let places = thinned(stretch.iter().map(|(x, y)| (at_x(*x), at_y(*y))));
-                        if *dashed {
-                            dashes(&places)
-                                .iter()
-                                .try_for_each(|dash| pen.line(dash, *color, *width))?;
-                        } else {
-                            pen.line(&places, *color, *width)?;
-                        }
-                    }
-                }
-                Mark::Dots {
-                    points,
-                    color,
-                    radius,
-                } => {
-                    for (x, y) in points {
-                        pen.dot((at_x(*x), at_y(*y)), *radius, *color)?;
-                    }
-                }
-                Mark::Bar {
-                    row,
-                    to,
-                    color,
-                    text,
-                } => {
-                    let (middle, half) = (
-                        at_y(*row as f64),
-                        0.32 * height / (y.start - y.end).abs().max(1.0),
-                    );
-                    let end = at_x(*to);
-                    pen.block(frame_x.start..end, middle - half..middle + half, *color)?;
-                    // Inside the bar where there is no room behind it.
-                    let long = text.chars().count() as f64 * 11.0 * CHARACTER + 6.0;
-                    if end + long > frame_x.end {
-                        pen.text(
-                            (end - 5.0, middle),
-                            text,
-                            11.0,
-                            false,
-                            rgb(255, 255, 255),
-                            HPos::Right,
-                        )?;
-                    } else {
-                        pen.text((end + 5.0, middle), text, 11.0, false, INK, HPos::Left)?;
-                    }
-                }
-            }
+            self.paint_mark(&mut chart, mark, pen.joins)?;
         }
-        for ((name, color, dashed), (right, down)) in self.legend.iter().zip(legend) {
-            let (left, y) = (outer_x.start + right, outer_y.start + 26.0 + down);
-            if *dashed {
-                dashes(&[(left, y), (left + 14.0, y)])
-                    .iter()
-                    .try_for_each(|dash| pen.line(dash, *color, 1.4))?;
-            } else {
-                pen.line(&[(left, y), (left + 14.0, y)], *color, 3.0)?;
-            }
-            pen.text((left + 19.0, y), name, 11.0, false, INK, HPos::Left)?;
-        }
-        Ok(())
+        Ok(chart.plotting_area().get_pixel_range())
     }
 
-    /// Where the names of the legend stand, to the right of and below its first, in as many lines as they need in a width; points.
-    fn legend_places(&self, width: f64) -> Vec<(f64, f64)> {
+    /// Title and legend; how much room its further lines take, points.
+    fn paint_head<DB: DrawingBackend>(
+        &self,
+        pen: &Pen<'_, DB>,
+        (left, top): (f64, f64),
+        width: f64,
+    ) -> Result<f64, String> {
+        pen.text((left, top + 8.0), &self.title, 12.0, true, INK, HPos::Left)?;
         let (mut right, mut down) = (0.0, 0.0);
-        let place = |(name, ..): &(String, Color, bool)| {
+        for (name, color, is_dashed) in &self.legend {
             let long = 19.0 + name.chars().count() as f64 * 11.0 * CHARACTER;
             if right > 0.0 && right + long > width {
                 (right, down) = (0.0, down + LEGEND_LINE);
             }
-            let at = (right, down);
+            let (x, y) = (left + right, top + 26.0 + down);
+            let ends = [fine((x, y)), fine((x + 14.0, y))];
+            let drawn = match is_dashed {
+                true => pen.area.draw(&dashed(ends.to_vec(), stroke(*color, 1.4))),
+                false => pen.area.draw(&PathElement::new(ends, stroke(*color, 3.0))),
+            };
+            drawn.map_err(said)?;
+            pen.text((x + 19.0, y), name, 11.0, false, INK, HPos::Left)?;
             right += long + 14.0;
-            at
-        };
-        self.legend.iter().map(place).collect()
+        }
+        Ok(down)
     }
+
+    /// Shaded stretches.
+    fn paint_behind<DB: DrawingBackend>(&self, chart: &mut Chart<'_, DB>) -> Result<(), String> {
+        let (low, high) = (chart.x_range(), chart.y_range());
+        let blocks = self.marks.iter().filter_map(|mark| match mark {
+            Mark::Band { x, color } => Some((
+                [self.x.place(x.start), self.x.place(x.end)],
+                [high.start, high.end],
+                color,
+            )),
+            Mark::Floor { to, color } => {
+                let y = [high.start, self.y.place(*to)];
+                Some(([low.start, low.end], y, color))
+            }
+            _ => None,
+        });
+        let blocks = blocks.map(|(x, y, color)| block(x, y, *color));
+        chart.draw_series(blocks).map(drop).map_err(said)
+    }
+
+    fn paint_axes<DB: DrawingBackend>(&self, chart: &mut Chart<'_, DB>) -> Result<(), String> {
+        let is_named = matches!(self.y.scale, Scale::Names(_));
+        let ink = if is_named { INK } else { GREY };
+        let mut mesh = chart.configure_mesh();
+        mesh.axis_style(Color { 3: 0.0, ..GREY })
+            .bold_line_style(stroke(FAINT, 0.8))
+            .x_label_style(style(11.0, false, GREY))
+            .y_label_style(style(11.0, false, ink))
+            .set_tick_mark_size(LabelAreaPosition::Bottom, 11)
+            .set_tick_mark_size(LabelAreaPosition::Left, 14);
+        if self.x.hidden {
+            mesh.disable_x_mesh().disable_x_axis();
+        }
+        if self.y.hidden || is_named {
+            mesh.disable_y_mesh();
+        }
+        mesh.draw().map_err(said)?;
+        if self.x.hidden {
+            return Ok(());
+        }
+        let (x, y) = (chart.x_range(), chart.y_range().start);
+        let axis = PathElement::new([(x.start, y), (x.end, y)], stroke(GREY, 0.8));
+        chart.draw_series([axis]).map(drop).map_err(said)
+    }
+
+    fn paint_mark<DB: DrawingBackend>(
+        &self,
+        chart: &mut Chart<'_, DB>,
+        mark: &Mark,
+        joins: bool,
+    ) -> Result<(), String> {
+        let place = |(x, y): &(f64, f64)| (self.x.place(*x), self.y.place(*y));
+        let done = match mark {
+            Mark::Band { .. } | Mark::Floor { .. } => return Ok(()),
+            Mark::Cell {
+                column,
+                row,
+                color,
+                text,
+            } => {
+                let middle = (*column as f64, *row as f64);
+                let around = |middle: f64| [middle - 0.49, middle + 0.49];
+                let [r, g, b] = [color.0, color.1, color.2].map(f64::from);
+                let is_bright = 0.299 * r + 0.587 * g + 0.114 * b > 150.0;
+                let ink = if is_bright { INK } else { WHITE };
+                let style = anchored(10.0, ink, HPos::Center);
+                let words = Text::new(text.clone(), middle, style);
+                chart
+                    .draw_series([block(around(middle.0), around(middle.1), *color)])
+                    .map(drop)
+                    .and_then(|()| chart.draw_series([words]))
+            }
+            Mark::Line {
+                points,
+                color,
+                width,
+                dashed,
+            } => {
+                let places: Vec<_> = points.iter().map(place).collect();
+                return paint_line(chart, &places, stroke(*color, *width), *dashed, joins);
+            }
+            Mark::Dots {
+                points,
+                color,
+                radius,
+            } => {
+                let dot = |point| Circle::new(place(point), fine((*radius, 0.0)).0, color.filled());
+                chart.draw_series(points.iter().map(dot))
+            }
+            Mark::Bar {
+                row,
+                to,
+                color,
+                text,
+            } => {
+                return paint_bar(chart, (self.x.place(*to), *row as f64), *color, text);
+            }
+        };
+        done.map(drop).map_err(said)
+    }
+}
+
+/// A line, interrupted where a place is not finite.
+fn paint_line<DB: DrawingBackend>(
+    chart: &mut Chart<'_, DB>,
+    places: &[(f64, f64)],
+    style: ShapeStyle,
+    is_dashed: bool,
+    joins: bool,
+) -> Result<(), String> {
+    let (x, pixels) = (chart.x_range(), chart.plotting_area().dim_in_pixel().0);
+    let half_point = 0.5 * f64::from(FINE) * (x.end - x.start) / f64::from(pixels);
+    let stretches = places.split(|(x, y)| !x.is_finite() || !y.is_finite());
+    for stretch in stretches.filter(|stretch| stretch.len() > 1) {
+        let line = thinned(stretch, half_point);
+        let size = if joins { line.len() } else { 2 };
+        let drawn = if is_dashed {
+            chart.draw_series([dashed(line, style)]).map(drop)
+        } else {
+            let pieces = line.windows(size);
+            let pieces = pieces.map(|piece| PathElement::new(piece, style));
+            chart.draw_series(pieces).map(drop)
+        };
+        drawn.map_err(said)?;
+    }
+    Ok(())
+}
+
+/// A bar from the left edge to a place, with a text at its end.
+fn paint_bar<DB: DrawingBackend>(
+    chart: &mut Chart<'_, DB>,
+    (end, row): (f64, f64),
+    color: Color,
+    text: &str,
+) -> Result<(), String> {
+    let start = chart.x_range().start;
+    let bar = block([start, end], [row - 0.32, row + 0.32], color);
+    chart.draw_series([bar]).map_err(said)?;
+    // Inside the bar where there is no room behind it.
+    let long = text.chars().count() as f64 * 11.0 * CHARACTER + 6.0;
+    let (right, _) = chart.plotting_area().get_pixel_range();
+    let (at, _) = chart.backend_coord(&(end, row));
+    let (aside, ink, anchor) = if at + fine((long, 0.0)).0 > right.end {
+        (-5.0, WHITE, HPos::Right)
+    } else {
+        (5.0, INK, HPos::Left)
+    };
+    let words = Text::new(
+        text.to_owned(),
+        fine((aside, 0.0)),
+        anchored(11.0, ink, anchor),
+    );
+    let words = EmptyElement::at((end, row)) + words;
+    chart.draw_series([words]).map(drop).map_err(said)
+}
+
+fn block([x0, x1]: [f64; 2], [y0, y1]: [f64; 2], color: Color) -> Rectangle<(f64, f64)> {
+    Rectangle::new([(x0, y0), (x1, y1)], color.filled())
+}
+
+/// Dashes of five points with gaps of three.
+fn dashed<C: Clone>(
+    points: Vec<C>,
+    style: ShapeStyle,
+) -> DashedPathElement<std::vec::IntoIter<C>, u32> {
+    DashedPathElement::new(points, 5 * FINE, 3 * FINE, style)
 }

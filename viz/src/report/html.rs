@@ -110,15 +110,13 @@ fn picture(path: &Path, panel: Panel, [width, height]: [f64; 2]) -> Result<Strin
         width,
         ..Page::default()
     };
-    let svg = page.svg(path)?;
+    let (svg, [x, y]) = page.svg(path)?;
     let svg = svg.trim_start_matches(|c| c != '<').trim_end();
-    let (Some([x, y]), Some(open)) = (page.frame(), svg.strip_suffix("</svg>")) else {
-        return Ok(svg.to_owned());
-    };
+    let open = svg.trim_end_matches("</svg>");
     let open = open.replacen("<svg", &format!("<svg data-x=\"{} {}\"", x.start, x.end), 1);
     Ok(format!(
         "{open}<path class=\"cursor\" d=\"M0 {}V{}\" transform=\"translate({} 0)\"/></svg>",
-        y.start, y.end, x.start
+        y.end, y.start, x.start
     ))
 }
 
