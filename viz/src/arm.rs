@@ -6,6 +6,7 @@ use nalgebra::Vector3;
 
 use crate::solid::{Mesh, Placement, Rgba, disc};
 
+const UPRIGHT: Placement = Placement::IDENTITY;
 const SHELL: Rgba = [228, 226, 218, 255];
 const JOINT: Rgba = [96, 104, 116, 255];
 const DARK: Rgba = [52, 57, 66, 255];
@@ -141,229 +142,122 @@ fn across(axis: Vec3) -> Placement {
 /// The Unimation PUMA 560, in Craig's link frames: column, shoulder, upper arm, forearm, forked wrist, flange. Lengths come from the joints.
 fn puma(robot: &Robot, floor: f32) -> (Mesh, Vec<Mesh>) {
     let origin = |i: usize| vec3(&robot.joints[i].X_PJ.p);
-    let (shoulder_offset, upper_arm, elbow_offset) = (origin(1).y, origin(2).x, origin(2).z);
-    let wrist = origin(3);
-    let (forearm, elbow_shift) = (-wrist.y, wrist.x);
-    let upright = Placement::IDENTITY;
+    let [fork, hub, flange] = puma_wrist();
+    let links = vec![
+        puma_shoulder(origin(1).y),
+        puma_upper_arm(origin(2).x),
+        puma_forearm(origin(2).z, origin(3)),
+        fork,
+        hub,
+        flange,
+    ];
+    (puma_base(floor), links)
+}
 
+fn puma_base(floor: f32) -> Mesh {
     let mut base = Mesh::default();
-    base.add_extrusion(
-        upright,
-        &[disc(0.0, 0.0, 0.165)],
-        floor,
-        floor + 0.03,
-        0.008,
-        DARK,
-    );
-    base.add_cone(upright, 0.125, 0.1, floor + 0.03, floor + 0.07, SHELL);
-    base.add_extrusion(
-        upright,
-        &[disc(0.0, 0.0, 0.1)],
-        floor + 0.06,
-        -0.175,
-        0.004,
-        SHELL,
-    );
-    base.add_extrusion(
-        upright,
-        &[disc(0.0, 0.0, 0.112)],
-        -0.2,
-        -0.165,
-        0.006,
-        JOINT,
-    );
+    base.add_drum(UPRIGHT, 0.165, [floor, floor + 0.03], 0.008, DARK);
+    base.add_cone(UPRIGHT, 0.125, 0.1, floor + 0.03, floor + 0.07, SHELL);
+    base.add_drum(UPRIGHT, 0.1, [floor + 0.06, -0.175], 0.004, SHELL);
+    base.add_drum(UPRIGHT, 0.112, [-0.2, -0.165], 0.006, JOINT);
     // The cable box at the back of the column.
-    base.add_box(
-        Placement {
-            p: Vec3::new(-0.1, 0.0, floor + 0.2),
-            ..upright
-        },
-        Vec3::new(0.09, 0.13, 0.26),
-        DARK,
-    );
+    let behind = Placement {
+        p: Vec3::new(-0.1, 0.0, floor + 0.2),
+        ..UPRIGHT
+    };
+    base.add_box(behind, Vec3::new(0.09, 0.13, 0.26), DARK);
+    base
+}
 
-    // The shoulder's inner face of the upper arm; without a shoulder offset the arm sits on the trunk itself.
-    let face = shoulder_offset - 0.05;
-    let mut shoulder = Mesh::default();
-    shoulder.add_extrusion(upright, &[disc(0.0, 0.0, 0.1)], -0.16, 0.06, 0.02, SHELL);
+fn puma_shoulder(offset: f32) -> Mesh {
+    // The inner face of the upper arm; without a shoulder offset the arm sits on the trunk itself.
+    let face = offset - 0.05;
+    let (inner, outer) = ((face - 0.03).max(0.07), face.max(0.09));
     let lateral = across(Vec3::Y);
-    shoulder.add_extrusion(
+    let mut shoulder = Mesh::default();
+    shoulder.add_drum(UPRIGHT, 0.1, [-0.16, 0.06], 0.02, SHELL);
+    shoulder.add_drum(
         lateral,
-        &[disc(0.0, 0.0, 0.098)],
-        -0.16,
-        (face - 0.02).max(0.08),
+        0.098,
+        [-0.16, (face - 0.02).max(0.08)],
         0.02,
         SHELL,
     );
-    shoulder.add_extrusion(
-        lateral,
-        &[disc(0.0, 0.0, 0.104)],
-        (face - 0.03).max(0.07),
-        face.max(0.09),
-        0.004,
-        JOINT,
-    );
+    shoulder.add_drum(lateral, 0.104, [inner, outer], 0.004, JOINT);
+    shoulder
+}
 
-    // z2 is the shoulder's axis; the forearm runs at z2 = elbow_offset, inside the upper arm.
-    let (inner, outer) = (-0.045, 0.055);
+/// z2 is the shoulder's axis; the forearm runs at z2 = the elbow's offset, inside the upper arm.
+fn puma_upper_arm(length: f32) -> Mesh {
+    let outer = 0.055;
+    let hull = [
+        disc(-0.2, 0.0, 0.085),
+        disc(0.0, 0.0, 0.118),
+        disc(length, 0.0, 0.082),
+    ];
     let mut upper = Mesh::default();
-    upper.add_extrusion(
-        upright,
-        &[
-            disc(-0.2, 0.0, 0.085),
-            disc(0.0, 0.0, 0.118),
-            disc(upper_arm, 0.0, 0.082),
-        ],
-        inner,
-        outer,
-        0.014,
-        SHELL,
-    );
-    upper.add_extrusion(
-        upright,
-        &[disc(0.0, 0.0, 0.075)],
-        outer - 0.002,
-        outer + 0.014,
-        0.005,
-        JOINT,
-    );
-    upper.add_extrusion(
-        upright,
-        &[disc(upper_arm, 0.0, 0.055)],
-        outer - 0.002,
-        outer + 0.01,
-        0.004,
-        JOINT,
-    );
-    upper.add_extrusion(
-        upright,
-        &[disc(-0.2, 0.0, 0.055)],
-        outer - 0.002,
-        outer + 0.008,
-        0.004,
-        METAL,
-    );
-
-    // Frame 3 sits at the elbow; the forearm runs along −y3, its motors stand out behind along +y3.
-    let half = 0.045f32;
-    let mut fore = Mesh::default();
-    let elbow_side = if elbow_offset < 0.0 { half } else { -half };
-    fore.add_extrusion(
-        upright,
-        &[disc(0.0, 0.0, 0.07)],
-        elbow_side.min(elbow_side * 1.1) - 0.004,
-        elbow_side.max(elbow_side * 1.1) + 0.004,
-        0.002,
-        JOINT,
-    );
-    fore.add_extrusion(
-        upright,
-        &[
-            disc(elbow_shift * 0.5, 0.14, 0.052),
-            disc(0.0, 0.0, 0.08),
-            disc(elbow_shift, -(forearm - 0.13), 0.046),
-        ],
-        -half,
-        half,
-        0.014,
-        SHELL,
-    );
-    let roll = Placement::along(wrist, -Vec3::Y, Vec3::X);
-    fore.add_extrusion(roll, &[disc(0.0, 0.0, 0.043)], -0.15, -0.092, 0.004, SHELL);
-
-    // Frames 4 to 6 meet at the wrist centre: a fork along z4, a hub on z5 = y4 between its prongs, a flange on z6.
-    let mut fork = Mesh::default();
-    fork.add_extrusion(
-        upright,
-        &[disc(0.0, 0.0, 0.045)],
-        -0.09,
-        -0.062,
-        0.005,
-        JOINT,
-    );
-    for side in [-1.0f32, 1.0] {
-        let prong = Placement::along(Vec3::ZERO, Vec3::Y, Vec3::X);
-        // In this solid's plane x is x4 and y is −z4.
-        let (a, b) = (side * 0.026, side * 0.043);
-        fork.add_extrusion(
-            prong,
-            &[disc(0.0, 0.068, 0.03), disc(0.0, 0.0, 0.03)],
-            a.min(b),
-            a.max(b),
-            0.004,
-            METAL,
-        );
-        fork.add_extrusion(
-            prong,
-            &[disc(0.0, 0.0, 0.017)],
-            (side * 0.04).min(side * 0.049),
-            (side * 0.04).max(side * 0.049),
-            0.002,
-            DARK,
-        );
+    upper.add_extrusion(UPRIGHT, &hull, -0.045, outer, 0.014, SHELL);
+    for (x, radius, high, bevel, colour) in [
+        (0.0, 0.075, 0.014, 0.005, JOINT),
+        (length, 0.055, 0.01, 0.004, JOINT),
+        (-0.2, 0.055, 0.008, 0.004, METAL),
+    ] {
+        let cap = [disc(x, 0.0, radius)];
+        upper.add_extrusion(UPRIGHT, &cap, outer - 0.002, outer + high, bevel, colour);
     }
-    let mut hub = Mesh::default();
-    hub.add_extrusion(
-        upright,
-        &[disc(0.0, 0.0, 0.03)],
-        -0.0245,
-        0.0245,
-        0.003,
-        DARK,
-    );
-    hub.add_extrusion(
-        across(-Vec3::Y),
-        &[disc(0.0, 0.0, 0.022)],
-        0.0,
-        0.036,
-        0.002,
-        DARK,
-    );
-    let mut flange = Mesh::default();
-    flange.add_extrusion(
-        upright,
-        &[disc(0.0, 0.0, 0.034)],
-        0.036,
-        0.05625,
-        0.003,
-        METAL,
-    );
-    hand(
-        &mut flange,
-        Placement {
-            p: Vec3::Z * 0.05625,
-            ..upright
-        },
-    );
-    (base, vec![shoulder, upper, fore, fork, hub, flange])
+    upper
+}
+
+/// Frame 3 sits at the elbow; the forearm runs along −y3, its motors stand out behind along +y3.
+fn puma_forearm(elbow_offset: f32, wrist: Vec3) -> Mesh {
+    let (forearm, shift, half) = (-wrist.y, wrist.x, 0.045f32);
+    let (near, far) = match elbow_offset < 0.0 {
+        true => (half, 1.1 * half),
+        false => (-1.1 * half, -half),
+    };
+    let hull = [
+        disc(shift * 0.5, 0.14, 0.052),
+        disc(0.0, 0.0, 0.08),
+        disc(shift, -(forearm - 0.13), 0.046),
+    ];
+    let roll = Placement::along(wrist, -Vec3::Y, Vec3::X);
+    let mut fore = Mesh::default();
+    fore.add_drum(UPRIGHT, 0.07, [near - 0.004, far + 0.004], 0.002, JOINT);
+    fore.add_extrusion(UPRIGHT, &hull, -half, half, 0.014, SHELL);
+    fore.add_drum(roll, 0.043, [-0.15, -0.092], 0.004, SHELL);
+    fore
+}
+
+/// Frames 4 to 6 meet at the wrist centre: a fork along z4, a hub on z5 = y4 between its prongs, a flange on z6.
+fn puma_wrist() -> [Mesh; 3] {
+    let [mut fork, mut hub, mut flange] = <[Mesh; 3]>::default();
+    fork.add_drum(UPRIGHT, 0.045, [-0.09, -0.062], 0.005, JOINT);
+    // In this solid's plane x is x4 and y is −z4.
+    let prong = Placement::along(Vec3::ZERO, Vec3::Y, Vec3::X);
+    let hull = [disc(0.0, 0.068, 0.03), disc(0.0, 0.0, 0.03)];
+    for ([a, b], [c, d]) in [
+        ([-0.043, -0.026], [-0.049, -0.04]),
+        ([0.026, 0.043], [0.04, 0.049]),
+    ] {
+        fork.add_extrusion(prong, &hull, a, b, 0.004, METAL);
+        fork.add_drum(prong, 0.017, [c, d], 0.002, DARK);
+    }
+    hub.add_drum(UPRIGHT, 0.03, [-0.0245, 0.0245], 0.003, DARK);
+    hub.add_drum(across(-Vec3::Y), 0.022, [0.0, 0.036], 0.002, DARK);
+    flange.add_drum(UPRIGHT, 0.034, [0.036, 0.05625], 0.003, METAL);
+    let tip = Placement {
+        p: Vec3::Z * 0.05625,
+        ..UPRIGHT
+    };
+    hand(&mut flange, tip);
+    [fork, hub, flange]
 }
 
 /// The pedestal of an arm whose base is above the floor.
 fn pedestal(base: &mut Mesh, floor: f32, radius: f32) {
-    base.add_extrusion(
-        Placement::IDENTITY,
-        &[disc(0.0, 0.0, 1.7 * radius)],
-        floor,
-        floor + 0.02,
-        0.006,
-        DARK,
-    );
-    base.add_extrusion(
-        Placement::IDENTITY,
-        &[disc(0.0, 0.0, radius)],
-        floor + 0.01,
-        -0.01,
-        0.004,
-        JOINT,
-    );
-    base.add_extrusion(
-        Placement::IDENTITY,
-        &[disc(0.0, 0.0, 1.35 * radius)],
-        -0.025,
-        -0.001,
-        0.004,
-        DARK,
-    );
+    base.add_drum(UPRIGHT, 1.7 * radius, [floor, floor + 0.02], 0.006, DARK);
+    base.add_drum(UPRIGHT, radius, [floor + 0.01, -0.01], 0.004, JOINT);
+    base.add_drum(UPRIGHT, 1.35 * radius, [-0.025, -0.001], 0.004, DARK);
 }
 
 /// The longest side; m.
@@ -399,14 +293,8 @@ fn shapes(robot: &Robot, reach: f32) -> (Mesh, Vec<Mesh>) {
             Geometry::Box { size } => mesh.add_box(at, vec3(&size), colour),
             Geometry::Cylinder { radius, length } => {
                 let (radius, half) = (radius as f32, length as f32 / 2.0);
-                mesh.add_extrusion(
-                    at,
-                    &[disc(0.0, 0.0, radius)],
-                    -half,
-                    half,
-                    (0.16 * radius).min(0.5 * half),
-                    colour,
-                );
+                let bevel = (0.16 * radius).min(0.5 * half);
+                mesh.add_drum(at, radius, [-half, half], bevel, colour);
             }
             Geometry::Sphere { radius } => mesh.add_sphere(at, radius as f32, colour),
             Geometry::Capsule { radius, length } => {
@@ -456,14 +344,8 @@ fn hand(mesh: &mut Mesh, flange: Placement) {
 fn capsules(robot: &Robot, reach: f32) -> (Mesh, Vec<Mesh>) {
     let radius = 0.035 * reach;
     let mut base = Mesh::default();
-    base.add_extrusion(
-        Placement::IDENTITY,
-        &[disc(0.0, 0.0, 2.2 * radius)],
-        -1.5 * radius,
-        -0.9 * radius,
-        0.1 * radius,
-        DARK,
-    );
+    let heights = [-1.5 * radius, -0.9 * radius];
+    base.add_drum(UPRIGHT, 2.2 * radius, heights, 0.1 * radius, DARK);
     let links = (0..robot.joints.len()).map(|i| {
         let mut mesh = Mesh::default();
         capsule(&mut mesh, robot, i, radius);
@@ -482,14 +364,8 @@ fn capsule(mesh: &mut Mesh, robot: &Robot, i: usize, radius: f32) {
         .get(i + 1)
         .map_or(tip, |next| vec3(&next.X_PJ.p));
     let axis = Placement::along(Vec3::ZERO, vec3(&robot.joints[i].axis), Vec3::X);
-    mesh.add_extrusion(
-        axis,
-        &[disc(0.0, 0.0, 1.3 * radius)],
-        -1.25 * radius,
-        1.25 * radius,
-        0.15 * radius,
-        JOINT,
-    );
+    let heights = [-1.25 * radius, 1.25 * radius];
+    mesh.add_drum(axis, 1.3 * radius, heights, 0.15 * radius, JOINT);
     if end.length() > radius {
         mesh.add_capsule(
             Placement::along(end / 2.0, end, Vec3::X),

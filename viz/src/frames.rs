@@ -16,7 +16,7 @@ use re_log_encoding::external::lz4_flex::block::decompress;
 use re_log_encoding::rrd::Decodable;
 use re_log_encoding::{MessageHeader, MessageKind, StreamHeader, ToApplication};
 use re_log_types::StoreId;
-use re_protos::common::v1alpha1::{Compression, StoreId as Store, StoreKind};
+use re_protos::common::v1alpha1::Compression;
 use re_protos::log_msg::v1alpha1::ArrowMsg;
 
 /// The chunks in a file, in order. A torn end, which a killed recorder leaves, is the end.
@@ -43,33 +43,11 @@ impl Frames {
         self.place
     }
 
-    /// The next chunk of the recording; `None` at the end.
-    ///
-    /// # Errors
-    /// The defect of the bytes; the rest of the file cannot be read either.
-    pub(crate) fn next_chunk(&mut self) -> Result<Option<Chunk>, String> {
-        Ok(self
-            .next_of(|kind| kind == StoreKind::Recording)?
-            .map(|(_, chunk)| chunk))
-    }
-
     /// The next chunk with the store it belongs to, the recording's or its blueprint's; `None` at the end.
     ///
     /// # Errors
-    /// As [`next_chunk`](Self::next_chunk).
-    pub(crate) fn next_stored(&mut self) -> Result<Option<(StoreId, Chunk)>, String> {
-        let Some((store, chunk)) = self.next_of(|_| true)? else {
-            return Ok(None);
-        };
-        StoreId::try_from(store)
-            .map(|store| Some((store, chunk)))
-            .map_err(|error| error.to_string())
-    }
-
-    fn next_of(
-        &mut self,
-        is_wanted: impl Fn(StoreKind) -> bool,
-    ) -> Result<Option<(Store, Chunk)>, String> {
+    /// The defect of the bytes; the rest of the file cannot be read either.
+    pub(crate) fn next_chunk(&mut self) -> Result<Option<(StoreId, Chunk)>, String> {
         if self.place == 0 {
             let head = self
                 .take(StreamHeader::ENCODED_SIZE_BYTES as u64)?
@@ -90,7 +68,7 @@ impl Frames {
                 break;
             };
             if kind == MessageKind::ArrowMsg
-                && let Some(chunk) = guarded(|| chunk(&body, &is_wanted))??
+                && let Some(chunk) = guarded(|| chunk(&body))??
             {
                 return Ok(Some(chunk));
             }
@@ -116,25 +94,18 @@ impl Frames {
     }
 }
 
-/// The chunk of a message and its store; `None` where that is not of a wanted kind.
-fn chunk(
-    message: &[u8],
-    is_wanted: impl Fn(StoreKind) -> bool,
-) -> Result<Option<(Store, Chunk)>, String> {
+/// The chunk of a message and its store; `None` where it names none.
+fn chunk(message: &[u8]) -> Result<Option<(StoreId, Chunk)>, String> {
     let mut message = ArrowMsg::from_rrd_bytes(message).map_err(|error| error.to_string())?;
-    let Some(store) = message
-        .store_id
-        .take()
-        .filter(|store| is_wanted(store.kind()))
-    else {
+    let Some(store) = message.store_id.take() else {
         return Ok(None);
     };
+    let store = StoreId::try_from(store).map_err(|error| error.to_string())?;
     let message = believable(message)?
         .to_application(())
         .map_err(|error| error.to_string())?;
-    Chunk::from_arrow_msg(&message)
-        .map(|chunk| Some((store, chunk)))
-        .map_err(|error| error.to_string())
+    let chunk = Chunk::from_arrow_msg(&message).map_err(|error| error.to_string())?;
+    Ok(Some((store, chunk)))
 }
 
 thread_local! {

@@ -5,10 +5,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use re_chunk::Chunk;
-use re_chunk::external::arrow::array::{Array, AsArray, ListArray};
+use re_chunk::external::arrow::array::{Array, ArrayRef, AsArray, ListArray};
 use re_chunk::external::arrow::datatypes::{
     ArrowPrimitiveType, Float32Type, Float64Type, UInt32Type,
 };
+
+use re_log_types::{StoreId, StoreKind};
 
 use crate::entity;
 use crate::frames::Frames;
@@ -156,16 +158,6 @@ pub struct Damage<'a> {
     reason: String,
 }
 
-impl<'a> Damage<'a> {
-    pub(crate) fn new(path: &'a Path, bytes: u64, reason: String) -> Self {
-        Self {
-            path,
-            bytes,
-            reason,
-        }
-    }
-}
-
 impl std::fmt::Display for Damage<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self {
@@ -269,6 +261,46 @@ impl Rows {
     }
 }
 
+/// A chunk of a file with its store, or the place from which on it cannot be read.
+pub(crate) enum Found<'a> {
+    Chunk(StoreId, Box<Chunk>),
+    Damaged(Damage<'a>),
+}
+
+/// Hands on the chunks of a file; a torn end is its end.
+pub(crate) fn chunks_of<'a, E: From<ReadError>>(
+    path: &'a Path,
+    mut each: impl FnMut(Found<'a>) -> Result<(), E>,
+) -> Result<(), E> {
+    let path_buf = || path.to_owned();
+    let mut frames = Frames::open(path).map_err(|source| ReadError::Open {
+        path: path_buf(),
+        source,
+    })?;
+    let mut any = false;
+    let reason = loop {
+        match frames.next_chunk() {
+            Ok(Some((store, chunk))) => {
+                any = true;
+                each(Found::Chunk(store, Box::new(chunk)))?;
+            }
+            Ok(None) if any => return Ok(()),
+            Ok(None) => break "it is empty".to_owned(),
+            Err(reason) if any => {
+                let (bytes, reason) = (frames.place(), reason);
+                return each(Found::Damaged(Damage {
+                    path,
+                    bytes,
+                    reason,
+                }));
+            }
+            Err(reason) => break reason,
+        }
+    };
+    let path = path_buf();
+    Err(ReadError::NotARecording { path, reason }.into())
+}
+
 /// Reads the parts of a recording and hands on piece by piece what is in them; a torn end of a file is its end.
 ///
 /// # Errors
@@ -279,189 +311,114 @@ pub fn read<E: From<ReadError>>(
 ) -> Result<(), E> {
     let (mut about, mut slow) = (About::default(), <[Arc<Slow>; 2]>::default());
     for path in parts {
-        read_part(path, &mut about, &mut slow, &mut each)?;
+        let mut introduced = false;
+        chunks_of(path, |found| match found {
+            Found::Damaged(damage) => each(Piece::Damaged(damage)),
+            Found::Chunk(store, _) if store.kind() != StoreKind::Recording => Ok(()),
+            Found::Chunk(_, chunk) if chunk.is_static() => constants(&chunk, &mut about, &mut each),
+            Found::Chunk(_, chunk) if *chunk.entity_path() == entity::SIGNALS.into() => {
+                if !std::mem::replace(&mut introduced, true) {
+                    each(Piece::About(&about))?;
+                }
+                each(Piece::Rows(&Rows {
+                    ticks: ticks(&chunk),
+                    columns: columns(&chunk),
+                    slow: slow.clone(),
+                    limits: Arc::clone(&about.limits),
+                }))
+            }
+            Found::Chunk(_, chunk) if *chunk.entity_path() == entity::DRAWN.into() => {
+                slow.swap(0, 1);
+                slow[1] = Arc::new(Slow {
+                    ticks: ticks(&chunk),
+                    columns: columns(&chunk),
+                });
+                Ok(())
+            }
+            Found::Chunk(_, chunk) => changes(&chunk, &mut each),
+        })?;
     }
     Ok(())
 }
 
-fn read_part<E: From<ReadError>>(
-    path: &Path,
+/// What never changes: the run's description, and the solids of the picture.
+fn constants<E>(
+    chunk: &Chunk,
     about: &mut About,
-    slow: &mut [Arc<Slow>; 2],
     each: &mut impl FnMut(Piece) -> Result<(), E>,
 ) -> Result<(), E> {
-    let mut frames = Frames::open(path).map_err(|source| ReadError::Open {
-        path: path.to_owned(),
-        source,
-    })?;
-    let (mut introduced, mut any) = (false, false);
-    loop {
-        let chunk = match frames.next_chunk() {
-            Ok(Some(chunk)) => chunk,
-            Ok(None) => break,
-            Err(reason) if any => {
-                each(Piece::Damaged(Damage::new(path, frames.place(), reason)))?;
-                break;
-            }
-            Err(reason) => {
-                return Err(ReadError::NotARecording {
-                    path: path.to_owned(),
-                    reason,
-                }
-                .into());
-            }
-        };
-        any = true;
-        let at = chunk.entity_path().to_string();
-        if chunk.is_static() {
-            learn(&chunk, &at, about);
-            if chunk
-                .components()
-                .contains_component("Mesh3D:triangle_indices".into())
-            {
-                each(Piece::Solid(Solid {
-                    of: &at,
-                    chunk: &chunk,
-                }))?;
-            }
-            continue;
-        }
-        if at == entity::DRAWN {
-            slow.swap(0, 1);
-            slow[1] = Arc::new(Slow {
-                ticks: ticks(&chunk),
-                columns: columns(&chunk),
-            });
-        } else if at == entity::SIGNALS {
-            if !introduced {
-                introduced = true;
-                each(Piece::About(about))?;
-            }
-            let (slow, limits) = (slow.clone(), Arc::clone(&about.limits));
-            each(Piece::Rows(&Rows {
-                ticks: ticks(&chunk),
-                columns: columns(&chunk),
-                slow,
-                limits,
-            }))?;
-        } else if at == entity::LOG {
-            let levels = texts(&chunk, "TextLog:level");
-            for (i, (tick, text)) in ticks(&chunk)
-                .into_iter()
-                .zip(texts(&chunk, "TextLog:text"))
-                .enumerate()
-            {
-                // The viewer's line begins with its time.
-                let text = text
-                    .split_once(entity::AFTER_TIME)
-                    .map_or(text.as_str(), |(_, text)| text)
-                    .to_owned();
-                each(Piece::Event {
-                    tick,
-                    level: levels.get(i).cloned().unwrap_or_default(),
-                    text,
-                })?;
-            }
-        } else if chunk
-            .components()
-            .contains_component("StateChange:state".into())
-        {
-            let lane = entity::lane(&at);
-            for (tick, state) in ticks(&chunk)
-                .into_iter()
-                .zip(texts(&chunk, "StateChange:state"))
-            {
-                each(Piece::State {
-                    tick,
-                    lane: lane.clone(),
-                    state,
-                })?;
-            }
-        } else if chunk
-            .components()
-            .contains_component("Transform3D:translation".into())
-        {
-            let (places, turns) = (
-                vectors::<3>(&chunk, "Transform3D:translation"),
-                vectors::<4>(&chunk, "Transform3D:quaternion"),
-            );
-            for (row, (tick, p)) in ticks(&chunk).into_iter().zip(places).enumerate() {
-                let xyzw = turns
-                    .get(row)
-                    .copied()
-                    .flatten()
-                    .unwrap_or([0.0, 0.0, 0.0, 1.0]);
-                if let Some(p) = p {
-                    each(Piece::Place {
-                        tick,
-                        of: &at,
-                        p,
-                        xyzw,
-                    })?;
-                }
-            }
-        } else if chunk
-            .components()
-            .contains_component("Points3D:labels".into())
-        {
-            for (tick, text) in ticks(&chunk)
-                .into_iter()
-                .zip(texts(&chunk, "Points3D:labels"))
-            {
-                each(Piece::Label {
-                    tick,
-                    of: &at,
-                    text,
-                })?;
-            }
-        }
+    let of = &chunk.entity_path().to_string();
+    learn(chunk, of, about);
+    match has(chunk, "Mesh3D:triangle_indices") {
+        true => each(Piece::Solid(Solid { of, chunk })),
+        false => Ok(()),
     }
-    if !any {
-        return Err(ReadError::NotARecording {
-            path: path.to_owned(),
-            reason: "it is empty".to_owned(),
+}
+
+/// Words, states and places, as they change.
+fn changes<E>(chunk: &Chunk, each: &mut impl FnMut(Piece) -> Result<(), E>) -> Result<(), E> {
+    let of = &chunk.entity_path().to_string();
+    if of == entity::LOG {
+        let (levels, lines) = (told(chunk, "TextLog:level"), told(chunk, "TextLog:text"));
+        for ((_, level), (tick, text)) in levels.zip(lines) {
+            // The viewer's line begins with its time.
+            let text = text
+                .split_once(entity::AFTER_TIME)
+                .map_or(text.clone(), |(_, text)| text.to_owned());
+            each(Piece::Event { tick, level, text })?;
         }
-        .into());
+    } else if has(chunk, "StateChange:state") {
+        for (tick, state) in told(chunk, "StateChange:state") {
+            let lane = entity::lane(of);
+            each(Piece::State { tick, lane, state })?;
+        }
+    } else if has(chunk, "Transform3D:translation") {
+        let places = vectors::<3>(chunk, "Transform3D:translation");
+        let turns = vectors::<4>(chunk, "Transform3D:quaternion");
+        for (row, (tick, p)) in ticks(chunk).into_iter().zip(places).enumerate() {
+            let Some(p) = p else { continue };
+            let xyzw = turns.get(row).copied().flatten();
+            let xyzw = xyzw.unwrap_or([0.0, 0.0, 0.0, 1.0]);
+            each(Piece::Place { tick, of, p, xyzw })?;
+        }
+    } else {
+        for (tick, text) in told(chunk, "Points3D:labels") {
+            each(Piece::Label { tick, of, text })?;
+        }
     }
     Ok(())
+}
+
+fn has(chunk: &Chunk, component: &'static str) -> bool {
+    chunk.components().contains_component(component.into())
 }
 
 /// The run's description in static chunks.
 fn learn(chunk: &Chunk, at: &str, about: &mut About) {
-    if at == entity::SIGNALS {
-        for (name, column) in chunk.components().iter() {
-            match name.as_str() {
-                "joint:torque_limit" => {
-                    about.joints = column.list_array.values().len();
-                    Arc::make_mut(&mut about.limits).torque = numbers(&column.list_array);
-                }
-                "joint:qdot_limit" => {
-                    Arc::make_mut(&mut about.limits).speed = numbers(&column.list_array)
-                }
-                "joint:q_centre" => {
-                    Arc::make_mut(&mut about.limits).centre = numbers(&column.list_array)
-                }
-                "joint:q_half_range" => {
-                    Arc::make_mut(&mut about.limits).half_range = numbers(&column.list_array)
-                }
-                entity::SINGULARITY_NAMES => {
-                    about.singularities = texts(chunk, entity::SINGULARITY_NAMES)
-                }
-                _ => {}
+    let limits = Arc::make_mut(&mut about.limits);
+    for (name, column) in chunk.components().iter().filter(|_| at == entity::SIGNALS) {
+        match name.as_str() {
+            "joint:torque_limit" => {
+                about.joints = column.list_array.values().len();
+                limits.torque = numbers(&column.list_array);
             }
+            "joint:qdot_limit" => limits.speed = numbers(&column.list_array),
+            "joint:q_centre" => limits.centre = numbers(&column.list_array),
+            "joint:q_half_range" => limits.half_range = numbers(&column.list_array),
+            entity::SINGULARITY_NAMES => {
+                let names = texts(chunk, entity::SINGULARITY_NAMES).into_iter();
+                about.singularities = names.flatten().collect();
+            }
+            _ => {}
         }
-    } else if at.ends_with("/run") {
-        for (name, column) in chunk.components().iter() {
-            let text = column
-                .list_array
-                .values()
-                .as_string_opt::<i32>()
-                .filter(|texts| !texts.is_empty())
-                .map(|texts| texts.value(0));
-            if let Some(text) = text {
-                let key = name.as_str().strip_prefix("run:").unwrap_or(name.as_str());
-                about.properties.insert(key.to_owned(), text.to_owned());
-            }
+    }
+    for (name, column) in chunk.components().iter().filter(|_| at.ends_with("/run")) {
+        if let Some(texts) = column.list_array.values().as_string_opt::<i32>()
+            && !texts.is_empty()
+        {
+            let key = name.as_str().strip_prefix("run:").unwrap_or(name.as_str());
+            let text = texts.value(0).to_owned();
+            about.properties.insert(key.to_owned(), text);
         }
     }
 }
@@ -486,17 +443,25 @@ fn numbers(lists: &ListArray) -> Vec<f64> {
         .map_or(Vec::new(), |all| all.values().to_vec())
 }
 
-fn texts(chunk: &Chunk, component: &'static str) -> Vec<String> {
-    let values = chunk
-        .components()
-        .get(component.into())
-        .and_then(|column| column.list_array.values().as_string_opt::<i32>().cloned());
-    values.map_or(Vec::new(), |values| {
-        values
-            .iter()
+/// The texts of each row of a component.
+fn texts(chunk: &Chunk, component: &'static str) -> Vec<Vec<String>> {
+    let Some(column) = chunk.components().get(component.into()) else {
+        return Vec::new();
+    };
+    let row = |row: Option<ArrayRef>| {
+        let texts = row.as_ref().and_then(|row| row.as_string_opt::<i32>());
+        let texts = texts.into_iter().flatten();
+        texts
             .map(|text| text.unwrap_or_default().to_owned())
             .collect()
-    })
+    };
+    column.list_array.iter().map(row).collect()
+}
+
+/// The texts of a component with their ticks.
+fn told(chunk: &Chunk, component: &'static str) -> impl Iterator<Item = (u64, String)> {
+    let rows = ticks(chunk).into_iter().zip(texts(chunk, component));
+    rows.flat_map(|(tick, texts)| texts.into_iter().map(move |text| (tick, text)))
 }
 
 /// All tuples of a component, whatever their rows.

@@ -99,6 +99,18 @@ impl Mesh {
         self.add_profile(at, discs, &profile, colour);
     }
 
+    /// A cylinder between two heights.
+    pub(crate) fn add_drum(
+        &mut self,
+        at: Placement,
+        radius: f32,
+        [z0, z1]: [f32; 2],
+        bevel: f32,
+        colour: Rgba,
+    ) {
+        self.add_extrusion(at, &[disc(0.0, 0.0, radius)], z0, z1, bevel, colour);
+    }
+
     /// A frustum from radius `r0` at `z0` to `r1` at `z1` (0: a cone's tip), closed at both ends.
     pub(crate) fn add_cone(
         &mut self,

@@ -1,5 +1,6 @@
 //! The marks of singularities: the lost direction ζ, what it has swept, and the lines that show why the arm is singular.
 
+use glam::Vec3;
 use nalgebra::SVector;
 use re_sdk_types::archetypes::{Arrows3D, Clear, LineStrips3D, Points3D, Transform3D};
 use re_sdk_types::components::Radius;
@@ -23,6 +24,18 @@ const SWEEP_STEP: f32 = 0.9903;
 const TELL_STEP_DEG: f32 = 5.0;
 /// Colour of a direction that is free again.
 const FREE: Rgba = [90, 220, 120, 255];
+
+/// A singularity's mark at a tick.
+struct Named<'a> {
+    tick: u64,
+    number: usize,
+    name: &'a str,
+    tint: Rgba,
+    centre: Vec3,
+    zeta: Vec3,
+    is_inside: bool,
+    is_hidden: bool,
+}
 
 impl Recording {
     /// Marks change their looks rarely; their places go with the picture.
@@ -65,7 +78,18 @@ impl Recording {
             let task = row.control_state.map_or((0, false), |state| {
                 (state.segment as usize, state.mode[i] == MODE_REORIENT)
             });
-            self.write_swept(tick, &name, tint, i, mark, task, hand);
+            let mark = Named {
+                tick,
+                number: i,
+                name: &name,
+                tint,
+                centre: mark.X_BS.p,
+                // On the other side than the mark's label.
+                zeta: -self.story.sides[i] * mark.zeta(),
+                is_inside: is_inside(mark),
+                is_hidden: mark.look.presence == Presence::Hidden,
+            };
+            self.write_swept(&mark, task, hand);
         }
     }
 
@@ -107,37 +131,29 @@ impl Recording {
                 self.log(tick, path, &Transform3D::update_fields().with_scale(UNSEEN));
             }
         } else {
-            let opacity = if is_inside { 255 } else { 70 };
-            let rim = if is_inside {
-                [255, 110, 110, 255]
-            } else {
-                [190, 195, 205, 255]
+            let (opacity, rim) = match is_inside {
+                true => (255, [255, 110, 110, 255]),
+                false => (70, [190, 195, 205, 255]),
             };
             self.log(tick, solid, &tinted([255, 255, 255, opacity]));
             self.log(tick, &*rings, &tinted(rim));
             self.log(tick, rings, &Transform3D::update_fields().with_scale(1.0));
         }
-        if is_inside {
-            let frame = Arrows3D::from_vectors([[0.0, 0.5 * unit, 0.0], [0.0, 0.0, 0.5 * unit]]);
-            self.log(
-                tick,
-                axes,
-                &frame
-                    .with_colors([0xc8d0dcff_u32])
-                    .with_radii([0.012 * unit]),
-            );
-            let point = Points3D::new([[0.0; 3]])
-                .with_radii([Radius::new_ui_points(0.5)])
-                .with_colors([rgba(of_words([r, g, b, 255]))]);
-            self.log(
-                tick,
-                label,
-                &point.with_labels([words]).with_show_labels(true),
-            );
-        } else {
-            self.log(tick, axes, &Clear::flat());
-            self.log(tick, label, &Clear::flat());
+        if !is_inside {
+            self.clear(tick, axes);
+            self.clear(tick, label);
+            return;
         }
+        let frame = Arrows3D::from_vectors([[0.0, 0.5 * unit, 0.0], [0.0, 0.0, 0.5 * unit]])
+            .with_colors([0xc8d0dcff_u32])
+            .with_radii([0.012 * unit]);
+        self.log(tick, axes, &frame);
+        let point = Points3D::new([[0.0; 3]])
+            .with_radii([Radius::new_ui_points(0.5)])
+            .with_colors([rgba(of_words([r, g, b, 255]))])
+            .with_labels([words])
+            .with_show_labels(true);
+        self.log(tick, label, &point);
     }
 
     /// Axes and bones that fall into one line, on the links they belong to: they move with the arm and cost nothing per tick.
@@ -183,35 +199,11 @@ impl Recording {
     }
 
     /// The sector that ζ has swept since the arm entered, with its angle; the old ζ, green and with its own angle once it is free again.
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "one mark, where it is and what the task wants of it"
-    )]
-    fn write_swept(
-        &mut self,
-        tick: u64,
-        name: &str,
-        tint: Rgba,
-        i: usize,
-        mark: &Mark,
-        (segment, is_turning): (usize, bool),
-        hand: &Placement,
-    ) {
-        // On the other side than the mark's label.
-        let (unit, centre, zeta) = (
-            self.mark_size(),
-            mark.X_BS.p,
-            -self.story.sides[i] * mark.zeta(),
-        );
-        let [sector, entry, words] = [
-            entity::sector(name),
-            entity::entry(name),
-            entity::swept(name),
-        ];
-        let is_inside = mark.look.presence == Presence::Inside;
-        let mut swept = match self.part.swept[i].take() {
+    fn write_swept(&mut self, mark: &Named, task: (usize, bool), hand: &Placement) {
+        let (name, zeta) = (mark.name, mark.zeta);
+        let mut swept = match self.part.swept[mark.number].take() {
             Some(swept) => swept,
-            None if is_inside => Swept {
+            None if mark.is_inside => Swept {
                 directions: vec![zeta],
                 freed: None,
                 told_deg: 0.0,
@@ -219,121 +211,125 @@ impl Recording {
             },
             None => return,
         };
-        let Some((first, last)) = swept
-            .directions
-            .first()
-            .copied()
-            .zip(swept.directions.last().copied())
+        let (Some(&first), Some(&last)) = (swept.directions.first(), swept.directions.last())
         else {
             return;
         };
-        let [r, g, b, _] = tint;
-        let old = |colour_of: Rgba, words: String| {
-            let dashes = dashed(
-                centre - 1.15 * unit * first,
-                centre + 1.15 * unit * first,
-                15,
-                0,
-            );
-            let mut strips: Vec<Vec<[f32; 3]>> = dashes.iter().map(|dash| dash.to_vec()).collect();
-            // The words at the end of the line.
-            let up = if first.z < 0.0 { -first } else { first };
-            let tip = centre + 1.2 * unit * up;
-            strips.push(vec![tip.to_array(), (tip + 0.02 * unit * up).to_array()]);
-            let mut labels = vec![String::new(); strips.len() - 1];
-            labels.push(words);
-            let colours = vec![colour_of; strips.len()];
-            lettered(strips, colours, labels, 0.004 * self.run.figure.reach)
-        };
-        if !is_inside && swept.freed.is_none() {
+        // A few degrees are worth no picture.
+        let is_drawn = swept.directions.len() > 2;
+        if !mark.is_inside && swept.freed.is_none() {
             // It left as it came.
-            if swept.directions.len() > 2 {
-                [sector, words, entry]
-                    .into_iter()
-                    .for_each(|path| self.log(tick, path, &Clear::flat()));
+            if is_drawn {
+                self.clear(mark.tick, entity::sector(name));
+                self.clear(mark.tick, entity::swept(name));
+                self.clear(mark.tick, entity::entry(name));
             }
             return;
         }
-        if is_inside && swept.freed.is_none() && last.dot(zeta) < SWEEP_STEP {
+        if mark.is_inside && swept.freed.is_none() && last.dot(zeta) < SWEEP_STEP {
             // ζ is a line: its sign may be either.
-            swept
-                .directions
-                .push(if last.dot(zeta) < -0.5 { -zeta } else { zeta });
-            let turned: f32 = swept
-                .directions
-                .windows(2)
-                .map(|pair| pair[0].angle_between(pair[1]))
-                .sum::<f32>()
-                .to_degrees();
-            let goal = self
-                .run
-                .wanted_turns
-                .get(segment)
-                .and_then(|wanted| wanted.as_ref())
-                .filter(|(of, _)| of == name);
-            let of = goal.map_or(String::new(), |(_, by_deg)| {
-                format!(" of {:.0}°", by_deg.abs())
-            });
-            let mesh = scene::sector(centre, &swept.directions, 0.95 * unit);
-            let arc: Vec<[f32; 3]> = swept
-                .directions
-                .iter()
-                .map(|direction| (centre + *direction * 0.97 * unit).to_array())
-                .collect();
-            // A few degrees are worth no picture.
-            if swept.directions.len() < 3 {
-                self.part.swept[i] = Some(swept);
-                return;
-            }
-            let first_picture = swept.directions.len() == 3;
-            let dashes = old([r, g, b, 200], String::new());
-            self.log(tick, &*sector, &ghost3d(&mesh, [r, g, b, 90]));
-            let arc = lettered(
-                vec![arc],
-                vec![tint],
-                vec![format!("ζ turned {turned:.0}°{of}")],
-                0.004 * self.run.figure.reach,
-            );
-            self.log(tick, &*words, &arc);
-            if first_picture {
-                self.log(tick, &*entry, &dashes);
-            }
-        } else if swept.directions.len() > 2 {
-            // Turned far enough, and the task goes on with another segment: what was lost is free.
-            if swept.freed.is_none() && first.dot(zeta).abs() < 0.72 && !is_turning {
-                swept.freed = Some(hand.R);
-                self.log(tick, &*entry, &old(FREE, "old ζ: free again".to_owned()));
-            } else if let Some(R_0) = swept.freed {
-                let (axis, angle) =
-                    glam::Quat::from_mat3(&(hand.R * R_0.transpose())).to_axis_angle();
-                let about_deg = (angle * axis.dot(first)).to_degrees().abs();
-                if about_deg > swept.told_deg + TELL_STEP_DEG {
-                    swept.told_deg = about_deg;
-                    let of = self
-                        .run
-                        .wanted_rotations
-                        .get(segment)
-                        .copied()
-                        .flatten()
-                        .map_or(String::new(), |by| format!(" of {:.0}°", by.abs()));
-                    let dashes = old(FREE, format!("free again: {about_deg:.0}°{of}"));
-                    self.log(tick, &*entry, &dashes);
-                    if is_inside {
-                        self.log(tick, &*words, &Clear::flat());
-                    }
-                }
-            }
-            if mark.look.presence == Presence::Hidden && !swept.is_over {
+            let zeta = if last.dot(zeta) < -0.5 { -zeta } else { zeta };
+            swept.directions.push(zeta);
+            self.write_sector(mark, &swept.directions, task.0);
+        } else if is_drawn {
+            self.write_freed(mark, &mut swept, first, task, hand);
+            if mark.is_hidden && !swept.is_over {
                 // The old ζ stays to be seen until the arm enters again.
                 swept.is_over = true;
-                self.log(tick, &*sector, &Clear::flat());
-                self.log(tick, &*words, &Clear::flat());
-            } else if is_inside && swept.is_over {
-                self.log(tick, &*entry, &Clear::flat());
+                self.clear(mark.tick, entity::sector(name));
+                self.clear(mark.tick, entity::swept(name));
+            } else if mark.is_inside && swept.is_over {
+                self.clear(mark.tick, entity::entry(name));
                 return;
             }
         }
-        self.part.swept[i] = Some(swept);
+        self.part.swept[mark.number] = Some(swept);
+    }
+
+    fn clear(&self, tick: u64, path: String) {
+        self.log(tick, path, &Clear::flat());
+    }
+
+    /// The sector through successive directions, from the third on.
+    fn write_sector(&self, mark: &Named, directions: &[Vec3], segment: usize) {
+        if directions.len() < 3 {
+            return;
+        }
+        let (name, centre, unit) = (mark.name, mark.centre, self.mark_size());
+        let [r, g, b, _] = mark.tint;
+        let steps = directions.windows(2);
+        let turned: f32 = steps.map(|pair| pair[0].angle_between(pair[1])).sum();
+        let goal = self.run.wanted_turns.get(segment).and_then(Option::as_ref);
+        let goal = goal.filter(|(of, _)| of == name);
+        let of = goal.map_or(String::new(), |(_, by)| format!(" of {:.0}°", by.abs()));
+        let words = format!("ζ turned {:.0}°{of}", turned.to_degrees());
+        let mesh = scene::sector(centre, directions, 0.95 * unit);
+        let arc = directions.iter();
+        let arc = arc.map(|direction| (centre + *direction * 0.97 * unit).to_array());
+        let arc = lettered(
+            vec![arc.collect()],
+            vec![mark.tint],
+            vec![words],
+            0.004 * self.run.figure.reach,
+        );
+        self.log(
+            mark.tick,
+            entity::sector(name),
+            &ghost3d(&mesh, [r, g, b, 90]),
+        );
+        self.log(mark.tick, entity::swept(name), &arc);
+        if directions.len() == 3 {
+            let dashes = self.old_zeta(mark, directions[0], [r, g, b, 200], String::new());
+            self.log(mark.tick, entity::entry(name), &dashes);
+        }
+    }
+
+    /// Turned far enough, and the task goes on with another segment: what was lost is free, and the hand may rotate about it.
+    fn write_freed(
+        &self,
+        mark: &Named,
+        swept: &mut Swept,
+        first: Vec3,
+        (segment, is_turning): (usize, bool),
+        hand: &Placement,
+    ) {
+        let entry = entity::entry(mark.name);
+        let Some(R_0) = swept.freed else {
+            if first.dot(mark.zeta).abs() < 0.72 && !is_turning {
+                swept.freed = Some(hand.R);
+                let dashes = self.old_zeta(mark, first, FREE, "old ζ: free again".to_owned());
+                self.log(mark.tick, entry, &dashes);
+            }
+            return;
+        };
+        let (axis, angle) = glam::Quat::from_mat3(&(hand.R * R_0.transpose())).to_axis_angle();
+        let about_deg = (angle * axis.dot(first)).to_degrees().abs();
+        if about_deg <= swept.told_deg + TELL_STEP_DEG {
+            return;
+        }
+        swept.told_deg = about_deg;
+        let wanted = self.run.wanted_rotations.get(segment).copied().flatten();
+        let of = wanted.map_or(String::new(), |by| format!(" of {:.0}°", by.abs()));
+        let words = format!("free again: {about_deg:.0}°{of}");
+        self.log(mark.tick, entry, &self.old_zeta(mark, first, FREE, words));
+        if mark.is_inside {
+            self.clear(mark.tick, entity::swept(mark.name));
+        }
+    }
+
+    /// ζ as it was when the arm entered, dashed, with words at its upper end.
+    fn old_zeta(&self, mark: &Named, zeta: Vec3, colour: Rgba, words: String) -> LineStrips3D {
+        let (unit, centre) = (self.mark_size(), mark.centre);
+        let end = 1.15 * unit * zeta;
+        let dashes = dashed(centre - end, centre + end, 15, 0);
+        let mut strips: Vec<Vec<[f32; 3]>> = dashes.iter().map(|dash| dash.to_vec()).collect();
+        let mut labels = vec![String::new(); strips.len()];
+        let up = if zeta.z < 0.0 { -zeta } else { zeta };
+        let tip = centre + 1.2 * unit * up;
+        strips.push(vec![tip.to_array(), (tip + 0.02 * unit * up).to_array()]);
+        labels.push(words);
+        let colours = vec![colour; strips.len()];
+        lettered(strips, colours, labels, 0.004 * self.run.figure.reach)
     }
 
     /// Half the length of the mark of a singularity the arm is in; m.

@@ -5,14 +5,13 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use re_chunk::external::arrow::array::ListArray;
-use re_chunk::{Chunk, EntityPath};
+use re_chunk::{Chunk, ComponentIdentifier, EntityPath};
 use re_log_encoding::StreamFooter;
 use re_log_types::{StoreId, StoreKind};
 
 use super::parts::create;
 use crate::entity;
-use crate::frames::Frames;
-use crate::read::{Damage, ReadError, ReadNews};
+use crate::read::{Found, ReadError, ReadNews, chunks_of};
 use crate::sink::{RecordError, Sink};
 
 /// Why recordings cannot be merged.
@@ -36,35 +35,6 @@ pub enum MergeError {
     },
 }
 
-/// Values that never change, of each component that has been written.
-#[derive(Default)]
-struct Constants(BTreeMap<(EntityPath, String), ListArray>);
-
-impl Constants {
-    /// Takes the constants of a chunk in; whether any of them is new.
-    fn add(&mut self, chunk: &Chunk) -> bool {
-        let mut is_new = false;
-        for (name, column) in chunk.components().iter() {
-            let known = self
-                .0
-                .entry((chunk.entity_path().clone(), name.to_string()));
-            match known {
-                std::collections::btree_map::Entry::Occupied(known)
-                    if *known.get() == column.list_array => {}
-                std::collections::btree_map::Entry::Occupied(mut known) => {
-                    known.insert(column.list_array.clone());
-                    is_new = true;
-                }
-                std::collections::btree_map::Entry::Vacant(free) => {
-                    free.insert(column.list_array.clone());
-                    is_new = true;
-                }
-            }
-        }
-        is_new
-    }
-}
-
 /// Writes the parts of one recording into one file, with its footer: every row of every part, constants that the parts repeat once, and the
 /// blueprint of the last part that has one. A damaged chunk ends its part and is given to `news`, as the counts of rows are.
 ///
@@ -75,79 +45,86 @@ pub fn merge(
     to: &Path,
     mut news: impl FnMut(ReadNews<'_>),
 ) -> Result<u64, MergeError> {
-    let mut sink: Option<(Sink, StoreId)> = None;
-    let mut constants = Constants::default();
-    let mut blueprint: Option<(StoreId, Vec<Chunk>)> = None;
+    let mut merged = Merged::default();
     for path in parts {
-        let mut frames = Frames::open(path).map_err(|source| ReadError::Open {
-            path: path.clone(),
-            source,
-        })?;
-        let (mut any, mut of_this_part) = (false, None::<(StoreId, Vec<Chunk>)>);
-        loop {
-            let (store, chunk) = match frames.next_stored() {
-                Ok(Some(stored)) => stored,
-                Ok(None) => break,
-                Err(reason) if any => {
-                    news(ReadNews::Damaged(&Damage::new(
-                        path,
-                        frames.place(),
-                        reason,
-                    )));
-                    break;
-                }
-                Err(reason) => {
-                    return Err(ReadError::NotARecording {
-                        path: path.clone(),
-                        reason,
-                    }
-                    .into());
-                }
-            };
-            any = true;
-            if store.kind() == StoreKind::Blueprint {
-                of_this_part
+        merged.layout_of_part = None;
+        chunks_of(path, |found| match found {
+            Found::Damaged(damage) => {
+                news(ReadNews::Damaged(&damage));
+                Ok(())
+            }
+            Found::Chunk(store, chunk) if store.kind() == StoreKind::Blueprint => {
+                let of_part = &mut merged.layout_of_part;
+                of_part
                     .get_or_insert_with(|| (store, Vec::new()))
                     .1
-                    .push(chunk);
-                continue;
+                    .push(*chunk);
+                Ok(())
             }
-            let (sink, known) = match &mut sink {
-                Some(begun) => begun,
-                none => {
-                    let begun = Sink::new(Box::new(create(to)?), &store)?;
-                    none.insert((begun, store.clone()))
+            Found::Chunk(store, chunk) => {
+                if !chunk.is_static() && *chunk.entity_path() == entity::SIGNALS.into() {
+                    news(ReadNews::Rows(chunk.num_rows() as u64));
                 }
-            };
-            if *known != store {
-                return Err(MergeError::Foreign {
-                    path: path.clone(),
-                    first: parts[0].clone(),
-                });
+                merged.add(&store, *chunk, to, [path, &parts[0]])
             }
-            if !chunk.is_static() && *chunk.entity_path() == EntityPath::from(entity::SIGNALS) {
-                news(ReadNews::Rows(chunk.num_rows() as u64));
-            }
-            if !chunk.is_static() || constants.add(&chunk) {
-                sink.send_chunk(chunk);
-                sink.flush();
-                sink.check()?;
-            }
-        }
-        blueprint = of_this_part.or(blueprint);
+        })?;
+        merged.layout = merged.layout_of_part.take().or(merged.layout);
     }
-    let Some((mut sink, _)) = sink else {
+    let Some((mut sink, _)) = merged.file else {
         let path = parts.first().cloned().unwrap_or_default();
-        return Err(ReadError::NotARecording {
-            path,
-            reason: "it is empty".to_owned(),
-        }
-        .into());
+        let reason = "it is empty".to_owned();
+        return Err(ReadError::NotARecording { path, reason }.into());
     };
-    if let Some((store, chunks)) = blueprint {
+    if let Some((store, chunks)) = merged.layout {
         sink.send_blueprint(&store, chunks.into_iter().map(Ok));
     }
     Ok(sink.finish()?)
+}
+
+type Layout = Option<(StoreId, Vec<Chunk>)>;
+
+/// A file of several parts in the making.
+#[derive(Default)]
+struct Merged {
+    /// With the recording it is of.
+    file: Option<(Sink, StoreId)>,
+    /// The value of each component that never changes.
+    constants: BTreeMap<(EntityPath, ComponentIdentifier), ListArray>,
+    layout: Layout,
+    layout_of_part: Layout,
+}
+
+impl Merged {
+    /// Writes a chunk of a part, unless it repeats constants.
+    fn add(
+        &mut self,
+        store: &StoreId,
+        chunk: Chunk,
+        to: &Path,
+        [path, first]: [&PathBuf; 2],
+    ) -> Result<(), MergeError> {
+        let mut is_new = !chunk.is_static();
+        for (name, column) in chunk.components().iter().filter(|_| chunk.is_static()) {
+            let value = column.list_array.clone();
+            let key = (chunk.entity_path().clone(), *name);
+            let before = self.constants.insert(key, value);
+            is_new |= before.as_ref() != Some(&column.list_array);
+        }
+        let (sink, known) = match &mut self.file {
+            Some(begun) => begun,
+            none => none.insert((Sink::new(Box::new(create(to)?), store)?, store.clone())),
+        };
+        if known != store {
+            let (path, first) = (path.clone(), first.clone());
+            return Err(MergeError::Foreign { path, first });
+        }
+        if is_new {
+            sink.send_chunk(chunk);
+            sink.flush();
+            sink.check()?;
+        }
+        Ok(())
+    }
 }
 
 /// Whether a recording has its footer: one of a recorder that was killed has none.
@@ -175,29 +152,23 @@ pub fn complete(part: &Path) -> Result<(), MergeError> {
     if is_complete(part).map_err(unreadable)? {
         return Ok(());
     }
-    let draft = part.with_file_name(format!(
-        ".{}",
-        part.file_name().unwrap_or_default().display()
-    ));
+    let name = part.file_name().unwrap_or_default();
+    let draft = part.with_file_name(format!(".{}", name.display()));
     let mut is_damaged = false;
-    let written = merge(std::slice::from_ref(&part.to_owned()), &draft, |news| {
-        is_damaged |= matches!(news, ReadNews::Damaged(_))
+    let written = merge(&[part.to_owned()], &draft, |news| {
+        is_damaged |= matches!(news, ReadNews::Damaged(_));
     });
-    let written = written.map_err(|error| match error {
-        MergeError::Write(RecordError::Write { source, .. }) => RecordError::Anew { source }.into(),
-        error => error,
-    });
-    let placed = written.and_then(|_| {
-        let failed = |source| RecordError::Create {
-            path: part.display().to_string(),
-            source,
-        };
-        if is_damaged {
-            Ok(())
-        } else {
-            std::fs::rename(&draft, part).map_err(|source| failed(source).into())
+    let placed = match written {
+        Ok(_) if is_damaged => Ok(()),
+        Ok(_) => std::fs::rename(&draft, part).map_err(|source| {
+            let path = part.display().to_string();
+            RecordError::Create { path, source }.into()
+        }),
+        Err(MergeError::Write(RecordError::Write { source, .. })) => {
+            Err(RecordError::Anew { source }.into())
         }
-    });
+        Err(error) => Err(error),
+    };
     if is_damaged || placed.is_err() {
         let _ = std::fs::remove_file(&draft);
     }

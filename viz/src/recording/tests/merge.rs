@@ -35,7 +35,9 @@ fn two_parts(folder: &Path, run: &str) -> [std::path::PathBuf; 2] {
 
 fn chunks_of(path: &Path) -> Vec<Chunk> {
     let mut frames = Frames::open(path).expect("the file");
-    std::iter::from_fn(|| frames.next_chunk().expect("whole")).collect()
+    let stored = std::iter::from_fn(|| frames.next_chunk().expect("whole"));
+    let of_recording = stored.filter(|(store, _)| store.kind() == StoreKind::Recording);
+    of_recording.map(|(_, chunk)| chunk).collect()
 }
 
 fn ticks_of(path: &Path) -> Vec<i64> {
