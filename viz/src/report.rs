@@ -12,8 +12,8 @@ mod stage;
 
 use std::path::{Path, PathBuf};
 
-use model::{Robot, RobotSource};
-use shared_types::job::{Job, RobotText};
+use model::Robot;
+use shared_types::job::Job;
 use shared_types::summary::{Machine, Summary};
 
 use crate::blueprint::{ACROSS, ALONG, JOINTS};
@@ -70,17 +70,7 @@ pub fn report(
     let mut page = Html::default();
     head(&mut page, summary, job, &lacks);
     let singularities = Named::all(&recorded.singularities);
-    let RobotText {
-        name,
-        description,
-        urdf,
-    } = job.robot.clone();
-    let robot = Robot::from_source(&RobotSource {
-        name,
-        description,
-        urdf,
-    })
-    .ok();
+    let robot = Robot::from_source(&job.robot).ok();
     let mut stage = robot
         .as_ref()
         .and_then(|robot| Stage::new(robot, job, recorded, &singularities));

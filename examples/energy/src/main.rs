@@ -14,10 +14,9 @@ mod message;
 
 use std::process::ExitCode;
 
-use model::{Robot, RobotSource};
+use model::Robot;
 use runtime::{ProcessError, Shell};
 use shared_types::StateEstimate;
-use shared_types::job::RobotText;
 
 use cycle::Cycle;
 use message::{Energy, EnergyCheckpoint};
@@ -35,17 +34,7 @@ fn main() -> ExitCode {
 fn run() -> Result<(), ProcessError> {
     let shell = Shell::from_environment()?;
     let job = shell.job()?;
-    let RobotText {
-        name,
-        description,
-        urdf,
-    } = job.robot;
-    let robot = Robot::from_source(&RobotSource {
-        name,
-        description,
-        urdf,
-    })
-    .map_err(ProcessError::setup)?;
+    let robot = Robot::from_source(&job.robot).map_err(ProcessError::setup)?;
     let mut cycle = Cycle::new(&robot, job.scenario.frame()).map_err(ProcessError::setup)?;
     let mut estimates = shell.reader::<StateEstimate>()?;
     let mut energies = shell.writer::<Energy>()?;

@@ -13,9 +13,8 @@ mod law;
 
 use std::process::ExitCode;
 
-use model::{Robot, RobotSource};
+use model::Robot;
 use runtime::{ProcessError, Shell};
-use shared_types::job::RobotText;
 use shared_types::{ControlState, StateEstimate, TorqueCommand};
 
 use law::Law;
@@ -33,17 +32,7 @@ fn main() -> ExitCode {
 fn run() -> Result<(), ProcessError> {
     let shell = Shell::from_environment()?;
     let job = shell.job()?;
-    let RobotText {
-        name,
-        description,
-        urdf,
-    } = job.robot;
-    let robot = Robot::from_source(&RobotSource {
-        name,
-        description,
-        urdf,
-    })
-    .map_err(ProcessError::setup)?;
+    let robot = Robot::from_source(&job.robot).map_err(ProcessError::setup)?;
     let law = Law::new(&robot, &job.scenario).map_err(ProcessError::setup)?;
     let mut estimates = shell.reader::<StateEstimate>()?;
     let mut states = shell.writer::<ControlState>()?;

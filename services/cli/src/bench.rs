@@ -4,14 +4,17 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
+use lab::benchmarks::hour::Hour;
 use lab::benchmarks::realtime::Ran;
-use lab::benchmarks::{self, Lockstep, Only, Row, Rows};
-use lab::faults;
+use lab::benchmarks::{self, Lockstep, Only, Recorded, Row, Rows};
+use lab::faults::soak::{self, Soak};
+use serde::Serialize;
 use serde_json::json;
-use session::{Failure, load};
+use session::Failure;
+use session::load::{self, Loaded};
 
-use crate::out::{say, show};
-use crate::progress::Terminal;
+use crate::out::{passed, say, show};
+use crate::progress::observe;
 
 #[derive(Args)]
 pub(crate) struct BenchArgs {
@@ -84,137 +87,154 @@ pub(crate) enum Bench {
     Soak,
 }
 
+/// Everything that was measured.
+#[derive(Default)]
+struct Measured {
+    rows: Vec<Row>,
+    record: Option<Recorded>,
+    lockstep: Option<Lockstep>,
+    realtime: Vec<Ran>,
+    hour: Option<Hour>,
+    soaked: Option<Soak>,
+}
+
+impl Bench {
+    /// Benchmarks of hand-overs, whose rows `--only` chooses.
+    const HAND_OVERS: [Self; 2] = [Self::Hop, Self::Cycle];
+
+    fn is_chosen(self, args: &BenchArgs) -> bool {
+        let usual = || {
+            !matches!(
+                self,
+                Self::Lockstep | Self::Realtime | Self::Hour | Self::Soak
+            )
+        };
+        args.what.contains(&self)
+            || args.what.is_empty() && usual()
+            || self == Self::Lockstep && args.against.is_some()
+    }
+}
+
 pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let chosen = |bench: Bench| {
-        args.what.contains(&bench)
-            || args.what.is_empty()
-                && !matches!(
-                    bench,
-                    Bench::Lockstep | Bench::Realtime | Bench::Hour | Bench::Soak
-                )
-    };
-    let load::Loaded {
-        scenario, robot, ..
-    } = load::scenario(load::DEFAULT_SCENARIO, &[], None)?;
-    let out = args.out.as_deref().map(folder).transpose()?;
-    let terminal = Terminal::default();
-    let observer: session::Observer<'_> = &|progress| terminal.show(progress);
-    let (mut rows, mut record, mut realtime, mut hour) = (Vec::new(), None, Vec::new(), None);
     if args.only.iter().any(|word| word.trim().is_empty()) {
         return Err(Failure::Input(
             "--only needs a word or a number of bytes, as in --only \"same core\" --only 4096"
                 .to_owned(),
         ));
     }
-    if chosen(Bench::Hop) {
-        rows.extend(benchmarks::hop(args.samples, &Only(&args.only), observer)?);
+    let loaded = load::scenario(load::DEFAULT_SCENARIO, &[], None)?;
+    let out = args.out.as_deref().map(folder).transpose()?;
+    let mut measured = Measured::default();
+    let (hand_overs, rest): (Vec<Bench>, _) = Bench::value_variants()
+        .iter()
+        .filter(|bench| bench.is_chosen(args))
+        .partition(|bench| Bench::HAND_OVERS.contains(bench));
+    for bench in hand_overs {
+        measured.measure(bench, args, &loaded, out.as_deref())?;
     }
-    if chosen(Bench::Cycle) {
-        rows.extend(benchmarks::cycle(
-            args.samples,
-            &Only(&args.only),
-            observer,
-        )?);
-    }
-    if rows.is_empty() && !args.only.is_empty() {
+    if measured.rows.is_empty() && !args.only.is_empty() {
         return Err(Failure::Input(format!(
             "no row of `hop` or `cycle` has all of --only {}: see the table without it",
             args.only.join(" --only ")
         )));
     }
-    if chosen(Bench::Paced) {
-        for rate_hz in [1_000, 4_000] {
-            rows.extend(benchmarks::paced(
-                rate_hz,
-                args.seconds.unwrap_or(5),
-                observer,
-            )?);
-        }
+    for bench in rest {
+        measured.measure(bench, args, &loaded, out.as_deref())?;
     }
-    if chosen(Bench::Model) {
-        rows.extend(benchmarks::model(&robot)?);
-    }
-    if chosen(Bench::Control) {
-        rows.extend(benchmarks::control(&robot, &scenario)?);
-    }
-    if chosen(Bench::Plant) {
-        rows.extend(benchmarks::plant(&robot, &scenario)?);
-    }
-    if chosen(Bench::Record) {
-        let (measured, account) = benchmarks::record(&robot, &scenario, observer)?;
-        rows.extend(measured);
-        record = Some(account);
-    }
-    let lockstep = match chosen(Bench::Lockstep) || args.against.is_some() {
-        true => Some(benchmarks::lockstep(
-            args.runs,
-            args.against.as_deref(),
-            observer,
-        )?),
-        false => None,
-    };
-    if chosen(Bench::Realtime) {
-        let rates = if args.rate.is_empty() {
-            vec![1_000, 4_000]
-        } else {
-            args.rate.clone()
-        };
-        for rate_hz in rates {
-            let seconds = args
-                .seconds
-                .unwrap_or(if rate_hz > 1_000 { 20 } else { 60 });
-            realtime.push(benchmarks::realtime::graph(
-                &robot, &scenario, rate_hz, seconds, !args.idle, observer,
-            )?);
-        }
-    }
-    if chosen(Bench::Hour) {
-        hour = Some(benchmarks::hour::hour(
-            &robot,
-            &scenario,
-            args.seconds.unwrap_or(3600),
-            observer,
-        )?);
-    }
-    let soaked = if chosen(Bench::Soak) {
-        let (rate_hz, seconds) = (
-            args.rate.first().copied().unwrap_or(1_000),
-            args.seconds.unwrap_or(1_800),
-        );
-        Some(faults::soak::soak(
-            &robot,
-            &scenario,
-            rate_hz,
-            seconds,
-            args.seed,
-            out.as_deref(),
-            observer,
-        )?)
-    } else {
-        None
-    };
     let machine = benchmarks::machine();
     let machine_line = benchmarks::machine_line(&machine);
-    let whole = json!({
-        "machine": machine, "rows": rows.iter().map(Row::json).collect::<Vec<_>>(), "record": record,
-        "lockstep": lockstep.as_ref().map(Lockstep::json), "realtime": realtime.iter().map(Ran::json).collect::<Vec<_>>(), "hour": hour, "soak": soaked,
-    });
-    let mut pictures = match &out {
-        Some(out) => save(out, &whole, &rows, &machine_line)?,
+    let whole = measured.json(&machine);
+    let pictures = match &out {
+        Some(out) => measured.save(out, &whole, &machine_line)?,
         None => Vec::new(),
     };
-    if let (Some(out), Some(soaked)) = (&out, &soaked) {
-        pictures.extend(
-            faults::soak::picture(soaked)
-                .save(&out.join("soak"))
-                .map_err(Failure::work)?,
-        );
-    }
     if as_json {
         say!("{whole}");
     } else {
-        if !rows.is_empty() {
-            show(&Rows(&rows));
+        measured.print(args, &machine_line, &pictures);
+    }
+    match measured.soaked {
+        Some(Soak {
+            interrupted: Some(signal),
+            ..
+        }) => Err(Failure::Work(format!("the soak was stopped by {signal}"))),
+        soaked => passed(soaked.is_none_or(|soaked| soaked.passed)),
+    }
+}
+
+impl Measured {
+    fn measure(
+        &mut self,
+        bench: Bench,
+        args: &BenchArgs,
+        Loaded {
+            robot, scenario, ..
+        }: &Loaded,
+        out: Option<&Path>,
+    ) -> Result<(), Failure> {
+        let (only, seconds) = (Only(&args.only), |usual| args.seconds.unwrap_or(usual));
+        let rates = |usual: &[u32]| match &args.rate[..] {
+            [] => usual.to_vec(),
+            rates => rates.to_vec(),
+        };
+        match bench {
+            Bench::Hop => self
+                .rows
+                .extend(benchmarks::hop(args.samples, &only, &observe)?),
+            Bench::Cycle => self
+                .rows
+                .extend(benchmarks::cycle(args.samples, &only, &observe)?),
+            Bench::Paced => {
+                for rate_hz in [1_000, 4_000] {
+                    let paced = benchmarks::paced(rate_hz, seconds(5), &observe)?;
+                    self.rows.extend(paced);
+                }
+            }
+            Bench::Model => self.rows.extend(benchmarks::model(robot)?),
+            Bench::Control => self.rows.extend(benchmarks::control(robot, scenario)?),
+            Bench::Plant => self.rows.extend(benchmarks::plant(robot, scenario)?),
+            Bench::Record => {
+                let (rows, account) = benchmarks::record(robot, scenario, &observe)?;
+                self.rows.extend(rows);
+                self.record = Some(account);
+            }
+            Bench::Lockstep => {
+                let against = args.against.as_deref();
+                self.lockstep = Some(benchmarks::lockstep(args.runs, against, &observe)?);
+            }
+            Bench::Realtime => {
+                for rate_hz in rates(&[1_000, 4_000]) {
+                    let seconds = seconds(if rate_hz > 1_000 { 20 } else { 60 });
+                    self.realtime.push(benchmarks::realtime::graph(
+                        robot, scenario, rate_hz, seconds, !args.idle, &observe,
+                    )?);
+                }
+            }
+            Bench::Hour => {
+                let ran = benchmarks::hour::hour(robot, scenario, seconds(3600), &observe)?;
+                self.hour = Some(ran);
+            }
+            Bench::Soak => {
+                let (rate_hz, seconds) = (rates(&[1_000])[0], seconds(1_800));
+                self.soaked = Some(soak::soak(
+                    robot, scenario, rate_hz, seconds, args.seed, out, &observe,
+                )?);
+            }
+        }
+        Ok(())
+    }
+
+    fn json(&self, machine: &impl Serialize) -> serde_json::Value {
+        json!({
+            "machine": machine, "rows": self.rows.iter().map(Row::json).collect::<Vec<_>>(), "record": self.record,
+            "lockstep": self.lockstep.as_ref().map(Lockstep::json), "realtime": self.realtime.iter().map(Ran::json).collect::<Vec<_>>(),
+            "hour": self.hour, "soak": self.soaked,
+        })
+    }
+
+    fn print(&self, args: &BenchArgs, machine: &str, pictures: &[PathBuf]) {
+        if !self.rows.is_empty() {
+            show(&Rows(&self.rows));
             if !args.only.is_empty() {
                 say!(
                     "only the rows with {}, and their baseline: the whole table without --only",
@@ -222,25 +242,41 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
                 );
             }
         }
-        record.iter().for_each(show);
-        lockstep.iter().for_each(show);
-        realtime.iter().for_each(show);
-        hour.iter().for_each(show);
-        soaked.iter().for_each(show);
-        say!("{machine_line}");
-        match &out {
-            Some(_) => pictures.iter().for_each(|path| say!("{}", path.display())),
-            None if rows.is_empty() => {}
-            None => say!("pictures: --out DIR"),
+        self.record.iter().for_each(show);
+        self.lockstep.iter().for_each(show);
+        self.realtime.iter().for_each(show);
+        self.hour.iter().for_each(show);
+        self.soaked.iter().for_each(show);
+        say!("{machine}");
+        pictures.iter().for_each(|path| say!("{}", path.display()));
+        if args.out.is_none() && !self.rows.is_empty() {
+            say!("pictures: --out DIR");
         }
     }
-    match soaked
-        .as_ref()
-        .map(|soaked| (soaked.passed, soaked.interrupted.as_deref()))
-    {
-        Some((_, Some(signal))) => Err(Failure::Work(format!("the soak was stopped by {signal}"))),
-        Some((false, None)) => Ok(ExitCode::from(1)),
-        _ => Ok(ExitCode::SUCCESS),
+
+    fn save(
+        &self,
+        out: &Path,
+        whole: &serde_json::Value,
+        machine: &str,
+    ) -> Result<Vec<PathBuf>, Failure> {
+        let path = out.join("bench.json");
+        let text = serde_json::to_vec_pretty(whole).map_err(Failure::work)?;
+        std::fs::write(&path, text).map_err(Failure::cannot("write", &path))?;
+        let mut paths = vec![path];
+        let mut pages: Vec<_> = benchmarks::pictures(&self.rows, machine)
+            .into_iter()
+            .map(|(bench, page)| (format!("bench-{bench}"), page))
+            .collect();
+        pages.extend(
+            self.soaked
+                .as_ref()
+                .map(|soaked| ("soak".to_owned(), soak::picture(soaked))),
+        );
+        for (name, page) in pages {
+            paths.extend(page.save(&out.join(name)).map_err(Failure::work)?);
+        }
+        Ok(paths)
     }
 }
 
@@ -259,24 +295,4 @@ fn folder(out: &Path) -> Result<PathBuf, Failure> {
             out.display()
         ))
     })
-}
-
-fn save(
-    out: &Path,
-    whole: &serde_json::Value,
-    rows: &[Row],
-    machine: &str,
-) -> Result<Vec<PathBuf>, Failure> {
-    let path = out.join("bench.json");
-    let text = serde_json::to_vec_pretty(whole).map_err(Failure::work)?;
-    std::fs::write(&path, text)
-        .map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
-    let mut paths = vec![path];
-    for (bench, page) in benchmarks::pictures(rows, machine) {
-        paths.extend(
-            page.save(&out.join(format!("bench-{bench}")))
-                .map_err(Failure::work)?,
-        );
-    }
-    Ok(paths)
 }

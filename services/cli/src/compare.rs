@@ -11,8 +11,8 @@ use serde_json::json;
 use session::{Failure, load};
 use shared_types::scenario::Strategy;
 
-use crate::out::{say, show};
-use crate::progress::Terminal;
+use crate::out::{say, say_json, show};
+use crate::progress::observe;
 use session::table::{number, table};
 
 /// How many of the best settings are shown.
@@ -102,14 +102,12 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
             speed: args.speed,
         },
     };
-    let terminal = Terminal::default();
     let mut each = |compared: &Compared| {
         if !as_json {
             show(compared);
         }
     };
-    let (whole, folder) =
-        compare::compare(&request, &|progress| terminal.show(progress), &mut each)?;
+    let (whole, folder) = compare::compare(&request, &observe, &mut each)?;
     if as_json {
         say!("{whole}");
     } else {
@@ -127,8 +125,7 @@ fn lines_of_an_arm(
     out: Option<&Path>,
     as_json: bool,
 ) -> Result<ExitCode, Failure> {
-    let terminal = Terminal::default();
-    let lines = sweep.run(&|progress| terminal.show(progress))?;
+    let lines = sweep.run(&observe)?;
     let folder = lines.save(out)?;
     if as_json {
         say!("{}", lines.json());
@@ -158,20 +155,16 @@ fn race(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
         [rival] => rival,
         _ => Strategy::DampedLeastSquares,
     };
-    let terminal = Terminal::default();
     let race = compare::race(
         scenario,
         &args.set,
         args.seed,
         rival,
         args.out.as_deref(),
-        &|progress| terminal.show(progress),
+        &observe,
     )?;
     if as_json {
-        say!(
-            "{}",
-            serde_json::to_string_pretty(&race).map_err(Failure::work)?
-        );
+        say_json(&race)?;
         return Ok(ExitCode::SUCCESS);
     }
     show(&race);
@@ -220,15 +213,7 @@ fn tune(args: &CompareArgs, laws: &[Strategy], as_json: bool) -> Result<ExitCode
         }
         say!("{rows}");
     };
-    let terminal = Terminal::default();
-    let (seed, lines) = compare::tune(
-        &args.set,
-        args.seed,
-        size,
-        laws,
-        &|progress| terminal.show(progress),
-        &mut each,
-    )?;
+    let (seed, lines) = compare::tune(&args.set, args.seed, size, laws, &observe, &mut each)?;
     if as_json {
         say!(
             "{}",

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use launcher::doctor::{checks, examine};
 use serde_json::json;
 
-use crate::out::say;
+use crate::out::{passed, say};
 use session::Failure;
 
 pub(crate) fn doctor(as_json: bool) -> Result<ExitCode, Failure> {
@@ -36,9 +36,5 @@ pub(crate) fn doctor(as_json: bool) -> Result<ExitCode, Failure> {
             }
         }
     }
-    Ok(if sound {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::from(1)
-    })
+    passed(sound)
 }

@@ -7,8 +7,8 @@ use clap::Args;
 use lab::faults::drill::{Request, Without};
 use session::{Failure, load};
 
-use crate::out::{say, show};
-use crate::progress::Terminal;
+use crate::out::{passed, say, say_json, show};
+use crate::progress::observe;
 
 #[derive(Args)]
 pub(crate) struct DrillArgs {
@@ -61,22 +61,14 @@ pub(crate) fn drill(args: &DrillArgs, as_json: bool) -> Result<ExitCode, Failure
         }),
         out: args.out.as_deref(),
     };
-    let terminal = Terminal::default();
-    let drilled = lab::faults::drill::drill(&request, &|progress| terminal.show(progress))?;
+    let drilled = lab::faults::drill::drill(&request, &observe)?;
     if as_json {
-        say!(
-            "{}",
-            serde_json::to_string_pretty(&drilled.json).map_err(Failure::work)?
-        );
+        say_json(&drilled.json)?;
     } else {
         show(&drilled);
         args.out
             .iter()
             .for_each(|out| say!("{0}/drill.json, drill.svg, drill.png", out.display()));
     }
-    Ok(if drilled.passed {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::from(1)
-    })
+    passed(drilled.passed)
 }

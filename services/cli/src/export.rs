@@ -9,8 +9,8 @@ use session::{ExportFormat as Form, Failure, Run};
 use shared_types::scenario::Layout;
 
 use crate::layout::layout;
-use crate::out::say;
-use crate::progress::Terminal;
+use crate::out::{say, whole};
+use crate::progress::observe;
 
 #[derive(Args)]
 pub(crate) struct ExportArgs {
@@ -57,9 +57,7 @@ pub(crate) fn export(args: &ExportArgs, as_json: bool) -> Result<ExitCode, Failu
         ExportFormat::Mcap => Form::Numbers(viz::ExportFormat::Mcap),
         ExportFormat::Rrd => Form::Whole,
     };
-    let terminal = Terminal::default();
-    let session::Export { files, shortfall } =
-        session::export(&run, form, &out, &|news| terminal.show(news))?;
+    let session::Export { files, shortfall } = session::export(&run, form, &out, &observe)?;
     let bytes = |path: &PathBuf| std::fs::metadata(path).map_or(0, |file| file.len());
     if as_json {
         let files: Vec<_> = files
@@ -72,7 +70,5 @@ pub(crate) fn export(args: &ExportArgs, as_json: bool) -> Result<ExitCode, Failu
             .iter()
             .for_each(|path| say!("{}  {}", path.display(), size(bytes(path))));
     }
-    shortfall.map_or(Ok(ExitCode::SUCCESS), |shortfall| {
-        Err(Failure::Work(shortfall))
-    })
+    whole(shortfall)
 }

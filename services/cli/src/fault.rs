@@ -7,7 +7,7 @@ use serde_json::json;
 use session::{Failure, FaultKinds, inject};
 use shared_types::fault::{Fault, Kind, Way};
 
-use crate::out::{say, show};
+use crate::out::{say, say_json, show};
 
 /// A stretch of time as people write it: `100ms`, `0.5s`, or a bare number of ticks.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,12 +82,10 @@ pub(crate) struct FaultArgs {
 pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let (Some(process), Some(kind)) = (&args.process, args.kind) else {
         if args.list {
-            match as_json {
-                true => say!(
-                    "{}",
-                    serde_json::to_string_pretty(&FaultKinds.json()).map_err(Failure::work)?
-                ),
-                false => show(&FaultKinds),
+            if as_json {
+                say_json(&FaultKinds.json())?;
+            } else {
+                show(&FaultKinds);
             }
             return Ok(ExitCode::SUCCESS);
         }
@@ -95,22 +93,15 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
             "say what happens to which process: armplane fault PROCESS KIND; see `armplane fault --list`".to_owned(),
         ));
     };
+    let (for_ticks, for_s) = match args.length {
+        Some(Length::Ticks(ticks)) => (Some(ticks), None),
+        Some(Length::Seconds(seconds)) => (None, Some(seconds)),
+        None => (None, None),
+    };
     let fault = Fault {
         way: args.way,
-        for_ticks: args.length.and_then(|length| {
-            if let Length::Ticks(ticks) = length {
-                Some(ticks)
-            } else {
-                None
-            }
-        }),
-        for_s: args.length.and_then(|length| {
-            if let Length::Seconds(s) = length {
-                Some(s)
-            } else {
-                None
-            }
-        }),
+        for_ticks,
+        for_s,
         probability: args.probability,
         delay_ticks: args.delay,
         jitter_ticks: args.jitter,

@@ -7,7 +7,7 @@ use clap::Args;
 use session::Failure;
 
 use crate::out::say;
-use crate::progress::Terminal;
+use crate::progress::observe;
 
 #[derive(Args)]
 pub(crate) struct FiguresArgs {
@@ -20,11 +20,8 @@ pub(crate) struct FiguresArgs {
 }
 
 pub(crate) fn figures(args: &FiguresArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let terminal = Terminal::default();
     let (figures, numbers) =
-        lab::studies::figures::figures(&args.set, args.out.as_deref(), &|progress| {
-            terminal.show(progress)
-        })?;
+        lab::studies::figures::figures(&args.set, args.out.as_deref(), &observe)?;
     if as_json {
         say!("{numbers}");
         return Ok(ExitCode::SUCCESS);

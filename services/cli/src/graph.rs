@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::{Args, ValueEnum};
 use session::{Failure, GraphText, Topics, load};
 
-use crate::out::{say, show};
+use crate::out::{say, say_json, show};
 
 #[derive(Args)]
 pub(crate) struct GraphArgs {
@@ -33,10 +33,7 @@ enum GraphFormat {
 pub(crate) fn graph(args: &GraphArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let graph = load::graph(args.file.as_deref())?;
     match args.format {
-        GraphFormat::Topics if as_json => say!(
-            "{}",
-            serde_json::to_string_pretty(&Topics(&graph).json()).map_err(Failure::work)?
-        ),
+        GraphFormat::Topics if as_json => say_json(&Topics(&graph).json())?,
         _ if as_json => say!("{}", serde_json::to_string(&graph).map_err(Failure::work)?),
         GraphFormat::Text => show(&GraphText::Table(&graph)),
         GraphFormat::Dot => show(&GraphText::Dot(&graph)),

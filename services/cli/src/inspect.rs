@@ -9,7 +9,7 @@ use model::Robot;
 use session::{Failure, load};
 use shared_types::scenario::Start;
 
-use crate::out::{say, show};
+use crate::out::answer;
 
 #[derive(Args)]
 pub(crate) struct InspectArgs {
@@ -65,14 +65,14 @@ pub(crate) fn inspect(args: &InspectArgs, as_json: bool) -> Result<ExitCode, Fai
         )));
     }
     let evaluated = evaluate(&robot, args.frame.as_deref(), &q, &qdot)?;
-    if as_json {
-        say!("{}", evaluated.json(&robot));
-    } else {
-        show(&PostureText {
+    answer(
+        as_json,
+        &evaluated.json(&robot),
+        &PostureText {
             posture: &evaluated,
             robot: &robot,
-        });
-    }
+        },
+    );
     Ok(ExitCode::SUCCESS)
 }
 

@@ -4,13 +4,10 @@ use std::process::ExitCode;
 
 use session::{Catalogue, Failure};
 
-use crate::out::{say, show};
+use crate::out::answer;
 
 pub(crate) fn list(as_json: bool) -> Result<ExitCode, Failure> {
     let catalogue = Catalogue::load()?;
-    match as_json {
-        true => say!("{}", catalogue.json()),
-        false => show(&catalogue),
-    }
+    answer(as_json, &catalogue.json(), &catalogue);
     Ok(ExitCode::SUCCESS)
 }

@@ -11,8 +11,11 @@ use std::borrow::Cow;
 use std::collections::VecDeque;
 use std::fmt::Write as _;
 use std::io::{ErrorKind, IsTerminal, Write};
+use std::process::ExitCode;
 use std::sync::{Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
+
+use session::Failure;
 
 /// Bytes that may wait for a reader of standard error ...
 const MOST_TOLD: usize = 1 << 20;
@@ -323,6 +326,34 @@ macro_rules! say {
     }};
 }
 pub(crate) use say;
+
+/// Prints what serialises, over several lines.
+pub(crate) fn say_json(value: &impl serde::Serialize) -> Result<(), Failure> {
+    say!(
+        "{}",
+        serde_json::to_string_pretty(value).map_err(Failure::work)?
+    );
+    Ok(())
+}
+
+/// Prints a result, for machines or for people.
+pub(crate) fn answer(as_json: bool, json: &impl std::fmt::Display, text: &impl std::fmt::Display) {
+    if as_json {
+        say!("{json}");
+    } else {
+        show(text);
+    }
+}
+
+/// The exit code of a command whose work was done, by its verdict.
+pub(crate) fn passed(verdict: bool) -> Result<ExitCode, Failure> {
+    Ok(ExitCode::from(u8::from(!verdict)))
+}
+
+/// The exit code of a command whose results are whole, or its failure for what they lack.
+pub(crate) fn whole(lack: Option<String>) -> Result<ExitCode, Failure> {
+    lack.map_or(Ok(ExitCode::SUCCESS), |lack| Err(Failure::Work(lack)))
+}
 
 /// Prints what ends its own lines.
 pub(crate) fn show(text: &impl std::fmt::Display) {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Arg, ArgMatches, FromArgMatches, Subcommand, value_parser};
+use model::Robot;
 use runtime::{ProcessError, Shell};
 use session::{EXCHANGE, FEED, Failure, GUARD, ROBOT, load};
 use shared_types::process::Program;
@@ -116,7 +117,7 @@ fn work(Command { part, run }: &Command) -> Result<(), ProcessError> {
     };
     let shell = Shell::started(run.as_deref(), program.map(Program::name))?;
     let job = shell.job()?;
-    let robot = load::robot_of(&job.robot).map_err(ProcessError::setup)?;
+    let robot = Robot::from_source(&job.robot).map_err(ProcessError::setup)?;
     let name = shell.name();
     let done = match program {
         Some(Program::Plant) => plant::run(&shell, &robot, &job.scenario),

@@ -7,11 +7,7 @@ use session::Progress;
 
 use crate::out::{set_status, tell};
 
-/// Shows what an operation tells.
-#[derive(Default)]
-pub(crate) struct Terminal {
-    bar: Mutex<Option<Bar>>,
-}
+static BAR: Mutex<Option<Bar>> = Mutex::new(None);
 
 struct Bar {
     title: String,
@@ -21,38 +17,34 @@ struct Bar {
     began: Instant,
 }
 
-impl Terminal {
-    /// Takes one piece of news.
-    pub(crate) fn show(&self, progress: Progress<'_>) {
-        if let Progress::Line(line) = progress {
-            return tell(&line);
+/// Shows what an operation tells.
+pub(crate) fn observe(progress: Progress<'_>) {
+    let mut bar = BAR.lock().unwrap_or_else(PoisonError::into_inner);
+    match (progress, bar.as_mut()) {
+        (Progress::Line(line), _) => return tell(&line),
+        (
+            Progress::Begin {
+                title,
+                length,
+                unit,
+            },
+            _,
+        ) => {
+            *bar = Some(Bar {
+                title: title.to_owned(),
+                unit,
+                position: 0,
+                length,
+                began: Instant::now(),
+            });
         }
-        let mut bar = self.bar.lock().unwrap_or_else(PoisonError::into_inner);
-        match (progress, bar.as_mut()) {
-            (
-                Progress::Begin {
-                    title,
-                    length,
-                    unit,
-                },
-                _,
-            ) => {
-                *bar = Some(Bar {
-                    title: title.to_owned(),
-                    unit,
-                    position: 0,
-                    length,
-                    began: Instant::now(),
-                });
-            }
-            (Progress::Title(title), Some(bar)) => title.clone_into(&mut bar.title),
-            (Progress::Position(position), Some(bar)) => bar.position = position,
-            (Progress::Step, Some(bar)) => bar.position += 1,
-            (Progress::End, _) => *bar = None,
-            (_, _) => {}
-        }
-        set_status(bar.as_ref().map(ToString::to_string));
+        (Progress::Title(title), Some(bar)) => title.clone_into(&mut bar.title),
+        (Progress::Position(position), Some(bar)) => bar.position = position,
+        (Progress::Step, Some(bar)) => bar.position += 1,
+        (Progress::End, _) => *bar = None,
+        (_, None) => {}
     }
+    set_status(bar.as_ref().map(ToString::to_string));
 }
 
 impl std::fmt::Display for Bar {

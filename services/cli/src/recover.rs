@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::Args;
 use session::{Failure, RunText};
 
-use crate::out::{say, show};
+use crate::out::{say_json, show};
 
 #[derive(Args)]
 pub(crate) struct RecoverArgs {
@@ -19,10 +19,7 @@ pub(crate) fn recover(args: &RecoverArgs, as_json: bool) -> Result<ExitCode, Fai
     let _signals = session::interrupts()?;
     let summary = session::recover(&args.run)?;
     if as_json {
-        say!(
-            "{}",
-            serde_json::to_string_pretty(&summary).map_err(Failure::work)?
-        );
+        say_json(&summary)?;
     } else {
         show(&RunText {
             summary: &summary,

@@ -7,8 +7,8 @@ use clap::Args;
 use lab::conformance::{ReplayedText, replay};
 use session::Failure;
 
-use crate::out::{say, show};
-use crate::progress::Terminal;
+use crate::out::answer;
+use crate::progress::observe;
 
 #[derive(Args)]
 pub(crate) struct ReplayArgs {
@@ -24,19 +24,15 @@ pub(crate) struct ReplayArgs {
 }
 
 pub(crate) fn replay(args: &ReplayArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let terminal = Terminal::default();
-    let (job, replayed) =
-        replay::replay(&args.run, args.process.as_deref(), &args.set, &|progress| {
-            terminal.show(progress)
-        })?;
-    if as_json {
-        say!("{}", replayed.json(&job, &args.set));
-    } else {
-        show(&ReplayedText {
+    let (job, replayed) = replay::replay(&args.run, args.process.as_deref(), &args.set, &observe)?;
+    answer(
+        as_json,
+        &replayed.json(&job, &args.set),
+        &ReplayedText {
             job: &job,
             replayed: &replayed,
-        });
-    }
+        },
+    );
     Ok(ExitCode::from(u8::from(
         replayed.first().is_some() || !replayed.is_complete(),
     )))

@@ -7,7 +7,7 @@ use clap::Args;
 use session::table::size;
 use session::{Failure, Run};
 
-use crate::out::say;
+use crate::out::{say, whole};
 
 #[derive(Args)]
 pub(crate) struct ReportArgs {
@@ -41,7 +41,5 @@ pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failu
             size(text.len() as u64)
         );
     }
-    shortfall.map_or(Ok(ExitCode::SUCCESS), |shortfall| {
-        Err(Failure::Work(shortfall))
-    })
+    whole(shortfall)
 }

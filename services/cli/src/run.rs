@@ -6,11 +6,11 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use launcher::End;
-use session::{Failure, Request, RunText, load};
+use session::{Failure, Finished, Request, RunText, load};
 use shared_types::job::Mode;
 
-use crate::out::{say, show};
-use crate::progress::Terminal;
+use crate::out::{passed, say, say_json, show};
+use crate::progress::observe;
 
 #[derive(Args)]
 pub(crate) struct RunArgs {
@@ -116,34 +116,40 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
         live: args.live,
         silence_limit: args.silence_limit,
     };
-    let terminal = Terminal::default();
-    let finished = session::run(&request, &|progress| terminal.show(progress))?;
+    conclude(session::run(&request, &observe)?, as_json)
+}
+
+/// Prints the results of a run; the exit code.
+pub(crate) fn conclude(finished: Finished, as_json: bool) -> Result<ExitCode, Failure> {
+    let Finished {
+        summary,
+        folder,
+        end,
+        saved,
+    } = finished;
     if as_json {
-        say!(
-            "{}",
-            serde_json::to_string_pretty(&finished.summary).map_err(Failure::work)?
-        );
+        say_json(&summary)?;
     } else {
         show(&RunText {
-            summary: &finished.summary,
-            folder: &finished.folder,
+            summary: &summary,
+            folder: &folder,
         });
+        if summary.servo.is_some() {
+            say!(
+                "  scenario.toml, targets.csv  run it again with: armplane run {}/scenario.toml",
+                folder.display()
+            );
+        }
     }
-    if let End::Failed(failure) = &finished.end {
-        return Err(Failure::Work(failure.to_string()));
-    }
-    finished.saved?;
-    // For people the outcome is the first line of all; a program that keeps the summary may not look into it.
-    if as_json && matches!(finished.end, End::Interrupted { .. }) {
-        return Err(Failure::Work(format!(
+    match (end, saved) {
+        (End::Failed(failure), _) => Err(Failure::work(failure)),
+        (_, Err(failure)) => Err(failure),
+        // For people the outcome is the first line of all; a program that keeps the summary may not look into it.
+        (End::Interrupted { .. }, _) if as_json => Err(Failure::Work(format!(
             "{}: the run was {}",
-            finished.folder.display(),
-            finished.summary.reason
-        )));
+            folder.display(),
+            summary.reason
+        ))),
+        _ => passed(summary.outcome == "goal reached"),
     }
-    Ok(if finished.summary.outcome == "goal reached" {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::from(1)
-    })
 }

@@ -6,15 +6,14 @@ use std::process::ExitCode;
 
 use clap::Args;
 use lab::studies::steered::{self, Score, ScoresText};
-use launcher::End;
 use operator::Gamepad;
 use runtime::RunDir;
-use session::{Failure, Progress, Request, RunText, Steering, Targets};
+use session::{Failure, Progress, Request, Steering, Targets};
 use shared_types::job::Mode;
 
 use crate::live::{self, Panel};
-use crate::out::{say, show};
-use crate::progress::Terminal;
+use crate::out::{passed, say_json, show};
+use crate::progress::observe;
 use crate::run;
 
 #[derive(Args)]
@@ -82,40 +81,16 @@ fn seconds(text: &str) -> Result<f64, String> {
 }
 
 pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let terminal = Terminal::default();
     if let Some(seeds) = args.seeds {
-        let robots = if args.subject == [DEFAULT] {
-            steered::robots().into_iter().map(str::to_owned).collect()
-        } else {
-            args.subject.clone()
-        };
-        let plan = |robot: &String| steering(args, robot, Targets::Text(String::new()));
-        let subjects: Vec<Steering> = robots.iter().map(plan).collect();
-        let scores = steered::random(
-            &subjects,
-            seeds,
-            args.duration.unwrap_or(RANDOM_S),
-            &|progress| terminal.show(progress),
-        )?;
-        match as_json {
-            true => say!(
-                "{}",
-                serde_json::to_string_pretty(&scores).map_err(Failure::work)?
-            ),
-            false => show(&ScoresText(&scores)),
-        }
-        return Ok(if scores.iter().all(Score::is_kept) {
-            ExitCode::SUCCESS
-        } else {
-            ExitCode::from(1)
-        });
+        return judge(args, seeds, as_json);
     }
     let [subject] = args.subject.as_slice() else {
         return Err(Failure::Input(
             "one robot or scenario at a time; several only with --seeds N".to_owned(),
         ));
     };
-    let targets = match (args.from.as_deref(), args.random) {
+    let from = args.from.as_deref();
+    let targets = match (from, args.random) {
         (_, Some(seed)) => Targets::Text(steered::twists(seed, args.duration.unwrap_or(RANDOM_S))),
         (None, None) => Targets::Scenario,
         (Some("topic"), _) => Targets::Process,
@@ -124,16 +99,14 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
     };
     let loaded = steering(args, subject, targets).load()?;
     // Before anything is made for the run.
-    if args.from.as_deref() == Some(KEYBOARD) && !std::io::stdin().is_terminal() {
+    if from == Some(KEYBOARD) && !std::io::stdin().is_terminal() {
         return Err(Failure::Input(
             "standard input is no terminal: give targets with --from FILE, or lines with --from -"
                 .to_owned(),
         ));
     }
-    let mut gamepad = match args.from.as_deref() {
-        Some(GAMEPAD) => Some(Gamepad::open().map_err(Failure::Input)?),
-        _ => None,
-    };
+    let gamepad = (from == Some(GAMEPAD)).then(Gamepad::open);
+    let mut gamepad = gamepad.transpose().map_err(Failure::Input)?;
     let request = Request {
         plant: None,
         scenario: subject.clone(),
@@ -149,54 +122,43 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
     };
     let mut panel = None;
     let mut begin = |run: &RunDir| -> Result<(), Failure> {
-        match args.from.as_deref() {
-            Some(KEYBOARD) => panel = Some(Panel::of_keyboard(run)?),
-            Some(GAMEPAD) => {
-                panel = gamepad
-                    .take()
-                    .map(|gamepad| Panel::of_gamepad(gamepad, run))
-                    .transpose()?
-            }
-            Some(LINES) => live::send_lines(run)?,
+        match (from, gamepad.take()) {
+            (Some(KEYBOARD), _) => panel = Some(Panel::of_keyboard(run)?),
+            (_, Some(gamepad)) => panel = Some(Panel::of_gamepad(gamepad, run)?),
+            (Some(LINES), _) => live::send_lines(run)?,
             _ => {}
         }
         Ok(())
     };
     // The panel has the terminal's last line.
-    let is_shown = !matches!(args.from.as_deref(), Some(KEYBOARD | GAMEPAD));
-    let observe = |progress: Progress<'_>| {
-        if is_shown {
-            terminal.show(progress)
+    let has_panel = matches!(from, Some(KEYBOARD | GAMEPAD));
+    let shown = |progress: Progress<'_>| {
+        if !has_panel {
+            observe(progress);
         }
     };
-    let finished = session::run_loaded(&request, loaded, &mut begin, &observe);
+    let finished = session::run_loaded(&request, loaded, &mut begin, &shown);
     drop(panel);
-    let finished = finished?;
-    match as_json {
-        true => say!(
-            "{}",
-            serde_json::to_string_pretty(&finished.summary).map_err(Failure::work)?
-        ),
-        false => {
-            show(&RunText {
-                summary: &finished.summary,
-                folder: &finished.folder,
-            });
-            say!(
-                "  scenario.toml, targets.csv  run it again with: armplane run {}/scenario.toml",
-                finished.folder.display()
-            );
-        }
-    }
-    if let End::Failed(failure) = &finished.end {
-        return Err(Failure::Work(failure.to_string()));
-    }
-    finished.saved?;
-    Ok(if finished.summary.outcome == "goal reached" {
-        ExitCode::SUCCESS
+    run::conclude(finished?, as_json)
+}
+
+/// Random twists of so many seeds on each robot.
+fn judge(args: &ServoArgs, seeds: u64, as_json: bool) -> Result<ExitCode, Failure> {
+    let robots = if args.subject == [DEFAULT] {
+        steered::robots().into_iter().map(str::to_owned).collect()
     } else {
-        ExitCode::from(1)
-    })
+        args.subject.clone()
+    };
+    let plan = |robot: &String| steering(args, robot, Targets::Text(String::new()));
+    let subjects: Vec<Steering> = robots.iter().map(plan).collect();
+    let duration = args.duration.unwrap_or(RANDOM_S);
+    let scores = steered::random(&subjects, seeds, duration, &observe)?;
+    if as_json {
+        say_json(&scores)?;
+    } else {
+        show(&ScoresText(&scores));
+    }
+    passed(scores.iter().all(Score::is_kept))
 }
 
 fn steering(args: &ServoArgs, subject: &str, targets: Targets) -> Steering {

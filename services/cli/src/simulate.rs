@@ -8,8 +8,8 @@ use lab::conformance::simulate::Simulated;
 use serde_json::json;
 use session::Failure;
 
-use crate::out::say;
-use crate::progress::Terminal;
+use crate::out::{passed, say};
+use crate::progress::observe;
 
 #[derive(Args)]
 pub(crate) struct SimulateArgs {
@@ -25,13 +25,9 @@ pub(crate) struct SimulateArgs {
 }
 
 pub(crate) fn simulate(args: &SimulateArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let (terminal, began) = (Terminal::default(), Instant::now());
-    let simulated = lab::conformance::simulate::simulate(
-        args.seed,
-        args.histories,
-        args.defect,
-        &|progress| terminal.show(progress),
-    )?;
+    let began = Instant::now();
+    let simulated =
+        lab::conformance::simulate::simulate(args.seed, args.histories, args.defect, &observe)?;
     let (
         Simulated {
             histories,
@@ -64,9 +60,5 @@ pub(crate) fn simulate(args: &SimulateArgs, as_json: bool) -> Result<ExitCode, F
             args.seed
         );
     }
-    Ok(if failures.is_empty() {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::from(1)
-    })
+    passed(failures.is_empty())
 }

@@ -9,8 +9,8 @@ use lab::sweeps::{self, ReportRequest, Request, Shard};
 use serde::Serialize;
 use session::Failure;
 
-use crate::out::{say, show};
-use crate::progress::Terminal;
+use crate::out::{answer, say, show, whole};
+use crate::progress::observe;
 
 #[derive(Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
@@ -70,10 +70,8 @@ pub(crate) fn sweep(args: &SweepArgs, as_json: bool) -> Result<ExitCode, Failure
     if let Some(SweepCommand::Report(args)) = &args.command {
         return report(args, as_json);
     }
-    let terminal = Terminal::default();
-    let observer = |progress: session::Progress<'_>| terminal.show(progress);
     let Some(file) = &args.file else {
-        let merged = sweeps::merge(&args.merge, args.out.as_deref(), &observer)?;
+        let merged = sweeps::merge(&args.merge, args.out.as_deref(), &observe)?;
         return print(&merged, &merged.folder, true, merged.lack(), as_json);
     };
     let done = sweeps::run(
@@ -82,7 +80,7 @@ pub(crate) fn sweep(args: &SweepArgs, as_json: bool) -> Result<ExitCode, Failure
             out: args.out.as_deref(),
             shard: args.shard,
         },
-        &observer,
+        &observe,
     )?;
     print(
         &done,
@@ -117,7 +115,7 @@ fn print(
             );
         }
     }
-    lack.map_or(Ok(ExitCode::SUCCESS), |lack| Err(Failure::Work(lack)))
+    whole(lack)
 }
 
 fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failure> {
@@ -133,10 +131,6 @@ fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failure> {
         map,
         worst: *worst,
     })?;
-    if as_json {
-        say!("{}", report.json());
-    } else {
-        show(&report);
-    }
+    answer(as_json, &report.json(), &report);
     Ok(ExitCode::SUCCESS)
 }

@@ -12,8 +12,8 @@ use serde_json::json;
 use session::{Failure, load};
 use shared_types::scenario::Scenario;
 
-use crate::out::{say, show};
-use crate::progress::Terminal;
+use crate::out::{answer, passed, say};
+use crate::progress::observe;
 
 #[derive(Args)]
 pub(crate) struct VerifyArgs {
@@ -50,7 +50,6 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
         robot,
         graph,
     } = load::scenario_in(args.graph.as_deref(), &args.scenario, &args.set, args.seed)?;
-    let terminal = Terminal::default();
     if let Some(histories) = args.kills {
         let request = kills::Request {
             scenario: &scenario,
@@ -60,13 +59,9 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
             seed: scenario.seed,
             out: args.out.as_deref(),
         };
-        let killed = kills::verify_kills(&request, &|progress| terminal.show(progress))?;
+        let killed = kills::verify_kills(&request, &observe)?;
         print_killed(&scenario, &killed, as_json);
-        return Ok(if killed.unrepeated.is_empty() {
-            ExitCode::SUCCESS
-        } else {
-            ExitCode::from(1)
-        });
+        return passed(killed.unrepeated.is_empty());
     }
     let request = Request {
         name: &args.scenario,
@@ -77,20 +72,16 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
         out: args.out.as_deref(),
         unordered: args.unordered,
     };
-    let verified = lab::conformance::verify::verify(&request, &|progress| terminal.show(progress))?;
-    if as_json {
-        say!("{}", verified.json(&scenario));
-    } else {
-        show(&VerifiedText {
+    let verified = lab::conformance::verify::verify(&request, &observe)?;
+    answer(
+        as_json,
+        &verified.json(&scenario),
+        &VerifiedText {
             scenario: &scenario,
             verified: &verified,
-        });
-    }
-    Ok(if verified.is_identical {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::from(1)
-    })
+        },
+    );
+    passed(verified.is_identical)
 }
 
 fn print_killed(scenario: &Scenario, killed: &Killed, as_json: bool) {

@@ -8,8 +8,8 @@ use session::{Failure, Run, save_blueprint, show, viewer_command};
 use shared_types::scenario::Layout;
 
 use crate::layout::layout;
-use crate::out::say;
-use crate::progress::Terminal;
+use crate::out::{passed, say};
+use crate::progress::observe;
 
 #[derive(Args)]
 pub(crate) struct ViewArgs {
@@ -38,17 +38,10 @@ pub(crate) fn view(args: &ViewArgs, as_json: bool) -> Result<ExitCode, Failure> 
         );
     }
     let altered = run.altered();
-    let terminal = Terminal::default();
     if let Some(sentence) = &altered {
-        terminal.show(session::Progress::Line(&format!("armplane: {sentence}")));
+        observe(session::Progress::Line(&format!("armplane: {sentence}")));
     }
-    show(files, layout.as_deref(), &|progress| {
-        terminal.show(progress)
-    })?;
+    show(files, layout.as_deref(), &observe)?;
     // The viewer may show something else than the run did.
-    Ok(if altered.is_none() {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::FAILURE
-    })
+    passed(altered.is_none())
 }

@@ -45,7 +45,7 @@ pub(crate) fn panda() -> &'static Robot {
     static ROBOT: OnceLock<Robot> = OnceLock::new();
     ROBOT.get_or_init(|| {
         let urdf = include_str!("tests/panda.urdf").to_owned();
-        Robot::from_source(&model::RobotSource {
+        Robot::from_source(&model::RobotText {
             name: "panda".to_owned(),
             description: String::new(),
             urdf,

@@ -108,108 +108,104 @@ pub struct Check {
 pub fn checks(health: &Health) -> Vec<Check> {
     let mb = |bytes: u64| bytes / 1_000_000;
     let (dead, alive): (Vec<_>, Vec<_>) = health.runs.iter().partition(|run| !run.alive);
-    let shm = match &health.shm {
+    let (is_enough, shm) = match &health.shm {
         None => (false, "there is no /dev/shm".to_owned()),
         Some(shm) => (
             shm.writable && shm.free_bytes >= SHM_NEEDED,
             format!(
-                "{}, {} MB free of {}",
-                if shm.writable {
-                    "writable"
-                } else {
-                    "not writable"
-                },
+                "{}writable, {} MB free of {}",
+                if shm.writable { "" } else { "not " },
                 mb(shm.free_bytes),
                 mb(shm.total_bytes)
             ),
         ),
     };
     let (used, period) = health.realtime_budget.unwrap_or((1, 1));
+    let rights = &health.rights;
+    let check = |what, good, finding: String, remedy| Check {
+        what,
+        optional: true,
+        good,
+        finding,
+        remedy,
+    };
+    let either = |good, words: &str, otherwise: String| match good {
+        true => words.to_owned(),
+        false => otherwise,
+    };
     vec![
         Check {
-            what: "shared memory",
             optional: false,
-            good: shm.0,
-            finding: shm.1,
-            remedy: "mount a writable tmpfs with at least 64 MB on /dev/shm (containers: --shm-size=256m)",
+            ..check(
+                "shared memory",
+                is_enough,
+                shm,
+                "mount a writable tmpfs with at least 64 MB on /dev/shm (containers: --shm-size=256m)",
+            )
         },
-        Check {
-            what: "cores",
-            optional: true,
-            good: health.cores.len() >= 2,
-            finding: format!("{} usable: {:?}", health.cores.len(), health.cores),
-            remedy: "with two cores or more the recorder does not disturb the control chain",
-        },
-        Check {
-            what: "FIFO scheduling",
-            optional: true,
-            good: health.rights.fifo(),
-            finding: if health.rights.fifo() {
-                "allowed".to_owned()
-            } else {
-                format!(
-                    "not allowed (RLIMIT_RTPRIO {:?})",
-                    health.rights.rtprio_limit
-                )
-            },
-            remedy: "for --mode realtime: ulimit -r 90, or `@realtime - rtprio 90` in /etc/security/limits.conf",
-        },
-        Check {
-            what: "locked memory",
-            optional: true,
-            good: health.rights.lock_memory(),
-            finding: if health.rights.lock_memory() {
-                "allowed".to_owned()
-            } else {
-                format!("limited to {:?} bytes", health.rights.memlock_limit)
-            },
-            remedy: "for --mode realtime: ulimit -l unlimited",
-        },
-        Check {
-            what: "real-time share",
-            optional: true,
-            good: used >= period,
-            finding: if used >= period {
-                "unlimited".to_owned()
-            } else {
-                format!("{used} of {period} µs")
-            },
-            remedy: "it affects only processes that spin under FIFO; those of armplane block instead",
-        },
-        Check {
-            what: "kernel",
-            optional: true,
-            good: health.preempt_rt,
-            finding: format!(
-                "{}, {}",
-                health.kernel,
-                if health.preempt_rt {
-                    "PREEMPT_RT"
-                } else {
-                    "not PREEMPT_RT"
-                }
+        check(
+            "cores",
+            health.cores.len() >= 2,
+            format!("{} usable: {:?}", health.cores.len(), health.cores),
+            "with two cores or more the recorder does not disturb the control chain",
+        ),
+        check(
+            "FIFO scheduling",
+            rights.fifo(),
+            either(
+                rights.fifo(),
+                "allowed",
+                format!("not allowed (RLIMIT_RTPRIO {:?})", rights.rtprio_limit),
             ),
-            remedy: "a PREEMPT_RT kernel bounds the worst latency; the median is the same without",
-        },
-        Check {
-            what: "clock source",
-            optional: true,
-            good: health.clock_source == "tsc",
-            finding: health.clock_source.clone(),
-            remedy: "with `tsc` reading the time costs 20 ns instead of a system call",
-        },
-        Check {
-            what: "leftovers",
-            optional: true,
-            good: dead.is_empty() && health.folders.is_empty(),
-            finding: format!(
+            "for --mode realtime: ulimit -r 90, or `@realtime - rtprio 90` in /etc/security/limits.conf",
+        ),
+        check(
+            "locked memory",
+            rights.lock_memory(),
+            either(
+                rights.lock_memory(),
+                "allowed",
+                format!("limited to {:?} bytes", rights.memlock_limit),
+            ),
+            "for --mode realtime: ulimit -l unlimited",
+        ),
+        check(
+            "real-time share",
+            used >= period,
+            either(
+                used >= period,
+                "unlimited",
+                format!("{used} of {period} µs"),
+            ),
+            "it affects only processes that spin under FIFO; those of armplane block instead",
+        ),
+        check(
+            "kernel",
+            health.preempt_rt,
+            format!(
+                "{}, {}PREEMPT_RT",
+                health.kernel,
+                if health.preempt_rt { "" } else { "not " }
+            ),
+            "a PREEMPT_RT kernel bounds the worst latency; the median is the same without",
+        ),
+        check(
+            "clock source",
+            health.clock_source == "tsc",
+            health.clock_source.clone(),
+            "with `tsc` reading the time costs 20 ns instead of a system call",
+        ),
+        check(
+            "leftovers",
+            dead.is_empty() && health.folders.is_empty(),
+            format!(
                 "{} of dead runs, {} temporary folders; {} runs alive",
                 dead.len(),
                 health.folders.len(),
                 alive.len()
             ),
-            remedy: "armplane clean",
-        },
+            "armplane clean",
+        ),
     ]
 }
 

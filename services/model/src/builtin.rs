@@ -1,7 +1,9 @@
 //! The built-in robots: a URDF and a description each, compiled in.
 
 use crate::error::RobotError;
-use crate::robot::{Robot, RobotSource};
+use shared_types::job::RobotText;
+
+use crate::robot::Robot;
 
 /// Name, URDF, description.
 const BUILTIN: &[(&str, &str, &str)] = &[
@@ -89,7 +91,7 @@ impl Robot {
                 name: name.to_owned(),
                 known: BUILTIN_NAMES.join(", "),
             })?;
-        Robot::from_source(&RobotSource {
+        Robot::from_source(&RobotText {
             name: (*name).to_owned(),
             description: (*description).to_owned(),
             urdf: (*urdf).to_owned(),

@@ -4,7 +4,9 @@ use crate::description::Description;
 use crate::error::RobotError;
 use crate::factors::Factors;
 use crate::joint::Joint;
-use crate::robot::{Robot, RobotSource};
+use shared_types::job::RobotText;
+
+use crate::robot::Robot;
 use crate::task::TaskAxes;
 use crate::{geometry, urdf};
 use nalgebra::Vector3;
@@ -16,7 +18,7 @@ impl Robot {
     ///
     /// Fixed joints, and joints that the description locks, are merged into the links that move, and kept as frames. Movable joints off the
     /// way to the description's `default_frame`, and a gripper's, are held at zero, and noted. Errors: [`RobotError`].
-    pub fn from_source(source: &RobotSource) -> Result<Robot, RobotError> {
+    pub fn from_source(source: &RobotText) -> Result<Robot, RobotError> {
         let name = source.name.clone();
         let description =
             Description::parse(&source.description).map_err(|reason| RobotError::Description {

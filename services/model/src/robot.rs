@@ -6,21 +6,8 @@ use crate::joint::{Frame, Joint};
 use crate::shape::Shape;
 use crate::task::TaskAxes;
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
+use shared_types::job::RobotText;
 use std::collections::BTreeMap;
-
-/// The text a robot was made of: enough to make it again in another process.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RobotSource {
-    /// The robot's name.
-    pub name: String,
-    /// The [description](crate::description), TOML; empty for none.
-    #[serde(default)]
-    pub description: String,
-    /// The URDF.
-    pub urdf: String,
-}
 
 /// A serial arm as data: valid by construction, whatever it was read from.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,7 +37,7 @@ pub struct Robot {
     /// Assumptions and omissions of the reading, one sentence each, for display.
     pub notes: Vec<String>,
     /// The text it was made of.
-    pub source: RobotSource,
+    pub source: RobotText,
 }
 
 impl Robot {

@@ -1,6 +1,6 @@
 //! The robot's own URDF as a robot of armplane.
 
-use model::{Robot, RobotSource};
+use model::{Robot, RobotText};
 
 use crate::error::RobotFailure;
 use crate::interface::JOINTS;
@@ -18,9 +18,9 @@ const LENGTH_M: f64 = 0.35;
 const FLANGE: &str = "link8";
 
 /// A robot from the URDF that `GetRobotModel` gives. Friction is none: the interface compensates it.
-pub(crate) fn source(name: &str, urdf: String) -> Result<RobotSource, RobotFailure> {
+pub(crate) fn source(name: &str, urdf: String) -> Result<RobotText, RobotFailure> {
     let wrong = |error: &dyn std::fmt::Display| RobotFailure::Description(error.to_string());
-    let bare = RobotSource {
+    let bare = RobotText {
         name: name.to_owned(),
         description: String::new(),
         urdf,
@@ -49,7 +49,7 @@ pub(crate) fn source(name: &str, urdf: String) -> Result<RobotSource, RobotFailu
             joint.name
         );
     }
-    let source = RobotSource {
+    let source = RobotText {
         description: text,
         ..bare
     };

@@ -25,7 +25,7 @@ mod interface;
 #[cfg(feature = "fci")]
 mod process;
 
-use model::{Robot, RobotSource};
+use model::{Robot, RobotText};
 use runtime::{ProcessError, Shell};
 use shared_types::scenario::Scenario;
 
@@ -38,7 +38,7 @@ pub use interface::{JOINTS, RATE_HZ};
 /// # Errors
 /// [`RobotFailure`] where there is no robot, it is not ready for a motion, or its URDF is no arm of seven joints.
 #[cfg(feature = "fci")]
-pub fn describe(address: &Address, name: &str) -> Result<Option<RobotSource>, RobotFailure> {
+pub fn describe(address: &Address, name: &str) -> Result<Option<RobotText>, RobotFailure> {
     let client = client::Client::connect(address)?;
     client.check_ready()?;
     client
@@ -66,7 +66,7 @@ pub fn run(
 /// # Errors
 /// Always.
 #[cfg(not(feature = "fci"))]
-pub fn describe(_address: &Address, _name: &str) -> Result<Option<RobotSource>, RobotFailure> {
+pub fn describe(_address: &Address, _name: &str) -> Result<Option<RobotText>, RobotFailure> {
     Err(RobotFailure::NotBuilt)
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use model::JointKind;
+use model::{JointKind, Robot};
 use recorder::{MESSAGES, MessageRows, Row};
 use shared_types::scenario::Layout;
 use shared_types::summary::{RecorderSummary, Summary};
@@ -10,7 +10,6 @@ use viz::{Exported, Messages, ReadNews, Reading, TickRow};
 
 use crate::failure::Failure;
 use crate::layout::save_blueprint;
-use crate::load;
 use crate::progress::{Observer, Progress};
 use crate::runs::Run;
 
@@ -168,7 +167,7 @@ impl StoredMessages {
         if !job.messages {
             return Err(Unread::NotKept("it was run with --no-messages"));
         }
-        let robot = load::robot_of(&job.robot).map_err(Unread::defect)?;
+        let robot = Robot::from_source(&job.robot).map_err(Unread::defect)?;
         let slides = robot
             .joints
             .iter()

@@ -1,5 +1,7 @@
 //! Why an operation on a run failed.
 
+use std::path::Path;
+
 use shared_types::file::InvalidFile;
 
 /// Why an operation did not succeed.
@@ -20,6 +22,11 @@ impl Failure {
     /// A failure of the user's input.
     pub fn input(error: impl std::fmt::Display) -> Self {
         Self::Input(error.to_string())
+    }
+
+    /// A file or folder that the system keeps this program from writing, making or removing.
+    pub fn cannot<E: std::fmt::Display>(verb: &str, path: &Path) -> impl FnOnce(E) -> Self {
+        move |error| Self::Work(format!("cannot {verb} {}: {error}", path.display()))
     }
 
     /// A failure of the work.

@@ -3,13 +3,14 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use model::Robot;
 use runtime::{ControlPage, Manifest, RunDir, SHM, random};
 use shared_types::fault::{Fault, Target};
 use shared_types::graph::Role;
 use shared_types::job::{JOB, Job};
 
 use crate::observation::choose_to_change;
-use crate::{Failure, arm_faults, load};
+use crate::{Failure, arm_faults};
 
 /// How long to wait for the next tick of a run.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -37,7 +38,10 @@ pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(String, Fault), Fa
             known.join(", ")
         )));
     };
-    if let Some(robot) = job.as_ref().and_then(|job| load::robot_of(&job.robot).ok()) {
+    if let Some(robot) = job
+        .as_ref()
+        .and_then(|job| Robot::from_source(&job.robot).ok())
+    {
         arm_faults::check(fault, &robot)
             .map_err(|complaint| Failure::Input(complaint.to_string()))?;
     }

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
+use model::Robot;
 use shared_types::scenario::{Layout, Scenario};
 use viz::{RunInfo, TickRow};
 
 use crate::failure::Failure;
-use crate::load;
 use crate::results::SCENARIO;
 use crate::runs::Run;
 
@@ -16,7 +16,7 @@ use crate::runs::Run;
 /// [`Failure`] where the job cannot be read or computed, or the file not be written.
 pub fn save_blueprint(run: &Run, layout: Layout, path: &Path) -> Result<(), Failure> {
     let job = run.job()?;
-    let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
+    let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
     let first = chain::first_tick(&robot, &job.scenario).map_err(Failure::input)?;
     // The faults that the run has had, those injected by hand too: plots mark them.
     let mut scenario = job.scenario.clone();

@@ -5,10 +5,10 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use model::{Robot, RobotError, RobotSource};
+use model::{Robot, RobotError, RobotText};
 use shared_types::file::Complaint;
 use shared_types::graph::Graph;
-use shared_types::job::{Job, Mode, RobotText};
+use shared_types::job::{Job, Mode};
 use shared_types::process::Program;
 use shared_types::scenario::Scenario;
 use shared_types::target_file::{self, InvalidRow};
@@ -51,18 +51,7 @@ pub fn scenario_in(
     let source = Source::read(name)?;
     let mut scenario = source.parse(settings)?;
     scenario.seed = seed.unwrap_or(scenario.seed);
-    let robot = source.robot(&scenario)?;
-    let own_graph = Some(&scenario.graph)
-        .filter(|file| !file.is_empty())
-        .map(|file| source.beside(file));
-    source.read_targets(&mut scenario)?;
-    let graph = graph_of(&scenario, graph_file.or(own_graph.as_deref()))?;
-    source.check(&scenario, &robot, &graph)?;
-    Ok(Loaded {
-        scenario,
-        robot,
-        graph,
-    })
+    source.load(scenario, graph_file)
 }
 
 /// The text of a scenario, and where it comes from.
@@ -111,6 +100,29 @@ impl Source {
     /// [`Failure::File`] where text or settings are invalid.
     pub fn parse(&self, settings: &[String]) -> Result<Scenario, Failure> {
         Ok(Scenario::parse(&self.file, &self.text, settings)?)
+    }
+
+    /// Robot, targets and graph of a scenario from here, all checked.
+    ///
+    /// # Errors
+    /// As [`scenario_in`].
+    pub(crate) fn load(
+        &self,
+        mut scenario: Scenario,
+        graph_file: Option<&Path>,
+    ) -> Result<Loaded, Failure> {
+        let robot = self.robot(&scenario)?;
+        let own_graph = Some(&scenario.graph)
+            .filter(|file| !file.is_empty())
+            .map(|file| self.beside(file));
+        self.read_targets(&mut scenario)?;
+        let graph = graph_of(&scenario, graph_file.or(own_graph.as_deref()))?;
+        self.check(&scenario, &robot, &graph)?;
+        Ok(Loaded {
+            scenario,
+            robot,
+            graph,
+        })
     }
 
     /// Reads the file of a steered run's targets, where the scenario names one.
@@ -265,7 +277,7 @@ pub fn robot(name: &str, folder: Option<&Path>, frame: Option<&str>) -> Result<R
         .unwrap_or_default()
         .to_string_lossy()
         .into_owned();
-    let source = RobotSource {
+    let source = RobotText {
         name: stem,
         description,
         urdf,
@@ -275,7 +287,7 @@ pub fn robot(name: &str, folder: Option<&Path>, frame: Option<&str>) -> Result<R
             let mut description: toml::Table =
                 source.description.parse().map_err(Failure::input)?;
             description.insert("default_frame".to_owned(), frame.into());
-            Robot::from_source(&RobotSource {
+            Robot::from_source(&RobotText {
                 description: description.to_string(),
                 ..source
             })
@@ -300,7 +312,7 @@ pub fn on_base(robot: &Robot, base: &str) -> Result<Robot, Failure> {
     }
     description.insert("base_frame".to_owned(), base.into());
     let with = |description: &toml::Table| {
-        Robot::from_source(&RobotSource {
+        Robot::from_source(&RobotText {
             description: description.to_string(),
             ..robot.source.clone()
         })
@@ -313,37 +325,6 @@ pub fn on_base(robot: &Robot, base: &str) -> Result<Robot, Failure> {
         joints.retain(|name, _| rest.joints.iter().any(|joint| joint.name == name));
     }
     with(&description)
-}
-
-/// The texts a robot was made of, for the manifest.
-fn robot_text(robot: &Robot) -> RobotText {
-    let RobotSource {
-        name,
-        description,
-        urdf,
-    } = robot.source.clone();
-    RobotText {
-        name,
-        description,
-        urdf,
-    }
-}
-
-/// The robot that a job's texts make.
-///
-/// # Errors
-/// [`RobotError`] where the texts are invalid.
-pub fn robot_of(text: &RobotText) -> Result<Robot, RobotError> {
-    let RobotText {
-        name,
-        description,
-        urdf,
-    } = text.clone();
-    Robot::from_source(&RobotSource {
-        name,
-        description,
-        urdf,
-    })
 }
 
 /// The process graph of a scenario: the user's, or the built-in one, which for a steered run has an operator.
@@ -467,7 +448,7 @@ pub fn job(robot: &Robot, scenario: Scenario, graph: Graph, mode: Mode, out: Pat
         record: true,
         messages: true,
         live: false,
-        robot: robot_text(robot),
+        robot: robot.source.clone(),
         scenario,
         graph,
     }

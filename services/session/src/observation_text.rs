@@ -1,6 +1,6 @@
 //! A running graph in words.
 
-use crate::observation::{Observation, ObservedFault, ObservedProcess, ObservedSingularity, Times};
+use crate::observation::{Observation, ObservedFault, ObservedProcess, Times};
 
 /// Colours, where they are wanted.
 #[derive(Clone, Copy)]
@@ -32,8 +32,8 @@ impl Paint {
 }
 
 /// Text in a column of that width, at least one space before it.
-fn right(text: impl ToString, width: usize) -> String {
-    format!(" {:>1$}", text.to_string(), width - 1)
+fn right(text: &str, width: usize) -> String {
+    format!(" {text:>0$}", width - 1)
 }
 
 /// Text in a column of that width, one space behind it; cut where it is longer.
@@ -69,6 +69,89 @@ fn in_words(times: &Times) -> String {
     }
 }
 
+/// Columns of words, before those of numbers; and columns for which 80 characters have room.
+const WORDS: usize = 2;
+const NARROW: usize = 9;
+
+/// A process's cells: heading, width, text, and the text's colour.
+fn cells(one: &ObservedProcess) -> [(&'static str, usize, String, Option<u8>); 11] {
+    let state = match one.state {
+        "running" => Paint::GREEN,
+        "gone" | "stopped" | "absent" => Paint::RED,
+        _ => Paint::YELLOW,
+    };
+    let age = match one.age_us.in_all {
+        0 => String::new(),
+        _ => one.age_us.p99.map_or("–".to_owned(), short),
+    };
+    let core = one.core.map_or("any".to_owned(), |core| core.to_string());
+    let (missed, lost) = (one.missed, one.counts.lost);
+    [
+        ("process", 11, one.name.clone(), None),
+        ("state", 10, one.state.to_owned(), Some(state)),
+        ("start", 6, one.starts.to_string(), None),
+        ("tick", 9, one.ticks.to_string(), None),
+        ("ticks/s", 8, format!("{:.0}", one.ticks_per_s), None),
+        ("step µs", 17, in_words(&one.step_us), None),
+        ("age µs", 7, age, None),
+        (
+            "missed",
+            7,
+            missed.to_string(),
+            (missed > 0).then_some(Paint::YELLOW),
+        ),
+        (
+            "lost",
+            5,
+            lost.to_string(),
+            (lost > 0).then_some(Paint::RED),
+        ),
+        ("pid", 9, one.pid.to_string(), None),
+        ("core", 6, core, None),
+    ]
+}
+
+/// The table of the processes, of which there is one at least.
+fn processes(run: &Observation, paint: Paint, shown: usize) -> Vec<String> {
+    let aligned = |place: usize, text: &str, width| match place < WORDS {
+        true => left(text, width),
+        false => right(text, width),
+    };
+    let mut lines = vec![String::new()];
+    for one in &run.processes {
+        let (mut heading, mut line) = (String::new(), String::new());
+        for (place, (title, width, text, colour)) in cells(one).iter().take(shown).enumerate() {
+            heading += &aligned(place, title, *width);
+            let text = aligned(place, text, *width);
+            line += &colour.map_or(text.clone(), |colour| paint.of(colour, &text));
+        }
+        lines[0] = paint.of(Paint::BOLD, &heading);
+        lines.push(line);
+    }
+    lines
+}
+
+/// The last faults, as many as there is room for.
+fn faults(run: &Observation, paint: Paint, room: usize) -> Vec<String> {
+    let (hidden, shown) = run.faults.split_at(run.faults.len().saturating_sub(room));
+    let active = hidden.iter().filter(|fault| fault.active).count();
+    let earlier = format!("{} earlier faults, {active} of them active", hidden.len());
+    let line = |fault: &ObservedFault| {
+        let ObservedFault {
+            process,
+            kind,
+            origin,
+            tick,
+            active,
+        } = fault;
+        let force = if *active { "active" } else { "inactive" };
+        let text = format!("fault {kind} of {process} from tick {tick}, {origin}, {force}");
+        paint.when(*active, Paint::RED, &text)
+    };
+    let earlier = (!hidden.is_empty()).then_some(earlier);
+    earlier.into_iter().chain(shown.iter().map(line)).collect()
+}
+
 /// A running graph in lines that fit a terminal of so many columns and rows: 80 and 24 for up to eight processes, four singularities and five faults.
 #[must_use]
 pub fn observation_lines(
@@ -77,153 +160,41 @@ pub fn observation_lines(
     (columns, rows): (usize, usize),
 ) -> Vec<String> {
     let paint = Paint(is_coloured);
-    let is_wide = columns >= 96;
-    let mut lines = vec![paint.of(
-        Paint::BOLD,
-        &format!("{}: {}, {} Hz", run.run, run.mode, run.rate_hz),
-    )];
-    let headings = [
-        ("start", 6),
-        ("tick", 9),
-        ("ticks/s", 8),
-        ("step µs", 17),
-        ("age µs", 7),
-        ("missed", 7),
-        ("lost", 5),
-    ];
-    let more = if is_wide {
-        format!("{}{}", right("pid", 9), right("core", 6))
-    } else {
-        String::new()
-    };
-    let heading = headings
-        .iter()
-        .map(|(name, width)| right(name, *width))
-        .collect::<String>();
-    lines.push(paint.of(
-        Paint::BOLD,
-        &format!(
-            "{}{}{heading}{more}",
-            left("process", 11),
-            left("state", 10)
-        ),
-    ));
-    for ObservedProcess {
-        name,
-        state,
-        pid,
-        starts,
-        core,
-        ticks,
-        ticks_per_s,
-        missed,
-        counts,
-        step_us,
-        age_us,
-    } in &run.processes
-    {
-        let colour = match *state {
-            "running" => Paint::GREEN,
-            "gone" | "stopped" | "absent" => Paint::RED,
-            _ => Paint::YELLOW,
-        };
-        let age = if age_us.in_all == 0 {
-            String::new()
-        } else {
-            age_us.p99.map_or("–".to_owned(), short)
-        };
-        let numbers = [
-            right(starts, 6),
-            right(ticks, 9),
-            right(format!("{ticks_per_s:.0}"), 8),
-            right(in_words(step_us), 17),
-            right(age, 7),
-        ];
-        let more = if is_wide {
-            format!(
-                "{}{}",
-                right(pid, 9),
-                right(core.map_or("any".to_owned(), |core| core.to_string()), 6)
-            )
-        } else {
-            String::new()
-        };
-        let missed = paint.when(*missed > 0, Paint::YELLOW, &right(missed, 7));
-        let lost = paint.when(counts.lost > 0, Paint::RED, &right(counts.lost, 5));
-        lines.push(format!(
-            "{}{}{}{missed}{lost}{more}",
-            left(name, 11),
-            paint.of(colour, &left(state, 10)),
-            numbers.concat()
-        ));
-    }
+    let title = format!("{}: {}, {} Hz", run.run, run.mode, run.rate_hz);
+    let mut lines = vec![paint.of(Paint::BOLD, &title)];
+    let shown = if columns >= 96 { usize::MAX } else { NARROW };
+    lines.extend(processes(run, paint, shown));
     lines.push(
         "step: input to output, p50/p99/longest; age: since the tick's sample, p99".to_owned(),
     );
-    let refused = run
-        .processes
-        .iter()
-        .filter(|process| process.counts.not_finite + process.counts.fenced > 0);
-    let refused: Vec<_> = refused
-        .map(|one| format!("{} {}", one.name, one.counts.not_finite + one.counts.fenced))
-        .collect();
-    if !refused.is_empty() {
-        lines.push(paint.of(
-            Paint::YELLOW,
-            &format!("outputs refused: {}", refused.join(", ")),
-        ));
+    let refusals = run.processes.iter().filter_map(|one| {
+        let count = one.counts.not_finite + one.counts.fenced;
+        (count > 0).then(|| format!("{} {count}", one.name))
+    });
+    let refusals: Vec<_> = refusals.collect();
+    if !refusals.is_empty() {
+        let text = format!("outputs refused: {}", refusals.join(", "));
+        lines.push(paint.of(Paint::YELLOW, &text));
     }
-    let stale = if run.stale_ticks > 0 {
-        format!(", no fresh torque for {} ticks", run.stale_ticks)
-    } else {
-        String::new()
+    let stale = match run.stale_ticks {
+        0 => String::new(),
+        ticks => format!(", no fresh torque for {ticks} ticks"),
     };
-    lines.push(format!(
-        "drive {}{stale}; task {}",
-        paint.when(run.drive != "active", Paint::RED, run.drive),
-        run.phase
-    ));
-    for ObservedSingularity {
-        name,
-        s,
-        inside,
-        class,
-        mode,
-    } in &run.singularities
-    {
+    let drive = paint.when(run.drive != "active", Paint::RED, run.drive);
+    lines.push(format!("drive {drive}{stale}; task {}", run.phase));
+    lines.extend(run.singularities.iter().map(|one| {
+        let place = if one.inside { "inside " } else { "outside" };
         let text = format!(
-            "  {}s = {s:+.4}  {}  {class}, {mode}",
-            left(name, 11),
-            if *inside { "inside " } else { "outside" }
+            "  {}s = {:+.4}  {place}  {}, {}",
+            left(&one.name, 11),
+            one.s,
+            one.class,
+            one.mode
         );
-        lines.push(paint.when(*inside, Paint::MAGENTA, &text));
-    }
-    // The last ones, as many as there is room for.
+        paint.when(one.inside, Paint::MAGENTA, &text)
+    }));
     let room = rows.saturating_sub(lines.len() + 2).max(1);
-    let hidden = run.faults.len().saturating_sub(room);
-    if hidden > 0 {
-        lines.push(format!(
-            "{hidden} earlier faults, {} of them active",
-            run.faults[..hidden]
-                .iter()
-                .filter(|fault| fault.active)
-                .count()
-        ));
-    }
-    for ObservedFault {
-        process,
-        kind,
-        origin,
-        tick,
-        active,
-    } in &run.faults[hidden..]
-    {
-        let text = format!(
-            "fault {kind} of {process} from tick {tick}, {origin}, {}",
-            if *active { "active" } else { "inactive" }
-        );
-        lines.push(paint.when(*active, Paint::RED, &text));
-    }
+    lines.extend(faults(run, paint, room));
     if rows < usize::MAX {
         lines.push("q quits".to_owned());
     }
@@ -233,6 +204,7 @@ pub fn observation_lines(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::observation::ObservedSingularity;
 
     fn times() -> Times {
         Times {

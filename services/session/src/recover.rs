@@ -2,13 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
+use model::Robot;
 use runtime::{ControlPage, FaultRecord, MAX_PROCESSES, RunDir, SHM};
 use shared_types::job::JOB;
 use shared_types::summary::{INTERRUPTED, Summary};
 
 use crate::export::{joined, seal};
 use crate::failure::Failure;
-use crate::load;
 use crate::machine::machine;
 use crate::results::{EARLIER, Results, SUMMARY, keep};
 use crate::runs::Run;
@@ -50,7 +50,7 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
         )));
     }
     job.out.clone_from(&folder);
-    let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
+    let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
     let earlier = Earlier::set_aside(&folder)?;
     let mut summary = match recorder::rebuild(&robot, &job) {
         Ok(summary) => summary,
@@ -130,9 +130,7 @@ impl Earlier {
         let folder = run.join(EARLIER);
         // One that is there already is the run's own; the other was made by a recovery that was killed.
         if viz::parts_in(&folder).is_empty() && !viz::parts_in(run).is_empty() {
-            std::fs::create_dir_all(&folder).map_err(|error| {
-                Failure::Work(format!("cannot make {}: {error}", folder.display()))
-            })?;
+            std::fs::create_dir_all(&folder).map_err(Failure::cannot("make", &folder))?;
             move_recording(run, &folder)?;
         }
         Ok(Self { folder })
@@ -152,9 +150,7 @@ impl Earlier {
             return Ok(Some(before));
         }
         for part in parts {
-            std::fs::remove_file(&part).map_err(|error| {
-                Failure::Work(format!("cannot remove {}: {error}", part.display()))
-            })?;
+            std::fs::remove_file(&part).map_err(Failure::cannot("remove", &part))?;
         }
         let _ = std::fs::remove_dir(&self.folder);
         Ok(None)

@@ -102,12 +102,12 @@ impl Steering {
             session.duration_s = OPEN_S;
         }
         session.duration_s = self.duration_s.unwrap_or(session.duration_s);
-        source.read_targets(&mut scenario)?;
-        let robot = source.robot(&scenario)?;
-        let own_graph = Some(&scenario.graph)
-            .filter(|file| !file.is_empty())
-            .map(|file| source.beside(file));
-        let graph = load::graph_of(&scenario, self.graph.as_deref().or(own_graph.as_deref()))?;
+        let loaded = source.load(scenario, self.graph.as_deref())?;
+        let Loaded {
+            scenario,
+            robot,
+            graph,
+        } = &loaded;
         let writer = graph.writer("target").and_then(Process::program);
         if matches!(self.targets, Targets::Process) && writer == Some(Program::Operator) {
             return Err(Failure::Input(
@@ -116,7 +116,6 @@ impl Steering {
                     .to_owned(),
             ));
         }
-        source.check(&scenario, &robot, &graph)?;
         if let (Targets::File(file), Some(session)) = (&self.targets, &scenario.servo) {
             let located = |error: InvalidRow| {
                 Failure::File(
@@ -127,11 +126,7 @@ impl Steering {
             };
             target_file::check(&session.targets, scenario.rate_hz, robot.dof()).map_err(located)?;
         }
-        Ok(Loaded {
-            scenario,
-            robot,
-            graph,
-        })
+        Ok(loaded)
     }
 
     /// A scenario for a robot.

@@ -28,13 +28,20 @@ impl fmt::Display for RunText<'_> {
         )?;
         // A run without a tick has no numbers.
         if summary.ticks > 0 {
-            tables(f, summary)?;
+            errors(f, summary)?;
+            turns(f, summary)?;
+            loads(f, summary)?;
+            if let Some(servo) = &summary.servo {
+                steered(f, servo)?;
+            }
+            times(f, summary)?;
+            faults(f, summary)?;
         }
         files(f, summary, folder)
     }
 }
 
-fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
+fn errors(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
     let mut rows = table(&["task", "largest", "orthogonal to ζ", "at the end"]);
     let task = &summary.task;
     rows.add_row([
@@ -66,7 +73,10 @@ fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
             number(digits(singularity.zeta_turned_deg)),
         ]);
     }
-    writeln!(f, "{rows}")?;
+    writeln!(f, "{rows}")
+}
+
+fn turns(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
     for turn in &summary.turns {
         // A joint that stays put has no sign.
         let still = |by: f64| if by.abs() < 0.005 { 0.0 } else { by };
@@ -91,6 +101,10 @@ fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
             turn.actual_ticks as f64 / f64::from(summary.rate_hz.max(1))
         )?;
     }
+    Ok(())
+}
+
+fn loads(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
     let percent = |ratio: f64| format!("{:.0} %", ratio * 100.0);
     let joints = &summary.joints;
     let torque = match joints.has_torque_limit {
@@ -114,9 +128,10 @@ fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
             digits(joints.switch_energy_j * 1e3)
         )?;
     }
-    if let Some(servo) = &summary.servo {
-        steered(f, servo)?;
-    }
+    Ok(())
+}
+
+fn times(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
     let simulated_s = summary.ticks as f64 / f64::from(summary.rate_hz.max(1));
     writeln!(
         f,
@@ -145,6 +160,10 @@ fn tables(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
             writeln!(f, "           {count} {cause}")?;
         }
     }
+    Ok(())
+}
+
+fn faults(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
     if !summary.not_finite.is_empty() {
         writeln!(f, "not finite {}", summary.not_finite.join(", "))?;
     }

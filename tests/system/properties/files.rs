@@ -1,6 +1,6 @@
 //! Files that people write, and what a run's folder says of it.
 
-use model::{Robot, RobotSource};
+use model::{Robot, RobotText};
 use shared_types::graph::Graph;
 use shared_types::job::Job;
 use shared_types::scenario::Scenario;
@@ -33,7 +33,7 @@ pub fn graph(text: &str) {
 
 /// A URDF is refused with a sentence, or its arm can be computed with.
 pub fn urdf(text: &str) {
-    let source = RobotSource {
+    let source = RobotText {
         name: "fuzz".to_owned(),
         description: String::new(),
         urdf: text.to_owned(),

@@ -6,7 +6,7 @@ use std::path::Path;
 use message_log::{Difference, LogError, LogReader, Logs};
 use model::{Refused, Robot};
 use runtime::apply_to_outgoing;
-use session::{Failure, JOB, Observer, Progress, Run, SUMMARY, load};
+use session::{Failure, JOB, Observer, Progress, Run, SUMMARY};
 use shared_types::codes::{DRIVE_ABSENT, DRIVE_ENCODER, DRIVE_STALE};
 use shared_types::fault::{Fault, Kind, ScheduledFault};
 use shared_types::graph::Process;
@@ -81,7 +81,7 @@ pub fn replay(
             "{run} was run without its messages, which `armplane replay` reads: run it again without --no-messages and --no-record"
         )));
     }
-    let robot = load::robot_of(&job.robot).map_err(Failure::input)?;
+    let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
     let scenario = with_settings(&job.scenario, settings)?;
     let is_asked = |one: &Process| {
         process.map_or(one.program() == Some(Program::Controller), |name| {

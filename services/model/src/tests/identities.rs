@@ -1,7 +1,7 @@
 //! Two algorithms, or an algorithm and a numerical derivative, for every quantity and every arm.
 
 use crate::lanes::{Row, Twos};
-use crate::{Model, Robot, RobotSource};
+use crate::{Model, Robot, RobotText};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use proptest::prelude::*;
 
@@ -38,7 +38,7 @@ pub(super) const ODD: &str = r#"
 
 pub(super) fn odd() -> Robot {
     let description = "[joints.slide]\narmature = 0.7\n".to_owned();
-    Robot::from_source(&RobotSource {
+    Robot::from_source(&RobotText {
         name: "odd".to_owned(),
         description,
         urdf: ODD.to_owned(),

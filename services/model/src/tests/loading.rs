@@ -1,11 +1,11 @@
 //! Reading of URDFs and descriptions, and the sentence of every refusal.
 
 use super::identities::{ODD, odd};
-use crate::{Factors, Geometry, Model, ModelError, Robot, RobotError, RobotSource, TaskAxes};
+use crate::{Factors, Geometry, Model, ModelError, Robot, RobotError, RobotText, TaskAxes};
 use nalgebra::{Matrix3, SVector, Vector3};
 
 fn load(urdf: &str, description: &str) -> Result<Robot, RobotError> {
-    Robot::from_source(&RobotSource {
+    Robot::from_source(&RobotText {
         name: "r".to_owned(),
         description: description.to_owned(),
         urdf: urdf.to_owned(),
