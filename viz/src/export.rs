@@ -62,8 +62,7 @@ pub fn export(
         steered,
     } = what;
     let mut format = opened(format, out)?;
-    let mut columns: Option<Columns> = None;
-    let mut rate_hz = 1000.0;
+    let (mut columns, mut rate_hz) = (None::<Columns>, 1000.0);
     read(parts, |piece| {
         let mut event = |tick: u64, kind, subject, text| {
             format.event(Event {

@@ -222,117 +222,17 @@ impl Situation {
     /// Markdown: the singularity that the arm is in, the motion that is lost there, and the arm's response.
     pub(crate) fn markdown(&self, run: &Run) -> String {
         let mut text = String::new();
-        let drives = self.undriven.map(|drive| match drive {
-            DRIVE_HOLDING | DRIVE_ACTIVE => "the drives hold the last torque",
-            DRIVE_STOPPING => "the drives bring the arm to rest",
-            _ => "the drives have braked the arm",
-        });
-        if let Some(fault) = run.fault {
-            let _ = writeln!(
-                text,
-                "## {fault}: {}\n",
-                drives.unwrap_or("the arm goes on")
-            );
-        } else if let Some(drives) = drives {
-            let _ = writeln!(text, "## No torque comes: {drives}\n");
-        }
-        if drives.is_some() {
-            text.push_str("The drives do this by themselves until fresh torque comes. Grey lanes wait for the process that is silent.\n");
+        if self.tell_fault(&mut text, run) {
             return text;
         }
         let mark = if run.fault.is_some() { "###" } else { "##" };
-        let locks = self.inside().count();
-        if locks == 0 {
-            if let Some(off_um) = self.off_um {
-                let off_mm = f64::from(off_um) * 1e-3;
-                let _ = writeln!(
-                    text,
-                    "{mark} The joints move; the hand should stand still\n\n{}\n",
-                    run.title
-                );
-                let _ = writeln!(text, "It has been **{off_mm} mm** off its place at most.\n");
-                text.push_str(
-                    "*Amber: its way off its place, 50 times as large. Blue body: speeds the hand can reach. Net: accelerations.*\n",
-                );
-                return text;
-            }
-            let near = self.singularities[..self.count]
-                .iter()
-                .enumerate()
-                .find(|(_, one)| one.mode != MODE_REGULAR);
-            // A headline of one line: a title may take two, and the table below needs the room, of more than two locks all of it.
-            let below = self.past[..self.count].iter().flatten().count()
-                + usize::from(self.servo.is_some());
-            let second = |words: String| {
-                if below <= ROOM {
-                    words + "\n"
-                } else {
-                    String::new()
-                }
-            };
-            let _ = match near {
-                Some((i, one)) => {
-                    let (name, doing) = (singularity_name(one.kind, i), capital(doing(one.mode)));
-                    writeln!(
-                        text,
-                        "{mark} Near the {name} singularity, free to move\n\n{}",
-                        second(doing + ".")
-                    )
-                }
-                None => writeln!(
-                    text,
-                    "{mark} Free: the hand can move in every direction\n\n{}",
-                    second(run.title.to_owned())
-                ),
-            };
-            self.tell_reason(&mut text);
-            if self.tell_past(&mut text, run) {
-                // The table takes the room of the legend.
-                return text;
-            }
-        } else {
-            let rank = format!(
-                "rank {} of {}",
-                run.directions.saturating_sub(locks),
-                run.directions
-            );
-            let _ = match self.inside().next() {
-                Some((i, one)) if locks == 1 => {
-                    // One that was found by number has no name but that.
-                    let name = if one.kind == KIND_NUMERIC {
-                        "Singular".to_owned()
-                    } else {
-                        capital(&singularity_name(one.kind, i)) + " lock"
-                    };
-                    writeln!(
-                        text,
-                        "{mark} {name}: the hand cannot {} · {rank}\n",
-                        lost(one.angular)
-                    )
-                }
-                _ => writeln!(
-                    text,
-                    "{mark} {locks} locks at once: {locks} directions lost · {rank}\n"
-                ),
-            };
-            tell_head(&mut text);
-            for (i, one) in self.inside() {
-                let (name, (colour, _)) =
-                    (singularity_name(one.kind, i), named_colour(one.kind, i));
-                let _ = writeln!(
-                    text,
-                    "| **{name}** ({colour}, {}): {} | {} | {} |",
-                    name_of(TYPES, one.class),
-                    reason(one.kind, run.joints),
-                    lost(one.angular),
-                    doing(one.mode)
-                );
-            }
-        }
-        let mut notes = 0;
+        let (locks, mut notes) = (self.inside().count(), 0);
         if locks > 0 {
+            self.tell_locks(&mut text, mark, locks, run);
             self.tell_reason(&mut text);
             notes += usize::from(self.servo.is_some());
+        } else if self.tell_free(&mut text, mark, run) {
+            return text;
         }
         if self.clipped && self.servo.is_none() {
             text.push_str("\nThe goal is beyond reach: the hand slides along the boundary.\n");
@@ -346,6 +246,97 @@ impl Situation {
             let _ = writeln!(text, "\n*{COLOURS}*");
         }
         text
+    }
+
+    /// The fault in force, or that no torque comes; whether there is nothing more to say.
+    fn tell_fault(&self, text: &mut String, run: &Run) -> bool {
+        let drives = self.undriven.map(|drive| match drive {
+            DRIVE_HOLDING | DRIVE_ACTIVE => "the drives hold the last torque",
+            DRIVE_STOPPING => "the drives bring the arm to rest",
+            _ => "the drives have braked the arm",
+        });
+        let _ = match (run.fault, drives) {
+            (Some(fault), Some(does)) => writeln!(text, "## {fault}: {does}\n"),
+            (Some(fault), None) => writeln!(text, "## {fault}: the arm goes on\n"),
+            (None, Some(drives)) => writeln!(text, "## No torque comes: {drives}\n"),
+            (None, None) => Ok(()),
+        };
+        if drives.is_some() {
+            text.push_str("The drives do this by themselves until fresh torque comes. Grey lanes wait for the process that is silent.\n");
+        }
+        drives.is_some()
+    }
+
+    /// No singularity is in the way; whether there is no room for more.
+    fn tell_free(&self, text: &mut String, mark: &str, run: &Run) -> bool {
+        if let Some(off_um) = self.off_um {
+            let (title, off_mm) = (run.title, f64::from(off_um) * 1e-3);
+            let _ = writeln!(
+                text,
+                "{mark} The joints move; the hand should stand still\n\n{title}\n\nIt has been **{off_mm} mm** off its place at most.\n\n\
+                 *Amber: its way off its place, 50 times as large. Blue body: speeds the hand can reach. Net: accelerations.*",
+            );
+            return true;
+        }
+        let all = self.singularities[..self.count].iter().enumerate();
+        let near = all.clone().find(|(_, one)| one.mode != MODE_REGULAR);
+        let (head, second) = match near {
+            Some((i, one)) => (
+                format!(
+                    "Near the {} singularity, free to move",
+                    singularity_name(one.kind, i)
+                ),
+                capital(doing(one.mode)) + ".",
+            ),
+            None => (
+                "Free: the hand can move in every direction".to_owned(),
+                run.title.to_owned(),
+            ),
+        };
+        let _ = writeln!(text, "{mark} {head}\n");
+        // A headline of one line: a title may take two, and the table below needs the room, of more than two locks all of it.
+        let past = self.past[..self.count].iter().flatten().count();
+        if past + usize::from(self.servo.is_some()) <= ROOM {
+            let _ = writeln!(text, "{second}\n");
+        } else {
+            text.push('\n');
+        }
+        self.tell_reason(text);
+        // The table takes the room of the legend.
+        self.tell_past(text, run)
+    }
+
+    /// The singularities that the arm is in.
+    fn tell_locks(&self, text: &mut String, mark: &str, locks: usize, run: &Run) {
+        let all = run.directions;
+        let rank = format!("rank {} of {all}", all.saturating_sub(locks));
+        let _ = match self.inside().next() {
+            Some((i, one)) if locks == 1 => {
+                // One that was found by number has no name but that.
+                let name = match one.kind {
+                    KIND_NUMERIC => "Singular".to_owned(),
+                    kind => capital(&singularity_name(kind, i)) + " lock",
+                };
+                let lost = lost(one.angular);
+                writeln!(text, "{mark} {name}: the hand cannot {lost} · {rank}\n")
+            }
+            _ => writeln!(
+                text,
+                "{mark} {locks} locks at once: {locks} directions lost · {rank}\n"
+            ),
+        };
+        tell_head(text);
+        for (i, one) in self.inside() {
+            let (name, (colour, _)) = (singularity_name(one.kind, i), named_colour(one.kind, i));
+            let _ = writeln!(
+                text,
+                "| **{name}** ({colour}, {}): {} | {} | {} |",
+                name_of(TYPES, one.class),
+                reason(one.kind, run.joints),
+                lost(one.angular),
+                doing(one.mode)
+            );
+        }
     }
 
     /// Of a steered arm: what it does and why.

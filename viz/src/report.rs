@@ -217,26 +217,7 @@ fn plots(
          motion, reorienting, holding).",
     )?;
 
-    let error = |title: &str, signal, tolerance: f64| {
-        const MOST: f64 = 100.0;
-        let axis = Axis::default().logarithmic().within(LEAST..MOST);
-        let mut panel = recorded.blank(title, axis);
-        let colours = [ink(ACROSS), ink(ALONG)];
-        recorded.draw(&mut panel, signal, &colours, str::to_owned, |_, value| {
-            value.clamp(LEAST, MOST)
-        });
-        if tolerance < MOST {
-            let ends = [(0.0, tolerance), (recorded.end_s, tolerance)];
-            panel.dashed("goal", RED, &ends);
-        }
-        panel
-    };
-    let goal = &job.scenario.goal;
-    let (mm, deg) = (goal.position_mm, goal.orientation_deg);
-    let mut errors = vec![error("position error, mm", Signal::PositionError, mm)];
-    if turns {
-        errors.push(error("orientation error, °", Signal::OrientationError, deg));
-    }
+    let errors = errors(job, recorded, turns);
     page.figure(
         path,
         errors,
@@ -268,6 +249,31 @@ fn plots(
         "The share of the hand in control (β), and how fast path time, task torque and null-space torque are let through; and the hops of each tick, the \
          whole chain among them: in lockstep they say how fast the machine is, not how punctual.",
     )
+}
+
+/// Position error and, of a task that `turns`, orientation error, each with its goal.
+fn errors(job: &Job, recorded: &Recorded, turns: bool) -> Vec<Panel> {
+    let error = |title: &str, signal, tolerance: f64| {
+        const MOST: f64 = 100.0;
+        let axis = Axis::default().logarithmic().within(LEAST..MOST);
+        let mut panel = recorded.blank(title, axis);
+        let colours = [ink(ACROSS), ink(ALONG)];
+        recorded.draw(&mut panel, signal, &colours, str::to_owned, |_, value| {
+            value.clamp(LEAST, MOST)
+        });
+        if tolerance < MOST {
+            let ends = [(0.0, tolerance), (recorded.end_s, tolerance)];
+            panel.dashed("goal", RED, &ends);
+        }
+        panel
+    };
+    let goal = &job.scenario.goal;
+    let (mm, deg) = (goal.position_mm, goal.orientation_deg);
+    let mut errors = vec![error("position error, mm", Signal::PositionError, mm)];
+    if turns {
+        errors.push(error("orientation error, °", Signal::OrientationError, deg));
+    }
+    errors
 }
 
 /// How near the arm is to each singularity, in units of its neighbourhood.

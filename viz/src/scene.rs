@@ -143,79 +143,49 @@ type Reason = (usize, Vec<[[f32; 3]; 2]>, bool);
 pub(crate) fn reasons(kind: u32, figure: &Figure, dependent: &[usize]) -> Vec<Reason> {
     let n = figure.links.len();
     let half = 0.42 * figure.reach;
-    let axis = |link: usize, phase: usize| {
+    let axis = |(phase, link): (usize, usize)| {
         let axis = figure.rings.get(link).copied().flatten()?.axis;
-        Some((
-            link,
-            dashed(-half * axis, half * axis, 21, phase),
-            phase == 1,
-        ))
+        let dashes = dashed(-half * axis, half * axis, 21, phase);
+        Some((link, dashes, phase == 1))
     };
-    let bone = |link: usize, from: Vec3, to: Vec3| {
-        // Beyond its end it goes on dashed: whether the next one lies on it is seen.
-        let mut strips = vec![[from.to_array(), to.to_array()]];
-        strips.extend(dashed(to, to + (to - from), 14, 1));
-        (link, strips, false)
+    let axes = |links: &[usize]| -> Vec<Reason> {
+        let links = links.iter().enumerate();
+        links.filter_map(|(k, link)| axis((k % 2, *link))).collect()
     };
+    match kind {
+        KIND_WRIST if n >= 6 => axes(&[n - 3, n - 1]),
+        KIND_SHOULDER if n >= 3 => axes(&[0, 2]),
+        KIND_OVERHEAD => {
+            let ring = figure.rings.first().copied().flatten();
+            let axis = figure.reach * ring.map_or(Vec3::Z, |ring| ring.axis);
+            vec![(0, dashed(-0.3 * axis, 1.15 * axis, 31, 0), false)]
+        }
+        KIND_ELBOW => bones(figure).unwrap_or_default(),
+        _ => axes(dependent),
+    }
+}
+
+/// Upper arm and forearm; the first goes on dashed beyond its end: whether the second lies on it is seen.
+fn bones(figure: &Figure) -> Option<Vec<Reason>> {
     let origin = |joint: usize| figure.joints.get(joint).map(|X_PJ| X_PJ.p);
     // The parent's origin, in the link's frame, where it lies on the joint's axis.
     let back = |joint: usize| {
-        figure
-            .joints
-            .get(joint)
-            .map(|X_PJ| X_PJ.R.transpose() * -X_PJ.p)
+        let X_PJ = figure.joints.get(joint)?;
+        Some(X_PJ.R.transpose() * -X_PJ.p)
     };
-    match kind {
-        KIND_WRIST if n >= 6 => [axis(n - 3, 0), axis(n - 1, 1)]
-            .into_iter()
-            .flatten()
-            .collect(),
-        KIND_SHOULDER if n >= 3 => [axis(0, 0), axis(2, 1)].into_iter().flatten().collect(),
-        KIND_OVERHEAD => {
-            let axis = figure
-                .rings
-                .first()
-                .copied()
-                .flatten()
-                .map_or(Vec3::Z, |ring| ring.axis);
-            vec![(
-                0,
-                dashed(
-                    -0.3 * figure.reach * axis,
-                    1.15 * figure.reach * axis,
-                    31,
-                    0,
-                ),
-                false,
-            )]
+    let (upper, [shoulder, elbow], fore, [from, wrist]) = match figure.links.len() {
+        7 => (2, [back(2)?, origin(3)?], 4, [back(4)?, origin(5)?]),
+        n => {
+            let upper = usize::from(n >= 6);
+            let wrist = origin(upper + 2).or(figure.tip)?;
+            let upper_arm = [Vec3::ZERO, origin(upper + 1)?];
+            (upper, upper_arm, upper + 1, [Vec3::ZERO, wrist])
         }
-        KIND_ELBOW if n == 7 => match (back(2), origin(3), back(4), origin(5)) {
-            (Some(shoulder), Some(elbow), Some(from), Some(wrist)) => {
-                vec![
-                    bone(2, shoulder, elbow),
-                    (4, vec![[from.to_array(), wrist.to_array()]], false),
-                ]
-            }
-            _ => Vec::new(),
-        },
-        KIND_ELBOW => {
-            let upper = if n >= 6 { 1 } else { 0 };
-            match (origin(upper + 1), origin(upper + 2).or(figure.tip)) {
-                (Some(elbow), Some(wrist)) => {
-                    vec![
-                        bone(upper, Vec3::ZERO, elbow),
-                        (upper + 1, vec![[[0.0; 3], wrist.to_array()]], false),
-                    ]
-                }
-                _ => Vec::new(),
-            }
-        }
-        _ => dependent
-            .iter()
-            .enumerate()
-            .filter_map(|(k, link)| axis(*link, k % 2))
-            .collect(),
-    }
+    };
+    let mut strips = vec![[shoulder.to_array(), elbow.to_array()]];
+    strips.extend(dashed(elbow, elbow + (elbow - shoulder), 14, 1));
+    let forearm = vec![[from.to_array(), wrist.to_array()]];
+    Some(vec![(upper, strips, false), (fore, forearm, false)])
 }
 
 /// The joints whose motions together do not move the hand: those with a share in the null vector of J, of which `columns` are the joints'.

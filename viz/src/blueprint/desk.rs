@@ -4,7 +4,7 @@ use re_chunk::EntityPath;
 use re_sdk_types::blueprint::components::Corner2D;
 use shared_types::scenario::Layout;
 
-use super::sheet::{Lines, Sheet};
+use super::sheet::{Cell, Lines, Sheet};
 use super::subject::{ACROSS, ALONG, JOINTS, Subject};
 use crate::entity;
 use crate::signals::{Drawn, Signal, hop_names};
@@ -57,86 +57,86 @@ impl<'a> Desk<'a> {
 
     pub(super) fn arrange(&mut self, layout: Layout) {
         match layout {
-            Layout::Control => {
-                let views = vec![(1.35, self.world()), (1.0, self.close_up())];
-                let left = [(2.45, self.sheet.row("", views)), (1.15, self.now())];
-                let torques = self.torques();
-                let (errors, joints, measure) = (self.errors(), self.joints(), self.measure());
-                let others = [
-                    self.gravity(),
-                    self.governor(),
-                    self.auxiliary(),
-                    self.singular_values(),
-                    self.latency(Named::Last),
-                ];
-                let modes = [self.modes(), self.log()];
-                // Three rows: fewer and taller plots have ticks that can be read, and room for a legend of six names.
-                let right = if self.subject.stands_still {
-                    // No singularity is in play: the error first, the joints that move, and the rest in tabs.
-                    let more: Vec<_> = [torques, measure]
-                        .into_iter()
-                        .chain(others)
-                        .chain(modes)
-                        .collect();
-                    vec![(1.3, errors), (1.4, joints), (1.6, self.sheet.tabs(more))]
-                } else {
-                    let more: Vec<_> = [errors, torques, joints]
-                        .into_iter()
-                        .chain(others)
-                        .collect();
-                    let (more, modes) = (self.sheet.tabs(more), self.sheet.tabs(modes.into()));
-                    // A lane for each singularity.
-                    let lanes = if self.subject.singularities.len() > 3 {
-                        1.6
-                    } else {
-                        1.35
-                    };
-                    vec![(1.4, measure), (1.6, more), (lanes, modes)]
-                };
-                let cells = vec![
-                    (1.12, self.sheet.column(left.into())),
-                    (1.0, self.sheet.column(right)),
-                ];
-                self.sheet.row("", cells);
-            }
-            Layout::Timing => {
-                let upper = [(2.2, self.latency(Named::All)), (1.0, self.small_world())];
-                // Each lane takes 40 points: the processes' stand in a column of their own.
-                let lives = self.lives();
-                let modes = [self.modes(), self.log()].map(|view| (1.0, view));
-                // Three plots side by side have no room for their titles.
-                let plots = vec![self.errors(), self.governor()];
-                let rows = vec![
-                    (1.0, self.sheet.row("", modes.to_vec())),
-                    (1.2, self.sheet.tabs(plots)),
-                ];
-                let lower = vec![(1.0, lives), (2.2, self.sheet.column(rows))];
-                let cells = [(1.6, upper.to_vec()), (2.4, lower)]
-                    .map(|(share, row)| (share, self.sheet.row("", row)));
-                self.sheet.column(cells.into());
-            }
-            Layout::Faults => {
-                let below = [self.log(), self.modes()];
-                let below = self.sheet.tabs(below.into());
-                let left = [(1.3, self.small_world()), (0.95, self.now()), (1.1, below)];
-                let more = [
-                    self.errors(),
-                    self.torques(),
-                    self.joints(),
-                    self.measure(),
-                    self.governor(),
-                    self.latency(Named::Last),
-                ];
-                let more = self.sheet.tabs(more.into());
-                let right = [(2.25, self.lives()), (2.35, more)];
-                // The table of singularities and lines of the log are as wide as in the layout for control.
-                let cells = vec![
-                    (1.12, self.sheet.column(left.into())),
-                    (1.0, self.sheet.column(right.into())),
-                ];
-                self.sheet.row("", cells);
-            }
-        }
+            Layout::Control => self.arrange_control(),
+            Layout::Timing => self.arrange_timing(),
+            Layout::Faults => self.arrange_faults(),
+        };
+    }
+
+    fn arrange_control(&mut self) -> EntityPath {
+        let views = vec![(1.35, self.world()), (1.0, self.close_up())];
+        let left = [(2.45, self.sheet.row("", views)), (1.15, self.now())];
+        let torques = self.torques();
+        let (errors, joints, measure) = (self.errors(), self.joints(), self.measure());
+        let others = [
+            self.gravity(),
+            self.governor(),
+            self.auxiliary(),
+            self.singular_values(),
+            self.latency(Named::Last),
+        ];
+        let modes = [self.modes(), self.log()];
+        // Three rows: fewer and taller plots have ticks that can be read, and room for a legend of six names.
+        let right = if self.subject.stands_still {
+            // No singularity is in play: the error first, the joints that move, and the rest in tabs.
+            let more = [torques, measure].into_iter().chain(others).chain(modes);
+            let more = self.sheet.tabs(more.collect());
+            vec![(1.3, errors), (1.4, joints), (1.6, more)]
+        } else {
+            let more = [errors, torques, joints].into_iter().chain(others);
+            let more = self.sheet.tabs(more.collect());
+            let modes = self.sheet.tabs(modes.into());
+            // A lane for each singularity.
+            let lanes = match self.subject.singularities.len() {
+                0..=3 => 1.35,
+                _ => 1.6,
+            };
+            vec![(1.4, measure), (1.6, more), (lanes, modes)]
+        };
+        self.halves(left.into(), right)
+    }
+
+    fn arrange_timing(&mut self) -> EntityPath {
+        let upper = [(2.2, self.latency(Named::All)), (1.0, self.small_world())];
+        // Each lane takes 40 points: the processes' stand in a column of their own.
+        let lives = self.lives();
+        let modes = [self.modes(), self.log()].map(|view| (1.0, view));
+        // Three plots side by side have no room for their titles.
+        let plots = vec![self.errors(), self.governor()];
+        let rows = vec![
+            (1.0, self.sheet.row("", modes.to_vec())),
+            (1.2, self.sheet.tabs(plots)),
+        ];
+        let lower = vec![(1.0, lives), (2.2, self.sheet.column(rows))];
+        let cells = [(1.6, upper.to_vec()), (2.4, lower)]
+            .map(|(share, row)| (share, self.sheet.row("", row)));
+        self.sheet.column(cells.into())
+    }
+
+    fn arrange_faults(&mut self) -> EntityPath {
+        let below = [self.log(), self.modes()];
+        let below = self.sheet.tabs(below.into());
+        let left = [(1.3, self.small_world()), (0.95, self.now()), (1.1, below)];
+        let more = [
+            self.errors(),
+            self.torques(),
+            self.joints(),
+            self.measure(),
+            self.governor(),
+            self.latency(Named::Last),
+        ];
+        let more = self.sheet.tabs(more.into());
+        let right = [(2.25, self.lives()), (2.35, more)];
+        self.halves(left.into(), right.into())
+    }
+
+    /// Two columns: the table of singularities and lines of the log are as wide in each layout.
+    fn halves(&mut self, left: Vec<Cell>, right: Vec<Cell>) -> EntityPath {
+        let cells = vec![
+            (1.12, self.sheet.column(left)),
+            (1.0, self.sheet.column(right)),
+        ];
+        self.sheet.row("", cells)
     }
 
     /// A line per joint. A legend beside the lines has room for few names: of two plots side by side the one names the first joints, the

@@ -313,32 +313,41 @@ impl Sheet {
         let (id, path) = self.view("TimeSeries", name, "/", &contents);
         for entity in entities {
             let base = ViewContents::blueprint_base_visualizer_path_for_entity(id, &entity.into());
-            let mut instructions = Vec::new();
-            for lines in lines.iter().filter(|lines| lines.entity == entity) {
-                let instruction = self.id("lines", lines.component);
-                let at = base.join(&EntityPath::from_single_string(instruction.to_string()));
-                let mapping = VisualizerComponentMapping(Mapping {
-                    target: "Scalars:scalars".into(),
-                    source_kind: ComponentSourceKind::SourceComponent,
-                    source_component: Some(lines.component.into()),
-                    selector: None,
-                });
-                let instructed =
-                    VisualizerInstruction::new("SeriesLines").with_component_map([mapping]);
-                let style = SeriesLines::new()
-                    .with_names(lines.names.iter().map(|name| name.as_str()))
-                    .with_colors(
-                        lines
-                            .colours
-                            .iter()
-                            .map(|[r, g, b, a]| Color::from_unmultiplied_rgba(*r, *g, *b, *a)),
-                    )
-                    .with_widths(lines.names.iter().map(|_| StrokeWidth(lines.width.into())));
-                self.log_both(at, &instructed, &style);
-                instructions.push(VisualizerInstructionId(instruction.into()));
-            }
+            let lines = lines.iter().filter(|lines| lines.entity == entity);
+            let instructions: Vec<_> = lines.map(|lines| self.series(&base, lines)).collect();
             self.log(base, &ActiveVisualizers::new(instructions));
         }
+        self.axes(&path, range);
+        let shown = PlotLegend::new().with_visible(Visible(legend.is_some().into()));
+        self.log(
+            path.join(&"PlotLegend".into()),
+            &legend.map_or(shown.clone(), |corner| shown.with_corner(corner)),
+        );
+        path
+    }
+
+    /// How lines of an entity are drawn.
+    fn series(&mut self, base: &EntityPath, lines: &Lines) -> VisualizerInstructionId {
+        let instruction = self.id("lines", lines.component);
+        let at = base.join(&EntityPath::from_single_string(instruction.to_string()));
+        let mapping = VisualizerComponentMapping(Mapping {
+            target: "Scalars:scalars".into(),
+            source_kind: ComponentSourceKind::SourceComponent,
+            source_component: Some(lines.component.into()),
+            selector: None,
+        });
+        let instructed = VisualizerInstruction::new("SeriesLines").with_component_map([mapping]);
+        let colours = lines.colours.iter();
+        let colours = colours.map(|[r, g, b, a]| Color::from_unmultiplied_rgba(*r, *g, *b, *a));
+        let style = SeriesLines::new()
+            .with_names(lines.names.iter().map(|name| name.as_str()))
+            .with_colors(colours)
+            .with_widths(lines.names.iter().map(|_| StrokeWidth(lines.width.into())));
+        self.log_both(at, &instructed, &style);
+        VisualizerInstructionId(instruction.into())
+    }
+
+    fn axes(&mut self, path: &EntityPath, range: Option<[f64; 2]>) {
         // A linked axis is as long as the viewer wants it: a minute at most. A range of its own would be read as ticks on the other time line.
         let whole = TimeRange {
             start: TimeRangeBoundary::Infinite,
@@ -351,20 +360,12 @@ impl Sheet {
             false => TimeAxis::new().with_link(LinkAxis::LinkToGlobal),
         };
         self.log(path.join(&"TimeAxis".into()), &axis);
-        if let Some(range) = range {
-            self.log(
-                path.join(&"ScalarAxis".into()),
-                &ScalarAxis::new()
-                    .with_range(Range1D::new(range[0], range[1]))
-                    .with_zoom_lock(LockRangeDuringZoom(true.into())),
-            );
+        if let Some([low, high]) = range {
+            let axis = ScalarAxis::new()
+                .with_range(Range1D::new(low, high))
+                .with_zoom_lock(LockRangeDuringZoom(true.into()));
+            self.log(path.join(&"ScalarAxis".into()), &axis);
         }
-        let shown = PlotLegend::new().with_visible(Visible(legend.is_some().into()));
-        self.log(
-            path.join(&"PlotLegend".into()),
-            &legend.map_or(shown.clone(), |corner| shown.with_corner(corner)),
-        );
-        path
     }
 
     pub(super) fn text(&mut self, class: &str, name: &str, origin: &str) -> EntityPath {

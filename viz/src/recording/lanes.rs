@@ -79,52 +79,54 @@ impl Recording {
             self.part.lanes.phase = Some(torque.phase);
             self.lane(row.tick, "phase", name_of(PHASES, torque.phase));
         }
-        if let Some(command) = row.control_state {
-            for i in 0..self.subject.singularities.len().min(MAX_SINGULARITIES) {
-                let mode = command.mode[i];
-                if self.part.lanes.modes[i] != Some(mode) {
-                    let before = self.part.lanes.modes[i].replace(mode);
-                    let name = self.subject.singularities[i].0.clone();
-                    self.lane(row.tick, &format!("mode/{name}"), name_of(MODES, mode));
-                    if let Some(before) = before {
-                        self.event(
-                            row.tick,
-                            Level::Info,
-                            &format!(
-                                "{name}: {} → {}",
-                                name_of(MODES, before),
-                                name_of(MODES, mode)
-                            ),
-                        );
-                    }
-                }
+        self.write_modes(row);
+        self.write_words(row);
+    }
+
+    fn write_modes(&mut self, row: &TickRow) {
+        let Some(command) = row.control_state else {
+            return;
+        };
+        for i in 0..self.subject.singularities.len().min(MAX_SINGULARITIES) {
+            let mode = command.mode[i];
+            if self.part.lanes.modes[i] == Some(mode) {
+                continue;
+            }
+            let before = self.part.lanes.modes[i].replace(mode);
+            let (name, mode) = (
+                self.subject.singularities[i].0.clone(),
+                name_of(MODES, mode),
+            );
+            self.lane(row.tick, &format!("mode/{name}"), mode);
+            if let Some(before) = before {
+                let text = format!("{name}: {} → {mode}", name_of(MODES, before));
+                self.event(row.tick, Level::Info, &text);
             }
         }
+    }
+
+    fn write_words(&mut self, row: &TickRow) {
         // A tick or two without a command is not worth a line.
-        self.story.unheard = if row.torque.is_some() {
-            0
-        } else {
-            self.story.unheard + 1
+        self.story.unheard = match row.torque {
+            Some(_) => 0,
+            None => self.story.unheard + 1,
         };
         self.story.history.push(row);
         let situation = self.story.history.situation(row);
         let told = row.torque.is_some() && row.singularity.is_some() || self.story.unheard >= 5;
-        if told && self.part.situation != Some(situation) && self.rival.is_none() {
-            self.part.situation = Some(situation);
-            let run = Run {
-                title: &self.run.title.name,
-                joints: self.subject.joints,
-                rate_hz: self.run.rate_hz,
-                directions: self.run.directions,
-                fault: self
-                    .story
-                    .faults
-                    .last()
-                    .map(|fault| fault.headline.as_str()),
-            };
-            let words = situation.markdown(&run);
-            self.log(row.tick, entity::NOW, &TextDocument::from_markdown(words));
+        if !told || self.part.situation == Some(situation) || self.rival.is_some() {
+            return;
         }
+        self.part.situation = Some(situation);
+        let fault = self.story.faults.last();
+        let words = situation.markdown(&Run {
+            title: &self.run.title.name,
+            joints: self.subject.joints,
+            rate_hz: self.run.rate_hz,
+            directions: self.run.directions,
+            fault: fault.map(|fault| fault.headline.as_str()),
+        });
+        self.log(row.tick, entity::NOW, &TextDocument::from_markdown(words));
     }
 
     /// A writer whose own input is missing waits; one that has its input and writes nothing is silent.
@@ -147,56 +149,46 @@ impl Recording {
             row.estimate.is_some(),
             row.estimate.is_some() && row.singularity.is_some(),
         ];
-        let freshness = u64::from(self.run.rate_hz) / 2;
         let lives = self.subject.lives.clone();
-        for (i, name) in lives.named() {
-            let Some(&incarnation) = now.get(i) else {
-                continue;
-            };
-            if incarnation > self.story.incarnations[i] {
-                if self.story.incarnations[i] > 0 {
-                    self.event(
-                        row.tick,
-                        Level::Warning,
-                        &format!("{name} is back as incarnation {incarnation}"),
-                    );
-                    self.part.lanes.fresh_until[i] = row.tick + freshness;
-                }
-                self.story.incarnations[i] = incarnation;
-            }
-            self.part.lanes.missing[i] = if incarnation == 0 {
-                self.part.lanes.missing[i] + 1
-            } else {
-                0
-            };
-            let text = match incarnation {
-                0 if self.part.lanes.missing[i] < PATIENCE && self.part.lanes.life[i].is_some() => {
-                    continue;
-                }
+        for (i, name) in lives.named().filter(|(i, _)| *i < WRITERS) {
+            self.note_incarnation(row.tick, i, name, now[i]);
+            let lanes = &mut self.part.lanes;
+            let missing = &mut lanes.missing[i];
+            *missing = if now[i] == 0 { *missing + 1 } else { 0 };
+            let text = match now[i] {
+                0 if *missing < PATIENCE && lanes.life[i].is_some() => continue,
                 0 if has_input[i] => "silent",
                 0 => "waiting",
-                _ if row.tick < self.part.lanes.fresh_until[i] => "restarted",
+                _ if row.tick < lanes.fresh_until[i] => "restarted",
                 _ => "up",
             };
-            if self.part.lanes.life[i] != Some(text) {
-                self.part.lanes.life[i] = Some(text);
-                self.log(
-                    row.tick,
-                    entity::life((i, name)),
-                    &StateChange::single(text),
-                );
+            if lanes.life[i].replace(text) != Some(text) {
+                let path = entity::life((i, name));
+                self.log(row.tick, path, &StateChange::single(text));
             }
         }
-        let text = if row.tick < self.part.lanes.fresh_until[WRITERS] {
-            "restarted"
-        } else {
-            "up"
+        let text = match row.tick < self.part.lanes.fresh_until[WRITERS] {
+            true => "restarted",
+            false => "up",
         };
         if let Some(recorder) = lives.named().find(|(place, _)| *place == WRITERS)
-            && self.part.lanes.recorder != Some(text)
+            && self.part.lanes.recorder.replace(text) != Some(text)
         {
-            self.part.lanes.recorder = Some(text);
             self.log(row.tick, entity::life(recorder), &StateChange::single(text));
+        }
+    }
+
+    /// A process that has come again is told.
+    fn note_incarnation(&mut self, tick: u64, i: usize, name: &str, incarnation: u32) {
+        let before = self.story.incarnations[i];
+        if incarnation <= before {
+            return;
+        }
+        self.story.incarnations[i] = incarnation;
+        if before > 0 {
+            let text = format!("{name} is back as incarnation {incarnation}");
+            self.event(tick, Level::Warning, &text);
+            self.part.lanes.fresh_until[i] = tick + u64::from(self.run.rate_hz) / 2;
         }
     }
 

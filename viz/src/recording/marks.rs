@@ -114,19 +114,13 @@ impl Recording {
         // Meshes are large: they are written once, later changes are their tint and their size.
         if self.part.drawn[i] != Some(mark.look.angular) && mark.look.presence != Presence::Hidden {
             self.part.drawn[i] = Some(mark.look.angular);
-            self.log(
-                tick,
-                &*solid,
-                &mesh3d(&glyph(mark.look.angular, [r, g, b, 255]), None),
-            );
-            self.log(
-                tick,
-                &*rings,
-                &ghost3d(&scene::rings(mark.edge, unit, [255; 4]), [255; 4]),
-            );
+            let glyph = mesh3d(&glyph(mark.look.angular, [r, g, b, 255]), None);
+            let edge = ghost3d(&scene::rings(mark.edge, unit, [255; 4]), [255; 4]);
+            self.log(tick, &*solid, &glyph);
+            self.log(tick, &*rings, &edge);
         }
-        let is_inside = mark.look.presence == Presence::Inside;
-        if mark.look.presence == Presence::Hidden {
+        let (presence, is_inside) = (mark.look.presence, mark.look.presence == Presence::Inside);
+        if presence == Presence::Hidden {
             for path in [solid, rings] {
                 self.log(tick, path, &Transform3D::update_fields().with_scale(UNSEEN));
             }

@@ -5,7 +5,7 @@ use re_sdk_types::archetypes::{InstancePoses3D, LineStrips3D};
 use re_sdk_types::components::Color;
 use shared_types::MAX_DOF;
 
-use super::columns::{MarkTracks, Track};
+use super::columns::{Picture, Track};
 use super::marks::UNSEEN;
 use super::pieces::{ghost3d, lettered, quaternion};
 use super::state::Recording;
@@ -56,25 +56,23 @@ impl Recording {
             };
             self.log(tick, entity::ghost(i), &poses);
         }
+        self.write_trail(tick, &postures);
+    }
+
+    /// The ways of the joints that have moved.
+    fn write_trail(&self, tick: u64, postures: &[[Placement; MAX_DOF]]) {
         let trail = |i: usize| -> Vec<[f32; 3]> {
             postures.iter().map(|links| links[i].p.to_array()).collect()
         };
         let moved = |strip: &Vec<[f32; 3]>| {
-            strip
-                .windows(2)
-                .any(|pair| Vec3::from(pair[0]).distance(Vec3::from(pair[1])) > 0.005)
+            let mut steps = strip.windows(2);
+            steps.any(|pair| Vec3::from(pair[0]).distance(Vec3::from(pair[1])) > 0.005)
         };
-        let strips: Vec<Vec<[f32; 3]>> = (0..self.run.figure.links.len())
-            .map(trail)
-            .filter(moved)
-            .collect();
-        self.log(
-            tick,
-            entity::TRAIL,
-            &LineStrips3D::new(strips)
-                .with_colors([Color::from_unmultiplied_rgba(150, 205, 255, 160)])
-                .with_radii([0.002 * self.run.figure.reach]),
-        );
+        let strips = (0..self.run.figure.links.len()).map(trail).filter(moved);
+        let strips = LineStrips3D::new(strips)
+            .with_colors([Color::from_unmultiplied_rgba(150, 205, 255, 160)])
+            .with_radii([0.002 * self.run.figure.reach]);
+        self.log(tick, entity::TRAIL, &strips);
     }
 
     /// How far each joint has turned in the present null-space motion, in the colours that the plots have for them.
@@ -134,74 +132,49 @@ impl Recording {
         let Some(picture) = self.picture.take() else {
             return;
         };
-        let mut tracks: Vec<(String, Track)> = Vec::new();
-        tracks.extend(
-            (0..self.run.figure.links.len())
-                .map(entity::link)
-                .zip(picture.links),
-        );
-        tracks.extend([
-            (entity::HAND.to_owned(), picture.hand),
-            (entity::TARGET.to_owned(), picture.target),
-        ]);
-        let [velocity, mobility] = picture.abilities;
-        tracks.extend([
-            (entity::VELOCITY.to_owned(), velocity),
-            (entity::MOBILITY.to_owned(), mobility),
-        ]);
-        for ((name, _), MarkTracks { frame, size, label }) in
-            self.subject.singularities.iter().zip(picture.marks)
-        {
+        let mut tracks: Vec<(String, &Track)> = vec![
+            (entity::HAND.to_owned(), &picture.hand),
+            (entity::TARGET.to_owned(), &picture.target),
+            (entity::VELOCITY.to_owned(), &picture.abilities[0]),
+            (entity::MOBILITY.to_owned(), &picture.abilities[1]),
+        ];
+        let count = self.run.figure.links.len();
+        tracks.extend((0..count).map(entity::link).zip(&picture.links));
+        for ((name, _), mark) in self.subject.singularities.iter().zip(&picture.marks) {
             tracks.extend([
-                (entity::singularity(name), frame),
-                (entity::glyph(name), size),
-                (entity::label(name), label),
+                (entity::singularity(name), &mark.frame),
+                (entity::glyph(name), &mark.size),
+                (entity::label(name), &mark.label),
             ]);
         }
-        if let Some(rival) = &mut self.rival {
-            tracks.extend(
-                rival
-                    .links
-                    .iter_mut()
-                    .map(std::mem::take)
-                    .enumerate()
-                    .map(|(i, track)| (entity::rival_link(i), track)),
-            );
-        }
+        let rival = self.rival.as_mut();
+        let rival = rival.map(|rival| std::mem::take(&mut rival.links));
+        let rival = rival.unwrap_or_default();
+        tracks.extend((0..count).map(entity::rival_link).zip(&rival));
         for (path, track) in tracks {
             if !track.ticks.is_empty() {
                 self.send_columns(&path, &track.ticks, track.columns());
             }
         }
-        if let Some(path) = self
-            .rival
-            .as_mut()
-            .map(|rival| std::mem::take(&mut rival.path))
-        {
+        self.write_paths(&picture);
+    }
+
+    fn write_paths(&mut self, picture: &Picture) {
+        if let Some(rival) = &mut self.rival {
+            let path = std::mem::take(&mut rival.path);
+            rival.path.extend(path.last());
             self.write_path(entity::RIVAL_PATH, &path, [255, 90, 80, 255], 0.0045);
-            if let Some(rival) = &mut self.rival {
-                rival.path.extend(path.last());
-            }
         }
+        let (actual, desired) = (&picture.actual, &picture.desired);
         if self.subject.stands_still {
-            let off = picture.actual.iter().zip(&picture.desired);
-            let off: Vec<_> = off
-                .map(|((tick, p), (_, p_d))| (*tick, *p_d + (*p - *p_d) * entity::MAGNIFIED))
-                .collect();
+            let off = actual.iter().zip(desired);
+            let off =
+                off.map(|((tick, p), (_, p_d))| (*tick, *p_d + (*p - *p_d) * entity::MAGNIFIED));
+            let off: Vec<_> = off.collect();
             self.write_path(entity::PATH_MAGNIFIED, &off, [255, 176, 46, 255], 0.006);
         }
-        self.write_path(
-            entity::PATH_ACTUAL,
-            &picture.actual,
-            [240, 240, 245, 255],
-            0.0035,
-        );
-        self.write_path(
-            entity::PATH_DESIRED,
-            &picture.desired,
-            [110, 235, 150, 255],
-            0.006,
-        );
+        self.write_path(entity::PATH_ACTUAL, actual, [240, 240, 245, 255], 0.0035);
+        self.write_path(entity::PATH_DESIRED, desired, [110, 235, 150, 255], 0.006);
     }
 
     /// A path in pieces of a tenth of a second, each a row, so that it grows with the cursor.

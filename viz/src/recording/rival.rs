@@ -25,16 +25,7 @@ impl Recording {
                 let pale = ghost3d(&mesh, [255, 80, 70, 140]);
                 self.log_static(entity::rival_link(i), &pale);
             }
-            self.rival = Some(Rival {
-                links: self
-                    .run
-                    .figure
-                    .links
-                    .iter()
-                    .map(|_| Track::default())
-                    .collect(),
-                ..Rival::default()
-            });
+            self.rival = Some(Rival::default());
         }
         let mut q_all = SVector::zeros();
         q.iter()
@@ -44,6 +35,9 @@ impl Recording {
         let links = self.run.arm.link_poses(&q_all).map(|X| placement(&X));
         let hand = vec3(&self.run.arm.forward_kinematics(&q_all).p);
         let Some(rival) = &mut self.rival else { return };
+        rival
+            .links
+            .resize_with(self.run.figure.links.len(), Track::default);
         rival
             .links
             .iter_mut()

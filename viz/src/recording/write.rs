@@ -165,43 +165,32 @@ impl Recording {
             .story
             .room
             .eye(self.mark_size(), &self.subject, self.run.planar);
-        let near = row
-            .singularities()
-            .iter()
-            .zip(row.singularity.map(|report| report.p_BC));
-        let near =
-            near.min_by(|(a, _), (b, _)| (a.s.abs() / a.eta_in).total_cmp(&(b.s.abs() / b.eta_in)));
-        let main = self.subject.eye;
+        self.subject.close_up = self.near_by(row);
+    }
+
+    /// An eye near the hand that stands still, or near the nearest singularity.
+    fn near_by(&self, row: &TickRow) -> Eye {
+        let (main, unit) = (self.subject.eye, self.mark_size());
         if self.subject.stands_still {
             // From where the arm is seen, onto the hand.
             let hand = row.q().map_or(Vec3::X, |q| {
-                vec3(
-                    &self
-                        .run
-                        .arm
-                        .forward_kinematics(&SVector::from_column_slice(q))
-                        .p,
-                )
+                let q = SVector::from_column_slice(q);
+                vec3(&self.run.arm.forward_kinematics(&q).p)
             });
-            let away =
-                (main.position - main.look_at).normalize_or(Vec3::Z) * (3.4 * self.mark_size());
-            self.subject.close_up = Eye {
+            let away = (main.position - main.look_at).normalize_or(Vec3::Z) * (3.4 * unit);
+            return Eye {
                 position: hand + away,
                 look_at: hand,
                 up: main.up,
             };
-            return;
         }
-        self.subject.close_up = near.map_or(main, |(one, p_BC)| {
-            let mark = Mark::new(one, p_BC);
-            close_up(
-                mark.X_BS.p,
-                [mark.zeta(); 2],
-                Vec3::ZERO,
-                self.mark_size(),
-                &main,
-            )
-        });
+        let near = row.singularities().iter();
+        let near = near.min_by(|a, b| (a.s.abs() / a.eta_in).total_cmp(&(b.s.abs() / b.eta_in)));
+        let (Some(one), Some(report)) = (near, row.singularity) else {
+            return main;
+        };
+        let mark = Mark::new(one, report.p_BC);
+        close_up(mark.X_BS.p, [mark.zeta(); 2], Vec3::ZERO, unit, &main)
     }
 
     /// Settings known at the end only: the stretch to repeat, and the eye of the close-up. A viewer that follows a live run must not loop.

@@ -217,21 +217,7 @@ impl<'a> Drawing<'a> {
         } else {
             " stroke-opacity=\".35\""
         };
-        for (link, strips, is_second) in reasons(one.kind, &self.figure, &[]) {
-            let Some(at) = links.get(link) else { continue };
-            let paint = self.stroke(if is_second { SECOND } else { &colour }, 5.0, faint);
-            let ends = |strip: &[[f32; 3]; 2]| {
-                Path::line(strip.map(|p| self.camera.place(at.R * Vec3::from_array(p) + at.p)))
-            };
-            out.push((
-                paint,
-                strips
-                    .iter()
-                    .map(ends)
-                    .reduce(Path::and)
-                    .unwrap_or_default(),
-            ));
-        }
+        self.why(out, one, (&colour, faint), links);
         let (centre, unit) = (frame.p, self.unit);
         if is_inside {
             self.sector(out, &colour, mark, tick, centre);
@@ -268,6 +254,31 @@ impl<'a> Drawing<'a> {
                 out.push((solid, head(tip - 26.0 * out_of, out_of)));
                 out.push((paint, Path::line([tip + aside, tip - aside])));
             }
+        }
+    }
+
+    /// The lines on links that show why the arm is singular.
+    fn why(
+        &mut self,
+        out: &mut Vec<(usize, Path)>,
+        one: &Named,
+        (colour, faint): (&str, &str),
+        links: &[Placement],
+    ) {
+        for (link, strips, is_second) in reasons(one.kind, &self.figure, &[]) {
+            let Some(at) = links.get(link) else { continue };
+            let paint = self.stroke(if is_second { SECOND } else { colour }, 5.0, faint);
+            let ends = |strip: &[[f32; 3]; 2]| {
+                Path::line(strip.map(|p| self.camera.place(at.R * Vec3::from_array(p) + at.p)))
+            };
+            out.push((
+                paint,
+                strips
+                    .iter()
+                    .map(ends)
+                    .reduce(Path::and)
+                    .unwrap_or_default(),
+            ));
         }
     }
 

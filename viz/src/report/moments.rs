@@ -1,6 +1,6 @@
 //! The moments of a run that are worth a picture, and what happens at a tick, as the recording has it. PURE.
 
-use shared_types::codes::{MODE_REGULAR, MODES};
+use shared_types::codes::{MODE_REGULAR, MODES, name_of};
 
 use super::drawing::Named;
 use super::poses::{Poses, swept};
@@ -170,49 +170,15 @@ impl<'a> Course<'a> {
         nearest: impl Fn(u64, u64) -> Option<u64>,
         fault: Option<u64>,
     ) -> Vec<Moment> {
-        let moment = |tick: u64, name: &str| Moment {
-            tick: tick.min(self.last),
-            name: name.to_owned(),
-        };
+        let moment = |tick: u64, name: &str| self.moment(tick, name);
         let mut out = vec![moment(self.last, "End")];
         // Those that matter most first: the others go where there is no room.
         out.extend(fault.map(|tick| moment(tick, "Fault")));
-        let longest = self
-            .stretches()
-            .into_iter()
-            .max_by_key(|(from, to)| ((self.turned((*from, *to)) > 20.0), to - from));
+        let longest = self.stretches().into_iter();
+        let longest =
+            longest.max_by_key(|(from, to)| (self.turned((*from, *to)) > 20.0, to - from));
         if let Some((from, to)) = longest {
-            let reorient = |code: u32| {
-                MODES
-                    .iter()
-                    .any(|(known, name)| *known == code && *name == "reorient")
-            };
-            let turning = self.modes.iter().find_map(|modes| {
-                let begin = modes
-                    .0
-                    .iter()
-                    .position(|(tick, mode)| (from..=to).contains(tick) && reorient(*mode))?;
-                Some((
-                    modes.0[begin].0,
-                    modes.0.get(begin + 1).map_or(to, |next| next.0),
-                ))
-            });
-            let entered = self.entered(from, to).unwrap_or(from);
-            out.push(moment(entered, "Locked"));
-            if let Some((begin, end)) = turning {
-                out.extend([
-                    moment((begin + end) / 2, "ζ turning"),
-                    moment(end, "ζ turned"),
-                ]);
-            }
-            out.push(moment(self.left(from, to).unwrap_or(to), "Leaving"));
-            let before = (0.5 * self.rate_hz) as u64;
-            if from > before / 2 {
-                out.push(moment(from.saturating_sub(before), "Approach"));
-            }
-            if turning.is_none() {
-                out.extend(nearest(entered, to).map(|tick| moment(tick, "Nearest")));
-            }
+            out.extend(self.locked(from, to, &nearest));
         } else {
             out.extend(nearest(0, self.last).map(|tick| moment(tick, "Nearest to a singularity")));
         }
@@ -244,6 +210,39 @@ impl<'a> Course<'a> {
         }
         kept.sort_by_key(|one| one.tick);
         kept
+    }
+
+    fn moment(&self, tick: u64, name: &str) -> Moment {
+        Moment {
+            tick: tick.min(self.last),
+            name: name.to_owned(),
+        }
+    }
+
+    /// The moments of a stretch in which the arm is treated as singular, those that matter most first.
+    fn locked(&self, from: u64, to: u64, nearest: impl Fn(u64, u64) -> Option<u64>) -> Vec<Moment> {
+        let reorient = |code: u32| name_of(MODES, code) == "reorient";
+        let turning = self.modes.iter().find_map(|modes| {
+            let begins = |(tick, mode): &(u64, u32)| (from..=to).contains(tick) && reorient(*mode);
+            let begin = modes.0.iter().position(begins)?;
+            let end = modes.0.get(begin + 1).map_or(to, |next| next.0);
+            Some((modes.0[begin].0, end))
+        });
+        let entered = self.entered(from, to).unwrap_or(from);
+        let mut out = vec![self.moment(entered, "Locked")];
+        if let Some((begin, end)) = turning {
+            out.push(self.moment((begin + end) / 2, "ζ turning"));
+            out.push(self.moment(end, "ζ turned"));
+        }
+        out.push(self.moment(self.left(from, to).unwrap_or(to), "Leaving"));
+        let before = (0.5 * self.rate_hz) as u64;
+        if from > before / 2 {
+            out.push(self.moment(from.saturating_sub(before), "Approach"));
+        }
+        if turning.is_none() {
+            out.extend(nearest(entered, to).map(|tick| self.moment(tick, "Nearest")));
+        }
+        out
     }
 
     /// When the arm is first inside a neighbourhood in a stretch.
