@@ -21,6 +21,8 @@ use session::Failure;
 const MOST_TOLD: usize = 1 << 20;
 /// ... and of standard output, whose texts are the results.
 const MOST_SHOWN: usize = 64 << 20;
+/// More than the sentence on dropped lines has; bytes.
+const SENTENCE: usize = 100;
 /// A reader that takes nothing for so long is stuck: the other stream goes on without it ...
 const SLOW: Duration = Duration::from_millis(200);
 /// ... and the program ends without it.
@@ -45,7 +47,7 @@ struct Queue {
     writing: Option<u64>,
     bytes: usize,
     dropped: u64,
-    /// When the reader last took something, or the queue was empty.
+    /// When that began, or the reader last took something of it.
     moved: Instant,
     is_gone: bool,
     has_lost: bool,
@@ -57,7 +59,7 @@ impl Queue {
     }
 
     fn is_stuck(&self, limit: Duration) -> bool {
-        self.oldest().is_some() && self.moved.elapsed() > limit
+        self.writing.is_some() && self.moved.elapsed() > limit
     }
 }
 
@@ -129,15 +131,16 @@ impl State {
             queue.has_lost = true;
             return;
         }
-        if queue.oldest().is_none() {
-            queue.moved = Instant::now();
-        }
         queue.bytes += text.len();
         queue.texts.push_back((place, text));
         self.note_dropped(stream);
     }
 
+    /// Leaves a sentence about dropped lines, where there is room for it.
     fn note_dropped(&mut self, stream: Stream) {
+        if self.err.bytes + SENTENCE > MOST_TOLD {
+            return;
+        }
         let dropped = std::mem::take(&mut self.queue(stream).dropped);
         if dropped > 0 {
             let sentence = format!("armplane: {dropped} lines dropped: nobody read them\n");
@@ -171,10 +174,7 @@ impl State {
             None => return None,
         };
         let queue = self.queue(stream);
-        if queue.oldest().is_none() {
-            queue.moved = Instant::now();
-        }
-        queue.writing = Some(place);
+        (queue.writing, queue.moved) = (Some(place), Instant::now());
         Some(Job {
             text: text.map(|text| text.1),
             is_status,
