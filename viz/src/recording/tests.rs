@@ -49,7 +49,7 @@ impl Run {
 
     fn step(&mut self) -> Messages {
         self.0.step(&mut self.1);
-        self.1.clone()
+        self.1
     }
 }
 
