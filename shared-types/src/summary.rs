@@ -9,6 +9,13 @@ use crate::fault::Fault;
 /// The outcome of a run that a signal has ended, or whose launcher was killed.
 pub const INTERRUPTED: &str = "interrupted";
 
+/// The outcome of a task that was done within its goal's bounds.
+pub const REACHED: &str = "goal reached";
+/// The outcome of a task whose goal is beyond reach, done up to the boundary of reach.
+pub const BOUNDARY: &str = "followed to the boundary";
+/// The outcome of a task that was done, but not within its goal's bounds or the arm's limits.
+pub const MISSED: &str = "goal missed";
+
 /// `summary.json`, whole.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -30,7 +37,7 @@ pub struct Summary {
     pub rate_hz: u32,
     /// Whether the task ran to its end.
     pub completed: bool,
-    /// `"goal reached"`, `"goal missed"`, `"stopped"`, `"interrupted"` or `"failed"`.
+    /// `"goal reached"`, `"followed to the boundary"`, `"goal missed"`, `"stopped"`, `"interrupted"` or `"failed"`.
     pub outcome: String,
     /// Why, in one sentence.
     pub reason: String,
@@ -106,12 +113,35 @@ pub struct TaskSummary {
     pub orthogonal_max_mm: f64,
     /// Largest orientation error orthogonal to the singular directions.
     pub orthogonal_max_deg: f64,
+    /// Largest position error along the singular directions.
+    #[serde(default)]
+    pub along_max_mm: f64,
+    /// Largest orientation error about them.
+    #[serde(default)]
+    pub along_max_deg: f64,
     /// Position error at the end.
     pub final_position_mm: f64,
     /// Orientation error at the end.
     pub final_orientation_deg: f64,
     /// Time the task took beyond its plan, as a ratio (the governor's stretch).
     pub time_stretch: f64,
+    /// Success by the strict bar S1: end within 1 mm and 0.5°, error orthogonal to the singular directions too, no limit broken.
+    #[serde(default)]
+    pub s1: bool,
+    /// Success by the bar S2, for motions that are not along ζ: as S1, with 3° orthogonal, and 10 mm and 5° along ζ.
+    #[serde(default)]
+    pub s2: bool,
+    /// The conditions of S2 that failed.
+    #[serde(default)]
+    pub missed: Vec<String>,
+}
+
+impl Summary {
+    /// Whether the task was done as asked, or as far as the arm reaches.
+    #[must_use]
+    pub fn is_success(&self) -> bool {
+        [REACHED, BOUNDARY].contains(&self.outcome.as_str())
+    }
 }
 
 /// Arms have limits, where a summary of an earlier version does not say.
@@ -130,8 +160,11 @@ pub struct JointSummary {
     pub has_torque_limit: bool,
     /// Largest speed.
     pub speed_max_ratio: f64,
-    /// Largest torque.
+    /// Largest torque that the drives applied.
     pub torque_max_ratio: f64,
+    /// Largest torque that was commanded.
+    #[serde(default)]
+    pub torque_commanded_max_ratio: f64,
     /// Largest change of torque in one tick.
     pub torque_step_max_ratio: f64,
     /// 95th percentile of the change of torque in one tick.
@@ -147,6 +180,15 @@ pub struct JointSummary {
     /// Ticks for which the controller set the estimate aside, because no torque within the limits moves the arm so.
     #[serde(default)]
     pub rejected_estimate_ticks: u64,
+    /// Steps of a torque by more than a tenth of its limit that the same joint had made the other way within 10 ms.
+    #[serde(default)]
+    pub chatter: u64,
+    /// Σ ½ΔΓᵀA⁻¹ΔΓ/k_v² over the ticks with a step by more than a tenth: what each puts in until the loop has answered; J.
+    #[serde(default)]
+    pub jump_energy_j: f64,
+    /// Ticks with a joint against its stop, or with the drives not active.
+    #[serde(default)]
+    pub stopped_ticks: u64,
     /// Changes of mode, all singularities together; each also stands in `modes`.
     pub switches: u64,
     /// Energy put in at them: the jump in commanded power, |Δτᵀq̇| of the tick of the change, over the 25 ms in which velocity feedback takes it back; J.

@@ -116,11 +116,7 @@ fn head(page: &mut Html, summary: &Summary, job: &Job, lacks: &[String]) {
         include_str!("report/report.css")
     ));
     let (outcome, reason) = (escaped(&summary.outcome), escaped(&summary.reason));
-    let class = if summary.outcome == "goal reached" {
-        "good"
-    } else {
-        "bad"
-    };
+    let class = if summary.is_success() { "good" } else { "bad" };
     page.add(format_args!(
         "<p class=\"outcome {class}\">{outcome} — {reason}</p>"
     ));

@@ -150,6 +150,6 @@ pub(crate) fn conclude(finished: Finished, as_json: bool) -> Result<ExitCode, Fa
             folder.display(),
             summary.reason
         ))),
-        _ => passed(summary.outcome == "goal reached"),
+        _ => passed(summary.is_success()),
     }
 }

@@ -104,7 +104,7 @@ impl<const N: usize> Analyzer<N> {
 
     /// Fills a report but for rank, determinant and manipulability; returns the kinematics at C.
     #[inline]
-    fn list(
+    pub(crate) fn list(
         &mut self,
         q: &SVector<f64, N>,
         qdot: &SVector<f64, N>,

@@ -1,5 +1,8 @@
 //! The recorder's pure step: whole ticks in, the summary out. Every figure is of the simulator's truth; the controller's own errors are not used.
 
+mod bars;
+mod chatter;
+mod ground;
 mod histogram;
 mod joints;
 mod latency;
@@ -14,7 +17,7 @@ mod turns;
 
 use std::collections::BTreeMap;
 
-use control::commanded_path;
+use control::{GroundTruth, ground_truth};
 use model::{Refused, Robot};
 use serde::{Deserialize, Serialize};
 use shared_types::SensorSample;
@@ -22,10 +25,14 @@ use shared_types::bounds::within;
 use shared_types::codes;
 use shared_types::graph::Graph;
 use shared_types::scenario::{Goal, Scenario};
+use shared_types::summary::{BOUNDARY, MISSED, REACHED};
 use shared_types::summary::{
     JointSummary, Latency, ModeChange, ServoSummary, SingularitySummary, TaskSummary, TurnSummary,
 };
 
+pub use bars::Bounds;
+use chatter::Clock;
+use ground::Ground;
 use joints::JointMeter;
 use latency::{Chain, LatencyMeter};
 use path::PathMeter;
@@ -36,6 +43,7 @@ use turns::TurnMeter;
 
 pub use joints::Limits;
 pub use task::TaskError;
+use task::against_reference;
 pub use tick::Tick;
 
 /// Most events that wait to be fetched.
@@ -44,9 +52,13 @@ const MOST_EVENTS: usize = 64;
 /// Gathers a run's figures tick by tick.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Judge {
+    ground: Ground,
     goal: Goal,
     planned_ticks: f64,
     rate_hz: f64,
+    k_v: f64,
+    /// The tick with which the repetition of an interrupted session is over; 0 for none.
+    last_tick: u64,
     ticks: u64,
     path: PathMeter,
     task: TaskMeter,
@@ -56,6 +68,8 @@ pub struct Judge {
     steered: SteeredMeter,
     latency: LatencyMeter,
     events: Vec<(u64, String)>,
+    /// Whether what is left at the newest tick lies beyond the boundary of reach, and the controller has said so.
+    beyond: bool,
     clipped: bool,
     phase: u32,
     refusal: u32,
@@ -68,7 +82,7 @@ pub struct Verdict {
     pub ticks: u64,
     /// Whether the task ran to its end.
     pub completed: bool,
-    /// `"goal reached"`, `"goal missed"` or `"stopped"`.
+    /// [`REACHED`], [`BOUNDARY`], [`MISSED`] or `"stopped"`.
     pub outcome: String,
     /// Why, in one sentence. Every limit that a joint reached and every hold beyond the goal's bounds is in it.
     pub reason: String,
@@ -96,11 +110,18 @@ impl Judge {
     /// # Errors
     /// [`Refused`] where the scenario does not fit the robot.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
-        Self::resumed(
-            Self::of_chain(Chain::default(), robot, scenario),
-            robot,
-            scenario,
-        )
+        let truth = ground_truth(robot, scenario)?;
+        Ok(Self {
+            rate_hz: f64::from(scenario.rate_hz),
+            k_v: scenario.control.k_v,
+            last_tick: scenario.servo.as_ref().map_or(0, |session| session.ticks),
+            ..Self::of(
+                truth,
+                Limits::of(robot),
+                scenario.goal.clone(),
+                scenario.planned_ticks() as f64,
+            )
+        })
     }
 
     /// The same for a run in the processes of a graph, by which its latencies are named.
@@ -112,49 +133,42 @@ impl Judge {
         robot: &Robot,
         scenario: &Scenario,
     ) -> Result<Self, Refused> {
-        Self::resumed(
-            Self::of_chain(Chain::of(graph), robot, scenario),
-            robot,
-            scenario,
-        )
+        Ok(Self {
+            latency: LatencyMeter::new(Chain::of(graph)),
+            ..Self::new(robot, scenario)?
+        })
     }
 
-    /// A judge that a checkpoint has kept, of the same scenario and robot: it takes up the path where it was.
+    /// A judge that a checkpoint has kept, of the same scenario and robot.
     ///
     /// # Errors
     /// As [`Judge::new`].
-    pub fn resumed(mut self, robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
-        self.path.follow(commanded_path(robot, scenario)?);
-        Ok(self)
+    pub fn resumed(self, robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
+        Ok(Self {
+            ground: self.ground.resumed(ground_truth(robot, scenario)?),
+            ..self
+        })
     }
 
-    fn of_chain(chain: Chain, robot: &Robot, scenario: &Scenario) -> Self {
+    /// A judge at 1000 ticks per second by this truth.
+    fn of(truth: Box<dyn GroundTruth>, limits: Limits, goal: Goal, planned_ticks: f64) -> Self {
         Self {
-            rate_hz: f64::from(scenario.rate_hz),
-            ..Self::pathless(
-                chain,
-                Limits::of(robot),
-                scenario.goal.clone(),
-                scenario.planned_ticks() as f64,
-            )
-        }
-    }
-
-    /// A judge without a path of its own: errors are those against the controller's reference.
-    fn pathless(chain: Chain, limits: Limits, goal: Goal, planned_ticks: f64) -> Self {
-        Self {
+            path: PathMeter::new(truth.as_ref()),
+            ground: Ground::Present(truth),
             goal,
             planned_ticks,
             rate_hz: 1000.0,
+            k_v: 1.0,
+            last_tick: 0,
             ticks: 0,
-            path: PathMeter::default(),
             task: TaskMeter::default(),
             joints: JointMeter::new(limits),
             singularities: SingularityMeter::default(),
             turns: TurnMeter::default(),
             steered: SteeredMeter::default(),
-            latency: LatencyMeter::new(chain),
+            latency: LatencyMeter::new(Chain::default()),
             events: Vec::new(),
+            beyond: false,
             clipped: false,
             phase: 0,
             refusal: 0,
@@ -178,14 +192,17 @@ impl Judge {
                 events.push((k, text));
             }
         };
-        let dt_s = 1.0 / self.rate_hz;
-        let against_path = self
-            .path
-            .error(tick.control.path_time_s, dt_s, tick.truth, tick.report);
-        let error = match against_path {
-            Some(error) => TaskError::split(&tick, &error),
-            None => TaskError::on(&tick, self.joints.served()),
+        let Some(truth) = self.ground.truth() else {
+            return TaskError::UNKNOWN;
         };
+        truth.analyse(tick.truth, tick.report);
+        let truth = &*truth;
+        let dt_s = 1.0 / self.rate_hz;
+        let whole = self
+            .path
+            .error(truth, tick.control.path_time_s, dt_s, tick.truth)
+            .unwrap_or_else(|| against_reference(&tick, self.joints.served()));
+        let error = TaskError::split(truth, &whole);
         let switches = self
             .singularities
             .tick(&tick, &error, &self.goal, &mut event);
@@ -194,7 +211,12 @@ impl Judge {
             .into_iter()
             .for_each(|state| self.steered.tick(state));
         self.task.tick(&error);
-        self.joints.tick(&tick, switches, &mut event);
+        let clock = Clock {
+            tick: k,
+            rate_hz: self.rate_hz,
+            k_v: self.k_v,
+        };
+        self.joints.tick(&tick, truth, clock, switches, &mut event);
         self.latency.measure_hops(tick.torque);
         self.latency.measure_chain(tick.sensor);
         if tick.control.clipped != 0 && !self.clipped {
@@ -203,6 +225,7 @@ impl Judge {
             );
         }
         self.clipped |= tick.control.clipped != 0;
+        self.beyond = self.clipped && is_at_boundary(&error, &self.goal) && truth.is_beyond(&whole);
         (self.phase, self.refusal) = (tick.torque.phase, tick.control.refusal);
         self.ticks += 1;
         error
@@ -220,20 +243,25 @@ impl Judge {
 
     /// The findings.
     #[must_use]
-    pub fn verdict(self) -> Verdict {
-        let task = self.task.finish(self.ticks, self.planned_ticks);
-        let breach = self.path.breach(self.phase == codes::PHASE_DONE);
-        let (outcome, mut reason) = match (self.phase, self.clipped) {
-            (codes::PHASE_REFUSED, _) => {
+    pub fn verdict(mut self) -> Verdict {
+        let completed = self.phase == codes::PHASE_DONE;
+        let breach = match self.ground.truth() {
+            Some(truth) => self.path.breach(truth, completed),
+            None => Some("there is no truth to judge by".to_owned()),
+        };
+        let mut task = self.task.finish(self.ticks, self.planned_ticks);
+        let has_broken_a_limit = self.joints.has_broken_a_limit();
+        let (outcome, mut reason) = match self.phase {
+            codes::PHASE_REFUSED => {
                 let why = codes::name_of(codes::REFUSALS, self.refusal);
                 (
                     "stopped",
                     format!("the controller refused to go on and brought the arm to rest: {why}"),
                 )
             }
-            (codes::PHASE_DONE, clipped) => match breach {
-                Some(breach) => ("goal missed", breach),
-                None => done(&task, &self.goal, clipped),
+            codes::PHASE_DONE => match breach {
+                Some(breach) => (MISSED, breach),
+                None => done(&task, &self.goal, self.beyond, has_broken_a_limit),
             },
             _ => (
                 "stopped",
@@ -253,14 +281,17 @@ impl Judge {
             reason.push_str(&clause);
         }
         let (singularities, modes) = self.singularities.finish();
+        let joints = self.joints.finish();
+        let is_over = completed || self.ticks > 0 && self.last_tick == self.ticks;
+        bars::judge(&mut task, &joints, is_over, 1.0 / self.rate_hz);
         Verdict {
             ticks: self.ticks,
-            completed: self.phase == codes::PHASE_DONE,
+            completed,
             outcome: outcome.to_owned(),
             reason,
             wall_s: self.latency.wall_s(),
             task,
-            joints: self.joints.finish(),
+            joints,
             singularities,
             turns: self.turns.finish(),
             modes,
@@ -274,9 +305,20 @@ impl Judge {
 const MOST_MM: f64 = 1000.0;
 const MOST_DEG: f64 = 180.0;
 
-/// Outcome and reason of a task that ran to its end.
-fn done(task: &TaskSummary, goal: &Goal, clipped: bool) -> (&'static str, String) {
-    let bounds = [
+/// Whether an error is one along the singular directions alone, as far as the goal's bounds at the end see.
+fn is_at_boundary(error: &TaskError, goal: &Goal) -> bool {
+    within(error.position[1], goal.position_mm)
+        && within(error.orientation[0], goal.orientation_deg)
+}
+
+/// Outcome and reason of a task that ran to its end; `beyond`: what it left lies beyond reach.
+fn done(
+    task: &TaskSummary,
+    goal: &Goal,
+    beyond: bool,
+    has_broken_a_limit: bool,
+) -> (&'static str, String) {
+    let ends = [
         (
             "end position",
             task.final_position_mm,
@@ -291,6 +333,8 @@ fn done(task: &TaskSummary, goal: &Goal, clipped: bool) -> (&'static str, String
             "°",
             MOST_DEG,
         ),
+    ];
+    let across = [
         (
             "position orthogonal to the singular directions",
             task.orthogonal_max_mm,
@@ -306,39 +350,50 @@ fn done(task: &TaskSummary, goal: &Goal, clipped: bool) -> (&'static str, String
             MOST_DEG,
         ),
     ];
-    let missed: Vec<String> = bounds
-        .iter()
-        .filter(|(_, value, bound, ..)| !within(*value, *bound))
-        .map(|(what, value, bound, unit, _)| {
-            format!("{what} off by {value:.3} {unit}, allowed {bound} {unit}")
-        })
-        .collect();
-    let clipped = if clipped {
-        "; the goal was beyond reach and has been clipped to the boundary"
-    } else {
-        ""
+    let bounds = || ends.iter().chain(&across);
+    let told = |(what, value, bound, unit, _): &(&str, f64, f64, &str, f64), word: &str| {
+        format!("{what} off by {value:.3} {unit}{word} {bound} {unit}")
     };
-    if missed.is_empty() {
-        // A bound that nothing can break judges nothing.
-        let judged = |(_, _, bound, _, most): &&(_, f64, f64, _, f64)| bound < most;
-        let told = |(what, value, bound, unit, _): &(&str, f64, f64, &str, f64)| {
-            format!("{what} off by {value:.3} {unit} of {bound} {unit}")
-        };
-        let kept: Vec<String> = bounds[..2].iter().filter(judged).map(told).collect();
-        let reason = if bounds.iter().any(|bound| judged(&bound)) {
-            if kept.is_empty() {
-                "all errors within the goal".to_owned()
-            } else {
-                kept.join("; ")
-            }
-        } else {
-            format!(
-                "the path was followed to its end; its errors, up to {:.3} mm and {:.3}°, are not judged",
-                task.position_max_mm, task.orientation_max_deg
-            )
-        };
-        ("goal reached", format!("{reason}{clipped}"))
-    } else {
-        ("goal missed", format!("{}{clipped}", missed.join("; ")))
+    // What lies beyond reach cannot be asked for.
+    let asked = ends.iter().filter(|_| !beyond).chain(&across);
+    let missed: Vec<String> = asked
+        .filter(|(_, value, bound, ..)| !within(*value, *bound))
+        .map(|bound| told(bound, ", allowed"))
+        .collect();
+    if !missed.is_empty() {
+        return (MISSED, missed.join("; "));
     }
+    if has_broken_a_limit {
+        return (
+            MISSED,
+            "the path was followed, but beyond the arm's limits".to_owned(),
+        );
+    }
+    if beyond {
+        return (
+            BOUNDARY,
+            format!(
+                "the goal is {:.1} mm beyond reach: the arm is at its boundary, orthogonal to it off by {:.3} mm at most",
+                task.final_position_mm, task.orthogonal_max_mm
+            ),
+        );
+    }
+    // A bound that nothing can break judges nothing.
+    let is_judged = |(_, _, bound, _, most): &&(_, f64, f64, _, f64)| bound < most;
+    let kept: Vec<String> = ends
+        .iter()
+        .filter(is_judged)
+        .map(|bound| told(bound, " of"))
+        .collect();
+    let reason = if !bounds().any(|bound| is_judged(&bound)) {
+        format!(
+            "the path was followed to its end; its errors, up to {:.3} mm and {:.3}°, are not judged",
+            task.position_max_mm, task.orientation_max_deg
+        )
+    } else if kept.is_empty() {
+        "all errors within the goal".to_owned()
+    } else {
+        kept.join("; ")
+    };
+    (REACHED, reason)
 }

@@ -35,7 +35,7 @@ use log_result::{Keep, LogResult};
 use pace::Pace;
 
 pub use assemble::{Assembler, Row, Set};
-pub use judge::{Judge, Limits, TaskError, Tick, Verdict};
+pub use judge::{Bounds, Judge, Limits, TaskError, Tick, Verdict};
 pub use message_rows::MessageRows;
 pub use rebuild::rebuild;
 pub use tape::Tape;

@@ -108,11 +108,21 @@ fn loads(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
     let percent = |ratio: f64| format!("{:.0} %", ratio * 100.0);
     let joints = &summary.joints;
     let torque = match joints.has_torque_limit {
-        true => format!(
-            "torque {} of the limit, largest step in one tick {}",
-            percent(joints.torque_max_ratio),
-            percent(joints.torque_step_max_ratio)
-        ),
+        true => {
+            let commanded = if joints.torque_commanded_max_ratio > 1.0 + 1e-9 {
+                format!(
+                    " (commanded {:.3e} times it)",
+                    joints.torque_commanded_max_ratio
+                )
+            } else {
+                String::new()
+            };
+            format!(
+                "torque {} of the limit{commanded}, largest step in one tick {}",
+                percent(joints.torque_max_ratio),
+                percent(joints.torque_step_max_ratio.min(9.99))
+            )
+        }
         false => "torque without a limit".to_owned(),
     };
     let speed = match joints.has_speed_limit {

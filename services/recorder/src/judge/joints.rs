@@ -1,13 +1,15 @@
 //! Loads of the joints, and the limits that they reach.
 
+use control::GroundTruth;
 use model::Robot;
 use serde::{Deserialize, Serialize};
 use shared_types::bounds::{larger, share, within};
 use shared_types::codes::{
-    DRIVE_RATE, DRIVE_SPEED, PHASE_REFUSED, REFUSAL_LIMIT, REFUSAL_UNLISTED,
+    DRIVE_ACTIVE, DRIVE_RATE, DRIVE_SPEED, PHASE_REFUSED, REFUSAL_LIMIT, REFUSAL_UNLISTED,
 };
 use shared_types::summary::{JointSummary, LimitSummary};
 
+use super::chatter::{ChatterMeter, Clock};
 use super::histogram::{Histogram, new, stored};
 use super::tick::Tick;
 
@@ -19,6 +21,8 @@ const STEP_MOST: f64 = 1e3;
 const SWITCH_S: f64 = 0.025;
 /// Ticks at the torque rate that cost nothing worth a word: less than the velocity feedback takes to answer.
 const FREE_TICKS: u64 = 10;
+/// Share of a limit by which a command at the limit may be beyond it by rounding.
+const ROUNDING: f64 = 1e-9;
 
 /// The arm's limits: task axes, and one entry a joint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -65,6 +69,7 @@ pub(super) struct JointMeter {
     #[serde(with = "stored")]
     torque_steps: Histogram,
     last_tau: Option<Vec<f64>>,
+    chatter: ChatterMeter,
     /// Where the arm was when the controller refused to go on.
     refused: Option<String>,
 }
@@ -76,6 +81,7 @@ impl JointMeter {
             summary: JointSummary::default(),
             torque_steps: new(),
             last_tau: None,
+            chatter: ChatterMeter::default(),
             refused: None,
         }
     }
@@ -94,10 +100,17 @@ impl JointMeter {
     pub(super) fn tick(
         &mut self,
         tick: &Tick<'_>,
+        truth: &dyn GroundTruth,
+        clock: Clock,
         switches: usize,
         mut events: impl FnMut(String),
     ) {
         self.measure_switches(tick, switches);
+        if let Some(last) = &self.last_tau {
+            let tau = &tick.torque.tau[..self.limits.effort.len()];
+            self.chatter
+                .tick((last, tau), &self.limits.effort, truth, clock);
+        }
         self.measure_loads(tick);
         if tick.torque.phase == PHASE_REFUSED && self.refused.is_none() {
             self.refused = self.place_of_refusal(tick);
@@ -158,6 +171,10 @@ impl JointMeter {
             );
             joints.torque_max_ratio = larger(
                 joints.torque_max_ratio,
+                share(tick.truth.tau[i], self.limits.effort[i]),
+            );
+            joints.torque_commanded_max_ratio = larger(
+                joints.torque_commanded_max_ratio,
                 share(*torque, self.limits.effort[i]),
             );
         }
@@ -173,6 +190,10 @@ impl JointMeter {
         }
         joints.q_end.clear();
         joints.q_end.extend_from_slice(&tick.truth.q[..n]);
+        joints.stopped_ticks += u64::from(
+            tick.truth.limit_mask != 0
+                || tick.truth.drive != DRIVE_ACTIVE && tick.truth.header.tick > 0,
+        );
         joints.saturated_ticks += u64::from(tick.torque.saturation_mask != 0);
         joints.rate_limited_ticks += u64::from(tick.control.rate_mask != 0);
         joints.rejected_estimate_ticks += u64::from(tick.control.rejected_ticks != 0);
@@ -283,7 +304,16 @@ impl JointMeter {
             .chain(rejections)
     }
 
+    /// Whether a joint ran against its stop, above its speed limit, or was commanded a torque above its limit.
+    pub(super) fn has_broken_a_limit(&self) -> bool {
+        let is_one = |limit: &LimitSummary| limit.limit == "speed" || limit.limit.ends_with("stop");
+        self.summary.limits.iter().any(is_one)
+            || !within(self.summary.torque_commanded_max_ratio, 1.0 + ROUNDING)
+    }
+
     pub(super) fn finish(mut self) -> JointSummary {
+        (self.summary.chatter, self.summary.jump_energy_j) =
+            (self.chatter.count, self.chatter.energy_j);
         let has_limit = |limits: &[f64]| limits.iter().any(|limit| !limit.is_infinite());
         self.summary.has_speed_limit = has_limit(&self.limits.velocity);
         self.summary.has_torque_limit = has_limit(&self.limits.effort);

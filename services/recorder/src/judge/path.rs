@@ -1,20 +1,18 @@
 //! The commanded path, followed by the judge itself. Of the controller it takes the path's time alone, and holds it to
 //! the rules of a clock: it never goes back, runs no faster than the run, and comes to the path's end.
 
-use control::{CommandedPath, Progress};
+use control::{GroundTruth, Progress};
 use model::Pose;
 use nalgebra::{Matrix3, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
-use shared_types::{PlantState, SingularityReport};
+use shared_types::PlantState;
 
 /// Path time that a controller may be short of the end by rounding, s.
 const ROUNDING_S: f64 = 1e-6;
 
-/// Where the judge is on the path. What a replacement of the recorder goes on from; the path itself follows from the scenario.
+/// Where the judge is on the path. What a replacement of the recorder goes on from.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct PathMeter {
-    #[serde(skip)]
-    path: Option<Box<dyn CommandedPath>>,
     place: Option<Place>,
     clock: PathClock,
 }
@@ -62,35 +60,35 @@ impl From<&Place> for Progress {
 }
 
 impl PathMeter {
-    /// Follows `path` from its start, or from where a predecessor was; `None`: a steered run has no path.
-    pub(super) fn follow(&mut self, path: Option<Box<dyn CommandedPath>>) {
-        self.place = self
-            .place
-            .or_else(|| path.as_ref().map(|path| Place::from(&path.start())));
-        self.path = path;
+    /// At the path's start; in a steered run there is none.
+    pub(super) fn new(truth: &dyn GroundTruth) -> Self {
+        Self {
+            place: truth.start().as_ref().map(Place::from),
+            clock: PathClock::default(),
+        }
     }
 
     /// The true pose's error against the path at the time that the controller states, `[p_d − p; log(R_d Rᵀ)]`; m, rad.
     /// `None`: there is no path. `dt_s`: length of a tick.
     pub(super) fn error(
         &mut self,
+        truth: &dyn GroundTruth,
         path_time_s: f64,
         dt_s: f64,
-        truth: &PlantState,
-        reported: &SingularityReport,
+        state: &PlantState,
     ) -> Option<Vector6<f64>> {
-        let (path, place) = (self.path.as_mut()?, self.place.as_mut()?);
-        let by_s = self.clock.take(truth.header.tick, path_time_s, dt_s);
+        let place = self.place.as_mut()?;
+        let by_s = self.clock.take(state.header.tick, path_time_s, dt_s);
         let mut progress = Progress::from(&*place);
-        path.advance(&mut progress, by_s, truth, reported);
+        truth.advance(&mut progress, by_s);
         *place = Place::from(&progress);
-        Some(path.error(&progress, truth))
+        Some(truth.error(&progress, state))
     }
 
     /// What the controller did with its clock that no controller may; `is_done`: it has said that its task is done.
-    pub(super) fn breach(&self, is_done: bool) -> Option<String> {
-        let path = self.path.as_ref()?;
-        let (came_s, all_s) = (self.clock.time_s, path.duration_s());
+    pub(super) fn breach(&self, truth: &dyn GroundTruth, is_done: bool) -> Option<String> {
+        self.place?;
+        let (came_s, all_s) = (self.clock.time_s, truth.duration_s());
         if let Some((tick, from_s, to_s)) = self.clock.breach {
             return Some(format!(
                 "the controller moved the path's time from {from_s:.3} s to {to_s:.3} s by tick {tick}: it may only run on, at most as fast as the run"

@@ -1,13 +1,59 @@
 //! Verdicts on made-up runs.
 
+use control::{GroundTruth, Progress};
+use nalgebra::Vector6;
 use shared_types::codes;
 use shared_types::scenario::Goal;
 use shared_types::topics::{ByTopic, Whole};
+use shared_types::{AnalyzerCheckpoint, PlantState, SingularityReport};
 
-use super::latency::{Chain, Span};
+use super::latency::Span;
 use super::{Judge, Limits, Tick, Verdict};
 
 const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+
+/// A truth that takes the analyzer's report for its own, of a run without a path.
+#[derive(Debug, Default)]
+struct Reported {
+    zeta: Vec<Vector6<f64>>,
+}
+
+impl Reported {
+    fn truth() -> Box<dyn GroundTruth> {
+        Box::new(Self::default())
+    }
+}
+
+impl GroundTruth for Reported {
+    fn start(&self) -> Option<Progress> {
+        None
+    }
+    fn duration_s(&self) -> f64 {
+        0.0
+    }
+    fn analyse(&mut self, _: &PlantState, reported: &SingularityReport) {
+        let listed = reported.singularities.iter().take(reported.count as usize);
+        let inside = listed.filter(|one| one.inside != 0);
+        self.zeta = inside.map(|one| Vector6::from(one.zeta_B)).collect();
+    }
+    fn advance(&self, _: &mut Progress, _: f64) {}
+    fn error(&self, _: &Progress, _: &PlantState) -> Vector6<f64> {
+        Vector6::zeros()
+    }
+    fn orthogonal(&self, error: &Vector6<f64>) -> Vector6<f64> {
+        self.zeta
+            .iter()
+            .fold(*error, |rest, zeta| rest - zeta * zeta.dot(&rest))
+    }
+    fn is_beyond(&self, _: &Vector6<f64>) -> bool {
+        !self.zeta.is_empty()
+    }
+    fn response(&self, _: &[f64]) -> f64 {
+        0.0
+    }
+    fn save(&self, _: &mut AnalyzerCheckpoint) {}
+    fn restore(&mut self, _: &AnalyzerCheckpoint) {}
+}
 
 fn limits() -> Limits {
     let names = (1..=6).map(|i| format!("joint{i}")).collect();
@@ -22,7 +68,7 @@ fn limits() -> Limits {
 }
 
 fn judged(ticks: u64, shape: impl Fn(u64, &mut ByTopic<Whole>)) -> Verdict {
-    let mut judge = Judge::pathless(Chain::default(), limits(), Goal::default(), ticks as f64);
+    let mut judge = Judge::of(Reported::truth(), limits(), Goal::default(), ticks as f64);
     for k in 0..ticks {
         let mut m = upright(k);
         m.torque.phase = if k + 1 == ticks {
@@ -191,7 +237,7 @@ fn loads_are_ratios_and_steps_have_a_tail() {
         m.plant_state.qdot[2] = if k == 3 { -1.0 } else { 0.0 };
     });
     assert!(
-        (verdict.joints.torque_max_ratio - 0.5).abs() < 1e-12
+        (verdict.joints.torque_commanded_max_ratio - 0.5).abs() < 1e-12
             && (verdict.joints.torque_step_max_ratio - 0.5).abs() < 1e-12
     );
     assert!((verdict.joints.speed_max_ratio - 0.5).abs() < 1e-12);
@@ -227,7 +273,7 @@ fn on_a_grid_latencies_count_from_the_due_time_and_skipped_points_count_too() {
         [10_000, 11_200, 14_000, 15_000],
         [0, 10_500, 13_500, 13_500],
     );
-    let mut judge = Judge::pathless(Chain::default(), limits(), Goal::default(), 4.0).on_grid(MS);
+    let mut judge = Judge::of(Reported::truth(), limits(), Goal::default(), 4.0).on_grid(MS);
     for k in 0..4 {
         let mut m = upright(k as u64);
         let stamps = &mut m.sensor.header.stamps;
@@ -289,7 +335,7 @@ fn nan_misses_the_goal() {
     let joints = &verdict.joints;
     assert!(
         joints.speed_max_ratio.is_nan()
-            && joints.torque_max_ratio.is_nan()
+            && joints.torque_commanded_max_ratio.is_nan()
             && joints.torque_step_max_ratio.is_nan()
     );
     assert!(
@@ -318,7 +364,7 @@ fn both_ends_of_the_rotation_error_are_finite() {
 
 #[test]
 fn every_limit_is_in_the_reason_and_in_the_events() {
-    let mut judge = Judge::pathless(Chain::default(), limits(), Goal::default(), 10.0);
+    let mut judge = Judge::of(Reported::truth(), limits(), Goal::default(), 10.0);
     for k in 0..10 {
         let mut m = upright(k);
         m.torque.phase = codes::PHASE_DONE;
@@ -339,7 +385,7 @@ fn every_limit_is_in_the_reason_and_in_the_events() {
     let verdict = judge.verdict();
     assert_eq!(
         (verdict.outcome.as_str(), verdict.joints.limits.len()),
-        ("goal reached", 3)
+        ("goal missed", 3)
     );
     for text in expected {
         assert!(
@@ -400,6 +446,7 @@ fn a_hold_beyond_the_goal_is_counted_and_named() {
         judged(20, move |k, m| {
             (m.singularity.count, m.singularity.singularities[0].kind) = (1, codes::KIND_ELBOW);
             m.singularity.singularities[0].zeta_B[0] = 1.0;
+            m.singularity.singularities[0].inside = 1;
             let is_held = (5..12).contains(&k);
             (m.control_state.mode[0], m.plant_state.p_BE[0]) = if is_held {
                 (mode, off_m)
@@ -447,7 +494,8 @@ fn only_served_axes_are_judged() {
         (all.plant_state.R_BE, all.control_state.R_BE_d) =
             ([0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0], IDENTITY);
         (all.plant_state.p_BE[0], all.plant_state.p_BE[2]) = (x_m, z_m);
-        super::TaskError::on(&Tick::of(&all.lent()).unwrap(), &planar().served)
+        let whole = super::against_reference(&Tick::of(&all.lent()).unwrap(), &planar().served);
+        super::TaskError::split(Reported::truth().as_ref(), &whole)
     };
     assert_eq!(
         (

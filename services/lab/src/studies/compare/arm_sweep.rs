@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use session::{Failure, Observer, Results, load};
 use shared_types::codes::singularity_name;
 use shared_types::scenario::{Scenario, Strategy};
+use shared_types::summary::{BOUNDARY, MISSED, REACHED};
 
 use super::law::under;
 use super::score::{Score, score};
@@ -222,9 +223,10 @@ fn run(robot: &model::Robot, law: Strategy, line: &SingularLine) -> Line {
                 .iter()
                 .any(|word| score.reason.contains(word));
             let outcome = match score.outcome.as_str() {
-                "goal reached" => Outcome::Reached,
+                REACHED => Outcome::Reached,
+                BOUNDARY => Outcome::Missed,
                 "stopped" if within => Outcome::Refused,
-                "goal missed" if within && says => Outcome::Missed,
+                MISSED if within && says => Outcome::Missed,
                 _ => Outcome::Silent,
             };
             out(outcome, score.reason.clone(), Some(score))

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use model::Robot;
-use recorder::TaskError;
+use recorder::Judge;
 use serde::Serialize;
 use session::{Failure, Observer, Progress, Results, load};
 use shared_types::bounds::larger;
@@ -50,10 +50,10 @@ struct Place {
 }
 
 impl Racer {
-    fn tick(&mut self, tick: &chain::Tick, robot: &Robot) {
+    fn tick(&mut self, tick: &chain::Tick, robot: &Robot, judge: &mut Judge) {
         let lent = tick.lent();
         if let Some(tick) = recorder::Tick::of(&lent) {
-            let error = TaskError::on(&tick, &robot.task.0);
+            let error = judge.tick(tick);
             self.position_max_mm = larger(self.position_max_mm, error.position[0]);
             self.orientation_max_deg = larger(self.orientation_max_deg, error.orientation[0]);
         }
@@ -109,11 +109,12 @@ pub fn race(
         lives: viz::Lives::default(),
     };
     let mut recording = Recording::create(&results.folder, &info).map_err(Failure::work)?;
+    let mut judge = Judge::new(&robot, &scenario).map_err(Failure::input)?;
     let (mut racer, mut words, mut failed) = (Racer::default(), String::new(), None);
     let names = [law.name(), rival.name()];
     chain::run(&robot, &scenario, |tick| {
         let number = tick.sensor.header.tick;
-        racer.tick(tick, &robot);
+        racer.tick(tick, &robot, &mut judge);
         // A rival that is done stays where it is.
         if number % every == 0
             && let Some(place) = places.get((number / every) as usize).or(places.last())
@@ -153,9 +154,10 @@ pub fn race(
 
 /// Where the rival's joints are at each picture, and how it has done by then.
 fn rival_places(robot: &Robot, scenario: &Scenario, every: u64) -> Result<Vec<Place>, Failure> {
+    let mut judge = Judge::new(robot, scenario).map_err(Failure::input)?;
     let (mut places, mut racer) = (Vec::new(), Racer::default());
     chain::run(robot, scenario, |tick| {
-        racer.tick(tick, robot);
+        racer.tick(tick, robot, &mut judge);
         if tick.sensor.header.tick % every == 0 {
             places.push(Place {
                 q: tick.plant_state.q,
@@ -175,10 +177,10 @@ fn counters([law, rival]: [&str; 2], racers: [&Racer; 2]) -> String {
     let mut words = format!(
         "## Solid: {law}. Red: {rival}\n\n| so far, at most | {law} | {rival} |\n|---|---|---|\n"
     );
-    words += &row("hand turned off its reference", |racer| {
+    words += &row("hand turned off its path", |racer| {
         angle(racer.orientation_max_deg)
     });
-    words += &row("hand moved off its reference", |racer| {
+    words += &row("hand moved off its path", |racer| {
         length(racer.position_max_mm)
     });
     words += &row("joint speed, of the limit", |racer| {

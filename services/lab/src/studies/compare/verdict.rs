@@ -2,7 +2,8 @@
 
 use viz::plot::digits;
 
-use super::score::{Bounds, Score};
+use super::score::Score;
+use recorder::Bounds;
 
 /// Errors that differ by less than this share are the same.
 const SAME: f64 = 1.01;
@@ -112,7 +113,7 @@ mod tests {
             s2: s1,
             orthogonal_max_mm: mm,
             orthogonal_max_deg: deg,
-            missed,
+            missed: missed.iter().map(ToString::to_string).collect(),
             ..Score::default()
         }
     }

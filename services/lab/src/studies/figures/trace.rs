@@ -2,7 +2,7 @@
 
 use model::{Model, Refused, Robot, rotation_log, with_dof};
 use nalgebra::{Cholesky, Matrix3, SVector, Vector3};
-use recorder::TaskError;
+use recorder::Judge;
 use shared_types::bounds::larger;
 use shared_types::scenario::Scenario;
 
@@ -143,11 +143,12 @@ fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Trace, Re
         samples: Vec::new(),
         dt: scenario.dt_s(),
     };
+    let mut judge = Judge::new(robot, scenario)?;
     chain::run(robot, scenario, |tick| {
         let Some(judged) = recorder::Tick::of(&tick.lent()) else {
             return;
         };
-        let error = TaskError::on(&judged, &robot.task.0);
+        let error = judge.tick(judged);
         let recorder::Tick {
             truth,
             report,

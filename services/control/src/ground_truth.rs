@@ -1,0 +1,191 @@
+//! The ground truth of a run, as a judge needs it: what the scenario asks for and where the true posture is singular,
+//! computed here from the scenario, the robot and the true posture alone.
+//!
+//! A controller says how far along the path it is, and nothing else that it says counts. The pose that belongs to that
+//! time, the goal that depends on a singular direction, and the directions whose error is exempt follow from the truth.
+
+use crate::analyzer::Analyzer;
+use crate::setup::{SetupError, start_posture};
+use crate::trajectory::{Path, Progress};
+use crate::types::{Class, Report};
+use crate::{linear, served};
+use model::{Model, Refused, Robot, Terms, joints};
+use nalgebra::{Cholesky, SVector, Vector3, Vector6};
+use shared_types::scenario::Scenario;
+use shared_types::{AnalyzerCheckpoint, PlantState, SingularityReport};
+
+/// The ground truth of an arm of any number of joints.
+pub trait GroundTruth: std::fmt::Debug {
+    /// The place at which the commanded path begins; `None` in a steered run, which has no path.
+    fn start(&self) -> Option<Progress>;
+
+    /// The time that the path takes by its own clock, s; 0 without one.
+    fn duration_s(&self) -> f64;
+
+    /// Analyses the true posture of a tick; before every other question about it. `reported` chooses between ζ and −ζ,
+    /// which mean the same direction. A posture that is not finite is left out.
+    ///
+    /// Cost about 3 µs for six joints, no allocation
+    fn analyse(&mut self, truth: &PlantState, reported: &SingularityReport);
+
+    /// Moves on by `by_s` of the path's clock, s; a leg that begins takes its singular direction from the true posture.
+    ///
+    /// Requires `by_s` finite and not negative
+    fn advance(&self, place: &mut Progress, by_s: f64);
+
+    /// Position and orientation error of the true pose at a place, `[p_d − p; log(R_d Rᵀ)]`, on the axes that the task
+    /// serves. Units m, rad; frame B.
+    fn error(&self, place: &Progress, truth: &PlantState) -> Vector6<f64>;
+
+    /// The part of an error that is orthogonal to every ζ_i in whose neighbourhood D_si the true posture is, linear and
+    /// angular half each for itself. Units m, rad; frame B.
+    fn orthogonal(&self, error: &Vector6<f64>) -> Vector6<f64>;
+
+    /// Whether what an error `[p_d − p; ·]` has left along ζ lies beyond the boundary of reach: at a fold (Type 1, or mixed) in whose
+    /// neighbourhood the true posture is, null-space motion leads away from it (κ₁ against the error).
+    fn is_beyond(&self, error: &Vector6<f64>) -> bool;
+
+    /// ½ΔΓᵀA⁻¹ΔΓ of a step ΔΓ of the torques, with A of the true posture; N²m²/(kg·m²). NaN without an inverse.
+    fn response(&self, step: &[f64]) -> f64;
+
+    /// Writes what the next [`analyse`](Self::analyse) depends on besides its inputs.
+    fn save(&self, out: &mut AnalyzerCheckpoint);
+
+    /// Takes up what [`save`](Self::save) has written.
+    fn restore(&mut self, from: &AnalyzerCheckpoint);
+}
+
+/// The ground truth of a scenario on a robot.
+///
+/// # Errors
+/// [`Refused`] where the scenario does not fit the robot.
+pub fn ground_truth(robot: &Robot, scenario: &Scenario) -> Result<Box<dyn GroundTruth>, Refused> {
+    model::boxed!(robot, N => Truth::<N>::new(robot, scenario), dyn GroundTruth)
+}
+
+/// Of one arm.
+#[derive(Clone, Debug)]
+struct Truth<const N: usize> {
+    model: Model<N>,
+    analyzer: Analyzer<N>,
+    path: Option<Path>,
+    start: Progress,
+    /// Of the present posture.
+    terms: Terms<N>,
+    report: Report<N>,
+    task: [bool; 6],
+}
+
+impl<const N: usize> Truth<N> {
+    fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, SetupError> {
+        let (model, q) = (
+            Model::new(robot, scenario.frame())?,
+            start_posture(robot, scenario)?,
+        );
+        let terms = model.evaluate(&q, &SVector::zeros());
+        let mut analyzer = Analyzer::new(robot, &scenario.analysis);
+        let report = analyzer.step(&q, &SVector::zeros(), &terms);
+        let path = match scenario.servo {
+            None => Some(Path::new(scenario, &report)?),
+            Some(_) => None,
+        };
+        Ok(Self {
+            path,
+            start: Progress::at(terms.X_BE),
+            report,
+            terms,
+            analyzer,
+            model,
+            task: robot.task.0,
+        })
+    }
+}
+
+impl<const N: usize> GroundTruth for Truth<N> {
+    fn start(&self) -> Option<Progress> {
+        self.path.as_ref().map(|_| self.start)
+    }
+
+    fn duration_s(&self) -> f64 {
+        self.path.as_ref().map_or(0.0, Path::duration_s)
+    }
+
+    fn analyse(&mut self, truth: &PlantState, reported: &SingularityReport) {
+        let (q, qdot) = (joints(&truth.q), joints(&truth.qdot));
+        if !linear::is_finite(&q) || !linear::is_finite(&qdot) {
+            return;
+        }
+        self.model.evaluate_into(&q, &qdot, &mut self.terms);
+        self.analyzer.list(&q, &qdot, &self.terms, &mut self.report);
+        let listed = self.report.count;
+        for (own, other) in self.report.singularities[..listed]
+            .iter_mut()
+            .zip(&reported.singularities)
+        {
+            if own.zeta_B.dot(&Vector6::from(other.zeta_B)) < 0.0 {
+                own.zeta_B = -own.zeta_B;
+            }
+        }
+    }
+
+    fn advance(&self, place: &mut Progress, by_s: f64) {
+        if let Some(path) = &self.path {
+            path.advance(place, by_s, &self.report);
+        }
+    }
+
+    fn error(&self, place: &Progress, truth: &PlantState) -> Vector6<f64> {
+        let Some(path) = &self.path else {
+            return Vector6::repeat(f64::NAN);
+        };
+        let desired = path.place(place).moving(0.0, 0.0);
+        let R = nalgebra::Matrix3::from_column_slice(&truth.R_BE);
+        let free = served::free_axis(&self.task);
+        let turn = served::rotation_error(&desired.R, &R, free.as_ref());
+        let error = linear::stack(&(desired.p - Vector3::from(truth.p_BE)), &turn);
+        // Times zero, not zero: a NaN stays one.
+        Vector6::from_fn(|i, _| error[i] * if self.task[i] { 1.0 } else { 0.0 })
+    }
+
+    fn orthogonal(&self, error: &Vector6<f64>) -> Vector6<f64> {
+        let mut rest = *error;
+        for singularity in &self.report.singularities[..self.report.count] {
+            if !singularity.inside {
+                continue;
+            }
+            for half in [0, 3] {
+                let zeta = singularity.zeta_B.fixed_rows::<3>(half);
+                let along = zeta.dot(&rest.fixed_rows::<3>(half));
+                let removed = zeta * along;
+                let mut part = rest.fixed_rows_mut::<3>(half);
+                part -= removed;
+            }
+        }
+        rest
+    }
+
+    fn is_beyond(&self, error: &Vector6<f64>) -> bool {
+        self.report.singularities[..self.report.count]
+            .iter()
+            .any(|one| {
+                one.inside
+                    && !one.angular
+                    && matches!(one.class, Class::Type1 | Class::Mixed)
+                    && one.kappa_1 * one.zeta_B.fixed_rows::<3>(0).dot(&error.fixed_rows::<3>(0))
+                        < 0.0
+            })
+    }
+
+    fn response(&self, step: &[f64]) -> f64 {
+        let step = SVector::<f64, N>::from_iterator(step.iter().copied());
+        Cholesky::new(self.terms.A).map_or(f64::NAN, |A| 0.5 * step.dot(&A.solve(&step)))
+    }
+
+    fn save(&self, out: &mut AnalyzerCheckpoint) {
+        self.analyzer.save(out);
+    }
+
+    fn restore(&mut self, from: &AnalyzerCheckpoint) {
+        self.analyzer.restore(from);
+    }
+}
