@@ -5,10 +5,9 @@ use shared_types::scenario::{Goal, Scenario};
 use viz::plot::{Axis, BLUE, Color, GREY, Page, Panel, RED, Row, digits, numbered};
 
 use super::law::name_of;
-use super::score::Score;
+use super::score::{Bounds, Score};
 use super::sweep::Sweep;
 use super::verdict::{failures, margin, verdicts};
-use recorder::Bounds;
 
 /// Height of the row of a law, and of what surrounds the rows; points.
 const LAW: f64 = 22.0;

@@ -2,6 +2,7 @@
 
 use chain::Sink;
 use model::{Refused, Robot};
+pub(super) use recorder::Bounds;
 use recorder::{Assembler, HORIZON, Judge, PATIENCE, Set, Verdict};
 use serde::Serialize;
 use shared_types::scenario::{Goal, Scenario};

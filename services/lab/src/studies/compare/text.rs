@@ -12,10 +12,9 @@ use crate::quantile::quantile;
 
 use super::race::Race;
 use super::scenarios::Compared;
-use super::score::Score;
+use super::score::{Bounds, Score};
 use super::sweep::{SWEEP, Sweep, missed};
 use super::verdict::{failures, margin, verdicts};
-use recorder::Bounds;
 
 /// A table of the laws, the verdict, and its terms.
 impl fmt::Display for Compared {

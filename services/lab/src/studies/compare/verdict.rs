@@ -2,8 +2,7 @@
 
 use viz::plot::digits;
 
-use super::score::Score;
-use recorder::Bounds;
+use super::score::{Bounds, Score};
 
 /// Errors that differ by less than this share are the same.
 const SAME: f64 = 1.01;
