@@ -1,7 +1,7 @@
-//! Controllers that only say that they follow the path: none of them is judged to have reached its goal.
+//! Success is what the arm has done: controllers that only say so, and tasks that the arm cannot do.
 
 use crate::command::{Desk, skipped};
-use crate::exchange::{has_python, run, summary};
+use crate::exchange::{has_python, root, run, summary};
 
 /// Three links in a horizontal plane, so that an arm without torque stays where it is.
 const ARM: &str = r#"
@@ -118,6 +118,101 @@ fn only_the_controller_that_follows_the_path_has_reached_the_goal() {
             (code, code == 0),
             "{how}: {outcome}\n{}",
             said.err
+        );
+    }
+}
+
+/// What no motion of the arm can do is refused before the start, with the axis or the reason named; what it can, is done.
+#[test]
+fn a_goal_that_the_task_does_not_serve_is_refused() {
+    let cases = [
+        (
+            "planar3r",
+            "posture = \"bent\"",
+            "turn = { about = \"z\", by_deg = 60 }",
+            2,
+            "about z",
+        ),
+        (
+            "planar3r",
+            "posture = \"bent\"",
+            "by_m = [0.1, 0.0, 0.3]",
+            2,
+            "along z",
+        ),
+        (
+            "planar3r",
+            "posture = \"bent\"",
+            "by_m = [0.1, 0.1, 0.0]",
+            0,
+            "",
+        ),
+        (
+            "puma560",
+            "q_rad = [0.3, -0.8, 2.9, 0.2, 0.5, 0.1]",
+            "reorient = { singularity = \"wrist\", by_deg = 30 }",
+            2,
+            "neighbourhood",
+        ),
+    ];
+    let desk = Desk::new();
+    for (robot, start, segment, code, word) in cases {
+        desk.file(
+            "task.toml",
+            &format!("name = \"task\"\nrobot = \"{robot}\"\n[start]\n{start}\n[[segment]]\n{segment}\nduration_s = 1.0\n"),
+        );
+        let said = run(&desk, &["run", "task.toml"]);
+        assert_eq!(
+            (said.code, said.err.contains(word)),
+            (code, true),
+            "{segment}: {}",
+            said.err
+        );
+    }
+}
+
+/// The position of a frame far from the wrist centre, of a task that leaves the rotations free: the arms of the case that was 30 mm off.
+#[test]
+fn a_task_of_positions_alone_moves_the_point_that_it_names() {
+    let cases = [
+        (
+            "puma560",
+            "frame = \"flange\"\n",
+            "q_rad = [0.3, -0.8, 2.9, 0.2, 0.5, 0.1]",
+        ),
+        ("ur5", "", "q_deg = [20, -70, 80, -40, -90, 0]"),
+        ("iiwa14", "", "q_deg = [0, 30, 0, -80, 0, 60, 0]"),
+    ];
+    let desk = Desk::new();
+    for (robot, frame, start) in cases {
+        let folder = root().join("services/model/robots").join(robot);
+        for ending in ["urdf", "toml"] {
+            let text = std::fs::read_to_string(folder.with_extension(ending)).expect(robot);
+            let free: String = text
+                .lines()
+                .filter(|line| !line.starts_with("task"))
+                .map(|line| format!("{line}\n"))
+                .collect();
+            let task = if ending == "toml" {
+                "task = [\"x\", \"y\", \"z\"]\n"
+            } else {
+                ""
+            };
+            desk.file(&format!("arm.{ending}"), &format!("{task}{free}"));
+        }
+        desk.file(
+            "point.toml",
+            &format!("name = \"point\"\nrobot = \"arm.urdf\"\n{frame}[start]\n{start}\n[[segment]]\nby_m = [0.1, 0.1, 0.1]\nduration_s = 2.0\n"),
+        );
+        let said = run(&desk, &["run", "point.toml", "--json"]);
+        let result = summary(&said);
+        let off_mm = result["task"]["final_position_mm"]
+            .as_f64()
+            .expect("a number");
+        assert!(
+            said.code == 0 && off_mm < 1.0,
+            "{robot}: {off_mm} mm, {}",
+            result["reason"]
         );
     }
 }

@@ -76,6 +76,9 @@ impl<const N: usize> Controller<N> {
         let report = analyzer.step(&q_start, &SVector::zeros(), &rest);
         let family = analyzer.family().clone();
         let path = Path::new(scenario, &report)?;
+        if scenario.servo.is_none() {
+            path.check(&robot.task.0, rest.X_BE, &report)?;
+        }
         let mut postures = Postures::new(robot, scenario, q_start)?;
         let fresh = Analyzer::new(robot, &scenario.analysis);
         let (plan, obstacle) = match route_ahead(

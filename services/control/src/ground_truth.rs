@@ -29,9 +29,10 @@ pub trait GroundTruth: std::fmt::Debug {
     fn analyse(&mut self, truth: &PlantState, reported: &SingularityReport);
 
     /// Moves on by `by_s` of the path's clock, s; a leg that begins takes its singular direction from the true posture.
+    /// Returns the index of a leg that begins with a turn of ζ outside of the neighbourhood: nothing can be turned there.
     ///
     /// Requires `by_s` finite and not negative
-    fn advance(&self, place: &mut Progress, by_s: f64);
+    fn advance(&self, place: &mut Progress, by_s: f64) -> Option<usize>;
 
     /// Position and orientation error of the true pose at a place, `[p_d − p; log(R_d Rᵀ)]`, on the axes that the task
     /// serves. Units m, rad; frame B.
@@ -128,10 +129,12 @@ impl<const N: usize> GroundTruth for Truth<N> {
         }
     }
 
-    fn advance(&self, place: &mut Progress, by_s: f64) {
-        if let Some(path) = &self.path {
-            path.advance(place, by_s, &self.report);
-        }
+    fn advance(&self, place: &mut Progress, by_s: f64) -> Option<usize> {
+        let (path, before) = (self.path.as_ref()?, (place.leg, place.begun));
+        path.advance(place, by_s, &self.report);
+        let (singularity, _) = path.leg(place.leg)?.reorient?;
+        let is_lost = self.report.singularities[singularity].inside;
+        ((place.leg, place.begun) != before && !is_lost).then_some(place.leg)
     }
 
     fn error(&self, place: &Progress, truth: &PlantState) -> Vector6<f64> {

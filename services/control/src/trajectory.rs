@@ -7,6 +7,7 @@
 use crate::centre::PoseMotion;
 use crate::continuous::foresight::{FORESEEN, FORESEEN_STEP_S};
 use crate::linear::{rotation_exp, rotation_log, stack};
+use crate::served::free_axis;
 use crate::types::{Class, Kind, Report, Singularity};
 use model::Pose;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
@@ -39,7 +40,32 @@ pub enum PathError {
         /// The text.
         direction: String,
     },
+    /// A goal in an axis that the task does not serve.
+    #[error(
+        "segment {segment} asks for a motion {axis}, which the arm's task does not serve: leave it out, or name the axis in the arm's `task`"
+    )]
+    Unserved {
+        /// Index of the segment.
+        segment: usize,
+        /// The axis.
+        axis: &'static str,
+    },
+    /// A turn of ζ in a posture where nothing is lost.
+    #[error(
+        "segment {segment} asks to turn the singular direction of a singularity in whose neighbourhood the start posture is not: start in it, or lead a segment into it first"
+    )]
+    Outside {
+        /// Index of the segment.
+        segment: usize,
+    },
 }
+
+/// What a motion along each axis is called, x to rz.
+const MOTIONS: [&str; 6] = [
+    "along x", "along y", "along z", "about x", "about y", "about z",
+];
+/// The most that a goal may have in an axis that is not served, by rounding: m, rad.
+const ROUNDING: f64 = 1e-6;
 
 /// A direction in B, known now or when the leg begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -197,6 +223,43 @@ impl Path {
         Ok(Self {
             legs: legs.collect::<Result<_, _>>()?,
         })
+    }
+
+    /// Checks what can be checked before the start: no leg asks for what the task does not serve, and a path that begins
+    /// with a turn of ζ begins where the direction is lost. Legs along or about a ζ are what the posture makes of them.
+    ///
+    /// `start`: pose at the start; `report`: the analysis of the start posture.
+    ///
+    /// # Errors
+    /// [`PathError::Unserved`], [`PathError::Outside`].
+    pub(crate) fn check<const N: usize>(
+        &self,
+        task: &[bool; 6],
+        start: Pose,
+        report: &Report<N>,
+    ) -> Result<(), PathError> {
+        let turned = self.legs.first().and_then(|leg| leg.reorient);
+        if turned.is_some_and(|(place, _)| !report.singularities[place].inside) {
+            return Err(PathError::Outside { segment: 0 });
+        }
+        // An orientation is met up to the one rotation that is free.
+        let has_free_axis = free_axis(task).is_some();
+        let mut place = Progress::at(start);
+        for (segment, leg) in self.legs.iter().enumerate() {
+            self.advance(&mut place, 0.0, report);
+            let turn = match leg.rotation {
+                Rotation::To(_) if has_free_axis => Vector3::zeros(),
+                _ => place.turn,
+            };
+            let way = stack(&place.by, &turn);
+            let unserved = (0..6).find(|i| !task[*i] && way[*i].abs() > ROUNDING);
+            if let Some(i) = unserved.filter(|_| !leg.is_relative()) {
+                let axis = MOTIONS[i];
+                return Err(PathError::Unserved { segment, axis });
+            }
+            self.advance(&mut place, leg.duration_s, report);
+        }
+        Ok(())
     }
 
     /// The leg at this index, while the path lasts.

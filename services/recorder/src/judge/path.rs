@@ -15,6 +15,8 @@ const ROUNDING_S: f64 = 1e-6;
 pub(super) struct PathMeter {
     place: Option<Place>,
     clock: PathClock,
+    /// The first segment that was to turn ζ where no direction was lost.
+    idle: Option<usize>,
 }
 
 /// [`Progress`] as a checkpoint holds it.
@@ -64,7 +66,7 @@ impl PathMeter {
     pub(super) fn new(truth: &dyn GroundTruth) -> Self {
         Self {
             place: truth.start().as_ref().map(Place::from),
-            clock: PathClock::default(),
+            ..Self::default()
         }
     }
 
@@ -80,7 +82,8 @@ impl PathMeter {
         let place = self.place.as_mut()?;
         let by_s = self.clock.take(state.header.tick, path_time_s, dt_s);
         let mut progress = Progress::from(&*place);
-        truth.advance(&mut progress, by_s);
+        let idle = truth.advance(&mut progress, by_s);
+        self.idle = self.idle.or(idle);
         *place = Place::from(&progress);
         Some(truth.error(&progress, state))
     }
@@ -92,6 +95,11 @@ impl PathMeter {
         if let Some((tick, from_s, to_s)) = self.clock.breach {
             return Some(format!(
                 "the controller moved the path's time from {from_s:.3} s to {to_s:.3} s by tick {tick}: it may only run on, at most as fast as the run"
+            ));
+        }
+        if let Some(segment) = self.idle {
+            return Some(format!(
+                "segment {segment} was to turn a singular direction, but began outside of the singularity's neighbourhood: nothing was turned"
             ));
         }
         (is_done && came_s < all_s - ROUNDING_S).then(|| {

@@ -36,7 +36,9 @@ impl GroundTruth for Reported {
         let inside = listed.filter(|one| one.inside != 0);
         self.zeta = inside.map(|one| Vector6::from(one.zeta_B)).collect();
     }
-    fn advance(&self, _: &mut Progress, _: f64) {}
+    fn advance(&self, _: &mut Progress, _: f64) -> Option<usize> {
+        None
+    }
     fn error(&self, _: &Progress, _: &PlantState) -> Vector6<f64> {
         Vector6::zeros()
     }

@@ -359,9 +359,11 @@ mod tests {
             seen.recording_error = "full".to_owned()
         });
         caught("no message said", &|seen| seen.full_at = Some(5_000));
-        caught("of 4550 ticks of 4625", &|seen| {
+        let due = 5_000 - (1.5 * viz::Options::default().chunk_s * 1000.0) as u64;
+        let (words, rows) = (format!("of {} ticks of {due}", due - 75), due - 75);
+        caught(&words, &|seen| {
             (seen.full_at, seen.recording_error, seen.files.rows) =
-                (Some(5_000), "the disk is full".to_owned(), 4_550);
+                (Some(5_000), "the disk is full".to_owned(), rows);
         });
         caught("left behind: armplane-0", &|seen| {
             seen.left_over.push("armplane-0".to_owned())
