@@ -15,6 +15,7 @@
 //! * [`summary`]: what a run left: the schema of `summary.json`.
 //!
 //! This crate imports no other crate of the workspace, knows no algebra and does no input or output.
+#![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod bounds;
 pub mod checkpoints;

@@ -10,6 +10,7 @@
 //!   commands cease.
 //! - [`scenarios`]: the built-in ones.
 #![allow(non_snake_case)]
+#![cfg_attr(not(test), deny(clippy::disallowed_methods, clippy::disallowed_types))]
 
 mod drive;
 mod dry_friction;

@@ -1,5 +1,6 @@
 //! The analyzer process: where the arm is singular, or nearly; in which directions; of which type.
 #![allow(non_snake_case)]
+#![cfg_attr(not(test), deny(clippy::disallowed_methods, clippy::disallowed_types))]
 
 mod cycle;
 

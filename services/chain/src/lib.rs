@@ -1,6 +1,7 @@
 //! The pure cycles of the chain on one thread, without shared memory: the same bytes as the processes give, only quicker to reach.
 //! Tests, comparisons and sweeps use it, and `armplane run` tries its first tick here before it starts anything.
 #![allow(non_snake_case)]
+#![cfg_attr(not(test), deny(clippy::disallowed_methods, clippy::disallowed_types))]
 
 mod cycles;
 mod faults;

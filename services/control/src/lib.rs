@@ -27,6 +27,7 @@
 //!
 //! [`wire`] turns the values into messages and back.
 #![allow(non_snake_case)]
+#![cfg_attr(not(test), deny(clippy::disallowed_methods, clippy::disallowed_types))]
 
 mod analyzer;
 pub mod arm_family;

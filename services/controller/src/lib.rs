@@ -1,5 +1,6 @@
 //! The controller process: the control law, from estimate and singularities to torque.
 #![allow(non_snake_case)]
+#![cfg_attr(not(test), deny(clippy::disallowed_methods, clippy::disallowed_types))]
 
 mod cycle;
 

@@ -1,5 +1,6 @@
 //! The estimator process: encoder samples in; positions, velocities and unexplained torque out.
 #![allow(non_snake_case)]
+#![cfg_attr(not(test), deny(clippy::disallowed_methods, clippy::disallowed_types))]
 
 mod cycle;
 mod disturbance;

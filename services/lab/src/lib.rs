@@ -4,6 +4,7 @@
 //!
 //! This crate prints nothing: results are returned, and what happens meanwhile goes to a [`session::Observer`].
 #![allow(non_snake_case)]
+#![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod benchmarks;
 pub mod conformance;

@@ -5,6 +5,7 @@
 //! Each line is a [`Scenario`] of its own. It is made from a posture at or near a singularity, a direction and a turn; it is kept if the arm can follow it:
 //! at 201 points along it a posture exists within the joint limits that continues the one before, but for what the wrist does in a near miss.
 #![allow(non_snake_case)]
+#![cfg_attr(not(test), deny(clippy::disallowed_methods, clippy::disallowed_types))]
 
 use control::Kind;
 use control::arm_family::puma_inverse::{PumaInverse, PumaLengths};

@@ -9,6 +9,7 @@
 //! ```
 //!
 //! `runtime` carries the decisions out on shared memory; nothing here knows a clock, a thread or a file.
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 mod checkpoint_rule;
 mod fence;

@@ -1,4 +1,5 @@
 //! The operator of a steered run: publishes the target of each tick, from the session's text or from what is sent to it while the run lasts.
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 mod cycle;
 mod gamepad;

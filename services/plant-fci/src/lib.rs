@@ -11,6 +11,7 @@
 //! interface.rs    its constants
 //! ```
 #![allow(non_snake_case)]
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 // Without the client the pure parts have no caller but their tests.
 #![cfg_attr(not(feature = "fci"), allow(dead_code))]
 

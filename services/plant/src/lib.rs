@@ -1,5 +1,6 @@
 //! The plant process: the simulated arm, its sensors and its drives. It makes the ticks.
 #![allow(non_snake_case)]
+#![cfg_attr(not(test), deny(clippy::disallowed_methods, clippy::disallowed_types))]
 
 mod cycle;
 mod hardware_faults;

@@ -1,5 +1,6 @@
 //! The recorder process: reads every topic, judges and hashes the run, and writes the recording. No process waits for it in real time.
 #![allow(non_snake_case)]
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 mod assemble;
 mod checkpoint;

@@ -2,6 +2,7 @@
 //!
 //! [`run`] is one run in that order. Nothing starts before everything is validated. This crate prints nothing: what happens while a run lasts goes
 //! to an [`Observer`], and a summary can be shown ([`RunText`]).
+#![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod load;
 pub mod observation;
