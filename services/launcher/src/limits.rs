@@ -11,9 +11,10 @@ const OPEN_FILES: u64 = 128;
 
 const MIB: u64 = 1 << 20;
 
-/// Address space of a process, this program itself included: 74 MB were enough for the default graph. For each process of the graph: what the
-/// launcher has of it, and the stack of a thread.
-const ADDRESS_SPACE: (u64, u64) = (96 * MIB, 8 * MIB);
+/// Address space of a process, this program itself included. The allocator reserves 64 MiB at a time for threads that allocate at once; with the
+/// recording library's threads runs failed here and there up to 320 MiB and never from 340 on. For each process of the graph: what the launcher has of
+/// it, and the stack of a thread.
+const ADDRESS_SPACE: (u64, u64) = (448 * MIB, 8 * MIB);
 
 /// The same for data, which are private memory that can be written: 16 MB were enough.
 const DATA: (u64, u64) = (24 * MIB, 4 * MIB);
