@@ -81,15 +81,21 @@ fn only_the_controller_that_follows_the_path_has_reached_the_goal() {
     if !has_python("") {
         return skipped("there is no python3");
     }
+    let (bent, stretched) = ("[20, 40, 50]", "[0, 0, 0]");
+    let (line, inwards) = (
+        "by_m = [0.03, -0.04, 0.0]",
+        "by_m = [-0.05, 0.0, 0.0]\npath = \"there-and-back\"",
+    );
     let cases = [
-        ("follows", 0),
-        ("holds still", 1),
-        ("ends at once", 1),
-        ("is stuck", 1),
-        ("waits for ever", 1),
-        ("jumps", 1),
-        ("goes back", 1),
-        ("no number", 1),
+        ("follows", bent, line, 0),
+        ("holds still", bent, line, 1),
+        ("holds still", stretched, inwards, 1),
+        ("ends at once", bent, line, 1),
+        ("is stuck", bent, line, 1),
+        ("waits for ever", bent, line, 1),
+        ("jumps", bent, line, 1),
+        ("goes back", bent, line, 1),
+        ("no number", bent, line, 1),
     ];
     let desk = Desk::new();
     desk.file("arm.urdf", ARM);
@@ -98,12 +104,14 @@ fn only_the_controller_that_follows_the_path_has_reached_the_goal() {
         "default_frame = \"tip\"\nlength_m = 0.4\ntask = [\"x\", \"y\"]\n",
     );
     desk.file("controller.py", CONTROLLER);
-    desk.file(
-        "line.toml",
-        "name = \"line\"\nrobot = \"arm.urdf\"\ngraph = \"graph.toml\"\nsettle_s = 0.1\n\
-         [start]\nq_deg = [20, 40, 50]\n[[segment]]\nby_m = [0.03, -0.04, 0.0]\nduration_s = 0.4\n",
-    );
-    for (how, code) in cases {
+    for (how, start, segment, code) in cases {
+        desk.file(
+            "line.toml",
+            &format!(
+                "name = \"line\"\nrobot = \"arm.urdf\"\ngraph = \"graph.toml\"\nsettle_s = 0.1\n\
+                 [start]\nq_deg = {start}\n[[segment]]\n{segment}\nduration_s = 0.4\n"
+            ),
+        );
         desk.file(
             "graph.toml",
             &format!(

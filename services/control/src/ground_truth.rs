@@ -7,12 +7,12 @@
 use crate::analyzer::Analyzer;
 use crate::setup::{SetupError, start_posture};
 use crate::trajectory::{Path, Progress};
-use crate::types::{Class, Report};
+use crate::types::{Class, Kind, Report};
 use crate::{linear, served};
 use model::{Model, Refused, Robot, Terms, joints};
 use nalgebra::{Cholesky, SVector, Vector3, Vector6};
 use shared_types::scenario::Scenario;
-use shared_types::{AnalyzerCheckpoint, PlantState, SingularityReport};
+use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES, PlantState, SingularityReport};
 
 /// The ground truth of an arm of any number of joints.
 pub trait GroundTruth: std::fmt::Debug {
@@ -42,8 +42,8 @@ pub trait GroundTruth: std::fmt::Debug {
     /// angular half each for itself. Units m, rad; frame B.
     fn orthogonal(&self, error: &Vector6<f64>) -> Vector6<f64>;
 
-    /// Whether what an error `[p_d − p; ·]` has left along ζ lies beyond the boundary of reach: at a fold (Type 1, or mixed) in whose
-    /// neighbourhood the true posture is, null-space motion leads away from it (κ₁ against the error).
+    /// Whether what an error `[p_d − p; ·]` has left along ζ lies beyond the boundary of reach: at a fold (Type 1) in whose
+    /// neighbourhood the true posture is, it points outwards.
     fn is_beyond(&self, error: &Vector6<f64>) -> bool;
 
     /// ½ΔΓᵀA⁻¹ΔΓ of a step ΔΓ of the torques, with A of the true posture; N²m²/(kg·m²). NaN without an inverse.
@@ -74,6 +74,8 @@ struct Truth<const N: usize> {
     /// Of the present posture.
     terms: Terms<N>,
     report: Report<N>,
+    /// Whether ζ in the report points the other way than the analysis has it.
+    turned: [bool; MAX_SINGULARITIES],
     task: [bool; 6],
 }
 
@@ -94,6 +96,7 @@ impl<const N: usize> Truth<N> {
             path,
             start: Progress::at(terms.X_BE),
             report,
+            turned: [false; MAX_SINGULARITIES],
             terms,
             analyzer,
             model,
@@ -119,11 +122,10 @@ impl<const N: usize> GroundTruth for Truth<N> {
         self.model.evaluate_into(&q, &qdot, &mut self.terms);
         self.analyzer.list(&q, &qdot, &self.terms, &mut self.report);
         let listed = self.report.count;
-        for (own, other) in self.report.singularities[..listed]
-            .iter_mut()
-            .zip(&reported.singularities)
-        {
-            if own.zeta_B.dot(&Vector6::from(other.zeta_B)) < 0.0 {
+        let own = self.report.singularities[..listed].iter_mut();
+        for ((own, other), turned) in own.zip(&reported.singularities).zip(&mut self.turned) {
+            *turned = own.zeta_B.dot(&Vector6::from(other.zeta_B)) < 0.0;
+            if *turned {
                 own.zeta_B = -own.zeta_B;
             }
         }
@@ -168,20 +170,27 @@ impl<const N: usize> GroundTruth for Truth<N> {
     }
 
     fn is_beyond(&self, error: &Vector6<f64>) -> bool {
-        self.report.singularities[..self.report.count]
-            .iter()
-            .any(|one| {
-                one.inside
-                    && !one.angular
-                    && matches!(one.class, Class::Type1 | Class::Mixed)
-                    && one.kappa_1 * one.zeta_B.fixed_rows::<3>(0).dot(&error.fixed_rows::<3>(0))
-                        < 0.0
-            })
+        let listed = self.report.singularities[..self.report.count].iter();
+        listed.zip(&self.turned).any(|(one, turned)| {
+            let way = one.zeta_B.fixed_rows::<3>(0).dot(&error.fixed_rows::<3>(0));
+            let way = if *turned { -way } else { way };
+            // ζ points outwards at a fold. That of an elbow keeps its way where the arm is folded up, whose boundary is inwards.
+            let outwards = match one.kind {
+                Kind::Elbow => libm::cos(one.aux),
+                _ => 1.0,
+            };
+            one.inside && !one.angular && one.class == Class::Type1 && way * outwards > 0.0
+        })
     }
 
     fn response(&self, step: &[f64]) -> f64 {
-        let step = SVector::<f64, N>::from_iterator(step.iter().copied());
-        Cholesky::new(self.terms.A).map_or(f64::NAN, |A| 0.5 * step.dot(&A.solve(&step)))
+        let mut A = self.terms.A;
+        // A model may have more places than the arm has joints: absent ones have no mass.
+        for absent in step.len()..N {
+            A[(absent, absent)] = 1.0;
+        }
+        let step = SVector::<f64, N>::from_fn(|i, _| step.get(i).copied().unwrap_or(0.0));
+        Cholesky::new(A).map_or(f64::NAN, |A| 0.5 * step.dot(&A.solve(&step)))
     }
 
     fn save(&self, out: &mut AnalyzerCheckpoint) {
@@ -190,5 +199,21 @@ impl<const N: usize> GroundTruth for Truth<N> {
 
     fn restore(&mut self, from: &AnalyzerCheckpoint) {
         self.analyzer.restore(from);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An arm with fewer joints than the least model has places.
+    #[test]
+    fn a_step_of_the_torques_has_an_answer_on_an_arm_of_two_joints() {
+        let robot = Robot::builtin("planar2r").unwrap();
+        let text = "name = \"x\"\nrobot = \"planar2r\"\n[start]\nq_deg = [20, 40]\n[[segment]]\nby_m = [0.1, 0, 0]\nduration_s = 1.0\n";
+        let scenario = Scenario::parse("x.toml", text, &[]).unwrap();
+        let truth = ground_truth(&robot, &scenario).unwrap();
+        let answer = truth.response(&[1.0, -1.0]);
+        assert!(answer.is_finite() && answer > 0.0, "{answer}");
     }
 }

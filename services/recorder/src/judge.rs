@@ -210,7 +210,8 @@ impl Judge {
         tick.servo
             .into_iter()
             .for_each(|state| self.steered.tick(state));
-        self.task.tick(&error);
+        let is_beyond = truth.is_beyond(&whole);
+        self.task.tick(&error, is_beyond);
         let clock = Clock {
             tick: k,
             rate_hz: self.rate_hz,
@@ -225,7 +226,7 @@ impl Judge {
             );
         }
         self.clipped |= tick.control.clipped != 0;
-        self.beyond = self.clipped && is_at_boundary(&error, &self.goal) && truth.is_beyond(&whole);
+        self.beyond = self.clipped && is_at_boundary(&error, &self.goal) && is_beyond;
         (self.phase, self.refusal) = (tick.torque.phase, tick.control.refusal);
         self.ticks += 1;
         error
@@ -249,6 +250,7 @@ impl Judge {
             Some(truth) => self.path.breach(truth, completed),
             None => Some("there is no truth to judge by".to_owned()),
         };
+        let along = self.task.along();
         let mut task = self.task.finish(self.ticks, self.planned_ticks);
         let has_broken_a_limit = self.joints.has_broken_a_limit();
         let (outcome, mut reason) = match self.phase {
@@ -261,7 +263,7 @@ impl Judge {
             }
             codes::PHASE_DONE => match breach {
                 Some(breach) => (MISSED, breach),
-                None => done(&task, &self.goal, self.beyond, has_broken_a_limit),
+                None => done(&task, &self.goal, along, self.beyond, has_broken_a_limit),
             },
             _ => (
                 "stopped",
@@ -311,10 +313,12 @@ fn is_at_boundary(error: &TaskError, goal: &Goal) -> bool {
         && within(error.orientation[0], goal.orientation_deg)
 }
 
-/// Outcome and reason of a task that ran to its end; `beyond`: what it left lies beyond reach.
+/// Outcome and reason of a task that ran to its end; `along`: largest errors along the singular directions within reach,
+/// mm, °; `beyond`: what it left lies beyond reach.
 fn done(
     task: &TaskSummary,
     goal: &Goal,
+    [along_mm, along_deg]: [f64; 2],
     beyond: bool,
     has_broken_a_limit: bool,
 ) -> (&'static str, String) {
@@ -334,7 +338,22 @@ fn done(
             MOST_DEG,
         ),
     ];
-    let across = [
+    let s2 = Bounds::s2();
+    let moving = [
+        (
+            "position along the singular directions",
+            along_mm,
+            s2.along_mm,
+            "mm",
+            MOST_MM,
+        ),
+        (
+            "orientation about the singular directions",
+            along_deg,
+            s2.along_deg,
+            "°",
+            MOST_DEG,
+        ),
         (
             "position orthogonal to the singular directions",
             task.orthogonal_max_mm,
@@ -350,12 +369,18 @@ fn done(
             MOST_DEG,
         ),
     ];
-    let bounds = || ends.iter().chain(&across);
+    let bounds = || ends.iter().chain(&moving[2..]);
     let told = |(what, value, bound, unit, _): &(&str, f64, f64, &str, f64), word: &str| {
         format!("{what} off by {value:.3} {unit}{word} {bound} {unit}")
     };
     // What lies beyond reach cannot be asked for.
-    let asked = ends.iter().filter(|_| !beyond).chain(&across);
+    // A bound that nothing can break judges nothing.
+    let is_judged = |(_, _, bound, _, most): &&(_, f64, f64, _, f64)| bound < most;
+    let is_judged_at_all = bounds().any(|bound| is_judged(&bound));
+    let asked = ends
+        .iter()
+        .filter(|_| !beyond)
+        .chain(moving.iter().filter(|_| is_judged_at_all));
     let missed: Vec<String> = asked
         .filter(|(_, value, bound, ..)| !within(*value, *bound))
         .map(|bound| told(bound, ", allowed"))
@@ -378,14 +403,12 @@ fn done(
             ),
         );
     }
-    // A bound that nothing can break judges nothing.
-    let is_judged = |(_, _, bound, _, most): &&(_, f64, f64, _, f64)| bound < most;
     let kept: Vec<String> = ends
         .iter()
         .filter(is_judged)
         .map(|bound| told(bound, " of"))
         .collect();
-    let reason = if !bounds().any(|bound| is_judged(&bound)) {
+    let reason = if !is_judged_at_all {
         format!(
             "the path was followed to its end; its errors, up to {:.3} mm and {:.3}°, are not judged",
             task.position_max_mm, task.orientation_max_deg

@@ -6,9 +6,12 @@ use model::Pose;
 use nalgebra::{Matrix3, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 use shared_types::PlantState;
+use shared_types::bounds::within;
 
 /// Path time that a controller may be short of the end by rounding, s.
 const ROUNDING_S: f64 = 1e-6;
+/// Share of the path that may pass in ticks without a whole account, such as messages that a fault has dropped.
+const MOST_UNSEEN: f64 = 0.25;
 
 /// Where the judge is on the path. What a replacement of the recorder goes on from.
 #[derive(Debug, Default, Serialize, Deserialize)]
@@ -97,6 +100,12 @@ impl PathMeter {
                 "the controller moved the path's time from {from_s:.3} s to {to_s:.3} s by tick {tick}: it may only run on, at most as fast as the run"
             ));
         }
+        let unseen_s = self.clock.unseen_s;
+        if !within(unseen_s, MOST_UNSEEN * all_s) {
+            return Some(format!(
+                "the path's time ran on by {unseen_s:.3} s of {all_s:.3} s in ticks in which the controller said nothing"
+            ));
+        }
         if let Some(segment) = self.idle {
             return Some(format!(
                 "segment {segment} was to turn a singular direction, but began outside of the singularity's neighbourhood: nothing was turned"
@@ -116,6 +125,8 @@ struct PathClock {
     last: Option<u64>,
     /// The first breach: its tick, and the times before and after.
     breach: Option<(u64, f64, f64)>,
+    /// Time that passed on the path in ticks of which no whole account came, s.
+    unseen_s: f64,
 }
 
 impl PathClock {
@@ -127,6 +138,9 @@ impl PathClock {
         // A NaN is in no range.
         if !(-1e-9..=most_s).contains(&by_s) && self.breach.is_none() {
             self.breach = Some((tick, self.time_s, time_s));
+        }
+        if ticks > 1 && self.last.is_some() {
+            self.unseen_s += (by_s - dt_s).clamp(0.0, most_s);
         }
         self.last = Some(tick);
         let by_s = if by_s > 0.0 { by_s.min(most_s) } else { 0.0 };
@@ -152,6 +166,15 @@ mod tests {
         let clock = clock(&[0.0, 1e-3, 1e-3, 1.5e-3, 2.5e-3]);
         assert_eq!(clock.breach, None);
         assert!((clock.time_s - 2.5e-3).abs() < 1e-12);
+    }
+
+    #[test]
+    fn time_that_passes_while_nothing_is_said_is_counted() {
+        let mut clock = PathClock::default();
+        for (tick, time_s) in [(0, 0.0), (1, 1e-3), (11, 11e-3), (12, 12e-3)] {
+            clock.take(tick, time_s, 1e-3);
+        }
+        assert!(clock.breach.is_none() && (clock.unseen_s - 9e-3).abs() < 1e-12);
     }
 
     #[test]

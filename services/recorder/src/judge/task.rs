@@ -66,10 +66,13 @@ fn matrix(columns: &[f64; 9]) -> Matrix3<f64> {
 pub(super) struct TaskMeter {
     summary: TaskSummary,
     position_square_sum: f64,
+    /// Largest errors along the singular directions towards what is within reach; mm, °.
+    along: [f64; 2],
 }
 
 impl TaskMeter {
-    pub(super) fn tick(&mut self, error: &TaskError) {
+    /// `beyond`: what the error has along ζ lies beyond the boundary of reach.
+    pub(super) fn tick(&mut self, error: &TaskError, beyond: bool) {
         let TaskError {
             position: [mm, across_mm, along_mm],
             orientation: [deg, across_deg, along_deg],
@@ -79,10 +82,21 @@ impl TaskMeter {
         task.orientation_max_deg = larger(task.orientation_max_deg, deg);
         task.orthogonal_max_mm = larger(task.orthogonal_max_mm, across_mm);
         task.orthogonal_max_deg = larger(task.orthogonal_max_deg, across_deg);
+        if !beyond {
+            self.along = [
+                larger(self.along[0], along_mm),
+                larger(self.along[1], along_deg),
+            ];
+        }
         task.along_max_mm = larger(task.along_max_mm, along_mm);
         task.along_max_deg = larger(task.along_max_deg, along_deg);
         (task.final_position_mm, task.final_orientation_deg) = (mm, deg);
         self.position_square_sum += mm * mm;
+    }
+
+    /// Largest errors along the singular directions towards what is within reach; mm, °.
+    pub(super) fn along(&self) -> [f64; 2] {
+        self.along
     }
 
     /// The summary of a run of `ticks`, planned to take `planned_ticks`.
