@@ -459,7 +459,8 @@ impl<const N: usize> State<N> {
         } else if !servo.stopping {
             let back;
             (servo.X, back) = lead.hold(&servo.X, arm);
-            servo.behind_m += back;
+            // A target 1e300 m away is one, too: what leaves stays finite.
+            servo.behind_m = (servo.behind_m + back).min(f64::MAX);
             if servo.clipped || lead.saturation > SATURATED {
                 servo.X = lead.relax(&servo.X, &wish.V, dt);
             }
