@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Runs the commands of every row of docs/guarantees.md, one after the other, as they stand in the table, and prints whether each row holds.
 
-    python3 docs/guarantees.py                  # all rows: hours, `armplane bench soak` alone takes 30 minutes
+    python3 docs/guarantees.py                  # all rows: hours, `armplane drill --soak 1800` alone takes 30 minutes
     python3 docs/guarantees.py --only drill     # rows with this word in a command
-    python3 docs/guarantees.py --skip "bench soak" --skip "--kills"
+    python3 docs/guarantees.py --skip "drill --soak" --skip "--kills"
 
 A row passes when each of its commands ends with exit code 0; one named behind "fails with" has to end with 1. The exit code is that of the worst row.
 """

@@ -46,14 +46,7 @@ fn hops_and_cycles_are_measured_beside_their_floors() {
     ["futex", "pipe", "topic + doorbell", "iceoryx2 + doorbell"]
         .iter()
         .for_each(|mechanism| has("hop", mechanism, Some(messages)));
-    for mechanism in [
-        "futex",
-        "pipe",
-        "topic + doorbell",
-        "iceoryx2 + doorbell",
-        "iceoryx2 Listener",
-        "iceoryx2 WaitSet",
-    ] {
+    for mechanism in ["futex", "pipe", "topic + doorbell", "iceoryx2 + doorbell"] {
         [64, 1024, 4096]
             .iter()
             .for_each(|bytes| has("hop", mechanism, Some(*bytes)));
@@ -66,7 +59,7 @@ fn hops_and_cycles_are_measured_beside_their_floors() {
             .iter()
             .for_each(|bytes| has("hop", mechanism, Some(*bytes)));
     }
-    ["judge", "recording", "messages"]
+    ["judge", "recording"]
         .iter()
         .for_each(|part| has("record", part, None));
     let record = |key: &str| {
@@ -157,21 +150,20 @@ fn is_of_time(broken: &Value) -> bool {
 fn a_short_soak_strikes_and_judges_and_leaves_nothing() {
     let desk = Desk::new();
     let said = desk.armplane(&[
-        "bench",
-        "soak",
-        "--seconds",
+        "drill",
+        "--soak",
         "6",
         "--seed",
         "8",
-        "--rate",
-        "500",
+        "--set",
+        "rate_hz=500",
         "--json",
         "--out",
         "soak",
     ]);
     let json: Value =
         serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
-    let soak = &json["soak"];
+    let soak = &json;
     let passed = soak["passed"] == true;
     assert_eq!(said.code, i32::from(!passed), "{}", said.err);
     assert_nothing_left(said.launcher);
@@ -209,7 +201,7 @@ fn a_short_soak_strikes_and_judges_and_leaves_nothing() {
         "what kept every guarantee is not kept"
     );
     for (file, begins) in [
-        ("bench.json", &b"{"[..]),
+        ("soak.json", &b"{"[..]),
         ("soak.svg", b"<svg"),
         ("soak.png", b"\x89PNG"),
     ] {
@@ -225,7 +217,7 @@ fn a_short_soak_strikes_and_judges_and_leaves_nothing() {
 #[test]
 fn an_interrupted_soak_ends_cleanly() {
     let desk = Desk::new();
-    let child = desk.start(&["bench", "soak", "--seconds", "60", "--json"]);
+    let child = desk.start(&["drill", "--soak", "60", "--json"]);
     until("five processes", || children_of_run(child.id()).len() == 5);
     std::thread::sleep(std::time::Duration::from_secs(2));
     // SAFETY: a plain signal to a child of ours.
@@ -238,7 +230,7 @@ fn an_interrupted_soak_ends_cleanly() {
     );
     assert_nothing_left(said.launcher);
     let json: Value = serde_json::from_str(&said.out).unwrap();
-    let soak = &json["soak"];
+    let soak = &json;
     let broken: Vec<&Value> = soak["rounds"]
         .as_array()
         .unwrap()
@@ -253,52 +245,5 @@ fn an_interrupted_soak_ends_cleanly() {
     assert!(
         broken.iter().all(|broken| is_of_time(broken)),
         "{broken:?}: {soak}"
-    );
-}
-
-#[test]
-fn the_whole_graph_is_run_in_real_time_and_every_miss_has_its_cause() {
-    let said = Desk::new().armplane(&[
-        "bench",
-        "realtime",
-        "--rate",
-        "500",
-        "--seconds",
-        "3",
-        "--json",
-    ]);
-    assert_eq!(said.code, 0, "{}", said.err);
-    assert_nothing_left(said.launcher);
-    let json: Value = serde_json::from_str(&said.out).unwrap();
-    let ran = &json["realtime"][0];
-    assert!(
-        ran["rate_hz"] == 500 && ran["load"] == true && ran["ticks"].as_u64().unwrap() >= 1_500,
-        "{ran}"
-    );
-    let sum = |of: &Value| {
-        of.as_object()
-            .unwrap()
-            .values()
-            .map(|count| count.as_u64().unwrap())
-            .sum::<u64>()
-    };
-    let processes = ran["processes"].as_array().unwrap();
-    assert_eq!(processes.len(), 5);
-    assert!(
-        processes
-            .iter()
-            .all(|process| process["missed"] == sum(&process["causes"])),
-        "{ran}"
-    );
-    assert_eq!(
-        processes
-            .iter()
-            .map(|process| process["missed"].as_u64().unwrap())
-            .sum::<u64>(),
-        ran["missed"].as_u64().unwrap()
-    );
-    assert!(
-        ran["latency_us"]["chain"]["count"].as_u64().unwrap() >= ran["ticks"].as_u64().unwrap() - 2,
-        "no tick is left out: {ran}"
     );
 }

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 use lab::faults::drill::{Request, Without};
+use lab::faults::soak;
 use session::{Failure, load};
 
 use crate::out::{passed, say, say_json, show};
@@ -30,6 +31,9 @@ pub(crate) struct DrillArgs {
     /// Override a value of the scenario, for example control.k_p=900 (repeatable).
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// Instead: run the graph in real time for so many seconds, a minute at a time, with every fault at random.
+    #[arg(long, value_name = "SECONDS", conflicts_with_all = ["only", "pairs", "graph", "without"], value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    soak: Option<u64>,
     /// Leave a protection out, to see that the drill fails without it.
     #[arg(long, value_name = "PROTECTION")]
     without: Option<Protection>,
@@ -46,6 +50,9 @@ enum Protection {
 }
 
 pub(crate) fn drill(args: &DrillArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    if let Some(seconds) = args.soak {
+        return soak(args, seconds, as_json);
+    }
     let _signals = session::interrupts()?;
     let request = Request {
         scenarios: &args.scenario,
@@ -71,4 +78,36 @@ pub(crate) fn drill(args: &DrillArgs, as_json: bool) -> Result<ExitCode, Failure
             .for_each(|out| say!("{0}/drill.json, drill.svg, drill.png", out.display()));
     }
     passed(drilled.passed)
+}
+
+fn soak(args: &DrillArgs, seconds: u64, as_json: bool) -> Result<ExitCode, Failure> {
+    let load::Loaded {
+        scenario, robot, ..
+    } = load::scenario(&args.scenario[0], &args.set, None)?;
+    let soaked = soak::soak(
+        &robot,
+        &scenario,
+        scenario.rate_hz,
+        seconds,
+        args.seed,
+        args.out.as_deref(),
+        &observe,
+    )?;
+    if let Some(out) = &args.out {
+        let path = out.join("soak.json");
+        let text = serde_json::to_vec_pretty(&soaked).map_err(Failure::work)?;
+        std::fs::write(&path, text).map_err(Failure::cannot("write", &path))?;
+        soak::picture(&soaked)
+            .save(&out.join("soak"))
+            .map_err(Failure::work)?;
+    }
+    if as_json {
+        say_json(&soaked)?;
+    } else {
+        show(&soaked);
+    }
+    match soaked.interrupted {
+        Some(signal) => Err(Failure::Work(format!("the soak was stopped by {signal}"))),
+        None => passed(soaked.passed),
+    }
 }

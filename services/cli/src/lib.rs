@@ -25,7 +25,6 @@ mod report;
 mod run;
 mod screen;
 mod servo;
-mod simulate;
 mod sweep;
 mod top;
 mod verify;
@@ -84,16 +83,6 @@ enum Command {
         after_help = "Examples:\n  armplane verify fig5-wrist-rotation\n  armplane verify my.toml --runs 12 --json\n  armplane verify --kills 100\n\nExit code 1: some bytes differ."
     )]
     Verify(verify::VerifyArgs),
-    /// Simulate random histories of processes that die, in one process.
-    #[command(
-        long_about = "Draws small graphs, deaths at random moments and planned ones, and processes that are slow to wake, and takes them through the \
-                      protocol that lockstep runs use, the launcher's part included: where a death is placed, which messages are taken from the \
-                      retainers, from which checkpoint a replacement goes on. Each history must end, without a tick answered twice, and the plan that \
-                      it leaves must give the same messages under other schedules. A history that breaks a guarantee is shrunk to the smallest one \
-                      found. The numbers that processes compute are stand-ins; files and volumes are not simulated.",
-        after_help = "Examples:\n  armplane simulate\n  armplane simulate --seed 7 --histories 1000000 --json\n\nExit code 1: a guarantee is broken."
-    )]
-    Simulate(simulate::SimulateArgs),
     /// Feed a run's recorded inputs to one process and show where its outputs first differ.
     #[command(
         long_about = "Takes the recorded messages of a run, feeds its inputs to the step of one process as this program computes it, and compares every \
@@ -104,14 +93,14 @@ enum Command {
     Replay(replay::ReplayArgs),
     /// Measure hand-overs, cycles and steps beside baseline transports of the machine.
     #[command(
-        long_about = "Measures in one run, in turns, the topics of armplane and baseline transports built into the same program: a bare futex, a pipe, a \
-                      spinning reader, iceoryx2's own wake-ups. Times are of real processes, pinned and under SCHED_FIFO where the machine allows; a first round warms \
-                      everything up, after it no sample is left out. Ratios are against the futex of the same placement and payload.\n\n\
-                      `soak` runs the whole graph in real time, a minute at a time, and injects every kind of fault in every way on every process, and \
-                      signals from outside. Each round is judged as `armplane drill` judges: torque, step, speed, age of the torque; every death \
-                      detected and recovered; messages sent against messages received, at most 100 ms lost for each death of the recorder; every \
-                      file readable; nothing left behind. A round that breaks a guarantee leaves its files with a scenario.toml of its faults.",
-        after_help = "Examples:\n  armplane bench\n  armplane bench hop cycle --samples 100000 --json\n  armplane bench --out bench          table, JSON and pictures\n  armplane bench realtime             the whole graph for 80 s beside a busy thread on every core\n  armplane bench soak --out soak      30 minutes in real time, every fault at random\n  armplane bench soak --seconds 120 --seed 7\n\nExit code 1: a guarantee does not hold."
+        long_about = "Measures in alternating runs the topics of armplane and baseline transports built into the same program: bare iceoryx2, a futex, a \
+                      pipe. Times are of real processes, pinned and under SCHED_FIFO where the machine allows; a first round warms everything up, \
+                      after it no sample is left out. Ratios are against the futex of the same placement and payload.",
+        after_help = "Examples:
+  armplane bench
+  armplane bench hop cycle --samples 100000 --json
+  armplane bench --out bench          table, JSON and pictures
+  armplane bench lockstep --against ../base/target/release/armplane"
     )]
     Bench(bench::BenchArgs),
     /// Run scenarios under every control law, on the same plant and seed, and put them side by side.
@@ -232,7 +221,7 @@ const GROUPS: [(&str, &[&str], &[&str]); 5] = [
     ),
     ("Arms and graphs", &["list", "inspect", "graph"], &[]),
     ("Compare", &["compare"], &["sweep", "figures", "replay"]),
-    ("Prove", &["verify"], &["drill", "simulate"]),
+    ("Prove", &["verify"], &["drill"]),
     ("Machine", &["doctor"], &["clean", "bench", "generate"]),
 ];
 
@@ -332,7 +321,6 @@ fn execute(cli: Cli) -> Result<ExitCode, session::Failure> {
         Command::Run(args) => run::run(&args, json),
         Command::Servo(args) => servo::servo(&args, json),
         Command::Verify(args) => verify::verify(&args, json),
-        Command::Simulate(args) => simulate::simulate(&args, json),
         Command::Replay(args) => replay::replay(&args, json),
         Command::Bench(args) => bench::bench(&args, json),
         Command::Compare(args) => compare::compare(&args, json),

@@ -1,24 +1,199 @@
-//! The cost of a hop, a cycle, a period and a step, beside baseline transports of the machine.
+//! What a hand-over, a cycle and a step cost, beside baseline transports of the machine.
+//!
+//! Each benchmark fills [`Row`]s: hand-overs in alternating runs of real processes, after one that warms everything up; steps on one thread. No
+//! sample is left out.
 
-mod distribution;
 mod hop;
-pub mod hour;
-mod in_turns;
-mod machine;
-mod picture;
-pub mod realtime;
-mod record;
+mod lockstep;
 mod ring;
 mod steps;
-mod text;
 mod transports;
 
-pub use distribution::{Distribution, Row};
-pub use hop::{Only, cycle, hop, paced};
-pub use in_turns::{Lockstep, lockstep};
-pub use machine::{machine, machine_line};
-pub use picture::pictures;
-pub use record::{Recorded, record};
+use std::fmt;
+
+use hdrhistogram::Histogram;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use session::table::{number, table};
+use viz::plot::{Axis, BLUE, Color, GREY, Page, Panel, digits};
+
+pub use hop::{Only, cycle, hop};
+pub use lockstep::{Lockstep, lockstep};
 pub use ring::peer;
-pub use steps::{control, model, plant};
-pub use text::Rows;
+pub use steps::{Recorded, control, model, plant, record};
+
+/// Quantiles of the samples of one thing, µs.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub struct Distribution {
+    /// Number of samples.
+    pub samples: u64,
+    /// Median, µs.
+    pub p50_us: f64,
+    /// 99th percentile, µs.
+    pub p99_us: f64,
+    /// 99.9th percentile, µs.
+    pub p999_us: f64,
+    /// Largest, µs.
+    pub max_us: f64,
+}
+
+impl Distribution {
+    /// The distribution of a histogram of nanoseconds, of which each sample holds `share` things.
+    fn of(nanoseconds: &Histogram<u64>, share: f64) -> Self {
+        let us = |ns: u64| ns as f64 / 1e3 / share;
+        let at = |quantile| us(nanoseconds.value_at_quantile(quantile));
+        Self {
+            samples: nanoseconds.len(),
+            p50_us: at(0.5),
+            p99_us: at(0.99),
+            p999_us: at(0.999),
+            max_us: us(nanoseconds.max()),
+        }
+    }
+}
+
+/// Nanoseconds up to 100 s, three digits.
+fn histogram() -> Histogram<u64> {
+    #[allow(clippy::expect_used, reason = "the bounds are constants")]
+    Histogram::new_with_bounds(1, 100_000_000_000, 3).expect("constant bounds are valid")
+}
+
+/// One line of the result.
+#[derive(Serialize)]
+pub struct Row {
+    /// Name of the benchmark.
+    pub bench: String,
+    /// Transport or step measured.
+    pub mechanism: String,
+    /// Cores of the processes.
+    pub placement: String,
+    /// Bytes of the message, or of all messages of a cycle; 0 where there is none.
+    pub payload_bytes: usize,
+    /// Times.
+    #[serde(flatten)]
+    pub times: Distribution,
+    /// Median over that of the futex of the same placement and payload.
+    pub ratio_p50: Option<f64>,
+    /// 99th percentile over the same.
+    pub ratio_p99: Option<f64>,
+}
+
+impl Row {
+    /// A step on one thread, which has no baseline.
+    fn alone(bench: &str, mechanism: &str, times: Distribution) -> Self {
+        Self {
+            bench: bench.to_owned(),
+            mechanism: mechanism.to_owned(),
+            placement: "one thread".to_owned(),
+            payload_bytes: 0,
+            times,
+            ratio_p50: None,
+            ratio_p99: None,
+        }
+    }
+}
+
+/// The rows as a table.
+pub struct Rows<'a>(pub &'a [Row]);
+
+impl fmt::Display for Rows<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut lines = table(&[
+            "bench",
+            "placement",
+            "bytes",
+            "mechanism",
+            "p50 µs",
+            "p99 µs",
+            "p99.9 µs",
+            "max µs",
+            "ratio p50",
+            "ratio p99",
+        ]);
+        for row in self.0 {
+            let times = &row.times;
+            let ratio = |ratio: Option<f64>| ratio.map_or(String::new(), |of| format!("{of:.2}"));
+            let numbers = [times.p50_us, times.p99_us, times.p999_us, times.max_us];
+            lines.add_row(
+                [
+                    row.bench.as_str().into(),
+                    row.placement.as_str().into(),
+                    number(row.payload_bytes),
+                    row.mechanism.as_str().into(),
+                ]
+                .into_iter()
+                .chain(numbers.map(|time| number(digits(time))))
+                .chain([row.ratio_p50, row.ratio_p99].map(|of| number(ratio(of)))),
+            );
+        }
+        writeln!(f, "{lines}")
+    }
+}
+
+/// A picture for each benchmark, with its name: a bar for each row, µs.
+#[must_use]
+pub fn pictures(rows: &[Row], machine: &str) -> Vec<(String, Page)> {
+    let page = |rows: &[Row]| {
+        let name = |row: &Row| {
+            format!(
+                "{}, {} B: {}",
+                row.placement, row.payload_bytes, row.mechanism
+            )
+        };
+        let mut panel = Panel::new(
+            &rows[0].bench,
+            Axis::named("µs").logarithmic(),
+            Axis::names(rows.iter().map(name)),
+        );
+        for (place, Row { times, .. }) in rows.iter().enumerate() {
+            panel.bar(
+                place,
+                times.p99_us,
+                Color { 3: 0.35, ..GREY },
+                String::new(),
+            );
+            let text = format!("{} ({})", digits(times.p50_us), digits(times.p99_us));
+            panel.bar(place, times.p50_us, BLUE, text);
+        }
+        Page {
+            title: format!("armplane bench {}", rows[0].bench),
+            subtitle: format!("blue: median; grey, in brackets: 99 of 100 are quicker. {machine}"),
+            rows: vec![viz::plot::Row::of(84.0 + 24.0 * rows.len() as f64, [panel])],
+            width: 1100.0,
+            ..Page::default()
+        }
+    };
+    rows.chunk_by(|a, b| a.bench == b.bench)
+        .map(|rows| (rows[0].bench.clone(), page(rows)))
+        .collect()
+}
+
+/// The machine of a measurement.
+#[must_use]
+pub fn machine() -> Value {
+    let (health, machine) = (launcher::doctor::examine(), session::machine());
+    let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    json!({
+        "cpu": machine.cpu, "cores": machine.cores, "pinned_to": runtime::realtime::allowed_cores(), "kernel": machine.kernel,
+        "preempt_rt": health.preempt_rt, "clock_source": health.clock_source, "fifo": health.rights.fifo(),
+        "locked_memory": health.rights.lock_memory(), "load": load.split(' ').take(3).collect::<Vec<_>>().join(" "),
+    })
+}
+
+/// The same in one line, for people.
+#[must_use]
+pub fn machine_line(machine: &Value) -> String {
+    let text = |key: &str| machine[key].as_str().unwrap_or_default();
+    let fifo = if machine["fifo"] == true {
+        ""
+    } else {
+        "without "
+    };
+    format!(
+        "{}, {}, {} cores, {fifo}SCHED_FIFO, load {}",
+        text("cpu"),
+        text("kernel"),
+        machine["cores"],
+        text("load")
+    )
+}

@@ -1,17 +1,21 @@
-//! One tick of each process, without any message.
+//! One tick of each process on one thread, without any message; and the recorder's work in a run of its own.
 
 use std::hint::black_box;
 
 use chain::Chain;
+use hdrhistogram::Histogram;
 use model::{Model, Robot, joints, padded};
 use nalgebra::SVector;
+use recorder::Judge;
 use runtime::now_ns;
 use session::load::{self, Loaded};
-use session::{Failure, Steering, Targets};
+use session::{Failure, Observer, Steering, Targets};
 use shared_types::TorqueCommand;
+use shared_types::job::Mode;
 use shared_types::scenario::{PlantModel, Scenario, Start};
 
-use super::distribution::{Distribution, Row as BenchRow, histogram};
+use super::{Distribution, Row, histogram};
+use crate::folder::scratch;
 use crate::studies::steered::twists;
 
 /// Duration of the session of random twists, s.
@@ -31,48 +35,46 @@ const PRESSING_NM: f64 = 15.0;
 const DAMPING: f64 = 20.0;
 const PRESSED_TICKS: u64 = 8_000;
 
+/// Takes the time of some work.
+fn timed<T>(times: &mut Histogram<u64>, work: impl FnOnce() -> T) -> T {
+    let began = now_ns();
+    let result = work();
+    times.saturating_record(now_ns() - began);
+    result
+}
+
+fn row(bench: &str, mechanism: &str, times: &Histogram<u64>) -> Row {
+    Row::alone(bench, mechanism, Distribution::of(times, 1.0))
+}
+
 /// The terms of the scenario's arm, and those of the built-in arms that other programs publish, at postures along a circle in joint space.
 ///
 /// # Errors
 /// [`Failure::Work`] where an arm has no model of its size.
-pub fn model(robot: &Robot) -> Result<Vec<BenchRow>, Failure> {
+pub fn model(robot: &Robot) -> Result<Vec<Row>, Failure> {
     let mut rows = terms::<6>(robot, "")?;
     let builtin = |name: &str| Robot::builtin(name).map_err(Failure::work);
-    rows.extend(terms::<6>(&builtin("ur5")?, "ur5")?);
-    rows.extend(terms::<7>(&builtin("panda")?, "panda")?);
+    rows.extend(terms::<6>(&builtin("ur5")?, ", ur5")?);
+    rows.extend(terms::<7>(&builtin("panda")?, ", panda")?);
     Ok(rows)
 }
 
-/// The terms of an arm of `N` joints, which the rows name unless it is the scenario's.
-fn terms<const N: usize>(robot: &Robot, name: &str) -> Result<Vec<BenchRow>, Failure> {
+/// The terms of an arm of `N` joints; the rows' names end with its name.
+fn terms<const N: usize>(robot: &Robot, name: &str) -> Result<Vec<Row>, Failure> {
+    type Vector<const N: usize> = SVector<f64, N>;
     let model = Model::<N>::new(robot, None).map_err(Failure::work)?;
-    let posture = |sample: u64| {
-        let angle = sample as f64 * 0.01;
-        (
-            SVector::<f64, N>::from_fn(|joint, _| 0.3 + (angle + joint as f64).sin()),
-            SVector::<f64, N>::from_fn(|joint, _| (angle * joint as f64).cos()),
-        )
-    };
-    type Work<'a, const N: usize> = &'a dyn Fn(&SVector<f64, N>, &SVector<f64, N>);
-    let row = |mechanism: &str, work: Work<'_, N>| {
+    let row = |mechanism: &str, work: &dyn Fn(&Vector<N>, &Vector<N>)| {
         let mut times = histogram();
         for sample in 0..SAMPLES {
-            let (q, qdot) = posture(sample);
-            let began = now_ns();
-            (0..BATCH).for_each(|_| work(black_box(&q), black_box(&qdot)));
-            // Hundredths: a histogram of whole nanoseconds would be too coarse.
-            times.saturating_record(now_ns() - began);
+            let angle = sample as f64 * 0.01;
+            let q = Vector::<N>::from_fn(|joint, _| 0.3 + (angle + joint as f64).sin());
+            let qdot = Vector::<N>::from_fn(|joint, _| (angle * joint as f64).cos());
+            timed(&mut times, || {
+                (0..BATCH).for_each(|_| work(black_box(&q), black_box(&qdot)))
+            });
         }
-        let mechanism = if name.is_empty() {
-            mechanism.to_owned()
-        } else {
-            format!("{mechanism}, {name}")
-        };
-        BenchRow::alone(
-            "model",
-            &mechanism,
-            Distribution::of(&times).divided_by(BATCH as f64),
-        )
+        let times = Distribution::of(&times, BATCH as f64);
+        Row::alone("model", &format!("{mechanism}{name}"), times)
     };
     Ok(vec![
         row("A, bias and J in one pass", &|q, qdot| {
@@ -90,83 +92,86 @@ fn terms<const N: usize>(robot: &Robot, name: &str) -> Result<Vec<BenchRow>, Fai
     ])
 }
 
-/// The time of each pure step of a scenario.
+/// The times of each pure step of a scenario.
 struct Steps {
-    sample: Distribution,
-    estimator: Distribution,
-    analyzer: Distribution,
-    controller: Distribution,
-    both: Distribution,
-    moving: Distribution,
+    sample: Histogram<u64>,
+    estimator: Histogram<u64>,
+    analyzer: Histogram<u64>,
+    controller: Histogram<u64>,
+    moving: Histogram<u64>,
 }
 
-/// The pure steps over a whole scenario, hand in hand, as the processes compute them.
-fn hand_in_hand(robot: &Robot, scenario: &Scenario) -> Result<Steps, Failure> {
+/// The pure steps over a whole scenario, one after the other, as the processes compute them.
+fn one_after_the_other(robot: &Robot, scenario: &Scenario) -> Result<Steps, Failure> {
     let mut plant = plant::cycle(robot, scenario).map_err(Failure::work)?;
     let mut estimator = estimator::cycle(robot, scenario).map_err(Failure::work)?;
     let mut analyzer = analyzer::cycle(robot, scenario).map_err(Failure::work)?;
     let mut controller = controller::cycle(robot, scenario).map_err(Failure::work)?;
+    let mut operator = scenario
+        .servo
+        .as_ref()
+        .map(|servo| operator::Cycle::new(servo, scenario.rate_hz));
     let mut m = chain::Tick::default();
-    let mut times: [_; 6] = std::array::from_fn(|_| histogram());
+    let [sample, estimating, analyzing, controlling, moving] = [(); 5].map(|()| histogram());
+    let mut steps = Steps {
+        sample,
+        estimator: estimating,
+        analyzer: analyzing,
+        controller: controlling,
+        moving,
+    };
     for tick in 0.. {
         if plant.is_over() {
             break;
         }
-        let mut last = now_ns();
-        let mut lap = |times: &mut hdrhistogram::Histogram<u64>| {
-            let now = now_ns();
-            let took = now - last;
-            times.saturating_record(took);
-            last = now;
-            took
-        };
-        plant.sample(tick, &mut m.sensor, &mut m.plant_state);
-        lap(&mut times[0]);
-        estimator.step(&m.sensor, &mut m.estimate);
-        lap(&mut times[1]);
-        analyzer.step(&m.estimate, &mut m.singularity);
-        let analyzing = lap(&mut times[2]);
-        controller.step(
-            &m.estimate,
-            &m.singularity,
-            &mut m.control_state,
-            &mut m.torque,
-        );
-        let controlling = lap(&mut times[3]);
-        plant.step(Some(&m.torque));
-        lap(&mut times[5]);
-        times[4].saturating_record(analyzing + controlling);
+        timed(&mut steps.sample, || {
+            plant.sample(tick, &mut m.sensor, &mut m.plant_state)
+        });
+        timed(&mut steps.estimator, || {
+            estimator.step(&m.sensor, &mut m.estimate)
+        });
+        timed(&mut steps.analyzer, || {
+            analyzer.step(&m.estimate, &mut m.singularity)
+        });
+        let target = operator.as_mut().map(|operator| {
+            operator.step(&m.sensor, &mut m.target);
+            m.target
+        });
+        timed(&mut steps.controller, || match &target {
+            Some(target) => controller.steer(
+                (&m.estimate, &m.singularity),
+                Some(target),
+                &mut m.servo_state,
+                &mut m.control_state,
+                &mut m.torque,
+            ),
+            None => controller.step(
+                &m.estimate,
+                &m.singularity,
+                &mut m.control_state,
+                &mut m.torque,
+            ),
+        });
+        timed(&mut steps.moving, || plant.step(Some(&m.torque)));
     }
-    let [sample, estimator, analyzer, controller, both, moving] =
-        times.map(|times| Distribution::of(&times));
-    Ok(Steps {
-        sample,
-        estimator,
-        analyzer,
-        controller,
-        both,
-        moving,
-    })
+    Ok(steps)
 }
 
 /// The simulated arm's steps: in the scenario, and pressed on a floor.
 ///
 /// # Errors
 /// [`Failure::Work`] where robot and scenario do not fit, or the arm does not stay on the floor.
-pub fn plant(robot: &Robot, scenario: &Scenario) -> Result<Vec<BenchRow>, Failure> {
-    let steps = hand_in_hand(robot, scenario)?;
-    let row = |mechanism: &str, distribution: Distribution| {
-        BenchRow::alone("plant", mechanism, distribution)
-    };
+pub fn plant(robot: &Robot, scenario: &Scenario) -> Result<Vec<Row>, Failure> {
+    let steps = one_after_the_other(robot, scenario)?;
     Ok(vec![
-        row("sample", steps.sample),
-        row("move", steps.moving),
-        row("move, in contact", pressed(robot, scenario)?),
+        row("plant", "sample", &steps.sample),
+        row("plant", "move", &steps.moving),
+        row("plant", "move, in contact", &pressed(robot, scenario)?),
     ])
 }
 
 /// The simulated arm's step in the ticks in which contact points of it with a floor carry force.
-fn pressed(robot: &Robot, scenario: &Scenario) -> Result<Distribution, Failure> {
+fn pressed(robot: &Robot, scenario: &Scenario) -> Result<Histogram<u64>, Failure> {
     let mut scenario = scenario.clone();
     scenario.start = Start {
         posture: Some("nominal".to_owned()),
@@ -178,10 +183,7 @@ fn pressed(robot: &Robot, scenario: &Scenario) -> Result<Distribution, Failure> 
     let (mut m, mut times) = (chain::Tick::default(), histogram());
     for tick in 0..PRESSED_TICKS {
         plant.sample(tick, &mut m.sensor, &mut m.plant_state);
-        let (q, qdot) = (
-            joints::<6>(&m.plant_state.q),
-            joints::<6>(&m.plant_state.qdot),
-        );
+        let [q, qdot] = [&m.plant_state.q, &m.plant_state.qdot].map(joints::<6>);
         let mut tau = model.gravity(&q) - qdot * DAMPING;
         tau[1] += PRESSING_NM;
         m.torque = TorqueCommand {
@@ -189,66 +191,32 @@ fn pressed(robot: &Robot, scenario: &Scenario) -> Result<Distribution, Failure> 
             tau: padded(&tau),
             ..TorqueCommand::default()
         };
-        let began = now_ns();
-        plant.step(Some(&m.torque));
-        if m.plant_state.contacts > 0 {
-            times.saturating_record(now_ns() - began);
-        }
+        let mut apart = histogram();
+        let touches = m.plant_state.contacts > 0;
+        timed(if touches { &mut times } else { &mut apart }, || {
+            plant.step(Some(&m.torque))
+        });
     }
     if times.len() < PRESSED_TICKS / 4 {
-        return Err(Failure::Work(format!(
-            "the arm was on the floor in {} of {PRESSED_TICKS} ticks only",
-            times.len()
-        )));
+        let ticks = times.len();
+        let text = format!("the arm was on the floor in {ticks} of {PRESSED_TICKS} ticks only");
+        return Err(Failure::Work(text));
     }
-    Ok(Distribution::of(&times))
+    Ok(times)
 }
 
 /// The pure steps of the control chain, as the processes compute them; the last rows are all of them as the chain runs them.
 ///
 /// # Errors
 /// [`Failure`] where a scenario cannot be loaded, or does not fit its robot.
-pub fn control(robot: &Robot, scenario: &Scenario) -> Result<Vec<BenchRow>, Failure> {
-    let steps = hand_in_hand(robot, scenario)?;
+pub fn control(robot: &Robot, scenario: &Scenario) -> Result<Vec<Row>, Failure> {
+    let steps = one_after_the_other(robot, scenario)?;
     let Loaded {
         scenario: redundant,
         robot: seven,
         ..
     } = load::scenario(REDUNDANT, &[], None)?;
-    let both = hand_in_hand(&seven, &redundant)?.both;
-    let mut m = chain::Tick::default();
-    let mut whole = |name: &str, scenario: &Scenario| -> Result<BenchRow, Failure> {
-        let mut chain = Chain::new(robot, scenario).map_err(Failure::work)?;
-        let mut times = histogram();
-        while !chain.is_over() {
-            let began = now_ns();
-            chain.step(black_box(&mut m));
-            times.saturating_record(now_ns() - began);
-        }
-        Ok(BenchRow::alone("control", name, Distribution::of(&times)))
-    };
-    let mut exact = scenario.clone();
-    exact.plant.model = PlantModel::Reference;
-    let mut rubbing = scenario.clone();
-    rubbing.plant.friction = true;
-    Ok(vec![
-        BenchRow::alone("control", "estimator", steps.estimator),
-        BenchRow::alone("control", "analyzer", steps.analyzer),
-        BenchRow::alone("control", "controller", steps.controller),
-        BenchRow::alone(
-            "control",
-            &format!("analyzer and controller, {REDUNDANT}"),
-            both,
-        ),
-        BenchRow::alone("control", "controller, steered", steered(robot)?),
-        whole("whole tick, one thread", scenario)?,
-        whole("whole tick, exact plant", &exact)?,
-        whole("whole tick, dry friction", &rubbing)?,
-    ])
-}
-
-/// The controller's step in a session of random twists on the same arm.
-fn steered(robot: &Robot) -> Result<Distribution, Failure> {
+    let seven = one_after_the_other(&seven, &redundant)?;
     let steering = Steering {
         subject: robot.name.clone(),
         targets: Targets::Text(twists(1, STEERED_S)),
@@ -259,35 +227,115 @@ fn steered(robot: &Robot) -> Result<Distribution, Failure> {
         graph: None,
     };
     let Loaded {
-        scenario, robot, ..
+        scenario: session,
+        robot: arm,
+        ..
     } = steering.load()?;
-    let mut plant = plant::cycle(&robot, &scenario).map_err(Failure::work)?;
-    let mut estimator = estimator::cycle(&robot, &scenario).map_err(Failure::work)?;
-    let mut analyzer = analyzer::cycle(&robot, &scenario).map_err(Failure::work)?;
-    let mut controller = controller::cycle(&robot, &scenario).map_err(Failure::work)?;
-    let mut operator = operator::Cycle::new(
-        &scenario.servo.clone().unwrap_or_default(),
-        scenario.rate_hz,
-    );
-    let (mut m, mut times) = (chain::Tick::default(), histogram());
-    for tick in 0.. {
-        if plant.is_over() {
-            break;
+    let steered = one_after_the_other(&arm, &session)?;
+    let whole = |name: &str, change: &dyn Fn(&mut Scenario)| -> Result<Row, Failure> {
+        let mut scenario = scenario.clone();
+        change(&mut scenario);
+        let mut chain = Chain::new(robot, &scenario).map_err(Failure::work)?;
+        let (mut m, mut times) = (chain::Tick::default(), histogram());
+        while !chain.is_over() {
+            timed(&mut times, || chain.step(black_box(&mut m)));
         }
-        plant.sample(tick, &mut m.sensor, &mut m.plant_state);
-        estimator.step(&m.sensor, &mut m.estimate);
-        analyzer.step(&m.estimate, &mut m.singularity);
-        operator.step(&m.sensor, &mut m.target);
-        let began = now_ns();
-        controller.steer(
-            (&m.estimate, &m.singularity),
-            Some(&m.target),
-            &mut m.servo_state,
-            &mut m.control_state,
-            &mut m.torque,
-        );
-        times.saturating_record(now_ns() - began);
-        plant.step(Some(&m.torque));
+        Ok(row("control", name, &times))
+    };
+    Ok(vec![
+        row("control", "estimator", &steps.estimator),
+        row("control", "analyzer", &steps.analyzer),
+        row("control", "controller", &steps.controller),
+        row("control", "analyzer, seven-joints", &seven.analyzer),
+        row("control", "controller, seven-joints", &seven.controller),
+        row("control", "controller, steered", &steered.controller),
+        whole("whole tick, one thread", &|_| ())?,
+        whole("whole tick, exact plant", &|scenario| {
+            scenario.plant.model = PlantModel::Reference
+        })?,
+        whole("whole tick, dry friction", &|scenario| {
+            scenario.plant.friction = true
+        })?,
+    ])
+}
+
+/// The recorder's work over a whole scenario, in a run of its own process.
+#[derive(serde::Serialize)]
+pub struct Recorded {
+    /// Processor time of the process per tick, µs.
+    pub cpu_us_per_tick: f64,
+    /// The recording, at 1 kHz.
+    pub recording_mb_per_min: f64,
+    /// The messages that `armplane replay` reads, at 1 kHz.
+    pub messages_mb_per_min: f64,
+}
+
+impl std::fmt::Display for Recorded {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self {
+            cpu_us_per_tick,
+            recording_mb_per_min,
+            messages_mb_per_min,
+        } = self;
+        writeln!(
+            f,
+            "recorder: {cpu_us_per_tick:.1} µs of processor time a tick; {recording_mb_per_min:.0} MB a minute of recording and \
+             {messages_mb_per_min:.0} of messages at 1 kHz"
+        )
     }
-    Ok(Distribution::of(&times))
+}
+
+/// The judge and the encoding of the recorder on one thread; and a run in its own process.
+///
+/// # Errors
+/// [`Failure`] where the run fails, or the recorder cannot write.
+pub fn record(
+    robot: &Robot,
+    scenario: &Scenario,
+    observer: Observer<'_>,
+) -> Result<(Vec<Row>, Recorded), Failure> {
+    let folder = scratch()?;
+    let graph = load::graph(None)?;
+    let job = load::job(
+        robot,
+        scenario.clone(),
+        graph,
+        Mode::Lockstep,
+        folder.path().to_owned(),
+    );
+    let mut tape = recorder::Tape::start(robot, &job).map_err(Failure::work)?;
+    let mut judge = Judge::new(robot, scenario).map_err(Failure::work)?;
+    let [mut judging, mut encoding] = [histogram(), histogram()];
+    chain::run(robot, scenario, |tick| {
+        let row = recorder::Row::new(tick.sensor.header.tick, tick.into());
+        timed(&mut judging, || {
+            recorder::Tick::of(&tick.lent())
+                .into_iter()
+                .for_each(|tick| {
+                    judge.tick(tick);
+                });
+        });
+        timed(&mut encoding, || tape.tick(&row));
+    })
+    .map_err(Failure::input)?;
+    tape.finish();
+    let rows = vec![
+        row("record", "judge", &judging),
+        row("record", "recording", &encoding),
+    ];
+    let (outcome, account) = session::launch(&job, session::plan(&job)?, observer)?;
+    let account = account.map(|account| account.recorder);
+    let account = account
+        .ok_or_else(|| Failure::Work("the recorder left no account of the run".to_owned()))?;
+    if !account.error.is_empty() {
+        return Err(Failure::Work(account.error));
+    }
+    let per_tick = |amount: f64| amount / outcome.ticks.max(1) as f64;
+    let mb_per_min = |bytes: u64| per_tick(bytes as f64 * 1e-6) * 60_000.0;
+    let recorded = Recorded {
+        cpu_us_per_tick: per_tick(account.cpu_s * 1e6),
+        recording_mb_per_min: mb_per_min(account.bytes),
+        messages_mb_per_min: mb_per_min(account.messages_bytes),
+    };
+    Ok((rows, recorded))
 }

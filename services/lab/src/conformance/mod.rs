@@ -5,7 +5,6 @@ mod inputs;
 pub mod kills;
 mod outputs;
 pub mod replay;
-pub mod simulate;
 mod stops;
 mod text;
 pub mod verify;
