@@ -4,8 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use lab::faults::drill::{Request, Without};
-use lab::faults::soak;
+use lab::faults::{self, Request, Without};
 use session::{Failure, load};
 
 use crate::out::{passed, say, say_json, show};
@@ -37,7 +36,7 @@ pub(crate) struct DrillArgs {
     /// Leave a protection out, to see that the drill fails without it.
     #[arg(long, value_name = "PROTECTION")]
     without: Option<Protection>,
-    /// Keep the results here: drill.json and a heat map (SVG and PNG).
+    /// Keep the results here: drill.json, a heat map (SVG and PNG), and the files of each round of a soak that broke a guarantee.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -50,64 +49,52 @@ enum Protection {
 }
 
 pub(crate) fn drill(args: &DrillArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    if let Some(seconds) = args.soak {
-        return soak(args, seconds, as_json);
-    }
     let _signals = session::interrupts()?;
-    let request = Request {
-        scenarios: &args.scenario,
-        only: args.only.as_deref(),
-        pairs: args.pairs,
-        seed: args.seed,
-        settings: &args.set,
-        graph: args.graph.as_deref(),
-        without: args.without.map(|protection| match protection {
-            Protection::Hold => Without::Hold,
-            Protection::TorqueCheck => Without::TorqueCheck,
-            Protection::Fencing => Without::Fencing,
-        }),
-        out: args.out.as_deref(),
+    let drilled = match args.soak {
+        Some(seconds) => {
+            let load::Loaded {
+                scenario, robot, ..
+            } = load::scenario(&args.scenario[0], &args.set, None)?;
+            faults::soak(
+                &robot,
+                &scenario,
+                seconds,
+                args.seed,
+                args.out.as_deref(),
+                &observe,
+            )?
+        }
+        None => faults::drill(&args.request(), &observe)?,
     };
-    let drilled = lab::faults::drill::drill(&request, &observe)?;
     if as_json {
-        say_json(&drilled.json)?;
+        say_json(&drilled)?;
     } else {
         show(&drilled);
         args.out
             .iter()
             .for_each(|out| say!("{0}/drill.json, drill.svg, drill.png", out.display()));
     }
-    passed(drilled.passed)
+    match drilled.interrupted {
+        Some(signal) => Err(Failure::Work(format!("the soak was stopped by {signal}"))),
+        None => passed(drilled.passed),
+    }
 }
 
-fn soak(args: &DrillArgs, seconds: u64, as_json: bool) -> Result<ExitCode, Failure> {
-    let load::Loaded {
-        scenario, robot, ..
-    } = load::scenario(&args.scenario[0], &args.set, None)?;
-    let soaked = soak::soak(
-        &robot,
-        &scenario,
-        scenario.rate_hz,
-        seconds,
-        args.seed,
-        args.out.as_deref(),
-        &observe,
-    )?;
-    if let Some(out) = &args.out {
-        let path = out.join("soak.json");
-        let text = serde_json::to_vec_pretty(&soaked).map_err(Failure::work)?;
-        std::fs::write(&path, text).map_err(Failure::cannot("write", &path))?;
-        soak::picture(&soaked)
-            .save(&out.join("soak"))
-            .map_err(Failure::work)?;
-    }
-    if as_json {
-        say_json(&soaked)?;
-    } else {
-        show(&soaked);
-    }
-    match soaked.interrupted {
-        Some(signal) => Err(Failure::Work(format!("the soak was stopped by {signal}"))),
-        None => passed(soaked.passed),
+impl DrillArgs {
+    fn request(&self) -> Request<'_> {
+        Request {
+            scenarios: &self.scenario,
+            only: self.only.as_deref(),
+            pairs: self.pairs,
+            seed: self.seed,
+            settings: &self.set,
+            graph: self.graph.as_deref(),
+            without: self.without.map(|protection| match protection {
+                Protection::Hold => Without::Hold,
+                Protection::TorqueCheck => Without::TorqueCheck,
+                Protection::Fencing => Without::Fencing,
+            }),
+            out: self.out.as_deref(),
+        }
     }
 }

@@ -15,5 +15,5 @@ pub mod sweeps;
 mod cpu_load;
 mod folder;
 mod pool;
-mod prolonged;
 mod quantile;
+mod signals;

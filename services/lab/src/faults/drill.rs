@@ -1,0 +1,154 @@
+//! `armplane drill`: every fault on every process of a real graph, in lockstep.
+//!
+//! A fault is requested live, at a tick in the middle of the motion; then the run is repeated from the plan that it left, and must give the same bytes.
+
+use std::path::Path;
+
+use launcher::End;
+use session::{Failure, Observer, Progress, load};
+use shared_types::fault::Fault;
+use shared_types::job::Mode;
+use shared_types::process::Program;
+use shared_types::scenario::Scenario;
+
+use super::judge::Cell;
+use super::plan::{Only, grid};
+use super::run::{Ran, Stage};
+use super::show::Drilled;
+use super::without::Without;
+use crate::folder::Folder;
+
+/// Time for a disturbed arm to return to its goal after the task; s.
+const TIME_TO_RECOVER_S: f64 = 2.0;
+
+/// The subject of a drill.
+pub struct Request<'a> {
+    /// Built-in scenarios' names, or scenario files.
+    pub scenarios: &'a [String],
+    /// One cell instead of all: `PROCESS:KIND`, or `PROCESS:KIND:WAY`.
+    pub only: Option<&'a str>,
+    /// How many pairs of faults.
+    pub pairs: u32,
+    /// Seed of every random number; the scenario's where it is `None`.
+    pub seed: Option<u64>,
+    /// Values that override those of the scenario.
+    pub settings: &'a [String],
+    /// The file of a process graph; the scenario's own, or the built-in one, where it is `None`.
+    pub graph: Option<&'a Path>,
+    /// A protection that is left out, to show that the drill can fail.
+    pub without: Option<Without>,
+    /// Where the results go; nowhere where it is `None`.
+    pub out: Option<&'a Path>,
+}
+
+/// Tries every fault on every process of a real graph.
+///
+/// # Errors
+/// [`Failure`] where a scenario cannot be run, `only` is no cell, or a file cannot be written.
+pub fn drill(request: &Request<'_>, observer: Observer<'_>) -> Result<Drilled, Failure> {
+    let folder = Folder::create(request.out)?;
+    let only = request
+        .only
+        .map(Only::parse)
+        .transpose()
+        .map_err(Failure::Input)?;
+    let mut cells = Vec::new();
+    for name in request.scenarios {
+        let load::Loaded {
+            scenario,
+            robot,
+            graph,
+        } = load::scenario_in(request.graph, name, request.settings, request.seed)?;
+        let span = scenario.planned_ticks();
+        // Where the task is over sooner than an arm can come back, the verdict waits.
+        let settle_s = scenario.settle_s.max(TIME_TO_RECOVER_S);
+        let scenario = Scenario {
+            fault: Vec::new(),
+            settle_s,
+            ..scenario
+        };
+        let mut job = load::job(
+            &robot,
+            scenario,
+            graph,
+            Mode::Lockstep,
+            folder.path().join("run"),
+        );
+        request
+            .without
+            .iter()
+            .try_for_each(|without| without.leave_out(&mut job))?;
+        let stage = Stage {
+            job,
+            robot: &robot,
+            without: request.without,
+        };
+        let (graph, seed) = (&stage.job.graph, stage.job.scenario.seed);
+        let plans = grid(&robot, graph, seed, span, only.as_ref(), request.pairs);
+        if let Some(only) = only.as_ref().filter(|_| plans.is_empty()) {
+            let (cell, remedy) = (request.only.unwrap_or_default(), only.remedy(graph));
+            return Err(Failure::Input(format!(
+                "`{cell}` is no cell of this graph and arm: {remedy}; see `armplane fault --list`"
+            )));
+        }
+        observer(Progress::Begin {
+            title: name,
+            length: plans.len() as u64,
+            unit: "cells",
+        });
+        let base = lockstep(&stage, Vec::new(), &[], true)?;
+        if base.summary.outcome != "goal reached" {
+            return Err(Failure::Work(format!(
+                "{name} without a fault does not reach its goal ({}: {}): there is nothing to judge by",
+                base.summary.outcome, base.summary.reason
+            )));
+        }
+        for plan in plans {
+            let titles: Vec<String> = plan
+                .iter()
+                .map(|fault| format!("{} {}", fault.process, fault.kind))
+                .collect();
+            observer(Progress::Title(&format!(
+                "{name}: {}",
+                titles.join(" and ")
+            )));
+            cells.push(cell(&stage, &plan, &base)?);
+            observer(Progress::Step);
+        }
+        observer(Progress::End);
+    }
+    Drilled::new(cells, None, request.out)
+}
+
+fn cell(stage: &Stage<'_>, plan: &[Fault], base: &Ran) -> Result<Cell, Failure> {
+    // The recording costs time, and only the recorder's faults concern it.
+    let records = plan
+        .iter()
+        .any(|fault| fault.process == Program::Recorder.name());
+    let ran = lockstep(stage, Vec::new(), plan, records)?;
+    let left = ran
+        .summary
+        .faults
+        .iter()
+        .filter_map(|fault| fault.plan.clone())
+        .collect();
+    let again = lockstep(stage, left, &[], records)?;
+    stage.judge(&ran, Some((base, &again)))
+}
+
+fn lockstep(
+    stage: &Stage<'_>,
+    planned: Vec<Fault>,
+    live: &[Fault],
+    records: bool,
+) -> Result<Ran, Failure> {
+    let scenario = Scenario {
+        fault: planned,
+        ..stage.job.scenario.clone()
+    };
+    let ran = stage.run(scenario, live, records, u64::MAX, &|_| ())?;
+    match ran.end {
+        End::Interrupted { signal } => Err(Failure::Work(format!("stopped by {signal}"))),
+        _ => Ok(ran),
+    }
+}

@@ -1,0 +1,877 @@
+//! The verdict on a run with faults: the guarantees that hold under every fault, on the simulator's truth.
+
+use launcher::{End, Failure as Mishap};
+use session::{Failure, Run};
+use shared_types::codes::{
+    DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_ENCODER, DRIVE_HOLDING, DRIVE_REFUSED,
+    DRIVE_STALE,
+};
+use shared_types::fault::{Fault, Kind};
+use shared_types::job::Mode;
+use shared_types::process::Program;
+use shared_types::scenario::Goal;
+use shared_types::summary::FaultSummary;
+use shared_types::{MAX_DOF, PlantState};
+
+use serde::Serialize;
+
+use super::bounds::{self, ORDINARY, REST_MS, STALE_MS};
+use super::plan::ends_world;
+use super::run::{Ran, Stage};
+
+/// Torque may change by so much of its limit in a millisecond, whatever happens (`sim::Drive`); the rounding of a sum is allowed for.
+const STEP_PER_MS: f64 = 0.5 + 1e-9;
+
+/// A joint without drive torque may be carried over its speed limit by gravity and inertia, but not by the drives. In real time a controller may be
+/// led to full torque by numbers far out of range: that gains 4 % of a PUMA's limit in the millisecond before the drives see the excess, and they turn
+/// a torque round in four.
+const SPEED: [f64; 2] = [1.05, 1.1];
+
+/// How long after a drive has failed its arm may still be too fast; s.
+const AFTERMATH_S: f64 = 1.0;
+
+/// Slower than this it is at rest; rad/s.
+const REST: f64 = 0.05;
+
+/// Why a torque is not a fresh one.
+const NOT_FRESH: u32 = DRIVE_ABSENT | DRIVE_REFUSED | DRIVE_STALE | DRIVE_ENCODER;
+
+/// A recorder that dies in real time may cost the record of so much; s.
+const LOST_PER_DEATH_S: f64 = 0.1;
+
+/// A process that dies later than this before the end of the run may miss it; s.
+const TIME_TO_RETURN_S: f64 = 2.0;
+
+/// A guarantee that a run did not keep.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Broken {
+    /// Which, in a word.
+    pub check: &'static str,
+    /// In words, with the numbers.
+    pub detail: String,
+}
+
+/// Messages of a run, all topics together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Messages {
+    /// Sent by all processes.
+    pub sent: u64,
+    /// Taken in by the recorder.
+    pub taken_in: u64,
+    /// Refused by the recorder: a number in them was not finite.
+    pub refused: u64,
+    /// Refused by the recorder: of a dead incarnation.
+    pub fenced: u64,
+    /// Sent, and neither taken in nor refused. Unknown where the recorder's last incarnation left no account: 0.
+    pub lost: u64,
+}
+
+impl Messages {
+    pub(super) fn of(sent: u64, taken_in: u64, refused: u64, fenced: u64) -> Self {
+        let lost = if taken_in == 0 {
+            0
+        } else {
+            sent.saturating_sub(taken_in + refused + fenced)
+        };
+        Self {
+            sent,
+            taken_in,
+            refused,
+            fenced,
+            lost,
+        }
+    }
+}
+
+/// What the arm did.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Motion {
+    /// Largest torque over its limit.
+    pub torque_max_ratio: f64,
+    /// Largest joint speed over its limit.
+    pub speed_max_ratio: f64,
+    /// Largest change of torque in one tick over the torque's limit.
+    pub torque_step_max_ratio: f64,
+    /// Longest age of a torque in force; ticks.
+    pub stale_ticks: u32,
+}
+
+/// How far the arm left the path of the run without a fault.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Excursion {
+    /// Of a joint, rad.
+    pub excursion_max_rad: f64,
+    /// Of the end-effector, mm.
+    pub excursion_max_mm: f64,
+    /// The most that is allowed of a joint's, rad.
+    pub excursion_allowed_rad: f64,
+    /// The most that is allowed of the end-effector's, mm.
+    pub excursion_allowed_mm: f64,
+    /// From the fault to the first tick of fresh torque after the drives had taken over, or to rest; null where they never had to, ms.
+    pub settled_ms: Option<f64>,
+}
+
+/// One run with faults: a cell of a drill, or a round of a soak.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Cell {
+    /// Name of the scenario.
+    pub scenario: String,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Ticks run.
+    pub ticks: u64,
+    /// Its faults, and the deaths that no plan had.
+    pub faults: Vec<FaultSummary>,
+    /// What the arm did.
+    #[serde(flatten)]
+    pub motion: Motion,
+    /// In lockstep only.
+    #[serde(flatten)]
+    pub excursion: Option<Excursion>,
+    /// `goal`, `rest`, `ended` or `interrupted`.
+    pub end: &'static str,
+    /// The reason of the end.
+    pub reason: String,
+    /// Whether the goal was reached.
+    pub goal_reached: bool,
+    /// The drives follow the controller at the end.
+    pub recovered: bool,
+    /// Restarts.
+    pub restarts: u32,
+    /// Messages compared.
+    pub messages: Messages,
+    /// In lockstep: whether the run of its saved plan gave the same bytes.
+    pub replayed_identically: Option<bool>,
+    /// Guarantees that were broken.
+    pub broken: Vec<Broken>,
+}
+
+/// Where the guarantees that are broken go.
+#[derive(Default)]
+struct Verdict(Vec<Broken>);
+
+impl Verdict {
+    fn unless(&mut self, is_kept: bool, check: &'static str, detail: impl FnOnce() -> String) {
+        if !is_kept {
+            self.0.push(Broken {
+                check,
+                detail: detail(),
+            });
+        }
+    }
+}
+
+/// The largest value so far, and its tick.
+#[derive(Clone, Copy, Default)]
+struct Worst(f64, u64);
+
+impl Worst {
+    fn note(&mut self, value: f64, tick: u64) {
+        if value > self.0 {
+            *self = Self(value, tick);
+        }
+    }
+
+    fn within(self, most: f64, check: &'static str, verdict: &mut Verdict) {
+        let Self(worst, tick) = self;
+        verdict.unless(worst <= most, check, || {
+            format!("{check} {worst:.3} of its limit at tick {tick}, {most:.3} is allowed")
+        });
+    }
+}
+
+/// A fault of a drive excuses a step of its own joint's torque while it lasts, and the speed until shortly after.
+struct DriveFault {
+    joint: usize,
+    from: u64,
+    until: u64,
+}
+
+impl DriveFault {
+    fn of(fault: &Fault) -> Option<Self> {
+        let from = fault.at_tick.unwrap_or_default();
+        (fault.kind == Kind::Drive).then(|| Self {
+            joint: fault.joint.unwrap_or(1).saturating_sub(1) as usize,
+            from,
+            until: fault
+                .for_ticks
+                .map_or(u64::MAX, |ticks| from.saturating_add(ticks)),
+        })
+    }
+
+    fn lasts(&self, tick: u64, longer: u64) -> bool {
+        (self.from..=self.until.saturating_add(longer)).contains(&tick)
+    }
+}
+
+impl Ran {
+    /// The faults that came to pass, as a scenario plans them.
+    pub(super) fn faults(&self) -> impl Iterator<Item = (&FaultSummary, &Fault)> {
+        self.summary
+            .faults
+            .iter()
+            .filter(|fault| fault.occurred)
+            .filter_map(|fault| Some((fault, fault.plan.as_ref()?)))
+    }
+
+    fn drive_faults(&self) -> Vec<DriveFault> {
+        self.faults()
+            .filter_map(|(_, fault)| DriveFault::of(fault))
+            .collect()
+    }
+
+    fn rate_hz(&self) -> f64 {
+        f64::from(self.job.scenario.rate_hz)
+    }
+
+    /// The tick from which on the recorder's volume was full.
+    fn full_at(&self) -> Option<u64> {
+        self.faults()
+            .find(|(_, fault)| fault.kind == Kind::DiskFull)
+            .map(|(fault, _)| fault.tick)
+    }
+
+    fn goal_reached(&self) -> bool {
+        let (goal, task) = (Goal::default(), &self.summary.task);
+        self.summary.completed
+            && task.final_position_mm <= goal.position_mm
+            && task.final_orientation_deg <= goal.orientation_deg
+    }
+}
+
+impl Stage<'_> {
+    /// Judges a run; in lockstep beside the run without a fault, and the one from the plan that it left.
+    pub(super) fn judge(&self, ran: &Ran, lockstep: Option<(&Ran, &Ran)>) -> Result<Cell, Failure> {
+        let mut verdict = Verdict::default();
+        // Where the messages end early and the topics are the fault-free ones, the arm did what it did without a fault.
+        let is_base = |base: &Ran| {
+            !base.summary.topics.is_empty() && ran.summary.topics == base.summary.topics
+        };
+        let truth = lockstep
+            .filter(|(base, _)| is_base(base))
+            .map_or(&ran.truth, |(base, _)| &base.truth);
+        let last = truth.last();
+        let is_at_rest = last.is_some_and(|state| {
+            state.drive == DRIVE_BRAKED || state.qdot.iter().all(|speed| speed.abs() < REST)
+        });
+        let goal_reached = ran.goal_reached();
+        let mut cell = Cell {
+            scenario: ran.job.scenario.name.clone(),
+            seed: ran.job.scenario.seed,
+            ticks: ran.summary.ticks,
+            faults: ran.summary.faults.clone(),
+            motion: self.motion(ran, truth, &mut verdict),
+            end: match &ran.end {
+                End::Interrupted { .. } => "interrupted",
+                End::Completed if goal_reached => "goal",
+                End::Completed if is_at_rest => "rest",
+                _ => "ended",
+            },
+            reason: ran.summary.reason.clone(),
+            goal_reached,
+            recovered: ran.end == End::Completed
+                && last.is_some_and(|state| state.drive == DRIVE_ACTIVE),
+            restarts: ran
+                .summary
+                .processes
+                .iter()
+                .map(|process| process.restarts)
+                .sum(),
+            messages: ran.messages,
+            ..Cell::default()
+        };
+        ends(ran, goal_reached || is_at_rest, last, &mut verdict);
+        lives(ran, &mut verdict);
+        record(ran, &mut verdict);
+        if let Some((base, again)) = lockstep {
+            let excursion = self.excursion(ran, base, truth, &mut verdict)?;
+            let is_same = ran.summary.topics == again.summary.topics
+                && ran.summary.ticks == again.summary.ticks;
+            verdict.unless(is_same, "repeat", || {
+                "the saved plan gives other bytes".to_owned()
+            });
+            (cell.excursion, cell.replayed_identically) = (Some(excursion), Some(is_same));
+            // Nothing of a dead incarnation is taken in: it leaves no trace in any message.
+            let is_zombie = !ran.summary.faults.is_empty()
+                && ran.faults().all(|(_, fault)| fault.kind == Kind::Zombie);
+            let words = || "messages of a dead incarnation have changed the run".to_owned();
+            verdict.unless(!is_zombie || is_base(base), "fence", words);
+            verdict.unless(again.left_behind.is_empty(), "left-behind", || {
+                again.left_behind.join(", ")
+            });
+        }
+        verdict.unless(ran.left_behind.is_empty(), "left-behind", || {
+            ran.left_behind.join(", ")
+        });
+        cell.broken = verdict.0;
+        Ok(cell)
+    }
+
+    /// The arm's motion, and the physical guarantees.
+    fn motion(&self, ran: &Ran, truth: &[PlantState], verdict: &mut Verdict) -> Motion {
+        let scenario = &ran.job.scenario;
+        let (rate_hz, is_lockstep) = (ran.rate_hz(), ran.job.mode == Mode::Lockstep);
+        let (limits, drives) = (recorder::Limits::of(self.robot), ran.drive_faults());
+        let ratio = |value: f64, limit: f64| {
+            if limit.is_finite() {
+                value.abs() / limit
+            } else {
+                0.0
+            }
+        };
+        let (mut torque, mut step, mut speed) = <(Worst, Worst, Worst)>::default();
+        let (mut motion, mut before) = (Motion::default(), None::<&PlantState>);
+        let (mut not_finite, mut unfresh) = (None, None);
+        for state in truth {
+            let tick = state.header.tick;
+            let neighbour = before
+                .replace(state)
+                .filter(|before| before.header.tick + 1 == tick);
+            let excuses_speed = drives
+                .iter()
+                .any(|drive| drive.lasts(tick, (AFTERMATH_S * rate_hz) as u64));
+            for (i, (effort, velocity)) in limits.effort.iter().zip(&limits.velocity).enumerate() {
+                if !(state.tau[i].is_finite()
+                    && state.q[i].is_finite()
+                    && state.qdot[i].is_finite())
+                {
+                    not_finite.get_or_insert(tick);
+                }
+                torque.note(ratio(state.tau[i], *effort), tick);
+                let fast = ratio(state.qdot[i], *velocity);
+                motion.speed_max_ratio = motion.speed_max_ratio.max(fast);
+                speed.note(if excuses_speed { 0.0 } else { fast }, tick);
+                let change =
+                    neighbour.map_or(0.0, |before| ratio(state.tau[i] - before.tau[i], *effort));
+                motion.torque_step_max_ratio = motion.torque_step_max_ratio.max(change);
+                // A tick's torque is reported with the next tick.
+                let excuses_step = drives
+                    .iter()
+                    .any(|drive| drive.joint == i && drive.lasts(tick, 1));
+                step.note(if excuses_step { 0.0 } else { change }, tick);
+            }
+            if state.drive == DRIVE_ACTIVE && state.drive_flags & NOT_FRESH != 0 {
+                unfresh.get_or_insert(tick);
+            }
+        }
+        let in_force = ran
+            .samples
+            .iter()
+            .filter(|sample| matches!(sample.drive, DRIVE_ACTIVE | DRIVE_HOLDING));
+        motion.stale_ticks = in_force
+            .map(|sample| sample.stale_ticks)
+            .max()
+            .unwrap_or_default();
+        motion.torque_max_ratio = torque.0;
+        let of_tick = |tick: Option<u64>| format!("at tick {}", tick.unwrap_or_default());
+        verdict.unless(not_finite.is_none(), "finite", || of_tick(not_finite));
+        verdict.unless(unfresh.is_none(), "fresh", || of_tick(unfresh));
+        torque.within(1.0 + 1e-9, "torque", verdict);
+        step.within(STEP_PER_MS * 1e3 / rate_hz, "step", verdict);
+        speed.within(SPEED[usize::from(!is_lockstep)], "speed", verdict);
+        let stale_ms = 1e3 * f64::from(motion.stale_ticks) / rate_hz;
+        let is_young = motion.stale_ticks <= scenario.plant.hold_ticks
+            && !(is_lockstep && stale_ms > STALE_MS);
+        verdict.unless(is_young, "age", || {
+            format!("a torque was in force for {stale_ms:.0} ms")
+        });
+        motion
+    }
+
+    /// How far the arm left its path; where a drive or a sensor fails, the bound follows from the speeds that it has without a fault.
+    fn excursion(
+        &self,
+        ran: &Ran,
+        base: &Ran,
+        truth: &[PlantState],
+        verdict: &mut Verdict,
+    ) -> Result<Excursion, Failure> {
+        let fastest = |joint: usize| {
+            base.truth
+                .iter()
+                .fold(0.0_f64, |most, state| most.max(state.qdot[joint].abs()))
+        };
+        let speed: [f64; MAX_DOF] = std::array::from_fn(fastest);
+        let [mut joint, mut hand] = ORDINARY;
+        for (_, fault) in ran.faults() {
+            let [rad, mm] = bounds::allowed(self.robot, &self.job.scenario, &speed, fault)
+                .map_err(Failure::input)?;
+            (joint, hand) = (joint.max(rad), hand.max(mm));
+        }
+        let first = ran.faults().map(|(fault, _)| fault.tick).min();
+        let settled_ms = first
+            .and_then(|at| settled(truth, at))
+            .map(|ticks| ticks as f64 * 1e3 / ran.rate_hz());
+        let excursion = Excursion {
+            excursion_max_rad: farthest(&base.truth, truth, joints_apart),
+            excursion_max_mm: 1e3 * farthest(&base.truth, truth, hands_apart),
+            excursion_allowed_rad: joint,
+            excursion_allowed_mm: hand,
+            settled_ms,
+        };
+        let Excursion {
+            excursion_max_rad: rad,
+            excursion_max_mm: mm,
+            ..
+        } = excursion;
+        verdict.unless(rad <= joint, "joint-excursion", || {
+            format!("{rad:.3} rad off the path, {joint:.3} are allowed")
+        });
+        verdict.unless(mm <= hand, "hand-excursion", || {
+            format!("{mm:.0} mm off the path, {hand:.0} are allowed")
+        });
+        let late_ms = settled_ms.unwrap_or_default();
+        verdict.unless(late_ms <= REST_MS, "settled", || {
+            format!("no rest for {late_ms:.0} ms")
+        });
+        Ok(excursion)
+    }
+}
+
+/// A run ends at its goal or at rest, or at the death of the plant or a spent restart budget, with a sentence that names the process.
+fn ends(ran: &Ran, is_well: bool, last: Option<&PlantState>, verdict: &mut Verdict) {
+    let of_plant =
+        |fault: &Fault| fault.process == Program::Plant.name() && fault.kind.takes_down();
+    match &ran.end {
+        End::Interrupted { .. } => {}
+        End::Completed => {
+            let ends_world = ran.faults().any(|(_, fault)| ends_world(fault));
+            verdict.unless(!ends_world, "end", || {
+                "the end of the plant did not end the run".to_owned()
+            });
+            // The record of how it ended goes with the volume; and an arm is where a drive that has just failed carries it.
+            let (tick, after) = (
+                last.map_or(0, |state| state.header.tick),
+                (AFTERMATH_S * ran.rate_hz()) as u64,
+            );
+            let is_carried = ran
+                .drive_faults()
+                .iter()
+                .any(|drive| drive.lasts(tick, after));
+            let is_excused = ran.full_at().is_some() || is_carried;
+            verdict.unless(is_well || is_excused, "end", || {
+                "neither the goal nor rest at the end".to_owned()
+            });
+        }
+        // A busy machine may continue a plant that stands still too late.
+        End::Failed(Mishap::Died {
+            process, restarts, ..
+        }) if *restarts > 0
+            || process == Program::Plant.name()
+                && ran.faults().any(|(_, fault)| of_plant(fault)) => {}
+        End::Failed(mishap) => {
+            let text = mishap.to_string();
+            verdict.unless(false, "end", || {
+                text.lines().next().unwrap_or_default().to_owned()
+            });
+        }
+    }
+}
+
+/// Every death is detected and recovered, and no process ends unrequested.
+fn lives(ran: &Ran, verdict: &mut Verdict) {
+    let ticks = |s: f64| (s * ran.rate_hz()) as u64;
+    let is_corrupted = ran.faults().any(|(_, fault)| fault.kind == Kind::Corrupt);
+    for (seen, fault) in ran.faults() {
+        let FaultSummary {
+            tick,
+            process,
+            detail,
+            ..
+        } = seen;
+        if seen.origin == "detected" {
+            // A process that stands still is killed; one that is led to a number that is not finite stops rather than send it.
+            let explains = |other: &Fault| {
+                let from = other.at_tick.unwrap_or_default();
+                let until = from + other.for_ticks.unwrap_or_default() + ticks(TIME_TO_RETURN_S);
+                other.process == *process
+                    && other.kind == Kind::Hang
+                    && (from..=until).contains(tick)
+            };
+            let is_ours = seen.kind == "exit" && is_corrupted
+                || ran.faults().any(|(_, other)| explains(other));
+            verdict.unless(is_ours, "unrequested-end", || detail.clone());
+        } else if fault.kind.ends_process(fault.way) && process != Program::Plant.name() {
+            let is_due = tick + ticks(TIME_TO_RETURN_S) < ran.summary.ticks;
+            let is_back = seen.detected_ms.is_some() && seen.recovered_ms.is_some();
+            verdict.unless(is_back || !is_due, "death", || {
+                format!("{detail}: not detected, or not started again")
+            });
+        }
+    }
+}
+
+/// Nothing is lost but what a dead recorder could not take in, and everything that was written can be read.
+fn record(ran: &Ran, verdict: &mut Verdict) {
+    let (rate_hz, recorder, full_at) = (ran.rate_hz(), &ran.summary.recorder, ran.full_at());
+    let is_lockstep = ran.job.mode == Mode::Lockstep;
+    let deaths = |name: &str| {
+        let process = ran
+            .summary
+            .processes
+            .iter()
+            .filter(|process| process.name == name);
+        process
+            .map(|process| u64::from(process.restarts))
+            .sum::<u64>()
+    };
+    let ticks = if is_lockstep {
+        0
+    } else {
+        (LOST_PER_DEATH_S * rate_hz).ceil() as u64 * deaths(Program::Recorder.name())
+    };
+    let topics = ran.summary.topics.len() as u64;
+    let lost = if is_lockstep {
+        recorder.lost
+    } else {
+        ran.messages.lost
+    };
+    verdict.unless(lost <= ticks * topics, "lost", || {
+        format!("{lost} messages lost, {} are allowed", ticks * topics)
+    });
+    let has_account = recorder.messages > 0;
+    match full_at {
+        Some(full) => {
+            let is_known = !has_account
+                || !recorder.error.is_empty()
+                || ran.summary.ticks <= full + rate_hz as u64;
+            verdict.unless(is_known, "volume", || {
+                "no message said that the volume was full".to_owned()
+            });
+        }
+        None if has_account => {
+            verdict.unless(recorder.error.is_empty(), "recording", || {
+                recorder.error.clone()
+            });
+            let run = Run {
+                folder: ran.job.out.clone(),
+                parts: Vec::new(),
+            };
+            let damage = run.message_damage(&ran.job, Some(&ran.summary));
+            verdict.unless(damage.is_empty(), "files", || damage.join("; "));
+        }
+        None => {}
+    }
+    if !ran.job.record || !has_account {
+        return;
+    }
+    let (rows, damage) = recorded(ran);
+    verdict.unless(damage.is_empty(), "files", || damage.join("; "));
+    // The chunk in hand goes with the volume, and what has come of the next one when that is detected.
+    let in_hand = (1.5 * viz::Options::default().chunk_s * rate_hz) as u64;
+    let due = full_at.map_or(ran.summary.ticks, |full| {
+        full.saturating_sub(in_hand).min(ran.summary.ticks)
+    });
+    verdict.unless(rows + ticks + 1 >= due, "rows", || {
+        format!("the recording has numbers of {rows} ticks of {due}, {ticks} may be missing")
+    });
+}
+
+/// How many ticks the recording has numbers of, and which files cannot be read.
+fn recorded(ran: &Ran) -> (u64, Vec<String>) {
+    let (mut has, mut damage) = (vec![false; ran.summary.ticks as usize + 1], Vec::new());
+    let read = viz::read(&viz::parts_in(&ran.job.out), |piece| {
+        match piece {
+            viz::Piece::Rows(rows) => rows.ticks.iter().for_each(|tick| {
+                has.get_mut(*tick as usize)
+                    .into_iter()
+                    .for_each(|has| *has = true);
+            }),
+            viz::Piece::Damaged(what) => damage.push(what.to_string()),
+            _ => {}
+        }
+        Ok::<(), viz::ReadError>(())
+    });
+    damage.extend(read.err().map(|error| error.to_string()));
+    (has.iter().filter(|has| **has).count() as u64, damage)
+}
+
+/// Largest difference of a joint; rad.
+fn joints_apart(a: &PlantState, b: &PlantState) -> f64 {
+    (0..MAX_DOF).fold(0.0_f64, |most, i| most.max((a.q[i] - b.q[i]).abs()))
+}
+
+/// Distance of the end-effectors; m.
+fn hands_apart(a: &PlantState, b: &PlantState) -> f64 {
+    (0..3)
+        .map(|i| (a.p_BE[i] - b.p_BE[i]).powi(2))
+        .sum::<f64>()
+        .sqrt()
+}
+
+/// Largest distance from the base's path. Not the time lost on it: each state is compared with those that the base had come to by then, back to the
+/// one that matched last.
+fn farthest(
+    base: &[PlantState],
+    truth: &[PlantState],
+    apart: fn(&PlantState, &PlantState) -> f64,
+) -> f64 {
+    let (mut most, mut from) = (0.0_f64, 0);
+    for state in truth {
+        let to = (state.header.tick as usize).min(base.len().saturating_sub(1));
+        let nearest = (from.min(to)..=to).filter_map(|k| Some((k, apart(state, base.get(k)?))));
+        if let Some((k, distance)) = nearest.min_by(|a, b| a.1.total_cmp(&b.1)) {
+            (most, from) = (most.max(distance), k);
+        }
+    }
+    most
+}
+
+/// Ticks from the fault until the drives follow the controller again, or have braked for good; `None` where they never left it.
+fn settled(truth: &[PlantState], at_tick: u64) -> Option<u64> {
+    let after = || truth.iter().filter(|state| state.header.tick >= at_tick);
+    let last = after()
+        .rfind(|state| state.drive != DRIVE_ACTIVE)?
+        .header
+        .tick;
+    let braked = after()
+        .find(|state| state.drive == DRIVE_BRAKED)
+        .map_or(last, |state| state.header.tick);
+    let is_back = after().any(|state| state.header.tick > last);
+    Some(if is_back { last + 1 } else { braked } - at_tick)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::Robot;
+    use session::load;
+    use shared_types::SensorSample;
+    use shared_types::codes::DRIVE_STOPPING;
+    use shared_types::job::Job;
+    use shared_types::scenario::Scenario;
+    use shared_types::summary::{ProcessSummary, Summary, TopicSummary};
+
+    fn state(tick: u64, q: f64, drive: u32) -> PlantState {
+        let mut state = PlantState {
+            drive,
+            ..PlantState::default()
+        };
+        (state.header.tick, state.q[0]) = (tick, q);
+        state
+    }
+
+    /// The checks that a run of an arm at rest breaks in real time, after `corrupt`.
+    fn judged(corrupt: impl Fn(&mut Ran)) -> Vec<&'static str> {
+        let robot = Robot::builtin("puma560").unwrap();
+        let name = "fig5-wrist-rotation";
+        let scenario = Scenario::parse(name, sim::scenarios::text(name).unwrap(), &[]).unwrap();
+        let job = load::job(
+            &robot,
+            scenario,
+            load::graph(None).unwrap(),
+            Mode::Realtime,
+            "nowhere".into(),
+        );
+        let stage = Stage {
+            job: Job {
+                record: false,
+                messages: false,
+                ..job.clone()
+            },
+            robot: &robot,
+            without: None,
+        };
+        let mut ran = Ran {
+            job: stage.job.clone(),
+            end: End::Completed,
+            summary: Summary {
+                completed: true,
+                ticks: 10_000,
+                ..Summary::default()
+            },
+            messages: Messages::of(50_000, 50_000, 0, 0),
+            truth: (0..100)
+                .map(|tick| state(tick, 0.0, DRIVE_ACTIVE))
+                .collect(),
+            samples: vec![SensorSample::default()],
+            lines: Vec::new(),
+            left_behind: Vec::new(),
+        };
+        ran.summary.recorder.messages = 50_000;
+        ran.summary.topics = (0..5)
+            .map(|topic| (topic.to_string(), TopicSummary::default()))
+            .collect();
+        corrupt(&mut ran);
+        let cell = stage.judge(&ran, None).unwrap();
+        cell.broken.iter().map(|broken| broken.check).collect()
+    }
+
+    fn fault(fault: Fault, at: u64, ticks: u64) -> FaultSummary {
+        let plan = Fault {
+            at_tick: Some(at),
+            for_ticks: Some(ticks),
+            ..fault
+        };
+        FaultSummary {
+            tick: at,
+            process: plan.process.clone(),
+            occurred: true,
+            plan: Some(plan),
+            ..FaultSummary::default()
+        }
+    }
+
+    fn drive(joint: u32, at: u64) -> FaultSummary {
+        fault(
+            Fault {
+                joint: Some(joint),
+                ..Fault::new("plant", Kind::Drive)
+            },
+            at,
+            10,
+        )
+    }
+
+    fn died(process: &str, restarts: u32) -> End {
+        End::Failed(Mishap::Died {
+            process: process.to_owned(),
+            pid: 1,
+            exit: launcher::Exit::Signal(9),
+            tick: 1,
+            restarts,
+            suspect: None,
+            last_words: Vec::new(),
+        })
+    }
+
+    #[test]
+    fn each_guarantee_that_is_broken_is_caught_and_nothing_else() {
+        type Corrupt<'a> = &'a dyn Fn(&mut Ran);
+        let death = |process: &str, at: u64| fault(Fault::new(process, Kind::Kill), at, 100);
+        let unasked = |kind: &str| FaultSummary {
+            kind: kind.to_owned(),
+            origin: "detected".to_owned(),
+            ..death("analyzer", 50)
+        };
+        let cases: [(&[&str], Corrupt<'_>); 33] = [
+            (&[], &|_| ()),
+            (&["finite"], &|ran| ran.truth[50].qdot[3] = f64::NAN),
+            (&["torque", "step"], &|ran| ran.truth[50].tau[0] = -200.0),
+            (&["step"], &|ran| ran.truth[50].tau[5] = 20.0),
+            (&[], &|ran| {
+                (ran.truth[50].tau[5], ran.summary.faults) = (20.0, vec![drive(6, 45)])
+            }),
+            (&["step"], &|ran| {
+                (ran.truth[50].tau[5], ran.summary.faults) = (20.0, vec![drive(5, 45)])
+            }),
+            (&["step"], &|ran| {
+                (ran.truth[50].tau[5], ran.summary.faults) = (20.0, vec![drive(6, 10)])
+            }),
+            (&["speed"], &|ran| ran.truth[50].qdot[1] = 50.0),
+            (&[], &|ran| {
+                (ran.truth[50].qdot[1], ran.summary.faults) = (50.0, vec![drive(6, 10)])
+            }),
+            (&["speed"], &|ran| {
+                (ran.truth[50].qdot[1], ran.summary.faults) = (50.0, vec![drive(6, 60)])
+            }),
+            (&["age"], &|ran| {
+                (ran.samples[0].drive, ran.samples[0].stale_ticks) = (DRIVE_HOLDING, 4)
+            }),
+            (&[], &|ran| {
+                (ran.samples[0].drive, ran.samples[0].stale_ticks) = (DRIVE_STOPPING, 400)
+            }),
+            (&["fresh"], &|ran| ran.truth[50].drive_flags = DRIVE_ABSENT),
+            (&[], &|ran| {
+                (ran.truth[50].drive, ran.truth[50].drive_flags) = (DRIVE_STOPPING, DRIVE_ABSENT)
+            }),
+            (&["end"], &|ran| {
+                (ran.truth[99].qdot[0], ran.summary.task.final_position_mm) = (0.1, 9.0)
+            }),
+            (&[], &|ran| ran.summary.task.final_position_mm = 9.0),
+            (&["end"], &|ran| ran.end = died("plant", 0)),
+            (&["end"], &|ran| {
+                (ran.end, ran.summary.faults) = (died("plant", 0), vec![death("controller", 9_000)])
+            }),
+            (&[], &|ran| {
+                (ran.end, ran.summary.faults) = (died("plant", 0), vec![death("plant", 9_000)])
+            }),
+            (&["end"], &|ran| {
+                ran.summary.faults = vec![death("plant", 50)]
+            }),
+            (&[], &|ran| ran.end = died("controller", 5)),
+            (&["death"], &|ran| {
+                ran.summary.faults = vec![death("controller", 50)]
+            }),
+            (&[], &|ran| {
+                ran.summary.faults = vec![death("controller", 9_000)]
+            }),
+            (&["unrequested-end"], &|ran| {
+                ran.summary.faults = vec![unasked("exit")]
+            }),
+            (&[], &|ran| {
+                ran.summary.faults = vec![
+                    unasked("exit"),
+                    fault(Fault::new("plant", Kind::Corrupt), 1, 1),
+                ]
+            }),
+            (&[], &|ran| {
+                ran.summary.faults = vec![
+                    unasked("kill"),
+                    fault(Fault::new("analyzer", Kind::Hang), 40, 5),
+                ]
+            }),
+            (&["lost"], &|ran| ran.messages.lost = 1),
+            (&["lost"], &|ran| {
+                (ran.messages.lost, ran.summary.processes) = (501, recorder_died())
+            }),
+            (&[], &|ran| {
+                (ran.messages.lost, ran.summary.processes) = (500, recorder_died())
+            }),
+            (&["recording"], &|ran| {
+                ran.summary.recorder.error = "full".to_owned()
+            }),
+            (&["volume"], &|ran| {
+                ran.summary.faults = vec![fault(Fault::new("recorder", Kind::DiskFull), 50, 1)]
+            }),
+            (&[], &|ran| {
+                ran.summary.faults = vec![fault(Fault::new("recorder", Kind::DiskFull), 50, 1)];
+                ran.summary.recorder.error = "full".to_owned();
+            }),
+            (&["left-behind"], &|ran| {
+                ran.left_behind.push("armplane-0".to_owned())
+            }),
+        ];
+        for (place, (expected, corrupt)) in cases.iter().enumerate() {
+            assert_eq!(judged(corrupt), *expected, "case {place}");
+        }
+    }
+
+    fn recorder_died() -> Vec<ProcessSummary> {
+        vec![ProcessSummary {
+            name: "recorder".to_owned(),
+            restarts: 1,
+            ..ProcessSummary::default()
+        }]
+    }
+
+    #[test]
+    fn time_lost_is_no_excursion_and_a_detour_is() {
+        let at = |k: u64, q: u64| state(k, q as f64, DRIVE_ACTIVE);
+        let base: Vec<_> = (0..100).map(|k| at(k, k)).collect();
+        // Ten ticks late from tick 50 on.
+        let late: Vec<_> = (0..110)
+            .map(|k| at(k, if k < 50 { k } else { (k - 10).max(50) }))
+            .collect();
+        assert_eq!(farthest(&base, &late, joints_apart), 0.0);
+        let mut detour = base.clone();
+        detour[99].q[0] = 102.5;
+        assert_eq!(farthest(&base, &detour, joints_apart), 3.5);
+    }
+
+    #[test]
+    fn it_is_settled_when_the_drives_follow_again_or_brake() {
+        let (active, holding, braked) = (DRIVE_ACTIVE, DRIVE_HOLDING, DRIVE_BRAKED);
+        for (drives, at, expected) in [
+            ([active; 4], 2, None),
+            ([active, holding, holding, active], 1, Some(2)),
+            ([active, holding, braked, braked], 1, Some(1)),
+        ] {
+            let truth: Vec<_> = (0..)
+                .zip(drives)
+                .map(|(k, drive)| state(k, 0.0, drive))
+                .collect();
+            assert_eq!(settled(&truth, at), expected);
+        }
+    }
+}

@@ -1,0 +1,166 @@
+//! A run in its processes, of which faults are requested before its first tick, as `armplane fault` would; and what is seen of it.
+
+use std::cell::OnceCell;
+
+use launcher::{End, Event};
+use message_log::LogReader;
+use model::Robot;
+use runtime::{ControlPage, MOST_WHEN_REQUESTED, RunDir, Stop, random};
+use session::Failure;
+use shared_types::fault::Fault;
+use shared_types::job::Job;
+use shared_types::process::Program;
+use shared_types::scenario::Scenario;
+use shared_types::summary::Summary;
+use shared_types::{Message, PlantState, SensorSample};
+
+use super::judge::Messages;
+use super::without::Without;
+
+/// What all runs of an experiment share. Their files are in the job's folder, each run's in the place of the last one's.
+pub(super) struct Stage<'a> {
+    pub(super) job: Job,
+    pub(super) robot: &'a Robot,
+    pub(super) without: Option<Without>,
+}
+
+/// All that is seen of a run.
+pub(super) struct Ran {
+    pub(super) job: Job,
+    pub(super) end: End,
+    pub(super) summary: Summary,
+    pub(super) messages: Messages,
+    pub(super) truth: Vec<PlantState>,
+    pub(super) samples: Vec<SensorSample>,
+    /// Lines of the processes, and what the launcher did.
+    pub(super) lines: Vec<String>,
+    pub(super) left_behind: Vec<String>,
+}
+
+impl Stage<'_> {
+    /// Runs a scenario; after so many ticks the run is stopped.
+    pub(super) fn run(
+        &self,
+        scenario: Scenario,
+        live: &[Fault],
+        records: bool,
+        most_ticks: u64,
+        progress: &dyn Fn(u64),
+    ) -> Result<Ran, Failure> {
+        let job = Job {
+            scenario,
+            record: records,
+            ..self.job.clone()
+        };
+        // Files of an earlier run must not be taken for this one's.
+        let _ = std::fs::remove_dir_all(&job.out);
+        std::fs::create_dir_all(&job.out).map_err(Failure::cannot("make", &job.out))?;
+        let mut plan = session::plan(&job)?;
+        self.without
+            .iter()
+            .for_each(|without| without.leave_out_of(&mut plan));
+        let (page, mut name, mut lines) = (OnceCell::new(), String::new(), Vec::new());
+        let mut begin = |run: &RunDir| {
+            run.name().clone_into(&mut name);
+            let opened = ControlPage::open(run).map_err(Failure::work)?;
+            request(page.get_or_init(|| opened), &job, live)
+        };
+        let launched = session::launch_watched(&job, plan, &mut begin, &mut |event| match event {
+            Event::Progress { ticks } => {
+                progress(*ticks);
+                page.get()
+                    .filter(|_| *ticks > most_ticks)
+                    .into_iter()
+                    .for_each(|page| page.request_stop(Stop::Chain));
+            }
+            Event::Go | Event::Stopping | Event::Stopped => {}
+            Event::Line { process, line } => lines.push(format!("{process}: {line}")),
+            other => lines.push(format!("{other:?}")),
+        });
+        let (outcome, account) = launched?;
+        let summary = session::summarise(&job, &outcome, account);
+        let recorder = outcome
+            .processes
+            .iter()
+            .find(|one| one.name == Program::Recorder.name());
+        let counts = recorder.map(|one| one.counts).unwrap_or_default();
+        let sent = outcome
+            .processes
+            .iter()
+            .map(|process| process.counts.sent)
+            .sum();
+        let messages = Messages::of(
+            sent,
+            summary.recorder.messages,
+            counts.refused,
+            counts.fenced,
+        );
+        Ok(Ran {
+            truth: messages_of(&job),
+            samples: messages_of(&job),
+            left_behind: left_over(&name),
+            end: outcome.end,
+            job,
+            summary,
+            messages,
+            lines,
+        })
+    }
+}
+
+fn request(page: &ControlPage, job: &Job, live: &[Fault]) -> Result<(), Failure> {
+    for (number, fault) in live.iter().enumerate() {
+        let target = job.graph.target(&fault.process);
+        let target = target.ok_or_else(|| {
+            Failure::Input(format!("the graph has no process `{}`", fault.process))
+        })?;
+        let scheduled = fault.schedule(
+            &target,
+            job.scenario.rate_hz,
+            random(job.scenario.seed, number as u64),
+        );
+        let scheduled = scheduled.map_err(Failure::input)?;
+        if page.fault_table().request(&scheduled).is_none() {
+            return Err(Failure::Work(format!(
+                "a run has room for {MOST_WHEN_REQUESTED} faults"
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// All messages of a topic that a run kept; a full volume ends them early, and they are whole up to there.
+fn messages_of<M: Message>(job: &Job) -> Vec<M> {
+    let log = LogReader::<M>::open(&job.out.join(recorder::MESSAGES)).ok();
+    log.map(|mut log| std::iter::from_fn(|| log.next_message().ok().flatten()).collect())
+        .unwrap_or_default()
+}
+
+/// Leftovers of a run: files in shared memory or among the temporary ones, children, living or not.
+fn left_over(run: &str) -> Vec<String> {
+    let mut left = Vec::new();
+    for folder in [runtime::SHM.into(), std::env::temp_dir()] {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        let own = entries.filter(|entry| entry.file_name().to_string_lossy().contains(run));
+        left.extend(own.map(|entry| entry.path().display().to_string()));
+    }
+    let processes = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+    let pids = processes.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
+    let ours = pids.filter(|pid| crate::signals::parent(*pid) == Some(std::process::id()));
+    left.extend(ours.map(|pid| format!("process {pid}")));
+    left
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_child_that_nobody_waited_for_is_left_over() {
+        let mut child = std::process::Command::new("true").spawn().unwrap();
+        let name = format!("process {}", child.id());
+        assert!(left_over("no-such-run").contains(&name));
+        child.wait().unwrap();
+        assert!(!left_over("no-such-run").contains(&name));
+    }
+}

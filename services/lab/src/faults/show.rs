@@ -1,0 +1,327 @@
+//! The cells of a drill or a soak as JSON, as tables, and as two heat maps.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::Path;
+
+use serde::Serialize;
+use session::Failure;
+use session::table::{number, table};
+use shared_types::summary::FaultSummary;
+use viz::plot::{Axis, BLUE, Color, Page, Panel, RED, Row, digits};
+
+use super::judge::Cell;
+use crate::quantile::quantile;
+
+/// All cells.
+#[derive(Serialize)]
+pub struct Drilled {
+    /// Whether no cell broke a guarantee.
+    pub passed: bool,
+    /// The signal that ended it before its time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub interrupted: Option<&'static str>,
+    /// By kind of fault.
+    pub kinds: Vec<Kind>,
+    /// In the order in which they were tried.
+    pub cells: Vec<Cell>,
+}
+
+/// All faults of one kind.
+#[derive(Serialize)]
+pub struct Kind {
+    /// Kind and way.
+    pub kind: String,
+    /// How often it came to pass.
+    pub times: usize,
+    /// Median and largest time to detection, ms.
+    pub detected_ms: Option<[f64; 2]>,
+    /// Median and largest time until a process that was down worked again, ms.
+    pub recovered_ms: Option<[f64; 2]>,
+}
+
+impl Drilled {
+    /// Adds the cells up, and saves them with their picture.
+    pub(super) fn new(
+        cells: Vec<Cell>,
+        interrupted: Option<&'static str>,
+        out: Option<&Path>,
+    ) -> Result<Self, Failure> {
+        let mut by_kind = BTreeMap::<String, Vec<&FaultSummary>>::new();
+        for fault in cells
+            .iter()
+            .flat_map(|cell| &cell.faults)
+            .filter(|fault| fault.occurred)
+        {
+            by_kind.entry(kind(fault)).or_default().push(fault);
+        }
+        let times = |faults: &[&FaultSummary], of: fn(&FaultSummary) -> Option<f64>| {
+            let times: Vec<f64> = faults.iter().filter_map(|fault| of(fault)).collect();
+            (!times.is_empty())
+                .then(|| [0.5, 1.0].map(|share| quantile(times.iter().copied(), share)))
+        };
+        let kinds = by_kind.into_iter().map(|(kind, faults)| Kind {
+            kind,
+            times: faults.len(),
+            detected_ms: times(&faults, |fault| fault.detected_ms),
+            recovered_ms: times(&faults, |fault| fault.recovered_ms),
+        });
+        let passed = cells.iter().all(|cell| cell.broken.is_empty());
+        let drilled = Self {
+            passed,
+            interrupted,
+            kinds: kinds.collect(),
+            cells,
+        };
+        if let Some(out) = out {
+            let path = out.join("drill.json");
+            let text = serde_json::to_vec_pretty(&drilled).map_err(Failure::work)?;
+            std::fs::write(&path, text).map_err(Failure::cannot("write", &path))?;
+            picture(&drilled.cells)
+                .save(&out.join("drill"))
+                .map_err(Failure::work)?;
+        }
+        Ok(drilled)
+    }
+}
+
+/// A fault's kind with its way.
+fn kind(fault: &FaultSummary) -> String {
+    match fault.plan.as_ref().filter(|_| fault.origin != "detected") {
+        Some(plan) => plan
+            .way
+            .map_or(plan.kind.to_string(), |way| format!("{} {way}", plan.kind)),
+        None => format!("{} (unplanned)", fault.kind),
+    }
+}
+
+/// The processes and faults of a cell: one or two, or how many.
+fn names(cell: &Cell) -> [String; 2] {
+    if cell.faults.len() > 2 {
+        return [String::from("all"), format!("{} faults", cell.faults.len())];
+    }
+    let joined = |of: &dyn Fn(&FaultSummary) -> String| {
+        cell.faults.iter().map(of).collect::<Vec<_>>().join(" + ")
+    };
+    [joined(&|fault| fault.process.clone()), joined(&kind)]
+}
+
+impl fmt::Display for Drilled {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let optional = |value: Option<f64>| number(value.map_or(String::from("–"), digits));
+        let percent = |ratio: f64| number(format!("{:.1} %", ratio * 100.0));
+        let is_soak = self.cells.iter().all(|cell| cell.excursion.is_none());
+        let mut rows = table(&[
+            "process", "fault", "detected", "stale", "torque", "step", "speed", "mrad", "mm",
+            "settled", "end",
+        ]);
+        for cell in &self.cells {
+            let ([process, fault], motion) = (names(cell), &cell.motion);
+            let excursion = cell.excursion.clone().unwrap_or_default();
+            let detected = cell
+                .faults
+                .iter()
+                .filter_map(|fault| fault.detected_ms)
+                .reduce(f64::max);
+            rows.add_row([
+                process.into(),
+                fault.into(),
+                optional(detected),
+                number(motion.stale_ticks),
+                percent(motion.torque_max_ratio),
+                percent(motion.torque_step_max_ratio),
+                percent(motion.speed_max_ratio),
+                number(digits(1e3 * excursion.excursion_max_rad)),
+                number(digits(excursion.excursion_max_mm)),
+                optional(excursion.settled_ms),
+                cell.end.into(),
+            ]);
+        }
+        writeln!(
+            f,
+            "{rows}\ndetected, settled: after so many ms; stale: age of a torque in force, in ticks; torque, step, speed: largest share of a limit;\n\
+             mrad, mm: off the path, joints and end-effector, in lockstep; --json has more"
+        )?;
+        if is_soak {
+            let mut rows = table(&[
+                "fault",
+                "times",
+                "detected, ms",
+                "at most",
+                "recovered, ms",
+                "at most",
+            ]);
+            for kind in &self.kinds {
+                let pair = |times: Option<[f64; 2]>| {
+                    [0, 1].map(|place| optional(times.map(|times| times[place])))
+                };
+                let times = pair(kind.detected_ms)
+                    .into_iter()
+                    .chain(pair(kind.recovered_ms));
+                rows.add_row(
+                    [kind.kind.as_str().into(), number(kind.times)]
+                        .into_iter()
+                        .chain(times),
+                );
+            }
+            let sum = |of: fn(&Cell) -> u64| self.cells.iter().map(of).sum::<u64>();
+            writeln!(
+                f,
+                "{rows}\n{} faults, {} restarts; {} messages sent, {} refused as not finite, {} of dead incarnations, {} lost",
+                sum(|cell| cell.faults.len() as u64),
+                sum(|cell| u64::from(cell.restarts)),
+                sum(|cell| cell.messages.sent),
+                sum(|cell| cell.messages.refused),
+                sum(|cell| cell.messages.fenced),
+                sum(|cell| cell.messages.lost)
+            )?;
+        }
+        for (place, cell) in (1..).zip(&self.cells) {
+            for broken in &cell.broken {
+                let [process, fault] = names(cell);
+                writeln!(
+                    f,
+                    "BROKEN {place}, {process}, {fault}: {}: {}",
+                    broken.check, broken.detail
+                )?;
+            }
+        }
+        let count = |is: &dyn Fn(&Cell) -> bool| self.cells.iter().filter(|cell| is(cell)).count();
+        let goal = count(&|cell| cell.goal_reached);
+        writeln!(
+            f,
+            "{} runs with faults: {goal} reached the goal, {} came to rest or ended, {} broke a guarantee",
+            self.cells.len(),
+            self.cells.len() - goal,
+            count(&|cell| !cell.broken.is_empty())
+        )
+    }
+}
+
+/// Colour of a fault that cannot happen to a process, or has not.
+const NONE: Color = Color {
+    0: 222,
+    1: 224,
+    2: 229,
+    3: 1.0,
+};
+
+/// White to blue by the size of a value on a logarithmic scale; red where a guarantee is broken.
+fn shade(value: f64, [least, most]: [f64; 2], is_broken: bool) -> Color {
+    if is_broken {
+        return RED;
+    }
+    let share = ((value.max(1e-12) / least).ln() / (most / least).ln()).clamp(0.0, 1.0);
+    let mix = |c: u8| (248.0 + (f64::from(c) - 248.0) * share) as u8;
+    Color {
+        0: mix(BLUE.0),
+        1: mix(BLUE.1),
+        2: mix(BLUE.2),
+        3: 1.0,
+    }
+}
+
+/// One kind of fault on one process: how far the arm left its path, the longest times to detection and to recovery, and whether a guarantee broke.
+#[derive(Clone, Copy, Default)]
+struct Spot([Option<f64>; 3], bool);
+
+/// Two maps, faults downwards and processes to the right: how far the arm left its path or when the process was back, and when the fault was detected.
+fn picture(cells: &[Cell]) -> Page {
+    let (mut processes, mut faults) = (Vec::<String>::new(), Vec::<String>::new());
+    let mut spots = BTreeMap::<(usize, usize), Spot>::new();
+    let place = |names: &mut Vec<String>, name: String| {
+        names
+            .iter()
+            .position(|one| *one == name)
+            .unwrap_or_else(|| {
+                names.push(name);
+                names.len() - 1
+            })
+    };
+    for cell in cells
+        .iter()
+        .filter(|cell| cell.excursion.is_none() || cell.faults.len() == 1)
+    {
+        for fault in cell.faults.iter().filter(|fault| fault.occurred) {
+            let at = (
+                place(&mut processes, fault.process.clone()),
+                place(&mut faults, kind(fault)),
+            );
+            let Spot(values, is_broken) = spots.entry(at).or_default();
+            let off = cell
+                .excursion
+                .as_ref()
+                .map(|excursion| 1e3 * excursion.excursion_max_rad);
+            for (most, value) in values
+                .iter_mut()
+                .zip([off, fault.detected_ms, fault.recovered_ms])
+            {
+                if value > *most {
+                    *most = value;
+                }
+            }
+            *is_broken |= cell.excursion.is_some() && !cell.broken.is_empty();
+        }
+    }
+    let map = |title: &str, which: usize, range: [f64; 2]| {
+        let mut panel = Panel::new(
+            title,
+            Axis::names(processes.clone()),
+            Axis::names(faults.clone()),
+        );
+        for (column, row) in
+            (0..processes.len()).flat_map(|column| (0..faults.len()).map(move |row| (column, row)))
+        {
+            let (color, text) = match spots.get(&(column, row)) {
+                Some(Spot(values, is_broken)) => {
+                    let value = values[which];
+                    (
+                        shade(value.unwrap_or(0.0), range, *is_broken),
+                        value.map_or("–".to_owned(), digits),
+                    )
+                }
+                None => (NONE, "n/a".to_owned()),
+            };
+            panel.cell(column, row, color, text);
+        }
+        panel
+    };
+    let first = if cells.iter().any(|cell| cell.excursion.is_some()) {
+        map(
+            "largest distance from the fault-free path, mrad",
+            0,
+            [0.01, 100.0],
+        )
+    } else {
+        map(
+            "longest time until the process was back, ms",
+            2,
+            [0.01, 1000.0],
+        )
+    };
+    let detected = map(
+        "longest time until the fault is detected, ms",
+        1,
+        [0.01, 1000.0],
+    );
+    let broken = cells.iter().filter(|cell| !cell.broken.is_empty()).count();
+    let scenario = cells
+        .first()
+        .map(|cell| cell.scenario.as_str())
+        .unwrap_or_default();
+    Page {
+        title: "Effect of each fault".to_owned(),
+        subtitle: format!(
+            "{scenario}: {} runs, {broken} with a broken guarantee (red)",
+            cells.len()
+        ),
+        rows: vec![Row::of(
+            80.0 + 19.0 * faults.len() as f64,
+            [first, detected],
+        )],
+        notes: vec![
+            "n/a: this fault did not happen to this process. –: nothing of the kind.".to_owned(),
+        ],
+        width: 1100.0,
+    }
+}

@@ -1,0 +1,150 @@
+//! `armplane drill --soak`: rounds of the whole graph in real time, each with faults at random.
+
+use std::path::Path;
+
+use launcher::End;
+use model::Robot;
+use runtime::random;
+use session::{Failure, Observer, Progress, load};
+use shared_types::job::Mode;
+use shared_types::scenario::{Scenario, Segment, Turn};
+
+use super::judge::Cell;
+use super::plan::Deck;
+use super::run::Stage;
+use super::show::Drilled;
+use crate::folder::Folder;
+
+/// How long a round is planned; s. The budget of restarts and the fault table are a run's.
+const ROUND_S: f64 = 60.0;
+
+/// A shorter rest is not worth another round; s.
+const SHORTEST_S: f64 = 10.0;
+
+/// A round may take so many times as long as planned, and so many seconds more: whoever is stopped again and again is late at the goal.
+const LONGEST: (f64, f64) = (1.5, 10.0);
+
+/// Runs rounds until so many seconds of the arm's time are over; what is broken stays in `out`, or in a temporary folder that is named.
+///
+/// # Errors
+/// [`Failure`] where a round cannot be run, or a file cannot be written.
+pub fn soak(
+    robot: &Robot,
+    scenario: &Scenario,
+    seconds: u64,
+    seed: Option<u64>,
+    out: Option<&Path>,
+    observer: Observer<'_>,
+) -> Result<Drilled, Failure> {
+    let mut signals = session::interrupts()?;
+    let mut folder = Some(Folder::create(out)?);
+    let path = folder
+        .as_ref()
+        .map(|folder| folder.path().to_owned())
+        .unwrap_or_default();
+    let seed = seed.unwrap_or_else(|| runtime::now_ns() % 1_000_000);
+    let (rate_hz, graph) = (f64::from(scenario.rate_hz), load::graph(None)?);
+    let mut deck = Deck::new(robot, graph.clone(), scenario.rate_hz, seed);
+    observer(Progress::Begin {
+        title: "round 1",
+        length: (seconds as f64 * rate_hz) as u64,
+        unit: "ticks",
+    });
+    let (mut cells, mut done, mut interrupted) = (Vec::<Cell>::new(), 0, None);
+    while interrupted.is_none() {
+        // A round that ends early leaves time for another.
+        let left_s = seconds as f64 - done as f64 / rate_hz;
+        if !cells.is_empty() && left_s < SHORTEST_S {
+            break;
+        }
+        let number = cells.len() + 1;
+        let broken = cells.iter().filter(|cell| !cell.broken.is_empty()).count();
+        observer(Progress::Title(&format!("round {number}, {broken} broken")));
+        let mut scenario = prolonged(scenario, left_s.min(ROUND_S));
+        scenario.seed = random(seed, number as u64) % 1_000_000_000;
+        let (planned_s, out) = (
+            scenario.duration_s(),
+            path.join(format!("round-{number:03}")),
+        );
+        let most_ticks = ((LONGEST.0 * planned_s + LONGEST.1) * rate_hz) as u64;
+        let job = load::job(
+            robot,
+            scenario.clone(),
+            graph.clone(),
+            Mode::Realtime,
+            out.clone(),
+        );
+        let stage = Stage {
+            job,
+            robot,
+            without: None,
+        };
+        let progress = |ticks: u64| observer(Progress::Position(done + ticks));
+        let ran = stage.run(
+            scenario,
+            &deck.round(planned_s),
+            true,
+            most_ticks,
+            &progress,
+        );
+        interrupted = signals.pending();
+        let ran = match ran {
+            Ok(ran) => ran,
+            Err(_) if interrupted.is_some() => break,
+            Err(failure) => return Err(failure),
+        };
+        session::keep(&out, &ran.job, &ran.summary)?;
+        let cell = stage.judge(&ran, None)?;
+        for broken in &cell.broken {
+            let (check, detail) = (broken.check, &broken.detail);
+            observer(Progress::Line(&format!(
+                "round {number}: {check}: {detail} ({})",
+                out.display()
+            )));
+        }
+        if cell.broken.is_empty() {
+            // Nothing to be looked at: a hundred megabytes a minute.
+            let _ = std::fs::remove_dir_all(&out);
+        } else {
+            let _ = std::fs::write(out.join("stderr.txt"), ran.lines.join("\n"));
+        }
+        done += ran.summary.ticks;
+        if let End::Interrupted { signal } = ran.end {
+            interrupted.get_or_insert(signal);
+        }
+        cells.push(cell);
+    }
+    observer(Progress::End);
+    if cells.iter().any(|cell| !cell.broken.is_empty()) {
+        let kept = folder.take().map(Folder::keep).unwrap_or_default();
+        observer(Progress::Line(&format!(
+            "{}/round-NNN/scenario.toml holds the faults of each broken round",
+            kept.display()
+        )));
+    }
+    Drilled::new(cells, interrupted, out)
+}
+
+/// A scenario's motion without its faults, there and back again until the time is over.
+fn prolonged(scenario: &Scenario, seconds: f64) -> Scenario {
+    let mut scenario = Scenario {
+        fault: Vec::new(),
+        ..scenario.clone()
+    };
+    let back = |segment: &Segment| {
+        let turn = segment.turn.clone().map(|turn| Turn {
+            by_deg: -turn.by_deg,
+            ..turn
+        });
+        Segment {
+            turn,
+            ..segment.clone()
+        }
+    };
+    while scenario.duration_s() < seconds
+        && let Some(last) = scenario.segment.last()
+    {
+        scenario.segment.push(back(last));
+    }
+    scenario
+}
