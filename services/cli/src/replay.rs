@@ -4,10 +4,9 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use lab::conformance::{ReplayedText, replay};
 use session::Failure;
 
-use crate::out::answer;
+use crate::out::{answer, passed};
 use crate::progress::observe;
 
 #[derive(Args)]
@@ -24,16 +23,8 @@ pub(crate) struct ReplayArgs {
 }
 
 pub(crate) fn replay(args: &ReplayArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let (job, replayed) = replay::replay(&args.run, args.process.as_deref(), &args.set, &observe)?;
-    answer(
-        as_json,
-        &replayed.json(&job, &args.set),
-        &ReplayedText {
-            job: &job,
-            replayed: &replayed,
-        },
-    );
-    Ok(ExitCode::from(u8::from(
-        replayed.first().is_some() || !replayed.is_complete(),
-    )))
+    let replayed =
+        lab::conformance::replay(&args.run, args.process.as_deref(), &args.set, &observe)?;
+    answer(as_json, &replayed.json(&args.set), &replayed);
+    passed(replayed.passed())
 }

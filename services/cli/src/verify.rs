@@ -4,15 +4,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use lab::conformance::VerifiedText;
-use lab::conformance::kills::{self, Killed};
-use lab::conformance::verify::{Place, Request};
-use message_log::Difference;
+use lab::conformance::{Request, verify_kills};
 use serde_json::json;
 use session::{Failure, load};
-use shared_types::scenario::Scenario;
 
-use crate::out::{answer, passed, say};
+use crate::out::{answer, passed};
 use crate::progress::observe;
 
 #[derive(Args)]
@@ -51,16 +47,9 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
         graph,
     } = load::scenario_in(args.graph.as_deref(), &args.scenario, &args.set, args.seed)?;
     if let Some(histories) = args.kills {
-        let request = kills::Request {
-            scenario: &scenario,
-            robot: &robot,
-            graph: &graph,
-            histories,
-            seed: scenario.seed,
-            out: args.out.as_deref(),
-        };
-        let killed = kills::verify_kills(&request, &observe)?;
-        print_killed(&scenario, &killed, as_json);
+        let out = args.out.as_deref();
+        let killed = verify_kills(&robot, &scenario, &graph, histories, out, &observe)?;
+        answer(as_json, &json!(killed), &killed);
         return passed(killed.unrepeated.is_empty());
     }
     let request = Request {
@@ -72,70 +61,7 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
         out: args.out.as_deref(),
         unordered: args.unordered,
     };
-    let verified = lab::conformance::verify::verify(&request, &observe)?;
-    answer(
-        as_json,
-        &verified.json(&scenario),
-        &VerifiedText {
-            scenario: &scenario,
-            verified: &verified,
-        },
-    );
-    passed(verified.is_identical)
-}
-
-fn print_killed(scenario: &Scenario, killed: &Killed, as_json: bool) {
-    let Killed {
-        histories,
-        deaths,
-        within_tick,
-        at_start,
-        unrepeated,
-        folder,
-    } = killed;
-    if as_json {
-        let one = |run: &kills::Unrepeated| {
-            let place = run.place.as_ref().map(|place| json!({"tick": place.tick, "topic": place.topic, "field": place.difference.field}));
-            json!({"run": run.number, "reason": run.reason, "deaths": run.deaths, "difference": place})
-        };
-        let whole = json!({
-            "scenario": scenario.name, "seed": scenario.seed, "histories": histories, "deaths": deaths, "within_tick": within_tick,
-            "at_start": at_start, "unrepeated": unrepeated.iter().map(one).collect::<Vec<_>>(), "folder": folder,
-        });
-        say!("{whole}");
-        return;
-    }
-    for kills::Unrepeated { number, place, .. } in unrepeated {
-        if let Some(Place {
-            tick,
-            topic,
-            difference:
-                Difference {
-                    field,
-                    expected,
-                    found,
-                },
-            ..
-        }) = place
-        {
-            say!(
-                "run {number} and its repetition first differ at tick {tick}, topic {topic}, field {field}: {found} instead of {expected}"
-            );
-        }
-    }
-    if let Some(folder) = folder {
-        say!(
-            "the runs that were not repeated are in {}",
-            folder.display()
-        );
-    }
-    let deaths = format!(
-        "{deaths} deaths, {within_tick} between two messages of a tick, {at_start} of replacements that had not answered"
-    );
-    let repeated = *histories as usize - unrepeated.len();
-    say!(
-        "{}, seed {}: {repeated} of {histories} runs repeated byte for byte ({deaths})",
-        scenario.name,
-        scenario.seed
-    );
+    let verified = lab::conformance::verify(&request, &observe)?;
+    answer(as_json, &json!(verified), &verified);
+    passed(verified.identical)
 }

@@ -12,7 +12,6 @@ pub mod faults;
 pub mod studies;
 pub mod sweeps;
 
-mod cpu_load;
 mod folder;
 mod pool;
 mod quantile;

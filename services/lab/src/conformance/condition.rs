@@ -3,10 +3,21 @@
 use std::time::Duration;
 
 use launcher::Plan;
-use runtime::{Disturbance, random, realtime};
+use runtime::{ControlPage, Disturbance, State, random, realtime};
+use rustix::process::{Signal, pidfd_send_signal};
+
+use crate::signals::{Background, Over, child};
 
 /// Longest delay of a process at its start.
 const LONGEST_DELAY_MS: u64 = 300;
+
+/// The shortest stop and the longest one, and the longest time between two stops; ms.
+const STOP_MS: [u64; 2] = [50, 500];
+const BETWEEN_MS: u64 = 60;
+
+/// The fewest ticks between two stops. On a busy machine the time between two stops alone is not enough for a single tick, and the run would last for
+/// minutes.
+const BETWEEN_TICKS: u64 = 100;
 
 /// Where the processes run.
 #[derive(Clone, Copy)]
@@ -21,76 +32,42 @@ pub(super) enum Placement {
     Free,
 }
 
+/// What disturbs the processes.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Trouble {
+    Nice,
+    LateStarts,
+    Pauses,
+    /// SIGSTOP for 50 to 500 ms, one process after the other.
+    Stops,
+    BusyCores,
+}
+use Trouble::{BusyCores, LateStarts, Nice, Pauses, Stops};
+
 /// The circumstances of one run.
 #[derive(Clone, Copy)]
 pub(super) struct Condition {
-    /// Cores of the two ends.
-    pub placement: Placement,
-    pub nice: bool,
-    pub delays: bool,
-    pub pauses: bool,
-    /// Processes are stopped (SIGSTOP) for 50 to 500 ms, one after the other.
-    pub stops: bool,
-    pub cpu_load: bool,
-    pub record: bool,
+    placement: Placement,
+    troubles: &'static [Trouble],
+    pub(super) record: bool,
 }
 
-/// The conditions of the runs in turn, each time with other random numbers.
+const fn condition(placement: Placement, troubles: &'static [Trouble], record: bool) -> Condition {
+    Condition {
+        placement,
+        troubles,
+        record,
+    }
+}
+
+/// The conditions of the runs, one after the other, each time with other random numbers.
 pub(super) const CONDITIONS: [Condition; 6] = [
-    Condition {
-        placement: Placement::Graph,
-        nice: false,
-        delays: false,
-        pauses: false,
-        stops: false,
-        cpu_load: false,
-        record: true,
-    },
-    Condition {
-        placement: Placement::Free,
-        nice: true,
-        delays: true,
-        pauses: true,
-        stops: true,
-        cpu_load: false,
-        record: false,
-    },
-    Condition {
-        placement: Placement::Split,
-        nice: false,
-        delays: true,
-        pauses: false,
-        stops: false,
-        cpu_load: true,
-        record: true,
-    },
-    Condition {
-        placement: Placement::Together(0),
-        nice: true,
-        delays: false,
-        pauses: true,
-        stops: false,
-        cpu_load: true,
-        record: false,
-    },
-    Condition {
-        placement: Placement::Together(1),
-        nice: false,
-        delays: true,
-        pauses: true,
-        stops: true,
-        cpu_load: false,
-        record: true,
-    },
-    Condition {
-        placement: Placement::Free,
-        nice: false,
-        delays: false,
-        pauses: false,
-        stops: false,
-        cpu_load: true,
-        record: false,
-    },
+    condition(Placement::Graph, &[], true),
+    condition(Placement::Free, &[Nice, LateStarts, Pauses, Stops], false),
+    condition(Placement::Split, &[LateStarts, BusyCores], true),
+    condition(Placement::Together(0), &[Nice, Pauses, BusyCores], false),
+    condition(Placement::Together(1), &[LateStarts, Pauses, Stops], true),
+    condition(Placement::Free, &[BusyCores], false),
 ];
 
 impl std::fmt::Display for Condition {
@@ -101,30 +78,28 @@ impl std::fmt::Display for Condition {
             Placement::Split => write!(f, "alternating cores")?,
             Placement::Free => write!(f, "not pinned")?,
         }
-        for (is_so, words) in [
-            (self.nice, "nice"),
-            (self.delays, "late starts"),
-            (self.pauses, "pauses"),
-            (self.stops, "stopped for 50 to 500 ms"),
-            (self.cpu_load, "busy cores"),
-        ] {
-            if is_so {
-                write!(f, ", {words}")?;
-            }
+        for trouble in self.troubles {
+            f.write_str(match trouble {
+                Nice => ", nice",
+                LateStarts => ", late starts",
+                Pauses => ", pauses",
+                Stops => ", stopped for 50 to 500 ms",
+                BusyCores => ", busy cores",
+            })?;
         }
-        write!(
-            f,
-            ", {}",
-            if self.record {
-                "recording"
-            } else {
-                "no recording"
-            }
-        )
+        f.write_str(if self.record {
+            ", recording"
+        } else {
+            ", no recording"
+        })
     }
 }
 
 impl Condition {
+    fn has(&self, trouble: Trouble) -> bool {
+        self.troubles.contains(&trouble)
+    }
+
     /// Lays the condition over a plan.
     pub(super) fn disturb(&self, plan: &mut Plan, seed: u64, unordered: bool) {
         let cores = realtime::allowed_cores();
@@ -138,17 +113,66 @@ impl Condition {
                 Placement::Free => None,
             };
             let draw = |what: u64| random(seed, 8 * index as u64 + what);
+            let delay_ms = if self.has(LateStarts) {
+                draw(0) % LONGEST_DELAY_MS
+            } else {
+                0
+            };
             process.disturbance = Disturbance {
-                start_delay: if self.delays {
-                    Duration::from_millis(draw(0) % LONGEST_DELAY_MS)
+                start_delay: Duration::from_millis(delay_ms),
+                nice: if self.has(Nice) {
+                    (draw(1) % 16) as i32
                 } else {
-                    Duration::ZERO
+                    0
                 },
-                nice: if self.nice { (draw(1) % 16) as i32 } else { 0 },
-                pauses: self.pauses.then(|| draw(2)),
+                pauses: self.has(Pauses).then(|| draw(2)),
                 unordered: unordered && child.ends_run,
                 unfenced: false,
             };
+        }
+    }
+
+    /// What goes on beside a run of `count` processes.
+    pub(super) fn beside(&self, page: ControlPage, count: usize, seed: u64) -> Vec<Background> {
+        let mut work = if self.has(BusyCores) {
+            Background::load()
+        } else {
+            Vec::new()
+        };
+        if self.has(Stops) {
+            work.push(Background::start(move |over| {
+                stop_one_after_the_other(&page, count, seed, over)
+            }));
+        }
+        work
+    }
+}
+
+/// Stops processes in a seeded order, for times at which a watchdog would call them dead.
+fn stop_one_after_the_other(page: &ControlPage, count: usize, seed: u64, over: &Over) {
+    let ticks = || {
+        (0..count)
+            .map(|index| page.process(index).ticks())
+            .max()
+            .unwrap_or(0)
+    };
+    let mut next = 0;
+    for step in 0.. {
+        let draw = |what: u64, most: u64| random(seed, 4 * step + what) % most;
+        if !over.rest(Duration::from_millis(draw(0, BETWEEN_MS))) || !over.wait(|| ticks() >= next)
+        {
+            return;
+        }
+        next = ticks() + BETWEEN_TICKS;
+        let entry = page.process(draw(1, count as u64) as usize);
+        let process = child(entry.pid()).filter(|_| entry.state() == State::Running);
+        if let Some(process) =
+            process.filter(|process| pidfd_send_signal(process, Signal::STOP).is_ok())
+        {
+            over.rest(Duration::from_millis(
+                STOP_MS[0] + draw(2, STOP_MS[1] - STOP_MS[0]),
+            ));
+            let _ = pidfd_send_signal(process, Signal::CONT);
         }
     }
 }

@@ -1,13 +1,14 @@
-//! Whether the program does what it has done: byte by byte under other conditions, and from recorded inputs.
+//! Whether the program does what it has done: byte by byte under other conditions and with processes killed ([`verify`], [`verify_kills`]), and from
+//! recorded inputs ([`replay`]).
 
+mod compared;
 mod condition;
-mod inputs;
-pub mod kills;
-mod outputs;
-pub mod replay;
-mod stops;
-mod text;
-pub mod verify;
+mod kills;
+mod replay;
+mod track;
+mod verify;
 
-pub use outputs::Topic;
-pub use text::{ReplayedText, VerifiedText};
+pub use compared::{Place, Ran};
+pub use kills::{Killed, verify_kills};
+pub use replay::{Replayed, replay};
+pub use verify::{Request, Verified, verify};

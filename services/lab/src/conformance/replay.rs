@@ -1,34 +1,39 @@
 //! The recorded inputs of a run, fed to the step of one process again.
 
-use std::collections::BTreeMap;
+use std::fmt;
 use std::path::Path;
 
-use message_log::{Difference, LogError, LogReader, Logs};
+use chain::Tick;
+use message_log::{Difference, FieldDifference, LogError, Logs};
 use model::{Refused, Robot};
 use runtime::apply_to_outgoing;
+use serde_json::{Value, json};
+use session::table::{number, table};
 use session::{Failure, JOB, Observer, Progress, Run, SUMMARY};
 use shared_types::codes::{DRIVE_ABSENT, DRIVE_ENCODER, DRIVE_STALE};
-use shared_types::fault::{Fault, Kind, ScheduledFault};
+use shared_types::fault::{Kind, ScheduledFault, shaped_topic};
 use shared_types::graph::Process;
 use shared_types::job::Job;
 use shared_types::process::Program;
 use shared_types::scenario::Scenario;
 use shared_types::summary::Summary;
+use shared_types::topics::{ByTopic, Each, Topic, named};
 use shared_types::{
-    AnalyzerCheckpoint, Checkpoint, ControlState, ControllerCheckpoint, EstimatorCheckpoint,
-    Message, PlantState, SensorSample, ServoState, SingularityReport, StateEstimate, Target,
-    TorqueCommand,
+    AnalyzerCheckpoint, Checkpoint, ControllerCheckpoint, EstimatorCheckpoint, Header, Message,
+    SensorSample, SingularityReport, StateEstimate, Target, TorqueCommand,
 };
+use viz::plot::digits;
 
-use super::inputs::{Cursor, InOrder, Inputs};
-use super::outputs::{Comparison, Topic};
+use super::track::{self, Compared, Tracks};
 
 /// The result of a replay.
 pub struct Replayed {
+    /// Of the recorded run.
+    pub job: Job,
     /// The process, by its name in the run's graph.
     pub process: String,
     /// By topic.
-    pub topics: Vec<Topic>,
+    pub topics: Vec<Compared>,
     /// Recorded outputs whose inputs are not in the record; they cannot be computed again.
     pub without_input: u64,
     /// The message logs that do not hold what the run's summary counts, a clause for each.
@@ -40,22 +45,127 @@ pub struct Replayed {
 }
 
 impl Replayed {
-    /// Whether every output of the run was computed again.
+    /// Whether every output of the run was computed again, with the same bytes.
     #[must_use]
-    pub fn is_complete(&self) -> bool {
+    pub fn passed(&self) -> bool {
+        self.first().is_none() && self.is_complete()
+    }
+
+    fn is_complete(&self) -> bool {
         // The last messages of the topics of a cut run do not end at one tick.
         (self.is_cut || self.without_input == 0) && self.damage.is_empty() && self.ended.is_empty()
     }
 
     /// The earliest difference; of one tick, that of the topic that is sent first.
-    pub fn first(&self) -> Option<(u64, &'static str, &Difference)> {
-        let firsts = self.topics.iter().filter_map(|topic| {
-            topic
-                .first
-                .as_ref()
-                .map(|(tick, place)| (*tick, topic.name, place))
+    fn first(&self) -> Option<(u64, &'static str, &Difference)> {
+        let firsts = self
+            .topics
+            .iter()
+            .filter_map(|topic| Some((topic.first.as_ref()?, topic.topic)));
+        firsts
+            .map(|((tick, place), topic)| (*tick, topic, place))
+            .min_by_key(|(tick, ..)| *tick)
+    }
+
+    /// For machines; `settings` are those that override values of the recorded scenario.
+    #[must_use]
+    pub fn json(&self, settings: &[String]) -> Value {
+        let first = self.first().map(|(tick, topic, Difference { field, expected, found })| {
+            json!({"tick": tick, "topic": topic, "field": field, "recorded": expected, "replayed": found})
         });
-        firsts.min_by_key(|(tick, ..)| *tick)
+        let field = |FieldDifference {
+                         field,
+                         messages,
+                         largest,
+                         tick,
+                         difference,
+                         ..
+                     }: &FieldDifference| {
+            json!({
+                "field": field, "messages": messages, "largest": largest, "tick": tick,
+                "element": difference.field, "recorded": difference.expected, "replayed": difference.found,
+            })
+        };
+        let topic = |topic: &Compared| {
+            let fields: Vec<Value> = topic.fields.iter().map(field).collect();
+            json!({"topic": topic.topic, "messages": topic.messages, "fields": fields})
+        };
+        let (job, topics) = (&self.job, self.topics.iter().map(topic).collect::<Vec<_>>());
+        json!({
+            "run": job.run, "scenario": job.scenario.name, "seed": job.scenario.seed, "version": job.version, "process": self.process,
+            "set": settings, "identical": first.is_none(), "difference": first, "topics": topics,
+            "without_input": self.without_input, "damage": self.damage, "ended": self.ended,
+        })
+    }
+}
+
+impl fmt::Display for Replayed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let process = &self.process;
+        if let Some((
+            tick,
+            topic,
+            Difference {
+                field,
+                expected,
+                found,
+            },
+        )) = self.first()
+        {
+            let mut rows = table(&[
+                "topic and element",
+                "messages",
+                "largest",
+                "at tick",
+                "recorded",
+                "replayed",
+            ]);
+            for (topic, field) in self
+                .topics
+                .iter()
+                .flat_map(|one| one.fields.iter().map(|field| (one.topic, field)))
+            {
+                let FieldDifference {
+                    messages,
+                    largest,
+                    tick,
+                    difference,
+                    ..
+                } = field;
+                let numbers = [messages.to_string(), digits(*largest), tick.to_string()];
+                let values = [&difference.expected, &difference.found].map(number);
+                let cells = [format!("{topic} {}", difference.field).into()].into_iter();
+                rows.add_row(cells.chain(numbers.map(number)).chain(values));
+            }
+            writeln!(
+                f,
+                "{rows}\n{process} first differs at tick {tick}, topic {topic}, field {field}:\n{found} instead of {expected}"
+            )?;
+        }
+        if self.without_input > 0 {
+            writeln!(
+                f,
+                "{} outputs could not be computed: their inputs are not in the record",
+                self.without_input
+            )?;
+        }
+        for damage in &self.damage {
+            writeln!(f, "damaged: {damage}")?;
+        }
+        if !self.ended.is_empty() {
+            writeln!(f, "{}", self.ended)?;
+        }
+        let messages: u64 = self.topics.iter().map(|topic| topic.messages).sum();
+        let verdict = match (self.first(), self.is_complete()) {
+            (Some(_), _) => "NOT the same bytes",
+            (None, true) => "the same bytes",
+            (None, false) => "the same bytes, of an INCOMPLETE record",
+        };
+        let Scenario { name, seed, .. } = &self.job.scenario;
+        writeln!(
+            f,
+            "{name}, seed {seed}, {process}, {messages} messages: {verdict}"
+        )
     }
 }
 
@@ -65,127 +175,150 @@ impl Replayed {
 /// # Errors
 /// [`Failure`] where the run wrote no messages, cannot be read, has no such process, or the step refuses the scenario.
 pub fn replay(
-    run: &Path,
+    folder: &Path,
     process: Option<&str>,
     settings: &[String],
     observer: Observer<'_>,
-) -> Result<(Job, Replayed), Failure> {
-    let found = Run {
-        folder: run.to_owned(),
+) -> Result<Replayed, Failure> {
+    let run = Run {
+        folder: folder.to_owned(),
         parts: Vec::new(),
     };
-    let job = found.job()?;
+    let (job, shown) = (run.job()?, folder.display());
     if !job.messages {
-        let run = run.display();
         return Err(Failure::Input(format!(
-            "{run} was run without its messages, which `armplane replay` reads: run it again without --no-messages and --no-record"
+            "{shown} was run without its messages, which `armplane replay` reads: run it again without --no-messages and --no-record"
         )));
     }
     let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
     let scenario = with_settings(&job.scenario, settings)?;
-    let is_asked = |one: &Process| {
-        process.map_or(one.program() == Some(Program::Controller), |name| {
-            one.name == name
-        })
-    };
-    let asked = job
-        .graph
-        .process
-        .iter()
-        .find(|one| is_asked(one))
-        .and_then(|one| Some((one.name.clone(), one.program()?)));
-    let Some((name, program)) = asked else {
-        return Err(no_step(process.unwrap_or("controller"), &job, run));
-    };
+    let (name, program, writes) =
+        chosen(&job, process).ok_or_else(|| no_step(process, &job, folder))?;
     // One that is there and cannot be read is a defect of the run, as a log is.
-    let (summary, defect) = match found.summary_if_any() {
-        Ok(summary) => (summary, None),
-        Err(defect) => (None, Some(defect)),
-    };
-    let scheduled_faults = scheduled_faults(summary.as_ref(), &job, &name)?;
-    let is_cut = summary.as_ref().is_none_or(|summary| !summary.completed);
-    let folder = run.join(recorder::MESSAGES);
-    let mut damage = found.message_damage(&job, summary.as_ref());
+    let (summary, defect) = run
+        .summary_if_any()
+        .map_or_else(|defect| (None, Some(defect)), |summary| (summary, None));
+    let mut damage = run.message_damage(&job, summary.as_ref());
     damage.extend(defect);
-    let logs = Logs::of(&job);
-    let tape = Tape {
-        folder,
-        run: &found,
-        logs,
+    // All that is wrong with the logs, where one of them is gone or not as it was written.
+    let because = |error: Trouble| match error {
+        Trouble::Log(error) if damage.is_empty() => damaged(&run, &[error.to_string()]),
+        Trouble::Log(_) => damaged(&run, &damage),
+        Trouble::Step(refused) => Failure::input(refused),
+    };
+    let reads: &[&str] = match program {
+        Program::Estimator => &[SensorSample::TOPIC],
+        Program::Analyzer => &[StateEstimate::TOPIC],
+        Program::Controller => &[
+            SingularityReport::TOPIC,
+            StateEstimate::TOPIC,
+            Target::TOPIC,
+        ],
+        _ => &[TorqueCommand::TOPIC],
+    };
+    let has = |topic: &&str| job.graph.writer(topic).is_some();
+    let reads: Vec<&str> = reads.iter().copied().filter(has).collect();
+    let writes: Vec<&str> = writes.iter().map(String::as_str).collect();
+    let topics = [&reads[..], &writes].concat();
+    let mut player = Player {
+        tracks: track::open(&folder.join(recorder::MESSAGES), &Logs::of(&job), &topics)
+            .map_err(|error| because(error.into()))?,
+        now: Tick::default(),
+        faults: scheduled_faults(summary.as_ref(), &job, &name)?,
+        without_input: 0,
         observer,
-        process: name.clone(),
-        is_cut,
-        damage,
-        scheduled_faults,
     };
     observer(Progress::Begin {
         title: &scenario.name,
         length: scenario.planned_ticks(),
         unit: "ticks",
     });
-    let refused = |error: Refused| Failure::input(error);
-    let replayed = match program {
-        Program::Estimator => tape.step::<_, StateEstimate, EstimatorCheckpoint, _>(
-            tape.open::<SensorSample>()?,
-            || estimator::cycle(&robot, &scenario).map_err(refused),
-            |cycle, sample, estimate| cycle.step(&sample, estimate),
-            |cycle, out| cycle.save(out),
-            |cycle, last| cycle.restore(last),
-        ),
-        Program::Analyzer => tape.step::<_, SingularityReport, AnalyzerCheckpoint, _>(
-            tape.open::<StateEstimate>()?,
-            || analyzer::cycle(&robot, &scenario).map_err(refused),
-            |cycle, estimate, report| cycle.step(&estimate, report),
-            |cycle, out| cycle.save(out),
-            |cycle, last| cycle.restore(last),
-        ),
-        Program::Controller if scenario.servo.is_some() => tape
-            .step::<_, Steered, ControllerCheckpoint, _>(
-                (
-                    tape.open::<SingularityReport>()?,
-                    tape.open::<StateEstimate>()?,
-                    tape.open::<Target>()?,
-                ),
-                || controller::cycle(&robot, &scenario).map_err(refused),
-                |cycle, (report, estimate, target), out| {
-                    let Control { state, torque } = &mut out.control;
-                    cycle.steer(
-                        (&estimate, &report),
-                        target.as_ref(),
-                        &mut out.servo,
-                        state,
-                        torque,
-                    );
-                },
-                |cycle, out| cycle.save(out),
-                |cycle, last| cycle.restore(last),
-            ),
-        Program::Controller => tape.step::<_, Control, ControllerCheckpoint, _>(
-            (
-                tape.open::<SingularityReport>()?,
-                tape.open::<StateEstimate>()?,
-            ),
-            || controller::cycle(&robot, &scenario).map_err(refused),
-            |cycle, (report, estimate), out| {
-                cycle.step(&estimate, &report, &mut out.state, &mut out.torque)
-            },
-            |cycle, out| cycle.save(out),
-            |cycle, last| cycle.restore(last),
-        ),
-        Program::Plant => tape.plant(&robot, &scenario),
-        Program::Recorder | Program::Operator => Err(no_step(&name, &job, run)),
-    }?;
+    let ended = match program {
+        Program::Plant => player.plant(&robot, &scenario),
+        _ => cycle(program, &robot, &scenario)
+            .map_err(Trouble::from)
+            .and_then(|mut cycle| player.cycle(&reads, &writes, &mut *cycle)),
+    };
+    let ended = ended.map_err(because)?;
     observer(Progress::End);
-    if replayed.topics.iter().all(|topic| topic.messages == 0) && replayed.without_input == 0 {
-        if !replayed.damage.is_empty() {
-            return Err(damaged(&found, &replayed.damage));
-        }
-        let run = run.display();
-        return Err(Failure::Input(format!(
-            "{run} has no message of {name} to compare: the run ended before its first one; see the reason in {run}/{SUMMARY}"
-        )));
+    let compared = writes
+        .iter()
+        .filter_map(|topic| named(topic, &mut CompareAll(&mut player.tracks)));
+    let replayed = Replayed {
+        process: name,
+        topics: compared.collect(),
+        without_input: player.without_input,
+        is_cut: summary.as_ref().is_none_or(|summary| !summary.completed),
+        ended,
+        damage,
+        job,
+    };
+    if replayed.topics.iter().any(|topic| topic.messages > 0) || replayed.without_input > 0 {
+        return Ok(replayed);
     }
-    Ok((job, replayed))
+    if !replayed.damage.is_empty() {
+        return Err(damaged(&run, &replayed.damage));
+    }
+    let name = &replayed.process;
+    Err(Failure::Input(format!(
+        "{shown} has no message of {name} to compare: the run ended before its first one; see the reason in {shown}/{SUMMARY}"
+    )))
+}
+
+/// The process that is asked for, where armplane knows its step, and its topics.
+fn chosen<'a>(job: &'a Job, name: Option<&str>) -> Option<(String, Program, &'a [String])> {
+    let is_asked = |one: &&Process| {
+        name.map_or(one.program() == Some(Program::Controller), |name| {
+            one.name == name
+        })
+    };
+    let process = job.graph.process.iter().find(is_asked).filter(has_step)?;
+    Some((process.name.clone(), process.program()?, &process.writes))
+}
+
+/// Whether armplane knows the step of a process: not of another program's, the recorder's, the operator's.
+fn has_step(process: &&Process) -> bool {
+    process
+        .program()
+        .is_some_and(|program| !matches!(program, Program::Recorder | Program::Operator))
+}
+
+fn no_step(process: Option<&str>, job: &Job, folder: &Path) -> Failure {
+    let known: Vec<&str> = job
+        .graph
+        .process
+        .iter()
+        .filter(has_step)
+        .map(|one| one.name.as_str())
+        .collect();
+    let (run, process) = (folder.display(), process.unwrap_or("controller"));
+    Failure::Input(match known.is_empty() {
+        true => format!(
+            "no process of {run} can be replayed: its graph has other programs in the places of armplane's"
+        ),
+        false => format!(
+            "{run} has no process `{process}` that can be replayed: --process takes {}",
+            known.join(", ")
+        ),
+    })
+}
+
+/// Why a replay cannot go on.
+enum Trouble {
+    Log(LogError),
+    Step(Refused),
+}
+
+impl From<LogError> for Trouble {
+    fn from(error: LogError) -> Self {
+        Self::Log(error)
+    }
+}
+
+impl From<Refused> for Trouble {
+    fn from(error: Refused) -> Self {
+        Self::Step(error)
+    }
 }
 
 /// The message logs of a run are not whole.
@@ -196,31 +329,6 @@ fn damaged(run: &Run, damage: &[String]) -> Failure {
         damage.join("; "),
         run.again()
     ))
-}
-
-/// The refusal of a process that the run does not have, or whose step armplane does not know: another program's, the recorder's, the operator's.
-fn no_step(process: &str, job: &Job, run: &Path) -> Failure {
-    let has_step = |one: &&Process| {
-        one.program()
-            .is_some_and(|program| !matches!(program, Program::Recorder | Program::Operator))
-    };
-    let known: Vec<&str> = job
-        .graph
-        .process
-        .iter()
-        .filter(has_step)
-        .map(|one| one.name.as_str())
-        .collect();
-    let run = run.display();
-    Failure::Input(match known.is_empty() {
-        true => format!(
-            "no process of {run} can be replayed: its graph has other programs in the places of armplane's"
-        ),
-        false => format!(
-            "{run} has no process `{process}` that can be replayed: --process takes {}",
-            known.join(", ")
-        ),
-    })
 }
 
 /// The faults that happened to a process, planned or not: the summary knows of all, and without one (the run was stopped) the plan counts.
@@ -234,21 +342,19 @@ fn scheduled_faults(
             .faults
             .iter()
             .filter_map(|fault| fault.plan.clone())
-            .collect::<Vec<Fault>>()
+            .collect()
     };
-    let faults = summary.map_or_else(|| job.scenario.fault.clone(), happened);
+    let fault = summary.map_or_else(|| job.scenario.fault.clone(), happened);
     let scenario = Scenario {
-        fault: faults,
+        fault,
         ..job.scenario.clone()
     };
-    let all = scenario
+    let mut all = scenario
         .scheduled_faults(&job.graph)
-        .map_err(|complaint| Failure::Input(complaint.to_string()))?;
+        .map_err(Failure::input)?;
     let index = job.graph.target(process).map(|target| target.index);
-    Ok(all
-        .into_iter()
-        .filter(|scheduled| Some(scheduled.process) == index)
-        .collect())
+    all.retain(|scheduled| Some(scheduled.process) == index);
+    Ok(all)
 }
 
 /// The recorded scenario with values of it overridden. The arm stays: its inputs are in the record.
@@ -259,359 +365,317 @@ fn with_settings(scenario: &Scenario, settings: &[String]) -> Result<Scenario, F
     let text = toml::to_string(scenario).map_err(Failure::work)?;
     let changed = Scenario::parse(JOB, &text, settings)?;
     if changed.robot != scenario.robot {
+        let robot = &scenario.robot;
         return Err(Failure::Input(format!(
-            "a replay keeps the robot of its run ({}): leave out --set robot=…",
-            scenario.robot
+            "a replay keeps the robot of its run ({robot}): leave out --set robot=…"
         )));
     }
     Ok(changed)
 }
 
-/// The kept messages of a run.
-struct Tape<'a> {
-    folder: std::path::PathBuf,
-    run: &'a Run,
-    logs: Logs,
-    observer: Observer<'a>,
-    /// As in [`Replayed`].
-    is_cut: bool,
-    /// As in [`Replayed`].
-    damage: Vec<String>,
-    /// The process that is computed again, by its name in the graph.
-    process: String,
-    /// The faults that happened to it.
-    scheduled_faults: Vec<ScheduledFault>,
+/// Computes a tick's outputs from its inputs, by a fresh step where the process was started again; the target is there or not.
+type Cycle<'a> = dyn FnMut(&mut Tick, Given) -> Result<(), Refused> + 'a;
+
+/// What a step is given besides its messages.
+#[derive(Clone, Copy)]
+struct Given {
+    has_target: bool,
+    is_fresh: bool,
 }
 
-impl Tape<'_> {
-    fn open<M: Message>(&self) -> Result<Cursor<M>, Failure> {
-        LogReader::open_of(&self.folder, &self.logs)
-            .map(|log| Cursor { log, ahead: None })
-            .map_err(|error| self.unreadable(&error))
-    }
-
-    /// A message log that is gone or not as it was written: all that is wrong with the logs.
-    fn unreadable(&self, error: &LogError) -> Failure {
-        let reason = [error.to_string()];
-        damaged(
-            self.run,
-            if self.damage.is_empty() {
-                &reason
-            } else {
-                &self.damage
-            },
-        )
-    }
-
-    fn in_order<M: Message>(&self) -> Result<InOrder<M>, Failure> {
-        Ok(InOrder {
-            log: self.open::<M>()?.log,
-            ahead: BTreeMap::new(),
-            next: 0,
-        })
-    }
-
-    /// Computes every recorded output again from the inputs of its tick. A process that was started again in the run is so here: a fresh
-    /// step that takes up the checkpoint of the last tick that was computed before. Also computed is what a fault kept from leaving: the
-    /// process's state goes on from it.
-    fn step<In: Inputs, Out: Outputs, C: Checkpoint, Step>(
-        &self,
-        mut inputs: In,
-        fresh: impl Fn() -> Result<Step, Failure>,
-        compute: impl Fn(&mut Step, In::Of, &mut Out),
-        save: impl Fn(&Step, &mut C),
-        restore: impl Fn(&mut Step, &C),
-    ) -> Result<Replayed, Failure> {
-        let mut outputs = Out::open(self)?;
-        let mut step = fresh()?;
-        let (mut computed, mut checkpoint, mut has_computed) = (Out::empty(), C::zeroed(), false);
-        let (mut incarnation, mut without_input) = (1, 0);
-        while let Some(recorded) =
-            Out::next(&mut outputs).map_err(|error| self.unreadable(&error))?
-        {
-            let header = *recorded.header();
-            while let Some(tick) = inputs
-                .next_tick()
-                .map_err(|error| self.unreadable(&error))?
-                .filter(|tick| *tick < header.tick)
-            {
-                let input = inputs.at(tick).map_err(|error| self.unreadable(&error))?;
-                if let Some(input) = input.filter(|_| self.was_withheld(tick)) {
-                    compute(&mut step, input, &mut computed);
-                    save(&step, &mut checkpoint);
-                    has_computed = true;
+/// The step of a process that is not the plant.
+fn cycle<'a>(
+    program: Program,
+    robot: &'a Robot,
+    scenario: &'a Scenario,
+) -> Result<Box<Cycle<'a>>, Refused> {
+    Ok(match program {
+        Program::Estimator => restarting::<_, EstimatorCheckpoint>(
+            || estimator::cycle(robot, scenario),
+            |step, m, _| step.step(&m.sensor, &mut m.estimate),
+            |step, out| step.save(out),
+            |step, last| step.restore(last),
+        )?,
+        Program::Analyzer => restarting::<_, AnalyzerCheckpoint>(
+            || analyzer::cycle(robot, scenario),
+            |step, m, _| step.step(&m.estimate, &mut m.singularity),
+            |step, out| step.save(out),
+            |step, last| step.restore(last),
+        )?,
+        _ => restarting::<_, ControllerCheckpoint>(
+            || controller::cycle(robot, scenario),
+            |step, m, has_target| {
+                let (inputs, out) = (
+                    (&m.estimate, &m.singularity),
+                    (&mut m.control_state, &mut m.torque),
+                );
+                match scenario.servo {
+                    Some(_) => step.steer(
+                        inputs,
+                        has_target.then_some(&m.target),
+                        &mut m.servo_state,
+                        out.0,
+                        out.1,
+                    ),
+                    None => step.step(inputs.0, inputs.1, out.0, out.1),
                 }
-            }
-            if incarnation != header.incarnation {
-                (step, incarnation) = (fresh()?, header.incarnation);
+            },
+            |step, out| step.save(out),
+            |step, last| step.restore(last),
+        )?,
+    })
+}
+
+/// A step that takes up the checkpoint of the last tick that was computed before, where its process was started again.
+fn restarting<'a, Step: 'a, C: Checkpoint + 'a>(
+    fresh: impl Fn() -> Result<Step, Refused> + 'a,
+    compute: impl Fn(&mut Step, &mut Tick, bool) + 'a,
+    save: impl Fn(&Step, &mut C) + 'a,
+    restore: impl Fn(&mut Step, &C) + 'a,
+) -> Result<Box<Cycle<'a>>, Refused> {
+    let (mut step, mut checkpoint, mut has_computed) = (fresh()?, C::zeroed(), false);
+    Ok(Box::new(
+        move |m,
+              Given {
+                  has_target,
+                  is_fresh,
+              }| {
+            if is_fresh {
+                step = fresh()?;
                 if has_computed {
                     restore(&mut step, &checkpoint);
                 }
             }
-            match inputs
-                .at(header.tick)
-                .map_err(|error| self.unreadable(&error))?
-            {
-                Some(input) => {
-                    compute(&mut step, input, &mut computed);
-                    save(&step, &mut checkpoint);
-                    has_computed = true;
-                    Out::compare(&mut outputs, &recorded, computed, self)
-                        .map_err(|error| self.unreadable(&error))?;
-                }
-                None => without_input += 1,
+            compute(&mut step, m, has_target);
+            save(&step, &mut checkpoint);
+            has_computed = true;
+            Ok(())
+        },
+    ))
+}
+
+/// The kept messages of a run, and the tick that is computed.
+struct Player<'a> {
+    tracks: ByTopic<Tracks>,
+    now: Tick,
+    /// The faults that happened to the process.
+    faults: Vec<ScheduledFault>,
+    without_input: u64,
+    observer: Observer<'a>,
+}
+
+/// The header of a topic's next message.
+struct Next<'a>(&'a mut ByTopic<Tracks>);
+
+impl Each for Next<'_> {
+    type Output = Result<Option<Header>, LogError>;
+    fn each<M: Topic>(&mut self) -> Self::Output {
+        M::of_mut(self.0).header()
+    }
+}
+
+/// Whether a topic has a message of a tick, which goes into the bundle.
+struct Load<'a>(&'a mut ByTopic<Tracks>, &'a mut Tick, u64);
+
+impl Each for Load<'_> {
+    type Output = Result<bool, LogError>;
+    fn each<M: Topic>(&mut self) -> Self::Output {
+        let message = M::of_mut(self.0).at(self.2)?;
+        message
+            .iter()
+            .for_each(|message| *M::of_mut(self.1) = *message);
+        Ok(message.is_some())
+    }
+}
+
+/// Compares a topic's message of a tick with the computed one, of which faults may have changed the content.
+struct Compare<'a>(&'a mut ByTopic<Tracks>, &'a Tick, u64, &'a [ScheduledFault]);
+
+impl Each for Compare<'_> {
+    type Output = Result<(), LogError>;
+    fn each<M: Topic>(&mut self) -> Self::Output {
+        let mut computed = *M::of(self.1);
+        apply_to_outgoing(&mut computed, self.3);
+        M::of_mut(self.0).compare(computed, self.2)
+    }
+}
+
+/// The result of a topic.
+struct CompareAll<'a>(&'a mut ByTopic<Tracks>);
+
+impl Each for CompareAll<'_> {
+    type Output = Compared;
+    fn each<M: Topic>(&mut self) -> Compared {
+        M::of_mut(self.0).compared()
+    }
+}
+
+impl Player<'_> {
+    fn next(&mut self, topic: &str) -> Result<Option<Header>, LogError> {
+        named(topic, &mut Next(&mut self.tracks)).unwrap_or(Ok(None))
+    }
+
+    fn load(&mut self, topic: &str, tick: u64) -> Result<bool, LogError> {
+        named(topic, &mut Load(&mut self.tracks, &mut self.now, tick)).unwrap_or(Ok(false))
+    }
+
+    /// Loads the inputs of a tick: whether all are there, and the target, which may be missing.
+    fn inputs(&mut self, reads: &[&str], tick: u64) -> Result<[bool; 2], LogError> {
+        let (mut is_whole, mut has_target) = (true, false);
+        for topic in reads {
+            let is_there = self.load(topic, tick)?;
+            if *topic == Target::TOPIC {
+                has_target = is_there;
+            } else {
+                is_whole &= is_there;
             }
-            (self.observer)(Progress::Position(header.tick));
         }
-        Ok(self.replayed(Out::topics(outputs), without_input, String::new()))
+        Ok([is_whole, has_target])
     }
 
-    fn replayed(&self, topics: Vec<Topic>, without_input: u64, ended: String) -> Replayed {
-        Replayed {
-            process: self.process.clone(),
-            topics,
-            without_input,
-            damage: self.damage.clone(),
-            is_cut: self.is_cut,
-            ended,
+    /// Computes every recorded output again from the inputs of its tick. Also computed is what a fault kept from leaving: the process's state goes on
+    /// from it.
+    fn cycle(
+        &mut self,
+        reads: &[&str],
+        writes: &[&str],
+        cycle: &mut Cycle<'_>,
+    ) -> Result<String, Trouble> {
+        // Faults shape this one, which also carries the incarnation that computed it.
+        let shaped = writes
+            .iter()
+            .rfind(|topic| shaped_topic(topic))
+            .copied()
+            .unwrap_or_default();
+        let (first, mut incarnation, mut is_fresh) =
+            (reads.first().copied().unwrap_or_default(), 1, false);
+        while let Some(Header {
+            tick,
+            incarnation: its,
+            ..
+        }) = self.next(shaped)?
+        {
+            while let Some(earlier) = self
+                .next(first)?
+                .map(|header| header.tick)
+                .filter(|one| *one < tick)
+            {
+                let [is_whole, has_target] = self.inputs(reads, earlier)?;
+                if is_whole && self.was_withheld(earlier) {
+                    cycle(
+                        &mut self.now,
+                        Given {
+                            has_target,
+                            is_fresh: std::mem::take(&mut is_fresh),
+                        },
+                    )?;
+                }
+            }
+            is_fresh |= std::mem::replace(&mut incarnation, its) != its;
+            let [is_whole, has_target] = self.inputs(reads, tick)?;
+            if is_whole {
+                cycle(
+                    &mut self.now,
+                    Given {
+                        has_target,
+                        is_fresh: std::mem::take(&mut is_fresh),
+                    },
+                )?;
+                for topic in writes {
+                    let faults = if *topic == shaped {
+                        &self.faults[..]
+                    } else {
+                        &[]
+                    };
+                    named(
+                        topic,
+                        &mut Compare(&mut self.tracks, &self.now, tick, faults),
+                    )
+                    .unwrap_or(Ok(()))?;
+                }
+            } else {
+                self.without_input += 1;
+                self.load(shaped, tick)?;
+            }
+            (self.observer)(Progress::Position(tick));
         }
-    }
-
-    fn was_shaped(&self, tick: u64) -> bool {
-        self.scheduled_faults.iter().any(|scheduled| {
-            scheduled.concerns(tick) && scheduled.kind().is_some_and(Kind::shapes_messages)
-        })
+        Ok(String::new())
     }
 
     /// Whether the process worked at a tick of which nothing of it is in the record.
     fn was_withheld(&self, tick: u64) -> bool {
-        let was_down = self.scheduled_faults.iter().any(|scheduled| {
-            scheduled.concerns(tick) && scheduled.kind().is_some_and(Kind::takes_down)
-        });
-        self.was_shaped(tick) && !was_down
+        let had = |is: fn(Kind) -> bool| {
+            self.faults
+                .iter()
+                .any(|fault| fault.concerns(tick) && fault.kind().is_some_and(is))
+        };
+        had(Kind::shapes_messages) && !had(Kind::takes_down)
     }
 
-    /// The plant answers its own last state: it must be fed without a gap. What was wrong with its sensors and drives is so again.
-    fn plant(&self, robot: &Robot, scenario: &Scenario) -> Result<Replayed, Failure> {
-        let (mut samples, mut truths, mut commands) = (
-            self.in_order::<SensorSample>()?,
-            self.open()?,
-            self.open::<TorqueCommand>()?,
-        );
-        let mut cycle = plant::cycle(robot, scenario).map_err(Failure::input)?;
-        let of_physics =
-            |scheduled: &&ScheduledFault| scheduled.kind().is_some_and(Kind::concerns_joint);
-        let faults: Vec<ScheduledFault> = self
-            .scheduled_faults
-            .iter()
-            .filter(of_physics)
-            .copied()
-            .collect();
-        let (mut sensor, mut state) = (
-            Comparison::<SensorSample>::default(),
-            Comparison::<PlantState>::default(),
-        );
-        let (mut sampled, mut moved) = <(SensorSample, PlantState)>::default();
-        let mut ended = String::new();
-        let mut truth: Option<PlantState> = truths
-            .next_message()
-            .map_err(|error| self.unreadable(&error))?;
-        let mut next = samples
-            .next_message()
-            .map_err(|error| self.unreadable(&error))?;
+    /// The plant answers its own last state: it must be fed without a gap. What was wrong with its sensors and drives is so again. The sentence: why the
+    /// replay ended before the record did.
+    fn plant(&mut self, robot: &Robot, scenario: &Scenario) -> Result<String, Trouble> {
+        let mut cycle = plant::cycle(robot, scenario)?;
+        let is_physical = |fault: &&ScheduledFault| fault.kind().is_some_and(Kind::concerns_joint);
+        let physical: Vec<ScheduledFault> =
+            self.faults.iter().filter(is_physical).copied().collect();
+        let Tick {
+            sensor,
+            plant_state,
+            ..
+        } = &mut self.now;
         for tick in 0.. {
-            let Some(recorded) = next else { break };
-            let gap = recorded.header.tick != tick
-                || truth.is_none_or(|truth: PlantState| truth.header.tick != tick);
-            if gap || recorded.header.incarnation > 1 {
+            let Some(recorded) = self.tracks.sensor.header()? else {
+                break;
+            };
+            let truth = self.tracks.plant_state.header()?;
+            let gap = recorded.tick != tick || truth.is_none_or(|truth| truth.tick != tick);
+            if gap || recorded.incarnation > 1 {
                 let what = if gap {
                     "is not in the record"
                 } else {
                     "was made by a restarted plant"
                 };
-                ended = format!("tick {tick} {what}: the replay of the plant ends there");
-                break;
+                return Ok(format!(
+                    "tick {tick} {what}: the replay of the plant ends there"
+                ));
             }
-            let scheduled_faults: Vec<ScheduledFault> = faults
-                .iter()
-                .filter(|scheduled| scheduled.concerns(tick))
-                .copied()
-                .collect();
-            let had_faults = faults
-                .iter()
-                .any(|scheduled| tick > 0 && scheduled.concerns(tick - 1));
-            if had_faults || !scheduled_faults.is_empty() {
-                cycle.apply_faults(tick, &scheduled_faults);
+            let at = |tick: u64| {
+                physical
+                    .iter()
+                    .filter(move |fault| fault.concerns(tick))
+                    .copied()
+                    .collect::<Vec<_>>()
+            };
+            if !at(tick).is_empty() || tick > 0 && !at(tick - 1).is_empty() {
+                cycle.apply_faults(tick, &at(tick));
             }
-            cycle.sample(tick, &mut sampled, &mut moved);
-            let mut sent = sampled;
-            apply_to_outgoing(&mut sent, &self.scheduled_faults);
-            sensor.take(&recorded, sent);
-            if let Some(truth) = &truth {
-                state.take(truth, moved);
-            }
-            (truth, next) = (
-                truths
-                    .next_message()
-                    .map_err(|error| self.unreadable(&error))?,
-                samples
-                    .next_message()
-                    .map_err(|error| self.unreadable(&error))?,
-            );
+            cycle.sample(tick, sensor, plant_state);
+            let mut sent = *sensor;
+            apply_to_outgoing(&mut sent, &self.faults);
+            self.tracks.sensor.compare(sent, tick)?;
+            self.tracks.plant_state.compare(*plant_state, tick)?;
             // Which torque came in time, and how old it was, is what the plant said next.
-            let flags = truth.map_or(0, |truth| truth.drive_flags);
-            let age = next.map_or(0, |next| u64::from(next.stale_ticks));
+            let flags = self
+                .tracks
+                .plant_state
+                .peek()?
+                .map_or(0, |truth| truth.drive_flags);
+            let age = self
+                .tracks
+                .sensor
+                .peek()?
+                .map_or(0, |next| u64::from(next.stale_ticks));
             let command = match flags {
                 flags if flags & (DRIVE_STALE | DRIVE_ENCODER) != 0 => {
                     Some(TorqueCommand::default())
                 }
                 flags if flags & DRIVE_ABSENT != 0 => None,
-                _ => commands
-                    .at(tick.saturating_sub(age))
-                    .map_err(|error| self.unreadable(&error))?,
+                _ => self.tracks.torque.at(tick.saturating_sub(age))?,
             };
             cycle.step(command.as_ref());
             (self.observer)(Progress::Position(tick));
         }
-        Ok(self.replayed(vec![sensor.topic(), state.topic()], 0, ended))
-    }
-}
-
-/// A step's outputs at a tick; faults shape the last of the messages, which also carries the incarnation that computed it.
-trait Outputs: Copy {
-    /// Messages to be filled.
-    fn empty() -> Self;
-    /// The recorded ones, and how they compare with the computed ones.
-    type Recorded;
-    /// The message that faults shape.
-    type Last: Message;
-    /// Opens the record.
-    fn open(tape: &Tape<'_>) -> Result<Self::Recorded, Failure>;
-    /// The next recorded message.
-    fn next(recorded: &mut Self::Recorded) -> Result<Option<Self::Last>, LogError>;
-    /// Compares what was recorded at the tick of `last` with what was computed.
-    fn compare(
-        recorded: &mut Self::Recorded,
-        last: &Self::Last,
-        computed: Self,
-        tape: &Tape<'_>,
-    ) -> Result<(), LogError>;
-    /// The result per topic.
-    fn topics(recorded: Self::Recorded) -> Vec<Topic>;
-}
-
-impl<M: Message> Outputs for M {
-    type Recorded = (InOrder<M>, Comparison<M>);
-    type Last = M;
-    fn empty() -> Self {
-        M::zeroed()
-    }
-    fn open(tape: &Tape<'_>) -> Result<Self::Recorded, Failure> {
-        Ok((tape.in_order()?, Comparison::default()))
-    }
-    fn next((messages, _): &mut Self::Recorded) -> Result<Option<M>, LogError> {
-        messages.next_message()
-    }
-    fn compare(
-        (_, comparison): &mut Self::Recorded,
-        last: &M,
-        mut computed: M,
-        tape: &Tape<'_>,
-    ) -> Result<(), LogError> {
-        apply_to_outgoing(&mut computed, &tape.scheduled_faults);
-        comparison.take(last, computed);
-        Ok(())
-    }
-    fn topics((_, comparison): Self::Recorded) -> Vec<Topic> {
-        vec![comparison.topic()]
-    }
-}
-
-/// The controller's outputs at a tick.
-#[derive(Clone, Copy, Default)]
-struct Control {
-    state: ControlState,
-    torque: TorqueCommand,
-}
-
-/// The record of the controller's topics, each with how it compares.
-struct ControlRecord {
-    states: Cursor<ControlState>,
-    torques: InOrder<TorqueCommand>,
-    state: Comparison<ControlState>,
-    torque: Comparison<TorqueCommand>,
-}
-
-impl Outputs for Control {
-    type Recorded = ControlRecord;
-    type Last = TorqueCommand;
-    fn empty() -> Self {
-        Self::default()
-    }
-    fn open(tape: &Tape<'_>) -> Result<ControlRecord, Failure> {
-        let (states, torques) = (tape.open()?, tape.in_order()?);
-        Ok(ControlRecord {
-            states,
-            torques,
-            state: Comparison::default(),
-            torque: Comparison::default(),
-        })
-    }
-    fn next(recorded: &mut ControlRecord) -> Result<Option<TorqueCommand>, LogError> {
-        recorded.torques.next_message()
-    }
-    fn compare(
-        recorded: &mut ControlRecord,
-        last: &TorqueCommand,
-        computed: Self,
-        tape: &Tape<'_>,
-    ) -> Result<(), LogError> {
-        if let Some(state) = recorded.states.at(last.header.tick)? {
-            recorded.state.take(&state, computed.state);
-        }
-        let mut torque = computed.torque;
-        apply_to_outgoing(&mut torque, &tape.scheduled_faults);
-        recorded.torque.take(last, torque);
-        Ok(())
-    }
-    fn topics(recorded: ControlRecord) -> Vec<Topic> {
-        vec![recorded.state.topic(), recorded.torque.topic()]
-    }
-}
-
-/// The controller's outputs at a tick of a steered run.
-#[derive(Clone, Copy, Default)]
-struct Steered {
-    servo: ServoState,
-    control: Control,
-}
-
-impl Outputs for Steered {
-    type Recorded = (Cursor<ServoState>, Comparison<ServoState>, ControlRecord);
-    type Last = TorqueCommand;
-    fn empty() -> Self {
-        Self::default()
-    }
-    fn open(tape: &Tape<'_>) -> Result<Self::Recorded, Failure> {
-        Ok((tape.open()?, Comparison::default(), Control::open(tape)?))
-    }
-    fn next((.., control): &mut Self::Recorded) -> Result<Option<TorqueCommand>, LogError> {
-        Control::next(control)
-    }
-    fn compare(
-        (servos, servo, control): &mut Self::Recorded,
-        last: &TorqueCommand,
-        computed: Self,
-        tape: &Tape<'_>,
-    ) -> Result<(), LogError> {
-        if let Some(recorded) = servos.at(last.header.tick)? {
-            servo.take(&recorded, computed.servo);
-        }
-        Control::compare(control, last, computed.control, tape)
-    }
-    fn topics((_, servo, control): Self::Recorded) -> Vec<Topic> {
-        std::iter::once(servo.topic())
-            .chain(Control::topics(control))
-            .collect()
+        Ok(String::new())
     }
 }

@@ -1,94 +1,20 @@
 //! The same scenario under different conditions, compared byte by byte.
 
-use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::fmt;
+use std::path::Path;
 
-use chain::{Sink, Tick};
-use launcher::{End, Exit, Failure as Mishap};
-use message_log::{
-    Difference, LogError, LogReader, LogWriter, Logs, RowReader, Shape, TopicHash,
-    first_difference, first_difference_in, tick_of,
-};
 use model::Robot;
-use runtime::{ControlPage, RunDir, random};
+use runtime::random;
+use serde::Serialize;
+use session::table::{number, table};
 use session::{Failure, Observer, load};
-use shared_types::Message;
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
-use shared_types::layout::MessageLayout;
 use shared_types::scenario::Scenario;
-use shared_types::summary::TopicSummary;
-use shared_types::topics::{self, Build, ByTopic, COUNT, Each, Family, STEERED, TOPICS, Topic};
 
-use super::condition::{CONDITIONS, Condition};
-use super::stops::Stops;
-use crate::cpu_load::CpuLoad;
+use super::compared::{Place, Ran, Reference, first_place, in_processes, on_one_thread};
+use super::condition::CONDITIONS;
 use crate::folder::Folder;
-
-/// The result of one run.
-pub struct Ran {
-    /// Condition of the run.
-    pub condition: String,
-    /// Ticks run.
-    pub ticks: u64,
-    /// Ticks per second of wall-clock time.
-    pub ticks_per_s: f64,
-    /// Each topic by its name: those of [`TOPICS`] in their order, then those that only the graph knows.
-    pub topics: Vec<(String, TopicSummary)>,
-    /// Why it did not come to its end; empty when it did.
-    pub failure: String,
-    /// The process that ended it before its time, and how.
-    pub ended_by: Option<(String, Exit)>,
-}
-
-/// The reference of the comparison.
-pub struct Reference {
-    /// Result of the run.
-    pub ran: Ran,
-    /// Where its messages are; nowhere before they are needed.
-    pub messages: Option<PathBuf>,
-    /// Whether it is the first of the runs: one thread cannot have the death of the plant, a fault of the recorder, or a program of the graph's own.
-    pub is_run: bool,
-}
-
-impl Reference {
-    /// Whether a run gave the same bytes and ended the same way.
-    fn is_like(&self, ran: &Ran) -> bool {
-        let is_same_end = !self.is_run || ran.ended_by == self.ran.ended_by;
-        ran.topics == self.ran.topics
-            && is_same_end
-            && ran.failure.is_empty() == self.ran.failure.is_empty()
-    }
-
-    /// A planned fault may be the end of every run (the death of the plant is, and one death more than the budget); nothing else may.
-    fn is_sound(&self) -> bool {
-        self.ran.failure.is_empty() || !self.is_run || self.ran.ended_by.is_some()
-    }
-}
-
-/// The first place where a run is not the reference.
-pub struct Place {
-    /// Number of the run.
-    pub run: usize,
-    /// Tick of the difference.
-    pub tick: u64,
-    /// Topic of the difference.
-    pub topic: String,
-    /// The difference.
-    pub difference: Difference,
-}
-
-/// A difference between runs, and all runs.
-pub struct Verified {
-    /// The reference of the comparison.
-    pub reference: Reference,
-    /// The runs, without the reference where that is one of them.
-    pub runs: Vec<Ran>,
-    /// Where they first differ.
-    pub place: Option<Place>,
-    /// Whether all runs gave the same bytes and ended the same way.
-    pub is_identical: bool,
-}
 
 /// How to run a scenario several times.
 pub struct Request<'a> {
@@ -108,6 +34,27 @@ pub struct Request<'a> {
     pub unordered: bool,
 }
 
+/// All runs, and the first difference between them.
+#[derive(Serialize)]
+pub struct Verified {
+    /// Name of the scenario.
+    pub scenario: String,
+    /// Its seed.
+    pub seed: u64,
+    /// How many faults it plans.
+    pub faults: usize,
+    /// Whether all runs gave the same bytes and ended the same way.
+    pub identical: bool,
+    /// 1 where the first run is the reference: one thread cannot have the death of the plant, a fault of the recorder, or a program of the graph's own.
+    pub reference_run: Option<u32>,
+    /// What the runs are compared with.
+    pub reference: Ran,
+    /// The runs.
+    pub runs: Vec<Ran>,
+    /// Where the first that differs does so.
+    pub difference: Option<Place>,
+}
+
 /// Runs a scenario several times, each time under another condition, and compares every message of every topic.
 ///
 /// # Errors
@@ -119,401 +66,162 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
         robot,
         graph,
         ..
-    } = request;
+    } = *request;
     chain::try_first_tick(robot, scenario)
         .map_err(|error| Failure::Input(format!("{name}: {error}")))?;
-    let has_programs = graph
-        .process
-        .iter()
-        .any(|process| process.program().is_none());
-    let has_own_graph =
-        || chain::graph(scenario).map_or(true, |built_in| built_in.process != graph.process);
-    let needs_processes = has_programs
-        || !scenario.fault.is_empty()
-            && (has_own_graph() || chain::planned_faults(scenario).is_err());
-    if needs_processes && request.runs < 2 {
-        let reason = if has_programs {
-            "runs in programs of its graph"
-        } else {
-            "plans faults of its plant, its recorder or its graph"
-        };
-        let sentence = format!(
-            "{reason}, which one thread cannot have: its runs are compared with each other, so take at least --runs 2"
-        );
-        return Err(Failure::Input(format!("{} {sentence}", scenario.name)));
+    let needs_processes = needs_processes(scenario, graph);
+    if let Some(reason) = needs_processes.filter(|_| request.runs < 2) {
+        return Err(Failure::Input(format!(
+            "{} {reason}, which one thread cannot have: its runs are compared with each other, so take at least --runs 2",
+            scenario.name
+        )));
     }
     let folder = Folder::create(request.out)?;
-    let one_thread = || {
-        on_one_thread(robot, scenario, None).map(|ran| Reference {
-            ran,
-            messages: None,
-            is_run: false,
-        })
+    let messages = |run: usize| {
+        folder
+            .path()
+            .join(format!("run-{run}"))
+            .join(recorder::MESSAGES)
     };
-    let mut reference = if needs_processes {
-        None
+    let mut reference = if needs_processes.is_none() {
+        Some(on_one_thread(robot, scenario)?)
     } else {
-        Some(one_thread()?)
+        None
     };
-    let (mut runs, mut place) = (Vec::new(), None);
+    let (mut runs, mut difference) = (Vec::<Ran>::new(), None);
     for index in 0..request.runs as usize {
-        let condition = CONDITIONS[index % CONDITIONS.len()];
-        let out = folder.path().join(format!("run-{}", index + 1));
-        std::fs::create_dir_all(&out)
-            .map_err(|error| Failure::Work(format!("cannot make {}: {error}", out.display())))?;
-        let job = load::job(
-            robot,
-            (*scenario).clone(),
-            (*graph).clone(),
-            Mode::Lockstep,
-            out,
+        let (condition, seed) = (
+            CONDITIONS[index % CONDITIONS.len()],
+            random(scenario.seed, index as u64),
         );
+        let out = folder.path().join(format!("run-{}", index + 1));
+        std::fs::create_dir_all(&out).map_err(Failure::cannot("make", &out))?;
+        let job = load::job(robot, scenario.clone(), graph.clone(), Mode::Lockstep, out);
         let job = Job {
             record: condition.record,
             ..job
         };
-        let ran = in_processes(
-            &job,
-            condition,
-            random(scenario.seed, index as u64),
-            request.unordered,
-            observer,
-        )?;
-        let messages = job.out.join(recorder::MESSAGES);
-        let Some(reference) = &mut reference else {
-            reference = Some(Reference {
-                ran,
-                messages: Some(messages),
-                is_run: true,
-            });
-            continue;
-        };
-        if ran.topics != reference.ran.topics && place.is_none() {
-            let expected = match &reference.messages {
-                Some(messages) => messages,
-                None => {
-                    let messages = folder.path().join("one-thread");
-                    on_one_thread(robot, scenario, Some(&messages))?;
-                    reference.messages.insert(messages)
-                }
+        let mut plan = session::plan(&job)?;
+        condition.disturb(&mut plan, seed, request.unordered);
+        let count = plan.children.len();
+        let beside = |page| condition.beside(page, count, seed);
+        let ran = in_processes(&job, plan, condition.to_string(), beside, observer)?.ran;
+        let reference = reference.get_or_insert_with(|| ran.clone());
+        if ran.topics != reference.topics && difference.is_none() {
+            let expected = match needs_processes {
+                Some(_) => Reference::Run(messages(1)),
+                None => Reference::OneThread(robot, scenario),
             };
-            place = first_place(graph, expected, &messages, index)?;
+            difference = first_place(graph, &expected, &messages(index + 1), index + 1)?;
         }
-        if request.out.is_none() {
+        if request.out.is_none() && (index > 0 || needs_processes.is_none()) {
             // The rest is removed with the whole folder.
             let _ = std::fs::remove_dir_all(&job.out);
         }
         runs.push(ran);
     }
     // There is at least one run.
-    let Some(reference) = reference else {
-        return Err(Failure::work("nothing was run"));
+    let reference = reference.ok_or_else(|| Failure::work("nothing was run"))?;
+    let is_like = |ran: &Ran| {
+        ran.topics == reference.topics
+            && ran.failure.is_empty() == reference.failure.is_empty()
+            && (needs_processes.is_none() || ran.ended_by == reference.ended_by)
     };
-    let is_identical = reference.is_sound() && runs.iter().all(|ran| reference.is_like(ran));
+    // A planned fault may be the end of every run (the death of the plant is, and one death more than the budget); nothing else may.
+    let is_sound =
+        reference.failure.is_empty() || needs_processes.is_none() || reference.ended_by.is_some();
     Ok(Verified {
+        scenario: scenario.name.clone(),
+        seed: scenario.seed,
+        faults: scenario.fault.len(),
+        identical: is_sound && runs.iter().all(is_like),
+        reference_run: needs_processes.map(|_| 1),
         reference,
         runs,
-        place,
-        is_identical,
-    })
-}
-
-/// The topics of one thread: their fingerprints, and their messages in a folder where they are wanted.
-struct Topics(ByTopic<Taps>);
-
-struct Taps;
-
-impl Family for Taps {
-    type Of<M: Topic> = Tap<M>;
-}
-
-struct Tap<M: Message> {
-    hash: TopicHash,
-    keep: Option<LogWriter<M>>,
-}
-
-impl<M: Message> Tap<M> {
-    fn add(&mut self, message: &M) -> Result<(), LogError> {
-        self.hash.add(message);
-        self.keep.as_mut().map_or(Ok(()), |keep| keep.add(message))
-    }
-}
-
-impl Topics {
-    fn create(folder: Option<&Path>) -> Result<Self, LogError> {
-        struct Create<'a>(Option<&'a Path>, Logs);
-        impl Build<Taps> for Create<'_> {
-            type Error = LogError;
-            fn build<M: Topic>(&mut self) -> Result<Tap<M>, LogError> {
-                Ok(Tap {
-                    hash: TopicHash::default(),
-                    keep: self
-                        .0
-                        .map(|folder| LogWriter::create(folder, &self.1))
-                        .transpose()?,
-                })
-            }
-        }
-        ByTopic::try_build(&mut Create(folder, Logs::new(0, TOPICS))).map(Self)
-    }
-
-    fn add(&mut self, tick: &Tick) -> Result<(), LogError> {
-        struct Add<'a>(&'a mut ByTopic<Taps>, &'a Tick);
-        impl Each for Add<'_> {
-            type Output = Result<(), LogError>;
-            fn each<M: Topic>(&mut self) -> Self::Output {
-                M::of_mut(self.0).add(M::of(self.1))
-            }
-        }
-        topics::try_each(&mut Add(&mut self.0, tick))
-    }
-
-    /// Adds what the chain sends in a scenario that plans faults; the sentence: why it ended before its task did.
-    fn add_under_faults(
-        &mut self,
-        robot: &Robot,
-        scenario: &Scenario,
-    ) -> Result<Option<String>, Failure> {
-        struct Add<'a>(&'a mut ByTopic<Taps>, Result<(), LogError>);
-        impl Sink for Add<'_> {
-            fn take<M: Topic>(&mut self, message: &M) {
-                if self.1.is_ok() {
-                    self.1 = M::of_mut(self.0).add(message);
-                }
-            }
-        }
-        let mut add = Add(&mut self.0, Ok(()));
-        let ended = chain::run_under_faults(robot, scenario, &mut add).map_err(Failure::input)?;
-        add.1.map_err(Failure::work).map(|()| ended)
-    }
-
-    /// In the order of [`TOPICS`].
-    fn finish(mut self) -> Result<[TopicSummary; COUNT], LogError> {
-        struct Finish<'a>(&'a mut ByTopic<Taps>);
-        impl Each for Finish<'_> {
-            type Output = Result<(), LogError>;
-            fn each<M: Topic>(&mut self) -> Self::Output {
-                M::of_mut(self.0)
-                    .keep
-                    .as_mut()
-                    .map_or(Ok(()), LogWriter::flush)
-            }
-        }
-        struct Account<'a>(&'a ByTopic<Taps>);
-        impl Each for Account<'_> {
-            type Output = TopicSummary;
-            fn each<M: Topic>(&mut self) -> TopicSummary {
-                let hash = &M::of(self.0).hash;
-                hash.summary()
-            }
-        }
-        topics::try_each(&mut Finish(&mut self.0))?;
-        Ok(topics::each(&mut Account(&self.0)))
-    }
-}
-
-/// The reference of a scenario: no process, no shared memory, no clock.
-fn on_one_thread(
-    robot: &Robot,
-    scenario: &Scenario,
-    messages: Option<&Path>,
-) -> Result<Ran, Failure> {
-    let began = Instant::now();
-    let mut topics = Topics::create(messages).map_err(Failure::work)?;
-    let mut kept = Ok(());
-    let ended = if chain::plans_faults_of_processes(scenario) {
-        topics.add_under_faults(robot, scenario)?
-    } else {
-        let add = |tick: &Tick| {
-            kept = std::mem::replace(&mut kept, Ok(())).and_then(|()| topics.add(tick))
-        };
-        chain::run(robot, scenario, add).map_err(Failure::input)?;
-        None
-    };
-    let topics = kept.and_then(|()| topics.finish()).map_err(Failure::work)?;
-    let ticks = topics[0].count;
-    let has = |topic: &str| scenario.servo.is_some() || !STEERED.contains(&topic);
-    let topics = TOPICS
-        .into_iter()
-        .zip(topics)
-        .filter(|(topic, _)| has(topic))
-        .map(|(topic, summary)| (topic.to_owned(), summary))
-        .collect();
-    let ticks_per_s = ticks as f64 / began.elapsed().as_secs_f64().max(1e-9);
-    let condition = "one thread, no shared memory".to_owned();
-    Ok(Ran {
-        condition,
-        ticks,
-        ticks_per_s,
-        topics,
-        failure: ended.unwrap_or_default(),
-        ended_by: None,
-    })
-}
-
-fn in_processes(
-    job: &Job,
-    condition: Condition,
-    seed: u64,
-    unordered: bool,
-    observer: Observer<'_>,
-) -> Result<Ran, Failure> {
-    let mut plan = session::plan(job)?;
-    condition.disturb(&mut plan, seed, unordered);
-    let load = condition.cpu_load.then(CpuLoad::start);
-    let (count, mut stops) = (plan.children.len(), None);
-    let mut begin = |run: &RunDir| {
-        let control_page = ControlPage::open(run).map_err(Failure::work)?;
-        stops = condition
-            .stops
-            .then(|| Stops::start(control_page, count, seed));
-        Ok(())
-    };
-    let (outcome, account) = session::launch_begun(job, plan, &mut begin, observer)?;
-    drop((load, stops));
-    let (failure, ended_by) = match outcome.end {
-        End::Completed => (String::new(), None),
-        End::Interrupted { signal } => return Err(Failure::Work(format!("stopped by {signal}"))),
-        End::Failed(mishap) => (mishap.to_string(), ended_by(mishap)),
-    };
-    // Without an account there is no topic either, and that is a difference.
-    let mut account = account.unwrap_or_default();
-    let own = job.graph.own_messages().map(|layout| layout.topic);
-    let names = TOPICS
-        .into_iter()
-        .filter(|topic| job.graph.writer(topic).is_some())
-        .map(str::to_owned)
-        .chain(own);
-    let topics = names
-        .map(|topic| (account.topics.remove(&topic).unwrap_or_default(), topic))
-        .map(|(summary, topic)| (topic, summary))
-        .collect();
-    Ok(Ran {
-        condition: condition.to_string(),
-        ticks: outcome.ticks,
-        ticks_per_s: account.ticks_per_s,
-        topics,
-        failure,
-        ended_by,
-    })
-}
-
-fn ended_by(mishap: Mishap) -> Option<(String, Exit)> {
-    match mishap {
-        Mishap::Died { process, exit, .. } => Some((process, exit)),
-        Mishap::NoRoom { .. } | Mishap::Slow { .. } | Mishap::DidNotStop { .. } => None,
-    }
-}
-
-/// Reads what two runs kept, side by side, up to the first difference.
-pub(super) fn first_place(
-    graph: &Graph,
-    reference: &Path,
-    messages: &Path,
-    run: usize,
-) -> Result<Option<Place>, Failure> {
-    struct First<'a>(&'a Graph, &'a Path, &'a Path);
-    impl Each for First<'_> {
-        type Output = Result<Option<(u64, Difference)>, Failure>;
-        fn each<M: Topic>(&mut self) -> Self::Output {
-            if self.0.writer(M::TOPIC).is_some() {
-                first_in::<M>(self.1, self.2)
-            } else {
-                Ok(None)
-            }
-        }
-    }
-    let differences = topics::each(&mut First(graph, reference, messages))
-        .into_iter()
-        .collect::<Result<Vec<_>, _>>()?;
-    // The earliest; of one tick the first in the order of the data: it is the cause, the others follow from it.
-    let listed = TOPICS.into_iter().map(str::to_owned).zip(differences);
-    let own = graph.own_messages().map(|layout| {
-        Ok((
-            layout.topic.clone(),
-            first_in_own(&layout, reference, messages)?,
-        ))
-    });
-    let own = own.collect::<Result<Vec<_>, Failure>>()?;
-    let found = listed
-        .chain(own)
-        .filter_map(|(topic, difference)| Some((topic, difference?)));
-    let first = found.min_by_key(|(_, (tick, _))| *tick);
-    Ok(first.map(|(topic, (tick, difference))| Place {
-        run,
-        tick,
-        topic,
         difference,
-    }))
+    })
 }
 
-/// Where two series of kept messages of one topic first differ: the tick, and in what. Either may lack what the other has.
-fn first_in<M: Message>(
-    reference: &Path,
-    messages: &Path,
-) -> Result<Option<(u64, Difference)>, Failure> {
-    let (mut expected, mut found) = (
-        LogReader::<M>::open(reference).map_err(Failure::work)?,
-        LogReader::<M>::open(messages).map_err(Failure::work)?,
-    );
-    first_of(
-        || expected.next_message(),
-        || found.next_message(),
-        |message: &M| message.header().tick,
-        first_difference,
-    )
+/// Why one thread cannot have a scenario.
+fn needs_processes(scenario: &Scenario, graph: &Graph) -> Option<&'static str> {
+    let has_own_graph =
+        || chain::graph(scenario).map_or(true, |built_in| built_in.process != graph.process);
+    if graph
+        .process
+        .iter()
+        .any(|process| process.program().is_none())
+    {
+        return Some("runs in programs of its graph");
+    }
+    let is_possible =
+        scenario.fault.is_empty() || !has_own_graph() && chain::planned_faults(scenario).is_ok();
+    (!is_possible).then_some("plans faults of its plant, its recorder or its graph")
 }
 
-/// The same for a topic that only the graph knows.
-fn first_in_own(
-    layout: &MessageLayout,
-    reference: &Path,
-    messages: &Path,
-) -> Result<Option<(u64, Difference)>, Failure> {
-    let shape = Shape::from(layout);
-    let open = |folder: &Path| RowReader::open(folder, &shape).map_err(Failure::work);
-    let (mut expected, mut found) = (open(reference)?, open(messages)?);
-    let tick = |row: &Vec<u64>| tick_of(row);
-    let differ = |expected: &Vec<u64>, found: &Vec<u64>| {
-        first_difference_in(
-            &layout.fields,
-            bytemuck::cast_slice(expected),
-            bytemuck::cast_slice(found),
+impl fmt::Display for Verified {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            scenario,
+            seed,
+            reference,
+            runs,
+            ..
+        } = self;
+        let mut hashes = table(&["topic", "messages", "hash of the contents in the reference"]);
+        for (name, topic) in &reference.topics {
+            hashes.add_row([name.into(), number(topic.count), topic.hash.as_str().into()]);
+        }
+        writeln!(f, "{hashes}")?;
+        let mut rows = table(&["", "condition", "ticks/s", "topics"]);
+        let all = [(String::from("reference"), reference)].into_iter();
+        for (name, ran) in all.chain(
+            (1..)
+                .zip(runs)
+                .map(|(number, ran)| (format!("run {number}"), ran)),
+        ) {
+            let names = reference.topics.keys().chain(ran.topics.keys());
+            let mut others: Vec<&str> = names
+                .filter(|name| ran.topics.get(*name) != reference.topics.get(*name))
+                .map(String::as_str)
+                .collect();
+            others.dedup();
+            let topics = if others.is_empty() {
+                "all equal".to_owned()
+            } else {
+                format!("≠ {}", others.join(", "))
+            };
+            let speed = number(format!("{:.0}", ran.ticks_per_s));
+            rows.add_row([
+                name.into(),
+                ran.condition.as_str().into(),
+                speed,
+                topics.into(),
+            ]);
+        }
+        writeln!(f, "{rows}")?;
+        for (number, ran) in (1..).zip(runs).filter(|(_, ran)| !ran.failure.is_empty()) {
+            writeln!(f, "run {number} did not come to its end: {}", ran.failure)?;
+        }
+        if let Some(place) = &self.difference {
+            writeln!(f, "{place}")?;
+        }
+        if self.reference_run.is_some() {
+            writeln!(
+                f,
+                "one thread cannot have the death of the plant, a fault of the recorder, or a program of the graph's own:\n\
+                 run 1 is the reference of the others"
+            )?;
+        }
+        let verdict = if self.identical {
+            "the same bytes everywhere"
+        } else {
+            "NOT the same bytes"
+        };
+        writeln!(
+            f,
+            "{scenario}, seed {seed}, {} ticks, {} runs: {verdict}",
+            reference.ticks,
+            runs.len()
         )
-    };
-    first_of(|| expected.next_row(), || found.next_row(), tick, differ)
-}
-
-fn first_of<T>(
-    mut expected: impl FnMut() -> Result<Option<T>, LogError>,
-    mut found: impl FnMut() -> Result<Option<T>, LogError>,
-    tick: impl Fn(&T) -> u64,
-    differ: impl Fn(&T, &T) -> Option<Difference>,
-) -> Result<Option<(u64, Difference)>, Failure> {
-    let whole = |expected: &str, found: &str| Difference {
-        field: "the message".to_owned(),
-        expected: expected.into(),
-        found: found.into(),
-    };
-    loop {
-        let pair = (
-            expected().map_err(Failure::work)?,
-            found().map_err(Failure::work)?,
-        );
-        return Ok(match pair {
-            (None, None) => None,
-            (Some(expected), None) => Some((tick(&expected), whole("one", "none"))),
-            (None, Some(found)) => Some((tick(&found), whole("none", "one"))),
-            (Some(expected), Some(found)) if tick(&expected) < tick(&found) => {
-                Some((tick(&expected), whole("one", "none")))
-            }
-            (Some(expected), Some(found)) if tick(&expected) > tick(&found) => {
-                Some((tick(&found), whole("none", "one")))
-            }
-            (Some(expected), Some(found)) => match differ(&expected, &found) {
-                Some(difference) => Some((tick(&expected), difference)),
-                None => continue,
-            },
-        });
     }
 }

@@ -1,0 +1,299 @@
+//! Runs in processes and on one thread, and the first place where the messages of two of them differ.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use chain::Sink;
+use launcher::{End, Exit, Failure as Mishap, Plan};
+use message_log::{LogError, RowReader, Shape, TopicHash, first_difference_in, tick_of};
+use model::Robot;
+use runtime::{ControlPage, FaultRecord, RunDir};
+use serde::Serialize;
+use session::{Failure, Observer};
+use shared_types::graph::Graph;
+use shared_types::job::Job;
+use shared_types::layout::MessageLayout;
+use shared_types::scenario::Scenario;
+use shared_types::summary::{Summary, TopicSummary};
+use shared_types::topics::{self, COUNT, Each, STEERED, TOPICS, Topic};
+
+use crate::signals::Background;
+
+/// The result of one run.
+#[derive(Clone, Serialize)]
+pub struct Ran {
+    /// Condition of the run.
+    pub condition: String,
+    /// Ticks run.
+    pub ticks: u64,
+    /// Ticks per second of wall-clock time.
+    pub ticks_per_s: f64,
+    /// Why it did not come to its end; empty when it did.
+    pub failure: String,
+    /// Each topic by its name.
+    pub topics: BTreeMap<String, TopicSummary>,
+    /// The process that ended it before its time, and how.
+    #[serde(skip)]
+    pub(super) ended_by: Option<(String, Exit)>,
+}
+
+/// A run in processes, with all that its launcher knows.
+pub(super) struct InProcesses {
+    pub(super) ran: Ran,
+    pub(super) summary: Summary,
+    pub(super) faults: Vec<FaultRecord>,
+}
+
+/// Runs a job; `beside` starts what goes on beside it.
+pub(super) fn in_processes(
+    job: &Job,
+    plan: Plan,
+    condition: String,
+    beside: impl FnOnce(ControlPage) -> Vec<Background>,
+    observer: Observer<'_>,
+) -> Result<InProcesses, Failure> {
+    let (mut beside, mut work) = (Some(beside), Vec::new());
+    let mut begin = |run: &RunDir| {
+        let page = ControlPage::open(run).map_err(Failure::work)?;
+        work = beside.take().map(|beside| beside(page)).unwrap_or_default();
+        Ok(())
+    };
+    let (outcome, account) = session::launch_begun(job, plan, &mut begin, observer)?;
+    drop(work);
+    let summary = session::summarise(job, &outcome, account);
+    let (failure, ended_by) = match outcome.end {
+        End::Completed => (String::new(), None),
+        End::Interrupted { signal } => return Err(Failure::Work(format!("stopped by {signal}"))),
+        End::Failed(mishap) => {
+            let text = mishap.to_string();
+            let by = if let Mishap::Died { process, exit, .. } = mishap {
+                Some((process, exit))
+            } else {
+                None
+            };
+            (text, by)
+        }
+    };
+    // Without an account there is no topic either, and that is a difference.
+    let of = |layout: MessageLayout| {
+        let summary = summary
+            .topics
+            .get(&layout.topic)
+            .cloned()
+            .unwrap_or_default();
+        (layout.topic, summary)
+    };
+    let ran = Ran {
+        condition,
+        ticks: outcome.ticks,
+        ticks_per_s: summary.ticks_per_s,
+        failure,
+        topics: layouts(&job.graph).into_iter().map(of).collect(),
+        ended_by,
+    };
+    Ok(InProcesses {
+        ran,
+        summary,
+        faults: outcome.faults,
+    })
+}
+
+/// The topics of a graph: the listed ones in their order, then those that only the graph knows.
+fn layouts(graph: &Graph) -> Vec<MessageLayout> {
+    struct Layouts;
+    impl Each for Layouts {
+        type Output = MessageLayout;
+        fn each<M: Topic>(&mut self) -> MessageLayout {
+            MessageLayout::of::<M>()
+        }
+    }
+    let mut listed = topics::each(&mut Layouts).to_vec();
+    listed.retain(|layout| graph.writer(&layout.topic).is_some());
+    listed.extend(graph.own_messages());
+    listed
+}
+
+/// What a scenario gives without processes, shared memory and a clock.
+pub(super) fn on_one_thread(robot: &Robot, scenario: &Scenario) -> Result<Ran, Failure> {
+    struct Hashes([TopicHash; COUNT]);
+    impl Sink for Hashes {
+        fn take<M: Topic>(&mut self, message: &M) {
+            self.0[M::INDEX].add(message);
+        }
+    }
+    let (began, mut hashes) = (
+        Instant::now(),
+        Hashes(std::array::from_fn(|_| TopicHash::default())),
+    );
+    let ended = chain::run_under_faults(robot, scenario, &mut hashes).map_err(Failure::input)?;
+    let ticks = hashes.0[0].count();
+    let has = |topic: &str| scenario.servo.is_some() || !STEERED.contains(&topic);
+    let topics = TOPICS.iter().zip(&hashes.0).filter(|(topic, _)| has(topic));
+    Ok(Ran {
+        condition: "one thread, no shared memory".to_owned(),
+        ticks,
+        ticks_per_s: ticks as f64 / began.elapsed().as_secs_f64().max(1e-9),
+        failure: ended.unwrap_or_default(),
+        topics: topics
+            .map(|(topic, hash)| ((*topic).to_owned(), hash.summary()))
+            .collect(),
+        ended_by: None,
+    })
+}
+
+/// The first place where a run is not the reference.
+#[derive(Clone, Debug, Serialize)]
+pub struct Place {
+    /// Number of the run, from 1.
+    pub run: usize,
+    /// Tick of the difference.
+    pub tick: u64,
+    /// Topic of the difference.
+    pub topic: String,
+    /// The field, or `the message` where one has it and the other has not.
+    pub field: String,
+    /// Its value in the reference.
+    pub expected: String,
+    /// Its value in the run.
+    pub found: String,
+}
+
+impl std::fmt::Display for Place {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self {
+            run,
+            tick,
+            topic,
+            field,
+            expected,
+            found,
+        } = self;
+        write!(
+            f,
+            "run {run} first differs at tick {tick}, topic {topic}, field {field}:\n{found} instead of {expected}"
+        )
+    }
+}
+
+/// What a run is compared with.
+pub(super) enum Reference<'a> {
+    OneThread(&'a Robot, &'a Scenario),
+    /// The messages of another run.
+    Run(PathBuf),
+}
+
+/// Reads the messages of a run beside those of the reference up to the first difference: the earliest, and of one tick the first in the order of the
+/// data, for it is the cause and the others follow from it.
+pub(super) fn first_place(
+    graph: &Graph,
+    reference: &Reference<'_>,
+    messages: &Path,
+    run: usize,
+) -> Result<Option<Place>, Failure> {
+    let mut followed = layouts(graph)
+        .into_iter()
+        .map(|layout| Followed::open(messages, layout))
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(Failure::work)?;
+    match reference {
+        Reference::OneThread(robot, scenario) => {
+            struct Follow<'a>(&'a mut [Followed], Result<(), LogError>);
+            impl Sink for Follow<'_> {
+                fn take<M: Topic>(&mut self, message: &M) {
+                    let one = self.0.iter_mut().find(|one| one.layout.topic == M::TOPIC);
+                    if let Some(one) = one.filter(|_| self.1.is_ok()) {
+                        self.1 = one.expect(bytemuck::bytes_of(message), message.header().tick);
+                    }
+                }
+            }
+            let mut follow = Follow(&mut followed, Ok(()));
+            chain::run_under_faults(robot, scenario, &mut follow).map_err(Failure::input)?;
+            follow.1.map_err(Failure::work)?;
+        }
+        Reference::Run(expected) => {
+            for one in &mut followed {
+                one.follow(expected).map_err(Failure::work)?;
+            }
+        }
+    }
+    let mut places = Vec::new();
+    for mut one in followed {
+        one.end().map_err(Failure::work)?;
+        places.extend(one.first.map(|place| Place {
+            run,
+            topic: one.layout.topic,
+            ..place
+        }));
+    }
+    Ok(places.into_iter().min_by_key(|place| place.tick))
+}
+
+/// A topic of a run, read beside the messages that are expected of it.
+struct Followed {
+    layout: MessageLayout,
+    rows: RowReader,
+    next: Option<Vec<u64>>,
+    first: Option<Place>,
+}
+
+impl Followed {
+    fn open(messages: &Path, layout: MessageLayout) -> Result<Self, LogError> {
+        let mut rows = RowReader::open(messages, &Shape::from(&layout))?;
+        let next = rows.next_row()?;
+        Ok(Self {
+            layout,
+            rows,
+            next,
+            first: None,
+        })
+    }
+
+    fn follow(&mut self, messages: &Path) -> Result<(), LogError> {
+        let mut expected = RowReader::open(messages, &Shape::from(&self.layout))?;
+        while let Some(row) = expected.next_row()? {
+            self.expect(bytemuck::cast_slice(&row), tick_of(&row))?;
+        }
+        Ok(())
+    }
+
+    /// Takes the next message of the reference; either may lack what the other has.
+    fn expect(&mut self, expected: &[u8], tick: u64) -> Result<(), LogError> {
+        if self.first.is_some() {
+            return Ok(());
+        }
+        match &self.next {
+            Some(row) if tick_of(row) < tick => {
+                self.differ(tick_of(row), ["the message", "none", "one"])
+            }
+            Some(row) if tick_of(row) == tick => {
+                if let Some(found) =
+                    first_difference_in(&self.layout.fields, expected, bytemuck::cast_slice(row))
+                {
+                    self.differ(tick, [&found.field, &found.expected, &found.found]);
+                }
+                self.next = self.rows.next_row()?;
+            }
+            _ => self.differ(tick, ["the message", "one", "none"]),
+        }
+        Ok(())
+    }
+
+    fn end(&mut self) -> Result<(), LogError> {
+        if let Some(row) = self.next.take().filter(|_| self.first.is_none()) {
+            self.differ(tick_of(&row), ["the message", "none", "one"]);
+        }
+        Ok(())
+    }
+
+    fn differ(&mut self, tick: u64, [field, expected, found]: [&str; 3]) {
+        self.first = Some(Place {
+            run: 0,
+            tick,
+            topic: String::new(),
+            field: field.to_owned(),
+            expected: expected.to_owned(),
+            found: found.to_owned(),
+        });
+    }
+}

@@ -1,0 +1,128 @@
+//! The recorded messages of one topic, tick by tick, and how computed ones compare with them.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use message_log::{
+    Difference, Differences, FieldDifference, LogError, LogReader, Logs, first_difference,
+};
+use shared_types::Header;
+use shared_types::fault::MOST_DELAY_TICKS;
+use shared_types::topics::{Build, ByTopic, Family, Topic};
+
+/// A track for each topic.
+pub(super) struct Tracks;
+
+impl Family for Tracks {
+    type Of<M: Topic> = Track<M>;
+}
+
+/// Messages in the order of their ticks, each tick once: faults make them late, old, or two.
+pub(super) struct Track<M> {
+    log: Option<LogReader<M>>,
+    ahead: BTreeMap<u64, M>,
+    /// The first tick that has not been handed out.
+    next: u64,
+    messages: u64,
+    first: Option<(u64, Difference)>,
+    differences: Differences<M>,
+}
+
+/// The replayed process's messages of one topic, beside those of the run.
+pub struct Compared {
+    /// Name of the topic.
+    pub topic: &'static str,
+    /// Messages compared.
+    pub messages: u64,
+    /// Tick of the first difference, and the difference.
+    pub first: Option<(u64, Difference)>,
+    /// Largest difference per field.
+    pub fields: Vec<FieldDifference>,
+}
+
+/// Opens the tracks of some topics of a run; those of others are empty.
+pub(super) fn open(
+    folder: &Path,
+    logs: &Logs,
+    topics: &[&str],
+) -> Result<ByTopic<Tracks>, LogError> {
+    struct Open<'a>(&'a Path, &'a Logs, &'a [&'a str]);
+    impl Build<Tracks> for Open<'_> {
+        type Error = LogError;
+        fn build<M: Topic>(&mut self) -> Result<Track<M>, LogError> {
+            let is_wanted = self.2.contains(&M::TOPIC);
+            Ok(Track {
+                log: is_wanted
+                    .then(|| LogReader::open_of(self.0, self.1))
+                    .transpose()?,
+                ahead: BTreeMap::new(),
+                next: 0,
+                messages: 0,
+                first: None,
+                differences: Differences::default(),
+            })
+        }
+    }
+    ByTopic::try_build(&mut Open(folder, logs, topics))
+}
+
+impl<M: Topic> Track<M> {
+    /// More than a fault can hold a message back; messages.
+    const AHEAD: usize = 2 * MOST_DELAY_TICKS as usize + 4;
+
+    /// The next message.
+    pub(super) fn peek(&mut self) -> Result<Option<&M>, LogError> {
+        while self.ahead.len() < Self::AHEAD
+            && let Some(message) = self
+                .log
+                .as_mut()
+                .map_or(Ok(None), LogReader::next_message)?
+        {
+            let tick = message.header().tick;
+            if tick >= self.next {
+                self.ahead.entry(tick).or_insert(message);
+            }
+        }
+        Ok(self.ahead.values().next())
+    }
+
+    pub(super) fn header(&mut self) -> Result<Option<Header>, LogError> {
+        Ok(self.peek()?.map(|message| *message.header()))
+    }
+
+    /// The message of a tick; those of earlier ones are passed over.
+    pub(super) fn at(&mut self, tick: u64) -> Result<Option<M>, LogError> {
+        while let Some(header) = self.header()?.filter(|header| header.tick <= tick) {
+            self.next = header.tick.saturating_add(1);
+            let message = self.ahead.remove(&header.tick);
+            if header.tick == tick {
+                return Ok(message);
+            }
+        }
+        Ok(None)
+    }
+
+    /// Compares the recorded message of a tick, if there is one, with the computed one.
+    pub(super) fn compare(&mut self, mut computed: M, tick: u64) -> Result<(), LogError> {
+        if let Some(recorded) = self.at(tick)? {
+            // The runtime sets the incarnation, not the step.
+            computed.header_mut().incarnation = recorded.header().incarnation;
+            self.messages += 1;
+            if self.first.is_none() {
+                self.first =
+                    first_difference(&recorded, &computed).map(|difference| (tick, difference));
+            }
+            self.differences.add(&recorded, &computed);
+        }
+        Ok(())
+    }
+
+    pub(super) fn compared(&mut self) -> Compared {
+        Compared {
+            topic: M::TOPIC,
+            messages: self.messages,
+            first: self.first.take(),
+            fields: std::mem::take(&mut self.differences).fields(),
+        }
+    }
+}
