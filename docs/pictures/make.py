@@ -158,10 +158,10 @@ def drill(command, scratch):
 
 
 def soak(command, scratch):
-    """Faults against time, in real time: two and a half minutes, on a machine that does nothing else."""
+    """Faults at random in real time: two and a half minutes, on a machine that does nothing else."""
     folder = scratch / "soak"
     subprocess.run([command, "drill", "--soak", "150", "--seed", "77", "--out", str(folder)], capture_output=True, check=True)
-    small((folder / "soak.png").read_bytes()).save(DOCS / "soak.png", optimize=True)
+    small((folder / "drill.png").read_bytes()).save(DOCS / "soak.png", optimize=True)
 
 
 def report(command, scratch):

@@ -172,8 +172,10 @@ enum Command {
         long_about = "Runs a scenario once for every kind of fault and every process it can happen to, and for a seeded sample of pairs, in its \
                       processes and in lockstep. The fault is injected live in the middle of the motion; then the run is repeated from the \
                       plan it left, which must give the same bytes. Judged on the simulator's truth: torque and speed against the limits, age of \
-                      the torque in force, largest torque step, distance from the fault-free path, the end; and what was lost or left behind.",
-        after_help = "Examples:\n  armplane drill\n  armplane drill --only controller:kill\n  armplane drill elbow-in-and-out --out drill\n\nExit code 1: a guarantee does not hold."
+                      the torque in force, largest torque step, distance from the fault-free path, the end; and what was lost or left behind.\n\n\
+                      --soak runs the graph in real time instead, a minute at a time, with every fault at random, and judges each round by the same \
+                      guarantees, and by every death, message and file. A round that breaks one leaves its files with a scenario.toml of its faults.",
+        after_help = "Examples:\n  armplane drill\n  armplane drill --only controller:kill\n  armplane drill elbow-in-and-out --out drill\n  armplane drill --soak 1800 --out soak\n\nExit code 1: a guarantee does not hold."
     )]
     Drill(drill::DrillArgs),
     /// List the built-in scenarios and robots.

@@ -117,7 +117,7 @@ pub fn drill(request: &Request<'_>, observer: Observer<'_>) -> Result<Drilled, F
         }
         observer(Progress::End);
     }
-    Drilled::new(cells, None, request.out)
+    Drilled::new(cells, None, None, request.out)
 }
 
 fn cell(stage: &Stage<'_>, plan: &[Fault], base: &Ran) -> Result<Cell, Failure> {

@@ -18,6 +18,9 @@ use crate::quantile::quantile;
 pub struct Drilled {
     /// Whether no cell broke a guarantee.
     pub passed: bool,
+    /// Seed of the rounds of a soak.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
     /// The signal that ended it before its time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub interrupted: Option<&'static str>,
@@ -44,6 +47,7 @@ impl Drilled {
     /// Adds the cells up, and saves them with their picture.
     pub(super) fn new(
         cells: Vec<Cell>,
+        seed: Option<u64>,
         interrupted: Option<&'static str>,
         out: Option<&Path>,
     ) -> Result<Self, Failure> {
@@ -69,6 +73,7 @@ impl Drilled {
         let passed = cells.iter().all(|cell| cell.broken.is_empty());
         let drilled = Self {
             passed,
+            seed,
             interrupted,
             kinds: kinds.collect(),
             cells,
@@ -110,7 +115,6 @@ impl fmt::Display for Drilled {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let optional = |value: Option<f64>| number(value.map_or(String::from("–"), digits));
         let percent = |ratio: f64| number(format!("{:.1} %", ratio * 100.0));
-        let is_soak = self.cells.iter().all(|cell| cell.excursion.is_none());
         let mut rows = table(&[
             "process", "fault", "detected", "stale", "torque", "step", "speed", "mrad", "mm",
             "settled", "end",
@@ -142,7 +146,7 @@ impl fmt::Display for Drilled {
             "{rows}\ndetected, settled: after so many ms; stale: age of a torque in force, in ticks; torque, step, speed: largest share of a limit;\n\
              mrad, mm: off the path, joints and end-effector, in lockstep; --json has more"
         )?;
-        if is_soak {
+        if let Some(seed) = self.seed {
             let mut rows = table(&[
                 "fault",
                 "times",
@@ -167,7 +171,7 @@ impl fmt::Display for Drilled {
             let sum = |of: fn(&Cell) -> u64| self.cells.iter().map(of).sum::<u64>();
             writeln!(
                 f,
-                "{rows}\n{} faults, {} restarts; {} messages sent, {} refused as not finite, {} of dead incarnations, {} lost",
+                "{rows}\nseed {seed}: {} faults, {} restarts; {} messages sent, {} refused as not finite, {} of dead incarnations, {} lost",
                 sum(|cell| cell.faults.len() as u64),
                 sum(|cell| u64::from(cell.restarts)),
                 sum(|cell| cell.messages.sent),

@@ -122,7 +122,7 @@ pub fn soak(
             kept.display()
         )));
     }
-    Drilled::new(cells, interrupted, out)
+    Drilled::new(cells, Some(seed), interrupted, out)
 }
 
 /// A scenario's motion without its faults, there and back again until the time is over.
