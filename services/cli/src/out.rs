@@ -389,7 +389,7 @@ impl Write for Log {
     }
 }
 
-/// A text without control characters: each is written as JSON writes it (`\u001b`), so that JSON stays JSON.
+/// A text without control characters and marks of direction: each is written as JSON writes it (`\u001b`), so that JSON stays JSON.
 pub(crate) fn plain(text: &str) -> Cow<'_, str> {
     escaped(text, |_| 0)
 }
@@ -415,7 +415,10 @@ pub(crate) fn painted(text: &str) -> Cow<'_, str> {
 
 /// A text with its control characters escaped but for the ends of lines, tabs, and as many bytes as `kept` wants from a place on.
 fn escaped(text: &str, kept: fn(&str) -> usize) -> Cow<'_, str> {
-    let is_code = |letter: char| letter.is_control() && !matches!(letter, '\n' | '\t');
+    // Marks of direction show a text in another order than it has.
+    let is_mark = |letter: char| matches!(letter, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    let is_code =
+        |letter: char| letter.is_control() && !matches!(letter, '\n' | '\t') || is_mark(letter);
     if !text.contains(is_code) {
         return Cow::Borrowed(text);
     }
@@ -498,5 +501,6 @@ mod tests {
             "JSON reads back"
         );
         assert!(matches!(plain("ζ = (0, 1)\n"), Cow::Borrowed(_)));
+        assert_eq!(plain("a\u{202e}b\u{2066}"), "a\\u202eb\\u2066");
     }
 }

@@ -26,7 +26,7 @@ pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failu
         .clone()
         .unwrap_or_else(|| run.folder.join("report.html"));
     let session::Page { text, shortfall } = session::report(&run, &path)?;
-    std::fs::write(&path, &text).map_err(|error| {
+    files::write(&path, &text).map_err(|error| {
         Failure::Work(format!(
             "cannot write {}: {error}; name another file with --out",
             path.display()

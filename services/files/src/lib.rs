@@ -1,13 +1,14 @@
-//! Opening files that a person names, or that stand in the folder of a run.
+//! The one door to files that a person names, or that stand in the folder of a run, and to lines that somebody else writes.
 //!
 //! To open a named pipe is to wait for its writer, and a device may have no end: what is no regular file is refused. A pipe that this process holds already is
 //! read (`/dev/stdin`, and `/dev/fd/N` as a shell makes it of `<(command)`): it waits for nobody but the command that the user has put there.
 
 use std::fs::File;
-use std::io::{self, BufRead, Read};
+use std::io::{self, BufRead, Read, Write};
 use std::path::Path;
 
 use rustix::fs::{FileType, Mode, OFlags, fcntl_setfl, fstat, open as open_at};
+use rustix::io::Errno;
 
 /// Opens a file for reading.
 ///
@@ -37,24 +38,73 @@ pub fn open(path: &Path) -> io::Result<File> {
     }
 }
 
+/// The largest file that is read whole: an hour of targets at 1 kHz has 200 MB.
+const LARGEST: u64 = 256 << 20;
+
 /// All bytes of a file.
 ///
 /// # Errors
-/// As [`open`].
+/// As [`open`], and [`io::ErrorKind::FileTooLarge`] beyond 256 MiB: a pipe may have no end.
 pub fn read(path: &Path) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    open(path)?.read_to_end(&mut bytes)?;
-    Ok(bytes)
+    read_at_most(path, LARGEST)
 }
 
 /// The text of a file.
 ///
 /// # Errors
-/// As [`open`], and [`io::ErrorKind::InvalidData`] where it is no UTF-8.
+/// As [`read`], and [`io::ErrorKind::InvalidData`] where it is no UTF-8.
 pub fn read_text(path: &Path) -> io::Result<String> {
-    let mut text = String::new();
-    open(path)?.read_to_string(&mut text)?;
-    Ok(text)
+    let bytes = read(path)?;
+    String::from_utf8(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
+}
+
+fn read_at_most(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    open(path)?.take(most + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most {
+        let sentence = format!("it has more than {} MiB", most >> 20);
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, sentence));
+    }
+    Ok(bytes)
+}
+
+/// Makes a file, or empties the one that is there.
+///
+/// # Errors
+/// The system's, and [`io::ErrorKind::InvalidInput`] for a symbolic link, a named pipe or a device: what is written there would go elsewhere, or wait
+/// for a reader. A descriptor of this process (`/dev/stdout`, `/dev/fd/N`) is written to.
+pub fn create(path: &Path) -> io::Result<File> {
+    let held = path == Path::new("/dev/stdout") || is_held(path);
+    let flags = OFlags::WRONLY | OFlags::CREATE | OFlags::CLOEXEC | OFlags::NOCTTY;
+    // Without waiting: a pipe that somebody reads is opened, and then refused.
+    let more = if held {
+        OFlags::empty()
+    } else {
+        OFlags::NOFOLLOW | OFlags::NONBLOCK
+    };
+    let irregular = |kind: &str| {
+        let sentence = format!("it is {kind}, not a regular file");
+        io::Error::new(io::ErrorKind::InvalidInput, sentence)
+    };
+    let file = match open_at(path, flags | more, Mode::from_raw_mode(0o666)) {
+        Err(Errno::LOOP) => return Err(irregular("a symbolic link")),
+        Err(Errno::NXIO) => return Err(irregular("a named pipe")),
+        opened => File::from(opened?),
+    };
+    match FileType::from_raw_mode(fstat(&file)?.st_mode) {
+        FileType::RegularFile => file.set_len(0)?,
+        _ if held => {}
+        other => return Err(irregular(words(other))),
+    }
+    Ok(file)
+}
+
+/// Writes a file whole.
+///
+/// # Errors
+/// As [`create`].
+pub fn write(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
+    create(path)?.write_all(bytes.as_ref())
 }
 
 /// Longest line that is taken from a program or a person; bytes.
@@ -172,8 +222,36 @@ mod tests {
         let reader = std::thread::spawn(move || read_text(Path::new(&held)));
         // It waits for what comes later.
         std::thread::sleep(std::time::Duration::from_millis(50));
-        std::io::Write::write_all(&mut begin, b"come").unwrap();
+        begin.write_all(b"come").unwrap();
         drop(begin);
         assert_eq!(reader.join().unwrap().unwrap(), "come");
+    }
+
+    #[test]
+    fn a_file_without_an_end_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        std::fs::write(&path, [0; 100]).unwrap();
+        assert_eq!(read_at_most(&path, 100).unwrap().len(), 100);
+        let error = read_at_most(&path, 99).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::FileTooLarge);
+    }
+
+    #[test]
+    fn nothing_is_written_behind_a_link_into_a_pipe_or_into_a_device() {
+        let folder = tempfile::tempdir().unwrap();
+        let [file, pipe, link] = ["file", "pipe", "link"].map(|name| folder.path().join(name));
+        write(&file, "a longer text").unwrap();
+        write(&file, "text").unwrap();
+        assert_eq!(read_text(&file).unwrap(), "text");
+        mknodat(CWD, &pipe, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        let refused = |path: &Path| write(path, "x").unwrap_err().kind();
+        for path in [&pipe, &link, Path::new("/dev/null")] {
+            assert_eq!(refused(path), io::ErrorKind::InvalidInput, "{path:?}");
+        }
+        let _reader = open_at(&pipe, OFlags::RDONLY | OFlags::NONBLOCK, Mode::empty()).unwrap();
+        assert_eq!(refused(&pipe), io::ErrorKind::InvalidInput);
+        assert_eq!(read_text(&file).unwrap(), "text");
     }
 }

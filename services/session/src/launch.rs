@@ -139,7 +139,7 @@ pub fn launch_watched(
     runtime::reserve(&account_path, ACCOUNT_BYTES)
         .map_err(|error| Failure::Work(format!("no memory for the run's summary: {error}")))?;
     let text = serde_json::to_vec(&job).map_err(Failure::work)?;
-    std::fs::write(&path, text).map_err(Failure::cannot("write", &path))?;
+    files::write(&path, text).map_err(Failure::cannot("write", &path))?;
     // In the results folder too, before anything happens: what a killed launcher leaves can be read and recovered.
     if job.out.is_dir() {
         let kept = serde_json::to_vec_pretty(&job).map_err(Failure::work)?;

@@ -181,7 +181,7 @@ impl Results {
     pub fn save(&self, name: &str, value: &serde_json::Value) -> Result<(), Failure> {
         let path = self.folder.join(name);
         let text = serde_json::to_vec_pretty(value).map_err(Failure::work)?;
-        std::fs::write(&path, text).map_err(Failure::cannot("write", &path))
+        files::write(&path, text).map_err(Failure::cannot("write", &path))
     }
 
     /// Takes the room that the run's account will need: a recording that fills the disk shall not be the end of the summary too.

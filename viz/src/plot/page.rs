@@ -196,7 +196,7 @@ fn draw_error(path: &Path, reason: impl ToString) -> PlotError {
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), PlotError> {
-    std::fs::write(path, bytes).map_err(|error| PlotError::Write {
+    files::write(path, bytes).map_err(|error| PlotError::Write {
         path: path.to_owned(),
         error,
     })
