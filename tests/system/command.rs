@@ -41,10 +41,16 @@ impl Desk {
         path
     }
 
-    pub(crate) fn start(&self, args: &[&str]) -> Child {
+    /// The text of a file in the folder.
+    pub(crate) fn read(&self, name: &str) -> String {
+        std::fs::read_to_string(self.path().join(name))
+            .unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    pub(crate) fn start(&self, args: impl Args) -> Child {
         let mut command = Command::new(env!("CARGO_BIN_EXE_armplane"));
         command
-            .args(args)
+            .args(args.words())
             .current_dir(self.path())
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
@@ -63,16 +69,124 @@ impl Desk {
         command.spawn().expect("armplane starts")
     }
 
-    pub(crate) fn armplane(&self, args: &[&str]) -> Said {
+    pub(crate) fn armplane(&self, args: impl Args) -> Said {
         finish(self.start(args))
     }
 
-    /// Runs a scenario and reads its summary.
-    pub(crate) fn run(&self, args: &[&str]) -> Value {
-        let said = self.armplane(&[&["run"], args, &["--json"]].concat());
-        assert_eq!(said.code, 0, "{}\n{}", said.out, said.err);
+    /// A command that succeeds.
+    pub(crate) fn succeeds(&self, args: impl Args) -> Said {
+        let words = args.words();
+        let said = self.armplane(&words);
+        assert_eq!(said.code, 0, "{words:?}: {}{}", said.out, said.err);
+        said
+    }
+
+    /// The JSON of a command that succeeds.
+    pub(crate) fn json(&self, args: impl Args) -> Value {
+        let words = [args.words(), vec!["--json".to_owned()]].concat();
+        let said = self.succeeds(&words);
         assert_nothing_left(said.launcher);
-        serde_json::from_str(&said.out).expect("the summary is JSON")
+        said.json()
+    }
+
+    /// Runs a scenario to a success and reads its summary.
+    pub(crate) fn run(&self, args: impl Args) -> Value {
+        self.json(&[vec!["run".to_owned()], args.words()].concat())
+    }
+
+    /// A command that ends with this exit code, in one sentence that holds each of these names and numbers.
+    pub(crate) fn refuses(&self, code: i32, args: impl Args, names: &[&str]) -> Said {
+        let words = args.words();
+        let said = self.armplane(&words);
+        assert_nothing_left(said.launcher);
+        assert!(
+            said.code == code && names.iter().all(|name| said.err.contains(name)),
+            "{words:?}: {} without one of {names:?}: {}{}",
+            said.code,
+            said.out,
+            said.err
+        );
+        said
+    }
+}
+
+impl Said {
+    /// What it printed for machines.
+    pub(crate) fn json(&self) -> Value {
+        serde_json::from_str(&self.out)
+            .unwrap_or_else(|error| panic!("{error}: {}\n{}", self.out, self.err))
+    }
+}
+
+/// The arguments of a command: words between spaces, or a list where one of them holds a space.
+pub(crate) trait Args {
+    fn words(&self) -> Vec<String>;
+}
+
+impl Args for &str {
+    fn words(&self) -> Vec<String> {
+        self.split_whitespace().map(str::to_owned).collect()
+    }
+}
+
+impl Args for &String {
+    fn words(&self) -> Vec<String> {
+        self.as_str().words()
+    }
+}
+
+impl<T: AsRef<str>> Args for &[T] {
+    fn words(&self) -> Vec<String> {
+        self.iter().map(|word| word.as_ref().to_owned()).collect()
+    }
+}
+
+impl<T: AsRef<str>, const N: usize> Args for &[T; N] {
+    fn words(&self) -> Vec<String> {
+        self.as_slice().words()
+    }
+}
+
+impl<T: AsRef<str>> Args for &Vec<T> {
+    fn words(&self) -> Vec<String> {
+        self.as_slice().words()
+    }
+}
+
+/// Numbers of a summary by their path, `joints.speed_max_ratio` or `faults.0.tick`.
+pub(crate) trait Numbers {
+    /// A number; anything else fails the test.
+    fn number(&self, path: &str) -> f64;
+    /// A count; anything else fails the test.
+    fn count(&self, path: &str) -> u64;
+    /// The entries of a list; anything else fails the test.
+    fn list(&self, path: &str) -> &[Value];
+}
+
+fn at<'a>(value: &'a Value, path: &str) -> &'a Value {
+    let pointer = format!("/{}", path.replace('.', "/"));
+    let pointer = pointer.trim_end_matches('/');
+    let found = value.pointer(pointer);
+    found.unwrap_or_else(|| panic!("no {path} in {value}"))
+}
+
+impl Numbers for Value {
+    fn number(&self, path: &str) -> f64 {
+        let found = at(self, path);
+        let number = found.as_f64();
+        number.unwrap_or_else(|| panic!("{path} is no number: {found}"))
+    }
+
+    fn count(&self, path: &str) -> u64 {
+        let found = at(self, path);
+        let number = found.as_u64();
+        number.unwrap_or_else(|| panic!("{path} is no count: {found}"))
+    }
+
+    fn list(&self, path: &str) -> &[Value] {
+        let found = at(self, path);
+        let list = found.as_array();
+        list.unwrap_or_else(|| panic!("{path} is no list: {found}"))
     }
 }
 

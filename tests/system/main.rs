@@ -8,6 +8,7 @@ mod compare;
 mod corpus;
 mod damage;
 mod determinism;
+mod door;
 mod exchange;
 mod faults;
 mod folders;

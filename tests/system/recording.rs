@@ -27,11 +27,6 @@ impl Desk {
         std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).expect("a mode");
         path
     }
-
-    fn read(&self, name: &str) -> String {
-        std::fs::read_to_string(self.path().join(name))
-            .unwrap_or_else(|error| panic!("{name}: {error}"))
-    }
 }
 
 const SHORT: [&str; 4] = [

@@ -27,6 +27,7 @@ mod report;
 mod results;
 mod robot;
 mod runs;
+mod seal;
 mod session;
 mod steer;
 mod summary;

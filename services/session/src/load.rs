@@ -16,6 +16,7 @@ use sim::scenarios;
 
 use crate::arm_faults;
 use crate::failure::Failure;
+use crate::seal;
 
 /// The scenario of `armplane` without arguments.
 pub const DEFAULT_SCENARIO: &str = "fig5-wrist-rotation";
@@ -87,10 +88,12 @@ impl Source {
                 "or give the path of a scenario file (.toml), see `armplane list`",
             )));
         }
+        let (text, folder) = (read(path)?, path.parent().map(Path::to_owned));
+        seal::check(name, &text, folder.as_deref().unwrap_or(Path::new("")))?;
         Ok(Self {
             file: name.to_owned(),
-            text: read(path)?,
-            folder: path.parent().map(Path::to_owned),
+            text,
+            folder,
         })
     }
 

@@ -17,6 +17,7 @@ use shared_types::{Message, Target, TargetContent};
 
 use crate::failure::Failure;
 use crate::load;
+use crate::seal;
 
 /// The folder of runs without `--out`.
 pub const RUNS: &str = "runs";
@@ -395,12 +396,9 @@ fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>
             toml::to_string(&graph).map_err(Failure::work)?.into_bytes(),
         ));
     }
-    files.push((
-        SCENARIO,
-        toml::to_string(&scenario)
-            .map_err(Failure::work)?
-            .into_bytes(),
-    ));
+    let text = toml::to_string(&scenario).map_err(Failure::work)?;
+    let sealed = seal::line(&text, &files) + &text;
+    files.push((SCENARIO, sealed.into_bytes()));
     Ok(files)
 }
 

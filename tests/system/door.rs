@@ -1,0 +1,84 @@
+//! One door for files: nothing is written through a link or into a pipe, and a saved run that was damaged is not run.
+
+use std::os::unix::fs::symlink;
+use std::process::Command;
+
+use crate::command::Desk;
+
+const SHORT: &str = "name = \"short\"\nrobot = \"arm.urdf\"\nsettle_s = 0.1\n[start]\nq_deg = [10, 40]\n[[segment]]\nby_m = [-0.01, 0.0, 0.0]\nduration_s = 0.3\n";
+
+/// Two links in a plane.
+const ARM: &str = r#"<robot name="two"><link name="base"/><link name="upper"><inertial><origin xyz="0.15 0 0"/><mass value="1"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="fore"><inertial><origin xyz="0.15 0 0"/><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="one" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="20" velocity="6"/></joint>
+<joint name="two" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.3 0 0"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="20" velocity="6"/></joint>
+<link name="hand"/><joint name="fixed" type="fixed"><parent link="fore"/><child link="hand"/><origin xyz="0.3 0 0"/></joint></robot>"#;
+
+fn desk() -> Desk {
+    let desk = Desk::new();
+    desk.file("arm.urdf", ARM);
+    desk.file("arm.toml", "task = [\"x\", \"y\"]\n");
+    desk.file("short.toml", SHORT);
+    desk.run("short.toml --out r");
+    desk
+}
+
+#[test]
+fn no_result_is_written_behind_a_link_or_into_a_pipe() {
+    let desk = desk();
+    let at = |name: &str| desk.path().join(name);
+    let victim = desk.file("victim", "mine");
+    std::fs::create_dir(at("out")).unwrap();
+    for name in [
+        "page.html",
+        "out/signals.csv",
+        "out/signals.parquet",
+        "out/whole.rrd",
+    ] {
+        symlink(&victim, at(name)).unwrap();
+    }
+    let formats =
+        ["csv", "parquet", "rrd"].map(|format| format!("export r --format {format} --out out"));
+    for command in formats
+        .iter()
+        .map(String::as_str)
+        .chain(["report r --out page.html"])
+    {
+        let said = desk.armplane(command);
+        assert!([1, 2].contains(&said.code), "{command}: {}", said.err);
+        assert_eq!(said.err.lines().count(), 1, "{command}: {}", said.err);
+        assert_eq!(desk.read("victim"), "mine", "{command}");
+    }
+    let made = Command::new("mkfifo").arg(at("pipe")).status().unwrap();
+    assert!(made.success());
+    desk.refuses(1, "report r --out pipe", &["pipe"]);
+    // What the user holds is written to.
+    let page = desk.succeeds("report r --out /dev/stdout");
+    assert!(page.out.contains("</html>"));
+}
+
+#[test]
+fn a_saved_run_that_was_damaged_is_named_and_one_that_was_edited_runs() {
+    let desk = desk();
+    let whole = desk.run("r/scenario.toml --out again");
+    let (scenario, robot) = (desk.read("r/scenario.toml"), desk.read("r/robot.urdf"));
+    let (seal, text) = scenario.split_once('\n').unwrap();
+    for at in (0..text.len()).step_by(text.len() / 20) {
+        let mut bytes = text.as_bytes().to_vec();
+        bytes[at] ^= 1;
+        let bytes = [seal.as_bytes(), b"\n", &bytes].concat();
+        std::fs::write(desk.path().join("r/scenario.toml"), bytes).unwrap();
+        desk.refuses(2, "run r/scenario.toml --out none", &["r/scenario.toml"]);
+    }
+    desk.file("r/scenario.toml", &scenario);
+    desk.file(
+        "r/robot.urdf",
+        &robot.replace("mass value=\"1\"", "mass value=\"2\""),
+    );
+    desk.refuses(2, "run r/scenario.toml --out none", &["r/robot.urdf"]);
+    assert!(!desk.path().join("none").exists());
+    desk.file("r/scenario.toml", text);
+    let heavier = desk.run("r/scenario.toml --out heavier");
+    assert_ne!(heavier["topics"]["torque"], whole["topics"]["torque"]);
+}
