@@ -153,43 +153,6 @@ impl<T: AsRef<str>> Args for &Vec<T> {
     }
 }
 
-/// Numbers of a summary by their path, `joints.speed_max_ratio` or `faults.0.tick`.
-pub(crate) trait Numbers {
-    /// A number; anything else fails the test.
-    fn number(&self, path: &str) -> f64;
-    /// A count; anything else fails the test.
-    fn count(&self, path: &str) -> u64;
-    /// The entries of a list; anything else fails the test.
-    fn list(&self, path: &str) -> &[Value];
-}
-
-fn at<'a>(value: &'a Value, path: &str) -> &'a Value {
-    let pointer = format!("/{}", path.replace('.', "/"));
-    let pointer = pointer.trim_end_matches('/');
-    let found = value.pointer(pointer);
-    found.unwrap_or_else(|| panic!("no {path} in {value}"))
-}
-
-impl Numbers for Value {
-    fn number(&self, path: &str) -> f64 {
-        let found = at(self, path);
-        let number = found.as_f64();
-        number.unwrap_or_else(|| panic!("{path} is no number: {found}"))
-    }
-
-    fn count(&self, path: &str) -> u64 {
-        let found = at(self, path);
-        let number = found.as_u64();
-        number.unwrap_or_else(|| panic!("{path} is no count: {found}"))
-    }
-
-    fn list(&self, path: &str) -> &[Value] {
-        let found = at(self, path);
-        let list = found.as_array();
-        list.unwrap_or_else(|| panic!("{path} is no list: {found}"))
-    }
-}
-
 /// Waits for a command to end.
 pub(crate) fn finish(child: Child) -> Said {
     let launcher = child.id();
