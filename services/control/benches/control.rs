@@ -1,7 +1,7 @@
 //! The cost of a tick: model, analyzer and controller, by formula, by geometry and by number. `cargo bench -p control`
 #![allow(non_snake_case, missing_docs)]
 
-use control::{Analyzer, Controller, start_posture};
+use control::{Analyzer, Controller, Inputs, start_posture};
 use divan::{AllocProfiler, Bencher};
 use model::{Model, Robot};
 use nalgebra::SVector;
@@ -101,7 +101,15 @@ fn control<const N: usize>(bencher: Bencher, text: &str, numeric: bool) {
     arm.controller.save(&mut state);
     bencher.bench_local(|| {
         arm.controller.restore(&state);
-        arm.controller.step(&arm.q, &qdot, &qdot, &report)
+        arm.controller.step(&Inputs {
+            tick: 0,
+            q: &arm.q,
+            qdot: &qdot,
+            tau_disturbance: &qdot,
+            report: &report,
+            terms: None,
+            target: None,
+        })
     });
 }
 

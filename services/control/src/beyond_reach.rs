@@ -1,11 +1,11 @@
 //! A goal beyond reach, as the plan of the path finds it: said before the start, and where its leg has ended short of it (+).
 
-use crate::continuous::guide::Guide;
+use crate::controller::Setup;
 use crate::linear::{angular, linear};
+use crate::reference::guide::Guide;
 use crate::types::Command;
 use nalgebra::Vector6;
 use shared_types::bounds::within;
-use shared_types::scenario::Goal;
 
 /// A goal that no posture of the arm has, found before the first tick, in words.
 pub(crate) fn warning<const N: usize>(guide: &Guide<N>) -> Option<String> {
@@ -16,15 +16,12 @@ pub(crate) fn warning<const N: usize>(guide: &Guide<N>) -> Option<String> {
 }
 
 /// The command, marked as clipped where a leg whose goal is beyond reach has ended short of it, by more than the scenario's `goal` allows in the axes
-/// that count, `task`.
+/// that count.
 #[inline]
-pub(crate) fn marked<const N: usize>(
-    command: Command<N>,
-    guide: &Guide<N>,
-    task: &[bool; 6],
-    goal: &Goal,
-) -> Command<N> {
-    let is_over = guide
+pub(crate) fn marked<const N: usize>(command: Command<N>, setup: &Setup<N>) -> Command<N> {
+    let (task, goal) = (&setup.task, &setup.scenario.goal);
+    let is_over = setup
+        .guide
         .beyond_reach()
         .is_some_and(|(leg, _)| command.segment as usize > leg);
     let served = Vector6::from_fn(|k, _| if task[k] { command.error[k] } else { 0.0 });

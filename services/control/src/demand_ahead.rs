@@ -1,24 +1,20 @@
 //! The rates that the path ahead demands, from the closed forms of the arm's family, for the governor (+).
 
-use crate::arm_family::choice::Family;
 use crate::continuous::foresight::{FORESEEN_STEP_S, Foreseen, Foresight};
+use crate::controller::Setup;
 use crate::state::State;
-use crate::tick::Inputs;
-use crate::trajectory::Path;
+use crate::tick::Now;
 use crate::types::Kind;
-use nalgebra::SVector;
-use shared_types::scenario::Scenario;
 
 /// The demand of the path ahead; none beyond its end, and while a leg turns ζ.
 ///
-/// Units `velocity` rad/s · Errors none · Cost about 2 µs where the family has closed forms, no allocation
+/// Errors none · Cost about 2 µs where the family has closed forms, no allocation
 pub(crate) fn demand_ahead<const N: usize>(
-    family: &Family<N>,
-    (path, state): (&Path, &State<N>),
-    now: &Inputs<'_, N>,
-    velocity: &SVector<f64, N>,
-    scenario: &Scenario,
+    setup: &Setup<N>,
+    state: &State<N>,
+    now: &Now<'_, N>,
 ) -> Foreseen {
+    let (path, scenario) = (&setup.path, &setup.scenario);
     let mut foreseen = Foreseen::default();
     if path
         .leg(state.progress.leg)
@@ -37,11 +33,11 @@ pub(crate) fn demand_ahead<const N: usize>(
         p_C: now.report.p_BC,
         poses: &path.preview(&state.progress, now.p_EC),
         step_s: FORESEEN_STEP_S,
-        velocity,
+        velocity: setup.model.velocity(),
         rate_max: &scenario.control.aux_rate_max,
         eta_out: &scenario.analysis.eta_out,
         passing: wrist.is_some_and(|wrist| state.loops[wrist].memory.passing),
     };
-    family.get().foresee(&at, &mut foreseen);
+    setup.family.get().foresee(&at, &mut foreseen);
     foreseen
 }

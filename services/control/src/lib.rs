@@ -8,22 +8,16 @@
 //! # Modules
 //! | module | content |
 //! |---|---|
-//! | [`paper`] | s_i and D_si (Eq. 1, 2), operational space and its null space (Eq. 3 to 5), Type 1, Type 2, the switching table |
-//! | [`continuous`] | ours (+): one continuous solve, auxiliary loops, governor, foresight, saturation; each reduces to the paper's law |
-//! | [`servo`] | ours (+): a target given at this moment as the reference, in place of a path |
+//! | [`tick`] | one tick: state in, state out, in five calls |
+//! | [`reference`] | step 1: a path, targets given at this moment (+), a commanded turn of ζ |
+//! | [`law`] | steps 2 and 3: the problem on one page, the singular rows, one solve for every strategy |
+//! | [`paper`] | Eq. 1 to 5, Type 1, Type 2, the switching table |
+//! | [`limits`] | steps 4 and 5 (+): filters in the order in which they act, and the clock |
 //! | [`arm_family`] | one place per family of arms: measures and references together |
 //! | [`baselines`] | the laws of others |
 //!
-//! # One tick
-//! [`Analyzer::step`] finds the singularities of the posture: s_i, D_si, ζ_i and their types. [`Controller::step`] takes five steps from there:
-//!
-//! | step | in `Controller::tick` | what | where |
-//! |---|---|---|---|
-//! | 1 | `desired_motion` | desired motion of E and C, pose error, a* | [`trajectory`] |
-//! | 2 | `coordinates().step` | per singularity: type → target, table → mode, loop → demand | [`paper::type_1`], [`paper::type_2`], [`paper::switching`], [`continuous::auxiliary`] |
-//! | 3 | `torques` | Γ = JᵀF + N_T Γ₀, or as one solve | [`paper::chang_khatib`], [`continuous::blended`] |
-//! | 4 | `limits` | joint speeds kept; null-space torque is given up first; no torque changes faster than its drive accepts | [`continuous::speed_limit`], [`continuous::saturation`], [`continuous::torque_rate`] |
-//! | 5 | `clock` | the speed of the path's clock at the next tick | [`continuous::governor`], [`continuous::foresight`] |
+//! Before the tick, [`Analyzer::step`] finds the singularities of the posture: s_i, D_si, ζ_i and their types. What is marked (+) goes beyond the paper,
+//! and reduces to its law where a path is feasible.
 //!
 //! [`wire`] turns the values into messages and back.
 #![allow(non_snake_case)]
@@ -31,7 +25,6 @@
 
 mod analyzer;
 pub mod arm_family;
-mod auxiliary_coordinates;
 pub mod baselines;
 mod beyond_reach;
 pub mod centre;
@@ -39,25 +32,20 @@ mod command;
 pub mod continuous;
 mod controller;
 mod demand_ahead;
-mod desired_motion;
 mod ground_truth;
 pub mod law;
+pub mod limits;
 pub mod linear;
 pub mod paper;
-mod plausibility;
-mod posture;
+pub mod reference;
 mod route_ahead;
-mod served;
-pub mod servo;
 mod setup;
 mod state;
-mod steer;
-mod steered;
-mod telemetry;
-mod tick;
-pub mod trajectory;
+pub mod tick;
 mod types;
 pub mod wire;
+
+use reference::{free_axis as served, path as trajectory, turn as turn_plan};
 
 #[cfg(test)]
 extern crate self as control;
@@ -69,6 +57,7 @@ mod tests;
 pub use analyzer::{Analyzer, RANK_TOLERANCE};
 pub use controller::Controller;
 pub use ground_truth::{GroundTruth, ground_truth};
+pub use reference::path::{Progress, quintic};
 pub use setup::{SetupError, start_posture};
-pub use trajectory::Progress;
+pub use tick::Inputs;
 pub use types::{Class, Command, Kind, Mode, Phase, Plan, Refusal, Report, Singularity};

@@ -3,8 +3,8 @@
 use crate::analyzer::Analyzer;
 use crate::continuous::path_plan::inverse::{Kinematics, LOCKED};
 use crate::continuous::path_plan::{Infeasible, Obstacle, PathPlan, Remedy, Request, plan, remedy};
-use crate::continuous::turn_plan::{self, Room};
 use crate::trajectory::Path;
+use crate::turn_plan::{self, Room};
 use model::{JointKind, Model, Robot};
 use nalgebra::{SVector, Vector3};
 use shared_types::scenario::{Goal, Scenario};

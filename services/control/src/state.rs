@@ -1,14 +1,14 @@
 //! The controller's state from tick to tick.
 
 use crate::baselines::resolved_rate::JointMemory;
-use crate::continuous::auxiliary::Loop;
-use crate::continuous::governor::Governor;
-use crate::continuous::torque_rate::Sent;
+use crate::law::auxiliary::Loop;
+use crate::limits::clock::Clock;
+use crate::limits::plausible::Plausible;
+use crate::limits::torque::Sent;
 use crate::paper::reference::Memory;
 use crate::paper::type_2::Turn;
-use crate::plausibility::Plausible;
-use crate::servo::Reference;
-use crate::trajectory::Progress;
+use crate::reference::path::Progress;
+use crate::reference::targets::TargetState;
 use crate::types::{Mode, Refusal};
 use model::{Pose, Terms, joints, padded};
 use nalgebra::{Matrix3, SVector};
@@ -20,13 +20,10 @@ use shared_types::{ControllerCheckpoint, MAX_SINGULARITIES};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct State<const N: usize> {
     pub(crate) progress: Progress,
-    pub(crate) governor: Governor,
+    pub(crate) clock: Clock,
     pub(crate) loops: [Loop; MAX_SINGULARITIES],
     pub(crate) turn: Turn<N>,
     pub(crate) refusal: Refusal,
-    pub(crate) path_time_s: f64,
-    /// The plan's own clock, s.
-    pub(crate) route_time_s: f64,
     pub(crate) joint_memory: JointMemory<N>,
     /// Torque of the tick before.
     pub(crate) sent: Sent<N>,
@@ -34,7 +31,7 @@ pub(crate) struct State<const N: usize> {
     pub(crate) qdot_planned: SVector<f64, N>,
     pub(crate) plausible: Plausible<N>,
     /// Of a steered run.
-    pub(crate) servo: Reference<N>,
+    pub(crate) targets: TargetState<N>,
 }
 
 impl<const N: usize> State<N> {
@@ -43,22 +40,19 @@ impl<const N: usize> State<N> {
         rest: &Terms<N>,
         q_start: SVector<f64, N>,
         effort: &SVector<f64, N>,
-        refusal: Refusal,
     ) -> Self {
         let sent = Sent::holding(&rest.gravity, effort);
         Self {
             progress: Progress::at(rest.X_BE),
-            governor: Governor::default(),
+            clock: Clock::default(),
             loops: [Loop::default(); MAX_SINGULARITIES],
             turn: Turn::none(),
-            refusal,
-            path_time_s: 0.0,
-            route_time_s: 0.0,
+            refusal: Refusal::None,
             joint_memory: JointMemory::at(q_start),
             sent,
             qdot_planned: SVector::zeros(),
             plausible: Plausible::unknown(),
-            servo: Reference::at(rest.X_BE, q_start, sent),
+            targets: TargetState::at(rest.X_BE, q_start, sent),
         }
     }
 
@@ -66,35 +60,29 @@ impl<const N: usize> State<N> {
     pub(crate) fn save(&self, out: &mut ControllerCheckpoint) {
         let State {
             progress,
-            governor,
+            clock,
             loops,
             turn,
             refusal,
-            path_time_s,
-            route_time_s,
-            ..
-        } = self;
-        let State {
             joint_memory,
             sent,
             qdot_planned,
             plausible,
-            servo,
-            ..
+            targets,
         } = self;
         *out = ControllerCheckpoint {
             segment: progress.leg as u32,
             begun: u32::from(progress.begun),
             segment_time_s: progress.time_s,
-            path_time_s: *path_time_s,
-            route_time_s: *route_time_s,
+            path_time_s: clock.path_s,
+            route_time_s: clock.plan_s,
             p_BE_start: progress.start.p.into(),
             R_BE_start: std::array::from_fn(|i| progress.start.R[i]),
             translation: progress.by.into(),
             rotation: progress.turn.into(),
-            governor_rate: governor.rate,
-            governor_rate_dot: governor.rate_dot,
-            governor_demand: governor.demand,
+            governor_rate: clock.rate,
+            governor_rate_dot: clock.rate_dot,
+            governor_demand: clock.demand,
             turn_from: turn.from.into(),
             turn_angle: turn.angle,
             turn_dq: padded(&turn.by),
@@ -124,7 +112,7 @@ impl<const N: usize> State<N> {
                 trust: one.trust,
                 passage: one.memory.passage,
             }),
-            servo: servo.checkpoint(),
+            servo: targets.checkpoint(),
         };
     }
 
@@ -150,7 +138,9 @@ impl<const N: usize> State<N> {
                 by: from.translation.into(),
                 turn: from.rotation.into(),
             },
-            governor: Governor {
+            clock: Clock {
+                path_s: from.path_time_s,
+                plan_s: from.route_time_s,
                 rate: from.governor_rate,
                 rate_dot: from.governor_rate_dot,
                 demand: from.governor_demand,
@@ -174,8 +164,6 @@ impl<const N: usize> State<N> {
                 duration_s: from.turn_s,
             },
             refusal,
-            path_time_s: from.path_time_s,
-            route_time_s: from.route_time_s,
             joint_memory: JointMemory {
                 holding: from.joint_holding != 0,
                 votes: from.joint_votes,
@@ -183,9 +171,7 @@ impl<const N: usize> State<N> {
                 q: joints(&from.joint_q),
             },
             sent: Sent::restored(
-                joints(&from.tau),
-                joints(&from.tau_path),
-                joints(&from.tau_null),
+                [&from.tau, &from.tau_path, &from.tau_null].map(|tau| joints(tau)),
                 limits,
             ),
             qdot_planned: joints(&from.qdot_planned),
@@ -195,7 +181,7 @@ impl<const N: usize> State<N> {
                 q: joints(&from.q_plausible),
                 qdot: joints(&from.qdot_plausible),
             },
-            servo: Reference::restored(&from.servo, limits),
+            targets: TargetState::restored(&from.servo, limits),
         }
     }
 }

@@ -3,7 +3,7 @@
 use crate::arm_family::puma_inverse::PumaLengths;
 use crate::linear::stack;
 use crate::types::{Command, Mode, Phase, Report};
-use crate::{Analyzer, Controller};
+use crate::{Analyzer, Controller, Inputs};
 use model::{Factors, Model, Robot};
 use nalgebra::{SVector, Vector3, Vector6};
 use proptest::prelude::*;
@@ -208,8 +208,15 @@ pub(crate) fn run_on<const N: usize>(
         };
         let terms = model.evaluate(&q_seen, &qdot_seen);
         let report = analyzer.step(&q_seen, &qdot_seen, &terms);
-        let command =
-            controller.step_knowing(Some(&terms), &q_seen, &qdot_seen, &disturbance, &report);
+        let command = controller.step(&Inputs {
+            tick: k as u64,
+            q: &q_seen,
+            qdot: &qdot_seen,
+            tau_disturbance: &disturbance,
+            report: &report,
+            terms: Some(&terms),
+            target: None,
+        });
         tau = command.tau;
         let X = model.forward_kinematics(&q);
         let error = stack(

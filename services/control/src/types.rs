@@ -1,7 +1,8 @@
 //! The analyzer's report and the controller's command, sized by the arm; `wire` turns both into messages.
 
+use crate::paper::neighborhood::Neighborhood;
 use nalgebra::{Matrix3, SVector, Vector3, Vector6};
-use shared_types::{MAX_SINGULARITIES, codes};
+use shared_types::{MAX_SINGULARITIES, ServoState, codes};
 
 /// An enum with its integers on the wire; the first variant is the default.
 macro_rules! coded {
@@ -176,6 +177,16 @@ impl<const N: usize> Singularity<N> {
         }
     }
 
+    /// Its neighbourhood.
+    #[must_use]
+    #[inline]
+    pub fn neighborhood(&self) -> Neighborhood {
+        Neighborhood {
+            eta_in: self.eta_in,
+            eta_out: self.eta_out,
+        }
+    }
+
     /// Nothing: what unused places of a report hold.
     #[must_use]
     #[inline]
@@ -293,6 +304,8 @@ pub struct Command<const N: usize> {
     pub clipped: bool,
     /// Why the phase is [`Phase::Refused`].
     pub refusal: Refusal,
+    /// The state of a steered run, all but its header.
+    pub session: Option<ServoState>,
 }
 
 /// A null-space turn of ζ, predicted before it begins.

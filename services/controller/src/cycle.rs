@@ -2,7 +2,7 @@
 
 use std::any::Any;
 
-use control::{Controller, Refusal, Report, SetupError, start_posture, wire};
+use control::{Controller, Inputs, Refusal, Report, SetupError, start_posture, wire};
 use model::{Model, Robot, Terms, embedded};
 use nalgebra::SVector;
 use shared_types::scenario::Scenario;
@@ -87,10 +87,11 @@ impl<const N: usize> Cycle<N> {
         &mut self,
         (terms, report): (Option<&Terms<N>>, Option<&Report<N>>),
         (estimate, message): (&StateEstimate, &SingularityReport),
+        target: Option<&Target>,
         state: &mut ControlState,
         torque: &mut TorqueCommand,
-    ) {
-        let [q, qdot, tau_disturbance] = self.own(estimate);
+    ) -> Option<ServoState> {
+        let (tick, [q, qdot, tau_disturbance]) = (estimate.header.tick, self.own(estimate));
         let read;
         let report = match report {
             Some(report) => Some(report).filter(|report| wire::is_readable(report)),
@@ -100,14 +101,20 @@ impl<const N: usize> Cycle<N> {
             }
         };
         let command = match report {
-            Some(report) => {
-                self.controller
-                    .step_knowing(terms, &q, &qdot, &tau_disturbance, report)
-            }
+            Some(report) => self.controller.step(&Inputs {
+                tick,
+                q: &q,
+                qdot: &qdot,
+                tau_disturbance: &tau_disturbance,
+                report,
+                terms,
+                target: target.map(|target| &target.target),
+            }),
             None => self.controller.refuse(&q, &qdot, Refusal::Report),
         };
-        wire::command_messages(estimate.header.tick, &command, state, torque);
+        wire::command_messages(tick, &command, state, torque);
         torque.tau[self.dof..].fill(0.0);
+        command.session
     }
 }
 
@@ -135,7 +142,7 @@ impl<const N: usize> Step for Cycle<N> {
         state: &mut ControlState,
         torque: &mut TorqueCommand,
     ) {
-        self.command((None, None), (estimate, report), state, torque);
+        self.command((None, None), (estimate, report), None, state, torque);
     }
 
     fn step_knowing(
@@ -148,6 +155,7 @@ impl<const N: usize> Step for Cycle<N> {
         self.command(
             (terms.downcast_ref(), report.downcast_ref()),
             inputs,
+            None,
             state,
             torque,
         );
@@ -155,29 +163,19 @@ impl<const N: usize> Step for Cycle<N> {
 
     fn steer(
         &mut self,
-        (estimate, report): (&StateEstimate, &SingularityReport),
+        inputs: (&StateEstimate, &SingularityReport),
         target: Option<&Target>,
         servo: &mut ServoState,
         state: &mut ControlState,
         torque: &mut TorqueCommand,
     ) {
-        let (tick, [q, qdot, tau_disturbance]) = (estimate.header.tick, self.own(estimate));
+        let session = self.command((None, None), inputs, target, state, torque);
         *servo = ServoState {
             header: Header {
-                tick,
+                tick: inputs.0.header.tick,
                 ..Header::default()
             },
-            ..ServoState::default()
+            ..session.unwrap_or_default()
         };
-        let target = (tick, target.map(|target| &target.target));
-        let command = match wire::report(report) {
-            Ok(report) => {
-                self.controller
-                    .steer(target, (&q, &qdot), &tau_disturbance, &report, servo)
-            }
-            Err(_) => self.controller.refuse(&q, &qdot, Refusal::Report),
-        };
-        wire::command_messages(tick, &command, state, torque);
-        torque.tau[self.dof..].fill(0.0);
     }
 }

@@ -1,6 +1,6 @@
 //! To the start posture: one joint-space motion, before the first tick. PURE.
 
-use control::trajectory::quintic;
+use control::quintic;
 use model::Model;
 use nalgebra::SVector;
 

@@ -8,13 +8,16 @@
 //!
 //! Beyond the description, in its favour: J̇q̇, gravity and Coriolis are compensated, the error is bounded, and the path has our governor.
 
-use super::resolved_rate::{Arm, Inverse, JointMemory, bounded, scale};
-use crate::law::{LawError, Torques, Wanted};
+use super::Arm;
+use super::resolved_rate::{Inverse, JointMemory, scale};
+use crate::law::Torques;
+use crate::limits::Parts;
 use crate::linear::{rotation_log, stack, symmetric_eigen};
-use crate::paper::operational_space::OperationalError;
+use crate::reference::bounded;
+use crate::types::Refusal;
 use model::Model;
 use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector6};
-use shared_types::scenario::{Damping, HoldAndBlend};
+use shared_types::scenario::Damping;
 
 /// Step along the null motion by which a singularity is classified, rad.
 const JUMP: f64 = 5.0;
@@ -56,17 +59,18 @@ fn operational<const N: usize>(
 /// Γ = J_nsᵀΛ_ns U_nsᵀ(a − J̇q̇) + α·J_sᵀΛ_s U_sᵀ(a − J̇q̇) + (1 − α)·Γ_joint, α = the place of σ_s/σ_1 between the two bounds of `blend`.
 ///
 /// # Errors
-/// [`LawError`] if the regular part is rank deficient.
-pub fn torques<const N: usize>(
+/// [`Refusal::Singular`] if the regular part is rank deficient.
+pub(crate) fn torques<const N: usize>(
     arm: &Arm<'_, N>,
-    wanted: &Wanted<'_, N>,
     memory: &mut JointMemory<N>,
-    tuned: &HoldAndBlend,
-    model: &Model<N>,
-) -> Result<Torques<N>, LawError> {
-    let terms = arm.terms;
-    let J = scale(&terms.J, &wanted.task, 1.0);
-    let axes = wanted.task.iter().filter(|axis| **axis).count().min(N);
+) -> Result<Torques<N>, Refusal> {
+    let Arm {
+        setup, now, motion, ..
+    } = *arm;
+    let (terms, model, control) = (now.terms, &setup.model, &setup.scenario.control);
+    let (task, tuned) = (&setup.task, &control.baseline.hold_and_blend);
+    let J = scale(&terms.J, task, 1.0);
+    let axes = task.iter().filter(|axis| **axis).count().min(N);
     let (values, U) = sorted(&(J * J.transpose()));
     let (_, V) = sorted(&(J.transpose() * J));
     let ratio = |k: usize| (values[k].max(0.0) / values[0].max(1e-30)).sqrt();
@@ -78,22 +82,22 @@ pub fn torques<const N: usize>(
         |i: usize| (regular..axes).contains(&i),
     );
 
-    let desired = arm.desired.at(&-wanted.p_EC);
+    let desired = motion.desired.at(&-now.p_EC);
     let error = stack(
         &(desired.p - terms.X_BE.p),
         &rotation_log(&(desired.R * terms.X_BE.R.transpose())),
     );
-    let a = desired.a + (desired.V - terms.J * arm.qdot) * arm.k_v + bounded(&error) * arm.k_p;
-    let relative = scale(&(a - terms.Jdot_qdot), &wanted.task, 1.0);
+    let a =
+        desired.a + (desired.V - terms.J * now.qdot) * control.k_v + bounded(&error) * control.k_p;
+    let relative = scale(&(a - terms.Jdot_qdot), task, 1.0);
 
-    let A = Cholesky::new(*wanted.A).ok_or(OperationalError::MassMatrix)?;
+    let A = Cholesky::new(terms.A).ok_or(Refusal::Singular)?;
     let rows = |used: &dyn Fn(usize) -> bool| {
         SMatrix::<f64, 6, 6>::from_fn(|i, j| if used(i) { U[(j, i)] } else { 0.0 })
     };
     let T_ns = rows(&is_regular);
     let J_ns = T_ns * J;
-    let (Lambda_ns, Jbar_ns) = operational(&A, &J_ns, is_regular)
-        .ok_or(OperationalError::RankDeficient { rows: regular })?;
+    let (Lambda_ns, Jbar_ns) = operational(&A, &J_ns, is_regular).ok_or(Refusal::Singular)?;
     let mut rest = J_ns.transpose() * (Lambda_ns * (T_ns * relative));
     let mut null = SVector::zeros();
     if regular == axes {
@@ -108,12 +112,12 @@ pub fn torques<const N: usize>(
         if !memory.holding || memory.votes < 0.0 {
             *memory = JointMemory {
                 holding: true,
-                q: *arm.q,
+                q: *now.q,
                 ..*memory
             };
         }
         let is_type_1 = (regular..axes).any(|k| {
-            let there = model.forward_kinematics(&(arm.q + V.column(k) * JUMP));
+            let there = model.forward_kinematics(&(now.q + V.column(k) * JUMP));
             let moved = stack(
                 &(there.p - terms.X_BE.p),
                 &rotation_log(&(there.R * terms.X_BE.R.transpose())),
@@ -131,13 +135,13 @@ pub fn torques<const N: usize>(
             null = if memory.votes > 0.0 {
                 through(
                     Lambda_joint
-                        * (V_t * ((memory.q - arm.q) * tuned.hold_k_p - arm.qdot * tuned.hold_k_v)),
+                        * (V_t * ((memory.q - now.q) * tuned.hold_k_p - now.qdot * tuned.hold_k_v)),
                 )
             } else {
                 let asked = relative.dot(&U.column(regular)).abs() / relative.norm().max(1e-12);
                 let push =
-                    SVector::from_fn(|i, _| push(memory, arm.q, model, i) * tuned.push * asked);
-                through(V_t * push - Lambda_joint * (V_t * arm.qdot) * tuned.push_k_v)
+                    SVector::from_fn(|i, _| push(memory, now.q, model, i) * tuned.push * asked);
+                through(V_t * push - Lambda_joint * (V_t * now.qdot) * tuned.push_k_v)
             } * (1.0 - alpha);
         }
         // At the lock itself Λ_s has no bound, and α is zero.
@@ -155,14 +159,16 @@ pub fn torques<const N: usize>(
         onset: 0.08,
         largest: 0.06,
     })
-    .of(&scale(&wanted.at.J, &wanted.task, arm.length_m));
-    let scaled = |x: &Vector6<f64>| scale(x, &wanted.task, arm.length_m);
+    .of(&scale(&now.at.J, task, setup.length_m));
+    let scaled = |x: &Vector6<f64>| scale(x, task, setup.length_m);
     Ok(Torques {
-        path: SVector::zeros(),
-        rest,
-        null,
-        qdot_nominal: sharp * scaled(&wanted.V),
-        qddot_path: sharp * scaled(&(wanted.a_feed - wanted.at.Jdot_qdot)),
+        parts: Parts {
+            path: SVector::zeros(),
+            rest,
+            null,
+        },
+        qdot_nominal: sharp * scaled(&motion.V_nominal),
+        qddot_path: sharp * scaled(&(motion.a_feed - now.at.Jdot_qdot)),
     })
 }
 

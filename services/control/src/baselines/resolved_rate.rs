@@ -1,32 +1,13 @@
 //! Resolved-rate control with a robust inverse, and joint-space PD, as published; with the same model, limits, path and governor as our law.
 
-use crate::centre::PoseMotion;
-use crate::law::{LawError, Torques, Wanted};
-use crate::linear::{angular, clamp_norm, linear, rotation_log, stack, symmetric_eigen};
-use model::{Pose, Terms};
+use super::Arm;
+use crate::law::Torques;
+use crate::limits::Parts;
+use crate::linear::{rotation_log, stack, symmetric_eigen};
+use crate::reference::bounded;
+use crate::types::Refusal;
 use nalgebra::{Matrix6, SMatrix, SVector, Vector3, Vector6};
-use shared_types::scenario::Damping;
-
-/// State and reference that the baselines share.
-#[derive(Clone, Copy, Debug)]
-pub struct Arm<'a, const N: usize> {
-    /// Joint positions, rad.
-    pub q: &'a SVector<f64, N>,
-    /// Joint velocities, rad/s.
-    pub qdot: &'a SVector<f64, N>,
-    /// Kinematics and dynamics at this state.
-    pub terms: &'a Terms<N>,
-    /// Desired motion of C.
-    pub desired: &'a PoseMotion,
-    /// Pose error at C.
-    pub error: &'a Vector6<f64>,
-    /// Stiffness, 1/s².
-    pub k_p: f64,
-    /// Damping, 1/s.
-    pub k_v: f64,
-    /// The length that makes metres and radians comparable, m.
-    pub length_m: f64,
-}
+use shared_types::scenario::{Control, Damping};
 
 /// Joint positions that a law remembers.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,11 +40,8 @@ impl<const N: usize> JointMemory<N> {
 pub enum Inverse {
     /// Damped least squares with the damping that grows as manipulability falls.
     Damped(Damping),
-    /// Singular values (unit-scaled) below the floor dropped.
-    Truncated {
-        /// The least that is kept.
-        floor: f64,
-    },
+    /// Singular values (unit-scaled) below this floor dropped.
+    Truncated(f64),
 }
 
 impl Inverse {
@@ -91,7 +69,7 @@ impl Inverse {
                     }
                 })
             }
-            Self::Truncated { floor } => values.map(|value| {
+            Self::Truncated(floor) => values.map(|value| {
                 if value > floor * floor {
                     1.0 / value
                 } else {
@@ -120,88 +98,81 @@ pub(super) fn scale<const C: usize>(
     out
 }
 
-/// A pose error bounded for feedback: 50 mm, 0.25 rad, as for our own law.
-pub(super) fn bounded(error: &Vector6<f64>) -> Vector6<f64> {
-    stack(
-        &clamp_norm(linear(error), 0.05),
-        &clamp_norm(angular(error), 0.25),
-    )
-}
-
 /// Resolved-rate control with a robust inverse: q̇_r = J^#(V_d + (k_p/k_v)e), q̈ = k_v(q̇_r − q̇) + J^#(a_d + (k_p/k_v)(V_d − V) − J̇q̇).
 ///
 /// The velocity level keeps joint motions outside the range of J^# from drifting.
 ///
 /// # Errors
 /// None: kept in the signature of every law.
-pub fn resolved<const N: usize>(
+pub(crate) fn resolved<const N: usize>(
     arm: &Arm<'_, N>,
-    wanted: &Wanted<'_, N>,
     inverse: Inverse,
-) -> Result<Torques<N>, LawError> {
-    let scaled = |x: &Vector6<f64>| scale(x, &wanted.task, arm.length_m);
-    let sharp = inverse.of(&scale(&wanted.at.J, &wanted.task, arm.length_m));
-    let k = arm.k_p / arm.k_v;
-    let error = bounded(arm.error);
-    let rate = sharp * scaled(&(arm.desired.V + error * k));
-    let V = wanted.at.J * arm.qdot;
-    let feed = sharp * scaled(&(arm.desired.a + (arm.desired.V - V) * k - wanted.at.Jdot_qdot));
-    let qddot = (rate - arm.qdot) * arm.k_v + feed;
-    let along = wanted.A * (sharp * scaled(&wanted.a_path));
+) -> Result<Torques<N>, Refusal> {
+    let Arm {
+        setup,
+        now,
+        motion,
+        problem,
+    } = *arm;
+    let Control { k_p, k_v, .. } = setup.scenario.control;
+    let scaled = |x: &Vector6<f64>| scale(x, &setup.task, setup.length_m);
+    let sharp = inverse.of(&scale(&now.at.J, &setup.task, setup.length_m));
+    let (k, desired) = (k_p / k_v, &motion.desired);
+    let rate = sharp * scaled(&(desired.V + bounded(&motion.error) * k));
+    let V = now.at.J * now.qdot;
+    let feed = sharp * scaled(&(desired.a + (desired.V - V) * k - now.at.Jdot_qdot));
+    let qddot = (rate - now.qdot) * k_v + feed;
+    let path = problem.A * (sharp * scaled(&problem.a_path));
     Ok(Torques {
-        path: along,
-        rest: wanted.A * qddot - along,
-        null: SVector::zeros(),
-        qdot_nominal: sharp * scaled(&wanted.V),
-        qddot_path: sharp * scaled(&(wanted.a_feed - wanted.at.Jdot_qdot)),
+        parts: Parts {
+            path,
+            rest: problem.A * qddot - path,
+            null: SVector::zeros(),
+        },
+        qdot_nominal: sharp * scaled(&motion.V_nominal),
+        qddot_path: sharp * scaled(&(motion.a_feed - now.at.Jdot_qdot)),
     })
 }
 
 /// Joint-space PD on inverse kinematics: q_d follows the path by a robust inverse, the joints follow q_d.
 ///
-/// `at(q)` gives pose and Jacobian of E at another posture, and C in E's axes.
-///
 /// # Errors
 /// None: kept in the signature of every law.
-pub fn joint_pd<const N: usize>(
+pub(crate) fn joint_pd<const N: usize>(
     arm: &Arm<'_, N>,
-    wanted: &Wanted<'_, N>,
     memory: &mut JointMemory<N>,
-    inverse: Inverse,
-    dt: f64,
-    at: impl Fn(&SVector<f64, N>) -> (Pose, SMatrix<f64, 6, N>),
-) -> Result<Torques<N>, LawError> {
-    let (X, mut J) = at(&memory.q);
-    let r = X.R * wanted.p_EC;
+) -> Result<Torques<N>, Refusal> {
+    let Arm {
+        setup, now, motion, ..
+    } = *arm;
+    let Control { k_p, k_v, .. } = setup.scenario.control;
+    let (X, mut J) = (
+        setup.model.forward_kinematics(&memory.q),
+        setup.model.jacobian(&memory.q),
+    );
+    let r = X.R * now.p_EC;
     for mut column in J.column_iter_mut() {
         let v = Vector3::new(column[3], column[4], column[5]).cross(&r);
         (0..3).for_each(|k| column[k] += v[k]);
     }
+    let desired = &motion.desired;
     let error = stack(
-        &(arm.desired.p - X.p - r),
-        &rotation_log(&(arm.desired.R * X.R.transpose())),
+        &(desired.p - X.p - r),
+        &rotation_log(&(desired.R * X.R.transpose())),
     );
-    let sharp = inverse.of(&scale(&J, &wanted.task, arm.length_m));
-    let rate = sharp
-        * scale(
-            &(arm.desired.V + error * arm.k_v),
-            &wanted.task,
-            arm.length_m,
-        );
-    let feed = sharp
-        * scale(
-            &(wanted.a_feed - wanted.at.Jdot_qdot),
-            &wanted.task,
-            arm.length_m,
-        );
-    let qddot = (memory.q - arm.q) * arm.k_p + (rate - arm.qdot) * arm.k_v + feed;
-    memory.q += rate * dt;
-    let qdot_nominal = sharp * scale(&wanted.V, &wanted.task, arm.length_m);
+    let scaled = |x: &Vector6<f64>| scale(x, &setup.task, setup.length_m);
+    let inverse = Inverse::Damped(setup.scenario.control.baseline.joint_pd);
+    let sharp = inverse.of(&scale(&J, &setup.task, setup.length_m));
+    let rate = sharp * scaled(&(desired.V + error * k_v));
+    let feed = sharp * scaled(&(motion.a_feed - now.at.Jdot_qdot));
+    let qddot = (memory.q - now.q) * k_p + (rate - now.qdot) * k_v + feed;
+    memory.q += rate * setup.scenario.dt_s();
     Ok(Torques {
-        path: SVector::zeros(),
-        rest: wanted.A * qddot,
-        null: SVector::zeros(),
-        qdot_nominal,
+        parts: Parts {
+            rest: now.terms.A * qddot,
+            ..Parts::zero()
+        },
+        qdot_nominal: sharp * scaled(&motion.V_nominal),
         qddot_path: feed,
     })
 }

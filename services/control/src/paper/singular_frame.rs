@@ -1,6 +1,7 @@
 //! The singular frame: the directions of the task that are orthogonal to the singular ones.
 
-use crate::law::{Active, LawError};
+use crate::law::Engaged;
+use crate::types::Refusal;
 use nalgebra::{SVector, Vector3, Vector6};
 
 /// Directions of the task orthogonal to the singular ones, orthonormal within each half, and how many.
@@ -37,12 +38,12 @@ impl std::ops::Deref for OrthogonalRows {
 /// and orthogonal to every ζ · Source CK95 §4 · Cost O(6³), no allocation
 ///
 /// # Errors
-/// [`LawError::TooManyRows`] where orthogonal and singular rows together outnumber the joints.
+/// [`Refusal::Singular`] where orthogonal and singular rows together outnumber the joints.
 #[inline]
 pub fn orthogonal_rows<const N: usize>(
     task: &[bool; 6],
-    actives: &[Active<N>],
-) -> Result<OrthogonalRows, LawError> {
+    engaged: &[Engaged<N>],
+) -> Result<OrthogonalRows, Refusal> {
     let mut orthogonal = OrthogonalRows {
         rows: [Vector6::zeros(); 6],
         count: 0,
@@ -55,8 +56,8 @@ pub fn orthogonal_rows<const N: usize>(
         };
         // Orthonormal directions so far: singular ones first, then those orthogonal to them.
         let mut basis = Basis::<3>::empty();
-        for active in actives {
-            let zeta = active.zeta_B.fixed_rows::<3>(from);
+        for one in engaged {
+            let zeta = one.zeta_B.fixed_rows::<3>(from);
             if zeta.norm_squared() > 0.25 {
                 basis.add(Vector3::from_fn(
                     |k, _| if task[from + k] { zeta[k] } else { 0.0 },
@@ -78,9 +79,8 @@ pub fn orthogonal_rows<const N: usize>(
             orthogonal.push(from, &basis.last());
         }
     }
-    let rows = orthogonal.count + actives.len();
-    if rows > N {
-        return Err(LawError::TooManyRows { rows, joints: N });
+    if orthogonal.count + engaged.len() > N {
+        return Err(Refusal::Singular);
     }
     Ok(orthogonal)
 }

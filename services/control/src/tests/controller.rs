@@ -1,11 +1,30 @@
 //! The controller as a whole: restarts and refusals.
 
 use crate::testing::{puma, rk4, robot, scenario};
-use crate::types::{Phase, Refusal};
-use crate::{Analyzer, Controller, start_posture};
+use crate::types::{Command, Phase, Refusal, Report};
+use crate::{Analyzer, Controller, Inputs, start_posture};
+use model::Terms;
 use nalgebra::SVector;
 use shared_types::scenario::Scenario;
 use shared_types::{AnalyzerCheckpoint, ControllerCheckpoint};
+
+/// The command for a state without disturbance.
+fn step(
+    controller: &mut Controller<6>,
+    [q, qdot]: [&SVector<f64, 6>; 2],
+    report: &Report<6>,
+    terms: Option<&Terms<6>>,
+) -> Command<6> {
+    controller.step(&Inputs {
+        tick: 0,
+        q,
+        qdot,
+        tau_disturbance: &SVector::zeros(),
+        report,
+        terms,
+        target: None,
+    })
+}
 
 fn figure_5() -> (Scenario, Controller<6>, Analyzer<6>, SVector<f64, 6>) {
     let scenario = scenario(
@@ -36,10 +55,10 @@ fn a_restarted_controller_and_analyzer_continue_bit_for_bit() {
         }
         let terms = puma().evaluate(&q, &qdot);
         let report = analyzer.step(&q, &qdot, &terms);
-        let command = controller.step(&q, &qdot, &SVector::zeros(), &report);
+        let command = step(&mut controller, [&q, &qdot], &report, None);
         let (other, eyes) = twins.as_mut().unwrap();
         assert_eq!(eyes.step(&q, &qdot, &terms), report, "tick {k}");
-        let known = other.step_knowing(Some(&terms), &q, &qdot, &SVector::zeros(), &report);
+        let known = step(other, [&q, &qdot], &report, Some(&terms));
         assert_eq!(known, command, "tick {k}: with terms that are known");
         (q, qdot) = rk4(puma(), &q, &qdot, &command.tau, scenario.dt_s());
     }
@@ -52,13 +71,13 @@ fn a_nan_is_refused_for_good_and_the_arm_held() {
     let report = analyzer.step(&q, &zero, &puma().evaluate(&q, &zero));
     let mut bad = q;
     bad[3] = f64::NAN;
-    let command = controller.step(&bad, &zero, &zero, &report);
+    let command = step(&mut controller, [&bad, &zero], &report, None);
     assert!(
         command.refusal == Refusal::State
             && command.phase == Phase::Refused
             && command.tau.iter().all(|x| x.is_finite())
     );
-    let command = controller.step(&q, &zero, &zero, &report);
+    let command = step(&mut controller, [&q, &zero], &report, None);
     assert_eq!(
         (command.phase, command.refusal),
         (Phase::Refused, Refusal::State),
@@ -76,7 +95,7 @@ fn a_report_that_makes_no_sense_is_refused() {
     let zero = SVector::zeros();
     let mut report = analyzer.step(&q, &zero, &puma().evaluate(&q, &zero));
     report.singularities[1].aux_row = SVector::zeros();
-    let command = controller.step(&q, &zero, &zero, &report);
+    let command = step(&mut controller, [&q, &zero], &report, None);
     assert!(
         command.refusal == Refusal::Singular
             && command.phase == Phase::Refused
@@ -103,7 +122,7 @@ fn a_damaged_checkpoint_is_refused_and_the_arm_held() {
         controller.save(&mut checkpoint);
         damage(&mut checkpoint);
         other.restore(&checkpoint);
-        let command = other.step(&q, &zero, &zero, &report);
+        let command = step(&mut other, [&q, &zero], &report, None);
         assert_eq!(
             (command.phase, command.refusal),
             (Phase::Refused, Refusal::Checkpoint)

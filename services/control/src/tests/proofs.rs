@@ -3,19 +3,18 @@
 use crate::analyzer::Analyzer;
 use crate::arm_family::puma_inverse::PumaLengths;
 use crate::centre::AtCentre;
-use crate::continuous::auxiliary::{Demand, Gains, Loop};
-use crate::continuous::blended;
 use crate::continuous::foresight::{FORESEEN, Foreseen};
-use crate::continuous::governor::{Governor, Load};
-use crate::law::{Active, Actives, Wanted};
-use crate::linear::singular_values;
-use crate::paper::chang_khatib;
-use crate::paper::operational_space::{Operational, null_torque};
+use crate::law::auxiliary::{Demand, Gains, LEFT, Loop};
+use crate::law::{self, Engaged, Problem, Rows, Torques};
+use crate::limits::clock::{Clock, Load};
+use crate::linear::{Lu, singular_values};
+use crate::paper::operational_space::null_torque;
 use crate::paper::reference::Target;
+use crate::paper::singular_frame::orthogonal_rows;
 use crate::testing::{posture, puma, puma_lengths, robot};
 use crate::types::{Mode, Report, Singularity};
 use model::{Model, Terms};
-use nalgebra::{Matrix1, Matrix3, Vector1, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix1, Matrix3, Vector1, Vector6};
 use proptest::prelude::*;
 use shared_types::random::Uniform;
 use shared_types::scenario::Analysis;
@@ -58,32 +57,36 @@ fn at_locks(random: &mut Uniform, locks: usize) -> Vector6<f64> {
     q
 }
 
-fn actives(report: &Report<6>, beta: f64) -> Actives<6> {
-    let mut actives = Actives::none();
-    for s in report.listed().iter().filter(|s| s.s.abs() < s.eta_out) {
-        actives.push(Active {
-            zeta_B: s.zeta_B,
-            gain: s.gain,
-            beta,
-            aux_row: s.aux_row,
-            aux_acceleration: 0.7,
-            aux_rate: 0.3,
-        });
-    }
-    actives
+/// The singularities within η_out.
+fn engaged(report: &Report<6>, beta: f64) -> Vec<Engaged<6>> {
+    let near = report.listed().iter().filter(|s| s.s.abs() < s.eta_out);
+    near.map(|s| Engaged {
+        zeta_B: s.zeta_B,
+        gain: s.gain,
+        beta,
+        aux_row: s.aux_row,
+        aux_acceleration: 0.7,
+        aux_rate: 0.3,
+    })
+    .collect()
 }
 
-fn wanted<'a>(terms: &'a Terms<6>, at: &'a AtCentre<6>, p_EC: &'a Vector3<f64>) -> Wanted<'a, 6> {
-    Wanted {
+fn sum(torques: &Torques<6>) -> Vector6<f64> {
+    torques.parts.sum()
+}
+
+fn problem<'a>(terms: &'a Terms<6>, at: &'a AtCentre<6>, qdot: &'a Vector6<f64>) -> Problem<'a, 6> {
+    Problem {
         A: &terms.A,
         at,
-        p_EC,
+        qdot,
         task: [true; 6],
         a: Vector6::new(0.3, -0.5, 0.2, 0.4, -0.1, 0.6),
         a_path: Vector6::zeros(),
         V: Vector6::zeros(),
         a_feed: Vector6::zeros(),
-        posture: Vector6::zeros(),
+        grad_V_0: Vector6::zeros(),
+        k_vq: 40.0,
     }
 }
 
@@ -136,18 +139,17 @@ fn the_auxiliary_motion_moves_zeta_by_the_gain_and_nothing_else() {
         let q = at_locks(&mut random, k % 8);
         let (report, terms) = analysed(puma(), "puma560", &q, &Vector6::zeros());
         let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
-        let actives = actives(&report, 0.0);
-        lone += usize::from(actives.len() == 1);
-        let system =
-            blended::Augmented::new(&wanted(&terms, &at, &Vector3::zeros()), &actives).unwrap();
-        let lu = crate::linear::Lu::new(system.M).unwrap();
-        for (i, active) in actives.iter().enumerate() {
+        let (engaged, zero) = (engaged(&report, 0.0), Vector6::zeros());
+        lone += usize::from(engaged.len() == 1);
+        let rows = Rows::of(&problem(&terms, &at, &zero), &engaged).unwrap();
+        let lu = Lu::new(rows.J_T.transpose()).unwrap();
+        for (i, active) in engaged.iter().enumerate() {
             let w = lu.solve(&Vector6::from_fn(|j, _| {
-                if j == system.orthogonal + i { 1.0 } else { 0.0 }
+                if j == rows.kept + i { 1.0 } else { 0.0 }
             }));
             let moved = active.zeta_B.dot(&(at.J * w));
             // With other locks active, ζ of this one is not orthogonal to theirs: only a lone one moves by its own gain alone.
-            if actives.len() == 1 {
+            if engaged.len() == 1 {
                 assert!(
                     (moved - active.gain).abs() < 1e-9,
                     "{:?}: {moved} against {}",
@@ -173,24 +175,50 @@ fn the_augmented_matrix_is_regular_everywhere() {
         let mut at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
         (0..3).for_each(|i| at.J.row_mut(i).scale_mut(1.0 / report.length_m));
         // Engaged as long as the law keeps it so on the way out.
-        let mut engaged = report;
-        engaged
-            .singularities
+        let mut near = report;
+        near.singularities
             .iter_mut()
-            .for_each(|s| s.eta_out *= crate::continuous::auxiliary::LEFT);
-        let system = blended::Augmented::new(
-            &wanted(&terms, &at, &Vector3::zeros()),
-            &actives(&engaged, 0.0),
-        )
-        .unwrap();
-        smallest = smallest.min(singular_values(&system.M).0[5]);
+            .for_each(|s| s.eta_out *= LEFT);
+        let zero = Vector6::zeros();
+        let rows = Rows::of(&problem(&terms, &at, &zero), &engaged(&near, 0.0)).unwrap();
+        smallest = smallest.min(singular_values(&rows.J_T).0[5]);
         of_J = of_J.min(singular_values(&at.J).0[5]);
     }
     println!("smallest singular value: augmented {smallest}, J {of_J}");
     assert!(smallest > 0.03 && of_J < 1e-6, "{smallest} {of_J}");
 }
 
-// covers: CK95 Eq. 3 (chang_khatib::torques)
+/// The paper's law in its own form, Γ = J_rᵀΛ_r r + N_T Γ₀, Γ₀ = A·w·(ẍ − ∂x/∂q·J̄_r r) where w moves the auxiliary coordinates by one each and no kept row:
+/// by inverses, with nothing in common with the code. The torque, and its part in the null space.
+fn papers_torque(problem: &Problem<'_, 6>, engaged: &[Engaged<6>]) -> [Vector6<f64>; 2] {
+    let kept = orthogonal_rows::<6>(&problem.task, engaged).unwrap();
+    let J_r = DMatrix::from_fn(kept.len(), 6, |i, j| problem.at.J.column(j).dot(&kept[i]));
+    let aux = DMatrix::from_fn(engaged.len(), 6, |i, j| engaged[i].aux_row[j]);
+    let a = problem.a - problem.at.Jdot_qdot;
+    let r = DVector::from_fn(kept.len(), |i, _| kept[i].dot(&a));
+    let A = DMatrix::from_column_slice(6, 6, problem.A.as_slice());
+    let A_inverse = A.clone().try_inverse().unwrap();
+    let Lambda = (&J_r * &A_inverse * J_r.transpose()).try_inverse().unwrap();
+    let Jbar = &A_inverse * J_r.transpose() * &Lambda;
+    let N_T = DMatrix::<f64>::identity(6, 6) - J_r.transpose() * Jbar.transpose();
+    let all = DMatrix::from_fn(6, 6, |i, j| {
+        if i < J_r.nrows() {
+            J_r[(i, j)]
+        } else {
+            aux[(i - J_r.nrows(), j)]
+        }
+    });
+    let w = all
+        .try_inverse()
+        .unwrap()
+        .columns(J_r.nrows(), aux.nrows())
+        .into_owned();
+    let wanted = DVector::from_fn(engaged.len(), |i, _| engaged[i].aux_acceleration);
+    let Gamma_0 = A * w * (wanted - &aux * &Jbar * &r);
+    let null = N_T * Gamma_0;
+    [J_r.transpose() * Lambda * r + &null, null].map(|x| Vector6::from_column_slice(x.as_slice()))
+}
+
 #[test]
 fn one_solve_gives_the_papers_torque() {
     let mut random = Uniform(3);
@@ -199,26 +227,21 @@ fn one_solve_gives_the_papers_torque() {
         let qdot = Vector6::from_fn(|_, _| random.within(-0.5, 0.5));
         let (report, terms) = analysed(puma(), "puma560", &q, &qdot);
         let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
-        let (actives, zero) = (actives(&report, 0.0), Vector3::zeros());
-        let wanted = wanted(&terms, &at, &zero);
-        let one = blended::torques(&wanted, &actives).unwrap();
-        if actives.is_empty() {
+        let (engaged, problem) = (engaged(&report, 0.0), problem(&terms, &at, &qdot));
+        if engaged.is_empty() {
             continue;
         }
-        let paper = chang_khatib::torques(&wanted, &actives).unwrap();
-        let sum = |t: &crate::law::Torques<6>| t.path + t.rest + t.null;
-        let scale = sum(&one).amax().max(1.0);
+        let one = law::solve(&problem, &engaged).unwrap();
+        let [Gamma, null] = papers_torque(&problem, &engaged);
+        let scale = Gamma.amax().max(1.0);
         assert!(
-            (sum(&one) - sum(&paper)).amax() < 1e-11 * scale,
-            "k {k}: {} against {}",
-            sum(&one),
-            sum(&paper)
+            (sum(&one) - Gamma).amax() < 1e-9 * scale,
+            "{k}: {} against {Gamma}",
+            sum(&one)
         );
         assert!(
-            (one.null - paper.null).amax() < 1e-9 * scale,
-            "the same split: {} against {}",
-            one.null,
-            paper.null
+            (one.parts.null - null).amax() < 1e-8 * scale,
+            "{k}: the same split"
         );
     }
 }
@@ -234,12 +257,10 @@ fn the_blend_is_a_convex_weight_with_the_right_sign() {
         if report.listed().iter().any(|s| s.s.abs() < 1e-3) {
             continue;
         }
-        let zero = Vector3::zeros();
+        let zero = Vector6::zeros();
         let det = |beta: f64| {
-            let system =
-                blended::Augmented::new(&wanted(&terms, &at, &zero), &actives(&report, beta))
-                    .unwrap();
-            crate::linear::Lu::new(system.M).unwrap().determinant()
+            let rows = Rows::of(&problem(&terms, &at, &zero), &engaged(&report, beta)).unwrap();
+            Lu::new(rows.J_T).unwrap().determinant()
         };
         let (one, other) = (det(0.0), det(1.0));
         for beta in [0.25, 0.5, 0.75] {
@@ -287,15 +308,13 @@ fn outside_every_neighbourhood_one_solve_is_operational_space_control() {
             continue;
         }
         let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
-        let zero = Vector3::zeros();
-        let wanted = wanted(&terms, &at, &zero);
-        let one = blended::torques(&wanted, &actives(&report, 1.0)).unwrap();
-        let plain = Operational::new(at.J, &terms.A).unwrap();
-        let Gamma = plain.torque(&plain.force(&wanted.a, &at.Jdot_qdot), &Vector6::zeros());
-        let sum = one.path + one.rest + one.null;
+        let problem = problem(&terms, &at, &qdot);
+        let one = law::solve(&problem, &engaged(&report, 1.0)).unwrap();
+        let Gamma = terms.A * Lu::new(at.J).unwrap().solve(&(problem.a - at.Jdot_qdot));
         assert!(
-            (sum - Gamma).amax() < 1e-8 * Gamma.amax().max(1.0),
-            "k {k}: {sum} against {Gamma}"
+            (sum(&one) - Gamma).amax() < 1e-8 * Gamma.amax().max(1.0),
+            "k {k}: {} against {Gamma}",
+            sum(&one)
         );
         checked += 1;
     }
@@ -314,7 +333,6 @@ fn still(s: f64, inside: bool, aux_rate: f64) -> Singularity<6> {
     }
 }
 
-// covers: CK95 Eq. 5 (operational_space::null_torque)
 #[test]
 fn inside_a_neighbourhood_the_loop_is_a_damped_potential() {
     let gains = Gains {
@@ -332,7 +350,7 @@ fn inside_a_neighbourhood_the_loop_is_a_damped_potential() {
         };
         let mut state = Loop::default();
         let demand = (0..2000)
-            .map(|_| state.step(&still(s, true, rate), &target, &gains, 1.0, 1e-3))
+            .map(|_| state.step(&still(s, true, rate), &target, &gains, false, (1.0, 1e-3)))
             .last()
             .unwrap();
         assert_eq!(demand.beta, 0.0, "the strategy alone acts along ζ");
@@ -370,7 +388,7 @@ fn outside_a_neighbourhood_the_loop_is_not_used() {
     let mut state = Loop::default();
     for s in [0.2, -0.25, 0.9] {
         assert_eq!(
-            state.step(&still(s, false, 0.1), &target, &gains, 1.0, 1e-3),
+            state.step(&still(s, false, 0.1), &target, &gains, false, (1.0, 1e-3)),
             Demand::none()
         );
         assert!(!state.engaged(), "at {s}");
@@ -391,14 +409,14 @@ fn a_feasible_path_runs_at_full_clock_speed() {
         planned: 1.0,
     };
     // The demand has been there before: a rising one is extrapolated.
-    let mut governor = Governor {
+    let mut clock = Clock {
         demand: 0.94,
-        ..Governor::default()
+        ..Clock::default()
     };
     for _ in 0..1000 {
-        governor.step(&load, &limits, 1e-3);
+        clock.govern(&load, &limits, 1e-3);
         assert_eq!(
-            (governor.rate, governor.rate_dot),
+            (clock.rate, clock.rate_dot),
             (1.0, 0.0),
             "the desired motion is the path's own"
         );

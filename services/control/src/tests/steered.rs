@@ -2,7 +2,7 @@
 
 use crate::testing::robot;
 use crate::types::Phase;
-use crate::{Analyzer, Controller, start_posture};
+use crate::{Analyzer, Controller, Inputs, start_posture};
 use model::Model;
 use nalgebra::SVector;
 use proptest::prelude::*;
@@ -79,14 +79,17 @@ fn steer<const N: usize>(
         }
         for _ in 0..*ticks {
             let report = analyzer.step(&q, &qdot, &model.evaluate(&q, &qdot));
-            let command = controller.steer(
-                (tick, Some(&target)),
-                (&q, &qdot),
-                &SVector::zeros(),
-                &report,
-                &mut state,
-            );
-            let reference = controller.state.servo;
+            let command = controller.step(&Inputs {
+                tick,
+                q: &q,
+                qdot: &qdot,
+                tau_disturbance: &SVector::zeros(),
+                report: &report,
+                terms: None,
+                target: Some(&target),
+            });
+            state = command.session.unwrap_or_default();
+            let reference = controller.state.targets;
             prop_assert!(
                 state.refused == 0 && command.phase != Phase::Refused,
                 "tick {tick}: {:?} {:?}",

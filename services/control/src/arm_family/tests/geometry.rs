@@ -4,7 +4,7 @@ use crate::analyzer::Analyzer;
 use crate::arm_family::parallel_axes::ParallelAxes;
 use crate::arm_family::spherical_shoulder::SphericalShoulder;
 use crate::centre::AtCentre;
-use crate::law::Active;
+use crate::law::Engaged;
 use crate::linear::singular_values;
 use crate::paper::singular_frame::orthogonal_rows;
 use crate::testing::{posture, robot};
@@ -50,9 +50,9 @@ fn axes_say_what_an_arm_is() {
 /// J without the reported directions, their auxiliary rows in their place: smallest singular value, unit-scaled.
 fn augmented_sigma<const N: usize>(report: &Report<N>, terms: &Terms<N>, engaged: &[bool]) -> f64 {
     let at = AtCentre::new(terms, &report.p_BC, &terms.omega[N - 1]);
-    let actives: Vec<Active<N>> = (report.listed().iter().zip(engaged))
+    let actives: Vec<Engaged<N>> = (report.listed().iter().zip(engaged))
         .filter(|(_, yes)| **yes)
-        .map(|(s, _)| Active {
+        .map(|(s, _)| Engaged {
             zeta_B: s.zeta_B,
             gain: s.gain,
             beta: 0.0,
@@ -150,7 +150,7 @@ fn a_guarantee_holds<const N: usize>(
             continue;
         }
         let rest = at.J.tr_mul(&s.zeta_B) - s.aux_row * s.gain;
-        let alone = Active {
+        let alone = Engaged {
             zeta_B: s.zeta_B,
             gain: s.gain,
             beta: 0.0,

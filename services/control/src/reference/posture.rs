@@ -1,9 +1,10 @@
 //! The posture that the null space of a redundant arm is driven to (+).
 
-use crate::continuous::avoidance;
+use super::avoidance;
+use crate::controller::Setup;
 use crate::setup::{SetupError, posture_goals};
-use crate::tick::{Inputs, Motion};
-use crate::trajectory::{Path, Progress};
+use crate::state::State;
+use crate::tick::{Motion, Now};
 use model::Robot;
 use nalgebra::SVector;
 use shared_types::scenario::{Control, Scenario};
@@ -65,43 +66,37 @@ impl<const N: usize> Postures<N> {
             .for_each(|goal| *goal = q);
     }
 
-    /// Acceleration wanted in the null space, rad/s²: towards the planned posture, else the commanded one, and near a lost direction around it.
-    ///
-    /// `avoided` is the first place from which on the singularities have codimension two or more; `task` are the axes that count.
-    pub(crate) fn acceleration(
+    /// ∇V₀ of Eq. 5, rad/s²: towards the planned posture, else the commanded one, and near a lost direction around it.
+    pub(crate) fn gradient(
         &self,
-        control: &Control,
-        (path, progress): (&Path, &Progress),
-        now: &Inputs<'_, N>,
+        setup: &Setup<N>,
+        state: &State<N>,
+        now: &Now<'_, N>,
         motion: &Motion<N>,
-        (avoided, task): (Option<usize>, &[bool; 6]),
     ) -> SVector<f64, N> {
-        let Control { k_p, k_v, .. } = *control;
+        let Control { k_p, k_v, .. } = setup.scenario.control;
         if let Some(plan) = motion.planned.as_ref().filter(|_| !self.commanded) {
-            return (plan.q - now.q) * k_p + (plan.dq * motion.clock - now.qdot) * k_v;
+            return (now.q - plan.q) * k_p - plan.dq * (motion.clock * k_v);
         }
-        let off = self.at(path, progress) - now.q;
+        let off = now.q - self.at(setup, state);
         let off = if self.steered {
             off * (STEERED / off.amax().max(STEERED))
         } else {
             off
         };
         let towards = off * (0.25 * k_p);
-        let away = avoided.and_then(|first| avoidance::away(&now.at.J, task, now.report, first));
-        away.map_or(towards, |(rate, weight)| {
-            towards * (1.0 - weight) + rate * (k_v * weight)
-        }) - now.qdot * k_v
+        avoidance::away(setup, now).map_or(towards, |(rate, weight)| {
+            towards * (1.0 - weight) - rate * (k_v * weight)
+        })
     }
 
     /// The goal, reached by the leg's own time law.
-    fn at(&self, path: &Path, progress: &Progress) -> SVector<f64, N> {
-        let Some(goal) = self.goals.get(progress.leg) else {
+    fn at(&self, setup: &Setup<N>, state: &State<N>) -> SVector<f64, N> {
+        let leg = state.progress.leg;
+        let Some(goal) = self.goals.get(leg) else {
             return *self.goals.last().unwrap_or(&self.q_start);
         };
-        let from = progress
-            .leg
-            .checked_sub(1)
-            .map_or(&self.q_start, |i| &self.goals[i]);
-        from + (goal - from) * path.ramp(progress)
+        let from = leg.checked_sub(1).map_or(&self.q_start, |i| &self.goals[i]);
+        from + (goal - from) * setup.path.ramp(&state.progress)
     }
 }

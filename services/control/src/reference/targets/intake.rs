@@ -85,6 +85,19 @@ pub struct Wish {
     pub stale: bool,
 }
 
+impl Wish {
+    /// Nothing, in the pose `X`.
+    #[must_use]
+    pub fn rest(X: &Pose) -> Self {
+        Self {
+            V: Vector6::zeros(),
+            asked: Vector6::zeros(),
+            p: X.p,
+            stale: false,
+        }
+    }
+}
+
 /// The wish of a target at `tick`; a target of kind posture has no twist, the reference follows it joint by joint.
 ///
 /// Frames: `X` is the reference's pose in B; the singular frame is that of the singularity nearest to its neighbourhood. Requires a target that
@@ -97,12 +110,7 @@ pub fn wish<const N: usize>(
     report: &Report<N>,
     session: &Servo,
 ) -> Wish {
-    let rest = Wish {
-        V: Vector6::zeros(),
-        asked: Vector6::zeros(),
-        p: X.p,
-        stale: false,
-    };
+    let rest = Wish::rest(X);
     if age_s > target.valid_s {
         return Wish {
             stale: ![TARGET_NONE, TARGET_END].contains(&target.kind),

@@ -2,7 +2,7 @@
 //!
 //! Reduces to the paper's law: without a plan nothing changes, and on a feasible path the planned coordinate is the one that the path needs.
 
-use super::path_plan::{PathPlan, Sample};
+use crate::continuous::path_plan::{PathPlan, Sample};
 use crate::paper::reference::Target;
 use crate::paper::type_1::SIDE_CHANGE;
 use crate::types::{Mode, Singularity};
@@ -12,20 +12,13 @@ use nalgebra::SVector;
 const WAIT_FROM: f64 = 0.05;
 const WAIT_TO: f64 = 0.25;
 /// Demand on the clock that makes it wait.
-pub(crate) const WAIT: f64 = 20.0;
+pub const WAIT: f64 = 20.0;
 /// Coordinate beyond which the plan is on a side.
 const SIDE: f64 = 1e-3;
 /// How far ahead of the present the plan is asked for that side, s.
 const SOON_S: f64 = 0.15;
 /// Lag of the clock behind its target, s.
 const LAG_S: f64 = 0.04;
-/// Distance in which an arm refused before a limit comes to rest, per speed, s: 1/k_v, and a reserve for the torque rate, at which braking begins.
-const STOPPING_S: f64 = 0.06;
-/// Joint speed below which a joint is at rest, rad/s.
-const RESTING: f64 = 0.02;
-/// Distance from the plan beyond which it leads nowhere, rad.
-const STRAYED: f64 = 0.02;
-
 /// The plan of a task, where there is one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Guide<const N: usize> {
@@ -120,22 +113,6 @@ impl<const N: usize> Guide<N> {
     pub fn path_time(&self, route_s: f64, step_s: f64) -> f64 {
         self.plan.as_ref().map_or(step_s, |plan| {
             plan.path_time(route_s + step_s) - plan.path_time(route_s)
-        })
-    }
-
-    /// A joint that could not be stopped before its limit later than now, where no plan leads it away from there.
-    #[must_use]
-    #[inline]
-    pub fn nears_limit(
-        planned: Option<&Sample<N>>,
-        (q, qdot): (&SVector<f64, N>, &SVector<f64, N>),
-        (lower, upper): (&SVector<f64, N>, &SVector<f64, N>),
-    ) -> Option<usize> {
-        (0..N).find(|&i| {
-            let stop = q[i] + qdot[i] * STOPPING_S;
-            let beyond =
-                qdot[i] > RESTING && stop > upper[i] || qdot[i] < -RESTING && stop < lower[i];
-            beyond && planned.is_none_or(|plan| (plan.q[i] - q[i]).abs() > STRAYED)
         })
     }
 }

@@ -2,11 +2,10 @@
 //!
 //! Reduces to the paper's law: the plan chooses which way round ζ is turned and predicts the motion; the turn itself is the paper's Type 2 strategy.
 
-use super::governor::MARGIN;
-use crate::law::LawError;
+use crate::limits::clock::MARGIN;
 use crate::paper::type_2::Turn;
-use crate::trajectory::quintic;
-use crate::types::Singularity;
+use crate::reference::path::quintic;
+use crate::types::{Refusal, Singularity};
 use model::Model;
 use nalgebra::SVector;
 use shared_types::scenario::Control;
@@ -33,14 +32,14 @@ pub struct Room<'a, const N: usize> {
 /// `motion` gives the joint motion for an angle, rad; `duration_s` is the leg's.
 ///
 /// # Errors
-/// [`LawError::Room`] where the joint limits allow neither.
+/// [`Refusal::Room`] where the joint limits allow neither.
 pub fn plan<const N: usize>(
     s: &Singularity<N>,
     angle: f64,
     duration_s: f64,
     room: &Room<'_, N>,
     motion: impl Fn(f64) -> Option<SVector<f64, N>>,
-) -> Result<Turn<N>, LawError> {
+) -> Result<Turn<N>, Refusal> {
     let plan = |angle: f64| {
         let by = motion(angle).filter(|by| room.holds(by))?;
         Some(Turn {
@@ -51,9 +50,7 @@ pub fn plan<const N: usize>(
         })
     };
     let other = angle - std::f64::consts::PI.copysign(angle);
-    plan(angle).or_else(|| plan(other)).ok_or(LawError::Room {
-        angle_deg: angle.to_degrees(),
-    })
+    plan(angle).or_else(|| plan(other)).ok_or(Refusal::Room)
 }
 
 impl<const N: usize> Room<'_, N> {

@@ -3,7 +3,7 @@
 //! Along a singular direction inside its neighbourhood the reference leads: its lead is what a fold opens by, and what it slides along. Orthogonal to
 //! the singular directions it is never further away than the accuracy asked for.
 
-use crate::continuous::auxiliary::Loop;
+use crate::law::auxiliary::Loop;
 use crate::linear::{angular, linear, rotation_exp, rotation_log, smoothstep, stack};
 use crate::types::Report;
 use model::Pose;
@@ -44,7 +44,7 @@ impl Lead {
                 continue;
             }
             across -= axis * (axis.dot(&across) / axis.norm_squared());
-            let closed = 1.0 - smoothstep((s.s.abs() - s.eta_in) / (s.eta_out - s.eta_in));
+            let closed = 1.0 - s.neighborhood().openness(s.s);
             length = length.max(ACROSS_M + (ALONG_M - ACROSS_M) * closed);
         }
         let turn = rotation_log(&(reference.R * arm.R.transpose()));

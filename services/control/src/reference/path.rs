@@ -4,10 +4,10 @@
 //! that moment, so it is settled when the leg begins, and kept in the controller's state. Position follows a straight line, rotation a
 //! geodesic, both by the same quintic time law; the clock's speed is the governor's.
 
+use super::free_axis::free_axis;
 use crate::centre::PoseMotion;
 use crate::continuous::foresight::{FORESEEN, FORESEEN_STEP_S};
 use crate::linear::{rotation_exp, rotation_log, stack};
-use crate::served::free_axis;
 use crate::types::{Class, Kind, Report, Singularity};
 use model::Pose;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};

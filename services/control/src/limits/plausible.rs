@@ -19,30 +19,6 @@ const VELOCITY_NOISE: f64 = 0.25;
 /// Speed limit where there is none, rad/s.
 const FAST: f64 = 10.0;
 
-/// The limits of physics at one tick.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Bounds<'a, const N: usize> {
-    pub(crate) terms: &'a Terms<N>,
-    /// rad/s.
-    pub(crate) velocity: &'a SVector<f64, N>,
-    /// N·m.
-    pub(crate) effort: &'a SVector<f64, N>,
-    /// s.
-    pub(crate) dt: f64,
-}
-
-impl<'a, const N: usize> Bounds<'a, N> {
-    /// Those of an arm in the state whose terms are `terms`, over a tick of `dt` s.
-    pub(crate) fn of(model: &'a Model<N>, terms: &'a Terms<N>, dt: f64) -> Self {
-        Self {
-            terms,
-            velocity: model.velocity(),
-            effort: model.effort(),
-            dt,
-        }
-    }
-}
-
 /// The last plausible state, carried on to rest while the estimate is set aside.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Plausible<const N: usize> {
@@ -78,11 +54,16 @@ impl<const N: usize> Plausible<N> {
         &mut self,
         q: &SVector<f64, N>,
         qdot: &SVector<f64, N>,
-        bounds: &Bounds<'_, N>,
+        terms: &Terms<N>,
+        model: &Model<N>,
+        dt: f64,
     ) -> bool {
-        let ticks = 1.0 + f64::from(self.rejected_ticks);
+        let passed_s = (1.0 + f64::from(self.rejected_ticks)) * dt;
+        let is_near = |i: usize| {
+            (q[i] - self.q[i]).abs() <= SPEED * model.velocity()[i] * passed_s + POSITION_NOISE
+        };
         let is_plausible =
-            !self.known || self.near(q, ticks, bounds) && self.reachable(qdot, ticks, bounds);
+            !self.known || (0..N).all(is_near) && self.reaches(qdot, terms, model, passed_s);
         if is_plausible {
             *self = Self {
                 known: true,
@@ -96,42 +77,31 @@ impl<const N: usize> Plausible<N> {
         is_plausible
     }
 
-    fn near(&self, q: &SVector<f64, N>, ticks: f64, bounds: &Bounds<'_, N>) -> bool {
-        (0..N).all(|i| {
-            (q[i] - self.q[i]).abs()
-                <= SPEED * bounds.velocity[i] * bounds.dt * ticks + POSITION_NOISE
-        })
-    }
-
-    fn reachable(&self, qdot: &SVector<f64, N>, ticks: f64, bounds: &Bounds<'_, N>) -> bool {
-        let fast = |i: usize| {
-            if bounds.velocity[i].is_finite() {
-                bounds.velocity[i]
-            } else {
-                FAST
-            }
-        };
+    fn reaches(
+        &self,
+        qdot: &SVector<f64, N>,
+        terms: &Terms<N>,
+        model: &Model<N>,
+        passed_s: f64,
+    ) -> bool {
         let beyond = SVector::<f64, N>::from_fn(|i, _| {
-            qdot[i].abs() - self.qdot[i].abs() - VELOCITY_NOISE * fast(i)
+            let limit = model.velocity()[i];
+            let fast = if limit.is_finite() { limit } else { FAST };
+            qdot[i].abs() - self.qdot[i].abs() - VELOCITY_NOISE * fast
         });
         if beyond.iter().all(|x| *x <= 0.0) {
             return true;
         }
-        let Ok(lu) = Lu::new(bounds.terms.A) else {
+        let Ok(lu) = Lu::new(terms.A) else {
             return false;
         };
         let mut most = SVector::<f64, N>::zeros();
         for j in 0..N {
-            let push = SVector::from_fn(|i, _| {
-                if i == j {
-                    bounds.effort[j] + bounds.terms.gravity[j].abs()
-                } else {
-                    0.0
-                }
-            });
+            let mut push = SVector::zeros();
+            push[j] = model.effort()[j] + terms.gravity[j].abs();
             most += lu.solve(&push).abs();
         }
-        (0..N).all(|i| beyond[i] <= 0.0 || beyond[i] <= most[i] * bounds.dt * ticks)
+        (0..N).all(|i| beyond[i] <= 0.0 || beyond[i] <= most[i] * passed_s)
     }
 
     /// One tick of the motion of an arm that is damped by `damping`, 1/s.

@@ -1,8 +1,14 @@
-//! The governor: the path's clock slows down so that no joint exceeds its limits (+).
+//! The clock: the path's time slows down so that no joint exceeds its limits.
 //!
 //! Reduces to the paper's law: at a demand below 0.95 the clock runs at exactly 1 (proof: `a_feasible_path_runs_at_full_clock_speed`).
 
-use super::foresight::{FORESEEN_STEP_S, Foreseen};
+use super::{range, speed};
+use crate::continuous::foresight::{FORESEEN_STEP_S, Foreseen};
+use crate::controller::Setup;
+use crate::demand_ahead::demand_ahead;
+use crate::law::Torques;
+use crate::state::State;
+use crate::tick::{Motion, Now};
 use nalgebra::SVector;
 
 /// Slowest clock.
@@ -38,28 +44,43 @@ pub struct Load<const N: usize> {
     pub planned: f64,
 }
 
-/// The clock's speed.
+/// The clock of a run: its speed, and the time that has passed on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Governor {
+pub struct Clock {
     /// Speed of the path's clock against real time, 0.05 to 1.
     pub rate: f64,
     /// Its change, 1/s.
     pub rate_dot: f64,
     /// Demand at the tick before.
     pub demand: f64,
+    /// Time on the path since the start, s.
+    pub path_s: f64,
+    /// Time on the plan of the path, which waits where ζ is turned out of the way, s.
+    pub plan_s: f64,
 }
 
-impl Default for Governor {
+impl Default for Clock {
     fn default() -> Self {
         Self {
             rate: 1.0,
             rate_dot: 0.0,
             demand: 0.0,
+            path_s: 0.0,
+            plan_s: 0.0,
         }
     }
 }
 
-impl Governor {
+impl Clock {
+    /// At full speed, where time is what it is.
+    pub fn begin_anew(&mut self) {
+        *self = Self {
+            path_s: self.path_s,
+            plan_s: self.plan_s,
+            ..Self::default()
+        };
+    }
+
     /// Slows down as fast as an arm does that is damped by `damping`, 1/s: the path waits for it.
     pub fn slow_down(&mut self, damping: f64, dt: f64) {
         self.rate = (self.rate * libm::exp(-damping * dt)).max(SLOWEST);
@@ -73,7 +94,7 @@ impl Governor {
     ///
     /// Units `limits` N·m, `dt` s · Ensures 0.05 ≤ rate ≤ 1 and |rate_dot| within the share of torque that braking may take; rate = 1 exactly while the
     /// demand stays below 0.95 · Errors none · Cost O(N), no allocation
-    pub fn step<const N: usize>(&mut self, load: &Load<N>, limits: &SVector<f64, N>, dt: f64) {
+    pub fn govern<const N: usize>(&mut self, load: &Load<N>, limits: &SVector<f64, N>, dt: f64) {
         let mut demand = load.speed;
         let mut hardest = 1e3_f64;
         for i in 0..N {
@@ -109,6 +130,55 @@ impl Governor {
     }
 }
 
+/// Step 5: time goes on at the clock's speed, whose next one the demands of this tick decide.
+pub(crate) fn step<const N: usize>(
+    setup: &Setup<N>,
+    state: &mut State<N>,
+    now: &Now<'_, N>,
+    motion: &Motion<N>,
+    torques: &Torques<N>,
+    auxiliary_load: f64,
+) {
+    let (model, control) = (&setup.model, &setup.scenario.control);
+    let (clock, A) = (state.clock.rate, &now.terms.A);
+    state.qdot_planned = torques.qdot_nominal * clock;
+    if setup.scenario.servo.is_some() {
+        state.targets.fastest = range::fastest(now.q, &torques.qdot_nominal, model);
+    }
+    if control.governor {
+        let looks_ahead = motion.planned.is_none() && !motion.clips && control.strategy.is_ours();
+        let load = Load {
+            speed: auxiliary_load
+                .max(torques.speed_share(model.velocity()))
+                .max(speed::demand(now.qdot, model.velocity()) / clock),
+            holding: now.terms.gravity,
+            following: (A * torques.qddot_path + now.terms.coriolis) / (clock * clock),
+            braking: A * torques.qdot_nominal,
+            foreseen: if looks_ahead {
+                demand_ahead(setup, state, now)
+            } else {
+                Foreseen::default()
+            },
+            planned: setup
+                .guide
+                .speed(motion.planned.as_ref(), state.clock.plan_s, clock)
+                .min(state.targets.fastest.clock),
+        };
+        let dt = setup.scenario.dt_s();
+        state.clock.govern(&load, model.effort(), dt);
+    }
+    pass(setup, state, clock);
+}
+
+/// Time that goes on by a tick at the speed `clock`, on the plan, on the path and in its leg.
+pub(crate) fn pass<const N: usize>(setup: &Setup<N>, state: &mut State<N>, clock: f64) {
+    let step = clock * setup.scenario.dt_s();
+    let on_path = setup.guide.path_time(state.clock.plan_s, step);
+    state.clock.plan_s += step;
+    state.clock.path_s += on_path;
+    state.progress.time_s += on_path;
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -128,19 +198,19 @@ mod tests {
     #[test]
     fn the_clock_follows_the_demand_and_recovers() {
         let limits = Vector1::new(10.0);
-        let mut governor = Governor::default();
-        (0..300).for_each(|_| governor.step(&load(1.9, 0.0), &limits, 1e-3));
-        assert!((governor.rate - 0.5).abs() < 1e-3);
-        (0..300).for_each(|_| governor.step(&load(0.0, 30.0), &limits, 1e-3));
+        let mut clock = Clock::default();
+        (0..300).for_each(|_| clock.govern(&load(1.9, 0.0), &limits, 1e-3));
+        assert!((clock.rate - 0.5).abs() < 1e-3);
+        (0..300).for_each(|_| clock.govern(&load(0.0, 30.0), &limits, 1e-3));
         assert!(
-            2.0 + 30.0 * governor.rate * governor.rate < 9.6,
+            2.0 + 30.0 * clock.rate * clock.rate < 9.6,
             "torque within the limit at rate {}",
-            governor.rate
+            clock.rate
         );
-        (0..1000).for_each(|_| governor.step(&load(1e9, 0.0), &limits, 1e-3));
-        assert!((governor.rate - SLOWEST).abs() < 1e-3);
-        (0..1000).for_each(|_| governor.step(&load(0.0, 0.0), &limits, 1e-3));
-        assert!((governor.rate - 1.0).abs() < 1e-3);
+        (0..1000).for_each(|_| clock.govern(&load(1e9, 0.0), &limits, 1e-3));
+        assert!((clock.rate - SLOWEST).abs() < 1e-3);
+        (0..1000).for_each(|_| clock.govern(&load(0.0, 0.0), &limits, 1e-3));
+        assert!((clock.rate - 1.0).abs() < 1e-3);
     }
 
     #[test]
@@ -152,10 +222,10 @@ mod tests {
                 ..load(10.0, 0.0)
             },
         );
-        let mut governor = Governor::default();
+        let mut clock = Clock::default();
         for _ in 0..500 {
-            governor.step(&heavy, &limits, 1e-3);
-            assert!(governor.rate_dot.abs() <= 0.35 * 10.0 / 2.0 + 1e-9);
+            clock.govern(&heavy, &limits, 1e-3);
+            assert!(clock.rate_dot.abs() <= 0.35 * 10.0 / 2.0 + 1e-9);
         }
     }
 }

@@ -6,9 +6,11 @@
 //! Reduces to nothing: beyond twice η_out the weight is zero, and the null space has its posture control alone.
 
 use crate::arm_family::screws::Screws;
+use crate::controller::Setup;
 use crate::linear::{Lu, smoothstep};
 use crate::paper::singular_frame::Basis;
-use crate::types::{Report, Singularity};
+use crate::tick::Now;
+use crate::types::Singularity;
 use nalgebra::{SMatrix, SVector};
 use shared_types::bounds::within;
 
@@ -20,15 +22,15 @@ const DRIVE: (f64, f64) = (1.0, 0.8);
 
 /// The null motion that leads away from the singularities, rad/s, and the weight that it has against the posture's control, 0 to 1.
 ///
-/// `first` is the place from which on the singularities have codimension two or more. `None` far from every singularity, and for more or fewer than
-/// one spare joint.
-/// Shapes J 6×N at C, lengths unscaled. Cost about 1 µs near a singularity, none elsewhere; no allocation.
+/// `None` far from every singularity of codimension two or more, and for more or fewer than one spare joint.
+/// Cost about 1 µs near a singularity, none elsewhere; no allocation.
 pub(crate) fn away<const N: usize>(
-    J: &SMatrix<f64, 6, N>,
-    task: &[bool; 6],
-    report: &Report<N>,
-    first: usize,
+    setup: &Setup<N>,
+    now: &Now<'_, N>,
 ) -> Option<(SVector<f64, N>, f64)> {
+    let is_ours = setup.scenario.control.strategy.is_ours();
+    let first = setup.first_of_higher_codimension().filter(|_| is_ours)?;
+    let (J, report, task) = (&now.at.J, now.report, &setup.task);
     let openness = |s: &Singularity<N>| (s.s.abs() / s.eta_out - 1.0) / (REACH - 1.0);
     let nearest = report
         .listed()

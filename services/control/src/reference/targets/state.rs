@@ -1,7 +1,7 @@
 //! The reference from tick to tick.
 
-use super::limits::{Fastest, MARGIN};
-use crate::continuous::torque_rate::Sent;
+use crate::limits::range::{Fastest, STANDING};
+use crate::limits::torque::Sent;
 use crate::linear::{angular, clamp_norm, linear, rotation_exp, stack};
 use crate::types::Refusal;
 use model::{Pose, joints, padded};
@@ -31,7 +31,7 @@ pub struct Ended {
 
 /// The state of a steered run's reference; all of it but `fastest` and `resting`, which each tick makes anew, survives a restart.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Reference<const N: usize> {
+pub struct TargetState<const N: usize> {
     /// The target in force.
     pub held: TargetContent,
     /// The tick in hand.
@@ -91,7 +91,7 @@ pub fn without_text(scenario: &Scenario) -> Scenario {
     scenario
 }
 
-impl<const N: usize> Reference<N> {
+impl<const N: usize> TargetState<N> {
     /// At rest in a posture whose pose is `X`.
     #[must_use]
     pub fn at(X: Pose, q: SVector<f64, N>, sent: Sent<N>) -> Self {
@@ -144,8 +144,8 @@ impl<const N: usize> Reference<N> {
         let asked = joints::<N>(&self.held.q);
         let goal = SVector::from_fn(|i, _| {
             asked[i].clamp(
-                lower[i] + MARGIN,
-                (upper[i] - MARGIN).max(lower[i] + MARGIN),
+                lower[i] + STANDING,
+                (upper[i] - STANDING).max(lower[i] + STANDING),
             )
         });
         let beyond = (0..N).find(|i| goal[*i] != asked[*i]);
@@ -165,7 +165,7 @@ impl<const N: usize> Reference<N> {
     }
 
     /// One tick towards the twist `V`: within the session's acceleration, and smooth in it.
-    pub fn accelerate(&mut self, V: &Vector6<f64>, session: &Servo, dt: f64) {
+    pub fn turn_to(&mut self, V: &Vector6<f64>, session: &Servo, dt: f64) {
         let wanted = (V - self.V) * GAIN;
         let bounded = stack(
             &clamp_norm(linear(&wanted), session.acceleration_m_s2),
@@ -261,9 +261,7 @@ impl<const N: usize> Reference<N> {
             q: joints(&from.q),
             qdot: joints(&from.qdot),
             sent: Sent::restored(
-                joints(&from.tau),
-                joints(&from.tau_path),
-                joints(&from.tau_null),
+                [&from.tau, &from.tau_path, &from.tau_null].map(|tau| joints(tau)),
                 limits,
             ),
             behind_m: from.behind_m,

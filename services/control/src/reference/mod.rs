@@ -1,15 +1,30 @@
-//! Step 1 of a tick: the desired motion, and the acceleration that follows it.
+//! The reference: where the arm should go at this moment. Step 1 of a tick.
+//!
+//! | reference | given by | becomes | file |
+//! |---|---|---|---|
+//! | path | the segments of a scenario | a [`Leg`](path::Leg): a line, a turn, a slide along ζ | [`path`] |
+//! | targets | a person or a program, at this moment | a leg of constant twist that begins anew at every tick | [`targets`] |
+//! | turn of ζ | `reorient` in a segment | a leg that stays, and the auxiliary coordinate's own profile | [`turn`] |
+//!
+//! The law sees the same of all three: a [`Motion`]. Where the whole path is planned, the [`guide`] gives posture and auxiliary coordinates beside it;
+//! the null space of a redundant arm has its own goal in [`posture`].
+
+pub(crate) mod avoidance;
+pub(crate) mod free_axis;
+pub mod guide;
+pub mod path;
+pub(crate) mod posture;
+pub mod targets;
+pub mod turn;
 
 use crate::centre::PoseMotion;
-use crate::continuous::guide::Guide;
+use crate::controller::Setup;
 use crate::linear::{angular, clamp_norm, linear, stack};
-use crate::paper::neighborhood::Neighborhood;
 use crate::paper::type_2::Turn;
-use crate::served::{free_axis, rotation_error, turned};
 use crate::state::State;
-use crate::tick::{Inputs, Motion};
-use crate::trajectory::Path;
+use crate::tick::{Motion, Now};
 use crate::types::Report;
+use free_axis::{free_axis, rotation_error, turned};
 use nalgebra::Vector6;
 use shared_types::scenario::Control;
 
@@ -18,50 +33,43 @@ const POSITION_ERROR_MAX: f64 = 0.05;
 /// Largest orientation error that feedback answers to, rad.
 const ORIENTATION_ERROR_MAX: f64 = 0.25;
 
-/// The path, and the terms on which it is followed.
-pub(crate) struct Followed<'a, const N: usize> {
-    pub(crate) path: &'a Path,
-    pub(crate) guide: &'a Guide<N>,
-    pub(crate) task: [bool; 6],
-    pub(crate) control: &'a Control,
+/// A pose error as far as feedback answers to it.
+pub(crate) fn bounded(error: &Vector6<f64>) -> Vector6<f64> {
+    stack(
+        &clamp_norm(linear(error), POSITION_ERROR_MAX),
+        &clamp_norm(angular(error), ORIENTATION_ERROR_MAX),
+    )
 }
 
 /// Step 1: the desired motion of E and C, the pose error, and a* = a_d + k_v(V_d − V) + k_p e, the error bounded.
-pub(crate) fn desired_motion<const N: usize>(
-    follow: &Followed<'_, N>,
+pub(crate) fn motion<const N: usize>(
+    setup: &Setup<N>,
     state: &mut State<N>,
-    now: &Inputs<'_, N>,
+    now: &Now<'_, N>,
 ) -> Motion<N> {
-    let Followed {
-        path,
-        guide,
-        task,
-        control,
-    } = follow;
-    let before = state.progress.leg;
+    let (path, guide, before) = (&setup.path, &setup.guide, state.progress.leg);
     path.advance(&mut state.progress, 0.0, now.report);
     if state.progress.leg != before {
         state.turn = Turn::none();
     }
-    let clock = state.governor.rate;
-    let reorients = path
-        .leg(state.progress.leg)
-        .is_some_and(|leg| leg.reorient.is_some());
+    let clock = state.clock.rate;
+    let leg = path.leg(state.progress.leg).copied();
+    let reorients = leg.is_some_and(|leg| leg.reorient.is_some());
     let planned = guide
-        .at(state.progress.leg, state.route_time_s)
+        .at(state.progress.leg, state.clock.plan_s)
         .filter(|_| !reorients);
     // The path waits while the plan turns ζ.
     let time_rate = planned.map_or(1.0, |plan| plan.time_rate);
     let V = now.at.J * now.qdot;
-    let free = free_axis(task);
+    let free = free_axis(&setup.task);
     let served = |motion: PoseMotion| match &free {
         Some(k) => turned(&motion, &now.terms.X_BE.R, &angular(&V), k),
         None => motion,
     };
     let place = path.place(&state.progress);
-    let on_path = place.moving(clock * time_rate, state.governor.rate_dot * time_rate);
+    let on_path = place.moving(clock * time_rate, state.clock.rate_dot * time_rate);
     let desired_E = served(PoseMotion {
-        a: on_path.a + state.servo.a * clock,
+        a: on_path.a + state.targets.a * clock,
         ..on_path
     });
     let desired = desired_E.at(now.p_EC);
@@ -74,16 +82,10 @@ pub(crate) fn desired_motion<const N: usize>(
     } else {
         Vector6::zeros()
     };
-    let bounded = |e: &Vector6<f64>| {
-        stack(
-            &clamp_norm(linear(e), POSITION_ERROR_MAX),
-            &clamp_norm(angular(e), ORIENTATION_ERROR_MAX),
-        )
-    };
-    let feedback = bounded(&(error - lost)) + bounded(&lost);
-    let Control { k_p, k_v, .. } = **control;
+    let Control { k_p, k_v, .. } = setup.scenario.control;
+    let feedback = (bounded(&(error - lost)) + bounded(&lost)) * k_p;
     Motion {
-        leg: path.leg(state.progress.leg).copied(),
+        leg,
         planned,
         clips,
         clock,
@@ -92,8 +94,8 @@ pub(crate) fn desired_motion<const N: usize>(
         V_nominal: served(place.moving(time_rate, 0.0)).at(now.p_EC).V,
         a_feed: served(place.moving(clock * time_rate, 0.0)).at(now.p_EC).a,
         error,
-        feedback: feedback * k_p,
-        a: desired.a + (desired.V - V) * k_v + feedback * k_p,
+        feedback,
+        a: desired.a + (desired.V - V) * k_v + feedback,
     }
 }
 
@@ -101,11 +103,7 @@ pub(crate) fn desired_motion<const N: usize>(
 fn along_lost<const N: usize>(error: &Vector6<f64>, report: &Report<N>) -> Vector6<f64> {
     let mut across = *error;
     for s in report.listed() {
-        let openness = Neighborhood {
-            eta_in: s.eta_in,
-            eta_out: s.eta_out,
-        }
-        .openness(s.s);
+        let openness = s.neighborhood().openness(s.s);
         across -= s.zeta_B * (s.zeta_B.dot(&across) * (1.0 - openness));
     }
     error - across

@@ -4,7 +4,6 @@
 //! k_v (proof: `inside_a_neighbourhood_the_loop_is_a_damped_potential`). Outside, β = 1 and the loop is not used.
 
 use crate::linear::smoothstep;
-use crate::paper::neighborhood::Neighborhood;
 use crate::paper::reference::{Memory, Target};
 use crate::paper::switching::{self, Condition};
 use crate::paper::type_1::SIDE_CHANGE;
@@ -105,7 +104,8 @@ impl Loop {
     /// One tick.
     ///
     /// β = smoothstep((|s| − η_in)/(η_out − η_in)) · (1 − smoothstep((|e| − 0.02)/0.08)), the second factor limited in rate so that β never jumps.
-    /// rate_cmd = slew(sat(rate + K·e)); acceleration = k_v(rate_cmd − rate) + low-passed change of rate_cmd.
+    /// rate_cmd = slew(sat(rate + K·e)); acceleration = k_v(rate_cmd − rate) + low-passed change of rate_cmd. With `is_hard` the paper's switching: β = 0
+    /// inside |s| ≤ η_in, and [`Demand::none`] outside.
     ///
     /// Units rad, rad/s, `dt` s · Requires `clock` > 0, the speed of the path's clock, in which `target.rate` already is · Ensures 0 ≤ β ≤ 1, β = 0 for
     /// |s| ≤ η_in, and [`Demand::none`] outside · Errors none · Cost O(1), no allocation
@@ -114,16 +114,17 @@ impl Loop {
         s: &Singularity<N>,
         target: &Target,
         gains: &Gains,
-        clock: f64,
-        dt: f64,
+        is_hard: bool,
+        (clock, dt): (f64, f64),
     ) -> Demand {
-        let neighborhood = Neighborhood {
-            eta_in: s.eta_in,
-            eta_out: s.eta_out,
-        };
         let error = target.error * target.weight;
         let gone = 1.0 - smoothstep((error.abs() - 0.02) / 0.08);
-        self.mode = switching::next(self.mode, self.condition(s, target), target.mode);
+        let condition = if is_hard {
+            Condition::hard(s.s.abs() <= s.eta_in)
+        } else {
+            self.condition(s, target)
+        };
+        self.mode = switching::next(self.mode, condition, target.mode);
         if !self.engaged() {
             let fastest = FASTEST * gains.rate_max;
             *self = Self {
@@ -140,7 +141,11 @@ impl Loop {
         let change = (bounded - self.rate).clamp(-gains.slew * dt, gains.slew * dt);
         self.rate += change;
         self.feed_forward += (change / dt - self.feed_forward) * dt / (FEED_FORWARD_LAG + dt);
-        let beta = neighborhood.openness(s.s) * self.trust;
+        let beta = if is_hard {
+            0.0
+        } else {
+            s.neighborhood().openness(s.s) * self.trust
+        };
         Demand {
             beta,
             acceleration: gains.k_v * (self.rate - s.aux_rate) + self.feed_forward,
@@ -148,41 +153,6 @@ impl Loop {
             load: (1.0 - beta) * nominal.abs()
                 / (gains.rate_max - (correction * nominal.signum()).max(0.0))
                     .max(0.05 * gains.rate_max),
-        }
-    }
-
-    /// The paper's hard switching: β = 0 inside |s| ≤ η, β = 1 outside.
-    pub fn step_switched<const N: usize>(
-        &mut self,
-        s: &Singularity<N>,
-        target: &Target,
-        gains: &Gains,
-        clock: f64,
-        dt: f64,
-    ) -> Demand {
-        let inside = s.s.abs() <= s.eta_in;
-        if switching::next(self.mode, Condition::hard(inside), target.mode) == Mode::Regular {
-            *self = Self {
-                memory: self.memory_outside(s),
-                rate: s.aux_rate,
-                ..Self::default()
-            };
-            return Demand::none();
-        }
-        let demand = self.step(
-            &Singularity {
-                inside,
-                eta_out: s.eta_in,
-                ..*s
-            },
-            target,
-            gains,
-            clock,
-            dt,
-        );
-        Demand {
-            beta: 0.0,
-            ..demand
         }
     }
 
@@ -218,6 +188,7 @@ impl Loop {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::paper::neighborhood::Neighborhood;
 
     fn singularity(s: f64, inside: bool) -> Singularity<6> {
         Singularity {
@@ -254,7 +225,7 @@ mod tests {
         for k in -400..400 {
             let s = f64::from(k) * 1e-3;
             inside = neighborhood.update(inside, s);
-            state.step(&singularity(s, inside), &target, &GAINS, 1.0, 1e-3);
+            state.step(&singularity(s, inside), &target, &GAINS, false, (1.0, 1e-3));
             if seen.last() != Some(&state.mode) {
                 seen.push(state.mode);
             }
@@ -289,8 +260,8 @@ mod tests {
                 },
                 &Target::default(),
                 &GAINS,
-                1.0,
-                1e-3,
+                false,
+                (1.0, 1e-3),
             );
             state.memory.side
         };
@@ -317,10 +288,16 @@ mod tests {
             aux_rate: -150_000.0,
             ..singularity(0.5, false)
         };
-        state.step(&wild, &target, &GAINS, 1.0, 1e-3);
+        state.step(&wild, &target, &GAINS, false, (1.0, 1e-3));
         let demands = (0..500).map(|_| {
             state
-                .step(&singularity(0.05, true), &target, &GAINS, 1.0, 1e-3)
+                .step(
+                    &singularity(0.05, true),
+                    &target,
+                    &GAINS,
+                    false,
+                    (1.0, 1e-3),
+                )
                 .acceleration
         });
         assert!(demands.last().unwrap().abs() < 1e-3, "{state:?}");
@@ -339,7 +316,13 @@ mod tests {
                 ..Target::default()
             };
             let beta = state
-                .step(&singularity(0.199, false), &target, &GAINS, 1.0, 1e-3)
+                .step(
+                    &singularity(0.199, false),
+                    &target,
+                    &GAINS,
+                    false,
+                    (1.0, 1e-3),
+                )
                 .beta;
             assert!((beta - last).abs() < 0.035, "tick {k}: {last} to {beta}");
             last = beta;

@@ -2,8 +2,8 @@
 //!
 //! The law alone does not end there: its feedback presses against a limit, and near a singularity its self-motion goes on, with a hand that stands still.
 
-use super::reference::{Ended, Reference};
-use super::stops::Limits;
+use super::state::{Ended, TargetState};
+use crate::controller::Setup;
 use crate::linear::{angular, linear, stack};
 use nalgebra::{SVector, Vector6};
 
@@ -25,44 +25,39 @@ const DECAY: f64 = 15.0;
 
 /// The motion of a tick, as far as rest depends on it.
 #[derive(Clone, Copy, Debug)]
-pub struct Motion<'a, const N: usize> {
+pub(crate) struct Motion<'a, const N: usize> {
     /// Twist asked for, bounded to the session's speed; m/s, rad/s.
-    pub asked: &'a Vector6<f64>,
+    pub(crate) asked: &'a Vector6<f64>,
     /// Twist of the reference arm's hand; m/s, rad/s.
-    pub V: &'a Vector6<f64>,
-    /// Of the joints.
-    pub limits: &'a Limits<'a, N>,
-    /// The arm's length, by which metres become radians; m.
-    pub length_m: f64,
-    /// A tick; s.
-    pub dt: f64,
+    pub(crate) V: &'a Vector6<f64>,
+    pub(crate) setup: &'a Setup<N>,
 }
 
 impl<const N: usize> Motion<'_, N> {
     /// A twist in rad/s.
     fn scaled(&self, V: &Vector6<f64>) -> Vector6<f64> {
-        stack(&(linear(V) / self.length_m), &angular(V))
+        stack(&(linear(V) / self.setup.length_m), &angular(V))
     }
 }
 
-impl<const N: usize> Reference<N> {
+impl<const N: usize> TargetState<N> {
     /// Decides at the beginning of a tick whether the reference arm rests in it.
-    pub fn decide_rest(&mut self, now: &Motion<'_, N>) {
+    pub(crate) fn decide_rest(&mut self, now: &Motion<'_, N>) {
         let (asked, asks) = (now.scaled(now.asked), self.asks(now.asked));
         let is_same =
             |ended: &Ended| ended.asked.dot(&asked) > SAME * ended.asked.norm() * asked.norm();
         self.ended = self.ended.filter(|ended| asks && is_same(ended));
-        let is_idle = !asks && f64::from(self.idle_ticks) * now.dt >= ASKED_S;
+        let is_idle = !asks && f64::from(self.idle_ticks) * now.setup.scenario.dt_s() >= ASKED_S;
         self.resting = !self.stopping && (self.ended.is_some() || is_idle);
     }
 
     /// Counts at the end of a tick for how long nothing has been asked for, and for how long a joint limit has kept the hand from it.
-    pub fn count_rest(&mut self, now: &Motion<'_, N>) {
+    pub(crate) fn count_rest(&mut self, now: &Motion<'_, N>) {
         let asks = self.asks(now.asked);
         let is_slow = linear(&self.V).norm() < SLOW.0 && angular(&self.V).norm() < SLOW.1;
         let is_held = asks
             && !self.is_posture()
-            && self.is_held(&now.scaled(now.asked), &now.scaled(now.V), now.limits);
+            && self.is_held(&now.scaled(now.asked), &now.scaled(now.V), now.setup);
         let count = |ticks: u32, goes_on: bool| {
             if goes_on && !self.stopping {
                 ticks.saturating_add(1)
@@ -74,7 +69,7 @@ impl<const N: usize> Reference<N> {
             count(self.idle_ticks, !asks && is_slow),
             count(self.held_ticks, is_held),
         );
-        if f64::from(self.held_ticks) * now.dt >= HELD_S {
+        if f64::from(self.held_ticks) * now.setup.scenario.dt_s() >= HELD_S {
             self.ended = self.fastest.joint.map(|joint| Ended {
                 asked: now.scaled(now.asked),
                 joint,
@@ -84,7 +79,7 @@ impl<const N: usize> Reference<N> {
 
     /// The acceleration that brings the joints to rest, rad/s².
     #[must_use]
-    pub fn braking(&self) -> SVector<f64, N> {
+    pub(crate) fn braking(&self) -> SVector<f64, N> {
         self.qdot * -DECAY
     }
 
@@ -94,12 +89,12 @@ impl<const N: usize> Reference<N> {
     }
 
     /// Whether the hand stands still, and a joint at the end of its range is the reason.
-    fn is_held(&self, asked: &Vector6<f64>, V: &Vector6<f64>, limits: &Limits<'_, N>) -> bool {
+    fn is_held(&self, asked: &Vector6<f64>, V: &Vector6<f64>, setup: &Setup<N>) -> bool {
         let room = |(i, is_up): (usize, bool)| {
             if is_up {
-                limits.upper[i] - self.q[i]
+                setup.model.upper()[i] - self.q[i]
             } else {
-                self.q[i] - limits.lower[i]
+                self.q[i] - setup.model.lower()[i]
             }
         };
         asked.dot(V) < STILL * asked.norm_squared()

@@ -1,0 +1,312 @@
+//! The law: one problem, one solve, for every strategy.
+//!
+//! # The problem
+//! Find the torque Γ that follows the desired motion of the end-effector as far as the posture allows, and in the directions that are lost moves the
+//! null space instead, so that nothing of it disturbs what is kept.
+//!
+//! | symbol | code | meaning | shape, unit |
+//! |---|---|---|---|
+//! | A | `A` | mass matrix | N×N; kg·m² |
+//! | J | `at.J` | Jacobian of C, base axes, linear rows first | 6×N |
+//! | a* | `a` | acceleration that follows the path and answers to the error | 6; m/s², rad/s² |
+//! | ζ_i, s_i | [`Engaged`] | singular direction and measure of an engaged singularity | |
+//! | x_i | `aux_row` | its auxiliary coordinate, regular where ζ_iᵀJ vanishes: ζ_iᵀJ = g_i·∂x_i/∂q modulo the other rows | rad |
+//! | β_i | `beta` | weight of operational control along ζ_i: 0 inside its neighbourhood, 1 outside | |
+//! | ∇V₀, k_vq | `grad_V_0`, `k_vq` | potential and damping of the null space | rad/s²; 1/s |
+//!
+//! **Rows.** The directions of the task orthogonal to every ζ_i are kept; each engaged singularity has one row more:
+//!
+//! ```text
+//! kept:       e_kᵀJ                                      = e_kᵀ(a* − J̇q̇)         e_k ⊥ ζ_i
+//! singular:   β_i·ζ_iᵀJ/g_i + (1 − β_i)·∂x_i/∂q           = β_i·ζ_iᵀ(a* − J̇q̇)/g_i + (1 − β_i)·ẍ_i
+//! ```
+//!
+//! **Solve.** With J̄ = A⁻¹JᵀΛ of these rows (Eq. 4), r their right-hand sides and Γ₀ = −A[∇V₀ + k_vq q̇] (Eq. 5), Γ = JᵀΛr + [1 − JᵀJ̄ᵀ]Γ₀
+//! (Eq. 3); gravity and Coriolis are added in joint space, where they are regular. All of it is [`solve`], in
+//! [`operational_space`](crate::paper::operational_space).
+//!
+//! **Strategy.** Which singularities are engaged, and with which β:
+//!
+//! | strategy | engaged | β |
+//! |---|---|---|
+//! | `blended` (+) | from η_in on the way in to well beyond η_out on the way out | continuous in q and in the error |
+//! | `chang-khatib` | inside their neighbourhoods | 0: the paper's hard switching |
+//! | `operational-space`, `dynamically-consistent` | none | |
+//!
+//! With β = 0 this is the paper's law: its null-space torque is A·Σ w_i·(ẍ_i − ∂x_i/∂q·J̄_r r), w_i the motion that leaves the kept rows alone and moves
+//! x_i by one, and gives the same q̈ (test `one_solve_gives_the_papers_torque`). With β = 1 the rows span those of J: operational-space control
+//! (`outside_every_neighbourhood_one_solve_is_operational_space_control`). Between, β is a convex weight, because g_i makes both rows the same modulo
+//! the kept ones. The other strategies are laws of others: [`baselines`](crate::baselines).
+
+pub mod auxiliary;
+pub(crate) mod singular_rows;
+
+use crate::baselines::{self, hold_and_blend, resolved_rate};
+use crate::centre::AtCentre;
+use crate::controller::Setup;
+use crate::limits::Parts;
+use crate::linear::{angular, linear};
+use crate::paper::operational_space::{Operational, null_torque};
+use crate::paper::singular_frame::orthogonal_rows;
+use crate::state::State;
+use crate::tick::{Motion, Now};
+use crate::types::{Mode, Refusal};
+use nalgebra::{SMatrix, SVector, Vector6};
+use shared_types::scenario::Strategy;
+use singular_rows::SingularRows;
+
+/// Step 3: torques by the scenario's law.
+pub(crate) fn torques<const N: usize>(
+    setup: &Setup<N>,
+    state: &mut State<N>,
+    now: &Now<'_, N>,
+    motion: &Motion<N>,
+    rows: &SingularRows<N>,
+) -> Result<Torques<N>, Refusal> {
+    let control = &setup.scenario.control;
+    let a = bounded_return(setup, state, now, motion);
+    let problem = &Problem {
+        A: &now.terms.A,
+        at: now.at,
+        qdot: now.qdot,
+        task: setup.task,
+        a,
+        a_path: along_path(&motion.V_nominal, &a, setup.length_m),
+        V: motion.V_nominal,
+        a_feed: motion.a_feed,
+        grad_V_0: setup.postures.gradient(setup, state, now, motion),
+        k_vq: control.k_v,
+    };
+    let memory = &mut state.joint_memory;
+    let arm = &baselines::Arm {
+        setup,
+        now,
+        motion,
+        problem,
+    };
+    match control.strategy {
+        Strategy::Blended | Strategy::ChangKhatib => solve(problem, rows.engaged()),
+        Strategy::OperationalSpace | Strategy::DynamicallyConsistent => solve(problem, &[]),
+        Strategy::PseudoInverse => baselines::pseudo_inverse(problem),
+        Strategy::DampedLeastSquares => resolved_rate::resolved(
+            arm,
+            resolved_rate::Inverse::Damped(control.baseline.damped_least_squares),
+        ),
+        Strategy::TruncatedSvd => resolved_rate::resolved(
+            arm,
+            resolved_rate::Inverse::Truncated(control.baseline.truncated_svd_floor),
+        ),
+        Strategy::HoldAndBlend => hold_and_blend::torques(arm, memory),
+        Strategy::JointPd => resolved_rate::joint_pd(arm, memory),
+    }
+}
+
+/// a* whose feedback along a lost direction asks no auxiliary coordinate for more than its largest rate: a hold is left without a leap.
+fn bounded_return<const N: usize>(
+    setup: &Setup<N>,
+    state: &State<N>,
+    now: &Now<'_, N>,
+    motion: &Motion<N>,
+) -> Vector6<f64> {
+    let mut a = motion.a;
+    let Some(first) = setup.first_of_higher_codimension() else {
+        return a;
+    };
+    for (place, s) in now.report.listed().iter().enumerate().skip(first) {
+        if state.loops[place].mode == Mode::Regular {
+            continue;
+        }
+        let along = s.zeta_B.dot(&motion.feedback);
+        let most = setup.scenario.control.k_v * s.gain.abs() * setup.rate_max(place, s);
+        // Of finite numbers it is a NaN only where one overflows beside a zero: the check of the torque finds it, and a bound of NaN would be a panic.
+        a -= s.zeta_B
+            * if most.is_nan() {
+                f64::NAN
+            } else {
+                along - along.clamp(-most, most)
+            };
+    }
+    a
+}
+
+/// The share of the acceleration `a` along the twist `V` of the path, metres made radians by the arm's length.
+fn along_path(V: &Vector6<f64>, a: &Vector6<f64>, length_m: f64) -> Vector6<f64> {
+    let dot = |x: &Vector6<f64>, y: &Vector6<f64>| {
+        linear(x).dot(&linear(y)) / (length_m * length_m) + angular(x).dot(&angular(y))
+    };
+    let size = dot(V, V);
+    if size < 1e-8 {
+        Vector6::zeros()
+    } else {
+        V * (dot(V, a) / size)
+    }
+}
+
+/// What the law solves at one tick. Frame: base axes at C.
+#[derive(Clone, Copy, Debug)]
+pub struct Problem<'a, const N: usize> {
+    /// Mass matrix.
+    pub A: &'a SMatrix<f64, N, N>,
+    /// Kinematics at C.
+    pub at: &'a AtCentre<N>,
+    /// Joint velocities, rad/s.
+    pub qdot: &'a SVector<f64, N>,
+    /// Which of the six task axes count.
+    pub task: [bool; 6],
+    /// Operational acceleration a*.
+    pub a: Vector6<f64>,
+    /// The share of a* that lies along the path, which the limits give up before the rest.
+    pub a_path: Vector6<f64>,
+    /// Twist of the path at full clock speed, for predicting joint speeds.
+    pub V: Vector6<f64>,
+    /// Acceleration of the path at its present speed, for predicting torques.
+    pub a_feed: Vector6<f64>,
+    /// ∇V₀ of the posture in the null space of all rows (redundant arms), rad/s².
+    pub grad_V_0: SVector<f64, N>,
+    /// Damping of that null space, 1/s.
+    pub k_vq: f64,
+}
+
+/// A singularity that takes part in the solve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Engaged<const N: usize> {
+    /// ζ, base axes, at C.
+    pub zeta_B: Vector6<f64>,
+    /// ζᵀJ = gain·aux_row modulo the other rows.
+    pub gain: f64,
+    /// 1: operational control along ζ; 0: auxiliary control.
+    pub beta: f64,
+    /// Gradient of the auxiliary coordinate.
+    pub aux_row: SVector<f64, N>,
+    /// Desired auxiliary acceleration, less its value at q̈ = 0; rad/s².
+    pub aux_acceleration: f64,
+    /// Auxiliary rate at which the path would be followed at full clock speed, rad/s.
+    pub aux_rate: f64,
+}
+
+/// Torques before gravity, Coriolis and limits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Torques<const N: usize> {
+    /// Along the path, in the null space of the kept rows, and the rest of the task torque: feedback, and the motion orthogonal to the path; N·m.
+    pub parts: Parts<N>,
+    /// Joint velocities at which the path would be followed at full clock speed, rad/s.
+    pub qdot_nominal: SVector<f64, N>,
+    /// Joint accelerations of the path itself, without feedback and without a change of its clock, rad/s².
+    pub qddot_path: SVector<f64, N>,
+}
+
+/// The rows of the problem, those kept first, and their right-hand sides.
+#[derive(Clone, Debug)]
+pub struct Rows<const N: usize> {
+    /// Row i is column i; zero from `count` on.
+    pub J_T: SMatrix<f64, N, N>,
+    /// How many rows are orthogonal to the singular directions.
+    pub kept: usize,
+    /// How many there are.
+    pub count: usize,
+    acceleration: SVector<f64, N>,
+    path: SVector<f64, N>,
+    velocity: SVector<f64, N>,
+    feed: SVector<f64, N>,
+}
+
+impl<const N: usize> Rows<N> {
+    /// The rows that the head of this module states.
+    ///
+    /// # Errors
+    /// [`Refusal::Singular`] where they outnumber the joints.
+    #[inline]
+    pub fn of(problem: &Problem<'_, N>, engaged: &[Engaged<N>]) -> Result<Self, Refusal> {
+        let (J, Jdot_qdot) = (&problem.at.J, &problem.at.Jdot_qdot);
+        let kept = orthogonal_rows::<N>(&problem.task, engaged)?;
+        let zero = SVector::zeros();
+        let mut rows = Self {
+            J_T: SMatrix::zeros(),
+            kept: kept.len(),
+            count: 0,
+            acceleration: zero,
+            path: zero,
+            velocity: zero,
+            feed: zero,
+        };
+        let (a, feed) = (problem.a - Jdot_qdot, problem.a_feed - Jdot_qdot);
+        let along = |e: &Vector6<f64>| [&a, &problem.a_path, &problem.V, &feed].map(|x| e.dot(x));
+        for e in kept.iter() {
+            rows.push(J.tr_mul(e), along(e));
+        }
+        for one in engaged {
+            let aux = 1.0 - one.beta;
+            let mut row = one.aux_row * aux;
+            let mut sides = [one.aux_acceleration * aux, 0.0, one.aux_rate * aux, 0.0];
+            // β > 0 only at |s| > η_in, where the gain is far from zero.
+            if one.beta > 0.0 {
+                let scale = one.beta / one.gain;
+                row += J.tr_mul(&one.zeta_B) * scale;
+                for (side, x) in sides.iter_mut().zip(along(&one.zeta_B)) {
+                    *side += x * scale;
+                }
+            }
+            rows.push(row, sides);
+        }
+        Ok(rows)
+    }
+
+    #[inline]
+    fn push(&mut self, row: SVector<f64, N>, sides: [f64; 4]) {
+        let i = self.count;
+        self.J_T.set_column(i, &row);
+        [
+            self.acceleration[i],
+            self.path[i],
+            self.velocity[i],
+            self.feed[i],
+        ] = sides;
+        self.count += 1;
+    }
+}
+
+/// Torques of the problem, as the head of this module states it; without engaged singularities this is operational-space control.
+///
+/// The null-space part is Γ's share in the null space of the kept rows, that of singularity i weighted by 1 − β_i, so that the share which the limits
+/// give up first is continuous, too.
+///
+/// Shapes N · Units N·m · Requires every singularity within its neighbourhood to be engaged · Ensures that the null-space part does not accelerate the
+/// kept rows · Cost O(N³), no allocation
+///
+/// # Errors
+/// [`Refusal`] if the rows depend on each other: their smallest singular value is above 0.03 wherever every singularity within η_out is engaged.
+pub fn solve<const N: usize>(
+    problem: &Problem<'_, N>,
+    engaged: &[Engaged<N>],
+) -> Result<Torques<N>, Refusal> {
+    let rows = Rows::of(problem, engaged)?;
+    let op = Operational::new(rows.J_T, rows.count, problem.A).map_err(|_| Refusal::Singular)?;
+    let Gamma_0 = null_torque(problem.A, &problem.grad_V_0, problem.k_vq, problem.qdot);
+    let Gamma = op.torque(&op.force(&rows.acceleration), &Gamma_0);
+    let mut own = op.not_caused(&rows.acceleration, rows.kept);
+    for (k, one) in engaged.iter().enumerate() {
+        own[rows.kept + k] *= 1.0 - one.beta;
+    }
+    let null = op.torque(&op.force(&own), &Gamma_0);
+    let path = op.J_T * op.force(&rows.path);
+    Ok(Torques {
+        parts: Parts {
+            null,
+            path,
+            rest: Gamma - null - path,
+        },
+        qdot_nominal: op.Jbar(&rows.velocity),
+        qddot_path: op.Jbar(&rows.feed),
+    })
+}
+
+impl<const N: usize> Torques<N> {
+    /// Largest share of a joint's speed limit at full clock speed; `velocity` are the limits, rad/s.
+    #[must_use]
+    #[inline]
+    pub fn speed_share(&self, velocity: &SVector<f64, N>) -> f64 {
+        (0..N).fold(0.0_f64, |share, i| {
+            share.max(self.qdot_nominal[i].abs() / velocity[i])
+        })
+    }
+}

@@ -1,0 +1,214 @@
+//! The singular rows. Step 2 of a tick: for each singularity the target by its type, the mode by the transition table, the auxiliary loop's demand, and
+//! the row with which it enters the solve.
+
+use super::Engaged;
+use super::auxiliary::Gains;
+use crate::arm_family::family::Situation;
+use crate::controller::Setup;
+use crate::paper::reference::Target;
+use crate::paper::{type_1, type_2};
+use crate::reference::guide::{Guide, WAIT};
+use crate::reference::turn;
+use crate::state::State;
+use crate::tick::{Motion, Now};
+use crate::types::{Class, Kind, Mode, Refusal, Report, Singularity};
+use nalgebra::{SVector, Vector6};
+use shared_types::MAX_SINGULARITIES;
+use shared_types::scenario::Strategy;
+
+/// Step 2's result: the singularities that take part in the solve, and by place in the report what is shown of each.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SingularRows<const N: usize> {
+    list: [Engaged<N>; MAX_SINGULARITIES],
+    count: usize,
+    /// Largest share of an auxiliary rate at full clock speed.
+    pub(crate) load: f64,
+    pub(crate) beta: [f64; MAX_SINGULARITIES],
+    pub(crate) aux_d: [f64; MAX_SINGULARITIES],
+    pub(crate) aux_rate_d: [f64; MAX_SINGULARITIES],
+    pub(crate) clipped: bool,
+}
+
+impl<const N: usize> SingularRows<N> {
+    fn none() -> Self {
+        let nothing = Engaged {
+            zeta_B: Vector6::zeros(),
+            gain: 0.0,
+            beta: 1.0,
+            aux_row: SVector::zeros(),
+            aux_acceleration: 0.0,
+            aux_rate: 0.0,
+        };
+        Self {
+            list: [nothing; MAX_SINGULARITIES],
+            count: 0,
+            load: 0.0,
+            beta: [1.0; MAX_SINGULARITIES],
+            aux_d: [0.0; MAX_SINGULARITIES],
+            aux_rate_d: [0.0; MAX_SINGULARITIES],
+            clipped: false,
+        }
+    }
+
+    /// The singularities that take part in the solve.
+    pub(crate) fn engaged(&self) -> &[Engaged<N>] {
+        &self.list[..self.count]
+    }
+}
+
+/// Step 2.
+///
+/// # Errors
+/// [`Refusal::Unlisted`] where more directions are lost than singularities are inside their neighbourhoods, [`Refusal::Room`] where a commanded turn of ζ
+/// has none.
+pub(crate) fn engaged<const N: usize>(
+    setup: &Setup<N>,
+    state: &mut State<N>,
+    now: &Now<'_, N>,
+    motion: &Motion<N>,
+) -> Result<SingularRows<N>, Refusal> {
+    check_rank(setup, now.report)?;
+    let (control, dt_s) = (&setup.scenario.control, setup.scenario.dt_s());
+    let ahead = setup.path.ahead(&state.progress, *now.p_EC);
+    let planned = state.qdot_planned;
+    let mut out = SingularRows::none();
+    for (i, s) in now.report.listed().iter().enumerate() {
+        let rate_max = setup.rate_max(i, s);
+        let situation = Situation {
+            q: now.q,
+            qdot_planned: &planned,
+            terms: now.terms,
+            at: now.at,
+            desired: &motion.desired,
+            V_nominal: &motion.V_nominal,
+            ahead: &ahead,
+            error: &motion.error,
+            lower: setup.model.lower(),
+            upper: setup.model.upper(),
+            rate_max,
+            governed: control.governor,
+            clips: motion.clips,
+        };
+        let target = target(setup, state, i, s, &situation, (now, motion))?;
+        let gains = Gains {
+            k: control.k_aux,
+            k_v: control.k_v,
+            rate_max,
+            slew: control.aux_slew.of(s.kind.code()),
+        };
+        let one = &mut state.loops[i];
+        let is_hard = control.strategy == Strategy::ChangKhatib;
+        let demand = one.step(s, &target, &gains, is_hard, (motion.clock, dt_s));
+        if control.strategy.is_ours() {
+            out.load = out.load.max(demand.load);
+            if motion.planned.is_some() {
+                let waiting = Guide::<N>::waiting(target.error, demand.beta);
+                out.load = out.load.max(waiting);
+            }
+            // While a neighbourhood is left along the self-motion, or ζ turned out of the way, the path waits.
+            if one.mode == Mode::Pass && setup.has_higher_codimension(i) {
+                out.load = out.load.max(WAIT * (1.0 - demand.beta));
+            }
+        }
+        out.beta[i] = demand.beta;
+        out.aux_d[i] = s.aux + target.error * target.weight;
+        out.aux_rate_d[i] = one.rate;
+        if one.engaged() {
+            out.clipped |= target.clipped;
+            out.list[out.count] = Engaged {
+                zeta_B: s.zeta_B,
+                gain: s.gain,
+                beta: demand.beta,
+                aux_row: s.aux_row,
+                aux_acceleration: demand.acceleration - s.aux_bias,
+                aux_rate: demand.nominal,
+            };
+            out.count += 1;
+        }
+    }
+    Ok(out)
+}
+
+/// The target of one auxiliary coordinate: of a commanded turn of ζ, of the planned posture, or of the strategy that its type asks for.
+fn target<const N: usize>(
+    setup: &Setup<N>,
+    state: &mut State<N>,
+    place: usize,
+    s: &Singularity<N>,
+    situation: &Situation<'_, N>,
+    (now, motion): (&Now<'_, N>, &Motion<N>),
+) -> Result<Target, Refusal> {
+    let branch = motion.leg.map_or(0, |leg| leg.branch) + state.targets.branch();
+    let guide = &setup.guide;
+    let mut target = match &motion.planned {
+        // A fold with a formula keeps it; the plan decides its side.
+        Some(_)
+            if s.class == Class::Type1
+                && s.kind != Kind::Numeric
+                && !setup.has_higher_codimension(place) =>
+        {
+            let memory = &mut state.loops[place].memory;
+            memory.side = guide
+                .side(s, now.q, state.clock.plan_s)
+                .unwrap_or(memory.side);
+            by_type(setup, state, place, s, situation, 0)
+        }
+        Some(planned) => guide.target(s, planned, now.q, motion.clock),
+        None => by_type(setup, state, place, s, situation, branch),
+    };
+    // A planned leg lies within reach: what the formula of a fold misses there is tracking error.
+    target.clipped &= motion.planned.is_none();
+    let Some((leg, angle)) = motion.leg.and_then(|leg| {
+        leg.reorient
+            .filter(|(turned, _)| *turned == place)
+            .map(|(_, angle)| (leg, angle))
+    }) else {
+        return Ok(target);
+    };
+    // Predicted, and published, before the arm moves.
+    if state.turn.duration_s == 0.0 {
+        let family = setup.family.get();
+        let motion = |angle: f64| family.turning(s, now.terms, &now.report.p_BC, angle);
+        let room = turn::Room {
+            q: now.q,
+            model: &setup.model,
+            control: &setup.scenario.control,
+        };
+        state.turn = turn::plan(s, angle, leg.duration_s, &room, motion)?;
+    }
+    let [share, share_rate, _] = setup.path.fraction(&state.progress);
+    Ok(state.turn.target(s, share, share_rate, motion.clock))
+}
+
+/// The target of one auxiliary coordinate by the computed type, for every arm.
+fn by_type<const N: usize>(
+    setup: &Setup<N>,
+    state: &mut State<N>,
+    place: usize,
+    s: &Singularity<N>,
+    at: &Situation<'_, N>,
+    branch: i32,
+) -> Target {
+    let (family, memory) = (setup.family.get(), &mut state.loops[place].memory);
+    if memory.side == 0.0 {
+        memory.side = if s.s < 0.0 { -1.0 } else { 1.0 };
+    }
+    match s.class {
+        Class::Type1 => family.fold(s, at).map_or_else(
+            || type_2::target(None),
+            |fold| type_1::target(&fold, branch, memory),
+        ),
+        Class::Type2 | Class::Mixed => type_2::target(family.direction(s, at, memory)),
+        Class::Unknown => type_2::target(None),
+    }
+}
+
+/// Whether the listed singularities explain the rank: each takes one direction.
+fn check_rank<const N: usize>(setup: &Setup<N>, report: &Report<N>) -> Result<(), Refusal> {
+    let full = setup.task.iter().filter(|counts| **counts).count().min(N);
+    let listed = report.listed().iter().filter(|s| s.inside).count();
+    if setup.scenario.control.strategy.is_ours() && (report.rank as usize + listed) < full {
+        return Err(Refusal::Unlisted);
+    }
+    Ok(())
+}

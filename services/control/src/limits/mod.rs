@@ -1,0 +1,163 @@
+//! Limits (+): the filters of a tick, in the order in which they act.
+//!
+//! | filter | keeps | gives up, in this order | file |
+//! |---|---|---|---|
+//! | plausibility | the law from estimates that no arm can have moved to | the path: the arm is brought to rest meanwhile | [`plausible`] |
+//! | lead (targets) | the reference near the arm | what the target asks for beyond reach | [`lead`](crate::reference::targets::lead) |
+//! | feedback | accelerations that an arm has | the answer to an error beyond 50 mm, 0.25 rad | [`reference`](crate::reference) |
+//! | auxiliary rate | null motion that a joint can follow | the rate of the auxiliary coordinate | [`auxiliary`](crate::law::auxiliary) |
+//! | range | a joint before its limit | the run: it is refused, and the arm brakes | [`range`] |
+//! | speed | every joint's speed | null-space torque, path torque, the rest | [`speed`] |
+//! | torque | every joint's torque | null-space torque, path torque, the rest, what a joint lacks | [`torque`] |
+//! | torque rate | the change that a drive accepts | null-space torque, path torque, what a joint lacks | [`torque`] |
+//! | stops (targets) | the range of the reference arm's joints | null motion, motion along the path, what a joint lacks | [`range`] |
+//! | clock | all of the above ahead of time | time: the path's clock slows down | [`clock`] |
+//!
+//! Each passes on what respects its limit unchanged, so that on a feasible path the law is the paper's. Four of them are one rule, [`shares`]: of three
+//! parts within a box, the null space is scaled down first, then the path.
+
+pub mod clock;
+pub mod plausible;
+pub mod range;
+pub mod speed;
+pub mod torque;
+
+use crate::controller::Setup;
+use crate::law::Torques;
+use crate::state::State;
+use crate::tick::{Motion, Now};
+use crate::types::Refusal;
+use nalgebra::SVector;
+
+/// Joint speed over its limit, at full clock speed, beyond which the path is refused: twice the limit even at the slowest clock.
+const SPEED_RATIO_MAX: f64 = 40.0;
+
+/// Step 4: the torque that is sent, gravity, Coriolis and the disturbance compensated: range, speed, torque and torque rate of the table above.
+///
+/// # Errors
+/// [`Refusal::Speed`] where no clock is slow enough for the joint speeds, [`Refusal::Limit`] where a joint is about to reach its limit.
+pub(crate) fn apply<const N: usize>(
+    setup: &Setup<N>,
+    state: &mut State<N>,
+    now: &Now<'_, N>,
+    motion: &Motion<N>,
+    torques: &Torques<N>,
+) -> Result<torque::Limited, Refusal> {
+    let (model, control) = (&setup.model, &setup.scenario.control);
+    let is_path = setup.scenario.servo.is_none();
+    let has_floor = motion.planned.is_none() && !motion.clips && is_path;
+    let share = torques.speed_share(model.velocity());
+    if control.governs() && has_floor && share > SPEED_RATIO_MAX {
+        return Err(Refusal::Speed);
+    }
+    // A reference arm stops before its joints' limits, so its motion is not refused there.
+    if control.strategy.is_ours()
+        && is_path
+        && range::is_nearing(motion.planned.as_ref(), (now.q, now.qdot), model)
+    {
+        return Err(Refusal::Limit);
+    }
+    let mut parts = torques.parts;
+    if control.governs() {
+        let (velocity, rate) = (model.velocity(), model.torque_rate());
+        parts = speed::held(&parts, &now.terms.A, now.qdot, velocity, rate)
+            .map_err(|_| Refusal::Singular)?;
+    }
+    let mut bias = now.terms.bias();
+    if control.compensate_disturbance {
+        bias = setup.drives.compensating(bias, now.tau_disturbance);
+    }
+    Ok(setup.drives.send(&mut state.sent, &bias, &parts))
+}
+
+/// A torque or an acceleration in the parts in which limits give it up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parts<const N: usize> {
+    /// In the null space of the kept rows: given up first.
+    pub null: SVector<f64, N>,
+    /// Along the path.
+    pub path: SVector<f64, N>,
+    /// Feedback, and the motion orthogonal to the path.
+    pub rest: SVector<f64, N>,
+}
+
+impl<const N: usize> Parts<N> {
+    /// Nothing.
+    #[must_use]
+    pub fn zero() -> Self {
+        let zero = SVector::zeros();
+        Self {
+            null: zero,
+            path: zero,
+            rest: zero,
+        }
+    }
+
+    /// Their sum.
+    #[must_use]
+    #[inline]
+    pub fn sum(&self) -> SVector<f64, N> {
+        self.rest + self.path + self.null
+    }
+
+    /// Each part by a function.
+    #[must_use]
+    #[inline]
+    pub fn map(&self, f: impl Fn(&SVector<f64, N>) -> SVector<f64, N>) -> Self {
+        Self {
+            null: f(&self.null),
+            path: f(&self.path),
+            rest: f(&self.rest),
+        }
+    }
+
+    /// Each part by its share: of the null space, of the path, and of the rest.
+    #[must_use]
+    #[inline]
+    pub fn scaled(&self, [null, path, rest]: [f64; 3]) -> Self {
+        Self {
+            null: self.null * null,
+            path: self.path * path,
+            rest: self.rest * rest,
+        }
+    }
+}
+
+/// The largest k in [0, 1] with low ≤ fixed + k·part ≤ high at each joint; 0 where the part leads further out at a joint that is out.
+#[inline]
+fn largest<const N: usize>(
+    fixed: &SVector<f64, N>,
+    part: &SVector<f64, N>,
+    [low, high]: [&SVector<f64, N>; 2],
+) -> f64 {
+    (0..N).fold(1.0_f64, |share, i| {
+        let room = if part[i] > 0.0 {
+            high[i] - fixed[i]
+        } else {
+            fixed[i] - low[i]
+        };
+        if part[i].abs() > room {
+            share.min(room.max(0.0) / part[i].abs())
+        } else {
+            share
+        }
+    })
+}
+
+/// The shares of null space, path and rest that keep low ≤ fixed + Σ ≤ high: the largest of the first, then the largest of the second, then of the third.
+///
+/// Shapes N · Units those of the parts · Ensures shares in [0, 1]; what the rest alone has beyond the box stays there, and is the caller's to cut ·
+/// Cost O(N), no allocation
+#[must_use]
+#[inline]
+pub fn shares<const N: usize>(
+    fixed: &SVector<f64, N>,
+    parts: &Parts<N>,
+    limits: [&SVector<f64, N>; 2],
+) -> [f64; 3] {
+    let Parts { null, path, rest } = parts;
+    let k_n = largest(&(fixed + rest + path), null, limits);
+    let k_p = largest(&(fixed + rest + null * k_n), path, limits);
+    let k_r = largest(&(fixed + null * k_n + path * k_p), rest, limits);
+    [k_n, k_p, k_r]
+}

@@ -1,0 +1,440 @@
+//! One tick of a steered run: the target becomes the leg that the law sees, the law moves the reference arm, and the arm follows it.
+
+use super::goes_on;
+use super::intake::{self, Wish};
+use super::lead::Lead;
+use super::rest;
+use super::state::TargetState;
+use crate::command;
+use crate::controller::{Controller, Setup};
+use crate::law::auxiliary::Loop;
+use crate::limits::Parts;
+use crate::limits::range::{self, Fastest};
+use crate::limits::torque::Limited;
+use crate::linear::{Lu, angular, linear, rotation_log, smoothstep, stack};
+use crate::reference::path::{HORIZON_S, Progress};
+use crate::state::State;
+use crate::tick::Inputs;
+use crate::types::{Command, Phase, Refusal, Report};
+use model::{Pose, Terms};
+use nalgebra::{SVector, Vector3, Vector6};
+use shared_types::codes::{
+    REASON_EFFORT, REASON_FAST, REASON_FOLLOWING, REASON_HELD, REASON_LIMIT, REASON_OVER,
+    REASON_REACH, REASON_RESTING, REASON_SINGULARITY, REASON_STALE, REASON_STOPPED, TARGET_END,
+};
+use shared_types::scenario::Servo;
+use shared_types::{ServoState, TargetContent};
+
+/// Share of the speed asked for below which a reason is given.
+const FULL: f64 = 0.95;
+/// Joint speed below which an arm that was stopped goes on, rad/s.
+const AT_REST: f64 = 0.01;
+/// Distance of a joint from a posture at which it has arrived there, rad.
+const ARRIVED: f64 = 0.02;
+/// |s|/η_out of the nearest singularity below which it is the reason for a slower clock.
+const NEAR: f64 = 2.0;
+/// Saturation of the lead that counts as the boundary of reach.
+const SATURATED: f64 = 0.02;
+/// Distance between a joint and that of the reference arm from which the two have parted, rad.
+const PARTED: f64 = 0.05;
+/// Distance of the hand from that of the reference arm from which it is held back; at which the reference goes no further; and at which the two have
+/// parted, m.
+const BEHIND_M: (f64, f64) = (0.004, 0.008);
+const PARTED_M: f64 = 0.012;
+/// No arm is faster than this: a checkpoint that says so is not one of a reference arm, rad/s.
+const ABSURD: f64 = 1e3;
+
+/// What is asked of the reference at a tick, and what of it the arm can follow.
+struct Asked {
+    wish: Wish,
+    lead: Lead,
+    age_s: f64,
+    /// How far the hand is behind that of the reference arm, m.
+    behind: Vector3<f64>,
+    /// Speed of the clock.
+    clock: f64,
+}
+
+impl<const N: usize> Controller<N> {
+    /// One tick of a steered run on a plausible state whose terms are `terms`, towards the target of this tick.
+    ///
+    /// A motion that the law refuses for a moment (in a direction that no listed singularity explains) brings the reference arm to rest, and from there
+    /// it goes on.
+    pub(crate) fn steer(&mut self, inputs: &Inputs<'_, N>, terms: &Terms<N>) -> Command<N> {
+        self.join(inputs, &terms.X_BE);
+        let (q_r, qdot_r) = (self.state.targets.q, self.state.targets.qdot);
+        let reference = self.setup.model.evaluate(&q_r, &qdot_r);
+        let (Some(session), Some(targets)) = (&self.setup.scenario.servo, &mut self.targets) else {
+            return self.refuse(inputs.q, inputs.qdot, Refusal::State);
+        };
+        // The rank is that of the arm.
+        let listed = Report {
+            rank: inputs.report.rank,
+            ..targets.analyzer.listed(&q_r, &qdot_r, &reference)
+        };
+        let dt = self.setup.scenario.dt_s();
+        let state = &mut self.state.targets;
+        state.take(
+            (inputs.target, targets.dof),
+            inputs.tick,
+            session.duration_s,
+            dt,
+        );
+        let behind = reference.X_BE.p - terms.X_BE.p;
+        let asked = self
+            .state
+            .intake(&self.setup, session, &reference, &listed, behind);
+        // From here to the exchange back, the torque sent is that of the reference arm.
+        std::mem::swap(&mut self.state.sent, &mut self.state.targets.sent);
+        let mut command = if self.state.targets.goes_by_joints() {
+            let limited = self.state.move_joints(&self.setup, &asked.wish, &reference);
+            Command {
+                phase: Phase::Running,
+                V_BE_d: self.state.targets.V,
+                time_scale: 1.0,
+                task_scale: limited.task_scale,
+                ..command::resting(&self.state, &limited)
+            }
+        } else {
+            self.act((&q_r, &qdot_r), &SVector::zeros(), &listed, &reference)
+        };
+        std::mem::swap(&mut self.state.sent, &mut self.state.targets.sent);
+        if self.state.refusal != Refusal::None && !goes_on(self.state.refusal) {
+            return self.refuse(inputs.q, inputs.qdot, self.state.refusal);
+        }
+        let qddot_r = self.state.targets.accelerate(&self.setup, &reference);
+        let sent = self.state.sent;
+        self.follow(inputs, terms, [&q_r, &qdot_r, &qddot_r], &mut command);
+        if !command.tau.iter().all(|x| x.is_finite()) {
+            // The torque to rest begins at the last one that was sent.
+            self.state.sent = sent;
+            return self.refuse(inputs.q, inputs.qdot, Refusal::Torque);
+        }
+        self.proceed(asked.clock, command.clipped);
+        self.state.targets.count_rest(&rest::Motion {
+            asked: &asked.wish.V,
+            V: &(reference.J * qdot_r),
+            setup: &self.setup,
+        });
+        if self.state.targets.stopping {
+            (command.phase, command.refusal) = (Phase::Running, Refusal::None);
+        }
+        if let (Some(over), Phase::Running) = (self.state.targets.over, command.phase) {
+            let passed_s = inputs.tick.saturating_sub(over) as f64 * dt;
+            command.phase = if passed_s >= self.setup.scenario.settle_s {
+                Phase::Done
+            } else {
+                Phase::Settling
+            };
+        }
+        command.session = Some(
+            self.state
+                .targets
+                .explain(&asked, &listed, self.setup.length_m),
+        );
+        command
+    }
+
+    /// Begins the reference arm anew at the arm, where the two have parted: an estimate was set aside, the arm was held or thrown.
+    fn join(&mut self, inputs: &Inputs<'_, N>, X: &Pose) {
+        let State {
+            targets,
+            sent,
+            refusal,
+            ..
+        } = &mut self.state;
+        let (q, qdot) = (inputs.q, inputs.qdot);
+        let behind_m = (self.setup.model.forward_kinematics(&targets.q).p - X.p).norm();
+        let is_near =
+            behind_m <= PARTED_M && (targets.q - q).iter().all(|apart| apart.abs() <= PARTED);
+        let is_an_arms = targets.qdot.iter().all(|speed| speed.abs() <= ABSURD);
+        if targets.parted || !is_near || !is_an_arms {
+            (targets.q, targets.qdot, targets.sent, targets.parted) = (*q, *qdot, *sent, false);
+            targets.stop(Refusal::Parted, *X);
+            targets.stop = Refusal::Parted;
+            *refusal = Refusal::Parted;
+        }
+    }
+
+    /// The torque with which the arm follows the reference arm: Γ = A(q)(q̈_r + k_v(q̇_r − q̇) + k_p(q_r − q)) + bias − disturbance, within limits and rates.
+    fn follow(
+        &mut self,
+        inputs: &Inputs<'_, N>,
+        terms: &Terms<N>,
+        [q_r, qdot_r, qddot_r]: [&SVector<f64, N>; 3],
+        command: &mut Command<N>,
+    ) {
+        let Some(targets) = &self.targets else { return };
+        let control = &self.setup.scenario.control;
+        let feedback = (q_r - inputs.q) * control.k_p + (qdot_r - inputs.qdot) * control.k_v;
+        let mut bias = terms.bias();
+        if control.compensate_disturbance {
+            bias = targets.drives.compensating(bias, inputs.tau_disturbance);
+        }
+        let null = self.state.targets.sent.null;
+        let parts = Parts {
+            null,
+            path: terms.A * qddot_r - null,
+            rest: terms.A * feedback,
+        };
+        let limited = targets.drives.send(&mut self.state.sent, &bias, &parts);
+        (command.tau, command.tau_null) = (self.state.sent.tau, self.state.sent.null);
+        command.tau_task = command.tau - command.tau_null;
+        command.saturation_mask |= limited.saturation_mask;
+        command.rate_mask |= limited.rate_mask;
+        let turn = rotation_log(&(command.R_BE_d * terms.X_BE.R.transpose()));
+        command.error = stack(&(command.p_BE_d - terms.X_BE.p), &turn);
+    }
+
+    /// After the law: the reference moves on with the clock, or is stopped by what the law refuses for a moment.
+    fn proceed(&mut self, clock: f64, clipped: bool) {
+        let targets = &mut self.state.targets;
+        targets.clipped = clipped;
+        if self.state.refusal != Refusal::None {
+            let X = self.setup.model.forward_kinematics(&targets.q);
+            targets.stop(self.state.refusal, X);
+        } else if !targets.goes_by_joints() {
+            targets.advance(clock, self.setup.scenario.dt_s());
+        }
+    }
+}
+
+impl<const N: usize> State<N> {
+    /// Makes the reference's motion of this tick of the target in force: the leg of constant twist that the law sees.
+    fn intake(
+        &mut self,
+        setup: &Setup<N>,
+        session: &Servo,
+        reference: &Terms<N>,
+        report: &Report<N>,
+        behind: Vector3<f64>,
+    ) -> Asked {
+        let (arm, dt) = (&reference.X_BE, setup.scenario.dt_s());
+        let clock = self.clock.rate;
+        let targets = &mut self.targets;
+        if targets.stopping && targets.qdot.amax() < AT_REST {
+            (targets.stopping, self.refusal) = (false, Refusal::None);
+            targets.rest_at(*arm);
+            self.clock.begin_anew();
+            (self.loops, self.qdot_planned) = (Default::default(), SVector::zeros());
+        }
+        let age_s = targets.tick.saturating_sub(targets.held.given_tick) as f64 * dt;
+        let lead = Lead::between(&targets.X, arm, report, &self.loops);
+        let wish = match targets.over {
+            Some(_) => Wish::rest(&targets.X),
+            None => intake::wish(&targets.held, age_s, &targets.X, report, session),
+        };
+        let V_arm = reference.J * targets.qdot;
+        targets.decide_rest(&rest::Motion {
+            asked: &wish.V,
+            V: &V_arm,
+            setup,
+        });
+        if targets.goes_by_joints() {
+            // The pose that the reference arm passes, and from which the law would go on.
+            (targets.X, targets.V, targets.a) = (*arm, V_arm, Vector6::zeros());
+            self.clock.begin_anew();
+            self.qdot_planned = targets.qdot;
+            // At rest the strategies keep their memory: the side of a fold above all.
+            self.loops = if targets.resting {
+                self.loops.map(|one| Loop {
+                    rate: 0.0,
+                    feed_forward: 0.0,
+                    ..one
+                })
+            } else {
+                Default::default()
+            };
+        } else if !targets.stopping {
+            let back;
+            (targets.X, back) = lead.hold(&targets.X, arm);
+            // A target 1e300 m away is one, too: what leaves stays finite.
+            targets.behind_m = (targets.behind_m + back).min(f64::MAX);
+            if targets.clipped || lead.saturation > SATURATED {
+                targets.X = lead.relax(&targets.X, &wish.V, dt);
+            }
+            let V = lead.without_increase(&wish.V);
+            let V = stack(&yielding(linear(&V), &behind), &angular(&V));
+            targets.turn_to(&V, session, dt);
+        }
+        self.progress = Progress {
+            begun: true,
+            by: linear(&targets.V) * HORIZON_S,
+            turn: angular(&targets.V) * HORIZON_S,
+            ..Progress::at(targets.X)
+        };
+        Asked {
+            wish,
+            lead,
+            age_s,
+            behind,
+            clock,
+        }
+    }
+
+    /// The torque of the reference arm towards a posture or to rest, joint by joint: no direction of the hand counts, so none can be lost.
+    fn move_joints(&mut self, setup: &Setup<N>, wish: &Wish, reference: &Terms<N>) -> Limited {
+        let (targets, model) = (&mut self.targets, &setup.model);
+        let (goal, beyond) = targets.goal(model.lower(), model.upper());
+        let is_held = wish.stale || targets.over.is_some();
+        let (qddot, joint) = match targets.resting {
+            true => (targets.braking(), targets.ended.map(|ended| ended.joint)),
+            false if is_held => (targets.towards(&targets.q, model.velocity()), None),
+            false => {
+                let arrived = beyond.filter(|(i, _)| (targets.q[*i] - goal[*i]).abs() < ARRIVED);
+                (targets.towards(&goal, model.velocity()), arrived)
+            }
+        };
+        targets.fastest = Fastest {
+            clock: if joint.is_some() { 0.0 } else { 1.0 },
+            joint,
+        };
+        let parts = Parts {
+            path: reference.A * qddot,
+            ..Parts::zero()
+        };
+        setup.drives.send(&mut self.sent, &reference.bias(), &parts)
+    }
+}
+
+impl<const N: usize> TargetState<N> {
+    /// The reference arm's acceleration by its torque, within its stops; it moves on by a tick.
+    fn accelerate(&mut self, setup: &Setup<N>, reference: &Terms<N>) -> SVector<f64, N> {
+        let Ok(lu) = Lu::new(reference.A) else {
+            return SVector::zeros();
+        };
+        let [whole, path, null] = [
+            &(self.sent.tau - reference.bias()),
+            &self.sent.path,
+            &self.sent.null,
+        ]
+        .map(|torque| lu.solve(torque));
+        let parts = Parts {
+            null,
+            path,
+            rest: whole - path - null,
+        };
+        let inertia = reference.A.diagonal();
+        let (qddot, joint) = range::stopped((&self.q, &self.qdot), &parts, &inertia, &setup.model);
+        self.accelerate_arm(&qddot, setup.scenario.dt_s());
+        if joint.is_some() {
+            self.fastest = Fastest { clock: 0.0, joint };
+        }
+        qddot
+    }
+
+    /// Begins to bring the arm to rest, unless it is being so; the reference rests in `X`.
+    fn stop(&mut self, why: Refusal, X: Pose) {
+        if !self.stopping {
+            self.stops = self.stops.saturating_add(1);
+            (self.stopping, self.stop) = (true, why);
+        }
+        self.rest_at(X);
+    }
+
+    /// Takes a target in, or refuses and counts it: once for each time at which one was given.
+    fn take(
+        &mut self,
+        (target, dof): (Option<&TargetContent>, usize),
+        tick: u64,
+        duration_s: f64,
+        dt: f64,
+    ) {
+        self.tick = tick;
+        if let Some(target) = target.filter(|target| **target != self.held) {
+            // A checkpoint has room for all ticks but the last.
+            let given = Some(target.given_tick.min(u64::MAX - 1));
+            match intake::check(target, tick, dof) {
+                Ok(()) => {
+                    if target.twist != self.held.twist || target.kind != self.held.kind {
+                        self.behind_m = 0.0;
+                    }
+                    if target.kind != self.held.kind || target.side != self.held.side {
+                        self.ended = None;
+                    }
+                    self.held = *target;
+                }
+                Err(refusal) if self.refused_tick != given => {
+                    self.refused = self.refused.saturating_add(1);
+                    (self.refusal, self.refused_tick) = (refusal, given);
+                }
+                Err(_) => {}
+            }
+        }
+        let is_over = self.held.kind == TARGET_END || tick as f64 * dt >= duration_s;
+        self.over = self.over.or(is_over.then_some(tick));
+    }
+
+    /// The state of the session, for people: what is asked, how much of it is done, and why not more.
+    fn explain(&self, asked: &Asked, report: &Report<N>, length_m: f64) -> ServoState {
+        let (wish, clock) = (&asked.wish, asked.clock);
+        let nearest = intake::nearest(report);
+        let fastest = &self.fastest;
+        let limit = fastest
+            .joint
+            .filter(|_| fastest.clock < FULL && fastest.clock <= 1.2 * clock + 0.05);
+        let is_posture = self.is_posture();
+        let is_bounded = self.clipped || asked.lead.saturation > SATURATED;
+        // The first that holds.
+        let reasons = [
+            (self.over.is_some(), REASON_OVER),
+            (self.stopping, REASON_STOPPED),
+            (wish.stale, REASON_STALE),
+            (
+                wish.asked == Vector6::zeros() && !is_posture,
+                REASON_RESTING,
+            ),
+            (asked.behind.norm() > BEHIND_M.0, REASON_HELD),
+            (limit.is_some(), REASON_LIMIT),
+            (!is_posture && is_bounded, REASON_REACH),
+            (
+                clock < FULL && nearest.is_some_and(|(_, openness)| openness < NEAR),
+                REASON_SINGULARITY,
+            ),
+            (clock < FULL, REASON_EFFORT),
+            ((wish.V - wish.asked).amax() > 1e-9, REASON_FAST),
+        ];
+        let reason = reasons.iter().find(|(holds, _)| *holds);
+        let reason = reason.map_or(REASON_FOLLOWING, |(_, reason)| *reason);
+        let joint = limit.filter(|_| reason == REASON_LIMIT);
+        ServoState {
+            V_target: wish.asked.into(),
+            p_target: wish.p.into(),
+            speed_scale: self.speed_scale(&wish.asked, clock, length_m),
+            behind_m: self.behind_m,
+            nearest: nearest.map_or(1e9, |(_, openness)| openness),
+            age_s: asked.age_s,
+            reason,
+            joint: joint.map_or(0, |(i, _)| i as u32 + 1),
+            upper: joint.map_or(0, |(_, is_upper)| u32::from(is_upper)),
+            singularity: nearest.map_or(0, |(place, _)| place as u32 + 1),
+            refused: self.refused,
+            refusal: self.refusal,
+            stop: self.stop.code(),
+            stops: self.stops,
+            ..ServoState::default()
+        }
+    }
+
+    /// The share of the twist asked for that the reference moves with, 0 to 1; metres are made radians by the arm's length.
+    fn speed_scale(&self, asked: &Vector6<f64>, clock: f64, length_m: f64) -> f64 {
+        let scaled = |V: &Vector6<f64>| stack(&(linear(V) / length_m), &angular(V));
+        let (asked, moved) = (scaled(asked), scaled(&(self.V * clock)));
+        let size = asked.norm_squared();
+        if size < 1e-12 {
+            1.0
+        } else {
+            (asked.dot(&moved) / size).clamp(0.0, 1.0)
+        }
+    }
+}
+
+/// A velocity without what would press the arm further against what holds it back: `behind` is how far the hand is behind that of the reference arm, m.
+fn yielding(v: Vector3<f64>, behind: &Vector3<f64>) -> Vector3<f64> {
+    let size = behind.norm();
+    if size <= BEHIND_M.0 {
+        return v;
+    }
+    let share = smoothstep((size - BEHIND_M.0) / (BEHIND_M.1 - BEHIND_M.0));
+    v - behind * (v.dot(behind).max(0.0) * share / (size * size))
+}
