@@ -220,7 +220,9 @@ impl<const N: usize> Controller<N> {
             .place(&self.state.progress)
             .moving(rate, 0.0);
         let is_running = self.setup.path.leg(self.state.progress.leg).is_some();
-        clock::pass(&self.setup, &mut self.state, rate);
+        if is_running {
+            clock::pass(&self.setup, &mut self.state, rate);
+        }
         Command {
             R_BE_d: desired.R,
             p_BE_d: desired.p,
