@@ -189,7 +189,7 @@ mod tests {
         let mut q = Vector6::zeros();
         q[0] = puma().upper()[0] - MARGIN;
         let (qddot, joint) = at(q);
-        assert_eq!((qddot[0], qddot[1], joint), (0.0, 0.0, Some((0, true))));
+        assert!(qddot.amax() < 1.6 && qddot.rows(0, 2).amax() < 1e-9 && joint == Some((0, true)));
     }
 
     #[test]
