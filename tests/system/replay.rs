@@ -70,10 +70,7 @@ fn a_changed_controller_is_told_where_it_first_differs_and_by_how_much() {
         "{difference}"
     );
     let value = |of: &Value| of.as_str().unwrap().parse::<f64>().unwrap();
-    assert_ne!(
-        value(&difference["recorded"]),
-        value(&difference["replayed"])
-    );
+    assert_ne!(value(&difference["expected"]), value(&difference["found"]));
     let torque = json["topics"]
         .as_array()
         .unwrap()
@@ -88,7 +85,10 @@ fn a_changed_controller_is_told_where_it_first_differs_and_by_how_much() {
             .unwrap_or_else(|| panic!("{name}: {json}"))
     };
     let tau = of("tau");
-    let (recorded, replayed) = (value(&tau["recorded"]), value(&tau["replayed"]));
+    let (recorded, replayed) = (
+        value(&tau["at"]["expected"]),
+        value(&tau["at"]["found"]),
+    );
     assert!(
         (tau["largest"].as_f64().unwrap() - (recorded - replayed).abs()).abs() < 1e-12
             && recorded != replayed,

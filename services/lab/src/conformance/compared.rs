@@ -6,7 +6,9 @@ use std::time::Instant;
 
 use chain::Sink;
 use launcher::{End, Exit, Failure as Mishap, Plan};
-use message_log::{LogError, RowReader, Shape, TopicHash, first_difference_in, tick_of};
+use message_log::{
+    Difference, LogError, RowReader, Shape, TopicHash, first_difference_in, tick_of,
+};
 use model::Robot;
 use runtime::{ControlPage, FaultRecord, RunDir};
 use serde::Serialize;
@@ -142,21 +144,30 @@ pub(super) fn on_one_thread(robot: &Robot, scenario: &Scenario) -> Result<Ran, F
     })
 }
 
-/// The first place where a run is not the reference.
+/// The first place where two runs differ.
 #[derive(Clone, Debug, Serialize)]
 pub struct Place {
-    /// Number of the run, from 1.
-    pub run: usize,
+    /// Number of the run, from 1, where there are several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run: Option<usize>,
     /// Tick of the difference.
     pub tick: u64,
     /// Topic of the difference.
     pub topic: String,
-    /// The field, or `the message` where one has it and the other has not.
-    pub field: String,
-    /// Its value in the reference.
-    pub expected: String,
-    /// Its value in the run.
-    pub found: String,
+    /// The field, or `the message` where one has it and the other has not; with the values of the reference and of the run.
+    #[serde(flatten)]
+    pub difference: Difference,
+}
+
+impl Place {
+    pub(super) fn new(tick: u64, topic: &str, difference: Difference) -> Self {
+        Self {
+            run: None,
+            tick,
+            topic: topic.to_owned(),
+            difference,
+        }
+    }
 }
 
 impl std::fmt::Display for Place {
@@ -165,13 +176,19 @@ impl std::fmt::Display for Place {
             run,
             tick,
             topic,
-            field,
-            expected,
-            found,
+            difference:
+                Difference {
+                    field,
+                    expected,
+                    found,
+                },
         } = self;
+        if let Some(run) = run {
+            write!(f, "run {run} ")?;
+        }
         write!(
             f,
-            "run {run} first differs at tick {tick}, topic {topic}, field {field}:\n{found} instead of {expected}"
+            "first differs at tick {tick}, topic {topic}, field {field}:\n{found} instead of {expected}"
         )
     }
 }
@@ -217,16 +234,14 @@ pub(super) fn first_place(
             }
         }
     }
-    let mut places = Vec::new();
-    for mut one in followed {
-        one.end().map_err(Failure::work)?;
-        places.extend(one.first.map(|place| Place {
-            run,
-            topic: one.layout.topic,
-            ..place
-        }));
-    }
-    Ok(places.into_iter().min_by_key(|place| place.tick))
+    let first = followed
+        .into_iter()
+        .filter_map(Followed::end)
+        .min_by_key(|place| place.tick);
+    Ok(first.map(|place| Place {
+        run: Some(run),
+        ..place
+    }))
 }
 
 /// A topic of a run, read beside the messages that are expected of it.
@@ -263,37 +278,33 @@ impl Followed {
             return Ok(());
         }
         match &self.next {
-            Some(row) if tick_of(row) < tick => {
-                self.differ(tick_of(row), ["the message", "none", "one"])
-            }
+            Some(row) if tick_of(row) < tick => self.lacks(tick_of(row), ["none", "one"]),
             Some(row) if tick_of(row) == tick => {
-                if let Some(found) =
-                    first_difference_in(&self.layout.fields, expected, bytemuck::cast_slice(row))
-                {
-                    self.differ(tick, [&found.field, &found.expected, &found.found]);
-                }
+                let found =
+                    first_difference_in(&self.layout.fields, expected, bytemuck::cast_slice(row));
+                self.first =
+                    found.map(|difference| Place::new(tick, &self.layout.topic, difference));
                 self.next = self.rows.next_row()?;
             }
-            _ => self.differ(tick, ["the message", "one", "none"]),
+            _ => self.lacks(tick, ["one", "none"]),
         }
         Ok(())
     }
 
-    fn end(&mut self) -> Result<(), LogError> {
+    /// The first difference, when the reference has no more messages.
+    fn end(mut self) -> Option<Place> {
         if let Some(row) = self.next.take().filter(|_| self.first.is_none()) {
-            self.differ(tick_of(&row), ["the message", "none", "one"]);
+            self.lacks(tick_of(&row), ["none", "one"]);
         }
-        Ok(())
+        self.first
     }
 
-    fn differ(&mut self, tick: u64, [field, expected, found]: [&str; 3]) {
-        self.first = Some(Place {
-            run: 0,
-            tick,
-            topic: String::new(),
-            field: field.to_owned(),
+    fn lacks(&mut self, tick: u64, [expected, found]: [&str; 2]) {
+        let difference = Difference {
+            field: "the message".to_owned(),
             expected: expected.to_owned(),
             found: found.to_owned(),
-        });
+        };
+        self.first = Some(Place::new(tick, &self.layout.topic, difference));
     }
 }

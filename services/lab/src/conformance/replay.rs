@@ -4,10 +4,10 @@ use std::fmt;
 use std::path::Path;
 
 use chain::Tick;
-use message_log::{Difference, FieldDifference, LogError, Logs};
+use message_log::{FieldDifference, LogError, Logs};
 use model::{Refused, Robot};
 use runtime::apply_to_outgoing;
-use serde_json::{Value, json};
+use serde::Serialize;
 use session::table::{number, table};
 use session::{Failure, JOB, Observer, Progress, Run, SUMMARY};
 use shared_types::codes::{DRIVE_ABSENT, DRIVE_ENCODER, DRIVE_STALE};
@@ -24,94 +24,63 @@ use shared_types::{
 };
 use viz::plot::digits;
 
+use super::compared::Place;
 use super::track::{self, Compared, Tracks};
 
 /// The result of a replay.
+#[derive(Serialize)]
 pub struct Replayed {
-    /// Of the recorded run.
-    pub job: Job,
+    /// Name of the run.
+    pub run: String,
+    /// Its scenario.
+    pub scenario: String,
+    /// Its seed.
+    pub seed: u64,
+    /// The version that made it.
+    pub version: String,
     /// The process, by its name in the run's graph.
     pub process: String,
+    /// The values that override those of the recorded scenario.
+    pub set: Vec<String>,
+    /// Whether all outputs that could be computed have the same bytes.
+    pub identical: bool,
+    /// The earliest difference; of one tick, that of the topic that is sent first.
+    pub difference: Option<Place>,
     /// By topic.
     pub topics: Vec<Compared>,
     /// Recorded outputs whose inputs are not in the record; they cannot be computed again.
     pub without_input: u64,
     /// The message logs that do not hold what the run's summary counts, a clause for each.
     pub damage: Vec<String>,
-    /// The run did not come to its end, so that its record may lack the last messages.
-    pub is_cut: bool,
     /// Why the replay ended before the record did; empty where it did not.
     pub ended: String,
+    /// The run did not come to its end, so that its record may lack the last messages.
+    #[serde(skip)]
+    pub is_cut: bool,
 }
 
 impl Replayed {
     /// Whether every output of the run was computed again, with the same bytes.
     #[must_use]
     pub fn passed(&self) -> bool {
-        self.first().is_none() && self.is_complete()
+        self.identical && self.is_complete()
     }
 
     fn is_complete(&self) -> bool {
         // The last messages of the topics of a cut run do not end at one tick.
         (self.is_cut || self.without_input == 0) && self.damage.is_empty() && self.ended.is_empty()
     }
-
-    /// The earliest difference; of one tick, that of the topic that is sent first.
-    fn first(&self) -> Option<(u64, &'static str, &Difference)> {
-        let firsts = self
-            .topics
-            .iter()
-            .filter_map(|topic| Some((topic.first.as_ref()?, topic.topic)));
-        firsts
-            .map(|((tick, place), topic)| (*tick, topic, place))
-            .min_by_key(|(tick, ..)| *tick)
-    }
-
-    /// For machines; `settings` are those that override values of the recorded scenario.
-    #[must_use]
-    pub fn json(&self, settings: &[String]) -> Value {
-        let first = self.first().map(|(tick, topic, Difference { field, expected, found })| {
-            json!({"tick": tick, "topic": topic, "field": field, "recorded": expected, "replayed": found})
-        });
-        let field = |FieldDifference {
-                         field,
-                         messages,
-                         largest,
-                         tick,
-                         difference,
-                         ..
-                     }: &FieldDifference| {
-            json!({
-                "field": field, "messages": messages, "largest": largest, "tick": tick,
-                "element": difference.field, "recorded": difference.expected, "replayed": difference.found,
-            })
-        };
-        let topic = |topic: &Compared| {
-            let fields: Vec<Value> = topic.fields.iter().map(field).collect();
-            json!({"topic": topic.topic, "messages": topic.messages, "fields": fields})
-        };
-        let (job, topics) = (&self.job, self.topics.iter().map(topic).collect::<Vec<_>>());
-        json!({
-            "run": job.run, "scenario": job.scenario.name, "seed": job.scenario.seed, "version": job.version, "process": self.process,
-            "set": settings, "identical": first.is_none(), "difference": first, "topics": topics,
-            "without_input": self.without_input, "damage": self.damage, "ended": self.ended,
-        })
-    }
 }
 
 impl fmt::Display for Replayed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let process = &self.process;
-        if let Some((
-            tick,
-            topic,
-            Difference {
-                field,
-                expected,
-                found,
-            },
-        )) = self.first()
-        {
+        let Self {
+            scenario,
+            seed,
+            process,
+            ..
+        } = self;
+        if let Some(place) = &self.difference {
             let mut rows = table(&[
                 "topic and element",
                 "messages",
@@ -132,15 +101,16 @@ impl fmt::Display for Replayed {
                     difference,
                     ..
                 } = field;
-                let numbers = [messages.to_string(), digits(*largest), tick.to_string()];
-                let values = [&difference.expected, &difference.found].map(number);
-                let cells = [format!("{topic} {}", difference.field).into()].into_iter();
-                rows.add_row(cells.chain(numbers.map(number)).chain(values));
+                rows.add_row([
+                    format!("{topic} {}", difference.field).into(),
+                    number(messages),
+                    number(digits(*largest)),
+                    number(tick),
+                    number(&difference.expected),
+                    number(&difference.found),
+                ]);
             }
-            writeln!(
-                f,
-                "{rows}\n{process} first differs at tick {tick}, topic {topic}, field {field}:\n{found} instead of {expected}"
-            )?;
+            writeln!(f, "{rows}\n{process} {place}")?;
         }
         if self.without_input > 0 {
             writeln!(
@@ -156,15 +126,14 @@ impl fmt::Display for Replayed {
             writeln!(f, "{}", self.ended)?;
         }
         let messages: u64 = self.topics.iter().map(|topic| topic.messages).sum();
-        let verdict = match (self.first(), self.is_complete()) {
-            (Some(_), _) => "NOT the same bytes",
-            (None, true) => "the same bytes",
-            (None, false) => "the same bytes, of an INCOMPLETE record",
+        let verdict = match (self.identical, self.is_complete()) {
+            (false, _) => "NOT the same bytes",
+            (true, true) => "the same bytes",
+            (true, false) => "the same bytes, of an INCOMPLETE record",
         };
-        let Scenario { name, seed, .. } = &self.job.scenario;
         writeln!(
             f,
-            "{name}, seed {seed}, {process}, {messages} messages: {verdict}"
+            "{scenario}, seed {seed}, {process}, {messages} messages: {verdict}"
         )
     }
 }
@@ -244,14 +213,25 @@ pub fn replay(
     let compared = writes
         .iter()
         .filter_map(|topic| named(topic, &mut CompareAll(&mut player.tracks)));
+    let (firsts, topics): (Vec<_>, Vec<_>) = compared.unzip();
+    let difference = firsts
+        .into_iter()
+        .flatten()
+        .min_by_key(|place: &Place| place.tick);
     let replayed = Replayed {
+        run: job.run,
+        scenario: job.scenario.name,
+        seed: job.scenario.seed,
+        version: job.version,
         process: name,
-        topics: compared.collect(),
+        set: settings.to_vec(),
+        identical: difference.is_none(),
+        difference,
+        topics,
         without_input: player.without_input,
         is_cut: summary.as_ref().is_none_or(|summary| !summary.completed),
         ended,
         damage,
-        job,
     };
     if replayed.topics.iter().any(|topic| topic.messages > 0) || replayed.without_input > 0 {
         return Ok(replayed);
@@ -504,8 +484,8 @@ impl Each for Compare<'_> {
 struct CompareAll<'a>(&'a mut ByTopic<Tracks>);
 
 impl Each for CompareAll<'_> {
-    type Output = Compared;
-    fn each<M: Topic>(&mut self) -> Compared {
+    type Output = (Option<Place>, Compared);
+    fn each<M: Topic>(&mut self) -> Self::Output {
         M::of_mut(self.0).compared()
     }
 }

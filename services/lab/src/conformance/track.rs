@@ -3,12 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use message_log::{
-    Difference, Differences, FieldDifference, LogError, LogReader, Logs, first_difference,
-};
+use message_log::{Differences, FieldDifference, LogError, LogReader, Logs, first_difference};
+use serde::Serialize;
 use shared_types::Header;
 use shared_types::fault::MOST_DELAY_TICKS;
 use shared_types::topics::{Build, ByTopic, Family, Topic};
+
+use super::compared::Place;
 
 /// A track for each topic.
 pub(super) struct Tracks;
@@ -24,18 +25,17 @@ pub(super) struct Track<M> {
     /// The first tick that has not been handed out.
     next: u64,
     messages: u64,
-    first: Option<(u64, Difference)>,
+    first: Option<Place>,
     differences: Differences<M>,
 }
 
 /// The replayed process's messages of one topic, beside those of the run.
+#[derive(Serialize)]
 pub struct Compared {
     /// Name of the topic.
     pub topic: &'static str,
     /// Messages compared.
     pub messages: u64,
-    /// Tick of the first difference, and the difference.
-    pub first: Option<(u64, Difference)>,
     /// Largest difference per field.
     pub fields: Vec<FieldDifference>,
 }
@@ -109,20 +109,22 @@ impl<M: Topic> Track<M> {
             computed.header_mut().incarnation = recorded.header().incarnation;
             self.messages += 1;
             if self.first.is_none() {
-                self.first =
-                    first_difference(&recorded, &computed).map(|difference| (tick, difference));
+                let found = first_difference(&recorded, &computed);
+                self.first = found.map(|difference| Place::new(tick, M::TOPIC, difference));
             }
             self.differences.add(&recorded, &computed);
         }
         Ok(())
     }
 
-    pub(super) fn compared(&mut self) -> Compared {
-        Compared {
+    /// The first difference, and all.
+    pub(super) fn compared(&mut self) -> (Option<Place>, Compared) {
+        let fields = std::mem::take(&mut self.differences).fields();
+        let compared = Compared {
             topic: M::TOPIC,
             messages: self.messages,
-            first: self.first.take(),
-            fields: std::mem::take(&mut self.differences).fields(),
-        }
+            fields,
+        };
+        (self.first.take(), compared)
     }
 }
