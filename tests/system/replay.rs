@@ -85,10 +85,7 @@ fn a_changed_controller_is_told_where_it_first_differs_and_by_how_much() {
             .unwrap_or_else(|| panic!("{name}: {json}"))
     };
     let tau = of("tau");
-    let (recorded, replayed) = (
-        value(&tau["at"]["expected"]),
-        value(&tau["at"]["found"]),
-    );
+    let (recorded, replayed) = (value(&tau["at"]["expected"]), value(&tau["at"]["found"]));
     assert!(
         (tau["largest"].as_f64().unwrap() - (recorded - replayed).abs()).abs() < 1e-12
             && recorded != replayed,

@@ -83,6 +83,36 @@ pub fn verify_kills(
     });
     for number in 1..=histories as usize {
         let path = folder.path().join(format!("history-{number}"));
+        match killed.history(robot, scenario, graph, number, &path)? {
+            None => drop(std::fs::remove_dir_all(&path)),
+            Some(unrepeated) => {
+                let Unrepeated { reason, deaths, .. } = &unrepeated;
+                observer(Progress::Line(&format!(
+                    "run {number}: {reason}; {}",
+                    deaths.join("; ")
+                )));
+                killed.unrepeated.push(unrepeated);
+            }
+        }
+        observer(Progress::Step);
+    }
+    observer(Progress::End);
+    if !killed.unrepeated.is_empty() {
+        killed.folder = Some(folder.keep());
+    }
+    Ok(killed)
+}
+
+impl Killed {
+    /// A run with kills and its repetition; `None` where they have the same bytes.
+    fn history(
+        &mut self,
+        robot: &Robot,
+        scenario: &Scenario,
+        graph: &Graph,
+        number: usize,
+        path: &Path,
+    ) -> Result<Option<Unrepeated>, Failure> {
         let job = |scenario: Scenario, graph: Graph, name: &str| {
             let out = path.join(name);
             std::fs::create_dir_all(&out).map_err(Failure::cannot("make", &out))?;
@@ -99,42 +129,26 @@ pub fn verify_kills(
         let planned = load::scenario_in(None, &left, &[], None)?;
         let again = job(planned.scenario, planned.graph, "again")?;
         let second = run(&again, None)?;
-        killed.note(&first);
-        match difference(&first, &second) {
-            None => drop(std::fs::remove_dir_all(&path)),
-            Some(reason) => {
-                let deaths = first
-                    .summary
-                    .faults
-                    .iter()
-                    .map(|fault| fault.detail.clone())
-                    .collect::<Vec<_>>();
-                observer(Progress::Line(&format!(
-                    "run {number}: {reason}; {}",
-                    deaths.join("; ")
-                )));
-                let [one, other] = [&live, &again].map(|job| job.out.join(recorder::MESSAGES));
-                let difference = first_place(graph, &Reference::Run(one), &other, number)
-                    .ok()
-                    .flatten();
-                killed.unrepeated.push(Unrepeated {
-                    run: number,
-                    deaths,
-                    reason,
-                    difference,
-                });
-            }
-        }
-        observer(Progress::Step);
+        self.note(&first);
+        let Some(reason) = difference(&first, &second) else {
+            return Ok(None);
+        };
+        let [one, other] = [&live, &again].map(|job| job.out.join(recorder::MESSAGES));
+        Ok(Some(Unrepeated {
+            run: number,
+            deaths: first
+                .summary
+                .faults
+                .iter()
+                .map(|fault| fault.detail.clone())
+                .collect(),
+            reason,
+            difference: first_place(graph, &Reference::Run(one), &other, number)
+                .ok()
+                .flatten(),
+        }))
     }
-    observer(Progress::End);
-    if !killed.unrepeated.is_empty() {
-        killed.folder = Some(folder.keep());
-    }
-    Ok(killed)
-}
 
-impl Killed {
     fn note(&mut self, ran: &InProcesses) {
         self.histories += 1;
         let mut downs: Vec<(u32, u64, u64)> = Vec::new();

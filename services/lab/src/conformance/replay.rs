@@ -8,7 +8,7 @@ use message_log::{FieldDifference, LogError, Logs};
 use model::{Refused, Robot};
 use runtime::apply_to_outgoing;
 use serde::Serialize;
-use session::table::{number, table};
+use session::table::{Fitted, number, table};
 use session::{Failure, JOB, Observer, Progress, Run, SUMMARY};
 use shared_types::codes::{DRIVE_ABSENT, DRIVE_ENCODER, DRIVE_STALE};
 use shared_types::fault::{Kind, ScheduledFault, shaped_topic};
@@ -66,9 +66,60 @@ impl Replayed {
         self.identical && self.is_complete()
     }
 
+    fn is_empty(&self) -> bool {
+        self.topics.iter().all(|topic| topic.messages == 0) && self.without_input == 0
+    }
+
+    /// Why nothing could be compared.
+    fn nothing(&self, run: &Run) -> Failure {
+        if !self.damage.is_empty() {
+            return damaged(run, &self.damage);
+        }
+        let (run, name) = (run.folder.display(), &self.process);
+        Failure::Input(format!(
+            "{run} has no message of {name} to compare: the run ended before its first one; see the reason in {run}/{SUMMARY}"
+        ))
+    }
+
     fn is_complete(&self) -> bool {
         // The last messages of the topics of a cut run do not end at one tick.
         (self.is_cut || self.without_input == 0) && self.damage.is_empty() && self.ended.is_empty()
+    }
+}
+
+impl Replayed {
+    /// A row for each field that differs.
+    fn differences(&self) -> Fitted {
+        let mut rows = table(&[
+            "topic and element",
+            "messages",
+            "largest",
+            "at tick",
+            "recorded",
+            "replayed",
+        ]);
+        for (topic, field) in self
+            .topics
+            .iter()
+            .flat_map(|one| one.fields.iter().map(|field| (one.topic, field)))
+        {
+            let FieldDifference {
+                messages,
+                largest,
+                tick,
+                difference,
+                ..
+            } = field;
+            rows.add_row([
+                format!("{topic} {}", difference.field).into(),
+                number(messages),
+                number(digits(*largest)),
+                number(tick),
+                number(&difference.expected),
+                number(&difference.found),
+            ]);
+        }
+        rows
     }
 }
 
@@ -81,36 +132,7 @@ impl fmt::Display for Replayed {
             ..
         } = self;
         if let Some(place) = &self.difference {
-            let mut rows = table(&[
-                "topic and element",
-                "messages",
-                "largest",
-                "at tick",
-                "recorded",
-                "replayed",
-            ]);
-            for (topic, field) in self
-                .topics
-                .iter()
-                .flat_map(|one| one.fields.iter().map(|field| (one.topic, field)))
-            {
-                let FieldDifference {
-                    messages,
-                    largest,
-                    tick,
-                    difference,
-                    ..
-                } = field;
-                rows.add_row([
-                    format!("{topic} {}", difference.field).into(),
-                    number(messages),
-                    number(digits(*largest)),
-                    number(tick),
-                    number(&difference.expected),
-                    number(&difference.found),
-                ]);
-            }
-            writeln!(f, "{rows}\n{process} {place}")?;
+            writeln!(f, "{}\n{process} {place}", self.differences())?;
         }
         if self.without_input > 0 {
             writeln!(
@@ -153,40 +175,19 @@ pub fn replay(
         folder: folder.to_owned(),
         parts: Vec::new(),
     };
-    let (job, shown) = (run.job()?, folder.display());
-    if !job.messages {
-        return Err(Failure::Input(format!(
-            "{shown} was run without its messages, which `armplane replay` reads: run it again without --no-messages and --no-record"
-        )));
-    }
+    let job = job_of(&run)?;
     let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
     let scenario = with_settings(&job.scenario, settings)?;
     let (name, program, writes) =
         chosen(&job, process).ok_or_else(|| no_step(process, &job, folder))?;
-    // One that is there and cannot be read is a defect of the run, as a log is.
-    let (summary, defect) = run
-        .summary_if_any()
-        .map_or_else(|defect| (None, Some(defect)), |summary| (summary, None));
-    let mut damage = run.message_damage(&job, summary.as_ref());
-    damage.extend(defect);
+    let (summary, damage) = damage_of(&run, &job);
     // All that is wrong with the logs, where one of them is gone or not as it was written.
     let because = |error: Trouble| match error {
         Trouble::Log(error) if damage.is_empty() => damaged(&run, &[error.to_string()]),
         Trouble::Log(_) => damaged(&run, &damage),
         Trouble::Step(refused) => Failure::input(refused),
     };
-    let reads: &[&str] = match program {
-        Program::Estimator => &[SensorSample::TOPIC],
-        Program::Analyzer => &[StateEstimate::TOPIC],
-        Program::Controller => &[
-            SingularityReport::TOPIC,
-            StateEstimate::TOPIC,
-            Target::TOPIC,
-        ],
-        _ => &[TorqueCommand::TOPIC],
-    };
-    let has = |topic: &&str| job.graph.writer(topic).is_some();
-    let reads: Vec<&str> = reads.iter().copied().filter(has).collect();
+    let reads = inputs(program, &job);
     let writes: Vec<&str> = writes.iter().map(String::as_str).collect();
     let topics = [&reads[..], &writes].concat();
     let mut player = Player {
@@ -197,27 +198,10 @@ pub fn replay(
         without_input: 0,
         observer,
     };
-    observer(Progress::Begin {
-        title: &scenario.name,
-        length: scenario.planned_ticks(),
-        unit: "ticks",
-    });
-    let ended = match program {
-        Program::Plant => player.plant(&robot, &scenario),
-        _ => cycle(program, &robot, &scenario)
-            .map_err(Trouble::from)
-            .and_then(|mut cycle| player.cycle(&reads, &writes, &mut *cycle)),
-    };
-    let ended = ended.map_err(because)?;
-    observer(Progress::End);
-    let compared = writes
-        .iter()
-        .filter_map(|topic| named(topic, &mut CompareAll(&mut player.tracks)));
-    let (firsts, topics): (Vec<_>, Vec<_>) = compared.unzip();
-    let difference = firsts
-        .into_iter()
-        .flatten()
-        .min_by_key(|place: &Place| place.tick);
+    let ended = player
+        .play(program, (&robot, &scenario), [&reads, &writes])
+        .map_err(because)?;
+    let (difference, topics) = player.compared(&writes);
     let replayed = Replayed {
         run: job.run,
         scenario: job.scenario.name,
@@ -233,16 +217,51 @@ pub fn replay(
         ended,
         damage,
     };
-    if replayed.topics.iter().any(|topic| topic.messages > 0) || replayed.without_input > 0 {
-        return Ok(replayed);
+    if replayed.is_empty() {
+        return Err(replayed.nothing(&run));
     }
-    if !replayed.damage.is_empty() {
-        return Err(damaged(&run, &replayed.damage));
+    Ok(replayed)
+}
+
+/// The job of a run that kept its messages.
+fn job_of(run: &Run) -> Result<Job, Failure> {
+    let (job, shown) = (run.job()?, run.folder.display());
+    if job.messages {
+        return Ok(job);
     }
-    let name = &replayed.process;
     Err(Failure::Input(format!(
-        "{shown} has no message of {name} to compare: the run ended before its first one; see the reason in {shown}/{SUMMARY}"
+        "{shown} was run without its messages, which `armplane replay` reads: run it again without --no-messages and --no-record"
     )))
+}
+
+/// The summary of a run, if there is one, and the defects of summary and logs.
+fn damage_of(run: &Run, job: &Job) -> (Option<Summary>, Vec<String>) {
+    // One that is there and cannot be read is a defect of the run, as a log is.
+    let (summary, defect) = run
+        .summary_if_any()
+        .map_or_else(|defect| (None, Some(defect)), |summary| (summary, None));
+    let mut damage = run.message_damage(job, summary.as_ref());
+    damage.extend(defect);
+    (summary, damage)
+}
+
+/// The topics that a step computes from, those of the run: the first comes once a tick.
+fn inputs(program: Program, job: &Job) -> Vec<&'static str> {
+    let reads: &[&str] = match program {
+        Program::Estimator => &[SensorSample::TOPIC],
+        Program::Analyzer => &[StateEstimate::TOPIC],
+        Program::Controller => &[
+            SingularityReport::TOPIC,
+            StateEstimate::TOPIC,
+            Target::TOPIC,
+        ],
+        _ => &[TorqueCommand::TOPIC],
+    };
+    reads
+        .iter()
+        .copied()
+        .filter(|topic| job.graph.writer(topic).is_some())
+        .collect()
 }
 
 /// The process that is asked for, where armplane knows its step, and its topics.
@@ -357,7 +376,7 @@ fn with_settings(scenario: &Scenario, settings: &[String]) -> Result<Scenario, F
 type Cycle<'a> = dyn FnMut(&mut Tick, Given) -> Result<(), Refused> + 'a;
 
 /// What a step is given besides its messages.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Given {
     has_target: bool,
     is_fresh: bool,
@@ -382,28 +401,33 @@ fn cycle<'a>(
             |step, out| step.save(out),
             |step, last| step.restore(last),
         )?,
-        _ => restarting::<_, ControllerCheckpoint>(
-            || controller::cycle(robot, scenario),
-            |step, m, has_target| {
-                let (inputs, out) = (
-                    (&m.estimate, &m.singularity),
-                    (&mut m.control_state, &mut m.torque),
-                );
-                match scenario.servo {
-                    Some(_) => step.steer(
-                        inputs,
-                        has_target.then_some(&m.target),
-                        &mut m.servo_state,
-                        out.0,
-                        out.1,
-                    ),
-                    None => step.step(inputs.0, inputs.1, out.0, out.1),
-                }
-            },
-            |step, out| step.save(out),
-            |step, last| step.restore(last),
-        )?,
+        _ => control(robot, scenario)?,
     })
+}
+
+/// The controller's step, steered or on its path.
+fn control<'a>(robot: &'a Robot, scenario: &'a Scenario) -> Result<Box<Cycle<'a>>, Refused> {
+    restarting::<_, ControllerCheckpoint>(
+        || controller::cycle(robot, scenario),
+        |step, m, has_target| {
+            let (inputs, out) = (
+                (&m.estimate, &m.singularity),
+                (&mut m.control_state, &mut m.torque),
+            );
+            match scenario.servo {
+                Some(_) => step.steer(
+                    inputs,
+                    has_target.then_some(&m.target),
+                    &mut m.servo_state,
+                    out.0,
+                    out.1,
+                ),
+                None => step.step(inputs.0, inputs.1, out.0, out.1),
+            }
+        },
+        |step, out| step.save(out),
+        |step, last| step.restore(last),
+    )
 }
 
 /// A step that takes up the checkpoint of the last tick that was computed before, where its process was started again.
@@ -491,6 +515,43 @@ impl Each for CompareAll<'_> {
 }
 
 impl Player<'_> {
+    /// Computes the process's outputs again. The sentence: why the replay ended before the record did.
+    fn play(
+        &mut self,
+        program: Program,
+        (robot, scenario): (&Robot, &Scenario),
+        [reads, writes]: [&[&str]; 2],
+    ) -> Result<String, Trouble> {
+        (self.observer)(Progress::Begin {
+            title: &scenario.name,
+            length: scenario.planned_ticks(),
+            unit: "ticks",
+        });
+        let ended = match program {
+            Program::Plant => self.plant(robot, scenario),
+            _ => cycle(program, robot, scenario)
+                .map_err(Trouble::from)
+                .and_then(|mut cycle| self.cycle(reads, writes, &mut *cycle)),
+        };
+        (self.observer)(Progress::End);
+        ended
+    }
+
+    /// The earliest difference, and all, of the process's topics.
+    fn compared(&mut self, writes: &[&str]) -> (Option<Place>, Vec<Compared>) {
+        let compared = writes
+            .iter()
+            .filter_map(|topic| named(topic, &mut CompareAll(&mut self.tracks)));
+        let (firsts, topics): (Vec<_>, Vec<_>) = compared.unzip();
+        (
+            firsts
+                .into_iter()
+                .flatten()
+                .min_by_key(|place: &Place| place.tick),
+            topics,
+        )
+    }
+
     fn next(&mut self, topic: &str) -> Result<Option<Header>, LogError> {
         named(topic, &mut Next(&mut self.tracks)).unwrap_or(Ok(None))
     }
@@ -499,18 +560,18 @@ impl Player<'_> {
         named(topic, &mut Load(&mut self.tracks, &mut self.now, tick)).unwrap_or(Ok(false))
     }
 
-    /// Loads the inputs of a tick: whether all are there, and the target, which may be missing.
-    fn inputs(&mut self, reads: &[&str], tick: u64) -> Result<[bool; 2], LogError> {
-        let (mut is_whole, mut has_target) = (true, false);
+    /// Loads the inputs of a tick; whether all are there but the target, which may be missing.
+    fn inputs(&mut self, reads: &[&str], tick: u64, given: &mut Given) -> Result<bool, LogError> {
+        let mut is_whole = true;
         for topic in reads {
             let is_there = self.load(topic, tick)?;
             if *topic == Target::TOPIC {
-                has_target = is_there;
+                given.has_target = is_there;
             } else {
                 is_whole &= is_there;
             }
         }
-        Ok([is_whole, has_target])
+        Ok(is_whole)
     }
 
     /// Computes every recorded output again from the inputs of its tick. Also computed is what a fault kept from leaving: the process's state goes on
@@ -527,8 +588,11 @@ impl Player<'_> {
             .rfind(|topic| shaped_topic(topic))
             .copied()
             .unwrap_or_default();
-        let (first, mut incarnation, mut is_fresh) =
-            (reads.first().copied().unwrap_or_default(), 1, false);
+        let (first, mut incarnation, mut given) = (
+            reads.first().copied().unwrap_or_default(),
+            1,
+            Given::default(),
+        );
         while let Some(Header {
             tick,
             incarnation: its,
@@ -540,27 +604,13 @@ impl Player<'_> {
                 .map(|header| header.tick)
                 .filter(|one| *one < tick)
             {
-                let [is_whole, has_target] = self.inputs(reads, earlier)?;
-                if is_whole && self.was_withheld(earlier) {
-                    cycle(
-                        &mut self.now,
-                        Given {
-                            has_target,
-                            is_fresh: std::mem::take(&mut is_fresh),
-                        },
-                    )?;
+                if self.inputs(reads, earlier, &mut given)? && self.was_withheld(earlier) {
+                    cycle(&mut self.now, std::mem::take(&mut given))?;
                 }
             }
-            is_fresh |= std::mem::replace(&mut incarnation, its) != its;
-            let [is_whole, has_target] = self.inputs(reads, tick)?;
-            if is_whole {
-                cycle(
-                    &mut self.now,
-                    Given {
-                        has_target,
-                        is_fresh: std::mem::take(&mut is_fresh),
-                    },
-                )?;
+            given.is_fresh |= std::mem::replace(&mut incarnation, its) != its;
+            if self.inputs(reads, tick, &mut given)? {
+                cycle(&mut self.now, std::mem::take(&mut given))?;
                 for topic in writes {
                     let faults = if *topic == shaped {
                         &self.faults[..]
@@ -635,27 +685,30 @@ impl Player<'_> {
             apply_to_outgoing(&mut sent, &self.faults);
             self.tracks.sensor.compare(sent, tick)?;
             self.tracks.plant_state.compare(*plant_state, tick)?;
-            // Which torque came in time, and how old it was, is what the plant said next.
-            let flags = self
-                .tracks
-                .plant_state
-                .peek()?
-                .map_or(0, |truth| truth.drive_flags);
-            let age = self
-                .tracks
-                .sensor
-                .peek()?
-                .map_or(0, |next| u64::from(next.stale_ticks));
-            let command = match flags {
-                flags if flags & (DRIVE_STALE | DRIVE_ENCODER) != 0 => {
-                    Some(TorqueCommand::default())
-                }
-                flags if flags & DRIVE_ABSENT != 0 => None,
-                _ => self.tracks.torque.at(tick.saturating_sub(age))?,
-            };
+            let command = torque_after(&mut self.tracks, tick)?;
             cycle.step(command.as_ref());
             (self.observer)(Progress::Position(tick));
         }
         Ok(String::new())
+    }
+}
+
+/// The torque that the plant followed from a tick on. Which came in time, and how old it was, is what the plant said next.
+fn torque_after(
+    tracks: &mut ByTopic<Tracks>,
+    tick: u64,
+) -> Result<Option<TorqueCommand>, LogError> {
+    let flags = tracks
+        .plant_state
+        .peek()?
+        .map_or(0, |truth| truth.drive_flags);
+    let age = tracks
+        .sensor
+        .peek()?
+        .map_or(0, |next| u64::from(next.stale_ticks));
+    match flags {
+        flags if flags & (DRIVE_STALE | DRIVE_ENCODER) != 0 => Ok(Some(TorqueCommand::default())),
+        flags if flags & DRIVE_ABSENT != 0 => Ok(None),
+        _ => tracks.torque.at(tick.saturating_sub(age)),
     }
 }

@@ -90,22 +90,8 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
     };
     let (mut runs, mut difference) = (Vec::<Ran>::new(), None);
     for index in 0..request.runs as usize {
-        let (condition, seed) = (
-            CONDITIONS[index % CONDITIONS.len()],
-            random(scenario.seed, index as u64),
-        );
         let out = folder.path().join(format!("run-{}", index + 1));
-        std::fs::create_dir_all(&out).map_err(Failure::cannot("make", &out))?;
-        let job = load::job(robot, scenario.clone(), graph.clone(), Mode::Lockstep, out);
-        let job = Job {
-            record: condition.record,
-            ..job
-        };
-        let mut plan = session::plan(&job)?;
-        condition.disturb(&mut plan, seed, request.unordered);
-        let count = plan.children.len();
-        let beside = |page| condition.beside(page, count, seed);
-        let ran = in_processes(&job, plan, condition.to_string(), beside, observer)?.ran;
+        let ran = run(request, index, &out, observer)?;
         let reference = reference.get_or_insert_with(|| ran.clone());
         if ran.topics != reference.topics && difference.is_none() {
             let expected = match needs_processes {
@@ -116,30 +102,84 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
         }
         if request.out.is_none() && (index > 0 || needs_processes.is_none()) {
             // The rest is removed with the whole folder.
-            let _ = std::fs::remove_dir_all(&job.out);
+            let _ = std::fs::remove_dir_all(&out);
         }
         runs.push(ran);
     }
     // There is at least one run.
     let reference = reference.ok_or_else(|| Failure::work("nothing was run"))?;
-    let is_like = |ran: &Ran| {
-        ran.topics == reference.topics
-            && ran.failure.is_empty() == reference.failure.is_empty()
-            && (needs_processes.is_none() || ran.ended_by == reference.ended_by)
-    };
-    // A planned fault may be the end of every run (the death of the plant is, and one death more than the budget); nothing else may.
-    let is_sound =
-        reference.failure.is_empty() || needs_processes.is_none() || reference.ended_by.is_some();
-    Ok(Verified {
-        scenario: scenario.name.clone(),
-        seed: scenario.seed,
-        faults: scenario.fault.len(),
-        identical: is_sound && runs.iter().all(is_like),
-        reference_run: needs_processes.map(|_| 1),
+    Ok(Verified::of(
+        scenario,
+        needs_processes.is_some(),
         reference,
         runs,
         difference,
-    })
+    ))
+}
+
+impl Verified {
+    fn of(
+        scenario: &Scenario,
+        is_run: bool,
+        reference: Ran,
+        runs: Vec<Ran>,
+        difference: Option<Place>,
+    ) -> Self {
+        let is_like = |ran: &Ran| {
+            ran.topics == reference.topics
+                && ran.failure.is_empty() == reference.failure.is_empty()
+                && (!is_run || ran.ended_by == reference.ended_by)
+        };
+        // A planned fault may be the end of every run (the death of the plant is, and one death more than the budget); nothing else may.
+        let is_sound = reference.failure.is_empty() || !is_run || reference.ended_by.is_some();
+        Self {
+            scenario: scenario.name.clone(),
+            seed: scenario.seed,
+            faults: scenario.fault.len(),
+            identical: is_sound && runs.iter().all(is_like),
+            reference_run: is_run.then_some(1),
+            reference,
+            runs,
+            difference,
+        }
+    }
+}
+
+/// One of the runs, under its condition.
+fn run(
+    request: &Request<'_>,
+    index: usize,
+    out: &Path,
+    observer: Observer<'_>,
+) -> Result<Ran, Failure> {
+    let Request {
+        scenario,
+        robot,
+        graph,
+        unordered,
+        ..
+    } = *request;
+    let (condition, seed) = (
+        CONDITIONS[index % CONDITIONS.len()],
+        random(scenario.seed, index as u64),
+    );
+    std::fs::create_dir_all(out).map_err(Failure::cannot("make", out))?;
+    let job = load::job(
+        robot,
+        scenario.clone(),
+        graph.clone(),
+        Mode::Lockstep,
+        out.to_owned(),
+    );
+    let job = Job {
+        record: condition.record,
+        ..job
+    };
+    let mut plan = session::plan(&job)?;
+    condition.disturb(&mut plan, seed, unordered);
+    let count = plan.children.len();
+    let beside = |page| condition.beside(page, count, seed);
+    Ok(in_processes(&job, plan, condition.to_string(), beside, observer)?.ran)
 }
 
 /// Why one thread cannot have a scenario.
@@ -158,6 +198,22 @@ fn needs_processes(scenario: &Scenario, graph: &Graph) -> Option<&'static str> {
     (!is_possible).then_some("plans faults of its plant, its recorder or its graph")
 }
 
+impl Verified {
+    /// The topics in which a run is not the reference.
+    fn others<'a>(&'a self, ran: &'a Ran) -> String {
+        let names = self.reference.topics.keys().chain(ran.topics.keys());
+        let differs = |name: &&String| ran.topics.get(*name) != self.reference.topics.get(*name);
+        let others: std::collections::BTreeSet<&str> =
+            names.filter(differs).map(String::as_str).collect();
+        let others: Vec<&str> = others.into_iter().collect();
+        if others.is_empty() {
+            "all equal".to_owned()
+        } else {
+            format!("≠ {}", others.join(", "))
+        }
+    }
+}
+
 impl fmt::Display for Verified {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
@@ -171,34 +227,22 @@ impl fmt::Display for Verified {
         for (name, topic) in &reference.topics {
             hashes.add_row([name.into(), number(topic.count), topic.hash.as_str().into()]);
         }
-        writeln!(f, "{hashes}")?;
-        let mut rows = table(&["", "condition", "ticks/s", "topics"]);
-        let all = [(String::from("reference"), reference)].into_iter();
-        for (name, ran) in all.chain(
-            (1..)
-                .zip(runs)
-                .map(|(number, ran)| (format!("run {number}"), ran)),
-        ) {
-            let names = reference.topics.keys().chain(ran.topics.keys());
-            let mut others: Vec<&str> = names
-                .filter(|name| ran.topics.get(*name) != reference.topics.get(*name))
-                .map(String::as_str)
-                .collect();
-            others.dedup();
-            let topics = if others.is_empty() {
-                "all equal".to_owned()
-            } else {
-                format!("≠ {}", others.join(", "))
-            };
+        let mut rows = table(&["run", "condition", "ticks/s", "topics"]);
+        for (number_of_run, ran) in (0..).zip(std::iter::once(reference).chain(runs)) {
             let speed = number(format!("{:.0}", ran.ticks_per_s));
+            let name = if number_of_run == 0 {
+                "reference".to_owned()
+            } else {
+                number_of_run.to_string()
+            };
             rows.add_row([
                 name.into(),
                 ran.condition.as_str().into(),
                 speed,
-                topics.into(),
+                self.others(ran).into(),
             ]);
         }
-        writeln!(f, "{rows}")?;
+        writeln!(f, "{hashes}\n{rows}")?;
         for (number, ran) in (1..).zip(runs).filter(|(_, ran)| !ran.failure.is_empty()) {
             writeln!(f, "run {number} did not come to its end: {}", ran.failure)?;
         }

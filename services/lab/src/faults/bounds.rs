@@ -82,42 +82,51 @@ fn sized<const N: usize>(
                 }
             }
         }
-        Kind::Sensor => {
-            let plant = &scenario.plant;
-            let encoders = Encoders::<N>::new(
-                robot,
-                plant.encoder_bits,
-                plant.encoder_noise_counts,
-                scenario.seed,
-            );
-            let start = (SVector::repeat(f64::INFINITY), SVector::zeros());
-            let (inertia, levers): (SVector<f64, N>, SVector<f64, N>) = postures(&model, robot)
-                .fold(start, |(least, most), (_, A, levers)| {
-                    (least.inf(&A), most.sup(&levers))
-                });
-            let stop_s = 1e-3 * STALE_MS + 1.0 / STOP_GAIN;
-            let stopped_m: f64 = (0..N)
-                .map(|joint| speed[joint] * stop_s * levers[joint])
-                .sum();
-            for joint in 0..robot.dof() {
-                let (before, error) = (speed[joint], encoders.tolerance()[joint]);
-                let push = model.effort()[joint] / inertia[joint];
-                let pushed = if push.is_finite() {
-                    (before.powi(2) + 2.0 * error * push).sqrt()
-                } else {
-                    before
-                };
-                let way = error + pushed.min(model.velocity()[joint]).max(before) * stop_s;
-                take(
-                    joint,
-                    way,
-                    stopped_m + (way - before * stop_s) * levers[joint],
-                );
-            }
-        }
+        Kind::Sensor => misled(&model, robot, scenario, speed, &mut take),
         _ => {}
     }
     Ok(most)
+}
+
+/// The ways of joint and end-effector while an encoder reads wrong, joint by joint.
+fn misled<const N: usize>(
+    model: &Model<N>,
+    robot: &Robot,
+    scenario: &Scenario,
+    speed: &[f64],
+    take: &mut impl FnMut(usize, f64, f64),
+) {
+    let plant = &scenario.plant;
+    let encoders = Encoders::<N>::new(
+        robot,
+        plant.encoder_bits,
+        plant.encoder_noise_counts,
+        scenario.seed,
+    );
+    let start = (SVector::repeat(f64::INFINITY), SVector::zeros());
+    let (inertia, levers): (SVector<f64, N>, SVector<f64, N>) = postures(model, robot)
+        .fold(start, |(least, most), (_, A, levers)| {
+            (least.inf(&A), most.sup(&levers))
+        });
+    let stop_s = 1e-3 * STALE_MS + 1.0 / STOP_GAIN;
+    let stopped_m: f64 = (0..N)
+        .map(|joint| speed[joint] * stop_s * levers[joint])
+        .sum();
+    for joint in 0..robot.dof() {
+        let (before, error) = (speed[joint], encoders.tolerance()[joint]);
+        let push = model.effort()[joint] / inertia[joint];
+        let pushed = if push.is_finite() {
+            (before.powi(2) + 2.0 * error * push).sqrt()
+        } else {
+            before
+        };
+        let way = error + pushed.min(model.velocity()[joint]).max(before) * stop_s;
+        take(
+            joint,
+            way,
+            stopped_m + (way - before * stop_s) * levers[joint],
+        );
+    }
 }
 
 /// Postures within the joint limits, each with the joints' inertias and the end-effector's levers on them.

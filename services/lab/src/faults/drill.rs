@@ -5,11 +5,13 @@
 use std::path::Path;
 
 use launcher::End;
-use session::{Failure, Observer, Progress, load};
+use session::load::{self, Loaded};
+use session::{Failure, Observer, Progress};
 use shared_types::fault::Fault;
 use shared_types::job::Mode;
 use shared_types::process::Program;
 use shared_types::scenario::Scenario;
+use shared_types::summary::Summary;
 
 use super::judge::Cell;
 use super::plan::{Only, grid};
@@ -54,70 +56,90 @@ pub fn drill(request: &Request<'_>, observer: Observer<'_>) -> Result<Drilled, F
         .map_err(Failure::Input)?;
     let mut cells = Vec::new();
     for name in request.scenarios {
-        let load::Loaded {
-            scenario,
-            robot,
-            graph,
-        } = load::scenario_in(request.graph, name, request.settings, request.seed)?;
-        let span = scenario.planned_ticks();
-        // Where the task is over sooner than an arm can come back, the verdict waits.
-        let settle_s = scenario.settle_s.max(TIME_TO_RECOVER_S);
-        let scenario = Scenario {
-            fault: Vec::new(),
-            settle_s,
-            ..scenario
-        };
-        let mut job = load::job(
-            &robot,
-            scenario,
-            graph,
-            Mode::Lockstep,
-            folder.path().join("run"),
-        );
-        request
-            .without
-            .iter()
-            .try_for_each(|without| without.leave_out(&mut job))?;
-        let stage = Stage {
-            job,
-            robot: &robot,
-            without: request.without,
-        };
-        let (graph, seed) = (&stage.job.graph, stage.job.scenario.seed);
-        let plans = grid(&robot, graph, seed, span, only.as_ref(), request.pairs);
-        if let Some(only) = only.as_ref().filter(|_| plans.is_empty()) {
-            let (cell, remedy) = (request.only.unwrap_or_default(), only.remedy(graph));
-            return Err(Failure::Input(format!(
-                "`{cell}` is no cell of this graph and arm: {remedy}; see `armplane fault --list`"
-            )));
-        }
-        observer(Progress::Begin {
-            title: name,
-            length: plans.len() as u64,
-            unit: "cells",
-        });
-        let base = lockstep(&stage, Vec::new(), &[], true)?;
-        if base.summary.outcome != "goal reached" {
-            return Err(Failure::Work(format!(
-                "{name} without a fault does not reach its goal ({}: {}): there is nothing to judge by",
-                base.summary.outcome, base.summary.reason
-            )));
-        }
-        for plan in plans {
-            let titles: Vec<String> = plan
-                .iter()
-                .map(|fault| format!("{} {}", fault.process, fault.kind))
-                .collect();
-            observer(Progress::Title(&format!(
-                "{name}: {}",
-                titles.join(" and ")
-            )));
-            cells.push(cell(&stage, &plan, &base)?);
-            observer(Progress::Step);
-        }
-        observer(Progress::End);
+        drill_one(
+            request,
+            name,
+            only.as_ref(),
+            &folder.path().join("run"),
+            &mut cells,
+            observer,
+        )?;
     }
     Drilled::new(cells, None, None, request.out)
+}
+
+/// Tries every fault in one scenario.
+fn drill_one(
+    request: &Request<'_>,
+    name: &str,
+    only: Option<&Only>,
+    out: &Path,
+    cells: &mut Vec<Cell>,
+    observer: Observer<'_>,
+) -> Result<(), Failure> {
+    let Loaded {
+        scenario,
+        robot,
+        graph,
+    } = load::scenario_in(request.graph, name, request.settings, request.seed)?;
+    let span = scenario.planned_ticks();
+    // Where the task is over sooner than an arm can come back, the verdict waits.
+    let settle_s = scenario.settle_s.max(TIME_TO_RECOVER_S);
+    let scenario = Scenario {
+        fault: Vec::new(),
+        settle_s,
+        ..scenario
+    };
+    let mut job = load::job(&robot, scenario, graph, Mode::Lockstep, out.to_owned());
+    request
+        .without
+        .iter()
+        .try_for_each(|without| without.leave_out(&mut job))?;
+    let stage = Stage {
+        job,
+        robot: &robot,
+        without: request.without,
+    };
+    let (graph, seed) = (&stage.job.graph, stage.job.scenario.seed);
+    let plans = grid(&robot, graph, seed, span, only, request.pairs);
+    if let Some(only) = only.filter(|_| plans.is_empty()) {
+        let (cell, remedy) = (request.only.unwrap_or_default(), only.remedy(graph));
+        return Err(Failure::Input(format!(
+            "`{cell}` is no cell of this graph and arm: {remedy}; see `armplane fault --list`"
+        )));
+    }
+    observer(Progress::Begin {
+        title: name,
+        length: plans.len() as u64,
+        unit: "cells",
+    });
+    let base = baseline(&stage, name)?;
+    for plan in plans {
+        let title = |fault: &Fault| format!("{} {}", fault.process, fault.kind);
+        let titles: Vec<String> = plan.iter().map(title).collect();
+        observer(Progress::Title(&format!(
+            "{name}: {}",
+            titles.join(" and ")
+        )));
+        cells.push(cell(&stage, &plan, &base)?);
+        observer(Progress::Step);
+    }
+    observer(Progress::End);
+    Ok(())
+}
+
+/// The run without a fault.
+fn baseline(stage: &Stage<'_>, name: &str) -> Result<Ran, Failure> {
+    let base = lockstep(stage, Vec::new(), &[], true)?;
+    let Summary {
+        outcome, reason, ..
+    } = &base.summary;
+    if outcome == "goal reached" {
+        return Ok(base);
+    }
+    Err(Failure::Work(format!(
+        "{name} without a fault does not reach its goal ({outcome}: {reason}): there is nothing to judge by"
+    )))
 }
 
 fn cell(stage: &Stage<'_>, plan: &[Fault], base: &Ran) -> Result<Cell, Failure> {

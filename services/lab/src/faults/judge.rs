@@ -231,6 +231,25 @@ impl Ran {
             .map(|(fault, _)| fault.tick)
     }
 
+    /// Restarts of some processes.
+    fn restarts(&self, is_meant: impl Fn(&str) -> bool) -> u32 {
+        let processes = self
+            .summary
+            .processes
+            .iter()
+            .filter(|process| is_meant(&process.name));
+        processes.map(|process| process.restarts).sum()
+    }
+
+    fn ending(&self, is_at_rest: bool) -> &'static str {
+        match &self.end {
+            End::Interrupted { .. } => "interrupted",
+            End::Completed if self.goal_reached() => "goal",
+            End::Completed if is_at_rest => "rest",
+            _ => "ended",
+        }
+    }
+
     fn goal_reached(&self) -> bool {
         let (goal, task) = (Goal::default(), &self.summary.task);
         self.summary.completed
@@ -261,22 +280,12 @@ impl Stage<'_> {
             ticks: ran.summary.ticks,
             faults: ran.summary.faults.clone(),
             motion: self.motion(ran, truth, &mut verdict),
-            end: match &ran.end {
-                End::Interrupted { .. } => "interrupted",
-                End::Completed if goal_reached => "goal",
-                End::Completed if is_at_rest => "rest",
-                _ => "ended",
-            },
+            end: ran.ending(is_at_rest),
             reason: ran.summary.reason.clone(),
             goal_reached,
             recovered: ran.end == End::Completed
                 && last.is_some_and(|state| state.drive == DRIVE_ACTIVE),
-            restarts: ran
-                .summary
-                .processes
-                .iter()
-                .map(|process| process.restarts)
-                .sum(),
+            restarts: ran.restarts(|_| true),
             messages: ran.messages,
             ..Cell::default()
         };
@@ -309,7 +318,6 @@ impl Stage<'_> {
 
     /// The arm's motion, and the physical guarantees.
     fn motion(&self, ran: &Ran, truth: &[PlantState], verdict: &mut Verdict) -> Motion {
-        let scenario = &ran.job.scenario;
         let (rate_hz, is_lockstep) = (ran.rate_hz(), ran.job.mode == Mode::Lockstep);
         let (limits, drives) = (recorder::Limits::of(self.robot), ran.drive_faults());
         let ratio = |value: f64, limit: f64| {
@@ -354,14 +362,7 @@ impl Stage<'_> {
                 unfresh.get_or_insert(tick);
             }
         }
-        let in_force = ran
-            .samples
-            .iter()
-            .filter(|sample| matches!(sample.drive, DRIVE_ACTIVE | DRIVE_HOLDING));
-        motion.stale_ticks = in_force
-            .map(|sample| sample.stale_ticks)
-            .max()
-            .unwrap_or_default();
+        motion.stale_ticks = age(ran, verdict);
         motion.torque_max_ratio = torque.0;
         let of_tick = |tick: Option<u64>| format!("at tick {}", tick.unwrap_or_default());
         verdict.unless(not_finite.is_none(), "finite", || of_tick(not_finite));
@@ -369,12 +370,6 @@ impl Stage<'_> {
         torque.within(1.0 + 1e-9, "torque", verdict);
         step.within(STEP_PER_MS * 1e3 / rate_hz, "step", verdict);
         speed.within(SPEED[usize::from(!is_lockstep)], "speed", verdict);
-        let stale_ms = 1e3 * f64::from(motion.stale_ticks) / rate_hz;
-        let is_young = motion.stale_ticks <= scenario.plant.hold_ticks
-            && !(is_lockstep && stale_ms > STALE_MS);
-        verdict.unless(is_young, "age", || {
-            format!("a torque was in force for {stale_ms:.0} ms")
-        });
         motion
     }
 
@@ -426,6 +421,25 @@ impl Stage<'_> {
         });
         Ok(excursion)
     }
+}
+
+/// The longest age of a torque in force, ticks.
+fn age(ran: &Ran, verdict: &mut Verdict) -> u32 {
+    let in_force = ran
+        .samples
+        .iter()
+        .filter(|sample| matches!(sample.drive, DRIVE_ACTIVE | DRIVE_HOLDING));
+    let stale_ticks = in_force
+        .map(|sample| sample.stale_ticks)
+        .max()
+        .unwrap_or_default();
+    let stale_ms = 1e3 * f64::from(stale_ticks) / ran.rate_hz();
+    let is_late = ran.job.mode == Mode::Lockstep && stale_ms > STALE_MS;
+    let is_young = stale_ticks <= ran.job.scenario.plant.hold_ticks && !is_late;
+    verdict.unless(is_young, "age", || {
+        format!("a torque was in force for {stale_ms:.0} ms")
+    });
+    stale_ticks
 }
 
 /// A run ends at its goal or at rest, or at the death of the plant or a spent restart budget, with a sentence that names the process.
@@ -505,21 +519,12 @@ fn lives(ran: &Ran, verdict: &mut Verdict) {
 fn record(ran: &Ran, verdict: &mut Verdict) {
     let (rate_hz, recorder, full_at) = (ran.rate_hz(), &ran.summary.recorder, ran.full_at());
     let is_lockstep = ran.job.mode == Mode::Lockstep;
-    let deaths = |name: &str| {
-        let process = ran
-            .summary
-            .processes
-            .iter()
-            .filter(|process| process.name == name);
-        process
-            .map(|process| u64::from(process.restarts))
-            .sum::<u64>()
-    };
-    let ticks = if is_lockstep {
+    let deaths = if is_lockstep {
         0
     } else {
-        (LOST_PER_DEATH_S * rate_hz).ceil() as u64 * deaths(Program::Recorder.name())
+        ran.restarts(|name| name == Program::Recorder.name())
     };
+    let ticks = (LOST_PER_DEATH_S * rate_hz).ceil() as u64 * u64::from(deaths);
     let topics = ran.summary.topics.len() as u64;
     let lost = if is_lockstep {
         recorder.lost
@@ -552,9 +557,14 @@ fn record(ran: &Ran, verdict: &mut Verdict) {
         }
         None => {}
     }
-    if !ran.job.record || !has_account {
-        return;
+    if ran.job.record && has_account {
+        rows(ran, ticks, verdict);
     }
+}
+
+/// The recording has numbers of every tick but those that may be missing.
+fn rows(ran: &Ran, ticks: u64, verdict: &mut Verdict) {
+    let (rate_hz, full_at) = (ran.rate_hz(), ran.full_at());
     let (rows, damage) = recorded(ran);
     verdict.unless(damage.is_empty(), "files", || damage.join("; "));
     // The chunk in hand goes with the volume, and what has come of the next one when that is detected.
@@ -735,16 +745,17 @@ mod tests {
         })
     }
 
+    type Corrupt<'a> = &'a dyn Fn(&mut Ran);
+
+    fn check(cases: &[(&[&str], Corrupt<'_>)]) {
+        for (place, (expected, corrupt)) in cases.iter().enumerate() {
+            assert_eq!(judged(corrupt), *expected, "case {place}");
+        }
+    }
+
     #[test]
-    fn each_guarantee_that_is_broken_is_caught_and_nothing_else() {
-        type Corrupt<'a> = &'a dyn Fn(&mut Ran);
-        let death = |process: &str, at: u64| fault(Fault::new(process, Kind::Kill), at, 100);
-        let unasked = |kind: &str| FaultSummary {
-            kind: kind.to_owned(),
-            origin: "detected".to_owned(),
-            ..death("analyzer", 50)
-        };
-        let cases: [(&[&str], Corrupt<'_>); 33] = [
+    fn each_physical_guarantee_that_is_broken_is_caught_and_nothing_else() {
+        check(&[
             (&[], &|_| ()),
             (&["finite"], &|ran| ran.truth[50].qdot[3] = f64::NAN),
             (&["torque", "step"], &|ran| ran.truth[50].tau[0] = -200.0),
@@ -775,6 +786,18 @@ mod tests {
             (&[], &|ran| {
                 (ran.truth[50].drive, ran.truth[50].drive_flags) = (DRIVE_STOPPING, DRIVE_ABSENT)
             }),
+        ]);
+    }
+
+    #[test]
+    fn deaths_ends_and_losses_are_judged_by_who_caused_them() {
+        let death = |process: &str, at: u64| fault(Fault::new(process, Kind::Kill), at, 100);
+        let unasked = |kind: &str| FaultSummary {
+            kind: kind.to_owned(),
+            origin: "detected".to_owned(),
+            ..death("analyzer", 50)
+        };
+        check(&[
             (&["end"], &|ran| {
                 (ran.truth[99].qdot[0], ran.summary.task.final_position_mm) = (0.1, 9.0)
             }),
@@ -811,6 +834,12 @@ mod tests {
                     fault(Fault::new("analyzer", Kind::Hang), 40, 5),
                 ]
             }),
+        ]);
+    }
+
+    #[test]
+    fn nothing_is_lost_but_by_a_death_or_a_full_volume() {
+        check(&[
             (&["lost"], &|ran| ran.messages.lost = 1),
             (&["lost"], &|ran| {
                 (ran.messages.lost, ran.summary.processes) = (501, recorder_died())
@@ -831,10 +860,7 @@ mod tests {
             (&["left-behind"], &|ran| {
                 ran.left_behind.push("armplane-0".to_owned())
             }),
-        ];
-        for (place, (expected, corrupt)) in cases.iter().enumerate() {
-            assert_eq!(judged(corrupt), *expected, "case {place}");
-        }
+        ]);
     }
 
     fn recorder_died() -> Vec<ProcessSummary> {

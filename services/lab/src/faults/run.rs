@@ -2,7 +2,7 @@
 
 use std::cell::OnceCell;
 
-use launcher::{End, Event};
+use launcher::{End, Event, Outcome};
 use message_log::LogReader;
 use model::Robot;
 use runtime::{ControlPage, MOST_WHEN_REQUESTED, RunDir, Stop, random};
@@ -32,7 +32,7 @@ pub(super) struct Ran {
     pub(super) messages: Messages,
     pub(super) truth: Vec<PlantState>,
     pub(super) samples: Vec<SensorSample>,
-    /// Lines of the processes, and what the launcher did.
+    /// Lines of the processes.
     pub(super) lines: Vec<String>,
     pub(super) left_behind: Vec<String>,
 }
@@ -65,36 +65,21 @@ impl Stage<'_> {
             let opened = ControlPage::open(run).map_err(Failure::work)?;
             request(page.get_or_init(|| opened), &job, live)
         };
-        let launched = session::launch_watched(&job, plan, &mut begin, &mut |event| match event {
-            Event::Progress { ticks } => {
-                progress(*ticks);
-                page.get()
-                    .filter(|_| *ticks > most_ticks)
-                    .into_iter()
-                    .for_each(|page| page.request_stop(Stop::Chain));
+        let launched = session::launch_watched(&job, plan, &mut begin, &mut |event| {
+            let late = matches!(event, Event::Progress { ticks } if *ticks > most_ticks);
+            page.get()
+                .filter(|_| late)
+                .into_iter()
+                .for_each(|page: &ControlPage| page.request_stop(Stop::Chain));
+            match event {
+                Event::Progress { ticks } => progress(*ticks),
+                Event::Line { process, line } => lines.push(format!("{process}: {line}")),
+                _ => {}
             }
-            Event::Go | Event::Stopping | Event::Stopped => {}
-            Event::Line { process, line } => lines.push(format!("{process}: {line}")),
-            other => lines.push(format!("{other:?}")),
         });
         let (outcome, account) = launched?;
         let summary = session::summarise(&job, &outcome, account);
-        let recorder = outcome
-            .processes
-            .iter()
-            .find(|one| one.name == Program::Recorder.name());
-        let counts = recorder.map(|one| one.counts).unwrap_or_default();
-        let sent = outcome
-            .processes
-            .iter()
-            .map(|process| process.counts.sent)
-            .sum();
-        let messages = Messages::of(
-            sent,
-            summary.recorder.messages,
-            counts.refused,
-            counts.fenced,
-        );
+        let messages = counted(&outcome, summary.recorder.messages);
         Ok(Ran {
             truth: messages_of(&job),
             samples: messages_of(&job),
@@ -106,6 +91,21 @@ impl Stage<'_> {
             lines,
         })
     }
+}
+
+/// The messages that the processes of a run have counted.
+fn counted(outcome: &Outcome, taken_in: u64) -> Messages {
+    let recorder = outcome
+        .processes
+        .iter()
+        .find(|one| one.name == Program::Recorder.name());
+    let counts = recorder.map(|one| one.counts).unwrap_or_default();
+    let sent = outcome
+        .processes
+        .iter()
+        .map(|process| process.counts.sent)
+        .sum();
+    Messages::of(sent, taken_in, counts.refused, counts.fenced)
 }
 
 fn request(page: &ControlPage, job: &Job, live: &[Fault]) -> Result<(), Failure> {

@@ -6,11 +6,11 @@ use std::path::Path;
 
 use serde::Serialize;
 use session::Failure;
-use session::table::{number, table};
+use session::table::{Cell as TableCell, number, table};
 use shared_types::summary::FaultSummary;
 use viz::plot::{Axis, BLUE, Color, Page, Panel, RED, Row, digits};
 
-use super::judge::Cell;
+use super::judge::{Broken, Cell};
 use crate::quantile::quantile;
 
 /// All cells.
@@ -113,7 +113,35 @@ fn names(cell: &Cell) -> [String; 2] {
 
 impl fmt::Display for Drilled {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let optional = |value: Option<f64>| number(value.map_or(String::from("–"), digits));
+        self.write_cells(f)?;
+        if let Some(seed) = self.seed {
+            self.write_kinds(f, seed)?;
+        }
+        for (place, cell) in (1..).zip(&self.cells) {
+            for Broken { check, detail } in &cell.broken {
+                let [process, fault] = names(cell);
+                writeln!(f, "BROKEN {place}, {process}, {fault}: {check}: {detail}")?;
+            }
+        }
+        let count = |is: &dyn Fn(&Cell) -> bool| self.cells.iter().filter(|cell| is(cell)).count();
+        let goal = count(&|cell| cell.goal_reached);
+        writeln!(
+            f,
+            "{} runs with faults: {goal} reached the goal, {} came to rest or ended, {} broke a guarantee",
+            self.cells.len(),
+            self.cells.len() - goal,
+            count(&|cell| !cell.broken.is_empty())
+        )
+    }
+}
+
+fn optional(value: Option<f64>) -> TableCell {
+    number(value.map_or(String::from("–"), digits))
+}
+
+impl Drilled {
+    /// A row for each cell.
+    fn write_cells(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let percent = |ratio: f64| number(format!("{:.1} %", ratio * 100.0));
         let mut rows = table(&[
             "process", "fault", "detected", "stale", "torque", "step", "speed", "mrad", "mm",
@@ -122,15 +150,15 @@ impl fmt::Display for Drilled {
         for cell in &self.cells {
             let ([process, fault], motion) = (names(cell), &cell.motion);
             let excursion = cell.excursion.clone().unwrap_or_default();
-            let detected = cell
-                .faults
-                .iter()
-                .filter_map(|fault| fault.detected_ms)
-                .reduce(f64::max);
             rows.add_row([
                 process.into(),
                 fault.into(),
-                optional(detected),
+                optional(
+                    cell.faults
+                        .iter()
+                        .filter_map(|fault| fault.detected_ms)
+                        .reduce(f64::max),
+                ),
                 number(motion.stale_ticks),
                 percent(motion.torque_max_ratio),
                 percent(motion.torque_step_max_ratio),
@@ -145,59 +173,40 @@ impl fmt::Display for Drilled {
             f,
             "{rows}\ndetected, settled: after so many ms; stale: age of a torque in force, in ticks; torque, step, speed: largest share of a limit;\n\
              mrad, mm: off the path, joints and end-effector, in lockstep; --json has more"
-        )?;
-        if let Some(seed) = self.seed {
-            let mut rows = table(&[
-                "fault",
-                "times",
-                "detected, ms",
-                "at most",
-                "recovered, ms",
-                "at most",
-            ]);
-            for kind in &self.kinds {
-                let pair = |times: Option<[f64; 2]>| {
-                    [0, 1].map(|place| optional(times.map(|times| times[place])))
-                };
-                let times = pair(kind.detected_ms)
+        )
+    }
+
+    /// A row for each kind of fault, and the messages of all runs.
+    fn write_kinds(&self, f: &mut fmt::Formatter<'_>, seed: u64) -> fmt::Result {
+        let mut rows = table(&[
+            "fault",
+            "times",
+            "detected, ms",
+            "at most",
+            "recovered, ms",
+            "at most",
+        ]);
+        for kind in &self.kinds {
+            let pair = |times: Option<[f64; 2]>| {
+                [0, 1].map(|place| optional(times.map(|times| times[place])))
+            };
+            let times = [pair(kind.detected_ms), pair(kind.recovered_ms)].concat();
+            rows.add_row(
+                [kind.kind.as_str().into(), number(kind.times)]
                     .into_iter()
-                    .chain(pair(kind.recovered_ms));
-                rows.add_row(
-                    [kind.kind.as_str().into(), number(kind.times)]
-                        .into_iter()
-                        .chain(times),
-                );
-            }
-            let sum = |of: fn(&Cell) -> u64| self.cells.iter().map(of).sum::<u64>();
-            writeln!(
-                f,
-                "{rows}\nseed {seed}: {} faults, {} restarts; {} messages sent, {} refused as not finite, {} of dead incarnations, {} lost",
-                sum(|cell| cell.faults.len() as u64),
-                sum(|cell| u64::from(cell.restarts)),
-                sum(|cell| cell.messages.sent),
-                sum(|cell| cell.messages.refused),
-                sum(|cell| cell.messages.fenced),
-                sum(|cell| cell.messages.lost)
-            )?;
+                    .chain(times),
+            );
         }
-        for (place, cell) in (1..).zip(&self.cells) {
-            for broken in &cell.broken {
-                let [process, fault] = names(cell);
-                writeln!(
-                    f,
-                    "BROKEN {place}, {process}, {fault}: {}: {}",
-                    broken.check, broken.detail
-                )?;
-            }
-        }
-        let count = |is: &dyn Fn(&Cell) -> bool| self.cells.iter().filter(|cell| is(cell)).count();
-        let goal = count(&|cell| cell.goal_reached);
+        let sum = |of: fn(&Cell) -> u64| self.cells.iter().map(of).sum::<u64>();
         writeln!(
             f,
-            "{} runs with faults: {goal} reached the goal, {} came to rest or ended, {} broke a guarantee",
-            self.cells.len(),
-            self.cells.len() - goal,
-            count(&|cell| !cell.broken.is_empty())
+            "{rows}\nseed {seed}: {} faults, {} restarts; {} messages sent, {} refused as not finite, {} of dead incarnations, {} lost",
+            sum(|cell| cell.faults.len() as u64),
+            sum(|cell| u64::from(cell.restarts)),
+            sum(|cell| cell.messages.sent),
+            sum(|cell| cell.messages.refused),
+            sum(|cell| cell.messages.fenced),
+            sum(|cell| cell.messages.lost)
         )
     }
 }
@@ -229,29 +238,40 @@ fn shade(value: f64, [least, most]: [f64; 2], is_broken: bool) -> Color {
 #[derive(Clone, Copy, Default)]
 struct Spot([Option<f64>; 3], bool);
 
-/// Two maps, faults downwards and processes to the right: how far the arm left its path or when the process was back, and when the fault was detected.
-fn picture(cells: &[Cell]) -> Page {
-    let (mut processes, mut faults) = (Vec::<String>::new(), Vec::<String>::new());
-    let mut spots = BTreeMap::<(usize, usize), Spot>::new();
-    let place = |names: &mut Vec<String>, name: String| {
-        names
+/// All of them, by the places of process and fault.
+#[derive(Default)]
+struct Map {
+    processes: Vec<String>,
+    faults: Vec<String>,
+    spots: BTreeMap<(usize, usize), Spot>,
+}
+
+impl Map {
+    fn of(cells: &[Cell]) -> Self {
+        let place = |names: &mut Vec<String>, name: String| {
+            names
+                .iter()
+                .position(|one| *one == name)
+                .unwrap_or_else(|| {
+                    names.push(name);
+                    names.len() - 1
+                })
+        };
+        let mut map = Self::default();
+        let alone = cells
             .iter()
-            .position(|one| *one == name)
-            .unwrap_or_else(|| {
-                names.push(name);
-                names.len() - 1
-            })
-    };
-    for cell in cells
-        .iter()
-        .filter(|cell| cell.excursion.is_none() || cell.faults.len() == 1)
-    {
-        for fault in cell.faults.iter().filter(|fault| fault.occurred) {
+            .filter(|cell| cell.excursion.is_none() || cell.faults.len() == 1);
+        for (cell, fault) in
+            alone.flat_map(|cell| cell.faults.iter().map(move |fault| (cell, fault)))
+        {
+            if !fault.occurred {
+                continue;
+            }
             let at = (
-                place(&mut processes, fault.process.clone()),
-                place(&mut faults, kind(fault)),
+                place(&mut map.processes, fault.process.clone()),
+                place(&mut map.faults, kind(fault)),
             );
-            let Spot(values, is_broken) = spots.entry(at).or_default();
+            let Spot(values, is_broken) = map.spots.entry(at).or_default();
             let off = cell
                 .excursion
                 .as_ref()
@@ -266,44 +286,45 @@ fn picture(cells: &[Cell]) -> Page {
             }
             *is_broken |= cell.excursion.is_some() && !cell.broken.is_empty();
         }
+        map
     }
-    let map = |title: &str, which: usize, range: [f64; 2]| {
-        let mut panel = Panel::new(
-            title,
-            Axis::names(processes.clone()),
-            Axis::names(faults.clone()),
-        );
-        for (column, row) in
-            (0..processes.len()).flat_map(|column| (0..faults.len()).map(move |row| (column, row)))
-        {
-            let (color, text) = match spots.get(&(column, row)) {
-                Some(Spot(values, is_broken)) => {
-                    let value = values[which];
-                    (
-                        shade(value.unwrap_or(0.0), range, *is_broken),
-                        value.map_or("–".to_owned(), digits),
-                    )
-                }
-                None => (NONE, "n/a".to_owned()),
-            };
-            panel.cell(column, row, color, text);
+
+    fn panel(&self, title: &str, which: usize, range: [f64; 2]) -> Panel {
+        let names = |names: &Vec<String>| Axis::names(names.iter().cloned());
+        let mut panel = Panel::new(title, names(&self.processes), names(&self.faults));
+        for column in 0..self.processes.len() {
+            for row in 0..self.faults.len() {
+                let (color, text) = match self.spots.get(&(column, row)) {
+                    Some(Spot(values, is_broken)) => (
+                        shade(values[which].unwrap_or(0.0), range, *is_broken),
+                        values[which].map_or("–".to_owned(), digits),
+                    ),
+                    None => (NONE, "n/a".to_owned()),
+                };
+                panel.cell(column, row, color, text);
+            }
         }
         panel
-    };
+    }
+}
+
+/// Two maps, faults downwards and processes to the right: how far the arm left its path or when the process was back, and when the fault was detected.
+fn picture(cells: &[Cell]) -> Page {
+    let map = Map::of(cells);
     let first = if cells.iter().any(|cell| cell.excursion.is_some()) {
-        map(
+        map.panel(
             "largest distance from the fault-free path, mrad",
             0,
             [0.01, 100.0],
         )
     } else {
-        map(
+        map.panel(
             "longest time until the process was back, ms",
             2,
             [0.01, 1000.0],
         )
     };
-    let detected = map(
+    let detected = map.panel(
         "longest time until the fault is detected, ms",
         1,
         [0.01, 1000.0],
@@ -320,7 +341,7 @@ fn picture(cells: &[Cell]) -> Page {
             cells.len()
         ),
         rows: vec![Row::of(
-            80.0 + 19.0 * faults.len() as f64,
+            80.0 + 19.0 * map.faults.len() as f64,
             [first, detected],
         )],
         notes: vec![

@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use launcher::End;
 use model::Robot;
 use runtime::random;
 use session::{Failure, Observer, Progress, load};
+use shared_types::fault::Fault;
 use shared_types::job::Mode;
 use shared_types::scenario::{Scenario, Segment, Turn};
 
-use super::judge::Cell;
+use super::judge::{Broken, Cell};
 use super::plan::Deck;
 use super::run::Stage;
 use super::show::Drilled;
@@ -37,11 +37,7 @@ pub fn soak(
     observer: Observer<'_>,
 ) -> Result<Drilled, Failure> {
     let mut signals = session::interrupts()?;
-    let mut folder = Some(Folder::create(out)?);
-    let path = folder
-        .as_ref()
-        .map(|folder| folder.path().to_owned())
-        .unwrap_or_default();
+    let folder = Folder::create(out)?;
     let seed = seed.unwrap_or_else(|| runtime::now_ns() % 1_000_000);
     let (rate_hz, graph) = (f64::from(scenario.rate_hz), load::graph(None)?);
     let mut deck = Deck::new(robot, graph.clone(), scenario.rate_hz, seed);
@@ -58,71 +54,55 @@ pub fn soak(
             break;
         }
         let number = cells.len() + 1;
-        let broken = cells.iter().filter(|cell| !cell.broken.is_empty()).count();
-        observer(Progress::Title(&format!("round {number}, {broken} broken")));
         let mut scenario = prolonged(scenario, left_s.min(ROUND_S));
         scenario.seed = random(seed, number as u64) % 1_000_000_000;
-        let (planned_s, out) = (
-            scenario.duration_s(),
-            path.join(format!("round-{number:03}")),
-        );
-        let most_ticks = ((LONGEST.0 * planned_s + LONGEST.1) * rate_hz) as u64;
-        let job = load::job(
-            robot,
-            scenario.clone(),
-            graph.clone(),
-            Mode::Realtime,
-            out.clone(),
-        );
+        let out = folder.path().join(format!("round-{number:03}"));
+        let job = load::job(robot, scenario, graph.clone(), Mode::Realtime, out);
         let stage = Stage {
             job,
             robot,
             without: None,
         };
-        let progress = |ticks: u64| observer(Progress::Position(done + ticks));
-        let ran = stage.run(
-            scenario,
-            &deck.round(planned_s),
-            true,
-            most_ticks,
-            &progress,
-        );
+        let plan = deck.round(stage.job.scenario.duration_s());
+        let round = round(&stage, &plan, &|ticks| {
+            observer(Progress::Position(done + ticks))
+        });
         interrupted = signals.pending();
-        let ran = match ran {
-            Ok(ran) => ran,
+        let cell = match round {
+            Ok(cell) => cell,
             Err(_) if interrupted.is_some() => break,
             Err(failure) => return Err(failure),
         };
-        session::keep(&out, &ran.job, &ran.summary)?;
-        let cell = stage.judge(&ran, None)?;
-        for broken in &cell.broken {
-            let (check, detail) = (broken.check, &broken.detail);
+        for Broken { check, detail } in &cell.broken {
+            let out = stage.job.out.display();
             observer(Progress::Line(&format!(
-                "round {number}: {check}: {detail} ({})",
-                out.display()
+                "round {number}: {check}: {detail} ({out})"
             )));
         }
-        if cell.broken.is_empty() {
-            // Nothing to be looked at: a hundred megabytes a minute.
-            let _ = std::fs::remove_dir_all(&out);
-        } else {
-            let _ = std::fs::write(out.join("stderr.txt"), ran.lines.join("\n"));
-        }
-        done += ran.summary.ticks;
-        if let End::Interrupted { signal } = ran.end {
-            interrupted.get_or_insert(signal);
-        }
+        done += cell.ticks;
         cells.push(cell);
     }
     observer(Progress::End);
     if cells.iter().any(|cell| !cell.broken.is_empty()) {
-        let kept = folder.take().map(Folder::keep).unwrap_or_default();
-        observer(Progress::Line(&format!(
-            "{}/round-NNN/scenario.toml holds the faults of each broken round",
-            kept.display()
-        )));
+        folder.keep();
     }
     Drilled::new(cells, Some(seed), interrupted, out)
+}
+
+/// Runs and judges a round; only what broke a guarantee stays, for the messages take a hundred megabytes a minute.
+fn round(stage: &Stage<'_>, plan: &[Fault], progress: &dyn Fn(u64)) -> Result<Cell, Failure> {
+    let (scenario, out) = (&stage.job.scenario, &stage.job.out);
+    let most_s = LONGEST.0 * scenario.duration_s() + LONGEST.1;
+    let most_ticks = (most_s * f64::from(scenario.rate_hz)) as u64;
+    let ran = stage.run(scenario.clone(), plan, true, most_ticks, progress)?;
+    session::keep(out, &ran.job, &ran.summary)?;
+    let cell = stage.judge(&ran, None)?;
+    if cell.broken.is_empty() {
+        let _ = std::fs::remove_dir_all(out);
+    } else {
+        let _ = std::fs::write(out.join("stderr.txt"), ran.lines.join("\n"));
+    }
+    Ok(cell)
 }
 
 /// A scenario's motion without its faults, there and back again until the time is over.
