@@ -134,6 +134,14 @@ pub(crate) fn placement(X: &Pose) -> Placement {
     }
 }
 
+/// The pose of a message: position and rotation matrix, column-major.
+pub(crate) fn pose(p: &[f64; 3], R: &[f64; 9]) -> Placement {
+    Placement {
+        R: Mat3::from_cols_array(&R.map(|x| x as f32)),
+        p: vec3(&(*p).into()),
+    }
+}
+
 /// A solid's frame in the plane across `axis`: x stays x.
 fn across(axis: Vec3) -> Placement {
     Placement::along(Vec3::ZERO, axis, Vec3::X)

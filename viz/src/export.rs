@@ -1,7 +1,6 @@
 //! A recording's numbers and events for other tools.
 
 mod csv;
-mod fields;
 mod format;
 mod foxglove;
 mod mcap;

@@ -24,6 +24,7 @@ mod export;
 mod frames;
 mod manipulability;
 mod narration;
+mod parts;
 pub mod plot;
 mod read;
 mod recording;
@@ -35,14 +36,15 @@ mod sink;
 mod solid;
 mod tint;
 
+pub use entity::Lives;
 pub use export::{ExportError, ExportFormat, Exported, Messages, export};
-pub use read::{About, Damage, Piece, ReadError, ReadNews, Rows, Solid, read};
-pub use recording::{
-    Level, MergeError, Options, Recording, RunInfo, Written, bytes_in, checksums, complete,
-    cut_behind, merge, part_name, parts_in, save_blueprint,
+pub use parts::{
+    MergeError, bytes_in, checksums, complete, cut_behind, merge, part_name, parts_in,
 };
+pub use read::{About, Damage, Piece, ReadError, ReadNews, Rows, Solid, read};
+pub use recording::{Level, Options, Recording, RunInfo, Written, save_blueprint};
 pub use report::{Report, ReportError, report};
 pub use shortfall::{Reading, Shortfall, altered, has_rows, rows_in};
-pub use signals::{ChainHops, Lives, Signal, TickRow, chain_hops, hop_names};
-pub use sink::{FileInfo, RecordError, Storage};
+pub use signals::{ChainHops, Signal, TickRow, chain_hops, hop_names};
+pub use sink::{RecordError, Storage};
 pub use tint::singularity_ink;

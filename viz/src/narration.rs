@@ -469,7 +469,7 @@ pub(crate) fn doing(mode: u32) -> &'static str {
 mod tests {
     use super::*;
     use shared_types::TorqueCommand;
-    use shared_types::messages::{ControlState, PlantState, SensorSample, SingularityReport};
+    use shared_types::messages::{ControlState, PlantState, SingularityReport};
     use shared_types::topics::ByTopic;
 
     const RUN: Run = Run {
@@ -480,116 +480,21 @@ mod tests {
         fault: None,
     };
 
+    /// A stay is told with its times and its longest response, and how far a hand was off that should stand still.
     #[test]
-    fn words_name_the_singularity_and_what_is_lost() {
-        let mut report = SingularityReport {
-            count: 2,
-            ..SingularityReport::default()
-        };
-        report.singularities[0] = SingularityState {
-            kind: KIND_ELBOW,
-            class: TYPE_1,
-            ..SingularityState::default()
-        };
-        report.singularities[1] = SingularityState {
-            kind: KIND_WRIST,
-            class: TYPE_2,
-            inside: 1,
-            angular: 1,
-            ..SingularityState::default()
-        };
-        let (mut command, torque) = <(ControlState, TorqueCommand)>::default();
-        command.mode[1] = MODE_REORIENT;
-        let row = TickRow::new(
-            0,
-            ByTopic {
-                singularity: Some(&report),
-                control_state: Some(&command),
-                torque: Some(&torque),
-                ..ByTopic::default()
-            },
-        );
-        let words = Situation::of(&row).markdown(&RUN);
-        for expected in [
-            "Wrist lock: the hand cannot turn about ζ · rank 5 of 6",
-            "**wrist** (magenta, type 2)",
-            "axes 4 and 6",
-            "joints turn ζ",
-        ] {
-            assert!(words.contains(expected), "{expected:?} is not in {words}");
-        }
-        assert!(
-            !words.contains("elbow"),
-            "the arm is not in the elbow singularity"
-        );
-        assert_eq!(Situation::of(&row), Situation::of(&row));
-        report.singularities[0].inside = 1;
-        let row = TickRow::new(
-            0,
-            ByTopic {
-                singularity: Some(&report),
-                torque: Some(&torque),
-                ..ByTopic::default()
-            },
-        );
-        let words = Situation::of(&row).markdown(&Run {
-            fault: Some("Analyzer hangs"),
-            ..RUN
-        });
-        assert!(
-            words.contains("## Analyzer hangs: the arm goes on")
-                && words.contains("2 locks at once"),
-            "{words}"
-        );
-        assert!(
-            words.contains("rank 4 of 6") && words.contains("| **elbow** (orange"),
-            "{words}"
-        );
-    }
-
-    #[test]
-    fn a_lock_that_is_over_is_told_with_its_times_and_its_longest_response() {
+    fn the_past_is_known() {
         let mut report = SingularityReport {
             count: 1,
-            ..SingularityReport::default()
-        };
-        report.singularities[0] = SingularityState {
-            kind: KIND_WRIST,
-            class: TYPE_2,
-            angular: 1,
-            ..SingularityState::default()
+            ..Default::default()
         };
         let (mut command, torque) = <(ControlState, TorqueCommand)>::default();
-        let mut history = History::new(false);
+        let (mut state, mut history) = (PlantState::default(), History::new(true));
         for tick in 0..30 {
             report.singularities[0].inside = u32::from((10..25).contains(&tick));
             command.mode[0] = if tick < 22 { MODE_REORIENT } else { MODE_TRACK };
+            state.p_BE[1] = if tick == 7 { 0.008_462 } else { 0.001 };
             let row = TickRow::new(
                 tick,
-                ByTopic {
-                    singularity: Some(&report),
-                    control_state: Some(&command),
-                    torque: Some(&torque),
-                    ..ByTopic::default()
-                },
-            );
-            history.push(&row);
-            let words = history.situation(&row).markdown(&RUN);
-            let told = words.contains("| **wrist** (magenta), 0.01 to 0.03 s | turn about ζ | joints turn ζ, the hand stays |");
-            assert_eq!(told, tick >= 25, "{tick}: {words}");
-        }
-    }
-
-    #[test]
-    fn of_a_hand_that_should_stand_still_the_words_say_how_far_it_was_off() {
-        let (mut state, command, report) =
-            <(PlantState, ControlState, SingularityReport)>::default();
-        let torque = TorqueCommand::default();
-        let mut history = History::new(true);
-        for off_m in [0.0, 0.008_462, 0.001] {
-            state.p_BE[1] = off_m;
-            let row = TickRow::new(
-                0,
                 ByTopic {
                     plant_state: Some(&state),
                     singularity: Some(&report),
@@ -599,39 +504,19 @@ mod tests {
                 },
             );
             history.push(&row);
-            let words = history.situation(&row).markdown(&RUN);
+            let situation = history.situation(&row);
             assert_eq!(
-                words.contains("**8.5 mm** off its place at most"),
-                off_m > 0.0,
-                "{words}"
+                situation.inside().count(),
+                usize::from((10..25).contains(&tick))
             );
+            let stay = Stay {
+                first: 10,
+                end: 25,
+                mode: MODE_REORIENT,
+            };
+            assert_eq!(situation.past[0], (tick >= 25).then_some(stay));
+            assert_eq!(situation.off_um, Some(if tick < 7 { 1000 } else { 8500 }));
         }
-    }
-
-    #[test]
-    fn without_a_command_the_words_say_what_the_drive_does() {
-        let report = SingularityReport {
-            count: 1,
-            ..SingularityReport::default()
-        };
-        let sensor = SensorSample {
-            drive: DRIVE_BRAKED,
-            ..SensorSample::default()
-        };
-        let words = Situation::of(&TickRow::new(
-            0,
-            ByTopic {
-                singularity: Some(&report),
-                sensor: Some(&sensor),
-                ..ByTopic::default()
-            },
-        ))
-        .markdown(&RUN);
-        assert!(
-            words.contains("No torque comes: the drives have braked the arm")
-                && !words.contains("Free"),
-            "{words}"
-        );
     }
 
     /// About how wide the viewer draws a text, px: its font in three classes of letters, within 3 % of what it was seen to draw.
@@ -649,57 +534,43 @@ mod tests {
     fn the_head_is_the_widest_cell_of_every_column_and_the_table_fits_its_pane() {
         let mut head = String::new();
         tell_head(&mut head);
-        let cells: Vec<&str> = head
+        let cells = head
             .lines()
             .next()
             .unwrap_or("")
             .split('|')
-            .map(|cell| cell.trim_matches(' '))
-            .collect();
-        let (first, lost_width, last) = (width(cells[1]), width(cells[2]), width(cells[3]));
+            .map(|cell| width(cell.trim_matches(' ')));
+        let [_, first, second, last, _] = cells.collect::<Vec<_>>()[..] else {
+            panic!("{head}")
+        };
         // The pane is 676 px wide, half of the window, with margins of 14; gaps and frame of the table are 45.
-        assert!(
-            first + lost_width + last + 45.0 <= 676.0 - 2.0 * 14.0,
-            "{first} {lost_width} {last}"
-        );
-        for mode in 0..MODES.len() as u32 {
-            // Less the error of `width`.
-            assert!(
-                0.97 * width(doing(mode)) <= last,
-                "{:?} is wider than its column",
-                doing(mode)
-            );
-        }
-        assert!(width(lost(true)).max(width(lost(false))) <= lost_width);
-        for ((kind, _), class, joints) in KINDS.iter().flat_map(|kind| {
+        assert!(first + second + last + 45.0 <= 676.0 - 2.0 * 14.0);
+        // Less the error of `width`; bold letters are a little wider.
+        assert!((0..MODES.len() as u32).all(|mode| 0.97 * width(doing(mode)) <= last));
+        assert!(width(lost(true)).max(width(lost(false))) <= second);
+        for (kind, (class, joints)) in KINDS.iter().flat_map(|kind| {
             TYPES
                 .iter()
-                .flat_map(move |class| [(kind, class, 6), (kind, class, 7)])
+                .flat_map(move |class| [(kind.0, (class, 6)), (kind.0, (class, 7))])
         }) {
             // The type is unknown of those found by number only.
-            if *kind != KIND_NUMERIC && class.0 == TYPE_UNKNOWN {
-                continue;
-            }
-            let (name, (colour, _)) = (singularity_name(*kind, 7), named_colour(*kind, 1));
-            // Bold letters are a little wider; less the error of `width`.
-            let present = 1.08 * width(&name)
-                + width(&format!(
+            if kind == KIND_NUMERIC || class.0 != TYPE_UNKNOWN {
+                let (name, colour) = (
+                    1.08 * width(&singularity_name(kind, 7)),
+                    named_colour(kind, 1).0,
+                );
+                let present = width(&format!(
                     " ({colour}, {}): {}",
                     class.1,
-                    reason(*kind, joints)
+                    reason(kind, joints)
                 ));
-            assert!(
-                0.97 * present <= first,
-                "{name} {colour} {}: {present} px in {first}",
-                class.1
-            );
-            assert!(
-                1.08 * width(&name) + width(&format!(" ({colour}), 10000.00 to 20000.00 s"))
-                    <= first,
-                "{name}"
-            );
+                let past = width(&format!(" ({colour}), 10000.00 to 20000.00 s"));
+                assert!(
+                    0.97 * (name + present) <= first && name + past <= first,
+                    "{kind}"
+                );
+            }
         }
-        assert!(width(COLOURS) < 640.0);
     }
 
     #[test]
@@ -708,11 +579,11 @@ mod tests {
         for locks in 0..=3 {
             let mut report = SingularityReport {
                 count: 3,
-                ..SingularityReport::default()
+                ..Default::default()
             };
-            for one in &mut report.singularities[..locks] {
-                one.inside = 1;
-            }
+            report.singularities[..locks]
+                .iter_mut()
+                .for_each(|one| one.inside = 1);
             let row = TickRow::new(
                 0,
                 ByTopic {
@@ -722,36 +593,38 @@ mod tests {
                     ..ByTopic::default()
                 },
             );
-            let situation = Situation::of(&row);
-            let mut afterwards = situation;
-            if locks == 0 {
-                afterwards.past[..3].fill(Some(Stay {
-                    first: 100,
-                    end: 200,
-                    mode: MODE_TRACK,
-                }));
-            }
+            let (situation, mut afterwards) = (Situation::of(&row), Situation::of(&row));
+            afterwards.past[locks..3].fill(Some(Stay {
+                first: 100,
+                end: 200,
+                mode: MODE_TRACK,
+            }));
             // 23 px a row, 38 px the headline, 16 px of frame and gap around a table, of the 172 px below the pane's tab and margin.
             for words in [situation, afterwards].map(|situation| situation.markdown(&RUN)) {
                 let rows = words
                     .lines()
                     .skip(1)
-                    .filter(|line| !line.is_empty() && !line.starts_with("|--"))
-                    .count();
-                assert!(38 + 23 * rows + 2 * 16 <= 172, "{locks} locks: {rows} rows");
+                    .filter(|line| !line.is_empty() && !line.starts_with("|--"));
+                assert!(
+                    38 + 23 * rows.count() + 2 * 16 <= 172,
+                    "{locks} locks: {words}"
+                );
             }
         }
     }
 
     #[test]
     fn every_code_has_a_lane_colour() {
-        let lanes = |table: &[Named], states: States| {
-            table
-                .iter()
-                .all(|(_, name)| states.iter().any(|(state, _)| state == name))
-        };
-        assert!(
-            lanes(MODES, MODE_STATES) && lanes(DRIVES, DRIVE_STATES) && lanes(PHASES, PHASE_STATES)
-        );
+        for (table, states) in [
+            (MODES, MODE_STATES),
+            (DRIVES, DRIVE_STATES),
+            (PHASES, PHASE_STATES),
+        ] {
+            assert!(
+                table
+                    .iter()
+                    .all(|(_, name)| states.iter().any(|(state, _)| state == name))
+            );
+        }
     }
 }

@@ -14,7 +14,7 @@ use re_log_types::{StoreId, StoreKind};
 
 use crate::entity;
 use crate::frames::Frames;
-use crate::signals::{Limits, Signal, Width, from_logarithm};
+use crate::signals::{Kept, Limits, Signal, from_logarithm};
 
 /// Why a recording cannot be read back.
 #[derive(Debug, thiserror::Error)]
@@ -234,8 +234,8 @@ impl Rows {
                 .for_each(|(i, value)| *value = derive(i, *value));
             return;
         }
-        let (columns, row) = match signal.width() {
-            Width::Slow => match self.ticks.get(row).and_then(|tick| self.slow_row(*tick)) {
+        let (columns, row) = match signal.of().kept {
+            Kept::Slow => match self.ticks.get(row).and_then(|tick| self.slow_row(*tick)) {
                 Some(found) => found,
                 None => return,
             },
@@ -251,10 +251,9 @@ impl Rows {
         if let Some(all) = lists.values().as_primitive_opt::<Float64Type>() {
             into.extend_from_slice(&all.values()[range]);
         } else if let Some(all) = lists.values().as_primitive_opt::<Float32Type>() {
-            let value = if signal.width() == Width::Log {
-                from_logarithm
-            } else {
-                f64::from
+            let value = match signal.of().kept {
+                Kept::Log(_) => from_logarithm,
+                _ => f64::from,
             };
             into.extend(all.values()[range].iter().map(|x| value(*x)));
         }
@@ -395,21 +394,17 @@ fn has(chunk: &Chunk, component: &'static str) -> bool {
 
 /// The run's description in static chunks.
 fn learn(chunk: &Chunk, at: &str, about: &mut About) {
-    let limits = Arc::make_mut(&mut about.limits);
-    for (name, column) in chunk.components().iter().filter(|_| at == entity::SIGNALS) {
-        match name.as_str() {
-            "joint:torque_limit" => {
-                about.joints = column.list_array.values().len();
-                limits.torque = numbers(&column.list_array);
+    if at == entity::SIGNALS {
+        for (name, limits) in Arc::make_mut(&mut about.limits).named() {
+            if let Some(column) = chunk.components().get(name.into()) {
+                let numbers = column.list_array.values().as_primitive_opt::<Float64Type>();
+                *limits = numbers.map_or(Vec::new(), |all| all.values().to_vec());
             }
-            "joint:qdot_limit" => limits.speed = numbers(&column.list_array),
-            "joint:q_centre" => limits.centre = numbers(&column.list_array),
-            "joint:q_half_range" => limits.half_range = numbers(&column.list_array),
-            entity::SINGULARITY_NAMES => {
-                let names = texts(chunk, entity::SINGULARITY_NAMES).into_iter();
-                about.singularities = names.flatten().collect();
-            }
-            _ => {}
+        }
+        about.joints = about.limits.torque.len();
+        if has(chunk, entity::SINGULARITY_NAMES) {
+            let names = texts(chunk, entity::SINGULARITY_NAMES).into_iter();
+            about.singularities = names.flatten().collect();
         }
     }
     for (name, column) in chunk.components().iter().filter(|_| at.ends_with("/run")) {
@@ -434,13 +429,6 @@ fn ticks(chunk: &Chunk) -> Vec<u64> {
                 .map(|tick| (*tick).max(0) as u64)
                 .collect()
         })
-}
-
-fn numbers(lists: &ListArray) -> Vec<f64> {
-    lists
-        .values()
-        .as_primitive_opt::<Float64Type>()
-        .map_or(Vec::new(), |all| all.values().to_vec())
 }
 
 /// The texts of each row of a component.
@@ -507,15 +495,9 @@ fn vectors<const K: usize>(chunk: &Chunk, component: &'static str) -> Vec<Option
 
 /// The signals that a chunk has.
 fn columns(chunk: &Chunk) -> Vec<(Signal, ListArray)> {
-    let column = |signal: &Signal| {
-        Some((
-            *signal,
-            chunk
-                .components()
-                .get(signal.component().into())?
-                .list_array
-                .clone(),
-        ))
+    let column = |signal: Signal| {
+        let column = chunk.components().get(signal.component().into())?;
+        Some((signal, column.list_array.clone()))
     };
-    Signal::ALL.iter().filter_map(column).collect()
+    Signal::recorded().filter_map(column).collect()
 }

@@ -1,25 +1,774 @@
-//! A recording in the making.
+//! A recording in the making, from its first tick to its end.
 
-mod columns;
-mod ending;
-mod file;
+mod eye;
 mod lanes;
 mod marks;
-mod merge;
-mod parts;
 mod picture;
-mod pieces;
-mod rival;
-mod state;
+mod rows;
+mod shapes;
 mod steered;
-mod write;
 
-pub use file::save_blueprint;
-pub(crate) use merge::is_complete;
-pub use merge::{MergeError, complete, merge};
-pub use parts::{bytes_in, checksums, cut_behind, part_name, parts_in};
-pub(crate) use pieces::Room;
-pub use state::{Level, Options, Recording, RunInfo, Written};
+use std::path::Path;
+
+use model::{Model, Robot};
+use nalgebra::{SMatrix, SVector, Vector3};
+use re_chunk::external::arrow::array::{Array, Float64Array, StringArray};
+use re_chunk::{EntityPath, TimeColumn, TimePoint};
+use re_log_types::{ApplicationId, StoreId, StoreKind, TimeCell};
+use re_sdk_types::archetypes::{RecordingInfo, TextDocument, TextLog};
+use re_sdk_types::components::{TextLogLevel, Timestamp};
+use re_sdk_types::{AnyValues, AsComponents, DynamicArchetype, SerializedComponentColumn};
+use shared_types::scenario::{Layout, Scenario, Segment};
+use shared_types::{MAX_DOF, MAX_SINGULARITIES};
+
+use crate::arm::{Figure, placement, vec3};
+use crate::blueprint::{self, BAND_LINES, Ending, Eye, Subject, Way};
+use crate::entity::{self, Lives};
+use crate::manipulability::{at_point, singular_values};
+use crate::narration::{History, Situation, colour_of};
+use crate::parts::{create, part_name};
+use crate::scene::{Mark, NullMotion};
+use crate::signals::{ChainHops, Kept, Limits, Now, Signal, TickRow};
+use crate::sink::{RecordError, Sink, Storage};
+use crate::solid::Placement;
+pub(crate) use eye::Room;
+use eye::{Stretches, close_up};
+use lanes::{Fault, LANES};
+use marks::Shown;
+use rows::{Table, Track};
+
+/// Which run a recording is of.
+#[derive(Clone, Debug)]
+pub struct RunInfo<'a> {
+    /// The request.
+    pub scenario: &'a Scenario,
+    /// The arm.
+    pub robot: &'a Robot,
+    /// Identifies the run, and its recording; unique.
+    pub run: &'a str,
+    /// Version of armplane that made it.
+    pub version: &'a str,
+    /// Seed of every random number.
+    pub seed: u64,
+    /// The chain's places in the stamps: [`chain_hops`](crate::chain_hops) of the run's graph.
+    pub hops: Option<ChainHops>,
+    /// The processes that have lanes: [`Lives::of`] the run's graph.
+    pub lives: Lives,
+}
+
+/// How much is recorded, and how often it is written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// A chunk is written every so many seconds of the run: what a killed process leaves unwritten.
+    pub chunk_s: f64,
+    /// Pictures per second.
+    pub picture_hz: f64,
+    /// Whether a viewer watches as it is made: the viewer follows the end then, and plays nothing again.
+    pub is_live: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            chunk_s: 1.0,
+            picture_hz: 50.0,
+            is_live: false,
+        }
+    }
+}
+
+/// How far a recording has come.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Written {
+    /// The first tick of which nothing is on file: everything before it is.
+    pub next: u64,
+    /// The last part, from 0.
+    pub part: u32,
+    /// Where in that part all of it ends.
+    pub bytes: u64,
+}
+
+/// How serious an event is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// As planned.
+    Info,
+    /// A fault that is being dealt with.
+    Warning,
+    /// Something failed.
+    Error,
+}
+
+/// A recording in the making: ticks in, an `.rrd` out.
+///
+/// One type for every arm: the model has as many places for joints as a message, so that this code is compiled once.
+///
+/// It may be spread over several files, its parts: each opens alone, all of them together as one recording, because they carry the same
+/// recording id. [`next_part`](Self::next_part) turns to a fresh file within a run; [`create_part`](Self::create_part) lets another
+/// process take up where one was killed.
+///
+/// Ensures: nothing blocks but the storage; the first error ends the file at its last whole message and is answered once, by
+/// [`tick`](Self::tick) or [`finish`](Self::finish). A killed process leaves a file readable up to its last chunk.
+pub struct Recording {
+    sink: Sink,
+    store: StoreId,
+    run: Facts,
+    subject: Subject,
+    /// Number of the present part.
+    number: u32,
+    part: Part,
+    story: Story,
+    /// The last words on both laws, in a race.
+    rival: Option<String>,
+    signals: Table,
+    /// Values only drawn, every so many ticks.
+    drawn: Table,
+    /// Places since the last chunk.
+    tracks: Vec<Track>,
+    /// Lines that grow: the last point of a chunk is the first of the next.
+    ways: [Vec<(u64, glam::Vec3)>; 4],
+    /// The last tick taken in.
+    last: Option<u64>,
+    /// The first tick of which nothing is on file.
+    next: u64,
+}
+
+/// What is known of a run before its first tick, but for what its layout depends on ([`Subject`]).
+struct Facts {
+    options: Options,
+    layout: Layout,
+    segments: Vec<Segment>,
+    rate_hz: u32,
+    title: String,
+    properties: [(&'static str, String); 6],
+    arm: Model<MAX_DOF>,
+    figure: Figure,
+    /// The axes of the hand's twist that the task has.
+    task: [bool; 6],
+    limits: Limits,
+    hops: Option<ChainHops>,
+}
+
+/// What the present part says already: values that are written only on change are written in each part again.
+#[derive(Default)]
+struct Part {
+    ticks: u64,
+    /// The blueprint waits for the first report, which names the singularities.
+    blueprint_sent: bool,
+    guides_due: u64,
+    marks: [Shown; MAX_SINGULARITIES],
+    /// Whether it has the mesh of each link's ghosts.
+    ghost_drawn: [bool; MAX_DOF],
+    situation: Option<Situation>,
+    /// Of a steered arm: the reason last written at the hand, and the way down from there, in the hand's axes.
+    reason: Option<([u32; 3], glam::Vec3)>,
+    lanes: [&'static str; LANES],
+    fault: Option<String>,
+    /// Until when each process with a lane counts as restarted.
+    fresh_until: [u64; entity::LIVES],
+}
+
+/// What has happened in the run so far.
+struct Story {
+    stretches: Stretches,
+    room: Room,
+    motion: NullMotion,
+    history: History,
+    /// On which side of its axis each label is.
+    sides: [f32; MAX_SINGULARITIES],
+    /// How many ghosts each link has.
+    ghosts: [usize; MAX_DOF],
+    /// Faults in force.
+    faults: Vec<Fault>,
+    /// All that the lane of faults has said.
+    fault_states: Vec<String>,
+    /// Ticks since the last command.
+    unheard: u64,
+    /// For how many ticks each writer's message has been missing, and its incarnation.
+    missing: [u64; entity::LIVES],
+    incarnations: [u32; entity::LIVES],
+}
+
+/// Writes a layout for a run as a `.rbl` file, to be opened beside its recording; `first` names the singularities and places the eye.
+///
+/// # Errors
+/// [`RecordError`] where the file cannot be made or written, or the robot has more joints than a message.
+pub fn save_blueprint(
+    path: &Path,
+    run: &RunInfo,
+    first: &TickRow,
+    layout: Layout,
+) -> Result<(), RecordError> {
+    let mut recording = Recording::with_storage(std::io::sink(), 0, run, Options::default())?;
+    recording.tick(first)?;
+    let mut sink = Sink::new(Box::new(create(path)?), &recording.blueprint())?;
+    sink.send_blueprint(
+        &recording.blueprint(),
+        blueprint::layout(&recording.subject, layout),
+    );
+    sink.finish().map(drop)
+}
+
+/// How far guides go on after the last tick, as a share of the time before it. Plots are as long as what they hold: at the end of the lines
+/// a legend of short names has room, and hides none of them.
+const LEGEND: f64 = 0.3;
+/// Seconds that a plot shows by itself: half of them before the cursor.
+const PLOTTED_S: f64 = 60.0;
+/// Rate of what is only drawn: more than a plot has points across.
+const DRAWN_HZ: f64 = 125.0;
+
+impl Recording {
+    /// Creates the first part in `folder` and writes what never changes: the run's properties, the arm's figure, styles.
+    ///
+    /// # Errors
+    /// [`RecordError`] where the file cannot be made or written, or the robot has more joints than a message.
+    pub fn create(folder: &Path, run: &RunInfo) -> Result<Self, RecordError> {
+        Self::create_part(folder, 0, run, Options::default())
+    }
+
+    /// Creates part `part` of the recording of this run: the next one ([`parts_in`](crate::parts_in)) after the recorder before was killed.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create).
+    pub fn create_part(
+        folder: &Path,
+        part: u32,
+        run: &RunInfo,
+        options: Options,
+    ) -> Result<Self, RecordError> {
+        Self::with_storage(create(&folder.join(part_name(part)))?, part, run, options)
+    }
+
+    /// [`create_part`](Recording::create_part) for any storage.
+    ///
+    /// # Errors
+    /// As [`create`](Recording::create).
+    pub fn with_storage(
+        storage: impl Storage + 'static,
+        part: u32,
+        run: &RunInfo,
+        options: Options,
+    ) -> Result<Self, RecordError> {
+        let run_facts = Facts::new(run, options)?;
+        // Recordings of one robot share their blueprint.
+        let application = ApplicationId::new_or_unknown(format!("armplane-{}", run.robot.name));
+        let store = StoreId::recording(application, run.run);
+        let is_seldom = |kept| matches!(kept, Kept::Slow | Kept::Drawn);
+        let mut recording = Self {
+            sink: Sink::new(Box::new(storage), &store)?,
+            store,
+            number: part,
+            subject: subject(run, options),
+            part: Part::default(),
+            story: Story::new(run),
+            rival: None,
+            signals: Table::of(
+                |kept| matches!(kept, Kept::F64 | Kept::F32 | Kept::Log(_)),
+                false,
+            ),
+            drawn: Table::of(is_seldom, options.is_live),
+            tracks: Vec::new(),
+            ways: Default::default(),
+            last: None,
+            next: 0,
+            run: run_facts,
+        };
+        recording.open()?;
+        Ok(recording)
+    }
+
+    /// The beginning of every part.
+    fn open(&mut self) -> Result<(), RecordError> {
+        self.write_properties();
+        self.write_figure();
+        self.style_lanes();
+        self.sink.flush();
+        self.sink.check()
+    }
+
+    /// Ends the present part and goes on in the next one, which repeats what a part needs to be opened alone.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create); the recording has then ended, its parts are whole.
+    pub fn next_part(&mut self, folder: &Path) -> Result<(), RecordError> {
+        self.turn_over(create(&folder.join(part_name(self.number + 1)))?)
+    }
+
+    /// [`next_part`](Self::next_part) in any storage.
+    ///
+    /// # Errors
+    /// As [`create`](Recording::create).
+    pub fn turn_over(&mut self, storage: impl Storage + 'static) -> Result<(), RecordError> {
+        self.flush();
+        // The part's end comes first: who follows the files goes on as soon as the next one holds something.
+        self.sink.finish()?;
+        self.sink = Sink::new(Box::new(storage), &self.store)?;
+        self.number += 1;
+        self.part = Part::default();
+        self.open()
+    }
+
+    /// Takes a tick in. Ticks must come in order; a tick that was lost leaves a gap, and one that is on file already is left out.
+    ///
+    /// # Errors
+    /// [`RecordError`] when it ends the recording, once; ticks after it are not recorded.
+    pub fn tick(&mut self, row: &TickRow) -> Result<(), RecordError> {
+        if self.sink.is_closed() {
+            return Ok(());
+        }
+        self.last = Some(row.tick);
+        if row.tick < self.next {
+            return Ok(());
+        }
+        if self.part.ticks == 0 {
+            self.write_ghosts(row.tick, true);
+            if let Some(q) = row.q() {
+                self.write_turned(row.tick, &self.links(q), true);
+            }
+        }
+        self.part.ticks += 1;
+        if !self.part.blueprint_sent && row.singularity.is_some() {
+            self.introduce(row);
+        }
+        self.gather(row);
+        self.write_changes(row);
+        if row
+            .tick
+            .is_multiple_of(self.every(1.0 / self.run.options.picture_hz))
+        {
+            self.see(row);
+        }
+        if row.tick >= self.part.guides_due {
+            self.part.guides_due = row.tick + self.every(5.0);
+            self.write_guides(row.tick);
+        }
+        if self.signals.ticks.len() as u64 >= self.every(self.run.options.chunk_s) {
+            self.flush();
+        }
+        self.sink.check()
+    }
+
+    /// The numbers of a tick.
+    fn gather(&mut self, row: &TickRow) {
+        let now = Now::new(row, &self.run.limits, self.run.hops);
+        self.signals.push(&now);
+        if !row.tick.is_multiple_of(self.every(1.0 / DRAWN_HZ)) {
+            return;
+        }
+        let gravity = row
+            .q()
+            .map(|q| self.run.arm.gravity(&SVector::from(*q)))
+            .unwrap_or_default();
+        let mut faults = self.story.faults.iter();
+        let now = Now {
+            gravity: gravity.as_slice(),
+            sigma: self.singular_values(row),
+            is_faulty: faults.any(|fault| fault.until.is_none_or(|until| row.tick < until)),
+            ..now
+        };
+        self.drawn.push(&now);
+    }
+
+    /// The Jacobian at the point that the report is of.
+    fn jacobian(&self, q: &SVector<f64, MAX_DOF>, p_BC: [f64; 3]) -> SMatrix<f64, 6, MAX_DOF> {
+        let r_EC = Vector3::from(p_BC) - self.run.arm.forward_kinematics(q).p;
+        at_point(self.run.arm.jacobian(q), &r_EC)
+    }
+
+    /// Singular values of the unit-scaled Jacobian in the posture that has been analysed, the estimated one: the law has no use for them, so they are
+    /// computed where they are drawn.
+    fn singular_values(&self, row: &TickRow) -> Option<[f64; 6]> {
+        let report = row.singularity?;
+        let q = row
+            .estimate
+            .map(|estimate| &estimate.q)
+            .or_else(|| row.q())?;
+        let J = self.jacobian(&SVector::from(*q), report.p_BC);
+        Some(singular_values(&J, report.length_m, &self.run.task))
+    }
+
+    /// How far it has come.
+    pub fn written(&self) -> Written {
+        Written {
+            next: self.next,
+            part: self.number,
+            bytes: self.part_bytes(),
+        }
+    }
+
+    /// Goes on where an earlier part had come to, which a recorder that was killed has left: ticks that come again are not written again. What is behind
+    /// that place is taken away before, by [`cut_behind`](crate::cut_behind).
+    pub fn go_on_after(&mut self, written: Written) {
+        self.next = written.next;
+    }
+
+    /// Notes an event.
+    pub fn event(&mut self, tick: u64, level: Level, text: &str) {
+        let level = match level {
+            Level::Info => TextLogLevel::INFO,
+            Level::Warning => TextLogLevel::WARN,
+            Level::Error => TextLogLevel::ERROR,
+        };
+        // The viewer's column of times cuts them: the line has its own.
+        let t_s = self.nanoseconds(tick) as f64 * 1e-9;
+        let text = format!("{t_s:.3}{}{text}", entity::AFTER_TIME);
+        self.log(tick, entity::LOG, &TextLog::new(text).with_level(level));
+    }
+
+    /// Writes out what is being gathered.
+    pub fn flush(&mut self) {
+        self.write_picture();
+        // Values held between their rows come first, so that readers of the signals have them.
+        let drawn = self.drawn.take();
+        self.send_columns(entity::DRAWN, &drawn.0, drawn.1);
+        let (ticks, columns) = self.signals.take();
+        self.send_columns(entity::SIGNALS, &ticks, columns);
+        self.next = ticks.last().map_or(self.next, |last| last + 1);
+        self.sink.flush();
+    }
+
+    /// Size of the present part; bytes.
+    pub fn part_bytes(&self) -> u64 {
+        self.sink.bytes()
+    }
+
+    /// Ticks in the present part.
+    pub fn part_ticks(&self) -> u64 {
+        self.part.ticks
+    }
+
+    /// Ends the recording: everything gathered, the footer, and `sync`.
+    ///
+    /// # Errors
+    /// [`RecordError`] where one ended the recording and has not been answered yet; the file is readable nevertheless.
+    pub fn finish(mut self) -> Result<(), RecordError> {
+        if !self.part.blueprint_sent {
+            self.introduce(&TickRow::default());
+        }
+        self.flush();
+        if let Some(last) = self.last {
+            self.write_guides(last);
+            // A viewer that follows a live run must not loop.
+            if !self.run.options.is_live {
+                self.write_guides(last + (LEGEND * self.part.ticks as f64) as u64);
+                self.write_ending(last);
+            }
+        }
+        self.sink.finish().map(drop)
+    }
+
+    fn nanoseconds(&self, tick: u64) -> i64 {
+        (u128::from(tick) * 1_000_000_000 / u128::from(self.run.rate_hz)) as i64
+    }
+
+    /// Ticks in so many seconds, at least one.
+    fn every(&self, seconds: f64) -> u64 {
+        (seconds * f64::from(self.run.rate_hz)).round().max(1.0) as u64
+    }
+
+    /// Where the links are.
+    fn links(&self, q: &[f64; MAX_DOF]) -> [Placement; MAX_DOF] {
+        let poses = self.run.arm.link_poses(&SVector::from(*q));
+        poses.map(|X| placement(&X))
+    }
+
+    /// Adds a row that is written with the next chunks.
+    fn log(&self, tick: u64, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
+        self.sink.stream.set_timepoint(TimePoint::from([
+            ("tick", TimeCell::from_sequence(tick as i64)),
+            ("t", TimeCell::from_duration_nanos(self.nanoseconds(tick))),
+        ]));
+        self.sink.done(self.sink.stream.log(path, archetype));
+    }
+
+    fn log_static(&self, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
+        self.sink.done(self.sink.stream.log_static(path, archetype));
+    }
+
+    /// Rows of one place, gathered as columns; nothing where there are none.
+    fn send_columns(&self, path: &str, ticks: &[u64], columns: Vec<SerializedComponentColumn>) {
+        let times = ticks.iter().map(|tick| self.nanoseconds(*tick));
+        let times = [
+            TimeColumn::new_sequence("tick", ticks.iter().map(|tick| *tick as i64)),
+            TimeColumn::new_duration_nanos("t", times),
+        ];
+        if !ticks.is_empty() {
+            self.sink
+                .done(self.sink.stream.send_columns(path, times, columns));
+        }
+    }
+
+    fn write_properties(&mut self) {
+        let info = RecordingInfo::new().with_name(self.run.title.as_str());
+        // The first part holds the time of its beginning.
+        let info = match self.number {
+            0 => info.with_start_time(Timestamp::now()),
+            _ => info,
+        };
+        self.log_static(EntityPath::properties(), &info);
+        let properties = self.run.properties.iter();
+        let properties = properties.fold(DynamicArchetype::new("run"), |all, (name, value)| {
+            all.with_component_from_data(*name, array(StringArray::from_iter([Some(value)])))
+        });
+        self.log_static(EntityPath::properties().join(&"run".into()), &properties);
+        let recorded = Signal::recorded().filter(|signal| signal.of().kept != Kept::Derived);
+        let about: Vec<String> = recorded
+            .map(|signal| format!("`{}`: {}", signal.component(), signal.about()))
+            .collect();
+        let about = TextDocument::from_markdown(about.join("\n\n"));
+        self.log_static("/signals/about", &about);
+        let limits = self
+            .run
+            .limits
+            .named()
+            .map(|(name, values)| (name, values.clone()));
+        self.log_static(entity::SIGNALS, &numbers(limits));
+    }
+
+    /// At a part's first report: names and thresholds, the eye's place, and with them the blueprint.
+    fn introduce(&mut self, row: &TickRow) {
+        self.part.blueprint_sent = true;
+        if self.subject.singularities.is_empty() {
+            self.meet(row);
+        }
+        let names = self.subject.singularities.iter().map(|(name, _)| name);
+        let names = array(StringArray::from_iter_values(names));
+        let names = AnyValues::default().with_component_from_data(entity::SINGULARITY_NAMES, names);
+        self.log_static(entity::SIGNALS, &names);
+        self.style_modes();
+        let layout = blueprint::layout(&self.subject, self.run.layout);
+        self.sink.send_blueprint(&self.blueprint(), layout);
+    }
+
+    fn meet(&mut self, row: &TickRow) {
+        for (i, one) in row.singularities().iter().enumerate() {
+            let name = shared_types::codes::singularity_name(one.kind, i);
+            self.subject
+                .singularities
+                .push((name, colour_of(one.kind, i)));
+            let outer = one.eta_out / one.eta_in.max(1e-9);
+            if !self.subject.outer.contains(&outer) {
+                self.subject.outer.push(outer);
+            }
+        }
+        let places = row.q().map_or(vec![glam::Vec3::X], |q| {
+            self.links(q)[..self.subject.joints]
+                .iter()
+                .map(|link| link.p)
+                .collect()
+        });
+        self.story.room = Room::of(places);
+        self.subject.eye = self.eye();
+        self.subject.close_up = self.near_by(row);
+    }
+
+    /// An eye that sees all of the arm's way so far.
+    fn eye(&self) -> Eye {
+        self.story
+            .room
+            .eye(self.mark_size(), &self.subject, !self.run.task[2])
+    }
+
+    /// An eye near the hand that stands still, or near the nearest singularity.
+    fn near_by(&self, row: &TickRow) -> Eye {
+        let (main, unit) = (self.subject.eye, self.mark_size());
+        if self.subject.stands_still {
+            // From where the arm is seen, onto the hand.
+            let hand =
+                |q: &[f64; MAX_DOF]| vec3(&self.run.arm.forward_kinematics(&SVector::from(*q)).p);
+            let hand = row.q().map_or(glam::Vec3::X, hand);
+            let away = (main.position - main.look_at).normalize_or(glam::Vec3::Z) * (3.4 * unit);
+            return Eye {
+                position: hand + away,
+                look_at: hand,
+                up: main.up,
+            };
+        }
+        let nearness = |one: &shared_types::SingularityState| one.s.abs() / one.eta_in;
+        let near = row.singularities().iter();
+        let near = near.min_by(|a, b| nearness(a).total_cmp(&nearness(b)));
+        near.zip(row.singularity).map_or(main, |(one, report)| {
+            let mark = Mark::new(one, report.p_BC);
+            close_up(mark.X_BS.p, [mark.zeta(); 2], glam::Vec3::ZERO, unit, &main)
+        })
+    }
+
+    /// Settings known at the end only: the stretch to repeat, and the eye of the close-up.
+    fn write_ending(&mut self, last: u64) {
+        let whole = ((0, last), self.subject.close_up);
+        // A way that no plan told: an eye that sees all of it.
+        let main = self.eye();
+        let is_elsewhere = main.position.distance(self.subject.eye.position)
+            > 0.05 * main.position.distance(main.look_at);
+        let stretch = match self.run.layout {
+            Layout::Control if !self.subject.stands_still => {
+                self.story
+                    .stretches
+                    .ending(self.run.rate_hz, last, self.mark_size(), &main)
+            }
+            _ => None,
+        };
+        let ((first, last), close_up) = stretch.unwrap_or(whole);
+        let ending = Ending {
+            loop_ns: (self.nanoseconds(first), self.nanoseconds(last)),
+            close_up,
+            main: is_elsewhere.then_some(main),
+        };
+        // Unplanned faults: the same views with a bar for them.
+        let is_changed = !self.story.fault_states.is_empty() && !self.subject.faults;
+        self.subject.faults |= is_changed;
+        let chunks = blueprint::ending(&self.subject, self.run.layout, &ending, is_changed);
+        self.sink.send_blueprint(&self.blueprint(), chunks);
+    }
+
+    /// The blueprint's own store: one per recording, the same in every part.
+    fn blueprint(&self) -> StoreId {
+        let id = format!("{}-blueprint", self.store.recording_id());
+        StoreId::new(
+            StoreKind::Blueprint,
+            self.store.application_id().clone(),
+            id,
+        )
+    }
+
+    /// Lines that never move, as often as a plot needs to draw them.
+    fn write_guides(&self, tick: u64) {
+        let goal = self
+            .subject
+            .goal
+            .map(|goal| goal.map(f64::log10).into_iter().collect());
+        let [position, orientation] = goal;
+        let band = |k: usize| -3.1 * k as f64 / BAND_LINES as f64;
+        let guides = [
+            ("guide:zero", vec![0.0]),
+            ("guide:band", (0..BAND_LINES).map(band).collect()),
+            (
+                "guide:edge",
+                self.subject
+                    .outer
+                    .iter()
+                    .map(|ratio| ratio.log10())
+                    .collect(),
+            ),
+            ("guide:goal_position", position),
+            ("guide:goal_orientation", orientation),
+        ];
+        self.log(tick, entity::GUIDES, &numbers(guides));
+    }
+}
+
+fn array(values: impl Array + 'static) -> re_chunk::external::arrow::array::ArrayRef {
+    std::sync::Arc::new(values)
+}
+
+/// Components of our own.
+fn numbers<const N: usize>(columns: [(&'static str, Vec<f64>); N]) -> AnyValues {
+    columns
+        .into_iter()
+        .fold(AnyValues::default(), |all, (name, values)| {
+            all.with_component_from_data(name, array(Float64Array::from(values)))
+        })
+}
+
+impl Facts {
+    fn new(run: &RunInfo, options: Options) -> Result<Self, RecordError> {
+        let RunInfo {
+            scenario, robot, ..
+        } = *run;
+        let arm = Model::new(robot, scenario.frame()).map_err(|error| RecordError::Arm {
+            robot: robot.name.clone(),
+            reason: error.to_string(),
+        })?;
+        let title = match scenario.title.as_str() {
+            "" => &scenario.name,
+            _ => &scenario.title,
+        };
+        Ok(Self {
+            options,
+            layout: scenario.view.layout,
+            segments: scenario.segment.clone(),
+            rate_hz: scenario.rate_hz.max(1),
+            title: title.clone(),
+            properties: [
+                ("scenario", scenario.name.clone()),
+                ("robot", robot.name.clone()),
+                ("run", run.run.to_owned()),
+                ("seed", run.seed.to_string()),
+                ("rate_hz", scenario.rate_hz.to_string()),
+                ("armplane", run.version.to_owned()),
+            ],
+            arm,
+            figure: Figure::new(robot, floor_m(scenario)),
+            task: robot.task.0,
+            limits: Limits::new(robot),
+            hops: run.hops,
+        })
+    }
+}
+
+impl Story {
+    fn new(run: &RunInfo) -> Self {
+        Self {
+            stretches: Stretches::default(),
+            room: Room::default(),
+            motion: NullMotion::new(run.robot.length_m),
+            history: History::new(stands_still(run.scenario)),
+            sides: [1.0; MAX_SINGULARITIES],
+            ghosts: [0; MAX_DOF],
+            faults: Vec::new(),
+            fault_states: Vec::new(),
+            unheard: 0,
+            missing: Default::default(),
+            incarnations: Default::default(),
+        }
+    }
+}
+
+pub(crate) fn floor_m(scenario: &Scenario) -> f32 {
+    scenario.plant.floor_m.map_or(0.0, |height| height as f32)
+}
+
+/// Whether the task is null-space motion alone: every segment holds the hand, and some change the posture.
+fn stands_still(scenario: &Scenario) -> bool {
+    let holds = |one: &Segment| {
+        Segment {
+            posture_deg: None,
+            ..one.clone()
+        } == Segment {
+            duration_s: one.duration_s,
+            branch: one.branch,
+            ..Segment::default()
+        }
+    };
+    scenario.segment.iter().all(holds)
+        && scenario.segment.iter().any(|one| one.posture_deg.is_some())
+}
+
+/// What a layout depends on, but for the singularities, which the first report names.
+fn subject(run: &RunInfo, options: Options) -> Subject {
+    let RunInfo {
+        scenario, robot, ..
+    } = *run;
+    let judged = |bound: f64, most: f64| Some(bound).filter(|bound| *bound < most);
+    let goal = &scenario.goal;
+    Subject {
+        lives: run.lives.clone(),
+        joints: robot.joints.len(),
+        floor_m: floor_m(scenario),
+        goal: [
+            judged(goal.position_mm, 1000.0),
+            judged(goal.orientation_deg, 180.0),
+        ],
+        faults: !scenario.fault.is_empty() || options.is_live,
+        is_long: (1.0 + LEGEND) * scenario.duration_s() > PLOTTED_S && !options.is_live,
+        stands_still: stands_still(scenario),
+        without_orientation: !robot.task.0[3..].contains(&true),
+        ways: scenario.segment.iter().filter_map(Way::of).collect(),
+        unlimited_torque: robot.joints.iter().any(|joint| !joint.effort.is_finite()),
+        unlimited_speed: robot.joints.iter().any(|joint| !joint.velocity.is_finite()),
+        ..Subject::default()
+    }
+}
 
 #[cfg(test)]
 mod tests;

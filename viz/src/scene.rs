@@ -78,6 +78,10 @@ impl Mark {
         }
     }
 
+    pub(crate) fn is_inside(&self) -> bool {
+        self.look.presence == Presence::Inside
+    }
+
     /// ζ, base axes.
     pub(crate) fn zeta(&self) -> Vec3 {
         self.X_BS.R.x_axis
@@ -411,8 +415,8 @@ mod tests {
     use shared_types::messages::{ControlState, PlantState, SingularityReport};
     use shared_types::topics::ByTopic;
 
-    fn wrist(s: f64, inside: u32) -> SingularityState {
-        SingularityState {
+    fn wrist(s: f64, inside: u32) -> Mark {
+        let one = SingularityState {
             class: TYPE_2,
             angular: 1,
             inside,
@@ -420,183 +424,85 @@ mod tests {
             eta_in: 0.1,
             eta_out: 0.2,
             zeta_B: [0., 0., 0., 0., 0.6, 0.8],
-            R_BS: [0., 0.6, 0.8, 1., 0., 0., 0., 0.8, -0.6],
             ..SingularityState::default()
-        }
+        };
+        Mark::new(&one, [0.1, 0.2, 0.3])
     }
 
     #[test]
-    fn marks_grow_towards_the_singularity() {
-        let sizes: Vec<f32> = [0.5, 0.3, 0.1, 0.0]
-            .iter()
-            .map(|s| Mark::new(&wrist(*s, 0), [0.0; 3]).size)
-            .collect();
-        assert!(sizes.windows(2).all(|pair| pair[0] < pair[1]), "{sizes:?}");
-        assert_eq!(sizes[3], 1.0);
-        let presence = |s, inside| Mark::new(&wrist(s, inside), [0.0; 3]).look.presence;
+    fn marks_grow_towards_the_singularity_with_x_along_zeta() {
+        let marks = [wrist(0.5, 0), wrist(-0.3, 0), wrist(0.15, 1), wrist(0.0, 1)];
+        assert!(marks.is_sorted_by(|a, b| a.size < b.size) && marks[3].size == 1.0);
+        let presence = marks.map(|mark| mark.look.presence);
         assert_eq!(
-            [presence(0.5, 0), presence(-0.3, 0), presence(0.15, 1)],
+            presence[..3],
             [Presence::Hidden, Presence::Near, Presence::Inside]
         );
-    }
-
-    #[test]
-    fn the_mark_frame_is_a_rotation_with_x_along_zeta() {
-        for R_BS in [wrist(0.0, 1).R_BS, [0.0; 9]] {
-            let mark = Mark::new(
-                &SingularityState {
-                    R_BS,
-                    ..wrist(0.0, 1)
-                },
-                [0.1, 0.2, 0.3],
-            );
-            assert!((mark.zeta() - Vec3::new(0.0, 0.6, 0.8)).length() < 1e-6);
-            assert!((mark.X_BS.R.determinant() - 1.0).abs() < 1e-5);
-        }
-    }
-
-    #[test]
-    fn labels_of_marks_on_one_axis_go_to_both_sides() {
-        let marks =
-            [wrist(0.0, 1), wrist(0.0, 1), wrist(0.5, 0)].map(|one| Mark::new(&one, [0.0; 3]));
-        let sides = label_sides(&marks);
-        assert_eq!(sides[0], 1.0, "the first upwards");
-        assert_eq!(sides[1], -1.0, "the second where the first is not");
+        assert!((marks[0].zeta() - Vec3::new(0.0, 0.6, 0.8)).length() < 1e-6);
+        assert!((marks[0].X_BS.R.determinant() - 1.0).abs() < 1e-5);
+        // Labels of marks on one axis go to both sides.
+        assert_eq!(label_sides(&marks[2..]), [1.0, -1.0]);
     }
 
     #[test]
     fn the_wrist_lock_shows_axes_4_and_6_that_become_one() {
         let robot = model::Robot::builtin("puma560").expect("built in");
         let lines = reasons(KIND_WRIST, &Figure::new(&robot, -0.6), &[]);
-        assert_eq!(
-            lines
-                .iter()
-                .map(|(link, _, second)| (*link, *second))
-                .collect::<Vec<_>>(),
-            [(3, false), (5, true)]
-        );
+        let links: Vec<_> = lines
+            .iter()
+            .map(|(link, _, second)| (*link, *second))
+            .collect();
+        assert_eq!(links, [(3, false), (5, true)]);
         let arm = model::Model::<MAX_DOF>::new(&robot, None).expect("fits");
-        let mut q = nalgebra::SVector::<f64, MAX_DOF>::zeros();
-        (q[1], q[2]) = (-1.0, 2.9);
-        assert_eq!(
-            dependent_joints(&arm.jacobian(&q), 6, 0.43),
-            [3, 5],
-            "the numeric counterpart finds the same axes"
-        );
+        let q = nalgebra::SVector::from([0.0, -1.0, 2.9, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        assert_eq!(dependent_joints(&arm.jacobian(&q), 6, 0.43), [3, 5]);
     }
 
     #[test]
     fn ghosts_follow_null_motion_and_leave_with_the_hand() {
         let mut motion = NullMotion::new(0.43);
-        let identity = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
-        let mut state = PlantState {
-            R_BE: identity,
-            ..PlantState::default()
-        };
-        let update = |motion: &mut NullMotion, state: &PlantState| {
-            motion.update(&TickRow::new(
-                0,
-                ByTopic {
-                    plant_state: Some(state),
-                    ..ByTopic::default()
-                },
-            ))
-        };
-        // Rest, then joints 4 and 6 against each other with the hand still.
-        assert!(!update(&mut motion, &state));
-        (state.qdot[3], state.qdot[5]) = (1.0, -1.0);
-        for k in 0..100 {
-            (state.q[3], state.q[5]) = (0.01 * f64::from(k), -0.01 * f64::from(k));
-            update(&mut motion, &state);
-        }
-        assert_eq!(
-            motion.postures.len(),
-            5,
-            "1.4 rad of motion at 0.3 rad a ghost"
-        );
-        let turned = motion.turned(false).expect("they have turned");
-        assert!(
-            (turned[3] - 0.99).abs() < 1e-9 && (turned[5] + 0.99).abs() < 1e-9 && turned[0] == 0.0,
-            "{turned:?}"
-        );
-        assert_eq!(motion.turned(false), None, "nothing new to draw");
-        // The same speeds with the hand moving are no null-space motion.
-        state.V_BE[0] = 0.2;
-        state.q[3] = 2.0;
-        assert!(!update(&mut motion, &state));
-        // The hand has left: the ghosts go.
-        state.p_BE[0] = 0.1;
-        assert!(update(&mut motion, &state) && motion.postures.is_empty());
-        assert_eq!(
-            motion.turned(false),
-            Some([0.0; MAX_DOF]),
-            "the arcs go too"
-        );
-        assert_eq!(motion.turned(false), None);
-    }
-
-    #[test]
-    fn the_null_space_takes_the_hand_out_of_a_type_1_lock() {
-        let mut motion = NullMotion::new(0.43);
-        let mut report = SingularityReport {
-            count: 1,
-            ..SingularityReport::default()
-        };
-        report.singularities[0] = SingularityState {
-            class: TYPE_1,
-            inside: 1,
-            ..SingularityState::default()
-        };
         let mut state = PlantState {
             R_BE: [1., 0., 0., 0., 1., 0., 0., 0., 1.],
             ..PlantState::default()
         };
-        (state.qdot[2], state.V_BE[0]) = (1.0, 0.1);
-        let mut command = ControlState::default();
-        let mut update = |command: &ControlState| {
-            motion.update(&TickRow::new(
-                0,
-                ByTopic {
-                    plant_state: Some(&state),
-                    singularity: Some(&report),
-                    control_state: Some(command),
-                    ..ByTopic::default()
-                },
-            ))
-        };
-        assert!(
-            !update(&command),
-            "the hand moves, and not by the null space"
+        let (mut report, mut command) = (
+            SingularityReport {
+                count: 1,
+                ..Default::default()
+            },
+            ControlState::default(),
         );
+        (
+            report.singularities[0].class,
+            report.singularities[0].inside,
+        ) = (TYPE_1, 1);
+        let update = |motion: &mut NullMotion, state: &PlantState, command: &ControlState| {
+            let messages = ByTopic {
+                plant_state: Some(state),
+                singularity: Some(&report),
+                control_state: Some(command),
+                ..ByTopic::default()
+            };
+            motion.update(&TickRow::new(0, messages))
+        };
+        // Rest, then joints 4 and 6 against each other with the hand still: 1.4 rad of motion at 0.3 rad a ghost.
+        assert!(!update(&mut motion, &state, &command));
+        (state.qdot[3], state.qdot[5]) = (1.0, -1.0);
+        for k in 0..100 {
+            (state.q[3], state.q[5]) = (0.01 * f64::from(k), -0.01 * f64::from(k));
+            update(&mut motion, &state, &command);
+        }
+        let turned = motion.turned(false).expect("they have turned");
+        assert!(motion.postures.len() == 5 && (turned[3] - 0.99).abs() < 1e-9 && turned[0] == 0.0);
+        assert_eq!(motion.turned(false), None, "nothing new to draw");
+        // The same speeds with the hand moving are no null-space motion, unless the null space takes the hand out of a Type 1 lock.
+        (state.V_BE[0], state.q[3]) = (0.2, 2.0);
+        assert!(!update(&mut motion, &state, &command));
         command.mode[0] = MODE_TRACK;
-        assert!(update(&command));
-    }
-
-    #[test]
-    fn an_arc_begins_where_the_joint_was_and_ends_where_it_is() {
-        let ring = Ring {
-            axis: Vec3::Z,
-            centre: Vec3::new(0.0, 0.0, 0.2),
-            out: Vec3::Y,
-            radius: 0.1,
-        };
-        let X_BL = Placement {
-            R: Mat3::from_rotation_z(0.8),
-            p: Vec3::X,
-        };
-        let arc = turning(&ring, &X_BL, 0.8);
-        let (first, tip) = (
-            Vec3::from_array(arc[0]),
-            Vec3::from_array(arc[arc.len() - 2]),
-        );
-        let out = Vec3::Y * 0.1;
-        assert!(
-            (first - (Vec3::new(1.0, 0.0, 0.2) + out)).length() < 1e-6,
-            "{first}"
-        );
-        assert!(
-            (tip - (Vec3::new(1.0, 0.0, 0.2) + X_BL.R * out)).length() < 1e-6,
-            "{tip}"
-        );
+        assert!(update(&mut motion, &state, &command));
+        // The hand has left: ghosts and arcs go.
+        state.p_BE[0] = 0.1;
+        assert!(update(&mut motion, &state, &command) && motion.postures.is_empty());
+        assert_eq!(motion.turned(false), Some([0.0; MAX_DOF]));
     }
 }

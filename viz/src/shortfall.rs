@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use shared_types::summary::Summary;
 
+use crate::parts::{bytes_in, checksums, is_complete, parts_in};
 use crate::read::{Piece, ReadError, ReadNews, read};
-use crate::recording::{bytes_in, checksums, is_complete, parts_in};
 
 /// The rows and damages found while a recording is read.
 #[derive(Clone, Debug, Default)]

@@ -1,18 +1,15 @@
-//! The numbers of a run: from the messages of a tick to columns at the control rate. PURE.
+//! The numbers of a run: THE list of what is recorded, drawn, exported and read back. PURE.
 //!
 //! One wide table, one row per tick: every chunk of a file carries the whole schema of its entity, so few wide entities are cheap
 //! where many narrow ones are not. Positions are f64, as they came; the rest is f32, 7 digits, which halves the file.
 
-use std::sync::Arc;
-
 use model::Robot;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use shared_types::graph::Graph;
-use shared_types::messages::{ControlState, PlantState, SingularityState};
-use shared_types::process::Program;
+use shared_types::messages::SingularityState;
 use shared_types::topics::{ByTopic, CHAIN, Lent};
 use shared_types::wire::Stamps;
-use shared_types::{MAX_DOF, MAX_SINGULARITIES};
+use shared_types::{ControlState, MAX_DOF};
 
 /// The messages of one tick, as a recorder has them; in real time some may be missing.
 #[derive(Clone, Copy, Debug, Default)]
@@ -23,14 +20,6 @@ pub struct TickRow<'a> {
     pub messages: ByTopic<Lent<'a>>,
 }
 
-impl<'a> TickRow<'a> {
-    /// These messages of a tick.
-    #[must_use]
-    pub fn new(tick: u64, messages: ByTopic<Lent<'a>>) -> Self {
-        Self { tick, messages }
-    }
-}
-
 impl<'a> std::ops::Deref for TickRow<'a> {
     type Target = ByTopic<Lent<'a>>;
 
@@ -39,59 +28,70 @@ impl<'a> std::ops::Deref for TickRow<'a> {
     }
 }
 
-impl TickRow<'_> {
+impl<'a> TickRow<'a> {
+    /// These messages of a tick.
+    #[must_use]
+    pub fn new(tick: u64, messages: ByTopic<Lent<'a>>) -> Self {
+        Self { tick, messages }
+    }
+
     /// Joint positions, rad: the simulator's, else the estimator's.
-    pub(crate) fn q(&self) -> Option<&[f64]> {
-        self.plant_state
-            .map(|state| &state.q[..])
-            .or_else(|| self.estimate.map(|estimate| &estimate.q[..]))
+    pub(crate) fn q(&self) -> Option<&'a [f64; MAX_DOF]> {
+        let estimated = || self.messages.estimate.map(|estimate| &estimate.q);
+        self.plant_state.map(|state| &state.q).or_else(estimated)
     }
 
     /// Joint velocities, rad/s: the simulator's, else the estimator's.
-    pub(crate) fn qdot(&self) -> Option<&[f64]> {
-        self.plant_state
-            .map(|state| &state.qdot[..])
-            .or_else(|| self.estimate.map(|estimate| &estimate.qdot[..]))
+    fn qdot(&self) -> Option<&'a [f64; MAX_DOF]> {
+        let estimated = || self.messages.estimate.map(|estimate| &estimate.qdot);
+        self.plant_state.map(|state| &state.qdot).or_else(estimated)
     }
 
     /// The singularities reported.
-    pub(crate) fn singularities(&self) -> &[SingularityState] {
+    pub(crate) fn singularities(&self) -> &'a [SingularityState] {
         self.singularity.map_or(&[], |report| {
             &report.singularities[..(report.count as usize).min(report.singularities.len())]
         })
     }
 
     /// Stamps of as many hops as the data has passed.
-    fn stamps(&self) -> Option<Stamps> {
-        let last = self
-            .torque
-            .map(|m| &m.header)
-            .or(self.singularity.map(|m| &m.header))
-            .or(self.estimate.map(|m| &m.header))
-            .or(self.sensor.map(|m| &m.header));
-        last.map(|header| header.stamps)
+    fn stamps(&self) -> Option<&'a Stamps> {
+        let last = self.torque.map(|m| &m.header);
+        let last = last.or(self.singularity.map(|m| &m.header));
+        let last = last.or(self.estimate.map(|m| &m.header));
+        let last = last.or(self.sensor.map(|m| &m.header));
+        last.map(|header| &header.stamps)
     }
 }
 
-/// How a signal is recorded.
+/// How a signal is kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Width {
-    /// With 64 bits.
+pub(crate) enum Kept {
+    /// At the control rate, with 64 bits.
     F64,
-    /// With 32 bits.
+    /// At the control rate, with 32 bits.
     F32,
-    /// Its logarithm to base 10, in steps of 1 / [`SHARES`]: plots have no logarithmic axis of their own. A value that is not above [`LEAST`] counts as 0.
-    Log,
+    /// At the control rate as its logarithm to base 10, in steps of 1 / [`SHARES`], because plots have no logarithmic axis. A value that is not
+    /// above [`LEAST`] counts as 0.
+    Log(&'static str),
     /// With 32 bits, at the lower rate of what is drawn; held between when it is read back.
     Slow,
+    /// At the lower rate in steps of 1 / [`SHARES`], which repeat themselves and pack well: for plots only.
+    Drawn,
     /// Not at all: computed when it is read back, from other signals and the limits.
     Derived,
+    /// Not at all: only in an export, from the messages that the run keeps beside its recording.
+    Message,
 }
 
-/// The least value of a [`Width::Log`]; in the signal's unit.
-pub(crate) const LEAST: f64 = 1e-6;
+/// The least value of a [`Kept::Log`]; in the signal's unit.
+const LEAST: f64 = 1e-6;
+/// Steps of what is drawn to one, and of logarithms to a power of ten.
+const SHARES: f64 = 2048.0;
+/// The least [`Signal::Nearness`]: what is exactly singular.
+const NEAREST: f64 = -3.0;
 
-/// The logarithm that a [`Width::Log`] records: in steps of 1 / [`SHARES`], a tenth of a percent of the value.
+/// The logarithm that a [`Kept::Log`] records: in steps of 1 / [`SHARES`], a tenth of a percent of the value.
 pub(crate) fn logarithm(value: f64) -> f32 {
     // In 32 bits, as it is written: their seven digits are finer than the steps by a factor of a thousand.
     share(f64::from((value.max(LEAST) as f32).log10()))
@@ -106,117 +106,316 @@ pub(crate) fn share(value: f64) -> f32 {
 
 /// The value of a recorded logarithm.
 pub(crate) fn from_logarithm(recorded: f32) -> f64 {
-    if recorded <= LEAST.log10() as f32 {
-        0.0
-    } else {
-        10f64.powf(f64::from(recorded))
+    match recorded <= LEAST.log10() as f32 {
+        true => 0.0,
+        false => 10f64.powf(f64::from(recorded)),
+    }
+}
+
+/// The elements of a row of a signal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Elements {
+    One,
+    /// One of each joint: metres for rad where it slides.
+    Joints,
+    /// At most six.
+    Sigmas,
+    Singularities,
+    /// Six of each singularity: a unit vector of twists.
+    Directions,
+    /// A unit quaternion, whose sign an export keeps continuous.
+    Quaternion,
+    Hops,
+    Named(&'static [&'static str]),
+}
+
+const XYZ: Elements = Elements::Named(&["x", "y", "z"]);
+const PARTS: Elements = Elements::Named(&["orthogonal", "along"]);
+const SCALES: Elements = Elements::Named(&["time", "task", "null"]);
+
+/// A row of the list.
+pub(crate) struct Quantity {
+    /// `group:quantity`.
+    pub(crate) name: &'static str,
+    /// As UDUNITS and pint read it; `1` for what has none.
+    pub(crate) unit: &'static str,
+    pub(crate) kept: Kept,
+    pub(crate) elements: Elements,
+    about: &'static str,
+    /// Appends its values at a tick; nothing where its message is missing.
+    pub(crate) take: fn(&Now, &mut Vec<f64>),
+}
+
+/// A tick, with what its numbers are computed from.
+#[derive(Clone, Copy)]
+pub(crate) struct Now<'a, 'm> {
+    pub(crate) row: &'a TickRow<'m>,
+    pub(crate) limits: &'a Limits,
+    pub(crate) hops: Option<ChainHops>,
+    /// Torques that carry the arm; N·m.
+    pub(crate) gravity: &'a [f64],
+    /// Singular values of the unit-scaled Jacobian.
+    pub(crate) sigma: Option<[f64; 6]>,
+    pub(crate) is_faulty: bool,
+}
+
+impl<'a, 'm> Now<'a, 'm> {
+    pub(crate) fn new(row: &'a TickRow<'m>, limits: &'a Limits, hops: Option<ChainHops>) -> Self {
+        Self {
+            row,
+            limits,
+            hops,
+            gravity: &[0.0; MAX_DOF],
+            sigma: None,
+            is_faulty: false,
+        }
+    }
+
+    /// Of as many as there are joints.
+    fn joints<'v>(&self, values: &'v [f64]) -> impl Iterator<Item = f64> + use<'v> {
+        values[..self.limits.speed.len()].iter().copied()
+    }
+
+    /// Over the limits, where each joint has one: all joints have one unit.
+    fn over(&self, limits: &'a [f64], values: impl Fn(usize) -> f64) -> impl Iterator<Item = f64> {
+        let is_limited = limits.iter().all(|limit| limit.is_finite());
+        (0..limits.len()).map(move |i| values(i) / if is_limited { limits[i] } else { 1.0 })
+    }
+
+    /// A number of each singularity, where there is a report.
+    fn each<T>(
+        &self,
+        value: fn(&'m SingularityState) -> T,
+    ) -> Option<impl Iterator<Item = T> + use<'m, T>> {
+        let all = self.row.singularities();
+        self.row.singularity.map(|_| all.iter().map(value))
+    }
+
+    /// A number of each singularity in the command.
+    fn command(
+        &self,
+        values: fn(&'m ControlState) -> &'m [f64],
+    ) -> Option<impl Iterator<Item = f64> + use<'m>> {
+        let count = self.row.singularities().len();
+        let command = self.row.control_state;
+        command.map(|m| values(m)[..count].iter().copied())
+    }
+
+    /// The norms of an error orthogonal to the singular directions that the arm is inside of, and along them; base axes.
+    fn error(&self, angular: u32) -> Option<[f64; 2]> {
+        let (m, command) = (self.row.plant_state?, self.row.control_state?);
+        let e = if angular == 1 {
+            let R_d = Matrix3::from_column_slice(&command.R_BE_d);
+            model::rotation_log(&(R_d * Matrix3::from_column_slice(&m.R_BE).transpose()))
+        } else {
+            Vector3::from(command.p_BE_d) - Vector3::from(m.p_BE)
+        };
+        let inside = self.row.singularities().iter();
+        let inside = inside.filter(|one| one.inside == 1 && one.angular == angular);
+        let zeta = |one: &SingularityState| {
+            Vector3::from_column_slice(&one.zeta_B[3 * angular as usize..][..3])
+        };
+        Some(split(e, inside.map(zeta)))
     }
 }
 
 macro_rules! signals {
-    ($( $(#[doc = $doc:literal])* $name:ident = $text:literal $width:ident ),* $(,)?) => {
-        /// The columns at the control rate. Each row of a column is a list: one number per joint, per singularity, per hop, or as stated.
+    ($( $(#[doc = $doc:literal])* $name:ident $text:literal $unit:literal $kept:expr, $elements:expr, |$t:ident| $take:expr; )*) => {
+        /// The columns of a recording and of its exports. Each row of a column is a list: one number per joint, per singularity, per hop, or as stated.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum Signal { $( $(#[doc = $doc])* $name ),* }
 
         impl Signal {
             /// All of them, in column order.
             pub const ALL: &[Signal] = &[ $( Signal::$name ),* ];
-
-            /// The column's name in the recording.
-            pub const fn name(self) -> &'static str {
-                match self { $( Signal::$name => $text ),* }
-            }
-
-            /// The name of what is recorded of it.
-            pub(crate) const fn component(self) -> &'static str {
-                match self {
-                    Signal::PositionError => "error:position_log10_mm",
-                    Signal::OrientationError => "error:orientation_log10_deg",
-                    Signal::Latency => "latency:log10_us",
-                    other => other.name(),
-                }
-            }
-
-            /// Its quantity and unit.
-            pub const fn about(self) -> &'static str {
-                match self { $( Signal::$name => concat!($($doc),*) ),* }
-            }
-
-            /// Whether it is recorded with 64 bits, not 32.
-            pub const fn is_wide(self) -> bool {
-                matches!(self.width(), Width::F64)
-            }
-
-            pub(crate) const fn width(self) -> Width {
-                match self { $( Signal::$name => Width::$width ),* }
-            }
         }
+
+        const TABLE: &[Quantity] = &[ $( Quantity {
+            name: $text,
+            unit: $unit,
+            kept: $kept,
+            elements: $elements,
+            about: concat!($($doc),*),
+            take: |$t, out| if let Some(values) = $take { out.extend(values) },
+        } ),* ];
     };
 }
 
+use Elements::{Directions, Hops, Joints, One, Quaternion, Sigmas, Singularities};
+use Kept::{Derived, Drawn, F32, F64, Log, Message, Slow};
+
 signals! {
     /// Joint positions; rad.
-    Position = "joint:q" F64,
+    Position "joint:q" "rad" F64, Joints, |t| t.row.q().map(|q| t.joints(q));
     /// Joint positions between their limits: −1 lower, 1 upper; q/π for a joint without limits. Derived.
-    PositionInRange = "joint:q_in_range" Derived,
+    PositionInRange "joint:q_in_range" "1" Derived, Joints, |_t| None::<[f64; 0]>;
     /// Joint velocities; rad/s.
-    Speed = "joint:qdot" F32,
+    Speed "joint:qdot" "rad/s" F32, Joints, |t| t.row.qdot().map(|qdot| t.joints(qdot));
     /// Joint velocities over their limits. Derived.
-    SpeedRatio = "joint:qdot_ratio" Derived,
+    SpeedRatio "joint:qdot_ratio" "1" Derived, Joints, |_t| None::<[f64; 0]>;
     /// Torques that act at the end-effector, J_rᵀF_r and compensation; N·m.
-    TorqueTask = "torque:task" F32,
+    TorqueTask "torque:task" "N*m" F32, Joints, |t| t.row.control_state.map(|m| t.joints(&m.tau_task));
     /// Torques that act in the null space, N_T Γ₀; N·m.
-    TorqueNull = "torque:null" F32,
+    TorqueNull "torque:null" "N*m" F32, Joints, |t| t.row.control_state.map(|m| t.joints(&m.tau_null));
     /// Torques that act at the end-effector over the joints' limits. Derived.
-    TorqueTaskRatio = "torque:task_ratio" Derived,
+    TorqueTaskRatio "torque:task_ratio" "1" Derived, Joints, |_t| None::<[f64; 0]>;
     /// Torques that act in the null space over the joints' limits. Derived.
-    TorqueNullRatio = "torque:null_ratio" Derived,
+    TorqueNullRatio "torque:null_ratio" "1" Derived, Joints, |_t| None::<[f64; 0]>;
     /// s_i(q) of each singularity; dimensionless.
-    Measure = "singularity:s" F32,
+    Measure "singularity:s" "1" F32, Singularities, |t| t.each(|one| one.s);
     /// Auxiliary coordinate of each singularity; rad.
-    Auxiliary = "singularity:aux" F32,
+    Auxiliary "singularity:aux" "rad" F32, Singularities, |t| t.each(|one| one.aux);
     /// Reference of the auxiliary coordinate; rad. Every 8 ms.
-    AuxiliaryReference = "singularity:aux_d" Slow,
+    AuxiliaryReference "singularity:aux_d" "rad" Slow, Singularities, |t| t.command(|m| &m.aux_d);
     /// β_i of each singularity: 1 full operational control, 0 null-space control. Every 8 ms.
-    Beta = "singularity:beta" Slow,
+    Beta "singularity:beta" "1" Slow, Singularities, |t| t.command(|m| &m.beta);
     /// Singular values of the unit-scaled Jacobian in the estimated posture. Every 8 ms.
-    SingularValues = "jacobian:sigma" Slow,
+    SingularValues "jacobian:sigma" "1" Slow, Sigmas, |t| t.sigma.map(|sigma| sigma.into_iter().take(t.limits.speed.len()));
     /// True position error [orthogonal to, along] the singular directions the arm is inside of; mm. Recorded as `error:position_log10_mm`.
-    PositionError = "error:position_mm" Log,
+    PositionError "error:position_mm" "mm" Log("error:position_log10_mm"), PARTS, |t| t.error(0).map(|e| e.map(|m| 1e3 * m));
     /// True orientation error [orthogonal to, along] the singular directions the arm is inside of; degrees. Recorded as `error:orientation_log10_deg`.
-    OrientationError = "error:orientation_deg" Log,
+    OrientationError "error:orientation_deg" "deg" Log("error:orientation_log10_deg"), PARTS, |t| t.error(1).map(|e| e.map(f64::to_degrees));
     /// [time scale, task scale, null scale]: what governor and limits let through, 0 to 1. Every 8 ms.
-    Scale = "control:scale" Slow,
+    Scale "control:scale" "1" Slow, SCALES, |t| t.row.control_state.map(|m| [m.time_scale, m.task_scale, m.null_scale]);
     /// Contact force on the arm; N.
-    Contact = "world:contact_force_n" F32,
+    Contact "world:contact_force_n" "N" F32, One, |t| t.row.plant_state.map(|m| [Vector3::from(m.contact_force_n).norm()]);
     /// Time of each hop and of the whole chain, in the order of [`hop_names`]; µs. Recorded as `latency:log10_us`.
-    Latency = "latency:us" Log,
+    Latency "latency:us" "us" Log("latency:log10_us"), Hops, |t| hops_us(t.row.stamps(), t.hops);
+
+    /// log₁₀(|s_i| / η_i): below 0 inside the neighbourhood.
+    Nearness "drawn:nearness" "1" Drawn, Singularities, |t| t.each(|one| (one.s.abs() / one.eta_in.max(1e-9)).max(1e-9).log10().max(NEAREST));
+    /// Joint positions between their limits.
+    DrawnPosition "drawn:q_in_range" "1" Drawn, Joints, |t| t.row.q().map(|q| t.joints(q).enumerate().map(move |(i, q)| (q - t.limits.centre[i]) / t.limits.half_range[i]));
+    /// Joint velocities over their limits; rad/s where a joint has none.
+    DrawnSpeed "drawn:qdot_ratio" "1" Drawn, Joints, |t| t.row.qdot().map(|qdot| t.over(&t.limits.speed, move |i| qdot[i]));
+    /// Torques that act at the end-effector, without gravity's, over the limits; N·m where a joint has none.
+    DrawnHand "drawn:torque_hand" "1" Drawn, Joints, |t| t.row.control_state.map(|m| t.over(&t.limits.torque, move |i| m.tau_task[i] - t.gravity[i]));
+    /// Torques that carry the arm's weight; the same.
+    DrawnGravity "drawn:torque_gravity" "1" Drawn, Joints, |t| t.row.control_state.map(|_| t.over(&t.limits.torque, move |i| t.gravity[i]));
+    /// Torques in the null space; the same.
+    DrawnNull "drawn:torque_null" "1" Drawn, Joints, |t| t.row.control_state.map(|m| t.over(&t.limits.torque, move |i| m.tau_null[i]));
+    /// 0 while a fault is in force, nothing else: a bar in the plots of a run with planned faults.
+    Fault "drawn:fault" "1" Drawn, One, |t| t.is_faulty.then_some([0.0]);
+
+    /// Joint positions as the encoders read them
+    Encoder "joint:q_encoder" "rad" Message, Joints, |t| t.row.sensor.map(|m| t.joints(&m.q_encoder));
+    /// Estimated joint positions
+    Estimate "joint:q_estimate" "rad" Message, Joints, |t| t.row.estimate.map(|m| t.joints(&m.q));
+    /// Estimated joint velocities
+    SpeedEstimate "joint:qdot_estimate" "rad/s" Message, Joints, |t| t.row.estimate.map(|m| t.joints(&m.qdot));
+    /// Torques that the controller commands
+    Commanded "torque:commanded" "N*m" Message, Joints, |t| t.row.torque.map(|m| t.joints(&m.tau));
+    /// Torques that the drives applied over the tick before
+    Applied "torque:applied" "N*m" Message, Joints, |t| t.row.plant_state.map(|m| t.joints(&m.tau));
+    /// Torques over the tick before as the drives report them
+    Reported "torque:drive" "N*m" Message, Joints, |t| t.row.sensor.map(|m| t.joints(&m.tau_drive));
+    /// Torques that the model does not explain, as they act on the joints
+    Disturbance "torque:disturbance" "N*m" Message, Joints, |t| t.row.estimate.map(|m| t.joints(&m.tau_disturbance));
+    /// True position of the end-effector; base axes
+    Hand "hand:position" "m" Message, XYZ, |t| t.row.plant_state.map(|m| m.p_BE);
+    /// True rotation of the end-effector in the base frame, a unit quaternion of continuous sign
+    HandRotation "hand:orientation" "1" Message, Quaternion, |t| t.row.plant_state.map(|m| quaternion(&m.R_BE));
+    /// True velocity of the end-effector; base axes
+    HandVelocity "hand:velocity" "m/s" Message, XYZ, |t| t.row.plant_state.map(|m| halves(&m.V_BE)[0]);
+    /// True angular velocity of the end-effector; base axes
+    HandTurn "hand:angular_velocity" "rad/s" Message, XYZ, |t| t.row.plant_state.map(|m| halves(&m.V_BE)[1]);
+    /// Desired position of the end-effector; base axes
+    Desired "desired:position" "m" Message, XYZ, |t| t.row.control_state.map(|m| m.p_BE_d);
+    /// Desired rotation of the end-effector in the base frame, a unit quaternion of continuous sign
+    DesiredRotation "desired:orientation" "1" Message, Quaternion, |t| t.row.control_state.map(|m| quaternion(&m.R_BE_d));
+    /// Desired velocity of the end-effector; base axes
+    DesiredVelocity "desired:velocity" "m/s" Message, XYZ, |t| t.row.control_state.map(|m| halves(&m.V_BE_d)[0]);
+    /// Desired angular velocity of the end-effector; base axes
+    DesiredTurn "desired:angular_velocity" "rad/s" Message, XYZ, |t| t.row.control_state.map(|m| halves(&m.V_BE_d)[1]);
+    /// Sum of the contact forces on the arm; base axes
+    ContactForce "world:contact_force_vector" "N" Message, XYZ, |t| t.row.plant_state.map(|m| m.contact_force_n);
+    /// 1 inside the neighbourhood of the singularity, else 0
+    Inside "singularity:inside" "1" Message, Singularities, |t| t.each(|one| f64::from(one.inside));
+    /// Singular direction at the wrist centre: a unit vector, a translation (v) or a rotation (w); base axes
+    Zeta "singularity:zeta" "1" Message, Directions, |t| t.each(|one| one.zeta_B).map(Iterator::flatten);
+    /// Position of the end-effector that the target asks for; of a twist that of the reference; base axes
+    Asked "servo:position" "m" Message, XYZ, |t| t.row.servo_state.map(|m| m.p_target);
+    /// Velocity that the target asks for, before any limit; base axes
+    AskedVelocity "servo:velocity" "m/s" Message, XYZ, |t| t.row.servo_state.map(|m| halves(&m.V_target)[0]);
+    /// Angular velocity that the target asks for, before any limit; base axes
+    AskedTurn "servo:angular_velocity" "rad/s" Message, XYZ, |t| t.row.servo_state.map(|m| halves(&m.V_target)[1]);
+    /// Twist of the reference over the one asked for
+    SpeedShare "servo:speed_share" "1" Message, One, |t| t.row.servo_state.map(|m| [m.speed_scale]);
+    /// Distance that reach and limits have taken away since the target began
+    Behind "servo:behind" "m" Message, One, |t| t.row.servo_state.map(|m| [m.behind_m]);
+    /// Age of the target
+    Age "servo:age" "s" Message, One, |t| t.row.servo_state.map(|m| [m.age_s]);
+    /// Why the arm follows so and not faster: a code of REASONS (shared-types/src/codes.rs)
+    Reason "servo:reason" "1" Message, One, |t| t.row.servo_state.map(|m| [f64::from(m.reason)]);
+    /// The joint in the reason, from 1; negative at its lower limit; 0 for none
+    Joint "servo:joint" "1" Message, One, |t| t.row.servo_state.map(|m| [f64::from(m.joint) * if m.upper > 0 || m.joint == 0 { 1.0 } else { -1.0 }]);
+    /// The nearest singularity, from 1 in the order of the report; 0 for none
+    Nearest "servo:singularity" "1" Message, One, |t| t.row.servo_state.map(|m| [f64::from(m.singularity)]);
+    /// Its |s| over its outer bound: below 1 the law acts on it
+    NearestMeasure "servo:nearest" "1" Message, One, |t| t.row.servo_state.map(|m| [m.nearest]);
+    /// Targets refused since the start of the run
+    Refused "servo:refused" "1" Message, One, |t| t.row.servo_state.map(|m| [f64::from(m.refused)]);
+}
+
+/// `[x, y, z, w]` of a rotation matrix, column-major.
+fn quaternion(R: &[f64; 9]) -> [f64; 4] {
+    let R = Rotation3::from_matrix_unchecked(Matrix3::from_column_slice(R));
+    UnitQuaternion::from_rotation_matrix(&R).coords.into()
+}
+
+/// The linear and the angular half of a twist.
+pub(crate) fn halves<T: Copy>([a, b, c, d, e, f]: &[T; 6]) -> [[T; 3]; 2] {
+    [[*a, *b, *c], [*d, *e, *f]]
 }
 
 impl Signal {
+    pub(crate) fn of(self) -> &'static Quantity {
+        &TABLE[self as usize]
+    }
+
+    /// The column's name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        self.of().name
+    }
+
+    /// Its quantity and unit.
+    #[must_use]
+    pub fn about(self) -> &'static str {
+        self.of().about.trim()
+    }
+
+    /// The name of what is recorded of it.
+    pub(crate) fn component(self) -> &'static str {
+        match self.of().kept {
+            Log(name) => name,
+            _ => self.name(),
+        }
+    }
+
+    /// Those that are read back from a recording.
+    pub(crate) fn recorded() -> impl Iterator<Item = Self> {
+        let all = Self::ALL.iter().copied();
+        all.filter(|signal| !matches!(signal.of().kept, Drawn | Message))
+    }
+
     /// The names of the elements of a row of this signal, where there are so many joints and singularities of these names; one unnamed element
     /// is a plain number.
     #[must_use]
     pub fn elements(self, joints: usize, singularities: &[String]) -> Vec<String> {
         let named = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
-        match self {
-            Self::Position
-            | Self::PositionInRange
-            | Self::Speed
-            | Self::SpeedRatio
-            | Self::TorqueTask
-            | Self::TorqueNull
-            | Self::TorqueTaskRatio
-            | Self::TorqueNullRatio => (1..=joints).map(|i| i.to_string()).collect(),
-            Self::Measure | Self::Auxiliary | Self::AuxiliaryReference | Self::Beta => {
-                singularities.to_vec()
-            }
-            Self::SingularValues => (1..=joints.min(6)).map(|i| i.to_string()).collect(),
-            Self::PositionError | Self::OrientationError => named(&["orthogonal", "along"]),
-            Self::Scale => named(&["time", "task", "null"]),
-            Self::Contact => named(&[""]),
-            Self::Latency => hop_names().to_vec(),
+        let parts = |name: &String| {
+            ["vx", "vy", "vz", "wx", "wy", "wz"].map(|part| format!("{name}.{part}"))
+        };
+        match self.of().elements {
+            One => named(&[""]),
+            Joints => (1..=joints).map(|i| i.to_string()).collect(),
+            Sigmas => (1..=joints.min(6)).map(|i| i.to_string()).collect(),
+            Singularities => singularities.to_vec(),
+            Directions => singularities.iter().flat_map(parts).collect(),
+            Quaternion => named(&["x", "y", "z", "w"]),
+            Hops => hop_names().to_vec(),
+            Elements::Named(names) => named(names),
         }
     }
 }
@@ -250,53 +449,21 @@ pub fn chain_hops(graph: &Graph) -> Option<ChainHops> {
     Some([sensor?, estimate?, singularity?, torque?])
 }
 
-/// The names of the processes whose lanes the state timeline has: the writers of [`CHAIN`]'s topics, and the recorder.
-/// Empty where no process is.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Lives(Arc<[String; LIVES]>);
-
-/// How many.
-pub(crate) const LIVES: usize = CHAIN.len() + 1;
-
-impl Lives {
-    /// Those of a graph. A process that writes several of the topics has one lane.
-    #[must_use]
-    pub fn of(graph: &Graph) -> Self {
-        let recorder = graph
-            .process
-            .iter()
-            .find(|process| process.program() == Some(Program::Recorder));
-        let processes = CHAIN
-            .iter()
-            .map(|topic| graph.writer(topic))
-            .chain([recorder]);
-        let mut names: [String; LIVES] = Default::default();
-        names.iter_mut().zip(processes).for_each(|(name, process)| {
-            *name = process.map_or(String::new(), |process| process.name.clone())
-        });
-        for i in 1..LIVES {
-            if names[..i].contains(&names[i]) {
-                names[i].clear();
-            }
-        }
-        Self(names.into())
+/// Times of the hops, µs; `None` where the data has not passed them all or clocks ran backwards.
+fn hops_us(stamps: Option<&Stamps>, hops: Option<ChainHops>) -> Option<[f64; HOPS]> {
+    let (stamps, hops) = (stamps?, hops?);
+    let received = hops.map(|hop| stamps.received_ns[hop]);
+    let sent = hops.map(|hop| stamps.sent_ns[hop]);
+    let span = |from: u64, to: u64| Some(to.checked_sub(from).filter(|_| from > 0)? as f64 * 1e-3);
+    let mut times = [0.0; HOPS];
+    for (part, time) in times.iter_mut().enumerate() {
+        *time = match (part / 2, part % 2) {
+            (link, _) if link + 1 == CHAIN.len() => span(sent[0], sent[link])?,
+            (link, 0) => span(sent[link], received[link + 1])?,
+            (link, _) => span(received[link + 1], sent[link + 1])?,
+        };
     }
-
-    /// Place and name of each.
-    pub(crate) fn named(&self) -> impl Iterator<Item = (usize, &str)> {
-        self.0
-            .iter()
-            .map(String::as_str)
-            .enumerate()
-            .filter(|(_, name)| !name.is_empty())
-    }
-}
-
-impl Default for Lives {
-    /// Those of the built-in graph.
-    fn default() -> Self {
-        Self(Program::NAMES.map(str::to_owned).into())
-    }
+    Some(times)
 }
 
 /// The limits that make ratios of joint quantities.
@@ -310,28 +477,35 @@ pub(crate) struct Limits {
 
 impl Limits {
     pub(crate) fn new(robot: &Robot) -> Self {
-        let range = |lower: f64, upper: f64| {
-            if (upper - lower).is_finite() {
-                (0.5 * (lower + upper), 0.5 * (upper - lower))
-            } else {
-                (0.0, std::f64::consts::PI)
-            }
-        };
+        let of = |value: fn(&model::Joint) -> f64| robot.joints.iter().map(value).collect();
+        let has_range = |joint: &model::Joint| (joint.upper - joint.lower).is_finite();
         let (centre, half_range) = robot
             .joints
             .iter()
-            .map(|joint| range(joint.lower, joint.upper))
+            .map(|joint| match has_range(joint) {
+                true => (
+                    0.5 * (joint.lower + joint.upper),
+                    0.5 * (joint.upper - joint.lower),
+                ),
+                false => (0.0, std::f64::consts::PI),
+            })
             .unzip();
         Self {
             centre,
             half_range,
-            speed: robot.joints.iter().map(|joint| joint.velocity).collect(),
-            torque: robot.joints.iter().map(|joint| joint.effort).collect(),
+            speed: of(|joint| joint.velocity),
+            torque: of(|joint| joint.effort),
         }
     }
 
-    pub(crate) fn dof(&self) -> usize {
-        self.speed.len()
+    /// Each list with the name under which a recording has it.
+    pub(crate) fn named(&mut self) -> [(&'static str, &mut Vec<f64>); 4] {
+        [
+            ("joint:qdot_limit", &mut self.speed),
+            ("joint:torque_limit", &mut self.torque),
+            ("joint:q_centre", &mut self.centre),
+            ("joint:q_half_range", &mut self.half_range),
+        ]
     }
 
     /// The signal that a derived one is computed from, and value and joint to the derived value.
@@ -350,420 +524,148 @@ impl Limits {
     }
 }
 
-/// Values only drawn, which follow from the signals: at a lower rate, in steps of 1 / [`SHARES`], which repeat themselves and pack well.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Drawn {
-    /// log₁₀(|s_i| / η_i): below 0 inside the neighbourhood.
-    Nearness,
-    /// Joint positions between their limits.
-    InRange,
-    /// Joint velocities over their limits; rad/s where a joint has none.
-    Speed,
-    /// Torques that act at the end-effector, without gravity's, over the limits; N·m where a joint has none.
-    Hand,
-    /// Torques that carry the arm's weight; the same.
-    Gravity,
-    /// Torques in the null space; the same.
-    Null,
-    /// 0 while a fault is in force, nothing else: a bar in the plots of a run with planned faults.
-    Fault,
-}
-
-/// Steps of what is drawn to one, and of logarithms to a power of ten.
-pub(crate) const SHARES: f64 = 2048.0;
-/// The least [`Drawn::Nearness`]: what is exactly singular.
-const NEAREST: f64 = -3.0;
-
-impl Drawn {
-    pub(crate) const ALL: &[Self] = &[
-        Self::Nearness,
-        Self::InRange,
-        Self::Speed,
-        Self::Hand,
-        Self::Gravity,
-        Self::Null,
-        Self::Fault,
-    ];
-
-    pub(crate) const fn component(self) -> &'static str {
-        match self {
-            Self::Nearness => "drawn:nearness",
-            Self::InRange => "drawn:q_in_range",
-            Self::Speed => "drawn:qdot_ratio",
-            Self::Hand => "drawn:torque_hand",
-            Self::Gravity => "drawn:torque_gravity",
-            Self::Null => "drawn:torque_null",
-            Self::Fault => "drawn:fault",
-        }
-    }
-}
-
-/// Gives what is drawn of a tick to `put`; `gravity` are the torques that carry the arm, N·m.
-pub(crate) fn draw(
-    row: &TickRow,
-    limits: &Limits,
-    gravity: &[f64],
-    mut put: impl FnMut(Drawn, &[f64]),
-) {
-    let n = limits.dof();
-    // One unit for all joints: shares of limits only where each has one.
-    let units = |limits: &[f64]| -> [f64; MAX_DOF] {
-        let is_limited = limits.iter().all(|limit| limit.is_finite());
-        std::array::from_fn(|i| limits.get(i).copied().filter(|_| is_limited).unwrap_or(1.0))
-    };
-    let joints = |value: &dyn Fn(usize) -> f64| -> [f64; MAX_DOF] {
-        std::array::from_fn(|i| if i < n { value(i) } else { 0.0 })
-    };
-    let near = |one: &SingularityState| {
-        (one.s.abs() / one.eta_in.max(1e-9))
-            .max(1e-9)
-            .log10()
-            .max(NEAREST)
-    };
-    put(
-        Drawn::Nearness,
-        &of_each(row.singularities(), near)[..row.singularities().len()],
-    );
-    if let Some(q) = row.q() {
-        put(
-            Drawn::InRange,
-            &joints(&|i| (q[i] - limits.centre[i]) / limits.half_range[i])[..n],
-        );
-    }
-    if let Some(qdot) = row.qdot() {
-        let units = units(&limits.speed);
-        put(Drawn::Speed, &joints(&|i| qdot[i] / units[i])[..n]);
-    }
-    if let Some(command) = row.control_state {
-        let units = units(&limits.torque);
-        put(
-            Drawn::Hand,
-            &joints(&|i| (command.tau_task[i] - gravity[i]) / units[i])[..n],
-        );
-        put(Drawn::Gravity, &joints(&|i| gravity[i] / units[i])[..n]);
-        put(
-            Drawn::Null,
-            &joints(&|i| command.tau_null[i] / units[i])[..n],
-        );
-    }
-}
-
-/// Gives each signal's values at a tick to `put`; a signal whose messages are missing is not given, nor are the singular values, which no message has.
-pub(crate) fn sample(
-    row: &TickRow,
-    limits: &Limits,
-    hops: Option<ChainHops>,
-    mut put: impl FnMut(Signal, &[f64]),
-) {
-    let n = limits.dof();
-    if let Some(q) = row.q() {
-        put(Signal::Position, &q[..n]);
-    }
-    if let Some(qdot) = row.qdot() {
-        put(Signal::Speed, &qdot[..n]);
-    }
-    if let Some(command) = row.control_state {
-        put(Signal::TorqueTask, &command.tau_task[..n]);
-        put(Signal::TorqueNull, &command.tau_null[..n]);
-        put(
-            Signal::Scale,
-            &[command.time_scale, command.task_scale, command.null_scale],
-        );
-        let count = row.singularities().len();
-        put(Signal::AuxiliaryReference, &command.aux_d[..count]);
-        put(Signal::Beta, &command.beta[..count]);
-    }
-    if row.singularity.is_some() {
-        let (count, all) = (row.singularities().len(), row.singularities());
-        put(Signal::Measure, &of_each(all, |one| one.s)[..count]);
-        put(Signal::Auxiliary, &of_each(all, |one| one.aux)[..count]);
-    }
-    if let Some(state) = row.plant_state {
-        put(
-            Signal::Contact,
-            &[Vector3::from(state.contact_force_n).norm()],
-        );
-        if let Some(command) = row.control_state {
-            let error = TaskError::new(state, command, row.singularities());
-            put(Signal::PositionError, &error.position_m.map(|e| 1e3 * e));
-            put(
-                Signal::OrientationError,
-                &error.orientation_rad.map(f64::to_degrees),
-            );
-        }
-    }
-    if let Some(hops) = row
-        .stamps()
-        .zip(hops)
-        .and_then(|(stamps, hops)| hops_us(&stamps, hops))
-    {
-        put(Signal::Latency, &hops);
-    }
-}
-
-/// A number of each singularity, and zeros behind them.
-fn of_each(
-    singularities: &[SingularityState],
-    value: impl Fn(&SingularityState) -> f64,
-) -> [f64; MAX_SINGULARITIES] {
-    std::array::from_fn(|i| singularities.get(i).map_or(0.0, &value))
-}
-
-/// Task error, desired against true pose, split at the singular directions the arm is inside of: `[orthogonal, along]`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct TaskError {
-    pub(crate) position_m: [f64; 2],
-    pub(crate) orientation_rad: [f64; 2],
-}
-
-impl TaskError {
-    /// e = [p_d − p; log(R_d Rᵀ)], each half split into its part in span{ζ_i : inside} and the rest; base axes.
-    pub(crate) fn new(
-        state: &PlantState,
-        command: &ControlState,
-        singularities: &[SingularityState],
-    ) -> Self {
-        let p = Vector3::from(command.p_BE_d) - Vector3::from(state.p_BE);
-        let R_error = Matrix3::from_column_slice(&command.R_BE_d)
-            * Matrix3::from_column_slice(&state.R_BE).transpose();
-        let r = model::rotation_log(&R_error);
-        let directions = |angular: u32, offset: usize| {
-            singularities
-                .iter()
-                .filter(move |one| one.inside == 1 && one.angular == angular)
-                .map(move |one| Vector3::from_column_slice(&one.zeta_B[offset..offset + 3]))
-        };
-        Self {
-            position_m: split(p, directions(0, 0)),
-            orientation_rad: split(r, directions(1, 3)),
-        }
-    }
-}
-
 /// Norms of what is left of `e` orthogonal to the directions, and of what was taken along them (Gram–Schmidt).
 fn split(e: Vector3<f64>, directions: impl Iterator<Item = Vector3<f64>>) -> [f64; 2] {
-    let mut basis: [Vector3<f64>; 3] = [Vector3::zeros(); 3];
+    let mut basis = [Vector3::zeros(); 3];
     let mut taken = 0;
-    for direction in directions {
-        let rest = basis[..taken]
+    let along = |basis: &[Vector3<f64>], v: &Vector3<f64>| {
+        basis
             .iter()
-            .fold(direction, |rest, b| rest - b * b.dot(&rest));
+            .fold(Vector3::zeros(), |sum, b| sum + b * b.dot(v))
+    };
+    for direction in directions {
+        let rest = direction - along(&basis[..taken], &direction);
         if taken < 3 && rest.norm() > 1e-6 {
             basis[taken] = rest.normalize();
             taken += 1;
         }
     }
-    let along = basis[..taken]
-        .iter()
-        .fold(Vector3::zeros(), |sum, b| sum + b * b.dot(&e));
+    let along = along(&basis[..taken], &e);
     [(e - along).norm(), along.norm()]
-}
-
-/// Times of the hops, µs; `None` where the data has not passed them all or clocks ran backwards.
-fn hops_us(stamps: &Stamps, hops: ChainHops) -> Option<[f64; HOPS]> {
-    let (received, sent) = (
-        hops.map(|hop| stamps.received_ns[hop]),
-        hops.map(|hop| stamps.sent_ns[hop]),
-    );
-    let span = |from: u64, to: u64| {
-        (from > 0)
-            .then(|| to.checked_sub(from))
-            .flatten()
-            .map(|ns| ns as f64 * 1e-3)
-    };
-    let mut times = [0.0; HOPS];
-    for (part, time) in times.iter_mut().enumerate() {
-        *time = match (part / 2, part % 2) {
-            (link, _) if link + 1 == CHAIN.len() => span(sent[0], sent[link])?,
-            (link, 0) => span(sent[link], received[link + 1])?,
-            (link, _) => span(received[link + 1], sent[link + 1])?,
-        };
-    }
-    Some(times)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use shared_types::StateEstimate;
-
-    #[test]
-    fn an_error_along_zeta_is_not_orthogonal_to_it() {
-        let mut state = PlantState {
-            R_BE: [1., 0., 0., 0., 1., 0., 0., 0., 1.],
-            ..PlantState::default()
-        };
-        state.p_BE = [0.1, 0.2, 0.3];
-        let mut command = ControlState {
-            R_BE_d: state.R_BE,
-            p_BE_d: [0.103, 0.2, 0.304],
-            ..ControlState::default()
-        };
-        // A turn of 0.02 rad about z.
-        command.R_BE_d = *nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), 0.02)
-            .matrix()
-            .as_slice()
-            .first_chunk()
-            .expect("nine");
-        let elbow = SingularityState {
-            inside: 1,
-            zeta_B: [1., 0., 0., 0., 0., 0.],
-            ..SingularityState::default()
-        };
-        let wrist = SingularityState {
-            inside: 1,
-            angular: 1,
-            zeta_B: [0., 0., 0., 0., 0., 1.],
-            ..SingularityState::default()
-        };
-        let close = |a: [f64; 2], b: [f64; 2]| {
-            assert!(
-                (a[0] - b[0]).abs() < 1e-12 && (a[1] - b[1]).abs() < 1e-12,
-                "{a:?} {b:?}"
-            )
-        };
-        let outside = TaskError::new(&state, &command, &[]);
-        close(outside.position_m, [0.005, 0.0]);
-        close(outside.orientation_rad, [0.02, 0.0]);
-        let inside = TaskError::new(&state, &command, &[elbow, wrist]);
-        close(inside.position_m, [0.004, 0.003]);
-        close(inside.orientation_rad, [0.0, 0.02]);
-    }
+    use shared_types::PlantState;
 
     proptest! {
+        /// The two parts of an error are orthogonal, and an error along ζ has no other part.
         #[test]
         fn orthogonal_and_along_are_orthogonal_parts(e in prop::array::uniform3(-1.0..1.0f64), a in prop::array::uniform3(-1.0..1.0f64), b in prop::array::uniform3(-1.0..1.0f64)) {
-            let e = Vector3::from(e);
             let directions = [Vector3::from(a), Vector3::from(b)].map(|d| d.normalize());
-            let [orthogonal, along] = split(e, directions.into_iter());
-            prop_assert!((orthogonal.hypot(along) - e.norm()).abs() < 1e-9);
+            let [orthogonal, along] = split(Vector3::from(e), directions.into_iter());
+            prop_assert!((orthogonal.hypot(along) - Vector3::from(e).norm()).abs() < 1e-9);
             let [none, all] = split(directions[0] * 0.3, directions.into_iter());
             prop_assert!(none < 1e-9 && (all - 0.3).abs() < 1e-9);
+        }
+
+        /// A recorded logarithm reads back as its value; what is drawn is rounded to steps, also without a call.
+        #[test]
+        fn numbers_are_recorded_in_steps(power in -5.5..6.0f64) {
+            let value = 10f64.powf(power);
+            prop_assert!((from_logarithm(logarithm(value)) / value - 1.0).abs() < 6e-4);
+            prop_assert_eq!(share(-value), ((-value * SHARES).round() / SHARES) as f32);
+            prop_assert!(share(f64::NAN).is_nan() && from_logarithm(logarithm(0.0)) == 0.0);
+        }
+    }
+
+    #[test]
+    fn each_number_is_the_messages_own() {
+        let robot = Robot::builtin("puma560").expect("built in");
+        let limits = Limits::new(&robot);
+        let mut state = PlantState {
+            R_BE: Matrix3::<f64>::identity().as_slice().try_into().unwrap(),
+            ..PlantState::default()
+        };
+        for (i, joint) in robot.joints.iter().enumerate() {
+            (state.q[i], state.qdot[i]) = (joint.upper, joint.velocity);
+        }
+        let mut report = shared_types::SingularityReport {
+            count: 2,
+            ..Default::default()
+        };
+        for (one, s) in report.singularities.iter_mut().zip([0.1, 0.0]) {
+            (one.s, one.eta_in, one.inside) = (s, 0.1, 1);
+        }
+        report.singularities[0].zeta_B[0] = 1.0;
+        (
+            report.singularities[1].angular,
+            report.singularities[1].zeta_B[5],
+        ) = (1, 1.0);
+        let mut command = ControlState {
+            p_BE_d: [0.003, 0.0, 0.004],
+            ..ControlState::default()
+        };
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), 0.02);
+        command.R_BE_d = turn.matrix().as_slice().try_into().unwrap();
+        let row = TickRow::new(
+            0,
+            ByTopic {
+                plant_state: Some(&state),
+                singularity: Some(&report),
+                control_state: Some(&command),
+                ..ByTopic::default()
+            },
+        );
+        let take = |row: &TickRow, signal: Signal| {
+            let mut values = Vec::new();
+            (signal.of().take)(&Now::new(row, &limits, None), &mut values);
+            values
+        };
+        let close = |signal, expected: &[f64]| {
+            let found = take(&row, signal);
+            assert!(
+                found.len() == expected.len()
+                    && found
+                        .iter()
+                        .zip(expected)
+                        .all(|(a, b)| (a - b).abs() < 1e-9),
+                "{signal:?}: {found:?}"
+            );
+        };
+        close(Signal::PositionError, &[4.0, 3.0]);
+        close(Signal::OrientationError, &[0.0, 0.02f64.to_degrees()]);
+        close(Signal::Nearness, &[0.0, NEAREST]);
+        close(Signal::DrawnPosition, &[1.0; 6]);
+        close(Signal::DrawnSpeed, &[1.0; 6]);
+        for (signal, of) in [
+            (Signal::PositionInRange, Signal::Position),
+            (Signal::SpeedRatio, Signal::Speed),
+        ] {
+            let (known, derive) = limits.derive(signal).expect("derived");
+            assert_eq!(known, of);
+            assert!((derive(4, take(&row, of)[4]) - 1.0).abs() < 1e-12);
+        }
+        // As many values as a signal has elements, or none where its message is missing.
+        let names = ["elbow", "wrist"].map(str::to_owned);
+        for signal in Signal::ALL {
+            let count = take(&row, *signal).len();
+            assert!(
+                count == 0 || count == signal.elements(6, &names).len(),
+                "{signal:?}"
+            );
+            assert!(take(&TickRow::default(), *signal).is_empty());
         }
     }
 
     #[test]
     fn hops_add_up_to_the_chain() {
         // The chain's processes stand at places 0, 1, 3 and 2 of the stamps.
-        let received_ns = [0, 2_000, 9_000, 5_000, 0, 0, 0, 0];
-        let stamps = Stamps {
+        let (received_ns, sent_ns) = (
+            [0, 2_000, 9_000, 5_000, 0, 0, 0, 0],
+            [1_000, 4_000, 12_500, 8_000, 0, 0, 0, 0],
+        );
+        let mut stamps = Stamps {
             received_ns,
-            sent_ns: [1_000, 4_000, 12_500, 8_000, 0, 0, 0, 0],
+            sent_ns,
             due_ns: 0,
         };
-        let hops = hops_us(&stamps, [0, 1, 3, 2]).expect("complete");
-        assert_eq!(hops, [1.0, 2.0, 1.0, 3.0, 1.0, 3.5, 11.5]);
-        assert_eq!(hops[..6].iter().sum::<f64>(), hops[6]);
-        assert_eq!(
-            hops_us(
-                &Stamps {
-                    sent_ns: [1_000, 0, 0, 0, 0, 0, 0, 0],
-                    ..stamps
-                },
-                [0, 1, 3, 2]
-            ),
-            None,
-            "data that has not passed every hop has no latency"
-        );
-    }
-
-    #[test]
-    fn missing_messages_give_no_values() {
-        let robot = Robot::builtin("puma560").expect("built in");
-        let limits = Limits::new(&robot);
-        let mut seen = Vec::new();
-        let estimate = StateEstimate::default();
-        sample(
-            &TickRow::new(
-                0,
-                ByTopic {
-                    estimate: Some(&estimate),
-                    ..ByTopic::default()
-                },
-            ),
-            &limits,
-            None,
-            |signal, values| seen.push((signal, values.len())),
-        );
-        assert_eq!(seen, [(Signal::Position, 6), (Signal::Speed, 6)]);
-    }
-
-    #[test]
-    fn limits_are_at_plus_and_minus_one() {
-        let robot = Robot::builtin("puma560").expect("built in");
-        let limits = Limits::new(&robot);
-        let mut state = PlantState::default();
-        for (i, joint) in robot.joints.iter().enumerate() {
-            state.q[i] = if i % 2 == 0 { joint.upper } else { joint.lower };
-            state.qdot[i] = joint.velocity;
-        }
-        for (signal, values) in [
-            (Signal::PositionInRange, state.q),
-            (Signal::SpeedRatio, state.qdot),
-        ] {
-            let (_, derive) = limits.derive(signal).expect("derived");
-            for (i, value) in values.into_iter().take(6).enumerate() {
-                let expected = if signal == Signal::PositionInRange && i % 2 == 1 {
-                    -1.0
-                } else {
-                    1.0
-                };
-                assert!(
-                    (derive(i, value) - expected).abs() < 1e-12,
-                    "{signal:?} of joint {}",
-                    i + 1
-                );
-            }
-        }
-    }
-
-    #[test]
-    fn a_logarithm_reads_back_as_its_value() {
-        for value in [2e-6, 0.034, 1.0, 8.5, 741.25] {
-            assert!(
-                (from_logarithm(logarithm(value)) / value - 1.0).abs() < 6e-4,
-                "{value}"
-            );
-            for value in [value, -value, 1e9 * value] {
-                assert_eq!(
-                    share(value),
-                    ((value * SHARES).round() / SHARES) as f32,
-                    "{value}"
-                );
-            }
-        }
-        assert!(share(f64::NAN).is_nan() && share(f64::INFINITY) == f32::INFINITY);
-        assert_eq!(from_logarithm(logarithm(0.0)), 0.0);
-    }
-
-    #[test]
-    fn the_edge_of_a_neighbourhood_is_drawn_at_nought() {
-        let limits = Limits::new(&Robot::builtin("puma560").expect("built in"));
-        let mut report = shared_types::messages::SingularityReport {
-            count: 3,
-            ..Default::default()
-        };
-        for (one, s) in report.singularities.iter_mut().zip([0.1, -0.01, 0.0]) {
-            (one.s, one.eta_in) = (s, 0.1);
-        }
-        let row = TickRow::new(
-            0,
-            ByTopic {
-                singularity: Some(&report),
-                ..ByTopic::default()
-            },
-        );
-        let mut nearness: Vec<f64> = Vec::new();
-        draw(&row, &limits, &[0.0; 6], |drawn, values| {
-            assert_eq!(drawn, Drawn::Nearness);
-            nearness.extend(values);
-        });
-        assert!(
-            nearness[0].abs() < 1e-12
-                && (nearness[1] + 1.0).abs() < 1e-12
-                && nearness[2] == NEAREST,
-            "{nearness:?}"
-        );
+        let hops = |stamps: &Stamps| hops_us(Some(stamps), Some([0, 1, 3, 2]));
+        assert_eq!(hops(&stamps), Some([1.0, 2.0, 1.0, 3.0, 1.0, 3.5, 11.5]));
+        // Data that has not passed every hop has no latency.
+        stamps.sent_ns[2] = 0;
+        assert_eq!(hops(&stamps), None);
     }
 }

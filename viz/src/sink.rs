@@ -8,7 +8,7 @@ use std::io::{self, Seek, SeekFrom, Write};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use re_chunk::{Chunk, ChunkBatcherConfig, ChunkResult, EntityPath, TimeColumn, TimePoint};
+use re_chunk::{Chunk, ChunkBatcherConfig, ChunkResult};
 use re_log_encoding::{CrateVersion, EncodeError, Encoder, EncodingOptions, StreamHeader};
 use re_log_types::external::re_tuid::Tuid;
 use re_log_types::{
@@ -16,7 +16,6 @@ use re_log_types::{
 };
 use re_sdk::sink::{LogSink, SinkFlushError};
 use re_sdk::{RecordingStream, RecordingStreamBuilder};
-use re_sdk_types::{AsComponents, SerializedComponentColumn};
 
 /// Where a recording goes: bytes that can be cut back.
 pub trait Storage: Write + Send {
@@ -44,6 +43,17 @@ impl Storage for File {
     }
 }
 
+/// Keeps nothing.
+impl Storage for io::Sink {
+    fn cut(&mut self, _: u64) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
 /// Why a recording could not be made, or ended before its run; a file that exists is readable up to its last byte.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
@@ -65,8 +75,14 @@ pub enum RecordError {
         /// The model's error.
         reason: String,
     },
-    /// The volume refused a write.
-    #[error("the recording {}: {source}{}. {}, choose another folder with --out, or run with --no-record", ends(*bytes), kept(*bytes), remedy(source))]
+    /// The volume refused a write. The number of bytes is not told: the file gets its end, and may get a table of contents, after this.
+    #[error("the recording {}: {source}{}. {}, choose another folder with --out, or run with --no-record",
+        if *bytes == 0 { "cannot begin" } else { "ends early" },
+        if *bytes == 0 { "" } else { "; what came before is kept and readable" },
+        match source.kind() {
+            io::ErrorKind::FileTooLarge => "Raise the shell's limit on the size of files with `ulimit -f unlimited`",
+            _ => "Free space there",
+        })]
     Write {
         /// Bytes kept.
         bytes: u64,
@@ -100,45 +116,13 @@ impl RecordError {
         }
         self
     }
-}
 
-/// Without the number of bytes: the file gets its end, and may get a table of contents, after this.
-fn ends(bytes: u64) -> &'static str {
-    if bytes == 0 {
-        "cannot begin"
-    } else {
-        "ends early"
-    }
-}
-
-fn kept(bytes: u64) -> &'static str {
-    if bytes == 0 {
-        ""
-    } else {
-        "; what came before is kept and readable"
-    }
-}
-
-fn remedy(source: &io::Error) -> &'static str {
-    match source.kind() {
-        io::ErrorKind::FileTooLarge => {
-            "Raise the shell's limit on the size of files with `ulimit -f unlimited`"
+    fn defect(bytes: u64, reason: &dyn std::fmt::Display) -> Self {
+        Self::Encode {
+            bytes,
+            reason: reason.to_string(),
         }
-        _ => "Free space there",
     }
-}
-
-/// A finished recording.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct FileInfo {
-    /// Size; bytes.
-    pub bytes: u64,
-    /// Chunks of data.
-    pub chunks: u64,
-    /// Ticks recorded.
-    pub ticks: u64,
-    /// Files it is spread over.
-    pub parts: u32,
 }
 
 /// Whole messages that wait for [`Write::flush`]: it writes all of them, or none.
@@ -171,57 +155,38 @@ impl Write for Waiting {
 struct Disk {
     /// `None` once closed.
     encoder: Option<Encoder<Waiting>>,
-    /// Bytes of all messages, and of those that are flushed.
     bytes: u64,
-    flushed: u64,
-    chunks: u64,
     /// The error that closed it, until it is answered.
     error: Option<RecordError>,
 }
 
 impl Disk {
     fn attempt(&mut self, work: impl FnOnce(&mut Encoder<Waiting>) -> Result<u64, EncodeError>) {
-        let Some(encoder) = &mut self.encoder else {
-            return;
-        };
-        let bytes = self.flushed;
-        match work(encoder) {
-            Ok(more) => self.bytes += more,
-            Err(EncodeError::Write(source)) => self.fail(RecordError::Write { bytes, source }),
-            Err(defect) => self.defect(&defect),
+        match self.encoder.as_mut().map(work) {
+            None => {}
+            Some(Ok(more)) => self.bytes += more,
+            Some(Err(EncodeError::Write(source))) => {
+                self.fail(|bytes| RecordError::Write { bytes, source })
+            }
+            Some(Err(defect)) => self.fail(|bytes| RecordError::defect(bytes, &defect)),
         }
-    }
-
-    fn flush(&mut self) {
-        self.attempt(|encoder| encoder.flush_blocking().map(|()| 0));
-        if self.encoder.is_some() {
-            self.flushed = self.bytes;
-        }
-    }
-
-    fn defect(&mut self, reason: &dyn std::fmt::Display) {
-        self.fail(RecordError::Encode {
-            bytes: self.flushed,
-            reason: reason.to_string(),
-        });
     }
 
     /// Closes the file for good; the first error is the one to answer.
-    fn fail(&mut self, error: RecordError) {
-        self.error.get_or_insert(error);
-        self.close();
+    fn fail(&mut self, error: impl FnOnce(u64) -> RecordError) {
+        if self.encoder.is_some() {
+            let _ = self.close();
+            self.error = Some(error(self.bytes));
+        }
     }
 
     /// Makes what is flushed durable.
-    fn close(&mut self) {
-        if let Some(Ok(mut end)) = self.encoder.take().map(Encoder::into_inner) {
+    fn close(&mut self) -> io::Result<()> {
+        let end = self.encoder.take().map(Encoder::into_inner);
+        end.and_then(Result::ok).map_or(Ok(()), |mut end| {
             self.bytes = end.written;
-            if let Err(source) = end.storage.sync() {
-                let bytes = end.written;
-                self.error
-                    .get_or_insert(RecordError::Write { bytes, source });
-            }
-        }
+            end.storage.sync()
+        })
     }
 }
 
@@ -237,20 +202,19 @@ impl Shared {
 
 impl LogSink for Shared {
     fn send(&self, message: LogMsg) {
-        let mut disk = self.disk();
-        disk.chunks += u64::from(matches!(message, LogMsg::ArrowMsg(..)));
-        disk.attempt(|encoder| encoder.append(&message));
+        self.disk().attempt(|encoder| encoder.append(&message));
     }
 
     fn flush_blocking(&self, _: Duration) -> Result<(), SinkFlushError> {
-        self.disk().flush();
+        self.disk()
+            .attempt(|encoder| encoder.flush_blocking().map(|()| 0));
         Ok(())
     }
 }
 
-/// A recording's stream into a file.
+/// A recording's stream into a file. What is logged into it is written at the next [`flush`](Self::flush), a chunk for each entity.
 pub(crate) struct Sink {
-    stream: RecordingStream,
+    pub(crate) stream: RecordingStream,
     shared: Shared,
 }
 
@@ -262,28 +226,22 @@ impl Sink {
             messages: Vec::new(),
             written: 0,
         };
-        let defect = |error: &dyn std::fmt::Display| RecordError::Encode {
-            bytes: 0,
-            reason: error.to_string(),
-        };
         let options = EncodingOptions::PROTOBUF_COMPRESSED;
         let encoder = Encoder::new_eager(CrateVersion::LOCAL, options, waiting);
         let shared = Shared(Arc::new(Mutex::new(Disk {
-            encoder: Some(encoder.map_err(|error| defect(&error))?),
+            encoder: Some(encoder.map_err(|error| RecordError::defect(0, &error))?),
             bytes: StreamHeader::ENCODED_SIZE_BYTES as u64,
-            flushed: 0,
-            chunks: 0,
             error: None,
         })));
         // Alone: whatever comes of the rest, this is a stream.
-        shared.disk().flush();
+        let _ = shared.flush_blocking(Duration::MAX);
         let stream = RecordingStreamBuilder::from_store_id(store)
             .enabled(true)
             .send_properties(false)
             .store_source(source())
             .batcher_config(ChunkBatcherConfig::NEVER)
             .buffered()
-            .map_err(|error| defect(&error))?;
+            .map_err(|error| RecordError::defect(0, &error))?;
         stream.set_log_tick_enabled(false);
         stream.set_log_time_enabled(false);
         stream.set_sink(Box::new(shared.clone()));
@@ -292,38 +250,7 @@ impl Sink {
         sink.check().map(|()| sink)
     }
 
-    /// Adds a row to the chunk of its place; [`Sink::flush`] ends chunks.
-    pub(crate) fn log(
-        &self,
-        at: TimePoint,
-        path: impl Into<EntityPath>,
-        archetype: &dyn AsComponents,
-    ) {
-        self.stream.set_timepoint(at);
-        self.done(self.stream.log(path, archetype));
-    }
-
-    /// A value that never changes.
-    pub(crate) fn log_static(&self, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
-        self.done(self.stream.log_static(path, archetype));
-    }
-
-    /// A chunk of columns.
-    pub(crate) fn send_columns(
-        &self,
-        path: impl Into<EntityPath>,
-        times: impl IntoIterator<Item = TimeColumn>,
-        columns: impl IntoIterator<Item = SerializedComponentColumn>,
-    ) {
-        self.done(self.stream.send_columns(path, times, columns));
-    }
-
-    /// A chunk as it stands in another file.
-    pub(crate) fn send_chunk(&self, chunk: Chunk) {
-        self.stream.send_chunk(chunk);
-    }
-
-    /// A blueprint, which is complete then and shall be shown. All that has been logged before comes before it.
+    /// Adds a blueprint, which is complete then and shall be shown. All that has been logged before comes before it.
     pub(crate) fn send_blueprint(
         &self,
         store: &StoreId,
@@ -339,17 +266,12 @@ impl Sink {
             Ok(LogMsg::ArrowMsg(store.clone(), message))
         });
         let messages: ChunkResult<Vec<_>> = std::iter::once(Ok(info)).chain(chunks).collect();
-        match messages {
-            Ok(messages) => self.stream.send_blueprint(
-                messages,
-                BlueprintActivationCommand {
-                    blueprint_id: store.clone(),
-                    make_active: true,
-                    make_default: true,
-                },
-            ),
-            Err(error) => self.shared.disk().defect(&error),
-        }
+        let activation = BlueprintActivationCommand {
+            blueprint_id: store.clone(),
+            make_active: true,
+            make_default: true,
+        };
+        self.done(messages.map(|messages| self.stream.send_blueprint(messages, activation)));
         self.flush();
     }
 
@@ -358,20 +280,18 @@ impl Sink {
         self.done(self.stream.flush_blocking());
     }
 
-    fn done<E: std::fmt::Display>(&self, done: Result<(), E>) {
+    /// Ends the file where something could not be logged.
+    pub(crate) fn done<E: std::fmt::Display>(&self, done: Result<(), E>) {
         if let Err(defect) = done {
-            self.shared.disk().defect(&defect);
+            self.shared
+                .disk()
+                .fail(|bytes| RecordError::defect(bytes, &defect));
         }
     }
 
     /// Size so far; bytes.
     pub(crate) fn bytes(&self) -> u64 {
         self.shared.disk().bytes
-    }
-
-    /// Chunks so far.
-    pub(crate) fn chunks(&self) -> u64 {
-        self.shared.disk().chunks
     }
 
     /// Whether the file has ended.
@@ -390,8 +310,12 @@ impl Sink {
         self.flush();
         let mut disk = self.shared.disk();
         disk.attempt(|encoder| encoder.finish().map(|()| 0));
-        disk.flush();
-        disk.close();
+        disk.attempt(|encoder| encoder.flush_blocking().map(|()| 0));
+        if let Err(source) = disk.close() {
+            let bytes = disk.bytes;
+            disk.error
+                .get_or_insert(RecordError::Write { bytes, source });
+        }
         drop(disk);
         self.check().map(|()| self.bytes())
     }

@@ -1,41 +1,38 @@
 //! The panes that layouts are made of, and how each layout arranges them.
 
 use re_chunk::EntityPath;
-use re_sdk_types::blueprint::components::Corner2D;
+use re_sdk_types::blueprint::components::Corner2D::{self, RightBottom, RightTop};
 use shared_types::scenario::Layout;
 
 use super::sheet::{Cell, Lines, Sheet};
-use super::subject::{ACROSS, ALONG, JOINTS, Subject};
+use super::{ACROSS, ALONG, BAND_LINES, JOINTS, Subject};
 use crate::entity;
-use crate::signals::{Drawn, Signal, hop_names};
+use crate::signals::{Signal, hop_names};
 use crate::solid::Rgba;
 
 const TOLERANCE: Rgba = [255, 64, 84, 255];
-const LIMITS: Option<[f64; 2]> = Some([-1.1, 1.1]);
+/// Powers of ten of errors, mm and degrees, and of latencies, µs.
+const ERRORS: Option<[f64; 2]> = Some([-4.3, 2.3]);
+const LATENCIES: Option<[f64; 2]> = Some([-0.6, 4.3]);
+
 /// Name of the view from near by.
 pub(super) const fn close_up_name(subject: &Subject) -> &'static str {
-    if subject.stands_still {
-        "The hand's way, × 50"
-    } else {
-        "Close-up, across ζ"
+    match subject.stands_still {
+        true => "The hand's way, × 50",
+        false => "Close-up, across ζ",
     }
 }
 
 /// Name of the view of the whole arm.
 pub(super) const fn world_name(subject: &Subject) -> &'static str {
-    if subject.stands_still {
-        "Arm: its joints move"
-    } else {
-        "Arm: the coloured mark is the lost direction ζ"
+    match subject.stands_still {
+        true => "Arm: its joints move",
+        false => "Arm: the coloured mark is the lost direction ζ",
     }
 }
 
-/// Powers of ten of errors, mm and degrees, and of latencies, µs.
-const ERRORS: Option<[f64; 2]> = Some([-4.3, 2.3]);
-const LATENCIES: Option<[f64; 2]> = Some([-0.6, 4.3]);
-
 /// Joints that a plot's legend names.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq)]
 enum Named {
     All,
     First,
@@ -65,11 +62,11 @@ impl<'a> Desk<'a> {
 
     fn arrange_control(&mut self) -> EntityPath {
         let views = vec![(1.35, self.world()), (1.0, self.close_up())];
-        let left = [(2.45, self.sheet.row("", views)), (1.15, self.now())];
+        let left = vec![(2.45, self.sheet.row("", views)), (1.15, self.now())];
         let torques = self.torques();
         let (errors, joints, measure) = (self.errors(), self.joints(), self.measure());
         let others = [
-            self.gravity(),
+            self.per_joint("Gravity torque", Signal::DrawnGravity, Named::First, None),
             self.governor(),
             self.auxiliary(),
             self.singular_values(),
@@ -87,37 +84,38 @@ impl<'a> Desk<'a> {
             let more = self.sheet.tabs(more.collect());
             let modes = self.sheet.tabs(modes.into());
             // A lane for each singularity.
-            let lanes = match self.subject.singularities.len() {
-                0..=3 => 1.35,
-                _ => 1.6,
+            let lanes = if self.subject.singularities.len() > 3 {
+                1.6
+            } else {
+                1.35
             };
             vec![(1.4, measure), (1.6, more), (lanes, modes)]
         };
-        self.halves(left.into(), right)
+        self.halves(left, right)
     }
 
     fn arrange_timing(&mut self) -> EntityPath {
-        let upper = [(2.2, self.latency(Named::All)), (1.0, self.small_world())];
+        let upper = vec![(2.2, self.latency(Named::All)), (1.0, self.small_world())];
         // Each lane takes 40 points: the processes' stand in a column of their own.
         let lives = self.lives();
         let modes = [self.modes(), self.log()].map(|view| (1.0, view));
         // Three plots side by side have no room for their titles.
         let plots = vec![self.errors(), self.governor()];
         let rows = vec![
-            (1.0, self.sheet.row("", modes.to_vec())),
+            (1.0, self.sheet.row("", modes.into())),
             (1.2, self.sheet.tabs(plots)),
         ];
         let lower = vec![(1.0, lives), (2.2, self.sheet.column(rows))];
-        let cells = [(1.6, upper.to_vec()), (2.4, lower)]
-            .map(|(share, row)| (share, self.sheet.row("", row)));
+        let cells =
+            [(1.6, upper), (2.4, lower)].map(|(share, row)| (share, self.sheet.row("", row)));
         self.sheet.column(cells.into())
     }
 
     fn arrange_faults(&mut self) -> EntityPath {
         let below = [self.log(), self.modes()];
         let below = self.sheet.tabs(below.into());
-        let left = [(1.3, self.small_world()), (0.95, self.now()), (1.1, below)];
-        let more = [
+        let left = vec![(1.3, self.small_world()), (0.95, self.now()), (1.1, below)];
+        let more = vec![
             self.errors(),
             self.torques(),
             self.joints(),
@@ -125,9 +123,9 @@ impl<'a> Desk<'a> {
             self.governor(),
             self.latency(Named::Last),
         ];
-        let more = self.sheet.tabs(more.into());
-        let right = [(2.25, self.lives()), (2.35, more)];
-        self.halves(left.into(), right.into())
+        let more = self.sheet.tabs(more);
+        let right = vec![(2.25, self.lives()), (2.35, more)];
+        self.halves(left, right)
     }
 
     /// Two columns: the table of singularities and lines of the log are as wide in each layout.
@@ -141,42 +139,47 @@ impl<'a> Desk<'a> {
 
     /// A line per joint. A legend beside the lines has room for few names: of two plots side by side the one names the first joints, the
     /// other the last, and the others share an entry.
-    fn per_joint(&self, drawn: Drawn, named: Named) -> Vec<Lines> {
+    fn per_joint(
+        &mut self,
+        name: &str,
+        signal: Signal,
+        named: Named,
+        range: Option<[f64; 2]>,
+    ) -> EntityPath {
+        let unit = match signal {
+            Signal::DrawnPosition => "",
+            Signal::DrawnSpeed if self.subject.unlimited_speed => ", rad/s",
+            Signal::DrawnSpeed => " / limit",
+            _ if self.subject.unlimited_torque => ", N·m",
+            _ => " / limit",
+        };
         let (count, first) = (self.subject.joints, self.subject.joints.div_ceil(2));
         let (own, others) = match named {
             _ if count <= 3 => (0..count, count..count),
             Named::First => (0..first, first..count),
-            Named::All | Named::Last => (first..count, 0..first),
+            _ => (first..count, 0..first),
         };
         let others = format!("q{}–q{}", others.start + 1, others.end);
-        let names = (0..count).map(|i| {
-            if own.contains(&i) {
-                format!("q{}", i + 1)
-            } else {
-                others.clone()
-            }
-        });
-        vec![Lines::drawn(drawn, names.collect(), JOINTS)]
+        let name_of = |i: usize| match own.contains(&i) {
+            true => format!("q{}", i + 1),
+            false => others.clone(),
+        };
+        let lines = Lines::of(signal, (0..count).map(name_of), JOINTS);
+        self.sheet.plot(
+            &format!("{name}{unit}"),
+            vec![lines],
+            range,
+            Some(RightBottom),
+        )
     }
 
-    fn singularity_names(&self, prefix: &str) -> Vec<String> {
-        self.subject
-            .singularities
-            .iter()
-            .map(|(name, _)| format!("{prefix}{name}"))
-            .collect()
-    }
-
-    fn per_singularity(&self, signal: Signal, prefix: &str) -> Lines {
-        Lines::of(signal, self.singularity_names(prefix), self.colours())
-    }
-
-    fn colours(&self) -> Vec<Rgba> {
-        self.subject
-            .singularities
-            .iter()
-            .map(|(_, colour)| *colour)
-            .collect()
+    fn per_singularity(&self, signal: Signal) -> Lines {
+        let all = self.subject.singularities.iter();
+        Lines::of(
+            signal,
+            all.clone().map(|one| one.0.clone()),
+            all.map(|one| one.1),
+        )
     }
 
     fn world(&mut self) -> EntityPath {
@@ -209,224 +212,146 @@ impl<'a> Desk<'a> {
     }
 
     fn modes(&mut self) -> EntityPath {
-        let lanes = self.singularity_names("mode/");
-        self.sheet.states(
-            "What control does at each singularity",
-            lanes.iter().map(|lane| entity::state(lane)),
-        )
+        let lanes = self
+            .subject
+            .singularities
+            .iter()
+            .map(|(name, _)| entity::state(name));
+        self.sheet
+            .states("What control does at each singularity", lanes)
     }
 
     fn lives(&mut self) -> EntityPath {
+        let lanes = ["fault", "drive"].map(entity::state).into_iter();
         let processes = self.subject.lives.named().map(entity::life);
-        self.sheet.states(
-            "Fault, processes, drive",
-            ["fault", "drive"]
-                .map(entity::state)
-                .into_iter()
-                .chain(processes),
-        )
+        self.sheet
+            .states("Fault, processes, drive", lanes.chain(processes))
     }
 
     /// log₁₀(|s_i| / η_i), the band below 1 hatched.
     fn measure(&mut self) -> EntityPath {
-        let band = Lines::guide(
-            "guide:band",
-            "singular",
-            entity::BAND_LINES,
-            [255, 64, 84, 30],
-            5.0,
-        );
+        let band = Lines::guide("guide:band", "singular", BAND_LINES, [255, 64, 84, 30], 5.0);
         // In the legend with the band: it has room for few names.
-        let edges = Lines::guide(
-            "guide:edge",
-            "singular",
-            self.subject.outer.len(),
-            [190, 195, 205, 150],
-            1.0,
-        );
-        let mut nearness =
-            Lines::drawn(Drawn::Nearness, self.singularity_names(""), self.colours());
+        let edges = self.subject.outer.len();
+        let edges = Lines::guide("guide:edge", "singular", edges, [190, 195, 205, 150], 1.0);
+        let mut nearness = self.per_singularity(Signal::Nearness);
         nearness.width = 2.5;
+        let name = "How near: |s|/η in powers of ten. Below 0: treated as singular";
         self.sheet.plot(
-            "How near: |s|/η in powers of ten. Below 0: treated as singular",
+            name,
             vec![band, edges, nearness],
             Some([-3.1, 1.4]),
-            Some(Corner2D::RightBottom),
+            Some(RightBottom),
         )
     }
 
     /// The errors, each with what the goal allows, in powers of ten.
     fn errors(&mut self) -> EntityPath {
-        let (goal, stands_still) = (self.subject.goal, self.subject.stands_still);
-        let pane = |sheet: &mut Sheet, name: &str, signal, guide, goal: Option<f64>, legend| {
-            // Where no direction is lost there is one error.
-            let names = if stands_still {
-                ["error"; 2]
-            } else {
-                ["orthogonal", "along ζ"]
-            };
-            let mut lines = vec![Lines::of(
-                signal,
-                names.map(str::to_owned).to_vec(),
-                [ACROSS, ALONG],
-            )];
-            lines.extend(goal.map(|_| Lines::guide(guide, "goal", 1, TOLERANCE, 1.0)));
-            sheet.plot(name, lines, ERRORS, legend)
+        // Where no direction is lost there is one error.
+        let names = match self.subject.stands_still {
+            true => ["error"; 2],
+            false => ["orthogonal", "along ζ"],
         };
-        let (is_alone, corner) = (self.subject.without_orientation, Some(Corner2D::RightTop));
+        let mut pane = |name: &str, signal, guide, goal: Option<f64>, legend: Option<Corner2D>| {
+            let mut lines = vec![Lines::of(signal, names.map(str::to_owned), [ACROSS, ALONG])];
+            lines.extend(goal.map(|_| Lines::guide(guide, "goal", 1, TOLERANCE, 1.0)));
+            self.sheet.plot(name, lines, ERRORS, legend)
+        };
+        let (goal, is_alone) = (self.subject.goal, self.subject.without_orientation);
         // Of two plots side by side the second has the legend of both, and the room for it.
-        let (name, legend) = (
-            "Position error, log10 mm",
-            if is_alone { corner } else { None },
-        );
-        let position = pane(
-            self.sheet,
-            name,
-            Signal::PositionError,
-            "guide:goal_position",
-            goal[0],
-            legend,
-        );
-        if is_alone {
-            return self.sheet.row("Task errors", vec![(1.0, position)]);
+        let (name, legend) = ("Position error, log10 mm", is_alone.then_some(RightTop));
+        let mut panes = vec![(
+            1.0,
+            pane(
+                name,
+                Signal::PositionError,
+                "guide:goal_position",
+                goal[0],
+                legend,
+            ),
+        )];
+        if !is_alone {
+            let name = "Orientation error, log10 °";
+            let guide = "guide:goal_orientation";
+            panes.push((
+                1.2,
+                pane(
+                    name,
+                    Signal::OrientationError,
+                    guide,
+                    goal[1],
+                    Some(RightTop),
+                ),
+            ));
         }
-        let name = "Orientation error, log10 °";
-        let orientation = pane(
-            self.sheet,
-            name,
-            Signal::OrientationError,
-            "guide:goal_orientation",
-            goal[1],
-            corner,
-        );
-        self.sheet
-            .row("Task errors", vec![(1.0, position), (1.2, orientation)])
-    }
-
-    fn torque_unit(&self) -> &'static str {
-        if self.subject.unlimited_torque {
-            ", N·m"
-        } else {
-            " / limit"
-        }
+        self.sheet.row("Task errors", panes)
     }
 
     fn torques(&mut self) -> EntityPath {
-        let of = self.torque_unit();
-        let hand = self.per_joint(Drawn::Hand, Named::First);
-        let hand = self.sheet.plot(
-            &format!("Hand torque, no gravity{of}"),
-            hand,
+        let hand = self.per_joint(
+            "Hand torque, no gravity",
+            Signal::DrawnHand,
+            Named::First,
             None,
-            Some(Corner2D::RightBottom),
         );
-        let null = self.per_joint(Drawn::Null, Named::Last);
-        let null = self.sheet.plot(
-            &format!("Null-space torque{of}"),
-            null,
-            None,
-            Some(Corner2D::RightBottom),
-        );
+        let null = self.per_joint("Null-space torque", Signal::DrawnNull, Named::Last, None);
         self.sheet.row("Torques", vec![(1.0, hand), (1.0, null)])
     }
 
-    fn gravity(&mut self) -> EntityPath {
-        let name = format!("Gravity torque{}", self.torque_unit());
-        self.sheet.plot(
-            &name,
-            self.per_joint(Drawn::Gravity, Named::First),
-            None,
-            Some(Corner2D::RightBottom),
-        )
-    }
-
     fn joints(&mut self) -> EntityPath {
-        let range = self.per_joint(Drawn::InRange, Named::First);
-        let range = self.sheet.plot(
-            "Joints between limits ±1",
-            range,
-            LIMITS,
-            Some(Corner2D::RightBottom),
-        );
-        let of = if self.subject.unlimited_speed {
-            ", rad/s"
-        } else {
-            " / limit"
-        };
-        let speed = self.per_joint(Drawn::Speed, Named::Last);
-        let speed = self.sheet.plot(
-            &format!("Joint speeds{of}"),
-            speed,
-            None,
-            Some(Corner2D::RightBottom),
-        );
+        let name = "Joints between limits ±1";
+        let range = self.per_joint(name, Signal::DrawnPosition, Named::First, Some([-1.1, 1.1]));
+        let speed = self.per_joint("Joint speeds", Signal::DrawnSpeed, Named::Last, None);
         self.sheet.row("Joints", vec![(1.0, range), (1.0, speed)])
     }
 
     /// The share of each torque, and the speed of the path's clock.
     fn governor(&mut self) -> EntityPath {
-        let names = ["time", "task torque", "null torque"]
-            .map(str::to_owned)
-            .to_vec();
-        let scales = Lines::of(
-            Signal::Scale,
-            names,
-            [
-                [120, 190, 250, 255],
-                [110, 215, 150, 255],
-                [200, 200, 120, 255],
-            ],
-        );
-        let mut beta = self.per_singularity(Signal::Beta, "");
-        beta.name_all("β");
+        let names = ["time", "task torque", "null torque"].map(str::to_owned);
+        let colours = [
+            [120, 190, 250, 255],
+            [110, 215, 150, 255],
+            [200, 200, 120, 255],
+        ];
+        let scales = Lines::of(Signal::Scale, names, colours);
+        let beta = self.per_singularity(Signal::Beta).named("β");
+        let name = "β (1 hand, 0 null space), governor";
         self.sheet.plot(
-            "β (1 hand, 0 null space), governor",
+            name,
             vec![scales, beta],
             Some([-0.05, 1.05]),
-            Some(Corner2D::RightBottom),
+            Some(RightBottom),
         )
     }
 
     fn auxiliary(&mut self) -> EntityPath {
-        let mut reference = self.per_singularity(Signal::AuxiliaryReference, "reference ");
-        reference.name_all("reference");
+        let mut reference = self
+            .per_singularity(Signal::AuxiliaryReference)
+            .named("reference");
         reference
             .colours
             .iter_mut()
             .for_each(|colour| colour[3] = 120);
-        let actual = self.per_singularity(Signal::Auxiliary, "");
-        self.sheet.plot(
-            "Auxiliary coordinates, rad",
-            vec![reference, actual],
-            None,
-            Some(Corner2D::RightTop),
-        )
+        let lines = vec![reference, self.per_singularity(Signal::Auxiliary)];
+        self.sheet
+            .plot("Auxiliary coordinates, rad", lines, None, Some(RightTop))
     }
 
     fn singular_values(&mut self) -> EntityPath {
         let count = self.subject.joints.min(6);
-        let between = format!("σ2 to σ{}", count.saturating_sub(1));
-        let names = (1..=count)
-            .map(|i| {
-                if i == 1 || i == count {
-                    format!("σ{i}")
-                } else {
-                    between.clone()
-                }
-            })
-            .collect();
-        self.sheet.plot(
-            "Singular values",
-            vec![Lines::of(Signal::SingularValues, names, JOINTS)],
-            None,
-            Some(Corner2D::RightTop),
-        )
+        let name = |i| match i == 1 || i == count {
+            true => format!("σ{i}"),
+            false => format!("σ2 to σ{}", count.saturating_sub(1)),
+        };
+        let lines = Lines::of(Signal::SingularValues, (1..=count).map(name), JOINTS);
+        self.sheet
+            .plot("Singular values", vec![lines], None, Some(RightTop))
     }
 
     /// `named`: all hops, where there is room, or the whole way.
     fn latency(&mut self, named: Named) -> EntityPath {
-        let mut names = hop_names().to_vec();
-        if !matches!(named, Named::All) {
+        let mut names = hop_names();
+        if named != Named::All {
             let last = names.len() - 1;
             names[..last].fill("its parts".to_owned());
         }
@@ -435,7 +360,7 @@ impl<'a> Desk<'a> {
             "Latency per hop, log10 µs",
             vec![hops],
             LATENCIES,
-            Some(Corner2D::RightTop),
+            Some(RightTop),
         )
     }
 }

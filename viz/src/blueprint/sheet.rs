@@ -1,5 +1,7 @@
 //! The views of a layout, as Rerun blueprint chunks.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use re_chunk::{Chunk, ChunkResult, EntityPath, RowId, Timeline};
 use re_sdk_types::AsComponents;
 use re_sdk_types::archetypes::SeriesLines;
@@ -13,18 +15,15 @@ use re_sdk_types::blueprint::components::{
     LockRangeDuringZoom, RowShare, TextLogColumn, TimelineColumn, VisibleTimeRange,
     VisualizerComponentMapping, VisualizerInstructionId,
 };
-use re_sdk_types::blueprint::datatypes::{
-    ComponentSourceKind, TextLogColumnKind, TimelineColumn as ColumnOfTimeline,
-    VisualizerComponentMapping as Mapping,
-};
+use re_sdk_types::blueprint::datatypes::{self, ComponentSourceKind, TextLogColumnKind};
 use re_sdk_types::components::{Color, Name, Plane3D, Range1D, StrokeWidth, Visible};
 use re_sdk_types::datatypes::{TimeRange, TimeRangeBoundary, VisibleTimeRange as Span};
 use re_sdk_types::external::uuid::Uuid;
 use shared_types::scenario::Layout;
 
-use super::subject::{Eye, Subject};
+use super::{Eye, Subject};
 use crate::entity;
-use crate::signals::{Drawn, Signal, Width};
+use crate::signals::{Kept, Signal};
 use crate::solid::Rgba;
 
 /// Lines of a plot: one signal's elements, with names and colours; its source entity.
@@ -39,23 +38,20 @@ pub(super) struct Lines {
 impl Lines {
     pub(super) fn of(
         signal: Signal,
-        names: Vec<String>,
+        names: impl IntoIterator<Item = String>,
         colours: impl IntoIterator<Item = Rgba>,
     ) -> Self {
-        let entity = if signal.width() == Width::Slow {
-            entity::DRAWN
-        } else {
-            entity::SIGNALS
-        };
-        Self::new(entity, signal.component(), names, colours)
-    }
-
-    pub(super) fn drawn(
-        drawn: Drawn,
-        names: Vec<String>,
-        colours: impl IntoIterator<Item = Rgba>,
-    ) -> Self {
-        Self::new(entity::DRAWN, drawn.component(), names, colours)
+        let names: Vec<String> = names.into_iter().collect();
+        Self {
+            entity: match signal.of().kept {
+                Kept::Slow | Kept::Drawn => entity::DRAWN,
+                _ => entity::SIGNALS,
+            },
+            component: signal.component(),
+            colours: colours.into_iter().take(names.len()).collect(),
+            names,
+            width: 1.5,
+        }
     }
 
     /// Lines that never move; `name` is that of the first, the others are not in the legend.
@@ -66,31 +62,20 @@ impl Lines {
         colour: Rgba,
         width: f32,
     ) -> Self {
-        let names = vec![name.to_owned(); count];
+        let (names, colours) = (vec![name.to_owned(); count], vec![colour; count]);
         Self {
+            entity: entity::GUIDES,
+            component,
+            names,
+            colours,
             width,
-            ..Self::new(entity::GUIDES, component, names, vec![colour; count])
         }
     }
 
     /// One name, hence one entry of the legend, for lines that are told apart by colours known from other plots.
-    pub(super) fn name_all(&mut self, name: &str) {
+    pub(super) fn named(mut self, name: &str) -> Self {
         self.names.iter_mut().for_each(|each| name.clone_into(each));
-    }
-
-    fn new(
-        entity: &'static str,
-        component: &'static str,
-        names: Vec<String>,
-        colours: impl IntoIterator<Item = Rgba>,
-    ) -> Self {
-        Self {
-            entity,
-            component,
-            colours: colours.into_iter().take(names.len()).collect(),
-            names,
-            width: 1.5,
-        }
+        self
     }
 }
 
@@ -110,7 +95,7 @@ pub(super) struct Sheet {
     pub(super) chunks: Vec<ChunkResult<Chunk>>,
     ids: u64,
     /// Views by name.
-    views: Vec<(String, EntityPath)>,
+    pub(super) views: BTreeMap<String, EntityPath>,
     /// The last container made: in the end the outermost.
     pub(super) root: Uuid,
     /// Whether plots have a bar for faults in force.
@@ -118,73 +103,41 @@ pub(super) struct Sheet {
     /// Plots show the whole run, whatever its length.
     pub(super) shows_all: bool,
     /// Whether chunks are made, or ids only.
-    makes_chunks: bool,
+    pub(super) makes_chunks: bool,
     /// Names of plots, and how many entries their legends have.
-    #[cfg(test)]
     pub(super) legends: Vec<(String, usize)>,
 }
 
 impl Sheet {
-    pub(super) fn new(layout: Layout) -> Self {
+    pub(super) fn new(layout: Layout, makes_chunks: bool) -> Self {
         Self {
             layout,
             chunks: Vec::new(),
             ids: 0,
-            views: Vec::new(),
+            views: BTreeMap::new(),
             root: Uuid::nil(),
             marks_faults: false,
             shows_all: false,
-            makes_chunks: true,
-            #[cfg(test)]
+            makes_chunks,
             legends: Vec::new(),
         }
     }
 
-    /// The ids and views of a layout that has been written, without its chunks.
-    pub(super) fn without_chunks(layout: Layout) -> Self {
-        Self {
-            makes_chunks: false,
-            ..Self::new(layout)
+    /// The archetypes of one place, in one chunk: each chunk costs a thousand bytes.
+    pub(super) fn log(&mut self, path: impl Into<EntityPath>, archetypes: &[&dyn AsComponents]) {
+        if self.makes_chunks {
+            let at = [(Timeline::new_sequence("blueprint"), 0)];
+            let components = archetypes
+                .iter()
+                .flat_map(|one| one.as_serialized_batches());
+            let chunk = Chunk::builder(path).with_serialized_batches(RowId::new(), at, components);
+            self.chunks.push(chunk.build());
         }
     }
 
-    /// From now on chunks are made.
-    pub(super) fn make_chunks(&mut self) {
-        self.makes_chunks = true;
-    }
-
-    pub(super) fn log(&mut self, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
-        if !self.makes_chunks {
-            return;
-        }
-        let at = [(Timeline::new_sequence("blueprint"), 0)];
-        self.chunks.push(
-            Chunk::builder(path)
-                .with_archetype(RowId::new(), at, archetype)
-                .build(),
-        );
-    }
-
-    /// Two archetypes of one place, in one chunk: each chunk costs a thousand bytes.
-    fn log_both(
-        &mut self,
-        path: impl Into<EntityPath>,
-        one: &dyn AsComponents,
-        other: &dyn AsComponents,
-    ) {
-        if !self.makes_chunks {
-            return;
-        }
-        let at = [(Timeline::new_sequence("blueprint"), 0)];
-        let components = one
-            .as_serialized_batches()
-            .into_iter()
-            .chain(other.as_serialized_batches());
-        self.chunks.push(
-            Chunk::builder(path)
-                .with_serialized_batches(RowId::new(), at, components)
-                .build(),
-        );
+    /// A setting of a view.
+    fn set(&mut self, view: &EntityPath, name: &str, setting: &dyn AsComponents) {
+        self.log(view.join(&name.into()), &[setting]);
     }
 
     /// The next id, of something of that class and name.
@@ -208,59 +161,37 @@ impl Sheet {
     ) -> (Uuid, EntityPath) {
         let id = self.id(class, name);
         let path = EntityPath::from(format!("view/{id}"));
-        self.log(
-            path.join(&"ViewContents".into()),
-            &ViewContents::new(contents.iter().map(|query| query.as_str())),
-        );
-        self.log(
-            path.clone(),
-            &ViewBlueprint::new(class)
-                .with_display_name(Name(name.into()))
-                .with_space_origin(origin),
-        );
-        self.views.push((name.to_owned(), path.clone()));
+        let queries = contents.iter().map(|query| query.as_str());
+        self.set(&path, "ViewContents", &ViewContents::new(queries));
+        let view = ViewBlueprint::new(class).with_display_name(Name(name.into()));
+        self.log(path.clone(), &[&view.with_space_origin(origin)]);
+        self.views.insert(name.to_owned(), path.clone());
         (id, path)
-    }
-
-    /// The path of the view of that name.
-    pub(super) fn view_named(&self, name: &str) -> Option<EntityPath> {
-        self.views
-            .iter()
-            .find(|(known, _)| known == name)
-            .map(|(_, path)| path.clone())
     }
 
     /// `name` is the title of its tab, where it is in one.
     fn container(&mut self, kind: ContainerKind, name: &str, cells: Vec<Cell>) -> EntityPath {
         self.root = self.id("container", name);
         let path = EntityPath::from(format!("container/{}", self.root));
-        let shares: Vec<f32> = cells.iter().map(|(share, _)| *share).collect();
-        let mut container = ContainerBlueprint::new(kind).with_contents(
-            cells
+        let shares = cells.iter().map(|(share, _)| (*share).into());
+        let contents = cells
+            .iter()
+            .map(|(_, path)| IncludedContent(path.to_string().into()));
+        let mut container = ContainerBlueprint::new(kind).with_contents(contents);
+        container = match kind {
+            ContainerKind::Horizontal => container.with_col_shares(shares.map(ColumnShare)),
+            ContainerKind::Vertical => container.with_row_shares(shares.map(RowShare)),
+            _ => cells
                 .iter()
-                .map(|(_, path)| IncludedContent(path.to_string().into())),
-        );
-        match kind {
-            ContainerKind::Horizontal => {
-                container = container
-                    .with_col_shares(shares.into_iter().map(|share| ColumnShare(share.into())))
-            }
-            ContainerKind::Vertical => {
-                container = container
-                    .with_row_shares(shares.into_iter().map(|share| RowShare(share.into())))
-            }
-            ContainerKind::Tabs => {
-                if let Some((_, first)) = cells.first() {
-                    container =
-                        container.with_active_tab(ActiveTab(first.to_string().as_str().into()));
-                }
-            }
-            ContainerKind::Grid => {}
-        }
+                .take(1)
+                .fold(container, |container, (_, first)| {
+                    container.with_active_tab(ActiveTab(first.to_string().as_str().into()))
+                }),
+        };
         if !name.is_empty() {
             container = container.with_display_name(Name(name.into()));
         }
-        self.log(path.clone(), &container);
+        self.log(path.clone(), &[&container]);
         path
     }
 
@@ -273,11 +204,8 @@ impl Sheet {
     }
 
     pub(super) fn tabs(&mut self, paths: Vec<EntityPath>) -> EntityPath {
-        self.container(
-            ContainerKind::Tabs,
-            "",
-            paths.into_iter().map(|path| (1.0, path)).collect(),
-        )
+        let cells = paths.into_iter().map(|path| (1.0, path)).collect();
+        self.container(ContainerKind::Tabs, "", cells)
     }
 
     /// A plot of lines over the shared time axis; `range`: fixed y range.
@@ -289,40 +217,32 @@ impl Sheet {
         legend: Option<Corner2D>,
     ) -> EntityPath {
         // Every plot is as long as the guides: one too thin to be seen, in the legend with the first line.
-        if let Some((name, colour)) = lines
+        let first = lines
             .first()
-            .and_then(|lines| lines.names.first().zip(lines.colours.first()))
-        {
-            let zero = Lines::guide("guide:zero", name, 1, *colour, 0.02);
-            lines.push(zero);
-        }
+            .and_then(|lines| lines.names.first().zip(lines.colours.first()));
+        let zero = first.map(|(name, colour)| Lines::guide("guide:zero", name, 1, *colour, 0.02));
+        lines.extend(zero);
         if self.marks_faults {
-            let bar = Lines::drawn(Drawn::Fault, vec!["fault".to_owned()], [FAULT]);
+            let bar = Lines::of(Signal::Fault, ["fault".to_owned()], [FAULT]);
             lines.push(Lines { width: 6.0, ..bar });
         }
-        #[cfg(test)]
         if legend.is_some() {
-            let names: std::collections::BTreeSet<&String> =
-                lines.iter().flat_map(|lines| &lines.names).collect();
+            let names: BTreeSet<&String> = lines.iter().flat_map(|lines| &lines.names).collect();
             self.legends.push((name.to_owned(), names.len()));
         }
-        let mut entities: Vec<&str> = lines.iter().map(|lines| lines.entity).collect();
-        entities.sort_unstable();
-        entities.dedup();
+        let entities: BTreeSet<&str> = lines.iter().map(|lines| lines.entity).collect();
         let contents: Vec<String> = entities.iter().map(|entity| (*entity).to_owned()).collect();
         let (id, path) = self.view("TimeSeries", name, "/", &contents);
         for entity in entities {
             let base = ViewContents::blueprint_base_visualizer_path_for_entity(id, &entity.into());
             let lines = lines.iter().filter(|lines| lines.entity == entity);
             let instructions: Vec<_> = lines.map(|lines| self.series(&base, lines)).collect();
-            self.log(base, &ActiveVisualizers::new(instructions));
+            self.log(base, &[&ActiveVisualizers::new(instructions)]);
         }
         self.axes(&path, range);
         let shown = PlotLegend::new().with_visible(Visible(legend.is_some().into()));
-        self.log(
-            path.join(&"PlotLegend".into()),
-            &legend.map_or(shown.clone(), |corner| shown.with_corner(corner)),
-        );
+        let shown = legend.map_or(shown.clone(), |corner| shown.with_corner(corner));
+        self.set(&path, "PlotLegend", &shown);
         path
     }
 
@@ -330,7 +250,7 @@ impl Sheet {
     fn series(&mut self, base: &EntityPath, lines: &Lines) -> VisualizerInstructionId {
         let instruction = self.id("lines", lines.component);
         let at = base.join(&EntityPath::from_single_string(instruction.to_string()));
-        let mapping = VisualizerComponentMapping(Mapping {
+        let mapping = VisualizerComponentMapping(datatypes::VisualizerComponentMapping {
             target: "Scalars:scalars".into(),
             source_kind: ComponentSourceKind::SourceComponent,
             source_component: Some(lines.component.into()),
@@ -343,28 +263,27 @@ impl Sheet {
             .with_names(lines.names.iter().map(|name| name.as_str()))
             .with_colors(colours)
             .with_widths(lines.names.iter().map(|_| StrokeWidth(lines.width.into())));
-        self.log_both(at, &instructed, &style);
+        self.log(at, &[&instructed, &style]);
         VisualizerInstructionId(instruction.into())
     }
 
     fn axes(&mut self, path: &EntityPath, range: Option<[f64; 2]>) {
         // A linked axis is as long as the viewer wants it: a minute at most. A range of its own would be read as ticks on the other time line.
-        let whole = TimeRange {
-            start: TimeRangeBoundary::Infinite,
-            end: TimeRangeBoundary::Infinite,
-        };
+        let (start, end) = (TimeRangeBoundary::Infinite, TimeRangeBoundary::Infinite);
         let axis = match self.shows_all {
             true => TimeAxis::new()
                 .with_link(LinkAxis::Independent)
-                .with_view_range(whole),
+                .with_view_range(TimeRange { start, end }),
             false => TimeAxis::new().with_link(LinkAxis::LinkToGlobal),
         };
-        self.log(path.join(&"TimeAxis".into()), &axis);
+        self.set(path, "TimeAxis", &axis);
         if let Some([low, high]) = range {
-            let axis = ScalarAxis::new()
-                .with_range(Range1D::new(low, high))
-                .with_zoom_lock(LockRangeDuringZoom(true.into()));
-            self.log(path.join(&"ScalarAxis".into()), &axis);
+            let axis = ScalarAxis::new().with_range(Range1D::new(low, high));
+            self.set(
+                path,
+                "ScalarAxis",
+                &axis.with_zoom_lock(LockRangeDuringZoom(true.into())),
+            );
         }
     }
 
@@ -372,32 +291,34 @@ impl Sheet {
         let (_, path) = self.view(class, name, origin, &[format!("{origin}/**")]);
         if class == "TextLog" {
             let columns = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body].map(|kind| {
-                TextLogColumn(re_sdk_types::blueprint::datatypes::TextLogColumn {
+                TextLogColumn(datatypes::TextLogColumn {
                     kind,
                     visible: true.into(),
                 })
             });
             // A column of times is as narrow as its head, which cuts them: each line begins with its time instead.
             let times = ["t", "tick"].map(|timeline| {
-                TimelineColumn(ColumnOfTimeline {
+                TimelineColumn(datatypes::TimelineColumn {
                     timeline: timeline.into(),
                     visible: false.into(),
                 })
             });
-            let columns = TextLogColumns::new()
-                .with_text_log_columns(columns)
-                .with_timeline_columns(times);
-            self.log(path.join(&"TextLogColumns".into()), &columns);
+            let columns = TextLogColumns::new().with_text_log_columns(columns);
+            self.set(
+                &path,
+                "TextLogColumns",
+                &columns.with_timeline_columns(times),
+            );
         }
         path
     }
 
     /// Lanes by their paths, in the viewer's own order.
     pub(super) fn states(&mut self, name: &str, lanes: impl Iterator<Item = String>) -> EntityPath {
-        let contents: Vec<String> = lanes.collect();
-        let (_, path) = self.view("StateTimeline", name, "/", &contents);
-        self.log(
-            path.join(&"TimeAxis".into()),
+        let (_, path) = self.view("StateTimeline", name, "/", &lanes.collect::<Vec<_>>());
+        self.set(
+            &path,
+            "TimeAxis",
             &TimeAxis::new().with_link(LinkAxis::LinkToGlobal),
         );
         path
@@ -405,70 +326,57 @@ impl Sheet {
 
     /// Shows in a view all below `origin` but `without`.
     pub(super) fn leave_out(&mut self, view: &EntityPath, origin: &str, without: &str) {
-        let contents = ViewContents::new([
-            format!("+ {origin}/**").as_str(),
-            format!("- {without}").as_str(),
-        ]);
-        self.log(view.join(&"ViewContents".into()), &contents);
+        let (all, but) = (format!("+ {origin}/**"), format!("- {without}"));
+        self.set(
+            view,
+            "ViewContents",
+            &ViewContents::new([all.as_str(), but.as_str()]),
+        );
     }
 
     /// From where a view of the arm sees it.
-    pub(super) fn eye(
-        &mut self,
-        view: &EntityPath,
-        Eye {
-            position,
-            look_at,
-            up,
-        }: &Eye,
-    ) {
-        let eye = EyeControls3D::new()
-            .with_position(position.to_array())
-            .with_look_target(look_at.to_array())
-            .with_eye_up(up.to_array());
-        self.log(view.join(&"EyeControls3D".into()), &eye);
+    pub(super) fn eye(&mut self, view: &EntityPath, eye: &Eye) {
+        let controls = EyeControls3D::new()
+            .with_position(eye.position.to_array())
+            .with_look_target(eye.look_at.to_array())
+            .with_eye_up(eye.up.to_array());
+        self.set(view, "EyeControls3D", &controls);
     }
 
     /// A view of the arm from `eye`.
     pub(super) fn world(&mut self, name: &str, subject: &Subject, eye: &Eye) -> EntityPath {
-        let (id, path) = self.view(
-            "3D",
-            name,
-            entity::WORLD,
-            &[format!("{}/**", entity::WORLD)],
-        );
+        let contents = [format!("{}/**", entity::WORLD)];
+        let (id, path) = self.view("3D", name, entity::WORLD, &contents);
         self.eye(&path, eye);
-        let background =
-            Background::new(BackgroundKind::SolidColor).with_color(Color::from_rgb(24, 28, 36));
-        self.log(path.join(&"Background".into()), &background);
-        let floor = Plane3D::new([0.0, 0.0, 1.0], subject.floor_m);
+        let background = Background::new(BackgroundKind::SolidColor);
+        self.set(
+            &path,
+            "Background",
+            &background.with_color(Color::from_rgb(24, 28, 36)),
+        );
         let grid = LineGrid3D::new()
-            .with_plane(floor)
+            .with_plane(Plane3D::new([0.0, 0.0, 1.0], subject.floor_m))
             .with_spacing(0.25)
             .with_color(Color::from_unmultiplied_rgba(150, 165, 185, 45));
-        self.log(path.join(&"LineGrid3D".into()), &grid);
+        self.set(&path, "LineGrid3D", &grid);
         // Paths are drawn in short pieces: all up to the cursor are shown.
-        let start = TimeRangeBoundary::Infinite;
+        let (start, end) = (TimeRangeBoundary::Infinite, TimeRangeBoundary::AT_CURSOR);
         let range = |timeline: &str| {
+            let range = TimeRange { start, end };
             VisibleTimeRange(Span {
                 timeline: timeline.into(),
-                range: TimeRange {
-                    start,
-                    end: TimeRangeBoundary::AT_CURSOR,
-                },
+                range,
             })
         };
-        let magnified = subject.stands_still.then_some(entity::PATH_MAGNIFIED);
-        for of in [
+        let mut paths = vec![
             entity::PATH_ACTUAL,
             entity::PATH_DESIRED,
-            entity::RIVAL_PATH,
-        ]
-        .into_iter()
-        .chain(magnified)
-        {
+            entity::PATH_RIVAL,
+        ];
+        paths.extend(subject.stands_still.then_some(entity::PATH_MAGNIFIED));
+        for of in paths {
             let at = ViewContents::blueprint_base_visualizer_path_for_entity(id, &of.into());
-            self.log(at, &VisibleTimeRanges::new([range("t"), range("tick")]));
+            self.log(at, &[&VisibleTimeRanges::new([range("t"), range("tick")])]);
         }
         path
     }

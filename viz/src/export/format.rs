@@ -2,9 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::fields::{Elements, FIELDS, Field};
 use crate::read::{About, ReadError, Rows, Solid};
-use crate::signals::{Signal, TickRow};
+use crate::signals::{Elements, Kept, Limits, Now, Signal, TickRow};
 
 /// Why an export failed: reading, writing, or the format's own crate.
 #[derive(Debug, thiserror::Error)]
@@ -79,10 +78,8 @@ pub(super) struct Block {
 
 impl Block {
     pub(super) fn rows(&self) -> impl Iterator<Item = (u64, &[Option<f64>])> {
-        self.ticks
-            .iter()
-            .copied()
-            .zip(self.values.chunks(self.width.max(1)))
+        let values = self.values.chunks(self.width.max(1));
+        self.ticks.iter().copied().zip(values)
     }
 }
 
@@ -98,12 +95,6 @@ pub(super) struct Column {
     pub(super) is_wide: bool,
 }
 
-/// Where a quantity's values come from.
-enum Source {
-    Signal(Signal),
-    Field(&'static Field),
-}
-
 /// A quantity: successive columns.
 pub(super) struct Quantity {
     /// `joint`, `singularity` and so on.
@@ -113,7 +104,7 @@ pub(super) struct Quantity {
     pub(super) elements: Vec<String>,
     /// Its columns, after tick and time.
     pub(super) columns: std::ops::Range<usize>,
-    source: Source,
+    signal: Signal,
     /// The last row's values, for a quaternion: its sign is continuous.
     last: Vec<f64>,
 }
@@ -126,112 +117,64 @@ pub(super) struct Columns {
     pub(super) rate_hz: f64,
     /// The run's description.
     pub(super) properties: Vec<(String, String)>,
-    joints: usize,
+    /// As many as the arm has joints.
+    limits: Limits,
 }
 
 impl Columns {
     /// Those of a recording, and with its messages those that come from them, of a steered run (`Some(true)`) or another; `slides`: which joints slide,
     /// whose units are metres.
     pub(super) fn new(about: &About, messages: Option<bool>, slides: &[bool]) -> Self {
-        let properties = about
-            .properties
-            .iter()
-            .map(|(key, value)| (key.clone(), value.clone()))
-            .collect();
         let mut columns = Self {
             quantities: Vec::new(),
             list: Vec::new(),
             rate_hz: about.rate_hz(),
-            properties,
-            joints: about.joints,
+            properties: about.properties.clone().into_iter().collect(),
+            limits: Limits {
+                speed: vec![1.0; about.joints],
+                ..Limits::default()
+            },
         };
-        for signal in Signal::ALL {
+        for signal in Signal::ALL.iter().copied() {
+            let of = signal.of();
+            let has_message =
+                messages.is_some_and(|is_steered| is_steered || !of.name.starts_with("servo:"));
+            if of.kept == Kept::Drawn || (of.kept == Kept::Message && !has_message) {
+                continue;
+            }
+            let (group, name) = of.name.split_once(':').unwrap_or(("run", of.name));
             let elements = signal.elements(about.joints, &about.singularities);
-            let words = signal.about().trim();
-            let is_of_joints = elements.len() == about.joints
-                && (signal.name().starts_with("joint:") || signal.name().starts_with("torque:"));
-            let slides = if is_of_joints { slides } else { &[] };
-            columns.add(
-                signal.name(),
-                unit(*signal),
-                words,
-                elements,
-                signal.is_wide(),
-                slides,
-                Source::Signal(*signal),
-            );
-        }
-        let has = |field: &&Field| {
-            messages.is_some_and(|is_steered| is_steered || !field.name.starts_with("servo:"))
-        };
-        for field in FIELDS.iter().filter(has) {
-            let elements = field.elements.names(about.joints, &about.singularities);
-            let slides = if field.elements == Elements::Joints {
-                slides
-            } else {
-                &[]
+            let first = columns.list.len();
+            let column = |(i, element): (usize, &String)| Column {
+                name: match element.as_str() {
+                    "" => format!("{group}.{name}"),
+                    element => format!("{group}.{name}.{}", ascii(element)),
+                },
+                unit: match of.elements == Elements::Joints && slides.get(i) == Some(&true) {
+                    true => sliding(of.unit),
+                    false => of.unit,
+                },
+                about: signal.about(),
+                is_wide: matches!(of.kept, Kept::F64 | Kept::Message),
             };
-            columns.add(
-                field.name,
-                field.unit,
-                field.about,
+            columns.list.extend(elements.iter().enumerate().map(column));
+            columns.quantities.push(Quantity {
+                group,
+                name,
+                about: signal.about(),
                 elements,
-                true,
-                slides,
-                Source::Field(field),
-            );
+                columns: first..columns.list.len(),
+                signal,
+                last: Vec::new(),
+            });
         }
         columns
     }
 
-    #[allow(clippy::too_many_arguments, reason = "the parts of one quantity")]
-    fn add(
-        &mut self,
-        name: &'static str,
-        unit: &'static str,
-        about: &'static str,
-        elements: Vec<String>,
-        is_wide: bool,
-        slides: &[bool],
-        source: Source,
-    ) {
-        let (group, name) = name.split_once(':').unwrap_or(("run", name));
-        let first = self.list.len();
-        self.list
-            .extend(elements.iter().enumerate().map(|(i, element)| {
-                let unit = if slides.get(i).copied().unwrap_or(false) {
-                    sliding(unit)
-                } else {
-                    unit
-                };
-                let name = if element.is_empty() {
-                    format!("{group}.{name}")
-                } else {
-                    format!("{group}.{name}.{}", ascii(element))
-                };
-                Column {
-                    name,
-                    unit,
-                    about,
-                    is_wide,
-                }
-            }));
-        self.quantities.push(Quantity {
-            group,
-            name,
-            about,
-            elements,
-            columns: first..self.list.len(),
-            source,
-            last: Vec::new(),
-        });
-    }
-
     /// `tick`, `t_s`, then the columns' names.
     pub(super) fn names(&self) -> impl Iterator<Item = &str> {
-        ["tick", "t_s"]
-            .into_iter()
-            .chain(self.list.iter().map(|column| column.name.as_str()))
+        let names = self.list.iter().map(|column| column.name.as_str());
+        ["tick", "t_s"].into_iter().chain(names)
     }
 
     pub(super) fn t_s(&self, tick: u64) -> f64 {
@@ -239,10 +182,10 @@ impl Columns {
     }
 
     /// The values of recorded rows; `messages` gives those of a tick, asked in ascending order.
-    pub(super) fn block<'a>(
+    pub(super) fn block(
         &mut self,
         rows: &Rows,
-        mut messages: impl FnMut(u64, &mut dyn FnMut(&TickRow<'_>)) + 'a,
+        mut messages: impl FnMut(u64, &mut dyn FnMut(&TickRow<'_>)),
     ) -> Block {
         let width = self.list.len();
         let mut block = Block {
@@ -250,45 +193,38 @@ impl Columns {
             values: vec![None; rows.ticks.len() * width],
             width,
         };
-        let mut values = Vec::new();
+        let (mut values, limits) = (Vec::new(), &self.limits);
         for (row, tick) in rows.ticks.iter().enumerate() {
             let out = &mut block.values[row * width..(row + 1) * width];
-            let put = |quantity: &Quantity, values: &[f64], out: &mut [Option<f64>]| {
-                out[quantity.columns.clone()]
-                    .iter_mut()
-                    .zip(values)
-                    .for_each(|(to, value)| *to = Some(*value));
-            };
-            for quantity in &self.quantities {
-                if let Source::Signal(signal) = quantity.source {
-                    values.clear();
-                    rows.values(signal, row, &mut values);
-                    put(quantity, &values, out);
-                }
-            }
-            let (joints, quantities) = (self.joints, &mut self.quantities);
-            messages(*tick, &mut |message| {
-                for quantity in quantities.iter_mut() {
-                    let Source::Field(field) = quantity.source else {
-                        continue;
-                    };
-                    values.clear();
-                    (field.take)(message, joints, &mut values);
-                    if field.elements == Elements::Quaternion && !values.is_empty() {
-                        if quantity
-                            .last
-                            .iter()
-                            .zip(&values)
-                            .map(|(a, b)| a * b)
-                            .sum::<f64>()
-                            < 0.0
-                        {
-                            values.iter_mut().for_each(|x| *x = -*x);
-                        }
-                        quantity.last.clone_from(&values);
+            let mut put = |quantity: &mut Quantity, message: Option<&TickRow>| {
+                values.clear();
+                match message {
+                    None => rows.values(quantity.signal, row, &mut values),
+                    Some(message) => {
+                        (quantity.signal.of().take)(&Now::new(message, limits, None), &mut values)
                     }
-                    put(quantity, &values, out);
                 }
+                if quantity.signal.of().elements == Elements::Quaternion && !values.is_empty() {
+                    let products = quantity.last.iter().zip(&values).map(|(a, b)| a * b);
+                    if products.sum::<f64>() < 0.0 {
+                        values.iter_mut().for_each(|x| *x = -*x);
+                    }
+                    quantity.last.clone_from(&values);
+                }
+                let to = out[quantity.columns.clone()].iter_mut();
+                to.zip(&values).for_each(|(to, value)| *to = Some(*value));
+            };
+            let is_message = |quantity: &&mut Quantity| quantity.signal.of().kept == Kept::Message;
+            let recorded = self.quantities.iter_mut();
+            recorded
+                .filter(|one| !is_message(one))
+                .for_each(|one| put(one, None));
+            let quantities = &mut self.quantities;
+            messages(*tick, &mut |message| {
+                quantities
+                    .iter_mut()
+                    .filter(is_message)
+                    .for_each(|one| put(one, Some(message)));
             });
         }
         block
@@ -297,10 +233,7 @@ impl Columns {
 
 /// A heading of a table that every tool takes: `hop sensor` is `hop_sensor`.
 fn ascii(element: &str) -> String {
-    element
-        .chars()
-        .map(|c| if c.is_ascii_graphic() { c } else { '_' })
-        .collect()
+    element.replace(|c: char| !c.is_ascii_graphic(), "_")
 }
 
 /// The unit of a joint that slides, where that of one that turns is given.
@@ -310,26 +243,5 @@ fn sliding(unit: &'static str) -> &'static str {
         "rad/s" => "m/s",
         "N*m" => "N",
         other => other,
-    }
-}
-
-/// The unit of a signal, as UDUNITS and pint read it.
-fn unit(signal: Signal) -> &'static str {
-    match signal {
-        Signal::Position | Signal::Auxiliary | Signal::AuxiliaryReference => "rad",
-        Signal::Speed => "rad/s",
-        Signal::TorqueTask | Signal::TorqueNull => "N*m",
-        Signal::PositionError => "mm",
-        Signal::OrientationError => "deg",
-        Signal::Contact => "N",
-        Signal::Latency => "us",
-        Signal::PositionInRange
-        | Signal::SpeedRatio
-        | Signal::TorqueTaskRatio
-        | Signal::TorqueNullRatio
-        | Signal::Measure
-        | Signal::Beta
-        | Signal::SingularValues
-        | Signal::Scale => "1",
     }
 }

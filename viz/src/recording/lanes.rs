@@ -4,21 +4,36 @@ use re_sdk_types::archetypes::{StateChange, StateConfiguration, TextDocument};
 use shared_types::codes::{DRIVES, MODES, PHASES, name_of};
 use shared_types::{MAX_SINGULARITIES, Message};
 
-use super::state::{Fault, Level, Recording, WRITERS};
-use crate::narration::{FAULT_COLOUR, NO_FAULT, Run};
+use super::{Level, Recording};
+use crate::entity::{self, LIVES};
+use crate::narration::{self, FAULT_COLOUR, NO_FAULT, Run};
 use crate::signals::TickRow;
-use crate::{entity, narration};
 
 /// A message that is missing for so many ticks is late, not absent.
 const PATIENCE: u64 = 3;
 
+/// Places of the lanes but the faults': the processes, drive, phase, and each singularity.
+const DRIVE: usize = LIVES;
+const PHASE: usize = LIVES + 1;
+const FIRST_MODE: usize = LIVES + 2;
+pub(super) const LANES: usize = FIRST_MODE + MAX_SINGULARITIES;
+
+/// A fault in force: its number, its words for the lane and for the headline, and when it is over, as soon as that is known.
+pub(super) struct Fault {
+    number: usize,
+    lane: String,
+    headline: String,
+    pub(super) until: Option<u64>,
+}
+
 impl Recording {
     /// A fault takes effect: its number, its words for the lane and for the headline.
     pub fn fault_begins(&mut self, tick: u64, number: usize, lane: &str, headline: &str) {
+        let (lane, headline) = (lane.to_owned(), headline.to_owned());
         self.story.faults.push(Fault {
             number,
-            lane: lane.to_owned(),
-            headline: headline.to_owned(),
+            lane,
+            headline,
             until: None,
         });
         self.write_fault_lane(tick);
@@ -26,9 +41,8 @@ impl Recording {
 
     /// A fault is over at a tick, be it past or still to come.
     pub fn fault_ends(&mut self, tick: u64, number: usize) {
-        self.story
-            .faults
-            .iter_mut()
+        let faults = self.story.faults.iter_mut();
+        faults
             .filter(|fault| fault.number == number)
             .for_each(|fault| fault.until = Some(tick));
     }
@@ -40,21 +54,24 @@ impl Recording {
             .last()
             .map_or(NO_FAULT.0, |fault| fault.lane.as_str())
             .to_owned();
-        if self.part.lanes.fault.as_deref() == Some(text.as_str()) {
+        if self.part.fault.as_ref() == Some(&text) {
             return;
         }
         if text != NO_FAULT.0 && !self.story.fault_states.contains(&text) {
             self.story.fault_states.push(text.clone());
-            let all = self.story.fault_states.clone();
-            let styles: Vec<(&str, u32)> = all
-                .iter()
-                .map(|state| (state.as_str(), FAULT_COLOUR))
-                .chain([NO_FAULT])
-                .collect();
-            self.style(entity::state("fault"), &styles);
+            let states = self.story.fault_states.iter();
+            let states = states.map(|state| (state.as_str(), FAULT_COLOUR));
+            self.style(
+                entity::state("fault"),
+                &states.chain([NO_FAULT]).collect::<Vec<_>>(),
+            );
         }
-        self.lane(tick, "fault", &text);
-        self.part.lanes.fault = Some(text);
+        self.log(
+            tick,
+            entity::state("fault"),
+            &StateChange::single(text.as_str()),
+        );
+        self.part.fault = Some(text);
         self.part.situation = None;
     }
 
@@ -63,45 +80,44 @@ impl Recording {
         self.story
             .faults
             .retain(|fault| fault.until.is_none_or(|until| row.tick < until));
-        if self.part.lanes.fault.is_none() || self.story.faults.len() < before {
+        if self.part.fault.is_none() || self.story.faults.len() < before {
             self.write_fault_lane(row.tick);
         }
-        self.write_lives(row);
-        if let Some(sensor) = row.sensor
-            && self.part.lanes.drive != Some(sensor.drive)
-        {
-            self.part.lanes.drive = Some(sensor.drive);
-            self.lane(row.tick, "drive", name_of(DRIVES, sensor.drive));
+        let mut now = self.lives(row);
+        if let Some(sensor) = row.sensor {
+            now[DRIVE] = name_of(DRIVES, sensor.drive);
         }
-        if let Some(torque) = row.torque
-            && self.part.lanes.phase != Some(torque.phase)
-        {
-            self.part.lanes.phase = Some(torque.phase);
-            self.lane(row.tick, "phase", name_of(PHASES, torque.phase));
+        if let Some(torque) = row.torque {
+            now[PHASE] = name_of(PHASES, torque.phase);
         }
-        self.write_modes(row);
+        if let Some(command) = row.control_state {
+            for i in 0..self.subject.singularities.len().min(MAX_SINGULARITIES) {
+                now[FIRST_MODE + i] = name_of(MODES, command.mode[i]);
+            }
+        }
+        for place in 0..LANES {
+            let (state, before) = (now[place], self.part.lanes[place]);
+            if state.is_empty() || state == before {
+                continue;
+            }
+            self.part.lanes[place] = state;
+            let name = self.lane(place);
+            self.log(row.tick, name.as_str(), &StateChange::single(state));
+            if place >= FIRST_MODE && !before.is_empty() {
+                let text = format!("{}: {before} → {state}", name.trim_start_matches('/'));
+                self.event(row.tick, Level::Info, &text);
+            }
+        }
         self.write_words(row);
     }
 
-    fn write_modes(&mut self, row: &TickRow) {
-        let Some(command) = row.control_state else {
-            return;
-        };
-        for i in 0..self.subject.singularities.len().min(MAX_SINGULARITIES) {
-            let mode = command.mode[i];
-            if self.part.lanes.modes[i] == Some(mode) {
-                continue;
-            }
-            let before = self.part.lanes.modes[i].replace(mode);
-            let (name, mode) = (
-                self.subject.singularities[i].0.clone(),
-                name_of(MODES, mode),
-            );
-            self.lane(row.tick, &format!("mode/{name}"), mode);
-            if let Some(before) = before {
-                let text = format!("{name}: {} → {mode}", name_of(MODES, before));
-                self.event(row.tick, Level::Info, &text);
-            }
+    /// The path of a lane.
+    fn lane(&self, place: usize) -> String {
+        match place {
+            DRIVE => entity::state("drive"),
+            PHASE => entity::state("phase"),
+            FIRST_MODE.. => entity::state(&self.subject.singularities[place - FIRST_MODE].0),
+            _ => entity::life((place, self.subject.lives.name(place))),
         }
     }
 
@@ -118,120 +134,108 @@ impl Recording {
             return;
         }
         self.part.situation = Some(situation);
-        let fault = self.story.faults.last();
+        let task = self.run.task.iter().filter(|served| **served);
         let words = situation.markdown(&Run {
-            title: &self.run.title.name,
+            title: &self.run.title,
             joints: self.subject.joints,
             rate_hz: self.run.rate_hz,
-            directions: self.run.directions,
-            fault: fault.map(|fault| fault.headline.as_str()),
+            directions: task.count().min(self.subject.joints),
+            fault: self
+                .story
+                .faults
+                .last()
+                .map(|fault| fault.headline.as_str()),
         });
         self.log(row.tick, entity::NOW, &TextDocument::from_markdown(words));
     }
 
-    /// A writer whose own input is missing waits; one that has its input and writes nothing is silent.
-    fn write_lives(&mut self, row: &TickRow) {
-        let life =
-            |header: Option<&shared_types::Header>| header.map_or(0, |header| header.incarnation);
+    /// The states of the processes. A writer whose own input is missing waits; one that has its input and writes nothing is silent.
+    fn lives(&mut self, row: &TickRow) -> [&'static str; LANES] {
         let plant = row
             .sensor
             .map(Message::header)
             .or(row.plant_state.map(Message::header));
-        let now = [
-            life(plant),
-            life(row.estimate.map(Message::header)),
-            life(row.singularity.map(Message::header)),
-            life(row.torque.map(Message::header)),
+        let headers = [
+            plant,
+            row.estimate.map(Message::header),
+            row.singularity.map(Message::header),
+            row.torque.map(Message::header),
         ];
+        let has_sensor = row.sensor.is_some();
+        let has_estimate = row.estimate.is_some();
         let has_input = [
             true,
-            row.sensor.is_some(),
-            row.estimate.is_some(),
-            row.estimate.is_some() && row.singularity.is_some(),
+            has_sensor,
+            has_estimate,
+            has_estimate && row.singularity.is_some(),
         ];
-        let lives = self.subject.lives.clone();
-        for (i, name) in lives.named().filter(|(i, _)| *i < WRITERS) {
-            self.note_incarnation(row.tick, i, name, now[i]);
-            let lanes = &mut self.part.lanes;
-            let missing = &mut lanes.missing[i];
-            *missing = if now[i] == 0 { *missing + 1 } else { 0 };
-            let text = match now[i] {
-                0 if *missing < PATIENCE && lanes.life[i].is_some() => continue,
-                0 if has_input[i] => "silent",
-                0 => "waiting",
-                _ if row.tick < lanes.fresh_until[i] => "restarted",
+        let mut now = [""; LANES];
+        for i in 0..LIVES {
+            if self.subject.lives.name(i).is_empty() {
+                continue;
+            }
+            let header = headers.get(i).copied().flatten();
+            let incarnation = header.map_or(0, |header| header.incarnation);
+            self.note_incarnation(row.tick, i, incarnation);
+            let missing = &mut self.story.missing[i];
+            *missing = if incarnation == 0 { *missing + 1 } else { 0 };
+            now[i] = match has_input.get(i) {
+                Some(_)
+                    if incarnation == 0
+                        && *missing < PATIENCE
+                        && !self.part.lanes[i].is_empty() =>
+                {
+                    ""
+                }
+                Some(true) if incarnation == 0 => "silent",
+                Some(false) if incarnation == 0 => "waiting",
+                // The recorder among them, which writes this.
+                _ if row.tick < self.part.fresh_until[i] => "restarted",
                 _ => "up",
             };
-            if lanes.life[i].replace(text) != Some(text) {
-                let path = entity::life((i, name));
-                self.log(row.tick, path, &StateChange::single(text));
-            }
         }
-        let text = match row.tick < self.part.lanes.fresh_until[WRITERS] {
-            true => "restarted",
-            false => "up",
-        };
-        if let Some(recorder) = lives.named().find(|(place, _)| *place == WRITERS)
-            && self.part.lanes.recorder.replace(text) != Some(text)
-        {
-            self.log(row.tick, entity::life(recorder), &StateChange::single(text));
-        }
+        now
     }
 
     /// A process that has come again is told.
-    fn note_incarnation(&mut self, tick: u64, i: usize, name: &str, incarnation: u32) {
+    fn note_incarnation(&mut self, tick: u64, i: usize, incarnation: u32) {
         let before = self.story.incarnations[i];
-        if incarnation <= before {
-            return;
-        }
-        self.story.incarnations[i] = incarnation;
-        if before > 0 {
+        self.story.incarnations[i] = before.max(incarnation);
+        if before > 0 && incarnation > before {
+            let name = self.subject.lives.name(i);
             let text = format!("{name} is back as incarnation {incarnation}");
             self.event(tick, Level::Warning, &text);
-            self.part.lanes.fresh_until[i] = tick + u64::from(self.run.rate_hz) / 2;
+            self.part.fresh_until[i] = tick + self.every(0.5);
         }
     }
 
     /// The recorder that writes this part has taken up where one before it ended: its lane says so from tick `from` on.
     pub fn recorder_restarted(&mut self, from: u64) {
-        self.part.lanes.fresh_until[WRITERS] = from + u64::from(self.run.rate_hz) / 2;
+        self.part.fresh_until[LIVES - 1] = from + self.every(0.5);
     }
 
-    pub(super) fn lane(&mut self, tick: u64, lane: &str, state: &str) {
-        self.log(tick, entity::state(lane), &StateChange::single(state));
-    }
-
-    pub(super) fn style_lanes(&mut self) {
+    pub(super) fn style_lanes(&self) {
         self.style(entity::state("fault"), &[NO_FAULT]);
-        for (lane, states) in [
-            ("drive", narration::DRIVE_STATES),
-            ("phase", narration::PHASE_STATES),
-        ] {
-            self.style(entity::state(lane), states);
-        }
-        for life in self.subject.lives.clone().named() {
+        self.style(self.lane(DRIVE), narration::DRIVE_STATES);
+        self.style(self.lane(PHASE), narration::PHASE_STATES);
+        for life in self.subject.lives.named() {
             self.style(entity::life(life), narration::LIFE_STATES);
         }
     }
 
     /// A lane per singularity, known from a part's first report on.
-    pub(super) fn style_modes(&mut self) {
-        for (name, _) in self.subject.singularities.clone() {
-            self.style(
-                entity::state(&format!("mode/{name}")),
-                narration::MODE_STATES,
-            );
+    pub(super) fn style_modes(&self) {
+        for (name, _) in &self.subject.singularities {
+            self.style(entity::state(name), narration::MODE_STATES);
         }
     }
 
-    fn style(&mut self, path: String, states: &[(&str, u32)]) {
+    fn style(&self, path: String, states: &[(&str, u32)]) {
         let names = || states.iter().map(|(name, _)| *name);
-        self.log_static(
-            path,
-            &StateConfiguration::new()
-                .with_values(names())
-                .with_labels(names())
-                .with_colors(states.iter().map(|(_, colour)| *colour)),
-        );
+        let configuration = StateConfiguration::new()
+            .with_values(names())
+            .with_labels(names())
+            .with_colors(states.iter().map(|(_, colour)| *colour));
+        self.log_static(path, &configuration);
     }
 }

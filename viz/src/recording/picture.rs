@@ -1,47 +1,186 @@
-//! The picture of a tick: ghosts, paths, and poses.
+//! The picture of a tick: arm, path, ellipsoids, ghosts; and another law's arm, in a race.
 
 use glam::Vec3;
-use re_sdk_types::archetypes::{InstancePoses3D, LineStrips3D};
-use re_sdk_types::components::Color;
+use nalgebra::SVector;
+use re_sdk_types::archetypes::{InstancePoses3D, TextDocument};
+use re_sdk_types::components::Radius;
+use re_sdk_types::datatypes::Quaternion;
 use shared_types::MAX_DOF;
 
-use super::columns::{Picture, Track};
-use super::marks::UNSEEN;
-use super::pieces::{ghost3d, lettered, quaternion};
-use super::state::Recording;
-use crate::scene::differs;
-use crate::solid::{Placement, Rgba};
-use crate::{blueprint, entity, scene};
+use super::shapes::{albedo, arrows, ghost3d, lettered, lines, mesh3d, middle};
+use super::{Recording, Track};
+use crate::arm::{placement, pose, vec3};
+use crate::blueprint::{JOINTS, MAGNIFIED};
+use crate::entity;
+use crate::manipulability::{Ellipsoid, Half};
+use crate::scene::{self, Mark, Presence, differs, rotation};
+use crate::signals::TickRow;
+use crate::solid::{Mesh, Placement, Rgba};
+
+/// A size that cannot be seen. Nothing else hides a mesh that is to come back: none would be its own size, and a cleared one had to be
+/// written again.
+pub(super) const UNSEEN: f32 = 1e-6;
+/// The hand's reachable speeds, and its accelerations under unit forces.
+const ABILITIES: [&str; 2] = [
+    "/world/manipulability/velocity",
+    "/world/manipulability/mobility",
+];
+/// Where a link has been in null-space motion; its number follows.
+const GHOST: &str = "/world/null_motion/link";
+/// A link of the other law's arm, in a race.
+const RIVAL: &str = "/world/rival/link";
+const PALE: Rgba = [150, 205, 255, 160];
+/// The lines that grow: path, colour, radius over the arm's reach.
+const WAYS: [(&str, Rgba, f32); 4] = [
+    (entity::PATH_RIVAL, [255, 90, 80, 255], 0.0045),
+    (entity::PATH_MAGNIFIED, [255, 176, 46, 255], 0.006),
+    (entity::PATH_ACTUAL, [240, 240, 245, 255], 0.0035),
+    (entity::PATH_DESIRED, [110, 235, 150, 255], 0.006),
+];
 
 impl Recording {
+    /// What stands in the picture from the beginning.
+    pub(super) fn write_figure(&mut self) {
+        self.log_static("/world/arm/base", &mesh3d(&self.run.figure.base));
+        for (i, link) in self.run.figure.links.iter().enumerate() {
+            self.log_static(entity::link(entity::LINK, i), &mesh3d(link));
+        }
+        let size = 0.11 * self.run.figure.reach;
+        let hand = arrows(Vec3::AXES.map(|axis| axis * size), [255; 4], 0.03 * size);
+        let hand = hand.with_colors([0xf05050ff_u32, 0x60d060ff, 0x5090ffff]);
+        self.log_static(entity::HAND, &hand);
+        let axes = Vec3::AXES.map(|axis| axis * (1.35 * size));
+        self.log_static(
+            entity::TARGET,
+            &arrows(axes, [0x90, 0xf0, 0xb0, 0xff], 0.018 * size),
+        );
+        let mut ball = Mesh::default();
+        ball.add_sphere(Placement::IDENTITY, 1.0, [255; 4]);
+        let body = mesh3d(&ball).with_albedo_factor(albedo([90, 170, 255, 60]));
+        self.log_static(ABILITIES[0], &body);
+        let circle = |(x, y): (Vec3, Vec3)| {
+            (0..=48).map(move |k| {
+                let (sin, cos) = (std::f32::consts::TAU * k as f32 / 48.0).sin_cos();
+                (x * cos + y * sin).to_array()
+            })
+        };
+        let circles = [(Vec3::X, Vec3::Y), (Vec3::Y, Vec3::Z), (Vec3::Z, Vec3::X)];
+        let net = lines(
+            circles.map(circle),
+            [150, 235, 225, 255],
+            Radius::new_ui_points(1.0),
+        );
+        self.log_static(ABILITIES[1], &net);
+    }
+
+    pub(super) fn see(&mut self, row: &TickRow) {
+        let Some(q) = row.q() else { return };
+        let (tick, links) = (row.tick, self.links(q));
+        let desired = row
+            .control_state
+            .map(|command| pose(&command.p_BE_d, &command.R_BE_d));
+        let kinematic = || placement(&self.run.arm.forward_kinematics(&SVector::from(*q)));
+        let hand = row.plant_state.map(|state| pose(&state.p_BE, &state.R_BE));
+        let hand = hand.unwrap_or_else(kinematic);
+        let mark = |one| row.singularity.map(|report| Mark::new(one, report.p_BC));
+        let marks: Vec<Mark> = row.singularities().iter().filter_map(mark).collect();
+        self.write_marks(row, q, &marks, &hand);
+        self.write_target(row, &hand, desired.as_ref());
+        if self.story.motion.update(row) {
+            self.write_ghosts(tick, false);
+        }
+        self.write_turned(tick, &links, false);
+        let origins = links[..self.subject.joints].iter().map(|X_BL| X_BL.p);
+        self.story.room.push(origins, hand.p);
+        self.story
+            .stretches
+            .push(tick, row.singularities(), &marks, hand.p);
+        for (i, link) in links[..self.run.figure.links.len()].iter().enumerate() {
+            let path = entity::link(entity::LINK, i);
+            Track::put(&mut self.tracks, path, tick, Some(link), None);
+        }
+        Track::put(
+            &mut self.tracks,
+            entity::HAND.to_owned(),
+            tick,
+            Some(&hand),
+            None,
+        );
+        self.ways[2].push((tick, hand.p));
+        if let Some(desired) = desired {
+            Track::put(
+                &mut self.tracks,
+                entity::TARGET.to_owned(),
+                tick,
+                Some(&desired),
+                None,
+            );
+            self.ways[3].push((tick, desired.p));
+            if self.subject.stands_still {
+                self.ways[1].push((tick, desired.p + (hand.p - desired.p) * MAGNIFIED));
+            }
+        }
+        self.place_marks(tick, &marks);
+        if let Some(report) = row.singularity {
+            self.see_abilities(row, q, report.p_BC, &marks);
+        }
+    }
+
+    /// The hand's mobility, at C, in the half of the twist that the nearest singularity is of.
+    fn see_abilities(&mut self, row: &TickRow, q: &[f64; MAX_DOF], p_BC: [f64; 3], marks: &[Mark]) {
+        let nearness = |one: &shared_types::SingularityState| one.s.abs() / one.eta_out;
+        let near = row.singularities().iter().zip(marks);
+        let near = near.filter(|(_, mark)| mark.look.presence != Presence::Hidden);
+        let nearest = near.min_by(|a, b| nearness(a.0).total_cmp(&nearness(b.0)));
+        let half = match nearest {
+            Some((one, _)) if one.angular == 1 => Half::Angular,
+            _ => Half::Linear,
+        };
+        let q = SVector::from(*q);
+        let J = self.jacobian(&q, p_BC);
+        let shapes = [
+            Some(Ellipsoid::velocity(&J, self.run.arm.velocity(), half)),
+            Ellipsoid::mobility(&J, &self.run.arm.mass_matrix(&q), half),
+        ];
+        for (path, shape) in ABILITIES.into_iter().zip(shapes) {
+            if let Some(Ellipsoid { axes, half_axes }) = shape {
+                let at = Placement {
+                    R: axes,
+                    p: vec3(&p_BC.into()),
+                };
+                // Flat, but not so flat that it has no sides.
+                let size = half_axes.max(Vec3::splat(0.012)) * 0.62 * self.mark_size();
+                Track::put(
+                    &mut self.tracks,
+                    path.to_owned(),
+                    row.tick,
+                    Some(&at),
+                    Some(size.to_array()),
+                );
+            }
+        }
+    }
+
     /// Where the arm has been in the present null-space motion.
     pub(super) fn write_ghosts(&mut self, tick: u64, all: bool) {
-        let postures: Vec<[Placement; MAX_DOF]> = self
-            .story
-            .motion
-            .postures
-            .iter()
-            .map(|q| self.links(q))
-            .collect();
-        let (now, before) = match postures.split_last() {
-            Some((now, before)) => (Some(now), before),
-            None => (None, &[][..]),
-        };
+        let postures = self.story.motion.postures.iter();
+        let postures: Vec<[Placement; MAX_DOF]> = postures.map(|q| self.links(q)).collect();
         for i in 0..self.run.figure.links.len() {
-            let places: Vec<&Placement> = before
-                .iter()
-                .map(|links| &links[i])
-                .filter(|link| now.is_some_and(|now| differs(link, &now[i])))
-                .collect();
+            let links = postures.iter().map(|links| &links[i]);
+            let now = links.clone().next_back();
+            let is_apart = |link: &&Placement| now.is_some_and(|now| differs(link, now));
+            let places: Vec<&Placement> = links.rev().skip(1).filter(is_apart).collect();
             let none_before = std::mem::replace(&mut self.story.ghosts[i], places.len()) == 0;
             // A mesh is large: a link that has no ghosts needs none.
             if places.is_empty() && !self.part.ghost_drawn[i] {
                 continue;
             }
+            let path = entity::link(GHOST, i);
             if !std::mem::replace(&mut self.part.ghost_drawn[i], true) {
                 let pale = ghost3d(&self.run.figure.links[i], [150, 205, 255, 110]);
-                self.log(tick, entity::ghost(i), &pale);
+                self.log(tick, path.as_str(), &pale);
             }
+            let turn = |link: &&Placement| Quaternion::from_xyzw(rotation(link).to_array());
             let poses = InstancePoses3D::new();
             let poses = match places.is_empty() {
                 true if none_before && !all => continue,
@@ -50,17 +189,13 @@ impl Recording {
                     .with_translations([[0.0; 3]])
                     .with_scales([[UNSEEN; 3]]),
                 false => poses
-                    .with_translations(places.iter().map(|link| link.p.to_array()))
-                    .with_quaternions(places.iter().map(|link| quaternion(link)))
+                    .with_translations(places.iter().rev().map(|link| link.p.to_array()))
+                    .with_quaternions(places.iter().rev().map(turn))
                     .with_scales(vec![[0.985; 3]; places.len()]),
             };
-            self.log(tick, entity::ghost(i), &poses);
+            self.log(tick, path, &poses);
         }
-        self.write_trail(tick, &postures);
-    }
-
-    /// The ways of the joints that have moved.
-    fn write_trail(&self, tick: u64, postures: &[[Placement; MAX_DOF]]) {
+        // The ways of the joints that have moved.
         let trail = |i: usize| -> Vec<[f32; 3]> {
             postures.iter().map(|links| links[i].p.to_array()).collect()
         };
@@ -69,135 +204,104 @@ impl Recording {
             steps.any(|pair| Vec3::from(pair[0]).distance(Vec3::from(pair[1])) > 0.005)
         };
         let strips = (0..self.run.figure.links.len()).map(trail).filter(moved);
-        let strips = LineStrips3D::new(strips)
-            .with_colors([Color::from_unmultiplied_rgba(150, 205, 255, 160)])
-            .with_radii([0.002 * self.run.figure.reach]);
-        self.log(tick, entity::TRAIL, &strips);
+        let trail = lines(strips, PALE, 0.002 * self.run.figure.reach);
+        self.log(tick, "/world/null_motion/trail", &trail);
     }
 
     /// How far each joint has turned in the present null-space motion, in the colours that the plots have for them.
-    pub(super) fn write_turned(&mut self, tick: u64, links: &[Placement], turned: &[f64]) {
+    pub(super) fn write_turned(&mut self, tick: u64, links: &[Placement], anyhow: bool) {
+        let Some(turned) = self.story.motion.turned(anyhow) else {
+            return;
+        };
         let most = turned
             .iter()
             .fold(0.0f64, |most, angle| most.max(angle.abs()));
-        let joints = self
-            .run
-            .figure
-            .rings
-            .iter()
-            .zip(links)
-            .zip(turned)
-            .zip(blueprint::JOINTS)
-            .enumerate();
-        let arcs = joints.filter_map(|(i, (((ring, X_BL), angle), [r, g, b, _]))| {
-            // Those that move most, each with its words: an arc without any is a hook that belongs to nothing.
-            let ring = ring
-                .as_ref()
-                .filter(|_| angle.abs() > (0.5 * most).max(0.06))?;
-            Some((
-                scene::turning(ring, X_BL, *angle as f32),
-                [r, g, b, 255],
-                format!("q{} {:+.0}°", i + 1, angle.to_degrees()),
-            ))
-        });
-        let (mut strips, mut colours, mut words) = (Vec::new(), Vec::new(), Vec::<String>::new());
         // Words of arcs next to each other would lie over each other: they share a place.
         let near = 0.8 * self.mark_size();
-        let place = |strip: &[[f32; 3]]| {
-            strip.iter().map(|p| Vec3::from(*p)).sum::<Vec3>() / strip.len().max(1) as f32
-        };
-        for (strip, colour, word) in arcs {
-            let beside = |(other, words): (&Vec<[f32; 3]>, &String)| {
-                !words.is_empty() && place(other).distance(place(&strip)) < near
+        let mut arcs: Vec<(Vec<[f32; 3]>, Rgba, String)> = Vec::new();
+        for (i, ring) in self.run.figure.rings.iter().enumerate() {
+            // Those that move most, each with its words: an arc without any is a hook that belongs to nothing.
+            let angle = turned[i];
+            let Some(ring) = ring
+                .as_ref()
+                .filter(|_| angle.abs() > (0.5 * most).max(0.06))
+            else {
+                continue;
             };
-            let shared = strips.iter().zip(&words).position(beside);
-            words.push(String::new());
-            let last = words.len() - 1;
-            match shared {
-                Some(first) => words[first] += &format!(", {word}"),
-                None => words[last] = word,
+            let strip = scene::turning(ring, &links[i], angle as f32);
+            let mut word = format!("q{} {:+.0}°", i + 1, angle.to_degrees());
+            let is_beside = |other: &&mut (Vec<[f32; 3]>, Rgba, String)| {
+                !other.2.is_empty() && middle(&other.0).distance(middle(&strip)) < near
+            };
+            if let Some(other) = arcs.iter_mut().find(is_beside) {
+                other.2 += &format!(", {word}");
+                word.clear();
             }
-            strips.push(strip);
-            colours.push(colour);
+            arcs.push((strip, JOINTS[i], word));
         }
-        let radius = 0.004 * self.run.figure.reach;
         self.log(
             tick,
             entity::TURNED,
-            &lettered(strips, colours, words, radius),
+            &lettered(arcs, 0.004 * self.run.figure.reach),
         );
     }
 
     pub(super) fn write_picture(&mut self) {
-        let Some(picture) = self.picture.take() else {
-            return;
-        };
-        let mut tracks: Vec<(String, &Track)> = vec![
-            (entity::HAND.to_owned(), &picture.hand),
-            (entity::TARGET.to_owned(), &picture.target),
-            (entity::VELOCITY.to_owned(), &picture.abilities[0]),
-            (entity::MOBILITY.to_owned(), &picture.abilities[1]),
-        ];
-        let count = self.run.figure.links.len();
-        tracks.extend((0..count).map(entity::link).zip(&picture.links));
-        for ((name, _), mark) in self.subject.singularities.iter().zip(&picture.marks) {
-            tracks.extend([
-                (entity::singularity(name), &mark.frame),
-                (entity::glyph(name), &mark.size),
-                (entity::label(name), &mark.label),
-            ]);
+        for track in std::mem::take(&mut self.tracks) {
+            self.send_columns(&track.path, &track.ticks, track.columns());
         }
-        let rival = self.rival.as_mut();
-        let rival = rival.map(|rival| std::mem::take(&mut rival.links));
-        let rival = rival.unwrap_or_default();
-        tracks.extend((0..count).map(entity::rival_link).zip(&rival));
-        for (path, track) in tracks {
-            if !track.ticks.is_empty() {
-                self.send_columns(&path, &track.ticks, track.columns());
+        for (way, (path, colour, radius)) in WAYS.into_iter().enumerate() {
+            let points = std::mem::take(&mut self.ways[way]);
+            self.ways[way].extend(points.last());
+            // Pieces of a tenth of a second, each a row, so that the line grows with the cursor.
+            let mut from = 0;
+            while from + 1 < points.len() {
+                let to = (from + 5).min(points.len() - 1);
+                if points[from].1.distance(points[to].1) > 1e-4 {
+                    let piece = points[from..=to].iter().map(|(_, p)| p.to_array());
+                    let strip = lines([piece], colour, radius * self.run.figure.reach);
+                    self.log(points[to].0, path, &strip);
+                }
+                from = to;
             }
         }
-        self.write_paths(&picture);
     }
 
-    fn write_paths(&mut self, picture: &Picture) {
-        if let Some(rival) = &mut self.rival {
-            let path = std::mem::take(&mut rival.path);
-            rival.path.extend(path.last());
-            self.write_path(entity::RIVAL_PATH, &path, [255, 90, 80, 255], 0.0045);
-        }
-        let (actual, desired) = (&picture.actual, &picture.desired);
-        if self.subject.stands_still {
-            let off = actual.iter().zip(desired);
-            let off =
-                off.map(|((tick, p), (_, p_d))| (*tick, *p_d + (*p - *p_d) * entity::MAGNIFIED));
-            let off: Vec<_> = off.collect();
-            self.write_path(entity::PATH_MAGNIFIED, &off, [255, 176, 46, 255], 0.006);
-        }
-        self.write_path(entity::PATH_ACTUAL, actual, [240, 240, 245, 255], 0.0035);
-        self.write_path(entity::PATH_DESIRED, desired, [110, 235, 150, 255], 0.006);
-    }
-
-    /// A path in pieces of a tenth of a second, each a row, so that it grows with the cursor.
-    pub(super) fn write_path(
-        &self,
-        path: &str,
-        points: &[(u64, Vec3)],
-        [r, g, b, a]: Rgba,
-        radius: f32,
-    ) {
-        const PIECE: usize = 5;
-        let mut from = 0;
-        while from + 1 < points.len() {
-            let to = (from + PIECE).min(points.len() - 1);
-            let piece = points[from..=to].iter().map(|(_, p)| p.to_array());
-            let piece: Vec<[f32; 3]> = piece.collect();
-            if Vec3::from(piece[0]).distance(points[to].1) > 1e-4 {
-                let strip = LineStrips3D::new([piece])
-                    .with_colors([Color::from_unmultiplied_rgba(r, g, b, a)])
-                    .with_radii([radius * self.run.figure.reach]);
-                self.log(points[to].0, path, &strip);
+    /// Takes in where the other law's arm is at a tick, joint positions in rad, and Markdown that compares both so far. At the rate of the
+    /// picture, before the tick of the same number. The words replace those about singularities.
+    pub fn rival(&mut self, tick: u64, q: &[f64], words: &str) {
+        if self.rival.is_none() {
+            for (i, link) in self.run.figure.links.iter().enumerate() {
+                // A little inside the solid arm, which hides it where both are in one place.
+                let mut mesh = link.clone();
+                let inwards = -0.004 * self.run.figure.reach;
+                for (p, normal) in mesh.positions.iter_mut().zip(&mesh.normals) {
+                    *p = (Vec3::from(*p) + inwards * Vec3::from(*normal)).to_array();
+                }
+                let pale = ghost3d(&mesh, [255, 80, 70, 140]);
+                self.log_static(entity::link(RIVAL, i), &pale);
             }
-            from = to;
+        }
+        let joints = self.subject.joints;
+        let q: [f64; MAX_DOF] =
+            std::array::from_fn(|i| q.get(i).copied().filter(|_| i < joints).unwrap_or(0.0));
+        for (i, link) in self.links(&q)[..self.run.figure.links.len()]
+            .iter()
+            .enumerate()
+        {
+            Track::put(
+                &mut self.tracks,
+                entity::link(RIVAL, i),
+                tick,
+                Some(link),
+                None,
+            );
+        }
+        let hand = vec3(&self.run.arm.forward_kinematics(&SVector::from(q)).p);
+        self.ways[0].push((tick, hand));
+        if self.rival.as_deref() != Some(words) {
+            self.rival = Some(words.to_owned());
+            self.log(tick, entity::NOW, &TextDocument::from_markdown(words));
         }
     }
 }

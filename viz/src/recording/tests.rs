@@ -1,25 +1,14 @@
-mod merge;
-mod parts;
-mod volume;
+use std::io::{self, Write};
+use std::ops::Range;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
 
-use std::io::{self, BufReader};
-
-use re_chunk::external::arrow::array::{Array, AsArray};
-use re_chunk::external::arrow::datatypes::{ArrowPrimitiveType, Float32Type, Float64Type};
-use re_log_encoding::DecoderApp;
-use re_log_types::{LogMsg, StoreKind};
+use chain::{Chain, Tick as Messages};
 
 use super::*;
-use crate::entity;
-use crate::signals::{Limits, Lives, Signal, TickRow, sample};
-use crate::sink::RecordError;
-use chain::{Chain, Tick as Messages};
-use model::{Model, Robot};
-use nalgebra::SVector;
-use re_chunk::{Chunk, EntityPath};
-use shared_types::scenario::Scenario;
-use std::path::Path;
-use volume::Volume;
+use crate::parts::is_complete;
+use crate::read::{Found, chunks_of};
+use crate::{MergeError, Piece, ReadError, ReadNews, complete, cut_behind, merge, parts_in, read};
 
 /// A chunk every 250 ms.
 const OFTEN: Options = Options {
@@ -28,371 +17,330 @@ const OFTEN: Options = Options {
     is_live: false,
 };
 
-fn puma() -> Robot {
-    Robot::builtin("puma560").expect("built in")
-}
-
 /// Wrist lock: the joints turn ζ by 90°, then the hand rotates about the direction that was lost.
-fn fig5() -> Scenario {
-    let text = sim::scenarios::text("fig5-wrist-rotation").expect("built in");
-    Scenario::parse("fig5", text, &[]).expect("valid")
+struct Fixture {
+    robot: Robot,
+    scenario: Scenario,
+    messages: Vec<Messages>,
 }
 
-/// Its messages, tick by tick.
-struct Run(Chain, Messages);
-
-impl Run {
-    fn new(robot: &Robot) -> Self {
-        let chain = Chain::new(robot, &fig5()).expect("accepted");
-        Self(chain, Messages::default())
-    }
-
-    fn step(&mut self) -> Messages {
-        self.0.step(&mut self.1);
-        self.1
-    }
-}
-
-fn about<'a>(scenario: &'a Scenario, robot: &'a Robot) -> RunInfo<'a> {
-    RunInfo {
-        scenario,
-        robot,
-        run: "test",
-        version: "0",
-        seed: 1,
-        hops: Some([0, 1, 2, 3]),
-        lives: Lives::default(),
-    }
-}
-
-fn begin(volume: &Volume, robot: &Robot) -> Result<Recording, RecordError> {
-    let scenario = fig5();
-    Recording::with_storage(volume.clone(), 0, &about(&scenario, robot), OFTEN)
-}
-
-fn row(tick: u64, m: &Messages) -> TickRow<'_> {
-    TickRow::new(tick, m.lent())
-}
-
-/// Whole messages, and whether the stream ended well.
-fn read(bytes: &[u8]) -> (Vec<LogMsg>, bool) {
-    let mut messages = Vec::new();
-    for message in DecoderApp::decode_lazy(BufReader::new(bytes)) {
-        match message {
-            Ok(message) => messages.push(message),
-            Err(_) => return (messages, false),
+impl Fixture {
+    fn new(ticks: usize) -> Self {
+        let robot = Robot::builtin("puma560").expect("built in");
+        let text = sim::scenarios::text("fig5-wrist-rotation").expect("built in");
+        let scenario = Scenario::parse("fig5", text, &[]).expect("valid");
+        let mut chain = Chain::new(&robot, &scenario).expect("accepted");
+        let mut m = Messages::default();
+        let mut step = |tick: usize| {
+            chain.step(&mut m);
+            // On one thread nothing is stamped.
+            let stamps = &mut m.torque.header.stamps;
+            (stamps.received_ns, stamps.sent_ns) = ([100; 8], [100 + tick as u64; 8]);
+            m
+        };
+        let messages = (0..ticks).map(&mut step).collect();
+        Self {
+            robot,
+            scenario,
+            messages,
         }
     }
-    (messages, true)
-}
 
-fn chunks(messages: &[LogMsg]) -> Vec<Chunk> {
-    let data = |message: &LogMsg| match message {
-        LogMsg::ArrowMsg(store, arrow) if store.kind() == StoreKind::Recording => {
-            Some(Chunk::from_arrow_msg(arrow).expect("a chunk"))
+    fn info<'a>(&'a self, run: &'a str) -> RunInfo<'a> {
+        RunInfo {
+            scenario: &self.scenario,
+            robot: &self.robot,
+            run,
+            version: "0",
+            seed: 7,
+            hops: Some([0, 1, 2, 3]),
+            lives: Lives::default(),
         }
-        _ => None,
-    };
-    messages.iter().filter_map(data).collect()
+    }
+
+    fn part(&self, folder: &Path, part: u32) -> Recording {
+        Recording::create_part(folder, part, &self.info("test"), OFTEN).expect("room")
+    }
+
+    fn row(&self, tick: usize) -> TickRow<'_> {
+        TickRow::new(tick as u64, self.messages[tick].lent())
+    }
+
+    fn record(&self, recording: &mut Recording, ticks: Range<usize>) {
+        ticks.for_each(|tick| recording.tick(&self.row(tick)).expect("room"));
+    }
 }
 
-fn of<'a>(chunks: &'a [Chunk], path: &str) -> Vec<&'a Chunk> {
-    let path = EntityPath::from(path);
-    chunks
-        .iter()
-        .filter(|chunk| *chunk.entity_path() == path && !chunk.is_static())
-        .collect()
+/// What can be read of a recording.
+#[derive(Default)]
+struct Content {
+    ticks: Vec<u64>,
+    states: Vec<(u64, String, String)>,
+    log: Vec<(u64, String, String)>,
+    places: Vec<(u64, String, [f32; 3])>,
+    damages: usize,
 }
 
-fn times(chunks: &[&Chunk], timeline: &'static str) -> Vec<i64> {
-    chunks
-        .iter()
-        .flat_map(|chunk| chunk.timelines()[&timeline.into()].times_raw().to_vec())
-        .collect()
+impl Content {
+    fn of(parts: &[PathBuf]) -> Self {
+        let mut content = Self::default();
+        let take = |piece: Piece| {
+            match piece {
+                Piece::Rows(rows) => content.ticks.extend(&rows.ticks),
+                Piece::State { tick, lane, state } => content.states.push((tick, lane, state)),
+                Piece::Event { tick, level, text } => content.log.push((tick, level, text)),
+                Piece::Place { tick, of, p, .. } => content.places.push((tick, of.to_owned(), p)),
+                Piece::Damaged(_) => content.damages += 1,
+                _ => {}
+            }
+            Ok::<(), ReadError>(())
+        };
+        if read(parts, take).is_err() {
+            content.damages += 1;
+        }
+        content
+    }
+
+    fn lane(&self, name: &str) -> Vec<&str> {
+        let states = self.states.iter().filter(|(_, lane, _)| lane == name);
+        states.map(|(.., state)| state.as_str()).collect()
+    }
 }
 
-/// The rows of a component; a row that is missing is `None`.
-fn rows<T: ArrowPrimitiveType>(
-    chunks: &[&Chunk],
-    component: &'static str,
-) -> Vec<Option<Vec<T::Native>>> {
-    let lists = |chunk: &&Chunk| match chunk.components().get(component.into()) {
-        Some(column) => (0..column.list_array.len())
-            .map(|i| {
-                Some(
-                    column
-                        .list_array
-                        .value(i)
-                        .as_primitive::<T>()
-                        .values()
-                        .to_vec(),
-                )
-                .filter(|row| !row.is_empty())
-            })
-            .collect::<Vec<_>>(),
-        None => vec![None; chunk.num_rows()],
-    };
-    chunks.iter().flat_map(lists).collect()
-}
-
-fn texts(chunks: &[&Chunk], component: &'static str) -> Vec<String> {
-    let text = |chunk: &&Chunk| {
-        let column = chunk.components().get(component.into()).into_iter();
-        // A row of another component of the same place has none.
-        let rows = column.flat_map(|column| {
-            let valid = (0..column.list_array.len()).filter(|row| column.list_array.is_valid(*row));
-            valid
-                .flat_map(|row| {
-                    column
-                        .list_array
-                        .value(row)
-                        .as_string::<i32>()
-                        .iter()
-                        .flatten()
-                        .map(str::to_owned)
-                        .collect::<Vec<_>>()
-                })
-                .collect::<Vec<_>>()
-        });
-        rows.collect::<Vec<_>>()
-    };
-    chunks.iter().flat_map(text).collect()
+/// How many rows each entity has, and how many blueprints there are.
+fn rows_at(part: &Path, path: &str) -> usize {
+    let mut rows = 0;
+    chunks_of(part, |found| {
+        if let Found::Chunk(store, chunk) = found
+            && (chunk.entity_path().to_string() == path
+                || path == "blueprint" && store.kind() == StoreKind::Blueprint)
+        {
+            rows += chunk.num_rows();
+        }
+        Ok::<(), ReadError>(())
+    })
+    .expect("a recording");
+    rows
 }
 
 #[test]
-fn every_number_is_read_back() {
-    let (volume, robot) = (Volume::new(usize::MAX), puma());
-    let mut recording = begin(&volume, &robot).expect("room");
-    let mut run = Run::new(&robot);
-    let sent: Vec<Messages> = (0..1230).map(|_| run.step()).collect();
-    for (tick, m) in sent.iter().enumerate() {
-        recording.tick(&row(tick as u64, m)).expect("room");
-    }
-    let info = recording.finish().expect("room");
+fn every_number_is_read_back_from_every_part() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = Fixture::new(600);
+    let mut recording = run.part(folder.path(), 0);
+    // Between two of the ticks at which signals of a lower rate are drawn.
+    run.record(&mut recording, 0..123);
+    recording.next_part(folder.path()).expect("room");
+    let row = |tick: usize| {
+        let mut row = run.row(tick);
+        row.messages.singularity = row.singularity.filter(|_| tick != 163);
+        row
+    };
+    (123..600).for_each(|tick| recording.tick(&row(tick)).expect("room"));
+    recording.event(600, Level::Warning, "the end");
+    recording.finish().expect("room");
+    let limits = Limits::new(&run.robot);
+    let mut next = 0;
+    read(&parts_in(folder.path()), |piece| {
+        if let Piece::About(about) = &piece {
+            assert_eq!(
+                (about.joints, &*about.properties["seed"], about.rate_hz()),
+                (6, "7", 1000.0)
+            );
+            assert_eq!(about.singularities, ["elbow", "wrist", "overhead"]);
+        }
+        let Piece::Rows(rows) = piece else {
+            return Ok(());
+        };
+        for (place, tick) in rows.ticks.iter().enumerate() {
+            assert_eq!(*tick, next);
+            next += 1;
+            for signal in Signal::recorded() {
+                let kept = signal.of().kept;
+                let (mut expected, mut found) = (Vec::new(), Vec::new());
+                rows.values(signal, place, &mut found);
+                if let Some((of, derive)) = limits.derive(signal) {
+                    rows.values(of, place, &mut expected);
+                    expected
+                        .iter_mut()
+                        .enumerate()
+                        .for_each(|(i, x)| *x = derive(i, *x));
+                } else if matches!(kept, Kept::Slow) {
+                    // Held from the tick at which it was drawn.
+                    assert!(!found.is_empty(), "{signal:?} at {tick}");
+                    continue;
+                } else {
+                    let row = row(*tick as usize);
+                    (signal.of().take)(&Now::new(&row, &limits, Some([0, 1, 2, 3])), &mut expected);
+                }
+                assert_eq!(found.len(), expected.len(), "{signal:?} at {tick}");
+                for (found, expected) in found.into_iter().zip(expected) {
+                    let is_right = match kept {
+                        Kept::F32 => found == f64::from(expected as f32),
+                        Kept::Log(_) => (found - expected).abs() <= 1e-3 * expected.abs() + 1e-6,
+                        _ => found == expected,
+                    };
+                    assert!(is_right, "{signal:?} at {tick}: {found} for {expected}");
+                }
+            }
+        }
+        Ok::<(), ReadError>(())
+    })
+    .expect("readable");
+    assert_eq!(next, 600);
+    let content = Content::of(&parts_in(folder.path()));
     assert_eq!(
-        (info.bytes, info.ticks),
-        (volume.content().len() as u64, 1230)
+        content.log.last(),
+        Some(&(600, "WARN".to_owned(), "the end".to_owned()))
     );
-
-    let (messages, whole) = read(&volume.content());
-    assert!(whole);
-    let data = chunks(&messages);
-    let signals = of(&data, entity::SIGNALS);
-    assert_eq!(signals.len(), 5, "a chunk every 250 ms and the rest");
-    assert_eq!(times(&signals, "tick"), (0..1230).collect::<Vec<i64>>());
-    assert_eq!(
-        times(&signals, "t"),
-        (0..1230).map(|tick| tick * 1_000_000).collect::<Vec<i64>>()
-    );
-    let q = rows::<Float64Type>(&signals, Signal::Position.name());
-    let s = rows::<Float32Type>(&signals, Signal::Measure.name());
-    let torque = rows::<Float32Type>(&signals, Signal::TorqueNull.name());
-    for (tick, m) in sent.iter().enumerate() {
-        assert_eq!(
-            q[tick].as_deref(),
-            Some(&m.plant_state.q[..6]),
-            "tick {tick}"
-        );
-        assert_eq!(
-            s[tick],
-            Some(
-                m.singularity.singularities[..3]
-                    .iter()
-                    .map(|one| one.s as f32)
-                    .collect()
-            ),
-            "tick {tick}"
-        );
-        assert_eq!(
-            torque[tick],
-            Some(
-                m.control_state.tau_null[..6]
-                    .iter()
-                    .map(|tau| *tau as f32)
-                    .collect()
-            ),
-            "tick {tick}"
-        );
+    // Each part says where it begins, and opens alone.
+    assert_eq!(content.lane("mode/wrist"), ["reorient", "reorient"]);
+    for part in parts_in(folder.path()) {
+        assert!(is_complete(&part).expect("the file"));
+        assert!(rows_at(&part, "blueprint") > 30 && rows_at(&part, "/world/arm/link6") > 1);
     }
 }
 
 #[test]
 fn a_recording_shows_what_happened() {
-    let (volume, robot) = (Volume::new(usize::MAX), puma());
-    let mut recording = begin(&volume, &robot).expect("room");
-    let mut run = Run::new(&robot);
-    let ticks = 4400;
-    for tick in 0..ticks {
-        recording.tick(&row(tick, &run.step())).expect("room");
-    }
-    recording.event(ticks, Level::Info, "the end");
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = Fixture::new(4400);
+    let mut recording = run.part(folder.path(), 0);
+    run.record(&mut recording, 0..4400);
     recording.finish().expect("room");
-    let (messages, whole) = read(&volume.content());
-    assert!(whole);
-
-    // The blueprint is complete before the first number, so that a viewer that follows the file shows it from the start.
-    let first =
-        |find: &dyn Fn(&LogMsg) -> bool| messages.iter().position(find).expect("there is one");
-    let activated = first(&|message| matches!(message, LogMsg::BlueprintActivationCommand(_)));
-    let blueprint = first(&|message| message.store_id().kind() == StoreKind::Blueprint);
-    let number = first(
-        &|message| matches!(message, LogMsg::ArrowMsg(_, arrow) if Chunk::from_arrow_msg(arrow).is_ok_and(|chunk| *chunk.entity_path() == EntityPath::from(entity::SIGNALS) && !chunk.is_static())),
-    );
-    assert!(blueprint < activated && activated < number);
-
-    let data = chunks(&messages);
-    let wrist = texts(&of(&data, "/wrist"), "StateChange:state");
-    assert_eq!(wrist, ["reorient", "track", "recover", "regular"]);
-    let elbow = texts(&of(&data, "/elbow"), "StateChange:state");
-    assert_eq!(elbow, ["regular"]);
-    let log = texts(&of(&data, entity::LOG), "TextLog:text");
+    let content = Content::of(&parts_in(folder.path()));
     assert_eq!(
-        log.first().map(String::as_str),
-        Some("2.001 s\u{2003}wrist: reorient → track")
+        content.lane("mode/wrist"),
+        ["reorient", "track", "recover", "regular"]
     );
-    assert_eq!(
-        log.last().map(String::as_str),
-        Some("4.400 s\u{2003}the end")
-    );
-    let words = texts(&of(&data, entity::NOW), "TextDocument:text");
-    assert!(
-        words.iter().any(|text| text.contains("Wrist lock"))
-            && words.iter().any(|text| text.contains("Free: "))
-    );
-
-    // The wrist links have ghosts, the upper arm has none; they are gone at the end.
-    let instances = |link: usize| -> Vec<usize> {
-        let places = |chunk: &&Chunk| {
-            let places = chunk
-                .components()
-                .get("InstancePoses3D:translations".into())
-                .map(|column| column.list_array.clone());
-            places
-                .into_iter()
-                .flat_map(|lists| {
-                    lists
-                        .iter()
-                        .flatten()
-                        .map(|list| list.len())
-                        .collect::<Vec<_>>()
-                })
-                .collect::<Vec<_>>()
-        };
-        of(&data, &entity::ghost(link))
-            .iter()
-            .flat_map(places)
-            .collect()
-    };
-    assert!(instances(3).iter().max() >= Some(&3), "{:?}", instances(3));
-    assert!(
-        instances(1).is_empty(),
-        "the upper arm stood still and has no ghosts"
-    );
-    assert_eq!(instances(3).last(), Some(&1), "one, too small to see");
-
+    assert_eq!(content.lane("mode/elbow"), ["regular"]);
+    assert_eq!((content.log.len(), content.log[0].0), (3, 2001));
     // The picture runs at 50 Hz, and the flange is at the model's pose.
-    let flange = of(&data, &entity::link(5));
-    let expected: Vec<i64> = (0..ticks as i64).step_by(20).collect();
-    assert_eq!(times(&flange, "tick"), expected);
-    let mut again = Run::new(&robot);
-    let arm = Model::<6>::new(&robot, None).expect("six joints");
-    let places = flange.iter().flat_map(|chunk| {
-        let list = &chunk.components()[&"Transform3D:translation".into()].list_array;
-        (0..list.len())
-            .map(|i| {
-                list.value(i)
-                    .as_fixed_size_list()
-                    .value(0)
-                    .as_primitive::<Float32Type>()
-                    .values()
-                    .to_vec()
-            })
-            .collect::<Vec<_>>()
-    });
-    let mut tick = 0;
-    for (want, place) in expected.iter().zip(places) {
-        let mut m = again.step();
-        while tick < *want {
-            m = again.step();
-            tick += 1;
-        }
-        tick += 1;
-        let p = arm.link_poses(&SVector::from_column_slice(&m.plant_state.q[..6]))[5].p;
-        assert!(
-            p.iter()
-                .zip(&place)
-                .all(|(a, b)| (*a as f32 - b).abs() < 1e-6),
-            "{p} {place:?}"
-        );
-    }
-    // Inside the wrist singularity ζ has been turned by 90°: the sector grows every 8°, and what was lost is free then.
-    let mut angles = texts(&of(&data, &entity::swept("wrist")), "LineStrips3D:labels");
-    // The lines themselves have no words: those stand on a line of their own.
-    angles.retain(|words| !words.is_empty());
-    assert!(
-        (9..=12).contains(&angles.len()) && angles[0].starts_with("ζ turned "),
-        "{angles:?}"
-    );
-    let why = of(&data, &entity::reason("wrist", 3));
-    assert!(!why.is_empty(), "the axis of joint 4 is drawn on its link");
-    let ending = messages
+    let arm = Model::<6>::new(&run.robot, None).expect("six joints");
+    let flange: Vec<_> = content
+        .places
         .iter()
-        .filter(|message| matches!(message, LogMsg::BlueprintActivationCommand(_)))
-        .count();
-    assert_eq!(ending, 2, "the layout, and at the end what to play again");
+        .filter(|(_, of, _)| of == "/world/arm/link6")
+        .collect();
+    assert_eq!(flange.len(), 220);
+    for (tick, _, place) in flange {
+        let q = SVector::from_column_slice(&run.messages[*tick as usize].plant_state.q[..6]);
+        let p = vec3(&arm.link_poses(&q)[5].p);
+        assert!(p.distance(glam::Vec3::from(*place)) < 1e-6, "{p} {place:?}");
+    }
+    let part = &parts_in(folder.path())[0];
+    let rows = |path: &str| rows_at(part, path);
+    // The wrist links have ghosts, the upper arm, which stood still, has none.
+    assert!(rows("/world/null_motion/link4") > 3 && rows("/world/null_motion/link2") == 0);
+    // Inside the wrist singularity ζ has been turned by 90°: the sector grows every 8°, and what was lost is free then.
+    assert!(
+        (9..=14).contains(&rows("/world/zeta/wrist/sector")),
+        "{}",
+        rows("/world/zeta/wrist/sector")
+    );
+    assert!(rows("/world/arm/link4/why_wrist") > 0 && rows(entity::NOW) > 2);
+}
+
+#[test]
+fn missing_messages_leave_gaps_and_are_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut run = Fixture::new(100);
+    run.messages[60..]
+        .iter_mut()
+        .for_each(|m| m.singularity.header.incarnation = 2);
+    let mut recording = run.part(folder.path(), 0);
+    for tick in 0..100 {
+        let mut row = run.row(tick);
+        if (20..60).contains(&tick) {
+            (row.messages.singularity, row.messages.torque) = (None, None);
+        }
+        recording.tick(&row).expect("room");
+    }
+    recording.finish().expect("room");
+    let content = Content::of(&parts_in(folder.path()));
+    let lane = |name: &str| content.lane(&format!("process/{name}"));
+    assert_eq!(lane("analyzer"), ["up", "silent", "restarted"]);
+    assert_eq!(
+        (lane("estimator"), lane("controller")),
+        (vec!["up"], vec!["up", "waiting", "up"])
+    );
+    assert_eq!((content.log[0].0, content.log[0].1.as_str()), (60, "WARN"));
+}
+
+/// A volume with so much room, which fills up in the middle of a write as real ones do.
+#[derive(Clone)]
+struct Volume {
+    bytes: Arc<Mutex<Vec<u8>>>,
+    room: usize,
+}
+
+impl Write for Volume {
+    fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
+        let mut bytes = self.bytes.lock().expect("one thread");
+        let fits = buffer.len().min(self.room - bytes.len());
+        bytes.extend(&buffer[..fits]);
+        match fits {
+            0 => Err(io::ErrorKind::StorageFull.into()),
+            fits => Ok(fits),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Storage for Volume {
+    fn cut(&mut self, bytes: u64) -> io::Result<()> {
+        self.bytes
+            .lock()
+            .expect("one thread")
+            .truncate(bytes as usize);
+        Ok(())
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 #[test]
 fn a_full_volume_ends_the_recording_at_a_whole_message() {
-    let robot = puma();
-    let mut run = Run::new(&robot);
-    let sent: Vec<Messages> = (0..400).map(|_| run.step()).collect();
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = Fixture::new(400);
     let mut refused_at_once = 0;
     for room in (0..24).map(|k| 22_000 * k + 7_919) {
-        let volume = Volume::new(room);
+        let volume = Volume {
+            bytes: Arc::default(),
+            room,
+        };
         let mut errors = Vec::new();
-        match begin(&volume, &robot) {
+        match Recording::with_storage(volume.clone(), 0, &run.info("test"), OFTEN) {
             Err(error) => {
                 refused_at_once += 1;
                 errors.push(error);
             }
             Ok(mut recording) => {
-                errors.extend(
-                    sent.iter()
-                        .enumerate()
-                        .filter_map(|(tick, m)| recording.tick(&row(tick as u64, m)).err()),
-                );
+                errors.extend((0..400).filter_map(|tick| recording.tick(&run.row(tick)).err()));
                 errors.extend(recording.finish().err());
             }
         }
-        assert_eq!(errors.len(), 1, "one error, once: {errors:?}");
-        let RecordError::Write { bytes, source } = &errors[0] else {
-            panic!("{:?}", errors[0])
+        // One error, once.
+        let [RecordError::Write { bytes, source }] = &errors[..] else {
+            panic!("{errors:?}")
         };
+        let content = volume.bytes.lock().expect("one thread").clone();
         assert_eq!(source.kind(), io::ErrorKind::StorageFull);
-        assert!(
-            *bytes <= room as u64 && errors[0].to_string().contains("--no-record"),
-            "{}",
-            errors[0]
-        );
-        let content = volume.content();
-        assert!(
-            content.len() >= *bytes as usize && content.len() <= room,
-            "{} bytes of {room}",
-            content.len()
-        );
-        let (messages, whole) = read(&content);
-        assert!(
-            whole || content.is_empty(),
-            "room {room}: the end is not a whole message"
-        );
-        let data = chunks(&messages);
-        let ticks = times(&of(&data, entity::SIGNALS), "tick");
-        assert_eq!(
-            ticks,
-            (0..ticks.len() as i64).collect::<Vec<i64>>(),
-            "what is kept is kept whole"
-        );
+        assert!(content.len() as u64 >= *bytes && content.len() <= room);
+        let kept = folder.path().join("kept.rrd");
+        std::fs::write(&kept, &content).expect("a file");
+        let ticks = Content::of(std::slice::from_ref(&kept)).ticks;
+        assert_eq!(ticks, (0..ticks.len() as u64).collect::<Vec<_>>());
+        if !ticks.is_empty() {
+            // All that is left is whole messages: with an end it is read to the last byte.
+            complete(&kept).expect("room");
+            assert!(is_complete(&kept).expect("the file") && Content::of(&[kept]).ticks == ticks);
+        }
     }
     assert!(
         (1..24).contains(&refused_at_once),
@@ -401,294 +349,167 @@ fn a_full_volume_ends_the_recording_at_a_whole_message() {
 }
 
 #[test]
-fn a_killed_recorder_loses_at_most_a_chunk() {
-    let (volume, robot) = (Volume::new(usize::MAX), puma());
-    let mut recording = begin(&volume, &robot).expect("room");
-    let mut run = Run::new(&robot);
-    for tick in 0..777 {
-        recording.tick(&row(tick, &run.step())).expect("room");
-    }
-    // After a kill: no footer, and at worst a message cut in two.
-    let content = volume.content();
-    let kept = |bytes: &[u8]| times(&of(&chunks(&read(bytes).0), entity::SIGNALS), "tick").len();
-    assert_eq!(kept(&content), 750, "all but the last, unfinished 250 ms");
-    assert!(kept(&content[..content.len() - 3]) >= 500);
-}
-
-#[test]
-fn missing_messages_leave_gaps_and_are_told() {
-    let (volume, robot) = (Volume::new(usize::MAX), puma());
-    let mut recording = begin(&volume, &robot).expect("room");
-    let mut run = Run::new(&robot);
-    for tick in 0..100 {
-        let mut m = run.step();
-        if tick >= 60 {
-            m.singularity.header.incarnation = 2;
-        }
-        let mut row = row(tick, &m);
-        if (20..60).contains(&tick) {
-            (row.messages.singularity, row.messages.torque) = (None, None);
-        }
-        recording.tick(&row).expect("room");
-    }
-    recording.finish().expect("room");
-    let (messages, _) = read(&volume.content());
-    let data = chunks(&messages);
-    let signals = of(&data, entity::SIGNALS);
-    let present: Vec<bool> = rows::<Float32Type>(&signals, Signal::Measure.name())
-        .iter()
-        .map(Option::is_some)
-        .collect();
-    assert_eq!(
-        present,
-        (0..100)
-            .map(|tick| !(20..60).contains(&tick))
-            .collect::<Vec<bool>>()
-    );
-    assert!(
-        rows::<Float64Type>(&signals, Signal::Position.name())
-            .iter()
-            .all(Option::is_some)
-    );
-    assert_eq!(
-        texts(&of(&data, "/3.analyzer"), "StateChange:state"),
-        ["up", "silent", "restarted"]
-    );
-    assert_eq!(
-        texts(&of(&data, "/2.estimator"), "StateChange:state"),
-        ["up"]
-    );
-    assert_eq!(
-        texts(&of(&data, "/4.controller"), "StateChange:state"),
-        ["up", "waiting", "up"],
-        "it had no input"
-    );
-    assert!(
-        texts(&of(&data, entity::LOG), "TextLog:text")
-            .iter()
-            .any(|line| line.ends_with("analyzer is back as incarnation 2"))
-    );
-}
-
-#[test]
-fn a_recording_at_a_frame_that_the_arm_does_not_have_is_refused() {
-    let robot = Robot::builtin("iiwa14").expect("built in");
-    let text = sim::scenarios::text("fig5-wrist-rotation").expect("built in");
-    let scenario = Scenario::parse("fig5", text, &["frame=\"nowhere\"".to_owned()]);
-    let scenario = scenario.expect("valid");
-    let run = about(&scenario, &robot);
-    let error = Recording::with_storage(Volume::new(usize::MAX), 0, &run, Options::default())
-        .err()
-        .expect("there is no such frame");
-    assert!(
-        error.to_string().contains("iiwa14") && error.to_string().contains("nowhere"),
-        "{error}"
-    );
-}
-
-/// An arm of two joints in the places of eight: only its own links are drawn.
-#[test]
-fn a_smaller_arm_has_its_own_links_only() {
-    let (volume, robot) = (
-        Volume::new(usize::MAX),
-        Robot::builtin("planar2r").expect("built in"),
-    );
-    begin(&volume, &robot)
-        .expect("two joints fit in eight")
-        .finish()
-        .expect("room");
-    let drawn: Vec<_> = chunks(&read(&volume.content()).0)
-        .iter()
-        .map(|chunk| chunk.entity_path().to_string())
-        .collect();
-    assert_eq!(
-        (0..8)
-            .filter(|&joint| drawn.contains(&entity::link(joint)))
-            .collect::<Vec<_>>(),
-        [0, 1]
-    );
-}
-
-#[test]
-fn a_folder_that_does_not_exist_is_named() {
-    let (scenario, robot) = (fig5(), puma());
-    let run = about(&scenario, &robot);
-    let error = Recording::create(Path::new("/there/is/no/such"), &run)
-        .err()
-        .expect("no folder");
-    assert!(
-        error.to_string().contains("/there/is/no/such/run.rrd")
-            && error.to_string().contains("--out"),
-        "{error}"
-    );
-}
-
-#[test]
-fn a_recording_is_read_back() {
-    let folder = std::env::temp_dir().join(format!("armplane-read-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).expect("a folder");
-    let (scenario, robot) = (fig5(), puma());
-    let about = RunInfo {
-        seed: 7,
-        ..about(&scenario, &robot)
+fn a_killed_recorder_loses_at_most_a_chunk_and_its_files_are_completed_and_merged() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = Fixture::new(1200);
+    let mut recording = run.part(folder.path(), 0);
+    run.record(&mut recording, 0..600);
+    recording.next_part(folder.path()).expect("room");
+    run.record(&mut recording, 600..1199);
+    std::mem::forget(recording);
+    let parts = parts_in(folder.path());
+    let [first, last] = &parts[..] else {
+        panic!("{parts:?}")
     };
-    let mut recording = Recording::create(&folder, &about).expect("room");
-    let mut run = Run::new(&robot);
-    let sent: Vec<Messages> = (0..250).map(|_| run.step()).collect();
-    for (tick, m) in sent.iter().enumerate() {
-        // Between two of the ticks at which signals of a lower rate are drawn.
-        if tick == 123 {
-            recording.next_part(&folder).expect("room");
-        }
-        let mut row = row(tick as u64, m);
-        row.messages.singularity = row.singularity.filter(|_| tick != 60);
-        recording.tick(&row).expect("room");
-    }
-    recording.event(250, Level::Warning, "the end");
-    recording.finish().expect("room");
-
-    let (mut ticks, mut q5, mut s, mut log, mut wrist, mut slow) = (
-        Vec::new(),
-        Vec::new(),
-        Vec::new(),
-        Vec::new(),
-        Vec::new(),
-        Vec::new(),
+    let bytes = std::fs::read(last).expect("bytes");
+    let count = |part: &PathBuf| Content::of(std::slice::from_ref(part)).ticks.len();
+    assert_eq!(
+        (count(first), count(last)),
+        (600, 500),
+        "all but the last, unfinished 250 ms"
     );
-    let done = crate::read::read(&parts_in(&folder), |piece| {
-        match piece {
-            crate::Piece::About(about) => {
-                assert_eq!(
-                    (
-                        about.joints,
-                        about.properties["seed"].as_str(),
-                        about.rate_hz()
-                    ),
-                    (6, "7", 1000.0)
-                );
-                assert_eq!(about.singularities, ["elbow", "wrist", "overhead"]);
-            }
-            crate::Piece::Rows(rows) => {
-                for (row, tick) in rows.ticks.iter().enumerate() {
-                    ticks.push(*tick);
-                    let mut values = Vec::new();
-                    rows.values(Signal::Position, row, &mut values);
-                    q5.push(values[4]);
-                    values.clear();
-                    rows.values(Signal::Measure, row, &mut values);
-                    s.push(values.get(1).copied());
-                    values.clear();
-                    rows.values(Signal::SingularValues, row, &mut values);
-                    slow.push(values.len());
-                }
-            }
-            crate::Piece::Event { tick, level, text } => log.push((tick, level, text)),
-            crate::Piece::State { tick, lane, state } if lane == "mode/wrist" => {
-                wrist.push((tick, state))
-            }
-            crate::Piece::State { .. }
-            | crate::Piece::Place { .. }
-            | crate::Piece::Label { .. } => {}
-            crate::Piece::Damaged(damage) => panic!("{damage}"),
-            crate::Piece::Solid(solid) => assert!(
-                !solid.corners().is_empty() && solid.corners().len() == solid.colours().len()
-            ),
-        }
-        Ok::<(), crate::ReadError>(())
+    // Killed while it wrote: at worst a message cut in two.
+    let torn = folder.path().join("torn.rrd");
+    for end in (bytes.len() / 20..bytes.len()).step_by(bytes.len() / 40) {
+        std::fs::write(&torn, &bytes[..end]).expect("a file");
+        let content = Content::of(std::slice::from_ref(&torn));
+        assert!(
+            [0, 250, 500].contains(&content.ticks.len()) && content.damages == 0,
+            "{end}"
+        );
+    }
+    // A part that cannot be read to its end keeps its bytes: there may be more in them than we can read.
+    let mut damaged = bytes.clone();
+    damaged[bytes.len() / 2..][..4000].fill(0xff);
+    std::fs::write(&torn, &damaged).expect("a file");
+    complete(&torn).expect("nothing to write");
+    assert_eq!(std::fs::read(&torn).expect("bytes"), damaged);
+    std::fs::remove_file(&torn).expect("ours");
+
+    let whole_before = std::fs::read(first).expect("bytes");
+    parts.iter().for_each(|part| complete(part).expect("room"));
+    assert!(is_complete(last).expect("the file") && count(last) == 500);
+    assert_eq!(std::fs::read(first).expect("bytes"), whole_before);
+    assert_eq!(
+        std::fs::read_dir(folder.path())
+            .expect("the folder")
+            .count(),
+        2,
+        "no draft is left"
+    );
+
+    let whole = folder.path().join("whole.rrd");
+    let mut rows = 0;
+    let size = merge(&parts, &whole, |news| match news {
+        ReadNews::Rows(more) => rows += more,
+        ReadNews::Damaged(damage) => panic!("{damage}"),
     });
-    let whole = std::fs::read(folder.join(part_name(0))).expect("part 0");
-    std::fs::write(folder.join("torn.rrd"), &whole[..whole.len() / 4]).expect("a file");
-    let mut torn = 0;
-    let torn_end = crate::read::read(&[folder.join("torn.rrd")], |piece| {
-        torn += if let crate::Piece::Rows(rows) = piece {
-            rows.ticks.len()
-        } else {
-            0
-        };
-        Ok::<(), crate::ReadError>(())
-    });
-    // A flipped bit anywhere: it is read, or that is said; nothing panics.
-    let mut damages = Vec::new();
+    assert_eq!(
+        size.expect("room"),
+        std::fs::metadata(&whole).expect("the file").len()
+    );
+    assert!(rows == 1100 && is_complete(&whole).expect("the file"));
+    assert_eq!(
+        Content::of(std::slice::from_ref(&whole)).ticks,
+        (0..1100).collect::<Vec<_>>()
+    );
+    // Constants are there once, everything else is kept.
+    assert_eq!(rows_at(&whole, "/world/arm/base"), 1);
+    let sum: usize = parts.iter().map(|part| rows_at(part, entity::LOG)).sum();
+    assert_eq!(rows_at(&whole, entity::LOG), sum);
+    assert!(rows_at(&whole, "blueprint") > 30);
+    let other = tempfile::tempdir().expect("a folder");
+    let foreign = Recording::create(other.path(), &run.info("other")).expect("room");
+    foreign.finish().expect("room");
+    let foreign = [first.clone(), other.path().join("run.rrd")];
+    let error = merge(&foreign, &whole, |_| {}).expect_err("two recordings");
+    assert!(matches!(error, MergeError::Foreign { .. }), "{error}");
+}
+
+#[test]
+fn rows_behind_the_place_that_a_killed_recorder_noted_are_written_once() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = Fixture::new(900);
+    let mut killed = run.part(folder.path(), 0);
+    run.record(&mut killed, 0..300);
+    killed.next_part(folder.path()).expect("room");
+    run.record(&mut killed, 300..600);
+    let noted = killed.written();
+    assert_eq!((noted.part, noted.next), (1, 550));
+    run.record(&mut killed, 600..700);
+    killed.next_part(folder.path()).expect("room");
+    run.record(&mut killed, 700..900);
+    killed.flush();
+    std::mem::forget(killed);
+
+    cut_behind(folder.path(), Some(&noted)).expect("files of ours");
+    let mut replacement = run.part(folder.path(), noted.part + 1);
+    replacement.go_on_after(noted);
+    // From its last checkpoint on.
+    run.record(&mut replacement, 400..900);
+    replacement.finish().expect("room");
+    let parts = parts_in(folder.path());
+    assert_eq!(
+        (parts.len(), Content::of(&parts).ticks),
+        (3, (0..900).collect())
+    );
+
+    // Where no place is known.
+    cut_behind(folder.path(), None).expect("files of ours");
+    assert!(parts_in(folder.path()).is_empty());
+}
+
+#[test]
+fn a_flipped_bit_anywhere_is_read_or_told_and_nothing_panics() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = Fixture::new(260);
+    let mut recording = run.part(folder.path(), 0);
+    run.record(&mut recording, 0..260);
+    recording.finish().expect("room");
+    let whole = std::fs::read(folder.path().join("run.rrd")).expect("bytes");
+    let damaged = folder.path().join("damaged.rrd");
+    let mut damages = 0;
     for place in (0..whole.len()).step_by(whole.len() / 200) {
         let mut bytes = whole.clone();
         bytes[place] ^= 0x41;
-        std::fs::write(folder.join("damaged.rrd"), bytes).expect("a file");
-        let read = crate::read::read(&[folder.join("damaged.rrd")], |piece| {
-            match piece {
-                crate::Piece::Damaged(damage) => damages.push(damage.to_string()),
-                crate::Piece::Rows(rows) => (0..rows.ticks.len())
-                    .for_each(|row| rows.values(Signal::Position, row, &mut Vec::new())),
-                _ => {}
-            }
-            Ok::<(), crate::ReadError>(())
-        });
-        damages.extend(read.err().map(|error| error.to_string()));
+        std::fs::write(&damaged, bytes).expect("a file");
+        damages += Content::of(std::slice::from_ref(&damaged)).damages;
     }
-    std::fs::write(folder.join("other.rrd"), b"not a recording").expect("a file");
-    let other = crate::read::read(&[folder.join("other.rrd")], |_| {
-        Ok::<(), crate::ReadError>(())
-    });
-    std::fs::remove_dir_all(&folder).expect("ours");
-
-    done.expect("readable");
-    assert_eq!(ticks, (0..250).collect::<Vec<u64>>());
-    assert_eq!(slow, [6; 250], "signals of a lower rate at every tick");
-    for (k, m) in sent.iter().enumerate() {
-        assert_eq!(q5[k], m.plant_state.q[4]);
-        assert_eq!(
-            s[k],
-            (k != 60).then_some(f64::from(m.singularity.singularities[1].s as f32)),
-            "tick {k}"
-        );
-    }
-    assert_eq!(
-        log.last(),
-        Some(&(250, "WARN".to_owned(), "the end".to_owned()))
-    );
-    assert_eq!(
-        wrist,
-        [(0, "reorient".to_owned()), (123, "reorient".to_owned())],
-        "each part says where it begins"
-    );
-    torn_end.expect("a torn end is an end");
-    assert!(torn < 120, "{torn}");
+    assert!(damages > 20, "{damages}");
+    std::fs::write(&damaged, b"not a recording").expect("a file");
+    let error = read(&[damaged], |_| Ok::<(), ReadError>(()));
     assert!(
-        damages
-            .iter()
-            .any(|damage| damage.contains("damaged.rrd is damaged before its byte ")),
-        "{damages:?}"
-    );
-    assert!(
-        other
-            .unwrap_err()
-            .to_string()
-            .contains("other.rrd is not a recording")
+        matches!(error, Err(ReadError::NotARecording { .. })),
+        "{error:?}"
     );
 }
 
 #[test]
-fn every_signal_names_its_elements() {
-    let robot = puma();
-    let limits = Limits::new(&robot);
-    let mut m = Run::new(&robot).step();
-    // On one thread nothing is stamped.
-    m.torque.header.stamps.received_ns = [1; 8];
-    m.torque.header.stamps.sent_ns = [1; 8];
-    let names: Vec<String> = ["elbow", "wrist", "overhead"].map(str::to_owned).into();
-    let mut seen = 0;
-    sample(
-        &row(0, &m),
-        &limits,
-        Some([0, 1, 2, 3]),
-        |signal, values| {
-            seen += 1;
-            assert_eq!(
-                values.len(),
-                signal.elements(6, &names).len(),
-                "{}",
-                signal.name()
-            );
-        },
+fn what_cannot_be_recorded_is_refused() {
+    let mut run = Fixture::new(0);
+    let refused =
+        |run: &Fixture, folder: &str| Recording::create(Path::new(folder), &run.info("test")).err();
+    let error = refused(&run, "/there/is/no/such");
+    assert!(
+        matches!(error, Some(RecordError::Create { path, .. }) if path == "/there/is/no/such/run.rrd")
     );
-    assert_eq!(seen, Signal::ALL.iter().filter(|signal| limits.derive(**signal).is_none() && **signal != Signal::SingularValues).count());
+    run.scenario.frame = "nowhere".to_owned();
+    assert!(matches!(refused(&run, "/"), Some(RecordError::Arm { .. })));
+}
+
+#[test]
+fn parts_are_found_by_name() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |part: u32| folder.path().join(part_name(part));
+    let write = |part: u32, bytes: &[u8]| std::fs::write(path(part), bytes).expect("a file");
+    [0, 1, 3].iter().for_each(|part| write(*part, &[1; 100]));
+    assert_eq!(
+        parts_in(folder.path()),
+        [path(0), path(1)],
+        "up to the first gap"
+    );
+    // Recorders that were killed before they wrote anything, and before their first chunk: the next ones take their places.
+    write(1, &[]);
+    write(2, &[&b"RRF2"[..], &[0; 129]].concat());
+    assert_eq!(parts_in(folder.path()), [path(0), path(3)]);
 }

@@ -285,86 +285,47 @@ mod tests {
             end_s: 10.0,
             ..Recorded::default()
         };
-        recorded.states = states
-            .iter()
-            .map(|(tick, state)| (*tick, "mode/wrist".to_owned(), (*state).to_owned()))
-            .collect();
+        let state =
+            |(tick, state): &(u64, &str)| (*tick, "mode/wrist".to_owned(), (*state).to_owned());
+        recorded.states = states.iter().map(state).collect();
         for tick in inside.step_by(20) {
             let xyzw = glam::Quat::from_rotation_z(0.0002 * tick as f32).to_array();
-            recorded
-                .poses
-                .place(tick, "/world/singularity/wrist", [0.0; 3], xyzw);
-            recorded
-                .poses
-                .place(tick, "/world/label/wrist", [0.0; 3], [0.0, 0.0, 0.0, 1.0]);
-            recorded
-                .poses
-                .label(tick, "/world/label/wrist", "wrist: cannot turn");
+            let poses = &mut recorded.poses;
+            poses.place(tick, "/world/singularity/wrist", [0.0; 3], xyzw);
+            poses.place(tick, "/world/label/wrist", [0.0; 3], [0.0, 0.0, 0.0, 1.0]);
         }
         recorded
     }
 
-    fn names(course: &Course) -> Vec<(u64, String)> {
-        course
-            .moments(|from, to| Some((from + to) / 2), None)
-            .into_iter()
-            .map(|one| (one.tick, one.name))
-            .collect()
-    }
-
     #[test]
-    fn a_turn_of_zeta_is_shown_before_in_the_middle_and_after() {
+    fn a_turn_of_zeta_is_shown_before_in_the_middle_and_after_and_a_fault_when_it_comes() {
         let singularities = Named::all(&["wrist".to_owned()]);
-        let states = [
+        let turning = [
             (0, "regular"),
             (2000, "blend"),
             (3000, "reorient"),
             (5000, "track"),
             (7000, "regular"),
         ];
-        let recorded = recorded(&states, 2500..6500);
-        let course = Course::new(&recorded, &singularities, 1000.0);
-        let expected = [
-            (2500, "Locked"),
-            (4000, "ζ turning"),
-            (5000, "ζ turned"),
-            (6480, "Leaving"),
-            (10_000, "End"),
-        ];
-        assert_eq!(
-            names(&course),
-            expected.map(|(tick, name)| (tick, name.to_owned()))
-        );
-        let (one, words) = &course.at(4000)[0];
-        assert!(
-            one.name == "wrist"
-                && words.contains("cannot turn about ζ")
-                && words.contains("joints turn ζ"),
-            "{words}"
-        );
-        assert!(course.at(8000).is_empty() && course.at(100).is_empty());
-    }
-
-    #[test]
-    fn a_run_without_singularities_has_no_locked_pose() {
-        let singularities = Named::all(&["wrist".to_owned()]);
-        let recorded = recorded(&[(0, "regular")], 0..0);
-        let course = Course::new(&recorded, &singularities, 1000.0);
-        let expected = [
-            (0, "Start"),
-            (5000, "Nearest to a singularity"),
-            (10_000, "End"),
-        ];
-        assert_eq!(
-            names(&course),
-            expected.map(|(tick, name)| (tick, name.to_owned()))
-        );
-        let fault = course.moments(|_, _| None, Some(3000));
-        assert!(
-            fault
-                .iter()
-                .any(|one| one.tick == 3000 && one.name == "Fault"),
-            "{fault:?}"
-        );
+        for (states, inside, fault, expected) in [
+            (
+                &turning[..],
+                2500..6500,
+                None,
+                &[2500, 4000, 5000, 6480, 10_000][..],
+            ),
+            (&turning[..1], 0..0, None, &[0, 5000, 10_000]),
+            (&turning[..1], 0..0, Some(3000), &[0, 3000, 5000, 10_000]),
+        ] {
+            let recorded = recorded(states, inside);
+            let course = Course::new(&recorded, &singularities, 1000.0);
+            let moments = course.moments(|from, to| Some((from + to) / 2), fault);
+            assert_eq!(
+                moments.iter().map(|one| one.tick).collect::<Vec<_>>(),
+                expected
+            );
+            assert!(course.at(8000).is_empty() && course.at(100).is_empty());
+            assert_eq!(course.at(4000).len(), usize::from(states.len() > 1));
+        }
     }
 }

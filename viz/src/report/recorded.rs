@@ -9,13 +9,13 @@ use super::poses::Poses;
 use crate::plot::{Axis, Color, GREY, Panel, RED};
 use crate::read::{Piece, ReadError, ReadNews, read};
 use crate::shortfall::Reading;
-use crate::signals::{Signal, Width};
+use crate::signals::{Kept, Signal};
 
 /// Times at which a plotted line has points: more would not be seen.
 const POINTS: u64 = 3000;
 /// Ticks without a value that are no gap: values of a lower rate begin anew with each chunk.
 fn patience(signal: Signal) -> f64 {
-    if signal.width() == Width::Slow {
+    if signal.of().kept == Kept::Slow {
         16.5
     } else {
         2.5
@@ -127,12 +127,12 @@ impl Recorded {
                 Piece::About(about) => {
                     rate_hz = about.rate_hz();
                     recorded.singularities.clone_from(&about.singularities);
-                    for signal in Signal::ALL {
+                    for signal in Signal::recorded() {
                         let lines = || {
                             signal
                                 .elements(about.joints, &about.singularities)
                                 .into_iter()
-                                .map(|name| Line::new(name, stride, patience(*signal) / rate_hz))
+                                .map(|name| Line::new(name, stride, patience(signal) / rate_hz))
                                 .collect()
                         };
                         recorded.lines.entry(signal.name()).or_insert_with(lines);
@@ -143,9 +143,9 @@ impl Recorded {
                     for (row, tick) in rows.ticks.iter().enumerate() {
                         let t_s = *tick as f64 / rate_hz;
                         recorded.end_s = recorded.end_s.max(t_s);
-                        for signal in Signal::ALL {
+                        for signal in Signal::recorded() {
                             values.clear();
-                            rows.values(*signal, row, &mut values);
+                            rows.values(signal, row, &mut values);
                             let lines = recorded.lines.get_mut(signal.name()).into_iter().flatten();
                             lines
                                 .zip(&values)
@@ -274,7 +274,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_keep_their_extremes_however_long_they_are() {
+    fn lines_keep_their_extremes_and_their_gaps_however_long_they_are() {
         let mut line = Line::new("x".to_owned(), 100, 2.5);
         (0..1000).for_each(|k| {
             line.push(
@@ -286,45 +286,30 @@ mod tests {
                 },
             )
         });
-        line.flush();
+        line.push(1009.0, 1.0);
+        assert!(line.points.len() <= 21 && line.points.contains(&(555.0, 9.0)));
         assert!(
-            line.points.len() <= 20 && line.points.contains(&(555.0, 9.0)),
-            "{:?}",
-            line.points
-        );
-        assert!(line.points.windows(2).all(|pair| pair[0].0 < pair[1].0));
-        let mut whole = Line::new("x".to_owned(), 1, 2.5);
-        (0..5).for_each(|k| whole.push(f64::from(k), 1.0));
-        assert_eq!(whole.points.len(), 5);
-        whole.push(9.0, 1.0);
-        assert!(
-            whole.points[5].1.is_nan() && whole.points[6] == (9.0, 1.0),
-            "a gap is not drawn across: {:?}",
-            whole.points
+            line.points.is_sorted_by(|a, b| a.0 < b.0)
+                && line.points[line.points.len() - 1].1.is_nan()
         );
     }
 
     #[test]
     fn stretches_end_where_the_mode_is_regular_again() {
-        let state = |tick, state: &str| (tick, "mode/wrist".to_owned(), state.to_owned());
+        let states = [
+            (0, "reorient"),
+            (10, "hold"),
+            (20, "regular"),
+            (30, "blend"),
+        ];
+        let states = states.map(|(tick, state)| (tick, "mode/wrist".to_owned(), state.to_owned()));
         let recorded = Recorded {
-            states: vec![
-                state(0, "reorient"),
-                state(10, "hold"),
-                state(20, "regular"),
-                state(30, "blend"),
-            ],
+            states: states.into(),
             end_s: 0.05,
             ..Recorded::default()
         };
-        assert_eq!(
-            recorded.stretches("mode/wrist", "regular", 1000.0),
-            [0.0..0.02, 0.03..0.05]
-        );
-        assert!(
-            recorded
-                .stretches("mode/elbow", "regular", 1000.0)
-                .is_empty()
-        );
+        let of = |lane| recorded.stretches(lane, "regular", 1000.0);
+        assert_eq!(of("mode/wrist"), [0.0..0.02, 0.03..0.05]);
+        assert!(of("mode/elbow").is_empty());
     }
 }

@@ -269,15 +269,14 @@ mod tests {
     #[test]
     fn the_nearer_of_two_stacked_drums_is_painted_last_from_either_side() {
         let mut mesh = Mesh::default();
-        for z in [0.0, 0.2] {
-            // The long one's middle is nearer than the thin one's only from one side.
+        for (z, red) in [(0.0, 0), (0.2, 20)] {
             mesh.add_extrusion(
                 Placement::IDENTITY,
                 &[disc(0.0, 0.0, 0.5)],
                 z,
                 z + 0.2,
                 0.0,
-                [z as u8 + (z * 100.0) as u8, 0, 0, 255],
+                [red, 0, 0, 255],
             );
         }
         let solids = Solids::new([&mesh].into_iter());
@@ -290,22 +289,11 @@ mod tests {
             let points = solids.points(&[Placement::IDENTITY]);
             let (camera, _) = Camera::framing(&eye, points.into_iter(), 400.0);
             let mut painted = Vec::new();
-            solids.paint(&[Placement::IDENTITY], &camera, |colour, is_end, path| {
-                painted.push((colour, is_end, path.is_empty()))
+            solids.paint(&[Placement::IDENTITY], &camera, |colour, is_end, _| {
+                painted.push((colour, is_end))
             });
-            assert!(painted.iter().all(|(_, _, is_empty)| !is_empty));
-            assert_eq!(
-                painted
-                    .iter()
-                    .rfind(|(_, is_end, _)| !is_end)
-                    .map(|one| one.0),
-                Some(last),
-                "{painted:?}"
-            );
-            assert!(
-                painted.iter().any(|(_, is_end, _)| *is_end),
-                "an end faces the eye"
-            );
+            let sides: Vec<_> = painted.iter().filter(|(_, is_end)| !is_end).collect();
+            assert!(sides.last().is_some_and(|one| one.0 == last) && painted.len() > sides.len());
         }
     }
 }

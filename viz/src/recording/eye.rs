@@ -1,0 +1,249 @@
+//! From where the arm is seen: all of it, and the longest singular stretch from near by.
+
+use glam::Vec3;
+use shared_types::messages::SingularityState;
+
+use crate::blueprint::{Eye, Subject};
+use crate::scene::{Mark, Presence};
+
+/// The room that an arm takes.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Room {
+    /// Origins of its links, the hand last, at the beginning.
+    places: Vec<Vec3>,
+    /// Corners of the box of all of them, from then on, and of the hand's.
+    links: Option<[Vec3; 2]>,
+    hand: Option<[Vec3; 2]>,
+}
+
+impl Room {
+    pub(crate) fn of(places: Vec<Vec3>) -> Self {
+        Self {
+            places,
+            ..Self::default()
+        }
+    }
+
+    /// Takes a posture in.
+    pub(super) fn push(&mut self, places: impl Iterator<Item = Vec3>, hand: Vec3) {
+        let grow = |corners: &mut Option<[Vec3; 2]>, p: Vec3| {
+            let [low, high] = corners.get_or_insert([p, p]);
+            (*low, *high) = (low.min(p), high.max(p));
+        };
+        places.for_each(|p| grow(&mut self.links, p));
+        grow(&mut self.hand, hand);
+    }
+
+    /// An eye that sees the arm from floor to hand wherever it has been so far, and where the task takes the hand, with room for a mark of that
+    /// size there: off to the side of the plane in which the arm reaches out, a little above; a planar arm from above.
+    pub(crate) fn eye(&self, mark: f32, subject: &Subject, planar: bool) -> Eye {
+        let hand = self.places.last().copied().unwrap_or(Vec3::X);
+        let foot = if planar {
+            0.0
+        } else {
+            subject.floor_m.min(0.0)
+        };
+        // Above the mark are its words; seen from above, beside it.
+        let words = match planar && !subject.stands_still {
+            true => Vec3::X * (2.2 * mark),
+            false => Vec3::Z * (1.8 * mark),
+        };
+        let around =
+            |hand: Vec3| [Vec3::splat(mark), Vec3::splat(-mark), words].map(|by| hand + by);
+        let ends = subject.ways.iter().scan(hand, |hand, way| {
+            *hand = way.after(*hand);
+            Some(*hand)
+        });
+        let hands = ends.chain([hand]).chain(self.hand.into_iter().flatten());
+        let all = hands.flat_map(around).chain([Vec3::Z * foot]);
+        let all = all
+            .chain(self.links.into_iter().flatten())
+            .chain(self.places.iter().copied());
+        let (low, high) = all.fold((Vec3::ZERO, Vec3::ZERO), |(low, high), p| {
+            (low.min(p), high.max(p))
+        });
+        let look_at = (low + high) / 2.0;
+        let heading = hand.with_z(0.0).normalize_or(Vec3::X);
+        let side = Vec3::new(heading.y, -heading.x, 0.0);
+        let (away, up) = match planar {
+            true => (Vec3::new(0.0, -0.25, 1.0), Vec3::Y),
+            false => (heading * 0.7 + side + Vec3::Z * 0.38, Vec3::Z),
+        };
+        // Half of Rerun's field of view; the sphere is roomier than the arm in it.
+        let distance = 0.88 * (high - low).length() / 2.0 / 27.5f32.to_radians().sin();
+        Eye {
+            position: look_at + away.normalize() * distance,
+            look_at,
+            up,
+        }
+    }
+}
+
+/// A stretch of time in which the arm was inside some neighbourhood throughout, or nearest to one.
+#[derive(Clone, Copy, Debug)]
+struct Stretch {
+    first: u64,
+    last: u64,
+    /// The singularity that the arm entered first; its ζ at the beginning and now.
+    which: usize,
+    zeta: [Vec3; 2],
+    centre: Vec3,
+    /// The hand at the beginning and now.
+    hand: [Vec3; 2],
+}
+
+/// The stretches of a run so far.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Stretches {
+    now: Option<Stretch>,
+    /// The longest, or the first of those about as long.
+    longest: Option<Stretch>,
+    /// Where |s|/η was least, and how small, of those near enough to have a mark; for a run that is inside none.
+    nearest: Option<(f64, Stretch)>,
+}
+
+impl Stretches {
+    /// Takes a tick in.
+    pub(super) fn push(
+        &mut self,
+        tick: u64,
+        singularities: &[SingularityState],
+        marks: &[Mark],
+        hand: Vec3,
+    ) {
+        let at = |which: usize| Stretch {
+            first: tick,
+            last: tick,
+            which,
+            zeta: [marks[which].zeta(); 2],
+            centre: marks[which].X_BS.p,
+            hand: [hand; 2],
+        };
+        let inside = marks.iter().position(Mark::is_inside);
+        self.now = inside.map(|which| self.now.unwrap_or_else(|| at(which)));
+        if let Some(now) = &mut self.now {
+            (now.last, now.hand[1]) = (tick, hand);
+            if marks[now.which].is_inside() {
+                now.zeta[1] = marks[now.which].zeta();
+            }
+            // Of stretches about as long the first: playback comes to it first.
+            let is_longest = |longest: Stretch| {
+                longest.first == now.first
+                    || 4 * (now.last - now.first) > 5 * (longest.last - longest.first)
+            };
+            if self.longest.is_none_or(is_longest) {
+                self.longest = Some(*now);
+            }
+        }
+        for (which, one) in singularities.iter().enumerate().take(marks.len()) {
+            let nearness = one.s.abs() / one.eta_in.max(1e-9);
+            let is_seen = marks[which].look.presence != Presence::Hidden;
+            if is_seen && self.nearest.is_none_or(|(least, _)| nearness < least) {
+                self.nearest = Some((nearness, at(which)));
+            }
+        }
+    }
+
+    /// The ticks to repeat of a run that ends with `last`, from half a second before the arm entered to one after it left, and an eye on it.
+    /// `None` for a run that comes near none: all of it is repeated.
+    pub(super) fn ending(
+        &self,
+        rate_hz: u32,
+        last: u64,
+        unit: f32,
+        main: &Eye,
+    ) -> Option<((u64, u64), Eye)> {
+        let stretch = self.longest.or(self.nearest.map(|(_, stretch)| stretch))?;
+        let rate = u64::from(rate_hz);
+        let ticks = (
+            stretch.first.saturating_sub(rate / 2),
+            (stretch.last + rate).min(last),
+        );
+        let way = stretch.hand[1] - stretch.hand[0];
+        Some((
+            ticks,
+            close_up(stretch.centre, stretch.zeta, way, unit, main),
+        ))
+    }
+}
+
+/// The close-up's distance, in half lengths of the mark: its label has room beside it.
+const CLOSE: f32 = 5.8;
+
+/// An eye near C that looks across ζ: onto the sector that ζ sweeps, else onto the plane of ζ and the hand's way; from the main eye's side.
+pub(super) fn close_up(centre: Vec3, zeta: [Vec3; 2], way: Vec3, unit: f32, main: &Eye) -> Eye {
+    let towards_main = (main.position - main.look_at).normalize_or(Vec3::X);
+    let candidates = [zeta[1], way, main.up, towards_main];
+    let aside = candidates
+        .into_iter()
+        .map(|other| zeta[0].cross(other.normalize_or_zero()))
+        .find(|aside| aside.length() > 0.35)
+        .unwrap_or_else(|| zeta[0].any_orthonormal_vector())
+        .normalize_or(Vec3::X);
+    let aside = if aside.dot(towards_main) < 0.0 {
+        -aside
+    } else {
+        aside
+    };
+    // A little of the main view's direction: nothing is seen exactly edge-on.
+    let direction = (aside + 0.25 * towards_main + 0.12 * main.up).normalize_or(aside);
+    let up = match direction.dot(main.up).abs() > 0.93 {
+        true => zeta[0].cross(direction).normalize_or(Vec3::X),
+        false => main.up,
+    };
+    Eye {
+        position: centre + direction * (CLOSE * unit),
+        look_at: centre,
+        up,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_eye_steps_back_for_a_hand_that_goes_where_no_plan_said() {
+        let mut room = Room::of(vec![Vec3::ZERO, Vec3::Z * 0.6, Vec3::new(0.6, 0.0, 0.6)]);
+        let planned = room.eye(0.15, &Subject::default(), false);
+        room.push(room.places.clone().into_iter(), room.places[2]);
+        let stayed = room.eye(0.15, &Subject::default(), false);
+        assert!(planned.position.distance(stayed.position) < 1e-6);
+        room.push([Vec3::ZERO, Vec3::Z, Vec3::Y].into_iter(), Vec3::Y);
+        let far = room.eye(0.15, &Subject::default(), false);
+        let distance = |eye: &Eye| eye.position.distance(eye.look_at);
+        assert!(
+            distance(&far) > 1.1 * distance(&planned) && far.look_at.y > planned.look_at.y + 0.2
+        );
+    }
+
+    #[test]
+    fn playback_repeats_the_first_of_stretches_about_as_long() {
+        let mut stretches = Stretches::default();
+        for tick in 0..1000 {
+            let inside = u32::from(matches!(tick, 100..120 | 300..400 | 500..601 | 800..830));
+            let one = SingularityState {
+                inside,
+                eta_in: 0.1,
+                eta_out: 0.2,
+                ..Default::default()
+            };
+            stretches.push(tick, &[one], &[Mark::new(&one, [0.0; 3])], Vec3::ZERO);
+        }
+        let main = Eye {
+            position: Vec3::new(2.0, -2.0, 1.0),
+            look_at: Vec3::ZERO,
+            up: Vec3::Z,
+        };
+        let ticks = |rate_hz| {
+            stretches
+                .ending(rate_hz, 999, 0.2, &main)
+                .expect("singular")
+                .0
+        };
+        assert_eq!([ticks(1000), ticks(100)], [(0, 999), (250, 499)]);
+        // Across x and z, from the main eye's side.
+        let eye = close_up(Vec3::ZERO, [Vec3::X, Vec3::Z], Vec3::ZERO, 0.2, &main);
+        assert!(eye.position.normalize().dot(-Vec3::Y) > 0.9);
+    }
+}

@@ -1,0 +1,150 @@
+//! Rows gathered between two chunks: signals, and places over time.
+
+use std::sync::Arc;
+
+use re_chunk::external::arrow::array::{Array, ArrayRef, Float32Array, Float64Array, ListArray};
+use re_chunk::external::arrow::buffer::OffsetBuffer;
+use re_chunk::external::arrow::datatypes::Field;
+use re_sdk_types::archetypes::Transform3D;
+use re_sdk_types::datatypes::Quaternion;
+use re_sdk_types::{ComponentDescriptor, SerializedComponentColumn};
+
+use crate::scene::rotation;
+use crate::signals::{Kept, Now, Signal, logarithm, share};
+use crate::solid::Placement;
+
+/// Rows of numbers, gathered.
+pub(super) struct Table {
+    pub(super) ticks: Vec<u64>,
+    columns: Vec<Column>,
+}
+
+/// One column's rows: values end to end, and where each row ends. A row without its message is an empty list, not a null: no plot draws a
+/// line across it then.
+struct Column {
+    signal: Signal,
+    values: Vec<f64>,
+    ends: Vec<i32>,
+    /// Whether there has been a value, in this chunk or before.
+    seen: bool,
+}
+
+impl Table {
+    /// A column for each signal that is kept so. With `faults` the column of faults is written from the beginning, as empty as it may be: a viewer
+    /// that follows looks for it.
+    pub(super) fn of(is_kept: impl Fn(Kept) -> bool, faults: bool) -> Self {
+        let column = |signal: Signal| Column {
+            signal,
+            values: Vec::new(),
+            ends: vec![0],
+            seen: faults && signal == Signal::Fault,
+        };
+        let signals = Signal::ALL
+            .iter()
+            .copied()
+            .filter(|signal| is_kept(signal.of().kept));
+        Self {
+            ticks: Vec::new(),
+            columns: signals.map(column).collect(),
+        }
+    }
+
+    pub(super) fn push(&mut self, now: &Now) {
+        self.ticks.push(now.row.tick);
+        for Column {
+            signal,
+            values,
+            ends,
+            seen,
+        } in &mut self.columns
+        {
+            (signal.of().take)(now, values);
+            *seen |= values.len() as i32 > ends[ends.len() - 1];
+            ends.push(values.len() as i32);
+        }
+    }
+
+    /// The rows gathered, as columns.
+    pub(super) fn take(&mut self) -> (Vec<u64>, Vec<SerializedComponentColumn>) {
+        let columns = self.columns.iter_mut().filter_map(Column::take).collect();
+        (std::mem::take(&mut self.ticks), columns)
+    }
+}
+
+impl Column {
+    /// Its rows; none where there has never been a value.
+    fn take(&mut self) -> Option<SerializedComponentColumn> {
+        let ends = std::mem::replace(&mut self.ends, vec![0]);
+        let values = std::mem::take(&mut self.values);
+        if !self.seen {
+            return None;
+        }
+        let narrow = |narrowed: fn(f64) -> f32| -> ArrayRef {
+            Arc::new(Float32Array::from_iter_values(
+                values.iter().map(|value| narrowed(*value)),
+            ))
+        };
+        let values: ArrayRef = match self.signal.of().kept {
+            Kept::F64 => Arc::new(Float64Array::from(values)),
+            Kept::Log(_) => narrow(logarithm),
+            Kept::Drawn => narrow(share),
+            _ => narrow(|value| value as f32),
+        };
+        let field = Arc::new(Field::new_list_field(values.data_type().clone(), true));
+        let list = ListArray::new(field, OffsetBuffer::new(ends.into()), values, None);
+        let name = ComponentDescriptor::partial(self.signal.component());
+        Some(SerializedComponentColumn::new(list, name))
+    }
+}
+
+/// The places of an entity over time, and its sizes where they change.
+pub(super) struct Track {
+    pub(super) path: String,
+    pub(super) ticks: Vec<u64>,
+    places: Vec<Placement>,
+    sizes: Vec<[f32; 3]>,
+}
+
+impl Track {
+    /// Adds a row to the track of that path.
+    pub(super) fn put(
+        all: &mut Vec<Self>,
+        path: String,
+        tick: u64,
+        at: Option<&Placement>,
+        size: Option<[f32; 3]>,
+    ) {
+        let known = all.iter().position(|track| track.path == path);
+        let place = known.unwrap_or_else(|| {
+            all.push(Self {
+                path,
+                ticks: Vec::new(),
+                places: Vec::new(),
+                sizes: Vec::new(),
+            });
+            all.len() - 1
+        });
+        all[place].ticks.push(tick);
+        all[place].places.extend(at);
+        all[place].sizes.extend(size);
+    }
+
+    pub(super) fn columns(&self) -> Vec<SerializedComponentColumn> {
+        let mut transform = Transform3D::update_fields();
+        if !self.places.is_empty() {
+            let turns = self
+                .places
+                .iter()
+                .map(|at| Quaternion::from_xyzw(rotation(at).to_array()));
+            let places = self.places.iter().map(|at| at.p.to_array());
+            transform = transform
+                .with_many_translation(places)
+                .with_many_quaternion(turns);
+        }
+        if !self.sizes.is_empty() {
+            transform = transform.with_many_scale(self.sizes.iter().copied());
+        }
+        let columns = transform.columns_of_unit_batches();
+        columns.map(Iterator::collect).unwrap_or_default()
+    }
+}
