@@ -13,7 +13,7 @@ const ROOMS: [&str; 5] = [
     "services/recorder/src/judge",
     "services/lockstep/src/protocol",
     "services/lockstep/src/message_faults",
-    "services/lockstep/src/one_thread",
+    "services/lockstep/src/engine",
     "services/lockstep/src/recall",
 ];
 /// Libraries that compute or read text, and crates of ours that pure code may name; of a process, its step.
@@ -22,7 +22,7 @@ const DEPENDENCIES: &str = "bytemuck control glam hdrhistogram libm lockstep mod
 const PROCESSES: &str = "analyzer controller estimator operator plant plant_fci recorder exchange";
 const STEP: &str = "Cycle Step cycle";
 /// Modules of the standard library without clock, thread, file, environment and process; the three instructions compute, load and store.
-const STANDARD: &str = "any array borrow cell cmp collections convert error f32 f64 fmt iter marker mem num ops path result slice str sync";
+const STANDARD: &str = "any array borrow cell cmp collections convert error f32 f64 fmt hash iter marker mem num ops path result slice str sync";
 const ITEMS: [&str; 5] = [
     "ptr::eq",
     "time::Duration",

@@ -1,17 +1,29 @@
-//! The chain under the faults that its scenario plans for processes and messages: the same steps, in turn, under the lockstep protocol.
+//! The chain under the faults that its scenario plans for processes and messages: the same steps, by the engine of the lockstep protocol.
 
-use lockstep::{Checkpoints, Ended, Run, Sink};
+use std::convert::Infallible;
+
+use bytemuck::{bytes_of, pod_read_unaligned};
+use lockstep::engine::{Carried, Ended, Engine, Limits, Part, World};
+use lockstep::{CHAIN_LAG, Fence, Outage, Role, Shaped, Shaper, first_not_finite, happens};
 use model::{Refused, Robot};
-use shared_types::fault::ScheduledFault;
-use shared_types::graph::{Graph, Role};
-use shared_types::process::Program;
+use shared_types::fault::{Kind, ScheduledFault, corrupted_topic, shaped_topic};
+use shared_types::graph::{self, Graph};
+use shared_types::process::{MOST_RESTARTS, Process, Program, Restart};
 use shared_types::scenario::Scenario;
+use shared_types::topics::{self, Each, TOPICS, Topic};
 use shared_types::{
-    AnalyzerCheckpoint, ControlState, ControllerCheckpoint, EstimatorCheckpoint, Message,
-    PlantState, SensorSample, ServoState, SingularityReport, StateEstimate, Target, TorqueCommand,
+    AnalyzerCheckpoint, Checkpoint, ControlState, ControllerCheckpoint, EstimatorCheckpoint,
+    Header, Message, PlantState, SensorSample, ServoState, SingularityReport, StateEstimate,
+    Target, TorqueCommand,
 };
 
 use crate::cycles::{Cycles, operator};
+
+/// Takes in every message that counts, in the order of its topic: the recorder's part.
+pub trait Sink {
+    /// A message of a topic has been delivered.
+    fn take<M: Topic>(&mut self, message: &M);
+}
 
 /// The process graph of a scenario on one thread: the built-in one.
 ///
@@ -32,13 +44,11 @@ pub fn planned_faults(scenario: &Scenario) -> Result<Vec<ScheduledFault>, Refuse
     }
     let graph = graph(scenario)?;
     for fault in &scenario.fault {
-        let role = graph
-            .process(&fault.process)
-            .map(shared_types::process::Process::role);
+        let role = graph.process(&fault.process).map(Process::role);
         let (name, kind, process) = (&scenario.name, fault.kind.name(), &fault.process);
         let because = match role {
-            Some(Role::World) if fault.kind.ends_process(fault.way) => "it ends the run",
-            Some(Role::Observer) => "one thread has no such process",
+            Some(graph::Role::World) if fault.kind.ends_process(fault.way) => "it ends the run",
+            Some(graph::Role::Observer) => "one thread has no such process",
             _ => continue,
         };
         return Err(Refused::because(format_args!(
@@ -57,50 +67,59 @@ pub fn plans_faults_of_processes(scenario: &Scenario) -> bool {
         .any(|fault| !fault.kind.concerns_joint())
 }
 
-/// The places of the processes in their graph.
-#[derive(Clone, Copy)]
-struct Places {
-    plant: usize,
-    estimator: usize,
-    analyzer: usize,
-    operator: Option<usize>,
-    controller: usize,
-}
+/// A message of any topic, as its words.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Packed(Vec<u64>);
 
-impl Places {
-    fn of(graph: &Graph) -> Result<Self, Refused> {
-        let place = |program| {
-            graph
-                .process
-                .iter()
-                .position(|process| process.program() == Some(program))
-        };
-        let needed = |program: Program| {
-            place(program).ok_or_else(|| {
-                Refused::because(format_args!("the graph has no {}", program.name()))
-            })
-        };
-        Ok(Self {
-            plant: needed(Program::Plant)?,
-            estimator: needed(Program::Estimator)?,
-            analyzer: needed(Program::Analyzer)?,
-            operator: place(Program::Operator),
-            controller: needed(Program::Controller)?,
-        })
+impl Packed {
+    fn read<M: Message>(&self) -> &M {
+        bytemuck::from_bytes(bytemuck::cast_slice(&self.0))
     }
 }
 
-/// The cycles of the chain, each with what its process keeps for a replacement.
+impl Carried for Packed {
+    fn tick(&self) -> u64 {
+        self.header().tick
+    }
+    fn incarnation(&self) -> u32 {
+        self.header().incarnation
+    }
+}
+
+impl Shaped for Packed {
+    fn header(&self) -> &Header {
+        bytemuck::from_bytes(&bytemuck::cast_slice::<u64, u8>(&self.0)[..size_of::<Header>()])
+    }
+    fn header_mut(&mut self) -> &mut Header {
+        bytemuck::from_bytes_mut(&mut self.bytes_mut()[..size_of::<Header>()])
+    }
+    fn bytes_mut(&mut self) -> &mut [u8] {
+        bytemuck::cast_slice_mut(&mut self.0)
+    }
+}
+
+/// What faults make of the messages of a topic.
+#[derive(Default)]
+struct Wire {
+    writer: Option<usize>,
+    is_corruptible: bool,
+    shaper: Shaper<Packed>,
+    /// The last two messages made while faults shape them; they outlive their writer.
+    made: [Option<Packed>; 2],
+    /// Of the sink.
+    fence: Fence,
+}
+
+/// The steps of the chain under faults.
 struct UnderFaults<'a, O> {
-    run: Run<'a, O>,
-    at: Places,
+    sink: &'a mut O,
     robot: &'a Robot,
     scenario: &'a Scenario,
-    tick: u64,
+    graph: Graph,
+    faults: Vec<ScheduledFault>,
+    is_shaped: bool,
     cycles: Cycles,
-    estimator_states: Checkpoints<EstimatorCheckpoint>,
-    analyzer_states: Checkpoints<AnalyzerCheckpoint>,
-    controller_states: Checkpoints<ControllerCheckpoint>,
+    wires: Vec<Wire>,
 }
 
 /// Runs a scenario under its faults to its end, handing each message that counts to `sink`. The sentence: why it ended before its task did.
@@ -113,23 +132,74 @@ pub fn run_under_faults(
     sink: &mut impl Sink,
 ) -> Result<Option<String>, Refused> {
     let (graph, faults) = (graph(scenario)?, planned_faults(scenario)?);
-    let mut chain = UnderFaults {
-        at: Places::of(&graph)?,
-        run: Run::new(&graph, faults, sink),
+    let outage = |(place, fault)| Outage::of(fault, place, false, false);
+    let mut outages: Vec<_> = faults.iter().enumerate().filter_map(outage).collect();
+    outages
+        .iter_mut()
+        .enumerate()
+        .for_each(|(place, outage)| outage.place = place);
+    let shapes = |fault: &ScheduledFault| fault.kind().is_some_and(Kind::shapes_messages);
+    let (has_faults, is_shaped) = (!faults.is_empty(), faults.iter().any(shapes));
+    let limits = Limits {
+        chain_lag: CHAIN_LAG,
+        recorder_lag: u64::MAX,
+        depth: u64::MAX,
+        down: 0,
+        retained: 1,
+        ticks: u64::MAX,
+        is_shaped,
+    };
+    let parts = graph.process.iter().map(part).collect();
+    let wire = |topic: &&str| {
+        let writer = graph
+            .process
+            .iter()
+            .position(|one| one.writes.iter().any(|it| it == topic));
+        let corrupted = writer.and_then(|writer| corrupted_topic(&graph.process[writer].writes));
+        Wire {
+            writer,
+            is_corruptible: corrupted == Some(*topic),
+            ..Wire::default()
+        }
+    };
+    let world = UnderFaults {
+        sink,
         robot,
         scenario,
-        tick: 0,
+        wires: TOPICS.iter().map(wire).collect(),
+        graph,
+        faults,
+        is_shaped,
         cycles: Cycles::new(robot, scenario)?,
-        estimator_states: Checkpoints::default(),
-        analyzer_states: Checkpoints::default(),
-        controller_states: Checkpoints::default(),
     };
-    while !chain.cycles.plant.is_over() {
-        if let Err(ended) = chain.step() {
-            return Ok(Some(ended.to_string()));
-        }
+    let ended = Engine::new(world, parts, outages, has_faults, limits).run();
+    Ok(ended.err().map(|ended| ended.to_string()))
+}
+
+/// A process of the graph, its inputs in the order in which its step takes them.
+fn part(process: &Process) -> Part {
+    let role = process.role();
+    let mut reads: Vec<usize> = process.reads.iter().filter_map(place).collect();
+    if process.program() == Some(Program::Controller) {
+        // The report comes after the estimate, so that it begins the step.
+        reads.swap(0, 1);
     }
-    Ok(None)
+    let is_restarted = process.restart == Restart::Always;
+    Part {
+        name: process.name.clone(),
+        role: Role {
+            makes_ticks: role == graph::Role::World,
+            polled: role == graph::Role::Observer,
+        },
+        reads,
+        feedback: process.feedback.iter().find_map(place),
+        writes: process.writes.iter().filter_map(place).collect(),
+        restarts: if is_restarted { MOST_RESTARTS } else { 0 },
+    }
+}
+
+fn place(topic: impl AsRef<str>) -> Option<usize> {
+    TOPICS.iter().position(|one| *one == topic.as_ref())
 }
 
 /// A message of a tick, to be filled in.
@@ -139,136 +209,261 @@ fn of_tick<M: Message>(tick: u64) -> M {
     message
 }
 
-impl<O: Sink> UnderFaults<'_, O> {
-    /// One tick: each process in turn.
-    fn step(&mut self) -> Result<(), Ended> {
-        self.sample()?;
-        self.estimate()?;
-        self.analyse()?;
-        self.steer()?;
-        self.control()?;
-        let torque = self.run.arriving::<TorqueCommand>(self.at.plant);
-        self.cycles.plant.step(torque.as_ref());
-        self.tick += 1;
+/// The outputs of a step.
+struct Outputs<'a> {
+    process: &'a str,
+    incarnation: u32,
+    sent: Vec<Packed>,
+}
+
+impl Outputs<'_> {
+    fn add<M: Message>(&mut self, mut message: M) -> Result<(), Ended> {
+        let (process, topic, tick) = (self.process, M::TOPIC, message.header().tick);
+        message.header_mut().incarnation = self.incarnation;
+        if let Some(field) = first_not_finite(&message) {
+            return Err(Ended::because(format_args!(
+                "the {process} refused its own `{topic}` of tick {tick}: {field} is not finite"
+            )));
+        }
+        self.sent
+            .push(Packed(bytemuck::cast_slice(bytes_of(&message)).to_vec()));
         Ok(())
     }
+}
 
-    fn sample(&mut self) -> Result<(), Ended> {
-        let (me, tick) = (self.at.plant, self.tick);
-        self.run.begin(me, tick);
-        self.cycles.apply_faults(tick, self.run.faults());
-        let (mut sample, mut truth) = (of_tick::<SensorSample>(tick), of_tick::<PlantState>(tick));
-        self.cycles.plant.sample(tick, &mut sample, &mut truth);
-        self.run.send(me, sample)?;
-        self.run.send(me, truth).map(drop)
-    }
+impl<O: Sink> World for UnderFaults<'_, O> {
+    type Message = Packed;
+    type State = Vec<u8>;
 
-    fn estimate(&mut self) -> Result<(), Ended> {
-        let me = self.at.estimator;
-        while let Some(sample) = self.run.next::<SensorSample>(me, self.tick) {
-            let mut estimate = of_tick::<StateEstimate>(sample.header.tick);
-            self.cycles.estimator.step(&sample, &mut estimate);
-            self.cycles.estimator.save(self.estimator_states.slot());
-            if self.run.send(me, estimate)? {
-                self.estimator_states.commit(sample.header.tick);
-            }
+    fn answer(
+        &mut self,
+        process: usize,
+        tick: u64,
+        incarnation: u32,
+        inputs: &[Option<Packed>],
+    ) -> Result<Option<Vec<Packed>>, Ended> {
+        fn input<M: Message>(inputs: &[Option<Packed>], place: usize) -> Option<&M> {
+            inputs.get(place)?.as_ref().map(Packed::read)
         }
-        if self.run.has_fallen(me) {
-            self.run.restart(me)?;
-            self.cycles.estimator =
-                estimator::cycle(self.robot, self.scenario).map_err(Ended::because)?;
-            let last = self
-                .estimator_states
-                .resume(|tick| self.run.may_resume_from(me, tick));
-            last.into_iter()
-                .for_each(|last| self.cycles.estimator.restore(last));
-        }
-        Ok(())
-    }
-
-    fn analyse(&mut self) -> Result<(), Ended> {
-        let me = self.at.analyzer;
-        while let Some(estimate) = self.run.next::<StateEstimate>(me, self.tick) {
-            let mut report = of_tick::<SingularityReport>(estimate.header.tick);
-            self.cycles.analyzer.step(&estimate, &mut report);
-            self.cycles.analyzer.save(self.analyzer_states.slot());
-            if self.run.send(me, report)? {
-                self.analyzer_states.commit(estimate.header.tick);
-            }
-        }
-        if self.run.has_fallen(me) {
-            self.run.restart(me)?;
-            self.cycles.analyzer =
-                analyzer::cycle(self.robot, self.scenario).map_err(Ended::because)?;
-            let last = self
-                .analyzer_states
-                .resume(|tick| self.run.may_resume_from(me, tick));
-            last.into_iter()
-                .for_each(|last| self.cycles.analyzer.restore(last));
-        }
-        Ok(())
-    }
-
-    fn steer(&mut self) -> Result<(), Ended> {
-        let (Some(me), Some(cycle)) = (self.at.operator, &mut self.cycles.operator) else {
-            return Ok(());
+        let Self {
+            cycles,
+            graph,
+            faults,
+            ..
+        } = self;
+        let mut outputs = Outputs {
+            process: &graph.process[process].name,
+            incarnation,
+            sent: Vec::new(),
         };
-        while let Some(sample) = self.run.next::<SensorSample>(me, self.tick) {
-            let mut target = of_tick::<Target>(sample.header.tick);
-            cycle.step(&sample, &mut target);
-            self.run.send(me, target)?;
+        match graph.process[process].program() {
+            Some(Program::Plant) => {
+                cycles.apply_faults(tick, faults.iter());
+                let (mut sample, mut truth): (SensorSample, PlantState) =
+                    (of_tick(tick), of_tick(tick));
+                cycles.plant.sample(tick, &mut sample, &mut truth);
+                outputs.add(sample)?;
+                outputs.add(truth)?;
+            }
+            Some(Program::Estimator) => {
+                let (Some(sample), mut estimate) =
+                    (input(inputs, 0), of_tick::<StateEstimate>(tick))
+                else {
+                    return Ok(None);
+                };
+                cycles.estimator.step(sample, &mut estimate);
+                outputs.add(estimate)?;
+            }
+            Some(Program::Analyzer) => {
+                let (Some(estimate), mut report) =
+                    (input(inputs, 0), of_tick::<SingularityReport>(tick))
+                else {
+                    return Ok(None);
+                };
+                cycles.analyzer.step(estimate, &mut report);
+                outputs.add(report)?;
+            }
+            Some(Program::Operator) => {
+                let (Some(sample), Some(operator)) = (input(inputs, 0), &mut cycles.operator)
+                else {
+                    return Ok(None);
+                };
+                let mut target = of_tick::<Target>(tick);
+                operator.step(sample, &mut target);
+                outputs.add(target)?;
+            }
+            Some(Program::Controller) => {
+                let (Some(report), Some(estimate)) = (input(inputs, 0), input(inputs, 1)) else {
+                    return Ok(None);
+                };
+                let (mut state, mut torque): (ControlState, TorqueCommand) =
+                    (of_tick(tick), of_tick(tick));
+                if cycles.operator.is_some() {
+                    let mut servo = of_tick::<ServoState>(tick);
+                    let (inputs, target) = ((estimate, report), input(inputs, 2));
+                    cycles
+                        .controller
+                        .steer(inputs, target, &mut servo, &mut state, &mut torque);
+                    outputs.add(servo)?;
+                } else {
+                    cycles
+                        .controller
+                        .step(estimate, report, &mut state, &mut torque);
+                }
+                outputs.add(state)?;
+                outputs.add(torque)?;
+            }
+            _ => {}
         }
-        if self.run.has_fallen(me) {
-            self.run.restart(me)?;
-            self.cycles.operator = operator(self.scenario);
+        Ok(Some(outputs.sent))
+    }
+
+    fn close_loop(&mut self, _tick: u64, message: Option<Packed>) -> bool {
+        let plant = &mut self.cycles.plant;
+        plant.step(message.as_ref().map(Packed::read));
+        plant.is_over()
+    }
+
+    fn save(&mut self, process: usize) -> Vec<u8> {
+        fn saved<C: Checkpoint>(save: impl FnOnce(&mut C)) -> Vec<u8> {
+            let mut state = C::zeroed();
+            save(&mut state);
+            bytes_of(&state).to_vec()
         }
+        let Cycles {
+            estimator,
+            analyzer,
+            controller,
+            ..
+        } = &mut self.cycles;
+        match self.graph.process[process].program() {
+            Some(Program::Estimator) => saved::<EstimatorCheckpoint>(|state| estimator.save(state)),
+            Some(Program::Analyzer) => saved::<AnalyzerCheckpoint>(|state| analyzer.save(state)),
+            Some(Program::Controller) => {
+                saved::<ControllerCheckpoint>(|state| controller.save(state))
+            }
+            _ => Vec::new(),
+        }
+    }
+
+    fn restore(&mut self, process: usize, state: Option<Vec<u8>>) -> Result<(), Ended> {
+        fn read<C: Checkpoint>(state: Option<Vec<u8>>) -> Option<C> {
+            state.map(|state| pod_read_unaligned(&state))
+        }
+        let (robot, scenario, cycles) = (self.robot, self.scenario, &mut self.cycles);
+        let refused = |error: Refused| Ended::because(error);
+        match self.graph.process[process].program() {
+            Some(Program::Estimator) => {
+                cycles.estimator = estimator::cycle(robot, scenario).map_err(refused)?;
+                read(state)
+                    .iter()
+                    .for_each(|state| cycles.estimator.restore(state));
+            }
+            Some(Program::Analyzer) => {
+                cycles.analyzer = analyzer::cycle(robot, scenario).map_err(refused)?;
+                read(state)
+                    .iter()
+                    .for_each(|state| cycles.analyzer.restore(state));
+            }
+            Some(Program::Controller) => {
+                cycles.controller = controller::cycle(robot, scenario).map_err(refused)?;
+                read(state)
+                    .iter()
+                    .for_each(|state| cycles.controller.restore(state));
+            }
+            Some(Program::Operator) => cycles.operator = operator(scenario),
+            _ => {}
+        }
+        // What its predecessor held back is gone with it.
+        let own = self
+            .wires
+            .iter_mut()
+            .filter(|wire| wire.writer == Some(process));
+        own.for_each(|wire| wire.shaper = Shaper::default());
         Ok(())
     }
 
-    fn control(&mut self) -> Result<(), Ended> {
-        let me = self.at.controller;
-        while let Some(report) = self.run.next::<SingularityReport>(me, self.tick) {
-            let tick = report.header.tick;
-            let Some(estimate) = self.run.at::<StateEstimate>(me, tick) else {
-                continue;
-            };
-            let (mut state, mut torque) = (
-                of_tick::<ControlState>(tick),
-                of_tick::<TorqueCommand>(tick),
-            );
-            if self.cycles.operator.is_some() {
-                let (target, mut servo) =
-                    (self.run.at::<Target>(me, tick), of_tick::<ServoState>(tick));
-                self.cycles.controller.steer(
-                    (&estimate, &report),
-                    target.as_ref(),
-                    &mut servo,
-                    &mut state,
-                    &mut torque,
-                );
-                self.cycles.controller.save(self.controller_states.slot());
-                self.run.send(me, servo)?;
-            } else {
-                self.cycles
-                    .controller
-                    .step(&estimate, &report, &mut state, &mut torque);
-                self.cycles.controller.save(self.controller_states.slot());
-            }
-            self.run.send(me, state)?;
-            if self.run.send(me, torque)? {
-                self.controller_states.commit(tick);
-            }
+    fn leave(&mut self, topic: usize, message: Packed, tick: u64) -> Vec<Packed> {
+        if !self.is_shaped || !shaped_topic(TOPICS[topic]) {
+            return vec![message];
         }
-        if self.run.has_fallen(me) {
-            self.run.restart(me)?;
-            self.cycles.controller =
-                controller::cycle(self.robot, self.scenario).map_err(Ended::because)?;
-            let last = self
-                .controller_states
-                .resume(|tick| self.run.may_resume_from(me, tick));
-            last.into_iter()
-                .for_each(|last| self.cycles.controller.restore(last));
-        }
-        Ok(())
+        let wire = &mut self.wires[topic];
+        wire.made = [wire.made[1].take(), Some(message.clone())];
+        let before = || {
+            let made = wire.made.iter().flatten();
+            let earlier = made.filter(|one| one.tick() < message.tick());
+            earlier.max_by_key(|one| one.tick()).cloned()
+        };
+        let mut left = Vec::new();
+        let faults = of(&self.faults, wire.writer, tick);
+        let deliver = |one: &Packed| {
+            left.push(one.clone());
+            Ok::<(), Infallible>(())
+        };
+        let when = (tick, wire.is_corruptible);
+        let Ok(()) = wire
+            .shaper
+            .shape(&message, when, faults, before, |_| (), deliver);
+        left
     }
+
+    fn flush(&mut self, topic: usize, tick: u64) -> Vec<Packed> {
+        let mut left = Vec::new();
+        let shaper = &mut self.wires[topic].shaper;
+        shaper.flush(tick, |message| left.push(message.clone()));
+        left
+    }
+
+    fn reaches(&self, reader: usize, topic: usize, message: &Packed) -> bool {
+        let Process {
+            reads, feedback, ..
+        } = &self.graph.process[reader];
+        let read = reads
+            .iter()
+            .chain(feedback)
+            .position(|one| one == TOPICS[topic]);
+        let cuts = |(_, fault, kind): (usize, &ScheduledFault, Kind)| {
+            let is_it = kind == Kind::Cut && Some(fault.target as usize) == read;
+            is_it && happens(fault, message.tick())
+        };
+        !of(&self.faults, Some(reader), message.tick()).any(cuts)
+    }
+
+    fn is_sound(&self, topic: usize, message: &Packed) -> bool {
+        struct Sound<'a>(&'a Packed);
+        impl Each for Sound<'_> {
+            type Output = bool;
+            fn each<M: Topic>(&mut self) -> bool {
+                self.0.read::<M>().is_finite()
+            }
+        }
+        topics::named(TOPICS[topic], &mut Sound(message)) == Some(true)
+    }
+
+    fn delivered(&mut self, topic: usize, message: &Packed) {
+        struct Take<'a, O>(&'a mut O, &'a Packed);
+        impl<O: Sink> Each for Take<'_, O> {
+            type Output = ();
+            fn each<M: Topic>(&mut self) {
+                self.0.take::<M>(self.1.read());
+            }
+        }
+        let is_admitted = self.wires[topic].fence.admits(message.incarnation(), None);
+        if is_admitted && self.is_sound(topic, message) {
+            topics::named(TOPICS[topic], &mut Take(&mut *self.sink, message));
+        }
+    }
+}
+
+/// The faults of a process at a tick, with their places.
+fn of(
+    faults: &[ScheduledFault],
+    process: Option<usize>,
+    tick: u64,
+) -> impl Iterator<Item = (usize, &ScheduledFault, Kind)> {
+    let concerned = move |(_, fault): &(usize, &ScheduledFault)| {
+        Some(fault.process as usize) == process && fault.concerns(tick)
+    };
+    let all = faults.iter().enumerate().filter(concerned);
+    all.filter_map(|(place, fault)| Some((place, fault, fault.kind()?)))
 }

@@ -14,8 +14,7 @@ use shared_types::topics::{self, ByTopic, Each, Topic, Whole};
 
 use cycles::Cycles;
 
-pub use faults::{graph, planned_faults, plans_faults_of_processes, run_under_faults};
-pub use lockstep::Sink;
+pub use faults::{Sink, graph, planned_faults, plans_faults_of_processes, run_under_faults};
 
 /// One tick of the whole chain: what each process would have published.
 pub type Tick = ByTopic<Whole>;

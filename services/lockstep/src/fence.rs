@@ -1,14 +1,14 @@
 //! Validation of messages: none of a dead incarnation enters a process, and no number that is not finite enters or leaves one.
 
 use shared_types::Message;
-use shared_types::wire::{Field, Header};
+use shared_types::wire::Field;
 
 /// Refuses the messages of a writer's dead incarnations.
 ///
 /// A SIGKILLed writer's undelivered messages come first, before its replacement's. In real time the control page says which incarnation
 /// lives. In lockstep the last messages of the dead one belong to the run (whether they are read before or after the launcher detects the
 /// death must not matter), so there only an incarnation older than one already heard is refused.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Fence {
     newest_heard: u32,
 }
@@ -21,14 +21,14 @@ impl Default for Fence {
 }
 
 impl Fence {
-    /// Whether a message counts. `living` is the writer's incarnation on the control page, `None` in lockstep.
+    /// Whether a message of an incarnation counts. `living` is its writer's on the control page, `None` in lockstep.
     #[inline]
-    pub fn admits(&mut self, header: &Header, living: Option<u32>) -> bool {
-        if header.incarnation < self.newest_heard.max(living.unwrap_or(0)) {
-            return false;
+    pub fn admits(&mut self, incarnation: u32, living: Option<u32>) -> bool {
+        let is_living = incarnation >= self.newest_heard.max(living.unwrap_or(0));
+        if is_living {
+            self.newest_heard = incarnation;
         }
-        self.newest_heard = header.incarnation;
-        true
+        is_living
     }
 }
 
@@ -60,26 +60,24 @@ mod tests {
     use super::*;
     use shared_types::{SingularityReport, TorqueCommand};
 
-    fn of(incarnation: u32) -> Header {
-        Header {
-            incarnation,
-            ..Header::default()
-        }
-    }
-
     #[test]
     fn the_dead_are_refused_as_soon_as_the_control_page_or_a_successor_says_so() {
-        let mut fence = Fence::default();
-        assert!(fence.admits(&of(1), Some(1)));
-        assert!(
-            !fence.admits(&of(1), Some(2)),
-            "the launcher has begun incarnation 2"
+        // Of these messages, each with the incarnation on the control page, those that count.
+        let admitted = |messages: &[(u32, Option<u32>)]| {
+            let mut fence = Fence::default();
+            let counts = messages
+                .iter()
+                .map(|(of, living)| fence.admits(*of, *living));
+            counts.collect::<Vec<_>>()
+        };
+        assert_eq!(
+            admitted(&[(1, Some(1)), (1, Some(2)), (2, Some(2))]),
+            [true, false, true]
         );
-        assert!(fence.admits(&of(2), Some(2)));
-        let mut fence = Fence::default();
-        assert!(!fence.admits(&of(0), None), "no process has been this one");
-        assert!(fence.admits(&of(1), None) && fence.admits(&of(2), None));
-        assert!(!fence.admits(&of(1), None), "2 has spoken");
+        assert_eq!(
+            admitted(&[(0, None), (1, None), (2, None), (1, None)]),
+            [false, true, true, false]
+        );
     }
 
     #[test]

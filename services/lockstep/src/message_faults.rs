@@ -6,6 +6,28 @@ use shared_types::fault::{Kind, MOST_DELAY_TICKS, ScheduledFault, Way, shaped_to
 use shared_types::random::at as random;
 use shared_types::{Header, Message};
 
+/// A message as faults see it: its header, and its bytes.
+pub trait Shaped: Clone {
+    /// Its header.
+    fn header(&self) -> &Header;
+    /// Its header, to be changed.
+    fn header_mut(&mut self) -> &mut Header;
+    /// All its bytes.
+    fn bytes_mut(&mut self) -> &mut [u8];
+}
+
+impl<M: Message> Shaped for M {
+    fn header(&self) -> &Header {
+        Message::header(self)
+    }
+    fn header_mut(&mut self) -> &mut Header {
+        Message::header_mut(self)
+    }
+    fn bytes_mut(&mut self) -> &mut [u8] {
+        bytemuck::bytes_of_mut(self)
+    }
+}
+
 /// Room for what a delay can hold back.
 const MOST_HELD: usize = 2 * MOST_DELAY_TICKS as usize + 4;
 
@@ -27,7 +49,7 @@ impl<M> Default for Shaper<M> {
     }
 }
 
-impl<M: Message> Shaper<M> {
+impl<M: Shaped> Shaper<M> {
     /// Hands to `deliver` all that leaves at `tick` in place of a message: nothing, the message, another one, or several. `faults` are those that
     /// concern the process at the tick; a corruption concerns the message where `is_corruptible`. `before` gives the message before it, and
     /// `injected` is called with the place of each fault that takes effect.
@@ -43,7 +65,7 @@ impl<M: Message> Shaper<M> {
         injected: impl FnMut(usize),
         mut deliver: impl FnMut(&M) -> Result<(), E>,
     ) -> Result<(), E> {
-        let (mut message, label) = (*message, message.header().tick);
+        let (mut message, label) = (message.clone(), message.header().tick);
         let Shape {
             due,
             copies,
@@ -53,7 +75,7 @@ impl<M: Message> Shaper<M> {
         if is_stale {
             // Its own old header with it: whoever reads ticks knows it again.
             let old = self.stale.pop().or_else(before).unwrap_or(message);
-            self.stale.push(old);
+            self.stale.push(old.clone());
             message = old;
         } else if !has_zombie {
             self.stale.clear();
@@ -61,9 +83,9 @@ impl<M: Message> Shaper<M> {
         // Its numbers are those of when the fault began, its tick is that of the message that will be due next.
         let zombie = has_zombie.then(|| {
             if self.stale.is_empty() {
-                self.stale.push(message);
+                self.stale.push(message.clone());
             }
-            let (mut zombie, header) = (self.stale[0], *message.header());
+            let (mut zombie, header) = (self.stale[0].clone(), *message.header());
             *zombie.header_mut() = Header {
                 tick: label + 1,
                 incarnation: header.incarnation.saturating_sub(1),
@@ -75,7 +97,7 @@ impl<M: Message> Shaper<M> {
             if due == tick {
                 deliver(&message)?;
             } else if self.held.len() < MOST_HELD {
-                self.held.push_back((due, message));
+                self.held.push_back((due, message.clone()));
             }
         }
         zombie.iter().try_for_each(deliver)
@@ -84,13 +106,12 @@ impl<M: Message> Shaper<M> {
     /// Hands over what was held back and is due at `tick` or before.
     pub fn flush(&mut self, tick: u64, mut deliver: impl FnMut(&M)) {
         let mut place = 0;
-        while let Some(&(due, message)) = self.held.get(place) {
-            if due > tick {
+        while let Some((due, _)) = self.held.get(place) {
+            if *due > tick {
                 place += 1;
-                continue;
+            } else if let Some((_, message)) = self.held.remove(place) {
+                deliver(&message);
             }
-            self.held.remove(place);
-            deliver(&message);
         }
     }
 }
@@ -110,7 +131,7 @@ struct Shape {
 
 /// Applies the faults that concern a process at `tick` to a message, in the order of the fault table: its fields in place, whether and when it leaves
 /// as the answer. A corruption concerns the message where `is_corruptible`. `injected` is called with the place of each fault that takes effect.
-fn shape<'a, M: Message>(
+fn shape<'a, M: Shaped>(
     message: &mut M,
     tick: u64,
     is_corruptible: bool,
@@ -156,10 +177,10 @@ pub fn happens(scheduled: &ScheduledFault, tick: u64) -> bool {
 }
 
 /// Spoils the number that a corruption aims at.
-fn corrupt<M: Message>(message: &mut M, scheduled: &ScheduledFault) {
+fn corrupt(message: &mut impl Shaped, scheduled: &ScheduledFault) {
     let (tick, start) = (message.header().tick, scheduled.target as usize);
-    let Some(bytes) = bytemuck::bytes_of_mut(message).get_mut(start..start + size_of::<f64>())
-    else {
+    let place = start..start + size_of::<f64>();
+    let Some(bytes) = message.bytes_mut().get_mut(place) else {
         return;
     };
     let value: f64 = bytemuck::pod_read_unaligned(bytes);
@@ -220,31 +241,24 @@ mod tests {
 
     #[test]
     fn faults_of_one_message_add_up() {
-        assert_eq!(
-            shaped(&[Kind::Kill, Kind::Sensor]).0,
-            Shape {
-                due: 7,
-                copies: 1,
-                is_stale: false,
-                has_zombie: false
-            }
-        );
-        let (shape, _, places) =
-            shaped(&[Kind::Duplicate, Kind::Kill, Kind::Duplicate, Kind::Reorder]);
-        assert_eq!(
-            (shape, places),
+        let outcome = |kinds: &[Kind]| {
+            let (shape, _, places) = shaped(kinds);
             (
-                Shape {
-                    due: 8,
-                    copies: 4,
-                    is_stale: false,
-                    has_zombie: false
-                },
-                vec![0, 2, 3]
+                shape.due,
+                shape.copies,
+                shape.is_stale,
+                shape.has_zombie,
+                places,
             )
+        };
+        let none = (7, 1, false, false, vec![]);
+        assert_eq!(outcome(&[Kind::Kill, Kind::Sensor]), none);
+        assert_eq!(
+            outcome(&[Kind::Duplicate, Kind::Kill, Kind::Duplicate, Kind::Reorder]),
+            (8, 4, false, false, vec![0, 2, 3])
         );
-        assert_eq!(shaped(&[Kind::Duplicate, Kind::Drop]).0.copies, 0);
-        assert!(shaped(&[Kind::Zombie]).0.has_zombie);
-        assert!(shaped(&[Kind::Stale]).0.is_stale && shaped(&[Kind::Delay]).0.due > 7);
+        assert_eq!(outcome(&[Kind::Duplicate, Kind::Drop]).1, 0);
+        assert!(outcome(&[Kind::Zombie]).3 && outcome(&[Kind::Stale]).2);
+        assert!(outcome(&[Kind::Delay]).0 > 7);
     }
 }

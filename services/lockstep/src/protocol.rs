@@ -13,7 +13,7 @@
 use shared_types::fault::ScheduledFault;
 
 /// The constants of a process in the protocol.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Role {
     /// It makes the ticks: while it stands still there are none.
     pub makes_ticks: bool,

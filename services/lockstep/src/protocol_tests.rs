@@ -1,32 +1,8 @@
 //! Single decisions of the protocol, on the machine that the simulation explores.
 
 use super::*;
-use crate::simulation::Defect;
-use crate::simulation::machine::{At, Graph, State};
-
-fn pair(ticks: u64) -> Graph {
-    Graph {
-        reads: vec![vec![], vec![(0, 0)]],
-        outputs: vec![1, 1],
-        ticks,
-    }
-}
-
-/// Runs to the end, process by process in turn.
-fn finish(graph: &Graph, state: &mut State) {
-    while state.at.iter().any(|at| *at != At::Done) {
-        let moved = (0..graph.reads.len())
-            .filter(|&me| state.step(graph, me, Defect::None))
-            .count();
-        assert!(
-            moved > 0,
-            "no process can go on: {:?} at {:?} with {:?}",
-            state.at,
-            state.tick,
-            state.outages
-        );
-    }
-}
+use crate::engine::Carried;
+use crate::simulation::Graph;
 
 #[test]
 fn a_process_that_dies_again_before_it_answers_has_the_incarnation_of_both_deaths() {
@@ -40,12 +16,19 @@ fn a_process_that_dies_again_before_it_answers_has_the_incarnation_of_both_death
         is_unplanned: false,
         after_outputs: 0,
     };
-    let (graph, outages) = (pair(20), [death(0, 5, 10), death(1, 5, 12)]);
-    let mut state = State::new(&graph, &outages, 0, Defect::None);
-    finish(&graph, &mut state);
-    assert_eq!((state.progress[1].incarnation, state.broken), (3, None));
-    let has_sent = |tick| state.retainer.contains_key(&(1, 0, tick));
-    assert_eq!([4, 5, 11, 12].map(has_sent), [true, false, false, true]);
+    let graph = Graph {
+        reads: vec![vec![], vec![(0, 0)]],
+        outputs: vec![1, 1],
+        ticks: 20,
+    };
+    let mut run = graph.begin(&[death(0, 5, 10), death(1, 5, 12)], None);
+    run.run().unwrap();
+    assert_eq!(
+        (run.processes[1].progress.incarnation, run.broken),
+        (3, None)
+    );
+    let ticks: Vec<_> = run.topics[1].retained.iter().map(Carried::tick).collect();
+    assert_eq!(ticks, (0..5).chain(12..20).collect::<Vec<_>>());
 }
 
 /// Three processes at the same tick: the source, one of the chain, the recorder.

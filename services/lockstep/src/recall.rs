@@ -14,6 +14,13 @@ pub trait Ring {
 
     /// One of them; `None` where it has not come yet, or is no longer there.
     fn get(&self, number: u64) -> Option<Self::Message>;
+
+    /// Those that are there.
+    fn newest_first(&self) -> impl Iterator<Item = Self::Message> {
+        let count = self.count();
+        let numbers = count.saturating_sub(self.length())..count;
+        numbers.rev().map_while(|number| self.get(number))
+    }
 }
 
 /// Takes the messages that the retainer of a topic has handed over, each once, until everything comes by their topic again.
@@ -63,11 +70,7 @@ impl Recall {
 
     /// The next one before the message at `place`.
     pub fn take_before<R: Ring>(&mut self, ring: &R, place: u64) -> Option<R::Message> {
-        if self.next < place {
-            self.take(ring)
-        } else {
-            None
-        }
+        (self.next < place).then(|| self.take(ring)).flatten()
     }
 
     /// The number of a message that has not been taken, if the retainer has handed it over.
@@ -107,20 +110,14 @@ fn oldest(ring: &impl Ring) -> u64 {
 }
 
 /// The oldest message that a dead writer has sent and that a reader has not: of the ticks from `next` on and before another.
-pub fn oldest_missed<R: Ring>(
-    ring: &R,
+pub fn oldest_missed<M>(
+    newest_first: impl Iterator<Item = M>,
     next: u64,
     before: u64,
-    tick: impl Fn(&R::Message) -> u64,
-) -> Option<R::Message> {
-    let count = ring.count();
-    let newest_first = (count.saturating_sub(ring.length())..count)
-        .rev()
-        .map_while(|number| ring.get(number));
-    let with_ticks = newest_first.map(|message| (tick(&message), message));
-    with_ticks
-        .take_while(|(tick, _)| *tick >= next)
-        .filter(|(tick, _)| *tick < before)
+    tick: impl Fn(&M) -> u64,
+) -> Option<M> {
+    newest_first
+        .take_while(|message| tick(message) >= next)
+        .filter(|message| tick(message) < before)
         .last()
-        .map(|(_, message)| message)
 }

@@ -3,114 +3,83 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 
-use super::defect::{Defect, digest};
-use super::machine::{At, Graph, Place, State};
+use super::world::{Graph, Run, Sent, digest};
 use crate::protocol::Outage;
 
-impl State {
-    /// All states after one step.
-    fn next(&self, graph: &Graph, defect: Defect) -> Vec<Self> {
-        let mut all = Vec::new();
-        for me in 0..graph.reads.len() {
-            let mut next = self.clone();
-            if next.step(graph, me, defect) {
-                all.push(next);
-            }
-            if me > 0
-                && self.kills_left > 0
-                && !matches!(self.at[me], At::Dead | At::Detected | At::Done)
-            {
-                let mut next = self.clone();
-                next.kills_left -= 1;
-                next.kill(me);
-                all.push(next);
-            }
+/// All runs after one step, of a process or of death.
+fn next(run: &Run, kills: u32) -> Vec<(Run, u32)> {
+    let mut all = Vec::new();
+    for me in 0..run.processes.len() {
+        let mut stepped = run.clone();
+        if stepped.step_of(me) {
+            all.push((stepped, kills));
         }
-        all
+        if me > 0 && kills > 0 && run.is_alive(me) {
+            let mut killed = run.clone();
+            killed.kill(me);
+            all.push((killed, kills - 1));
+        }
     }
+    all
 }
-
-/// By process, tick and outputs of each death: the plan, and the messages with which a run of it has ended.
-type Ends = BTreeMap<Vec<(usize, u64, u32)>, (Vec<Outage>, BTreeSet<BTreeMap<Place, u64>>)>;
 
 /// The results of all schedules.
 #[derive(Default)]
 struct Explored {
     states: usize,
-    ends: Ends,
-    /// The first state from which no process can go on.
-    stuck: Option<State>,
+    /// By process, tick and outputs of each death: the plan, and the messages with which a run of it has ended.
+    ends: BTreeMap<Vec<(usize, u64, u32)>, (Vec<Outage>, BTreeSet<Vec<Vec<Sent>>>)>,
+    /// Of the first run that breaks a guarantee, or in which no process can go on.
+    failure: Option<String>,
 }
 
-fn explore(graph: &Graph, outages: &[Outage], kills: u32, defect: Defect) -> Explored {
-    let first = State::new(graph, outages, kills, defect);
+fn explore(graph: &Graph, outages: &[Outage], kills: u32) -> Explored {
+    let first = (graph.begin(outages, None), kills);
     let (mut seen, mut open, mut explored) = (
         HashSet::from([digest(&first)]),
         vec![first],
         Explored::default(),
     );
-    while let Some(state) = open.pop() {
+    while let Some((run, kills)) = open.pop() {
         explored.states += 1;
-        if state.broken.is_some() {
-            explored.stuck.get_or_insert(state);
-            continue;
-        }
-        if state.has_failed {
-            continue;
-        }
-        if state.at.iter().all(|at| *at == At::Done) {
-            let key = state
-                .outages
-                .iter()
-                .map(|outage| (outage.process, outage.at, outage.after_outputs))
-                .collect();
-            explored
-                .ends
-                .entry(key)
-                .or_insert_with(|| (state.plan(), BTreeSet::new()))
+        let next = next(&run, kills);
+        if run.broken.is_some() || next.is_empty() && !run.is_over() {
+            let at: Vec<_> = run.processes.iter().map(|one| (one.at, one.tick)).collect();
+            let failure = format!(
+                "{:?}, or all wait: {at:?} with {:?}",
+                run.broken, run.outages
+            );
+            explored.failure.get_or_insert(failure);
+        } else if !run.is_over() {
+            open.extend(next.into_iter().filter(|next| seen.insert(digest(next))));
+        } else if !run.has_failed {
+            let death = |outage: &Outage| (outage.process, outage.at, outage.after_outputs);
+            let key = run.outages.iter().map(death).collect();
+            let end = explored.ends.entry(key);
+            end.or_insert_with(|| (run.plan(), BTreeSet::new()))
                 .1
-                .insert(state.retainer);
-            continue;
+                .insert(run.messages());
         }
-        let next = state.next(graph, defect);
-        if next.is_empty() {
-            explored.stuck.get_or_insert(state);
-            continue;
-        }
-        open.extend(next.into_iter().filter(|next| seen.insert(digest(next))));
     }
     explored
 }
 
-/// Explores deaths at all moments, and each plan that they leave; the states, the plans, and the first defect found.
-fn check(graph: &Graph, kills: u32, defect: Defect) -> (usize, usize, Option<String>) {
-    let live = explore(graph, &[], kills, defect);
-    let (mut states, plans) = (live.states, live.ends.len());
-    let mut found = live.stuck.map(|state| {
-        format!(
-            "{:?}, or no process can go on: {:?} at {:?} with {:?}",
-            state.broken, state.at, state.tick, state.outages
-        )
-    });
+/// Explores deaths at all moments, and each plan that they leave: the states, and the plans.
+fn check(graph: &Graph, kills: u32) -> (usize, usize) {
+    let live = explore(graph, &[], kills);
+    assert_eq!(live.failure, None);
+    let mut states = live.states;
     for (plan, messages) in live.ends.values() {
-        let planned = explore(graph, plan, 0, defect);
+        let planned = explore(graph, plan, 0);
         states += planned.states;
-        let again: BTreeSet<_> = planned
+        assert_eq!((planned.failure, messages.len()), (None, 1), "{plan:?}");
+        let again = planned
             .ends
             .into_values()
-            .flat_map(|(_, messages)| messages)
-            .collect();
-        if found.is_none() && (planned.stuck.is_some() || messages.len() != 1 || again != *messages)
-        {
-            let stuck = planned.stuck.is_some();
-            found = Some(format!(
-                "{plan:?}: {} and {} results, stuck: {stuck}",
-                messages.len(),
-                again.len()
-            ));
-        }
+            .flat_map(|(_, messages)| messages);
+        assert_eq!(again.collect::<BTreeSet<_>>(), *messages, "{plan:?}");
     }
-    (states, plans, found)
+    (states, live.ends.len())
 }
 
 fn pair(ticks: u64) -> Graph {
@@ -157,26 +126,8 @@ fn deaths_at_every_moment_of_every_schedule_are_repeated_by_their_plan() {
         ("default", default_graph(), 2),
     ];
     for (name, graph, kills) in graphs {
-        let (states, plans, found) = check(&graph, kills, Defect::None);
+        let (states, plans) = check(&graph, kills);
         println!("{name}: {states} states, {plans} plans of up to {kills} deaths");
-        assert_eq!(found, None, "{name}");
-        assert!(
-            states > 1_000 && plans > 10,
-            "{name}: {states} states, {plans} plans"
-        );
-    }
-}
-
-#[test]
-fn the_exploration_finds_each_defect_that_is_put_in() {
-    for defect in Defect::OF_THE_CHAIN {
-        let is_found = |graph: &Graph, kills| {
-            let (.., found) = check(graph, kills, defect);
-            found.is_some()
-        };
-        assert!(
-            is_found(&chain(), 2) || is_found(&pair(5), 2) || is_found(&leaf(), 0),
-            "{defect:?}"
-        );
+        assert!(states > 1_000 && plans > 10, "{name}: {states}, {plans}");
     }
 }

@@ -2,9 +2,8 @@
 
 use shared_types::random::at as random;
 
-use super::defect::Defect;
-use super::machine::{At, DOWN, Graph, State};
 use super::recorder::Recorder;
+use super::world::{DOWN, Graph, Run};
 use crate::protocol::Outage;
 
 /// Steps after which a history counts as endless.
@@ -19,7 +18,7 @@ pub struct Outcome {
     pub deaths: u64,
     /// Steps of all processes and of the launcher.
     pub steps: u64,
-    /// The guarantee that was broken, with the smallest history found that breaks one.
+    /// The guarantee that was broken, and the history.
     pub failure: Option<String>,
 }
 
@@ -37,18 +36,12 @@ struct History {
 
 /// Runs the history of a number, and repeats it from its plan.
 #[must_use]
-pub fn history(seed: u64, number: u64, defect: Defect) -> Outcome {
+pub fn history(seed: u64, number: u64) -> Outcome {
     let history = History::draw(random(seed, number));
-    let mut outcome = history.check(defect);
-    if outcome.failure.is_some() {
-        let (smallest, failure) = history.shrink(defect);
-        outcome.failure = failure.map(|failure| {
-            format!(
-                "history {number} of seed {seed}: {failure}; smallest: {}",
-                smallest.in_words()
-            )
-        });
-    }
+    let mut outcome = Outcome::default();
+    let failure = history.check(&mut outcome).err();
+    outcome.failure =
+        failure.map(|failure| format!("history {number} of seed {seed}: {failure}: {history:?}"));
     outcome
 }
 
@@ -141,162 +134,60 @@ impl History {
         }
     }
 
-    /// Runs to the end under one schedule.
-    fn run(
-        &self,
-        planned: &[Outage],
-        kills: &[(u64, usize)],
-        schedule: u64,
-        defect: Defect,
-    ) -> Result<(State, u64), String> {
-        let count = self.graph.reads.len() + 1;
-        let mut state = State::new(&self.graph, planned, 0, defect).with_recorder(
-            &self.graph,
-            self.room,
-            defect,
-        );
+    /// Runs to the end under one schedule; the steps.
+    fn run(&self, run: &mut Run, kills: &[(u64, usize)], schedule: u64) -> Result<u64, String> {
+        let count = run.processes.len();
         let mut kills = kills.iter().copied().peekable();
         // In one history of four the recorder is hardly ever awake.
         let is_starved = random(schedule, u64::MAX).is_multiple_of(4);
         for step in 0..MOST_STEPS {
             while let Some((_, victim)) = kills.next_if(|kill| kill.0 <= step) {
-                state.kill(victim);
+                run.kill(victim);
             }
-            if state.has_failed || state.at.iter().all(|at| *at == At::Done) {
-                let lack = state
-                    .recorder
-                    .as_mut()
-                    .filter(|_| !state.has_failed)
-                    .and_then(Recorder::lack);
-                return lack.map_or(Ok((state, step)), Err);
+            if run.is_over() {
+                let recorder = run.world.recorder.as_mut().filter(|_| !run.has_failed);
+                return recorder.and_then(Recorder::lack).map_or(Ok(step), Err);
             }
             let first = random(schedule, step) as usize;
             // A process that sleeps does nothing for a while, as long as others can.
             let draw = |me: usize| random(schedule ^ (1 + me as u64), step / 41);
-            let sleeps = |me: usize| {
-                if is_starved && me + 1 == count {
-                    draw(me) % 12 > 0
-                } else {
-                    draw(me).is_multiple_of(3)
-                }
+            let sleeps = |me: usize| match is_starved && me + 1 == count {
+                true => draw(me) % 12 > 0,
+                false => draw(me).is_multiple_of(3),
             };
             // The last turn: the recorder has looked before the source began to wait.
             let mut order = (0..3 * count).map(|turn| (turn >= count, (first + turn) % count));
-            let has_moved = order.any(|(is_late, me)| {
-                (is_late || !sleeps(me)) && state.step(&self.graph, me, defect)
-            });
-            if let Some(broken) = state.broken {
+            let has_moved = order.any(|(is_late, me)| (is_late || !sleeps(me)) && run.step_of(me));
+            if let Some(broken) = run.broken {
                 return Err(broken.to_owned());
             }
             if !has_moved {
-                return Err(format!(
-                    "no process can go on: {:?} at ticks {:?}",
-                    state.at, state.tick
-                ));
+                let at: Vec<_> = run.processes.iter().map(|one| (one.at, one.tick)).collect();
+                return Err(format!("no process can go on: {at:?}"));
             }
         }
         Err("it does not end".to_owned())
     }
 
-    fn check(&self, defect: Defect) -> Outcome {
-        let (live, steps) = match self.run(&self.planned, &self.kills, self.schedule, defect) {
-            Ok(ended) => ended,
-            Err(failure) => {
-                return Outcome {
-                    failure: Some(failure),
-                    ..Outcome::default()
-                };
-            }
-        };
-        let mut outcome = Outcome {
-            deaths: live
-                .progress
-                .iter()
-                .map(|one| u64::from(one.incarnation) - 1)
-                .sum(),
-            steps,
-            failure: None,
-        };
-        for repetition in 1..=if live.has_failed { 0 } else { REPETITIONS } {
-            match self.run(&live.plan(), &[], random(self.schedule, repetition), defect) {
-                Ok((again, more)) => {
-                    outcome.steps += more;
-                    let differs = |place| live.retainer.get(place) != again.retainer.get(place);
-                    if let Some(place) = live
-                        .retainer
-                        .keys()
-                        .chain(again.retainer.keys())
-                        .filter(|place| differs(*place))
-                        .min_by_key(|place| place.2)
-                    {
-                        let (process, output, tick) = place;
-                        outcome.failure = Some(format!(
-                            "its plan gives another message {output} of process {process} at tick {tick}"
-                        ));
-                    }
-                }
-                Err(failure) => outcome.failure = Some(format!("its plan: {failure}")),
-            }
-        }
-        outcome
-    }
-
-    /// The smallest history that still fails, of those with one death or some ticks fewer at a time.
-    fn shrink(mut self, defect: Defect) -> (Self, Option<String>) {
-        let mut failure = self.check(defect).failure;
-        loop {
-            let without_kill = (0..self.kills.len()).map(|place| {
-                let mut smaller = self.clone();
-                smaller.kills.remove(place);
-                smaller
-            });
-            let without_plan = (0..self.planned.len()).map(|place| {
-                let mut smaller = self.clone();
-                smaller.planned.remove(place);
-                smaller
-                    .planned
-                    .iter_mut()
-                    .enumerate()
-                    .for_each(|(place, outage)| outage.place = place);
-                smaller
-            });
-            let shorter = (1..self.graph.ticks).map(|ticks| {
-                let mut smaller = self.clone();
-                smaller.graph.ticks = ticks;
-                smaller
-            });
-            let found = without_kill
-                .chain(without_plan)
-                .chain(shorter)
-                .find_map(|one| one.check(defect).failure.map(|failure| (one, failure)));
-            match found {
-                Some((smaller, why)) => (self, failure) = (smaller, Some(why)),
-                None => return (self, failure),
-            }
-        }
-    }
-
-    fn in_words(&self) -> String {
-        let Graph {
-            reads,
-            outputs,
-            ticks,
-        } = &self.graph;
-        let planned: Vec<_> = self
-            .planned
+    fn check(&self, outcome: &mut Outcome) -> Result<(), String> {
+        let begin = |planned: &[Outage]| self.graph.begin(planned, Some(self.room));
+        let mut live = begin(&self.planned);
+        outcome.steps = self.run(&mut live, &self.kills, self.schedule)?;
+        let deaths = live
+            .processes
             .iter()
-            .map(|one| (one.process, one.at, one.until, one.after_outputs))
-            .collect();
-        let room = if self.room == u64::MAX {
-            String::new()
-        } else {
-            format!(", room for {} blocks", self.room)
-        };
-        let graph = format!("{ticks} ticks, outputs {outputs:?}, reads {reads:?}{room}");
-        format!(
-            "{graph}, killed at (step, process) {:?}, planned (process, at, until, after) {planned:?}",
-            self.kills
-        )
+            .map(|one| u64::from(one.progress.incarnation) - 1);
+        outcome.deaths = deaths.sum();
+        for repetition in 1..=if live.has_failed { 0 } else { REPETITIONS } {
+            let mut again = begin(&live.plan());
+            outcome.steps += self
+                .run(&mut again, &[], random(self.schedule, repetition))
+                .map_err(|failure| format!("its plan: {failure}"))?;
+            if live.messages() != again.messages() {
+                return Err("its plan gives other messages".to_owned());
+            }
+        }
+        Ok(())
     }
 }
 
@@ -306,22 +197,11 @@ mod tests {
 
     #[test]
     fn random_histories_keep_every_guarantee_and_repeat_themselves() {
-        let mut deaths = 0;
-        for number in 0..3_000 {
-            let outcome = history(1, number, Defect::None);
-            assert_eq!(outcome.failure, None);
-            deaths += outcome.deaths;
-        }
+        let outcomes = (0..3_000).map(|number| history(1, number));
+        let deaths: u64 = outcomes
+            .inspect(|one| assert_eq!(one.failure, None))
+            .map(|one| one.deaths)
+            .sum();
         assert!(deaths > 3_000, "only {deaths} deaths");
-    }
-
-    #[test]
-    fn each_defect_that_is_put_in_is_found_and_shrunk() {
-        for defect in Defect::all() {
-            let found = (0..3_000).find_map(|number| history(1, number, defect).failure);
-            let found = found.unwrap_or_else(|| panic!("{defect:?} is not found"));
-            println!("{defect:?}: {found}");
-            assert!(found.contains("smallest"), "{found}");
-        }
     }
 }

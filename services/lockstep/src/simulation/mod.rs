@@ -1,13 +1,11 @@
-//! The lockstep protocol simulated in one thread under one seed, with the launcher's part in it (deaths, their places in the plan, replacements) and the
-//! recorder's: rounds, message logs, checkpoints, a volume that fills.
-
-mod defect;
-mod history;
-pub(crate) mod machine;
-mod recorder;
+//! Runs of the protocol without processes: every schedule of small graphs, and random histories with a recorder.
 
 #[cfg(test)]
 mod exploration;
+mod history;
+mod recorder;
+mod world;
 
-pub use defect::Defect;
 pub use history::{Outcome, history};
+#[cfg(test)]
+pub(crate) use world::Graph;

@@ -6,8 +6,9 @@
 
 use std::collections::VecDeque;
 
-use super::defect::{Defect, digest};
+use super::world::{Sent, digest};
 use crate::checkpoint_rule::most_ticks_unsaved;
+use crate::engine::{Observed, Step};
 use crate::recall::{Recall, Ring, oldest_missed};
 
 /// Ticks that the source may be ahead of the recorder.
@@ -18,9 +19,6 @@ const HELD: usize = 4 * LAG as usize;
 const BLOCK: usize = 3;
 /// Ticks between checkpoints, where the logs have what a replacement needs.
 const USUAL: u64 = 24;
-
-/// Tick and value.
-type Sent = (u64, u64);
 
 /// The file of what the retainer of a topic has handed over.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
@@ -70,7 +68,6 @@ impl Taken {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 struct Channel {
     writer: usize,
-    output: usize,
     /// All that has been sent, for the comparison at the end.
     sent: Taken,
     /// In the retainer, and not handed over.
@@ -130,19 +127,12 @@ impl Channel {
     /// The next message in order: from the buffer, or what a dead writer had sent to its retainer alone. `before_death`: the first tick of which the writer
     /// has sent nothing more when it died.
     fn receive(&mut self, before_death: u64) -> Option<Sent> {
-        let next = self.taken.last.map_or(0, |(tick, _)| tick + 1);
-        let came = self.buffer.front().map_or(u64::MAX, |(tick, _)| *tick);
-        let missed = if next < before_death && came > next {
-            oldest_missed(
-                &self.handed_over,
-                next,
-                came.min(before_death),
-                |(tick, _)| *tick,
-            )
-        } else {
-            None
-        };
-        missed.or_else(|| self.buffer.pop_front())
+        let next = self.taken.last.map_or(0, |last| last.tick + 1);
+        let came = self.buffer.front().map_or(u64::MAX, |front| front.tick);
+        let is_missed = next < before_death && came > next;
+        let (sent, before) = (self.handed_over.newest_first(), came.min(before_death));
+        let missed = is_missed.then(|| oldest_missed(sent, next, before, |one| one.tick));
+        missed.flatten().or_else(|| self.buffer.pop_front())
     }
 
     /// The second half of the catching up of `runtime`: what has come by the topic since the file was read.
@@ -180,16 +170,6 @@ enum At {
     Ending { ticks: u64 },
 }
 
-/// The end of a step of the recorder.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Step {
-    /// There was nothing to do.
-    Idle,
-    Done,
-    /// It has ended a round in which everything of these ticks was taken in.
-    Closed(u64),
-}
-
 /// The recorder, and what outlives it.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Recorder {
@@ -198,59 +178,41 @@ pub(crate) struct Recorder {
     /// Blocks for which the volume has room.
     room: u64,
     saved_ticks: u64,
-    /// It goes down at the end of this round, as planned.
-    pub(super) is_falling: bool,
     /// The round in hand is the last one.
-    pub(super) is_last: bool,
-    defect: Defect,
+    is_last: bool,
 }
 
 impl Recorder {
     /// Of a graph with so many outputs by process, on a volume with room for so many blocks of the logs.
-    pub(super) fn new(outputs: &[usize], room: u64, defect: Defect) -> Self {
-        let channels = outputs
-            .iter()
-            .enumerate()
-            .flat_map(|(writer, count)| (0..*count).map(move |output| (writer, output)));
-        let channel = |(writer, output)| Channel {
+    pub(super) fn new(outputs: &[usize], room: u64) -> Self {
+        let writers = outputs.iter().enumerate();
+        let writers = writers.flat_map(|(writer, count)| std::iter::repeat_n(writer, *count));
+        let channel = |writer| Channel {
             writer,
-            output,
             is_connected: true,
             ..Channel::default()
         };
-        let (at, saved_ticks) = (At::Resting, 0);
         Self {
-            channels: channels.map(channel).collect(),
-            at,
+            channels: writers.map(channel).collect(),
+            at: At::Resting,
             room,
-            saved_ticks,
-            is_falling: false,
+            saved_ticks: 0,
             is_last: false,
-            defect,
         }
-    }
-
-    fn of(&mut self, writer: usize, output: usize) -> Option<&mut Channel> {
-        self.channels
-            .iter_mut()
-            .find(|channel| (channel.writer, channel.output) == (writer, output))
     }
 
     /// A message reaches the retainer of its topic; `learns`: before that its writer has looked for new readers, and there is a recorder.
-    pub(super) fn retain(&mut self, writer: usize, output: usize, message: Sent, learns: bool) {
-        if let Some(channel) = self.of(writer, output) {
-            channel.is_connected |= learns;
-            channel.sent.add(message);
-            put(&mut channel.held, message);
-        }
+    pub(super) fn retain(&mut self, topic: usize, message: Sent, learns: bool) {
+        let channel = &mut self.channels[topic];
+        channel.is_connected |= learns;
+        channel.sent.add(message);
+        put(&mut channel.held, message);
     }
 
-    /// A message that the retainer has reaches the recorder, where there is one and its writer knows of it.
-    pub(super) fn deliver(&mut self, writer: usize, output: usize, message: Sent) {
-        if let Some(channel) = self
-            .of(writer, output)
-            .filter(|channel| channel.is_connected)
-        {
+    /// A message that the retainer has reaches the recorder, where its writer knows of it.
+    pub(super) fn deliver(&mut self, topic: usize, message: Sent) {
+        let channel = &mut self.channels[topic];
+        if channel.is_connected {
             put(&mut channel.buffer, message);
         }
     }
@@ -270,7 +232,7 @@ impl Recorder {
 
     /// The end of the recorder: its memory and its buffers are gone.
     pub(super) fn die(&mut self) {
-        (self.at, self.is_falling, self.is_last) = (At::Resting, false, false);
+        (self.at, self.is_last) = (At::Resting, false);
         for channel in &mut self.channels {
             channel.buffer.clear();
             channel.unlogged.clear();
@@ -290,35 +252,23 @@ impl Recorder {
                 channel.taken.logged = channel.log.len();
             }
             channel.hand_over();
-            if self.defect != Defect::NoRecall {
-                channel.recall = Some(Recall::after(
-                    &channel.handed_over,
-                    channel.taken.last.as_ref(),
-                ));
-            }
+            channel.recall = Some(Recall::after(
+                &channel.handed_over,
+                channel.taken.last.as_ref(),
+            ));
         }
     }
 
-    /// One step of a recorder that works, where the run has made so many ticks. `before_death` as in [`Channel::receive`], by writer.
-    pub(super) fn step(
-        &mut self,
-        made: u64,
-        closed: u64,
-        is_over: bool,
-        before_death: impl Fn(usize) -> u64,
-        wants_round: bool,
-    ) -> Step {
+    /// One step of a recorder that works.
+    pub(super) fn step(&mut self, run: &Observed) -> Step {
         match self.at {
             At::Resting => {
-                let has_news = made > closed
-                    || self
-                        .channels
-                        .iter()
-                        .any(|channel| !channel.buffer.is_empty());
-                if !has_news && !wants_round {
+                let [made, closed] = run.ticks;
+                let is_awaited = |channel: &Channel| !channel.buffer.is_empty();
+                if made <= closed && !run.wants_round && !self.channels.iter().any(is_awaited) {
                     return Step::Idle;
                 }
-                self.is_last = is_over;
+                self.is_last = run.is_over;
                 self.at = At::Draining {
                     ticks: made,
                     channel: 0,
@@ -332,55 +282,45 @@ impl Recorder {
             } => {
                 let (room, count) = (&mut self.room, self.channels.len());
                 let channel = &mut self.channels[number];
-                let is_through = match channel.recall.take() {
+                let mut is_through = true;
+                match channel.recall.take() {
                     Some(mut recall) if !has_read => {
                         channel.hand_over();
                         while let Some(message) = recall.take(&channel.handed_over) {
                             channel.take(message, room);
                         }
                         channel.recall = Some(recall);
-                        false
+                        is_through = false;
                     }
-                    Some(recall) => {
-                        channel.recall = channel.catch_up(recall, room);
-                        true
-                    }
-                    None => true,
-                };
+                    Some(recall) => channel.recall = channel.catch_up(recall, room),
+                    None => {}
+                }
                 if is_through && channel.recall.is_none() {
-                    let death = before_death(channel.writer);
+                    let death = run.before_death[channel.writer];
                     while let Some(message) = channel.receive(death) {
                         channel.take(message, room);
                     }
                 }
-                self.at = match (is_through, number + 1 < count) {
-                    (false, _) => At::Draining {
+                let next = number + usize::from(is_through);
+                self.at = if next < count {
+                    At::Draining {
                         ticks,
-                        channel: number,
-                        has_read: true,
-                    },
-                    (true, true) => At::Draining {
-                        ticks,
-                        channel: number + 1,
-                        has_read: false,
-                    },
-                    (true, false) => At::Ending { ticks },
+                        channel: next,
+                        has_read: !is_through,
+                    }
+                } else {
+                    At::Ending { ticks }
                 };
             }
             At::Ending { ticks } => {
-                let are_kept = !self
-                    .channels
-                    .iter()
-                    .any(|channel| channel.taken.is_log_over);
-                let rule = are_kept || self.defect == Defect::RareCheckpoints;
-                if self.is_falling
-                    || ticks
-                        >= self.saved_ticks + most_ticks_unsaved(rule, LAG, BLOCK as u64, USUAL)
-                {
+                let is_over = |channel: &Channel| channel.taken.is_log_over;
+                let are_kept = !self.channels.iter().any(is_over);
+                let most = most_ticks_unsaved(are_kept, LAG, BLOCK as u64, USUAL);
+                if run.is_falling || ticks >= self.saved_ticks + most {
                     self.save(ticks);
                 }
                 self.at = At::Resting;
-                return Step::Closed(ticks);
+                return Step::Closed(ticks, self.is_last);
             }
         }
         Step::Done
@@ -396,32 +336,24 @@ impl Recorder {
 
     /// The first topic of which the recorder has not taken in all that was sent, in its order, or whose log is not the beginning of that.
     pub(super) fn lack(&mut self) -> Option<String> {
-        let is_lacking = |channel: &mut Channel| {
-            channel.write_block(&mut self.room);
+        self.channels
+            .iter_mut()
+            .for_each(|channel| channel.write_block(&mut self.room));
+        let is_whole = |channel: &Channel| {
             let Channel {
-                writer,
-                output,
-                sent,
-                taken,
-                log,
-                ..
+                sent, taken, log, ..
             } = channel;
             let mut logged = Taken::default();
             log.iter().for_each(|message| logged.add(*message));
-            let is_whole = (sent.count, sent.digest) == (taken.count, taken.digest);
             let is_log_right = if taken.is_log_over {
                 logged.count <= sent.count
             } else {
                 logged.digest == sent.digest
             };
-            let of = format!("message {output} of process {writer}");
-            (!(is_whole && is_log_right)).then(|| {
-                format!(
-                    "the recorder has taken in {} of {} times {of}, or others, and its log has {}",
-                    taken.count, sent.count, logged.count
-                )
-            })
+            (sent.count, sent.digest) == (taken.count, taken.digest) && is_log_right
         };
-        self.channels.iter_mut().find_map(is_lacking)
+        let lacking = self.channels.iter().position(|channel| !is_whole(channel));
+        lacking
+            .map(|topic| format!("the recorder has not all of topic {topic}, or its log has not"))
     }
 }

@@ -134,7 +134,9 @@ impl Inlet {
             Count::Refused
         } else if self.shared.is_cut(format.topic, header(message).tick) {
             return false;
-        } else if !self.fence.admits(&header(message), living) && !self.shared.is_unfenced() {
+        } else if !self.fence.admits(header(message).incarnation, living)
+            && !self.shared.is_unfenced()
+        {
             Count::Fenced
         } else if !(format.is_finite)(message) {
             Count::Refused

@@ -6,7 +6,7 @@
 //! A planned death kills between two ticks, when all readers have what was sent; but a reader connects to a writer when it next looks, and a writer that
 //! has lived for a few ticks may be gone by then. A gap in the ticks at a planned death is looked up in the retainer, too.
 
-use lockstep::oldest_missed;
+use lockstep::{Ring, oldest_missed};
 
 use crate::bus::format::header;
 use crate::context::Context;
@@ -112,8 +112,7 @@ impl Missed {
     /// The oldest message of the ticks from the next one on and before another in the file of the topic.
     fn oldest(&self, context: &Context, before: u64) -> Option<Vec<u8>> {
         let handed_over = HandedOver::open(&context.run, self.topic, self.size).ok()?;
-        oldest_missed(&handed_over, self.next, before, |message| {
-            header(message).tick
-        })
+        let tick = |message: &Vec<u8>| header(message).tick;
+        oldest_missed(handed_over.newest_first(), self.next, before, tick)
     }
 }
