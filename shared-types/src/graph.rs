@@ -151,9 +151,13 @@ mod tests {
     const ENERGY: &str = "extends = \"armplane\"\n[[topic]]\nname = \"energy\"\ntype = \"armplane.Energy.v1\"\nfields = [\"header: Header\", \
                           \"kinetic_j: f64\"]\n[[process]]\nname = \"energy\"\ncommand = [\"./energy\"]\nreads = [\"estimate\"]\nwrites = [\"energy\"]\n";
 
+    fn parse(text: &str) -> Graph {
+        Graph::parse("graph.toml", text).unwrap()
+    }
+
     #[test]
-    fn the_built_in_graph_has_every_program_and_every_topic() {
-        let graph = Graph::parse("graph.toml", BUILT_IN).unwrap();
+    fn the_built_in_graphs_have_every_program_and_every_topic() {
+        let graph = parse(BUILT_IN);
         assert_eq!(names(&graph.process), Program::ALL.map(Program::name));
         assert!(
             graph
@@ -161,84 +165,57 @@ mod tests {
                 .iter()
                 .all(|process| process.program().is_some())
         );
-        assert!(
-            ALWAYS.iter().all(|topic| graph.writer(topic).is_some()),
-            "a topic without a writer"
-        );
+        // `*` is every topic that is written.
+        assert_eq!(graph.process("recorder").unwrap().reads, ALWAYS);
+        let [world, torque] = [graph.world(), graph.writer("torque")].map(Option::unwrap);
+        assert_eq!(names([world, torque]), ["plant", "controller"]);
+        let hops = ["plant", "estimator", "analyzer", "controller"];
         assert_eq!(
-            graph.process("recorder").unwrap().reads,
-            ALWAYS,
-            "`*` is every topic that is written"
+            (names(graph.hops()), names(in_chain(&graph))),
+            (hops.to_vec(), hops.to_vec())
         );
-        assert_eq!(
-            (
-                graph.world().unwrap().name.as_str(),
-                graph.writer("torque").unwrap().name.as_str()
-            ),
-            ("plant", "controller")
-        );
-        assert_eq!(
-            names(graph.hops()),
-            ["plant", "estimator", "analyzer", "controller"]
-        );
-        assert_eq!(
-            graph
-                .chain()
-                .iter()
-                .map(|(hop, _)| *hop)
-                .collect::<Vec<_>>(),
-            [0, 1, 2, 3]
-        );
+        // A steered run has an operator before its controller.
+        let steered = parse(STEERED);
+        let hops = ["plant", "estimator", "analyzer", "operator", "controller"];
+        assert_eq!(names(steered.hops()), hops);
+        assert_eq!(steered.process("recorder").unwrap().reads, TOPICS);
     }
 
-    #[test]
-    fn a_steered_run_has_an_operator_before_its_controller() {
-        let graph = Graph::parse("servo.toml", STEERED).unwrap();
-        assert!(TOPICS.iter().all(|topic| graph.writer(topic).is_some()));
-        assert_eq!(
-            names(graph.hops()),
-            ["plant", "estimator", "analyzer", "operator", "controller"]
-        );
-        assert_eq!(graph.process("recorder").unwrap().reads, TOPICS);
+    fn in_chain(graph: &Graph) -> Vec<&Process> {
+        graph
+            .chain()
+            .into_iter()
+            .map(|(_, process)| process)
+            .collect()
     }
 
     #[test]
     fn a_graph_that_extends_adds_and_replaces() {
-        let graph = Graph::parse("energy.toml", ENERGY).unwrap();
-        assert_eq!(
-            names(&graph.process),
-            [
-                "plant",
-                "estimator",
-                "analyzer",
-                "controller",
-                "recorder",
-                "energy"
-            ]
-        );
+        let graph = parse(ENERGY);
+        let all = [
+            "plant",
+            "estimator",
+            "analyzer",
+            "controller",
+            "recorder",
+            "energy",
+        ];
+        assert_eq!(names(&graph.process), all);
+        // The recorder reads what is added, and the loop does not wait for it.
         assert_eq!(
             graph.process("recorder").unwrap().reads.last().unwrap(),
-            "energy",
-            "the recorder reads what is added"
+            "energy"
+        );
+        assert_eq!((graph.hops().len(), graph.chain().len()), (5, 4));
+        let bytes = |topic| graph.layout(topic).unwrap().bytes;
+        assert_eq!(bytes("energy"), bytes("torque") - 64);
+        // A graph that has been read is whole.
+        assert_eq!(parse(&toml::to_string(&graph).unwrap()), graph);
+        let mine = parse(
+            "extends = \"armplane\"\n[[process]]\nname = \"plant\"\ncommand = [\"mine\"]\nfeedback = [\"torque\"]\nwrites = [\"sensor\", \"plant_state\"]\n",
         );
         assert_eq!(
-            names(graph.hops()),
-            ["plant", "estimator", "analyzer", "controller", "energy"]
-        );
-        assert_eq!(graph.chain().len(), 4, "the loop does not wait for it");
-        assert_eq!(
-            graph.layout("energy").unwrap().bytes,
-            graph.layout("torque").unwrap().bytes - 64
-        );
-        let again = Graph::parse("again.toml", &toml::to_string(&graph).unwrap()).unwrap();
-        assert_eq!(again, graph, "a graph that has been read is whole");
-        let mine = "extends = \"armplane\"\n[[process]]\nname = \"plant\"\ncommand = [\"mine\"]\nfeedback = [\"torque\"]\nwrites = [\"sensor\", \"plant_state\"]\n";
-        let graph = Graph::parse("mine.toml", mine).unwrap();
-        assert_eq!(
-            (
-                graph.process.len(),
-                graph.process("plant").unwrap().program()
-            ),
+            (mine.process.len(), mine.process("plant").unwrap().program()),
             (5, None)
         );
     }
@@ -246,14 +223,10 @@ mod tests {
     #[test]
     fn a_longer_way_is_the_chain() {
         let late = ENERGY.replace("reads = [\"estimate\"]", "reads = [\"singularity\"]");
-        let late = format!(
+        let graph = parse(&format!(
             "{late}[[process]]\nname = \"controller\"\ncommand = [\"mine\"]\nreads = [\"energy\", \"estimate\"]\nwrites = [\"control_state\", \"torque\"]\n"
-        );
-        let graph = Graph::parse("late.toml", &late).unwrap();
-        let chain = graph.chain();
-        assert_eq!(
-            names(chain.iter().map(|(_, process)| *process)),
-            ["plant", "estimator", "analyzer", "energy", "controller"]
-        );
+        ));
+        let way = ["plant", "estimator", "analyzer", "energy", "controller"];
+        assert_eq!(names(in_chain(&graph)), way);
     }
 }

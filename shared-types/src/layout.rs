@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
 
-use crate::file::Complaint;
+use crate::file::{Complaint, require};
 use crate::wire::{Field, Fnv, Header, Message, Part};
 
 /// Largest message that a graph may declare; bytes.
@@ -71,73 +71,22 @@ impl DeclaredTopic {
     /// # Errors
     /// [`Complaint`], its path relative to the topic: a field without a type, of another type, or out of alignment.
     pub fn layout(&self) -> Result<MessageLayout, Complaint> {
-        let mut fields = Vec::with_capacity(self.fields.len());
-        let mut end = 0;
+        let mut fields: Vec<Field> = Vec::with_capacity(self.fields.len());
         for (i, text) in self.fields.iter().enumerate() {
-            let refuse = |message: String, remedy: &str| {
-                Err(Complaint::new(format!("fields.{i}"), message, remedy))
+            let located = |complaint: Complaint| Complaint {
+                path: format!("fields.{i}"),
+                ..complaint
             };
-            let Some((name, type_name)) = text
-                .split_once(':')
-                .map(|(name, type_name)| (name.trim(), type_name.trim()))
-            else {
-                return refuse(
-                    format!("`{text}` is no field"),
-                    "name: type, as in `kinetic_j: f64`",
-                );
-            };
-            if (i == 0) != (name == "header") || (i == 0) != (type_name == Header::ELEMENT) {
-                return refuse(
-                    format!("`{text}` at place {i}"),
-                    "a message begins with `header: Header`, once",
-                );
-            }
-            let Some((element, unit, count)) = parse_type(type_name) else {
-                return refuse(
-                    format!("`{type_name}` is no type of a field"),
-                    "f64, u64, u32, or an array as `[f64; 6]`",
-                );
-            };
-            if end % unit != 0 {
-                return refuse(
-                    format!("`{name}` would begin at byte {end}, between two numbers"),
-                    "put fields of 8 bytes before those of 4",
-                );
-            }
-            if !is_field_name(name) {
-                return refuse(
-                    format!("`{}` cannot be the name of a field", name.escape_debug()),
-                    "lower-case letters, digits and `_`, a letter first",
-                );
-            }
-            if fields.iter().any(|field: &Field| field.name == name) {
-                return refuse(format!("`{name}` is there twice"), "one field of each name");
-            }
-            let size = element.1 * count;
-            fields.push(Field {
-                name: Cow::Owned(name.to_owned()),
-                type_name: Cow::Owned(type_name.to_owned()),
-                element: Cow::Borrowed(element.0),
-                offset: end,
-                size,
-                about: Cow::Borrowed(""),
-            });
-            end += size;
-            if end > MOST_BYTES {
-                return refuse(
-                    format!("the message has more than {MOST_BYTES} bytes"),
-                    "make it smaller",
-                );
-            }
+            let field = field(text, &fields).map_err(located)?;
+            fields.push(field);
         }
-        if fields.len() < 2 || !end.is_multiple_of(8) {
-            let message = format!("a message of {end} bytes in {} fields", fields.len());
-            return Err(Complaint::new(
-                "fields",
-                message,
-                "a header and at least one more field, in all a multiple of 8 bytes",
-            ));
-        }
+        let end = fields.last().map_or(0, |last| last.offset + last.size);
+        require(
+            fields.len() >= 2 && end.is_multiple_of(8),
+            "fields",
+            format!("a message of {end} bytes in {} fields", fields.len()),
+            "a header and at least one more field, in all a multiple of 8 bytes",
+        )?;
         let mut hash = Fnv::of(&self.type_name, end, align_of::<u64>(), &fields);
         for field in &fields {
             hash.text(&field.name);
@@ -163,33 +112,88 @@ impl DeclaredTopic {
     }
 }
 
+/// The field of a declaration behind those before it; the path is the caller's.
+fn field(text: &str, before: &[Field]) -> Result<Field, Complaint> {
+    let (name, type_name) = text.split_once(':').ok_or_else(|| {
+        let remedy = "name: type, as in `kinetic_j: f64`";
+        Complaint::new("", format!("`{text}` is no field"), remedy)
+    })?;
+    let (name, type_name) = (name.trim(), type_name.trim());
+    let (is_first, is_header) = (before.is_empty(), type_name == Header::ELEMENT);
+    require(
+        is_first == is_header && is_first == (name == "header"),
+        "",
+        format!("`{text}` at place {}", before.len()),
+        "a message begins with `header: Header`, once",
+    )?;
+    let (element, unit, count) = parse_type(type_name).ok_or_else(|| {
+        let remedy = "f64, u64, u32, or an array as `[f64; 6]`";
+        Complaint::new("", format!("`{type_name}` is no type of a field"), remedy)
+    })?;
+    let offset = before.last().map_or(0, |last| last.offset + last.size);
+    // A header is aligned as its largest numbers are.
+    require(
+        offset.is_multiple_of(unit.min(8)),
+        "",
+        format!("`{name}` would begin at byte {offset}, between two numbers"),
+        "put fields of 8 bytes before those of 4",
+    )?;
+    require(
+        is_field_name(name),
+        "",
+        format!("`{}` cannot be the name of a field", name.escape_debug()),
+        "lower-case letters, digits and `_`, a letter first",
+    )?;
+    require(
+        before.iter().all(|field| field.name != name),
+        "",
+        format!("`{name}` is there twice"),
+        "one field of each name",
+    )?;
+    let size = unit * count;
+    require(
+        offset + size <= MOST_BYTES,
+        "",
+        format!("the message has more than {MOST_BYTES} bytes"),
+        "make it smaller",
+    )?;
+    Ok(Field {
+        name: Cow::Owned(name.to_owned()),
+        type_name: Cow::Owned(type_name.to_owned()),
+        element: Cow::Borrowed(element),
+        offset,
+        size,
+        about: Cow::Borrowed(""),
+    })
+}
+
 /// A name that C, Python and file formats take as it is.
 fn is_field_name(name: &str) -> bool {
     let is_part = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
     name.starts_with(|c: char| c.is_ascii_lowercase()) && name.chars().all(is_part)
 }
 
-/// Element and its size, alignment, and how many of them a type holds.
-fn parse_type(text: &str) -> Option<((&'static str, usize), usize, usize)> {
-    let scalar = |text: &str| {
-        [("f64", 8), ("u64", 8), ("u32", 4)]
-            .into_iter()
-            .find(|(name, _)| *name == text)
+/// The element of a type and its size, and how many of them it holds.
+fn parse_type(text: &str) -> Option<(&'static str, usize, usize)> {
+    let array = text
+        .strip_prefix('[')
+        .and_then(|text| text.strip_suffix(']'));
+    let (name, count) = match array {
+        Some(array) => {
+            let (name, count) = array.split_once(';')?;
+            (name.trim(), count.trim().parse().ok()?)
+        }
+        None => (text, 1),
     };
-    if text == Header::ELEMENT {
-        return Some(((Header::ELEMENT, size_of::<Header>()), 8, 1));
-    }
-    if let Some(element) = scalar(text) {
-        return Some((element, element.1, 1));
-    }
-    let (element, count) = text.strip_prefix('[')?.strip_suffix(']')?.split_once(';')?;
-    let element = scalar(element.trim())?;
-    let count = count
-        .trim()
-        .parse()
-        .ok()
-        .filter(|count| (1..=MOST_BYTES).contains(count))?;
-    Some((element, element.1, count))
+    let known = [
+        ("f64", 8),
+        ("u64", 8),
+        ("u32", 4),
+        (Header::ELEMENT, size_of::<Header>()),
+    ];
+    let (element, size) = known.into_iter().find(|(known, _)| *known == name)?;
+    let is_one = element != Header::ELEMENT || array.is_none();
+    ((1..=MOST_BYTES).contains(&count) && is_one).then_some((element, size, count))
 }
 
 #[cfg(test)]
@@ -211,67 +215,63 @@ mod tests {
         }
     }
 
-    fn declared(fields: &[&str]) -> DeclaredTopic {
+    fn declared(fields: &[&str]) -> Result<MessageLayout, Complaint> {
         let fields = fields.iter().map(ToString::to_string).collect();
-        DeclaredTopic {
+        let topic = DeclaredTopic {
             name: "mixed".into(),
             type_name: "armplane.Mixed.v3".into(),
             about: "Numbers of every kind.".into(),
             fields,
-        }
+        };
+        topic.layout()
     }
 
     #[test]
     fn a_declared_layout_is_that_of_the_type() {
-        let declared = declared(&[
+        let fields = [
             "header: Header",
             "table: [f64; 6]",
             "count: u64",
             "codes: [u32; 2]",
-        ])
-        .layout()
-        .unwrap();
-        let known = MessageLayout::of::<Mixed>();
+        ];
+        let (declared, known) = (declared(&fields).unwrap(), MessageLayout::of::<Mixed>());
         assert_eq!(
             (declared.hash, declared.bytes),
             (Mixed::layout_hash(), size_of::<Mixed>())
         );
-        let places = |layout: &MessageLayout| {
-            layout
-                .fields
-                .iter()
-                .map(|field| (field.name.clone(), field.offset))
-                .collect::<Vec<_>>()
-        };
         assert_eq!(
-            (places(&declared), &declared.about),
-            (places(&known), &known.about)
+            (&declared.about, declared.fields.len()),
+            (&known.about, known.fields.len())
         );
-    }
-
-    #[test]
-    fn another_layout_has_another_hash() {
-        let first = declared(&["header: Header", "a: f64", "b: f64"])
-            .layout()
-            .unwrap()
-            .hash;
-        for other in [
-            ["header: Header", "b: f64", "a: f64"],
-            ["header: Header", "a: f64", "b: u64"],
-        ] {
-            assert_ne!(declared(&other).layout().unwrap().hash, first);
+        for (one, other) in declared.fields.iter().zip(&known.fields) {
+            assert_eq!((&one.name, one.offset), (&other.name, other.offset));
         }
     }
 
     #[test]
+    fn another_layout_has_another_hash() {
+        let hash = |fields| {
+            declared(&["header: Header", fields, "b: f64"])
+                .unwrap()
+                .hash
+        };
+        let hashes = ["a: f64", "c: f64", "a: u64"].map(hash);
+        assert!(hashes[0] != hashes[1] && hashes[0] != hashes[2]);
+    }
+
+    #[test]
     fn wrong_fields_are_refused_by_their_place() {
-        let refused = |fields: &[&str]| declared(fields).layout().unwrap_err().to_string();
-        assert!(refused(&["a: f64"]).contains("begins with `header: Header`"));
-        assert!(refused(&["header: Header", "a"]).contains("`a` is no field"));
-        assert!(refused(&["header: Header", "a: f32"]).starts_with("fields.1: `f32` is no type"));
-        assert!(refused(&["header: Header", "a: u32", "b: f64"]).contains("between two numbers"));
-        assert!(refused(&["header: Header", "a: u32"]).contains("a multiple of 8 bytes"));
-        assert!(refused(&["header: Header", "a: f64", "a: f64"]).contains("twice"));
-        assert!(refused(&["header: Header", "a: [f64; 999999999]"]).contains("no type"));
+        let cases: [(&[&str], &str); 7] = [
+            (&["a: f64"], "fields.0"),
+            (&["header: Header", "a"], "fields.1"),
+            (&["header: Header", "a: f32"], "fields.1"),
+            (&["header: Header", "a: u32", "b: f64"], "fields.2"),
+            (&["header: Header", "a: u32"], "fields"),
+            (&["header: Header", "a: f64", "a: f64"], "fields.2"),
+            (&["header: Header", "a: [f64; 999999999]"], "fields.1"),
+        ];
+        for (fields, path) in cases {
+            assert_eq!(declared(fields).unwrap_err().path, path, "{fields:?}");
+        }
     }
 }

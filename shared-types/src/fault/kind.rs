@@ -135,116 +135,18 @@ words! {
 }
 
 /// The arguments of a kind of fault, and the processes that it applies to.
+#[derive(Clone, Copy)]
 pub(super) struct Rule {
-    pub(super) kind: Kind,
-    /// In which ways it comes; the first is the default.
-    pub(super) ways: &'static [(Way, f64)],
+    /// In which ways it comes, by how much unless said otherwise, and the unit; the first is the default.
+    pub(super) ways: &'static [(Way, f64, &'static str)],
     /// By how much unless said otherwise, ms, for a kind of one way; 0: it has no amount.
     pub(super) usual_ms: f64,
     pub(super) roles: &'static [Role],
     /// How long it lasts unless said otherwise; s. Infinite: to the end of the run.
     pub(super) lasts_s: f64,
-    pub(super) has_probability: bool,
+    /// The keys that it has and others have not.
+    pub(super) keys: &'static [&'static str],
 }
-
-const SENDERS: &[Role] = &[Role::World, Role::Stage];
-const WORLD: &[Role] = &[Role::World];
-const OBSERVERS: &[Role] = &[Role::Observer];
-
-const fn rule(kind: Kind, roles: &'static [Role], lasts_s: f64) -> Rule {
-    Rule {
-        kind,
-        ways: &[],
-        usual_ms: 0.0,
-        roles,
-        lasts_s,
-        has_probability: false,
-    }
-}
-
-/// The factor of a corruption `as = "huge"` without `amount`.
-const HUGE: f64 = 1e3;
-
-const RULES: [Rule; 19] = [
-    rule(Kind::Kill, &Role::ALL, 0.1),
-    Rule {
-        ways: &[(Way::Panic, 0.0), (Way::BusError, 0.0)],
-        ..rule(Kind::Crash, &Role::ALL, 0.1)
-    },
-    Rule {
-        ways: &[(Way::Paused, 0.0), (Way::ForEver, 0.0)],
-        ..rule(Kind::Hang, &Role::ALL, 0.1)
-    },
-    rule(Kind::Delay, SENDERS, 0.1),
-    Rule {
-        has_probability: true,
-        ..rule(Kind::Drop, SENDERS, 0.1)
-    },
-    Rule {
-        has_probability: true,
-        ..rule(Kind::Duplicate, SENDERS, 0.1)
-    },
-    Rule {
-        has_probability: true,
-        ..rule(Kind::Reorder, SENDERS, 0.1)
-    },
-    Rule {
-        has_probability: true,
-        ..rule(Kind::Stale, SENDERS, 0.1)
-    },
-    Rule {
-        has_probability: true,
-        ways: &[
-            (Way::Nan, 0.0),
-            (Way::Inf, 0.0),
-            (Way::Flip, 0.0),
-            (Way::Huge, HUGE),
-        ],
-        ..rule(Kind::Corrupt, SENDERS, 0.1)
-    },
-    Rule {
-        has_probability: true,
-        ..rule(Kind::Zombie, SENDERS, 0.1)
-    },
-    Rule {
-        has_probability: true,
-        ..rule(Kind::Cut, SENDERS, 0.1)
-    },
-    Rule {
-        ways: &[
-            (Way::Bias, 0.01),
-            (Way::Drift, 0.05),
-            (Way::Noise, 0.001),
-            (Way::Quantise, 0.005),
-            (Way::Stuck, 0.0),
-        ],
-        ..rule(Kind::Sensor, WORLD, 0.5)
-    },
-    Rule {
-        ways: &[
-            (Way::Lost, 0.0),
-            (Way::Stuck, 0.0),
-            (Way::Saturated, 0.1),
-            (Way::Friction, 0.05),
-        ],
-        ..rule(Kind::Drive, WORLD, 0.5)
-    },
-    Rule {
-        ways: &[(Way::Jump, 5.0), (Way::Skew, 0.01)],
-        ..rule(Kind::Clock, SENDERS, 0.5)
-    },
-    rule(Kind::Starve, &Role::ALL, 0.2),
-    Rule {
-        usual_ms: 2.0,
-        ..rule(Kind::Slow, SENDERS, 0.1)
-    },
-    rule(Kind::PageOut, &Role::ALL, 0.1),
-    rule(Kind::DiskFull, OBSERVERS, f64::INFINITY),
-    Rule {
-        usual_ms: 20.0,
-        ..rule(Kind::SlowDisk, OBSERVERS, 0.5)
-    },
-];
 
 /// Delay of a message unless said otherwise; ticks.
 pub(super) const DELAY_TICKS: u64 = 2;
@@ -256,45 +158,108 @@ pub const MOST_DELAY_TICKS: u64 = 50;
 pub(super) const LONGEST_MS: f64 = 1e3;
 
 impl Kind {
-    pub(super) fn rule(self) -> &'static Rule {
-        let rule = &RULES[self as usize];
-        debug_assert_eq!(rule.kind, self);
-        rule
+    pub(super) fn rule(self) -> Rule {
+        const ALL: &[Role] = &Role::ALL;
+        const SENDERS: &[Role] = &[Role::World, Role::Stage];
+        const WORLD: &[Role] = &[Role::World];
+        const OBSERVERS: &[Role] = &[Role::Observer];
+        let of = |roles, lasts_s, keys| Rule {
+            ways: &[],
+            usual_ms: 0.0,
+            roles,
+            lasts_s,
+            keys,
+        };
+        let (ways, rule): (&[_], _) = match self {
+            Self::Kill => (&[], of(ALL, 0.1, &["after_outputs"])),
+            Self::Crash => (
+                &[(Way::Panic, 0.0, ""), (Way::BusError, 0.0, "")],
+                of(ALL, 0.1, &[]),
+            ),
+            Self::Hang => (
+                &[(Way::Paused, 0.0, ""), (Way::ForEver, 0.0, "")],
+                of(ALL, 0.1, &[]),
+            ),
+            Self::Delay => (&[], of(SENDERS, 0.1, &["delay_ticks", "jitter_ticks"])),
+            Self::Drop | Self::Duplicate | Self::Reorder | Self::Stale | Self::Zombie => {
+                (&[], of(SENDERS, 0.1, &["probability"]))
+            }
+            Self::Corrupt => (
+                &[
+                    (Way::Nan, 0.0, ""),
+                    (Way::Inf, 0.0, ""),
+                    (Way::Flip, 0.0, ""),
+                    (Way::Huge, 1e3, "times"),
+                ],
+                of(SENDERS, 0.1, &["probability", "field"]),
+            ),
+            Self::Cut => (&[], of(SENDERS, 0.1, &["probability", "topic"])),
+            Self::Sensor => (
+                &[
+                    (Way::Bias, 0.01, "rad"),
+                    (Way::Drift, 0.05, "rad/s"),
+                    (Way::Noise, 0.001, "rad"),
+                    (Way::Quantise, 0.005, "rad"),
+                    (Way::Stuck, 0.0, ""),
+                ],
+                of(WORLD, 0.5, &["joint"]),
+            ),
+            Self::Drive => (
+                &[
+                    (Way::Lost, 0.0, ""),
+                    (Way::Stuck, 0.0, ""),
+                    (Way::Saturated, 0.1, "of the limit"),
+                    (Way::Friction, 0.05, "of the limit"),
+                ],
+                of(WORLD, 0.5, &["joint"]),
+            ),
+            Self::Clock => (
+                &[(Way::Jump, 5.0, "ms"), (Way::Skew, 0.01, "of its rate")],
+                of(SENDERS, 0.5, &[]),
+            ),
+            Self::Starve => (&[], of(ALL, 0.2, &[])),
+            Self::Slow => (&[], of(SENDERS, 0.1, &[])),
+            Self::PageOut => (&[], of(ALL, 0.1, &[])),
+            Self::DiskFull => (&[], of(OBSERVERS, f64::INFINITY, &[])),
+            Self::SlowDisk => (&[], of(OBSERVERS, 0.5, &[])),
+        };
+        let usual_ms = match self {
+            Self::Slow => 2.0,
+            Self::SlowDisk => 20.0,
+            _ => 0.0,
+        };
+        Rule {
+            ways,
+            usual_ms,
+            ..rule
+        }
+    }
+
+    fn way(self, way: Way) -> Option<&'static (Way, f64, &'static str)> {
+        self.rule().ways.iter().find(|(one, ..)| *one == way)
     }
 
     /// The ways it comes in; empty where there is only one.
     pub fn ways(self) -> impl Iterator<Item = Way> {
-        self.rule().ways.iter().map(|(way, _)| *way)
+        self.rule().ways.iter().map(|(way, ..)| *way)
     }
 
     /// By how much it comes in a way, unless said otherwise; 0 where there is no amount.
     #[must_use]
     pub fn usual_amount(self, way: Way) -> f64 {
-        self.rule()
-            .ways
-            .iter()
-            .find(|(one, _)| *one == way)
-            .map_or(0.0, |(_, amount)| *amount)
+        self.way(way).map_or(0.0, |(_, amount, _)| *amount)
+    }
+
+    /// The unit of the amount in a way; empty where there is none.
+    #[must_use]
+    pub fn unit(self, way: Way) -> &'static str {
+        self.way(way).map_or("", |(.., unit)| unit)
     }
 
     /// By how much it comes unless said otherwise, ms, where it has one way; 0 where there is no amount.
     #[must_use]
     pub fn usual_ms(self) -> f64 {
         self.rule().usual_ms
-    }
-
-    /// The unit of the amount in a way; empty where there is none.
-    #[must_use]
-    pub fn unit(self, way: Way) -> &'static str {
-        match (self, way) {
-            (Self::Sensor, Way::Drift) => "rad/s",
-            (Self::Sensor, Way::Bias | Way::Noise | Way::Quantise) => "rad",
-            (Self::Drive, Way::Saturated | Way::Friction) => "of the limit",
-            (Self::Clock, Way::Jump) => "ms",
-            (Self::Clock, _) => "of its rate",
-            (Self::Corrupt, Way::Huge) => "times",
-            _ => "",
-        }
     }
 
     /// How long it lasts unless said otherwise, s; infinite: to the end of the run.
@@ -343,21 +308,12 @@ impl Kind {
     /// Whether it may concern a share of the messages only.
     #[must_use]
     pub fn has_probability(self) -> bool {
-        self.rule().has_probability
+        self.rule().keys.contains(&"probability")
     }
 
     /// Whether several messages, or none, may leave in one tick.
     #[must_use]
     pub fn shapes_messages(self) -> bool {
-        matches!(
-            self,
-            Self::Delay
-                | Self::Drop
-                | Self::Duplicate
-                | Self::Reorder
-                | Self::Stale
-                | Self::Corrupt
-                | Self::Zombie
-        )
+        self == Self::Delay || self.has_probability() && self != Self::Cut
     }
 }

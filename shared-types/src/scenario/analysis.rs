@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::codes;
-use crate::file::Complaint;
+use crate::file::{Complaint, require};
 
 /// Singularity analysis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,34 +47,21 @@ pub struct BySingularity {
 }
 
 impl BySingularity {
-    const ETA_IN: Self = Self {
-        elbow: 0.10,
-        wrist: 0.10,
-        overhead: 0.08,
-        shoulder: 0.10,
-        numeric: 0.10,
-    };
-    const ETA_OUT: Self = Self {
-        elbow: 0.20,
-        wrist: 0.20,
-        overhead: 0.16,
-        shoulder: 0.20,
-        numeric: 0.20,
-    };
-    pub(super) const RATE_MAX: Self = Self {
-        elbow: 1.5,
-        wrist: 3.0,
-        overhead: 1.2,
-        shoulder: 1.5,
-        numeric: 1.5,
-    };
-    pub(super) const SLEW: Self = Self {
-        elbow: 20.0,
-        wrist: 50.0,
-        overhead: 12.0,
-        shoulder: 20.0,
-        numeric: 20.0,
-    };
+    const ETA_IN: Self = Self::new([0.10, 0.10, 0.08, 0.10, 0.10]);
+    const ETA_OUT: Self = Self::new([0.20, 0.20, 0.16, 0.20, 0.20]);
+    pub(super) const RATE_MAX: Self = Self::new([1.5, 3.0, 1.2, 1.5, 1.5]);
+    pub(super) const SLEW: Self = Self::new([20.0, 50.0, 12.0, 20.0, 20.0]);
+
+    /// In the order of the fields.
+    const fn new([elbow, wrist, overhead, shoulder, numeric]: [f64; 5]) -> Self {
+        Self {
+            elbow,
+            wrist,
+            overhead,
+            shoulder,
+            numeric,
+        }
+    }
 
     /// The number for a singularity of this kind ([`codes::KINDS`](crate::codes::KINDS)).
     #[must_use]
@@ -176,13 +163,12 @@ impl Analysis {
     pub(super) fn check(&self) -> Result<(), Complaint> {
         for ((name, inner), (_, outer)) in self.eta_in.named().into_iter().zip(self.eta_out.named())
         {
-            if !(inner > 0.0 && outer > inner && outer < 1.0) {
-                return Err(Complaint::new(
-                    format!("analysis.eta_out.{name}"),
-                    format!("η_in = {inner} and η_out = {outer} do not bound a neighbourhood"),
-                    "0 < η_in < η_out < 1",
-                ));
-            }
+            require(
+                inner > 0.0 && outer > inner && outer < 1.0,
+                format!("analysis.eta_out.{name}"),
+                format!("η_in = {inner} and η_out = {outer} do not bound a neighbourhood"),
+                "0 < η_in < η_out < 1",
+            )?;
         }
         Ok(())
     }

@@ -194,38 +194,39 @@ impl Control {
     }
 
     pub(super) fn check(&self) -> Result<(), Complaint> {
-        positive("control.k_p", self.k_p)?;
-        positive("control.k_v", self.k_v)?;
-        positive("control.k_aux", self.k_aux)?;
-        for (name, value) in self.aux_rate_max.named() {
-            positive(&format!("control.aux_rate_max.{name}"), value)?;
-        }
-        for (name, value) in self.aux_slew.named() {
-            positive(&format!("control.aux_slew.{name}"), value)?;
-        }
         let Baseline {
-            damped_least_squares,
+            damped_least_squares: damping,
             joint_pd,
             truncated_svd_floor,
-            hold_and_blend,
+            hold_and_blend: hold,
         } = &self.baseline;
+        let [low, high] = hold.blend;
         for (name, value) in [
-            ("damped_least_squares.onset", damped_least_squares.onset),
-            ("damped_least_squares.largest", damped_least_squares.largest),
-            ("joint_pd.onset", joint_pd.onset),
-            ("joint_pd.largest", joint_pd.largest),
-            ("truncated_svd_floor", *truncated_svd_floor),
-            ("hold_and_blend.blend.0", hold_and_blend.blend[0]),
-            (
-                "hold_and_blend.blend.1",
-                hold_and_blend.blend[1] - hold_and_blend.blend[0],
-            ),
-            ("hold_and_blend.hold_k_p", hold_and_blend.hold_k_p),
-            ("hold_and_blend.hold_k_v", hold_and_blend.hold_k_v),
-            ("hold_and_blend.push", hold_and_blend.push),
-            ("hold_and_blend.push_k_v", hold_and_blend.push_k_v),
+            ("k_p", self.k_p),
+            ("k_v", self.k_v),
+            ("k_aux", self.k_aux),
+            ("baseline.damped_least_squares.onset", damping.onset),
+            ("baseline.damped_least_squares.largest", damping.largest),
+            ("baseline.joint_pd.onset", joint_pd.onset),
+            ("baseline.joint_pd.largest", joint_pd.largest),
+            ("baseline.truncated_svd_floor", *truncated_svd_floor),
+            ("baseline.hold_and_blend.blend.0", low),
+            ("baseline.hold_and_blend.blend.1", high - low),
+            ("baseline.hold_and_blend.hold_k_p", hold.hold_k_p),
+            ("baseline.hold_and_blend.hold_k_v", hold.hold_k_v),
+            ("baseline.hold_and_blend.push", hold.push),
+            ("baseline.hold_and_blend.push_k_v", hold.push_k_v),
         ] {
-            positive(&format!("control.baseline.{name}"), value)?;
+            positive(&format!("control.{name}"), value)?;
+        }
+        let limits = [
+            ("aux_rate_max", &self.aux_rate_max),
+            ("aux_slew", &self.aux_slew),
+        ];
+        for (key, values) in limits {
+            for (name, value) in values.named() {
+                positive(&format!("control.{key}.{name}"), value)?;
+            }
         }
         Ok(())
     }

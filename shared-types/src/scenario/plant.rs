@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::file::{Complaint, positive};
+use crate::file::{Complaint, positive, require, within};
 
 /// The simulated arm and its world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -112,55 +112,43 @@ impl Default for Estimator {
 
 impl Plant {
     pub(super) fn check(&self) -> Result<(), Complaint> {
-        if !(1..=64).contains(&self.substeps) {
-            return Err(Complaint::new(
-                "plant.substeps",
-                format!("{} sub-steps", self.substeps),
-                "1 to 64",
-            ));
-        }
-        if self.encoder_bits != 0 && !(8..=32).contains(&self.encoder_bits) {
-            return Err(Complaint::new(
-                "plant.encoder_bits",
-                format!("an encoder of {} bits", self.encoder_bits),
-                "8 to 32, or 0 for an ideal one",
-            ));
-        }
-        if !(0.0..=1e3).contains(&self.encoder_noise_counts) {
-            return Err(Complaint::new(
-                "plant.encoder_noise_counts",
-                format!("noise of {} counts", self.encoder_noise_counts),
-                "0 to 1000",
-            ));
-        }
-        if !(0.1..=10.0).contains(&self.mass_factor) {
-            return Err(Complaint::new(
-                "plant.mass_factor",
-                format!("a mass factor of {}", self.mass_factor),
-                "0.1 to 10",
-            ));
-        }
-        if self.floor_m.is_some_and(|floor| !floor.is_finite()) {
-            return Err(Complaint::new(
-                "plant.floor_m",
-                "the floor's height is not a number",
-                "metres in the base frame",
-            ));
-        }
-        Ok(())
+        let Self {
+            substeps,
+            encoder_bits: bits,
+            encoder_noise_counts: counts,
+            mass_factor,
+            floor_m,
+            ..
+        } = self;
+        let message = format!("{substeps} sub-steps");
+        within("plant.substeps", f64::from(*substeps), 1.0..=64.0, message)?;
+        require(
+            *bits == 0 || (8..=32).contains(bits),
+            "plant.encoder_bits",
+            format!("an encoder of {bits} bits"),
+            "8 to 32, or 0 for an ideal one",
+        )?;
+        let message = format!("noise of {counts} counts");
+        within("plant.encoder_noise_counts", *counts, 0.0..=1e3, message)?;
+        let message = format!("a mass factor of {mass_factor}");
+        within("plant.mass_factor", *mass_factor, 0.1..=10.0, message)?;
+        require(
+            floor_m.is_none_or(f64::is_finite),
+            "plant.floor_m",
+            "the floor's height is not a number",
+            "metres in the base frame",
+        )
     }
 }
 
 impl Estimator {
     pub(super) fn check(&self) -> Result<(), Complaint> {
         positive("estimator.bandwidth", self.bandwidth)?;
-        if !(0.0..=1e4).contains(&self.disturbance_bandwidth) {
-            return Err(Complaint::new(
-                "estimator.disturbance_bandwidth",
-                "out of range",
-                "0 (off) to 10000 rad/s",
-            ));
-        }
-        Ok(())
+        require(
+            (0.0..=1e4).contains(&self.disturbance_bandwidth),
+            "estimator.disturbance_bandwidth",
+            "out of range",
+            "0 (off) to 10000 rad/s",
+        )
     }
 }

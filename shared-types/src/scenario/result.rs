@@ -92,12 +92,16 @@ impl Default for Record {
 
 impl Goal {
     pub(super) fn check(&self) -> Result<(), Complaint> {
-        positive("goal.position_mm", self.position_mm)?;
-        positive("goal.orientation_deg", self.orientation_deg)?;
-        positive("goal.orthogonal_mm", self.orthogonal_mm)?;
-        positive("goal.orthogonal_deg", self.orthogonal_deg)?;
-        positive("goal.path_mm", self.path_mm)?;
-        positive("goal.path_deg", self.path_deg)
+        let bounds = [
+            ("position_mm", self.position_mm),
+            ("orientation_deg", self.orientation_deg),
+            ("orthogonal_mm", self.orthogonal_mm),
+            ("orthogonal_deg", self.orthogonal_deg),
+            ("path_mm", self.path_mm),
+            ("path_deg", self.path_deg),
+        ];
+        let mut bounds = bounds.into_iter();
+        bounds.try_for_each(|(key, value)| positive(&format!("goal.{key}"), value))
     }
 }
 

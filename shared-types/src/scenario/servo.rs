@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::codes::TARGET_END;
-use crate::file::{Complaint, positive};
+use crate::file::{Complaint, positive, require, within};
 use crate::target_file::{self, Row};
 
 /// In place of segments: the arm follows targets.
@@ -108,28 +108,19 @@ impl Servo {
         ] {
             positive(&format!("servo.{name}"), value)?;
         }
-        if !(0.0..=36_000.0).contains(&self.duration_s) {
-            return Err(Complaint::new(
-                "servo.duration_s",
-                format!("`duration_s` is {}", self.duration_s),
-                "0 to 36000",
-            ));
-        }
+        let (time, key) = (self.duration_s, "servo.duration_s");
+        within(key, time, 0.0..=36_000.0, format!("`duration_s` is {time}"))?;
         if self.targets.is_empty() {
-            let is_ended = self.duration_s > 0.0 || !self.input.is_empty();
-            let remedy = "give the input file, the targets themselves, or the duration_s of a session with a process of its own";
-            return if is_ended {
-                Ok(())
-            } else {
-                Err(Complaint::new("servo", "there are no targets", remedy))
-            };
+            return require(
+                time > 0.0 || !self.input.is_empty(),
+                "servo",
+                "there are no targets",
+                "give the input file, the targets themselves, or the duration_s of a session with a process of its own",
+            );
         }
         let invalid = |error: target_file::InvalidRow| {
-            Complaint::new(
-                "servo.targets",
-                error.to_string(),
-                "docs/servo.md has the format",
-            )
+            let remedy = "docs/servo.md has the format";
+            Complaint::new("servo.targets", error.to_string(), remedy)
         };
         target_file::parse(&self.targets, MS)
             .map(drop)
