@@ -4,16 +4,14 @@
 //! state that a replacement finds; the slot of the tick before stays, for a death between the commit and the message.
 
 use std::cell::Cell;
-use std::fs::OpenOptions;
 use std::marker::PhantomData;
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
-use std::ptr::NonNull;
 use std::rc::Rc;
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
-use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use shared_types::Checkpoint;
+
+use crate::mapped::Mapped;
 
 #[repr(C)]
 struct File<C> {
@@ -26,8 +24,8 @@ struct File<C> {
     slots: [C; 2],
 }
 
-struct Mapped<C> {
-    file: NonNull<File<C>>,
+struct Slots<C> {
+    file: Mapped,
     /// The slot has been handed out since the last commit.
     is_written: Cell<bool>,
     _checkpoint: PhantomData<C>,
@@ -39,28 +37,32 @@ pub(crate) trait Commit {
     fn commit(&self, tick: u64);
 }
 
-impl<C> Mapped<C> {
+impl<C> Slots<C> {
+    fn file(&self) -> *mut File<C> {
+        self.file.start().cast().as_ptr()
+    }
+
     fn commits(&self) -> &AtomicU64 {
         // SAFETY: mapped for the life of `self`, aligned as a page is.
-        unsafe { &(*self.file.as_ptr()).commits }
+        unsafe { &(*self.file()).commits }
     }
 
     fn tick(&self, number: u64) -> &AtomicU64 {
         // SAFETY: as above.
-        unsafe { &(*self.file.as_ptr()).ticks[(number % 2) as usize] }
+        unsafe { &(*self.file()).ticks[(number % 2) as usize] }
     }
 
     fn slot(&self, number: u64) -> *mut C {
         // SAFETY: the index is 0 or 1.
         unsafe {
-            (&raw mut (*self.file.as_ptr()).slots)
+            (&raw mut (*self.file()).slots)
                 .cast::<C>()
                 .add((number % 2) as usize)
         }
     }
 }
 
-impl<C> Commit for Mapped<C> {
+impl<C> Commit for Slots<C> {
     fn commit(&self, tick: u64) {
         if !self.is_written.replace(false) {
             return;
@@ -72,16 +74,9 @@ impl<C> Commit for Mapped<C> {
     }
 }
 
-impl<C> Drop for Mapped<C> {
-    fn drop(&mut self) {
-        // SAFETY: mapped by `open` with this size; no reference outlives `self`.
-        let _ = unsafe { munmap(self.file.as_ptr().cast(), size_of::<File<C>>()) };
-    }
-}
-
 /// A process's checkpoint: what the incarnation before committed, and the slot to write now.
 pub struct CheckpointSlots<C: Checkpoint> {
-    mapped: Rc<Mapped<C>>,
+    mapped: Rc<Slots<C>>,
     previous: Option<C>,
 }
 
@@ -94,37 +89,13 @@ impl<C: Checkpoint> CheckpointSlots<C> {
         path: &Path,
         may_resume_from: impl Fn(u64) -> bool,
     ) -> std::io::Result<Self> {
-        let file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .mode(0o600)
-            .open(path)?;
-        if file.metadata()?.len() < size_of::<File<C>>() as u64 {
-            // Written, not only truncated: the memory is there now, or the error is.
-            std::os::unix::fs::FileExt::write_all_at(&file, &vec![0; size_of::<File<C>>()], 0)?;
-        }
-        // SAFETY: a fresh shared mapping of a file that is at least this long; nothing else in this process lies there.
-        let address = unsafe {
-            mmap(
-                std::ptr::null_mut(),
-                size_of::<File<C>>(),
-                ProtFlags::READ | ProtFlags::WRITE,
-                MapFlags::SHARED,
-                &file,
-                0,
-            )?
-        };
-        let file: NonNull<File<C>> = NonNull::new(address.cast())
-            .ok_or_else(|| std::io::Error::other("mapped at address 0"))?;
-        let mapped = Mapped {
-            file,
+        let mapped = Slots::<C> {
+            file: Mapped::open(path, size_of::<File<C>>())?,
             is_written: Cell::new(false),
             _checkpoint: PhantomData,
         };
         // SAFETY: mapped above, and an integer.
-        let layout = unsafe { &(*file.as_ptr()).layout };
+        let layout = unsafe { &(*mapped.file()).layout };
         let (ours, found) = (C::layout_hash(), layout.load(Ordering::Relaxed));
         match found {
             0 => layout.store(ours, Ordering::Relaxed),

@@ -18,28 +18,3 @@ pub(crate) fn cause(before: Usage, after: Usage, a_peer_restarted: bool) -> Coun
         Count::MissedOverrun
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_rarest_cause_is_named() {
-        let before = Usage {
-            major_faults: 1,
-            preemptions: 5,
-        };
-        let fault = Usage {
-            major_faults: 2,
-            preemptions: 6,
-        };
-        let preempted = Usage {
-            major_faults: 1,
-            preemptions: 6,
-        };
-        assert_eq!(cause(before, fault, true), Count::MissedMajorFault);
-        assert_eq!(cause(before, preempted, true), Count::MissedPeerRestart);
-        assert_eq!(cause(before, preempted, false), Count::MissedPreempted);
-        assert_eq!(cause(before, before, false), Count::MissedOverrun);
-    }
-}

@@ -47,24 +47,3 @@ pub(crate) fn begin(
         std::thread::sleep(start_delay);
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pauses_are_seeded_short_and_rare() {
-        let of = |seed| {
-            let mut pauses = Pauses::new(seed);
-            (0..8_000).map(|_| pauses.next()).collect::<Vec<_>>()
-        };
-        assert_eq!(of(1), of(1));
-        assert_ne!(of(1), of(2));
-        let made: Vec<_> = of(3).into_iter().flatten().collect();
-        assert!((800..1_200).contains(&made.len()), "{} of 8000", made.len());
-        assert!(
-            made.iter()
-                .all(|pause| *pause <= Duration::from_micros(Pauses::LONGEST_US))
-        );
-    }
-}

@@ -24,6 +24,7 @@ mod early_signal;
 mod environment;
 mod fault;
 mod manifest;
+mod mapped;
 mod memory;
 pub mod realtime;
 mod reserved;

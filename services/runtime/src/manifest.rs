@@ -256,21 +256,21 @@ impl Manifest {
 mod tests {
     use super::*;
 
-    fn process(name: &str, reads: &[&str], writes: &[&str], polled: bool) -> Process {
+    fn process(name: &str, reads: &[&str], writes: &[&str]) -> Process {
         let own = |names: &[&str]| names.iter().map(ToString::to_string).collect();
         Process {
             name: name.into(),
             reads: own(reads),
             writes: own(writes),
-            polled,
+            polled: writes.is_empty(),
             ..Process::default()
         }
     }
 
-    fn manifest(processes: Vec<Process>) -> Manifest {
+    fn manifest(rate_hz: u32, processes: Vec<Process>) -> Manifest {
         Manifest {
             mode: Mode::Lockstep,
-            rate_hz: 1000,
+            rate_hz,
             wait_limit: Some(Duration::from_secs(1)),
             processes,
             messages: Vec::new(),
@@ -279,65 +279,50 @@ mod tests {
 
     #[test]
     fn it_survives_the_file_and_knows_who_talks_to_whom() {
-        let run = RunDir::create().unwrap();
-        let written = manifest(vec![
-            process("plant", &["torque"], &["sensor"], false),
-            process("controller", &["sensor"], &["torque"], false),
-            process("recorder", &["sensor", "torque"], &[], true),
-        ]);
+        let (run, processes) = (
+            RunDir::create().unwrap(),
+            vec![
+                process("plant", &["torque"], &["sensor"]),
+                process("controller", &["sensor"], &["torque"]),
+                process("recorder", &["sensor", "torque"], &[]),
+            ],
+        );
+        let written = manifest(1000, processes);
         written.write(&run).unwrap();
         let read = Manifest::read(&run).unwrap();
         assert_eq!(read, written);
         assert_eq!(read.topics(), ["sensor", "torque"]);
-        assert_eq!(read.writer_of("torque"), Some(1));
+        assert_eq!(
+            (read.writer_of("torque"), read.period_ns()),
+            (Some(1), 1_000_000)
+        );
         assert_eq!(
             read.woken_by("sensor").collect::<Vec<_>>(),
             [1],
             "the recorder polls"
         );
-        assert_eq!(read.period_ns(), 1_000_000);
     }
 
     #[test]
     fn contradictions_are_refused() {
         let run = RunDir::create().unwrap();
-        let two_writers = manifest(vec![
-            process("a", &[], &["sensor"], false),
-            process("b", &[], &["sensor"], false),
-        ]);
-        assert!(
-            two_writers
-                .write(&run)
-                .unwrap_err()
-                .to_string()
-                .contains("\"sensor\" occurs twice")
-        );
-        let two_names = manifest(vec![
-            process("a", &[], &[], false),
-            process("a", &[], &[], false),
-        ]);
+        let refused = |rate_hz, processes| manifest(rate_hz, processes).write(&run).unwrap_err();
+        let same = |names: [&str; 2]| names.map(|name| process(name, &[], &["sensor"])).to_vec();
+        for names in [["a", "b"], ["a", "a"]] {
+            assert!(matches!(
+                refused(1, same(names)),
+                ManifestError::Twice { .. }
+            ));
+        }
+        let crowd = (0..=MAX_PROCESSES).map(|i| process(&i.to_string(), &[], &[]));
         assert!(matches!(
-            two_names.write(&run),
-            Err(ManifestError::Twice {
-                what: "process",
-                ..
-            })
-        ));
-        let crowd = (0..=MAX_PROCESSES)
-            .map(|i| process(&i.to_string(), &[], &[], false))
-            .collect();
-        assert!(matches!(
-            manifest(crowd).write(&run),
-            Err(ManifestError::TooMany { .. })
+            refused(1, crowd.collect()),
+            ManifestError::TooMany { .. }
         ));
         for rate_hz in [0, FASTEST_HZ + 1, u32::MAX] {
             assert!(matches!(
-                Manifest {
-                    rate_hz,
-                    ..manifest(vec![])
-                }
-                .write(&run),
-                Err(ManifestError::Rate { .. })
+                refused(rate_hz, vec![]),
+                ManifestError::Rate { .. }
             ));
         }
     }

@@ -3,19 +3,16 @@
 //!
 //! Neither lies on the path of a message in a run without faults. At every instant all slots but the one being written are whole.
 
-use std::fs::OpenOptions;
 use std::marker::PhantomData;
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
-use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use bytemuck::{bytes_of, pod_read_unaligned};
 use lockstep::Ring;
-use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use shared_types::Message;
 
 use crate::bus::depth::depth;
+use crate::mapped::Mapped;
 use crate::run_dir::RunDir;
 
 /// Bytes before the first slot: the count, and room that aligns the slots as a cache line is.
@@ -23,7 +20,7 @@ const HEAD: usize = 64;
 
 /// A file of slots that take turns, with a count of the messages written; messages of one size, a multiple of 8 bytes.
 struct Slots {
-    file: NonNull<u8>,
+    file: Mapped,
     slots: usize,
     /// Bytes of a message.
     bytes: usize,
@@ -32,37 +29,13 @@ struct Slots {
 impl Slots {
     /// Maps the file, which is made where there is none.
     fn open(path: &Path, slots: usize, bytes: usize) -> std::io::Result<Self> {
-        let length = HEAD + slots * bytes;
-        let file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .mode(0o600)
-            .open(path)?;
-        if file.metadata()?.len() < length as u64 {
-            // Written, not only truncated: the memory is there now, or the error is.
-            std::os::unix::fs::FileExt::write_all_at(&file, &vec![0; length], 0)?;
-        }
-        // SAFETY: a fresh shared mapping of a file that is at least this long; nothing else in this process lies there.
-        let address = unsafe {
-            mmap(
-                std::ptr::null_mut(),
-                length,
-                ProtFlags::READ | ProtFlags::WRITE,
-                MapFlags::SHARED,
-                &file,
-                0,
-            )?
-        };
-        let file = NonNull::new(address.cast())
-            .ok_or_else(|| std::io::Error::other("mapped at address 0"))?;
+        let file = Mapped::open(path, HEAD + slots * bytes)?;
         Ok(Self { file, slots, bytes })
     }
 
     fn count(&self) -> &AtomicU64 {
         // SAFETY: mapped for the life of `self` and aligned as a page is.
-        unsafe { self.file.cast().as_ref() }
+        unsafe { self.file.start().cast().as_ref() }
     }
 
     fn written(&self) -> u64 {
@@ -73,6 +46,7 @@ impl Slots {
         // SAFETY: the index is below the number of slots, and head and slots are multiples of 8 bytes.
         unsafe {
             self.file
+                .start()
                 .as_ptr()
                 .add(HEAD + (number % self.slots as u64) as usize * self.bytes)
                 .cast()
@@ -109,13 +83,6 @@ impl Slots {
         // The writer may be at work on the slot from the moment on at which this is its next.
         (self.count().load(Ordering::Relaxed) < number.saturating_add(self.slots as u64))
             .then_some(message)
-    }
-}
-
-impl Drop for Slots {
-    fn drop(&mut self) {
-        // SAFETY: mapped by `open` with this size, and no reference outlives `self`.
-        let _ = unsafe { munmap(self.file.as_ptr().cast(), HEAD + self.slots * self.bytes) };
     }
 }
 

@@ -254,34 +254,3 @@ pub fn give_back_memory() {
     // SAFETY: it only looks through the allocator's own lists.
     unsafe { libc::malloc_trim(0) };
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pinning_names_the_cores_that_exist() {
-        let allowed = allowed_cores();
-        assert!(!allowed.is_empty());
-        match pin(CpuSet::MAX_CPU - 1) {
-            Err(Missing::Core {
-                core,
-                allowed: named,
-            }) => assert_eq!((core, named), (CpuSet::MAX_CPU - 1, allowed)),
-            other => panic!("pinned to a core that does not exist: {other:?}"),
-        }
-    }
-
-    #[test]
-    fn missing_rights_say_what_would_give_them() {
-        let text = Missing::Fifo {
-            priority: 80,
-            reason: "not permitted".into(),
-        }
-        .to_string();
-        assert!(
-            text.contains("CAP_SYS_NICE") && text.contains("ulimit -r 80"),
-            "{text}"
-        );
-    }
-}

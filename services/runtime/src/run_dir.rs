@@ -447,26 +447,42 @@ mod tests {
 
     use super::*;
 
+    /// A file beside the directory of a run.
+    fn beside(name: &str, ending: &str) -> PathBuf {
+        Path::new(SHM).join(format!("{name}.{ending}"))
+    }
+
+    fn set_mode(path: &Path, mode: u32) {
+        fs::set_permissions(path, fs::Permissions::from_mode(mode)).unwrap();
+    }
+
+    fn mode(path: &Path) -> u32 {
+        fs::metadata(path).unwrap().mode() & 0o777
+    }
+
     #[test]
     fn a_run_directory_is_private_short_listed_and_gone_with_its_owner() {
         let run = RunDir::create().unwrap();
         let (name, path) = (run.name().to_owned(), run.path().to_owned());
-        assert_eq!(fs::metadata(&path).unwrap().mode() & 0o777, 0o700);
+        assert_eq!(mode(&path), 0o700);
         assert!(
             path.as_os_str().len() < 66,
-            "{} is too long for a socket path",
-            path.display()
+            "{path:?} is too long for a socket path"
         );
+        let segment = beside(&name, "segment");
         fs::write(path.join("inside"), "x").unwrap();
-        fs::write(Path::new(SHM).join(format!("{name}.segment")), "x").unwrap();
+        fs::write(&segment, "x").unwrap();
         let found = RunDir::list()
             .into_iter()
             .find(|run| run.name == name)
             .unwrap();
         assert!(found.alive && found.launcher_pid == std::process::id() && found.bytes > 0);
         RunDir::open(&path).unwrap();
+        set_mode(&path, 0o755);
+        let others_may_enter = RunDir::open(&path).map(drop);
+        assert!(matches!(others_may_enter, Err(RunDirError::NotARun { .. })));
         drop(run);
-        assert!(!path.exists() && !Path::new(SHM).join(format!("{name}.segment")).exists());
+        assert!(!path.exists() && !segment.exists());
     }
 
     #[test]
@@ -474,56 +490,34 @@ mod tests {
         let living = RunDir::create().unwrap();
         // A process id beyond the kernel's maximum belongs to no process.
         let dead = format!("{}4194999-1f-0", own_prefix());
-        fs::create_dir(Path::new(SHM).join(&dead)).unwrap();
-        fs::write(Path::new(SHM).join(format!("{dead}.segment")), "x").unwrap();
+        let (path, segment) = (Path::new(SHM).join(&dead), beside(&dead, "segment"));
+        fs::create_dir(&path).unwrap();
+        fs::write(&segment, "x").unwrap();
         let removed = RunDir::remove_stale().unwrap();
         assert!(removed.iter().any(|run| run.name == dead));
-        assert!(
-            !Path::new(SHM).join(&dead).exists()
-                && !Path::new(SHM).join(format!("{dead}.segment")).exists()
-        );
-        assert!(living.path().exists());
-    }
-
-    #[test]
-    fn names_that_are_not_ours_are_left_alone() {
-        for name in [
+        assert!(!path.exists() && !segment.exists() && living.path().exists());
+        for other in [
             "armplane",
             "armplane-0",
             "armplane-0-x-1-0",
             "armplane-0-1-1-0-7",
-            "something-else",
         ] {
-            assert_eq!(owner_of(name), None, "{name}");
+            assert_eq!(owner_of(other), None, "{other}");
         }
-    }
-
-    #[test]
-    fn a_directory_that_others_may_enter_is_refused() {
-        let run = RunDir::create().unwrap();
-        fs::set_permissions(run.path(), fs::Permissions::from_mode(0o755)).unwrap();
-        assert!(matches!(
-            RunDir::open(run.path()),
-            Err(RunDirError::NotARun { .. })
-        ));
     }
 
     #[test]
     fn a_link_beside_the_run_keeps_the_mode_of_its_target() {
         let run = RunDir::create().unwrap();
+        let [link, own] = ["link", "own"].map(|ending| beside(run.name(), ending));
         let target = run.path().join("target");
-        fs::write(&target, "x").unwrap();
-        fs::set_permissions(&target, fs::Permissions::from_mode(0o644)).unwrap();
-        let (link, own) = (
-            Path::new(SHM).join(format!("{}.link", run.name())),
-            Path::new(SHM).join(format!("{}.own", run.name())),
-        );
+        for (path, mode) in [(&target, 0o644), (&own, 0o666)] {
+            fs::write(path, "x").unwrap();
+            set_mode(path, mode);
+        }
         std::os::unix::fs::symlink(&target, &link).unwrap();
-        fs::write(&own, "x").unwrap();
-        fs::set_permissions(&own, fs::Permissions::from_mode(0o666)).unwrap();
         run.make_private().unwrap();
-        assert_eq!(fs::metadata(&target).unwrap().mode() & 0o777, 0o644);
-        assert_eq!(fs::metadata(&own).unwrap().mode() & 0o777, 0o600);
+        assert_eq!((mode(&target), mode(&own)), (0o644, 0o600));
         run.remove().unwrap();
         assert!(fs::symlink_metadata(&link).is_err() && !own.exists());
     }
@@ -531,23 +525,13 @@ mod tests {
     #[test]
     fn reserved_memory_is_there() {
         let run = RunDir::create().unwrap();
-        let (inside, beside) = (
-            run.path().join("inside"),
-            Path::new(SHM).join(format!("{}.beside", run.name())),
-        );
-        for path in [&inside, &beside] {
-            fs::File::create(path).unwrap().set_len(1 << 20).unwrap();
-        }
+        let make = |path: &Path, length| fs::File::create(path).unwrap().set_len(length).unwrap();
+        let paths = [run.path().join("inside"), beside(run.name(), "beside")];
+        paths.iter().for_each(|path| make(path, 1 << 20));
         run.reserve().unwrap();
-        assert!(
-            [inside, beside]
-                .iter()
-                .all(|path| fs::metadata(path).unwrap().blocks() * 512 >= 1 << 20)
-        );
-        fs::File::create(run.path().join("huge"))
-            .unwrap()
-            .set_len(1 << 50)
-            .unwrap();
+        let taken = |path: &PathBuf| fs::metadata(path).unwrap().blocks() * 512;
+        assert!(paths.iter().all(|path| taken(path) >= 1 << 20));
+        make(&run.path().join("huge"), 1 << 50);
         assert!(matches!(run.reserve(), Err(RunDirError::Full { missing }) if missing > 1 << 49));
     }
 }

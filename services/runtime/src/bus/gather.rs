@@ -22,7 +22,6 @@ pub(crate) struct Gathering {
     lost: u64,
     /// In a replacement, until it is in step: the messages that were on their way to its predecessor.
     recall: Option<(HandedOver, Recall)>,
-    ahead: Ahead,
 }
 
 impl Gathering {
@@ -33,7 +32,6 @@ impl Gathering {
             last: None,
             lost: 0,
             recall: None,
-            ahead: Ahead::default(),
         }
     }
 
@@ -45,7 +43,6 @@ impl Gathering {
         while self.recall.is_none()
             && let Some(message) = self.inlet.receive_in_order()?
         {
-            self.ahead.fetch(&message);
             self.hand_over(&message, take);
         }
         Ok(())
@@ -139,39 +136,4 @@ impl Gathering {
     pub(crate) fn lost(&self) -> u64 {
         self.lost
     }
-}
-
-/// Brings the next message into the cache while the present one is read. Its writer runs on another core, so that each line of it is a wait of a tenth of a
-/// microsecond; messages that are taken several at a time mostly lie in a row.
-#[derive(Default)]
-struct Ahead {
-    /// Address of the last message.
-    last: usize,
-}
-
-/// Bytes of a line of the cache.
-const LINE: usize = 64;
-
-impl Ahead {
-    /// Asks for the lines of the message that is as far behind this one as this one is behind the last, and of what stands before it.
-    #[inline(always)]
-    fn fetch(&mut self, message: &[u8]) {
-        let distance = message.as_ptr().addr().wrapping_sub(self.last);
-        self.last = message.as_ptr().addr();
-        let next = message.as_ptr().wrapping_add(distance).wrapping_sub(LINE);
-        for line in (0..message.len() + LINE).step_by(LINE) {
-            prefetch(next.wrapping_add(line));
-        }
-    }
-}
-
-#[inline(always)]
-fn prefetch(line: *const u8) {
-    #[cfg(target_arch = "x86_64")]
-    // SAFETY: it reads nothing: an address at which there is no memory is passed over.
-    unsafe {
-        std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(line.cast());
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = line;
 }

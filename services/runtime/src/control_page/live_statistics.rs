@@ -3,7 +3,7 @@
 //! A reader (`armplane top`) costs the writers nothing: no port, no connection, no lock, no system call. Each number has one writer.
 
 use std::any::Any;
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use shared_types::{
     ControlState, MAX_SINGULARITIES, Message, SensorSample, ServoState, SingularityReport,
@@ -131,19 +131,24 @@ impl Distribution {
 #[repr(C, align(64))]
 #[derive(Debug, Default)]
 pub(crate) struct LiveStateCells {
-    singularities: AtomicU32,
-    kind: [AtomicU32; MAX_SINGULARITIES],
-    class: [AtomicU32; MAX_SINGULARITIES],
-    inside: [AtomicU32; MAX_SINGULARITIES],
-    s: [AtomicU64; MAX_SINGULARITIES],
-    mode: [AtomicU32; MAX_SINGULARITIES],
-    phase: AtomicU32,
-    drive: AtomicU32,
-    stale_ticks: AtomicU32,
-    /// Reason, joint, its side, nearest singularity, targets refused.
-    servo: [AtomicU32; 5],
-    /// Openness of that singularity, and speed.
-    servo_share: [AtomicU64; 2],
+    /// How many singularities; of each: kind, class, inside, s.
+    singularities: AtomicU64,
+    singularity: [[AtomicU64; 4]; MAX_SINGULARITIES],
+    mode: [AtomicU64; MAX_SINGULARITIES],
+    phase: AtomicU64,
+    /// The drive, and ticks since the last fresh torque.
+    drive: [AtomicU64; 2],
+    /// Reason, joint, its side, nearest singularity, targets refused; openness of that singularity, and speed.
+    servo: [AtomicU64; 7],
+}
+
+fn store<const N: usize>(cells: &[AtomicU64; N], values: [u64; N]) {
+    let pairs = cells.iter().zip(values);
+    pairs.for_each(|(cell, value)| cell.store(value, Ordering::Relaxed));
+}
+
+fn load<const N: usize>(cells: &[AtomicU64; N]) -> [u64; N] {
+    std::array::from_fn(|i| cells[i].load(Ordering::Relaxed))
 }
 
 impl LiveStateCells {
@@ -152,74 +157,79 @@ impl LiveStateCells {
     pub(crate) fn note<M: Message>(&self, message: &M) {
         let message: &dyn Any = message;
         if let Some(report) = message.downcast_ref::<SingularityReport>() {
-            self.singularities.store(report.count, Ordering::Relaxed);
-            for (index, one) in report.singularities.iter().enumerate() {
-                self.kind[index].store(one.kind, Ordering::Relaxed);
-                self.class[index].store(one.class, Ordering::Relaxed);
-                self.inside[index].store(one.inside, Ordering::Relaxed);
-                self.s[index].store(one.s.to_bits(), Ordering::Relaxed);
+            self.singularities
+                .store(report.count.into(), Ordering::Relaxed);
+            for (cells, one) in self.singularity.iter().zip(&report.singularities) {
+                let codes = [one.kind, one.class, one.inside].map(u64::from);
+                store(cells, [codes[0], codes[1], codes[2], one.s.to_bits()]);
             }
         } else if let Some(command) = message.downcast_ref::<TorqueCommand>() {
-            self.phase.store(command.phase, Ordering::Relaxed);
+            self.phase.store(command.phase.into(), Ordering::Relaxed);
         } else if let Some(state) = message.downcast_ref::<ControlState>() {
-            self.mode
-                .iter()
-                .zip(state.mode)
-                .for_each(|(shown, mode)| shown.store(mode, Ordering::Relaxed));
+            store(&self.mode, state.mode.map(u64::from));
         } else if let Some(state) = message.downcast_ref::<ServoState>() {
-            let codes = [
-                state.reason,
-                state.joint,
-                state.upper,
-                state.singularity,
-                state.refused,
+            let values = [
+                state.reason.into(),
+                state.joint.into(),
+                state.upper.into(),
+                state.singularity.into(),
+                state.refused.into(),
+                state.nearest.to_bits(),
+                state.speed_scale.to_bits(),
             ];
-            self.servo
-                .iter()
-                .zip(codes)
-                .for_each(|(shown, code)| shown.store(code, Ordering::Relaxed));
-            let shares = [state.nearest, state.speed_scale];
-            self.servo_share
-                .iter()
-                .zip(shares)
-                .for_each(|(shown, share)| shown.store(share.to_bits(), Ordering::Relaxed));
+            store(&self.servo, values);
         } else if let Some(sample) = message.downcast_ref::<SensorSample>() {
-            self.drive.store(sample.drive, Ordering::Relaxed);
-            self.stale_ticks
-                .store(sample.stale_ticks, Ordering::Relaxed);
+            store(
+                &self.drive,
+                [sample.drive, sample.stale_ticks].map(u64::from),
+            );
         }
     }
 
     pub(crate) fn read(&self) -> LiveState {
-        let count = (self.singularities.load(Ordering::Relaxed) as usize).min(MAX_SINGULARITIES);
-        let singularity = |index: usize| LiveSingularity {
-            kind: self.kind[index].load(Ordering::Relaxed),
-            class: self.class[index].load(Ordering::Relaxed),
-            is_inside: self.inside[index].load(Ordering::Relaxed) != 0,
-            s: f64::from_bits(self.s[index].load(Ordering::Relaxed)),
-            mode: self.mode[index].load(Ordering::Relaxed),
+        let count = (load_one(&self.singularities) as usize).min(MAX_SINGULARITIES);
+        let modes = load(&self.mode);
+        let singularity = |index: usize| {
+            let [kind, class, inside, s] = load(&self.singularity[index]);
+            LiveSingularity {
+                kind: kind as u32,
+                class: class as u32,
+                is_inside: inside != 0,
+                s: f64::from_bits(s),
+                mode: modes[index] as u32,
+            }
         };
-        let [reason, joint, upper, nearest, refused] =
-            std::array::from_fn(|i| self.servo[i].load(Ordering::Relaxed));
-        let [openness, speed_scale] =
-            std::array::from_fn(|i| f64::from_bits(self.servo_share[i].load(Ordering::Relaxed)));
+        let [
+            reason,
+            joint,
+            upper,
+            singularity_of,
+            refused,
+            nearest,
+            speed,
+        ] = load(&self.servo);
+        let [drive, stale_ticks] = load(&self.drive);
         LiveState {
             servo: ServoState {
-                reason,
-                joint,
-                upper,
-                singularity: nearest,
-                refused,
-                nearest: openness,
-                speed_scale,
+                reason: reason as u32,
+                joint: joint as u32,
+                upper: upper as u32,
+                singularity: singularity_of as u32,
+                refused: refused as u32,
+                nearest: f64::from_bits(nearest),
+                speed_scale: f64::from_bits(speed),
                 ..Default::default()
             },
             singularities: (0..count).map(singularity).collect(),
-            phase: self.phase.load(Ordering::Relaxed),
-            drive: self.drive.load(Ordering::Relaxed),
-            stale_ticks: self.stale_ticks.load(Ordering::Relaxed),
+            phase: load_one(&self.phase) as u32,
+            drive: drive as u32,
+            stale_ticks: stale_ticks as u32,
         }
     }
+}
+
+fn load_one(cell: &AtomicU64) -> u64 {
+    cell.load(Ordering::Relaxed)
 }
 
 /// The arm's state, as its processes last reported it; numbers of neighbouring ticks may stand side by side.
@@ -278,20 +288,15 @@ mod tests {
     fn quantiles_are_those_of_the_samples() {
         let times = DurationHistogram::default();
         (1..=1000).for_each(|us| times.record(us * 1000));
-        let (first, share) = (times.read(), |spread: &Distribution, share, us: f64| {
+        let (first, is_near) = (times.read(), |spread: &Distribution, share, us: f64| {
             (spread.quantile_us(share).unwrap() / us - 1.0).abs() < 0.07
         });
-        assert!(first.count() == 1000 && share(&first, 0.5, 500.0) && share(&first, 0.99, 990.0));
-        assert_eq!(
-            (
-                first.longest_us(),
-                first.quantile_us(1.0).unwrap() <= 1000.0
-            ),
-            (1000.0, true)
-        );
+        assert!(is_near(&first, 0.5, 500.0) && is_near(&first, 0.99, 990.0));
+        assert_eq!((first.count(), first.longest_us()), (1000, 1000.0));
+        assert!(first.quantile_us(1.0).unwrap() <= 1000.0);
         (0..10).for_each(|_| times.record(5_000));
         let later = times.read().since(&first);
-        assert!(later.count() == 10 && share(&later, 0.5, 5.0));
+        assert!(later.count() == 10 && is_near(&later, 0.5, 5.0));
         assert_eq!(later.since(&later).quantile_us(0.5), None);
     }
 
@@ -300,45 +305,42 @@ mod tests {
         let live_state = LiveStateCells::default();
         let mut report = SingularityReport {
             count: 2,
-            ..SingularityReport::default()
+            ..Default::default()
         };
-        (
-            report.singularities[1].s,
-            report.singularities[1].inside,
-            report.singularities[1].kind,
-        ) = (-0.25, 1, 3);
-        let mut state = ControlState::default();
-        state.mode[1] = 5;
+        let second = &mut report.singularities[1];
+        (second.s, second.inside, second.kind) = (-0.25, 1, 3);
         live_state.note(&report);
-        live_state.note(&state);
+        live_state.note(&ControlState {
+            mode: [0, 5, 0, 0],
+            ..Default::default()
+        });
         live_state.note(&TorqueCommand {
             phase: 1,
-            ..TorqueCommand::default()
+            ..Default::default()
         });
         live_state.note(&SensorSample {
             drive: 2,
             stale_ticks: 7,
-            ..SensorSample::default()
+            ..Default::default()
         });
-        let seen = live_state.read();
+        let LiveState {
+            singularities,
+            phase,
+            drive,
+            stale_ticks,
+            ..
+        } = live_state.read();
         assert_eq!(
-            (
-                seen.singularities.len(),
-                seen.phase,
-                seen.drive,
-                seen.stale_ticks
-            ),
+            (singularities.len(), phase, drive, stale_ticks),
             (2, 1, 2, 7)
         );
-        assert_eq!(
-            seen.singularities[1],
-            LiveSingularity {
-                kind: 3,
-                class: 0,
-                is_inside: true,
-                s: -0.25,
-                mode: 5
-            }
-        );
+        let LiveSingularity {
+            kind,
+            class,
+            is_inside,
+            s,
+            mode,
+        } = singularities[1];
+        assert_eq!((kind, class, is_inside, s, mode), (3, 0, true, -0.25, 5));
     }
 }

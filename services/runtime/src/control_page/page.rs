@@ -4,17 +4,15 @@
 //! an atomic integer, so any process may read it at any time (`armplane top` does) and a dead one cannot leave it locked.
 
 use std::fs::OpenOptions;
-use std::os::unix::fs::OpenOptionsExt;
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::PathBuf;
-use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
-
-use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 
 use crate::control_page::doorbell::ANYTHING;
 use crate::control_page::entry::ProcessEntry;
 use crate::control_page::live_statistics::{LiveState, LiveStateCells};
 use crate::fault::table::FaultTable;
+use crate::mapped::Mapped;
 use crate::run_dir::RunDir;
 use shared_types::process::MAX_PROCESSES;
 use shared_types::topics::MAX_TOPICS;
@@ -102,9 +100,7 @@ impl TopicEntry {
 
 /// The control page, mapped.
 #[derive(Debug)]
-pub struct ControlPage {
-    page: NonNull<Page>,
-}
+pub struct ControlPage(Mapped);
 
 // SAFETY: everything behind the pointer is atomic, apart from `magic`, which is not written after the creation.
 unsafe impl Send for ControlPage {}
@@ -155,9 +151,10 @@ impl ControlPage {
             .open(&path)
             .map_err(failed)?;
         // Written, not only truncated: the memory is there now, or the error is.
-        std::io::Write::write_all(&mut &file, &vec![0; size_of::<Page>()]).map_err(failed)?;
-        std::os::unix::fs::FileExt::write_all_at(&file, &MAGIC.to_ne_bytes(), 0).map_err(failed)?;
-        Self::map(&file).map_err(failed)
+        file.write_all_at(&vec![0; size_of::<Page>()], 0)
+            .and_then(|()| file.write_all_at(&MAGIC.to_ne_bytes(), 0))
+            .and_then(|()| Mapped::of(&file, size_of::<Page>()).map(Self))
+            .map_err(failed)
     }
 
     /// Opens the control page of a run.
@@ -177,35 +174,19 @@ impl ControlPage {
             .map_err(failed)?;
         let size = file.metadata().map_err(failed)?.len();
         let mut magic = [0; 8];
-        std::os::unix::fs::FileExt::read_exact_at(&file, &mut magic, 0).map_err(failed)?;
+        file.read_exact_at(&mut magic, 0).map_err(failed)?;
         let magic = u64::from_ne_bytes(magic);
         if size != size_of::<Page>() as u64 || magic != MAGIC {
             return Err(ControlPageError::Version { path, size, magic });
         }
-        Self::map(&file).map_err(failed)
-    }
-
-    fn map(file: &std::fs::File) -> std::io::Result<Self> {
-        // SAFETY: a fresh shared mapping of a file that is at least this long; nothing else in this process lies there.
-        let address = unsafe {
-            mmap(
-                std::ptr::null_mut(),
-                size_of::<Page>(),
-                ProtFlags::READ | ProtFlags::WRITE,
-                MapFlags::SHARED,
-                file,
-                0,
-            )?
-        };
-        NonNull::new(address.cast())
-            .map(|page| Self { page })
-            .ok_or_else(|| std::io::Error::other("mapped at address 0"))
+        let mapped = Mapped::of(&file, size_of::<Page>());
+        mapped.map(Self).map_err(failed)
     }
 
     #[inline]
     fn page(&self) -> &Page {
         // SAFETY: mapped for the life of `self`, page-aligned, and every bit pattern is a valid `Page`.
-        unsafe { self.page.as_ref() }
+        unsafe { self.0.start().cast().as_ref() }
     }
 
     /// The line of a process, by its index in the manifest.
@@ -314,13 +295,6 @@ impl ControlPage {
     }
 }
 
-impl Drop for ControlPage {
-    fn drop(&mut self) {
-        // SAFETY: mapped by `map` with this size, and no reference outlives `self`.
-        let _ = unsafe { munmap(self.page.as_ptr().cast(), size_of::<Page>()) };
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
@@ -332,48 +306,37 @@ mod tests {
     use crate::control_page::watchdog::Watchdog;
 
     #[test]
-    fn two_mappings_see_one_board() {
+    fn two_mappings_see_one_page() {
         let run = RunDir::create().unwrap();
         let ours = ControlPage::create(&run).unwrap();
         let theirs = ControlPage::open(&run).unwrap();
-        assert_eq!(ours.process(3).begin_incarnation(), 1);
-        ours.process(3).set_ticks(42);
-        theirs.process(3).add(Count::Lost, 2);
+        let (line, seen) = (ours.process(3), theirs.process(3));
+        assert_eq!(line.begin_incarnation(), 1);
+        line.set_ticks(42);
+        seen.add(Count::Lost, 2);
         ours.request_stop(Stop::Everything);
         ours.request_stop(Stop::Chain);
+        assert_eq!((seen.incarnation(), seen.ticks()), (1, 42));
         assert_eq!(
-            (theirs.process(3).incarnation(), theirs.process(3).ticks()),
-            (1, 42)
+            (seen.state(), line.count(Count::Lost)),
+            (State::Starting, 2)
         );
-        assert_eq!(theirs.process(3).state(), State::Starting);
-        assert_eq!(ours.process(3).count(Count::Lost), 2);
         assert_eq!(
             theirs.stop(),
             Stop::Everything,
             "a stop is never taken back"
         );
-        assert_eq!(
-            (ours.grid_origin(10), theirs.grid_origin(20)),
-            (10, 10),
-            "the first one sets the phase"
-        );
-        assert!(matches!(
-            ControlPage::create(&run),
-            Err(ControlPageError::File { .. })
-        ));
-    }
-
-    #[test]
-    fn a_board_of_another_version_is_refused() {
-        let run = RunDir::create().unwrap();
-        drop(ControlPage::create(&run).unwrap());
+        // The first one sets the phase.
+        assert_eq!((ours.grid_origin(10), theirs.grid_origin(20)), (10, 10));
+        let again = ControlPage::create(&run);
+        assert!(matches!(again, Err(ControlPageError::File { .. })));
         let file = OpenOptions::new()
             .write(true)
-            .open(run.path().join("control_page"))
-            .unwrap();
-        std::os::unix::fs::FileExt::write_all_at(&file, &[0xff; 8], 0).unwrap();
+            .open(run.path().join("control_page"));
+        file.unwrap().write_all_at(&[0xff; 8], 0).unwrap();
+        let other = ControlPage::open(&run);
         assert!(matches!(
-            ControlPage::open(&run),
+            other,
             Err(ControlPageError::Version {
                 magic: u64::MAX,
                 ..
@@ -382,63 +345,47 @@ mod tests {
     }
 
     #[test]
-    fn a_ring_between_looking_and_sleeping_is_not_lost() {
-        let doorbell = Doorbell::default();
-        let seen = doorbell.rings();
-        doorbell.arm(1);
-        doorbell.ring(1);
-        // Would sleep for an hour if the ring were lost.
-        doorbell.sleep(seen, Some(3_600_000_000_000));
-        assert!(
-            !doorbell.is_armed_for(1),
-            "the ringer has disarmed it: the next ring costs no system call"
-        );
-    }
-
-    #[test]
     fn a_sleep_without_limit_is_ended_by_the_watchdog_though_others_ring() {
         let run = RunDir::create().unwrap();
         let control_page = Arc::new(ControlPage::create(&run).unwrap());
         Watchdog::start(&control_page, 0).unwrap();
+        let doorbell = control_page.process(0).doorbell();
         let is_over = std::sync::atomic::AtomicBool::new(false);
         std::thread::scope(|scope| {
             // Rings for a topic that the sleeper does not wait for must not pass for wakes.
             scope.spawn(|| {
                 while !is_over.load(Ordering::Relaxed) {
-                    control_page.process(0).doorbell().ring(0b10);
+                    doorbell.ring(0b10);
                     std::thread::sleep(Duration::from_millis(1));
                 }
             });
             for ended in 0..3 {
-                let doorbell = control_page.process(0).doorbell();
                 doorbell.arm(0b01);
                 // Sleeps through all rings for other topics: only a wake ends it.
                 while doorbell.is_armed_for(0b01) {
                     doorbell.sleep(doorbell.rings(), None);
                 }
-                assert_eq!(
-                    doorbell.sleeps(),
-                    ended + 1,
-                    "one sleep was announced, and it has ended"
-                );
+                assert_eq!(doorbell.sleeps(), ended + 1, "one sleep, and it has ended");
             }
             is_over.store(true, Ordering::Relaxed);
         });
     }
 
     #[test]
-    fn a_ring_wakes_only_who_waits_for_it() {
+    fn a_ring_wakes_only_who_waits_for_it_and_is_not_lost_before_the_sleep() {
         let doorbell = Doorbell::default();
-        doorbell.arm(0);
-        doorbell.ring(ANYTHING);
+        let wakes = |awaited, rung| {
+            let seen = doorbell.rings();
+            doorbell.arm(awaited);
+            doorbell.ring(rung);
+            // Would sleep for an hour if the ring were lost.
+            doorbell.sleep(seen, Some(3_600_000_000_000));
+            !doorbell.is_armed_for(ANYTHING)
+        };
+        assert!(wakes(0b01, 0b01) && wakes(0b10, ANYTHING) && !wakes(0b10, 0b01));
         assert!(
-            !doorbell.is_armed_for(ANYTHING),
-            "a sleeper that waits for no topic still hears of a stop"
+            wakes(0, ANYTHING),
+            "a sleeper that waits for no topic hears of a stop"
         );
-        doorbell.arm(0b10);
-        doorbell.ring(0b01);
-        assert!(doorbell.is_armed_for(0b10));
-        doorbell.ring(ANYTHING);
-        assert!(!doorbell.is_armed_for(ANYTHING));
     }
 }

@@ -355,95 +355,82 @@ mod tests {
     use shared_types::process::Role;
 
     fn scheduled(kind: Kind, at: u64) -> ScheduledFault {
-        Fault {
+        let fault = Fault {
             at_tick: Some(at),
             ..Fault::new("controller", kind)
-        }
-        .schedule(&Target::sending::<TorqueCommand>(3, Role::Stage), 1000, 7)
-        .unwrap()
+        };
+        let on = Target::sending::<TorqueCommand>(3, Role::Stage);
+        fault.schedule(&on, 1000, 7).unwrap()
+    }
+
+    /// A control page, with the run that it lies in.
+    fn page() -> (RunDir, ControlPage) {
+        let run = RunDir::create().unwrap();
+        let page = ControlPage::create(&run).unwrap();
+        (run, page)
+    }
+
+    fn detected(table: &FaultTable) -> Vec<u64> {
+        table.records().map(|(_, one)| one.detected_ns).collect()
     }
 
     #[test]
     fn a_request_is_in_force_from_the_tick_that_adopts_it() {
-        let run = RunDir::create().unwrap();
-        let (ours, theirs) = (
-            ControlPage::create(&run).unwrap(),
-            ControlPage::open(&run).unwrap(),
-        );
+        let (run, page) = page();
+        let other_mapping = ControlPage::open(&run).unwrap();
+        let (ours, theirs) = (page.fault_table(), other_mapping.fault_table());
         let mut copied = KnownFaults::default();
-        let is_down = |copied: &KnownFaults, process, tick| {
-            copied
-                .of(process, tick)
-                .any(|(_, _, kind)| kind.takes_down())
-        };
-        assert!(copied.is_current(theirs.fault_table()) && !is_down(&copied, 3, 500));
-        let place = theirs
-            .fault_table()
-            .request(&scheduled(Kind::Kill, 0))
-            .unwrap();
-        assert!(
-            copied.is_current(theirs.fault_table()) && !theirs.fault_table().is_in_force(place)
-        );
-        ours.fault_table().adopt(500);
-        assert!(
-            !copied.is_current(theirs.fault_table()) && theirs.fault_table().is_in_force(place)
-        );
-        copied.renew(theirs.fault_table());
-        assert!(
-            is_down(&copied, 3, 500)
-                && is_down(&copied, 3, 599)
-                && !is_down(&copied, 3, 600)
-                && !is_down(&copied, 2, 500)
-        );
+        let place = theirs.request(&scheduled(Kind::Kill, 0)).unwrap();
+        assert!(copied.is_current(theirs) && !theirs.is_in_force(place));
+        ours.adopt(500);
+        assert!(!copied.is_current(theirs) && theirs.is_in_force(place));
+        copied.renew(theirs);
+        let is_down = |process, tick| copied.of(process, tick).any(|(.., kind)| kind.takes_down());
+        let downs = [(3, 499), (3, 500), (3, 599), (3, 600), (2, 500)];
+        let downs = downs.map(|(process, tick)| is_down(process, tick));
+        assert_eq!(downs, [false, true, true, false, false]);
         assert!(!copied.shapes_messages());
     }
 
     #[test]
     fn the_course_of_a_fault_is_reported_once() {
-        let run = RunDir::create().unwrap();
-        let control_page = ControlPage::create(&run).unwrap();
-        let table = control_page.fault_table();
+        let (_run, page) = page();
+        let table = page.fault_table();
         let place = table
             .enter(&scheduled(Kind::Hang, 10), Origin::Planned)
             .unwrap();
         table.mark_detected(3, 10, 50);
-        assert_eq!(
-            table.record(place).unwrap().detected_ns,
-            0,
-            "not injected yet"
-        );
+        assert_eq!(detected(table), [0], "not injected yet");
         table.mark_injected(place, 60);
         table.mark_detected(3, 10, 70);
         table.mark_detected(3, 10, 80);
         table.mark_recovered(3, 90);
         table.mark_exit(3, Exit::Code(1));
-        let account = table.record(place).unwrap();
-        assert_eq!(account.exit, None, "the plan says how it ends");
-        assert_eq!(
-            (
-                account.injected_ns,
-                account.detected_ns,
-                account.recovered_ns,
-                account.origin
-            ),
-            (60, 70, 90, Origin::Planned)
-        );
-        assert_eq!(account.scheduled, scheduled(Kind::Hang, 10));
+        let expected = FaultRecord {
+            scheduled: scheduled(Kind::Hang, 10),
+            origin: Origin::Planned,
+            injected_ns: 60,
+            detected_ns: 70,
+            recovered_ns: 90,
+            // The plan says how it ends.
+            exit: None,
+        };
+        assert_eq!(table.record(place), Some(expected));
     }
 
     #[test]
     fn an_end_that_no_plan_had_is_told_as_it_was() {
-        let run = RunDir::create().unwrap();
-        let control_page = ControlPage::create(&run).unwrap();
-        let table = control_page.fault_table();
-        let first = table
-            .enter(&scheduled(Kind::Kill, 10), Origin::Detected)
-            .unwrap();
+        let (_run, page) = page();
+        let table = page.fault_table();
+        let enter = |at| {
+            table
+                .enter(&scheduled(Kind::Kill, at), Origin::Detected)
+                .unwrap()
+        };
+        let first = enter(10);
         table.mark_exit(2, Exit::Signal(9));
         table.mark_exit(3, Exit::Code(3));
-        let second = table
-            .enter(&scheduled(Kind::Kill, 200), Origin::Detected)
-            .unwrap();
+        let second = enter(200);
         table.mark_exit(3, Exit::Signal(11));
         let exits = [first, second].map(|place| table.record(place).unwrap().exit);
         assert_eq!(exits, [Some(Exit::Code(3)), Some(Exit::Signal(11))]);
@@ -451,66 +438,35 @@ mod tests {
 
     #[test]
     fn a_message_that_is_missing_tells_of_what_is_in_force_and_of_nothing_else() {
-        let run = RunDir::create().unwrap();
-        let control_page = ControlPage::create(&run).unwrap();
-        let table = control_page.fault_table();
-        let places = [10, 1_000, 3_000].map(|at| {
-            table
+        let (_run, page) = page();
+        let table = page.fault_table();
+        for at in [10, 1_000, 3_000] {
+            let place = table
                 .enter(&scheduled(Kind::Drop, at), Origin::Planned)
-                .unwrap()
-        });
-        places
-            .iter()
-            .for_each(|place| table.mark_injected(*place, 5));
+                .unwrap();
+            table.mark_injected(place, 5);
+        }
         // The second lasts 100 ticks from 1000.
         table.mark_all_detected(1_150, 77);
-        assert_eq!(
-            places.map(|place| table.record(place).unwrap().detected_ns),
-            [0, 77, 0]
-        );
+        assert_eq!(detected(table), [0, 77, 0]);
         table.mark_detected(3, 3_000, 88);
-        assert_eq!(
-            places.map(|place| table.record(place).unwrap().detected_ns),
-            [0, 77, 88]
-        );
+        assert_eq!(detected(table), [0, 77, 88]);
     }
 
     #[test]
     fn a_full_fault_table_says_so() {
-        let run = RunDir::create().unwrap();
-        let control_page = ControlPage::create(&run).unwrap();
-        for _ in 0..MOST_WHEN_REQUESTED {
-            assert!(
-                control_page
-                    .fault_table()
-                    .request(&scheduled(Kind::Drop, 1))
-                    .is_some()
-            );
-        }
+        let (_run, page) = page();
+        let (table, drop) = (page.fault_table(), scheduled(Kind::Drop, 1));
+        let requested = (0..).map_while(|_| table.request(&drop)).count();
+        assert_eq!(requested, MOST_WHEN_REQUESTED, "the rest is for deaths");
+        table.adopt(1);
+        let entered = (0..)
+            .map_while(|_| table.enter(&drop, Origin::Planned))
+            .count();
+        assert_eq!(requested + entered, MOST_FAULTS);
         assert_eq!(
-            control_page
-                .fault_table()
-                .request(&scheduled(Kind::Drop, 1)),
-            None,
-            "the rest is for deaths"
+            (table.request(&drop), table.records().count()),
+            (None, MOST_FAULTS)
         );
-        control_page.fault_table().adopt(1);
-        for _ in MOST_WHEN_REQUESTED..MOST_FAULTS {
-            assert!(
-                control_page
-                    .fault_table()
-                    .enter(&scheduled(Kind::Drop, 1), Origin::Planned)
-                    .is_some()
-            );
-        }
-        assert_eq!(
-            (0..3)
-                .map(|_| control_page
-                    .fault_table()
-                    .request(&scheduled(Kind::Drop, 1)))
-                .collect::<Vec<_>>(),
-            [None; 3]
-        );
-        assert_eq!(control_page.fault_table().records().count(), MOST_FAULTS);
     }
 }
