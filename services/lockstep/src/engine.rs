@@ -358,6 +358,9 @@ impl<W: World> Engine<W> {
                     has_moved = true;
                 }
             }
+            if let Some(broken) = self.broken {
+                return Err(Ended::because(broken));
+            }
             if !has_moved {
                 return Err(Ended::because("no process can go on"));
             }
@@ -425,7 +428,7 @@ impl<W: World> Engine<W> {
     }
 
     /// Kills a process that lives, without a plan.
-    pub(crate) fn kill(&mut self, me: usize) {
+    pub fn kill(&mut self, me: usize) {
         if self.is_alive(me) {
             self.has_failed |= self.is_stopping && !self.role(me).polled;
             self.die(me, At::Dead);

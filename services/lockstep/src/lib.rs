@@ -17,7 +17,8 @@ mod fence;
 mod message_faults;
 mod protocol;
 mod recall;
-pub mod simulation;
+#[cfg(test)]
+mod simulation;
 
 pub use checkpoint_rule::most_ticks_unsaved;
 pub use fence::{Fence, first_not_finite};
