@@ -23,12 +23,14 @@ fn next(run: &Run, kills: u32) -> Vec<(Run, u32)> {
     all
 }
 
+/// By process, tick and outputs of each death: the plan, and the messages with which a run of it has ended.
+type Ends = BTreeMap<Vec<(usize, u64, u32)>, (Vec<Outage>, BTreeSet<Vec<Vec<Sent>>>)>;
+
 /// The results of all schedules.
 #[derive(Default)]
 struct Explored {
     states: usize,
-    /// By process, tick and outputs of each death: the plan, and the messages with which a run of it has ended.
-    ends: BTreeMap<Vec<(usize, u64, u32)>, (Vec<Outage>, BTreeSet<Vec<Vec<Sent>>>)>,
+    ends: Ends,
     /// Of the first run that breaks a guarantee, or in which no process can go on.
     failure: Option<String>,
 }
