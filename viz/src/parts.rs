@@ -86,7 +86,7 @@ pub fn checksums(parts: &[PathBuf]) -> io::Result<Vec<String>> {
 }
 
 pub(crate) fn create(path: &Path) -> Result<File, RecordError> {
-    File::create(path).map_err(|source| {
+    files::create(path).map_err(|source| {
         let path = path.display().to_string();
         RecordError::Create { path, source }
     })

@@ -17,8 +17,8 @@ struct Sheet {
 
 impl Sheet {
     fn create(path: PathBuf) -> Result<Self, ExportError> {
-        let writer =
-            ::csv::Writer::from_path(&path).map_err(|error| ExportError::write(&path)(&error))?;
+        let file = files::create(&path).map_err(|error| ExportError::write(&path)(&error))?;
+        let writer = ::csv::Writer::from_writer(file);
         Ok(Self { path, writer })
     }
 

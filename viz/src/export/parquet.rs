@@ -44,7 +44,7 @@ impl Table {
             .set_key_value_metadata(Some(about))
             .build();
         let failed = ExportError::write(&path);
-        let file = File::create(&path).map_err(|error| failed(&error))?;
+        let file = files::create(&path).map_err(|error| failed(&error))?;
         let writer = ArrowWriter::try_new(file, Arc::clone(&schema), Some(properties));
         Ok(Self {
             writer: writer.map_err(|error| failed(&error))?,
