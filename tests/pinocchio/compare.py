@@ -32,7 +32,7 @@ ARMS = ["puma560", "ur5", "panda"]
 TURNS = 5
 # Ours, pinocchio's, and the goal for ours over pinocchio's.
 PAIRS = [
-    ("A, bias and J in one pass", "computeAllTerms", 0.2),
+    ("A, bias and J in one pass", "computeAllTerms", 0.25),
     ("mass matrix", "crba", 1.0),
     ("inverse dynamics", "rnea", 1.0),
 ]

@@ -1,7 +1,7 @@
 //! From a scenario to what a controller needs before its first tick.
 
 use crate::trajectory::PathError;
-use model::{ModelError, Robot, StartError};
+use model::{ModelError, PostureError, Robot};
 use nalgebra::SVector;
 use shared_types::scenario::{Scenario, Start};
 
@@ -16,14 +16,14 @@ pub enum SetupError {
     Path(#[from] PathError),
     /// The start posture does not fit the arm.
     #[error(transparent)]
-    Start(#[from] StartError),
+    Start(#[from] PostureError),
     /// A posture goal does not fit the arm.
     #[error("segment {segment}: {error}")]
     Posture {
         /// Index of the segment.
         segment: usize,
         /// The defect.
-        error: StartError,
+        error: PostureError,
     },
 }
 

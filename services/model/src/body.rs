@@ -1,7 +1,7 @@
 //! The moving links, in axes that make the recursions short.
 
 use crate::joint::{Joint, JointKind};
-use crate::lanes::{PerJoint, Row, Space, V3, Vectors, sincos};
+use crate::lanes::{PerJoint, Row, Space, V3, Vectors};
 use crate::pose::Pose;
 use crate::robot::Robot;
 use crate::spatial::{Axes, LinkInertias};
@@ -148,7 +148,11 @@ impl<const N: usize> Bodies<N> {
     #[inline(always)]
     pub(crate) fn outwards<R: Row<N>>(&self, q: R) -> Frames<R, N> {
         let (turns, slides) = self.kinds::<R>();
-        let (s, c) = sincos(q * turns);
+        let (mut sin, mut cos, angles) = (PerJoint::ZERO, PerJoint::ZERO, (q * turns).store());
+        for i in 0..N {
+            (sin.0[i], cos.0[i]) = libm::sincos(angles.0[i]);
+        }
+        let (s, c) = (R::load(&sin), R::load(&cos));
         let (s_0, c_0) = (R::load(&self.sin_0), R::load(&self.cos_0));
         let (s, c) = (s * c_0 + c * s_0, c * c_0 - s * s_0);
         let (cos_twist, sin_twist) = (R::load(&self.cos_twist), R::load(&self.sin_twist));

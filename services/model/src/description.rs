@@ -32,11 +32,11 @@
 //! A URDF without a description works with these defaults: no armature, no friction beyond its `<dynamics>`.
 //! `continuous` joints without a `<limit>` have no limits of position, torque or speed.
 
-use crate::error::{DescriptionError, RobotError, list};
+use crate::error::{Defect, list};
 use crate::factors::Factors;
 use crate::joint::Joint;
 use crate::robot::Robot;
-use crate::task::{TaskAxes, TaskAxis};
+use crate::task::TaskAxis;
 use crate::urdf::Cut;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -50,15 +50,9 @@ pub(crate) struct Description {
     length_m: Option<f64>,
     encoder_bits: Option<u32>,
     task: Option<Vec<TaskAxis>>,
-    factors: Option<FactorsTable>,
+    factors: Factors,
     joints: BTreeMap<String, JointTable>,
     postures: BTreeMap<String, Vec<f64>>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields, tag = "kind", rename_all = "lowercase")]
-enum FactorsTable {
-    Puma { a2: f64, a3: f64, d4: f64 },
 }
 
 #[derive(Debug, Deserialize)]
@@ -79,48 +73,29 @@ struct JointTable {
 const RISE_S: f64 = 0.02;
 
 impl Description {
-    pub(crate) fn parse(text: &str) -> Result<Self, DescriptionError> {
-        toml::from_str(text).map_err(|error| DescriptionError(error.to_string()))
+    pub(crate) fn parse(text: &str) -> Result<Self, Defect> {
+        toml::from_str(text).map_err(|error| Defect::Description(error.to_string()))
     }
 
     /// The part of the URDF that is the arm.
     pub(crate) fn cut(&self) -> Cut<'_> {
+        let locked = self.joints.iter();
         Cut {
             base: self.base_frame.as_deref(),
             end: self.default_frame.as_deref(),
-            locked: self
-                .joints
-                .iter()
+            locked: locked
                 .filter_map(|(name, table)| Some((name.as_str(), table.locked?)))
                 .collect(),
         }
     }
 
-    pub(crate) fn apply_to_joints(
-        &self,
-        robot: &str,
-        joints: &mut [Joint],
-    ) -> Result<(), RobotError> {
+    pub(crate) fn apply_to_joints(&self, joints: &mut [Joint]) -> Result<(), Defect> {
+        let tables = self.joints.iter();
+        let mut tables: BTreeMap<_, _> = tables.filter(|(_, t)| t.locked.is_none()).collect();
         for joint in joints.iter_mut() {
-            joint.torque_rate = self
-                .joints
-                .get(&joint.name)
-                .and_then(|table| table.effort)
-                .unwrap_or(joint.effort)
-                / RISE_S;
-        }
-        for (name, table) in self
-            .joints
-            .iter()
-            .filter(|(_, table)| table.locked.is_none())
-        {
-            let known = list(joints.iter().map(|joint| &joint.name));
-            let Some(joint) = joints.iter_mut().find(|joint| joint.name == *name) else {
-                return Err(RobotError::UnknownJoint {
-                    robot: robot.to_owned(),
-                    joint: name.clone(),
-                    known,
-                });
+            let Some(table) = tables.remove(&joint.name) else {
+                joint.torque_rate = joint.effort / RISE_S;
+                continue;
             };
             for (stated, value) in [
                 (table.armature, &mut joint.armature),
@@ -130,86 +105,84 @@ impl Description {
                 (table.upper, &mut joint.upper),
                 (table.effort, &mut joint.effort),
                 (table.velocity, &mut joint.velocity),
-                (table.torque_rate, &mut joint.torque_rate),
             ] {
                 *value = stated.unwrap_or(*value);
             }
+            joint.torque_rate = table.torque_rate.unwrap_or(joint.effort / RISE_S);
         }
-        Ok(())
+        match tables.pop_first() {
+            None => Ok(()),
+            Some((name, _)) => Err(Defect::UnknownJoint {
+                joint: name.clone(),
+                known: list(joints.iter().map(|joint| &joint.name)),
+            }),
+        }
     }
 
-    pub(crate) fn apply(self, robot: &mut Robot) -> Result<(), RobotError> {
-        let refuse = |what, value: String, remedy: &str| {
-            Err(RobotError::Value {
-                robot: robot.name.clone(),
-                what,
-                value,
-                remedy: remedy.to_owned(),
-            })
+    pub(crate) fn apply(self, robot: &mut Robot) -> Result<(), Defect> {
+        robot.gravity = self.gravity.map_or(robot.gravity, Into::into);
+        robot.length_m = self.length_m.unwrap_or(robot.length_m);
+        robot.encoder_bits = self.encoder_bits.unwrap_or(robot.encoder_bits);
+        let task = self.task.unwrap_or_else(|| robot.task.iter().collect());
+        robot.task = task.iter().copied().collect();
+        robot.factors = self.factors;
+        let lengths = match self.factors {
+            Factors::Puma { a2, a3, d4 } => [a2, a3, d4],
+            Factors::Numeric => [0.0; 3],
         };
-        if let Some(gravity) = self.gravity {
-            if !gravity.iter().all(|g| g.is_finite()) {
-                return refuse(
-                    "gravity",
-                    format!("{gravity:?}"),
-                    "give three finite numbers, m/s²",
-                );
+        let are_finite = |values: &[f64]| values.iter().all(|x| x.is_finite());
+        let (gravity, length_m, bits) = (robot.gravity, robot.length_m, robot.encoder_bits);
+        for (what, value, holds, remedy) in [
+            (
+                "gravity",
+                format!("{:?}", gravity.as_slice()),
+                are_finite(gravity.as_slice()),
+                "give three finite numbers, m/s²",
+            ),
+            (
+                "length_m",
+                length_m.to_string(),
+                length_m > 0.0 && length_m.is_finite(),
+                "give a positive length in metres",
+            ),
+            (
+                "encoder_bits",
+                bits.to_string(),
+                (1..=32).contains(&bits),
+                "give 1 to 32 bits per turn",
+            ),
+            (
+                "task",
+                format!("{task:?}"),
+                (1..=robot.dof()).contains(&task.len()) && robot.task.count() == task.len(),
+                "name each axis once, and at most as many as there are joints",
+            ),
+            (
+                "factors",
+                format!("{lengths:?}"),
+                are_finite(&lengths),
+                "give finite lengths in metres",
+            ),
+        ] {
+            if !holds {
+                let what = what.to_owned();
+                return Err(Defect::Value {
+                    what,
+                    value,
+                    remedy,
+                });
             }
-            robot.gravity = gravity.into();
-        }
-        if let Some(length_m) = self.length_m {
-            if !(length_m > 0.0 && length_m.is_finite()) {
-                return refuse(
-                    "length_m",
-                    length_m.to_string(),
-                    "give a positive length in metres",
-                );
-            }
-            robot.length_m = length_m;
-        }
-        if let Some(bits) = self.encoder_bits {
-            if !(1..=32).contains(&bits) {
-                return refuse(
-                    "encoder_bits",
-                    bits.to_string(),
-                    "give 1 to 32 bits per turn",
-                );
-            }
-            robot.encoder_bits = bits;
-        }
-        if let Some(task) = self.task {
-            let axes: TaskAxes = task.iter().copied().collect();
-            if axes.count() != task.len() || task.is_empty() || task.len() > robot.dof() {
-                return refuse(
-                    "task",
-                    format!("{task:?}"),
-                    "name each axis once, and at most as many as there are joints",
-                );
-            }
-            robot.task = axes;
-        }
-        if let Some(FactorsTable::Puma { a2, a3, d4 }) = self.factors {
-            if ![a2, a3, d4].iter().all(|length| length.is_finite()) {
-                return refuse(
-                    "factors",
-                    format!("{:?}", [a2, a3, d4]),
-                    "give finite lengths in metres",
-                );
-            }
-            robot.factors = Factors::Puma { a2, a3, d4 };
         }
         robot.postures = self.postures;
         if robot.postures.is_empty() {
             robot.postures.insert("middle".to_owned(), robot.middle());
         }
         for (name, q) in &robot.postures {
-            robot
-                .check_posture(q)
-                .map_err(|reason| RobotError::Posture {
-                    robot: robot.name.clone(),
-                    name: name.clone(),
-                    reason,
-                })?;
+            let refuse = |reason| Defect::Posture {
+                name: name.clone(),
+                reason,
+            };
+            robot.check_posture(q).map_err(refuse)?;
         }
         Ok(())
     }

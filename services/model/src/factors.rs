@@ -3,7 +3,8 @@
 /// An analytic factorisation of det J, if one holds.
 ///
 /// Checked against the geometry when the robot is loaded, so a robot that carries one obeys it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Deserialize)]
+#[serde(deny_unknown_fields, tag = "kind", rename_all = "lowercase")]
 pub enum Factors {
     /// det J = a2·(d4·c3 − a3·s3)·(a2·c2 + a3·c23 + d4·s23)·s5: elbow, overhead, wrist (modified DH, Craig's zero).
     Puma {
@@ -16,6 +17,7 @@ pub enum Factors {
     },
     /// None known: singularities are found numerically.
     #[default]
+    #[serde(skip)]
     Numeric,
 }
 

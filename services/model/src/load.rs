@@ -1,16 +1,14 @@
 //! From a URDF and a description to a robot: parse, check, refuse.
 
 use crate::description::Description;
-use crate::error::RobotError;
+use crate::error::{Defect, RobotError};
 use crate::factors::Factors;
 use crate::joint::Joint;
-use shared_types::job::RobotText;
-
 use crate::robot::Robot;
-use crate::task::TaskAxes;
 use crate::{geometry, urdf};
 use nalgebra::Vector3;
 use shared_types::bounds::within;
+use shared_types::job::RobotText;
 use std::collections::BTreeMap;
 
 impl Robot {
@@ -19,43 +17,14 @@ impl Robot {
     /// Fixed joints, and joints that the description locks, are merged into the links that move, and kept as frames. Movable joints off the
     /// way to the description's `default_frame`, and a gripper's, are held at zero, and noted. Errors: [`RobotError`].
     pub fn from_source(source: &RobotText) -> Result<Robot, RobotError> {
-        let name = source.name.clone();
-        let description =
-            Description::parse(&source.description).map_err(|reason| RobotError::Description {
-                robot: name.clone(),
-                reason,
-            })?;
-        let mut chain = urdf::read(&name, &source.urdf, &description.cut())?;
-        description.apply_to_joints(&name, &mut chain.joints)?;
-        chain
-            .joints
-            .iter()
-            .try_for_each(|joint| check_joint(&name, joint))?;
-
-        let default_frame = description.default_frame.clone().unwrap_or(chain.tip);
-        let mut robot = Robot {
-            name,
-            length_m: geometry::default_length(&chain.joints, &chain.frames, &default_frame),
-            joints: chain.joints,
-            frames: chain.frames,
-            shapes: chain.shapes,
-            gravity: Vector3::new(0.0, 0.0, -9.81),
-            factors: Factors::Numeric,
-            default_frame,
-            task: TaskAxes::ALL,
-            postures: BTreeMap::new(),
-            encoder_bits: 16,
-            notes: chain.notes,
-            source: source.clone(),
-        };
-        robot.task = geometry::served_axes(&robot);
-        description.apply(&mut robot)?;
-        robot.check_factors()?;
-        Ok(robot)
+        read(source).map_err(|defect| RobotError::Defect {
+            robot: source.name.clone(),
+            defect,
+        })
     }
 
     /// The factorisation must equal det J, or it is refused.
-    fn check_factors(&self) -> Result<(), RobotError> {
+    fn check_factors(&self) -> Result<(), Defect> {
         let Factors::Puma { a2, a3, d4 } = self.factors else {
             return Ok(());
         };
@@ -70,66 +39,85 @@ impl Robot {
                 self.factors.determinant(&q),
                 <[_; 6]>::try_from(J.as_slice()),
             ) else {
-                return Err(RobotError::Value {
-                    robot: self.name.clone(),
-                    what: "factors.kind",
-                    value: "\"puma\"".to_owned(),
-                    remedy: format!("it needs six joints, and this arm has {}", self.dof()),
+                return Err(Defect::Value {
+                    what: "factors.kind".to_owned(),
+                    value: format!("\"puma\" for {} joints", self.dof()),
+                    remedy: "it needs six joints",
                 });
             };
             let actual = nalgebra::Matrix6::from_columns(&square).determinant();
             if !within((actual - product).abs(), 1e-9 * scale) {
-                return Err(RobotError::Factors {
-                    robot: self.name.clone(),
-                    q,
-                    actual,
-                    product,
-                });
+                return Err(Defect::Factors { q, actual, product });
             }
         }
         Ok(())
     }
 }
 
-fn check_joint(robot: &str, joint: &Joint) -> Result<(), RobotError> {
-    let refuse = |what, value: f64, remedy| {
-        Err(RobotError::Joint {
-            robot: robot.to_owned(),
-            joint: joint.name.clone(),
-            what,
-            value: value.to_string(),
-            remedy,
-        })
+fn read(source: &RobotText) -> Result<Robot, Defect> {
+    let description = Description::parse(&source.description)?;
+    let mut chain = urdf::read(&source.urdf, &description.cut())?;
+    description.apply_to_joints(&mut chain.joints)?;
+    chain.joints.iter().try_for_each(check_joint)?;
+    let default_frame = description.default_frame.clone().unwrap_or(chain.tip);
+    let mut robot = Robot {
+        name: source.name.clone(),
+        length_m: geometry::default_length(&chain.joints, &chain.frames, &default_frame),
+        joints: chain.joints,
+        frames: chain.frames,
+        shapes: chain.shapes,
+        gravity: Vector3::new(0.0, 0.0, -9.81),
+        factors: Factors::Numeric,
+        default_frame,
+        task: crate::TaskAxes::ALL,
+        postures: BTreeMap::new(),
+        encoder_bits: 16,
+        notes: chain.notes,
+        source: source.clone(),
     };
-    let limits = "state a range, lower < upper, in the URDF's <limit> or in the description";
-    if joint.lower.is_nan() || joint.lower == f64::INFINITY {
-        return refuse("lower", joint.lower, limits);
-    }
-    if joint.upper.is_nan() || joint.upper <= joint.lower {
-        return refuse("upper", joint.upper, limits);
-    }
+    robot.task = geometry::served_axes(&robot);
+    description.apply(&mut robot)?;
+    robot.check_factors()?;
+    Ok(robot)
+}
+
+fn check_joint(joint: &Joint) -> Result<(), Defect> {
+    let range = "state a range, lower < upper, in the URDF's <limit> or in the description";
     let positive = "state a positive number (or inf) in the URDF's <limit> or in the description";
-    if joint.effort.is_nan() || joint.effort <= 0.0 {
-        return refuse("effort", joint.effort, positive);
-    }
-    if joint.torque_rate.is_nan() || joint.torque_rate <= 0.0 {
-        return refuse(
+    let not_negative = "state a finite number, zero or more";
+    let is_friction = |x: f64| x >= 0.0 && x.is_finite();
+    for (what, value, holds, remedy) in [
+        ("lower", joint.lower, joint.lower < f64::INFINITY, range),
+        ("upper", joint.upper, joint.upper > joint.lower, range),
+        ("effort", joint.effort, joint.effort > 0.0, positive),
+        (
             "torque_rate",
             joint.torque_rate,
-            "state a positive number (or inf) in the description",
-        );
-    }
-    if joint.velocity.is_nan() || joint.velocity <= 0.0 {
-        return refuse("velocity", joint.velocity, positive);
-    }
-    let not_negative = "state a finite number, zero or more";
-    for (what, value) in [
-        ("armature", joint.armature),
-        ("viscous_friction", joint.viscous_friction),
-        ("coulomb_friction", joint.coulomb_friction),
+            joint.torque_rate > 0.0,
+            positive,
+        ),
+        ("velocity", joint.velocity, joint.velocity > 0.0, positive),
+        (
+            "armature",
+            joint.armature,
+            is_friction(joint.armature),
+            not_negative,
+        ),
+        (
+            "viscous_friction",
+            joint.viscous_friction,
+            is_friction(joint.viscous_friction),
+            not_negative,
+        ),
+        (
+            "coulomb_friction",
+            joint.coulomb_friction,
+            is_friction(joint.coulomb_friction),
+            not_negative,
+        ),
     ] {
-        if !(value >= 0.0 && value.is_finite()) {
-            return refuse(what, value, not_negative);
+        if !holds {
+            return Err(Defect::of_joint(&joint.name, what, value, remedy));
         }
     }
     Ok(())

@@ -2,11 +2,12 @@
 
 use crate::error::{PostureError, list};
 use crate::factors::Factors;
-use crate::joint::{Frame, Joint};
+use crate::joint::{Frame, Joint, JointKind};
 use crate::shape::Shape;
 use crate::task::TaskAxes;
 use nalgebra::Vector3;
 use shared_types::job::RobotText;
+use shared_types::scenario::Start;
 use std::collections::BTreeMap;
 
 /// A serial arm as data: valid by construction, whatever it was read from.
@@ -93,5 +94,31 @@ impl Robot {
             }
         }
         Ok(())
+    }
+
+    /// The posture a scenario starts in, checked against length and limits; rad (m for prismatic joints, which `q_deg` gives in mm).
+    ///
+    /// Errors: [`PostureError`].
+    pub fn start_posture(&self, start: &Start) -> Result<Vec<f64>, PostureError> {
+        let in_si = |(i, value): (usize, &f64)| match self.joints.get(i).map(|joint| joint.kind) {
+            Some(JointKind::Prismatic) => value * 1e-3,
+            _ => value.to_radians(),
+        };
+        let named = |name: &String| {
+            let unknown = || PostureError::Unknown {
+                robot: self.name.clone(),
+                name: name.clone(),
+                known: list(self.postures.keys()),
+            };
+            self.postures.get(name).cloned().ok_or_else(unknown)
+        };
+        let q = match (&start.q_rad, &start.q_deg, &start.posture) {
+            (Some(q), _, _) => q.clone(),
+            (None, Some(q), _) => q.iter().enumerate().map(in_si).collect(),
+            (None, None, Some(name)) => named(name)?,
+            (None, None, None) => return Err(PostureError::Missing),
+        };
+        self.check_posture(&q)?;
+        Ok(q)
     }
 }

@@ -1,6 +1,6 @@
 //! A serial chain out of a URDF.
 
-use crate::error::{RobotError, list};
+use crate::error::{Defect, list};
 use crate::foreign::without_foreign;
 use crate::joint::{Frame, Joint, JointKind};
 use crate::pose::Pose;
@@ -33,14 +33,10 @@ pub(crate) struct Cut<'a> {
 }
 
 /// Reads the part `cut` of `text` as a serial chain.
-pub(crate) fn read(robot: &str, text: &str, cut: &Cut<'_>) -> Result<Chain, RobotError> {
-    let refuse = |reason: String| RobotError::Urdf {
-        robot: robot.to_owned(),
-        reason,
-    };
-    let text = without_foreign(text).map_err(refuse)?;
-    let urdf = urdf_rs::read_from_string(&text).map_err(|error| refuse(error.to_string()))?;
-    Tree::new(robot, &urdf, cut)?.chain(cut.end)
+pub(crate) fn read(text: &str, cut: &Cut<'_>) -> Result<Chain, Defect> {
+    let text = without_foreign(text).map_err(Defect::Urdf)?;
+    let urdf = urdf_rs::read_from_string(&text).map_err(|error| Defect::Urdf(error.to_string()))?;
+    Tree::new(&urdf, cut)?.chain(cut.end)
 }
 
 /// Parts of the names of joints that open and close a gripper.
@@ -48,10 +44,8 @@ const GRIPPER: [&str; 4] = ["finger", "gripper", "jaw", "knuckle"];
 
 /// The URDF's links and joints, by name.
 struct Tree<'a> {
-    robot: &'a str,
+    urdf: &'a urdf_rs::Robot,
     links: BTreeMap<&'a str, &'a urdf_rs::Link>,
-    /// Materials that links refer to by name.
-    materials: &'a [urdf_rs::Material],
     /// The joints out of each link, in file order.
     children: BTreeMap<&'a str, Vec<&'a urdf_rs::Joint>>,
     /// The joint into each link.
@@ -63,133 +57,110 @@ struct Tree<'a> {
     leaders: BTreeSet<&'a str>,
 }
 
+/// A link and its pose in the first of those that move as one.
+type Rigid<'a> = Vec<(&'a str, Pose)>;
+
 impl<'a> Tree<'a> {
-    fn new(robot: &'a str, urdf: &'a urdf_rs::Robot, cut: &Cut<'_>) -> Result<Self, RobotError> {
-        let refuse = |reason: String| {
-            Err(RobotError::NotATree {
-                robot: robot.to_owned(),
-                reason,
-            })
+    fn new(urdf: &'a urdf_rs::Robot, cut: &Cut<'_>) -> Result<Self, Defect> {
+        let refuse = |reason: String| Err(Defect::NotATree(reason));
+        let mut tree = Self {
+            urdf,
+            links: BTreeMap::new(),
+            children: BTreeMap::new(),
+            parent: BTreeMap::new(),
+            root: "",
+            locked: BTreeMap::new(),
+            leaders: BTreeSet::new(),
         };
-        let mut links = BTreeMap::new();
         for link in &urdf.links {
-            if links.insert(link.name.as_str(), link).is_some() {
+            if tree.links.insert(&link.name, link).is_some() {
                 return refuse(format!("there are two links '{}'", link.name));
             }
         }
         let mut names = BTreeSet::new();
-        let mut parent = BTreeMap::new();
-        let mut children: BTreeMap<_, Vec<_>> = BTreeMap::new();
         for joint in &urdf.joints {
-            let (from, to) = (joint.parent.link.as_str(), joint.child.link.as_str());
-            if !names.insert(joint.name.as_str()) {
-                return refuse(format!("there are two joints '{}'", joint.name));
+            let (name, from, to) = (&joint.name, &joint.parent.link, &joint.child.link);
+            if !names.insert(name) {
+                return refuse(format!("there are two joints '{name}'"));
             }
-            if let Some(link) = [from, to]
-                .into_iter()
-                .find(|link| !links.contains_key(link))
-            {
+            if let Some(link) = [from, to].into_iter().find(|link| !tree.has(link)) {
                 return refuse(format!(
-                    "joint '{}' names a link '{link}' that is missing",
-                    joint.name
+                    "joint '{name}' names a link '{link}' that is missing"
                 ));
             }
-            if parent.insert(to, joint).is_some() {
+            if tree.parent.insert(to, joint).is_some() {
                 return refuse(format!("link '{to}' is the child of two joints"));
             }
-            children.entry(from).or_default().push(joint);
+            tree.children.entry(from).or_default().push(joint);
+            let mimic = joint.mimic.iter();
+            tree.leaders.extend(mimic.map(|mimic| &*mimic.joint));
         }
-        let roots: Vec<&str> = links
-            .keys()
-            .copied()
-            .filter(|link| !parent.contains_key(link))
+        let roots = tree.links.keys().copied();
+        let roots: Vec<&str> = roots
+            .filter(|link| !tree.parent.contains_key(link))
             .collect();
-        let root = match roots[..] {
-            [] => return refuse("no link is the base: the joints form a loop".to_owned()),
-            [root] => root,
-            _ => {
-                return refuse(format!(
-                    "links {} have no parent joint, and one base is needed",
-                    list(roots)
-                ));
-            }
+        let [root] = roots[..] else {
+            return refuse(format!(
+                "one link without a parent joint is needed as the base, and there are {}: {}",
+                roots.len(),
+                list(roots)
+            ));
         };
-        let leaders = urdf
-            .joints
-            .iter()
-            .filter_map(|joint| Some(joint.mimic.as_ref()?.joint.as_str()))
-            .collect();
-        let mut tree = Self {
-            robot,
-            links,
-            materials: &urdf.materials,
-            children,
-            parent,
-            root,
-            locked: BTreeMap::new(),
-            leaders,
-        };
-        let reached = tree.below(root).len();
+        let reached = tree.rigid(root, |_| true).len();
         if reached != tree.links.len() {
             return refuse(format!(
                 "only {reached} of {} links hang on the base '{root}': the others form a loop",
                 tree.links.len()
             ));
         }
-        tree.lock(urdf, cut)?;
-        if let Some(base) = cut.base {
-            let Some((&base, _)) = tree.links.get_key_value(base) else {
-                return Err(tree.unknown_frame(base));
-            };
-            tree.root = base;
+        tree.root = match cut.base {
+            Some(base) => tree.known(base)?,
+            None => root,
+        };
+        for (name, value) in &cut.locked {
+            let (name, displacement) = tree.displacement(name, *value)?;
+            tree.locked.insert(name, displacement);
         }
         Ok(tree)
     }
 
-    /// Takes up the joints that the description holds.
-    fn lock(&mut self, urdf: &'a urdf_rs::Robot, cut: &Cut<'_>) -> Result<(), RobotError> {
-        for (&name, &value) in &cut.locked {
-            let robot = || self.robot.to_owned();
-            let Some(joint) = urdf.joints.iter().find(|joint| joint.name == name) else {
-                let known = list(urdf.joints.iter().map(|joint| &joint.name));
-                return Err(RobotError::UnknownJoint {
-                    robot: robot(),
-                    joint: name.to_owned(),
-                    known,
-                });
-            };
-            let axis = Vector3::from(joint.axis.xyz.0)
-                .try_normalize(1e-9)
-                .filter(|_| value.is_finite());
-            let displacement = match (&joint.joint_type, axis) {
-                (JointType::Revolute | JointType::Continuous, Some(axis)) => {
-                    Pose::rotation(rotation_exp(&(axis * value)))
-                }
-                (JointType::Prismatic, Some(axis)) => Pose::translation(axis * value),
-                _ => {
-                    let (joint, value) = (name.to_owned(), value.to_string());
-                    let remedy =
-                        "lock a revolute, continuous or prismatic joint at a finite position";
-                    return Err(RobotError::Joint {
-                        robot: robot(),
-                        joint,
-                        what: "locked",
-                        value,
-                        remedy,
-                    });
-                }
-            };
-            self.locked.insert(joint.name.as_str(), displacement);
-        }
-        Ok(())
+    fn has(&self, link: &str) -> bool {
+        self.links.contains_key(link)
     }
 
-    fn unknown_frame(&self, frame: &str) -> RobotError {
-        RobotError::UnknownFrame {
-            robot: self.robot.to_owned(),
+    fn known(&self, frame: &str) -> Result<&'a str, Defect> {
+        let unknown = || Defect::UnknownFrame {
             frame: frame.to_owned(),
             known: list(self.links.keys()),
-        }
+        };
+        let (name, _) = self.links.get_key_value(frame).ok_or_else(unknown)?;
+        Ok(name)
+    }
+
+    /// A joint that the description holds at `value`, and its displacement.
+    fn displacement(&self, name: &str, value: f64) -> Result<(&'a str, Pose), Defect> {
+        let joints = &self.urdf.joints;
+        let unknown = || Defect::UnknownJoint {
+            joint: name.to_owned(),
+            known: list(joints.iter().map(|joint| &joint.name)),
+        };
+        let joint = joints.iter().find(|joint| joint.name == name);
+        let joint = joint.ok_or_else(unknown)?;
+        let by = Vector3::from(joint.axis.xyz.0)
+            .try_normalize(1e-9)
+            .map(|axis| axis * value)
+            .filter(|_| value.is_finite());
+        let displacement = match (&joint.joint_type, by) {
+            (JointType::Revolute | JointType::Continuous, Some(by)) => {
+                Pose::rotation(rotation_exp(&by))
+            }
+            (JointType::Prismatic, Some(by)) => Pose::translation(by),
+            _ => {
+                let remedy = "lock a revolute, continuous or prismatic joint at a finite position";
+                return Err(Defect::of_joint(name, "locked", value, remedy));
+            }
+        };
+        Ok((&joint.name, displacement))
     }
 
     /// Whether a joint moves: neither fixed nor locked.
@@ -205,108 +176,71 @@ impl<'a> Tree<'a> {
             || GRIPPER.iter().any(|part| name.contains(part))
     }
 
-    /// The child link's frame in the parent link's, with the joint at zero or where it is locked.
-    fn pose(&self, joint: &urdf_rs::Joint) -> Pose {
-        let X = pose(&joint.origin);
-        self.locked
-            .get(joint.name.as_str())
-            .map_or(X, |displacement| X * *displacement)
-    }
-
     fn joints_of(&self, link: &str) -> &[&'a urdf_rs::Joint] {
         self.children.get(link).map_or(&[], Vec::as_slice)
     }
 
-    /// `link` and all links that hang on it.
-    fn below(&self, link: &'a str) -> Vec<&'a str> {
-        let mut found = vec![link];
-        let mut next = 0;
-        while let Some(&link) = found.get(next) {
-            found.extend(
-                self.joints_of(link)
-                    .iter()
-                    .map(|joint| joint.child.link.as_str()),
-            );
-            next += 1;
-        }
-        found
-    }
-
-    /// Links that move as one with `link`, with their poses in it, following fixed and locked joints only.
-    fn fixed_to(&self, link: &'a str) -> Vec<(&'a str, Pose)> {
-        self.rigid(link, |joint| !self.is_movable(joint))
-    }
-
-    fn rigid(
-        &self,
-        link: &'a str,
-        holds: impl Fn(&urdf_rs::Joint) -> bool,
-    ) -> Vec<(&'a str, Pose)> {
+    /// The links that move as one with `link` where the joints that `holds` names do not move, and their poses in it: the joints at zero, or where they
+    /// are locked.
+    fn rigid(&self, link: &'a str, holds: impl Fn(&urdf_rs::Joint) -> bool) -> Rigid<'a> {
         let mut found = vec![(link, Pose::identity())];
         let mut next = 0;
         while let Some(&(link, X)) = found.get(next) {
-            for joint in self.joints_of(link) {
-                if holds(joint) {
-                    found.push((joint.child.link.as_str(), X * self.pose(joint)));
-                }
+            for joint in self.joints_of(link).iter().filter(|joint| holds(joint)) {
+                let displacement = self.locked.get(joint.name.as_str());
+                let X = X * pose(&joint.origin) * displacement.copied().unwrap_or(Pose::identity());
+                found.push((&joint.child.link, X));
             }
             next += 1;
         }
         found
     }
 
-    /// The movable joints of the chain, from the base outwards.
-    fn movable(&self, end: Option<&str>) -> Result<Vec<&'a urdf_rs::Joint>, RobotError> {
-        if let Some(end) = end {
-            if !self.links.contains_key(end) {
-                return Err(self.unknown_frame(end));
+    /// The movable joints from the base to `end`.
+    fn way_to(&self, end: &str) -> Result<Vec<&'a urdf_rs::Joint>, Defect> {
+        let mut joints = Vec::new();
+        let mut link = self.known(end)?;
+        while link != self.root {
+            let Some(&joint) = self.parent.get(link) else {
+                return Err(Defect::NotATree(format!(
+                    "'{end}' does not hang on the base '{}'",
+                    self.root
+                )));
+            };
+            if self.is_movable(joint) {
+                joints.push(joint);
             }
-            let mut joints = Vec::new();
-            let mut link = end;
-            while link != self.root
-                && let Some(&joint) = self.parent.get(link)
-            {
-                if self.is_movable(joint) {
-                    joints.push(joint);
-                }
-                link = &joint.parent.link;
-            }
-            if link != self.root {
-                let reason = format!("'{end}' does not hang on the base '{}'", self.root);
-                return Err(RobotError::NotATree {
-                    robot: self.robot.to_owned(),
-                    reason,
-                });
-            }
-            joints.reverse();
-            return Ok(joints);
+            link = &joint.parent.link;
         }
+        joints.reverse();
+        Ok(joints)
+    }
+
+    /// The movable joints of the only chain there is, and its last link: where fixed joints lead to from the last moving link, if they lead to one place.
+    fn only_way(&self) -> Result<(Vec<&'a urdf_rs::Joint>, &'a str), Defect> {
         let mut joints: Vec<&urdf_rs::Joint> = Vec::new();
         let mut link = self.root;
         loop {
-            let out: Vec<&urdf_rs::Joint> = self
-                .fixed_to(link)
-                .iter()
-                .flat_map(|(link, _)| self.joints_of(link))
-                .copied()
-                .filter(|joint| self.is_movable(joint))
-                .collect();
-            let arm: Vec<&urdf_rs::Joint> = out
-                .iter()
-                .copied()
-                .filter(|joint| !self.is_gripper(joint))
-                .collect();
+            let fixed = self.rigid(link, |joint| !self.is_movable(joint));
+            let out = fixed.iter().flat_map(|(link, _)| self.joints_of(link));
             // A gripper is at the end of an arm; a joint that is named so before any other is an arm's all the same.
-            let out = if joints.is_empty() { out } else { arm };
+            let is_arm = |joint: &&urdf_rs::Joint| {
+                self.is_movable(joint) && (joints.is_empty() || !self.is_gripper(joint))
+            };
+            let out: Vec<_> = out.copied().filter(is_arm).collect();
             match out[..] {
-                [] => return Ok(joints),
+                [] => {
+                    let is_leaf = |link: &&str| self.joints_of(link).is_empty();
+                    let mut leaves = fixed.iter().map(|(link, _)| *link).filter(is_leaf);
+                    let only = leaves.next().filter(|_| leaves.next().is_none());
+                    return Ok((joints, only.unwrap_or(link)));
+                }
                 [joint] => {
                     joints.push(joint);
                     link = &joint.child.link;
                 }
                 _ => {
-                    return Err(RobotError::Branches {
-                        robot: self.robot.to_owned(),
+                    return Err(Defect::Branches {
                         link: link.to_owned(),
                         joints: list(out.iter().map(|joint| &joint.name)),
                     });
@@ -315,26 +249,17 @@ impl<'a> Tree<'a> {
         }
     }
 
-    fn chain(&self, end: Option<&str>) -> Result<Chain, RobotError> {
-        let movable = self.movable(end)?;
-        let robot = || self.robot.to_owned();
-        let tip = match end {
-            Some(end) => end.to_owned(),
-            None => self.tip(movable.last().map_or(self.root, |joint| &joint.child.link)),
+    fn chain(&self, end: Option<&str>) -> Result<Chain, Defect> {
+        let (movable, tip) = match end {
+            Some(end) => (self.way_to(end)?, end),
+            None => self.only_way()?,
         };
-        if movable.is_empty() {
-            return Err(RobotError::NoMovableJoint {
-                robot: robot(),
-                frame: tip,
-            });
+        let tip = tip.to_owned();
+        match movable.len() {
+            0 => return Err(Defect::NoMovableJoint { frame: tip }),
+            1..=MAX_DOF => {}
+            more => return Err(Defect::TooManyJoints(more)),
         }
-        if movable.len() > MAX_DOF {
-            return Err(RobotError::TooManyJoints {
-                robot: robot(),
-                actual: movable.len(),
-            });
-        }
-
         let in_chain: BTreeSet<&str> = movable.iter().map(|joint| joint.name.as_str()).collect();
         let held = |joint: &urdf_rs::Joint| !in_chain.contains(joint.name.as_str());
         let mut chain = Chain {
@@ -344,47 +269,25 @@ impl<'a> Tree<'a> {
             tip,
             notes: vec![],
         };
-
-        let base = self.rigid(self.root, held);
-        self.attach(&mut chain, None, &base)?;
         // The link moved by the last joint and all links rigid with it: the candidates for the next joint's parent.
-        let mut carrier = base;
-        for (i, joint) in movable.iter().enumerate() {
-            let X_PM = carrier
-                .iter()
-                .find(|(link, _)| *link == joint.parent.link)
-                .map(|(_, X)| *X)
-                .expect("the chain's joints follow one another");
+        let mut carrier = self.rigid(self.root, held);
+        self.attach(&mut chain, &carrier)?;
+        for joint in movable {
+            let parent = carrier.iter().find(|(link, _)| *link == joint.parent.link);
+            let (_, X_PM) = parent.expect("the chain's joints follow one another");
+            let X_PJ = *X_PM * pose(&joint.origin);
             carrier = self.rigid(&joint.child.link, held);
-            self.attach(&mut chain, Some(i), &carrier)?;
-            let joint = self.joint(joint, X_PM, &carrier)?;
-            chain.joints.push(joint);
+            chain.joints.push(self.joint(joint, X_PJ, &carrier)?);
+            self.attach(&mut chain, &carrier)?;
         }
         Ok(chain)
     }
 
-    /// The last link: where fixed joints lead to from the last moving link, if they lead to one place.
-    fn tip(&self, last: &'a str) -> String {
-        let fixed = self.fixed_to(last);
-        let leaves: Vec<&str> = fixed
-            .iter()
-            .map(|(link, _)| *link)
-            .filter(|link| self.joints_of(link).is_empty())
-            .collect();
-        if let [leaf] = leaves[..] { leaf } else { last }.to_owned()
-    }
-
-    /// Frames, shapes and notes of the links that move with joint `i`.
-    fn attach(
-        &self,
-        chain: &mut Chain,
-        joint: Option<usize>,
-        rigid: &[(&'a str, Pose)],
-    ) -> Result<(), RobotError> {
+    /// Frames, shapes and notes of the links that move with the last joint so far.
+    fn attach(&self, chain: &mut Chain, rigid: &Rigid<'a>) -> Result<(), Defect> {
+        let joint = chain.joints.len().checked_sub(1);
         for &(name, X_LF) in rigid {
-            if !is_finite(&X_LF) {
-                return Err(self.not_finite(format!("the pose of link '{name}'")));
-            }
+            check_finite(&X_LF, || format!("the pose of link '{name}'"))?;
             chain.frames.push(Frame {
                 name: name.to_owned(),
                 joint,
@@ -392,17 +295,16 @@ impl<'a> Tree<'a> {
             });
             let link = self.links[name];
             let before = chain.shapes.len();
+            let shape = |geometry, origin, colour| Shape {
+                joint,
+                X_LS: X_LF * pose(origin),
+                geometry,
+                colour,
+            };
             for visual in &link.visual {
+                let colour = self.colour(visual.material.as_ref());
                 match geometry(&visual.geometry) {
-                    Ok(geometry) => {
-                        let colour = self.colour(visual.material.as_ref());
-                        chain.shapes.push(Shape {
-                            joint,
-                            X_LS: X_LF * pose(&visual.origin),
-                            geometry,
-                            colour,
-                        });
-                    }
+                    Ok(geometry) => chain.shapes.push(shape(geometry, &visual.origin, colour)),
                     Err(file) => chain.notes.push(format!(
                         "the mesh '{file}' of link '{name}' is not shown: meshes are not read"
                     )),
@@ -410,16 +312,11 @@ impl<'a> Tree<'a> {
             }
             if chain.shapes.len() == before {
                 // Collision geometry is often simpler than visual geometry.
-                let shapes = link.collision.iter().filter_map(|collision| {
+                let closed = link.collision.iter().filter_map(|collision| {
                     let geometry = geometry(&collision.geometry).ok()?;
-                    Some(Shape {
-                        joint,
-                        X_LS: X_LF * pose(&collision.origin),
-                        geometry,
-                        colour: None,
-                    })
+                    Some(shape(geometry, &collision.origin, None))
                 });
-                chain.shapes.extend(shapes);
+                chain.shapes.extend(closed);
             }
             for child in self.joints_of(name) {
                 let is_held = rigid.iter().any(|(link, _)| *link == child.child.link);
@@ -443,33 +340,25 @@ impl<'a> Tree<'a> {
     /// A material's colour: its own, or that of the one it names.
     fn colour(&self, material: Option<&urdf_rs::Material>) -> Option<[f64; 4]> {
         let material = material?;
-        let named = || {
-            self.materials
-                .iter()
-                .find(|known| known.name == material.name)?
-                .color
-                .as_ref()
-        };
-        material
-            .color
-            .as_ref()
-            .or_else(named)
-            .map(|color| color.rgba.0)
-            .filter(|rgba| rgba.iter().all(|part| (0.0..=1.0).contains(part)))
+        let mut named = self.urdf.materials.iter();
+        let named = named.find(|known| known.name == material.name);
+        let color = material.color.as_ref().or_else(|| named?.color.as_ref());
+        let in_range = |rgba: &[f64; 4]| rgba.iter().all(|part| (0.0..=1.0).contains(part));
+        color.map(|color| color.rgba.0).filter(in_range)
     }
 
     fn joint(
         &self,
         joint: &urdf_rs::Joint,
-        X_PM: Pose,
-        rigid: &[(&'a str, Pose)],
-    ) -> Result<Joint, RobotError> {
-        let robot = || self.robot.to_owned();
+        X_PJ: Pose,
+        rigid: &Rigid<'a>,
+    ) -> Result<Joint, Defect> {
+        let name = joint.name.clone();
         if let Some(mimic) = &joint.mimic {
-            return Err(RobotError::Mimic {
-                robot: robot(),
-                joint: joint.name.clone(),
-                leader: mimic.joint.clone(),
+            let leader = mimic.joint.clone();
+            return Err(Defect::Mimic {
+                joint: name,
+                leader,
             });
         }
         let kind = match joint.joint_type {
@@ -477,55 +366,45 @@ impl<'a> Tree<'a> {
             JointType::Continuous => JointKind::Continuous,
             JointType::Prismatic => JointKind::Prismatic,
             ref other => {
-                return Err(RobotError::UnsupportedJoint {
-                    robot: robot(),
-                    joint: joint.name.clone(),
-                    kind: format!("{other:?}").to_lowercase(),
-                });
+                let kind = format!("{other:?}").to_lowercase();
+                return Err(Defect::UnsupportedJoint { joint: name, kind });
             }
         };
-        let axis = Vector3::from(joint.axis.xyz.0);
-        let norm = axis.norm();
-        if !(norm > 1e-9 && norm.is_finite()) {
-            return Err(RobotError::Joint {
-                robot: robot(),
-                joint: joint.name.clone(),
-                what: "axis",
-                value: format!("{:?}", joint.axis.xyz.0),
-                remedy: "give a direction, such as xyz=\"0 0 1\"",
-            });
-        }
-        let X_PJ = X_PM * pose(&joint.origin);
-        if !is_finite(&X_PJ) {
-            return Err(self.not_finite(format!("the pose of joint '{}'", joint.name)));
-        }
+        let axis = joint.axis.xyz.0;
+        let Some(unit) = Vector3::from(axis)
+            .try_normalize(1e-9)
+            .filter(|unit| unit.norm() > 0.5)
+        else {
+            let (value, remedy) = (
+                format!("{axis:?}"),
+                "give a direction, such as xyz=\"0 0 1\"",
+            );
+            return Err(Defect::of_joint(&name, "axis", value, remedy));
+        };
+        check_finite(&X_PJ, || format!("the pose of joint '{name}'"))?;
         let (mass, com, inertia) = self.lump(rigid)?;
-        let (damping, friction) = joint
-            .dynamics
-            .as_ref()
-            .map_or((0.0, 0.0), |d| (d.damping, d.friction));
+        let dynamics = joint.dynamics.as_ref();
         let mut limit = joint.limit.clone();
         if kind == JointKind::Continuous {
             (limit.lower, limit.upper) = (f64::NEG_INFINITY, f64::INFINITY);
             // A continuous joint needs no <limit>; the parser then gives zero.
-            if limit.effort == 0.0 {
-                limit.effort = f64::INFINITY;
-            }
-            if limit.velocity == 0.0 {
-                limit.velocity = f64::INFINITY;
+            for most in [&mut limit.effort, &mut limit.velocity] {
+                if *most == 0.0 {
+                    *most = f64::INFINITY;
+                }
             }
         }
         Ok(Joint {
-            name: joint.name.clone(),
+            name,
             kind,
             X_PJ,
-            axis: axis / norm,
+            axis: unit,
             mass,
             com,
             inertia,
             armature: 0.0,
-            viscous_friction: damping,
-            coulomb_friction: friction,
+            viscous_friction: dynamics.map_or(0.0, |dynamics| dynamics.damping),
+            coulomb_friction: dynamics.map_or(0.0, |dynamics| dynamics.friction),
             lower: limit.lower,
             upper: limit.upper,
             effort: limit.effort,
@@ -536,10 +415,7 @@ impl<'a> Tree<'a> {
     }
 
     /// Mass, centre of mass, and inertia about it, of links that move as one, in the first one's frame.
-    fn lump(
-        &self,
-        rigid: &[(&'a str, Pose)],
-    ) -> Result<(f64, Vector3<f64>, Matrix3<f64>), RobotError> {
+    fn lump(&self, rigid: &Rigid<'a>) -> Result<(f64, Vector3<f64>, Matrix3<f64>), Defect> {
         let mut bodies = Vec::new();
         for &(name, X_LF) in rigid {
             let inertial = &self.links[name].inertial;
@@ -552,11 +428,13 @@ impl<'a> Tree<'a> {
             );
             let X = X_LF * pose(&inertial.origin);
             let mass = inertial.mass.value;
-            if !(mass.is_finite() && is_finite(&X) && I.iter().all(|x| x.is_finite())) {
-                return Err(self.not_finite(format!("the inertia of link '{name}'")));
+            let what = || format!("the inertia of link '{name}'");
+            check_finite(&X, what)?;
+            if !(mass.is_finite() && I.iter().all(|x| x.is_finite())) {
+                return Err(Defect::NotFinite(what()));
             }
             if mass < 0.0 {
-                return Err(self.impossible(name, mass, &I));
+                return Err(impossible(name, mass, &I));
             }
             // A link may have inertia without mass: its part in a body that others give mass.
             if mass > 0.0 || I != Matrix3::zeros() {
@@ -564,23 +442,20 @@ impl<'a> Tree<'a> {
             }
         }
         let name = rigid[0].0;
-        if !bodies.iter().any(|(mass, ..)| *mass > 0.0) {
-            return Err(RobotError::NoInertia {
-                robot: self.robot.to_owned(),
-                link: name.to_owned(),
-            });
+        let mass: f64 = bodies.iter().map(|(m, ..)| m).sum();
+        if mass <= 0.0 {
+            return Err(Defect::NoInertia(name.to_owned()));
         }
-        let (mass, com, inertia) = match bodies[..] {
+        let (com, inertia) = match bodies[..] {
             // One body alone keeps its numbers to the last bit.
-            [body] => body,
+            [(_, com, inertia)] => (com, inertia),
             _ => {
-                let mass: f64 = bodies.iter().map(|(m, ..)| m).sum();
                 let com = bodies.iter().map(|(m, c, _)| *m * c).sum::<Vector3<f64>>() / mass;
                 let about_com = |(m, c, I): &(f64, Vector3<f64>, Matrix3<f64>)| {
                     let r = c - com;
                     I + *m * (Matrix3::from_diagonal_element(r.dot(&r)) - r * r.transpose())
                 };
-                (mass, com, bodies.iter().map(about_com).sum())
+                (com, bodies.iter().map(about_com).sum())
             }
         };
         let inertia = 0.5 * (inertia + inertia.transpose());
@@ -588,27 +463,19 @@ impl<'a> Tree<'a> {
         // Published values are rounded: the triangle inequality may miss by that much.
         let realisable = d.min() > 0.0 && d.sum() - 2.0 * d.max() >= -1e-6 * d.sum();
         if !realisable {
-            return Err(self.impossible(name, mass, &inertia));
+            return Err(impossible(name, mass, &inertia));
         }
         Ok((mass, com, inertia))
     }
+}
 
-    fn impossible(&self, link: &str, mass: f64, inertia: &Matrix3<f64>) -> RobotError {
-        let mut moments: [f64; 3] = inertia.symmetric_eigenvalues().into();
-        moments.sort_by(f64::total_cmp);
-        RobotError::Inertia {
-            robot: self.robot.to_owned(),
-            link: link.to_owned(),
-            mass,
-            moments,
-        }
-    }
-
-    fn not_finite(&self, what: String) -> RobotError {
-        RobotError::NotFinite {
-            robot: self.robot.to_owned(),
-            what,
-        }
+fn impossible(link: &str, mass: f64, inertia: &Matrix3<f64>) -> Defect {
+    let mut moments: [f64; 3] = inertia.symmetric_eigenvalues().into();
+    moments.sort_by(f64::total_cmp);
+    Defect::Inertia {
+        link: link.to_owned(),
+        mass,
+        moments,
     }
 }
 
@@ -616,8 +483,11 @@ fn pose(origin: &urdf_rs::Pose) -> Pose {
     Pose::from_xyz_rpy(origin.xyz.0, origin.rpy.0)
 }
 
-fn is_finite(X: &Pose) -> bool {
-    X.p.iter().chain(X.R.iter()).all(|x| x.is_finite())
+fn check_finite(X: &Pose, what: impl Fn() -> String) -> Result<(), Defect> {
+    if X.p.iter().chain(X.R.iter()).all(|x| x.is_finite()) {
+        return Ok(());
+    }
+    Err(Defect::NotFinite(what()))
 }
 
 /// The shape, or the name of the mesh file it is in.

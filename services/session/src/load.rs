@@ -5,7 +5,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use model::{Robot, RobotError, RobotText};
+use model::{Defect, Robot, RobotError, RobotText};
 use shared_types::file::Complaint;
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
@@ -286,7 +286,13 @@ pub fn robot(name: &str, folder: Option<&Path>, frame: Option<&str>) -> Result<R
         urdf,
     };
     let made = match (Robot::from_source(&source), frame) {
-        (Err(RobotError::Branches { .. }), Some(frame)) => {
+        (
+            Err(RobotError::Defect {
+                defect: Defect::Branches { .. },
+                ..
+            }),
+            Some(frame),
+        ) => {
             let mut description: toml::Table =
                 source.description.parse().map_err(Failure::input)?;
             description.insert("default_frame".to_owned(), frame.into());

@@ -1,34 +1,13 @@
 //! Rows in two registers of four lanes: AVX2.
 
 use super::row::{PerJoint, Row, Space, V3};
-use nalgebra::{SVector, Vector3};
+use nalgebra::Vector3;
 use shared_types::MAX_DOF;
-use std::arch::x86_64::__m256d;
-use std::arch::x86_64::_CMP_LE_OQ;
-use std::arch::x86_64::_mm256_add_epi64;
-use std::arch::x86_64::_mm256_add_pd;
-use std::arch::x86_64::_mm256_and_pd;
-use std::arch::x86_64::_mm256_andnot_pd;
-use std::arch::x86_64::_mm256_blend_pd;
-use std::arch::x86_64::_mm256_blendv_pd;
-use std::arch::x86_64::_mm256_castpd_si256;
-use std::arch::x86_64::_mm256_castsi256_pd;
-use std::arch::x86_64::_mm256_cmp_pd;
-use std::arch::x86_64::_mm256_loadu_pd;
-use std::arch::x86_64::_mm256_movemask_pd;
-use std::arch::x86_64::_mm256_mul_pd;
-use std::arch::x86_64::_mm256_permute2f128_pd;
-use std::arch::x86_64::_mm256_permute4x64_pd;
-use std::arch::x86_64::_mm256_set1_epi64x;
-use std::arch::x86_64::_mm256_set1_pd;
-use std::arch::x86_64::_mm256_setr_pd;
-use std::arch::x86_64::_mm256_setzero_pd;
-use std::arch::x86_64::_mm256_slli_epi64;
-use std::arch::x86_64::_mm256_storeu_pd;
-use std::arch::x86_64::_mm256_sub_pd;
-use std::arch::x86_64::_mm256_unpackhi_pd;
-use std::arch::x86_64::_mm256_unpacklo_pd;
-use std::arch::x86_64::_mm256_xor_pd;
+use std::arch::x86_64::{
+    __m256d, _mm256_add_pd, _mm256_blend_pd, _mm256_loadu_pd, _mm256_mul_pd,
+    _mm256_permute2f128_pd, _mm256_permute4x64_pd, _mm256_set1_pd, _mm256_setr_pd,
+    _mm256_setzero_pd, _mm256_storeu_pd, _mm256_sub_pd, _mm256_unpackhi_pd, _mm256_unpacklo_pd,
+};
 use std::ops::{Add, Mul, Sub};
 
 /// Instructions of AVX2, which nothing but `widest!` lets run.
@@ -76,16 +55,6 @@ impl<const N: usize> Row<N> for Fours<N> {
     #[inline(always)]
     fn splat(value: f64) -> Self {
         avx2!(Self([_mm256_set1_pd(value); 2]))
-    }
-
-    #[inline(always)]
-    fn of(values: &SVector<f64, N>) -> Self {
-        const { assert!(N <= MAX_DOF && MAX_DOF == 8) };
-        let v = |i: usize| if i < N { values[i] } else { 0.0 };
-        avx2!(Self([
-            _mm256_setr_pd(v(0), v(1), v(2), v(3)),
-            _mm256_setr_pd(v(4), v(5), v(6), v(7))
-        ]))
     }
 
     #[inline(always)]
@@ -158,24 +127,6 @@ impl<const N: usize> Row<N> for Fours<N> {
             z: Self([z_a, z_b]),
         }
     }
-
-    #[inline(always)]
-    fn is_within(self, limit: f64) -> bool {
-        let [a, b] = self.0;
-        avx2!({
-            let (limit, sign) = (_mm256_set1_pd(limit), _mm256_set1_pd(-0.0));
-            let a = _mm256_cmp_pd::<_CMP_LE_OQ>(_mm256_andnot_pd(sign, a), limit);
-            let b = _mm256_cmp_pd::<_CMP_LE_OQ>(_mm256_andnot_pd(sign, b), limit);
-            _mm256_movemask_pd(_mm256_and_pd(a, b)) == 0b1111
-        })
-    }
-
-    #[inline(always)]
-    fn turned(sin: Self, cos: Self, quarters: Self) -> (Self, Self) {
-        let (s_a, c_a) = turned(sin.0[0], cos.0[0], quarters.0[0]);
-        let (s_b, c_b) = turned(sin.0[1], cos.0[1], quarters.0[1]);
-        (Self([s_a, s_b]), Self([c_a, c_b]))
-    }
 }
 
 /// Sums of four from the first on. Places that have nothing to add get −0, which leaves every number as it is.
@@ -224,24 +175,6 @@ fn transposed(a: &Components, b: &Components, c: &Components, d: &Components) ->
             _mm256_permute2f128_pd::<0x20>(y_ab, y_cd),
             _mm256_permute2f128_pd::<0x31>(xz_ab, xz_cd),
         ]
-    })
-}
-
-#[inline(always)]
-fn turned(sin: __m256d, cos: __m256d, quarters: __m256d) -> (__m256d, __m256d) {
-    avx2!({
-        let quarters = _mm256_castpd_si256(quarters);
-        // A blend and a sign look at the highest bit.
-        let swaps = _mm256_castsi256_pd(_mm256_slli_epi64::<63>(quarters));
-        let next = _mm256_add_epi64(quarters, _mm256_set1_epi64x(1));
-        let (s, c) = (
-            _mm256_blendv_pd(sin, cos, swaps),
-            _mm256_blendv_pd(cos, sin, swaps),
-        );
-        let sign = _mm256_set1_pd(-0.0);
-        let sign_s = _mm256_and_pd(sign, _mm256_castsi256_pd(_mm256_slli_epi64::<62>(quarters)));
-        let sign_c = _mm256_and_pd(sign, _mm256_castsi256_pd(_mm256_slli_epi64::<62>(next)));
-        (_mm256_xor_pd(s, sign_s), _mm256_xor_pd(c, sign_c))
     })
 }
 

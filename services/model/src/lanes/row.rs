@@ -21,6 +21,14 @@ impl PerJoint {
     pub(crate) const ZERO: Self = Self([0.0; MAX_DOF]);
 
     #[inline(always)]
+    pub(crate) fn of<const N: usize>(values: &SVector<f64, N>) -> Self {
+        const { assert!(N <= MAX_DOF && MAX_DOF == 8) };
+        let mut all = Self::ZERO;
+        all.0[..N].copy_from_slice(values.as_slice());
+        all
+    }
+
+    #[inline(always)]
     pub(crate) fn first<const N: usize>(&self) -> SVector<f64, N> {
         SVector::from_fn(|i, _| self.0[i])
     }
@@ -31,7 +39,10 @@ pub(crate) trait Row<const N: usize>: Number {
     /// Components of a vector side by side.
     type Space: Space;
     fn splat(value: f64) -> Self;
-    fn of(values: &SVector<f64, N>) -> Self;
+    #[inline(always)]
+    fn of(values: &SVector<f64, N>) -> Self {
+        Self::load(&PerJoint::of(values))
+    }
     fn load(values: &PerJoint) -> Self;
     fn store(self) -> PerJoint;
     /// Of each joint the sum over the joints up to it, the nearer half first: a tree of additions, which is not the order of the joints.
@@ -42,10 +53,6 @@ pub(crate) trait Row<const N: usize>: Number {
     fn parents(self) -> Self;
     /// Vectors of each joint as rows of their components.
     fn rows(vectors: &[Self::Space; MAX_DOF]) -> V3<Self>;
-    /// Whether no magnitude is beyond `limit`, or NaN.
-    fn is_within(self, limit: f64) -> bool;
-    /// Sine and cosine turned by right angles, whose number is in the last two bits of `quarters`.
-    fn turned(sin: Self, cos: Self, quarters: Self) -> (Self, Self);
 }
 
 /// The components x, y and z of one vector.
@@ -56,7 +63,7 @@ pub(crate) trait Space: Copy + Add<Output = Self> + Sub<Output = Self> {
 }
 
 /// A vector per joint, or any other three numbers x, y and z.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct V3<R> {
     pub(crate) x: R,
     pub(crate) y: R,
@@ -115,14 +122,33 @@ impl<R: Number> V3<R> {
     }
 }
 
+/// Functions of a row, of each component. No closures: what is not inlined before its caller is, is compiled without the caller's registers.
+macro_rules! by_components {
+    ($($name:ident)+) => {$(
+        #[inline(always)]
+        pub(crate) fn $name<const N: usize>(self) -> Self
+        where
+            R: Row<N>,
+        {
+            V3 {
+                x: self.x.$name(),
+                y: self.y.$name(),
+                z: self.z.$name(),
+            }
+        }
+    )+};
+}
+
 impl<R: Copy> V3<R> {
+    by_components!(outwards inwards parents);
+
     /// The same vector of all joints.
     #[inline(always)]
     pub(crate) fn splat<const N: usize>(v: &Vector3<f64>) -> Self
     where
         R: Row<N>,
     {
-        Self {
+        V3 {
             x: R::splat(v.x),
             y: R::splat(v.y),
             z: R::splat(v.z),
@@ -134,7 +160,7 @@ impl<R: Copy> V3<R> {
     where
         R: Row<N>,
     {
-        Self {
+        V3 {
             x: R::load(&vectors.x),
             y: R::load(&vectors.y),
             z: R::load(&vectors.z),
@@ -146,57 +172,16 @@ impl<R: Copy> V3<R> {
     where
         R: Row<N>,
     {
-        Vectors {
+        V3 {
             x: self.x.store(),
             y: self.y.store(),
             z: self.z.store(),
         }
     }
-
-    #[inline(always)]
-    pub(crate) fn outwards<const N: usize>(self) -> Self
-    where
-        R: Row<N>,
-    {
-        Self {
-            x: self.x.outwards(),
-            y: self.y.outwards(),
-            z: self.z.outwards(),
-        }
-    }
-
-    #[inline(always)]
-    pub(crate) fn inwards<const N: usize>(self) -> Self
-    where
-        R: Row<N>,
-    {
-        Self {
-            x: self.x.inwards(),
-            y: self.y.inwards(),
-            z: self.z.inwards(),
-        }
-    }
-
-    #[inline(always)]
-    pub(crate) fn parents<const N: usize>(self) -> Self
-    where
-        R: Row<N>,
-    {
-        Self {
-            x: self.x.parents(),
-            y: self.y.parents(),
-            z: self.z.parents(),
-        }
-    }
 }
 
 /// A vector per joint in memory.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Vectors {
-    pub(crate) x: PerJoint,
-    pub(crate) y: PerJoint,
-    pub(crate) z: PerJoint,
-}
+pub(crate) type Vectors = V3<PerJoint>;
 
 impl Vectors {
     pub(crate) const ZERO: Self = Self {

@@ -3,48 +3,21 @@
 use crate::{Model, Robot};
 use nalgebra::{SMatrix, SVector};
 use serde_json::Value;
+use std::collections::BTreeMap;
 
 /// Every quantity agrees to this, relative to the largest element of its kind over all states (or to 1).
 const TOLERANCE: f64 = 1e-13;
 
-fn rows(value: &Value) -> Vec<Vec<f64>> {
-    value.as_array().unwrap().iter().map(numbers).collect()
-}
-
+/// The numbers of nested arrays, row by row.
 fn numbers(value: &Value) -> Vec<f64> {
-    value
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|x| x.as_f64().unwrap())
-        .collect()
-}
-
-fn vector<const N: usize>(value: &Value) -> SVector<f64, N> {
-    SVector::from_column_slice(&numbers(value))
-}
-
-fn matrix<const R: usize, const C: usize>(value: &Value) -> SMatrix<f64, R, C> {
-    SMatrix::from_row_slice(&rows(value).concat())
-}
-
-/// Largest deviation and largest magnitude of each quantity.
-#[derive(Default)]
-struct Worst(std::collections::BTreeMap<&'static str, (f64, f64)>);
-
-impl Worst {
-    fn see<const R: usize, const C: usize>(
-        &mut self,
-        quantity: &'static str,
-        ours: SMatrix<f64, R, C>,
-        theirs: SMatrix<f64, R, C>,
-    ) {
-        let (deviation, magnitude) = self.0.entry(quantity).or_default();
-        let difference = (ours - theirs).amax();
-        assert!(difference.is_finite(), "{quantity}");
-        *deviation = deviation.max(difference);
-        *magnitude = magnitude.max(theirs.amax());
+    match value.as_array() {
+        Some(values) => values.iter().flat_map(numbers).collect(),
+        None => vec![value.as_f64().unwrap()],
     }
+}
+
+fn rows<const R: usize, const C: usize>(matrix: SMatrix<f64, R, C>) -> Vec<f64> {
+    matrix.transpose().as_slice().to_vec()
 }
 
 fn check<const N: usize>(robot: &str, text: &str) {
@@ -52,61 +25,54 @@ fn check<const N: usize>(robot: &str, text: &str) {
     let model = Model::<N>::new(&Robot::builtin(robot).unwrap(), Some("ee")).unwrap();
     assert_eq!(numbers(&data["gravity"]), model.gravity_vector().as_slice());
     assert_eq!(numbers(&data["armature"]), model.armature().as_slice());
-    let mut worst = Worst::default();
     let states = data["states"].as_array().unwrap();
     assert_eq!(states.len(), 200);
+    // Largest deviation and largest magnitude of each quantity.
+    let mut worst = BTreeMap::<&str, (f64, f64)>::new();
     for s in states {
-        let [q, qdot, qddot, tau] = ["q", "qd", "qdd", "tau_in"].map(|key| vector::<N>(&s[key]));
-        let terms = model.evaluate(&q, &qdot);
-        worst.see("M", terms.A, matrix(&s["M"]));
-        worst.see("M (CRBA)", model.mass_matrix(&q), matrix(&s["M"]));
-        worst.see("nle", terms.bias(), vector(&s["nle"]));
-        worst.see("nle (RNEA)", model.bias(&q, &qdot), vector(&s["nle"]));
-        worst.see("g", terms.gravity, vector(&s["g"]));
-        worst.see("g (alone)", model.gravity(&q), vector(&s["g"]));
-        worst.see("Cqd", terms.coriolis, vector(&s["Cqd"]));
-        worst.see("J", terms.J, matrix(&s["J"]));
-        worst.see("J (alone)", model.jacobian(&q), matrix(&s["J"]));
-        worst.see("Jdot_qd", terms.Jdot_qdot, vector(&s["Jdot_qd"]));
-        worst.see("ee_pos", terms.X_BE.p, vector(&s["ee_pos"]));
-        worst.see("ee_R", terms.X_BE.R, matrix(&s["ee_R"]));
-        worst.see(
-            "ee_R (FK)",
-            model.forward_kinematics(&q).R,
-            matrix(&s["ee_R"]),
-        );
-        worst.see(
-            "tau_rnea",
-            model.inverse_dynamics(&q, &qdot, &qddot),
-            vector(&s["tau_rnea"]),
-        );
-        worst.see(
-            "qdd_fd",
-            model.forward_dynamics(&q, &qdot, &tau),
-            vector(&s["qdd_fd"]),
-        );
+        let vector = |key: &str| SVector::<f64, N>::from_vec(numbers(&s[key]));
+        let [q, qdot, qddot, tau] = ["q", "qd", "qdd", "tau_in"].map(vector);
+        let t = model.evaluate(&q, &qdot);
+        for (key, ours) in [
+            ("M", rows(t.A)),
+            ("M", rows(model.mass_matrix(&q))),
+            ("nle", rows(t.bias())),
+            ("nle", rows(model.bias(&q, &qdot))),
+            ("g", rows(t.gravity)),
+            ("g", rows(model.gravity(&q))),
+            ("Cqd", rows(t.coriolis)),
+            ("J", rows(t.J)),
+            ("J", rows(model.jacobian(&q))),
+            ("Jdot_qd", rows(t.Jdot_qdot)),
+            ("ee_pos", rows(t.X_BE.p)),
+            ("ee_R", rows(t.X_BE.R)),
+            ("ee_R", rows(model.forward_kinematics(&q).R)),
+            ("tau_rnea", rows(model.inverse_dynamics(&q, &qdot, &qddot))),
+            ("qdd_fd", rows(model.forward_dynamics(&q, &qdot, &tau))),
+        ] {
+            let theirs = numbers(&s[key]);
+            assert_eq!(ours.len(), theirs.len(), "{key}");
+            let (deviation, magnitude) = worst.entry(key).or_default();
+            for (ours, theirs) in ours.into_iter().zip(theirs) {
+                assert!((ours - theirs).is_finite(), "{key}");
+                *deviation = deviation.max((ours - theirs).abs());
+                *magnitude = magnitude.max(theirs.abs());
+            }
+        }
     }
-    for (quantity, (deviation, magnitude)) in worst.0 {
-        println!("{robot:9} {quantity:11} worst {deviation:.1e} of {magnitude:.1e}");
+    for (key, (deviation, magnitude)) in worst {
+        let allowed = TOLERANCE * magnitude.max(1.0);
         assert!(
-            deviation <= TOLERANCE * magnitude.max(1.0),
-            "{robot} {quantity}: {deviation:e} of {magnitude:e}"
+            deviation <= allowed,
+            "{robot} {key}: {deviation:e} of {magnitude:e}"
         );
     }
 }
 
 #[test]
-fn puma560_agrees_with_pinocchio() {
-    check::<6>(
-        "puma560",
-        include_str!("../../../../tests/golden/reference_puma560.json"),
-    );
-}
-
-#[test]
-fn planar3r_agrees_with_pinocchio() {
-    check::<3>(
-        "planar3r",
-        include_str!("../../../../tests/golden/reference_planar3.json"),
-    );
+fn the_puma_and_the_planar_arm_agree_with_pinocchio() {
+    let puma = include_str!("../../../../tests/golden/reference_puma560.json");
+    check::<6>("puma560", puma);
+    let planar = include_str!("../../../../tests/golden/reference_planar3.json");
+    check::<3>("planar3r", planar);
 }
