@@ -1,6 +1,6 @@
 //! Joint encoders: noise, then quantisation.
 
-use crate::noise::gaussians;
+use crate::noise::gaussian;
 use model::{JointKind, Robot};
 use nalgebra::SVector;
 
@@ -33,21 +33,16 @@ impl<const N: usize> Encoders<N> {
     /// Requires robot.dof() ≤ N and bits < 53; the places of absent joints are ideal.
     #[must_use]
     pub fn new(robot: &Robot, bits: u32, noise_counts: f64, seed: u64) -> Self {
-        let resolution =
-            SVector::from_fn(|i, _| match robot.joints.get(i).map(|joint| joint.kind) {
-                _ if bits == 0 => 0.0,
-                None => 0.0,
-                Some(JointKind::Prismatic) => 1.0 / (1u64 << bits) as f64,
-                Some(JointKind::Revolute | JointKind::Continuous) => {
-                    std::f64::consts::TAU / (1u64 << bits) as f64
-                }
-            });
+        let slides = |i: usize| robot.joints.get(i).map(|j| j.kind == JointKind::Prismatic);
+        let resolution = SVector::from_fn(|i, _| match slides(i) {
+            Some(slides) if bits > 0 => {
+                let turn = if slides { 1.0 } else { std::f64::consts::TAU };
+                turn / (1u64 << bits) as f64
+            }
+            _ => 0.0,
+        });
         let tolerance = SVector::from_fn(|i, _| {
-            let is_sliding = robot
-                .joints
-                .get(i)
-                .is_some_and(|joint| joint.kind == JointKind::Prismatic);
-            let least = if is_sliding {
+            let least = if slides(i) == Some(true) {
                 CONTRADICTION.1
             } else {
                 CONTRADICTION.0
@@ -78,18 +73,17 @@ impl<const N: usize> Encoders<N> {
     /// The encoders' readings at `tick` with the joints at `q`; rad. A pure function of both.
     #[must_use]
     pub fn read(&self, tick: u64, q: &SVector<f64, N>) -> SVector<f64, N> {
-        let noise = if self.noise_counts == 0.0 {
-            [0.0; N]
-        } else {
-            gaussians(self.seed, tick).map(|z| self.noise_counts * z)
-        };
         SVector::from_fn(|i, _| {
-            let r = self.resolution[i];
+            let (r, sigma) = (self.resolution[i], self.noise_counts);
             if r == 0.0 {
-                q[i]
-            } else {
-                r * (q[i] / r + noise[i]).round()
+                return q[i];
             }
+            let noise = if sigma == 0.0 {
+                0.0
+            } else {
+                sigma * gaussian(self.seed, tick, i as u64)
+            };
+            r * (q[i] / r + noise).round()
         })
     }
 }
@@ -105,43 +99,46 @@ mod tests {
         Encoders::new(&ROBOT, bits, noise_counts, 11)
     }
 
+    const COUNT: f64 = std::f64::consts::TAU / 65536.0;
+
+    /// Joints somewhere else at each tick.
+    fn posture(tick: u64) -> SVector<f64, 6> {
+        SVector::from_fn(|i, _| (tick * 6 + i as u64) as f64 * 1.618e-3 - 3.0)
+    }
+
     #[test]
-    fn without_noise_the_error_is_at_most_half_a_count() {
-        let count = std::f64::consts::TAU / 65536.0;
-        for k in 0..1000 {
-            let q = SVector::from_fn(|i, _| (k * 6 + i) as f64 * 1.618e-3 - 3.0);
-            let reading = encoders(16, 0.0).read(k as u64, &q);
-            assert!((reading - q).amax() <= 0.5 * count * (1.0 + 1e-9));
+    fn without_noise_the_error_is_at_most_half_a_count_and_zero_bits_are_ideal() {
+        for tick in 0..1000 {
+            let q = posture(tick);
+            let reading = encoders(16, 0.0).read(tick, &q);
+            assert!((reading - q).amax() <= 0.5 * COUNT * (1.0 + 1e-9));
+            let counts = reading / COUNT;
             assert!(
-                reading
-                    .iter()
-                    .all(|x| (x / count - (x / count).round()).abs() < 1e-9),
+                (counts - counts.map(f64::round)).amax() < 1e-9,
                 "on the grid"
             );
+            assert_eq!(encoders(0, 0.5).read(tick, &q), q);
         }
     }
 
     #[test]
-    fn noise_has_the_standard_deviation_asked_for() {
-        let count = std::f64::consts::TAU / 65536.0;
+    fn noise_has_the_standard_deviation_asked_for_in_each_joint_and_tick() {
         let q = SVector::repeat(0.3);
         let n = 20_000;
         let square: f64 = (0..n)
-            .map(|t| ((encoders(16, 3.0).read(t, &q) - q) / count).norm_squared())
+            .map(|t| ((encoders(16, 3.0).read(t, &q) - q) / COUNT).norm_squared())
             .sum();
         let variance = square / (6 * n) as f64;
         // σ² and the variance of rounding; the standard error of a variance is √(2/n) of it.
         let expected = 9.0 + 1.0 / 12.0;
+        let error = (variance - expected).abs();
         assert!(
-            (variance - expected).abs() < 5.0 * expected * (2.0 / (6 * n) as f64).sqrt(),
+            error < 5.0 * expected * (2.0 / (6 * n) as f64).sqrt(),
             "variance {variance}"
         );
-    }
-
-    #[test]
-    fn zero_bits_are_ideal() {
-        let q = SVector::from_fn(|i, _| 0.1 + i as f64 / 7.0);
-        assert_eq!(encoders(0, 0.5).read(9, &q), q);
+        let reading = encoders(16, 50.0).read(4, &SVector::zeros());
+        assert!((1..6).all(|i| reading[i] != reading[0]));
+        assert_ne!(encoders(16, 50.0).read(5, &SVector::zeros()), reading);
     }
 
     #[test]
@@ -152,30 +149,23 @@ mod tests {
             (8, 2.0, 0.41, 0.43),
         ] {
             let encoders = encoders(bits, noise);
-            for tick in 0..500 {
-                let q = SVector::from_fn(|i, _| (tick * 6 + i as u64) as f64 * 1.618e-3 - 3.0);
-                assert!(
-                    encoders.agrees(&encoders.read(tick, &q), &q),
-                    "{bits} bits, tick {tick}"
+            let agrees =
+                |tick| encoders.agrees(&encoders.read(tick, &posture(tick)), &posture(tick));
+            assert!((0..500).all(agrees), "{bits} bits");
+            for (away, agrees) in [
+                (within, true),
+                (-within, true),
+                (beyond, false),
+                (-beyond, false),
+                (f64::NAN, false),
+            ] {
+                let reading = SVector::from_fn(|i, _| if i == 4 { away } else { 0.0 });
+                assert_eq!(
+                    encoders.agrees(&reading, &SVector::zeros()),
+                    agrees,
+                    "{away}"
                 );
             }
-            let at = |away: f64| SVector::from_fn(|i, _| if i == 4 { away } else { 0.0 });
-            let agrees = |away| encoders.agrees(&at(away), &SVector::zeros());
-            assert!(
-                agrees(within)
-                    && agrees(-within)
-                    && !agrees(beyond)
-                    && !agrees(-beyond)
-                    && !agrees(f64::NAN),
-                "{bits} bits"
-            );
         }
-    }
-
-    #[test]
-    fn joints_and_ticks_have_their_own_noise() {
-        let reading = encoders(16, 50.0).read(4, &SVector::zeros());
-        assert!((1..6).all(|i| reading[i] != reading[0]));
-        assert_ne!(encoders(16, 50.0).read(5, &SVector::zeros()), reading);
     }
 }

@@ -73,7 +73,7 @@ struct Constraints<const N: usize> {
 /// Of a whole tick of T s all this is known when it is over: the clearance has not run out, and no joint is near a limit at either end. A joint
 /// that turns back in between goes beyond both ends by |Δq̇|·T/8 at constant acceleration; eight times that is kept free.
 pub(crate) struct Hybrid<const N: usize> {
-    world: World<N>,
+    world: World,
     /// Coulomb friction; N·m. `None`: there is none.
     dry_friction: Option<SVector<f64, N>>,
     lower: SVector<f64, N>,

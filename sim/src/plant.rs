@@ -48,27 +48,31 @@ impl<const N: usize> Plant<N> {
         rate_hz: u32,
         q_start: &SVector<f64, N>,
     ) -> Result<Self, PlantError> {
-        check(rate_hz > 0, "rate_hz", rate_hz.into(), "at least 1")?;
-        check(
-            options.substeps > 0,
-            "plant.substeps",
-            options.substeps.into(),
-            "at least 1",
-        )?;
-        let factor = options.mass_factor;
-        check(
-            factor > 0.0 && factor.is_finite(),
-            "plant.mass_factor",
-            factor,
-            "positive",
-        )?;
-        if let Some(floor_m) = options.floor_m {
-            check(
-                floor_m.is_finite(),
+        let (factor, floor_m) = (options.mass_factor, options.floor_m.unwrap_or(0.0));
+        for (key, value, holds, range) in [
+            ("rate_hz", rate_hz.into(), rate_hz > 0, "at least 1"),
+            (
+                "plant.substeps",
+                options.substeps.into(),
+                options.substeps > 0,
+                "at least 1",
+            ),
+            (
+                "plant.mass_factor",
+                factor,
+                factor > 0.0 && factor.is_finite(),
+                "positive",
+            ),
+            (
                 "plant.floor_m",
                 floor_m,
+                floor_m.is_finite(),
                 "a height in m",
-            )?;
+            ),
+        ] {
+            if !holds {
+                return Err(PlantError::Range { key, value, range });
+            }
         }
         let mut robot = robot.clone();
         for joint in &mut robot.joints {
@@ -89,16 +93,13 @@ impl<const N: usize> Plant<N> {
         let tick_s = 1.0 / f64::from(rate_hz);
         let back_end = match options.model {
             PlantModel::Reference => {
-                let dry = robot
-                    .joints
-                    .iter()
-                    .find(|joint| options.friction && joint.coulomb_friction > 0.0);
-                if let Some(joint) = dry {
-                    let (joint, coulomb) = (joint.name.clone(), joint.coulomb_friction);
+                let is_dry =
+                    |joint: &&model::Joint| options.friction && joint.coulomb_friction > 0.0;
+                if let Some(joint) = robot.joints.iter().find(is_dry) {
                     return Err(PlantError::DryFriction {
+                        joint: joint.name.clone(),
+                        coulomb: joint.coulomb_friction,
                         robot: robot.name,
-                        joint,
-                        coulomb,
                     });
                 }
                 BackEnd::Reference
@@ -205,18 +206,5 @@ impl<const N: usize> Plant<N> {
         } else {
             0
         }
-    }
-}
-
-fn check(
-    holds: bool,
-    key: &'static str,
-    value: f64,
-    range: &'static str,
-) -> Result<(), PlantError> {
-    if holds {
-        Ok(())
-    } else {
-        Err(PlantError::Range { key, value, range })
     }
 }

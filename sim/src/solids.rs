@@ -1,8 +1,8 @@
 //! Collision shapes: what of the arm can touch the world.
 
 use model::{Geometry, Pose, Robot};
-use nalgebra::{SVector, Vector3};
-use rapier3d::geometry::SharedShape;
+use nalgebra::{Matrix3, SVector, Vector3};
+use rapier3d::geometry::{Group, SharedShape};
 use rapier3d::math;
 use rapier3d::parry::query;
 
@@ -20,100 +20,93 @@ pub(crate) struct Solid {
     /// Its frame in the link's.
     pub(crate) X_LS: Pose,
     pub(crate) shape: SharedShape,
+    /// Its link's, the base's or the floor's.
+    pub(crate) group: Group,
     /// Distance of its farthest point from the link's origin; m.
     pub(crate) reach: f64,
+}
+
+impl Solid {
+    fn on(link: Option<usize>, X_LS: Pose, shape: SharedShape, reach: f64) -> Self {
+        let group = Group::from_bits_truncate(1 << link.map_or(0, |i| i + 1));
+        Self {
+            link,
+            X_LS,
+            shape,
+            group,
+            reach,
+        }
+    }
+}
+
+/// The floor's group.
+pub(crate) const FLOOR: Group = Group::GROUP_32;
+
+/// A floor at the height `z` in the base; m.
+pub(crate) fn floor(z: f64) -> Solid {
+    let X_BF = Pose::translation(Vector3::new(0.0, 0.0, z));
+    Solid {
+        group: FLOOR,
+        ..Solid::on(None, X_BF, SharedShape::halfspace(math::Vector::Z), 0.0)
+    }
 }
 
 /// The robot's own shapes, or, where it has none, capsules from joint to joint.
 pub(crate) fn solids(robot: &Robot) -> Vec<Solid> {
     if robot.shapes.is_empty() {
-        guessed(robot)
-    } else {
-        described(robot)
+        return guessed(robot);
     }
+    robot.shapes.iter().map(described).collect()
 }
 
-fn described(robot: &Robot) -> Vec<Solid> {
-    let solid = |shape: &model::Shape| {
-        let along_z = |half: f64| {
-            (
-                math::Vector::new(0.0, 0.0, -half),
-                math::Vector::new(0.0, 0.0, half),
-            )
-        };
-        let (solid, radius, X_LS) = match shape.geometry {
-            Geometry::Box { size } => {
-                let half = size / 2.0;
-                (
-                    SharedShape::cuboid(half.x, half.y, half.z),
-                    half.norm(),
-                    shape.X_LS,
-                )
-            }
-            // rapier's cylinder lies along y.
-            Geometry::Cylinder { radius, length } => {
-                let half = length / 2.0;
-                (
-                    SharedShape::cylinder(half, radius),
-                    libm::hypot(half, radius),
-                    shape.X_LS * y_to_z(),
-                )
-            }
-            Geometry::Sphere { radius } => (SharedShape::ball(radius), radius, shape.X_LS),
-            Geometry::Capsule { radius, length } => {
-                let (a, b) = along_z(length / 2.0);
-                (
-                    SharedShape::capsule(a, b, radius),
-                    length / 2.0 + radius,
-                    shape.X_LS,
-                )
-            }
-        };
-        Solid {
-            link: shape.joint,
-            X_LS,
-            shape: solid,
-            reach: X_LS.p.norm() + radius,
+fn described(shape: &model::Shape) -> Solid {
+    let (solid, radius) = match shape.geometry {
+        Geometry::Box { size } => {
+            let half = size / 2.0;
+            (SharedShape::cuboid(half.x, half.y, half.z), half.norm())
+        }
+        // rapier's cylinder lies along y.
+        Geometry::Cylinder { radius, length } => {
+            let half = length / 2.0;
+            let reach = libm::hypot(half, radius);
+            let X_LS = shape.X_LS * y_to_z();
+            let cylinder = SharedShape::cylinder(half, radius);
+            return Solid::on(shape.joint, X_LS, cylinder, X_LS.p.norm() + reach);
+        }
+        Geometry::Sphere { radius } => (SharedShape::ball(radius), radius),
+        Geometry::Capsule { radius, length } => {
+            let half = math::Vector::new(0.0, 0.0, length / 2.0);
+            let capsule = SharedShape::capsule(-half, half, radius);
+            (capsule, length / 2.0 + radius)
         }
     };
-    robot.shapes.iter().map(solid).collect()
+    let reach = shape.X_LS.p.norm() + radius;
+    Solid::on(shape.joint, shape.X_LS, solid, reach)
 }
 
 /// A rotation that takes y to z.
 fn y_to_z() -> Pose {
-    Pose::rotation(nalgebra::Matrix3::new(
-        1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0,
-    ))
+    let columns = [Vector3::x(), Vector3::z(), -Vector3::y()];
+    Pose::rotation(Matrix3::from_columns(&columns))
 }
 
 fn guessed(robot: &Robot) -> Vec<Solid> {
-    let last = robot.dof().saturating_sub(1);
-    let end = |i: usize| match robot.joints.get(i + 1) {
-        Some(next) => next.X_PJ.p,
-        // The farthest frame on the last link: the flange, or the end-effector.
-        None => {
-            let frames = robot
-                .frames
-                .iter()
-                .filter(|frame| frame.joint == Some(last))
-                .map(|frame| frame.X_LF.p);
-            frames.fold(Vector3::zeros(), |far, p| {
-                if p.norm() > far.norm() { p } else { far }
-            })
-        }
-    };
     let capsule = |i: usize| {
-        let p = end(i);
+        // The next joint or, on the last link, the farthest frame: the flange, or the end-effector.
+        let on_last = robot.frames.iter().filter(|frame| frame.joint == Some(i));
+        let p = match robot.joints.get(i + 1) {
+            Some(next) => next.X_PJ.p,
+            None => on_last
+                .map(|frame| frame.X_LF.p)
+                .fold(Vector3::zeros(), |far, p| {
+                    if p.norm() > far.norm() { p } else { far }
+                }),
+        };
         let length = p.norm();
         let radius = (GUESS_RATIO * length).clamp(GUESS_RADIUS[0], GUESS_RADIUS[1]);
-        let shape =
-            SharedShape::capsule(math::Vector::ZERO, math::Vector::new(p.x, p.y, p.z), radius);
-        (length > GUESS_SHORTEST).then(|| Solid {
-            link: Some(i),
-            X_LS: Pose::identity(),
-            shape,
-            reach: length + radius,
-        })
+        let shape = SharedShape::capsule(math::Vector::ZERO, vector(&p), radius);
+        (length > GUESS_SHORTEST)
+            .then(|| Solid::on(Some(i), Pose::identity(), shape, length + radius))
     };
     (0..robot.dof()).filter_map(capsule).collect()
 }
@@ -124,15 +117,23 @@ pub(crate) fn placed<const N: usize>(solid: &Solid, X_BL: &[Pose; N]) -> math::P
 }
 
 /// Distance between two placed solids, 0 where they overlap; m.
-pub(crate) fn distance(a: (&math::Pose, &SharedShape), b: (&math::Pose, &SharedShape)) -> f64 {
-    query::distance(a.0, &*a.1.0, b.0, &*b.1.0).map_or(0.0, |found| found.distance)
+pub(crate) fn distance(a: (&math::Pose, &Solid), b: (&math::Pose, &Solid)) -> f64 {
+    let found = query::distance(a.0, &*a.1.shape.0, b.0, &*b.1.shape.0);
+    found.map_or(0.0, |found| found.distance)
+}
+
+pub(crate) fn vector(v: &Vector3<f64>) -> math::Vector {
+    math::Vector::new(v.x, v.y, v.z)
+}
+
+pub(crate) fn matrix(A: &Matrix3<f64>) -> math::Matrix {
+    let column = |j: usize| vector(&A.column(j).into());
+    math::Matrix::from_cols(column(0), column(1), column(2))
 }
 
 pub(crate) fn to_rapier(X: &Pose) -> math::Pose {
-    let column = |j: usize| math::Vector::new(X.R[(0, j)], X.R[(1, j)], X.R[(2, j)]);
-    let R = math::Rotation::from_mat3(&math::Matrix::from_cols(column(0), column(1), column(2)))
-        .normalize();
-    math::Pose::from_parts(math::Vector::new(X.p.x, X.p.y, X.p.z), R)
+    let R = math::Rotation::from_mat3(&matrix(&X.R)).normalize();
+    math::Pose::from_parts(vector(&X.p), R)
 }
 
 /// For each joint, how far a point of the arm can move per unit of its motion, relative to anything before it: m/rad.
@@ -140,27 +141,16 @@ pub(crate) fn to_rapier(X: &Pose) -> math::Pose {
 /// The farthest point beyond joint j is never farther from its axis than the links between them are long, so
 /// |Δp| ≤ Σ_j reach_j·|Δq_j| in every posture.
 pub(crate) fn reach<const N: usize>(robot: &Robot, solids: &[Solid]) -> SVector<f64, N> {
-    let slide = |i: usize| match robot.joints[i].kind {
-        model::JointKind::Prismatic => robot.joints[i].lower.abs().max(robot.joints[i].upper.abs()),
-        _ => 0.0,
-    };
-    let own = |i: usize| {
-        solids
-            .iter()
-            .filter(|s| s.link == Some(i))
-            .map(|s| s.reach)
-            .fold(0.0, f64::max)
-    };
-    let mut reach = SVector::zeros();
-    let mut beyond = 0.0;
-    for i in (0..robot.dof()).rev() {
-        beyond = own(i).max(beyond);
-        reach[i] = if robot.joints[i].kind == model::JointKind::Prismatic {
-            1.0
-        } else {
-            beyond
+    let (mut reach, mut beyond) = (SVector::zeros(), 0.0);
+    for (i, joint) in robot.joints.iter().enumerate().rev() {
+        let own = solids.iter().filter(|solid| solid.link == Some(i));
+        beyond = own.map(|solid| solid.reach).fold(beyond, f64::max);
+        let (per_motion, slide) = match joint.kind {
+            model::JointKind::Prismatic => (1.0, joint.lower.abs().max(joint.upper.abs())),
+            _ => (beyond, 0.0),
         };
-        beyond += robot.joints[i].X_PJ.p.norm() + slide(i);
+        reach[i] = per_motion;
+        beyond += joint.X_PJ.p.norm() + slide;
     }
     reach
 }

@@ -8,21 +8,19 @@
 
 use crate::error::PlantError;
 use crate::smooth::State;
-use crate::solids::{Solid, distance, placed, solids, to_rapier};
+use crate::solids::{FLOOR, Solid, distance, floor, matrix, placed, solids, to_rapier, vector};
 use model::{Joint, JointKind, Pose, Robot};
 use nalgebra::{Matrix3, SVector, Vector3};
 use rapier3d::dynamics::{
-    CCDSolver, GenericJoint, GenericJointBuilder, ImpulseJointSet, IntegrationParameters,
-    IslandManager, JointAxesMask, JointAxis, MassProperties, Multibody, MultibodyJointHandle,
-    MultibodyJointSet, RigidBodyBuilder, RigidBodyHandle, RigidBodySet, SoftBodySet,
+    GenericJoint, GenericJointBuilder, IntegrationParameters, JointAxesMask, JointAxis,
+    MassProperties, Multibody, MultibodyJointHandle, RigidBodyBuilder, RigidBodyHandle,
     SpringCoefficients,
 };
 use rapier3d::geometry::{
-    BroadPhaseBvh, ColliderBuilder, ColliderHandle, ColliderSet, Group, InteractionGroups,
-    InteractionTestMode, NarrowPhase, SharedShape,
+    ColliderBuilder, ColliderHandle, Group, InteractionGroups, InteractionTestMode,
 };
 use rapier3d::math;
-use rapier3d::pipeline::PhysicsPipeline;
+use rapier3d::pipeline::PhysicsWorld;
 
 /// Coulomb friction coefficient of arm against floor and arm against arm.
 const CONTACT_FRICTION: f64 = 0.5;
@@ -57,123 +55,29 @@ pub(crate) struct Response<const N: usize> {
     pub(crate) impulse: Vector3<f64>,
 }
 
-pub(crate) struct World<const N: usize> {
-    gravity: math::Vector,
-    parameters: IntegrationParameters,
-    pipeline: PhysicsPipeline,
-    islands: IslandManager,
-    broad_phase: BroadPhaseBvh,
-    narrow_phase: NarrowPhase,
-    bodies: RigidBodySet,
-    colliders: ColliderSet,
-    impulse_joints: ImpulseJointSet,
-    multibody_joints: MultibodyJointSet,
-    soft_bodies: SoftBodySet,
-    ccd_solver: CCDSolver,
-    arm: MultibodyJointHandle,
-    /// The arm's own joints; the places beyond are absent joints, which rapier does not see.
-    joints: usize,
-    /// The base at the places of absent joints.
-    links: [RigidBodyHandle; N],
-    /// Joint axes, link axes.
-    axes: [math::Vector; N],
-    sliding: [bool; N],
-    /// Joint limits; rad, m.
-    lower: [f64; N],
-    upper: [f64; N],
-    solids: Vec<Solid>,
-    /// Which solids may touch which; `None` is the floor.
-    pairs: Vec<(usize, Option<usize>)>,
-    floor: Option<(math::Pose, SharedShape)>,
-    moving: Vec<ColliderHandle>,
+/// A joint and its link in rapier3d.
+struct Jointed {
+    link: RigidBodyHandle,
+    /// Link axes.
+    axis: math::Vector,
+    slides: bool,
+    /// Limits; rad, m.
+    lower: f64,
+    upper: f64,
 }
 
-/// The arm's links and joints in rapier3d's sets.
-struct Arm<const N: usize> {
-    bodies: RigidBodySet,
-    joints: MultibodyJointSet,
-    base: RigidBodyHandle,
-    /// The base at the places of absent joints.
-    links: [RigidBodyHandle; N],
-    /// Joint axes, link axes.
-    axes: [math::Vector; N],
+pub(crate) struct World {
+    physics: PhysicsWorld,
     /// The last joint, which leads to the multibody of all.
-    last: MultibodyJointHandle,
-}
-
-impl<const N: usize> Arm<N> {
-    /// The arm with all joints at zero, undamped, with the drives' inertia and, where asked for, the joints' dry friction.
-    ///
-    /// # Errors
-    /// [`PlantError`] for an arm without joints, or a link whose inertia is none.
-    fn new(robot: &Robot, dry_friction: bool) -> Result<Self, PlantError> {
-        let (mut bodies, mut joints) = (RigidBodySet::new(), MultibodyJointSet::new());
-        let base = bodies.insert(RigidBodyBuilder::fixed());
-        let (mut links, mut axes, mut last) = ([base; N], [math::Vector::ZERO; N], None);
-        for (i, joint) in robot.joints.iter().enumerate() {
-            let mass = mass_properties(joint)?;
-            links[i] = bodies.insert(
-                RigidBodyBuilder::dynamic()
-                    .can_sleep(false)
-                    .additional_mass_properties(mass),
-            );
-            axes[i] = math::Vector::new(joint.axis.x, joint.axis.y, joint.axis.z);
-            let parent = if i == 0 { base } else { links[i - 1] };
-            last = joints.insert(parent, links[i], jointed(joint), true);
-        }
-        let last = last.ok_or(PlantError::NoJoints)?;
-        let (multibody, _) = joints.get_mut(last).ok_or(PlantError::NoJoints)?;
-        multibody.forward_kinematics(&bodies, true);
-        multibody.damping_mut().fill(0.0);
-        for (i, joint) in robot.joints.iter().enumerate() {
-            multibody.armature_mut()[i] = joint.armature;
-            multibody.frictions_mut()[i] = if dry_friction {
-                joint.coulomb_friction
-            } else {
-                0.0
-            };
-        }
-        Ok(Self {
-            bodies,
-            joints,
-            base,
-            links,
-            axes,
-            last,
-        })
-    }
-
-    /// Gives each solid a collider that meets its partners in `pairs` alone; the colliders on links.
-    fn collide(
-        &mut self,
-        solids: &[Solid],
-        pairs: &[(usize, Option<usize>)],
-        colliders: &mut ColliderSet,
-    ) -> Vec<ColliderHandle> {
-        let mut moving = Vec::new();
-        for (k, solid) in solids.iter().enumerate() {
-            let partners = pairs.iter().filter_map(|&(a, b)| match b {
-                None if a == k => Some(FLOOR),
-                Some(b) if a == k => Some(group(solids[b].link)),
-                Some(b) if b == k => Some(group(solids[a].link)),
-                _ => None,
-            });
-            let collider = ColliderBuilder::new(solid.shape.clone())
-                .position(to_rapier(&solid.X_LS))
-                .density(0.0)
-                .friction(CONTACT_FRICTION)
-                .collision_groups(groups(
-                    group(solid.link),
-                    partners.fold(Group::NONE, |all, g| all | g),
-                ));
-            let body = solid.link.map_or(self.base, |i| self.links[i]);
-            let handle = colliders.insert_with_parent(collider, body, &mut self.bodies);
-            if solid.link.is_some() {
-                moving.push(handle);
-            }
-        }
-        moving
-    }
+    arm: MultibodyJointHandle,
+    /// The arm's own joints: absent ones are none of rapier's.
+    joints: Vec<Jointed>,
+    /// The floor is the last, where there is one.
+    solids: Vec<Solid>,
+    /// Which solids may touch which.
+    pairs: Vec<(usize, usize)>,
+    /// Colliders on links.
+    moving: Vec<ColliderHandle>,
 }
 
 /// A joint in rapier3d's terms, within its range.
@@ -200,11 +104,10 @@ fn jointed(joint: &Joint) -> GenericJoint {
     frames.build()
 }
 
-/// rapier3d's settings for sub-steps of `h` s.
-fn parameters(h: f64) -> IntegrationParameters {
+/// rapier3d's settings; a sub-step brings its length.
+fn parameters() -> IntegrationParameters {
     let softness = SpringCoefficients::new(CONTACT_FREQUENCY, 1.0);
     IntegrationParameters {
-        dt: h,
         num_solver_iterations: 1,
         num_internal_pgs_iterations: ITERATIONS,
         num_internal_stabilization_iterations: ITERATIONS,
@@ -219,9 +122,12 @@ fn parameters(h: f64) -> IntegrationParameters {
     }
 }
 
-impl<const N: usize> World<N> {
+impl World {
     /// The arm at `q`, its floor and what may touch what, with sub-steps of `h` s.
-    pub(crate) fn new(
+    ///
+    /// # Errors
+    /// [`PlantError`] for an arm without joints or in the floor, or a link whose inertia is none.
+    pub(crate) fn new<const N: usize>(
         robot: &Robot,
         q: &SVector<f64, N>,
         X_BL: &[Pose; N],
@@ -230,84 +136,88 @@ impl<const N: usize> World<N> {
         dry_friction: bool,
         h: f64,
     ) -> Result<Self, PlantError> {
-        let solids = solids(robot);
-        let floor = floor_m.map(|z| {
-            (
-                math::Pose::from_translation(math::Vector::new(0.0, 0.0, z)),
-                SharedShape::halfspace(math::Vector::Z),
-            )
-        });
-        let pairs = touching(robot, &solids, floor.as_ref(), X_BL, self_collision)?;
-
-        let mut arm = Arm::new(robot, dry_friction)?;
-        let mut colliders = ColliderSet::new();
-        let moving = arm.collide(&solids, &pairs, &mut colliders);
-        if let Some((pose, shape)) = &floor {
-            let collider = ColliderBuilder::new(shape.clone())
-                .position(*pose)
-                .friction(CONTACT_FRICTION);
-            colliders.insert(collider.collision_groups(groups(FLOOR, Group::ALL)));
+        let mut solids = solids(robot);
+        solids.extend(floor_m.map(floor));
+        let mut physics = PhysicsWorld {
+            gravity: vector(&robot.gravity),
+            integration_parameters: parameters(),
+            ..PhysicsWorld::default()
+        };
+        let pairs = touching(robot, &solids, X_BL, self_collision)?;
+        let base = physics.bodies.insert(RigidBodyBuilder::fixed());
+        let (mut joints, mut arm) = (Vec::new(), None);
+        for joint in &robot.joints {
+            let link = RigidBodyBuilder::dynamic()
+                .can_sleep(false)
+                .additional_mass_properties(mass_properties(joint)?);
+            let link = physics.bodies.insert(link);
+            let parent = joints.last().map_or(base, |last: &Jointed| last.link);
+            arm = (physics.multibody_joints).insert(parent, link, jointed(joint), true);
+            joints.push(Jointed {
+                link,
+                axis: vector(&joint.axis),
+                slides: joint.kind == JointKind::Prismatic,
+                lower: joint.lower,
+                upper: joint.upper,
+            });
         }
-        let g = robot.gravity;
+        let arm = arm.ok_or(PlantError::NoJoints)?;
+        let multibody = physics.multibody_joints.get_mut(arm);
+        let (multibody, _) = multibody.ok_or(PlantError::NoJoints)?;
+        multibody.forward_kinematics(&physics.bodies, true);
+        multibody.damping_mut().fill(0.0);
+        for (i, joint) in robot.joints.iter().enumerate() {
+            multibody.armature_mut()[i] = joint.armature;
+            let dry = joint.coulomb_friction;
+            multibody.frictions_mut()[i] = if dry_friction { dry } else { 0.0 };
+        }
         let mut world = Self {
-            gravity: math::Vector::new(g.x, g.y, g.z),
-            parameters: parameters(h),
-            pipeline: PhysicsPipeline::new(),
-            islands: IslandManager::new(),
-            broad_phase: BroadPhaseBvh::new(),
-            narrow_phase: NarrowPhase::new(),
-            bodies: arm.bodies,
-            colliders,
-            impulse_joints: ImpulseJointSet::new(),
-            multibody_joints: arm.joints,
-            soft_bodies: SoftBodySet::new(),
-            ccd_solver: CCDSolver::new(),
-            arm: arm.last,
-            links: arm.links,
-            axes: arm.axes,
-            joints: robot.dof(),
-            sliding: std::array::from_fn(|i| {
-                robot
-                    .joints
-                    .get(i)
-                    .is_some_and(|joint| joint.kind == JointKind::Prismatic)
-            }),
-            lower: std::array::from_fn(|i| {
-                robot
-                    .joints
-                    .get(i)
-                    .map_or(f64::NEG_INFINITY, |joint| joint.lower)
-            }),
-            upper: std::array::from_fn(|i| {
-                robot
-                    .joints
-                    .get(i)
-                    .map_or(f64::INFINITY, |joint| joint.upper)
-            }),
+            physics,
+            arm,
+            joints,
             solids,
             pairs,
-            floor,
-            moving,
+            moving: Vec::new(),
         };
+        world.collide(base);
         // Pairs with the floor are found once and for all, in one order, whatever is stepped later.
         world.step(&State::at_rest(*q), &SVector::zeros(), h);
         Ok(world)
     }
 
-    /// Least distance between any two solids that may touch; m. ∞ if none may.
-    pub(crate) fn clearance(&self, X_BL: &[Pose; N]) -> f64 {
-        let between = |&(a, b): &(usize, Option<usize>)| {
-            let of = |k: usize| placed(&self.solids[k], X_BL);
-            match (b, &self.floor) {
-                (Some(b), _) => distance(
-                    (&of(a), &self.solids[a].shape),
-                    (&of(b), &self.solids[b].shape),
-                ),
-                (None, Some((pose, shape))) => {
-                    distance((&of(a), &self.solids[a].shape), (pose, shape))
+    /// Gives each solid a collider that meets its partners alone.
+    fn collide(&mut self, base: RigidBodyHandle) {
+        for (k, solid) in self.solids.iter().enumerate() {
+            let partners = self.pairs.iter().filter_map(|&(a, b)| match (a, b) {
+                (a, b) if a == k => Some(self.solids[b].group),
+                (a, b) if b == k => Some(self.solids[a].group),
+                _ => None,
+            });
+            let filter = partners.fold(Group::NONE, |all, group| all | group);
+            let groups = InteractionGroups::new(solid.group, filter, InteractionTestMode::And);
+            let collider = ColliderBuilder::new(solid.shape.clone())
+                .position(to_rapier(&solid.X_LS))
+                .density(0.0)
+                .friction(CONTACT_FRICTION)
+                .collision_groups(groups);
+            let (bodies, colliders) = (&mut self.physics.bodies, &mut self.physics.colliders);
+            match solid.link {
+                _ if solid.group == FLOOR => drop(colliders.insert(collider)),
+                None => drop(colliders.insert_with_parent(collider, base, bodies)),
+                Some(i) => {
+                    let link = self.joints[i].link;
+                    self.moving
+                        .push(colliders.insert_with_parent(collider, link, bodies));
                 }
-                (None, None) => f64::INFINITY,
             }
+        }
+    }
+
+    /// Least distance between any two solids that may touch; m. ∞ if none may.
+    pub(crate) fn clearance<const N: usize>(&self, X_BL: &[Pose; N]) -> f64 {
+        let between = |&(a, b): &(usize, usize)| {
+            let [a, b] = [a, b].map(|k| &self.solids[k]);
+            distance((&placed(a, X_BL), a), (&placed(b, X_BL), b))
         };
         self.pairs.iter().map(between).fold(f64::INFINITY, f64::min)
     }
@@ -319,35 +229,27 @@ impl<const N: usize> World<N> {
     /// One sub-step of `h` s from `x` with joint torques `tau`, rapier's way.
     ///
     /// Allocates: rapier3d does, a few small matrices a step.
-    pub(crate) fn step(&mut self, x: &State<N>, tau: &SVector<f64, N>, h: f64) -> Response<N> {
-        self.parameters.dt = h;
+    pub(crate) fn step<const N: usize>(
+        &mut self,
+        x: &State<N>,
+        tau: &SVector<f64, N>,
+        h: f64,
+    ) -> Response<N> {
+        self.physics.integration_parameters.dt = h;
         self.load(x);
         self.push(tau);
-        self.pipeline.step(
-            self.gravity,
-            &self.parameters,
-            &mut self.islands,
-            &mut self.broad_phase,
-            &mut self.narrow_phase,
-            &mut self.bodies,
-            &mut self.colliders,
-            &mut self.impulse_joints,
-            &mut self.multibody_joints,
-            &mut self.soft_bodies,
-            &mut self.ccd_solver,
-            &(),
-            &(),
-        );
+        self.physics.step();
         let (contacts, candidates, impulse) = self.contacts();
-        let Some((multibody, _)) = self.multibody_joints.get(self.arm) else {
+        let Some((multibody, _)) = self.physics.multibody_joints.get(self.arm) else {
             unreachable!("the arm is never removed from the world")
         };
         let velocity = multibody.generalized_velocity();
         let acceleration = multibody.generalized_acceleration();
         let (mut state, mut free) = (*x, x.qdot);
-        for i in 0..self.joints {
-            (state.q[i], state.qdot[i]) = (coordinate(multibody, i, self.sliding[i]), velocity[i]);
-            free[i] = x.qdot[i] + self.parameters.dt * acceleration[i];
+        for (i, joint) in self.joints.iter().enumerate() {
+            state.q[i] = coordinate(multibody, i, joint.slides);
+            state.qdot[i] = velocity[i];
+            free[i] = x.qdot[i] + h * acceleration[i];
         }
         Response {
             state,
@@ -359,79 +261,77 @@ impl<const N: usize> World<N> {
     }
 
     /// Puts the arm into state `x`, to the last bit.
-    fn load(&mut self, x: &State<N>) {
-        let Some((multibody, _)) = self.multibody_joints.get_mut(self.arm) else {
+    fn load<const N: usize>(&mut self, x: &State<N>) {
+        let (physics, joints) = (&mut self.physics, &self.joints);
+        let Some((multibody, _)) = physics.multibody_joints.get_mut(self.arm) else {
             unreachable!("the arm is never removed from the world")
         };
         // Coordinates can only be displaced. A displacement rounds, but less each time: a − b is exact for a ≈ b
         // (Sterbenz), so that the second or third one lands exactly.
         for _ in 0..4 {
             let mut displacement = [0.0; N];
-            for (i, d) in displacement[..self.joints].iter_mut().enumerate() {
-                *d = x.q[i] - coordinate(multibody, i, self.sliding[i]);
+            for (i, joint) in joints.iter().enumerate() {
+                displacement[i] = x.q[i] - coordinate(multibody, i, joint.slides);
             }
-            if displacement.iter().all(|d| *d == 0.0) {
+            if displacement == [0.0; N] {
                 break;
             }
-            multibody.apply_displacements(&displacement[..self.joints]);
+            multibody.apply_displacements(&displacement[..joints.len()]);
         }
         // rapier makes a constraint of each limited joint, which is solved in every iteration and does nothing within the limits.
-        for i in 0..self.joints {
+        for (i, joint) in joints.iter().enumerate() {
             if let Some(link) = multibody.link_mut(i + 1) {
-                let is_beyond = x.q[i] < self.lower[i] || x.q[i] > self.upper[i];
-                let axis = if self.sliding[i] {
-                    JointAxesMask::LIN_X
-                } else {
-                    JointAxesMask::ANG_X
-                };
-                link.joint.data.limit_axes = if is_beyond {
-                    axis
-                } else {
-                    JointAxesMask::empty()
+                let is_beyond = x.q[i] < joint.lower || x.q[i] > joint.upper;
+                link.joint.data.limit_axes = match (is_beyond, joint.slides) {
+                    (false, _) => JointAxesMask::empty(),
+                    (true, true) => JointAxesMask::LIN_X,
+                    (true, false) => JointAxesMask::ANG_X,
                 };
             }
         }
+        let velocity = &x.qdot.as_slice()[..joints.len()];
         multibody
             .generalized_velocity_mut()
-            .copy_from_slice(&x.qdot.as_slice()[..self.joints]);
-        multibody.forward_kinematics(&self.bodies, false);
-        for (i, link) in self.links[..self.joints].iter().enumerate() {
-            if let (Some(body), Some(at)) = (self.bodies.get_mut(*link), multibody.link(i + 1)) {
+            .copy_from_slice(velocity);
+        multibody.forward_kinematics(&physics.bodies, false);
+        for (i, joint) in joints.iter().enumerate() {
+            let body = physics.bodies.get_mut(joint.link);
+            if let (Some(body), Some(at)) = (body, multibody.link(i + 1)) {
                 body.set_position(*at.local_to_world(), false);
             }
         }
     }
 
     /// Applies joint torques as equal and opposite torques (forces, for a sliding joint) on the links they join.
-    fn push(&mut self, tau: &SVector<f64, N>) {
-        for link in &self.links[..self.joints] {
-            self.bodies[*link].reset_forces(false);
-            self.bodies[*link].reset_torques(false);
+    fn push<const N: usize>(&mut self, tau: &SVector<f64, N>) {
+        let bodies = &mut self.physics.bodies;
+        for joint in &self.joints {
+            bodies[joint.link].reset_forces(false);
+            bodies[joint.link].reset_torques(false);
         }
-        for i in 0..self.joints {
-            let child = &mut self.bodies[self.links[i]];
-            let effort = *child.rotation() * self.axes[i] * tau[i];
+        let mut parent: Option<RigidBodyHandle> = None;
+        for (i, joint) in self.joints.iter().enumerate() {
+            let child = &mut bodies[joint.link];
+            let effort = *child.rotation() * joint.axis * tau[i];
             let at = child.center_of_mass();
-            if self.sliding[i] {
+            if joint.slides {
                 child.add_force(effort, false);
             } else {
                 child.add_torque(effort, false);
             }
-            if i == 0 {
-                continue;
-            }
-            let parent = &mut self.bodies[self.links[i - 1]];
-            if self.sliding[i] {
-                parent.add_force_at_point(-effort, at, false);
-            } else {
-                parent.add_torque(-effort, false);
+            let parent = parent.replace(joint.link).map(|link| &mut bodies[link]);
+            match (parent, joint.slides) {
+                (None, _) => {}
+                (Some(parent), true) => parent.add_force_at_point(-effort, at, false),
+                (Some(parent), false) => parent.add_torque(-effort, false),
             }
         }
     }
 
+    /// Contact points that carry force, those that were looked at, and the sum of the impulses from the world on the arm.
     fn contacts(&self) -> (u32, u32, Vector3<f64>) {
         let (mut carrying, mut candidates, mut impulse) = (0, 0, math::Vector::ZERO);
-        for pair in self.narrow_phase.contact_pairs() {
+        for pair in self.physics.narrow_phase.contact_pairs() {
             let moves = |collider: ColliderHandle| self.moving.contains(&collider);
             // Between two links the impulses cancel; against the base or the floor they are the world's.
             let sign = match (moves(pair.collider1), moves(pair.collider2)) {
@@ -440,11 +340,8 @@ impl<const N: usize> World<N> {
                 (true, false) => -1.0,
             };
             for manifold in pair.manifolds() {
-                for point in manifold
-                    .points
-                    .iter()
-                    .filter(|point| point.dist < PREDICTION)
-                {
+                let points = manifold.points.iter();
+                for point in points.filter(|point| point.dist < PREDICTION) {
                     candidates += 1;
                     if point.data.impulse > 0.0 {
                         carrying += 1;
@@ -456,23 +353,9 @@ impl<const N: usize> World<N> {
                 }
             }
         }
-        (
-            carrying,
-            candidates,
-            Vector3::new(impulse.x, impulse.y, impulse.z),
-        )
+        let [x, y, z] = impulse.to_array();
+        (carrying, candidates, Vector3::new(x, y, z))
     }
-}
-
-/// The floor's group; a link's is [`group`].
-const FLOOR: Group = Group::GROUP_32;
-
-fn group(link: Option<usize>) -> Group {
-    Group::from_bits_truncate(1 << link.map_or(0, |i| i + 1))
-}
-
-fn groups(memberships: Group, filter: Group) -> InteractionGroups {
-    InteractionGroups::new(memberships, filter, InteractionTestMode::And)
 }
 
 /// Which solids may touch which: every link the floor; with `self_collision`, the solids of two links (the base is one)
@@ -483,40 +366,38 @@ fn groups(memberships: Group, filter: Group) -> InteractionGroups {
 fn touching<const N: usize>(
     robot: &Robot,
     solids: &[Solid],
-    floor: Option<&(math::Pose, SharedShape)>,
     X_BL: &[Pose; N],
     self_collision: bool,
-) -> Result<Vec<(usize, Option<usize>)>, PlantError> {
+) -> Result<Vec<(usize, usize)>, PlantError> {
     let at: Vec<math::Pose> = solids.iter().map(|solid| placed(solid, X_BL)).collect();
+    let is_apart = |a: usize, b: usize| distance((&at[a], &solids[a]), (&at[b], &solids[b])) > 0.0;
     let mut pairs = Vec::new();
-    if let Some(floor) = floor {
-        for (k, solid) in solids.iter().enumerate() {
-            let Some(i) = solid.link else { continue };
-            if distance((&at[k], &solid.shape), (&floor.0, &floor.1)) == 0.0 {
-                let link = robot.joints[i].link.clone();
-                return Err(PlantError::StartInFloor {
-                    link,
-                    floor_m: floor.0.translation.z,
-                });
-            }
-            pairs.push((k, None));
+    let is_floor = |solid: &Solid| solid.group == FLOOR;
+    let floor = solids.iter().position(is_floor).unwrap_or(solids.len());
+    for (k, solid) in solids.iter().enumerate() {
+        let (Some(i), true) = (solid.link, floor < solids.len()) else {
+            continue;
+        };
+        if !is_apart(k, floor) {
+            let link = robot.joints[i].link.clone();
+            let floor_m = solids[floor].X_LS.p.z;
+            return Err(PlantError::StartInFloor { link, floor_m });
         }
+        pairs.push((k, floor));
     }
     if self_collision {
-        let mut links: Vec<Option<usize>> = solids.iter().map(|solid| solid.link).collect();
+        let mut links: Vec<Option<usize>> =
+            solids[..floor].iter().map(|solid| solid.link).collect();
         links.sort_unstable();
         links.dedup();
-        let of = |link: Option<usize>| (0..solids.len()).filter(move |k| solids[*k].link == link);
+        let of = |link: Option<usize>| (0..floor).filter(move |k| solids[*k].link == link);
         for (place, near) in links.iter().enumerate() {
             for far in links.iter().skip(place + 2) {
                 let both: Vec<(usize, usize)> = of(*near)
                     .flat_map(|a| of(*far).map(move |b| (a, b)))
                     .collect();
-                let apart = |&(a, b): &(usize, usize)| {
-                    distance((&at[a], &solids[a].shape), (&at[b], &solids[b].shape)) > 0.0
-                };
-                if both.iter().all(apart) {
-                    pairs.extend(both.into_iter().map(|(a, b)| (a, Some(b))));
+                if both.iter().all(|&(a, b)| is_apart(a, b)) {
+                    pairs.extend(both);
                 }
             }
         }
@@ -540,13 +421,10 @@ fn mass_properties(joint: &model::Joint) -> Result<MassProperties, PlantError> {
     }
     let floor = (INERTIA_FLOOR * most).max(NO_MASS);
     let inertia = joint.inertia + Matrix3::identity() * (floor - least).max(0.0);
-    let column = |j: usize| math::Vector::new(inertia[(0, j)], inertia[(1, j)], inertia[(2, j)]);
-    let com = math::Vector::new(joint.com.x, joint.com.y, joint.com.z);
-    let inertia = math::Matrix::from_cols(column(0), column(1), column(2));
     Ok(MassProperties::with_inertia_matrix(
-        com,
+        vector(&joint.com),
         joint.mass.max(NO_MASS),
-        inertia,
+        matrix(&inertia),
     ))
 }
 

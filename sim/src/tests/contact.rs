@@ -1,200 +1,116 @@
 //! Contact in sub-steps whose number follows its changes, beside one in equal sub-steps, each against a far finer one.
 
 use super::*;
-use shared_types::scenario::Plant as Options;
 
-/// A scene and the arm's motion in it: its name, the floor (m), dry friction, and the torque at a time (s).
+/// A scene and the arm's motion in it: the floor (m), dry friction, damping (N·m·s/rad), the share of gravity that is compensated, and the torques of
+/// joints 1 and 2 beside at a time (s).
 struct Scene {
     name: &'static str,
     floor_m: Option<f64>,
     friction: bool,
-    torque: fn(&Model<6>, &State<6>, f64) -> Joints,
+    damping: f64,
+    gravity: f64,
+    beside: fn(f64) -> [f64; 2],
 }
 
-/// Gravity compensated, all joints damped by `damping` N·m·s/rad, and a torque beside.
-fn damped(arm: &Model<6>, x: &State<6>, damping: f64, beside: [f64; 6]) -> Joints {
-    arm.gravity(&x.q) - x.qdot * damping + Joints::from(beside)
-}
+const PRESSED: Scene = Scene {
+    name: "pressed",
+    floor_m: Some(-0.35),
+    friction: false,
+    damping: 10.0,
+    gravity: 1.0,
+    beside: |_| [0.0, 20.0],
+};
 
 const SCENES: [Scene; 6] = [
-    Scene {
-        name: "pressed",
-        floor_m: Some(-0.35),
-        friction: false,
-        torque: |arm, x, _| damped(arm, x, 10.0, [0.0, 20.0, 0.0, 0.0, 0.0, 0.0]),
-    },
+    PRESSED,
     Scene {
         name: "sliding",
-        floor_m: Some(-0.35),
-        friction: false,
-        torque: |arm, x, t| {
-            damped(
-                arm,
-                x,
-                10.0,
-                [15.0 * libm::sin(6.0 * t), 20.0, 0.0, 0.0, 0.0, 0.0],
-            )
-        },
+        beside: |t| [15.0 * libm::sin(6.0 * t), 20.0],
+        ..PRESSED
     },
     Scene {
         name: "dropped",
-        floor_m: Some(-0.35),
-        friction: false,
-        torque: |arm, x, _| arm.gravity(&x.q) * 0.5 - x.qdot * 0.5,
+        damping: 0.5,
+        gravity: 0.5,
+        beside: |_| [0.0; 2],
+        ..PRESSED
     },
     Scene {
         name: "struck and lifted",
-        floor_m: Some(-0.35),
-        friction: false,
-        torque: |arm, x, t| {
-            damped(
-                arm,
-                x,
-                10.0,
-                [
-                    0.0,
-                    if t % 0.6 < 0.3 { 60.0 } else { -30.0 },
-                    0.0,
-                    0.0,
-                    0.0,
-                    0.0,
-                ],
-            )
-        },
+        beside: |t| [0.0, if t % 0.6 < 0.3 { 60.0 } else { -30.0 }],
+        ..PRESSED
     },
     Scene {
         name: "sliding with dry friction",
-        floor_m: Some(-0.35),
         friction: true,
-        torque: |arm, x, t| {
-            damped(
-                arm,
-                x,
-                10.0,
-                [25.0 * libm::sin(6.0 * t), 25.0, 0.0, 0.0, 0.0, 0.0],
-            )
-        },
+        beside: |t| [25.0 * libm::sin(6.0 * t), 25.0],
+        ..PRESSED
     },
     Scene {
         name: "at a stop",
         floor_m: None,
-        friction: false,
-        torque: |arm, x, _| damped(arm, x, 10.0, [40.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        beside: |_| [40.0, 0.0],
+        ..PRESSED
     },
 ];
 
-/// States, mean forces and energies tick by tick, and sub-steps of rapier3d.
-struct Course {
-    states: Vec<State<6>>,
-    forces: Vec<Vector3<f64>>,
-    energies: Vec<f64>,
-    asked: u32,
-}
-
-fn course(scene: &Scene, substeps: u32, equally: bool) -> Course {
+/// Positions and energies tick by tick, and sub-steps of rapier3d.
+fn course(scene: &Scene, substeps: u32, equally: bool) -> (Vec<(Joints, f64)>, f64) {
     let options = Options {
         floor_m: scene.floor_m,
         friction: scene.friction,
         substeps,
-        ..options(PlantModel::Rapier)
+        ..Options::default()
     };
     let mut arm = plant(&puma(), &options, &nominal());
     if equally {
         arm.divide_equally();
     }
-    let mut course = Course {
-        states: Vec::new(),
-        forces: Vec::new(),
-        energies: Vec::new(),
-        asked: 0,
-    };
+    let mut course = Vec::new();
     for tick in 0..3 * RATE / 2 {
-        let tau = (scene.torque)(arm.model(), arm.state(), f64::from(tick) / f64::from(RATE));
-        arm.step(&tau).unwrap();
-        course.states.push(*arm.state());
-        course.forces.push(arm.touch().force);
-        course.energies.push(arm.energy());
+        let State { q, qdot } = *arm.state();
+        let [first, second] = (scene.beside)(f64::from(tick) / f64::from(RATE));
+        let carried = arm.model().gravity(&q) * scene.gravity - qdot * scene.damping;
+        arm.step(&(carried + only(0, first) + only(1, second)))
+            .unwrap();
+        course.push((arm.state().q, arm.energy()));
     }
-    course.asked = arm.asked();
-    course
+    (course, f64::from(arm.asked()))
 }
 
-/// Largest error of position (rad), mean square error of velocity (rad/s) and of the mean force over 20 ms (N), largest error of energy (J).
-fn errors(course: &Course, fine: &Course) -> [f64; 4] {
-    let states = || course.states.iter().zip(&fine.states);
-    let mean_square =
-        |squares: Vec<f64>| libm::sqrt(squares.iter().sum::<f64>() / squares.len() as f64);
-    let windows = course.forces.chunks(20).zip(fine.forces.chunks(20));
-    let force = windows.map(|(a, b)| {
-        ((a.iter().sum::<Vector3<f64>>() - b.iter().sum::<Vector3<f64>>()) / 20.0).norm_squared()
-    });
-    [
-        states()
-            .map(|(a, b)| (a.q - b.q).amax())
-            .fold(0.0, f64::max),
-        mean_square(
-            states()
-                .map(|(a, b)| (a.qdot - b.qdot).norm_squared())
-                .collect(),
-        ),
-        mean_square(force.collect()),
-        course
-            .energies
-            .iter()
-            .zip(&fine.energies)
-            .map(|(a, b)| (a - b).abs())
-            .fold(0.0, f64::max),
-    ]
+/// Largest errors of position (rad) and of energy (J).
+fn errors(course: &[(Joints, f64)], fine: &[(Joints, f64)]) -> [f64; 2] {
+    let pairs = course.iter().zip(fine);
+    pairs.fold([0.0; 2], |[q, e], (a, b)| {
+        [q.max((a.0 - b.0).amax()), e.max((a.1 - b.1).abs())]
+    })
 }
 
 #[test]
 fn sub_steps_that_follow_contact_are_fewer_and_nearer_to_fine_ones() {
-    let words = |errors: [f64; 4]| errors.map(|error| format!("{error:.1e}")).join(", ");
-    let (mut ratios, mut asked) = (Vec::new(), [0.0; 2]);
+    let (mut logs, mut asked) = ([0.0; 2], [0.0; 2]);
     for scene in &SCENES {
-        let (fine, equal, following) = (
-            course(scene, 64, true),
-            course(scene, 4, true),
-            course(scene, 4, false),
-        );
+        let (fine, _) = course(scene, 64, true);
+        let (equal, most) = course(scene, 4, true);
+        let (following, fewer) = course(scene, 4, false);
         let (before, now) = (errors(&equal, &fine), errors(&following, &fine));
+        let ratio = [now[0] / before[0], now[1] / before[1]];
         println!(
-            "{}: {} sub-steps, errors {}; equal ones {}, {}",
-            scene.name,
-            following.asked,
-            words(now),
-            equal.asked,
-            words(before)
-        );
-        ratios.push([now[0] / before[0], now[3] / before[3]]);
-        asked = [
-            asked[0] + f64::from(following.asked),
-            asked[1] + f64::from(equal.asked),
-        ];
-        // Where the arm does not bounce, half of them are enough.
-        let is_steady = scene.name != "dropped" && scene.name != "struck and lifted";
-        assert!(
-            !is_steady || f64::from(following.asked) < 0.6 * f64::from(equal.asked),
-            "{} sub-steps {}",
-            following.asked,
+            "{}: {fewer} of {most} sub-steps, errors {ratio:.2?} of {before:.1e?}",
             scene.name
         );
+        // An impact that is just missed or met makes a scene a little worse, or much better.
+        assert!(ratio[0] < 1.5 && ratio[1] < 1.2);
+        // Where the arm does not bounce, half of them are enough.
+        let bounces = scene.name == "dropped" || scene.name == "struck and lifted";
+        assert!(bounces || fewer < 0.6 * most);
+        asked = [asked[0] + fewer, asked[1] + most];
+        logs = [0, 1].map(|k| logs[k] + libm::log(ratio[k]) / SCENES.len() as f64);
     }
-    // An impact that is just missed or met makes a scene a little worse, or much better.
-    let mean = |k: usize| {
-        libm::exp(ratios.iter().map(|ratio| libm::log(ratio[k])).sum::<f64>() / ratios.len() as f64)
-    };
-    println!(
-        "errors of position {:.2} of those of equal sub-steps, of energy {:.2}; {:.2} of the sub-steps",
-        mean(0),
-        mean(1),
-        asked[0] / asked[1]
-    );
+    let mean = logs.map(libm::exp);
     assert!(
-        ratios
-            .iter()
-            .all(|[position, energy]| *position < 1.5 && *energy < 1.2),
-        "{ratios:?}"
+        mean[0] < 0.9 && mean[1] < 0.8 && asked[0] < 0.8 * asked[1],
+        "{mean:?}"
     );
-    assert!(mean(0) < 0.9 && mean(1) < 0.8 && asked[0] < 0.8 * asked[1]);
 }
