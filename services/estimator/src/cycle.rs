@@ -3,7 +3,7 @@
 use std::any::Any;
 
 use crate::disturbance::{Disturbance, Unexplained};
-use model::{Model, ModelError, Robot, Terms, padded};
+use model::{Model, ModelError, Robot, Terms, joints, padded};
 use nalgebra::SVector;
 use shared_types::codes::DRIVE_BRAKED;
 use shared_types::scenario::Scenario;
@@ -148,27 +148,24 @@ impl<const N: usize> Step for Cycle<N> {
                 disturbance_slow: padded(&state.unexplained.slow),
                 disturbance_presence: padded(&state.unexplained.presence),
                 rejected_reading: padded(&state.rejected_reading),
-                rejected_ticks: std::array::from_fn(|i| {
-                    if i < N { state.rejected_ticks[i] } else { 0 }
-                }),
+                rejected_ticks: std::array::from_fn(|i| *state.rejected_ticks.get(i).unwrap_or(&0)),
                 samples: state.samples,
                 reserved: 0,
             });
     }
 
     fn restore(&mut self, from: &EstimatorCheckpoint) {
-        let take = |values: &[f64]| SVector::from_column_slice(&values[..N]);
         self.state = (from.samples > 0).then(|| State {
             tick: from.tick,
             samples: from.samples,
             rejected_ticks: std::array::from_fn(|i| from.rejected_ticks[i]),
-            rejected_reading: take(&from.rejected_reading),
-            q: take(&from.q),
-            qdot: take(&from.qdot),
+            rejected_reading: joints(&from.rejected_reading),
+            q: joints(&from.q),
+            qdot: joints(&from.qdot),
             unexplained: Unexplained {
-                d: take(&from.disturbance),
-                slow: take(&from.disturbance_slow),
-                presence: take(&from.disturbance_presence),
+                d: joints(&from.disturbance),
+                slow: joints(&from.disturbance_slow),
+                presence: joints(&from.disturbance_presence),
             },
         });
         if let Some(state) = &self.state {
@@ -187,8 +184,8 @@ impl<const N: usize> Step for Cycle<N> {
     }
 
     fn step(&mut self, sample: &SensorSample, out: &mut StateEstimate) {
-        let mut measured = SVector::<f64, N>::from_column_slice(&sample.q_encoder[..N]);
-        let tau = SVector::<f64, N>::from_column_slice(&sample.tau_drive[..N]);
+        let mut measured = joints::<N>(&sample.q_encoder);
+        let tau = joints(&sample.tau_drive);
         let tick = sample.header.tick;
         let mut predicted = match self.state {
             None => State::begin(tick, measured),
@@ -198,9 +195,9 @@ impl<const N: usize> Step for Cycle<N> {
         for i in 0..N {
             self.weigh(i, &mut measured[i], &mut predicted);
         }
-        let innovation = measured - predicted.q;
+        let mut innovation = measured - predicted.q;
         let Gains { g, h } = self.gains;
-        let state = State {
+        let mut state = State {
             q: predicted.q + innovation * g,
             qdot: predicted.qdot + innovation * (h / self.T),
             unexplained: self.disturbance.learned(
@@ -214,12 +211,10 @@ impl<const N: usize> Step for Cycle<N> {
         self.model
             .evaluate_into(&state.q, &state.qdot, &mut self.terms);
         let d = state.unexplained.explained();
-        let tau_disturbance = if d.amax() == 0.0 {
-            SVector::zeros()
-        } else {
-            self.terms.A * d
-        };
-        let (mut state, mut innovation, mut tau_disturbance) = (state, innovation, tau_disturbance);
+        let mut tau_disturbance = SVector::zeros();
+        if d.amax() != 0.0 {
+            tau_disturbance = self.terms.A * d;
+        }
         let is_finite = |values: &SVector<f64, N>| values.iter().all(|x| x.is_finite());
         let is_an_arms = state.qdot.iter().all(|x| x.abs() <= ABSURD)
             && state.unexplained.is_finite()
@@ -227,15 +222,11 @@ impl<const N: usize> Step for Cycle<N> {
                 .into_iter()
                 .all(is_finite);
         if !is_an_arms {
-            let reading = SVector::from_column_slice(&sample.q_encoder[..N]);
-            (state, innovation, tau_disturbance) = (
-                State {
-                    samples: 1,
-                    ..State::begin(tick, reading)
-                },
-                SVector::zeros(),
-                SVector::zeros(),
-            );
+            state = State {
+                samples: 1,
+                ..State::begin(tick, joints(&sample.q_encoder))
+            };
+            (innovation, tau_disturbance) = (SVector::zeros(), SVector::zeros());
             self.model
                 .evaluate_into(&state.q, &state.qdot, &mut self.terms);
         }
@@ -350,6 +341,7 @@ impl<const N: usize> Cycle<N> {
 mod tests {
     use super::*;
     use shared_types::wire::Part;
+    use std::sync::LazyLock;
 
     fn scenario(bandwidth: f64, disturbance: f64) -> Scenario {
         let text = format!(
@@ -358,9 +350,31 @@ mod tests {
         Scenario::parse("test", &text, &[]).unwrap()
     }
 
-    fn step<const N: usize>(estimator: &mut Cycle<N>, sample: &SensorSample) -> StateEstimate {
+    static ROBOT: LazyLock<Robot> = LazyLock::new(|| Robot::builtin("puma560").unwrap());
+    static ARM: LazyLock<Model<6>> = LazyLock::new(|| Model::new(&ROBOT, None).unwrap());
+
+    type Joints = SVector<f64, 6>;
+
+    const PLACE: Joints = Joints::new(0.1, -1.2, 1.9, 0.2, 0.5, 0.3);
+
+    fn estimator(bandwidth: f64, disturbance: f64) -> Cycle<6> {
+        Cycle::new(&ROBOT, &scenario(bandwidth, disturbance)).unwrap()
+    }
+
+    fn sample(tick: u64, q: &Joints, tau: &Joints) -> SensorSample {
+        let mut sample = SensorSample {
+            q_encoder: padded(q),
+            tau_drive: padded(tau),
+            ..Default::default()
+        };
+        sample.header.tick = tick;
+        sample
+    }
+
+    fn step(estimator: &mut Cycle<6>, sample: &SensorSample) -> StateEstimate {
         let mut estimate = StateEstimate::default();
         estimator.step(sample, &mut estimate);
+        assert!(estimate.is_finite(), "{estimate:?}");
         estimate
     }
 
@@ -371,64 +385,40 @@ mod tests {
             for z in [0.1, 0.3, 0.77, 1.3f64] {
                 let placed = (z - theta).powi(2);
                 let actual = (z - 1.0).powi(2) + g * (z - 1.0) + h * z;
-                assert!(
-                    (placed - actual).abs() < 1e-14,
-                    "θ {theta} z {z}: {placed} against {actual}"
-                );
+                assert!((placed - actual).abs() < 1e-14, "θ {theta} z {z}");
             }
         }
     }
 
-    /// The arm falls under a constant torque; velocity and disturbance are recovered from rounded positions.
+    /// The arm falls under a constant torque; the worst velocity (rad/s), and the disturbance of joint 4 (N·m), from rounded positions.
     fn follow(disturbance_bandwidth: f64, tau_unknown: f64) -> (f64, f64) {
-        let robot = Robot::builtin("puma560").unwrap();
-        let model = Model::<6>::new(&robot, None).unwrap();
-        let mut estimator =
-            Cycle::<6>::new(&robot, &scenario(150.0, disturbance_bandwidth)).unwrap();
-        let mut q = SVector::<f64, 6>::from_column_slice(&[0.1, -1.2, 1.9, 0.2, 0.5, 0.3]);
-        let mut qdot = SVector::<f64, 6>::zeros();
-        let hold = model.gravity(&q);
-        let (T, parts) = (1e-3, 20);
-        let mut worst: f64 = 0.0;
-        let mut estimate = StateEstimate::default();
-        for tick in 0..400u64 {
+        let mut estimator = estimator(150.0, disturbance_bandwidth);
+        let (mut q, mut qdot, T) = (PLACE, Joints::zeros(), 1e-3);
+        let hold = ARM.gravity(&q);
+        let mut tau = hold;
+        tau[3] += tau_unknown;
+        let (mut worst, mut found) = (0.0_f64, 0.0);
+        for tick in 0..400 {
             let counts = 65536.0 / std::f64::consts::TAU;
-            let mut sample = SensorSample {
-                q_encoder: padded(&q.map(|x| (x * counts).round() / counts)),
-                tau_drive: padded(&hold),
-                ..Default::default()
-            };
-            sample.header.tick = tick;
-            estimate = step(&mut estimator, &sample);
+            let rounded = q.map(|x| (x * counts).round() / counts);
+            let estimate = step(&mut estimator, &sample(tick, &rounded, &hold));
+            found = estimate.tau_disturbance[3];
             if tick > 100 {
-                worst = (0..6).fold(worst, |worst, i| {
-                    worst.max((estimate.qdot[i] - qdot[i]).abs())
-                });
+                worst = worst.max((joints(&estimate.qdot) - qdot).amax());
             }
-            let mut tau = hold;
-            tau[3] += tau_unknown;
-            for _ in 0..parts {
-                let qddot = model.forward_dynamics(&q, &qdot, &tau);
-                qdot += qddot * (T / f64::from(parts));
-                q += qdot * (T / f64::from(parts));
+            for _ in 0..20 {
+                qdot += ARM.forward_dynamics(&q, &qdot, &tau) * (T / 20.0);
+                q += qdot * (T / 20.0);
             }
         }
-        (worst, estimate.tau_disturbance[3])
+        (worst, found)
     }
 
     #[test]
-    fn velocity_is_an_order_better_than_a_difference() {
+    fn velocity_is_an_order_better_than_a_difference_and_an_unknown_torque_is_found() {
         let (worst, _) = follow(0.0, 0.0);
-        let count = std::f64::consts::TAU / 65536.0;
-        assert!(
-            worst < 0.1 * count / 1e-3,
-            "{worst} rad/s against {} rad/s for one count in one tick",
-            count / 1e-3
-        );
-    }
-
-    #[test]
-    fn an_unknown_torque_is_found() {
+        let difference = std::f64::consts::TAU / 65536.0 / 1e-3;
+        assert!(worst < 0.1 * difference, "{worst} rad/s of {difference}");
         let (worst, found) = follow(50.0, 0.3);
         assert!((found - 0.3).abs() < 0.02, "found {found} N·m of 0.3");
         assert!(worst < 0.02, "{worst} rad/s");
@@ -436,117 +426,76 @@ mod tests {
 
     #[test]
     fn a_resumed_estimator_goes_on_bit_for_bit() {
-        let robot = Robot::builtin("puma560").unwrap();
-        let mut whole = Cycle::<6>::new(&robot, &scenario(150.0, 60.0)).unwrap();
-        let mut second = Cycle::<6>::new(&robot, &scenario(150.0, 60.0)).unwrap();
-        let sample = |tick: u64| {
-            let mut sample = SensorSample::default();
-            sample.header.tick = tick;
-            (0..6).for_each(|i| sample.q_encoder[i] = 1e-3 * (tick as f64) * (i as f64 + 1.0));
-            sample
+        let [mut whole, mut second] = [0, 1].map(|_| estimator(150.0, 60.0));
+        let moving = |tick: u64| {
+            let q = Joints::from_fn(|i, _| 1e-3 * (tick as f64) * (i as f64 + 1.0));
+            sample(tick, &q, &Joints::zeros())
         };
         for tick in 0..10 {
-            step(&mut whole, &sample(tick));
+            step(&mut whole, &moving(tick));
         }
         let mut last = EstimatorCheckpoint::default();
         whole.save(&mut last);
         second.restore(&last);
         assert_eq!(
-            step(&mut whole, &sample(10)),
-            step(&mut second, &sample(10))
+            step(&mut whole, &moving(10)),
+            step(&mut second, &moving(10))
         );
     }
 
     #[test]
     fn a_reading_that_jumps_for_a_while_is_no_motion() {
-        let robot = Robot::builtin("puma560").unwrap();
-        let place = [0.1, -1.2, 1.9, 0.2, 0.5, 0.3, 0.0, 0.0];
+        let gravity = ARM.gravity(&PLACE);
         for (bandwidth, jump) in [(0.0, 1000.0), (60.0, 1000.0), (60.0, 0.3), (0.0, -0.3)] {
-            let mut estimator = Cycle::<6>::new(&robot, &scenario(150.0, bandwidth)).unwrap();
+            let mut estimator = estimator(150.0, bandwidth);
             for tick in 0..300_u64 {
-                let mut sample = SensorSample {
-                    q_encoder: place,
-                    ..SensorSample::default()
-                };
-                sample.header.tick = tick;
-                let q = place[0] + 0.5e-3 * tick as f64;
-                sample.q_encoder[0] = if (50..150).contains(&tick) {
-                    q + jump
-                } else {
-                    q
-                };
-                let terms = estimator
-                    .model
-                    .evaluate(&SVector::from_column_slice(&place[..6]), &SVector::zeros());
-                sample.tau_drive = padded(&terms.gravity);
-                let estimate = step(&mut estimator, &sample);
-                let fastest = estimate
-                    .qdot
-                    .iter()
-                    .fold(0.0_f64, |most, x| most.max(x.abs()));
-                assert!(
-                    tick < 40 || fastest < 0.7,
-                    "jump {jump}, tick {tick}: {fastest} rad/s"
-                );
-                let is_outlier = (50..50 + u64::from(PATIENCE)).contains(&tick)
-                    || (150..150 + u64::from(PATIENCE)).contains(&tick);
-                assert!(
-                    tick < 40 || estimator.rejects() == is_outlier,
-                    "jump {jump}, tick {tick}"
-                );
+                let mut q = PLACE;
+                q[0] += 0.5e-3 * tick as f64;
+                let mut reading = q;
+                if (50..150).contains(&tick) {
+                    reading[0] += jump;
+                }
+                let estimate = step(&mut estimator, &sample(tick, &reading, &gravity));
+                if tick < 40 {
+                    continue;
+                }
+                let what = format!("jump {jump}, tick {tick}");
+                assert!(joints::<6>(&estimate.qdot).amax() < 0.7, "{what}");
+                let since = |begin: u64| (begin..begin + u64::from(PATIENCE)).contains(&tick);
+                assert_eq!(estimator.rejects(), since(50) || since(150), "{what}");
                 let is_back = !(48..175).contains(&tick);
-                assert!(
-                    tick < 40 || !is_back || (estimate.q[0] - q).abs() < 1e-3,
-                    "jump {jump}, tick {tick}: {}",
-                    estimate.q[0] - q
-                );
+                assert!(!is_back || (estimate.q[0] - q[0]).abs() < 1e-3, "{what}");
             }
         }
     }
 
     #[test]
     fn a_sample_far_out_of_range_is_answered_with_numbers_and_forgotten() {
-        let robot = Robot::builtin("puma560").unwrap();
-        let place = [0.1, -1.2, 1.9, 0.2, 0.5, 0.3, 0.0, 0.0];
-        let sample = |tick: u64| {
-            let mut sample = SensorSample {
-                q_encoder: place,
-                ..SensorSample::default()
-            };
-            sample.header.tick = tick;
-            sample
-        };
         // A reading, a reported torque, and what a predecessor left: each as large as a number can be.
         for (disturbance, what) in [(0.0, 0), (0.0, 1), (60.0, 2), (60.0, 0)] {
-            let mut estimator = Cycle::<6>::new(&robot, &scenario(150.0, disturbance)).unwrap();
+            let mut estimator = estimator(150.0, disturbance);
             for tick in 0..80 {
-                let mut sample = sample(tick);
+                let (mut q, mut tau) = (PLACE, Joints::zeros());
                 if (10..40).contains(&tick) {
                     let huge = if tick % 2 == 0 { 1e308 } else { -1e308 };
                     match what {
-                        0 => sample.q_encoder[1] = huge,
-                        1 => sample.tau_drive[2] = huge,
-                        _ => {
-                            let last = EstimatorCheckpoint {
-                                tick,
-                                q: place,
-                                qdot: [huge; 8],
-                                disturbance: [-huge; 8],
-                                samples: 2,
-                                ..Default::default()
-                            };
-                            estimator.restore(&last);
-                        }
+                        0 => q[1] = huge,
+                        1 => tau[2] = huge,
+                        _ => estimator.restore(&EstimatorCheckpoint {
+                            tick,
+                            q: padded(&PLACE),
+                            qdot: [huge; 8],
+                            disturbance: [-huge; 8],
+                            samples: 2,
+                            ..Default::default()
+                        }),
                     }
                 }
-                let estimate = step(&mut estimator, &sample);
-                assert!(estimate.is_finite(), "{what}, tick {tick}: {estimate:?}");
-                let error = (0..6).fold(0.0_f64, |error, i| {
-                    error.max((estimate.q[i] - place[i]).abs())
-                });
+                let estimate = step(&mut estimator, &sample(tick, &q, &tau));
+                let error = (joints(&estimate.q) - PLACE).amax();
                 assert!(
                     tick < 65 || error < 0.01,
-                    "{what}, tick {tick}: still {error} rad away"
+                    "{what}, tick {tick}: {error} rad"
                 );
             }
         }

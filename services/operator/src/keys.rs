@@ -1,29 +1,16 @@
 //! The keys of a terminal as targets. PURE.
 
+use crate::settings::Settings;
 use shared_types::scenario::Servo;
 
 /// How long a key holds, s: longer than a terminal waits before it repeats one.
 const HOLDS_S: f64 = 0.6;
 /// Speed of a key at the start: m/s and rad/s.
-const SPEED: (f64, f64) = (0.05, 0.2);
+const SPEED: [f64; 2] = [0.05, 0.2];
 
-/// Frame, speed and side as the keys have set them.
-#[derive(Clone, Debug)]
-pub struct Keys {
-    frame: &'static str,
-    side: &'static str,
-    factor: f64,
-}
-
-impl Default for Keys {
-    fn default() -> Self {
-        Self {
-            frame: "base",
-            side: "keep",
-            factor: 1.0,
-        }
-    }
-}
+/// What the keys have set.
+#[derive(Clone, Debug, Default)]
+pub struct Keys(Settings);
 
 impl Keys {
     /// The keys, in one line.
@@ -49,31 +36,17 @@ impl Keys {
         let sign = if b"sdfklo".contains(&key) { -1.0 } else { 1.0 };
         let mut twist = [0.0; 6];
         if axis < 6 {
-            twist[axis] = sign * self.factor * if axis < 3 { SPEED.0 } else { SPEED.1 };
+            twist[axis] = sign * self.0.factor * SPEED[axis / 3];
         }
-        let values: Vec<String> = twist.iter().map(f64::to_string).collect();
-        Some(format!(
-            "twist, {}, {HOLDS_S}, {}, {}",
-            self.frame,
-            values.join(" "),
-            self.side
-        ))
+        Some(self.0.line(HOLDS_S, twist))
     }
 
     fn set(&mut self, key: u8) {
         match key {
-            b'1' => self.frame = "base",
-            b'2' => self.frame = "hand",
-            b'3' => self.frame = "singular",
-            b'+' | b'=' => self.factor = (self.factor * 1.25).min(8.0),
-            b'-' => self.factor = (self.factor / 1.25).max(0.05),
-            b'x' => {
-                self.side = match self.side {
-                    "keep" => "positive",
-                    "positive" => "negative",
-                    _ => "keep",
-                };
-            }
+            b'1'..=b'3' => self.0.frame = usize::from(key - b'1'),
+            b'+' | b'=' => self.0.change_speed(true),
+            b'-' => self.0.change_speed(false),
+            b'x' => self.0.change_side(),
             _ => {}
         }
     }

@@ -5,6 +5,7 @@ mod cycle;
 mod gamepad;
 mod keys;
 mod pad;
+mod settings;
 
 use std::cell::Cell;
 use std::io;

@@ -1,5 +1,6 @@
 //! The sticks, triggers and buttons of a gamepad as targets. PURE.
 
+use crate::settings::Settings;
 use shared_types::scenario::Servo;
 
 /// Reading of a stick or trigger up to which it is at rest: worn sticks do not come back to zero.
@@ -7,10 +8,7 @@ const DEAD: f64 = 0.12;
 /// Age from which a target is too old, s: the pause between two of them many times over.
 const VALID_S: f64 = 0.2;
 /// Speed of a full stick at the start: m/s and rad/s.
-const SPEED: (f64, f64) = (0.1, 0.4);
-/// Steps of the speed, and its range.
-const STEP: f64 = 1.25;
-const RANGE: (f64, f64) = (0.05, 8.0);
+const SPEED: [f64; 2] = [0.1, 0.4];
 
 /// Something to pull or push, as a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,31 +48,13 @@ pub enum Button {
     Start,
 }
 
-/// The state of a gamepad, and frame, side and speed as its buttons have set them.
-#[derive(Clone, Debug)]
+/// The state of a gamepad, and what its buttons have set.
+#[derive(Clone, Debug, Default)]
 pub struct Pad {
     sticks: [f64; 6],
     shoulders: [bool; 2],
-    frame: usize,
-    side: usize,
-    factor: f64,
+    settings: Settings,
     is_stopped: bool,
-}
-
-const FRAMES: [&str; 3] = ["base", "hand", "singular"];
-const SIDES: [&str; 3] = ["keep", "positive", "negative"];
-
-impl Default for Pad {
-    fn default() -> Self {
-        Self {
-            sticks: [0.0; 6],
-            shoulders: [false; 2],
-            frame: 0,
-            side: 0,
-            factor: 1.0,
-            is_stopped: false,
-        }
-    }
 }
 
 impl Pad {
@@ -98,10 +78,10 @@ impl Pad {
                 self.is_stopped = true;
                 return Some(self.line());
             }
-            (Button::North, true) => self.frame = (self.frame + 1) % FRAMES.len(),
-            (Button::West, true) => self.side = (self.side + 1) % SIDES.len(),
-            (Button::Up, true) => self.factor = (self.factor * STEP).min(RANGE.1),
-            (Button::Down, true) => self.factor = (self.factor / STEP).max(RANGE.0),
+            (Button::North, true) => self.settings.frame = (self.settings.frame + 1) % 3,
+            (Button::West, true) => self.settings.change_side(),
+            (Button::Up, true) => self.settings.change_speed(true),
+            (Button::Down, true) => self.settings.change_speed(false),
             (Button::Start, true) => return Some(Servo::END.to_owned()),
             (_, false) => {}
         }
@@ -128,7 +108,7 @@ impl Pad {
         }
         let of = |axis: Axis| self.sticks[axis as usize];
         let [left, right] = self.shoulders.map(f64::from);
-        let (v, w) = (SPEED.0 * self.factor, SPEED.1 * self.factor);
+        let [v, w] = SPEED.map(|speed| speed * self.settings.factor);
         // Up is away from the user, along x; left is along y, and a positive turn.
         [
             v * of(Axis::LeftStickY),
@@ -144,13 +124,7 @@ impl Pad {
     /// The target of this moment.
     #[must_use]
     pub fn line(&self) -> String {
-        let values: Vec<String> = self.twist().iter().map(f64::to_string).collect();
-        format!(
-            "twist, {}, {VALID_S}, {}, {}",
-            FRAMES[self.frame],
-            values.join(" "),
-            SIDES[self.side]
-        )
+        self.settings.line(VALID_S, self.twist())
     }
 }
 

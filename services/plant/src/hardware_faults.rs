@@ -120,73 +120,59 @@ mod tests {
             ..Fault::new("plant", kind)
         };
         let mut hardware_faults = HardwareFaults::new(1e-3);
-        hardware_faults.begin(
-            &[fault
-                .schedule(&Target::sending::<SensorSample>(0, Role::World), 1000, 1)
-                .unwrap()],
-            &SVector::from([0.1, 0.2]),
-            &SVector::from([3.0, 4.0]),
-        );
+        let target = Target::sending::<SensorSample>(0, Role::World);
+        let scheduled = [fault.schedule(&target, 1000, 1).unwrap()];
+        hardware_faults.begin(&scheduled, &SVector::zeros(), &SVector::zeros());
         hardware_faults
     }
 
     #[test]
     fn an_encoder_lies_as_it_is_told_and_only_that_one() {
         let reading = SVector::from([0.5, 0.7]);
-        let read = |way, amount, tick| with_fault(Kind::Sensor, way, amount).read(tick, &reading);
-        assert_eq!(read(Way::Bias, 0.25, 10), SVector::from([0.5, 0.95]));
-        assert!((read(Way::Drift, 2.0, 110)[1] - 0.9).abs() < 1e-12);
-        assert!((read(Way::Quantise, 0.3, 10)[1] - 0.6).abs() < 1e-12);
-        assert_ne!(read(Way::Noise, 0.1, 10), read(Way::Noise, 0.1, 11));
-        assert_eq!(read(Way::Noise, 0.1, 10), read(Way::Noise, 0.1, 10));
-        let none = with_fault(Kind::Drive, Way::Lost, 0.0).read(10, &reading);
-        assert_eq!(none, reading);
+        let read = |kind, way, amount, tick| {
+            let [own, other] = with_fault(kind, way, amount).read(tick, &reading).into();
+            assert_eq!(own, 0.5);
+            other
+        };
+        for (kind, way, amount, tick, expected) in [
+            (Kind::Sensor, Way::Bias, 0.25, 10, 0.95),
+            (Kind::Sensor, Way::Drift, 2.0, 110, 0.9),
+            (Kind::Sensor, Way::Quantise, 0.3, 10, 0.6),
+            (Kind::Sensor, Way::Stuck, 0.0, 10, 0.0),
+            (Kind::Drive, Way::Lost, 0.0, 10, 0.7),
+        ] {
+            let found = read(kind, way, amount, tick);
+            assert!((found - expected).abs() < 1e-12, "{way:?}: {found}");
+        }
+        let noise = |tick| read(Kind::Sensor, Way::Noise, 0.1, tick);
+        assert!(noise(10) != noise(11) && noise(10) == noise(10));
     }
 
     #[test]
     fn a_stuck_value_stays_as_it_was() {
-        let mut hardware_faults = with_fault(Kind::Sensor, Way::Bias, 0.0);
-        let scheduled_faults = [hardware_faults.sensor[1].unwrap()];
-        hardware_faults.sensor = [None; 2];
-        hardware_faults.begin(
-            &scheduled_faults,
-            &SVector::from([0.1, 0.2]),
-            &SVector::zeros(),
-        );
-        hardware_faults.begin(
-            &scheduled_faults,
-            &SVector::from([0.3, 0.4]),
-            &SVector::zeros(),
-        );
-        assert_eq!(
-            hardware_faults.stuck_reading,
-            [0.3, 0.2],
-            "joint 2 has not moved on"
-        );
+        let mut faults = with_fault(Kind::Sensor, Way::Bias, 0.0);
+        let scheduled = [faults.sensor[1].unwrap()];
+        faults.sensor = [None; 2];
+        for reading in [[0.1, 0.2], [0.3, 0.4]] {
+            faults.begin(&scheduled, &SVector::from(reading), &SVector::zeros());
+        }
+        // Joint 2 has not moved on.
+        assert_eq!(faults.stuck_reading, [0.3, 0.2]);
     }
 
     #[test]
     fn a_drive_fails_as_it_is_told() {
         let (tau, effort) = (SVector::from([5.0, 8.0]), SVector::from([10.0, 10.0]));
-        let act = |way, amount, speed| {
-            with_fault(Kind::Drive, way, amount).act(&tau, &SVector::from([speed, speed]), &effort)
-                [1]
-        };
-        assert_eq!(
-            (act(Way::Lost, 0.0, 0.0), act(Way::Saturated, 0.3, 0.0)),
-            (0.0, 3.0)
-        );
-        assert_eq!(
-            (
-                act(Way::Friction, 0.1, 1.0),
-                act(Way::Friction, 0.1, -1.0),
-                act(Way::Friction, 0.1, 0.0)
-            ),
-            (7.0, 9.0, 8.0)
-        );
-        assert_eq!(
-            with_fault(Kind::Drive, Way::Lost, 0.0).act(&tau, &SVector::zeros(), &effort)[0],
-            5.0
-        );
+        for (way, amount, speed, expected) in [
+            (Way::Lost, 0.0, 0.0, 0.0),
+            (Way::Saturated, 0.3, 0.0, 3.0),
+            (Way::Friction, 0.1, 1.0, 7.0),
+            (Way::Friction, 0.1, -1.0, 9.0),
+            (Way::Friction, 0.1, 0.0, 8.0),
+        ] {
+            let faults = with_fault(Kind::Drive, way, amount);
+            let acting = faults.act(&tau, &SVector::repeat(speed), &effort);
+            assert_eq!(acting, SVector::from([5.0, expected]), "{way:?}");
+        }
     }
 }
