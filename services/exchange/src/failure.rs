@@ -1,4 +1,4 @@
-//! The program's faults, each a sentence.
+//! The program's faults, each the end of a sentence that begins with "the program of PROCESS".
 
 use std::time::Duration;
 
@@ -13,34 +13,23 @@ use shared_types::exchange::EXCHANGE_STATE;
 )]
 pub enum Failure {
     #[error(
-        "the program of {process} cannot be started: {reason}; `command` in the graph names it, relative to the graph's folder"
+        "cannot be started: {0}; `command` in the graph names it, relative to the graph's folder"
     )]
-    Start { process: String, reason: String },
-    #[error("the program of {process} ended with {exit} {at}")]
-    Ended {
-        process: String,
-        exit: Exit,
-        at: String,
-    },
-    #[error("the program of {process} has not joined within {} s: it has to store `program` = joined in its exchange page (docs/wire.md)", limit.as_secs())]
-    Absent { process: String, limit: Duration },
+    Start(String),
+    #[error("ended with {exit} {at}")]
+    Ended { exit: Exit, at: String },
+    #[error("has not joined within {} s: it has to store `program` = joined in its exchange page (docs/wire.md)", _0.as_secs())]
+    Absent(Duration),
+    #[error("refuses the exchange page: {0}; compare it with `armplane generate wire`")]
+    Refused(String),
     #[error(
-        "the program of {process} refuses the exchange page: {complaint}; compare it with `armplane generate wire`"
+        "speaks version {theirs} of the exchange page, armplane speaks version {ours}: make its messages again by `armplane generate wire`"
     )]
-    Refused { process: String, complaint: String },
+    Version { theirs: u32, ours: u32 },
     #[error(
-        "the program of {process} speaks version {theirs} of the exchange page, armplane speaks version {ours}: make its messages again by `armplane generate wire`"
-    )]
-    Version {
-        process: String,
-        theirs: u32,
-        ours: u32,
-    },
-    #[error(
-        "the program of {process} uses {theirs} ({theirs_hash:016x}) for `{topic}`, armplane uses {ours} ({ours_hash:016x}): make its messages again by `armplane generate wire`"
+        "uses {theirs} ({theirs_hash:016x}) for `{topic}`, armplane uses {ours} ({ours_hash:016x}): make its messages again by `armplane generate wire`"
     )]
     Layout {
-        process: String,
         topic: String,
         theirs: String,
         theirs_hash: u64,
@@ -48,65 +37,43 @@ pub enum Failure {
         ours_hash: u64,
     },
     #[error(
-        "the program of {process} does not write `{topic}`, which the graph lists in its `writes`: declare it when it joins, or take it out of the graph"
+        "does not write `{0}`, which the graph lists in its `writes`: declare it when it joins, or take it out of the graph"
     )]
-    Unwritten { process: String, topic: String },
-    #[error("the program of {process} has not answered tick {tick} within {} s; `answer_limit_s` in the graph allows it longer", limit.as_secs())]
-    Silent {
-        process: String,
-        tick: u64,
-        limit: Duration,
-    },
+    Unwritten(String),
+    #[error("has not answered tick {tick} within {} s; `answer_limit_s` in the graph allows it longer", limit.as_secs())]
+    Silent { tick: u64, limit: Duration },
     #[error(
-        "the program of {process} answered tick {found} where tick {tick} was asked: an answer takes over the tick of its question"
+        "answered tick {found} where tick {tick} was asked: an answer takes over the tick of its question"
     )]
-    Tick {
-        process: String,
-        tick: u64,
-        found: u64,
-    },
+    Tick { tick: u64, found: u64 },
     #[error(
-        "the program of {process} wrote the count of answers {found} at tick {tick}, where {expected} was due: it grows by one with each answer"
+        "wrote the count of answers {found} at tick {tick}, where {expected} was due: it grows by one with each answer"
     )]
     Count {
-        process: String,
         tick: u64,
         found: u32,
         expected: u32,
     },
     #[error(
-        "the program of {process} gave the answer {found} at tick {tick}, which has no meaning; docs/wire.md lists the answers"
+        "gave the answer {found} at tick {tick}, which has no meaning; docs/wire.md lists the answers"
     )]
-    Code {
-        process: String,
-        tick: u64,
-        found: u32,
-    },
+    Code { tick: u64, found: u32 },
     #[error(
-        "the program of {process} says of its checkpoint of tick {tick} that it has {found} bytes; there is room for {EXCHANGE_STATE}: save less, or restart without it"
+        "says of its checkpoint of tick {tick} that it has {found} bytes; there is room for {EXCHANGE_STATE}: save less, or restart without it"
     )]
-    State {
-        process: String,
-        tick: u64,
-        found: usize,
-    },
+    State { tick: u64, found: usize },
     #[error(
-        "the checkpoint with which the program of {process} was to go on is damaged: it counts {found} bytes, and has room for {EXCHANGE_STATE}; run again"
+        "was to go on from a damaged checkpoint: it counts {0} bytes, and has room for {EXCHANGE_STATE}; run again"
     )]
-    Damaged { process: String, found: u64 },
+    Damaged(u64),
     #[error(
-        "the program of {process} wrote a number that is not finite into {field} of `{topic}` at tick {tick}; every number of a message is finite"
+        "wrote a number that is not finite into {field} of `{topic}` at tick {tick}; every number of a message is finite"
     )]
     NotFinite {
-        process: String,
         tick: u64,
         topic: &'static str,
         field: String,
     },
-    #[error("the program of {process} cannot go on at tick {tick}: {complaint}")]
-    Failed {
-        process: String,
-        tick: u64,
-        complaint: String,
-    },
+    #[error("cannot go on at tick {tick}: {complaint}")]
+    Failed { tick: u64, complaint: String },
 }

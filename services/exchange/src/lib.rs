@@ -92,12 +92,12 @@ pub fn run(
             Err(error)
         }
         Err(Ended::Theirs(tick, failure)) => {
-            program.end(&failure.to_string());
+            program.end(&sentence(name, &failure));
             if let Failure::Ended { exit, .. } = &failure {
                 // A program that somebody kills before the first tick is replaced with this process, as one of ours.
                 exit.signal()
                     .into_iter()
-                    .for_each(|signal| shell.end_early_by(signal, &failure));
+                    .for_each(|signal| shell.end_early_by(signal, &sentence(name, &failure)));
             }
             died(tick, failure)
         }
@@ -121,10 +121,7 @@ fn take_part(
         .checkpoint::<ProgramCheckpoint>()
         .map_err(ProcessError::from)?;
     if let Some(last) = checkpoint.previous() {
-        let damaged = || Failure::Damaged {
-            process: process.name.clone(),
-            found: last.bytes,
-        };
+        let damaged = || Failure::Damaged(last.bytes);
         program
             .page
             .put_state(last.used().ok_or_else(|| Ended::Theirs(0, damaged()))?);
@@ -182,5 +179,9 @@ fn death(shell: &Shell, name: &str, tick: u64, failure: &Failure) -> ProcessErro
             table.mark_detected(me, tick, now_ns());
         }
     }
-    ProcessError::setup(failure)
+    ProcessError::setup(sentence(name, failure))
+}
+
+fn sentence(name: &str, failure: &Failure) -> String {
+    format!("the program of {name} {failure}")
 }

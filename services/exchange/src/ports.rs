@@ -43,6 +43,15 @@ pub(crate) trait Gathered {
     fn show(&mut self, page: &Page, tick: u64);
 }
 
+/// Puts a message on the page, where there is one; whether there is.
+fn show<M: Topic>(page: &Page, place: usize, message: Option<&M>) -> bool {
+    message
+        .iter()
+        .for_each(|message| page.put(place, bytes_of(*message)));
+    page.mark_fresh(place, message.is_some());
+    message.is_some()
+}
+
 struct Reading<M: Topic> {
     reader: Reader<M>,
     place: usize,
@@ -50,21 +59,16 @@ struct Reading<M: Topic> {
 
 impl<M: Topic> Input for Reading<M> {
     fn next(&mut self, page: &Page) -> Result<Option<u64>, Interrupted> {
-        let Some(message) = self.reader.next()? else {
-            return Ok(None);
-        };
-        page.put(self.place, bytes_of(message));
-        page.mark_fresh(self.place, true);
-        Ok(Some(message.header().tick))
+        let message = self.reader.next()?;
+        let tick = message.map(|message| message.header().tick);
+        if tick.is_some() {
+            show(page, self.place, message);
+        }
+        Ok(tick)
     }
 
     fn at(&mut self, page: &Page, tick: u64) -> Result<bool, Interrupted> {
-        let message = self.reader.at(tick)?;
-        message
-            .iter()
-            .for_each(|message| page.put(self.place, bytes_of(*message)));
-        page.mark_fresh(self.place, message.is_some());
-        Ok(message.is_some())
+        Ok(show(page, self.place, self.reader.at(tick)?))
     }
 
     fn arriving(
@@ -74,11 +78,7 @@ impl<M: Topic> Input for Reading<M> {
         deadline_ns: Option<u64>,
     ) -> Result<bool, Interrupted> {
         let message = self.reader.arriving(tick, deadline_ns)?;
-        message
-            .iter()
-            .for_each(|message| page.put(self.place, bytes_of(*message)));
-        page.mark_fresh(self.place, message.is_some());
-        Ok(message.is_some())
+        Ok(show(page, self.place, message))
     }
 }
 
@@ -119,10 +119,7 @@ impl<M: Topic> Gathered for Gathering<M> {
         let message = self
             .waiting
             .pop_front_if(|message| message.header().tick == tick);
-        message
-            .iter()
-            .for_each(|message| page.put(self.place, bytes_of(&**message)));
-        page.mark_fresh(self.place, message.is_some());
+        show(page, self.place, message.as_deref());
     }
 }
 

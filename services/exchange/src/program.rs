@@ -57,10 +57,7 @@ impl<'a> Program<'a> {
         limit: Duration,
         stops_at_once: bool,
     ) -> Result<Self, Failure> {
-        let failed = |error: std::io::Error| Failure::Start {
-            process: process.to_owned(),
-            reason: error.to_string(),
-        };
+        let failed = |error: std::io::Error| Failure::Start(error.to_string());
         let child = match command {
             Some(command) => Some(start(command, &page).map_err(failed)?),
             None => {
@@ -91,7 +88,7 @@ impl<'a> Program<'a> {
         } else {
             LONGEST_EXTERNAL_START
         };
-        while !reply::has_joined(&self.page, &self.process, topics)? {
+        while !reply::has_joined(&self.page, topics)? {
             if self.shell.is_stopping() {
                 return Ok(false);
             }
@@ -109,10 +106,7 @@ impl<'a> Program<'a> {
                 ));
             }
             if began.elapsed() > limit {
-                return Err(Failure::Absent {
-                    process: self.process.clone(),
-                    limit,
-                });
+                return Err(Failure::Absent(limit));
             }
             std::thread::sleep(LOOK);
         }
@@ -124,7 +118,7 @@ impl<'a> Program<'a> {
         let expected = self.page.ask(request, tick);
         let began = Instant::now();
         loop {
-            let found = match reply::answer(&self.page, &self.process, expected, tick)? {
+            let found = match reply::answer(&self.page, expected, tick)? {
                 Ok(answer) => return Ok(answer),
                 Err(found) => found,
             };
@@ -152,22 +146,10 @@ impl<'a> Program<'a> {
                 looked => looked?,
             }
             if began.elapsed() > self.limit {
-                return Err(Failure::Silent {
-                    process: self.process.clone(),
-                    tick,
-                    limit: self.limit,
-                });
+                let limit = self.limit;
+                return Err(Failure::Silent { tick, limit });
             }
         }
-    }
-
-    pub(crate) fn process(&self) -> &str {
-        &self.process
-    }
-
-    /// The length of the checkpoint that the program has written; 0 for none.
-    pub(crate) fn state_bytes(&self, tick: u64) -> Result<usize, Failure> {
-        reply::state_bytes(&self.page, &self.process, tick)
     }
 
     /// Whether the program still runs; not known of one that was started separately.
@@ -175,11 +157,8 @@ impl<'a> Program<'a> {
         match self.child.as_mut().map(Child::try_wait) {
             Some(Ok(Some(status))) => {
                 self.child = None;
-                Err(Failure::Ended {
-                    process: self.process.clone(),
-                    exit: Exit::from(status),
-                    at: at.to_owned(),
-                })
+                let (exit, at) = (Exit::from(status), at.to_owned());
+                Err(Failure::Ended { exit, at })
             }
             _ => Ok(()),
         }

@@ -30,39 +30,28 @@ pub enum Answer {
 ///
 /// # Errors
 /// [`Failure`] where it refuses the page, or its version, its outputs or its layouts are others.
-pub fn has_joined(
-    page: &Page,
-    process: &str,
-    topics: &[(MessageLayout, u32)],
-) -> Result<bool, Failure> {
+pub fn has_joined(page: &Page, topics: &[(MessageLayout, u32)]) -> Result<bool, Failure> {
     let program = page.program();
     if program == PROGRAM_AWAITED {
         return Ok(false);
     }
-    let (process, theirs) = (process.to_owned(), page.program_version());
+    let theirs = page.program_version();
     if theirs != EXCHANGE_VERSION {
-        return Err(Failure::Version {
-            process,
-            theirs,
-            ours: EXCHANGE_VERSION,
-        });
+        let ours = EXCHANGE_VERSION;
+        return Err(Failure::Version { theirs, ours });
     }
     if program != PROGRAM_JOINED {
-        return Err(Failure::Refused {
-            process,
-            complaint: page.complaint(),
-        });
+        return Err(Failure::Refused(page.complaint()));
     }
     for (place, (layout, usage)) in topics.iter().enumerate() {
         let (theirs, theirs_hash) = page.program_type(place);
         let topic = layout.topic.clone();
         if theirs.is_empty() && *usage == USE_WRITES {
-            return Err(Failure::Unwritten { process, topic });
+            return Err(Failure::Unwritten(topic));
         }
         if !theirs.is_empty() && (theirs_hash != layout.hash || theirs != layout.type_name) {
             let (ours, ours_hash) = (layout.type_name.clone(), layout.hash);
             return Err(Failure::Layout {
-                process,
                 topic,
                 theirs,
                 theirs_hash,
@@ -78,20 +67,13 @@ pub fn has_joined(
 ///
 /// # Errors
 /// [`Failure`] where the program writes another count, tick or answer than can be, or cannot go on.
-pub fn answer(
-    page: &Page,
-    process: &str,
-    expected: u32,
-    tick: u64,
-) -> Result<Result<Answer, u32>, Failure> {
+pub fn answer(page: &Page, expected: u32, tick: u64) -> Result<Result<Answer, u32>, Failure> {
     let found = page.answers().load(Ordering::Acquire);
-    let process = || process.to_owned();
     if found == expected.wrapping_sub(1) {
         return Ok(Err(found));
     }
     if found != expected {
         return Err(Failure::Count {
-            process: process(),
             tick,
             found,
             expected,
@@ -100,22 +82,16 @@ pub fn answer(
     let (code, answered) = (page.answer(), page.answer_tick());
     match code {
         ANSWER_DONE | ANSWER_OVER if answered != tick => Err(Failure::Tick {
-            process: process(),
             tick,
             found: answered,
         }),
         ANSWER_DONE => Ok(Ok(Answer::Done)),
         ANSWER_OVER => Ok(Ok(Answer::Over)),
         ANSWER_FAILED => Err(Failure::Failed {
-            process: process(),
             tick,
             complaint: page.complaint(),
         }),
-        found => Err(Failure::Code {
-            process: process(),
-            tick,
-            found,
-        }),
+        found => Err(Failure::Code { tick, found }),
     }
 }
 
@@ -123,15 +99,12 @@ pub fn answer(
 ///
 /// # Errors
 /// [`Failure::State`] where it is longer than its room.
-pub fn state_bytes(page: &Page, process: &str, tick: u64) -> Result<usize, Failure> {
-    match page.state_bytes() {
-        found if found > EXCHANGE_STATE => Err(Failure::State {
-            process: process.to_owned(),
-            tick,
-            found,
-        }),
-        found => Ok(found),
+pub fn state_bytes(page: &Page, tick: u64) -> Result<usize, Failure> {
+    let found = page.state_bytes();
+    if found > EXCHANGE_STATE {
+        return Err(Failure::State { tick, found });
     }
+    Ok(found)
 }
 
 /// A message of the program: a copy that it cannot change between check and sending.

@@ -14,7 +14,7 @@ use crate::ended::Ended;
 use crate::failure::Failure;
 use crate::ports::{self, End, Gathered, Input, Output};
 use crate::program::Program;
-use crate::reply::Answer;
+use crate::reply::{self, Answer};
 
 /// How often an observer looks for messages.
 const ROUND: Duration = Duration::from_millis(10);
@@ -57,12 +57,7 @@ fn step(
             .iter_mut()
             .find_map(|output| output.not_finite(&program.page))
     {
-        return Err(theirs(Failure::NotFinite {
-            process: program.process().to_owned(),
-            tick,
-            topic,
-            field,
-        }));
+        return Err(theirs(Failure::NotFinite { tick, topic, field }));
     }
     Ok(answer)
 }
@@ -128,8 +123,7 @@ pub(crate) fn stage(
         if step(program, &mut outputs, tick)? == Answer::Stopped {
             break;
         }
-        let bytes = program
-            .state_bytes(tick)
+        let bytes = reply::state_bytes(&program.page, tick)
             .map_err(|failure| Ended::Theirs(tick, failure))?;
         if bytes > 0 {
             let slot = checkpoint.slot();

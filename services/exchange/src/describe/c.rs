@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use shared_types::codes;
 
-use super::{Structure, about_and_unit, constants, elements, identifier, messages, parts, snake};
+use super::{Structure, constants, snake, structures};
 
 /// The words by which the two sides of a page tell each other that something is written.
 const ATOMIC: [&str; 3] = ["requests", "answers", "program"];
@@ -30,8 +30,8 @@ pub fn c() -> String {
             let _ = writeln!(text, "#define ARMPLANE_{name} {code}u{}", comment(meaning));
         }
     }
-    for structure in parts().iter().chain(&messages()) {
-        print_structure(&mut text, structure);
+    for structure in structures() {
+        print_structure(&mut text, &structure);
     }
     text.push_str(include_str!("header_end.h"));
     text
@@ -49,9 +49,8 @@ fn print_structure(text: &mut String, structure: &Structure) {
     let name = format!("armplane_{}", snake(structure.name));
     let is_head = structure.name == "ExchangeHead";
     let _ = writeln!(text, "\n/* {} */\nstruct {name} {{", structure.about);
-    for field in structure.fields {
-        let (element, count) = elements(field);
-        let element = match element {
+    for field in &structure.fields {
+        let element = match &*field.element {
             "u8" => "uint8_t".to_owned(),
             "u32" if is_head && ATOMIC.contains(&&*field.name) => "ARMPLANE_ATOMIC_U32".to_owned(),
             "u32" => "uint32_t".to_owned(),
@@ -59,14 +58,12 @@ fn print_structure(text: &mut String, structure: &Structure) {
             "f64" => "double".to_owned(),
             nested => format!("struct armplane_{}", snake(nested)),
         };
-        let array = count.map(|count| format!("[{count}]")).unwrap_or_default();
-        let (about, unit) = about_and_unit(field);
-        let unit = unit.map(|unit| format!(" [{unit}]")).unwrap_or_default();
+        let array = field.count.map(|count| format!("[{count}]"));
+        let (name, array) = (field.identifier(), array.unwrap_or_default());
         let _ = writeln!(
             text,
-            "    {element} {}{array};{}",
-            identifier(field),
-            comment(&format!("{about}{unit}"))
+            "    {element} {name}{array};{}",
+            comment(&field.remark())
         );
     }
     let _ = writeln!(
@@ -74,8 +71,8 @@ fn print_structure(text: &mut String, structure: &Structure) {
         "}};\nARMPLANE_ASSERT(sizeof(struct {name}) == {}, \"size of {name}\");",
         structure.bytes
     );
-    for field in structure.fields {
-        let (field, offset) = (identifier(field), field.offset);
+    for field in &structure.fields {
+        let (field, offset) = (field.identifier(), field.offset);
         let _ = writeln!(
             text,
             "ARMPLANE_ASSERT(offsetof(struct {name}, {field}) == {offset}, \"{name}.{field}\");"

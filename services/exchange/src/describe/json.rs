@@ -5,7 +5,7 @@ use shared_types::codes;
 use shared_types::graph::{BUILT_IN, Graph};
 use shared_types::topics::wire_hash;
 
-use super::{Structure, about_and_unit, constants, elements, messages, parts};
+use super::{Structure, constants, structures};
 
 /// Structures, topics, codes and constants as one JSON document.
 #[must_use]
@@ -28,7 +28,7 @@ pub fn json() -> String {
             "rate": "one message per tick",
         }))
     };
-    let (parts, messages) = (parts(), messages());
+    let structures = structures();
     let codes: Map<String, Value> = codes::TABLES
         .iter()
         .map(|(table, codes)| ((*table).to_owned(), table_of(codes)))
@@ -42,8 +42,8 @@ pub fn json() -> String {
         "wire": format!("{:016x}", wire_hash()),
         "byte_order": "little endian, as the machine",
         "timing": "A message of tick k is computed from the sensor sample of tick k; torque k acts from tick k to tick k + 1.",
-        "topics": messages.iter().filter_map(topic).collect::<Vec<_>>(),
-        "structures": parts.iter().chain(&messages).map(structure).collect::<Vec<_>>(),
+        "topics": structures.iter().filter_map(topic).collect::<Vec<_>>(),
+        "structures": structures.iter().map(structure).collect::<Vec<_>>(),
         "codes": codes,
         "constants": constants,
     });
@@ -52,15 +52,14 @@ pub fn json() -> String {
 
 fn structure(structure: &Structure) -> Value {
     let fields = structure.fields.iter().map(|field| {
-        let ((element, count), (about, unit)) = (elements(field), about_and_unit(field));
         value!({
             "name": field.name,
-            "type": element,
-            "count": count,
+            "type": field.element,
+            "count": field.count,
             "offset": field.offset,
-            "bytes": field.size,
-            "unit": unit,
-            "about": about,
+            "bytes": field.bytes,
+            "unit": field.unit,
+            "about": field.about,
         })
     });
     value!({

@@ -22,138 +22,109 @@ struct Structure {
     name: &'static str,
     about: &'static str,
     bytes: usize,
-    fields: &'static [Field],
+    fields: Vec<Described>,
     /// For a message: topic, versioned type name, hash of its layout.
     message: Option<(&'static str, &'static str, u64)>,
 }
 
-/// The structures that are no messages, and those that messages are made of; each before its first use.
-fn parts() -> Vec<Structure> {
-    let part = |name, about, bytes, fields| Structure {
-        name,
-        about,
-        bytes,
-        fields,
-        message: None,
-    };
-    vec![
-        part(
-            "Header",
-            "The first field of every message.",
-            size_of::<Header>(),
-            Header::LAYOUT,
-        ),
-        part(
-            "SingularityState",
-            SingularityState::DESCRIPTION,
-            size_of::<SingularityState>(),
-            SingularityState::LAYOUT,
-        ),
-        part(
-            "TargetContent",
-            TargetContent::DESCRIPTION,
-            size_of::<TargetContent>(),
-            TargetContent::LAYOUT,
-        ),
-        part(
-            "ExchangeHead",
-            ExchangeHead::DESCRIPTION,
-            size_of::<ExchangeHead>(),
-            ExchangeHead::LAYOUT,
-        ),
-        part(
-            "ExchangeTopic",
-            ExchangeTopic::DESCRIPTION,
-            size_of::<ExchangeTopic>(),
-            ExchangeTopic::LAYOUT,
-        ),
-    ]
+/// A field of a structure.
+struct Described {
+    name: String,
+    /// The type of its elements, and how many there are; `None` for a single one.
+    element: String,
+    count: Option<usize>,
+    offset: usize,
+    bytes: usize,
+    about: String,
+    unit: Option<String>,
 }
 
-/// The messages, in the order of a tick's data.
-fn messages() -> Vec<Structure> {
-    struct Describe;
-    impl Each for Describe {
+impl Structure {
+    /// `before`: the structures that a field may be made of.
+    fn of(
+        name: &'static str,
+        about: &'static str,
+        bytes: usize,
+        fields: &[Field],
+        before: &[Self],
+    ) -> Self {
+        let describe = |field: &Field| {
+            let nested = before.iter().find(|part| part.name == field.element);
+            let bytes = match (&*field.element, nested) {
+                ("u8", _) => 1,
+                ("u32", _) => 4,
+                ("u64" | "f64", _) => 8,
+                (_, Some(nested)) => nested.bytes,
+                (other, None) => panic!("{name}.{}: {other} is not described", field.name),
+            };
+            let (about, unit) = about_and_unit(&field.about);
+            let is_array = field.type_name.starts_with('[');
+            Described {
+                name: field.name.to_string(),
+                element: field.element.to_string(),
+                count: is_array.then_some(field.size / bytes),
+                offset: field.offset,
+                bytes: field.size,
+                about,
+                unit: unit.map(str::to_owned),
+            }
+        };
+        Self {
+            name,
+            about,
+            bytes,
+            fields: fields.iter().map(describe).collect(),
+            message: None,
+        }
+    }
+}
+
+/// The structures that are no messages and those that messages are made of, then the messages in the order of a tick's data.
+fn structures() -> Vec<Structure> {
+    let header = "The first field of every message.";
+    let bytes = size_of::<Header>();
+    let mut parts = vec![Structure::of("Header", header, bytes, Header::LAYOUT, &[])];
+    macro_rules! add {
+        ($($part:ident)+) => {$(
+            let (about, bytes) = ($part::DESCRIPTION, size_of::<$part>());
+            let part = Structure::of(stringify!($part), about, bytes, $part::LAYOUT, &parts);
+            parts.push(part);
+        )+};
+    }
+    add!(SingularityState TargetContent ExchangeHead ExchangeTopic);
+
+    struct Describe<'a>(&'a [Structure]);
+    impl Each for Describe<'_> {
         type Output = Structure;
         fn each<M: Topic>(&mut self) -> Structure {
             let message = Some((M::TOPIC, M::TYPE_NAME, M::layout_hash()));
             Structure {
-                name: M::ELEMENT,
-                about: M::ABOUT,
-                bytes: size_of::<M>(),
-                fields: M::FIELDS,
                 message,
+                ..Structure::of(M::ELEMENT, M::ABOUT, size_of::<M>(), M::FIELDS, self.0)
             }
         }
     }
-    topics::each(&mut Describe).into()
+    let messages = topics::each(&mut Describe(&parts));
+    parts.extend(messages);
+    parts
 }
 
 /// The numbers that another language needs, with their meaning.
-fn constants() -> Vec<(&'static str, u64, &'static str)> {
-    vec![
-        (
-            "EXCHANGE_MARK",
-            EXCHANGE_MARK,
-            "the first eight bytes of an exchange page",
-        ),
-        (
-            "EXCHANGE_VERSION",
-            u64::from(EXCHANGE_VERSION),
-            "version of the contract of the exchange page",
-        ),
-        (
-            "EXCHANGE_TEXT",
-            EXCHANGE_TEXT as u64,
-            "bytes of a text on the page",
-        ),
-        (
-            "EXCHANGE_NAME",
-            EXCHANGE_NAME as u64,
-            "bytes of the name of a topic",
-        ),
-        (
-            "EXCHANGE_TYPE",
-            EXCHANGE_TYPE as u64,
-            "bytes of the name of a type",
-        ),
-        (
-            "EXCHANGE_STATE",
-            EXCHANGE_STATE as u64,
-            "bytes of a checkpoint, at most",
-        ),
-        ("MAX_DOF", MAX_DOF as u64, "elements of an array of joints"),
-        (
-            "MAX_SINGULARITIES",
-            MAX_SINGULARITIES as u64,
-            "elements of an array of singularities",
-        ),
-        (
-            "MAX_HOPS",
-            MAX_HOPS as u64,
-            "processes that stamp a message",
-        ),
-    ]
-}
-
-/// The type of a field's elements, and how many there are; `None` for a single one.
-fn elements(field: &Field) -> (&str, Option<usize>) {
-    let bytes = match &*field.element {
-        "u8" => 1,
-        "u32" => 4,
-        "u64" | "f64" => 8,
-        name => parts()
-            .iter()
-            .find(|part| part.name == name)
-            .map_or(field.size, |part| part.bytes),
-    };
-    (
-        &field.element,
-        field
-            .type_name
-            .starts_with('[')
-            .then_some(field.size / bytes),
-    )
+fn constants() -> [(&'static str, u64, &'static str); 9] {
+    macro_rules! table {
+        ($($name:ident $about:literal)+) => {[$((stringify!($name), $name as u64, $about)),+]};
+    }
+    table! {
+        EXCHANGE_MARK "the first eight bytes of an exchange page"
+        EXCHANGE_VERSION "version of the contract of the exchange page"
+        EXCHANGE_TEXT "bytes of a text on the page"
+        EXCHANGE_NAME "bytes of the name of a topic"
+        EXCHANGE_TYPE "bytes of the name of a type"
+        EXCHANGE_STATE "bytes of a checkpoint, at most"
+        MAX_DOF "elements of an array of joints"
+        MAX_SINGULARITIES "elements of an array of singularities"
+        MAX_HOPS "processes that stamp a message"
+    }
 }
 
 /// Units that a field can have; one with a remark begins with the unit.
@@ -175,29 +146,33 @@ const UNITS: [&str; 14] = [
 ];
 
 /// The sentences of a field and its unit, where it states one behind a semicolon.
-fn about_and_unit(field: &Field) -> (String, Option<&str>) {
-    let about = field.about.trim_end_matches('.');
+fn about_and_unit(about: &str) -> (String, Option<&str>) {
+    let about = about.trim_end_matches('.');
     for (at, _) in about.rmatch_indices("; ") {
         let (before, behind) = (&about[..at], &about[at + 2..]);
         let (unit, more) = behind.split_once(". ").unwrap_or((behind, ""));
         if UNITS.contains(&unit.split([' ', ',']).next().unwrap_or_default()) {
-            let about = if more.is_empty() {
-                before.to_owned()
-            } else {
-                format!("{before}. {more}")
-            };
-            return (about.replace("codes::", ""), Some(unit));
+            let sentences = [before, more].join(". ");
+            let sentences = sentences.trim_end_matches(". ").replace("codes::", "");
+            return (sentences, Some(unit));
         }
     }
     (about.replace("codes::", ""), None)
 }
 
-/// The name of a field in languages in which it is a keyword.
-fn identifier(field: &Field) -> String {
-    if field.name == "class" {
-        "class_".to_owned()
-    } else {
-        field.name.to_string()
+impl Described {
+    /// Its name in languages in which it may be a keyword.
+    fn identifier(&self) -> String {
+        match &*self.name {
+            "class" => "class_".to_owned(),
+            name => name.to_owned(),
+        }
+    }
+
+    /// Its sentences, with the unit in brackets.
+    fn remark(&self) -> String {
+        let unit = self.unit.iter().map(|unit| format!(" [{unit}]"));
+        self.about.clone() + &unit.collect::<String>()
     }
 }
 
@@ -218,94 +193,64 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_structure_covers_all_its_bytes_with_types_that_are_described() {
-        let parts = parts();
+    fn every_structure_covers_all_its_bytes_with_fields_that_are_described() {
         for Structure {
             name,
             bytes,
             fields,
             ..
-        } in parts.iter().chain(&messages())
+        } in structures()
         {
             let mut end = 0;
-            for field in *fields {
-                let (element, count) = elements(field);
-                let known = ["u8", "u32", "u64", "f64"].contains(&element)
-                    || parts.iter().any(|part| part.name == element);
-                assert!(known, "{name}.{}: {element}", field.name);
-                assert_eq!(field.offset, end, "{name}.{}", field.name);
-                assert!(
-                    count.is_none_or(|count| count > 0 && field.size.is_multiple_of(count)),
-                    "{name}.{}",
-                    field.name
-                );
-                assert!(!field.about.is_empty(), "{name}.{}", field.name);
-                end += field.size;
+            for field in fields {
+                let place = format!("{name}.{}", field.name);
+                assert_eq!(field.offset, end, "{place}");
+                let divides = |count| count > 0 && field.bytes.is_multiple_of(count);
+                assert!(field.count.is_none_or(divides), "{place}");
+                assert!(!field.about.is_empty(), "{place}");
+                end += field.bytes;
             }
-            assert_eq!(end, *bytes, "{name}");
+            assert_eq!(end, bytes, "{name}");
         }
     }
 
     #[test]
     fn a_unit_is_what_stands_behind_the_last_semicolon() {
-        let sensor = &messages()[0];
-        let field = |name: &str| {
-            sensor
-                .fields
-                .iter()
-                .find(|field| field.name == name)
-                .unwrap()
-        };
-        assert_eq!(about_and_unit(field("tau_drive")).1, Some("N·m"));
-        assert_eq!(
-            about_and_unit(field("q_encoder")).1,
-            Some("rad (m for prismatic joints)")
-        );
-        assert_eq!(
-            about_and_unit(field("drive")),
-            ("One of `DRIVES`".to_owned(), None)
-        );
-        let parts = parts();
-        let head = parts
-            .iter()
-            .find(|part| part.name == "ExchangeHead")
-            .unwrap();
-        let reason = head
-            .fields
-            .iter()
-            .find(|field| field.name == "reason")
-            .unwrap();
-        assert_eq!(about_and_unit(reason).1, None, "a half-sentence is no unit");
-        let state = messages()
-            .into_iter()
-            .find(|message| message.name == "ControlState")
-            .unwrap();
-        let planned = state
-            .fields
-            .iter()
-            .find(|field| field.name == "planned_s")
-            .unwrap();
-        assert_eq!(about_and_unit(planned).1, Some("s"));
+        for (text, about, unit) in [
+            ("Torque; N·m.", "Torque", Some("N·m")),
+            (
+                "Angle; rad (m for prismatic joints). More.",
+                "Angle. More",
+                Some("rad (m for prismatic joints)"),
+            ),
+            ("One of `codes::DRIVES`.", "One of `DRIVES`", None),
+            (
+                "A half-sentence; is no unit.",
+                "A half-sentence; is no unit",
+                None,
+            ),
+        ] {
+            assert_eq!(about_and_unit(text), (about.to_owned(), unit));
+        }
         assert_eq!(snake("SensorSample"), "sensor_sample");
     }
 
     #[test]
     fn all_languages_name_every_message_and_every_code() {
-        let (json, c, python) = (json(), c(), python());
-        for message in messages() {
-            let (topic, type_name, hash) = message.message.unwrap();
-            for text in [&json, &c, &python] {
+        for text in [json(), c(), python()] {
+            for (topic, type_name, hash) in structures().iter().filter_map(|part| part.message) {
+                let is_named = text.contains(type_name) && text.contains(topic);
                 assert!(
-                    text.contains(type_name) && text.contains(topic),
+                    is_named && text.contains(&format!("{hash:016x}")),
                     "{type_name}"
                 );
-                assert!(text.contains(&format!("{hash:016x}")), "{type_name}");
             }
-        }
-        for (_, codes) in shared_types::codes::TABLES {
-            assert!(codes.iter().all(|(name, ..)| json.contains(name)
-                && c.contains(name)
-                && python.contains(name)));
+            for (name, ..) in shared_types::codes::TABLES
+                .iter()
+                .flat_map(|(_, codes)| *codes)
+            {
+                assert!(text.contains(name), "{name}");
+            }
         }
     }
 }

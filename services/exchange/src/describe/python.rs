@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use shared_types::codes;
 
-use super::{Structure, about_and_unit, constants, elements, identifier, messages, parts};
+use super::{Structure, constants, structures};
 
 /// The module `armplane/wire.py` of the Python package.
 #[must_use]
@@ -28,11 +28,12 @@ pub fn python() -> String {
             .collect();
         let _ = writeln!(text, "{table} = {{{}}}", entries.join(", "));
     }
-    for structure in parts().iter().chain(&messages()) {
+    let structures = structures();
+    for structure in &structures {
         print_structure(&mut text, structure);
     }
     text.push_str("\n\n# Topic: structure, versioned type name, hash of the layout.\nTOPICS = {\n");
-    for Structure { name, message, .. } in messages() {
+    for Structure { name, message, .. } in structures {
         if let Some((topic, type_name, hash)) = message {
             let _ = writeln!(
                 text,
@@ -56,23 +57,18 @@ fn print_structure(text: &mut String, structure: &Structure) {
         text,
         "\n\nclass {name}(ctypes.Structure):\n    \"\"\"{about}\"\"\"\n\n    _fields_ = ["
     );
-    for field in *fields {
-        let (element, count) = elements(field);
-        let element = match element {
+    for field in fields {
+        let element = match &*field.element {
             "u8" => "ctypes.c_uint8",
             "u32" => "ctypes.c_uint32",
             "u64" => "ctypes.c_uint64",
             "f64" => "ctypes.c_double",
             nested => nested,
         };
-        let array = count.map(|count| format!(" * {count}")).unwrap_or_default();
-        let (about, unit) = about_and_unit(field);
-        let unit = unit.map(|unit| format!(" [{unit}]")).unwrap_or_default();
-        let _ = writeln!(
-            text,
-            "        (\"{}\", {element}{array}),  # {about}{unit}",
-            identifier(field)
-        );
+        let array = field.count.map(|count| format!(" * {count}"));
+        let (name, array) = (field.identifier(), array.unwrap_or_default());
+        let remark = field.remark();
+        let _ = writeln!(text, "        (\"{name}\", {element}{array}),  # {remark}");
     }
     let _ = writeln!(text, "    ]\n\n\nassert ctypes.sizeof({name}) == {bytes}");
 }
