@@ -201,14 +201,14 @@ impl World {
                 .friction(CONTACT_FRICTION)
                 .collision_groups(groups);
             let (bodies, colliders) = (&mut self.physics.bodies, &mut self.physics.colliders);
-            match solid.link {
-                _ if solid.group == FLOOR => drop(colliders.insert(collider)),
-                None => drop(colliders.insert_with_parent(collider, base, bodies)),
-                Some(i) => {
-                    let link = self.joints[i].link;
-                    self.moving
-                        .push(colliders.insert_with_parent(collider, link, bodies));
-                }
+            let carrier = solid.link.map_or(base, |i| self.joints[i].link);
+            let handle = if solid.group == FLOOR {
+                colliders.insert(collider)
+            } else {
+                colliders.insert_with_parent(collider, carrier, bodies)
+            };
+            if solid.link.is_some() {
+                self.moving.push(handle);
             }
         }
     }

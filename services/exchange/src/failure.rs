@@ -18,7 +18,7 @@ pub enum Failure {
     Start(String),
     #[error("ended with {exit} {at}")]
     Ended { exit: Exit, at: String },
-    #[error("has not joined within {} s: it has to store `program` = joined in its exchange page (docs/wire.md)", _0.as_secs())]
+    #[error("has not joined within {} s: it has to store `program` = joined in its exchange page (docs/wire.md)", .0.as_secs())]
     Absent(Duration),
     #[error("refuses the exchange page: {0}; compare it with `armplane generate wire`")]
     Refused(String),
