@@ -192,7 +192,7 @@ fn tune(args: &CompareArgs, laws: &[Strategy], as_json: bool) -> Result<ExitCode
         searched.push(
             json!({"law": law.name(), "points": ranked.iter().map(|(point, scores)| {
             let [s2, s1, ends] = worth(scores);
-            json!({"settings": point.settings, "s2": s2, "s1": s1, "ends": ends})
+            json!({"settings": point.join(" "), "s2": s2, "s1": s1, "ends": ends})
         }).collect::<Vec<_>>()}),
         );
         if as_json {
@@ -208,7 +208,7 @@ fn tune(args: &CompareArgs, laws: &[Strategy], as_json: bool) -> Result<ExitCode
         let mut rows = table(&["S2", "S1", "ends", "settings", "S2 missed by"]);
         for (point, scores) in ranked.iter().take(SHOWN) {
             let mut row = worth(scores).map(number).to_vec();
-            row.extend([point.settings.clone().into(), missed(scores).into()]);
+            row.extend([point.join(" ").into(), missed(scores).into()]);
             rows.add_row(row);
         }
         say!("{rows}");

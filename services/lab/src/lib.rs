@@ -1,6 +1,6 @@
 //! Experiments on sessions: whether the program does what it has done ([`conformance`]), what faults do to the arm ([`faults`]), what
 //! it costs ([`benchmarks`]), how control laws compare ([`studies`]), and how a scenario goes under many settings ([`sweeps`]). Each
-//! experiment stands beside its pictures.
+//! experiment stands beside its pictures, and is made of trials, rows and tables ([`trial`]).
 //!
 //! This crate prints nothing: results are returned, and what happens meanwhile goes to a [`session::Observer`].
 #![allow(non_snake_case)]
@@ -9,10 +9,12 @@
 pub mod benchmarks;
 pub mod conformance;
 pub mod faults;
+pub mod row;
 pub mod studies;
 pub mod sweeps;
+pub mod trial;
 
 mod folder;
 mod pool;
-mod quantile;
 mod signals;
+mod text;

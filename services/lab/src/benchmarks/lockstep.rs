@@ -11,7 +11,7 @@ use session::{Failure, Observer, Progress, load};
 use viz::plot::digits;
 
 use crate::folder::scratch;
-use crate::quantile::quantile;
+use crate::text::quantile;
 
 /// Runs of one program.
 #[derive(Serialize)]

@@ -11,7 +11,7 @@ use shared_types::summary::FaultSummary;
 use viz::plot::{Axis, BLUE, Color, Page, Panel, RED, Row, digits};
 
 use super::judge::{Broken, Cell};
-use crate::quantile::quantile;
+use crate::text::quantile;
 
 /// All cells.
 #[derive(Serialize)]

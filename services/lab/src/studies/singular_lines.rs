@@ -51,6 +51,17 @@ pub(crate) enum Where {
     End,
 }
 
+impl Where {
+    /// `start`, `middle` or `end`.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Start => "start",
+            Self::Middle => "middle",
+            Self::End => "end",
+        }
+    }
+}
+
 /// Lines through one singularity each, or through two at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Through {

@@ -2,16 +2,14 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use chain::Sink;
-use message_log::TopicHash;
 use model::{Refused, Robot};
-use recorder::Verdict;
 use shared_types::scenario::Scenario;
-use shared_types::topics::{COUNT, TOPICS, Topic};
+use shared_types::topics::{COUNT, TOPICS};
 
 use super::cell::{Cell, Kind};
 use super::spec::unit_of;
-use crate::studies::compare::{Score, scored};
+use crate::row::Row;
+use crate::trial::Trial;
 
 /// A column of the table.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,169 +24,163 @@ pub(super) struct Column {
     pub(super) about: String,
 }
 
-type Of = fn(&Score, &Verdict) -> Cell;
+type Of = fn(&Row) -> Cell;
 
 /// The results of a run: name, kind, meaning, value.
 const RESULTS: [(&str, Kind, &str, Of); 27] = [
-    ("ticks", Kind::Whole, "ticks done", |_, v| whole(v.ticks)),
+    ("ticks", Kind::Whole, "ticks done", |v| whole(v.ticks)),
     (
         COMPLETED,
         Kind::Boolean,
         "whether the task ran to its end",
-        |_, v| Cell::Boolean(v.completed),
+        |v| Cell::Boolean(v.completed),
     ),
     (
         "s1",
         Kind::Boolean,
         "success by the strict bar of `armplane compare`",
-        |s, _| Cell::Boolean(s.s1),
+        |v| Cell::Boolean(v.task.s1),
     ),
     (
         "s2",
         Kind::Boolean,
         "success by its bar for lines that are not along ζ",
-        |s, _| Cell::Boolean(s.s2),
+        |v| Cell::Boolean(v.task.s2),
     ),
     (
         "missed",
         Kind::Text,
         "the conditions of s2 that failed",
-        |s, _| Cell::Text(s.missed.join(", ")),
+        |v| Cell::Text(v.task.missed.join(", ")),
     ),
     (
         "position_max_mm",
         Kind::Number,
         "largest position error",
-        |_, v| Cell::Number(v.task.position_max_mm),
+        |v| Cell::Number(v.task.position_max_mm),
     ),
     (
         "position_rms_mm",
         Kind::Number,
         "root mean square position error",
-        |_, v| Cell::Number(v.task.position_rms_mm),
+        |v| Cell::Number(v.task.position_rms_mm),
     ),
     (
         "orientation_max_deg",
         Kind::Number,
         "largest orientation error",
-        |_, v| Cell::Number(v.task.orientation_max_deg),
+        |v| Cell::Number(v.task.orientation_max_deg),
     ),
     (
         "orthogonal_max_mm",
         Kind::Number,
         "largest position error orthogonal to ζ",
-        |_, v| Cell::Number(v.task.orthogonal_max_mm),
+        |v| Cell::Number(v.task.orthogonal_max_mm),
     ),
     (
         "orthogonal_max_deg",
         Kind::Number,
         "largest orientation error orthogonal to ζ",
-        |_, v| Cell::Number(v.task.orthogonal_max_deg),
+        |v| Cell::Number(v.task.orthogonal_max_deg),
     ),
     (
         "along_max_mm",
         Kind::Number,
         "largest position error along ζ",
-        |s, _| Cell::Number(s.along_max_mm),
+        |v| Cell::Number(v.task.along_max_mm),
     ),
     (
         "along_max_deg",
         Kind::Number,
         "largest orientation error along ζ",
-        |s, _| Cell::Number(s.along_max_deg),
+        |v| Cell::Number(v.task.along_max_deg),
     ),
     (
         "final_position_mm",
         Kind::Number,
         "position error at the end",
-        |_, v| Cell::Number(v.task.final_position_mm),
+        |v| Cell::Number(v.task.final_position_mm),
     ),
     (
         "final_orientation_deg",
         Kind::Number,
         "orientation error at the end",
-        |_, v| Cell::Number(v.task.final_orientation_deg),
+        |v| Cell::Number(v.task.final_orientation_deg),
     ),
     (
         "time_stretch_ratio",
         Kind::Number,
         "ticks done over ticks planned",
-        |_, v| Cell::Number(v.task.time_stretch),
+        |v| Cell::Number(v.task.time_stretch),
     ),
     (
         "speed_max_ratio",
         Kind::Number,
         "largest joint speed over its limit",
-        |_, v| Cell::Number(v.joints.speed_max_ratio),
+        |v| Cell::Number(v.joints.speed_max_ratio),
     ),
     (
         "torque_max_ratio",
         Kind::Number,
         "largest torque over its limit",
-        |_, v| Cell::Number(v.joints.torque_max_ratio),
+        |v| Cell::Number(v.joints.torque_max_ratio),
     ),
     (
         "torque_step_max_ratio",
         Kind::Number,
         "largest change of a torque in one tick over its limit",
-        |_, v| Cell::Number(v.joints.torque_step_max_ratio),
+        |v| Cell::Number(v.joints.torque_step_max_ratio),
     ),
     (
         "torque_step_p95_ratio",
         Kind::Number,
         "95th percentile of that change",
-        |_, v| Cell::Number(v.joints.torque_step_p95_ratio),
+        |v| Cell::Number(v.joints.torque_step_p95_ratio),
     ),
     (
         "saturated_ticks",
         Kind::Whole,
         "ticks with any torque at its limit",
-        |_, v| whole(v.joints.saturated_ticks),
+        |v| whole(v.joints.saturated_ticks),
     ),
     (
         "chatter",
         Kind::Whole,
         "torque jumps back within 10 ms",
-        |s, _| whole(s.chatter),
+        |v| whole(v.joints.chatter),
     ),
     (
         "jump_energy_j",
         Kind::Number,
         "½ΔΓᵀA⁻¹ΔΓ/k_v² over the torque jumps",
-        |s, _| Cell::Number(s.jump_energy_j),
+        |v| Cell::Number(v.joints.jump_energy_j),
     ),
-    ("switches", Kind::Whole, "changes of mode", |_, v| {
+    ("switches", Kind::Whole, "changes of mode", |v| {
         whole(v.joints.switches)
     }),
     (
         "switch_energy_j",
         Kind::Number,
         "energy put in at changes of mode",
-        |_, v| Cell::Number(v.joints.switch_energy_j),
+        |v| Cell::Number(v.joints.switch_energy_j),
     ),
     (
         "stopped_by_plant",
         Kind::Boolean,
         "whether a joint ran against its stop, or the drive stopped the arm",
-        |s, _| Cell::Boolean(s.stopped_by_plant),
+        |v| Cell::Boolean(v.joints.stopped_ticks > 0),
     ),
     (
         "s_min",
         Kind::Number,
         "smallest |s| of any singularity",
-        |_, v| {
-            v.singularities
-                .iter()
-                .map(|one| one.s_min)
-                .min_by(f64::total_cmp)
-                .map_or(Cell::Absent, Cell::Number)
-        },
+        |v| v.s_min.map_or(Cell::Absent, Cell::Number),
     ),
     (
         "inside_ticks",
         Kind::Whole,
         "ticks inside the neighbourhood of any singularity, each counted",
-        |_, v| whole(v.singularities.iter().map(|one| one.inside_ticks).sum()),
+        |v| whole(v.inside_ticks),
     ),
 ];
 
@@ -273,20 +265,17 @@ pub(super) fn results(loaded: Result<(&Robot, &Scenario), String>) -> (Vec<Cell>
             "the program ended this run by a panic: a defect, please report it".to_owned(),
         ),
         Err(reason) => without(REFUSED, reason),
-        Ok((score, verdict, hashes)) => {
+        Ok(row) => {
             let mut cells = vec![
-                Cell::Text(verdict.outcome.clone()),
-                Cell::Text(verdict.reason.clone()),
+                Cell::Text(row.outcome.clone()),
+                Cell::Text(row.reason.clone()),
             ];
-            cells.extend(RESULTS.iter().map(|(.., of)| of(&score, &verdict)));
-            cells.extend(hashes.map(|hash| {
-                if hash.count() > 0 {
-                    Cell::Text(hash.summary().hash)
-                } else {
-                    Cell::Absent
-                }
+            cells.extend(RESULTS.iter().map(|(.., of)| of(&row)));
+            cells.extend(TOPICS.map(|topic| {
+                let hash = row.hash.get(topic);
+                hash.map_or(Cell::Absent, |hash| Cell::Text(hash.clone()))
             }));
-            (cells, verdict.ticks)
+            (cells, row.ticks)
         }
     }
 }
@@ -298,24 +287,11 @@ fn guarded<T>(run: impl FnOnce() -> Result<T, Refused>) -> Result<T, String> {
         .map_err(|refused| refused.to_string())
 }
 
-fn run(
-    robot: &Robot,
-    scenario: &Scenario,
-) -> Result<(Score, Verdict, [TopicHash; COUNT]), Refused> {
+fn run(robot: &Robot, scenario: &Scenario) -> Result<Row, Refused> {
     // As `armplane run` does it: a start that the control law refuses is no run.
     chain::try_first_tick(robot, scenario)?;
-    let mut hashes = Hashes([TopicHash::default(); COUNT]);
-    let (score, verdict) = scored(robot, scenario, &mut hashes)?;
-    Ok((score, verdict, hashes.0))
-}
-
-/// Adds messages to the hashes of their topics, one by one.
-struct Hashes([TopicHash; COUNT]);
-
-impl Sink for Hashes {
-    fn take<M: Topic>(&mut self, message: &M) {
-        self.0[M::INDEX].add(message);
-    }
+    let scenario = scenario.clone();
+    Trial { robot, scenario }.run()
 }
 
 #[cfg(test)]

@@ -20,7 +20,7 @@ pub struct TaskError {
 
 impl TaskError {
     /// Where there is nothing to judge by. A NaN is in no bounds.
-    pub(super) const UNKNOWN: Self = Self {
+    pub const UNKNOWN: Self = Self {
         position: [f64::NAN; 3],
         orientation: [f64::NAN; 3],
     };

@@ -2,15 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
+use chain::Tick;
 use model::Robot;
-use recorder::Judge;
+use recorder::TaskError;
 use serde::Serialize;
 use session::{Failure, Observer, Progress, Results, load};
 use shared_types::bounds::larger;
-use shared_types::scenario::{Scenario, Strategy};
+use shared_types::scenario::Strategy;
+use viz::plot::digits;
 use viz::{Recording, RunInfo, TickRow};
 
-use super::law::under;
+use crate::text::percent;
+use crate::trial::Trial;
 
 /// Pictures of both arms per second, as in every recording.
 const PICTURE_HZ: u32 = 50;
@@ -43,20 +46,10 @@ pub struct Race {
     pub folder: PathBuf,
 }
 
-/// The rival's data of one tick.
-struct Place {
-    q: [f64; shared_types::MAX_DOF],
-    racer: Racer,
-}
-
 impl Racer {
-    fn tick(&mut self, tick: &chain::Tick, robot: &Robot, judge: &mut Judge) {
-        let lent = tick.lent();
-        if let Some(tick) = recorder::Tick::of(&lent) {
-            let error = judge.tick(tick);
-            self.position_max_mm = larger(self.position_max_mm, error.position[0]);
-            self.orientation_max_deg = larger(self.orientation_max_deg, error.orientation[0]);
-        }
+    fn add(&mut self, tick: &Tick, error: TaskError, robot: &Robot) {
+        self.position_max_mm = larger(self.position_max_mm, error.position[0]);
+        self.orientation_max_deg = larger(self.orientation_max_deg, error.orientation[0]);
         for (joint, rate) in robot.joints.iter().zip(&tick.plant_state.qdot) {
             self.speed_max_ratio = larger(self.speed_max_ratio, rate.abs() / joint.velocity);
         }
@@ -81,11 +74,11 @@ pub fn race(
     } = load::scenario(name, settings, seed)?;
     let scenario = chain::without_faults(&scenario);
     let law = scenario.control.strategy;
+    let names = [law, rival].map(Strategy::name);
     if law == rival {
+        let (scenario, law) = (&scenario.name, law.name());
         return Err(Failure::Input(format!(
-            "{} runs under {} already: name another law with --law",
-            scenario.name,
-            law.name()
+            "{scenario} runs under {law} already: name another law with --law"
         )));
     }
     let results = Results::create(out, "race")?;
@@ -95,7 +88,16 @@ pub fn race(
         length: 2,
         unit: "laws",
     });
-    let places = rival_places(&robot, &under(&scenario, rival), every)?;
+    // Where the rival's joints are at each picture, and how it has done by then.
+    let (mut places, mut theirs) = (Vec::new(), Racer::default());
+    let other = Trial::under(rival, &robot, &scenario);
+    let ended = other.watch(|tick, error| {
+        theirs.add(tick, error, &robot);
+        if tick.sensor.header.tick % every == 0 {
+            places.push((tick.plant_state.q, theirs));
+        }
+    });
+    ended.map_err(Failure::input)?;
     observer(Progress::Step);
 
     let run = format!("race-{}-{}", scenario.name, scenario.seed);
@@ -109,125 +111,58 @@ pub fn race(
         lives: viz::Lives::default(),
     };
     let mut recording = Recording::create(&results.folder, &info).map_err(Failure::work)?;
-    let mut judge = Judge::new(&robot, &scenario).map_err(Failure::input)?;
-    let (mut racer, mut words, mut failed) = (Racer::default(), String::new(), None);
-    let names = [law.name(), rival.name()];
-    chain::run(&robot, &scenario, |tick| {
+    let (mut ours, mut words, mut failed) = (Racer::default(), String::new(), None);
+    let own = Trial::under(law, &robot, &scenario);
+    let ended = own.watch(|tick, error| {
         let number = tick.sensor.header.tick;
-        racer.tick(tick, &robot, &mut judge);
+        ours.add(tick, error, &robot);
         // A rival that is done stays where it is.
+        let picture = (number / every) as usize;
         if number % every == 0
-            && let Some(place) = places.get((number / every) as usize).or(places.last())
+            && let Some((q, theirs)) = places.get(picture).or(places.last())
         {
-            if (number / every) % COUNTERS_EVERY == 0 {
-                words = counters(names, [&racer, &place.racer]);
+            if (number / every).is_multiple_of(COUNTERS_EVERY) {
+                words = counters(names, [&ours, theirs]);
             }
-            recording.rival(number, &place.q, &words);
+            recording.rival(number, q, &words);
         }
         let mut messages = tick.lent();
         if scenario.servo.is_none() {
             // The chain has a place for them in any run.
             (messages.target, messages.servo_state) = (None, None);
         }
-        failed = failed
-            .take()
-            .or(recording.tick(&TickRow::new(number, messages)).err());
-    })
-    .map_err(Failure::input)?;
+        let drawn = recording.tick(&TickRow::new(number, messages));
+        failed = failed.take().or(drawn.err());
+    });
+    ended.map_err(Failure::input)?;
     failed.map_or(Ok(()), |error| Err(Failure::work(error)))?;
     recording.finish().map_err(Failure::work)?;
     observer(Progress::End);
-    let end = places.last().map(|place| place.racer).unwrap_or_default();
+    let [law, rival] = [(names[0], ours), (names[1], theirs)];
     let race = Race {
         scenario: scenario.name.clone(),
         seed: scenario.seed,
-        law: (names[0].to_owned(), racer),
-        rival: (names[1].to_owned(), end),
+        law: (law.0.to_owned(), law.1),
+        rival: (rival.0.to_owned(), rival.1),
         folder: results.folder.clone(),
     };
-    results.save(
-        "race.json",
-        &serde_json::to_value(&race).map_err(Failure::work)?,
-    )?;
+    let json = serde_json::to_value(&race).map_err(Failure::work)?;
+    results.save("race.json", &json)?;
     Ok(race)
-}
-
-/// Where the rival's joints are at each picture, and how it has done by then.
-fn rival_places(robot: &Robot, scenario: &Scenario, every: u64) -> Result<Vec<Place>, Failure> {
-    let mut judge = Judge::new(robot, scenario).map_err(Failure::input)?;
-    let (mut places, mut racer) = (Vec::new(), Racer::default());
-    chain::run(robot, scenario, |tick| {
-        racer.tick(tick, robot, &mut judge);
-        if tick.sensor.header.tick % every == 0 {
-            places.push(Place {
-                q: tick.plant_state.q,
-                racer,
-            });
-        }
-    })
-    .map_err(Failure::input)?;
-    Ok(places)
 }
 
 /// Both laws' numbers so far, as Markdown.
 fn counters([law, rival]: [&str; 2], racers: [&Racer; 2]) -> String {
     let row = |what: &str, of: fn(&Racer) -> String| {
-        format!("| {what} | **{}** | {} |\n", of(racers[0]), of(racers[1]))
+        let [law, rival] = racers.map(of);
+        format!("| {what} | **{law}** | {rival} |\n")
     };
-    let mut words = format!(
-        "## Solid: {law}. Red: {rival}\n\n| so far, at most | {law} | {rival} |\n|---|---|---|\n"
-    );
-    words += &row("hand turned off its path", |racer| {
-        angle(racer.orientation_max_deg)
-    });
-    words += &row("hand moved off its path", |racer| {
-        length(racer.position_max_mm)
-    });
-    words += &row("joint speed, of the limit", |racer| {
-        format!("{:.0} %", 100.0 * racer.speed_max_ratio)
-    });
-    words + "\n*The same plant, seed and task. Green: the reference of the solid arm.*\n"
-}
-
-fn angle(deg: f64) -> String {
-    if deg < 0.1 {
-        format!("{deg:.3}°")
-    } else {
-        format!("{deg:.1}°")
-    }
-}
-
-fn length(mm: f64) -> String {
-    if mm < 1.0 {
-        format!("{mm:.2} mm")
-    } else {
-        format!("{mm:.1} mm")
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn counters_show_both_laws() {
-        let ours = Racer {
-            position_max_mm: 0.023,
-            orientation_max_deg: 0.006,
-            speed_max_ratio: 0.28,
-        };
-        let theirs = Racer {
-            position_max_mm: 12.5,
-            orientation_max_deg: 4.42,
-            speed_max_ratio: 1.02,
-        };
-        let words = counters(["blended", "damped-least-squares"], [&ours, &theirs]);
-        for expected in [
-            "**0.006°** | 4.4°",
-            "**0.02 mm** | 12.5 mm",
-            "**28 %** | 102 %",
-        ] {
-            assert!(words.contains(expected), "{expected}: {words}");
-        }
-    }
+    [
+        format!("## Solid: {law}. Red: {rival}\n\n| so far, at most | {law} | {rival} |\n|---|---|---|\n"),
+        row("hand turned off its path", |racer| digits(racer.orientation_max_deg) + "°"),
+        row("hand moved off its path", |racer| digits(racer.position_max_mm) + " mm"),
+        row("joint speed, of the limit", |racer| percent(racer.speed_max_ratio)),
+        "\n*The same plant, seed and task. Green: the reference of the solid arm.*\n".to_owned(),
+    ]
+    .concat()
 }

@@ -1,200 +1,154 @@
 //! A comparison as text for people.
 
-use lines::KINDS;
 use std::fmt;
 
-use control::Kind;
-use session::table::{number, table};
-use shared_types::scenario::Scenario;
+use lines::KINDS;
+use recorder::Bounds;
+use shared_types::scenario::Strategy;
 use viz::plot::digits;
 
-use crate::quantile::quantile;
-
-use super::race::Race;
-use super::scenarios::Compared;
-use super::score::{Bounds, Score};
-use super::sweep::{SWEEP, Sweep, missed};
-use super::verdict::{failures, margin, verdicts};
+use super::verdict::{findings, verdicts};
+use super::{Compared, Race, Racer, name_of};
+use crate::row::Row;
+use crate::text::{Columns, optional, percent, quantile};
 
 /// A table of the laws, the verdict, and its terms.
 impl fmt::Display for Compared {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (name, faults_left_out) = match self {
-            Self::Scenario {
-                scenario,
-                faults_left_out,
-                ..
-            } => (scenario.name.as_str(), *faults_left_out),
-            Self::Sweep {
-                faults_left_out, ..
-            } => (SWEEP, *faults_left_out),
-        };
-        if faults_left_out > 0 {
+        let (name, faults) = (&self.scenario.name, self.faults_left_out);
+        if faults > 0 {
             let remedy = "`armplane sweep` over `control.strategy` has them";
-            writeln!(
-                f,
-                "{name}: without its planned faults ({faults_left_out}); {remedy}"
-            )?;
+            writeln!(f, "{name}: without its planned faults ({faults}); {remedy}")?;
         }
-        match self {
-            Self::Scenario {
-                scenario, scores, ..
-            } => scenario_text(f, scenario, scores),
-            Self::Sweep { sweep, .. } => sweep_text(f, sweep),
+        if self.near.is_empty() {
+            self.one_path(f)
+        } else {
+            self.lines(f)
         }
     }
 }
 
-fn percent(ratio: f64) -> String {
-    format!("{:.0} %", ratio * 100.0)
+/// Adds the columns of errors, of a row that may be none.
+pub(super) fn with_errors<'a, R>(
+    columns: Columns<'a, R>,
+    row: impl Fn(&R) -> Option<&Row> + Copy + 'a,
+) -> Columns<'a, R> {
+    let error = move |of: fn(&Row) -> f64| move |one: &R| optional(row(one), |row| digits(of(row)));
+    columns
+        .number("⊥ ζ, mm", error(|row| row.task.orthogonal_max_mm))
+        .number("⊥ ζ, °", error(|row| row.task.orthogonal_max_deg))
+        .number("∥ ζ, mm", error(|row| row.task.along_max_mm))
+        .number("∥ ζ, °", error(|row| row.task.along_max_deg))
 }
 
-fn scenario_text(f: &mut fmt::Formatter<'_>, scenario: &Scenario, scores: &[Score]) -> fmt::Result {
-    writeln!(
-        f,
-        "{}: {} (seed {})",
-        scenario.name, scenario.title, scenario.seed
-    )?;
-    let mut rows = table(&[
-        "law",
-        "⊥ ζ, mm",
-        "⊥ ζ, °",
-        "∥ ζ, mm",
-        "∥ ζ, °",
-        "speed",
-        "torque",
-        "time",
-        "verdict",
-    ]);
-    for (score, verdict) in scores.iter().zip(verdicts(scores)) {
-        let error = |value: f64| {
-            number(if score.completed {
-                digits(value)
-            } else {
-                "–".to_owned()
+impl Compared {
+    fn one_path(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let scenario = &self.scenario;
+        let (name, title, seed) = (&scenario.name, &scenario.title, scenario.seed);
+        writeln!(f, "{name}: {title} (seed {seed})")?;
+        let rows: Vec<Row> = self.laws.iter().flat_map(|law| law.1.clone()).collect();
+        let columns = Columns::<(&Row, String)>::new().text("law", |(row, _)| row.law.clone());
+        let columns = with_errors(columns, |(row, _)| row.completed.then_some(*row))
+            .number("speed", |(row, _)| percent(row.joints.speed_max_ratio))
+            .number("torque", |(row, _)| {
+                percent(row.joints.torque_commanded_max_ratio)
             })
-        };
-        rows.add_row([
-            score.law.clone().into(),
-            error(score.orthogonal_max_mm),
-            error(score.orthogonal_max_deg),
-            error(score.along_max_mm),
-            error(score.along_max_deg),
-            number(percent(score.speed_max_ratio)),
-            number(percent(score.torque_max_ratio)),
-            number(format!("× {:.2}", score.time_stretch)),
-            verdict.into(),
-        ]);
+            .number("time", |(row, _)| format!("× {:.2}", row.task.time_stretch))
+            .text("verdict", |(_, verdict)| verdict.clone());
+        writeln!(f, "{}", columns.print(rows.iter().zip(verdicts(&rows))))?;
+        findings(&rows)
+            .iter()
+            .try_for_each(|line| writeln!(f, "{line}"))?;
+        let (s1, s2) = (Bounds::s1(), Bounds::s2());
+        writeln!(
+            f,
+            "⊥ ζ: largest error orthogonal to the singular directions, ∥ ζ: along them; speed, torque: of the joints' limits.\n\
+             S1: less than {} mm and {}° orthogonal to ζ.\n\
+             S2: less than {} mm and {}° orthogonal to ζ, less than {} mm and {}° along it.",
+            s1.orthogonal_mm,
+            s1.orthogonal_deg,
+            s2.orthogonal_mm,
+            s2.orthogonal_deg,
+            s2.along_mm,
+            s2.along_deg
+        )
     }
-    writeln!(f, "{rows}")?;
-    for line in failures(scores).iter().chain(&margin(scores)) {
-        writeln!(f, "{line}")?;
-    }
-    writeln!(
-        f,
-        "⊥ ζ: largest error orthogonal to the singular directions, ∥ ζ: along them; speed, torque: of the joints' limits."
-    )?;
-    let (s1, s2) = (Bounds::s1(), Bounds::s2());
-    writeln!(
-        f,
-        "S1: less than {} mm and {}° orthogonal to ζ.",
-        s1.orthogonal_mm, s1.orthogonal_deg
-    )?;
-    let Bounds {
-        orthogonal_mm,
-        orthogonal_deg,
-        along_mm,
-        along_deg,
-    } = s2;
-    writeln!(
-        f,
-        "S2: less than {orthogonal_mm} mm and {orthogonal_deg}° orthogonal to ζ, less than {along_mm} mm and {along_deg}° along it."
-    )
-}
 
-fn sweep_text(f: &mut fmt::Formatter<'_>, sweep: &Sweep) -> fmt::Result {
-    writeln!(
-        f,
-        "sweep: {} lines at {} m/s (seed {})",
-        sweep.near.len(),
-        sweep.speed,
-        sweep.seed
-    )?;
-    let mut rows = table(&[
-        "law",
-        "S1 %",
-        "S2 %",
-        "elbow",
-        "wrist",
-        "overhead",
-        "ends %",
-        "orthogonal p95, mm",
-        "time p90",
-        "S2 missed by",
-    ]);
-    for (law, scores) in &sweep.laws {
-        let share = |near: Option<Kind>, so: &dyn Fn(&Score) -> bool| {
-            let (yes, all) = sweep.count(scores, near, so);
-            if all == 0 {
-                "–".to_owned()
-            } else {
-                format!("{:.1}", 100.0 * yes as f64 / all as f64)
+    fn lines(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        type Law = (Strategy, Vec<Row>);
+        let (count, seed) = (self.near.len(), self.scenario.seed);
+        writeln!(
+            f,
+            "sweep: {count} lines at {} m/s (seed {seed})",
+            self.speed
+        )?;
+        let share = |near, so: fn(&Row) -> bool| {
+            move |(_, rows): &&Law| match self.count(rows, near, so) {
+                (_, 0) => "–".to_owned(),
+                (yes, all) => format!("{:.1}", 100.0 * yes as f64 / all as f64),
             }
         };
-        let mut row = vec![
-            law.name().into(),
-            number(share(None, &|score| score.s1)),
-            number(share(None, &|score| score.s2)),
-        ];
-        row.extend(KINDS.map(|kind| number(share(Some(kind), &|score| score.s2))));
-        row.extend([
-            number(share(None, &Score::ended)),
-            number(digits(quantile(
-                scores.iter().map(|score| score.orthogonal_max_mm),
-                0.95,
-            ))),
-            number(format!(
-                "× {:.2}",
-                quantile(scores.iter().map(|score| score.time_stretch), 0.9)
-            )),
-            missed(scores).into(),
-        ]);
-        rows.add_row(row);
+        let names = KINDS.map(name_of);
+        let mut columns = Columns::<&Law>::new()
+            .text("law", |law| law.0.name())
+            .number("S1 %", share(None, |row| row.task.s1))
+            .number("S2 %", share(None, |row| row.task.s2));
+        for (name, kind) in names.iter().zip(KINDS) {
+            columns = columns.number(name, share(Some(kind), |row| row.task.s2));
+        }
+        let columns = columns
+            .number("ends %", share(None, Row::ended))
+            .number("orthogonal p95, mm", |law| {
+                let errors = law.1.iter().map(|row| row.task.orthogonal_max_mm);
+                digits(quantile(errors, 0.95))
+            })
+            .number("time p90", |law| {
+                let times = law.1.iter().map(|row| row.task.time_stretch);
+                format!("× {:.2}", quantile(times, 0.9))
+            })
+            .text("S2 missed by", |law| missed(&law.1));
+        writeln!(f, "{}", columns.print(&self.laws))?;
+        writeln!(
+            f,
+            "elbow, wrist, overhead: S2 % of the lines near that singularity; –: none is"
+        )
     }
-    writeln!(
-        f,
-        "{rows}\nelbow, wrist, overhead: S2 % of the lines near that singularity; –: none is"
-    )
+}
+
+/// "along 12, torque 4": how many lines missed S2 by what, the most frequent first.
+#[must_use]
+pub fn missed(rows: &[Row]) -> String {
+    let mut counts: Vec<(&str, usize)> = Vec::new();
+    for what in rows.iter().flat_map(|row| &row.task.missed) {
+        match counts.iter_mut().find(|(known, _)| known == what) {
+            Some((_, count)) => *count += 1,
+            None => counts.push((what, 1)),
+        }
+    }
+    counts.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
+    let counts = counts.iter().map(|(what, count)| format!("{what} {count}"));
+    counts.collect::<Vec<_>>().join(", ")
 }
 
 /// A row for each of the two laws.
 impl fmt::Display for Race {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (scenario, seed) = (&self.scenario, self.seed);
         writeln!(
             f,
-            "{}: the same plant, seed {} and task under two laws",
-            self.scenario, self.seed
+            "{scenario}: the same plant, seed {seed} and task under two laws"
         )?;
-        let mut rows = table(&[
-            "law",
-            "position error, mm",
-            "orientation error, °",
-            "joint speed",
-        ]);
-        for (law, racer) in [&self.law, &self.rival] {
+        let columns = Columns::<&(String, Racer)>::new()
+            .text("law", |one| one.0.clone())
+            .number("position error, mm", |one| digits(one.1.position_max_mm))
+            .number("orientation error, °", |one| {
+                digits(one.1.orientation_max_deg)
+            })
             // An arm without limits has no share of them.
-            let speed = if racer.speed_max_ratio == 0.0 {
-                "–".to_owned()
-            } else {
-                format!("{:.0} %", racer.speed_max_ratio * 100.0)
-            };
-            rows.add_row([
-                law.clone().into(),
-                number(digits(racer.position_max_mm)),
-                number(digits(racer.orientation_max_deg)),
-                number(speed),
-            ]);
-        }
-        writeln!(f, "{rows}")
+            .number("joint speed", |one| {
+                let ratio = Some(one.1.speed_max_ratio);
+                optional(ratio.filter(|ratio| *ratio != 0.0), percent)
+            });
+        writeln!(f, "{}", columns.print([&self.law, &self.rival]))
     }
 }

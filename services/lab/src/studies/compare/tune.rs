@@ -4,144 +4,87 @@
 //! were told apart on 126. The governor is searched too: no baseline does better without it.
 
 use session::{Failure, Observer, load};
-use shared_types::scenario::{Baseline, Damping, HoldAndBlend, Scenario, Strategy};
+use shared_types::scenario::{Scenario, Strategy};
 
-use super::law::under;
-use super::score::{Score, score};
-use super::sweep::{SWEEP, SweepSize, draw};
-use crate::pool::on_all_cores;
+use super::{SWEEP, SweepSize, draw, rows};
+use crate::row::Row;
+use crate::trial::Trial;
 
 /// Added to the seed: the lines tuned on are never those compared on.
 const SEED_OFFSET: u64 = 1000;
 
-/// One point of a search.
-pub struct Point {
-    law: Strategy,
-    /// As `--set` takes them.
-    pub settings: String,
-    baseline: Baseline,
-    governor: bool,
-}
+/// One point of a search: values as `--set` takes them.
+pub type Point = Vec<String>;
 
 /// All points of a law's search; none for a law without parameters of its own.
 fn points(law: Strategy) -> Vec<Point> {
-    let mut baselines: Vec<(String, Baseline)> = Vec::new();
-    let base = Baseline::default();
-    match law {
-        Strategy::DampedLeastSquares | Strategy::JointPd => {
-            for onset in [0.01, 0.02, 0.04, 0.08, 0.16, 0.32] {
-                for largest in [0.0025, 0.005, 0.01, 0.02, 0.04, 0.08] {
-                    let damping = Damping { onset, largest };
-                    let (name, baseline) = match law {
-                        Strategy::JointPd => (
-                            "joint_pd",
-                            Baseline {
-                                joint_pd: damping,
-                                ..base.clone()
-                            },
-                        ),
-                        _ => (
-                            "damped_least_squares",
-                            Baseline {
-                                damped_least_squares: damping,
-                                ..base.clone()
-                            },
-                        ),
-                    };
-                    baselines.push((
-                        format!("{name}={{onset={onset},largest={largest}}}"),
-                        baseline,
-                    ));
-                }
-            }
-        }
-        Strategy::TruncatedSvd => {
-            for truncated_svd_floor in [
-                0.003, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.04, 0.06, 0.08,
-            ] {
-                baselines.push((
-                    format!("truncated_svd_floor={truncated_svd_floor}"),
-                    Baseline {
-                        truncated_svd_floor,
-                        ..base.clone()
-                    },
-                ));
-            }
-        }
-        Strategy::HoldAndBlend => {
-            for blend in [
-                [0.001, 0.004],
-                [0.001, 0.01],
-                [0.001, 0.02],
-                [0.003, 0.02],
-                [0.006, 0.06],
-            ] {
-                for (hold_k_p, hold_k_v) in [
-                    (0.001, 2.0),
-                    (0.001, 5.0),
-                    (5.0, 4.5),
-                    (50.0, 14.0),
-                    (400.0, 40.0),
-                ] {
-                    for push in [0.001, 0.01, 0.1] {
-                        let tuned = HoldAndBlend {
-                            blend,
-                            hold_k_p,
-                            hold_k_v,
-                            push,
-                            ..base.hold_and_blend
-                        };
-                        let text = format!(
-                            "hold_and_blend={{blend={blend:?},hold_k_p={hold_k_p},hold_k_v={hold_k_v},push={push}}}"
-                        );
-                        baselines.push((
-                            text,
-                            Baseline {
-                                hold_and_blend: tuned,
-                                ..base.clone()
-                            },
-                        ));
-                    }
-                }
-            }
-        }
-        _ => return Vec::new(),
-    }
-    let with = |governor: bool, (text, baseline): &(String, Baseline)| Point {
-        law,
-        settings: format!("control.baseline.{text} control.governor={governor}"),
-        baseline: baseline.clone(),
-        governor,
+    let product = |one: &[&str], other: &[&str], write: fn(&str, &str) -> String| {
+        let write_all = |a: &&str| other.iter().map(|b| write(a, b)).collect::<Vec<_>>();
+        one.iter().flat_map(write_all).collect::<Vec<_>>()
     };
-    baselines
-        .iter()
-        .flat_map(|one| [with(true, one), with(false, one)])
-        .collect()
-}
-
-impl Point {
-    fn lay_over(&self, scenario: &Scenario) -> Scenario {
-        let mut scenario = under(scenario, self.law);
-        scenario.control.baseline = self.baseline.clone();
-        scenario.control.governor = self.governor;
-        scenario
-    }
+    let damping = || {
+        product(
+            &["0.01", "0.02", "0.04", "0.08", "0.16", "0.32"],
+            &["0.0025", "0.005", "0.01", "0.02", "0.04", "0.08"],
+            |onset, largest| format!("={{onset={onset},largest={largest}}}"),
+        )
+    };
+    let baselines: Vec<String> = match law {
+        Strategy::DampedLeastSquares => damping()
+            .iter()
+            .map(|it| format!("damped_least_squares{it}"))
+            .collect(),
+        Strategy::JointPd => damping().iter().map(|it| format!("joint_pd{it}")).collect(),
+        Strategy::TruncatedSvd => [
+            0.003, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.04, 0.06, 0.08,
+        ]
+        .map(|floor| format!("truncated_svd_floor={floor}"))
+        .to_vec(),
+        Strategy::HoldAndBlend => {
+            let blends = [
+                "0.001, 0.004",
+                "0.001, 0.01",
+                "0.001, 0.02",
+                "0.003, 0.02",
+                "0.006, 0.06",
+            ];
+            let gains = [
+                "0.001,hold_k_v=2",
+                "0.001,hold_k_v=5",
+                "5,hold_k_v=4.5",
+                "50,hold_k_v=14",
+                "400,hold_k_v=40",
+            ];
+            let held = product(&blends, &gains, |blend, gains| {
+                format!("[{blend}],hold_k_p={gains}")
+            });
+            let held: Vec<_> = held.iter().map(String::as_str).collect();
+            product(&held, &["0.001", "0.01", "0.1"], |held, push| {
+                format!("hold_and_blend={{blend={held},push={push}}}")
+            })
+        }
+        _ => Vec::new(),
+    };
+    let with = |baseline: &String| {
+        [true, false].map(|governor| {
+            let governor = format!("control.governor={governor}");
+            vec![format!("control.baseline.{baseline}"), governor]
+        })
+    };
+    baselines.iter().flat_map(with).collect()
 }
 
 /// Lines with S2, with S1, and reached ends: in this order of weight.
-pub fn worth(scores: &[Score]) -> [usize; 3] {
-    let count = |so: &dyn Fn(&Score) -> bool| scores.iter().filter(|score| so(score)).count();
-    [
-        count(&|score| score.s2),
-        count(&|score| score.s1),
-        count(&Score::ended),
-    ]
+#[must_use]
+pub fn worth(rows: &[Row]) -> [usize; 3] {
+    let of: [fn(&Row) -> bool; 3] = [|row| row.task.s2, |row| row.task.s1, Row::ended];
+    of.map(|so| rows.iter().filter(|row| so(row)).count())
 }
 
-/// The points of a search with their scores, the best first.
-pub type Ranked<'a> = [(&'a Point, &'a [Score])];
+/// The points of a search with their rows, the best first.
+pub type Ranked<'a> = [(&'a Point, &'a [Row])];
 
-/// Searches each law's parameters; `each` gets each law's points with their scores, the best first. Returns the seed of the lines, and their
+/// Searches each law's parameters; `each` gets each law's points with their rows, the best first. Returns the seed of the lines, and their
 /// number.
 ///
 /// # Errors
@@ -159,25 +102,25 @@ pub fn tune(
     let lines = draw(&loaded, seed, size)?;
     for law in laws {
         let points = points(*law);
+        let mut trials = Vec::new();
+        for point in &points {
+            let control = load::scenario(SWEEP, &[settings, point].concat(), None)?
+                .scenario
+                .control;
+            trials.extend(lines.iter().map(|line| {
+                let scenario = Scenario {
+                    control: control.clone(),
+                    ..line.scenario.clone()
+                };
+                Trial::under(*law, &loaded.robot, &scenario)
+            }));
+        }
         if points.is_empty() {
             continue;
         }
-        let work: Vec<_> = points
-            .iter()
-            .flat_map(|point| lines.iter().map(|line| point.lay_over(&line.scenario)))
-            .collect();
-        let scores = on_all_cores(
-            law.name(),
-            &work,
-            |scenario| score(&loaded.robot, scenario),
-            observer,
-        );
-        let scores = scores
-            .into_iter()
-            .collect::<Result<Vec<_>, _>>()
-            .map_err(Failure::input)?;
-        let mut ranked: Vec<_> = points.iter().zip(scores.chunks(lines.len())).collect();
-        ranked.sort_by_key(|(_, scores)| std::cmp::Reverse(worth(scores)));
+        let rows = rows(law.name(), &trials, observer).map_err(Failure::input)?;
+        let mut ranked: Vec<_> = points.iter().zip(rows.chunks(lines.len())).collect();
+        ranked.sort_by_key(|(_, rows)| std::cmp::Reverse(worth(rows)));
         each(*law, seed, &ranked);
     }
     Ok((seed, lines.len()))

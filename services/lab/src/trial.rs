@@ -1,0 +1,156 @@
+//! The engine of every experiment: draw trials, run them, look at their rows.
+//!
+//! ```text
+//! [Trial]   a scenario (settings, seed, faults) on a robot          compare: one a law; sweep: one a point; drill: one a fault
+//!    │ Trial::run, on_all_cores       on one thread
+//!    │ session::launch_watched        in its processes
+//!    ▼
+//! [Row]     the result, named as in summary.json: of one thread Row::of, of five processes Row::from(&Summary)
+//!    ▼
+//! table     a list of columns, each a heading and the text of a row (text.rs); JSON by serde; Parquet (sweeps)
+//! ```
+//!
+//! A new experiment is a function that makes a list of trials, `on_all_cores` with [`Trial::run`], and a list of columns. One that must look at each tick
+//! uses [`Trial::watch`]; what it adds to a row it keeps in a structure of its own with the row flattened into it.
+
+use chain::{Sink, Tick};
+use message_log::TopicHash;
+use model::{Refused, Robot};
+use recorder::{Assembler, HORIZON, Judge, PATIENCE, Set, TaskError, Verdict};
+use shared_types::scenario::{Scenario, Strategy};
+use shared_types::topics::{self, ByTopic, COUNT, Each, Lent, STEERED, Topic};
+
+use crate::row::Row;
+
+/// A run that is to be made.
+#[derive(Clone, Debug)]
+pub struct Trial<'a> {
+    /// The arm.
+    pub robot: &'a Robot,
+    /// The task with all settings, faults and the seed.
+    pub scenario: Scenario,
+}
+
+impl<'a> Trial<'a> {
+    /// A scenario under another law than its own.
+    #[must_use]
+    pub fn under(law: Strategy, robot: &'a Robot, scenario: &Scenario) -> Self {
+        let mut scenario = scenario.clone();
+        scenario.control.strategy = law;
+        Self { robot, scenario }
+    }
+
+    /// Runs it on one thread: the same bytes on every topic as in five processes.
+    ///
+    /// # Errors
+    /// [`Refused`] where a cycle does not accept the robot or the scenario, or one thread cannot have one of its faults.
+    pub fn run(&self) -> Result<Row, Refused> {
+        let Self { robot, scenario } = self;
+        let mut hashes = Hashes([TopicHash::default(); COUNT]);
+        let is_sent = |topic: &str| scenario.servo.is_some() || !STEERED.contains(&topic);
+        let verdict = if chain::plans_faults_of_processes(scenario) {
+            let mut assembled = Assembled {
+                hashes: &mut hashes,
+                assembler: Assembler::new(Set::of(is_sent), PATIENCE, HORIZON),
+                newest: 0,
+                judge: Judge::new(robot, scenario)?,
+            };
+            let ended = chain::run_under_faults(robot, scenario, &mut assembled)?;
+            assembled.take_rows(true);
+            let mut verdict = assembled.judge.verdict();
+            if let Some(sentence) = ended {
+                (verdict.completed, verdict.outcome) = (false, "failed".to_owned());
+                verdict.reason = format!("{sentence}; {}", verdict.reason);
+            }
+            verdict
+        } else {
+            // Each tick is whole: nothing is to be assembled.
+            self.watch(|tick, _| {
+                topics::each(&mut Pass {
+                    hashes: &mut hashes,
+                    tick,
+                    is_sent,
+                });
+            })?
+        };
+        Ok(Row {
+            hash: hashes.by_topic(),
+            ..Row::of(scenario.control.strategy, verdict)
+        })
+    }
+
+    /// Runs it on one thread, shows each tick with its error to `each`, and judges it.
+    ///
+    /// # Errors
+    /// [`Refused`] as [`run`](Self::run), and where a fault of a process is planned.
+    pub fn watch(&self, mut each: impl FnMut(&Tick, TaskError)) -> Result<Verdict, Refused> {
+        let mut judge = Judge::new(self.robot, &self.scenario)?;
+        chain::run(self.robot, &self.scenario, |tick| {
+            let error = recorder::Tick::of(&tick.lent()).map(|messages| judge.tick(messages));
+            each(tick, error.unwrap_or(TaskError::UNKNOWN));
+        })?;
+        Ok(judge.verdict())
+    }
+}
+
+/// The hash of each topic.
+struct Hashes([TopicHash; COUNT]);
+
+impl Hashes {
+    fn by_topic(&self) -> std::collections::BTreeMap<String, String> {
+        let topics = topics::TOPICS.iter().zip(&self.0);
+        topics
+            .filter(|(_, hash)| hash.count() > 0)
+            .map(|(topic, hash)| ((*topic).to_owned(), hash.summary().hash))
+            .collect()
+    }
+}
+
+/// Hashes the messages of a tick, those of the topics that the run has.
+struct Pass<'a, S> {
+    hashes: &'a mut Hashes,
+    tick: &'a Tick,
+    is_sent: S,
+}
+
+impl<S: Fn(&str) -> bool> Each for Pass<'_, S> {
+    type Output = ();
+    fn each<M: Topic>(&mut self) {
+        if (self.is_sent)(M::TOPIC) {
+            self.hashes.0[M::INDEX].add(M::of(self.tick));
+        }
+    }
+}
+
+/// Judges the ticks that messages make, as the recorder does.
+struct Assembled<'a> {
+    hashes: &'a mut Hashes,
+    assembler: Assembler,
+    /// The newest tick of which a message has come.
+    newest: u64,
+    judge: Judge,
+}
+
+impl Assembled<'_> {
+    fn take_rows(&mut self, flush: bool) {
+        while let Some(row) = self.assembler.pop(self.newest, flush) {
+            let messages: &ByTopic<Lent<'_>> = &row.messages().lent();
+            if let Some(tick) = recorder::Tick::of(messages) {
+                self.judge.tick(tick);
+            }
+        }
+    }
+}
+
+impl Sink for Assembled<'_> {
+    fn take<M: Topic>(&mut self, message: &M) {
+        self.hashes.0[M::INDEX].add(message);
+        let tick = message.header().tick;
+        self.assembler
+            .row(tick)
+            .into_iter()
+            .for_each(|row| row.put(message));
+        self.newest = self.newest.max(tick);
+        self.take_rows(false);
+    }
+}
