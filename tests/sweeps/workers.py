@@ -21,7 +21,7 @@ EXAMPLES = ROOT / "examples" / "sweep"
 SHARDS = 4
 SWEEP = """name = "shards"
 scenario = "fig5-wrist-rotation"
-partition = 6
+partition = 4
 
 [[key]]
 key = "control.k_p"
@@ -59,10 +59,10 @@ def shard_of(out):
 
 
 def kill_a_worker(out, killed, is_over):
-    """Kills the worker of a shard once the shard has begun to write runs down."""
+    """Kills the worker of a shard once the shard has completed a partition."""
     while not is_over.wait(0.02):
         pid = shard_of(out)
-        if pid is None or not any(out.glob("shard-*/journal/*.journal")):
+        if pid is None or not any(out.glob("shard-*/runs/part-*.parquet")):
             continue
         try:
             worker = parent(pid)

@@ -1,12 +1,10 @@
 //! `armplane sweep`: a scenario under many settings, into Parquet; its shards put together; its report.
 
-use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Subcommand};
 use lab::sweeps::{self, ReportRequest, Request, Shard};
-use serde::Serialize;
 use session::Failure;
 
 use crate::out::{answer, say, show, whole};
@@ -70,52 +68,29 @@ pub(crate) fn sweep(args: &SweepArgs, as_json: bool) -> Result<ExitCode, Failure
     if let Some(SweepCommand::Report(args)) = &args.command {
         return report(args, as_json);
     }
-    let Some(file) = &args.file else {
-        let merged = sweeps::merge(&args.merge, args.out.as_deref(), &observe)?;
-        return print(&merged, &merged.folder, true, merged.lack(), as_json);
-    };
-    let done = sweeps::run(
-        &Request {
-            file,
-            out: args.out.as_deref(),
-            shard: args.shard,
-        },
-        &observe,
-    )?;
-    print(
-        &done,
-        &done.folder,
-        args.shard.is_none(),
-        done.lack(),
-        as_json,
-    )
-}
-
-/// A folder of results, and how to go on with it; a failure where something that was asked for has no result.
-fn print(
-    done: &(impl Display + Serialize),
-    folder: &Path,
-    is_whole: bool,
-    lack: Option<String>,
-    as_json: bool,
-) -> Result<ExitCode, Failure> {
+    let done = match &args.file {
+        None => sweeps::merge(&args.merge, args.out.as_deref(), &observe),
+        Some(file) => sweeps::run(
+            &Request {
+                file,
+                out: args.out.as_deref(),
+                shard: args.shard,
+            },
+            &observe,
+        ),
+    }?;
     if as_json {
-        say!("{}", serde_json::to_string(done).map_err(Failure::work)?);
-    } else {
-        show(done);
-        say!("\n{}", folder.display());
-        say!(
-            "  runs/*.parquet  a row a run: duckdb -c \"FROM '{}/runs/*.parquet'\"",
-            folder.display()
-        );
-        if is_whole {
-            say!(
-                "  look at it with: armplane sweep report {}",
-                folder.display()
-            );
-        }
+        say!("{}", serde_json::to_string(&done).map_err(Failure::work)?);
+        return whole(done.lack());
     }
-    whole(lack)
+    let folder = done.folder.display();
+    show(&done);
+    say!("\n{folder}\n  runs/*.parquet  a row a run: duckdb -c \"FROM '{folder}/runs/*.parquet'\"");
+    if args.shard.is_none() {
+        say!("  look at it with: armplane sweep report {folder}");
+    }
+    // A failure where something that was asked for has no result.
+    whole(done.lack())
 }
 
 fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failure> {
@@ -131,6 +106,7 @@ fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failure> {
         map,
         worst: *worst,
     })?;
-    answer(as_json, &report.json(), &report);
+    let json = serde_json::to_string(&report).map_err(Failure::work)?;
+    answer(as_json, &json, &report);
     Ok(ExitCode::SUCCESS)
 }

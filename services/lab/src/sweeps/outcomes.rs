@@ -1,14 +1,14 @@
 //! The outcomes of a sweep's runs, and whether anything that its file asks for came to nothing.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::path::Path;
 
 use serde::Serialize;
 use session::Failure;
 
-use super::cell::Cell;
-use super::manifest::{Manifest, open};
-use super::row::{FAILED, OUTCOME, REASON, REFUSED};
+use super::columns::{Columns, FAILED, OUTCOME, REASON, REFUSED};
+use super::folder::{Manifest, open, parts};
 use super::spec::Spec;
 
 /// Listed values that a sentence names.
@@ -29,113 +29,103 @@ pub struct Outcomes {
     pub barren: Vec<(String, String)>,
 }
 
-/// The runs with one value of a key.
-#[derive(Default)]
-struct Tally {
-    computed: u64,
-    reason: String,
-}
-
 impl Outcomes {
-    /// Counts the rows of a folder, partition by partition.
+    /// Counts the rows of a folder, part by part.
     ///
     /// # Errors
-    /// [`Failure::Input`] where a partition is missing or damaged.
+    /// [`Failure::Input`] where a part is damaged.
     pub(super) fn of(folder: &Path, manifest: &Manifest) -> Result<Self, Failure> {
         let spec: Spec = shared_types::file::parse("sweep.toml", &manifest.sweep_toml, &[])?;
-        let listed: Vec<&str> = spec
-            .key
-            .iter()
-            .filter(|key| !key.values.is_empty())
-            .map(|key| key.key.as_str())
-            .collect();
-        let mut tallies: Vec<BTreeMap<String, Tally>> =
-            listed.iter().map(|_| BTreeMap::new()).collect();
+        let listed = spec.key.iter().filter(|key| !key.values.is_empty());
+        let listed: Vec<&str> = listed.map(|key| key.key.as_str()).collect();
+        let names = [&listed[..], &[OUTCOME, REASON]].concat();
         let mut outcomes = Self::default();
-        for partition in manifest.own_partitions() {
-            let opened = open(folder, manifest, partition)?;
-            let column = |name: &str| {
-                opened
-                    .column(name)
-                    .map_err(|sentence| Failure::Input(format!("{}: {sentence}", folder.display())))
-            };
-            let keys = listed
-                .iter()
-                .map(|key| column(key))
-                .collect::<Result<Vec<_>, _>>()?;
-            for (row, (outcome, reason)) in column(OUTCOME)?.iter().zip(column(REASON)?).enumerate()
-            {
-                let is_computed = outcomes.count(outcome, &reason);
-                for (cells, tallies) in keys.iter().zip(&mut tallies) {
-                    let tally = tallies.entry(cells[row].to_string()).or_default();
-                    tally.computed += u64::from(is_computed);
-                    if !is_computed && tally.reason.is_empty() {
-                        tally.reason = reason.to_string();
+        // Of each listed value, why its runs have no result; empty where one has.
+        let mut values = BTreeMap::<String, String>::new();
+        for (part, path) in parts(folder, manifest)? {
+            let mut table = Columns::named(&names);
+            open(&path, part, manifest)?
+                .read(&mut table)
+                .map_err(Failure::work)?;
+            for row in 0..table.rows() {
+                let reason = outcomes.count(&table.shown(OUTCOME, row), table.shown(REASON, row));
+                for key in &listed {
+                    let value = format!("{key} = {}", table.shown(key, row));
+                    let known = values.entry(value).or_insert_with(|| reason.clone());
+                    if reason.is_empty() {
+                        known.clear();
                     }
                 }
             }
         }
-        for (key, tallies) in listed.iter().zip(tallies) {
-            let barren = tallies.into_iter().filter(|(_, tally)| tally.computed == 0);
-            outcomes
-                .barren
-                .extend(barren.map(|(value, tally)| (format!("{key} = {value}"), tally.reason)));
-        }
+        let barren = values.into_iter().filter(|(_, reason)| !reason.is_empty());
+        outcomes.barren = barren.collect();
         Ok(outcomes)
     }
 
-    /// Takes a run in; whether it was computed.
-    fn count(&mut self, outcome: &Cell, reason: &Cell) -> bool {
-        let is = |name: &str| matches!(outcome, Cell::Text(text) if text == name);
-        let count = match (is(REFUSED), is(FAILED)) {
-            (true, _) => &mut self.refused,
-            (_, true) => &mut self.failed,
-            _ => &mut self.computed,
+    /// Takes a run in; why it has no result, empty where it has one.
+    fn count(&mut self, outcome: &str, reason: String) -> String {
+        let count = match outcome {
+            REFUSED => &mut self.refused,
+            FAILED => &mut self.failed,
+            _ => {
+                self.computed += 1;
+                return String::new();
+            }
         };
         *count += 1;
-        let is_computed = !is(REFUSED) && !is(FAILED);
-        if !is_computed && self.reason.is_empty() {
-            self.reason = reason.to_string();
+        if self.reason.is_empty() {
+            self.reason.clone_from(&reason);
         }
-        is_computed
+        reason
     }
 
     /// The lack of a whole sweep, in one sentence without an end; `None` where everything that its file lists has a result.
     pub(super) fn lack(&self) -> Option<String> {
+        let (without, failed, reason) = (self.refused + self.failed, self.failed, &self.reason);
+        let mut clauses = Vec::new();
+        if failed > 0 {
+            let runs = self.computed + without;
+            clauses.push(format!(
+                "{failed} of {runs} runs ended in a defect of this program, which `reason` in the table tells"
+            ));
+        }
+        if self.computed == 0 {
+            clauses.push(format!("no run of {without} has a result: {reason}"));
+        } else {
+            let barren = self.barren.iter().take(NAMED);
+            clauses.extend(
+                barren.map(|(value, reason)| format!("no run with {value} has a result: {reason}")),
+            );
+            let more = self.barren.len().saturating_sub(NAMED);
+            clauses.extend((more > 0).then(|| format!("{more} more values are without a result")));
+        }
+        (!clauses.is_empty()).then(|| clauses.join("; "))
+    }
+}
+
+/// The runs that have no result; nothing where all have one.
+impl fmt::Display for Outcomes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
             computed,
             refused,
             failed,
             reason,
-            barren,
+            ..
         } = self;
-        let mut clauses = Vec::new();
-        if *failed > 0 {
-            clauses.push(format!(
-                "{failed} of {} runs ended in a defect of this program, which `reason` in the table tells",
-                computed + refused + failed
-            ));
+        let runs = computed + refused + failed;
+        let defects = match failed {
+            0 => String::new(),
+            _ => format!("; {failed} ended in a defect of this program"),
+        };
+        match refused + failed {
+            0 => Ok(()),
+            _ => writeln!(
+                f,
+                "refused    {refused} of {runs} runs{defects}, for example: {reason}"
+            ),
         }
-        if *computed == 0 {
-            clauses.push(format!(
-                "no run of {} has a result: {reason}",
-                refused + failed
-            ));
-        } else {
-            clauses.extend(
-                barren
-                    .iter()
-                    .take(NAMED)
-                    .map(|(value, reason)| format!("no run with {value} has a result: {reason}")),
-            );
-            if barren.len() > NAMED {
-                clauses.push(format!(
-                    "{} more values are without a result",
-                    barren.len() - NAMED
-                ));
-            }
-        }
-        (!clauses.is_empty()).then(|| clauses.join("; "))
     }
 }
 
@@ -143,44 +133,23 @@ impl Outcomes {
 mod tests {
     use super::*;
 
-    fn outcomes(rows: &[(&str, &str)]) -> Outcomes {
-        let mut outcomes = Outcomes::default();
-        let cell = |text: &str| Cell::Text(text.to_owned());
-        for (outcome, reason) in rows {
-            outcomes.count(&cell(outcome), &cell(reason));
-        }
-        outcomes
-    }
-
     #[test]
     fn a_sweep_lacks_something_where_a_run_failed_or_none_has_a_result() {
-        let reached = ("goal reached", "");
+        let lack = |rows: &[&str], barren: usize| {
+            let mut outcomes = Outcomes::default();
+            for outcome in rows {
+                outcomes.count(outcome, "why".to_owned());
+            }
+            outcomes.barren = vec![("seed = 1".to_owned(), "why".to_owned()); barren];
+            outcomes.lack().map(|lack| lack.split("; ").count())
+        };
         assert_eq!(
-            outcomes(&[reached, (REFUSED, "the start")]).lack(),
+            lack(&["goal reached", REFUSED], 0),
             None,
             "a refused run is a row"
         );
-        let none = outcomes(&[(REFUSED, "the start"), (REFUSED, "the law")]);
-        assert_eq!(none.lack().unwrap(), "no run of 2 has a result: the start");
-        let failed = outcomes(&[reached, (FAILED, "a panic")]);
-        assert!(
-            failed
-                .lack()
-                .unwrap()
-                .starts_with("1 of 2 runs ended in a defect of this program")
-        );
-        let barren = (1..=5)
-            .map(|value| (format!("seed = {value}"), "too large".to_owned()))
-            .collect();
-        let barren = Outcomes {
-            barren,
-            ..outcomes(&[reached])
-        }
-        .lack()
-        .unwrap();
-        assert!(
-            barren.starts_with("no run with seed = 1 has a result: too large; ")
-                && barren.ends_with("2 more values are without a result")
-        );
+        assert_eq!(lack(&[REFUSED, REFUSED], 1), Some(1));
+        assert_eq!(lack(&["goal reached", FAILED], 0), Some(1));
+        assert_eq!(lack(&["goal reached", REFUSED], 5), Some(NAMED + 1));
     }
 }

@@ -2,19 +2,22 @@
 
 use std::ops::Range;
 
+use toml::Value;
 use viz::plot::{Axis, BLUE, Color, GREY, Page, Panel, Row, digits, numbered};
 
-use super::cell::Cell;
-use super::read_back::{SHOWN, Table};
-use super::row::OUTCOME;
-use super::spec::{Scale, Spec, is_in_name, unit_of};
+use super::columns::{Columns, OUTCOME, number, shown};
+use super::report::SHOWN;
+use super::spec::{Scale, Spec};
+use super::units::titled;
+use crate::text::quantile;
 
 /// Height of a row of distributions, and of a row of the map; points.
 const CURVES: f64 = 230.0;
 const CELL: f64 = 26.0;
 /// The foot of a logarithmic axis relative to its end.
 const DECADES: f64 = 1e-5;
-
+/// Most points of a curve.
+const POINTS: usize = 500;
 /// Most values of a key that a map shows one by one; others are gathered in classes, at most as many.
 const CLASSES: usize = 10;
 /// Runs that a cell of a map has on average, where values are gathered in fewer classes.
@@ -24,7 +27,7 @@ const RUNS_PER_CELL: f64 = 5.0;
 pub(super) fn page(
     title: String,
     subtitle: String,
-    table: &Table,
+    table: &Columns,
     spec: &Spec,
     map: &[&str],
     by: &str,
@@ -37,164 +40,141 @@ pub(super) fn page(
     });
     let mut rows: Vec<Row> = curves.collect();
     match map {
-        [x, y] => rows.push(maps(table, spec, x, y, by)),
+        [x, y] => rows.push(maps(table, spec, [x, y], by)),
         [x] => rows.push(Row::of(CURVES, [dots(table, x, by)])),
         _ => {}
     }
-    let notes = vec![
-        "Curves: share of the runs with at most this value. Map: median over the runs of a cell."
-            .to_owned(),
-    ];
     Page {
         title,
         subtitle,
         rows,
-        notes,
+        notes: vec!["Curves: share of the runs with at most this value. Map: median over the runs of a cell.".to_owned()],
         width: 1200.0,
     }
 }
 
 /// The share of the runs that a value covers.
-fn distribution(table: &Table, column: &str) -> Panel {
-    let ordered: Vec<f64> = table
-        .ordered(column)
-        .into_iter()
-        .filter(|value| value.is_finite())
-        .collect();
+fn distribution(table: &Columns, column: &str) -> Panel {
+    let mut ordered = table.ordered(column);
+    ordered.retain(|value| value.is_finite());
     let (least, largest) = (
-        ordered.first().copied().unwrap_or(0.0),
-        ordered.last().copied().unwrap_or(1.0),
+        quantile(ordered.iter().copied(), 0.0),
+        quantile(ordered.iter().copied(), 1.0),
     );
-    let spans_decades = least >= 0.0 && largest > 20.0 * least.max(largest * DECADES);
     let foot = least.max(largest * DECADES);
-    let axis = Axis::default();
+    let spans_decades = least >= 0.0 && largest > 20.0 * foot;
     // Whole decades: their ends have labels.
     let decade = |value: f64, to: fn(f64) -> f64| 10f64.powf(to(value.log10()));
-    let axis = if spans_decades {
-        axis.logarithmic()
-            .within(decade(foot, f64::floor)..decade(largest, f64::ceil))
-    } else {
-        axis
+    let axis = match spans_decades {
+        true => Axis::default()
+            .logarithmic()
+            .within(decade(foot, f64::floor)..decade(largest, f64::ceil)),
+        false => Axis::default(),
     };
     let mut panel = Panel::new(&titled(column), axis, Axis::named("").within(0.0..1.0));
-    let count = ordered.len() as f64;
+    let count = ordered.len();
     // A step at each value, thinned to what a picture shows.
-    let every = ordered.len().div_ceil(500).max(1);
-    let mut points = vec![];
-    for (place, value) in ordered
+    let every = count.div_ceil(POINTS).max(1);
+    let steps = ordered
         .iter()
         .enumerate()
-        .filter(|(place, _)| place % every == 0 || place + 1 == ordered.len())
-    {
+        .filter(|(place, _)| place % every == 0 || place + 1 == count);
+    let points = steps.flat_map(|(place, value)| {
         let value = if spans_decades {
             value.max(foot)
         } else {
             *value
         };
-        points.extend([
-            (value, place as f64 / count),
-            (value, (place + 1) as f64 / count),
-        ]);
-    }
-    panel.line("", BLUE, &points);
+        [place, place + 1].map(|below| (value, below as f64 / count as f64))
+    });
+    panel.line("", BLUE, &points.collect::<Vec<_>>());
     panel
 }
 
 /// One key against the column.
-fn dots(table: &Table, key: &str, by: &str) -> Panel {
+fn dots(table: &Columns, key: &str, by: &str) -> Panel {
     let mut panel = Panel::new(&titled(by), Axis::named(&titled(key)), Axis::default());
-    let points = table
-        .column(key)
-        .iter()
-        .zip(table.column(by))
-        .filter_map(|(x, y)| Some((x.number()?, y.number()?)));
+    let both = table.get(key).iter().zip(table.get(by));
+    let points = both.filter_map(|(x, y)| Some((number(x.as_ref())?, number(y.as_ref())?)));
     panel.dots(numbered(0), 2.5, &points.collect::<Vec<_>>());
     panel
 }
 
 /// Two maps: the share of goals reached, and the median of the column.
-fn maps(table: &Table, spec: &Spec, x: &str, y: &str, by: &str) -> Row {
-    let classes = |key: &str| {
+fn maps(table: &Columns, spec: &Spec, keys: [&str; 2], by: &str) -> Row {
+    let [across, down] = keys.map(|key| {
         let scale = spec
             .key
             .iter()
             .find(|one| one.key == key)
-            .map(|one| one.scale)
-            .unwrap_or_default();
-        Classes::of(table.column(key), scale)
-    };
-    let (across, down) = (classes(x), classes(y));
-    let mut members = vec![Vec::new(); across.names.len() * down.names.len()];
-    for row in 0..table.rows {
-        if let (Some(column), Some(line)) = (
-            across.class(&table.column(x)[row]),
-            down.class(&table.column(y)[row]),
-        ) {
-            members[line * across.names.len() + column].push(row);
+            .map(|one| one.scale);
+        Classes::of(table.get(key), scale.unwrap_or_default())
+    });
+    let width = across.0.len();
+    let mut members = vec![Vec::new(); width * down.0.len()];
+    for row in 0..table.rows() {
+        let [column, line] = [(&across, keys[0]), (&down, keys[1])]
+            .map(|(classes, key)| classes.class(table.value(key, row)));
+        if let (Some(column), Some(line)) = (column, line) {
+            members[line * width + column].push(row);
         }
     }
     let panel = |title: String,
                  value: &dyn Fn(&[usize]) -> Option<f64>,
-                 shade: &dyn Fn(f64, Range<f64>) -> f64| {
+                 shade: fn(f64, Range<f64>) -> f64| {
         let values: Vec<Option<f64>> = members.iter().map(|rows| value(rows)).collect();
-        let finite = || {
-            values
-                .iter()
-                .flatten()
-                .copied()
-                .filter(|value| value.is_finite())
-        };
-        let range =
-            finite().fold(f64::INFINITY, f64::min)..finite().fold(f64::NEG_INFINITY, f64::max);
-        let mut panel = Panel::new(
-            &title,
-            Axis::names(across.names.iter().cloned()),
-            Axis::names(down.names.iter().cloned()),
-        );
+        let finite = values
+            .iter()
+            .flatten()
+            .copied()
+            .filter(|value| value.is_finite());
+        let range = finite.fold(f64::INFINITY..f64::NEG_INFINITY, |range, value| {
+            range.start.min(value)..range.end.max(value)
+        });
+        let names = |classes: &Classes| Axis::names(classes.0.iter().map(|(name, _)| name.clone()));
+        let mut panel = Panel::new(&title, names(&across), names(&down));
         for (place, value) in values.iter().enumerate() {
-            let (column, line) = (place % across.names.len(), place / across.names.len());
             let color = value.map_or(pale(GREY, 0.1), |value| {
                 pale(BLUE, shade(value, range.clone()))
             });
-            panel.cell(column, line, color, value.map_or("–".to_owned(), digits));
+            panel.cell(
+                place % width,
+                place / width,
+                color,
+                value.map_or("–".to_owned(), digits),
+            );
         }
         panel
     };
     let reached = |rows: &[usize]| {
-        let is =
-            |row: &&usize| table.column(OUTCOME)[**row] == Cell::Text("goal reached".to_owned());
-        (!rows.is_empty())
-            .then(|| 100.0 * rows.iter().filter(is).count() as f64 / rows.len() as f64)
+        let reached = rows
+            .iter()
+            .filter(|row| table.shown(OUTCOME, **row) == "goal reached")
+            .count();
+        (!rows.is_empty()).then(|| 100.0 * reached as f64 / rows.len() as f64)
     };
     let median = |rows: &[usize]| {
-        let mut values: Vec<f64> = rows
+        let values: Vec<f64> = rows
             .iter()
-            .filter_map(|row| table.column(by)[*row].number())
+            .filter_map(|row| number(table.value(by, *row)))
             .collect();
-        values.sort_by(f64::total_cmp);
-        values
-            .get(values.len().div_ceil(2).saturating_sub(1))
-            .copied()
+        (!values.is_empty()).then(|| quantile(values, 0.5))
     };
     let by_size = |value: f64, range: Range<f64>| {
         let foot = range.start.max(range.end * DECADES).max(f64::MIN_POSITIVE);
-        if range.end <= foot {
-            0.0
-        } else {
-            ((value.max(foot) / foot).ln() / (range.end / foot).ln()).clamp(0.0, 1.0)
+        match range.end > foot {
+            true => ((value.max(foot) / foot).ln() / (range.end / foot).ln()).clamp(0.0, 1.0),
+            false => 0.0,
         }
     };
+    let [x, y] = keys.map(titled);
     let first = panel(
-        format!(
-            "goal reached, % — across: {}, down: {}",
-            titled(x),
-            titled(y)
-        ),
+        format!("goal reached, % — across: {x}, down: {y}"),
         &reached,
-        &|value, _| value / 100.0,
+        |value, _| value / 100.0,
     );
-    let second = panel(format!("{}, median", titled(by)), &median, &by_size);
-    Row::of(84.0 + CELL * down.names.len() as f64, [first, second])
+    let second = panel(format!("{}, median", titled(by)), &median, by_size);
+    Row::of(84.0 + CELL * down.0.len() as f64, [first, second])
 }
 
 /// White to the colour.
@@ -208,87 +188,52 @@ fn pale(color: Color, share: f64) -> Color {
     }
 }
 
-/// A name with its unit, where the name does not end in it.
-fn titled(column: &str) -> String {
-    match unit_of(column) {
-        Some(unit) if unit != "1" && !is_in_name(column) => format!("{column}, {unit}"),
-        _ => column.to_owned(),
-    }
-}
-
-/// The values of a key as classes of a map.
-struct Classes {
-    names: Vec<String>,
-    /// Upper ends, for numbers that are gathered; the values themselves otherwise.
-    ends: Vec<f64>,
-    texts: Vec<String>,
-}
+/// The values of a key as classes of a map: of each its name, and its upper end where it is one of numbers.
+struct Classes(Vec<(String, Option<f64>)>);
 
 impl Classes {
-    fn of(cells: &[Cell], scale: Scale) -> Self {
-        let numbers: Option<Vec<f64>> = cells
-            .iter()
-            .map(|cell| {
-                if matches!(cell, Cell::Boolean(_)) {
-                    None
-                } else {
-                    cell.number()
-                }
-            })
-            .collect();
-        let Some(mut numbers) = numbers else {
-            let mut texts: Vec<String> = cells.iter().map(ToString::to_string).collect();
+    fn of(cells: &[Option<Value>], scale: Scale) -> Self {
+        let as_number = |cell: &Option<Value>| number(cell.as_ref().filter(|cell| !cell.is_bool()));
+        let Some(mut numbers) = cells.iter().map(as_number).collect::<Option<Vec<f64>>>() else {
+            let mut texts: Vec<String> = cells.iter().map(|cell| shown(cell.as_ref())).collect();
             texts.sort();
             texts.dedup();
-            return Self {
-                names: texts.clone(),
-                ends: Vec::new(),
-                texts,
-            };
+            return Self(texts.into_iter().map(|text| (text, None)).collect());
         };
         numbers.sort_by(f64::total_cmp);
         numbers.dedup();
         if numbers.len() <= CLASSES {
-            return Self {
-                names: numbers.iter().map(|number| digits(*number)).collect(),
-                ends: numbers,
-                texts: Vec::new(),
-            };
+            return Self(
+                numbers
+                    .iter()
+                    .map(|end| (digits(*end), Some(*end)))
+                    .collect(),
+            );
         }
         let count = ((cells.len() as f64 / RUNS_PER_CELL).sqrt() as usize).clamp(3, CLASSES);
         let (low, high) = (numbers[0], numbers[numbers.len() - 1]);
-        let is_log = scale == Scale::Log && low > 0.0;
-        let end = |class: usize| {
-            let share = class as f64 / count as f64;
-            if is_log {
-                low * (high / low).powf(share)
-            } else {
-                low + (high - low) * share
-            }
+        let at = |class: f64| match scale {
+            Scale::Log if low > 0.0 => low * (high / low).powf(class / count as f64),
+            _ => low + (high - low) * class / count as f64,
         };
-        let mut ends: Vec<f64> = (1..=count).map(end).collect();
-        ends[count - 1] = high;
-        let middle = |class: usize| {
-            if is_log {
-                (end(class) * end(class + 1)).sqrt()
+        let class = |class: usize| {
+            let end = if class + 1 == count {
+                high
             } else {
-                0.5 * (end(class) + end(class + 1))
-            }
+                at(class as f64 + 1.0)
+            };
+            (digits(at(class as f64 + 0.5)), Some(end))
         };
-        Self {
-            names: (0..count).map(|class| digits(middle(class))).collect(),
-            ends,
-            texts: Vec::new(),
-        }
+        Self((0..count).map(class).collect())
     }
 
-    fn class(&self, cell: &Cell) -> Option<usize> {
-        match cell.number() {
-            Some(number) if !self.ends.is_empty() => {
-                self.ends.iter().position(|end| number <= *end)
-            }
-            _ => self.texts.iter().position(|text| *text == cell.to_string()),
-        }
+    fn class(&self, cell: Option<&Value>) -> Option<usize> {
+        let (value, text) = (number(cell), shown(cell));
+        let is_in = |(name, end): &(String, Option<f64>)| match (value, end) {
+            (Some(value), Some(end)) => value <= *end,
+            _ => *name == text,
+        };
+        self.0.iter().position(is_in)
     }
 }
 
@@ -298,27 +243,33 @@ mod tests {
 
     #[test]
     fn each_value_is_in_one_class() {
-        let few = Classes::of(
-            &[Cell::Whole(3), Cell::Whole(1), Cell::Whole(3)],
-            Scale::Linear,
-        );
-        assert_eq!((few.names.len(), few.class(&Cell::Whole(3))), (2, Some(1)));
-        let cells: Vec<Cell> = (0..1000)
-            .map(|i| Cell::Number(10f64.powf(f64::from(i) / 333.0)))
-            .collect();
+        let decades = (0..1000).map(|i| Some(Value::Float(10f64.powf(f64::from(i) / 333.0))));
+        let cells: Vec<_> = decades.collect();
         let many = Classes::of(&cells, Scale::Log);
-        let counts = cells.iter().fold([0; CLASSES], |mut counts, cell| {
-            counts[many.class(cell).unwrap()] += 1;
-            counts
-        });
+        let mut counts = [0; CLASSES];
+        for cell in &cells {
+            counts[many.class(cell.as_ref()).unwrap()] += 1;
+        }
         assert!(
             counts.iter().all(|count| (99..=101).contains(count)),
             "{counts:?}"
         );
-        let words = Classes::of(
-            &[Cell::Text("ur5".into()), Cell::Text("puma560".into())],
-            Scale::Linear,
-        );
-        assert_eq!(words.class(&Cell::Text("ur5".into())), Some(1));
+        let few = |values: &[Value]| {
+            Classes::of(
+                &values.iter().cloned().map(Some).collect::<Vec<_>>(),
+                Scale::Linear,
+            )
+        };
+        for values in [
+            [Value::Integer(3), 1.into()],
+            ["ur5".into(), "puma560".into()],
+            [true.into(), false.into()],
+        ] {
+            let classes = few(&values);
+            assert_eq!(
+                (classes.0.len(), classes.class(Some(&values[0]))),
+                (2, Some(1))
+            );
+        }
     }
 }

@@ -4,9 +4,9 @@ use session::Failure;
 use session::load::Source;
 use shared_types::file::Complaint;
 use shared_types::random;
+use toml::Value;
 
-use super::cell::{Cell, Kind};
-use super::spec::{Key, Sample, Scale, Spec};
+use super::spec::{Key, Scale, Spec};
 
 /// Whole numbers up to here are exact as `from` and `to`: 2⁵³.
 const MOST_WHOLE: f64 = 9_007_199_254_740_992.0;
@@ -14,136 +14,11 @@ const MOST_WHOLE: f64 = 9_007_199_254_740_992.0;
 /// All runs of a sweep.
 #[derive(Debug)]
 pub(super) struct Space {
-    set: Vec<String>,
-    keys: Vec<Axis>,
-    sample: Option<Sample>,
+    pub(super) spec: Spec,
+    /// Of each key, whether its range is of whole numbers.
+    is_whole: Vec<bool>,
     /// How many runs.
     pub(super) runs: u64,
-}
-
-/// A key with its values.
-#[derive(Debug)]
-struct Axis {
-    key: String,
-    kind: Kind,
-    values: Values,
-}
-
-#[derive(Debug)]
-enum Values {
-    /// One by one.
-    Listed(Vec<toml::Value>),
-    /// Between two numbers.
-    Range {
-        from: f64,
-        to: f64,
-        steps: u32,
-        scale: Scale,
-        whole: bool,
-    },
-}
-
-impl Space {
-    /// The runs, each key's values tried on the scenario: an unknown key, or a value that no scenario accepts, is refused before any run.
-    ///
-    /// # Errors
-    /// [`Complaint`] at the place in the sweep's file; [`Failure`] where the scenario itself is invalid.
-    pub(super) fn new(spec: &Spec, source: &Source) -> Result<Self, Refusal> {
-        source.parse(&[])?;
-        for (i, setting) in spec.set.iter().enumerate() {
-            let refused = |failure| {
-                Complaint::new(
-                    format!("set.{i}"),
-                    format!("`{setting}`: {}", sentence(&failure)),
-                    "",
-                )
-            };
-            source.parse(&spec.set[..=i]).map_err(refused)?;
-        }
-        let runs = spec.runs().unwrap_or_default();
-        let try_key = |(i, key): (usize, &Key)| {
-            Axis::new(key, &spec.set, source)
-                .map_err(|complaint| complaint.within(&format!("key.{i}")))
-        };
-        let keys = spec
-            .key
-            .iter()
-            .enumerate()
-            .map(try_key)
-            .collect::<Result<Vec<_>, _>>()?;
-        let space = Self {
-            set: spec.set.clone(),
-            keys,
-            sample: spec.sample,
-            runs,
-        };
-        // Keys that exclude each other show in the first and in the last run.
-        for run in [0, runs - 1] {
-            source
-                .parse(&space.settings(run))
-                .map_err(|failure| Complaint::new("key", sentence(&failure), ""))?;
-        }
-        Ok(space)
-    }
-
-    /// The keys' values in a run, in the order of the keys.
-    pub(super) fn values(&self, run: u64) -> Vec<toml::Value> {
-        let mut rest = run;
-        let mut values = Vec::with_capacity(self.keys.len());
-        // The last key varies fastest, as the digits of a number do.
-        for (place, axis) in self.keys.iter().enumerate().rev() {
-            values.push(match self.sample {
-                Some(sample) => axis.drawn(random::at(
-                    random::mix(sample.seed.wrapping_add(place as u64)),
-                    run,
-                )),
-                None => {
-                    let count = axis.count();
-                    let value = axis.at(rest % count);
-                    rest /= count;
-                    value
-                }
-            });
-        }
-        values.reverse();
-        values
-    }
-
-    /// The settings of a run, as `armplane run --set` takes them.
-    pub(super) fn settings(&self, run: u64) -> Vec<String> {
-        let own = self
-            .keys
-            .iter()
-            .zip(self.values(run))
-            .map(|(axis, value)| format!("{}={value}", axis.key));
-        self.set.iter().cloned().chain(own).collect()
-    }
-
-    /// Names of the keys, and the kind of their columns.
-    pub(super) fn columns(&self) -> impl Iterator<Item = (&str, Kind)> {
-        self.keys.iter().map(|axis| (axis.key.as_str(), axis.kind))
-    }
-
-    /// The keys' values in a run, as cells of its row.
-    pub(super) fn cells(&self, run: u64) -> impl Iterator<Item = Cell> {
-        self.keys
-            .iter()
-            .zip(self.values(run))
-            .map(|(axis, value)| axis.cell(&value))
-    }
-
-    /// The values listed for a key; none where it has none, or a range.
-    pub(super) fn listed(&self, key: &str) -> &[toml::Value] {
-        match self
-            .keys
-            .iter()
-            .find(|axis| axis.key == key)
-            .map(|axis| &axis.values)
-        {
-            Some(Values::Listed(values)) => values,
-            _ => &[],
-        }
-    }
 }
 
 /// Why a sweep has no runs.
@@ -166,168 +41,198 @@ impl From<Failure> for Refusal {
     }
 }
 
-/// The sentence of a refused setting, without the settings: they are not the user's own words.
-fn sentence(failure: &Failure) -> String {
-    match failure {
+/// The complaint about a setting at a place in the sweep's file: the refusal's own place is in text that the user has not written.
+fn about(place: &str, setting: &str, failure: &Failure) -> Complaint {
+    let sentence = match failure {
         Failure::File(invalid) if invalid.remedy.is_empty() => invalid.message.clone(),
         Failure::File(invalid) => format!("{} ({})", invalid.message, invalid.remedy),
         other => other.to_string(),
-    }
+    };
+    let setting = match setting {
+        "" => String::new(),
+        setting => format!("{setting}: "),
+    };
+    Complaint::new(place, setting + &sentence, "")
 }
 
-impl Axis {
-    fn new(key: &Key, set: &[String], source: &Source) -> Result<Self, Complaint> {
-        let laid = |value: &toml::Value| {
-            let setting = format!("{}={value}", key.key);
-            source.parse(&[set, &[setting]].concat())
-        };
-        let (Some(from), Some(to)) = (key.from, key.to) else {
-            for value in &key.values {
-                laid(value).map_err(|failure| {
-                    Complaint::new(
-                        "key",
-                        format!("`{} = {value}`: {}", key.key, sentence(&failure)),
-                        "",
-                    )
-                })?;
-            }
-            let kind = match &key.values[0] {
-                toml::Value::Boolean(_) => Kind::Boolean,
-                _ if key.values.iter().all(toml::Value::is_integer) => Kind::Whole,
-                toml::Value::Integer(_) | toml::Value::Float(_) => Kind::Number,
-                _ => Kind::Text,
-            };
-            return Ok(Self {
-                key: key.key.clone(),
-                kind,
-                values: Values::Listed(key.values.clone()),
-            });
-        };
-        let ends = |whole: bool| {
-            [from, to]
-                .iter()
-                .try_for_each(|end| laid(&number(*end, whole)).map(drop))
-        };
-        let has_exact_ends = [from, to]
-            .iter()
-            .all(|end| end.fract() == 0.0 && end.abs() <= MOST_WHOLE);
-        let whole = match (ends(false), ends(true)) {
-            (Ok(()), _) => false,
-            (Err(_), Ok(())) if has_exact_ends => true,
-            (Err(_), Ok(())) => {
-                let sentence = format!(
-                    "`{}` from {from:?} to {to:?}: it takes whole numbers only",
-                    key.key
-                );
-                return Err(Complaint::new(
-                    "key",
-                    sentence,
-                    format!("both ends must be whole, and within ±{MOST_WHOLE}"),
-                ));
-            }
-            (Err(failure), _) => {
-                let sentence = format!("`{}` from {from} to {to}: {}", key.key, sentence(&failure));
-                return Err(Complaint::new("key", sentence, ""));
-            }
-        };
-        let steps = key.steps.unwrap_or_default();
-        if whole
-            && key.scale == Scale::Linear
-            && steps > 1
-            && (to - from) % f64::from(steps - 1) != 0.0
-        {
-            let sentence = format!(
-                "`{}` takes whole numbers only, and {steps} steps from {from} to {to} are no whole numbers",
-                key.key
-            );
-            let remedy = format!("{} must be a multiple of `steps` - 1", to - from);
-            return Err(Complaint::new("steps", sentence, remedy));
+impl Space {
+    /// The runs, each key's values tried on the scenario: an unknown key, or a value that no scenario accepts, is refused before any run.
+    ///
+    /// # Errors
+    /// [`Complaint`] at the place in the sweep's file; [`Failure`] where the scenario itself is invalid.
+    pub(super) fn new(spec: Spec, source: &Source) -> Result<Self, Refusal> {
+        source.parse(&[])?;
+        for (i, setting) in spec.set.iter().enumerate() {
+            source
+                .parse(&spec.set[..=i])
+                .map_err(|failure| about(&format!("set.{i}"), &format!("`{setting}`"), &failure))?;
         }
-        let kind = if whole { Kind::Whole } else { Kind::Number };
-        Ok(Self {
-            key: key.key.clone(),
-            kind,
-            values: Values::Range {
-                from,
-                to,
-                steps,
-                scale: key.scale,
-                whole,
-            },
+        let try_key = |(i, key): (usize, &Key)| {
+            let tried = key.try_on(&spec.set, source);
+            tried.map_err(|complaint| complaint.within(&format!("key.{i}")))
+        };
+        let tried = spec.key.iter().enumerate().map(try_key);
+        let space = Self {
+            is_whole: tried.collect::<Result<_, _>>()?,
+            runs: spec.runs().unwrap_or_default(),
+            spec,
+        };
+        // Keys that exclude each other show in the first and in the last run.
+        for run in [0, space.runs - 1] {
+            let tried = source.parse(&space.settings(run));
+            tried.map_err(|failure| about("key", "", &failure))?;
+        }
+        Ok(space)
+    }
+
+    /// The keys with their values in a run.
+    pub(super) fn values(&self, run: u64) -> Vec<(&str, Value)> {
+        let mut rest = run;
+        let keys = self.spec.key.iter().zip(&self.is_whole).enumerate().rev();
+        // The last key varies fastest, as the digits of a number do.
+        let value = |(place, (key, is_whole)): (usize, (&Key, &bool))| match self.spec.sample {
+            Some(sample) => {
+                let seed = random::mix(sample.seed.wrapping_add(place as u64));
+                key.drawn(*is_whole, random::at(seed, run))
+            }
+            None => {
+                let index = rest % key.count();
+                rest /= key.count();
+                key.at(*is_whole, index)
+            }
+        };
+        let mut values: Vec<Value> = keys.map(value).collect();
+        values.reverse();
+        self.names().zip(values).collect()
+    }
+
+    /// The settings of a run, as `armplane run --set` takes them.
+    pub(super) fn settings(&self, run: u64) -> Vec<String> {
+        let own = self.values(run).into_iter();
+        let own = own.map(|(key, value)| format!("{key}={value}"));
+        self.spec.set.iter().cloned().chain(own).collect()
+    }
+
+    pub(super) fn names(&self) -> impl Iterator<Item = &str> {
+        self.spec.key.iter().map(|key| key.key.as_str())
+    }
+
+    /// Of each key its name, a value of its column's type, and its unit.
+    pub(super) fn columns(&self) -> impl Iterator<Item = (&str, Value, &str)> {
+        let keys = self.spec.key.iter().zip(&self.is_whole);
+        keys.map(|(key, is_whole)| {
+            let is_integer = key.values.iter().all(Value::is_integer);
+            let example = match key.values.first() {
+                None => number(0.0, *is_whole),
+                Some(Value::Integer(_)) if !is_integer => Value::Float(0.0),
+                Some(value) => value.clone(),
+            };
+            (key.key.as_str(), example, key.unit())
         })
     }
 
-    fn count(&self) -> u64 {
-        match &self.values {
-            Values::Listed(values) => values.len() as u64,
-            Values::Range { steps, .. } => u64::from(*steps),
+    /// The values listed for a key; none where it has none, or a range.
+    pub(super) fn listed(&self, name: &str) -> &[Value] {
+        let found = self.spec.key.iter().find(|key| key.key == name);
+        found.map_or(&[], |key| &key.values)
+    }
+}
+
+impl Key {
+    /// Whether its range is of whole numbers; its values have been tried on the scenario.
+    fn try_on(&self, set: &[String], source: &Source) -> Result<bool, Complaint> {
+        let Self { key, steps, .. } = self;
+        let laid = |value: &Value| source.parse(&[set, &[format!("{key}={value}")]].concat());
+        let (Some(from), Some(to)) = (self.from, self.to) else {
+            for value in &self.values {
+                laid(value)
+                    .map_err(|failure| about("key", &format!("`{key} = {value}`"), &failure))?;
+            }
+            return Ok(false);
+        };
+        let refused = |is_whole| {
+            let ends = [from, to].map(|end| laid(&number(end, is_whole)));
+            ends.into_iter().find_map(Result::err)
+        };
+        let Some(failure) = refused(false) else {
+            return Ok(false);
+        };
+        if refused(true).is_some() {
+            return Err(about(
+                "key",
+                &format!("`{key}` from {from} to {to}"),
+                &failure,
+            ));
+        }
+        if [from, to]
+            .iter()
+            .any(|end| end.fract() != 0.0 || end.abs() > MOST_WHOLE)
+        {
+            return Err(Complaint::new(
+                "key",
+                format!("`{key}` from {from:?} to {to:?}: it takes whole numbers only"),
+                format!("both ends must be whole, and within ±{MOST_WHOLE}"),
+            ));
+        }
+        match steps {
+            Some(steps)
+                if self.scale == Scale::Linear && (to - from) % f64::from(steps - 1) != 0.0 =>
+            {
+                Err(Complaint::new(
+                    "steps",
+                    format!(
+                        "`{key}` takes whole numbers only, and {steps} steps from {from} to {to} are no whole numbers"
+                    ),
+                    format!("{} must be a multiple of `steps` - 1", to - from),
+                ))
+            }
+            _ => Ok(true),
         }
     }
 
     /// A value of the grid.
-    fn at(&self, index: u64) -> toml::Value {
-        match &self.values {
-            Values::Listed(values) => values[index as usize].clone(),
-            Values::Range {
-                from, to, steps, ..
-            } if index + 1 == u64::from(*steps) => self.number(*from, *to, 1.0),
-            Values::Range {
-                from, to, steps, ..
-            } => self.number(*from, *to, index as f64 / f64::from(steps - 1)),
+    fn at(&self, is_whole: bool, index: u64) -> Value {
+        match self.values.get(index as usize) {
+            Some(value) => value.clone(),
+            None => {
+                let last = self.count().saturating_sub(1).max(1);
+                self.share(is_whole, index as f64 / last as f64)
+            }
         }
     }
 
     /// A value by 64 random bits.
-    fn drawn(&self, bits: u64) -> toml::Value {
+    fn drawn(&self, is_whole: bool, bits: u64) -> Value {
         let share = (bits >> 11) as f64 / (1u64 << 53) as f64;
-        match &self.values {
-            Values::Listed(values) => values[(share * values.len() as f64) as usize].clone(),
+        match (self.values.len(), self.from, self.to) {
             // Each whole number as often as every other, the ends included.
-            Values::Range {
-                from,
-                to,
-                scale: Scale::Linear,
-                whole: true,
-                ..
-            } => number(from + (share * (to - from + 1.0)).floor(), true),
-            Values::Range { from, to, .. } => self.number(*from, *to, share),
+            (0, Some(from), Some(to)) if is_whole && self.scale == Scale::Linear => {
+                number(from + (share * (to - from + 1.0)).floor(), true)
+            }
+            (0, ..) => self.share(is_whole, share),
+            (listed, ..) => self.values[(share * listed as f64) as usize].clone(),
         }
     }
 
-    /// The number at a share of a range.
-    fn number(&self, from: f64, to: f64, share: f64) -> toml::Value {
-        let Values::Range { scale, whole, .. } = self.values else {
-            return number(from, false);
+    /// The number at a share of its range.
+    fn share(&self, is_whole: bool, share: f64) -> Value {
+        let (from, to) = (self.from.unwrap_or_default(), self.to.unwrap_or_default());
+        let value = match (self.scale, share) {
+            (_, 0.0) => from,
+            (_, 1.0) => to,
+            (Scale::Linear, share) => from + (to - from) * share,
+            // libm: the same bits on every machine.
+            (Scale::Log, share) => from * libm::pow(to / from, share),
         };
-        number(
-            match (scale, share) {
-                (_, 0.0) => from,
-                (_, 1.0) => to,
-                (Scale::Linear, share) => from + (to - from) * share,
-                // libm: the same bits on every machine.
-                (Scale::Log, share) => from * libm::pow(to / from, share),
-            },
-            whole,
-        )
-    }
-
-    fn cell(&self, value: &toml::Value) -> Cell {
-        match (self.kind, value) {
-            (Kind::Boolean, toml::Value::Boolean(so)) => Cell::Boolean(*so),
-            (Kind::Whole, toml::Value::Integer(number)) => Cell::Whole(*number),
-            (Kind::Number, toml::Value::Integer(number)) => Cell::Number(*number as f64),
-            (Kind::Number, toml::Value::Float(number)) => Cell::Number(*number),
-            (_, toml::Value::String(text)) => Cell::Text(text.clone()),
-            (_, other) => Cell::Text(other.to_string()),
-        }
+        number(value, is_whole)
     }
 }
 
-fn number(value: f64, whole: bool) -> toml::Value {
-    if whole {
-        toml::Value::Integer(value.round() as i64)
+fn number(value: f64, is_whole: bool) -> Value {
+    if is_whole {
+        Value::Integer(value.round() as i64)
     } else {
-        toml::Value::Float(value)
+        Value::Float(value)
     }
 }
 
@@ -335,48 +240,37 @@ fn number(value: f64, whole: bool) -> toml::Value {
 mod tests {
     use super::*;
 
-    fn space(keys: &str) -> Result<Space, String> {
+    fn space(keys: &str) -> Option<Space> {
         let text = format!("name = \"x\"\nscenario = \"fig5-wrist-rotation\"\n{keys}");
         let spec: Spec = toml::from_str(&text).unwrap();
         spec.check().unwrap();
-        Space::new(&spec, &Source::read(&spec.scenario).unwrap()).map_err(|refusal| match refusal {
-            Refusal::Sweep(complaint) => complaint.to_string(),
-            Refusal::Other(failure) => failure.to_string(),
-        })
+        let source = Source::read(&spec.scenario).unwrap();
+        Space::new(spec, &source).ok()
     }
 
     #[test]
     fn a_grid_counts_like_a_number_and_has_both_ends() {
-        let range = "[[key]]\nkey = \"plant.mass_factor\"\nfrom = 0.5\nto = 2\nsteps = 3\nscale = \"log\"\n";
+        let seeds = "[[key]]\nkey = \"seed\"\nfrom = 1\nto = 3\nsteps = 3\n";
         let grid = space(&format!(
-            "[[key]]\nkey = \"control.k_p\"\nvalues = [100, 400.5]\n{range}"
+            "[[key]]\nkey = \"control.k_p\"\nvalues = [100, 400.5]\n{seeds}[[key]]\nkey = \"plant.mass_factor\"\nfrom = 0.5\nto = 2\nsteps = 3\nscale = \"log\"\n"
         ))
         .unwrap();
-        assert_eq!(grid.runs, 6);
-        let settings: Vec<String> = (0..6).map(|run| grid.settings(run).join(" ")).collect();
-        assert_eq!(settings[0], "control.k_p=100 plant.mass_factor=0.5");
-        assert_eq!(settings[1], "control.k_p=100 plant.mass_factor=1.0");
-        assert_eq!(settings[5], "control.k_p=400.5 plant.mass_factor=2.0");
+        let settings = |run| grid.settings(run).join(" ");
+        assert_eq!(grid.runs, 18);
+        assert_eq!(settings(0), "control.k_p=100 seed=1 plant.mass_factor=0.5");
+        assert_eq!(settings(4), "control.k_p=100 seed=2 plant.mass_factor=1.0");
         assert_eq!(
-            grid.columns().collect::<Vec<_>>(),
-            [
-                ("control.k_p", Kind::Number),
-                ("plant.mass_factor", Kind::Number)
-            ]
+            settings(17),
+            "control.k_p=400.5 seed=3 plant.mass_factor=2.0"
         );
-    }
-
-    #[test]
-    fn a_range_is_whole_where_the_scenario_takes_whole_numbers_only() {
-        let keys = "[[key]]\nkey = \"seed\"\nfrom = 1\nto = 3\nsteps = 3\n[[key]]\nkey = \"control.k_p\"\nfrom = 100\nto = 200\nsteps = 3\n";
-        assert_eq!(
-            space(keys).unwrap().settings(4).join(" "),
-            "seed=2 control.k_p=150.0"
-        );
+        let examples: Vec<_> = grid
+            .columns()
+            .map(|(_, example, _)| example.type_str())
+            .collect();
+        assert_eq!(examples, ["float", "integer", "float"]);
         assert!(
-            space(&keys.replace("to = 3", "to = 4"))
-                .unwrap_err()
-                .contains("no whole numbers")
+            space(&seeds.replace("to = 3", "to = 4")).is_none(),
+            "no whole steps"
         );
     }
 
@@ -385,46 +279,38 @@ mod tests {
         let keys = "[[key]]\nkey = \"seed\"\nfrom = 1\nto = 4\n[[key]]\nkey = \"plant.mass_factor\"\nfrom = 0.5\nto = 1.5\n";
         let draw =
             |seed: u64| space(&format!("{keys}[sample]\nruns = 4000\nseed = {seed}\n")).unwrap();
-        let (one, other) = (draw(1), draw(2));
+        let one = draw(1);
         assert_eq!(one.settings(17), draw(1).settings(17));
-        assert_ne!(one.settings(17), other.settings(17));
-        let drawn: Vec<_> = (0..4000).map(|run| one.values(run)).collect();
-        for seed in 1..=4 {
-            let count = drawn
-                .iter()
-                .filter(|values| values[0].as_integer() == Some(seed))
-                .count();
-            // Binomial: standard deviation 27; six of them.
-            assert!((840..1160).contains(&count), "{seed}: {count}");
+        assert_ne!(one.settings(17), draw(2).settings(17));
+        let (mut seeds, mut sum) = ([0; 5], 0.0);
+        for run in 0..one.runs {
+            let values = one.values(run);
+            seeds[values[0].1.as_integer().unwrap() as usize] += 1;
+            sum += values[1]
+                .1
+                .as_float()
+                .filter(|mass| (0.5..1.5).contains(mass))
+                .unwrap();
         }
-        let mean = drawn
-            .iter()
-            .filter_map(|values| values[1].as_float())
-            .sum::<f64>()
-            / 4000.0;
+        // Binomial: standard deviation 27; six of them.
         assert!(
-            (mean - 1.0).abs() < 0.03
-                && drawn
-                    .iter()
-                    .all(|values| (0.5..1.5).contains(&values[1].as_float().unwrap())),
-            "{mean}"
+            seeds[1..].iter().all(|count| (840..1160).contains(count)),
+            "{seeds:?}"
         );
+        assert!((sum / 4000.0 - 1.0).abs() < 0.03, "{sum}");
     }
 
     #[test]
     fn unknown_keys_and_refused_values_are_found_before_any_run() {
-        let refused = |key: &str, values: &str| {
-            space(&format!("[[key]]\nkey = \"{key}\"\nvalues = {values}\n")).unwrap_err()
-        };
-        assert!(
-            refused("control.kp", "[1.0]").contains("did you mean `k_p`?"),
-            "{}",
-            refused("control.kp", "[1.0]")
-        );
-        assert!(refused("control.k_p", "[100, -1]").contains("`control.k_p` is -1"));
-        assert!(
-            refused("start.q_rad", "[[0, 0, 0, 0, 0, 0]]").contains("given 2 times"),
-            "q_deg is the scenario's own"
-        );
+        let key =
+            |key: &str, values: &str| format!("[[key]]\nkey = \"{key}\"\nvalues = {values}\n");
+        for text in [
+            key("control.kp", "[1.0]"),
+            key("control.k_p", "[100, -1]"),
+            // The scenario has `q_deg`.
+            key("start.q_rad", "[[0, 0, 0, 0, 0, 0]]"),
+        ] {
+            assert!(space(&text).is_none(), "{text}");
+        }
     }
 }

@@ -1,23 +1,20 @@
-//! Computes a sweep's runs on all cores, and goes on where it was stopped.
+//! Computes the runs of a sweep that are not in its folder yet, on all cores; puts shards together.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
+use std::fmt;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use serde::Serialize;
-use session::{Failure, Observer, Progress, RUNS, Results};
+use session::{Failure, Observer, Progress, RUNS};
+use toml::Table;
 
-use super::cell::Cell;
-use super::journal::{Finished, Journal};
-use super::manifest::{Shard, Sweep, journal_file, journals_folder, open, rows_file, rows_folder};
+use super::folder::{Manifest, Shard, open, parts, write};
 use super::outcomes::Outcomes;
-use super::{row, table};
-
-/// How often a signal is looked for.
-const LOOK: Duration = Duration::from_millis(50);
+use super::sweep::Sweep;
+use crate::pool::on_all_cores;
 
 /// Which sweep, and where its results go.
 pub struct Request<'a> {
@@ -29,15 +26,14 @@ pub struct Request<'a> {
     pub shard: Option<Shard>,
 }
 
-/// A sweep whose runs are all in the folder.
+/// A sweep, or a shard of one, whose runs are all in the folder.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Done {
     /// The sweep's name.
     #[serde(rename = "sweep")]
     pub name: String,
-    /// The part that was computed; `None`: all of it.
-    #[serde(serialize_with = "in_words")]
-    pub shard: Option<Shard>,
+    /// The part that was computed, as in `--shard`; `None`: all of it.
+    pub shard: Option<String>,
     /// The results folder.
     pub folder: PathBuf,
     /// Runs in the folder.
@@ -48,8 +44,6 @@ pub struct Done {
     pub simulated_s: f64,
     /// Wall-clock time; s.
     pub wall_s: f64,
-    /// Cores that worked.
-    pub cores: usize,
     /// The outcomes of the runs in the folder.
     #[serde(flatten)]
     pub outcomes: Outcomes,
@@ -59,251 +53,192 @@ impl Done {
     /// The runs of the file that came to nothing, where that is for this folder to say: a shard is judged when all of them are put together.
     #[must_use]
     pub fn lack(&self) -> Option<String> {
-        self.outcomes
-            .lack()
-            .filter(|_| self.shard.is_none())
-            .map(|lack| format!("{}: {lack}", self.folder.display()))
+        let lack = self.outcomes.lack().filter(|_| self.shard.is_none());
+        lack.map(|lack| format!("{}: {lack}", self.folder.display()))
     }
 }
 
-/// As in `--shard`: `3/16`.
-fn in_words<S: serde::Serializer>(shard: &Option<Shard>, serializer: S) -> Result<S::Ok, S::Error> {
-    shard.map(|shard| shard.to_string()).serialize(serializer)
+/// Runs and their rate.
+impl fmt::Display for Done {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let shard = self.shard.as_ref().map(|shard| format!(", shard {shard}"));
+        let (name, shard) = (&self.name, shard.unwrap_or_default());
+        writeln!(
+            f,
+            "{name}{shard}: {} runs, {} of them before",
+            self.runs, self.found
+        )?;
+        let (computed, wall_s) = (self.runs - self.found, self.wall_s);
+        if computed > 0 {
+            let (rate, speed) = (computed as f64 / wall_s, self.simulated_s / wall_s);
+            writeln!(
+                f,
+                "time       {computed} runs in {wall_s:.1} s: {rate:.1} runs/s, {speed:.0} × real time"
+            )?;
+        }
+        self.outcomes.fmt(f)
+    }
 }
 
 /// Computes every run that is not in the results folder yet.
 ///
 /// # Errors
 /// [`Failure::Input`] or [`Failure::File`] before anything is computed, where sweep, scenario, robot, shard or folder cannot be used;
-/// [`Failure::Work`] where results cannot be written, or a signal stops it: the runs finished until then are kept.
+/// [`Failure::Work`] where results cannot be written, or a signal stops it: the parts that are complete by then are kept.
 pub fn run(request: &Request<'_>, observer: Observer<'_>) -> Result<Done, Failure> {
-    let mut signals = session::interrupts()?;
+    let signals = Mutex::new(session::interrupts()?);
     let mut sweep = Sweep::read(request.file)?;
+    let mut usual = sweep.manifest.name.clone();
     if let Some(shard) = request.shard {
-        let partitions = sweep.manifest.partitions();
-        if shard.of > partitions {
-            let sentence = format!(
-                "{} shards of {partitions} partitions: some would be empty",
-                shard.of
-            );
+        let (Shard { index, of }, parts) = (shard, sweep.manifest.parts());
+        if of > parts {
             return Err(Failure::Input(format!(
-                "{sentence}; take at most {partitions}, or a smaller `partition` in the sweep's file"
+                "{of} shards of {parts} partitions: some would be empty; take at most {parts}, or a smaller `partition` in the sweep's file"
             )));
         }
         sweep.manifest.shard = shard;
+        usual += &format!("-{index}-of-{of}");
     }
     let manifest = &sweep.manifest;
-    let usual = match manifest.shard {
-        Shard::WHOLE => manifest.name.clone(),
-        Shard { index, of } => format!("{}-{index}-of-{of}", manifest.name),
-    };
-    let folder = request
-        .out
-        .map_or_else(|| Path::new(RUNS).join(usual), Path::to_owned);
-    let results = Results::create(Some(&folder), &manifest.name)?;
-    manifest.take(&results)?;
-    let cannot = |error: std::io::Error| {
-        Failure::Work(format!("cannot write to {}: {error}", folder.display()))
-    };
-    for made in [rows_folder(&folder), journals_folder(&folder)] {
-        std::fs::create_dir_all(made).map_err(cannot)?;
-    }
-    let work = Work::begin(&sweep, &folder)?;
-    let (runs, pending) = (work.runs, work.pending.len() as u64);
-    let cores = thread::available_parallelism()
-        .map_or(1, usize::from)
-        .min(work.pending.len());
+    let usual = Path::new(RUNS).join(usual);
+    let folder = request.out.unwrap_or(&usual);
+    let _results = manifest.take(folder)?;
+    let there = parts(folder, manifest)?;
+    there
+        .iter()
+        .try_for_each(|(part, path)| open(path, *part, manifest).map(drop))?;
+    let missing = manifest
+        .own_parts()
+        .filter(|part| !there.contains_key(part));
+    let pending: Vec<u64> = missing.flat_map(|part| manifest.runs_of(part)).collect();
     let began = Instant::now();
-    observer(Progress::Begin {
-        title: &manifest.name,
-        length: pending,
-        unit: "runs",
-    });
-    thread::scope(|scope| {
-        let workers: Vec<_> = (0..cores)
-            .map(|_| scope.spawn(|| work.work(observer)))
-            .collect();
-        while workers.iter().any(|worker| !worker.is_finished()) {
-            if let Some(signal) = signals.pending() {
-                let kept = "the runs finished so far are kept, the same command goes on";
-                work.stop(Failure::Work(format!("stopped by {signal}: {kept}")));
-            }
-            thread::sleep(LOOK.min(Duration::from_millis(
-                1 + began.elapsed().as_millis() as u64 / 20,
-            )));
+    // Rows of the parts that are not complete.
+    let begun = Mutex::new(BTreeMap::<u64, BTreeMap<u64, Table>>::new());
+    let is_stopped = AtomicBool::new(false);
+    let compute = |run: &u64| {
+        if let Some(signal) = locked(&signals).pending() {
+            let kept = "the complete partitions are kept, the same command goes on";
+            return Err(Failure::Work(format!("stopped by {signal}: {kept}")));
         }
-    });
-    observer(Progress::End);
-    let simulated_s = work.simulated_ns.load(Ordering::Relaxed) as f64 * 1e-9;
-    work.failure
-        .into_inner()
-        .unwrap_or_else(PoisonError::into_inner)
-        .map_or(Ok(()), Err)?;
-    std::fs::remove_dir(journals_folder(&folder)).map_err(cannot)?;
-    let (name, wall_s) = (manifest.name.clone(), began.elapsed().as_secs_f64());
-    let outcomes = Outcomes::of(&folder, manifest)?;
+        let (part, (row, seconds)) = (run / manifest.part_runs, sweep.row(*run));
+        let whole = {
+            let mut begun = locked(&begun);
+            let rows = begun.entry(part).or_default();
+            rows.insert(*run, row);
+            let is_whole = rows.len() as u64 == manifest.count([part].into_iter());
+            is_whole.then(|| begun.remove(&part)).flatten()
+        };
+        if let Some(rows) = whole {
+            let rows: Vec<Table> = rows.into_values().collect();
+            write(folder, part, &sweep.part(part, &rows)?)?;
+        }
+        Ok(seconds)
+    };
+    let done = on_all_cores(
+        &manifest.name,
+        &pending,
+        |run| {
+            let is_over = is_stopped.load(Ordering::Relaxed);
+            let done = if is_over { Ok(0.0) } else { compute(run) };
+            is_stopped.fetch_or(done.is_err(), Ordering::Relaxed);
+            done
+        },
+        observer,
+    );
+    let simulated_s = done.into_iter().sum::<Result<f64, Failure>>()?;
+    let (wall_s, found) = (
+        began.elapsed().as_secs_f64(),
+        manifest.count(there.into_keys()),
+    );
     Ok(Done {
-        name,
-        shard: request.shard,
-        folder,
-        runs,
-        found: runs - pending,
         simulated_s,
         wall_s,
-        cores,
-        outcomes,
+        ..finished(manifest, folder, found)?
     })
 }
 
-/// The runs to compute, and those that are finished in partitions that are not.
-struct Work<'a> {
-    sweep: &'a Sweep,
-    folder: &'a Path,
-    /// Runs of this shard, finished or not.
-    runs: u64,
-    pending: Vec<u64>,
-    next: AtomicUsize,
-    open: Mutex<BTreeMap<u64, Open>>,
-    is_stopped: AtomicBool,
-    failure: Mutex<Option<Failure>>,
-    simulated_ns: AtomicU64,
+fn locked<T>(shared: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A partition with some of its runs finished.
-struct Open {
-    journal: Journal,
-    finished: Vec<Finished>,
+fn finished(manifest: &Manifest, folder: &Path, found: u64) -> Result<Done, Failure> {
+    let shard = Some(manifest.shard).filter(|shard| *shard != Shard::WHOLE);
+    Ok(Done {
+        name: manifest.name.clone(),
+        shard: shard.map(|shard| shard.to_string()),
+        folder: folder.to_owned(),
+        runs: manifest.count(manifest.own_parts()),
+        found,
+        simulated_s: 0.0,
+        wall_s: 0.0,
+        outcomes: Outcomes::of(folder, manifest)?,
+    })
 }
 
-impl<'a> Work<'a> {
-    fn begin(sweep: &'a Sweep, folder: &'a Path) -> Result<Self, Failure> {
-        let (mut runs, mut pending, mut all) = (0, Vec::new(), BTreeMap::new());
-        for partition in sweep.manifest.own_partitions() {
-            let (own, journal) = (
-                sweep.manifest.runs_of(partition),
-                journal_file(folder, partition),
-            );
-            runs += own.end - own.start;
-            if rows_file(folder, partition).exists() {
-                open(folder, &sweep.manifest, partition)?;
-                // A kill may have come between the two.
-                let _ = std::fs::remove_file(&journal);
-            } else if journal.exists() {
-                let mut begun = Open::begin(&journal)?;
-                begun
-                    .finished
-                    .retain(|(run, cells)| own.contains(run) && cells.len() == sweep.results());
-                let known: BTreeSet<u64> = begun.finished.iter().map(|(run, _)| *run).collect();
-                pending.extend(own.clone().filter(|run| !known.contains(run)));
-                if begun.finished.len() as u64 == own.end - own.start {
-                    complete(sweep, folder, partition, begun.finished)?;
-                } else {
-                    all.insert(partition, begun);
-                }
-            } else {
-                pending.extend(own);
-            }
+/// Puts the shards of one sweep into a folder of its own, which then is that of a sweep computed in one piece: the same files.
+///
+/// # Errors
+/// [`Failure::Input`] where a folder is not a shard's, shards are of different sweeps or made by different builds of armplane, a part is
+/// in two of them, or in none; [`Failure::Work`] where the files cannot be written.
+pub fn merge(
+    folders: &[PathBuf],
+    out: Option<&Path>,
+    observer: Observer<'_>,
+) -> Result<Done, Failure> {
+    let mut from = BTreeMap::<u64, (PathBuf, &PathBuf)>::new();
+    let mut first = None;
+    for folder in folders {
+        let manifest = Manifest::expect(folder)?;
+        let (one, whole): &(&PathBuf, Manifest) =
+            first.get_or_insert_with(|| (folder, manifest.clone()));
+        let (one, other) = (one.display(), folder.display());
+        if let Some(difference) = whole.difference(&manifest) {
+            return Err(Failure::Input(format!(
+                "{one} and {other} are not shards of one sweep: {other} has {difference}"
+            )));
         }
-        Ok(Self {
-            sweep,
-            folder,
-            runs,
-            pending,
-            next: AtomicUsize::new(0),
-            open: Mutex::new(all),
-            is_stopped: AtomicBool::new(false),
-            failure: Mutex::new(None),
-            simulated_ns: AtomicU64::new(0),
-        })
-    }
-
-    fn stop(&self, failure: Failure) {
-        self.failure
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .get_or_insert(failure);
-        self.is_stopped.store(true, Ordering::Relaxed);
-    }
-
-    /// Computes one pending run after the other.
-    fn work(&self, observer: Observer<'_>) {
-        while !self.is_stopped.load(Ordering::Relaxed)
-            && let Some(run) = self.pending.get(self.next.fetch_add(1, Ordering::Relaxed))
-        {
-            let loaded = self.sweep.load(*run);
-            let rate_hz = loaded.as_ref().map_or(1, |(_, scenario)| scenario.rate_hz);
-            let (cells, ticks) = row::results(
-                loaded
-                    .as_ref()
-                    .map(|(robot, scenario)| (*robot, scenario))
-                    .map_err(Clone::clone),
-            );
-            self.simulated_ns.fetch_add(
-                ticks * 1_000_000_000 / u64::from(rate_hz),
-                Ordering::Relaxed,
-            );
-            match self.finish(*run, cells) {
-                Ok(()) => observer(Progress::Step),
-                Err(failure) => return self.stop(failure),
+        for (part, path) in parts(folder, &manifest)? {
+            open(&path, part, &manifest)?;
+            if let Some((_, other)) = from.insert(part, (path, folder)) {
+                let (runs, one, other) =
+                    (manifest.runs_of(part), folder.display(), other.display());
+                return Err(Failure::Input(format!(
+                    "runs {} to {} are in both {other} and {one}: give each shard once",
+                    runs.start,
+                    runs.end - 1
+                )));
             }
         }
     }
-
-    /// Takes a finished run down, and writes its partition where it was the last one.
-    fn finish(&self, run: u64, cells: Vec<Cell>) -> Result<(), Failure> {
-        let partition = run / self.sweep.manifest.partition_runs;
-        let own = self.sweep.manifest.runs_of(partition);
-        let path = journal_file(self.folder, partition);
-        let mut all = self.open.lock().unwrap_or_else(PoisonError::into_inner);
-        let open = match all.entry(partition) {
-            std::collections::btree_map::Entry::Occupied(entry) => entry.into_mut(),
-            std::collections::btree_map::Entry::Vacant(entry) => entry.insert(Open::begin(&path)?),
-        };
-        open.journal
-            .append(run, &cells)
-            .map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
-        open.finished.push((run, cells));
-        let is_complete = open.finished.len() as u64 == own.end - own.start;
-        let whole = if is_complete {
-            all.remove(&partition)
-        } else {
-            None
-        };
-        drop(all);
-        whole.map_or(Ok(()), |open| {
-            complete(self.sweep, self.folder, partition, open.finished)
-        })
-    }
-}
-
-impl Open {
-    fn begin(path: &Path) -> Result<Self, Failure> {
-        let (journal, finished) = Journal::open(path)
-            .map_err(|error| Failure::Work(format!("cannot use {}: {error}", path.display())))?;
-        Ok(Self { journal, finished })
-    }
-}
-
-/// Writes a partition all of whose runs are finished; its journal goes.
-fn complete(
-    sweep: &Sweep,
-    folder: &Path,
-    partition: u64,
-    mut finished: Vec<Finished>,
-) -> Result<(), Failure> {
-    finished.sort_by_key(|(run, _)| *run);
-    let rows: Vec<_> = finished
-        .into_iter()
-        .map(|(run, cells)| sweep.row(run, cells))
+    let (_, mut whole) = first.ok_or_else(|| Failure::Input("no shard to merge".to_owned()))?;
+    let of = std::mem::replace(&mut whole.shard, Shard::WHOLE).of;
+    let missing: Vec<u64> = whole
+        .own_parts()
+        .filter(|part| !from.contains_key(part))
         .collect();
-    let journal = journal_file(folder, partition);
-    table::write(
-        &rows_file(folder, partition),
-        &journal.with_extension("draft"),
-        &sweep.columns,
-        &rows,
-        &sweep.metadata(partition),
-    )?;
-    std::fs::remove_file(&journal)
-        .map_err(|error| Failure::Work(format!("cannot remove {}: {error}", journal.display())))
+    if let Some(part) = missing.first() {
+        let (count, runs, index) = (
+            whole.count(missing.iter().copied()),
+            whole.runs,
+            part % of + 1,
+        );
+        return Err(Failure::Input(format!(
+            "{count} of {runs} runs are missing: compute shard {index}/{of} to its end first"
+        )));
+    }
+    let usual = Path::new(RUNS).join(&whole.name);
+    let target = out.unwrap_or(&usual);
+    let _results = whole.take(target)?;
+    observer(Progress::Begin {
+        title: &whole.name,
+        length: from.len() as u64,
+        unit: "partitions",
+    });
+    for (part, (path, _)) in &from {
+        let bytes = files::read(path).map_err(Failure::cannot("read", path))?;
+        write(target, *part, &bytes)?;
+        observer(Progress::Step);
+    }
+    observer(Progress::End);
+    finished(&whole, target, whole.runs)
 }
