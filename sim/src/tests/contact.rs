@@ -97,7 +97,7 @@ fn sub_steps_that_follow_contact_are_fewer_and_nearer_to_fine_ones() {
         let (before, now) = (errors(&equal, &fine), errors(&following, &fine));
         let ratio = [now[0] / before[0], now[1] / before[1]];
         println!(
-            "{}: {fewer} of {most} sub-steps, errors {ratio:.2?} of {before:.1e?}",
+            "{}: {fewer} of {most} sub-steps, errors {ratio:.2?} of {before:.1?}",
             scene.name
         );
         // An impact that is just missed or met makes a scene a little worse, or much better.
