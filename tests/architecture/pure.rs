@@ -16,11 +16,11 @@ const ROOMS: [&str; 5] = [
     "services/lockstep/src/engine",
     "services/lockstep/src/recall",
 ];
-/// Libraries that compute or read text, and crates of ours that pure code may name; of a process, its step.
-const DEPENDENCIES: &str = "bytemuck control glam hdrhistogram libm lockstep model nalgebra rapier3d serde serde_json shared_types sim thiserror \
+/// Libraries that compute or read text, and crates of ours that pure code may name; of a process, its step, and of the recorder its judge's bounds.
+const DEPENDENCIES: &str = "bytemuck control glam hdrhistogram libm lockstep model nalgebra quick_xml rapier3d serde serde_json shared_types sim thiserror \
     toml urdf_rs wide analyzer controller estimator operator plant plotters viz";
 const PROCESSES: &str = "analyzer controller estimator operator plant plant_fci recorder exchange";
-const STEP: &str = "Cycle Step cycle";
+const STEP: &str = "Bounds Cycle Step cycle";
 /// Modules of the standard library without clock, thread, file, environment and process; the three instructions compute, load and store.
 const STANDARD: &str = "any array borrow cell cmp collections convert error f32 f64 fmt hash iter marker mem num ops path result slice str sync";
 const ITEMS: [&str; 5] = [

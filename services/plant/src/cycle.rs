@@ -299,36 +299,70 @@ mod tests {
     }
 
     #[test]
-    fn a_braked_arm_stays_where_it_is_until_a_torque_carries_it() {
+    fn without_torque_the_arm_holds_stops_brakes_and_comes_back() {
         let mut cycle = cycle(&scenario());
-        let mut truth = sampled(&cycle, 0).1;
-        let next = |cycle: &mut Cycle<6>, command: Option<TorqueCommand>| {
+        let limits = &*ARM;
+        let mut tick = 0;
+        let mut last = sampled(&cycle, 0).1;
+        let mut next = |cycle: &mut Cycle<6>, command: Option<TorqueCommand>| {
             cycle.step(command.as_ref());
-            sampled(cycle, 1).1
+            tick += 1;
+            let truth = sampled(cycle, tick).1;
+            let step = (joints(&truth.tau) - joints(&last.tau))
+                .component_div(limits.effort())
+                .amax();
+            assert!(step <= 0.5 + 1e-12, "torque step {step} of the limit");
+            last = truth;
+            truth
         };
+        let mut truth = sampled(&cycle, 0).1;
         for _ in 0..300 {
             let go_on = command(&truth, [25.0, -10.0, 8.0, 2.0, 1.0, 1.0]);
             truth = next(&mut cycle, Some(go_on));
         }
         assert!(joints(&truth.qdot).amax() > 1.0);
-        let stopped = (0..500).find(|_| next(&mut cycle, None).drive == DRIVE_BRAKED);
-        assert!(stopped.is_some_and(|ticks| ticks > 10), "{stopped:?}");
+        for _ in 0..3 {
+            truth = next(&mut cycle, None);
+            assert_eq!(
+                (truth.drive, truth.drive_flags),
+                (DRIVE_HOLDING, DRIVE_ABSENT)
+            );
+        }
+        let mut stopping = 0;
+        while truth.drive != DRIVE_BRAKED {
+            truth = next(&mut cycle, None);
+            stopping += u32::from(truth.drive == DRIVE_STOPPING);
+        }
+        assert!(stopping > 10 && stopping < 500, "stopped in {stopping} ms");
         for _ in 0..100 {
             truth = next(&mut cycle, None);
         }
-        let held = truth;
+        let held = truth.q;
         assert_eq!(
-            (joints(&held.qdot).amax(), joints(&held.tau).amax()),
+            (joints(&truth.qdot).amax(), joints(&truth.tau).amax()),
             (0.0, 0.0)
         );
         // A new controller, that holds where it is.
-        for tick in 0..220 {
+        let mut building_up = 0;
+        while truth.drive == DRIVE_BRAKED {
             let hold = command(&truth, [0.0; 6]);
             truth = next(&mut cycle, Some(hold));
-            assert!(tick > 20 || truth.drive == DRIVE_ACTIVE || truth.q == held.q);
+            building_up += 1;
+            assert!(
+                truth.drive == DRIVE_ACTIVE || truth.q == held,
+                "the brakes carry the arm meanwhile"
+            );
         }
         assert_eq!(truth.drive, DRIVE_ACTIVE);
-        assert!((joints(&truth.q) - joints(&held.q)).amax() < 1e-6);
+        for _ in 0..200 {
+            let hold = command(&truth, [0.0; 6]);
+            truth = next(&mut cycle, Some(hold));
+        }
+        let moved = (joints(&truth.q) - joints(&held)).amax();
+        assert!(
+            building_up > 1 && moved < 1e-6,
+            "moved by {moved} rad on the way back"
+        );
     }
 
     #[test]
