@@ -98,7 +98,9 @@ def definitions():
                 if kind.startswith("Option<") and "skip_serializing_if" not in of_field and "floor" not in of_field:
                     schema = {"anyOf": [schema, {"type": "null"}]}
                 properties[renamed[1] if renamed else field] = {**schema, "description": words}
-                if not all_default and "serde(default" not in of_field:
+                # serde takes an option that is left out as none, unless a function of its own reads it.
+                is_option = kind.startswith("Option<") and " with =" not in of_field and "deserialize_with" not in of_field
+                if not (all_default or is_option or "serde(default" in of_field):
                     required.append(renamed[1] if renamed else field)
             found[name] = {"type": "object", "description": about, "properties": properties}
             if required:

@@ -171,7 +171,7 @@ impl<const N: usize> State<N> {
                 q: joints(&from.joint_q),
             },
             sent: Sent::restored(
-                [&from.tau, &from.tau_path, &from.tau_null].map(|tau| joints(tau)),
+                [&from.tau, &from.tau_path, &from.tau_null].map(joints),
                 limits,
             ),
             qdot_planned: joints(&from.qdot_planned),

@@ -193,8 +193,8 @@ impl<const N: usize> Step for Cycle<N> {
 mod tests {
     use super::*;
     use shared_types::codes::{
-        DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_ENCODER, DRIVE_REFUSED, DRIVE_STOPPING, PHASE_DONE,
-        PHASE_REFUSED, PHASE_RUNNING,
+        DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_ENCODER, DRIVE_HOLDING, DRIVE_REFUSED,
+        DRIVE_STOPPING, PHASE_DONE, PHASE_REFUSED, PHASE_RUNNING,
     };
     use shared_types::fault::{Fault, Kind, Target, Way};
     use shared_types::process::Role;

@@ -95,8 +95,8 @@ impl Recording {
                 now[FIRST_MODE + i] = name_of(MODES, command.mode[i]);
             }
         }
-        for place in 0..LANES {
-            let (state, before) = (now[place], self.part.lanes[place]);
+        for (place, state) in now.into_iter().enumerate() {
+            let before = self.part.lanes[place];
             if state.is_empty() || state == before {
                 continue;
             }
@@ -170,7 +170,7 @@ impl Recording {
             has_estimate && row.singularity.is_some(),
         ];
         let mut now = [""; LANES];
-        for i in 0..LIVES {
+        for (i, lane) in now.iter_mut().enumerate().take(LIVES) {
             if self.subject.lives.name(i).is_empty() {
                 continue;
             }
@@ -179,7 +179,7 @@ impl Recording {
             self.note_incarnation(row.tick, i, incarnation);
             let missing = &mut self.story.missing[i];
             *missing = if incarnation == 0 { *missing + 1 } else { 0 };
-            now[i] = match has_input.get(i) {
+            *lane = match has_input.get(i) {
                 Some(_)
                     if incarnation == 0
                         && *missing < PATIENCE

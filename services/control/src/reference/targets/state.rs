@@ -261,7 +261,7 @@ impl<const N: usize> TargetState<N> {
             q: joints(&from.q),
             qdot: joints(&from.qdot),
             sent: Sent::restored(
-                [&from.tau, &from.tau_path, &from.tau_null].map(|tau| joints(tau)),
+                [&from.tau, &from.tau_path, &from.tau_null].map(joints),
                 limits,
             ),
             behind_m: from.behind_m,
