@@ -31,10 +31,7 @@ pub fn open(path: &Path) -> io::Result<File> {
             fcntl_setfl(&file, OFlags::empty())?;
             Ok(file)
         }
-        other => Err(io::Error::new(
-            io::ErrorKind::InvalidInput,
-            format!("it is {}, not a regular file", words(other)),
-        )),
+        other => Err(irregular(words(other))),
     }
 }
 
@@ -81,10 +78,6 @@ pub fn create(path: &Path) -> io::Result<File> {
         OFlags::empty()
     } else {
         OFlags::NOFOLLOW | OFlags::NONBLOCK
-    };
-    let irregular = |kind: &str| {
-        let sentence = format!("it is {kind}, not a regular file");
-        io::Error::new(io::ErrorKind::InvalidInput, sentence)
     };
     let file = match open_at(path, flags | more, Mode::from_raw_mode(0o666)) {
         Err(Errno::LOOP) => return Err(irregular("a symbolic link")),
@@ -156,6 +149,11 @@ fn is_held(path: &Path) -> bool {
         .iter()
         .any(|folder| path.parent() == Some(Path::new(folder)))
         || path == Path::new("/dev/stdin")
+}
+
+fn irregular(kind: &str) -> io::Error {
+    let sentence = format!("it is {kind}, not a regular file");
+    io::Error::new(io::ErrorKind::InvalidInput, sentence)
 }
 
 fn words(kind: FileType) -> &'static str {
