@@ -152,7 +152,7 @@ fn recorder(run: &Path, file: &Path) -> Result<(), ProcessError> {
 
 /// A launcher as a process of its own, for signals that only it shall get.
 fn launch_and_tell() -> Result<(), ProcessError> {
-    let launcher = Launcher::prepare(plan(Mode::Lockstep, Restart::Never)).expect("prepared");
+    let launcher = Launcher::prepare(lockstep()).expect("prepared");
     eprintln!("run {}", launcher.run_dir().display());
     let mut report = |event: Event<'_>| {
         if let Event::Progress { ticks: 1.. } = event {
@@ -248,35 +248,62 @@ fn role(role: &str) -> Command {
 /// The result of a run.
 struct Ran {
     name: String,
-    outcome: Result<Outcome, LaunchError>,
-    /// The recorder's report, if there is one.
-    recorded: Option<String>,
+    outcome: Outcome,
+    /// The recorder's report: sensor count, sensor hash, torque count, torque hash, lost.
+    recorded: Vec<String>,
 }
 
-fn run(plan: Plan, controller: &'static str, ticks: u64, mut at: impl FnMut(u64)) -> Ran {
+impl Ran {
+    /// The end of the controller, of which nothing is left.
+    fn failure(&self) -> &Failure {
+        assert!(!is_left_behind(&self.name) && pid_of(&self.name, "plant").is_none());
+        match &self.outcome.end {
+            End::Failed(failure) => failure,
+            _ => panic!("{:?}", self.outcome),
+        }
+    }
+}
+
+/// Runs a plan; `at` is told each event, with the name of the run.
+fn run(
+    plan: Plan,
+    controller: &'static str,
+    ticks: u64,
+    mut at: impl FnMut(&str, &Event<'_>),
+) -> Ran {
     let launcher = Launcher::prepare(plan).unwrap();
-    let name = launcher
-        .run_dir()
-        .file_name()
-        .unwrap()
-        .to_str()
-        .unwrap()
-        .to_owned();
-    let mut recorded = None;
-    let mut report = |event: Event<'_>| match event {
-        Event::Progress { ticks } => at(ticks),
-        Event::Line {
-            process: "recorder",
-            line,
-        } if line.starts_with("recorded ") => recorded = Some(line["recorded ".len()..].to_owned()),
-        _ => {}
+    let name = launcher.run_dir().file_name().unwrap();
+    let name = name.to_str().unwrap().to_owned();
+    let mut recorded = Vec::new();
+    let mut report = |event: Event<'_>| {
+        at(&name, &event);
+        if let Event::Line { line, .. } = event
+            && let Some(fields) = line.strip_prefix("recorded ")
+        {
+            recorded = fields.split(' ').map(str::to_owned).collect();
+        }
     };
     let outcome = launcher.run(&command(controller, ticks), &mut report);
     Ran {
-        name,
-        outcome,
+        outcome: outcome.unwrap(),
         recorded,
+        name,
     }
+}
+
+fn lockstep() -> Plan {
+    plan(Mode::Lockstep, Restart::Never)
+}
+
+fn budget(times: u32) -> Restart {
+    Restart::Budget {
+        times,
+        back_off: Duration::from_millis(1),
+    }
+}
+
+fn kill(run: &str, role: &str, signal: Signal) {
+    kill_process(pid_of(run, role).unwrap(), signal).unwrap();
 }
 
 fn is_left_behind(name: &str) -> bool {
@@ -307,277 +334,152 @@ fn pid_of(run: &str, role: &str) -> Option<Pid> {
         })
 }
 
-/// `sensor count, sensor hash, torque count, torque hash, lost`
-fn fields(recorded: &Option<String>) -> Vec<String> {
-    recorded
-        .as_ref()
-        .expect("the recorder told what it had")
-        .split(' ')
-        .map(ToOwned::to_owned)
-        .collect()
-}
-
 #[test]
-fn three_processes_pass_ten_thousand_ticks_in_order_and_lose_nothing_twice_the_same() {
-    let ran = run(
-        plan(Mode::Lockstep, Restart::Never),
-        "controller",
-        10_000,
-        |_| {},
-    );
-    let outcome = ran.outcome.unwrap();
-    assert_eq!(outcome.end, End::Completed);
-    assert_eq!(outcome.ticks, 10_000);
-    assert!(
-        outcome
-            .processes
-            .iter()
-            .all(|p| p.exit == Exit::Code(0) && p.restarts == 0 && p.pid != 0),
-        "{outcome:?}"
-    );
-    let nothing_wrong = |p: &crate::ProcessOutcome| {
-        p.counts
-            == runtime::Counts {
-                sent: p.counts.sent,
-                ..runtime::Counts::default()
-            }
-    };
-    assert!(outcome.processes.iter().all(nothing_wrong), "{outcome:?}");
+fn three_processes_pass_ten_thousand_ticks_in_order_and_lose_nothing_thrice_the_same() {
+    let once = || run(lockstep(), "controller", 10_000, |_, _| {});
+    let Ran {
+        name,
+        outcome,
+        recorded,
+    } = once();
+    assert_eq!((&outcome.end, outcome.ticks), (&End::Completed, 10_000));
+    for (one, sent) in outcome.processes.iter().zip([10_000, 10_000, 0]) {
+        let nothing_wrong = runtime::Counts {
+            sent,
+            ..runtime::Counts::default()
+        };
+        assert_eq!(one.counts, nothing_wrong, "{}", one.name);
+        assert_eq!((one.exit, one.restarts), (Exit::Code(0), 0));
+    }
     assert_eq!(
-        outcome.processes.iter().map(|p| p.counts.sent).sum::<u64>(),
-        20_000
-    );
-    let first = fields(&ran.recorded);
-    assert_eq!(
-        (&*first[0], &*first[2], &*first[4]),
+        (&*recorded[0], &*recorded[2], &*recorded[4]),
         ("10000", "10000", "0")
     );
-    assert!(!is_left_behind(&ran.name));
-    let again = run(
-        plan(Mode::Lockstep, Restart::Never),
-        "controller",
-        10_000,
-        |_| {},
-    );
-    assert_eq!(
-        fields(&again.recorded),
-        first,
-        "the same bytes on every topic"
-    );
+    assert!(!is_left_behind(&name));
+    // Two runs side by side do not disturb each other.
+    std::thread::scope(|scope| {
+        for other in [scope.spawn(once), scope.spawn(once)] {
+            assert_eq!(other.join().unwrap().recorded, recorded);
+        }
+    });
 }
 
 #[test]
 fn a_process_whose_reader_never_opens_its_topic_is_waited_for() {
-    let mut plan = plan(Mode::Lockstep, Restart::Never);
+    let mut plan = lockstep();
     plan.children[1].process.reads.push("estimate".into());
-    let estimator = process("estimator", &["sensor"], &["estimate"], false);
-    plan.children.insert(
-        1,
-        Child {
-            process: estimator,
-            ends_run: false,
-            restart: Restart::Never,
-        },
-    );
-    let outcome = run(plan, "controller-that-opens-less", 1_000, |_| {})
-        .outcome
-        .unwrap();
+    let estimator = Child {
+        process: process("estimator", &["sensor"], &["estimate"], false),
+        ..plan.children[1].clone()
+    };
+    plan.children.insert(1, estimator);
+    let outcome = run(plan, "controller-that-opens-less", 1_000, |_, _| {}).outcome;
     assert_eq!(outcome.end, End::Completed);
-    let sent: Vec<_> = outcome
-        .processes
-        .iter()
-        .map(|process| (process.counts.sent, process.counts.lost))
-        .collect();
-    assert_eq!(
-        sent,
-        [(1_000, 0), (1_000, 0), (1_000, 0), (0, 0)],
-        "to the last tick"
-    );
-}
-
-#[test]
-fn two_runs_side_by_side_do_not_disturb_each_other() {
-    let alone = fields(
-        &run(
-            plan(Mode::Lockstep, Restart::Never),
-            "controller",
-            3_000,
-            |_| {},
-        )
-        .recorded,
-    );
-    let both: Vec<_> = std::thread::scope(|scope| {
-        let one = || {
-            fields(
-                &run(
-                    plan(Mode::Lockstep, Restart::Never),
-                    "controller",
-                    3_000,
-                    |_| {},
-                )
-                .recorded,
-            )
-        };
-        let (a, b) = (scope.spawn(one), scope.spawn(one));
-        vec![a.join().unwrap(), b.join().unwrap()]
-    });
-    assert_eq!(both, [alone.clone(), alone]);
+    let counts = outcome.processes.iter().map(|one| one.counts);
+    let sent: Vec<_> = counts.map(|counts| (counts.sent, counts.lost)).collect();
+    assert_eq!(sent, [(1_000, 0), (1_000, 0), (1_000, 0), (0, 0)]);
 }
 
 #[test]
 fn a_killed_process_ends_the_run_with_its_name_and_nothing_is_left() {
-    let launcher = Launcher::prepare(plan(Mode::Lockstep, Restart::Never)).unwrap();
-    let name = launcher
-        .run_dir()
-        .file_name()
-        .unwrap()
-        .to_str()
-        .unwrap()
-        .to_owned();
-    let mut killed = None;
-    let mut report = |event: Event<'_>| {
-        if let (Event::Progress { ticks: 1.. }, None) = (event, killed) {
-            killed = pid_of(&name, "controller");
-            kill_process(killed.unwrap(), Signal::KILL).unwrap();
+    let mut is_killed = false;
+    let ran = run(lockstep(), "controller", u64::MAX, |run, event| {
+        if matches!(event, Event::Progress { ticks: 1.. }) && !is_killed {
+            kill(run, "controller", Signal::KILL);
+            is_killed = true;
         }
-    };
-    let outcome = launcher
-        .run(&command("controller", u64::MAX), &mut report)
-        .unwrap();
-    let End::Failed(failure) = &outcome.end else {
-        panic!("{outcome:?}")
-    };
-    let text = failure.to_string();
-    assert!(
-        text.contains("controller") && text.contains("SIGKILL"),
-        "{text}"
-    );
-    let exits: Vec<_> = outcome.processes.iter().map(|p| p.exit).collect();
+    });
+    let exit = Exit::Signal(9);
+    let of_controller = |failure: &Failure| matches!(failure, Failure::Died { process, exit: its, .. } if process == "controller" && *its == exit);
+    assert!(of_controller(ran.failure()), "{:?}", ran.outcome);
+    let exits: Vec<_> = ran.outcome.processes.iter().map(|one| one.exit).collect();
     assert_eq!(
         exits,
-        [Exit::Code(0), Exit::Signal(9), Exit::Code(0)],
+        [Exit::Code(0), exit, Exit::Code(0)],
         "the others stopped by themselves"
     );
-    assert!(!is_left_behind(&name));
 }
 
 #[test]
-fn a_number_that_is_not_finite_ends_the_run_and_is_named() {
-    let ran = run(
-        plan(Mode::Lockstep, Restart::Never),
-        "controller-that-fails",
-        u64::MAX,
-        |_| {},
-    );
-    let outcome = ran.outcome.unwrap();
-    let End::Failed(failure) = &outcome.end else {
-        panic!("{outcome:?}")
-    };
-    let text = failure.to_string();
-    assert!(
-        text.contains("controller")
-            && text.contains("tick 100")
-            && text.contains("tau is not finite"),
-        "{text}"
-    );
-    assert_eq!(outcome.processes[1].counts.not_finite, 1);
-    // Samples 0 to 100 were sent, torques 0 to 99 answered; the refused one never left.
-    let recorded = fields(&ran.recorded);
-    assert_eq!((&*recorded[0], &*recorded[2]), ("101", "100"));
-}
-
-#[test]
-fn a_process_that_hangs_is_named_by_who_waited_and_killed_in_the_end() {
-    let mut plan = plan(Mode::Lockstep, Restart::Never);
-    plan.limits = Limits {
-        wait: Some(Duration::from_millis(300)),
-        stop: Duration::from_millis(200),
-        ..plan.limits
-    };
-    let ran = run(plan, "controller-that-hangs", u64::MAX, |_| {});
-    let outcome = ran.outcome.unwrap();
-    let End::Failed(failure) = &outcome.end else {
-        panic!("{outcome:?}")
-    };
-    let text = failure.to_string();
-    assert!(
-        text.contains("plant waited") && text.contains("tick 0 of topic \"torque\""),
-        "{text}"
-    );
-    assert!(text.contains("controller was behind"), "{text}");
-    assert_eq!(
-        outcome.processes[1].exit,
-        Exit::Signal(9),
-        "it ignored the stop and SIGTERM"
-    );
-    assert!(!is_left_behind(&ran.name));
-}
-
-#[test]
-fn a_process_that_asks_for_more_without_an_answer_ends_by_itself_with_the_topic_that_it_owes() {
-    for restart in [
-        Restart::Never,
-        Restart::Budget {
-            times: 2,
-            back_off: Duration::from_millis(1),
-        },
-    ] {
-        let ran = run(
-            plan(Mode::Lockstep, restart),
+fn a_process_that_does_not_do_its_work_ends_the_run_and_is_named() {
+    let owes = ["controller asks for more and has not sent topic \"torque\" of tick "];
+    type Case<'a> = (&'static str, Restart, &'a [&'a str], Exit);
+    let cases: [Case<'_>; 5] = [
+        (
+            "controller-that-fails",
+            Restart::Never,
+            &["tick 100", "tau is not finite"],
+            Exit::Code(1),
+        ),
+        // It ignores the stop and SIGTERM.
+        (
+            "controller-that-hangs",
+            Restart::Never,
+            &[
+                "plant waited",
+                "tick 0 of topic \"torque\"",
+                "controller was behind",
+            ],
+            Exit::Signal(9),
+        ),
+        (
             "controller-that-keeps-silent",
-            1_000,
-            |_| {},
-        );
-        let End::Failed(failure) = ran.outcome.unwrap().end else {
-            panic!("the run ended without it")
-        };
-        let text = failure.to_string();
-        assert!(
-            text.contains("controller asks for more and has not sent topic \"torque\" of tick "),
-            "{text}"
-        );
-        assert!(!is_left_behind(&ran.name));
+            Restart::Never,
+            &owes,
+            Exit::Code(1),
+        ),
+        (
+            "controller-that-keeps-silent",
+            budget(2),
+            &owes,
+            Exit::Code(1),
+        ),
+        (
+            "controller-that-never-starts",
+            Restart::Never,
+            &["at tick 0"],
+            Exit::Code(7),
+        ),
+    ];
+    for (role, restart, words, exit) in cases {
+        let mut plan = plan(Mode::Lockstep, restart);
+        if role == "controller-that-hangs" {
+            plan.limits.wait = Some(Duration::from_millis(300));
+            plan.limits.stop = Duration::from_millis(200);
+        }
+        let ran = run(plan, role, 1_000, |_, _| {});
+        let text = ran.failure().to_string();
+        assert!(words.iter().all(|word| text.contains(word)), "{text}");
+        let controller = &ran.outcome.processes[1];
+        assert_eq!(controller.exit, exit, "{role}");
+        if role == "controller-that-fails" {
+            assert_eq!(controller.counts.not_finite, 1);
+            // Samples 0 to 100 were sent, torques 0 to 99 answered; the refused one never left.
+            assert_eq!((&*ran.recorded[0], &*ran.recorded[2]), ("101", "100"));
+        }
     }
 }
 
 #[test]
 fn a_process_that_answers_nothing_is_replaced_where_the_user_sets_a_limit() {
-    let mut plan = plan(
-        Mode::Lockstep,
-        Restart::Budget {
-            times: 1,
-            back_off: Duration::from_millis(1),
-        },
-    );
-    plan.limits = Limits {
-        stop: Duration::from_millis(200),
-        ..plan.limits
-    }
-    .with_silence(Some(Duration::from_millis(300)));
-    let launcher = Launcher::prepare(plan).unwrap();
+    let mut plan = plan(Mode::Lockstep, budget(1));
+    plan.limits.stop = Duration::from_millis(200);
+    plan.limits = plan.limits.with_silence(Some(Duration::from_millis(300)));
     let mut silenced = Vec::new();
-    let mut report = |event: Event<'_>| {
+    let ran = run(plan, "controller-that-hangs", u64::MAX, |_, event| {
         if let Event::Silenced {
             process, writes, ..
         } = event
         {
-            silenced.push((process.to_owned(), writes.to_vec()));
+            silenced.push(format!("{process} {}", writes.join(" ")));
         }
-    };
-    let outcome = launcher
-        .run(&command("controller-that-hangs", u64::MAX), &mut report)
-        .unwrap();
+    });
     assert!(
-        matches!(&outcome.end, End::Failed(Failure::Died { process, restarts: 1, .. }) if process == "controller"),
-        "{outcome:?}"
+        matches!(ran.failure(), Failure::Died { process, restarts: 1, .. } if process == "controller"),
+        "{:?}",
+        ran.outcome
     );
-    assert_eq!(
-        silenced,
-        [
-            ("controller".to_owned(), vec!["torque".to_owned()]),
-            ("controller".to_owned(), vec!["torque".to_owned()])
-        ]
-    );
+    assert_eq!(silenced, ["controller torque", "controller torque"]);
 }
 
 #[test]
@@ -609,179 +511,107 @@ fn a_limit_on_silence_limits_the_start_too_but_where_a_person_starts_a_program()
 }
 
 #[test]
-fn a_process_that_cannot_start_stops_everything_before_the_first_tick() {
-    let ran = run(
-        plan(Mode::Lockstep, Restart::Never),
-        "controller-that-never-starts",
-        u64::MAX,
-        |_| {},
-    );
-    let End::Failed(Failure::Died {
-        process,
-        exit: Exit::Code(7),
-        tick: 0,
-        ..
-    }) = &ran.outcome.as_ref().unwrap().end
-    else {
-        panic!("{:?}", ran.outcome)
-    };
-    assert_eq!(process, "controller");
-    assert!(!is_left_behind(&ran.name) && pid_of(&ran.name, "plant").is_none());
-
-    let launcher = Launcher::prepare(plan(Mode::Lockstep, Restart::Never)).unwrap();
-    let name = launcher
-        .run_dir()
-        .file_name()
-        .unwrap()
-        .to_str()
-        .unwrap()
-        .to_owned();
-    let missing = |name: &str, run: &Path| {
-        if name == "recorder" {
-            Ok(Command::new("/does/not/exist"))
-        } else {
-            command("controller", 1)(name, run)
-        }
+fn a_program_that_does_not_exist_stops_everything_before_the_first_tick() {
+    let launcher = Launcher::prepare(lockstep()).unwrap();
+    let name = launcher.run_dir().file_name().unwrap();
+    let name = name.to_str().unwrap().to_owned();
+    let missing = |name: &str, run: &Path| match name {
+        "recorder" => Ok(Command::new("/does/not/exist")),
+        _ => command("controller", 1)(name, run),
     };
     let error = launcher.run(&missing, &mut |_| {}).unwrap_err();
-    assert!(error.to_string().contains("/does/not/exist"), "{error}");
+    assert!(
+        matches!(&error, LaunchError::Spawn { process, .. } if process == "recorder"),
+        "{error}"
+    );
     assert!(!is_left_behind(&name) && pid_of(&name, "plant").is_none());
 }
 
 #[test]
 fn a_restart_within_the_budget_goes_on_in_real_time() {
-    let back_off = Duration::from_millis(1);
-    let launcher =
-        Launcher::prepare(plan(Mode::Realtime, Restart::Budget { times: 1, back_off })).unwrap();
-    let name = launcher
-        .run_dir()
-        .file_name()
-        .unwrap()
-        .to_str()
-        .unwrap()
-        .to_owned();
-    let (mut kills, mut restarts) = (0, Vec::new());
-    let mut report = |event: Event<'_>| match event {
-        Event::Progress { ticks } if ticks > 50 && kills == 0 => {
-            kill_process(pid_of(&name, "controller").unwrap(), Signal::KILL).unwrap();
-            kills = 1;
+    let (mut is_killed, mut restarts) = (false, Vec::new());
+    let plan = plan(Mode::Realtime, budget(1));
+    let ran = run(plan, "controller", 1_000, |run, event| match event {
+        Event::Progress { ticks: 51.. } if !is_killed => {
+            kill(run, "controller", Signal::KILL);
+            is_killed = true;
         }
         Event::Restarted {
             process,
             exit,
             incarnation,
             ..
-        } => restarts.push((process.to_owned(), exit, incarnation)),
+        } => restarts.push(((*process).to_owned(), *exit, *incarnation)),
         _ => {}
-    };
-    let outcome = launcher
-        .run(&command("controller", 1_000), &mut report)
-        .unwrap();
-    assert_eq!(outcome.end, End::Completed, "{outcome:?}");
+    });
+    assert_eq!(ran.outcome.end, End::Completed, "{:?}", ran.outcome);
     assert_eq!(restarts, [("controller".to_owned(), Exit::Signal(9), 2)]);
-    assert_eq!(
-        (outcome.processes[1].restarts, outcome.processes[1].exit),
-        (1, Exit::Code(0))
-    );
-    assert!(!is_left_behind(&name));
+    let controller = &ran.outcome.processes[1];
+    assert_eq!((controller.restarts, controller.exit), (1, Exit::Code(0)));
+    assert!(!is_left_behind(&ran.name));
 }
 
 #[test]
 fn a_recorder_that_is_killed_while_the_plant_ends_is_replaced() {
-    let is_dead = |pid: Pid| {
-        let stat = std::fs::read_to_string(format!("/proc/{}/stat", pid.as_raw_nonzero()))
-            .unwrap_or_default();
-        stat.rsplit(')')
-            .next()
-            .is_none_or(|rest| rest.trim_start().starts_with('Z'))
+    let wait_for_death = |pid: Pid| {
+        let is_alive = || {
+            let stat = std::fs::read_to_string(format!("/proc/{}/stat", pid.as_raw_nonzero()));
+            let state = stat.as_deref().unwrap_or_default().rsplit_once(") ");
+            state.is_some_and(|(_, rest)| !rest.starts_with('Z'))
+        };
+        while is_alive() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
     };
-    let mut plan = plan(Mode::Lockstep, Restart::Never);
+    let mut plan = lockstep();
     plan.children[2].restart = Restart::Budget {
         times: 1,
         back_off: Duration::ZERO,
     };
-    let launcher = Launcher::prepare(plan).unwrap();
-    let name = launcher
-        .run_dir()
-        .file_name()
-        .unwrap()
-        .to_str()
-        .unwrap()
-        .to_owned();
     let mut pids = None;
-    let mut report = |event: Event<'_>| {
-        if event == Event::Go {
-            pids = Some((
-                pid_of(&name, "plant").unwrap(),
-                pid_of(&name, "recorder").unwrap(),
-            ));
+    let ran = run(plan, "controller", 2_000, |run, event| match event {
+        Event::Go => {
+            pids = Some(["plant", "recorder"].map(|role| pid_of(run, role).unwrap()));
         }
-        if let Event::Progress { ticks: 2_000.. } = event
-            && let Some((plant, recorder)) = pids.take()
-        {
+        Event::Progress { ticks: 2_000.. } => {
             // Both are dead when the launcher looks at its children next.
-            while !is_dead(plant) {
-                std::thread::sleep(Duration::from_millis(1));
-            }
-            kill_process(recorder, Signal::KILL).unwrap();
-            while !is_dead(recorder) {
-                std::thread::sleep(Duration::from_millis(1));
+            if let Some([plant, recorder]) = pids.take() {
+                wait_for_death(plant);
+                kill_process(recorder, Signal::KILL).unwrap();
+                wait_for_death(recorder);
             }
         }
-    };
-    let outcome = launcher
-        .run(&command("controller", 2_000), &mut report)
-        .unwrap();
-    assert_eq!(outcome.end, End::Completed, "{outcome:?}");
-    assert_eq!(
-        (outcome.processes[2].restarts, outcome.processes[2].exit),
-        (1, Exit::Code(0)),
-        "{outcome:?}"
-    );
-    assert!(!is_left_behind(&name));
+        _ => {}
+    });
+    assert_eq!(ran.outcome.end, End::Completed, "{:?}", ran.outcome);
+    let recorder = &ran.outcome.processes[2];
+    assert_eq!((recorder.restarts, recorder.exit), (1, Exit::Code(0)));
+    assert!(!is_left_behind(&ran.name));
 }
 
 #[test]
 fn a_stopped_recorder_costs_the_chain_nothing_in_real_time_and_its_losses_are_counted() {
     let mut plan = plan(Mode::Realtime, Restart::Never);
     plan.rate_hz = 4_000;
-    let launcher = Launcher::prepare(plan).unwrap();
-    let name = launcher
-        .run_dir()
-        .file_name()
-        .unwrap()
-        .to_str()
-        .unwrap()
-        .to_owned();
-    let (mut stopped, mut recorded) = (None, None);
-    let mut report = |event: Event<'_>| match event {
-        Event::Progress { .. } if stopped.is_none() => {
-            stopped = pid_of(&name, "recorder");
-            kill_process(stopped.unwrap(), Signal::STOP).unwrap();
+    let mut is_stopped = false;
+    let ran = run(plan, "controller", 4_000, |run, event| match event {
+        Event::Progress { .. } if !is_stopped => {
+            kill(run, "recorder", Signal::STOP);
+            is_stopped = true;
         }
         // By now the plant has done all its ticks beside a recorder that took nothing in.
-        Event::Stopping => kill_process(stopped.unwrap(), Signal::CONT).unwrap(),
-        Event::Line {
-            process: "recorder",
-            line,
-        } if line.starts_with("recorded ") => recorded = Some(line["recorded ".len()..].to_owned()),
+        Event::Stopping => kill(run, "recorder", Signal::CONT),
         _ => {}
-    };
-    let outcome = launcher
-        .run(&command("controller", 4_000), &mut report)
-        .unwrap();
+    });
+    let outcome = &ran.outcome;
     assert_eq!(
         (&outcome.end, outcome.ticks),
         (&End::Completed, 4_000),
         "{outcome:?}"
     );
-    let recorded = fields(&recorded);
-    let number = |i: usize| recorded[i].parse::<u64>().unwrap();
-    assert!(
-        number(4) > 0 && number(4) == outcome.processes[2].counts.lost,
-        "{recorded:?}"
-    );
-    assert!(number(0) + number(2) + number(4) <= 8_000, "{recorded:?}");
+    let [sensors, torques, lost] = [0, 2, 4].map(|i| ran.recorded[i].parse::<u64>().unwrap());
+    assert!(lost > 0 && lost == outcome.processes[2].counts.lost);
+    assert!(sensors + torques + lost <= 8_000, "{:?}", ran.recorded);
 }
 
 /// Starts a launcher of its own and waits until it goes; returns it, its run and the rest of its output.

@@ -27,34 +27,24 @@ fn node_of(run: &str, process: &str) -> PathBuf {
 
 #[test]
 fn a_process_that_dies_while_it_makes_a_tag_is_cleared_away() {
-    let back_off = Duration::from_millis(1);
-    let launcher =
-        Launcher::prepare(plan(Mode::Lockstep, Restart::Budget { times: 1, back_off })).unwrap();
-    let name = launcher
-        .run_dir()
-        .file_name()
-        .unwrap()
-        .to_str()
-        .unwrap()
-        .to_owned();
     let (mut node, mut is_cleared) = (None, None);
-    let mut report = |event: Event<'_>| match event {
-        Event::Progress { ticks } if ticks > 50 && node.is_none() => {
-            let folder = node_of(&name, "controller");
+    let plan = plan(Mode::Lockstep, budget(1));
+    let ran = run(plan, "controller", 20_000, |run, event| match event {
+        Event::Progress { ticks: 51.. } if node.is_none() => {
+            let folder = node_of(run, "controller");
             std::fs::write(folder.join("unfinished.service_tag"), "").unwrap();
             node = Some(folder);
-            kill_process(pid_of(&name, "controller").unwrap(), Signal::KILL).unwrap();
+            kill(run, "controller", Signal::KILL);
         }
-        Event::Restarted { .. } => is_cleared = node.as_ref().map(|folder| !folder.exists()),
+        Event::Restarted { .. } => {
+            is_cleared = node.as_ref().map(|folder: &PathBuf| !folder.exists());
+        }
         _ => {}
-    };
-    let outcome = launcher
-        .run(&command("controller", 20_000), &mut report)
-        .unwrap();
+    });
     assert_eq!(
-        (outcome.end, is_cleared),
+        (ran.outcome.end, is_cleared),
         (End::Completed, Some(true)),
         "of {node:?}"
     );
-    assert!(!is_left_behind(&name));
+    assert!(!is_left_behind(&ran.name));
 }
