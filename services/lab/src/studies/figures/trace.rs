@@ -2,9 +2,10 @@
 
 use model::{Model, Refused, Robot, rotation_log, with_dof};
 use nalgebra::{Cholesky, Matrix3, SVector, Vector3};
-use recorder::Judge;
 use shared_types::bounds::larger;
 use shared_types::scenario::Scenario;
+
+use crate::trial::Trial;
 
 /// Length of the hand in stick figures, m.
 const HAND: f64 = 0.15;
@@ -70,6 +71,30 @@ impl Trace {
     pub(super) fn of(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
         with_dof!(robot.dof(), N => sized::<N>(robot, scenario))
             .unwrap_or_else(|| Err(Refused::size(robot)))
+    }
+
+    /// A quantity over time.
+    pub(super) fn over_time(&self, of: &dyn Fn(&Sample) -> f64) -> Vec<(f64, f64)> {
+        let samples = self.samples.iter();
+        samples.map(|sample| (sample.t, of(sample))).collect()
+    }
+
+    /// Where the end-effector is at the start; m.
+    pub(super) fn start(&self) -> Vector3<f64> {
+        self.samples
+            .first()
+            .map(|sample| sample.p)
+            .unwrap_or_default()
+    }
+
+    /// A horizontal direction, to the side on which the end-effector is at the start; the base's x axis where there is none.
+    pub(super) fn outwards(&self, direction: Option<Vector3<f64>>) -> Vector3<f64> {
+        let direction = direction.unwrap_or_else(Vector3::x);
+        if self.start().dot(&direction) < 0.0 {
+            -direction
+        } else {
+            direction
+        }
     }
 
     pub(super) fn largest(&self, of: impl Fn(&Sample) -> f64) -> f64 {
@@ -143,18 +168,12 @@ fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Trace, Re
         samples: Vec::new(),
         dt: scenario.dt_s(),
     };
-    let mut judge = Judge::new(robot, scenario)?;
-    chain::run(robot, scenario, |tick| {
-        let Some(judged) = recorder::Tick::of(&tick.lent()) else {
-            return;
-        };
-        let error = judge.tick(judged);
-        let recorder::Tick {
-            truth,
-            report,
-            control,
-            ..
-        } = judged;
+    let trial = Trial {
+        robot,
+        scenario: scenario.clone(),
+    };
+    trial.watch(|tick, error| {
+        let (truth, control) = (&tick.plant_state, &tick.control_state);
         let q = SVector::<f64, N>::from_fn(|i, _| truth.q[i]);
         let terms = model.evaluate(&q, &SVector::zeros());
         let (p, R) = (
@@ -162,8 +181,7 @@ fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Trace, Re
             Matrix3::from_column_slice(&truth.R_BE),
         );
         let hand = (!is_planar).then(|| p + R.column(2) * HAND);
-        let singularities =
-            &report.singularities[..(report.count as usize).min(report.singularities.len())];
+        let singularities = &tick.singularity.singularities[..tick.singularity.count as usize];
         trace.samples.push(Sample {
             t: truth.header.tick as f64 * scenario.dt_s(),
             q: truth.q[..N].to_vec(),
