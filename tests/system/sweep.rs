@@ -445,7 +445,7 @@ fn shards_put_together_are_the_sweep_in_one_piece_and_gaps_and_overlaps_are_refu
     };
     refused(
         &["shard-1", "shard-3"],
-        "2 of 8 runs are missing: compute shard 2/3",
+        "2 of 8 runs are missing, the first of them is 2",
     );
     refused(
         &["shard-1", "shard-2", "shard-3", "shard-2"],

@@ -6,27 +6,22 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use session::{Failure, Results};
-use xxhash_rust::xxh3::xxh3_64;
+use xxhash_rust::xxh3::xxh3_64_with_seed;
 
-use super::columns::{Columns, Part, RUN, number};
+use super::columns::Part;
 
 const FILE: &str = "sweep.json";
 const RUNS: &str = "runs";
 /// Metadata of each Parquet file.
 pub(super) const FINGERPRINT: &str = "armplane.fingerprint";
 
-/// A part of a sweep's work: parts `index - 1`, `index - 1 + of`, and so on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// A share of a sweep's work: parts `index - 1`, `index - 1 + of`, and so on.
+#[derive(Clone, Copy, Debug)]
 pub struct Shard {
     /// From 1.
     pub index: u64,
     /// How many shards there are.
     pub of: u64,
-}
-
-impl Shard {
-    /// The whole sweep.
-    pub(super) const WHOLE: Self = Self { index: 1, of: 1 };
 }
 
 impl std::fmt::Display for Shard {
@@ -52,16 +47,14 @@ pub(super) struct Manifest {
     pub(super) sweep_toml: String,
     /// The scenario's file.
     pub(super) scenario_toml: String,
-    /// How many runs there are, those of other shards included.
+    /// How many runs there are.
     pub(super) runs: u64,
     /// Runs of one part.
     pub(super) part_runs: u64,
-    /// Which part of it is in the folder.
-    pub(super) shard: Shard,
 }
 
 impl Manifest {
-    /// How many parts there are, those of other shards included.
+    /// How many parts there are.
     pub(super) fn parts(&self) -> u64 {
         self.runs.div_ceil(self.part_runs)
     }
@@ -70,12 +63,6 @@ impl Manifest {
     pub(super) fn runs_of(&self, part: u64) -> std::ops::Range<u64> {
         let begin = part * self.part_runs;
         begin..(begin + self.part_runs).min(self.runs)
-    }
-
-    /// The parts in the folder, complete or not.
-    pub(super) fn own_parts(&self) -> impl Iterator<Item = u64> {
-        let Shard { index, of } = self.shard;
-        (index - 1..self.parts()).step_by(of as usize)
     }
 
     /// How many runs these parts have.
@@ -97,8 +84,7 @@ impl Manifest {
         let read = text.and_then(|text| {
             let manifest: Self =
                 serde_json::from_slice(&text).map_err(|error| error.to_string())?;
-            let Shard { index, of } = manifest.shard;
-            let is_sound = manifest.part_runs > 0 && manifest.runs > 0 && (1..=of).contains(&index);
+            let is_sound = manifest.part_runs > 0 && manifest.runs > 0;
             is_sound
                 .then_some(manifest)
                 .ok_or_else(|| "its numbers make no sense".to_owned())
@@ -157,13 +143,11 @@ impl Manifest {
             )))
         };
         match Self::read(folder)? {
-            Some(found) => match self.difference(&found) {
-                Some(other) => return refuse(&other),
-                None if found.shard != self.shard => {
-                    return refuse(&format!("shard {} in it, not {}", found.shard, self.shard));
+            Some(found) => {
+                if let Some(other) = self.difference(&found) {
+                    return refuse(&other);
                 }
-                None => {}
-            },
+            }
             None if std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()) => {
                 return refuse("files in it, but not of a sweep");
             }
@@ -204,7 +188,7 @@ pub(super) fn parts(folder: &Path, manifest: &Manifest) -> Result<BTreeMap<u64, 
             .and_then(|rest| rest.split_once('-'));
         let part = number.and_then(|(number, _)| number.parse().ok());
         let is_file = entry.file_type().is_ok_and(|kind| kind.is_file());
-        let own = part.filter(|part| is_file && manifest.own_parts().any(|own| own == *part));
+        let own = part.filter(|part| is_file && *part < manifest.parts());
         let doubled = own.and_then(|part| parts.insert(part, path.clone()));
         if own.is_none() || doubled.is_some() {
             return Err(refuse(&path));
@@ -213,9 +197,10 @@ pub(super) fn parts(folder: &Path, manifest: &Manifest) -> Result<BTreeMap<u64, 
     Ok(parts)
 }
 
-/// The name of a part's file: its number, and XXH3-64 of its bytes.
+/// The name of a part's file: its number, and XXH3-64 of its bytes, seeded with the number.
 fn name(part: u64, bytes: &[u8]) -> String {
-    format!("part-{part:05}-{:016x}.parquet", xxh3_64(bytes))
+    let checksum = xxh3_64_with_seed(bytes, part);
+    format!("part-{part:05}-{checksum:016x}.parquet")
 }
 
 /// Opens a part's file, and checks that it is this sweep's, whole, and as it was written.
@@ -229,13 +214,7 @@ pub(super) fn open(path: &Path, part: u64, manifest: &Manifest) -> Result<Part, 
             return Err("its bytes are not those of the checksum in its name".to_owned());
         }
         let opened = Part::open(bytes).map_err(|error| error.to_string())?;
-        let mut numbers = Columns::named(&[RUN]);
-        opened
-            .read(&mut numbers)
-            .map_err(|error| error.to_string())?;
-        let numbers = numbers.get(RUN).iter().map(|run| number(run.as_ref()));
-        let is_own = opened.metadata(FINGERPRINT) == Some(&manifest.fingerprint);
-        match is_own && numbers.eq(manifest.runs_of(part).map(|run| Some(run as f64))) {
+        match opened.metadata(FINGERPRINT) == Some(&manifest.fingerprint) {
             true => Ok(opened),
             false => Err("it is not of this sweep".to_owned()),
         }

@@ -63,6 +63,11 @@ impl Outcomes {
         Ok(outcomes)
     }
 
+    /// How many runs there are.
+    pub(super) fn runs(&self) -> u64 {
+        self.computed + self.refused + self.failed
+    }
+
     /// Takes a run in; why it has no result, empty where it has one.
     fn count(&mut self, outcome: &str, reason: String) -> String {
         let count = match outcome {
@@ -85,7 +90,7 @@ impl Outcomes {
         let (without, failed, reason) = (self.refused + self.failed, self.failed, &self.reason);
         let mut clauses = Vec::new();
         if failed > 0 {
-            let runs = self.computed + without;
+            let runs = self.runs();
             clauses.push(format!(
                 "{failed} of {runs} runs ended in a defect of this program, which `reason` in the table tells"
             ));
@@ -107,14 +112,8 @@ impl Outcomes {
 /// The runs that have no result; nothing where all have one.
 impl fmt::Display for Outcomes {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            computed,
-            refused,
-            failed,
-            reason,
-            ..
-        } = self;
-        let runs = computed + refused + failed;
+        let (refused, failed, reason) = (self.refused, self.failed, &self.reason);
+        let runs = self.runs();
         let defects = match failed {
             0 => String::new(),
             _ => format!("; {failed} ended in a defect of this program"),

@@ -129,17 +129,14 @@ pub fn report(request: &ReportRequest<'_>) -> Result<Report, Failure> {
         text: manifest.scenario_toml.clone(),
         folder: None,
     };
-    let space = Space::new(spec.clone(), &original).map_err(|_| {
-        Failure::Input(format!(
-            "{} is damaged: its scenario is invalid",
-            folder.display()
-        ))
-    })?;
+    let damaged = || format!("{} is damaged: its scenario is invalid", folder.display());
+    let space = Space::new(spec.clone(), &original, &Failure::input)
+        .map_err(|_| Failure::Input(damaged()))?;
     let report = Report {
         sweep: manifest.name.clone(),
         folder: folder.to_owned(),
         runs: table.rows() as u64,
-        of: manifest.count(manifest.own_parts()),
+        of: manifest.runs,
         outcomes,
         refused,
         distributions: shown

@@ -21,26 +21,6 @@ pub(super) struct Space {
     pub(super) runs: u64,
 }
 
-/// Why a sweep has no runs.
-pub(super) enum Refusal {
-    /// Something in the sweep's file.
-    Sweep(Complaint),
-    /// Something else.
-    Other(Failure),
-}
-
-impl From<Complaint> for Refusal {
-    fn from(complaint: Complaint) -> Self {
-        Self::Sweep(complaint)
-    }
-}
-
-impl From<Failure> for Refusal {
-    fn from(failure: Failure) -> Self {
-        Self::Other(failure)
-    }
-}
-
 /// The complaint about a setting at a place in the sweep's file: the refusal's own place is in text that the user has not written.
 fn about(place: &str, setting: &str, failure: &Failure) -> Complaint {
     let sentence = match failure {
@@ -59,17 +39,25 @@ impl Space {
     /// The runs, each key's values tried on the scenario: an unknown key, or a value that no scenario accepts, is refused before any run.
     ///
     /// # Errors
-    /// [`Complaint`] at the place in the sweep's file; [`Failure`] where the scenario itself is invalid.
-    pub(super) fn new(spec: Spec, source: &Source) -> Result<Self, Refusal> {
+    /// [`Failure`], by `located` at the place in the sweep's file, or where the scenario itself is invalid.
+    pub(super) fn new(
+        spec: Spec,
+        source: &Source,
+        located: &dyn Fn(Complaint) -> Failure,
+    ) -> Result<Self, Failure> {
         source.parse(&[])?;
         for (i, setting) in spec.set.iter().enumerate() {
-            source
-                .parse(&spec.set[..=i])
-                .map_err(|failure| about(&format!("set.{i}"), &format!("`{setting}`"), &failure))?;
+            source.parse(&spec.set[..=i]).map_err(|failure| {
+                located(about(
+                    &format!("set.{i}"),
+                    &format!("`{setting}`"),
+                    &failure,
+                ))
+            })?;
         }
         let try_key = |(i, key): (usize, &Key)| {
             let tried = key.try_on(&spec.set, source);
-            tried.map_err(|complaint| complaint.within(&format!("key.{i}")))
+            tried.map_err(|complaint| located(complaint.within(&format!("key.{i}"))))
         };
         let tried = spec.key.iter().enumerate().map(try_key);
         let space = Self {
@@ -80,7 +68,7 @@ impl Space {
         // Keys that exclude each other show in the first and in the last run.
         for run in [0, space.runs - 1] {
             let tried = source.parse(&space.settings(run));
-            tried.map_err(|failure| about("key", "", &failure))?;
+            tried.map_err(|failure| located(about("key", "", &failure)))?;
         }
         Ok(space)
     }
@@ -245,7 +233,7 @@ mod tests {
         let spec: Spec = toml::from_str(&text).unwrap();
         spec.check().unwrap();
         let source = Source::read(&spec.scenario).unwrap();
-        Space::new(spec, &source).ok()
+        Space::new(spec, &source, &Failure::input).ok()
     }
 
     #[test]

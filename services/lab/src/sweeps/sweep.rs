@@ -14,8 +14,8 @@ use toml::{Table, Value};
 use xxhash_rust::xxh3::xxh3_64;
 
 use super::columns::{self, Column, FAILED, OUTCOME, REASON, REFUSED, RUN};
-use super::folder::{FINGERPRINT, Manifest, Shard};
-use super::space::{Refusal, Space};
+use super::folder::{FINGERPRINT, Manifest};
+use super::space::Space;
 use super::spec::Spec;
 use crate::row::Row;
 use crate::trial::Trial;
@@ -50,16 +50,9 @@ impl Sweep {
             scenario = beside.display().to_string();
         }
         let source = Source::read(&scenario)?;
-        Self::of(spec, &text, scenario, source).map_err(|refusal| match refusal {
-            Refusal::Sweep(complaint) => located(complaint),
-            Refusal::Other(failure) => failure,
-        })
-    }
-
-    fn of(spec: Spec, text: &str, scenario: String, source: Source) -> Result<Self, Refusal> {
-        let space = Space::new(spec, &source)?;
+        let space = Space::new(spec, &source, &located)?;
         let spec = &space.spec;
-        let targets = targets(&space, &source)?;
+        let targets = targets(&space, &source, &located)?;
         let mut base = source.parse(&spec.set)?;
         give_targets(&targets, &source, &mut base)?;
         chain::planned_faults(&base).map_err(Failure::input)?;
@@ -71,11 +64,11 @@ impl Sweep {
             .iter()
             .any(|process| process.program().is_none())
         {
-            return Err(Refusal::Other(Failure::Input(format!(
+            return Err(Failure::Input(format!(
                 "{scenario} runs in programs of its graph, and a sweep is computed without processes; remove `graph`"
-            ))));
+            )));
         }
-        let robots = robots(&space, &source, &base)?;
+        let robots = robots(&space, &source, &base, &located)?;
         let columns = columns::columns(space.columns()).map_err(Failure::Work)?;
         let program = std::fs::read("/proc/self/exe");
         let program = program.map_err(Failure::cannot("read", Path::new("/proc/self/exe")))?;
@@ -83,31 +76,20 @@ impl Sweep {
             env!("CARGO_PKG_VERSION"),
             format!("{:016x}", xxh3_64(&program)),
         );
-        let texts: Vec<_> = robots
-            .iter()
-            .map(|(name, robot)| (name, &robot.source))
-            .collect();
-        let all = (
-            version,
-            &program,
-            spec,
-            &source.text,
-            &graph,
-            texts,
-            &targets,
-        );
-        let all = serde_json::to_vec(&all).map_err(Failure::work)?;
+        let texts = robots.iter().map(|(name, robot)| (name, &robot.source));
+        let texts: Vec<_> = texts.collect();
+        let inputs = (spec, &source.text, &graph, texts, &targets);
+        let all = serde_json::to_vec(&(version, &program, inputs)).map_err(Failure::work)?;
         let manifest = Manifest {
             version: version.to_owned(),
             program,
             fingerprint: format!("{:016x}", xxh3_64(&all)),
             name: spec.name.clone(),
             scenario,
-            sweep_toml: text.to_owned(),
+            sweep_toml: text.clone(),
             scenario_toml: source.text.clone(),
             runs: space.runs,
             part_runs: spec.part_runs(),
-            shard: Shard::WHOLE,
         };
         Ok(Self {
             manifest,
@@ -209,7 +191,8 @@ fn robots(
     space: &Space,
     source: &Source,
     base: &Scenario,
-) -> Result<BTreeMap<String, Robot>, Refusal> {
+    located: &dyn Fn(Complaint) -> Failure,
+) -> Result<BTreeMap<String, Robot>, Failure> {
     let robot = |name: &str| {
         let robot = name.to_owned();
         source.robot(&Scenario {
@@ -224,12 +207,12 @@ fn robots(
         .unwrap_or_default();
     for name in space.listed("robot").iter().filter_map(Value::as_str) {
         let found = robot(name).map_err(|failure| match failure {
-            Failure::File(invalid) => Refusal::Sweep(Complaint::new(
+            Failure::File(invalid) => located(Complaint::new(
                 format!("key.{place}.values"),
                 invalid.message,
                 "",
             )),
-            other => other.into(),
+            other => other,
         })?;
         robots.insert(name.to_owned(), found);
     }
@@ -237,7 +220,11 @@ fn robots(
 }
 
 /// The texts of all files of targets that the runs have: the scenario's own, and those that a key lists.
-fn targets(space: &Space, source: &Source) -> Result<BTreeMap<PathBuf, String>, Refusal> {
+fn targets(
+    space: &Space,
+    source: &Source,
+    located: &dyn Fn(Complaint) -> Failure,
+) -> Result<BTreeMap<PathBuf, String>, Failure> {
     let set = &space.spec.set;
     let mut targets = BTreeMap::new();
     let mut read = |settings: &[String]| {
@@ -254,7 +241,8 @@ fn targets(space: &Space, source: &Source) -> Result<BTreeMap<PathBuf, String>, 
         }
         for value in space.listed(key) {
             read(&[&set[..], &[format!("{key}={value}")]].concat()).map_err(|failure| {
-                Complaint::new(format!("key.{place}.values"), failure.to_string(), "")
+                let place = format!("key.{place}.values");
+                located(Complaint::new(place, failure.to_string(), ""))
             })?;
         }
     }

@@ -87,19 +87,18 @@ impl fmt::Display for Done {
 /// [`Failure::Work`] where results cannot be written, or a signal stops it: the parts that are complete by then are kept.
 pub fn run(request: &Request<'_>, observer: Observer<'_>) -> Result<Done, Failure> {
     let signals = Mutex::new(session::interrupts()?);
-    let mut sweep = Sweep::read(request.file)?;
-    let mut usual = sweep.manifest.name.clone();
-    if let Some(shard) = request.shard {
-        let (Shard { index, of }, parts) = (shard, sweep.manifest.parts());
-        if of > parts {
-            return Err(Failure::Input(format!(
-                "{of} shards of {parts} partitions: some would be empty; take at most {parts}, or a smaller `partition` in the sweep's file"
-            )));
-        }
-        sweep.manifest.shard = shard;
-        usual += &format!("-{index}-of-{of}");
-    }
+    let sweep = Sweep::read(request.file)?;
     let manifest = &sweep.manifest;
+    let (name, count) = (&manifest.name, manifest.parts());
+    let (usual, Shard { index, of }) = match request.shard {
+        None => (name.clone(), Shard { index: 1, of: 1 }),
+        Some(shard) => (format!("{name}-{}-of-{}", shard.index, shard.of), shard),
+    };
+    if of > count {
+        return Err(Failure::Input(format!(
+            "{of} shards of {count} partitions: some would be empty; take at most {count}, or a smaller `partition` in the sweep's file"
+        )));
+    }
     let usual = Path::new(RUNS).join(usual);
     let folder = request.out.unwrap_or(&usual);
     let _results = manifest.take(folder)?;
@@ -107,9 +106,8 @@ pub fn run(request: &Request<'_>, observer: Observer<'_>) -> Result<Done, Failur
     there
         .iter()
         .try_for_each(|(part, path)| open(path, *part, manifest).map(drop))?;
-    let missing = manifest
-        .own_parts()
-        .filter(|part| !there.contains_key(part));
+    let own = (index - 1..count).step_by(of as usize);
+    let missing = own.filter(|part| !there.contains_key(part));
     let pending: Vec<u64> = missing.flat_map(|part| manifest.runs_of(part)).collect();
     let began = Instant::now();
     // Rows of the parts that are not complete.
@@ -153,7 +151,7 @@ pub fn run(request: &Request<'_>, observer: Observer<'_>) -> Result<Done, Failur
     Ok(Done {
         simulated_s,
         wall_s,
-        ..finished(manifest, folder, found)?
+        ..finished(manifest, request.shard, folder, found)?
     })
 }
 
@@ -161,17 +159,22 @@ fn locked<T>(shared: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn finished(manifest: &Manifest, folder: &Path, found: u64) -> Result<Done, Failure> {
-    let shard = Some(manifest.shard).filter(|shard| *shard != Shard::WHOLE);
+fn finished(
+    manifest: &Manifest,
+    shard: Option<Shard>,
+    folder: &Path,
+    found: u64,
+) -> Result<Done, Failure> {
+    let outcomes = Outcomes::of(folder, manifest)?;
     Ok(Done {
         name: manifest.name.clone(),
         shard: shard.map(|shard| shard.to_string()),
         folder: folder.to_owned(),
-        runs: manifest.count(manifest.own_parts()),
+        runs: outcomes.runs(),
         found,
         simulated_s: 0.0,
         wall_s: 0.0,
-        outcomes: Outcomes::of(folder, manifest)?,
+        outcomes,
     })
 }
 
@@ -210,20 +213,14 @@ pub fn merge(
             }
         }
     }
-    let (_, mut whole) = first.ok_or_else(|| Failure::Input("no shard to merge".to_owned()))?;
-    let of = std::mem::replace(&mut whole.shard, Shard::WHOLE).of;
-    let missing: Vec<u64> = whole
-        .own_parts()
-        .filter(|part| !from.contains_key(part))
-        .collect();
+    let (_, whole) = first.ok_or_else(|| Failure::Input("no shard to merge".to_owned()))?;
+    let missing = (0..whole.parts()).filter(|part| !from.contains_key(part));
+    let missing: Vec<u64> = missing.collect();
     if let Some(part) = missing.first() {
-        let (count, runs, index) = (
-            whole.count(missing.iter().copied()),
-            whole.runs,
-            part % of + 1,
-        );
+        let (count, runs) = (whole.count(missing.iter().copied()), whole.runs);
         return Err(Failure::Input(format!(
-            "{count} of {runs} runs are missing: compute shard {index}/{of} to its end first"
+            "{count} of {runs} runs are missing, the first of them is {}: compute its shard to its end first",
+            whole.runs_of(*part).start
         )));
     }
     let usual = Path::new(RUNS).join(&whole.name);
@@ -240,5 +237,5 @@ pub fn merge(
         observer(Progress::Step);
     }
     observer(Progress::End);
-    finished(&whole, target, whole.runs)
+    finished(&whole, None, target, whole.runs)
 }
