@@ -56,7 +56,7 @@ class Run:
         """Every message of a topic as it was on the wire: a structured `numpy` array, `run.messages("torque")["tau"]`."""
         from . import messages
 
-        return messages.read(self.folder / "messages" / f"{topic}.log", topic)
+        return messages.read(self.folder / "messages.mcap", topic)
 
     def arrow(self, table="signals"):
         """The signals, a row a tick (or "events"), as a `pyarrow.Table`; `unit` and `description` are in each field's metadata."""

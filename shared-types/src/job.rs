@@ -60,7 +60,7 @@ pub struct Job {
     pub out: PathBuf,
     /// Whether the recorder writes a recording; it judges and hashes either way.
     pub record: bool,
-    /// Whether the recorder keeps every message as it was on the wire, in `messages/TOPIC.log` of the results folder.
+    /// Whether the recorder keeps every message as it was on the wire, in `messages.mcap` of the results folder.
     #[serde(default)]
     pub messages: bool,
     /// Whether a viewer watches the recording grow: it is written more often then.

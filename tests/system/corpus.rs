@@ -5,11 +5,10 @@ use std::path::{Path, PathBuf};
 
 use bytemuck::bytes_of;
 use chain::{Chain, Tick};
-use message_log::LogWriter;
+use message_log::{LogError, Writer};
 use runtime::Manifest;
-use shared_types::Message;
 use shared_types::scenario::Scenario;
-use shared_types::topics::{self, COUNT, Each, Topic};
+use shared_types::topics::{self, Each, Topic};
 
 use crate::properties;
 
@@ -46,35 +45,34 @@ fn ticks(name: &str) -> Result<Vec<Tick>, Box<dyn std::error::Error>> {
     Ok((0..600).map(next).skip(400).collect())
 }
 
-/// A file of kept messages as the target takes it: a choice, then the file.
-fn kept<M: Message>(corpus: &Corpus, choice: u8, messages: impl Iterator<Item = M>) -> Done {
-    let folder = tempfile::tempdir()?;
-    let mut keep = LogWriter::<M>::create(folder.path(), &properties::logs())?;
-    for message in messages {
-        keep.add(&message)?;
+/// A message log as the target takes it: a choice, then the file; whole, and behind the head that the target puts before it, with the checksums as they
+/// are and with new ones.
+fn kept(corpus: &Corpus, ticks: &[Tick]) -> Done {
+    struct Add<'a>(&'a mut Writer, &'a Tick);
+    impl Each for Add<'_> {
+        type Output = Result<(), LogError>;
+        fn each<M: Topic>(&mut self) -> Self::Output {
+            self.0.add(M::INDEX, bytes_of(M::of(self.1)))
+        }
     }
-    keep.finish()?;
-    let file = std::fs::read(folder.path().join(format!("{}.log", M::TOPIC)))?;
-    // Whole; and behind the head that the target puts before it, with the checksums as they are and with new ones.
-    corpus.seed(
-        "message_log",
-        &format!("{}-whole", M::TOPIC),
-        &[&[choice], &file[..]].concat(),
-    )?;
-    for (name, choices) in [
-        ("blocks", (8..16).chain(24..32)),
-        ("sealed", (40..48).chain(56..64)),
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join(message_log::FILE);
+    let mut log = Writer::create(&path, &properties::contents())?;
+    let head = log.place().bytes as usize;
+    for (number, tick) in ticks.iter().enumerate() {
+        topics::try_each(&mut Add(&mut log, tick))?;
+        if number % 5 == 4 {
+            log.flush()?;
+        }
+    }
+    log.finish()?;
+    let file = std::fs::read(&path)?;
+    for (name, choice, bytes) in [
+        ("whole", 0, &file[..]),
+        ("blocks", 1, &file[head..]),
+        ("sealed", 3, &file[head..]),
     ] {
-        let is_it = |with_head: &u8| usize::from(*with_head) % COUNT == usize::from(choice);
-        let with_head = choices
-            .into_iter()
-            .find(is_it)
-            .ok_or("one of sixteen leaves any rest")?;
-        corpus.seed(
-            "message_log",
-            &format!("{}-{name}", M::TOPIC),
-            &[&[with_head], &file[40..]].concat(),
-        )?;
+        corpus.seed("message_log", name, &[&[choice], bytes].concat())?;
     }
     Ok(())
 }
@@ -136,15 +134,11 @@ fn begin(corpus: &Corpus) -> Done {
         type Output = Done;
         fn each<M: Topic>(&mut self) -> Done {
             self.0
-                .seed("validation", M::TOPIC, bytes_of(M::of(&self.1[0])))?;
-            kept::<M>(
-                self.0,
-                M::INDEX as u8,
-                self.1.iter().map(|tick| *M::of(tick)),
-            )
+                .seed("validation", M::TOPIC, bytes_of(M::of(&self.1[0])))
         }
     }
     topics::try_each(&mut SeedEach(corpus, &ticks))?;
+    kept(corpus, &ticks)?;
     corpus.seed("manifest", "manifest", properties::MANIFEST.as_bytes())?;
     serde_json::from_str::<Manifest>(properties::MANIFEST)?;
     // A planned kill in the first entry of the fault table: some words, each with its place.

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use message_log::{Contents, FILE as MESSAGES, Log, Writer};
 use serde_json::Value;
 
 use crate::command::{Desk, assert_nothing_left};
@@ -30,6 +31,40 @@ fn names(folder: &Path) -> Vec<String> {
     names
 }
 
+/// Ticks of a block.
+const EACH: u64 = 50;
+
+/// The message log of a run, written again in blocks of some ticks; where each block begins, and where the last one ends.
+fn in_blocks(run: &Path) -> (Vec<u8>, Vec<usize>) {
+    let job = serde_json::from_slice(&std::fs::read(run.join("job.json")).unwrap()).unwrap();
+    let (path, contents) = (run.join(MESSAGES), Contents::of(&job));
+    let log = Log::open(&path, &contents).unwrap();
+    let topics = contents.layouts().iter();
+    let mut rows: Vec<_> = topics.map(|layout| log.rows(&layout.topic)).collect();
+    let again = run.join("again.mcap");
+    let mut writer = Writer::create(&again, &contents).unwrap();
+    let mut places = vec![writer.place().bytes as usize];
+    let (mut tick, mut is_over) = (0, false);
+    while !is_over {
+        for (channel, rows) in rows.iter_mut().enumerate() {
+            match rows.next_row().unwrap() {
+                Some(row) => writer.add(channel, row).unwrap(),
+                None => is_over = true,
+            }
+        }
+        tick += 1;
+        if tick % EACH == 0 || is_over {
+            writer.flush().unwrap();
+            places.push(writer.place().bytes as usize);
+        }
+    }
+    places.dedup();
+    writer.finish().unwrap();
+    let file = std::fs::read(&again).unwrap();
+    std::fs::rename(again, path).unwrap();
+    (file, places)
+}
+
 #[test]
 fn recover_keeps_a_recording_that_holds_more_than_the_messages() {
     let desk = Desk::new();
@@ -40,11 +75,11 @@ fn recover_keeps_a_recording_that_holds_more_than_the_messages() {
     let (run, rr) = (desk.path().join("r"), |name: &str| {
         std::fs::read(desk.path().join("r").join(name)).unwrap()
     });
-    let (recording, log) = (rr("run.rrd"), rr("messages/torque.log"));
+    let (recording, log) = (rr("run.rrd"), rr(MESSAGES));
     // The second time after a recovery that has moved it already.
     for _ in 0..2 {
         std::fs::remove_file(run.join("summary.json")).unwrap();
-        let _ = std::fs::remove_file(run.join("messages/torque.log"));
+        let _ = std::fs::remove_file(run.join(MESSAGES));
         let said = desk.armplane(&["recover", "r"]);
         assert!(
             said.code == 1
@@ -59,7 +94,7 @@ fn recover_keeps_a_recording_that_holds_more_than_the_messages() {
     }
     // Where the messages hold as much, it is made anew, and the other goes.
     std::fs::remove_file(run.join("summary.json")).unwrap();
-    std::fs::write(run.join("messages/torque.log"), log).unwrap();
+    std::fs::write(run.join(MESSAGES), log).unwrap();
     let said = desk.armplane(&["recover", "r", "--json"]);
     assert_eq!(
         (said.code, json(&said.out)["recorder"]["rows"].as_u64()),
@@ -78,15 +113,11 @@ fn messages_in_the_memory_of_a_killed_recorder_are_said_and_are_no_defect() {
         .as_u64()
         .unwrap();
     let run = desk.path().join("r");
+    let (file, places) = in_blocks(&run);
     std::fs::remove_file(run.join("summary.json")).unwrap();
-    // The last block of each log, where the recording has its rows.
-    for log in names(&run.join("messages")) {
-        let log = std::fs::OpenOptions::new()
-            .write(true)
-            .open(run.join("messages").join(log))
-            .unwrap();
-        log.set_len(log.metadata().unwrap().len() - 200).unwrap();
-    }
+    // Within the last block, where the recording has its rows.
+    let torn = places[places.len() - 1] - 200;
+    std::fs::write(run.join(MESSAGES), &file[..torn]).unwrap();
     let said = desk.armplane(&["recover", "r", "--json"]);
     let summary = json(&said.out);
     let (ticks, reason) = (
@@ -99,7 +130,7 @@ fn messages_in_the_memory_of_a_killed_recorder_are_said_and_are_no_defect() {
         "{}",
         said.err
     );
-    assert!(ticks < rows && ticks % 128 == 0, "{ticks} of {rows}");
+    assert!(ticks < rows && ticks % EACH == 0, "{ticks} of {rows}");
     assert!(
         reason.ends_with(&format!("has {rows} rows, and stays in earlier/")),
         "{reason}"
@@ -188,36 +219,22 @@ fn recover_says_which_log_is_damaged_and_what_that_costs() {
         said.err
     );
 
-    let log = run.join("messages/sensor.log");
-    let written = std::fs::read(&log).unwrap();
+    let (written, places) = in_blocks(&run);
     let mut damaged = written.clone();
-    damaged[written.len() / 2] ^= 4;
-    std::fs::write(&log, &damaged).unwrap();
+    damaged[(places[3] + places[4]) / 2] ^= 4;
+    std::fs::write(run.join(MESSAGES), &damaged).unwrap();
     as_of_a_killed_launcher(&run);
     let said = desk.armplane(&["recover", "r", "--json"]);
     let again = json(&said.out);
-    let sentence = again["recorder"]["error"].as_str().unwrap();
-    assert!(
-        sentence.starts_with("sensor.log is damaged at tick ")
-            && sentence.ends_with("its messages of 128 ticks are lost"),
-        "{sentence}"
-    );
-    assert!(
-        said.code == 1
-            && said
-                .err
-                .contains(&format!("the results are not whole: {sentence}")),
-        "{}",
-        said.err
-    );
-    assert_eq!(
-        again["topics"]["sensor"]["count"].as_u64().unwrap() + 128,
-        whole["topics"]["sensor"]["count"].as_u64().unwrap()
-    );
-    assert_eq!(
-        again["topics"]["torque"], whole["topics"]["torque"],
-        "the other logs are whole"
-    );
+    let clause = "messages.mcap is damaged at tick 150: its messages of 50 ticks are lost";
+    assert_eq!(again["recorder"]["error"], clause);
+    assert_eq!(said.code, 1);
+    for topic in ["sensor", "torque"] {
+        assert_eq!(
+            again["topics"][topic]["count"].as_u64().unwrap() + EACH,
+            whole["topics"][topic]["count"].as_u64().unwrap()
+        );
+    }
     for command in [
         &["export", "r"][..],
         &["report", "r"],
@@ -225,52 +242,23 @@ fn recover_says_which_log_is_damaged_and_what_that_costs() {
     ] {
         let said = desk.armplane(command);
         assert!(
-            said.code == 1 && (said.err.clone() + &said.out).contains("sensor.log is damaged"),
+            said.code == 1 && (said.err.clone() + &said.out).contains(clause),
             "{command:?}: {}{}",
             said.out,
             said.err
         );
     }
-
-    // The first bytes of a log, and all of it.
-    for (bytes, words) in [
-        (
-            &b"other bytes than those of a log"[..],
-            "torque.log is damaged at tick 0",
-        ),
-        (b"", "torque.log is missing or empty: its messages of "),
-    ] {
-        std::fs::write(&log, &written).unwrap();
-        std::fs::write(run.join("messages/torque.log"), bytes).unwrap();
-        as_of_a_killed_launcher(&run);
-        let said = desk.armplane(&["recover", "r"]);
-        assert!(
-            said.code == 1 && said.err.contains(words) && said.err.lines().count() == 1,
-            "{}{}",
-            said.out,
-            said.err
-        );
-    }
-}
-
-/// The head of a message log, and its blocks.
-fn blocks(log: &Path) -> (Vec<u8>, Vec<Vec<u8>>) {
-    let file = std::fs::read(log).unwrap();
-    let (head, mut rest) = file.split_at(40);
-    let mut blocks = Vec::new();
-    while rest.len() >= 48 {
-        let number = |at: usize| u32::from_le_bytes(rest[at..at + 4].try_into().unwrap()) as usize;
-        // Bytes behind the head; and in the upper half of a word how many logs the run has.
-        let (block, behind) = rest.split_at(48 + 8 * (number(24) >> 16) + number(4));
-        blocks.push(block.to_vec());
-        rest = behind;
-    }
+    std::fs::write(run.join(MESSAGES), b"other bytes than those of a log").unwrap();
+    as_of_a_killed_launcher(&run);
+    let said = desk.armplane(&["recover", "r"]);
     assert!(
-        rest.is_empty() && blocks.len() > 6,
-        "{} blocks",
-        blocks.len()
+        said.code == 1
+            && said.err.contains("messages.mcap is damaged at tick 0")
+            && said.err.lines().count() == 1,
+        "{}{}",
+        said.out,
+        said.err
     );
-    (head.to_vec(), blocks)
 }
 
 #[test]
@@ -280,95 +268,117 @@ fn blocks_that_are_missing_repeated_exchanged_or_of_another_run_are_named_by_eac
     let whole = desk.run(&["short.toml", "--out", "r"]);
     desk.run(&["short.toml", "--out", "other"]);
     let (run, ticks) = (desk.path().join("r"), whole["ticks"].as_u64().unwrap());
-    let kept: Vec<(String, Vec<u8>)> = names(&run)
-        .into_iter()
-        .filter(|name| name != "messages")
+    let ((file, places), (other, _)) = (in_blocks(&run), in_blocks(&desk.path().join("other")));
+    let names = names(&run).into_iter().filter(|name| name != MESSAGES);
+    let kept: Vec<_> = names
         .map(|name| (name.clone(), std::fs::read(run.join(name)).unwrap()))
         .collect();
-    let log = run.join("messages/sensor.log");
-    let file = std::fs::read(&log).unwrap();
-    let ((head, ours), (other_head, theirs)) = (
-        blocks(&log),
-        blocks(&desk.path().join("other/messages/sensor.log")),
-    );
-    let torque = std::fs::read(run.join("messages/torque.log")).unwrap();
-    let of = |blocks: &[&[Vec<u8>]]| [head.clone(), blocks.concat().concat()].concat();
-    let last = ours.len() - 2;
-    let rest = ticks - 128 * last as u64;
-    for (bytes, clause) in [
-        (of(&[&ours[..2], &ours[3..]]), "sensor.log lacks blocks at tick 256: its messages of 128 ticks are lost".to_owned()),
-        (of(&[&ours[..last]]), format!("sensor.log lacks blocks at tick {}: its messages of {rest} ticks are lost", ticks - rest)),
-        (of(&[]), format!("sensor.log lacks blocks at tick 0: its messages of {ticks} ticks are lost")),
-        (of(&[&ours[..2], &ours[1..]]), "sensor.log holds blocks twice at tick 128: no message is lost".to_owned()),
+    let last = places.len() - 2;
+    let rest = ticks - EACH * last as u64;
+    let block = |number: usize| &file[places[number]..places[number + 1]];
+    let of = |blocks: &[usize]| {
+        let blocks = blocks.iter().map(|number| block(*number));
+        let parts = std::iter::once(&file[..places[0]]).chain(blocks);
+        let end = [&file[places[last + 1]..]];
+        parts.chain(end).collect::<Vec<_>>().concat()
+    };
+    let all: Vec<usize> = (0..=last).collect();
+    let without = |number: usize| [&all[..number], &all[number + 1..]].concat();
+    let mut theirs = file.clone();
+    theirs.splice(places[1]..places[2], other[places[1]..places[2]].to_vec());
+    let mut flipped = file.clone();
+    flipped[places[last] + 4] ^= 0x80;
+    let lost = |words: &str, tick: u64, n: u64| {
+        format!("messages.mcap {words} at tick {tick}: its messages of {n} ticks are lost")
+    };
+    let harmless = |words: &str| format!("messages.mcap {words} at tick 50: no message is lost");
+    // The last three of a run whose summary tells what there was.
+    for (bytes, clause, is_known) in [
+        (of(&without(2)), lost("lacks blocks", 100, EACH), true),
         (
-            of(&[&ours[..1], &ours[2..3], &ours[1..2], &ours[3..]]),
-            "sensor.log holds blocks out of their order at tick 128: no message is lost".to_owned(),
+            of(&without(last)),
+            lost("lacks blocks", ticks - rest, rest),
+            true,
+        ),
+        (of(&[]), lost("lacks blocks", 0, ticks), true),
+        (
+            of(&[&all[..2], &all[1..]].concat()),
+            harmless("holds blocks twice"),
+            true,
         ),
         (
-            of(&[&ours[..1], &theirs[1..2], &ours[2..]]),
-            "sensor.log holds blocks of another run at tick 128: its messages of 128 ticks are lost".to_owned(),
+            of(&[&[0, 2, 1], &all[3..]].concat()),
+            harmless("holds blocks out of their order"),
+            true,
         ),
-        ([other_head, theirs.concat()].concat(), format!("sensor.log is the log of another run: its messages of {ticks} ticks are lost")),
-        (torque, format!("sensor.log is another log of its run, renamed: its messages of {ticks} ticks are lost")),
-        (Vec::new(), format!("sensor.log is missing or empty: its messages of {ticks} ticks are lost")),
-        // A bit of the head of the last block, which is not taken for one that its writer was killed in.
+        (theirs, lost("holds blocks of another run", 50, EACH), true),
+        (flipped, lost("is damaged", ticks - rest, rest), true),
         (
-            {
-                let mut flipped = file.clone();
-                let end = ours[last + 1].len() + ours[last].len();
-                let place = flipped.len() - end + 4;
-                flipped[place] ^= 0x80;
-                flipped
-            },
-            format!("sensor.log is damaged at tick {}: its messages of {rest} ticks are lost", ticks - rest),
+            file[..places[last]].to_vec(),
+            lost("lacks blocks", ticks - rest, rest),
+            false,
+        ),
+        (
+            other,
+            format!(
+                "messages.mcap is the log of another run: its messages of {ticks} ticks are lost"
+            ),
+            false,
+        ),
+        (
+            Vec::new(),
+            format!("messages.mcap is missing or empty: its messages of {ticks} ticks are lost"),
+            false,
         ),
     ] {
-        kept.iter().for_each(|(name, bytes)| std::fs::write(run.join(name), bytes).unwrap());
-        std::fs::write(&log, &bytes).unwrap();
+        let put_back = || {
+            for (name, bytes) in &kept {
+                std::fs::write(run.join(name), bytes).unwrap();
+            }
+            std::fs::write(run.join(MESSAGES), &bytes).unwrap();
+        };
+        put_back();
         for process in ["estimator", "controller"] {
             let said = desk.armplane(&["replay", "r", "--process", process]);
             let words = said.out.clone() + &said.err;
-            assert!(said.code == 1 && words.contains(&clause), "{clause}: {process}: {}: {words}", said.code);
+            assert!(
+                said.code == 1 && words.contains(&clause),
+                "{clause}: {words}"
+            );
         }
-        let said = desk.armplane(&["export", "r", "--out", "e"]);
         // Where the whole log is none of the run, its columns are left out, and the reason is the reader's.
-        let is_whole_log = clause.contains("is the log of another") || clause.contains("renamed") || clause.contains("missing or empty");
-        let expected = if is_whole_log { "messages/sensor.log" } else { &*clause };
-        assert!(said.code == 1 && said.err.contains(expected), "{clause}: {}: {}", said.code, said.err);
+        let said = desk.armplane(&["export", "r", "--out", "e"]);
+        let is_none = !clause.contains(" at tick ");
+        let expected = if is_none { MESSAGES } else { &*clause };
+        assert!(
+            said.code == 1 && said.err.contains(expected),
+            "{clause}: {}",
+            said.err
+        );
         let said = desk.armplane(&["report", "r"]);
-        assert!(said.code == 1 && said.err.contains(&clause) && said.err.lines().count() == 1, "{clause}: {}: {}", said.code, said.err);
+        assert!(
+            said.code == 1 && said.err.contains(&clause),
+            "{clause}: {}",
+            said.err
+        );
         let page = std::fs::read_to_string(run.join("report.html")).unwrap();
-        assert!(page.contains(&format!("<p class=\"bad\">{clause}")), "the page says it, too: {clause}");
-        as_of_a_killed_launcher(&run);
-        let said = desk.armplane(&["replay", "r", "--process", "estimator"]);
-        assert!(said.code == 1 && (said.out + &said.err).contains(&clause), "{clause}: of a killed launcher");
-        let said = desk.armplane(&["recover", "r", "--json"]);
-        assert_eq!((said.code, json(&said.out)["recorder"]["error"].as_str()), (1, Some(&*clause)), "{}", said.err);
+        assert!(page.contains(&clause), "the page says it, too: {clause}");
+        if is_known {
+            as_of_a_killed_launcher(&run);
+            let said = desk.armplane(&["recover", "r", "--json"]);
+            let error = &json(&said.out)["recorder"]["error"];
+            assert_eq!((said.code, error), (1, &Value::from(&*clause)));
+        }
     }
-    std::fs::write(&log, &file).unwrap();
+    for (name, bytes) in &kept {
+        std::fs::write(run.join(name), bytes).unwrap();
+    }
+    std::fs::write(run.join(MESSAGES), &file).unwrap();
     as_of_a_killed_launcher(&run);
     let said = desk.armplane(&["recover", "r", "--json"]);
-    let again = json(&said.out);
     assert_eq!(
-        (said.code, &again["topics"]),
-        (0, &whole["topics"]),
-        "{}",
-        said.err
-    );
-    // Of a run whose logs are gone: not what a run without them gives as its reason.
-    std::fs::remove_dir_all(run.join("messages")).unwrap();
-    let said = desk.armplane(&["replay", "r"]);
-    assert!(
-        said.code == 1
-            && said.err.contains("holds 0 of")
-            && said.err.contains("makes the run again"),
-        "{}",
-        said.err
-    );
-    assert!(
-        !said.err.contains("--no-messages") && said.err.lines().count() == 1,
-        "{}",
-        said.err
+        (said.code, &json(&said.out)["topics"]),
+        (0, &whole["topics"])
     );
 }
 
@@ -379,17 +389,12 @@ fn a_link_in_the_place_of_a_log_is_refused_with_a_remedy_that_recover_has() {
     desk.run(&["short.toml", "--out", "r"]);
     let run = desk.path().join("r");
     as_of_a_killed_launcher(&run);
-    let (log, elsewhere) = (
-        run.join("messages/sensor.log"),
-        desk.file("elsewhere", "mine"),
-    );
+    let (log, elsewhere) = (run.join(MESSAGES), desk.file("elsewhere", "mine"));
     std::fs::remove_file(&log).unwrap();
     std::os::unix::fs::symlink(&elsewhere, &log).unwrap();
     let said = desk.armplane(&["recover", "r"]);
     assert!(
-        said.code == 2
-            && said.err.contains("sensor.log")
-            && said.err.contains("recover the run again"),
+        said.code == 2 && said.err.contains(MESSAGES) && said.err.contains("recover the run again"),
         "{}",
         said.err
     );
@@ -416,27 +421,15 @@ fn a_folder_that_is_used_again_holds_nothing_of_its_former_run() {
     ]);
     let run = desk.path().join("r");
     assert!(
-        said.code == 0
-            && run.join("targets.csv").exists()
-            && run.join("messages/target.log").exists(),
+        said.code == 0 && run.join("targets.csv").exists() && run.join(MESSAGES).exists(),
         "{}",
         said.err
     );
     desk.run(&["short.toml", "--out", "r"]);
     desk.run(&["short.toml", "--out", "fresh"]);
-    for folder in ["", "messages"] {
-        assert_eq!(
-            names(&run.join(folder)),
-            names(&desk.path().join("fresh").join(folder)),
-            "{folder}"
-        );
-    }
+    assert_eq!(names(&run), names(&desk.path().join("fresh")));
     desk.run(&["short.toml", "--out", "r", "--no-messages"]);
-    assert!(
-        !run.join("messages").exists(),
-        "{:?}",
-        names(&run.join("messages"))
-    );
+    assert!(!run.join(MESSAGES).exists());
     // A run from its own folder reads its files before they are replaced.
     let first = json(
         &desk

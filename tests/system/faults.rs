@@ -138,7 +138,7 @@ fn a_recorder_killed_from_outside_loses_nothing_either() {
     let whole: Value =
         serde_json::from_str(&desk.armplane(&[&long[..], &["whole"]].concat()).out).unwrap();
     let child = desk.start(&[&long[..], &["killed"]].concat());
-    let kept = desk.path().join("killed/messages/torque.log");
+    let kept = desk.path().join("killed/messages.mcap");
     until("messages to be kept", || {
         std::fs::metadata(&kept).is_ok_and(|file| file.len() > 500_000)
     });

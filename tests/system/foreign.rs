@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::Command;
 
-use message_log::LogReader;
+use message_log::{Contents, Log};
 use shared_types::PlantState;
 
 use crate::command::{Desk, assert_nothing_left, finish, run_of, skipped, until};
@@ -74,7 +74,7 @@ fn a_plant_in_one_c_file_runs_like_ours() {
 
 /// The needs of the examples in Python: those with MuJoCo, the reader of results, the subscriber.
 const MUJOCO: &str = "mujoco, numpy";
-const TABLES: &str = "numpy, pandas, pyarrow";
+const TABLES: &str = "numpy, pandas, pyarrow, mcap";
 const TOPICS: &str = "iceoryx2";
 
 /// Why a test with such an example is skipped.
@@ -85,9 +85,11 @@ fn lacking(modules: &str) -> String {
 /// The largest difference between the true joint positions of two runs; rad.
 fn furthest_apart(one: &Path, other: &Path) -> f64 {
     let states = |folder: &Path| {
-        let mut log =
-            LogReader::<PlantState>::open(&folder.join("messages")).expect("a message log");
-        std::iter::from_fn(|| log.next_message().expect("a whole log")).collect::<Vec<_>>()
+        let job = std::fs::read(folder.join("job.json")).expect("a job");
+        let job = serde_json::from_slice(&job).expect("a job");
+        let log = Log::open(&folder.join("messages.mcap"), &Contents::of(&job));
+        let mut states = log.expect("a message log").messages::<PlantState>();
+        std::iter::from_fn(|| states.next_message().expect("a whole log")).collect::<Vec<_>>()
     };
     let (one, other) = (states(one), states(other));
     assert!(

@@ -129,8 +129,7 @@ fn a_sixth_process_runs_in_lockstep_and_changes_nothing_of_the_others() {
         .path()
         .join("runs")
         .join("energy-001")
-        .join("messages")
-        .join("energy.log");
+        .join("messages.mcap");
     assert!(
         kept.metadata().is_ok_and(|file| file.len() > 10 * ticks),
         "{}",

@@ -333,12 +333,11 @@ fn a_results_folder_that_was_tampered_with_is_one_sentence() {
     for command in [report, csv, layout, replay] {
         assert_eq!(desk.armplane(command).code, 0, "{command:?}");
     }
-    let files: [(&str, &[&[&str]]); 5] = [
+    let files: [(&str, &[&[&str]]); 4] = [
         ("job.json", &[report, layout, replay]),
         ("summary.json", &[report, replay]),
         ("run.rrd", &[report, csv]),
-        ("messages/torque.log", &[replay]),
-        ("messages/estimate.log", &[replay]),
+        ("messages.mcap", &[replay]),
     ];
     for (k, (name, commands)) in files.into_iter().enumerate() {
         let path = run.join(name);

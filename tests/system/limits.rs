@@ -208,7 +208,7 @@ fn a_small_volume_costs_the_recording_and_not_the_run() {
                     format!("the recording has {bytes} bytes")
                 });
             assert!(
-                error.is_empty() || error.contains(&end) || error.contains(".log"),
+                error.is_empty() || error.contains(&end) || error.contains("messages.mcap"),
                 "{case}"
             );
             assert!(!error.is_empty() || kib >= 1024, "{case}");

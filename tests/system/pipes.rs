@@ -75,7 +75,7 @@ fn a_pipe_without_a_writer_is_refused_in_one_sentence_by_every_command() {
     for (name, commands) in [
         ("summary.json", &["report", "export"][..]),
         ("job.json", &["replay", "recover"]),
-        ("messages/sensor.log", &["replay", "export"]),
+        ("messages.mcap", &["replay", "export"]),
         ("run.rrd", &["report", "export", "view"]),
     ] {
         let kept = std::fs::read(file(name)).unwrap();

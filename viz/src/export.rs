@@ -2,8 +2,6 @@
 
 mod csv;
 mod format;
-mod foxglove;
-mod mcap;
 mod parquet;
 
 use std::path::{Path, PathBuf};
@@ -11,7 +9,7 @@ use std::path::{Path, PathBuf};
 use crate::read::{Piece, ReadNews, read};
 use crate::signals::TickRow;
 use csv::Csv;
-use format::{Columns, Event, Format, Place};
+use format::{Columns, Event, Format};
 
 pub use format::ExportError;
 
@@ -22,8 +20,6 @@ pub enum ExportFormat {
     Csv,
     /// `signals.parquet` and `events.parquet`.
     Parquet,
-    /// `run.mcap`, as Foxglove reads it.
-    Mcap,
 }
 
 /// The messages of a run as they were on the wire, by tick.
@@ -92,13 +88,6 @@ pub fn export(
             }
             (Piece::Event { tick, level, text }, _) => event(tick, "log", level, text),
             (Piece::State { tick, lane, state }, _) => event(tick, "state", lane, state),
-            (Piece::Solid(solid), _) => format.solid(&solid),
-            (Piece::Place { tick, of, p, xyzw }, _) => format.place(&Place {
-                t_s: tick as f64 / rate_hz,
-                of,
-                p,
-                xyzw,
-            }),
             (Piece::Damaged(damage), _) => {
                 news(ReadNews::Damaged(&damage));
                 Ok(())
@@ -113,6 +102,5 @@ fn opened(format: ExportFormat, out: &Path) -> Result<Box<dyn Format>, ExportErr
     match format {
         ExportFormat::Csv => Ok(Box::new(Csv::create(out)?)),
         ExportFormat::Parquet => Ok(Box::new(parquet::Parquet::create(out)?)),
-        ExportFormat::Mcap => Ok(Box::new(mcap::Mcap::create(out)?)),
     }
 }

@@ -41,7 +41,7 @@ pub use export::{ExportError, ExportFormat, Exported, Messages, export};
 pub use parts::{
     MergeError, bytes_in, checksums, complete, cut_behind, merge, part_name, parts_in,
 };
-pub use read::{About, Damage, Piece, ReadError, ReadNews, Rows, Solid, read};
+pub use read::{About, Damage, Piece, ReadError, ReadNews, Rows, read};
 pub use recording::{Level, Options, Recording, RunInfo, Written, save_blueprint};
 pub use report::{Report, ReportError, report};
 pub use shortfall::{Reading, Shortfall, altered, has_rows, rows_in};

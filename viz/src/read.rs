@@ -6,9 +6,7 @@ use std::sync::Arc;
 
 use re_chunk::Chunk;
 use re_chunk::external::arrow::array::{Array, ArrayRef, AsArray, ListArray};
-use re_chunk::external::arrow::datatypes::{
-    ArrowPrimitiveType, Float32Type, Float64Type, UInt32Type,
-};
+use re_chunk::external::arrow::datatypes::{Float32Type, Float64Type};
 
 use re_log_types::{StoreId, StoreKind};
 
@@ -86,8 +84,6 @@ pub enum Piece<'a> {
         /// Its new state.
         state: String,
     },
-    /// A solid of the arm's figure; in every part again.
-    Solid(Solid<'a>),
     /// Where something drawn was.
     Place {
         /// When.
@@ -110,44 +106,6 @@ pub enum Piece<'a> {
     },
     /// The rest of a file cannot be read; the next file follows.
     Damaged(Damage<'a>),
-}
-
-/// A solid of the arm's figure, in the frame of its own path.
-#[derive(Debug)]
-pub struct Solid<'a> {
-    /// Its path, like `/world/arm/link3`.
-    pub of: &'a str,
-    chunk: &'a Chunk,
-}
-
-impl Solid<'_> {
-    /// Its corners; m.
-    #[must_use]
-    pub fn corners(&self) -> Vec<[f32; 3]> {
-        tuples::<Float32Type, 3>(self.chunk, "Mesh3D:vertex_positions")
-    }
-
-    /// Which corners make its triangles.
-    #[must_use]
-    pub fn triangles(&self) -> Vec<[u32; 3]> {
-        tuples::<UInt32Type, 3>(self.chunk, "Mesh3D:triangle_indices")
-    }
-
-    /// The corners' colours: red, green, blue, opacity.
-    #[must_use]
-    pub fn colours(&self) -> Vec<[u8; 4]> {
-        let all = self
-            .chunk
-            .components()
-            .get("Mesh3D:vertex_colors".into())
-            .map(|column| column.list_array.values().clone());
-        let all = all
-            .as_ref()
-            .and_then(|all| all.as_primitive_opt::<UInt32Type>());
-        all.map_or(Vec::new(), |all| {
-            all.values().iter().map(|rgba| rgba.to_be_bytes()).collect()
-        })
-    }
 }
 
 /// Where a file stops making sense. The file of a killed recorder is no such place: it just ends.
@@ -314,7 +272,10 @@ pub fn read<E: From<ReadError>>(
         chunks_of(path, |found| match found {
             Found::Damaged(damage) => each(Piece::Damaged(damage)),
             Found::Chunk(store, _) if store.kind() != StoreKind::Recording => Ok(()),
-            Found::Chunk(_, chunk) if chunk.is_static() => constants(&chunk, &mut about, &mut each),
+            Found::Chunk(_, chunk) if chunk.is_static() => {
+                learn(&chunk, &mut about);
+                Ok(())
+            }
             Found::Chunk(_, chunk) if *chunk.entity_path() == entity::SIGNALS.into() => {
                 if !std::mem::replace(&mut introduced, true) {
                     each(Piece::About(&about))?;
@@ -338,20 +299,6 @@ pub fn read<E: From<ReadError>>(
         })?;
     }
     Ok(())
-}
-
-/// What never changes: the run's description, and the solids of the picture.
-fn constants<E>(
-    chunk: &Chunk,
-    about: &mut About,
-    each: &mut impl FnMut(Piece) -> Result<(), E>,
-) -> Result<(), E> {
-    let of = &chunk.entity_path().to_string();
-    learn(chunk, of, about);
-    match has(chunk, "Mesh3D:triangle_indices") {
-        true => each(Piece::Solid(Solid { of, chunk })),
-        false => Ok(()),
-    }
 }
 
 /// Words, states and places, as they change.
@@ -393,7 +340,8 @@ fn has(chunk: &Chunk, component: &'static str) -> bool {
 }
 
 /// The run's description in static chunks.
-fn learn(chunk: &Chunk, at: &str, about: &mut About) {
+fn learn(chunk: &Chunk, about: &mut About) {
+    let at = chunk.entity_path().to_string();
     if at == entity::SIGNALS {
         for (name, limits) in Arc::make_mut(&mut about.limits).named() {
             if let Some(column) = chunk.components().get(name.into()) {
@@ -450,25 +398,6 @@ fn texts(chunk: &Chunk, component: &'static str) -> Vec<Vec<String>> {
 fn told(chunk: &Chunk, component: &'static str) -> impl Iterator<Item = (u64, String)> {
     let rows = ticks(chunk).into_iter().zip(texts(chunk, component));
     rows.flat_map(|(tick, texts)| texts.into_iter().map(move |text| (tick, text)))
-}
-
-/// All tuples of a component, whatever their rows.
-fn tuples<T: ArrowPrimitiveType, const K: usize>(
-    chunk: &Chunk,
-    component: &'static str,
-) -> Vec<[T::Native; K]> {
-    let Some(column) = chunk.components().get(component.into()) else {
-        return Vec::new();
-    };
-    let all = column
-        .list_array
-        .values()
-        .as_fixed_size_list_opt()
-        .map(|all| all.values().clone());
-    let numbers = all.as_ref().and_then(|all| all.as_primitive_opt::<T>());
-    numbers.map_or(Vec::new(), |numbers| {
-        numbers.values().as_chunks::<K>().0.to_vec()
-    })
 }
 
 /// The first vector of each row of a component; `None` where a row has none.

@@ -34,8 +34,6 @@ enum ExportFormat {
     Csv,
     /// signals.parquet and events.parquet.
     Parquet,
-    /// run.mcap, as Foxglove reads it: numbers, the arm in 3D, the log.
-    Mcap,
     /// whole.rrd: the recording's parts in one file.
     Rrd,
     /// The layout for the Rerun viewer.
@@ -54,7 +52,6 @@ pub(crate) fn export(args: &ExportArgs, as_json: bool) -> Result<ExitCode, Failu
         }
         ExportFormat::Csv => Form::Numbers(viz::ExportFormat::Csv),
         ExportFormat::Parquet => Form::Numbers(viz::ExportFormat::Parquet),
-        ExportFormat::Mcap => Form::Numbers(viz::ExportFormat::Mcap),
         ExportFormat::Rrd => Form::Whole,
     };
     let session::Export { files, shortfall } = session::export(&run, form, &out, &observe)?;

@@ -156,7 +156,7 @@ enum Command {
         long_about = "Reads the recording back and writes its numbers as one wide table (a row a tick) and its log and states as another, \
                       into the run's folder or --out. Columns: `joint.q.1`, `singularity.s.wrist`, `error.position_mm.orthogonal` and so on, and from the \
                       run's messages the pose and twist of the end-effector, encoders, torques, singular directions. Units are in the metadata of \
-                      Parquet and in the schemas of MCAP. `rrd` joins the parts of a long recording in one file; `rbl` is the layout for the viewer.",
+                      Parquet. MCAP is there already: messages.mcap in the run's folder. `rrd` joins the parts of a long recording in one file; `rbl` is the layout for the viewer.",
         after_help = "Examples:\n  armplane export --format csv\n  armplane export runs/fig5-wrist-rotation-001 --format parquet --out tables\n  armplane export --format rbl --layout timing"
     )]
     Export(export::ExportArgs),

@@ -3,8 +3,10 @@
 use std::marker::PhantomData;
 use std::ops::Range;
 
-use shared_types::wire::{Field, Header, Stamps};
-use shared_types::{Message, SingularityState};
+use shared_types::Message;
+use shared_types::wire::{Field, Stamps};
+
+use crate::contents::structure;
 
 /// The first number in which two messages differ.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
@@ -97,29 +99,12 @@ impl Leaf {
     }
 }
 
-/// All plain fields of a structure that begins at byte `base`, in order.
+/// All plain fields of a structure that begins at byte `base`, in order; without the stamps of a header, which are not compared.
 fn leaves(layout: &[Field], base: usize, prefix: &str, found: &mut Vec<Leaf>) {
     for field in layout {
         let (name, begin) = (format!("{prefix}{}", field.name), base + field.offset);
-        if field.element == "Header" {
-            // Without its stamps, which are not compared.
-            let rest: Vec<_> = Header::LAYOUT
-                .iter()
-                .filter(|field| field.offset >= size_of::<Stamps>())
-                .cloned()
-                .collect();
-            leaves(&rest, begin, "header.", found);
-        } else if field.element == "SingularityState" {
-            let size = size_of::<SingularityState>();
-            for (index, place) in (begin..begin + field.size).step_by(size).enumerate() {
-                leaves(
-                    SingularityState::LAYOUT,
-                    place,
-                    &format!("{name}[{index}]."),
-                    found,
-                );
-            }
-        } else {
+        let is_array = field.type_name.starts_with('[');
+        let Some((inside, size)) = structure(&field.element) else {
             let number = match &*field.element {
                 "f64" => Number::F64,
                 "u64" => Number::U64,
@@ -127,10 +112,28 @@ fn leaves(layout: &[Field], base: usize, prefix: &str, found: &mut Vec<Leaf>) {
             };
             found.push(Leaf {
                 name,
-                is_array: field.type_name.starts_with('['),
+                is_array,
                 number,
                 bytes: begin..begin + field.size,
             });
+            continue;
+        };
+        let stamps = if field.element == "Header" {
+            size_of::<Stamps>()
+        } else {
+            0
+        };
+        let inside: Vec<_> = inside
+            .iter()
+            .filter(|field| field.offset >= stamps)
+            .cloned()
+            .collect();
+        for (index, place) in (begin..begin + field.size).step_by(size).enumerate() {
+            let prefix = match is_array {
+                true => format!("{name}[{index}]."),
+                false => format!("{name}."),
+            };
+            leaves(&inside, place, &prefix, found);
         }
     }
 }

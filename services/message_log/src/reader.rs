@@ -1,344 +1,446 @@
 //! Reading a message log: its blocks in the order in which they were written, and every place that is not as it was written.
 
+use std::cell::RefCell;
 use std::collections::VecDeque;
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind};
+use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
-use crate::block::unpack;
+use shared_types::Message;
+
+use crate::block::{Block, Blocks, Chunk, Found};
+use crate::contents::Contents;
 use crate::error::{Defect, LogError};
-use crate::head::{self, FILE_HEAD, Identity, MAGIC};
-use crate::logs::Logs;
+use crate::record::{DATA_END, MAGIC};
+use crate::writer::{Place, tail};
 
-use crate::scan::{Bytes, Entry, Flaw, Scan, StoredBlock, scan};
-use crate::shape::{Place, Shape};
+/// Chunks that stay in memory: readers of several topics go on together.
+const CACHED: usize = 8;
 
-/// Reads the message log of a topic, in order.
-///
-/// The heads of all blocks are read first: they tell which messages each block holds. Blocks that are not in their place are read in it, those that are
-/// there twice once, those of other logs not at all; an error names each of these places, and each that is damaged or at which blocks are missing, and the
-/// reader goes on behind it.
-pub struct RowReader {
-    shape: Shape,
-    path: PathBuf,
-    bytes: Bytes,
-    identity: Identity,
-    entries: VecDeque<Entry>,
-    tail: Vec<Flaw>,
-    known: Vec<u64>,
-    /// Messages that the log had, as far as is known.
-    total: u64,
-    end: Place,
-    is_ended: bool,
-    /// Words of the block in hand, and how many of them have been given out.
-    block: (Vec<u64>, usize),
-    packed: Vec<u8>,
+/// A place of a log that is not as it was written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Flaw {
+    /// The kind.
+    pub defect: Defect,
+    /// The number of the block before which it lies; that of all blocks at the end.
+    pub block: usize,
+    /// Messages that are lost there, by channel, as far as the blocks around it tell.
+    pub lost: Vec<u64>,
+    /// The tick of the first message of the block, where none is lost.
+    pub tick: Option<u64>,
 }
 
-impl RowReader {
-    /// The file that [`RowWriter`](crate::RowWriter) left in a folder, whatever run it is of.
-    ///
-    /// # Errors
-    /// When there is none, or its messages are not this program's.
-    pub fn open(folder: &Path, shape: &Shape) -> Result<Self, LogError> {
-        Self::open_at(folder, shape, None, Place::default())
-    }
+/// The message log of a run.
+///
+/// The heads of all blocks are read first. Blocks that are not in their place are read in it, those that are there twice once, those of other runs
+/// not at all.
+#[derive(Clone)]
+pub struct Log(Rc<Inner>);
 
+struct Inner {
+    path: PathBuf,
+    contents: Contents,
+    file: Blocks,
+    scan: Scan,
+    has_tail: bool,
+    cache: RefCell<VecDeque<(usize, Rc<Chunk>)>>,
+}
+
+impl Log {
     /// The log of a run.
     ///
     /// # Errors
     /// When there is none, when it is of another run, or its messages are not this program's.
-    pub fn open_of(folder: &Path, shape: &Shape, logs: &Logs) -> Result<Self, LogError> {
-        Self::open_at(folder, shape, Some(logs), Place::default())
+    pub fn open(path: &Path, contents: &Contents) -> Result<Self, LogError> {
+        Self::open_behind(path, contents, &Place::default())
     }
 
     /// The same from a place behind a block on.
     pub(crate) fn open_behind(
-        folder: &Path,
-        shape: &Shape,
-        logs: &Logs,
-        from: Place,
+        path: &Path,
+        contents: &Contents,
+        from: &Place,
     ) -> Result<Self, LogError> {
-        Self::open_at(folder, shape, Some(logs), from)
-    }
-
-    fn open_at(
-        folder: &Path,
-        shape: &Shape,
-        logs: Option<&Logs>,
-        from: Place,
-    ) -> Result<Self, LogError> {
-        let path = shape.path_in(folder);
-        let bytes = match files::open(&path).and_then(Bytes::of) {
-            Ok(bytes) => bytes,
-            Err(source)
+        let damaged = |reason: &str| LogError::Damaged {
+            path: path.to_owned(),
+            reason: reason.to_owned(),
+        };
+        let cannot = LogError::file("read", path);
+        let file = match files::open(path).and_then(Blocks::new) {
+            Err(error)
                 if matches!(
-                    source.kind(),
+                    error.kind(),
                     ErrorKind::InvalidInput | ErrorKind::IsADirectory
                 ) =>
             {
-                return Err(LogError::Damaged {
-                    path,
-                    reason: source.to_string(),
-                });
+                return Err(damaged(&error.to_string()));
             }
-            Err(source) => {
-                return Err(LogError::File {
-                    action: "read",
-                    path,
-                    source,
-                });
-            }
+            opened => opened.map_err(&cannot)?,
         };
-        let ours = logs
-            .map(|logs| head::identity(logs, shape, &path))
-            .transpose()?;
-        let (identity, is_head_whole) = identity(&bytes, &path, shape, ours)?;
-        let from = if from.byte == 0 {
-            Place {
-                byte: FILE_HEAD as u64,
-                messages: 0,
-            }
-        } else {
-            from
-        };
-        let scanned = scan(&bytes, from, identity, shape.bytes);
-        let Scan {
-            mut entries,
-            tail,
-            known,
-            end,
-            is_ended,
-        } = scanned.map_err(|source| LogError::File {
-            action: "read",
-            path: path.clone(),
-            source,
-        })?;
-        if !is_head_whole {
-            entries.push_front(Entry::Flaw(Flaw::of(
-                Defect::Damaged,
-                "its first bytes are not what was written".to_owned(),
-            )));
+        let expected = contents.head();
+        let head = file.read(0, expected.len() as u64).map_err(&cannot)?;
+        if head.len() < expected.len() && expected.starts_with(&head) {
+            return Err(LogError::Unbegun {
+                path: path.to_owned(),
+            });
         }
-        let total = known
-            .get(usize::from(identity.log))
-            .copied()
-            .unwrap_or_default();
-        let (block, packed) = Default::default();
-        Ok(Self {
-            shape: shape.clone(),
-            path,
-            bytes,
-            identity,
-            entries,
-            tail,
-            known,
-            total,
-            end,
-            is_ended,
-            block,
-            packed,
-        })
+        if from.bytes > file.length {
+            return Err(damaged("its end is missing"));
+        }
+        // A head of another length is passed over.
+        let head_bytes = if head == expected {
+            head.len()
+        } else {
+            MAGIC.len()
+        };
+        let begin = Place {
+            bytes: from.bytes.max(head_bytes as u64),
+            messages: from.messages.clone(),
+        };
+        let mut scan = Scan::new(&file, contents, &begin).map_err(&cannot)?;
+        if scan.blocks.is_empty()
+            && let Some([format, run]) = scan.other
+        {
+            let [ours, our_run] = contents.identity();
+            return Err(match run == our_run {
+                true => LogError::WireFormat {
+                    path: path.to_owned(),
+                    found: format,
+                    ours,
+                },
+                false => LogError::OtherRun {
+                    path: path.to_owned(),
+                },
+            });
+        }
+        if head != expected && scan.blocks.is_empty() && !scan.is_ended {
+            return Err(damaged("its first bytes are not those of such a file"));
+        }
+        let has_tail = if from.bytes == 0 {
+            scan.check_tail(&file, contents).map_err(&cannot)?
+        } else {
+            false
+        };
+        Ok(Self(Rc::new(Inner {
+            path: path.to_owned(),
+            contents: contents.clone(),
+            file,
+            scan,
+            has_tail,
+            cache: RefCell::default(),
+        })))
     }
 
-    /// How many messages each log of the run had when a block of this one was written, at least; in the order of [`Logs`].
+    /// What it holds.
     #[must_use]
-    pub fn known(&self) -> &[u64] {
-        &self.known
+    pub fn contents(&self) -> &Contents {
+        &self.0.contents
     }
 
-    /// How many messages it has had, as another log of its run tells: at its end the reader names those that are missing.
-    pub fn expect(&mut self, messages: u64) {
-        self.total = self.total.max(messages);
+    /// How many blocks of messages it has.
+    #[must_use]
+    pub fn blocks(&self) -> usize {
+        self.0.scan.blocks.len()
+    }
+
+    /// Ticks that had begun when the recorder had last taken in everything, before it wrote a block.
+    #[must_use]
+    pub fn begun(&self, block: usize) -> u64 {
+        self.0.scan.blocks.get(block).map_or(0, |block| block.begun)
+    }
+
+    /// The places that are not as they were written, in order.
+    #[must_use]
+    pub fn flaws(&self) -> &[Flaw] {
+        &self.0.scan.flaws
     }
 
     /// Whether its writer has ended it: it lacks nothing of what that was given.
     #[must_use]
     pub fn is_ended(&self) -> bool {
-        self.is_ended
+        self.0.scan.is_ended
     }
 
-    /// The place behind its last whole block.
+    /// Whether it has the summary by which other programs find messages in it.
+    pub(crate) fn has_tail(&self) -> bool {
+        self.0.has_tail
+    }
+
+    /// The place behind its last block.
     pub(crate) fn end(&self) -> Place {
-        self.end
+        let Scan { end, messages, .. } = &self.0.scan;
+        Place {
+            bytes: *end,
+            messages: messages.clone(),
+        }
     }
 
-    pub(crate) fn identity(&self) -> Identity {
-        self.identity
-    }
-
-    pub(crate) fn into_path(self) -> PathBuf {
-        self.path
-    }
-
-    /// The next message; `None` at the end.
+    /// The messages of a block.
     ///
     /// # Errors
-    /// When the file cannot be read, or is not as it was written: the next call goes on behind that place.
-    pub fn next_row(&mut self) -> Result<Option<Vec<u64>>, LogError> {
-        let words = self.shape.words();
-        loop {
-            let (rows, begin) = &mut self.block;
-            if let Some(row) = rows.get(*begin..*begin + words) {
-                *begin += words;
-                return Ok(Some(row.to_vec()));
-            }
-            match self.entries.pop_front() {
-                Some(Entry::Block(block)) => self.block = (self.unpacked(&block)?, 0),
-                Some(Entry::Flaw(flaw)) => return Err(self.place(flaw)),
-                None => {
-                    return self
-                        .take_tail()
-                        .map_or(Ok(None), |flaw| Err(self.place(flaw)));
-                }
-            }
+    /// When it cannot be read, or is no longer what was written.
+    pub fn chunk(&self, number: usize) -> Result<Rc<Chunk>, LogError> {
+        let Inner {
+            path,
+            contents,
+            file,
+            scan,
+            cache,
+            ..
+        } = &*self.0;
+        let mut cache = cache.borrow_mut();
+        if let Some((_, chunk)) = cache.iter().find(|(at, _)| *at == number) {
+            return Ok(Rc::clone(chunk));
+        }
+        let block = &scan.blocks[number];
+        let bytes = file.bytes(block).map_err(LogError::file("read", path))?;
+        let chunk = bytes
+            .and_then(|bytes| Chunk::of(block, &bytes, contents))
+            .map(Rc::new)
+            .ok_or_else(|| LogError::Damaged {
+                path: path.clone(),
+                reason: format!("the block at byte {} is not what was written", block.at),
+            })?;
+        if cache.len() == CACHED {
+            cache.pop_front();
+        }
+        cache.push_back((number, Rc::clone(&chunk)));
+        Ok(chunk)
+    }
+
+    /// The messages of a type, in order.
+    #[must_use]
+    pub fn messages<M: Message>(&self) -> Messages<M> {
+        Messages {
+            rows: self.rows(M::TOPIC),
+            of: PhantomData,
         }
     }
 
-    /// The next defect at the end.
-    fn take_tail(&mut self) -> Option<Flaw> {
-        let lost = self.total.saturating_sub(self.end.messages);
-        // Named once.
-        self.total = 0;
-        match self.tail.is_empty() {
-            true => (lost > 0).then(|| Flaw {
-                lost,
-                ..Flaw::of(
-                    Defect::Missing,
-                    format!("its last {lost} messages are missing"),
-                )
-            }),
-            false => Some(Flaw {
-                lost,
-                ..self.tail.remove(0)
-            }),
+    /// The messages of a topic as bytes, in order; none of a topic that the run does not have.
+    #[must_use]
+    pub fn rows(&self, topic: &str) -> Rows {
+        Rows {
+            log: self.clone(),
+            topic: topic.to_owned(),
+            channel: self.0.contents.channel(topic).unwrap_or(usize::MAX),
+            block: 0,
+            number: 0,
+            flaw: 0,
+            chunk: None,
         }
-    }
-
-    fn place(
-        &self,
-        Flaw {
-            defect,
-            reason,
-            lost,
-            tick,
-        }: Flaw,
-    ) -> LogError {
-        LogError::Place {
-            path: self.path.clone(),
-            defect,
-            reason,
-            lost,
-            tick,
-        }
-    }
-
-    /// The rows of a block.
-    fn unpacked(&mut self, block: &StoredBlock) -> Result<Vec<u64>, LogError> {
-        self.packed.resize(block.bytes, 0);
-        let read = self.bytes.read(&mut self.packed, block.byte);
-        let n = read.map_err(|source| LogError::File {
-            action: "read",
-            path: self.path.clone(),
-            source,
-        })?;
-        let is_whole = n == block.bytes && crc32fast::hash(&self.packed) == block.checksum;
-        let rows = if is_whole {
-            unpack(block.messages, self.shape.words(), &self.packed)
-        } else {
-            Err("its checksum differs".to_owned())
-        };
-        rows.map_err(|reason| {
-            let reason = format!(
-                "the block at byte {} is not what was written: {reason}",
-                block.byte
-            );
-            self.place(Flaw {
-                defect: Defect::Damaged,
-                reason,
-                lost: block.messages as u64,
-                tick: Some(block.tick),
-            })
-        })
     }
 }
 
-/// The identity of a log from the head of its file, and whether that is as it was written. Where it is not, the first block tells.
-fn identity(
-    bytes: &Bytes,
-    path: &Path,
-    shape: &Shape,
-    ours: Option<Identity>,
-) -> Result<(Identity, bool), LogError> {
-    let (path, mut head) = (path.to_owned(), [0; FILE_HEAD]);
-    let n = match bytes.read(&mut head, 0) {
-        Ok(n) => n,
-        Err(source) => {
-            return Err(LogError::File {
-                action: "read",
-                path,
-                source,
+/// Reads the messages of a topic as bytes.
+pub struct Rows {
+    log: Log,
+    topic: String,
+    channel: usize,
+    block: usize,
+    number: usize,
+    flaw: usize,
+    chunk: Option<Rc<Chunk>>,
+}
+
+impl Rows {
+    /// The next message; `None` at the end.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or messages are lost: the next call goes on behind that place.
+    pub fn next_row(&mut self) -> Result<Option<&[u8]>, LogError> {
+        let Inner { path, scan, .. } = &*self.log.0;
+        loop {
+            while let Some(flaw) = scan.flaws.get(self.flaw)
+                && flaw.block <= self.block
+            {
+                self.flaw += 1;
+                let lost = flaw.lost.get(self.channel).copied().unwrap_or(0);
+                if lost > 0 {
+                    return Err(LogError::Lost {
+                        path: path.clone(),
+                        topic: self.topic.clone(),
+                        defect: flaw.defect,
+                        lost,
+                    });
+                }
+            }
+            let Some(block) = scan.blocks.get(self.block) else {
+                return Ok(None);
+            };
+            let messages = block.messages.get(self.channel).copied().unwrap_or(0);
+            if (self.number as u64) < messages {
+                break;
+            }
+            (self.block, self.number, self.chunk) = (self.block + 1, 0, None);
+        }
+        if self.chunk.is_none() {
+            // One that cannot be read is passed over by the next call.
+            self.block += 1;
+            self.chunk = Some(self.log.chunk(self.block - 1)?);
+            self.block -= 1;
+        }
+        self.number += 1;
+        let chunk = self.chunk.as_ref();
+        Ok(chunk.and_then(|chunk| chunk.message(self.channel, self.number - 1)))
+    }
+}
+
+/// Reads the messages of a type.
+pub struct Messages<M> {
+    rows: Rows,
+    of: PhantomData<M>,
+}
+
+impl<M: Message> Messages<M> {
+    /// As [`Rows::next_row`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn next_message(&mut self) -> Result<Option<M>, LogError> {
+        let row = self.rows.next_row()?;
+        Ok(row.and_then(|row| bytemuck::try_pod_read_unaligned(row).ok()))
+    }
+}
+
+/// The blocks of a file.
+#[derive(Default)]
+struct Scan {
+    /// In the order in which they were written.
+    blocks: Vec<Block>,
+    flaws: Vec<Flaw>,
+    /// Where the blocks end in the file, and the messages up to there, by channel.
+    end: u64,
+    messages: Vec<u64>,
+    is_ended: bool,
+    /// Format and run of a block that is not the run's.
+    other: Option<[u64; 2]>,
+}
+
+/// A block, and what lies before it in the file.
+struct Placed(Block, Vec<Defect>);
+
+impl Scan {
+    fn new(file: &Blocks, contents: &Contents, from: &Place) -> io::Result<Self> {
+        let (mut found, mut before, mut at) = (Vec::new(), Vec::new(), from.bytes);
+        let mut scan = Self::default();
+        let end_of_file = loop {
+            let here = file.at(at)?;
+            if let Found::Whole(block) = &here
+                && file.bytes(block)?.is_some()
+            {
+                at += block.bytes;
+                if block.identity == contents.identity()
+                    && block.before.len() == contents.layouts().len()
+                {
+                    found.push(Placed(block.clone(), std::mem::take(&mut before)));
+                } else {
+                    scan.other = Some(block.identity);
+                    before.push(Defect::OtherRun);
+                }
+                continue;
+            }
+            match file.next(at + 1)? {
+                Some(next) => (at, _) = (next.at, before.push(Defect::Damaged)),
+                None => break here,
+            }
+        };
+        scan.end = at;
+        let is_end = file.read(at, 1)?.first() == Some(&DATA_END);
+        let is_complete = file.read(file.length.saturating_sub(8), 8)? == MAGIC;
+        let is_torn = matches!(end_of_file, Found::Torn) && !is_complete;
+        if !is_torn && !is_end {
+            before.push(Defect::Damaged);
+        }
+        scan.messages = vec![0; contents.layouts().len()];
+        scan.messages
+            .iter_mut()
+            .zip(&from.messages)
+            .for_each(|(messages, from)| *messages = *from);
+        scan.order(found, before, contents);
+        Ok(scan)
+    }
+
+    /// Puts the blocks into the order in which they were written, with what is wrong before each, and the messages that are missing there; `tail`: what
+    /// lies behind all of them.
+    fn order(&mut self, mut found: Vec<Placed>, tail: Vec<Defect>, contents: &Contents) {
+        let sum = |messages: &[u64]| messages.iter().fold(0_u64, |sum, n| sum.saturating_add(*n));
+        found.sort_by_key(|Placed(block, _)| sum(&block.before));
+        let (mut furthest, mut pending) = (0, Vec::new());
+        for Placed(block, before) in found {
+            pending.extend(before);
+            let tick = Some(contents.tick_at(block.times[0]));
+            if sum(&block.before) < sum(&self.messages) {
+                let number = self.blocks.len();
+                self.flaws
+                    .push(self.harmless(Defect::Repeated, number, tick));
+                continue;
+            }
+            let is_displaced = block.at < furthest;
+            furthest = furthest.max(block.at);
+            self.lose(&block.before, &mut pending, is_displaced);
+            if is_displaced {
+                let number = self.blocks.len();
+                self.flaws
+                    .push(self.harmless(Defect::Displaced, number, tick));
+            }
+            self.messages = block.after();
+            self.is_ended = block.is_end();
+            if !self.is_ended {
+                self.blocks.push(block);
+            }
+        }
+        pending.extend(tail);
+        self.lose(&self.messages.clone(), &mut pending, false);
+    }
+
+    /// Notes what is wrong before a block, and the messages that are missing there. A damaged or foreign block lies where they were, unless the block has
+    /// come from elsewhere.
+    fn lose(&mut self, before: &[u64], pending: &mut Vec<Defect>, is_displaced: bool) {
+        let behind = self.messages.iter().zip(before);
+        let lost: Vec<u64> = behind.map(|(had, has)| has.saturating_sub(*had)).collect();
+        let (number, has_loss) = (self.blocks.len(), lost.iter().any(|lost| *lost > 0));
+        let cause = if has_loss && !is_displaced && !pending.is_empty() {
+            Some(pending.remove(0))
+        } else {
+            has_loss.then_some(Defect::Missing)
+        };
+        if let Some(defect) = cause {
+            self.flaws.push(Flaw {
+                lost,
+                tick: None,
+                ..self.harmless(defect, number, None)
             });
         }
-    };
-    if n < FILE_HEAD {
-        let begun = Identity {
-            run: 0,
-            log: 0,
-            logs: 0,
-            layout: shape.hash,
+        for defect in pending.drain(..) {
+            self.flaws.push(self.harmless(defect, number, None));
         }
-        .file_head(shape.bytes);
-        let is_prefix = ours.map_or_else(
-            || begun[..20].starts_with(&head[..n.min(20)]),
-            |ours| ours.file_head(shape.bytes).starts_with(&head[..n]),
+    }
+
+    fn harmless(&self, defect: Defect, block: usize, tick: Option<u64>) -> Flaw {
+        Flaw {
+            defect,
+            block,
+            lost: vec![0; self.messages.len()],
+            tick,
+        }
+    }
+
+    /// Compares what lies behind the blocks of a file that is otherwise as it was written with what belongs there; whether it is there.
+    fn check_tail(&mut self, file: &Blocks, contents: &Contents) -> io::Result<bool> {
+        if !self.flaws.is_empty() {
+            return Ok(false);
+        }
+        let (expected, found) = (
+            tail(contents, self.end, &self.blocks),
+            file.read(self.end, file.length)?,
         );
-        return Err(match is_prefix {
-            true => LogError::Unbegun { path },
-            false => LogError::Damaged {
-                path,
-                reason: "its first bytes are not those of such a file".to_owned(),
-            },
-        });
-    }
-    let of_file = Identity::of_file(&head).filter(|_| head[..8] == MAGIC);
-    let Some((found, message_bytes)) = of_file else {
-        if let Some(ours) = ours.filter(|ours| {
-            bytes
-                .block_head(FILE_HEAD as u64, *ours, shape.bytes)
-                .is_ok_and(|block| block.is_some_and(|block| block.is_of(*ours)))
-        }) {
-            return Ok((ours, false));
+        if found.first() == Some(&DATA_END) && !expected.starts_with(&found) {
+            let number = self.blocks.len();
+            self.flaws
+                .push(self.harmless(Defect::Damaged, number, None));
         }
-        let reason = match () {
-            () if head[..7] != MAGIC[..7] => "its first bytes are not those of such a file",
-            () if head[7] != MAGIC[7] => "another version of armplane packed it",
-            () => "its first bytes are not what was written",
-        };
-        return Err(LogError::Damaged {
-            path,
-            reason: reason.to_owned(),
-        });
-    };
-    if let Some(ours) = ours {
-        if found.run != ours.run {
-            return Err(LogError::OtherRun { path });
-        }
-        if (found.log, found.logs) != (ours.log, ours.logs) {
-            return Err(LogError::OtherLog { path });
-        }
+        Ok(expected == found)
     }
-    if found.layout != shape.hash {
-        return Err(LogError::WireFormat {
-            path,
-            found: found.layout,
-            ours: shape.hash,
-        });
-    }
-    if message_bytes != shape.bytes {
-        return Err(LogError::Damaged {
-            path,
-            reason: "its first bytes are not what was written".to_owned(),
-        });
-    }
-    Ok((found, true))
 }

@@ -2,7 +2,9 @@
 
 use std::collections::VecDeque;
 
-use shared_types::topics::{self, ByTopic, COUNT, Each, Received, Topic};
+use bytemuck::{bytes_of, try_pod_read_unaligned};
+use serde_bytes::ByteBuf;
+use shared_types::topics::{self, ByTopic, COUNT, Each, Received, Topic, Whole};
 
 /// Topics, one bit each, at their places in the list.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -28,6 +30,9 @@ impl Set {
     }
 }
 
+/// A row that waits for messages, in a checkpoint: its tick, and the bytes of those that have come.
+pub(crate) type StoredRow = (u64, Vec<(usize, ByteBuf)>);
+
 /// The messages of one tick so far.
 #[derive(Clone, Debug, Default)]
 pub struct Row {
@@ -38,26 +43,22 @@ pub struct Row {
 }
 
 impl Row {
-    /// The row of a tick, with these messages of it.
+    /// The row of a tick, with all messages of it.
     #[must_use]
-    pub fn new(tick: u64, messages: ByTopic<Received>) -> Self {
-        struct Come<'a>(&'a ByTopic<Received>, Set);
-        impl Each for Come<'_> {
+    pub fn new(tick: u64, whole: &ByTopic<Whole>) -> Self {
+        struct Fill<'a>(&'a mut Row, &'a ByTopic<Whole>);
+        impl Each for Fill<'_> {
             type Output = ();
             fn each<M: Topic>(&mut self) {
-                if M::of(self.0).is_some() {
-                    self.1.add::<M>();
-                }
+                self.0.put(M::of(self.1));
             }
         }
-        let mut come = Come(&messages, Set::default());
-        topics::each(&mut come);
-        let come = come.1;
-        Self {
+        let mut row = Self {
             tick,
-            messages,
-            come,
-        }
+            ..Self::default()
+        };
+        topics::each(&mut Fill(&mut row, whole));
+        row
     }
 
     /// The messages received.
@@ -70,6 +71,22 @@ impl Row {
     pub fn put<M: Topic>(&mut self, message: &M) {
         *M::of_mut(&mut self.messages) = Some(*message);
         self.come.add::<M>();
+    }
+
+    /// The bytes of the messages received, with the place of their topic in the list.
+    pub(crate) fn bytes(&self) -> Vec<(usize, ByteBuf)> {
+        struct Stored<'a>(&'a ByTopic<Received>);
+        impl Each for Stored<'_> {
+            type Output = Option<(usize, ByteBuf)>;
+            fn each<M: Topic>(&mut self) -> Self::Output {
+                let message = M::of(self.0).as_ref()?;
+                Some((M::INDEX, ByteBuf::from(bytes_of(message))))
+            }
+        }
+        topics::each(&mut Stored(&self.messages))
+            .into_iter()
+            .flatten()
+            .collect()
     }
 
     /// Becomes the row of a tick of which nothing has come; writes no more than that.
@@ -85,6 +102,25 @@ impl Row {
         self.come = Set::default();
         topics::each(&mut Clear(&mut self.messages));
     }
+}
+
+/// Puts a message into a row, from its bytes.
+pub(crate) type Put = fn(&mut Row, &[u8]);
+
+/// The way into a row for each topic, in the order of the list.
+pub(crate) fn puts() -> [Put; COUNT] {
+    struct Puts;
+    impl Each for Puts {
+        type Output = Put;
+        fn each<M: Topic>(&mut self) -> Put {
+            |row, bytes| {
+                if let Ok(message) = try_pod_read_unaligned::<M>(bytes) {
+                    row.put(&message);
+                }
+            }
+        }
+    }
+    topics::each(&mut Puts)
 }
 
 /// Collects messages by tick and gives out rows in order: whole ones at once, torn ones when they are `patience` ticks old.
@@ -125,10 +161,16 @@ impl Assembler {
     }
 
     /// Goes on where an earlier assembler had come to, with the rows that it had not given out.
-    pub fn resume(&mut self, next: u64, rows: impl IntoIterator<Item = Row>) {
+    pub(crate) fn resume(&mut self, next: u64, rows: Vec<StoredRow>) {
         self.next = next;
-        self.rows
-            .extend(rows.into_iter().map(|row| (row.tick, Box::new(row))));
+        let puts = puts();
+        for (tick, messages) in rows {
+            if let Some(row) = self.row(tick) {
+                messages
+                    .iter()
+                    .for_each(|(topic, bytes)| puts[*topic](row, bytes));
+            }
+        }
     }
 
     /// The next tick to be given out.
@@ -137,9 +179,12 @@ impl Assembler {
         self.next
     }
 
-    /// The next tick to be given out, and what there is of it and the ticks after it.
-    pub fn pending(&self) -> (u64, impl Iterator<Item = &Row>) {
-        (self.next, self.rows.iter().map(|(_, row)| &**row))
+    /// What there is of the next tick to be given out and of those after it.
+    pub(crate) fn pending(&self) -> Vec<StoredRow> {
+        self.rows
+            .iter()
+            .map(|(tick, row)| (*tick, row.bytes()))
+            .collect()
     }
 
     /// The row of a tick; `None` when it has been given out already.
@@ -209,11 +254,9 @@ impl Assembler {
 mod tests {
     use super::*;
     use shared_types::SensorSample;
-    use shared_types::topics::Whole;
 
     fn fill(assembler: &mut Assembler, tick: u64) {
-        let whole = ByTopic::<Received>::from(&ByTopic::<Whole>::default());
-        *assembler.row(tick).unwrap() = Row::new(tick, whole);
+        *assembler.row(tick).unwrap() = Row::new(tick, &ByTopic::default());
     }
 
     fn assembler(patience: u64, horizon: u64) -> Assembler {

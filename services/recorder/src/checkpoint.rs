@@ -1,23 +1,20 @@
 //! The recorder's checkpoint: the progress of its predecessor and its gathered results.
 
-use std::convert::Infallible;
-use std::fmt;
 use std::fs::{File, OpenOptions};
 use std::io;
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use bytemuck::{bytes_of, bytes_of_mut, try_pod_read_unaligned};
-use message_log::{BLOCK, TopicHash};
-use serde::de::Visitor;
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use bytemuck::{bytes_of, bytes_of_mut};
+use message_log::BLOCK;
+use serde::{Deserialize, Serialize};
 use shared_types::summary::RecorderSummary;
-use shared_types::topics::{self, Build, ByTopic, COUNT, Each, Received, Topic};
 use viz::Written;
 
-use crate::assemble::Row;
+use crate::assemble::StoredRow;
 use crate::judge::Judge;
+use crate::topics::Past;
 
 /// Name of the file in the run's directory.
 const FILE: &str = "recorder.state";
@@ -38,8 +35,8 @@ pub(crate) fn most_ticks(are_kept: bool, most_ahead: u64) -> u64 {
 
 /// Everything a recorder has gathered.
 #[derive(Debug, Serialize, Deserialize)]
-pub(crate) struct Checkpoint {
-    pub(crate) judge: Judge,
+pub(crate) struct Checkpoint<J = Judge> {
+    pub(crate) judge: J,
     pub(crate) progress: Past,
     /// The next tick to be assembled.
     pub(crate) next: u64,
@@ -47,91 +44,6 @@ pub(crate) struct Checkpoint {
     pub(crate) result: RecorderSummary,
     /// Entries of the fault table that have been reported so far, with what was reported of each.
     pub(crate) reported: Vec<u32>,
-}
-
-/// How far each topic has been taken in.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub(crate) struct Past {
-    pub(crate) listed: [Progress; COUNT],
-    /// Of the topics that only the graph knows, in its order.
-    pub(crate) foreign: Vec<Progress>,
-}
-
-/// How far one topic has been taken in.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub(crate) struct Progress {
-    pub(crate) hash: TopicHash,
-    pub(crate) last: Option<u64>,
-    pub(crate) lost: u64,
-    /// The last message, where there is one.
-    pub(crate) message: Option<Bytes>,
-    /// Bytes in the file of kept messages, which are all of them until now.
-    pub(crate) log_bytes: u64,
-    /// Why no more of them are kept.
-    pub(crate) log_error: String,
-}
-
-/// A row that is still waiting for messages: a tick, and the bytes of the messages that have come.
-#[derive(Debug, Serialize, Deserialize)]
-pub(crate) struct StoredRow(u64, [Option<Bytes>; COUNT]);
-
-/// Bytes that are stored as one string of them, not number by number.
-#[derive(Clone, Debug)]
-pub(crate) struct Bytes(pub(crate) Vec<u8>);
-
-impl Serialize for Bytes {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_bytes(&self.0)
-    }
-}
-
-impl<'de> Deserialize<'de> for Bytes {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Whole;
-        impl Visitor<'_> for Whole {
-            type Value = Bytes;
-            fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-                formatter.write_str("bytes")
-            }
-            fn visit_byte_buf<E>(self, bytes: Vec<u8>) -> Result<Bytes, E> {
-                Ok(Bytes(bytes))
-            }
-            fn visit_bytes<E>(self, bytes: &[u8]) -> Result<Bytes, E> {
-                Ok(Bytes(bytes.to_vec()))
-            }
-        }
-        deserializer.deserialize_byte_buf(Whole)
-    }
-}
-
-impl From<&Row> for StoredRow {
-    fn from(row: &Row) -> Self {
-        struct Stored<'a>(&'a ByTopic<Received>);
-        impl Each for Stored<'_> {
-            type Output = Option<Bytes>;
-            fn each<M: Topic>(&mut self) -> Self::Output {
-                M::of(self.0)
-                    .as_ref()
-                    .map(|message| Bytes(bytes_of(message).to_vec()))
-            }
-        }
-        Self(row.tick, topics::each(&mut Stored(row.messages())))
-    }
-}
-
-impl From<StoredRow> for Row {
-    fn from(StoredRow(tick, bytes): StoredRow) -> Self {
-        struct Messages([Option<Bytes>; COUNT]);
-        impl Build<Received> for Messages {
-            type Error = Infallible;
-            fn build<M: Topic>(&mut self) -> Result<Option<M>, Infallible> {
-                Ok(self.0[M::INDEX]
-                    .as_ref()
-                    .and_then(|bytes| try_pod_read_unaligned(&bytes.0).ok()))
-            }
-        }
-        Self::new(tick, ByTopic::build(&mut Messages(bytes)))
-    }
 }
 
 /// Where checkpoints are kept: in shared memory, so that they outlive the recorder and not the run.
@@ -170,8 +82,8 @@ impl Memory {
     }
 
     /// Notes how far the recording has come.
-    pub(crate) fn note(&mut self, written: Written) {
-        if written != self.noted {
+    pub(crate) fn note(&mut self, written: Option<Written>) {
+        if let Some(written) = written.filter(|written| *written != self.noted) {
             self.noted = written;
             let Written { next, part, bytes } = written;
             // It may fail, or the recorder be killed before: then a replacement goes on from the place noted last, and cuts away what is behind that.
@@ -196,7 +108,7 @@ impl Memory {
     }
 
     /// Whole or not at all.
-    pub(crate) fn save(&mut self, checkpoint: &Checkpoint) {
+    pub(crate) fn save(&mut self, checkpoint: &Checkpoint<&Judge>) {
         (self.saved, self.saved_ticks) = (Instant::now(), checkpoint.next);
         let mut bytes = Vec::new();
         let draft = self.path.with_extension("draft");

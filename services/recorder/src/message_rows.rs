@@ -1,356 +1,287 @@
-//! The messages of a run, tick by tick, as the recorder kept them.
+//! The messages of a run, tick by tick, as the recorder kept them; and what is wrong with their log, in words.
 
 use std::path::Path;
 
-use message_log::{LogError, LogReader, Logs, RowReader, Shape, TopicHash};
+use message_log::{Contents, Defect, FILE, Flaw, Log, LogError, TopicHash, tick_of};
 use shared_types::job::Job;
 use shared_types::summary::Summary;
-use shared_types::topics::{self, Build, ByTopic, Each, Family, Topic};
 
-use crate::assemble::{Assembler, Row, Set};
-use crate::foreign::content;
-use crate::log_account::LogAccount;
+use crate::assemble::{Assembler, Put, Row, Set};
+use crate::topics::{content, put_of};
 use crate::{HORIZON, PATIENCE};
 
-/// Ticks that are taken from the messages at a time.
-const STRIDE: u64 = 64;
-
-/// The messages of all topics, in the order of their ticks.
-struct StoredMessages;
-
-impl Family for StoredMessages {
-    type Of<M: Topic> = Option<Messages<M>>;
-}
-
-struct Messages<M: Topic> {
-    /// `None`: no message has reached a file.
-    reader: Option<LogReader<M>>,
-    /// Read, and of a later tick than was asked for.
-    next: Option<M>,
-    account: LogAccount,
-}
-
-impl<M: Topic> Messages<M> {
-    /// The next message; a place that is not as it was written is noted and passed over. A block that was being written when its writer died ends the log.
-    fn read(&mut self) -> Option<M> {
-        loop {
-            match self.reader.as_mut()?.next_message() {
-                Ok(message) => {
-                    message
-                        .iter()
-                        .for_each(|message| self.account.read(message.header().tick));
-                    return message;
-                }
-                Err(error) => {
-                    self.account.fail(&error);
-                    if !error.is_damage() {
-                        self.reader = None;
-                    }
-                }
-            }
-        }
-    }
-}
-
-/// The log of a topic that only the graph knows: it is in no row.
-struct OwnMessages {
-    reader: Option<RowReader>,
-    account: LogAccount,
-}
-
-impl OwnMessages {
-    /// Reads all of it.
-    fn read(&mut self) {
-        while let Some(reader) = &mut self.reader {
-            match reader.next_row() {
-                Ok(Some(row)) => {
-                    self.account.read(message_log::tick_of(&row));
-                    self.account
-                        .hash
-                        .add_content(content(bytemuck::cast_slice(&row)));
-                }
-                Err(error) if error.is_damage() => self.account.fail(&error),
-                end => {
-                    end.err().iter().for_each(|error| self.account.fail(error));
-                    self.reader = None;
-                }
-            }
-        }
-    }
-}
-
-/// The rows of a run's message logs: whatever there is of each tick, in order.
+/// The rows of a run's message log: whatever there is of each tick, in order.
 pub struct MessageRows {
-    messages: ByTopic<StoredMessages>,
-    own: Vec<OwnMessages>,
+    /// `None`: there is none that can be read.
+    log: Option<Log>,
+    topics: Vec<StoredTopic>,
     assembler: Assembler,
-    until: u64,
-    has_more: bool,
+    /// Blocks that have been read, and flaws that have been noted.
+    block: usize,
+    flaw: usize,
+    damage: Vec<Damage>,
 }
 
-/// A log that may be absent or damaged: that is noted.
-fn excused<R>(
-    opened: Result<R, LogError>,
-    account: &mut LogAccount,
-) -> Result<Option<R>, LogError> {
-    match opened {
-        Err(error) if error.is_before_the_first_message() => Ok(None),
-        Err(error) if error.is_damage() => {
-            account.fail(&error);
-            Ok(None)
-        }
-        opened => opened.map(Some),
+/// The messages of a topic so far.
+struct StoredTopic {
+    topic: String,
+    hash: TopicHash,
+    /// Messages that are known to be lost.
+    lost: u64,
+    /// Tick of the last one.
+    last: Option<u64>,
+    put: Option<Put>,
+}
+
+/// A place that is not as it was written.
+struct Damage {
+    words: &'static str,
+    /// The first tick that it concerns, and of how many the messages are lost.
+    tick: u64,
+    ticks: u64,
+    /// Nothing follows that would tell how much is lost.
+    is_open: bool,
+}
+
+const OTHER_RUN: &str = "is the log of another run";
+const ABSENT: &str = "is missing or empty";
+
+/// The words for a defect behind the name of the file.
+fn words(defect: Defect) -> &'static str {
+    match defect {
+        Defect::Damaged => "is damaged",
+        Defect::Missing => "lacks blocks",
+        Defect::Repeated => "holds blocks twice",
+        Defect::Displaced => "holds blocks out of their order",
+        Defect::OtherRun => "holds blocks of another run",
     }
 }
 
 impl MessageRows {
-    /// The messages of a job's run in a folder, of the topics that its graph's processes write.
+    /// The messages of a job's run in a file, of the topics that its graph's processes write.
     ///
     /// # Errors
-    /// [`LogError`] where a topic's messages are not there, are of another run, or are not this program's.
-    pub fn open(folder: &Path, job: &Job) -> Result<Self, LogError> {
-        Self::open_with(folder, job, false)
+    /// [`LogError`] where the messages are not there, are of another run, or are not this program's.
+    pub fn open(path: &Path, job: &Job) -> Result<Self, LogError> {
+        let contents = Contents::of(job);
+        let log = Log::open(path, &contents)?;
+        Ok(Self::new(Some(log), &contents))
     }
 
-    /// The same where a topic may have no log yet, or one that is damaged or of another run.
+    /// The same where there may be no log yet, or one that is damaged or of another run.
     ///
     /// # Errors
-    /// [`LogError`] where a topic's messages cannot be read or are not this program's.
-    pub fn open_left(folder: &Path, job: &Job) -> Result<Self, LogError> {
-        Self::open_with(folder, job, true)
-    }
-
-    fn open_with(folder: &Path, job: &Job, is_excused: bool) -> Result<Self, LogError> {
-        struct Open<'a>(&'a Path, &'a Logs, bool);
-        impl Build<StoredMessages> for Open<'_> {
-            type Error = LogError;
-            fn build<M: Topic>(&mut self) -> Result<Option<Messages<M>>, LogError> {
-                if self.1.place(M::TOPIC).is_none() {
-                    return Ok(None);
-                }
-                let mut account = LogAccount::new(M::TOPIC);
-                let opened = LogReader::open_of(self.0, self.1);
-                let reader = if self.2 {
-                    excused(opened, &mut account)?
-                } else {
-                    Some(opened?)
-                };
-                Ok(Some(Messages {
-                    reader,
-                    next: None,
-                    account,
-                }))
-            }
-        }
-        let logs = Logs::of(job);
-        let messages = ByTopic::try_build(&mut Open(folder, &logs, is_excused))?;
-        let open = |layout: shared_types::layout::MessageLayout| {
-            let mut account = LogAccount::new(&layout.topic);
-            let opened = RowReader::open_of(folder, &Shape::from(&layout), &logs);
-            let reader = if is_excused {
-                excused(opened, &mut account)?
-            } else {
-                Some(opened?)
-            };
-            Ok(OwnMessages { reader, account })
+    /// [`LogError`] where the file cannot be read or its messages are not this program's.
+    pub fn open_left(path: &Path, job: &Job) -> Result<Self, LogError> {
+        let contents = Contents::of(job);
+        let words = match Log::open(path, &contents) {
+            Ok(log) => return Ok(Self::new(Some(log), &contents)),
+            Err(error) if error.is_before_the_first_message() => None,
+            Err(LogError::OtherRun { .. }) => Some(OTHER_RUN),
+            Err(error) if error.is_damage() => Some(words(Defect::Damaged)),
+            Err(error) => return Err(error),
         };
-        let own = job
-            .graph
-            .own_messages()
-            .map(open)
-            .collect::<Result<_, LogError>>()?;
-        let assembler = Assembler::new(
-            Set::of(|topic| job.graph.writer(topic).is_some()),
-            PATIENCE,
-            HORIZON,
-        );
-        let mut rows = Self {
-            messages,
-            own,
-            assembler,
-            until: 0,
-            has_more: true,
-        };
-        rows.compare(&logs);
+        let mut rows = Self::new(None, &contents);
+        rows.damage.extend(words.map(|words| Damage {
+            words,
+            tick: 0,
+            ticks: 0,
+            is_open: true,
+        }));
         Ok(rows)
     }
 
-    /// Each log tells how many messages the others had: those that are missing at an end are named there.
-    fn compare(&mut self, logs: &Logs) {
-        struct Known<'a>(&'a mut ByTopic<StoredMessages>, &'a mut Vec<u64>);
-        impl Each for Known<'_> {
-            type Output = ();
-            fn each<M: Topic>(&mut self) {
-                if let Some(reader) = M::of_mut(self.0)
-                    .as_mut()
-                    .and_then(|messages| messages.reader.as_mut())
-                {
-                    most(self.1, reader.rows().known());
-                }
-            }
+    fn new(log: Option<Log>, contents: &Contents) -> Self {
+        let topics = contents.layouts().iter().map(|layout| StoredTopic {
+            topic: layout.topic.clone(),
+            hash: TopicHash::default(),
+            lost: 0,
+            last: None,
+            put: put_of(&layout.topic),
+        });
+        let expected = Set::of(|topic| contents.channel(topic).is_some());
+        Self {
+            log,
+            topics: topics.collect(),
+            assembler: Assembler::new(expected, PATIENCE, HORIZON),
+            block: 0,
+            flaw: 0,
+            damage: Vec::new(),
         }
-        struct Expect<'a>(&'a mut ByTopic<StoredMessages>, &'a dyn Fn(&str) -> u64);
-        impl Each for Expect<'_> {
-            type Output = ();
-            fn each<M: Topic>(&mut self) {
-                let Some(messages) = M::of_mut(self.0) else {
-                    return;
-                };
-                expect(
-                    messages.reader.as_mut().map(LogReader::rows),
-                    &mut messages.account,
-                    self.1,
-                );
-            }
-        }
-        fn most(known: &mut [u64], other: &[u64]) {
-            known
-                .iter_mut()
-                .zip(other)
-                .for_each(|(known, other)| *known = (*known).max(*other));
-        }
-        fn expect(
-            reader: Option<&mut RowReader>,
-            account: &mut LogAccount,
-            known: &dyn Fn(&str) -> u64,
-        ) {
-            let messages = known(&account.topic);
-            match reader {
-                Some(reader) => reader.expect(messages),
-                None if messages > 0 && account.damage(0).is_none() => account.is_absent(messages),
-                None => {}
-            }
-        }
-        let mut known = vec![0; logs.len()];
-        topics::each(&mut Known(&mut self.messages, &mut known));
-        self.own
-            .iter()
-            .filter_map(|own| own.reader.as_ref())
-            .for_each(|reader| most(&mut known, reader.known()));
-        let of = |topic: &str| {
-            logs.place(topic)
-                .and_then(|place| known.get(place).copied())
-                .unwrap_or_default()
-        };
-        topics::each(&mut Expect(&mut self.messages, &of));
-        self.own
-            .iter_mut()
-            .for_each(|own| expect(own.reader.as_mut(), &mut own.account, &of));
     }
 
     /// The next row; `None` at the end.
     pub fn next_row(&mut self) -> Option<&Row> {
-        /// Puts the messages of the ticks before `until` into their rows; whether there are more.
-        struct Put<'a>(&'a mut ByTopic<StoredMessages>, &'a mut Assembler, u64);
-        impl Each for Put<'_> {
-            type Output = bool;
-            fn each<M: Topic>(&mut self) -> bool {
-                let Some(messages) = M::of_mut(self.0) else {
-                    return false;
-                };
-                while let Some(message) = messages.next.take().or_else(|| messages.read()) {
-                    let tick = message.header().tick;
-                    if tick >= self.2 {
-                        messages.next = Some(message);
-                        return true;
-                    }
-                    messages.account.hash.add(&message);
-                    if let Some(row) = self.1.row(tick) {
-                        row.put(&message);
-                    }
+        let (mut begun, mut is_over) = (0, false);
+        while !is_over && !self.assembler.is_ready(begun) {
+            let log = self.log.clone().filter(|log| self.block < log.blocks());
+            match log {
+                Some(log) => {
+                    self.read_block(&log);
+                    begun = log.begun(self.block - 1);
                 }
-                false
+                None => {
+                    self.note_flaws();
+                    is_over = true;
+                }
             }
         }
-        while self.has_more && !self.assembler.is_ready(self.until) {
-            self.until += STRIDE;
-            self.has_more = topics::each(&mut Put(
-                &mut self.messages,
-                &mut self.assembler,
-                self.until,
-            ))
-            .contains(&true);
-            if !self.has_more {
-                self.own.iter_mut().for_each(OwnMessages::read);
-            }
-        }
-        self.assembler.pop(self.until, !self.has_more)
+        self.assembler.pop(begun, is_over)
     }
 
-    /// The topics whose log, read to its end, is not as it was written or does not hold what a run's summary counts, where there is one: a clause for
-    /// each. A topic that the summary does not name is left out of the comparison.
+    fn read_block(&mut self, log: &Log) {
+        self.note_flaws();
+        match log.chunk(self.block) {
+            Ok(chunk) => {
+                for (channel, stored) in self.topics.iter_mut().enumerate() {
+                    for message in chunk.messages(channel) {
+                        let tick = tick_of(message);
+                        stored.last = Some(tick);
+                        stored.hash.add_content(content(message));
+                        if let Some(put) = stored.put
+                            && let Some(row) = self.assembler.row(tick)
+                        {
+                            put(row, message);
+                        }
+                    }
+                }
+            }
+            // It was whole when the log was opened.
+            Err(error) => {
+                runtime::complain(&error);
+                self.damage.push(Damage {
+                    words: words(Defect::Damaged),
+                    tick: self.assembler.next_tick(),
+                    ticks: 0,
+                    is_open: true,
+                });
+            }
+        }
+        self.block += 1;
+    }
+
+    /// Notes the flaws before the next block.
+    fn note_flaws(&mut self) {
+        let Some(log) = self.log.clone() else { return };
+        while let Some(flaw) = log.flaws().get(self.flaw)
+            && flaw.block <= self.block
+        {
+            self.flaw += 1;
+            let is_last = flaw.block == log.blocks() && !log.is_ended();
+            let (tick, ticks) = self.lose(&flaw.lost);
+            self.damage.push(Damage {
+                words: words(flaw.defect),
+                tick: match flaw {
+                    Flaw {
+                        tick: Some(tick), ..
+                    } => *tick,
+                    _ => tick,
+                },
+                ticks,
+                is_open: is_last && ticks == 0,
+            });
+        }
+    }
+
+    /// Counts messages of each topic as lost; the tick of the first, and of how many ticks they are.
+    fn lose(&mut self, lost: &[u64]) -> (u64, u64) {
+        let (mut first, mut most) = (None, 0);
+        for (stored, lost) in self.topics.iter_mut().zip(lost) {
+            stored.lost = stored.lost.saturating_add(*lost);
+            if *lost > 0 {
+                let tick = stored.last.map_or(0, |last| last.saturating_add(1));
+                first = Some(first.map_or(tick, |first: u64| first.min(tick)));
+                most = most.max(*lost);
+            }
+        }
+        let next = || self.topics.iter().filter_map(|stored| stored.last).max();
+        let here = || next().map_or(0, |last| last.saturating_add(1));
+        (first.unwrap_or_else(here), most)
+    }
+
+    /// The ways in which the log, read to its end, is not as it was written or does not hold what a run's summary counts, where there is one: a clause
+    /// for each. A topic that the summary does not name is left out of the comparison.
     #[must_use]
     pub fn damage(mut self, summary: Option<&Summary>) -> Vec<String> {
         while self.next_row().is_some() {}
-        let damage = self.damage_so_far();
-        let differs = |account: &LogAccount| {
-            let (topic, found) = (&account.topic, account.hash);
-            let expected = summary?
-                .topics
-                .get(topic)
-                .filter(|expected| **expected != found.summary())?;
-            Some(match expected.count == found.count() {
-                true => format!("{topic}.log holds other numbers than the run has sent"),
-                false => format!(
-                    "{topic}.log holds {} of {} messages",
-                    found.count(),
-                    expected.count
-                ),
-            })
+        let Some(summary) = summary else {
+            return self.damage_so_far();
         };
-        let of = |account: &LogAccount| {
-            damage
-                .iter()
-                .find(|(topic, _)| *topic == account.topic)
-                .map(|(_, damage)| damage.clone())
-                .or_else(|| differs(account))
+        let expected = |stored: &StoredTopic| summary.topics.get(&stored.topic);
+        let missing = |stored: &StoredTopic| {
+            let known = stored.hash.count().saturating_add(stored.lost);
+            expected(stored).map_or(0, |all| all.count.saturating_sub(known))
         };
-        self.accounts().into_iter().filter_map(of).collect()
+        let lost: Vec<u64> = self.topics.iter().map(missing).collect();
+        let (tick, ticks) = self.lose(&lost);
+        let open = self.damage.iter_mut().find(|damage| damage.is_open);
+        match open {
+            Some(open) => (open.tick, open.ticks, open.is_open) = (tick, ticks, false),
+            None if ticks > 0 => self.damage.push(Damage {
+                words: match self.log {
+                    Some(_) => words(Defect::Missing),
+                    None => ABSENT,
+                },
+                tick,
+                ticks,
+                is_open: false,
+            }),
+            None => {}
+        }
+        let differs = |stored: &&StoredTopic| {
+            expected(stored).is_some_and(|expected| *expected != stored.hash.summary())
+        };
+        let mut clauses = self.damage_so_far();
+        if clauses.is_empty() {
+            clauses.extend(self.topics.iter().filter(differs).map(|stored| {
+                let topic = &stored.topic;
+                format!("{FILE} holds other messages of `{topic}` than the run has sent")
+            }));
+        }
+        clauses
     }
 
-    /// The damage in the logs as far as they have been read: topic and clause.
-    pub(crate) fn damage_so_far(&self) -> Vec<(String, String)> {
-        let accounts = self.accounts();
-        let end = accounts
-            .iter()
-            .filter_map(|account| account.last)
-            .max()
-            .map_or(0, |last| last.saturating_add(1));
-        accounts
-            .into_iter()
-            .filter_map(|account| Some((account.topic.clone(), account.damage(end)?)))
-            .collect()
+    /// The damage as far as the log has been read: a clause for each kind.
+    pub(crate) fn damage_so_far(&self) -> Vec<String> {
+        let mut clauses = Vec::new();
+        for (number, damage) in self.damage.iter().enumerate() {
+            let alike = || self.damage.iter().filter(|one| one.words == damage.words);
+            let is_first = self.damage[..number]
+                .iter()
+                .all(|before| before.words != damage.words);
+            if !is_first {
+                continue;
+            }
+            let first = alike().map(|one| one.tick).min().unwrap_or(0);
+            let ticks = alike().fold(0, |ticks: u64, one| ticks.saturating_add(one.ticks));
+            let place = match alike().count() {
+                _ if [OTHER_RUN, ABSENT].contains(&damage.words) => String::new(),
+                1 => format!(" at tick {first}"),
+                places => format!(" in {places} places, first at tick {first}"),
+            };
+            let lost = match ticks {
+                0 if alike().any(|one| one.is_open) => {
+                    "its messages from there on are lost".to_owned()
+                }
+                0 => "no message is lost".to_owned(),
+                ticks => format!("its messages of {ticks} ticks are lost"),
+            };
+            clauses.push(format!("{FILE} {}{place}: {lost}", damage.words));
+        }
+        clauses
     }
 
     /// How many messages of each topic have been read, and their hash.
     pub(crate) fn hashes(&self) -> Vec<(&str, TopicHash)> {
-        self.accounts()
-            .into_iter()
-            .map(|account| (account.topic.as_str(), account.hash))
+        self.topics
+            .iter()
+            .map(|stored| (stored.topic.as_str(), stored.hash))
             .collect()
     }
 
     /// The topics that are in no row.
     pub(crate) fn not_drawn(&self) -> Vec<String> {
-        self.own
-            .iter()
-            .map(|own| own.account.topic.clone())
-            .collect()
-    }
-
-    fn accounts(&self) -> Vec<&LogAccount> {
-        struct Accounts<'a>(&'a ByTopic<StoredMessages>);
-        impl<'a> Each for Accounts<'a> {
-            type Output = Option<&'a LogAccount>;
-            fn each<M: Topic>(&mut self) -> Self::Output {
-                M::of(self.0).as_ref().map(|messages| &messages.account)
-            }
-        }
-        let known = topics::each(&mut Accounts(&self.messages))
-            .into_iter()
-            .flatten();
-        known
-            .chain(self.own.iter().map(|own| &own.account))
-            .collect()
+        let foreign = self.topics.iter().filter(|stored| stored.put.is_none());
+        foreign.map(|stored| stored.topic.clone()).collect()
     }
 }

@@ -1,15 +1,16 @@
 //! A run's recording and account made again from the messages that it kept: for a run whose launcher was killed.
 
+use message_log::Contents;
 use model::Robot;
 use runtime::ProcessError;
-use shared_types::job::{Job, Mode};
+use shared_types::job::Job;
 use shared_types::summary::Summary;
 
 use crate::assemble::Row;
-use crate::judge::{Judge, Tick};
+use crate::judge::Tick;
 use crate::message_rows::MessageRows;
 use crate::tape::Tape;
-use crate::{MESSAGES, summary, take};
+use crate::{MESSAGES, judge, summary, take};
 
 /// Writes the recording of a run again, and judges it, from the messages in its folder, to the last that is whole; a run that was killed before its first
 /// message has no tick. The damage of a message log stands in the recorder's part of the summary, as its error.
@@ -17,13 +18,9 @@ use crate::{MESSAGES, summary, take};
 /// # Errors
 /// [`ProcessError`] where the messages cannot be read, or the recording cannot be written.
 pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
-    let mut rows =
-        MessageRows::open_left(&job.out.join(MESSAGES), job).map_err(ProcessError::setup)?;
-    let mut judge =
-        Judge::in_processes(&job.graph, robot, &job.scenario).map_err(ProcessError::setup)?;
-    if job.mode == Mode::Realtime {
-        judge = judge.on_grid(1_000_000_000 / u64::from(job.scenario.rate_hz));
-    }
+    let path = job.out.join(MESSAGES);
+    let mut rows = MessageRows::open_left(&path, job).map_err(ProcessError::setup)?;
+    let mut judge = judge(robot, job)?;
     let mut tape = Tape::start(robot, job)?;
     // The messages of the topics end at different ticks: rows after the last whole one are left out.
     let mut partial: Vec<Row> = Vec::new();
@@ -41,12 +38,18 @@ pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
     let damage: Vec<String> = rows
         .damage_so_far()
         .into_iter()
-        .map(|(_, damage)| damage)
         .chain([recorded.error])
         .filter(|clause| !clause.is_empty())
         .collect();
     recorded.error = damage.join("; ");
     recorded.not_drawn = rows.not_drawn();
+    // Others shall read it, too.
+    match message_log::complete(&path, &Contents::of(job)) {
+        Err(error) if damage.is_empty() && !error.is_before_the_first_message() => {
+            return Err(ProcessError::setup(error));
+        }
+        _ => {}
+    }
     Ok(summary(
         robot,
         job,

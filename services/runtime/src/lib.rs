@@ -40,7 +40,7 @@ mod wait;
 #[cfg(test)]
 mod tests;
 
-pub use bus::collector::{Collector, ForeignCollector};
+pub use bus::collector::Collector;
 pub use bus::depth::{CHAIN_DEPTH, RECORDER_DEPTH};
 pub use bus::error::TopicError;
 pub use bus::hub::Hub;

@@ -10,9 +10,10 @@ use std::time::Duration;
 use lockstep::RECORDER_LAG;
 use shared_types::fault::{Kind, ScheduledFault};
 use shared_types::job::Mode;
-use shared_types::{Checkpoint, Message};
+use shared_types::topics::{self, Each};
+use shared_types::{Checkpoint, Message, Topic as KnownTopic};
 
-use crate::bus::collector::{Collector, ForeignCollector};
+use crate::bus::collector::Collector;
 use crate::bus::depth::{CHAIN_DEPTH, RECORDER_DEPTH, depth, least_depth};
 use crate::bus::error::TopicError;
 use crate::bus::reader::Reader;
@@ -256,26 +257,28 @@ impl Shell {
         ))
     }
 
-    /// Reads everything of a topic whose message only the graph knows, in order, in rounds of [`Shell::poll`]: for the recorder.
+    /// Reads everything of a topic as bytes, also where only the graph knows its message: as [`Shell::collector`].
     ///
     /// # Errors
-    /// When the graph declares no such message, or does not name this process as a reader.
-    pub fn foreign_collector(&self, topic: &str) -> Result<ForeignCollector, TopicError> {
-        let Some(message) = self
-            .shared
-            .manifest
-            .message(topic)
-            .filter(|_| self.reads(topic))
-        else {
+    /// When there is no such message, or the graph does not name this process as a reader.
+    pub fn collector_of(&self, topic: &str) -> Result<Collector<[u8]>, TopicError> {
+        struct Known;
+        impl Each for Known {
+            type Output = Format;
+            fn each<M: KnownTopic>(&mut self) -> Format {
+                Format::of::<M>()
+            }
+        }
+        let foreign = || Some(Format::foreign(self.shared.manifest.message(topic)?));
+        let format = topics::named(topic, &mut Known).or_else(foreign);
+        let Some(format) = format.filter(|_| self.reads(topic)) else {
             return Err(TopicError::Unknown {
                 topic: topic.to_owned(),
                 known: self.shared.manifest.topics().join(", "),
             });
         };
-        Ok(ForeignCollector::new(
-            Rc::clone(&self.shared),
-            self.receiver(Format::foreign(message), RECORDER_DEPTH)?,
-        ))
+        let receiver = self.receiver(format, RECORDER_DEPTH)?;
+        Ok(Collector::new(Rc::clone(&self.shared), receiver))
     }
 
     /// Writes a topic; wakes the processes that the graph names as its readers. A process opens all topics that it declares before its first wait.

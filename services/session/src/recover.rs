@@ -62,7 +62,7 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     };
     seal(&folder, &mut summary.recorder);
     let kept = earlier.compare(summary.recorder.rows)?;
-    // A recorder that is killed has up to a block of each log in its memory, of ticks whose rows may be in the recording.
+    // A recorder that is killed has up to a block of each topic's messages in its memory, of ticks whose rows may be in the recording.
     let ordinary = !summary.completed
         && summary.recorder.error.is_empty()
         && kept.is_some_and(|rows| rows <= summary.recorder.rows + message_log::BLOCK as u64);
@@ -73,22 +73,16 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
         summary.recorder.error =
             joined([&summary.recorder.error, kept.as_deref().unwrap_or_default()]);
     }
-    let (lost, page) = (without_messages(&summary), left_in_shared_memory(&job.run));
+    let page = left_in_shared_memory(&job.run);
     if !summary.completed {
         INTERRUPTED.clone_into(&mut summary.outcome);
-        summary.reason = match (summary.ticks, &lost[..]) {
-            (0, []) if !summary.recorder.error.is_empty() => {
-                "no tick is whole in the message logs that are there".to_owned()
+        summary.reason = match summary.ticks {
+            0 if !summary.recorder.error.is_empty() => {
+                "no tick is whole in the message log".to_owned()
             }
-            (0, []) => {
-                "the launcher was killed before the messages of a whole tick were kept".to_owned()
-            }
-            (0, lost) => format!(
-                "no tick is whole: the message log of {} is missing, empty or damaged",
-                lost.join(", ")
-            ),
+            0 => "the launcher was killed before the messages of a whole tick were kept".to_owned(),
             // Of those that the run has done, where that is still known: the last of them were in no file.
-            (ticks, _) => match page.as_ref().map_or(0, ticks_done) {
+            ticks => match page.as_ref().map_or(0, ticks_done) {
                 done if done > ticks => {
                     format!(
                         "the launcher was killed; recovered from the messages of {ticks} ticks, of {done} that the run had done"
@@ -171,21 +165,6 @@ fn move_recording(from: &Path, to: &Path) -> Result<(), Failure> {
         })?;
     }
     Ok(())
-}
-
-/// The topics without a message, where others have so many that theirs must have been kept, too.
-fn without_messages(summary: &Summary) -> Vec<String> {
-    let most = summary
-        .topics
-        .values()
-        .map(|topic| topic.count)
-        .max()
-        .unwrap_or_default();
-    let lost = summary
-        .topics
-        .iter()
-        .filter(|(_, topic)| topic.count == 0 && most > 2 * message_log::BLOCK as u64);
-    lost.map(|(name, _)| format!("`{name}`")).collect()
 }
 
 /// Why a folder without a job has nothing to recover, and the remedy.

@@ -5,7 +5,7 @@ use std::io;
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 
-use message_log::{LogError, LogReader, Logs};
+use message_log::{Contents, Log, LogError, Messages};
 use rustix::io::Errno;
 use shared_types::codes::TARGET_END;
 use shared_types::job::{JOB, Job};
@@ -156,21 +156,17 @@ impl Results {
     fn irregular(&self, is_read: &[&str]) -> Option<PathBuf> {
         let is_ours = |name: &str| {
             KEPT.contains(&name) && !is_read.contains(&name)
-                || [".rrd", ".log", ".reserved", ".tmp"]
+                || [".rrd", ".mcap", ".reserved", ".tmp"]
                     .iter()
                     .any(|end| name.ends_with(end))
         };
-        let here = [self.folder.clone(), self.folder.join(recorder::MESSAGES)];
-        let mut entries = here
-            .iter()
-            .filter_map(|folder| std::fs::read_dir(folder).ok())
+        let mut entries = std::fs::read_dir(&self.folder)
+            .into_iter()
             .flatten()
             .flatten();
         let found = entries.find(|entry| {
             is_ours(&entry.file_name().to_string_lossy())
                 && entry.file_type().is_ok_and(|kind| !kind.is_file())
-                || entry.file_name() == recorder::MESSAGES
-                    && entry.file_type().is_ok_and(|kind| !kind.is_dir())
         });
         found.map(|entry| entry.path())
     }
@@ -215,14 +211,7 @@ impl Results {
             let is_again =
                 |name: &str| name == JOB || again.iter().any(|(again, _)| *again == name);
             old.extend(KEPT.into_iter().filter(|name| !is_again(name)).map(at));
-            let logs = std::fs::read_dir(at(recorder::MESSAGES))
-                .into_iter()
-                .flatten()
-                .flatten()
-                .map(|entry| entry.path());
-            old.extend(
-                logs.filter(|path| path.extension().is_some_and(|extension| extension == "log")),
-            );
+            old.push(at(recorder::MESSAGES));
         }
         let remove = |old: &PathBuf| match std::fs::remove_file(old) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => Err(Failure::Input(format!(
@@ -233,7 +222,6 @@ impl Results {
         };
         old.iter().try_for_each(remove)?;
         // Fails, as it should, where there is something in it.
-        let _ = std::fs::remove_dir(at(recorder::MESSAGES));
         let _ = std::fs::remove_dir(at(EARLIER));
         Ok(())
     }
@@ -417,17 +405,17 @@ fn targets(job: &Job, session: &Servo, summary: &Summary) -> Result<String, Fail
             "the targets of the run are not kept, so it cannot be repeated: {error}"
         ))
     };
-    let mut log =
-        match LogReader::<Target>::open_of(&job.out.join(recorder::MESSAGES), &Logs::of(job)) {
-            Ok(log) => Some(log),
-            // Before the first tick there are none.
-            Err(error) if error.is_before_the_first_message() && summary.ticks == 0 => None,
-            Err(error) => return Err(cannot(error)),
-        };
+    let log = match Log::open(&job.out.join(recorder::MESSAGES), &Contents::of(job)) {
+        Ok(log) => Some(log),
+        // Before the first tick there are none.
+        Err(error) if error.is_before_the_first_message() && summary.ticks == 0 => None,
+        Err(error) => return Err(cannot(error)),
+    };
+    let mut targets = log.map(|log| log.messages::<Target>());
     let mut rows: Vec<Row> = Vec::new();
-    while let Some(message) = log
+    while let Some(message) = targets
         .as_mut()
-        .map_or(Ok(None), LogReader::next_message)
+        .map_or(Ok(None), Messages::next_message)
         .map_err(cannot)?
     {
         if rows

@@ -253,7 +253,7 @@ fn files(f: &mut fmt::Formatter<'_>, summary: &Summary, folder: &Path) -> fmt::R
         );
         writeln!(
             f,
-            "  {messages}/     {megabytes:.1} MB; compute it again with: armplane replay {}",
+            "  {messages}  {megabytes:.1} MB; compute it again with: armplane replay {}",
             folder.display()
         )?;
     }

@@ -3,12 +3,12 @@
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-use message_log::{LogReader, LogWriter, Logs, Place};
+use message_log::{Contents, Log, LogError, Place, Writer};
 use runtime::{ControlPage, MAX_PROCESSES, MOST_FAULTS, Manifest, RunDir};
-use shared_types::Message;
+use shared_types::TorqueCommand;
 use shared_types::fault::ScheduledFault;
 use shared_types::graph::{BUILT_IN, Graph};
-use shared_types::topics::{self, COUNT, Each, TOPICS, Topic};
+use shared_types::topics::{COUNT, TOPICS};
 
 use super::input::Hand;
 
@@ -17,104 +17,68 @@ thread_local! {
     static RUN: RunDir = RunDir::create().expect("shared memory");
 }
 
-/// Bytes of a message log before its first block.
-const HEAD: usize = 40;
-
-/// The logs of a run.
-pub fn logs() -> Logs {
-    Logs::new(0x0123_4567_89ab_cdef, TOPICS)
+/// The run of the message log.
+pub fn contents() -> Contents {
+    Contents::of_all(0x0123_4567_89ab_cdef, 1000)
 }
 
-/// A file of kept messages of any bytes is read to its end or refused with a sentence, and a writer that continues it corrupts nothing.
+/// A message log of any bytes is read to its end or refused with a sentence, and a writer that continues it corrupts nothing. The first byte tells
+/// whether the head of a log stands before the others, and whether the blocks get right checksums: a fuzzer would find neither.
 pub fn message_log(bytes: &[u8]) {
-    fn check<M: Message>(bytes: &[u8], run: &Path) {
-        let path = run.join(format!("{}.log", M::TOPIC));
-        let read = || -> Result<Vec<M>, String> {
-            let mut kept =
-                LogReader::<M>::open_of(run, &logs()).map_err(|error| error.to_string())?;
-            let mut messages = Vec::new();
-            while let Some(message) = kept.next_message().map_err(|error| error.to_string())? {
-                messages.push(message);
-            }
-            Ok(messages)
-        };
-        let more: [M; 3] = [M::zeroed(); 3];
-        std::fs::write(&path, bytes).expect("shared memory");
-        // Behind every place that is not as it was written the reader goes on, to the end.
-        if let Ok(mut kept) = LogReader::<M>::open_of(run, &logs()) {
-            kept.rows().expect(3);
-            let (mut messages, mut defects) = (0, 0);
-            loop {
-                match kept.next_message() {
-                    Ok(Some(_)) => messages += 1,
-                    Ok(None) => break,
-                    Err(error) => defects += usize::from(error.is_damage()),
-                }
-                assert!(
-                    messages <= bytes.len() * 128 && defects <= bytes.len() + 2,
-                    "{messages} messages, {defects} defects"
-                );
-            }
-        }
-        let before = read();
-        match LogWriter::<M>::resume(run, &logs(), Place::default(), |_| {}) {
-            Ok(mut keep) => {
-                more.iter()
-                    .for_each(|message| keep.add(message).expect("shared memory"));
-                keep.finish().expect("shared memory");
-                // A writer that was killed before it had made its file leaves a part of the head: its successor begins anew.
-                let expected = match bytes.len() < HEAD {
-                    true => Ok(more.to_vec()),
-                    false => before.map(|messages| [&messages[..], &more].concat()),
-                };
-                let bytes = |messages: Vec<M>| bytemuck::cast_slice::<M, u8>(&messages).to_vec();
-                assert_eq!(
-                    read().map(bytes),
-                    expected.map(bytes),
-                    "what was there is there, and what came is behind it"
-                );
-            }
-            Err(error) => assert!(
-                before.is_err_and(|sentence| !sentence.is_empty()),
-                "{error}"
-            ),
-        }
-    }
-    // With a right head, or with none: a fuzzer would have to find forty bytes first.
     let (choice, rest) = bytes.split_first().unwrap_or((&0, &[]));
     RUN.with(|run| {
-        let run = run.path();
-        // And with right checksums and numbers: a fuzzer would never find them.
-        let with_head = |head: Vec<u8>| {
-            let mut file = if choice & 8 != 0 {
-                [head, rest.to_vec()].concat()
-            } else {
-                rest.to_vec()
-            };
-            if choice & 32 != 0 {
-                message_log::seal(&mut file);
-            }
-            file
-        };
-        fn head<M: Message>(run: &Path) -> Vec<u8> {
-            LogWriter::<M>::create(run, &logs())
-                .and_then(LogWriter::finish)
-                .expect("shared memory");
-            let file = std::fs::read(run.join(format!("{}.log", M::TOPIC))).expect("shared memory");
-            file[..HEAD].to_vec()
+        let (path, contents) = (run.path().join(message_log::FILE), contents());
+        let mut file = Vec::new();
+        if choice & 1 != 0 {
+            drop(Writer::create(&path, &contents).expect("shared memory"));
+            file = std::fs::read(&path).expect("shared memory");
         }
-        struct CheckKept<'a>(&'a dyn Fn(Vec<u8>) -> Vec<u8>, &'a Path);
-        impl Each for CheckKept<'_> {
-            type Output = ();
-            fn each<M: Topic>(&mut self) {
-                check::<M>(&(self.0)(head::<M>(self.1)), self.1);
-            }
+        let head = file.len();
+        file.extend_from_slice(rest);
+        if choice & 2 != 0 {
+            message_log::seal(&mut file[head..]);
         }
-        topics::named(
-            TOPICS[usize::from(*choice) % COUNT],
-            &mut CheckKept(&with_head, run),
-        );
+        std::fs::write(&path, &file).expect("shared memory");
+        let before = kept(&path);
+        // Behind every place that is not as it was written the reader goes on, to the end.
+        if let Ok((messages, defects)) = &before {
+            let most = file.len() * 300;
+            assert!(messages.iter().map(Vec::len).sum::<usize>() <= most && *defects <= file.len());
+        }
+        let more = vec![7; size_of::<TorqueCommand>()];
+        let channel = contents.channel("torque").expect("a topic");
+        let resumed = Writer::resume(&path, &contents, &Place::default(), |_, _| {});
+        if let Ok(mut log) = resumed {
+            log.add(channel, &more).expect("shared memory");
+            log.finish().expect("shared memory");
+            let mut expected = before.map_or_else(|_| vec![Vec::new(); COUNT], |found| found.0);
+            expected[channel].extend(more);
+            assert_eq!(
+                kept(&path).map_err(|error| error.to_string()),
+                Ok((expected, 0)),
+                "what was there is there, and what came is behind it"
+            );
+        } else if let Err(error) = before {
+            assert!(!error.to_string().is_empty());
+        }
     });
+}
+
+/// The messages of each topic, one behind the other, and how many places of the log are not as they were written.
+fn kept(path: &Path) -> Result<(Vec<Vec<u8>>, usize), LogError> {
+    let log = Log::open(path, &contents())?;
+    let mut defects = 0;
+    let topics = TOPICS.map(|topic| {
+        let (mut rows, mut found) = (log.rows(topic), Vec::new());
+        loop {
+            match rows.next_row() {
+                Ok(Some(row)) => found.extend_from_slice(row),
+                Ok(None) => break found,
+                Err(_) => defects += 1,
+            }
+        }
+    });
+    Ok((topics.to_vec(), defects))
 }
 
 /// A manifest as a run has it, but shorter.

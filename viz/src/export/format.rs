@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::read::{About, ReadError, Rows, Solid};
+use crate::read::{About, ReadError, Rows};
 use crate::signals::{Elements, Kept, Limits, Now, Signal, TickRow};
 
 /// Why an export failed: reading, writing, or the format's own crate.
@@ -37,14 +37,6 @@ pub(super) trait Format {
     fn begin(&mut self, columns: &Columns) -> Result<(), ExportError>;
     fn rows(&mut self, columns: &Columns, block: &Block) -> Result<(), ExportError>;
     fn event(&mut self, event: Event) -> Result<(), ExportError>;
-    /// A solid of the picture, in its own frame; only a format that draws takes it.
-    fn solid(&mut self, _solid: &Solid) -> Result<(), ExportError> {
-        Ok(())
-    }
-    /// Where something drawn was.
-    fn place(&mut self, _place: &Place) -> Result<(), ExportError> {
-        Ok(())
-    }
     /// Ends the files; their paths.
     fn finish(self: Box<Self>) -> Result<Vec<PathBuf>, ExportError>;
 }
@@ -58,15 +50,6 @@ pub(super) struct Event {
     /// The level, or the lane.
     pub(super) subject: String,
     pub(super) text: String,
-}
-
-/// Where something drawn was: base axes, m; a unit quaternion.
-pub(super) struct Place<'a> {
-    pub(super) t_s: f64,
-    /// Its path, like `/world/arm/link3`.
-    pub(super) of: &'a str,
-    pub(super) p: [f32; 3],
-    pub(super) xyzw: [f32; 4],
 }
 
 /// Some successive ticks' values: one row a tick, one value a column after tick and time; `None` where a message was missing.
@@ -97,11 +80,6 @@ pub(super) struct Column {
 
 /// A quantity: successive columns.
 pub(super) struct Quantity {
-    /// `joint`, `singularity` and so on.
-    pub(super) group: &'static str,
-    pub(super) name: &'static str,
-    pub(super) about: &'static str,
-    pub(super) elements: Vec<String>,
     /// Its columns, after tick and time.
     pub(super) columns: std::ops::Range<usize>,
     signal: Signal,
@@ -159,10 +137,6 @@ impl Columns {
             };
             columns.list.extend(elements.iter().enumerate().map(column));
             columns.quantities.push(Quantity {
-                group,
-                name,
-                about: signal.about(),
-                elements,
                 columns: first..columns.list.len(),
                 signal,
                 last: Vec::new(),

@@ -158,7 +158,6 @@ impl Recorded {
                 Piece::Place { tick, of, p, xyzw } => recorded.poses.place(tick, of, p, xyzw),
                 Piece::Label { tick, of, text } => recorded.poses.label(tick, of, &text),
                 Piece::Damaged(damage) => reading.add(ReadNews::Damaged(&damage)),
-                Piece::Solid(_) => {}
             }
             Ok::<(), ReadError>(())
         })?;

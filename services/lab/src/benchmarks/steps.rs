@@ -307,7 +307,7 @@ pub fn record(
     let mut judge = Judge::new(robot, scenario).map_err(Failure::work)?;
     let [mut judging, mut encoding] = [histogram(), histogram()];
     chain::run(robot, scenario, |tick| {
-        let row = recorder::Row::new(tick.sensor.header.tick, tick.into());
+        let row = recorder::Row::new(tick.sensor.header.tick, tick);
         timed(&mut judging, || {
             recorder::Tick::of(&tick.lent())
                 .into_iter()

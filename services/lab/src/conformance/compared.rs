@@ -1,24 +1,22 @@
 //! Runs in processes and on one thread, and the first place where the messages of two of them differ.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use chain::Sink;
 use launcher::{End, Exit, Failure as Mishap, Plan};
 use message_log::{
-    Difference, LogError, RowReader, Shape, TopicHash, first_difference_in, tick_of,
+    Contents, Difference, Log, LogError, Rows, TopicHash, first_difference_in, tick_of,
 };
 use model::Robot;
 use runtime::{ControlPage, FaultRecord, RunDir};
 use serde::Serialize;
 use session::{Failure, Observer};
-use shared_types::graph::Graph;
 use shared_types::job::Job;
 use shared_types::layout::MessageLayout;
 use shared_types::scenario::Scenario;
 use shared_types::summary::{Summary, TopicSummary};
-use shared_types::topics::{self, COUNT, Each, STEERED, TOPICS, Topic};
+use shared_types::topics::{COUNT, STEERED, TOPICS, Topic};
 
 use crate::signals::Background;
 
@@ -78,20 +76,16 @@ pub(super) fn in_processes(
         }
     };
     // Without an account there is no topic either, and that is a difference.
-    let of = |layout: MessageLayout| {
-        let summary = summary
-            .topics
-            .get(&layout.topic)
-            .cloned()
-            .unwrap_or_default();
-        (layout.topic, summary)
+    let of = |layout: &MessageLayout| {
+        let summary = summary.topics.get(&layout.topic).cloned();
+        (layout.topic.clone(), summary.unwrap_or_default())
     };
     let ran = Ran {
         condition,
         ticks: outcome.ticks,
         ticks_per_s: summary.ticks_per_s,
         failure,
-        topics: layouts(&job.graph).into_iter().map(of).collect(),
+        topics: Contents::of(job).layouts().iter().map(of).collect(),
         ended_by,
     };
     Ok(InProcesses {
@@ -101,19 +95,9 @@ pub(super) fn in_processes(
     })
 }
 
-/// The topics of a graph: the listed ones in their order, then those that only the graph knows.
-fn layouts(graph: &Graph) -> Vec<MessageLayout> {
-    struct Layouts;
-    impl Each for Layouts {
-        type Output = MessageLayout;
-        fn each<M: Topic>(&mut self) -> MessageLayout {
-            MessageLayout::of::<M>()
-        }
-    }
-    let mut listed = topics::each(&mut Layouts).to_vec();
-    listed.retain(|layout| graph.writer(&layout.topic).is_some());
-    listed.extend(graph.own_messages());
-    listed
+/// The messages that a run has kept.
+pub(super) fn log_of(job: &Job) -> Result<Log, Failure> {
+    Log::open(&job.out.join(recorder::MESSAGES), &Contents::of(job)).map_err(Failure::work)
 }
 
 /// What a scenario gives without processes, shared memory and a clock.
@@ -197,20 +181,19 @@ impl std::fmt::Display for Place {
 pub(super) enum Reference<'a> {
     OneThread(&'a Robot, &'a Scenario),
     /// The messages of another run.
-    Run(PathBuf),
+    Run(Log),
 }
 
 /// Reads the messages of a run beside those of the reference up to the first difference: the earliest, and of one tick the first in the order of the
 /// data, for it is the cause and the others follow from it.
 pub(super) fn first_place(
-    graph: &Graph,
     reference: &Reference<'_>,
-    messages: &Path,
+    messages: &Log,
     run: usize,
 ) -> Result<Option<Place>, Failure> {
-    let mut followed = layouts(graph)
-        .into_iter()
-        .map(|layout| Followed::open(messages, layout))
+    let layouts = messages.contents().layouts().iter();
+    let mut followed = layouts
+        .map(|layout| Followed::open(messages, layout.clone()))
         .collect::<Result<Vec<_>, _>>()
         .map_err(Failure::work)?;
     match reference {
@@ -247,15 +230,15 @@ pub(super) fn first_place(
 /// A topic of a run, read beside the messages that are expected of it.
 struct Followed {
     layout: MessageLayout,
-    rows: RowReader,
-    next: Option<Vec<u64>>,
+    rows: Rows,
+    next: Option<Vec<u8>>,
     first: Option<Place>,
 }
 
 impl Followed {
-    fn open(messages: &Path, layout: MessageLayout) -> Result<Self, LogError> {
-        let mut rows = RowReader::open(messages, &Shape::from(&layout))?;
-        let next = rows.next_row()?;
+    fn open(messages: &Log, layout: MessageLayout) -> Result<Self, LogError> {
+        let mut rows = messages.rows(&layout.topic);
+        let next = rows.next_row()?.map(<[u8]>::to_vec);
         Ok(Self {
             layout,
             rows,
@@ -264,10 +247,10 @@ impl Followed {
         })
     }
 
-    fn follow(&mut self, messages: &Path) -> Result<(), LogError> {
-        let mut expected = RowReader::open(messages, &Shape::from(&self.layout))?;
+    fn follow(&mut self, messages: &Log) -> Result<(), LogError> {
+        let mut expected = messages.rows(&self.layout.topic);
         while let Some(row) = expected.next_row()? {
-            self.expect(bytemuck::cast_slice(&row), tick_of(&row))?;
+            self.expect(row, tick_of(row))?;
         }
         Ok(())
     }
@@ -280,11 +263,10 @@ impl Followed {
         match &self.next {
             Some(row) if tick_of(row) < tick => self.lacks(tick_of(row), ["none", "one"]),
             Some(row) if tick_of(row) == tick => {
-                let found =
-                    first_difference_in(&self.layout.fields, expected, bytemuck::cast_slice(row));
+                let found = first_difference_in(&self.layout.fields, expected, row);
                 self.first =
                     found.map(|difference| Place::new(tick, &self.layout.topic, difference));
-                self.next = self.rows.next_row()?;
+                self.next = self.rows.next_row()?.map(<[u8]>::to_vec);
             }
             _ => self.lacks(tick, ["one", "none"]),
         }

@@ -13,7 +13,7 @@ use shared_types::graph::{Graph, Process, Restart};
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
 
-use super::compared::{InProcesses, Place, Reference, first_place, in_processes};
+use super::compared::{InProcesses, Place, Reference, first_place, in_processes, log_of};
 use crate::folder::Folder;
 use crate::signals::{Background, Over, child};
 
@@ -133,7 +133,8 @@ impl Killed {
         let Some(reason) = difference(&first, &second) else {
             return Ok(None);
         };
-        let [one, other] = [&live, &again].map(|job| job.out.join(recorder::MESSAGES));
+        let place = log_of(&live)
+            .and_then(|one| first_place(&Reference::Run(one), &log_of(&again)?, number));
         Ok(Some(Unrepeated {
             run: number,
             deaths: first
@@ -143,9 +144,7 @@ impl Killed {
                 .map(|fault| fault.detail.clone())
                 .collect(),
             reason,
-            difference: first_place(graph, &Reference::Run(one), &other, number)
-                .ok()
-                .flatten(),
+            difference: place.ok().flatten(),
         }))
     }
 

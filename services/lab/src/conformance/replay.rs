@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::Path;
 
 use chain::Tick;
-use message_log::{FieldDifference, LogError, Logs};
+use message_log::{Contents, FieldDifference, Log, LogError};
 use model::{Refused, Robot};
 use runtime::apply_to_outgoing;
 use serde::Serialize;
@@ -190,9 +190,10 @@ pub fn replay(
     let reads = inputs(program, &job);
     let writes: Vec<&str> = writes.iter().map(String::as_str).collect();
     let topics = [&reads[..], &writes].concat();
+    let log = Log::open(&folder.join(recorder::MESSAGES), &Contents::of(&job))
+        .map_err(|error| because(error.into()))?;
     let mut player = Player {
-        tracks: track::open(&folder.join(recorder::MESSAGES), &Logs::of(&job), &topics)
-            .map_err(|error| because(error.into()))?,
+        tracks: track::open(&log, &topics),
         now: Tick::default(),
         faults: scheduled_faults(summary.as_ref(), &job, &name)?,
         without_input: 0,

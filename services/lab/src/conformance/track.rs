@@ -1,9 +1,9 @@
 //! The recorded messages of one topic, tick by tick, and how computed ones compare with them.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::convert::Infallible;
 
-use message_log::{Differences, FieldDifference, LogError, LogReader, Logs, first_difference};
+use message_log::{Differences, FieldDifference, Log, LogError, Messages, first_difference};
 use serde::Serialize;
 use shared_types::Header;
 use shared_types::fault::MOST_DELAY_TICKS;
@@ -20,7 +20,7 @@ impl Family for Tracks {
 
 /// Messages in the order of their ticks, each tick once: faults make them late, old, or two.
 pub(super) struct Track<M> {
-    log: Option<LogReader<M>>,
+    log: Option<Messages<M>>,
     ahead: BTreeMap<u64, M>,
     /// The first tick that has not been handed out.
     next: u64,
@@ -41,20 +41,14 @@ pub struct Compared {
 }
 
 /// Opens the tracks of some topics of a run; those of others are empty.
-pub(super) fn open(
-    folder: &Path,
-    logs: &Logs,
-    topics: &[&str],
-) -> Result<ByTopic<Tracks>, LogError> {
-    struct Open<'a>(&'a Path, &'a Logs, &'a [&'a str]);
+pub(super) fn open(log: &Log, topics: &[&str]) -> ByTopic<Tracks> {
+    struct Open<'a>(&'a Log, &'a [&'a str]);
     impl Build<Tracks> for Open<'_> {
-        type Error = LogError;
-        fn build<M: Topic>(&mut self) -> Result<Track<M>, LogError> {
-            let is_wanted = self.2.contains(&M::TOPIC);
+        type Error = Infallible;
+        fn build<M: Topic>(&mut self) -> Result<Track<M>, Infallible> {
+            let is_wanted = self.1.contains(&M::TOPIC);
             Ok(Track {
-                log: is_wanted
-                    .then(|| LogReader::open_of(self.0, self.1))
-                    .transpose()?,
+                log: is_wanted.then(|| self.0.messages()),
                 ahead: BTreeMap::new(),
                 next: 0,
                 messages: 0,
@@ -63,7 +57,7 @@ pub(super) fn open(
             })
         }
     }
-    ByTopic::try_build(&mut Open(folder, logs, topics))
+    ByTopic::build(&mut Open(log, topics))
 }
 
 impl<M: Topic> Track<M> {
@@ -73,10 +67,7 @@ impl<M: Topic> Track<M> {
     /// The next message.
     pub(super) fn peek(&mut self) -> Result<Option<&M>, LogError> {
         while self.ahead.len() < Self::AHEAD
-            && let Some(message) = self
-                .log
-                .as_mut()
-                .map_or(Ok(None), LogReader::next_message)?
+            && let Some(message) = self.log.as_mut().map_or(Ok(None), Messages::next_message)?
         {
             let tick = message.header().tick;
             if tick >= self.next {

@@ -12,7 +12,7 @@ use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
 
-use super::compared::{Place, Ran, Reference, first_place, in_processes, on_one_thread};
+use super::compared::{Place, Ran, Reference, first_place, in_processes, log_of, on_one_thread};
 use super::condition::CONDITIONS;
 use crate::folder::Folder;
 
@@ -77,28 +77,23 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
         )));
     }
     let folder = Folder::create(request.out)?;
-    let messages = |run: usize| {
-        folder
-            .path()
-            .join(format!("run-{run}"))
-            .join(recorder::MESSAGES)
-    };
     let mut reference = if needs_processes.is_none() {
         Some(on_one_thread(robot, scenario)?)
     } else {
         None
     };
-    let (mut runs, mut difference) = (Vec::<Ran>::new(), None);
+    let (mut runs, mut difference, mut first) = (Vec::<Ran>::new(), None, None);
     for index in 0..request.runs as usize {
         let out = folder.path().join(format!("run-{}", index + 1));
-        let ran = run(request, index, &out, observer)?;
+        let (job, ran) = run(request, index, &out, observer)?;
         let reference = reference.get_or_insert_with(|| ran.clone());
+        let first = first.get_or_insert_with(|| job.clone());
         if ran.topics != reference.topics && difference.is_none() {
             let expected = match needs_processes {
-                Some(_) => Reference::Run(messages(1)),
+                Some(_) => Reference::Run(log_of(first)?),
                 None => Reference::OneThread(robot, scenario),
             };
-            difference = first_place(graph, &expected, &messages(index + 1), index + 1)?;
+            difference = first_place(&expected, &log_of(&job)?, index + 1)?;
         }
         if request.out.is_none() && (index > 0 || needs_processes.is_none()) {
             // The rest is removed with the whole folder.
@@ -151,7 +146,7 @@ fn run(
     index: usize,
     out: &Path,
     observer: Observer<'_>,
-) -> Result<Ran, Failure> {
+) -> Result<(Job, Ran), Failure> {
     let Request {
         scenario,
         robot,
@@ -179,7 +174,8 @@ fn run(
     condition.disturb(&mut plan, seed, unordered);
     let count = plan.children.len();
     let beside = |page| condition.beside(page, count, seed);
-    Ok(in_processes(&job, plan, condition.to_string(), beside, observer)?.ran)
+    let ran = in_processes(&job, plan, condition.to_string(), beside, observer)?.ran;
+    Ok((job, ran))
 }
 
 /// Why one thread cannot have a scenario.

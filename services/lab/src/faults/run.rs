@@ -3,7 +3,7 @@
 use std::cell::OnceCell;
 
 use launcher::{End, Event, Outcome};
-use message_log::LogReader;
+use message_log::{Contents, Log};
 use model::Robot;
 use runtime::{ControlPage, MOST_WHEN_REQUESTED, RunDir, Stop, random};
 use session::Failure;
@@ -131,8 +131,10 @@ fn request(page: &ControlPage, job: &Job, live: &[Fault]) -> Result<(), Failure>
 
 /// All messages of a topic that a run kept; a full volume ends them early, and they are whole up to there.
 fn messages_of<M: Message>(job: &Job) -> Vec<M> {
-    let log = LogReader::<M>::open(&job.out.join(recorder::MESSAGES)).ok();
-    log.map(|mut log| std::iter::from_fn(|| log.next_message().ok().flatten()).collect())
+    let log = Log::open(&job.out.join(recorder::MESSAGES), &Contents::of(job)).ok();
+    let messages = log.map(|log| log.messages::<M>());
+    messages
+        .map(|mut all| std::iter::from_fn(|| all.next_message().ok().flatten()).collect())
         .unwrap_or_default()
 }
 

@@ -12,11 +12,8 @@ use crate::bus::port::Receiver;
 use crate::context::Context;
 use crate::wait::Interrupted;
 
-/// Reads everything of a topic, in order; never waits.
+/// Reads everything of a topic, in order; never waits. Of a topic whose type is not known, `[u8]`, messages are bytes that begin with a header.
 pub struct Collector<M: ?Sized>(Gathering, PhantomData<fn(&M)>);
-
-/// Reads everything of a topic of which only other programs know the type, as bytes that begin with a header.
-pub type ForeignCollector = Collector<[u8]>;
 
 impl<M: ?Sized> Collector<M> {
     pub(crate) fn new(shared: Rc<Context>, receiver: Rc<Receiver>) -> Self {
