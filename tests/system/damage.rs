@@ -295,7 +295,9 @@ fn blocks_that_are_missing_repeated_exchanged_or_of_another_run_are_named_by_eac
     let lost = |words: &str, tick: u64, n: u64| {
         format!("messages.mcap {words} at tick {tick}: its messages of {n} ticks are lost")
     };
-    let harmless = |words: &str| format!("messages.mcap {words} at tick 50: no message is lost");
+    let harmless = |words: &str, tick: u64| {
+        format!("messages.mcap {words} at tick {tick}: no message is lost")
+    };
     // The last three of a run whose summary tells what there was.
     for (bytes, clause, is_known) in [
         (of(&without(2)), lost("lacks blocks", 100, EACH), true),
@@ -307,12 +309,12 @@ fn blocks_that_are_missing_repeated_exchanged_or_of_another_run_are_named_by_eac
         (of(&[]), lost("lacks blocks", 0, ticks), true),
         (
             of(&[&all[..2], &all[1..]].concat()),
-            harmless("holds blocks twice"),
+            harmless("holds blocks twice", 50),
             true,
         ),
         (
             of(&[&[0, 2, 1], &all[3..]].concat()),
-            harmless("holds blocks out of their order"),
+            harmless("holds blocks out of their order", 100),
             true,
         ),
         (theirs, lost("holds blocks of another run", 50, EACH), true),

@@ -12,7 +12,7 @@ pub enum Defect {
     Missing,
     /// A block holds messages that another one holds.
     Repeated,
-    /// A block stands behind one that was written after it. Its messages are read in their place.
+    /// A block stands before one that was written before it. Its messages are read in their place.
     Displaced,
     /// A block is of another run.
     OtherRun,
