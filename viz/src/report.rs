@@ -4,8 +4,6 @@ mod camera;
 mod drawing;
 mod html;
 mod moments;
-mod path;
-mod poses;
 mod recorded;
 mod solids;
 mod stage;
@@ -13,6 +11,7 @@ mod stage;
 use std::path::{Path, PathBuf};
 
 use model::Robot;
+use shared_types::codes::MODE_REGULAR;
 use shared_types::job::Job;
 use shared_types::summary::{Machine, Summary};
 
@@ -22,9 +21,8 @@ use crate::read::ReadError;
 use crate::shortfall::Reading;
 use crate::signals::Signal;
 use crate::tint::ink;
-use drawing::Named;
 use html::{Html, escaped};
-use recorded::Recorded;
+use recorded::{Recorded, stretches};
 use stage::Stage;
 
 /// Lines of the log that are shown.
@@ -63,31 +61,30 @@ pub fn report(
     path: &Path,
 ) -> Result<Report, ReportError> {
     let mut reading = Reading::default();
-    let recorded = &Recorded::read(parts, summary, &mut reading)?;
+    let recorded = &Recorded::read(parts, summary, job, &mut reading)?;
     let shortfall = reading.shortfall(parts, Some(summary));
     let mut lacks: Vec<String> = shortfall.iter().map(ToString::to_string).collect();
     lacks.extend_from_slice(damage);
     let mut page = Html::default();
     head(&mut page, summary, job, &lacks);
-    let singularities = Named::all(&recorded.singularities);
     let robot = Robot::from_source(&job.robot).ok();
     let mut stage = robot
         .as_ref()
-        .and_then(|robot| Stage::new(robot, job, recorded, &singularities));
+        .and_then(|robot| Stage::new(robot, job, recorded));
     if let Some(stage) = &mut stage {
-        stage.moments(&mut page, job, summary, recorded, &singularities);
+        stage.moments(&mut page, summary);
     }
-    if recorded.lines.is_empty() {
+    if recorded.is_empty() {
         page.add("<p class=\"soft\">There is no recording, hence neither pictures nor plots.</p>");
     } else {
         page.heading("Arm and signals");
         page.add("<div class=\"desk\">");
         if let Some(stage) = &stage {
-            stage.slider(&mut page, recorded.end_s);
+            stage.slider(&mut page);
         }
         page.add("<div class=\"plots\">");
         let turns = robot.is_none_or(|robot| robot.task.0[3..].contains(&true));
-        plots(&mut page, job, recorded, &singularities, turns, path)?;
+        plots(&mut page, job, recorded, turns, path)?;
         page.add("</div></div>");
     }
     tables(&mut page, summary);
@@ -200,23 +197,23 @@ fn plots(
     page: &mut Html,
     job: &Job,
     recorded: &Recorded,
-    singularities: &[Named],
     turns: bool,
     path: &Path,
 ) -> Result<(), PlotError> {
-    let own: Vec<Color> = singularities.iter().map(|one| ink(one.colour)).collect();
-    let near = nearness(job, recorded, singularities, &own);
+    let own: Vec<Color> = recorded
+        .singularities
+        .iter()
+        .map(|one| ink(one.colour))
+        .collect();
     page.broad_figure(
         path,
-        near,
+        nearness(recorded, &own),
         "Below 1 the arm is treated as singular. Upright bands: control there is not the regular one (blending, tracking by null-space \
          motion, reorienting, holding).",
     )?;
-
-    let errors = errors(job, recorded, turns);
     page.figure(
         path,
-        errors,
+        errors(job, recorded, turns),
         "Desired against true pose, orthogonal to and along the singular directions ζ that the arm is inside of.",
     )?;
     page.figure(
@@ -224,7 +221,6 @@ fn plots(
         joints(recorded),
         "The joints; colours are the same in all four.",
     )?;
-
     let axis = Axis::default().within(-0.05..1.05);
     let title = "β (1: hand, 0: null space) and governor";
     let beta = |name: &str| format!("β {name}");
@@ -232,10 +228,11 @@ fn plots(
     for (i, line) in recorded.of(Signal::Scale).enumerate() {
         scale.dashed(&line.name, numbered(i + 4), &line.points);
     }
+    let (title, axis) = ("latency per hop, µs", Axis::default().logarithmic());
     let latency = recorded.panel(
-        "latency per hop, µs",
+        title,
         Signal::Latency,
-        Axis::default().logarithmic(),
+        axis,
         &JOINTS.map(ink),
         str::to_owned,
     );
@@ -248,64 +245,72 @@ fn plots(
 }
 
 /// Position error and, of a task that `turns`, orientation error, each with its goal.
-fn errors(job: &Job, recorded: &Recorded, turns: bool) -> Vec<Panel> {
-    let error = |title: &str, signal, tolerance: f64| {
-        const MOST: f64 = 100.0;
-        let axis = Axis::default().logarithmic().within(LEAST..MOST);
-        let mut panel = recorded.blank(title, axis);
-        let colours = [ink(ACROSS), ink(ALONG)];
-        recorded.draw(&mut panel, signal, &colours, str::to_owned, |_, value| {
-            value.clamp(LEAST, MOST)
-        });
-        if tolerance < MOST {
-            let ends = [(0.0, tolerance), (recorded.end_s, tolerance)];
-            panel.dashed("goal", RED, &ends);
-        }
-        panel
-    };
+fn errors(job: &Job, recorded: &Recorded, turns: bool) -> impl Iterator<Item = Panel> {
+    const MOST: f64 = 100.0;
     let goal = &job.scenario.goal;
-    let (mm, deg) = (goal.position_mm, goal.orientation_deg);
-    let mut errors = vec![error("position error, mm", Signal::PositionError, mm)];
-    if turns {
-        errors.push(error("orientation error, °", Signal::OrientationError, deg));
-    }
-    errors
+    let all = [
+        (
+            "position error, mm",
+            Signal::PositionError,
+            goal.position_mm,
+        ),
+        (
+            "orientation error, °",
+            Signal::OrientationError,
+            goal.orientation_deg,
+        ),
+    ];
+    let count = if turns { 2 } else { 1 };
+    all.into_iter()
+        .take(count)
+        .map(|(title, signal, tolerance)| {
+            let axis = Axis::default().logarithmic().within(LEAST..MOST);
+            let mut panel = recorded.blank(title, axis);
+            let colours = [ink(ACROSS), ink(ALONG)];
+            let within = |_, value: f64| value.clamp(LEAST, MOST);
+            recorded.draw(&mut panel, signal, &colours, str::to_owned, within);
+            if tolerance < MOST {
+                let ends = [(0.0, tolerance), (recorded.end_s(), tolerance)];
+                panel.dashed("goal", RED, &ends);
+            }
+            panel
+        })
 }
 
 /// How near the arm is to each singularity, in units of its neighbourhood.
-fn nearness(job: &Job, recorded: &Recorded, singularities: &[Named], own: &[Color]) -> Panel {
-    let mut near = recorded.blank(
-        "|s|/η: how near to each singularity",
-        Axis::default().logarithmic().within(1e-3..30.0),
-    );
+fn nearness(recorded: &Recorded, own: &[Color]) -> Panel {
+    let axis = Axis::default().logarithmic().within(1e-3..30.0);
+    let mut near = recorded.blank("|s|/η: how near to each singularity", axis);
     near.floor("treated as singular", Color { 3: 0.13, ..RED }, 1.0);
-    let rate_hz = f64::from(job.scenario.rate_hz.max(1));
-    for (one, colour) in singularities.iter().zip(own) {
-        let lane = format!("mode/{}", one.name);
-        for stretch in recorded.stretches(&lane, "regular", rate_hz) {
-            near.band("", Color { 3: 0.13, ..*colour }, stretch);
+    let all = &recorded.singularities;
+    for (one, colour) in all.iter().zip(own) {
+        for stretch in stretches(&one.modes, recorded.last, |mode| *mode == MODE_REGULAR) {
+            let [from, to] = [stretch.start, stretch.end].map(|tick| recorded.seconds(tick));
+            near.band("", Color { 3: 0.13, ..*colour }, from..to);
         }
     }
-    let eta_in = &job.scenario.analysis.eta_in;
-    recorded.draw(&mut near, Signal::Measure, own, str::to_owned, |i, s| {
-        let eta = singularities.get(i).map_or(1.0, |one| eta_in.of(one.kind));
-        (s.abs() / eta.max(1e-12)).clamp(LEAST, 1e6)
-    });
+    let of = |i: usize, s: f64| (s.abs() / all.get(i).map_or(1.0, |one| one.eta)).clamp(LEAST, 1e6);
+    recorded.draw(&mut near, Signal::Measure, own, str::to_owned, of);
     near
 }
 
-/// Torques, positions and speeds of the joints.
+/// Torques, positions and speeds of the joints: over their limits, or, where the limits are infinite, hence all is 0, themselves.
 fn joints(recorded: &Recorded) -> [Panel; 4] {
+    let has = |signals: &[Signal]| signals.iter().any(|signal| recorded.moves(*signal));
     let panel = |title: &str, signal, axis| {
         let name = |name: &str| format!("q{name}");
         recorded.panel(title, signal, axis, &JOINTS.map(ink), name)
     };
-    let ([task, null], of) = recorded.over_limit(
-        [Signal::TorqueTaskRatio, Signal::TorqueNullRatio],
-        [Signal::TorqueTask, Signal::TorqueNull],
-        "N·m",
-    );
-    let ([speed], speed_of) = recorded.over_limit([Signal::SpeedRatio], [Signal::Speed], "rad/s");
+    use Signal::*;
+    let (task, null, of) =
+        match has(&[TorqueTask, TorqueNull]) && !has(&[TorqueTaskRatio, TorqueNullRatio]) {
+            true => (TorqueTask, TorqueNull, ", N·m"),
+            false => (TorqueTaskRatio, TorqueNullRatio, " / limit"),
+        };
+    let (speed, speed_of) = match has(&[Speed]) && !has(&[SpeedRatio]) {
+        true => (Speed, ", rad/s"),
+        false => (SpeedRatio, " / limit"),
+    };
     let range = Axis::default().within(-1.05..1.05);
     [
         panel(
@@ -314,11 +319,7 @@ fn joints(recorded: &Recorded) -> [Panel; 4] {
             Axis::default(),
         ),
         panel(&format!("null-space torque{of}"), null, Axis::default()),
-        panel(
-            "joints between their limits ±1",
-            Signal::PositionInRange,
-            range,
-        ),
+        panel("joints between their limits ±1", PositionInRange, range),
         panel(&format!("joint speeds{speed_of}"), speed, Axis::default()),
     ]
 }

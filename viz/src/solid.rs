@@ -33,6 +33,11 @@ impl Placement {
         p: Vec3::ZERO,
     };
 
+    /// A place of the solid in the frame it is drawn in.
+    pub(crate) fn of(&self, place: Vec3) -> Vec3 {
+        self.R * place + self.p
+    }
+
     /// At `p`, with the solid's z axis along `axis` and its x axis as near to `x` as that allows.
     pub(crate) fn along(p: Vec3, axis: Vec3, x: Vec3) -> Self {
         let z = axis.normalize_or(Vec3::Z);

@@ -60,34 +60,3 @@ impl Camera {
         point.dot(self.forward)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn up_is_up_and_everything_is_in_the_frame() {
-        let eye = Eye {
-            position: Vec3::new(0.0, -3.0, 0.0),
-            look_at: Vec3::ZERO,
-            up: Vec3::Z,
-        };
-        let points = [Vec3::ZERO, Vec3::X, Vec3::new(0.2, 0.4, 2.0)];
-        let (camera, height) = Camera::framing(&eye, points.iter().copied(), 600.0);
-        let [origin, right, above] = points.map(|point| camera.place(point));
-        assert!(
-            right.x > origin.x && above.y < origin.y,
-            "{origin} {right} {above}"
-        );
-        assert!(
-            points
-                .iter()
-                .all(|point| camera.place(*point).cmpge(Vec2::ZERO).all()
-                    && camera.place(*point).cmple(Vec2::new(600.0, height)).all())
-        );
-        assert!(
-            camera.depth(Vec3::Y) > camera.depth(-Vec3::Y),
-            "the eye is at −y"
-        );
-    }
-}

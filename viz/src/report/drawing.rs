@@ -1,16 +1,15 @@
 //! The arm, its path and the marks of its singularities at a tick, as paths of a drawing. PURE.
 
-use glam::{Vec2, Vec3};
+use std::fmt::Write;
+
+use glam::{IVec2, Vec2, Vec3};
 use model::Robot;
-use shared_types::codes::{KIND_NUMERIC, KINDS};
 
 use super::camera::Camera;
-use super::path::Path;
-use super::poses::{MarkTrack, Poses, swept};
-use super::solids::Solids;
+use super::recorded::{Named, Recorded, at, between};
+use super::solids;
 use crate::arm::Figure;
 use crate::blueprint::Subject;
-use crate::narration::colour_of;
 use crate::recording::Room;
 use crate::scene::reasons;
 use crate::solid::{Placement, Rgba};
@@ -24,307 +23,251 @@ const DESIRED: Rgba = [110, 235, 150, 255];
 const ACTUAL: &str = "#4a5160";
 /// The second of two axes that become one, which is white in the viewer.
 const SECOND: &str = "#59606e";
-/// Most points of the hand's way in one drawing.
+/// Most points of the hand's way in one drawing, and of the desired path.
 const WAY: usize = 80;
+const PATH: usize = 400;
 
-/// A singularity, as the report names it.
-#[derive(Clone, Debug)]
-pub(super) struct Named {
-    pub(super) name: String,
-    pub(super) kind: u32,
-    pub(super) colour: Rgba,
+/// Paths from the back to the front.
+#[derive(Default)]
+pub(super) struct Picture {
+    /// The attributes of a kind of path; each path names its own by its place here.
+    pub(super) paints: Vec<String>,
+    pub(super) paths: Vec<(usize, String)>,
 }
 
-impl Named {
-    pub(super) fn all(names: &[String]) -> Vec<Self> {
-        let of = |(index, name): (usize, &String)| {
-            let kind = KINDS
-                .iter()
-                .find(|(_, known)| known == name)
-                .map_or(KIND_NUMERIC, |(kind, _)| *kind);
-            Self {
-                name: name.clone(),
-                kind,
-                colour: colour_of(kind, index),
-            }
-        };
-        names.iter().enumerate().map(of).collect()
+impl Picture {
+    fn put(&mut self, paint: String, path: String) {
+        if path.is_empty() {
+            return;
+        }
+        let known = self.paints.iter().position(|known| *known == paint);
+        let paint = known.unwrap_or_else(|| {
+            self.paints.push(paint);
+            self.paints.len() - 1
+        });
+        self.paths.push((paint, path));
     }
+}
+
+fn stroke(colour: &str, width: f32, more: &str) -> String {
+    format!("fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\"{more}")
+}
+
+/// The `d` of an SVG path through points, in whole units.
+pub(super) fn path(points: impl IntoIterator<Item = Vec2>) -> String {
+    let (mut text, mut last) = (String::new(), IVec2::ZERO);
+    for (i, point) in points.into_iter().enumerate() {
+        let point = point.round().as_ivec2();
+        let step = point - last;
+        // A minus parts numbers as well as a blank does.
+        text.push_str(match i {
+            0 => "M",
+            1 => "l",
+            _ if step.x < 0 => "",
+            _ => " ",
+        });
+        let gap = if step.y < 0 && i > 0 { "" } else { " " };
+        let _ = write!(text, "{}{gap}{}", step.x, step.y);
+        last = point;
+    }
+    text
+}
+
+pub(super) fn polygon(points: impl IntoIterator<Item = Vec2>) -> String {
+    path(points) + "z"
 }
 
 /// All that is needed to draw any tick of a run.
 pub(super) struct Drawing<'a> {
     figure: Figure,
-    solids: Solids,
-    poses: &'a Poses,
-    singularities: &'a [Named],
+    recorded: &'a Recorded,
     camera: Camera,
     pub(super) height: f32,
-    /// The attributes of a kind of path; each drawn path names its own by its place here.
-    pub(super) paints: Vec<String>,
-    /// Ticks for which a place of the picture holds.
-    hold: u64,
     /// Half the length of the mark of a singularity the arm is in; m.
     unit: f32,
 }
 
+/// Base and links at a tick.
+fn bodies(recorded: &Recorded, tick: u64) -> Option<Vec<Placement>> {
+    let links = recorded.links.iter().map(|link| Some(at(link, tick)?.1));
+    std::iter::once(Some(Placement::IDENTITY))
+        .chain(links)
+        .collect()
+}
+
 impl<'a> Drawing<'a> {
     /// `None` where the recording has no picture.
-    pub(super) fn new(
-        robot: &Robot,
-        floor_m: f32,
-        poses: &'a Poses,
-        singularities: &'a [Named],
-        ticks: &[u64],
-    ) -> Option<Self> {
+    pub(super) fn new(robot: &Robot, floor_m: f32, recorded: &'a Recorded) -> Option<Self> {
         let figure = Figure::new(robot, floor_m);
-        if poses.links.len() != figure.links.len() {
+        let pictures = recorded.links.first()?;
+        let first = bodies(recorded, pictures.first()?.0)?;
+        if recorded.links.len() != figure.links.len() {
             return None;
         }
-        let solids = Solids::new(std::iter::once(&figure.base).chain(&figure.links));
         let unit = 0.2 * figure.reach;
-        let mut drawing = Self {
-            figure,
-            solids,
-            poses,
-            singularities,
-            camera: Camera::framing(&Default::default(), std::iter::empty(), WIDTH).0,
-            height: WIDTH,
-            paints: Vec::new(),
-            hold: ticks
-                .windows(2)
-                .map(|pair| pair[1] - pair[0])
-                .min()
-                .unwrap_or(1)
-                * 3
-                / 2,
-            unit,
-        };
-        let first = drawing.bodies(*ticks.first()?)?;
-        let places: Vec<Vec3> = first[1..].iter().map(|at| at.p).collect();
         let subject = Subject {
             floor_m,
             ..Subject::default()
         };
+        let places = first[1..].iter().map(|at| at.p).collect();
         let from = Room::of(places).eye(unit, &subject, !robot.task.0[2]);
         // The whole arm in some ticks, with room for a mark at the hand.
-        let some = ticks
-            .iter()
-            .step_by((ticks.len() / 40).max(1))
-            .filter_map(|tick| drawing.bodies(*tick));
         let mut points: Vec<Vec3> = Vec::new();
-        for bodies in some {
-            points.extend(drawing.solids.points(&bodies));
-            let tip = drawing.figure.tip.unwrap_or(Vec3::ZERO);
-            let hand = bodies.last().map_or(Vec3::ZERO, |at| at.R * tip + at.p);
+        for (tick, _) in pictures.iter().step_by((pictures.len() / 40).max(1)) {
+            let Some(bodies) = bodies(recorded, *tick) else {
+                continue;
+            };
+            points.extend(solids::of(&figure, &bodies).flat_map(|(solid, at, _)| {
+                solid.iter().step_by(7).map(move |p| at.of(Vec3::from(*p)))
+            }));
+            let tip = figure.tip.unwrap_or(Vec3::ZERO);
+            let hand = bodies.last().map_or(Vec3::ZERO, |at| at.of(tip));
             points.extend(
-                [Vec3::X, Vec3::Y, Vec3::Z]
+                Vec3::AXES
                     .into_iter()
                     .flat_map(|axis| [hand + unit * axis, hand - unit * axis]),
             );
         }
-        (drawing.camera, drawing.height) = Camera::framing(&from, points.iter().copied(), WIDTH);
-        Some(drawing)
+        let (camera, height) = Camera::framing(&from, points.iter().copied(), WIDTH);
+        Some(Self {
+            figure,
+            recorded,
+            camera,
+            height,
+            unit,
+        })
     }
 
-    /// Base and links at a tick.
-    fn bodies(&self, tick: u64) -> Option<Vec<Placement>> {
-        std::iter::once(Some(Placement::IDENTITY))
-            .chain(self.poses.links.iter().map(|link| link.at(tick).copied()))
-            .collect()
-    }
-
-    /// The place of some attributes among the paints.
-    fn paint(&mut self, attributes: String) -> usize {
-        self.paints
-            .iter()
-            .position(|known| *known == attributes)
-            .unwrap_or_else(|| {
-                self.paints.push(attributes);
-                self.paints.len() - 1
-            })
-    }
-
-    fn stroke(&mut self, colour: &str, width: f32, more: &str) -> usize {
-        self.paint(format!(
-            "fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\"{more}"
-        ))
+    fn line(&self, points: impl IntoIterator<Item = Vec3>) -> String {
+        path(points.into_iter().map(|point| self.camera.place(point)))
     }
 
     /// The desired path, which is behind everything, over the whole run.
-    pub(super) fn ground(&mut self) -> Vec<(usize, Path)> {
-        let rows = self.poses.target.between(0, u64::MAX);
-        let green = self.stroke(&hex(on_paper(DESIRED)), 9.0, " stroke-opacity=\".7\"");
-        way(rows, &self.camera, 400)
-            .map(|path| (green, path))
-            .into_iter()
-            .collect()
+    pub(super) fn ground(&self, out: &mut Picture) {
+        let green = stroke(&hex(on_paper(DESIRED)), 9.0, " stroke-opacity=\".7\"");
+        out.put(green, self.way(&self.recorded.target, PATH));
     }
 
     /// All that is drawn at a tick, from the back to the front.
-    pub(super) fn at(&mut self, tick: u64) -> Vec<(usize, Path)> {
-        let mut out = Vec::new();
-        let Some(bodies) = self.bodies(tick) else {
-            return out;
+    pub(super) fn at(&self, tick: u64, out: &mut Picture) {
+        let Some(bodies) = bodies(self.recorded, tick) else {
+            return;
         };
-        let colours = self.solids.colours.clone();
-        let paints: Vec<[usize; 2]> = colours
-            .iter()
-            .map(|colour| {
-                let edge = hex(shaded(*colour, 0.5));
-                [0.87, 1.0].map(|light| {
-                    self.paint(format!(
-                        "fill=\"{}\" stroke=\"{edge}\" stroke-width=\"2\"",
-                        hex(shaded(*colour, light))
-                    ))
-                })
-            })
-            .collect();
-        self.solids
-            .paint(&bodies, &self.camera, |colour, is_end, path| {
-                out.push((paints[colour][usize::from(is_end)], path))
-            });
-        let grey = self.stroke(ACTUAL, 4.0, "");
-        out.extend(
-            way(self.poses.hand.between(0, tick), &self.camera, WAY).map(|path| (grey, path)),
+        solids::paint(
+            &self.figure,
+            &bodies,
+            &self.camera,
+            |colour, is_end, path| {
+                let [edge, fill] =
+                    [0.5, if is_end { 1.0 } else { 0.87 }].map(|light| hex(shaded(colour, light)));
+                out.put(
+                    format!("fill=\"{fill}\" stroke=\"{edge}\" stroke-width=\"2\""),
+                    path,
+                );
+            },
         );
-        let (poses, singularities) = (self.poses, self.singularities);
-        for one in singularities {
-            if let Some(mark) = poses.marks.get(&one.name)
-                && let Some(frame) = mark.frame.fresh(tick, self.hold)
-            {
-                let is_inside = mark.label.fresh(tick, self.hold).is_some();
-                self.mark(&mut out, one, mark, frame, tick, is_inside, &bodies[1..]);
+        let hand = between(&self.recorded.hand, 0, tick);
+        out.put(stroke(ACTUAL, 4.0, ""), self.way(hand, WAY));
+        for one in &self.recorded.singularities {
+            if let Some(frame) = self.recorded.fresh(&one.frame, tick) {
+                self.mark(one, frame, tick, &bodies[1..], out);
             }
         }
-        out
     }
 
-    #[expect(clippy::too_many_arguments, reason = "one mark, where it is and when")]
     fn mark(
-        &mut self,
-        out: &mut Vec<(usize, Path)>,
+        &self,
         one: &Named,
-        mark: &MarkTrack,
         frame: &Placement,
         tick: u64,
-        is_inside: bool,
         links: &[Placement],
+        out: &mut Picture,
     ) {
         let colour = hex(on_paper(one.colour));
-        let faint = if is_inside {
-            ""
-        } else {
-            " stroke-opacity=\".35\""
+        let is_inside = self.recorded.fresh(&one.label, tick).is_some();
+        let [faint, pale] = match is_inside {
+            true => [""; 2],
+            false => [" stroke-opacity=\".35\"", " fill-opacity=\".35\""],
         };
-        self.why(out, one, (&colour, faint), links);
-        let (centre, unit) = (frame.p, self.unit);
-        if is_inside {
-            self.sector(out, &colour, mark, tick, centre);
-        }
-        let (zeta, paint) = (frame.R.x_axis, self.stroke(&colour, 9.0, faint));
-        let solid = self.paint(format!(
-            "fill=\"{colour}\"{}",
-            if is_inside {
-                ""
-            } else {
-                " fill-opacity=\".35\""
-            }
-        ));
-        let ends = [1.0, -1.0].map(|side| self.camera.place(centre + side * unit * zeta));
-        out.push((paint, Path::line(ends)));
-        let along = (ends[0] - ends[1]).normalize_or_zero();
-        if mark.is_angular(tick) {
-            let point = |turn: f32| {
-                let (sin, cos) = (std::f32::consts::TAU * turn).sin_cos();
-                self.camera
-                    .place(centre + 0.72 * unit * (frame.R.y_axis * cos + frame.R.z_axis * sin))
-            };
-            let (from, to) = (0.05, 0.78);
-            let turns: Vec<Vec2> = (0..=36)
-                .map(|k| point(from + (to - from) * k as f32 / 36.0))
-                .collect();
-            out.push((paint, Path::line(turns.iter().copied())));
-            for [behind, tip] in [[turns[1], turns[0]], [turns[35], turns[36]]] {
-                out.push((solid, head(tip, (tip - behind).normalize_or_zero())));
-            }
-        } else {
-            let aside = 20.0 * along.perp();
-            for (tip, out_of) in [(ends[0], along), (ends[1], -along)] {
-                out.push((solid, head(tip - 26.0 * out_of, out_of)));
-                out.push((paint, Path::line([tip + aside, tip - aside])));
-            }
-        }
-    }
-
-    /// The lines on links that show why the arm is singular.
-    fn why(
-        &mut self,
-        out: &mut Vec<(usize, Path)>,
-        one: &Named,
-        (colour, faint): (&str, &str),
-        links: &[Placement],
-    ) {
+        // The lines on links that show why the arm is singular.
         for (link, strips, is_second) in reasons(one.kind, &self.figure, &[]) {
             let Some(at) = links.get(link) else { continue };
-            let paint = self.stroke(if is_second { SECOND } else { colour }, 5.0, faint);
-            let ends = |strip: &[[f32; 3]; 2]| {
-                Path::line(strip.map(|p| self.camera.place(at.R * Vec3::from_array(p) + at.p)))
+            let strips = strips.iter();
+            let strips = strips.map(|strip| self.line(strip.map(|p| at.of(Vec3::from(p)))));
+            let colour = if is_second { SECOND } else { &colour };
+            out.put(stroke(colour, 5.0, faint), strips.collect());
+        }
+        if is_inside {
+            self.sector(one, &colour, tick, frame.p, out);
+        }
+        let (line, solid) = (
+            stroke(&colour, 9.0, faint),
+            format!("fill=\"{colour}\"{pale}"),
+        );
+        let point =
+            |x: f32, y: f32, z: f32| self.camera.place(frame.of(self.unit * Vec3::new(x, y, z)));
+        let ends = [1.0, -1.0].map(|side| point(side, 0.0, 0.0));
+        out.put(line.clone(), path(ends));
+        if one.is_angular(tick) {
+            let turn = |k: u8| {
+                let (sin, cos) =
+                    (std::f32::consts::TAU * (0.05 + 0.73 * f32::from(k) / 36.0)).sin_cos();
+                point(0.0, 0.72 * cos, 0.72 * sin)
             };
-            out.push((
-                paint,
-                strips
-                    .iter()
-                    .map(ends)
-                    .reduce(Path::and)
-                    .unwrap_or_default(),
-            ));
+            let turns: Vec<Vec2> = (0..=36).map(turn).collect();
+            out.put(line, path(turns.iter().copied()));
+            for [behind, tip] in [[turns[1], turns[0]], [turns[35], turns[36]]] {
+                out.put(solid.clone(), head(tip, (tip - behind).normalize_or_zero()));
+            }
+        } else {
+            let along = (ends[0] - ends[1]).normalize_or_zero();
+            let aside = 20.0 * along.perp();
+            for (tip, out_of) in [(ends[0], along), (ends[1], -along)] {
+                out.put(solid.clone(), head(tip - 26.0 * out_of, out_of));
+                out.put(line.clone(), path([tip + aside, tip - aside]));
+            }
         }
     }
 
     /// The sector that ζ has swept since the arm entered.
-    fn sector(
-        &mut self,
-        out: &mut Vec<(usize, Path)>,
-        colour: &str,
-        mark: &MarkTrack,
-        tick: u64,
-        centre: Vec3,
-    ) {
-        let (directions, turned) = swept(mark.since_entry(tick, self.hold));
+    fn sector(&self, one: &Named, colour: &str, tick: u64, centre: Vec3, out: &mut Picture) {
+        let (directions, turned) = self.recorded.swept(one, tick);
         let Some(first) = directions.first().copied().filter(|_| turned > 5.0) else {
             return;
         };
         let rim = directions
             .iter()
-            .map(|zeta| self.camera.place(centre + 0.9 * self.unit * *zeta));
-        let outline: Vec<Vec2> = std::iter::once(self.camera.place(centre))
-            .chain(rim)
-            .collect();
-        let entry = [1.05, -1.05].map(|side| self.camera.place(centre + side * self.unit * first));
-        let filled = self.paint(format!("fill=\"{colour}\" fill-opacity=\".3\""));
-        let dashed = self.stroke(colour, 5.0, " stroke-dasharray=\"22 16\"");
-        out.extend([
-            (filled, Path::polygon(outline)),
-            (dashed, Path::line(entry)),
-        ]);
+            .map(|zeta| centre + 0.9 * self.unit * *zeta);
+        let outline = std::iter::once(centre).chain(rim);
+        out.put(
+            format!("fill=\"{colour}\" fill-opacity=\".3\""),
+            self.line(outline) + "z",
+        );
+        let entry = [1.05, -1.05].map(|side| centre + side * self.unit * first);
+        out.put(
+            stroke(colour, 5.0, " stroke-dasharray=\"22 16\""),
+            self.line(entry),
+        );
+    }
+
+    /// A path through some of the places, the last among them; none where nothing moves.
+    fn way(&self, rows: &[(u64, Placement)], most: usize) -> String {
+        let some = rows.iter().step_by(rows.len().div_ceil(most).max(1));
+        let places = some
+            .chain(rows.last())
+            .map(|(_, at)| self.camera.place(at.p).round());
+        let mut places: Vec<Vec2> = places.collect();
+        places.dedup();
+        if places.len() > 1 {
+            path(places)
+        } else {
+            String::new()
+        }
     }
 }
 
 /// An arrow head from a point on.
-fn head(tip: Vec2, along: Vec2) -> Path {
+fn head(tip: Vec2, along: Vec2) -> String {
     let aside = along.perp();
-    Path::polygon([tip + 30.0 * along, tip + 17.0 * aside, tip - 17.0 * aside])
-}
-
-/// A path through some of the places, the last among them; none where nothing moves.
-fn way(rows: &[(u64, Placement)], camera: &Camera, most: usize) -> Option<Path> {
-    let mut points: Vec<Vec2> = rows
-        .iter()
-        .step_by(rows.len().div_ceil(most).max(1))
-        .map(|(_, at)| camera.place(at.p).round())
-        .collect();
-    points.extend(rows.last().map(|(_, at)| camera.place(at.p).round()));
-    points.dedup();
-    (points.len() > 1).then(|| Path::line(points))
+    polygon([tip + 30.0 * along, tip + 17.0 * aside, tip - 17.0 * aside])
 }

@@ -1,15 +1,21 @@
-//! A recording as far as a page shows it: thinned lines, the log, the states.
+//! A recording as far as a page shows it: thinned lines, the log, states and places over time.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::PathBuf;
 
+use glam::{Mat3, Quat, Vec3};
+use shared_types::codes::{KIND_NUMERIC, KINDS, MODE_REGULAR, MODES};
+use shared_types::job::Job;
 use shared_types::summary::Summary;
 
-use super::poses::Poses;
+use crate::entity::{HAND, LABEL, LINK, SINGULARITY, TARGET, link};
+use crate::narration::{NO_FAULT, colour_of};
 use crate::plot::{Axis, Color, GREY, Panel, RED};
 use crate::read::{Piece, ReadError, ReadNews, read};
 use crate::shortfall::Reading;
 use crate::signals::{Kept, Signal};
+use crate::solid::{Placement, Rgba};
 
 /// Times at which a plotted line has points: more would not be seen.
 const POINTS: u64 = 3000;
@@ -22,23 +28,91 @@ fn patience(signal: Signal) -> f64 {
     }
 }
 
+/// Values over time, in the order of the ticks.
+pub(super) type Track<T> = Vec<(u64, T)>;
+
+/// The rows of a stretch, both ends included.
+pub(super) fn between<T>(track: &[(u64, T)], from: u64, to: u64) -> &[(u64, T)] {
+    let first = track.partition_point(|(tick, _)| *tick < from);
+    let end = track.partition_point(|(tick, _)| *tick <= to);
+    track.get(first..end).unwrap_or_default()
+}
+
+/// The last value up to a tick, and since when.
+pub(super) fn at<T>(track: &[(u64, T)], tick: u64) -> Option<&(u64, T)> {
+    between(track, 0, tick).last()
+}
+
+/// Stretches of time, sorted by their beginnings, as one where they touch.
+pub(super) fn joined(stretches: impl IntoIterator<Item = Range<u64>>) -> Vec<Range<u64>> {
+    let mut out: Vec<Range<u64>> = Vec::new();
+    for next in stretches {
+        match out.last_mut() {
+            Some(last) if next.start <= last.end => last.end = last.end.max(next.end),
+            _ => out.push(next),
+        }
+    }
+    out
+}
+
+/// When values were others than at rest; `last`: the end of the run.
+pub(super) fn stretches<T>(
+    track: &[(u64, T)],
+    last: u64,
+    is_rest: impl Fn(&T) -> bool,
+) -> Vec<Range<u64>> {
+    let ends = track.iter().skip(1).map(|(tick, _)| *tick).chain([last]);
+    let all = track.iter().zip(ends);
+    joined(
+        all.filter(|((_, value), _)| !is_rest(value))
+            .map(|((from, _), to)| *from..to),
+    )
+}
+
+/// A singularity over the run, and its mark.
+#[derive(Default)]
+pub(super) struct Named {
+    pub(super) name: String,
+    pub(super) kind: u32,
+    pub(super) colour: Rgba,
+    /// |s| below which the arm is treated as singular.
+    pub(super) eta: f64,
+    pub(super) modes: Track<u32>,
+    /// The singular frame, x along ζ, where |s_i| is below twice η_out.
+    pub(super) frame: Track<Placement>,
+    /// The mark's words, where the arm is inside the neighbourhood.
+    pub(super) label: Track<Placement>,
+    /// Whether ζ is a rotation, since when.
+    angular: Track<bool>,
+}
+
+impl Named {
+    /// Whether ζ is a rotation at a tick.
+    pub(super) fn is_angular(&self, tick: u64) -> bool {
+        let known = at(&self.angular, tick).or(self.angular.first());
+        known.is_some_and(|(_, is_angular)| *is_angular)
+    }
+
+    pub(super) fn mode(&self, tick: u64) -> u32 {
+        at(&self.modes, tick).map_or(MODE_REGULAR, |(_, mode)| *mode)
+    }
+}
+
 /// A recording as far as a page shows it.
 #[derive(Default)]
 pub(super) struct Recorded {
     /// Of each signal its lines, element by element.
-    pub(super) lines: BTreeMap<&'static str, Vec<Line>>,
+    lines: BTreeMap<&'static str, Vec<Line>>,
     /// Tick, level, text.
     pub(super) log: Vec<(u64, String, String)>,
-    /// Tick, lane, state.
-    pub(super) states: Vec<(u64, String, String)>,
-    /// Of the last tick; s.
-    pub(super) end_s: f64,
-    /// Names of the singularities, in order.
-    pub(super) singularities: Vec<String>,
-    /// Where the arm and the marks were.
-    pub(super) poses: Poses,
-    /// Faults in force: from when to when; s.
-    pub(super) faults: Vec<std::ops::Range<f64>>,
+    /// The lane of faults.
+    pub(super) faults: Track<String>,
+    pub(super) rate_hz: f64,
+    pub(super) last: u64,
+    pub(super) singularities: Vec<Named>,
+    pub(super) links: Vec<Track<Placement>>,
+    pub(super) hand: Track<Placement>,
+    pub(super) target: Track<Placement>,
 }
 
 /// A line of a plot: of so many successive values the least and the largest.
@@ -47,15 +121,18 @@ pub(super) struct Line {
     pub(super) name: String,
     pub(super) points: Vec<(f64, f64)>,
     /// Where values are missing; s.
-    pub(super) gaps: Vec<std::ops::Range<f64>>,
+    gaps: Vec<Range<f64>>,
     stride: u64,
     gathered: u64,
     /// The time of the last value, and how much later the next may be without a gap; s.
     last_s: f64,
     patience_s: f64,
-    least: (f64, f64),
-    largest: (f64, f64),
+    /// The least and the largest of the values gathered.
+    extremes: [(f64, f64); 2],
 }
+
+/// The least and the largest of no values.
+const NOTHING: [(f64, f64); 2] = [(0.0, f64::INFINITY), (0.0, f64::NEG_INFINITY)];
 
 impl Line {
     fn new(name: String, stride: u64, patience_s: f64) -> Self {
@@ -67,8 +144,7 @@ impl Line {
             gathered: 0,
             last_s: f64::INFINITY,
             patience_s,
-            least: NOTHING.0,
-            largest: NOTHING.1,
+            extremes: NOTHING,
         }
     }
 
@@ -80,11 +156,12 @@ impl Line {
             self.gaps.push(self.last_s..t_s);
         }
         self.last_s = t_s;
-        if value < self.least.1 {
-            self.least = (t_s, value);
+        let [least, largest] = &mut self.extremes;
+        if value < least.1 {
+            *least = (t_s, value);
         }
-        if value > self.largest.1 {
-            self.largest = (t_s, value);
+        if value > largest.1 {
+            *largest = (t_s, value);
         }
         self.gathered += 1;
         if self.gathered >= self.stride {
@@ -93,56 +170,99 @@ impl Line {
     }
 
     fn flush(&mut self) {
-        let (a, b) = if self.least.0 <= self.largest.0 {
-            (self.least, self.largest)
-        } else {
-            (self.largest, self.least)
-        };
+        self.extremes.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let [a, b] = std::mem::replace(&mut self.extremes, NOTHING);
         if self.gathered > 0 && a.1.is_finite() {
             self.points.push(a);
-            if a != b {
-                self.points.push(b);
-            }
+            self.points.extend((a != b).then_some(b));
         }
         self.gathered = 0;
-        (self.least, self.largest) = NOTHING;
     }
 }
 
-/// The least and the largest of no values.
-const NOTHING: ((f64, f64), (f64, f64)) = ((0.0, f64::INFINITY), (0.0, f64::NEG_INFINITY));
+/// What is gathered of a recording by its paths.
+#[derive(Default)]
+struct Gathered {
+    places: BTreeMap<String, Track<Placement>>,
+    angular: BTreeMap<String, Track<bool>>,
+    states: BTreeMap<String, Track<String>>,
+}
+
+impl Gathered {
+    fn place(&mut self, tick: u64, of: &str, p: [f32; 3], xyzw: [f32; 4]) {
+        let R = Mat3::from_quat(Quat::from_array(xyzw).normalize());
+        let p = Vec3::from_array(p);
+        let is_shown = [HAND, TARGET, LINK, LABEL, SINGULARITY]
+            .iter()
+            .any(|path| of.starts_with(path));
+        if is_shown && p.is_finite() && R.is_finite() {
+            let track = self.places.entry(of.to_owned()).or_default();
+            if track.last().is_none_or(|(last, _)| *last < tick) {
+                track.push((tick, Placement { R, p }));
+            }
+        }
+    }
+
+    fn named(&mut self, (index, name): (usize, String), job: &Job) -> Named {
+        let kind = KINDS.iter().find(|(_, known)| *known == name);
+        let kind = kind.map_or(KIND_NUMERIC, |(kind, _)| *kind);
+        let modes = self
+            .states
+            .remove(&format!("mode/{name}"))
+            .unwrap_or_default();
+        let code = |state: String| {
+            let known = MODES.iter().find(|(_, known)| *known == state);
+            known.map_or(u32::MAX, |(code, _)| *code)
+        };
+        let label = format!("{LABEL}{name}");
+        let mut track = |path: &str| self.places.remove(path).unwrap_or_default();
+        Named {
+            kind,
+            colour: colour_of(kind, index),
+            eta: job.scenario.analysis.eta_in.of(kind).max(1e-12),
+            modes: modes
+                .into_iter()
+                .map(|(tick, state)| (tick, code(state)))
+                .collect(),
+            frame: track(&format!("{SINGULARITY}{name}")),
+            label: track(&label),
+            angular: self.angular.remove(&label).unwrap_or_default(),
+            name,
+        }
+    }
+}
 
 impl Recorded {
     pub(super) fn read(
         parts: &[PathBuf],
         summary: &Summary,
+        job: &Job,
         reading: &mut Reading,
     ) -> Result<Self, ReadError> {
         let stride = summary.ticks.div_ceil(POINTS).max(1);
-        let mut recorded = Self::default();
-        let mut rate_hz = f64::from(summary.rate_hz.max(1));
-        let mut values = Vec::new();
+        let (mut recorded, mut gathered) = (Self::default(), Gathered::default());
+        let (mut names, mut values) = (Vec::new(), Vec::new());
+        recorded.rate_hz = f64::from(summary.rate_hz.max(1));
         read(parts, |piece| {
             match piece {
                 Piece::About(about) => {
-                    rate_hz = about.rate_hz();
-                    recorded.singularities.clone_from(&about.singularities);
+                    recorded.rate_hz = about.rate_hz();
+                    names.clone_from(&about.singularities);
                     for signal in Signal::recorded() {
-                        let lines = || {
-                            signal
-                                .elements(about.joints, &about.singularities)
-                                .into_iter()
-                                .map(|name| Line::new(name, stride, patience(signal) / rate_hz))
-                                .collect()
-                        };
-                        recorded.lines.entry(signal.name()).or_insert_with(lines);
+                        let patience_s = patience(signal) / recorded.rate_hz;
+                        let elements = signal.elements(about.joints, &names).into_iter();
+                        let lines = elements.map(|name| Line::new(name, stride, patience_s));
+                        recorded
+                            .lines
+                            .entry(signal.name())
+                            .or_insert_with(|| lines.collect());
                     }
                 }
                 Piece::Rows(rows) => {
                     reading.add(ReadNews::Rows(rows.ticks.len() as u64));
                     for (row, tick) in rows.ticks.iter().enumerate() {
-                        let t_s = *tick as f64 / rate_hz;
-                        recorded.end_s = recorded.end_s.max(t_s);
+                        recorded.last = recorded.last.max(*tick);
+                        let t_s = recorded.seconds(*tick);
                         for signal in Signal::recorded() {
                             values.clear();
                             rows.values(signal, row, &mut values);
@@ -154,31 +274,59 @@ impl Recorded {
                     }
                 }
                 Piece::Event { tick, level, text } => recorded.log.push((tick, level, text)),
-                Piece::State { tick, lane, state } => recorded.states.push((tick, lane, state)),
-                Piece::Place { tick, of, p, xyzw } => recorded.poses.place(tick, of, p, xyzw),
-                Piece::Label { tick, of, text } => recorded.poses.label(tick, of, &text),
+                Piece::State { tick, lane, state } => {
+                    gathered.states.entry(lane).or_default().push((tick, state));
+                }
+                Piece::Place { tick, of, p, xyzw } => gathered.place(tick, of, p, xyzw),
+                Piece::Label { tick, of, text } => {
+                    let known = gathered.angular.entry(of.to_owned()).or_default();
+                    known.push((tick, text.ends_with("turn")));
+                }
                 Piece::Damaged(damage) => reading.add(ReadNews::Damaged(&damage)),
             }
             Ok::<(), ReadError>(())
         })?;
         recorded.lines.values_mut().flatten().for_each(Line::flush);
-        recorded.faults = recorded.stretches("fault", "none", rate_hz);
+        let named = names.into_iter().enumerate();
+        recorded.singularities = named.map(|one| gathered.named(one, job)).collect();
+        recorded.faults = gathered.states.remove("fault").unwrap_or_default();
+        let mut track = |path: &str| gathered.places.remove(path);
+        recorded.links = (0..).map_while(|i| track(&link(LINK, i))).collect();
+        recorded.hand = track(HAND).unwrap_or_default();
+        recorded.target = track(TARGET).unwrap_or_default();
         Ok(recorded)
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.lines.is_empty()
+    }
+
+    pub(super) fn seconds(&self, tick: u64) -> f64 {
+        tick as f64 / self.rate_hz
+    }
+
+    pub(super) fn end_s(&self) -> f64 {
+        self.seconds(self.last)
     }
 
     /// A diagram over time, with the faults in it.
     pub(super) fn blank(&self, title: &str, axis: Axis) -> Panel {
-        let mut panel = Panel::new(title, self.time_axis(), axis);
-        let shade = Color { 3: 0.16, ..RED };
+        let end_s = self.end_s();
+        let mut panel = Panel::new(
+            title,
+            Axis::named("time, s").within(0.0..end_s.max(1e-3)),
+            axis,
+        );
         // A fault of one tick is seen, too.
-        let least = 0.004 * self.end_s;
-        self.faults.iter().for_each(|fault| {
+        let least = 0.004 * end_s;
+        for fault in stretches(&self.faults, self.last, |state| state == NO_FAULT.0) {
+            let [from, to] = [fault.start, fault.end].map(|tick| self.seconds(tick));
             panel.band(
                 "fault in force",
-                shade,
-                fault.start..fault.end.max(fault.start + least),
-            )
-        });
+                Color { 3: 0.16, ..RED },
+                from..to.max(from + least),
+            );
+        }
         panel
     }
 
@@ -222,49 +370,10 @@ impl Recorded {
         }
     }
 
-    /// Signals over the joints' limits, with their titles; where the limits are infinite, hence all is 0, the signals themselves.
-    pub(super) fn over_limit<const K: usize>(
-        &self,
-        ratios: [Signal; K],
-        values: [Signal; K],
-        unit: &str,
-    ) -> ([Signal; K], String) {
-        let moves = |signal: &Signal| {
-            let mut lines = self.of(*signal);
-            lines.any(|line| line.points.iter().any(|(_, value)| *value != 0.0))
-        };
-        match values.iter().any(moves) && !ratios.iter().any(moves) {
-            true => (values, format!(", {unit}")),
-            false => (ratios, " / limit".to_owned()),
-        }
-    }
-
-    pub(super) fn time_axis(&self) -> Axis {
-        Axis::named("time, s").within(0.0..self.end_s.max(1e-3))
-    }
-
-    /// When a lane's state was another than `rest`; s.
-    pub(super) fn stretches(
-        &self,
-        lane: &str,
-        rest: &str,
-        rate_hz: f64,
-    ) -> Vec<std::ops::Range<f64>> {
-        let mut stretches = Vec::new();
-        let mut since: Option<f64> = None;
-        for (tick, _, state) in self.states.iter().filter(|(_, of, _)| of == lane) {
-            let t_s = *tick as f64 / rate_hz;
-            match (since, state == rest) {
-                (None, false) => since = Some(t_s),
-                (Some(from), true) => {
-                    stretches.push(from..t_s);
-                    since = None;
-                }
-                _ => {}
-            }
-        }
-        stretches.extend(since.map(|from| from..self.end_s));
-        stretches
+    /// Whether a signal is ever other than 0.
+    pub(super) fn moves(&self, signal: Signal) -> bool {
+        let mut points = self.of(signal).flat_map(|line| &line.points);
+        points.any(|(_, value)| *value != 0.0)
     }
 }
 
@@ -275,40 +384,18 @@ mod tests {
     #[test]
     fn lines_keep_their_extremes_and_their_gaps_however_long_they_are() {
         let mut line = Line::new("x".to_owned(), 100, 2.5);
-        (0..1000).for_each(|k| {
-            line.push(
-                f64::from(k),
-                if k == 555 {
-                    9.0
-                } else {
-                    f64::from(k % 7) * 0.1
-                },
-            )
-        });
+        let value = |k| if k == 555 { 9.0 } else { f64::from(k % 7) };
+        (0..1000).for_each(|k| line.push(f64::from(k), value(k)));
         line.push(1009.0, 1.0);
         assert!(line.points.len() <= 21 && line.points.contains(&(555.0, 9.0)));
-        assert!(
-            line.points.is_sorted_by(|a, b| a.0 < b.0)
-                && line.points[line.points.len() - 1].1.is_nan()
-        );
+        let is_sorted = line.points.is_sorted_by(|a, b| a.0 < b.0);
+        assert!(is_sorted && line.points.last().is_some_and(|last| last.1.is_nan()));
     }
 
     #[test]
     fn stretches_end_where_the_mode_is_regular_again() {
-        let states = [
-            (0, "reorient"),
-            (10, "hold"),
-            (20, "regular"),
-            (30, "blend"),
-        ];
-        let states = states.map(|(tick, state)| (tick, "mode/wrist".to_owned(), state.to_owned()));
-        let recorded = Recorded {
-            states: states.into(),
-            end_s: 0.05,
-            ..Recorded::default()
-        };
-        let of = |lane| recorded.stretches(lane, "regular", 1000.0);
-        assert_eq!(of("mode/wrist"), [0.0..0.02, 0.03..0.05]);
-        assert!(of("mode/elbow").is_empty());
+        let modes = [(0, 5), (10, 4), (20, 0), (30, 1)];
+        assert_eq!(stretches(&modes, 50, |mode| *mode == 0), [0..20, 30..50]);
+        assert!(stretches(&modes[..0], 50, |mode| *mode == 0).is_empty());
     }
 }

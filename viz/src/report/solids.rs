@@ -3,156 +3,60 @@
 use glam::{Vec2, Vec3};
 
 use super::camera::Camera;
-use super::path::Path;
-use crate::solid::{FACETS, Mesh, Placement, Rgba};
+use super::drawing::polygon;
+use crate::arm::Figure;
+use crate::solid::{FACETS, Placement, Rgba};
 
-/// A convex solid of a link, in the link's frame.
-struct Solid {
-    /// 0 is the base, then the links.
-    body: usize,
-    colour: usize,
-    points: Vec<Vec3>,
-    centre: Vec3,
-    /// Its two flat ends: outline, middle, outward normal.
-    ends: Vec<(Vec<Vec3>, Vec3, Vec3)>,
+/// The convex solids of an arm's base and links: their corners, where they are, their colour.
+pub(super) fn of<'a>(
+    figure: &'a Figure,
+    bodies: &'a [Placement],
+) -> impl Iterator<Item = (&'a [[f32; 3]], &'a Placement, Rgba)> {
+    let meshes = std::iter::once(&figure.base).chain(&figure.links);
+    meshes.zip(bodies).flat_map(|(mesh, at)| {
+        let ends = mesh
+            .solids
+            .iter()
+            .copied()
+            .skip(1)
+            .chain([mesh.positions.len()]);
+        let ranges = mesh.solids.iter().copied().zip(ends);
+        ranges.map(move |(from, to)| (&mesh.positions[from..to], at, mesh.colours[from]))
+    })
 }
 
-/// The solids of an arm, and the colours they are painted in.
-pub(super) struct Solids {
-    solids: Vec<Solid>,
-    pub(super) colours: Vec<Rgba>,
-}
-
-/// Where a solid is in a picture.
-struct Placed<'a> {
-    solid: &'a Solid,
+/// A solid in a picture.
+struct Placed {
+    colour: Rgba,
     points: Vec<Vec3>,
-    ends: Vec<(Vec3, Vec3)>,
+    /// Middle and outward normal of its two flat ends.
+    ends: [(Vec3, Vec3); 2],
     low: Vec2,
     high: Vec2,
     depth: f32,
 }
 
-impl Solids {
-    pub(super) fn new<'a>(bodies: impl Iterator<Item = &'a Mesh>) -> Self {
-        let (mut solids, mut colours) = (Vec::new(), Vec::new());
-        for (body, mesh) in bodies.enumerate() {
-            let ends = mesh
-                .solids
-                .iter()
-                .copied()
-                .skip(1)
-                .chain([mesh.positions.len()]);
-            for (from, to) in mesh.solids.iter().copied().zip(ends) {
-                let Some(colour) = mesh.colours.get(from) else {
-                    continue;
-                };
-                let colour = colours
-                    .iter()
-                    .position(|known| known == colour)
-                    .unwrap_or_else(|| {
-                        colours.push(*colour);
-                        colours.len() - 1
-                    });
-                let points: Vec<Vec3> = mesh.positions[from..to]
-                    .iter()
-                    .map(|p| Vec3::from_array(*p))
-                    .collect();
-                let middle = |ring: &[Vec3]| ring.iter().sum::<Vec3>() / ring.len().max(1) as f32;
-                let centre = middle(&points);
-                let rings = [
-                    &points[..FACETS.min(points.len())],
-                    &points[points.len().saturating_sub(FACETS)..],
-                ];
-                let ends = rings
-                    .map(|ring| {
-                        (
-                            ring.to_vec(),
-                            middle(ring),
-                            (middle(ring) - centre).normalize_or_zero(),
-                        )
-                    })
-                    .to_vec();
-                solids.push(Solid {
-                    body,
-                    colour,
-                    points,
-                    centre,
-                    ends,
-                });
-            }
+impl Placed {
+    fn new(solid: &[[f32; 3]], at: &Placement, colour: Rgba, camera: &Camera) -> Option<Self> {
+        let points: Vec<Vec3> = solid.iter().map(|p| at.of(Vec3::from(*p))).collect();
+        let (mut low, mut high) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
+        for place in points.iter().map(|p| camera.place(*p)) {
+            (low, high) = (low.min(place), high.max(place));
         }
-        Self { solids, colours }
-    }
-
-    /// All points of the bodies at these places, for framing.
-    pub(super) fn points(&self, bodies: &[Placement]) -> Vec<Vec3> {
-        let of = |solid: &Solid| {
-            bodies.get(solid.body).map(|at| {
-                solid
-                    .points
-                    .iter()
-                    .step_by(7)
-                    .map(|p| at.R * *p + at.p)
-                    .collect::<Vec<_>>()
-            })
-        };
-        self.solids.iter().filter_map(of).flatten().collect()
-    }
-
-    /// Paints the arm whose base and links are at `bodies`; `put` takes colour, whether it is an end, and the outline.
-    pub(super) fn paint(
-        &self,
-        bodies: &[Placement],
-        camera: &Camera,
-        mut put: impl FnMut(usize, bool, Path),
-    ) {
-        let placed: Vec<Placed> = self
-            .solids
-            .iter()
-            .filter_map(|solid| Placed::new(solid, bodies.get(solid.body)?, camera))
-            .collect();
-        for place in order(&placed, camera) {
-            let Placed { solid, points, .. } = &placed[place];
-            put(
-                solid.colour,
-                false,
-                outline(points.iter().map(|p| camera.place(*p))),
-            );
-            let at = bodies[solid.body];
-            for (ring, _, normal) in &solid.ends {
-                if (at.R * *normal).dot(camera.forward) < -0.08 {
-                    let end = outline(ring.iter().map(|p| camera.place(at.R * *p + at.p)));
-                    if !end.is_empty() {
-                        put(solid.colour, true, end);
-                    }
-                }
-            }
-        }
-    }
-}
-
-impl<'a> Placed<'a> {
-    fn new(solid: &'a Solid, at: &Placement, camera: &Camera) -> Option<Self> {
-        let points: Vec<Vec3> = solid.points.iter().map(|p| at.R * *p + at.p).collect();
-        let places = points.iter().map(|p| camera.place(*p));
-        let (low, high) = places.fold(
-            (Vec2::splat(f32::INFINITY), Vec2::splat(f32::NEG_INFINITY)),
-            |(low, high), p| (low.min(p), high.max(p)),
-        );
-        let ends = solid
-            .ends
-            .iter()
-            .map(|(_, middle, normal)| (at.R * *middle + at.p, at.R * *normal))
-            .collect();
-        (low.is_finite() && high.is_finite()).then(|| Self {
-            solid,
+        let middle = |ring: &[Vec3]| ring.iter().sum::<Vec3>() / ring.len() as f32;
+        let centre = middle(&points);
+        let rings = [&points[..FACETS], &points[points.len() - FACETS..]];
+        let ends = rings.map(|ring| (middle(ring), (middle(ring) - centre).normalize_or_zero()));
+        let depth = camera.depth(centre);
+        let placed = Self {
+            colour,
+            points,
             ends,
             low,
             high,
-            depth: camera.depth(at.R * solid.centre + at.p),
-            points,
-        })
+            depth,
+        };
+        (low.is_finite() && high.is_finite()).then_some(placed)
     }
 
     /// Whether this one is behind the other: a plane through one of its ends, or of the other's, parts them.
@@ -160,95 +64,100 @@ impl<'a> Placed<'a> {
         if self.high.cmplt(other.low).any() || other.high.cmplt(self.low).any() {
             return None;
         }
-        let beyond = |(middle, normal): &(Vec3, Vec3), points: &[Vec3]| {
-            normal.length_squared() > 0.5
-                && points
-                    .iter()
-                    .step_by(5)
-                    .all(|p| (*p - *middle).dot(*normal) > -0.002)
+        // Whether the plane through an end of the one that has the other on its outer side faces the eye.
+        let parted = |one: &Self, other: &Self| {
+            let is_beyond = |(middle, normal): &&(Vec3, Vec3)| {
+                let mut points = other.points.iter().step_by(5);
+                normal.length_squared() > 0.5
+                    && points.all(|p| (*p - *middle).dot(*normal) > -0.002)
+            };
+            let (_, normal) = one.ends.iter().find(is_beyond)?;
+            Some(normal.dot(camera.forward) < 0.0)
         };
-        let towards_eye = |normal: Vec3| normal.dot(camera.forward) < 0.0;
-        if let Some((_, normal)) = self.ends.iter().find(|end| beyond(end, &other.points)) {
-            return Some(towards_eye(*normal));
+        parted(self, other).or_else(|| Some(!parted(other, self)?))
+    }
+}
+
+/// Paints the arm whose base and links are at `bodies`; `put` takes colour, whether it is an end, and the outline.
+pub(super) fn paint(
+    figure: &Figure,
+    bodies: &[Placement],
+    camera: &Camera,
+    mut put: impl FnMut(Rgba, bool, String),
+) {
+    let solids = of(figure, bodies);
+    let placed = solids.filter_map(|(solid, at, colour)| Placed::new(solid, at, colour, camera));
+    let placed: Vec<Placed> = placed.collect();
+    for place in order(&placed, camera) {
+        let Placed {
+            colour,
+            points,
+            ends,
+            ..
+        } = &placed[place];
+        put(*colour, false, outline(points, camera));
+        let rings = [&points[..FACETS], &points[points.len() - FACETS..]];
+        for (ring, (_, normal)) in rings.into_iter().zip(ends) {
+            if normal.dot(camera.forward) < -0.08 {
+                put(*colour, true, outline(ring, camera));
+            }
         }
-        other
-            .ends
-            .iter()
-            .find(|end| beyond(end, &self.points))
-            .map(|(_, normal)| !towards_eye(*normal))
     }
 }
 
 /// From the back to the front: as the planes between them say, else by their distance.
 fn order(placed: &[Placed], camera: &Camera) -> Vec<usize> {
-    let n = placed.len();
-    // How many are to be painted before each, and which each comes before.
-    let (mut waits, mut before) = (vec![0usize; n], vec![Vec::new(); n]);
-    for i in 0..n {
-        for k in i + 1..n {
-            let (first, second) = match placed[i].is_behind(&placed[k], camera) {
-                Some(true) => (i, k),
-                Some(false) => (k, i),
-                None => continue,
-            };
-            before[first].push(second);
-            waits[second] += 1;
+    let mut left: Vec<usize> = (0..placed.len()).collect();
+    left.sort_by(|a, b| placed[*b].depth.total_cmp(&placed[*a].depth));
+    // Which are to be painted before each.
+    let mut before = vec![Vec::new(); placed.len()];
+    for i in 0..placed.len() {
+        for k in i + 1..placed.len() {
+            match placed[i].is_behind(&placed[k], camera) {
+                Some(true) => before[k].push(i),
+                Some(false) => before[i].push(k),
+                None => {}
+            }
         }
     }
-    let mut left: Vec<usize> = (0..n).collect();
-    left.sort_by(|a, b| placed[*b].depth.total_cmp(&placed[*a].depth));
-    let mut out = Vec::with_capacity(n);
+    let mut out = Vec::with_capacity(placed.len());
     while !left.is_empty() {
         // In a circle none is free: the farthest goes first.
-        let next = left.remove(
-            left.iter()
-                .position(|place| waits[*place] == 0)
-                .unwrap_or(0),
-        );
-        before[next]
-            .iter()
-            .for_each(|place| waits[*place] = waits[*place].saturating_sub(1));
-        out.push(next);
+        let is_free = |one: &usize| before[*one].iter().all(|other| out.contains(other));
+        out.push(left.remove(left.iter().position(is_free).unwrap_or(0)));
     }
     out
 }
 
 /// The convex outline of points of the drawing, without corners that are not seen.
-fn outline(points: impl Iterator<Item = Vec2>) -> Path {
-    let mut points: Vec<[i32; 2]> = points
-        .map(|p| [p.x.round() as i32, p.y.round() as i32])
-        .collect();
+fn outline(points: &[Vec3], camera: &Camera) -> String {
+    let places = points.iter().map(|p| camera.place(*p).round().as_i64vec2());
+    let mut points: Vec<[i64; 2]> = places.map(|p| p.to_array()).collect();
     points.sort_unstable();
     points.dedup();
-    let cross = |o: [i32; 2], a: [i32; 2], b: [i32; 2]| {
-        i64::from(a[0] - o[0]) * i64::from(b[1] - o[1])
-            - i64::from(a[1] - o[1]) * i64::from(b[0] - o[0])
+    let cross = |o: [i64; 2], a: [i64; 2], b: [i64; 2]| {
+        (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0])
     };
     // Twice the area that a corner may add without being seen; square units.
     let flat = 12;
-    let half = |points: &mut dyn Iterator<Item = [i32; 2]>| {
-        let mut chain: Vec<[i32; 2]> = Vec::new();
+    let half = |points: &mut dyn Iterator<Item = &[i64; 2]>| {
+        let mut chain: Vec<[i64; 2]> = Vec::new();
         for p in points {
-            while chain.len() >= 2
-                && cross(chain[chain.len() - 2], chain[chain.len() - 1], p) <= flat
+            while let [.., a, b] = chain[..]
+                && cross(a, b, *p) <= flat
             {
                 chain.pop();
             }
-            chain.push(p);
+            chain.push(*p);
         }
+        // The other half begins with it.
+        chain.pop();
         chain
     };
-    let (mut hull, mut upper) = (
-        half(&mut points.iter().copied()),
-        half(&mut points.iter().rev().copied()),
-    );
-    hull.pop();
-    upper.pop();
-    hull.append(&mut upper);
-    if hull.len() < 3 {
-        Path::default()
-    } else {
-        Path::closed(&hull)
+    let hull = [half(&mut points.iter()), half(&mut points.iter().rev())].concat();
+    match hull.len() {
+        0..3 => String::new(),
+        _ => polygon(hull.iter().map(|p| Vec2::new(p[0] as f32, p[1] as f32))),
     }
 }
 
@@ -256,42 +165,42 @@ fn outline(points: impl Iterator<Item = Vec2>) -> Path {
 mod tests {
     use super::*;
     use crate::blueprint::Eye;
-    use crate::solid::disc;
-
-    #[test]
-    fn the_outline_of_a_square_has_its_corners() {
-        let grid =
-            (0..=20).flat_map(|x| (0..=20).map(move |y| Vec2::new(x as f32 * 5.0, y as f32 * 5.0)));
-        assert_eq!(outline(grid).text(), "M0 0l100 0 0 100-100 0z");
-        assert!(outline([Vec2::ZERO, Vec2::X].into_iter()).is_empty());
-    }
+    use crate::solid::Mesh;
 
     #[test]
     fn the_nearer_of_two_stacked_drums_is_painted_last_from_either_side() {
-        let mut mesh = Mesh::default();
+        let mut base = Mesh::default();
         for (z, red) in [(0.0, 0), (0.2, 20)] {
-            mesh.add_extrusion(
+            base.add_drum(
                 Placement::IDENTITY,
-                &[disc(0.0, 0.0, 0.5)],
-                z,
-                z + 0.2,
+                0.5,
+                [z, z + 0.2],
                 0.0,
                 [red, 0, 0, 255],
             );
         }
-        let solids = Solids::new([&mesh].into_iter());
-        for (height, last) in [(2.0, 1), (-2.0, 0)] {
+        let robot = model::Robot::builtin("planar3r").expect("built in");
+        let figure = Figure {
+            base,
+            links: Vec::new(),
+            ..Figure::new(&robot, 0.0)
+        };
+        for (height, last) in [(2.0, 20), (-2.0, 0)] {
+            let position = Vec3::new(0.0, -3.0, height);
             let eye = Eye {
-                position: Vec3::new(0.0, -3.0, height),
+                position,
                 look_at: Vec3::ZERO,
                 up: Vec3::Z,
             };
-            let points = solids.points(&[Placement::IDENTITY]);
-            let (camera, _) = Camera::framing(&eye, points.into_iter(), 400.0);
+            let corners = figure.base.positions.iter().map(|p| Vec3::from(*p));
+            let (camera, _) = Camera::framing(&eye, corners, 400.0);
             let mut painted = Vec::new();
-            solids.paint(&[Placement::IDENTITY], &camera, |colour, is_end, _| {
-                painted.push((colour, is_end))
-            });
+            paint(
+                &figure,
+                &[Placement::IDENTITY],
+                &camera,
+                |colour, is_end, _| painted.push((colour[0], is_end)),
+            );
             let sides: Vec<_> = painted.iter().filter(|(_, is_end)| !is_end).collect();
             assert!(sides.last().is_some_and(|one| one.0 == last) && painted.len() > sides.len());
         }
