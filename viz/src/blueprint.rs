@@ -17,7 +17,6 @@ use shared_types::scenario::{Layout, Segment};
 
 use crate::entity::Lives;
 use crate::solid::Rgba;
-use desk::{Desk, close_up_name, world_name};
 use sheet::Sheet;
 
 /// Colours of joints, in order.
@@ -110,79 +109,38 @@ pub(crate) struct Eye {
     pub(crate) up: Vec3,
 }
 
-/// The chunks of a layout.
-pub(crate) fn layout(subject: &Subject, layout: Layout) -> Vec<ChunkResult<Chunk>> {
-    let mut sheet = Sheet::new(layout, true);
-    Desk::new(&mut sheet, subject).arrange(layout);
-    log_root(&mut sheet);
+/// The chunks of a layout. `repeated`: the stretch of time to play again, ns, once the run is over; before, the viewer would not follow a live one.
+pub(crate) fn layout(
+    subject: &Subject,
+    layout: Layout,
+    repeated: Option<(i64, i64)>,
+) -> Vec<ChunkResult<Chunk>> {
+    let mut sheet = Sheet::new(layout, subject);
+    sheet.arrange();
+    let root = RootContainer(sheet.root.into());
+    sheet.log(
+        "viewport",
+        &[&ViewportBlueprint::new().with_root_container(root)],
+    );
     for panel in ["blueprint_panel", "selection_panel"] {
         sheet.log(
             panel,
             &[&PanelBlueprint::new().with_state(PanelState::Hidden)],
         );
     }
-    // No loop: the viewer would not follow a live run then.
-    sheet.log("time_panel", &[&time_panel()]);
-    sheet.chunks
-}
-
-fn log_root(sheet: &mut Sheet) {
-    let root = RootContainer(sheet.root.into());
-    sheet.log(
-        "viewport",
-        &[&ViewportBlueprint::new().with_root_container(root)],
-    );
-}
-
-fn time_panel() -> TimePanelBlueprint {
-    TimePanelBlueprint::new()
+    let mut time = TimePanelBlueprint::new()
         .with_state(PanelState::Collapsed)
-        .with_timeline(TimelineName("t".into()))
-}
-
-/// Settings known at the end of a run only: the stretch of time to repeat, ns, and the eye of the close-up.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Ending {
-    pub(crate) loop_ns: (i64, i64),
-    pub(crate) close_up: Eye,
-    /// From where all of the arm's way is seen, in views whose eye stands where it was placed at the beginning.
-    pub(crate) main: Option<Eye>,
-}
-
-/// What the ending adds to a blueprint that has been sent, to be activated again: the viewer works on a copy made at activation. With
-/// `is_changed`, because the subject is another than the blueprint was sent for, all of its views too.
-pub(crate) fn ending(
-    subject: &Subject,
-    which: Layout,
-    ending: &Ending,
-    is_changed: bool,
-) -> Vec<ChunkResult<Chunk>> {
-    // The ids of the same layout again, without its other chunks.
-    let mut places = Sheet::new(which, is_changed);
-    Desk::new(&mut places, subject).arrange(which);
-    if is_changed {
-        log_root(&mut places);
+        .with_timeline(TimelineName("t".into()));
+    if let Some((first, last)) = repeated {
+        let (min, max) = (TimeInt(first), TimeInt(last));
+        let range = re_sdk_types::datatypes::AbsoluteTimeRange { min, max };
+        time = time
+            .with_loop_mode(LoopMode::Selection)
+            .with_time_selection(AbsoluteTimeRange(range))
+            .with_play_state(PlayState::Playing);
     }
-    places.makes_chunks = true;
-    let range = AbsoluteTimeRange(re_sdk_types::datatypes::AbsoluteTimeRange {
-        min: TimeInt(ending.loop_ns.0),
-        max: TimeInt(ending.loop_ns.1),
-    });
-    let time = time_panel()
-        .with_loop_mode(LoopMode::Selection)
-        .with_time_selection(range)
-        .with_play_state(PlayState::Playing);
-    places.log("time_panel", &[&time]);
-    let eyes = [
-        (close_up_name(subject), Some(ending.close_up)),
-        (world_name(subject), ending.main),
-    ];
-    for (name, eye) in eyes {
-        if let Some((view, eye)) = places.views.get(name).cloned().zip(eye) {
-            places.eye(&view, &eye);
-        }
-    }
-    places.chunks
+    sheet.log("time_panel", &[&time]);
+    sheet.chunks
 }
 
 #[cfg(test)]
@@ -191,56 +149,22 @@ mod tests {
     use re_sdk_types::blueprint::archetypes::ViewBlueprint;
     use std::collections::BTreeMap;
 
-    fn subject(joints: usize, faults: bool) -> Subject {
-        let singularities = ["elbow", "wrist", "overhead"].map(|name| (name.to_owned(), [255; 4]));
-        Subject {
-            joints,
-            faults,
-            singularities: singularities.to_vec(),
-            outer: vec![2.0],
-            goal: [Some(1.0); 2],
-            ..Subject::default()
-        }
-    }
-
-    #[test]
-    fn no_legend_has_more_entries_than_its_plot_has_room_for() {
-        let runs = [(3, false), (3, true), (6, false), (6, true), (7, true)];
-        for ((joints, faults), which) in runs
-            .into_iter()
-            .flat_map(|run| Layout::ALL.map(|layout| (run, layout)))
-        {
-            let mut sheet = Sheet::new(which, true);
-            Desk::new(&mut sheet, &subject(joints, faults)).arrange(which);
-            assert!(!sheet.legends.is_empty());
-            for (plot, entries) in &sheet.legends {
-                let is_large = which == Layout::Faults
-                    || (which == Layout::Timing && plot.starts_with("Latency"));
-                assert!(
-                    *entries <= if is_large { 8 } else { 6 },
-                    "{which:?}, {joints} joints: {plot:?}"
-                );
-            }
-        }
-    }
-
     /// The viewer keeps what it knows of a view by its id.
     #[test]
     fn no_view_has_the_id_of_one_of_another_class_in_any_layout() {
-        let views = |which: Layout| -> Vec<(String, String)> {
-            let class = ViewBlueprint::descriptor_class_identifier().component;
-            let view = |chunk: ChunkResult<Chunk>| {
-                let chunk = chunk.expect("a chunk");
-                let column = chunk.components().get(class)?;
-                Some((
-                    chunk.entity_path().to_string(),
-                    format!("{:?}", column.list_array.value(0)),
-                ))
-            };
-            layout(&subject(6, false), which)
+        let class = ViewBlueprint::descriptor_class_identifier().component;
+        let view = |chunk: ChunkResult<Chunk>| {
+            let chunk = chunk.expect("a chunk");
+            let column = chunk.components().get(class)?;
+            Some((
+                chunk.entity_path().to_string(),
+                format!("{:?}", column.list_array.value(0)),
+            ))
+        };
+        let views = |which| {
+            layout(&Subject::default(), which, None)
                 .into_iter()
                 .filter_map(view)
-                .collect()
         };
         let all: Vec<(String, String)> = Layout::ALL.into_iter().flat_map(views).collect();
         assert!(all.len() > 25, "{}", all.len());
@@ -248,6 +172,6 @@ mod tests {
             all.iter().cloned().collect::<BTreeMap<_, _>>().len(),
             all.len()
         );
-        assert_eq!(views(Layout::Control), views(Layout::Control));
+        assert!(views(Layout::Control).eq(views(Layout::Control)));
     }
 }

@@ -468,163 +468,47 @@ pub(crate) fn doing(mode: u32) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::TorqueCommand;
     use shared_types::messages::{ControlState, PlantState, SingularityReport};
     use shared_types::topics::ByTopic;
-
-    const RUN: Run = Run {
-        title: "a title",
-        joints: 6,
-        rate_hz: 1000,
-        directions: 6,
-        fault: None,
-    };
 
     /// A stay is told with its times and its longest response, and how far a hand was off that should stand still.
     #[test]
     fn the_past_is_known() {
-        let mut report = SingularityReport {
-            count: 1,
-            ..Default::default()
-        };
-        let (mut command, torque) = <(ControlState, TorqueCommand)>::default();
+        let (mut report, mut command) = <(SingularityReport, ControlState)>::default();
         let (mut state, mut history) = (PlantState::default(), History::new(true));
+        report.count = 1;
         for tick in 0..30 {
-            report.singularities[0].inside = u32::from((10..25).contains(&tick));
+            let is_inside = (10..25).contains(&tick);
+            report.singularities[0].inside = u32::from(is_inside);
             command.mode[0] = if tick < 22 { MODE_REORIENT } else { MODE_TRACK };
             state.p_BE[1] = if tick == 7 { 0.008_462 } else { 0.001 };
-            let row = TickRow::new(
-                tick,
-                ByTopic {
-                    plant_state: Some(&state),
-                    singularity: Some(&report),
-                    control_state: Some(&command),
-                    torque: Some(&torque),
-                    ..ByTopic::default()
-                },
-            );
+            let messages = ByTopic {
+                plant_state: Some(&state),
+                singularity: Some(&report),
+                control_state: Some(&command),
+                ..ByTopic::default()
+            };
+            let row = TickRow::new(tick, messages);
             history.push(&row);
             let situation = history.situation(&row);
-            assert_eq!(
-                situation.inside().count(),
-                usize::from((10..25).contains(&tick))
-            );
-            let stay = Stay {
-                first: 10,
-                end: 25,
-                mode: MODE_REORIENT,
-            };
+            assert_eq!(situation.inside().count(), usize::from(is_inside));
+            let (first, end, mode) = (10, 25, MODE_REORIENT);
+            let stay = Stay { first, end, mode };
             assert_eq!(situation.past[0], (tick >= 25).then_some(stay));
             assert_eq!(situation.off_um, Some(if tick < 7 { 1000 } else { 8500 }));
         }
     }
 
-    /// About how wide the viewer draws a text, px: its font in three classes of letters, within 3 % of what it was seen to draw.
-    fn width(text: &str) -> f64 {
-        let of = |letter: char| match letter {
-            '\u{a0}' => 3.08,
-            ' ' | '(' | ')' | '.' | ',' | ':' | 'f' | 'i' | 'j' | 'l' | 'r' | 't' | '1' => 3.6,
-            'm' | 'w' | 'M' | 'W' => 10.0,
-            _ => 6.9,
-        };
-        text.chars().map(of).sum()
-    }
-
-    #[test]
-    fn the_head_is_the_widest_cell_of_every_column_and_the_table_fits_its_pane() {
-        let mut head = String::new();
-        tell_head(&mut head);
-        let cells = head
-            .lines()
-            .next()
-            .unwrap_or("")
-            .split('|')
-            .map(|cell| width(cell.trim_matches(' ')));
-        let [_, first, second, last, _] = cells.collect::<Vec<_>>()[..] else {
-            panic!("{head}")
-        };
-        // The pane is 676 px wide, half of the window, with margins of 14; gaps and frame of the table are 45.
-        assert!(first + second + last + 45.0 <= 676.0 - 2.0 * 14.0);
-        // Less the error of `width`; bold letters are a little wider.
-        assert!((0..MODES.len() as u32).all(|mode| 0.97 * width(doing(mode)) <= last));
-        assert!(width(lost(true)).max(width(lost(false))) <= second);
-        for (kind, (class, joints)) in KINDS.iter().flat_map(|kind| {
-            TYPES
-                .iter()
-                .flat_map(move |class| [(kind.0, (class, 6)), (kind.0, (class, 7))])
-        }) {
-            // The type is unknown of those found by number only.
-            if kind == KIND_NUMERIC || class.0 != TYPE_UNKNOWN {
-                let (name, colour) = (
-                    1.08 * width(&singularity_name(kind, 7)),
-                    named_colour(kind, 1).0,
-                );
-                let present = width(&format!(
-                    " ({colour}, {}): {}",
-                    class.1,
-                    reason(kind, joints)
-                ));
-                let past = width(&format!(" ({colour}), 10000.00 to 20000.00 s"));
-                assert!(
-                    0.97 * (name + present) <= first && name + past <= first,
-                    "{kind}"
-                );
-            }
-        }
-    }
-
-    #[test]
-    fn words_fit_their_pane_whatever_the_number_of_locks() {
-        let (command, torque) = <(ControlState, TorqueCommand)>::default();
-        for locks in 0..=3 {
-            let mut report = SingularityReport {
-                count: 3,
-                ..Default::default()
-            };
-            report.singularities[..locks]
-                .iter_mut()
-                .for_each(|one| one.inside = 1);
-            let row = TickRow::new(
-                0,
-                ByTopic {
-                    singularity: Some(&report),
-                    control_state: Some(&command),
-                    torque: Some(&torque),
-                    ..ByTopic::default()
-                },
-            );
-            let (situation, mut afterwards) = (Situation::of(&row), Situation::of(&row));
-            afterwards.past[locks..3].fill(Some(Stay {
-                first: 100,
-                end: 200,
-                mode: MODE_TRACK,
-            }));
-            // 23 px a row, 38 px the headline, 16 px of frame and gap around a table, of the 172 px below the pane's tab and margin.
-            for words in [situation, afterwards].map(|situation| situation.markdown(&RUN)) {
-                let rows = words
-                    .lines()
-                    .skip(1)
-                    .filter(|line| !line.is_empty() && !line.starts_with("|--"));
-                assert!(
-                    38 + 23 * rows.count() + 2 * 16 <= 172,
-                    "{locks} locks: {words}"
-                );
-            }
-        }
-    }
-
     #[test]
     fn every_code_has_a_lane_colour() {
-        for (table, states) in [
+        let tables = [
             (MODES, MODE_STATES),
             (DRIVES, DRIVE_STATES),
             (PHASES, PHASE_STATES),
-        ] {
-            assert!(
-                table
-                    .iter()
-                    .all(|(_, name)| states.iter().any(|(state, _)| state == name))
-            );
+        ];
+        for (table, states) in tables {
+            let has_colour = |name: &str| states.iter().any(|(state, _)| *state == name);
+            assert!(table.iter().all(|(_, name)| has_colour(name)));
         }
     }
 }

@@ -8,6 +8,7 @@ mod rows;
 mod shapes;
 mod steered;
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use model::{Model, Robot};
@@ -22,7 +23,7 @@ use shared_types::scenario::{Layout, Scenario, Segment};
 use shared_types::{MAX_DOF, MAX_SINGULARITIES};
 
 use crate::arm::{Figure, placement, vec3};
-use crate::blueprint::{self, BAND_LINES, Ending, Eye, Subject, Way};
+use crate::blueprint::{self, BAND_LINES, Eye, Subject, Way};
 use crate::entity::{self, Lives};
 use crate::manipulability::{at_point, singular_values};
 use crate::narration::{History, Situation, colour_of};
@@ -36,6 +37,7 @@ use eye::{Stretches, close_up};
 use lanes::{Fault, LANES};
 use marks::Shown;
 use rows::{Table, Track};
+pub(crate) use shapes::rgba;
 
 /// Which run a recording is of.
 #[derive(Clone, Debug)]
@@ -124,7 +126,7 @@ pub struct Recording {
     /// Values only drawn, every so many ticks.
     drawn: Table,
     /// Places since the last chunk.
-    tracks: Vec<Track>,
+    tracks: BTreeMap<String, Track>,
     /// Lines that grow: the last point of a chunk is the first of the next.
     ways: [Vec<(u64, glam::Vec3)>; 4],
     /// The last tick taken in.
@@ -157,8 +159,10 @@ struct Part {
     blueprint_sent: bool,
     guides_due: u64,
     marks: [Shown; MAX_SINGULARITIES],
-    /// Whether it has the mesh of each link's ghosts.
-    ghost_drawn: [bool; MAX_DOF],
+    /// How many ghosts each link has.
+    ghosts: [usize; MAX_DOF],
+    /// The paths of what is drawn and may be cleared.
+    drawn: BTreeSet<String>,
     situation: Option<Situation>,
     /// Of a steered arm: the reason last written at the hand, and the way down from there, in the hand's axes.
     reason: Option<([u32; 3], glam::Vec3)>,
@@ -176,8 +180,6 @@ struct Story {
     history: History,
     /// On which side of its axis each label is.
     sides: [f32; MAX_SINGULARITIES],
-    /// How many ghosts each link has.
-    ghosts: [usize; MAX_DOF],
     /// Faults in force.
     faults: Vec<Fault>,
     /// All that the lane of faults has said.
@@ -204,7 +206,7 @@ pub fn save_blueprint(
     let mut sink = Sink::new(Box::new(create(path)?), &recording.blueprint())?;
     sink.send_blueprint(
         &recording.blueprint(),
-        blueprint::layout(&recording.subject, layout),
+        blueprint::layout(&recording.subject, layout, None),
     );
     sink.finish().map(drop)
 }
@@ -267,7 +269,7 @@ impl Recording {
                 false,
             ),
             drawn: Table::of(is_seldom, options.is_live),
-            tracks: Vec::new(),
+            tracks: BTreeMap::new(),
             ways: Default::default(),
             last: None,
             next: 0,
@@ -321,7 +323,7 @@ impl Recording {
             return Ok(());
         }
         if self.part.ticks == 0 {
-            self.write_ghosts(row.tick, true);
+            self.write_ghosts(row.tick);
             if let Some(q) = row.q() {
                 self.write_turned(row.tick, &self.links(q), true);
             }
@@ -473,12 +475,13 @@ impl Recording {
     }
 
     /// Adds a row that is written with the next chunks.
-    fn log(&self, tick: u64, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
+    fn log(&self, tick: u64, path: impl AsRef<str>, archetype: &dyn AsComponents) {
         self.sink.stream.set_timepoint(TimePoint::from([
             ("tick", TimeCell::from_sequence(tick as i64)),
             ("t", TimeCell::from_duration_nanos(self.nanoseconds(tick))),
         ]));
-        self.sink.done(self.sink.stream.log(path, archetype));
+        self.sink
+            .done(self.sink.stream.log(path.as_ref(), archetype));
     }
 
     fn log_static(&self, path: impl Into<EntityPath>, archetype: &dyn AsComponents) {
@@ -536,7 +539,7 @@ impl Recording {
         let names = AnyValues::default().with_component_from_data(entity::SINGULARITY_NAMES, names);
         self.log_static(entity::SIGNALS, &names);
         self.style_modes();
-        let layout = blueprint::layout(&self.subject, self.run.layout);
+        let layout = blueprint::layout(&self.subject, self.run.layout, None);
         self.sink.send_blueprint(&self.blueprint(), layout);
     }
 
@@ -593,31 +596,25 @@ impl Recording {
         })
     }
 
-    /// Settings known at the end only: the stretch to repeat, and the eye of the close-up.
+    /// The layout again with what is known at the end only: the stretch to repeat, the eyes, and a bar for faults that nobody planned.
     fn write_ending(&mut self, last: u64) {
-        let whole = ((0, last), self.subject.close_up);
         // A way that no plan told: an eye that sees all of it.
-        let main = self.eye();
-        let is_elsewhere = main.position.distance(self.subject.eye.position)
-            > 0.05 * main.position.distance(main.look_at);
+        let (main, planned) = (self.eye(), self.subject.eye);
+        if main.position.distance(planned.position) > 0.05 * main.position.distance(main.look_at) {
+            self.subject.eye = main;
+        }
+        let (stretches, rate_hz) = (&self.story.stretches, self.run.rate_hz);
         let stretch = match self.run.layout {
             Layout::Control if !self.subject.stands_still => {
-                self.story
-                    .stretches
-                    .ending(self.run.rate_hz, last, self.mark_size(), &main)
+                stretches.ending(rate_hz, last, self.mark_size(), &main)
             }
             _ => None,
         };
-        let ((first, last), close_up) = stretch.unwrap_or(whole);
-        let ending = Ending {
-            loop_ns: (self.nanoseconds(first), self.nanoseconds(last)),
-            close_up,
-            main: is_elsewhere.then_some(main),
-        };
-        // Unplanned faults: the same views with a bar for them.
-        let is_changed = !self.story.fault_states.is_empty() && !self.subject.faults;
-        self.subject.faults |= is_changed;
-        let chunks = blueprint::ending(&self.subject, self.run.layout, &ending, is_changed);
+        let ((first, last), close_up) = stretch.unwrap_or(((0, last), self.subject.close_up));
+        self.subject.close_up = close_up;
+        self.subject.faults |= !self.story.fault_states.is_empty();
+        let repeated = (self.nanoseconds(first), self.nanoseconds(last));
+        let chunks = blueprint::layout(&self.subject, self.run.layout, Some(repeated));
         self.sink.send_blueprint(&self.blueprint(), chunks);
     }
 
@@ -714,7 +711,6 @@ impl Story {
             motion: NullMotion::new(run.robot.length_m),
             history: History::new(stands_still(run.scenario)),
             sides: [1.0; MAX_SINGULARITIES],
-            ghosts: [0; MAX_DOF],
             faults: Vec::new(),
             fault_states: Vec::new(),
             unheard: 0,

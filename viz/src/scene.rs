@@ -411,27 +411,17 @@ pub(crate) fn rotation(at: &Placement) -> Quat {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::codes::TYPE_2;
     use shared_types::messages::{ControlState, PlantState, SingularityReport};
     use shared_types::topics::ByTopic;
 
-    fn wrist(s: f64, inside: u32) -> Mark {
-        let one = SingularityState {
-            class: TYPE_2,
-            angular: 1,
-            inside,
-            s,
-            eta_in: 0.1,
-            eta_out: 0.2,
-            zeta_B: [0., 0., 0., 0., 0.6, 0.8],
-            ..SingularityState::default()
-        };
-        Mark::new(&one, [0.1, 0.2, 0.3])
-    }
-
     #[test]
     fn marks_grow_towards_the_singularity_with_x_along_zeta() {
-        let marks = [wrist(0.5, 0), wrist(-0.3, 0), wrist(0.15, 1), wrist(0.0, 1)];
+        let marks = [(0.5, 0), (-0.3, 0), (0.15, 1), (0.0, 1)].map(|(s, inside)| {
+            let mut one = SingularityState::default();
+            (one.s, one.inside, one.angular, one.eta_out) = (s, inside, 1, 0.2);
+            one.zeta_B = [0., 0., 0., 0., 0.6, 0.8];
+            Mark::new(&one, [0.1, 0.2, 0.3])
+        });
         assert!(marks.is_sorted_by(|a, b| a.size < b.size) && marks[3].size == 1.0);
         let presence = marks.map(|mark| mark.look.presence);
         assert_eq!(
@@ -461,17 +451,10 @@ mod tests {
     #[test]
     fn ghosts_follow_null_motion_and_leave_with_the_hand() {
         let mut motion = NullMotion::new(0.43);
-        let mut state = PlantState {
-            R_BE: [1., 0., 0., 0., 1., 0., 0., 0., 1.],
-            ..PlantState::default()
-        };
-        let (mut report, mut command) = (
-            SingularityReport {
-                count: 1,
-                ..Default::default()
-            },
-            ControlState::default(),
-        );
+        let (mut state, mut report) = <(PlantState, SingularityReport)>::default();
+        let mut command = ControlState::default();
+        state.R_BE = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+        report.count = 1;
         (
             report.singularities[0].class,
             report.singularities[0].inside,

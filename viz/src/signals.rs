@@ -554,7 +554,7 @@ mod tests {
         /// The two parts of an error are orthogonal, and an error along ζ has no other part.
         #[test]
         fn orthogonal_and_along_are_orthogonal_parts(e in prop::array::uniform3(-1.0..1.0f64), a in prop::array::uniform3(-1.0..1.0f64), b in prop::array::uniform3(-1.0..1.0f64)) {
-            let directions = [Vector3::from(a), Vector3::from(b)].map(|d| d.normalize());
+            let directions = [a, b].map(|d| Vector3::from(d).normalize());
             let [orthogonal, along] = split(Vector3::from(e), directions.into_iter());
             prop_assert!((orthogonal.hypot(along) - Vector3::from(e).norm()).abs() < 1e-9);
             let [none, all] = split(directions[0] * 0.3, directions.into_iter());
@@ -576,66 +576,60 @@ mod tests {
         let robot = Robot::builtin("puma560").expect("built in");
         let limits = Limits::new(&robot);
         let mut state = PlantState {
-            R_BE: Matrix3::<f64>::identity().as_slice().try_into().unwrap(),
+            R_BE: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
             ..PlantState::default()
         };
         for (i, joint) in robot.joints.iter().enumerate() {
             (state.q[i], state.qdot[i]) = (joint.upper, joint.velocity);
         }
-        let mut report = shared_types::SingularityReport {
-            count: 2,
-            ..Default::default()
-        };
-        for (one, s) in report.singularities.iter_mut().zip([0.1, 0.0]) {
-            (one.s, one.eta_in, one.inside) = (s, 0.1, 1);
+        // Singular along x and about z.
+        let mut report = shared_types::SingularityReport::default();
+        report.count = 2;
+        for (one, (s, angular, axis)) in report
+            .singularities
+            .iter_mut()
+            .zip([(0.1, 0, 0), (0.0, 1, 5)])
+        {
+            (one.s, one.eta_in, one.inside, one.angular) = (s, 0.1, 1, angular);
+            one.zeta_B[axis] = 1.0;
         }
-        report.singularities[0].zeta_B[0] = 1.0;
-        (
-            report.singularities[1].angular,
-            report.singularities[1].zeta_B[5],
-        ) = (1, 1.0);
-        let mut command = ControlState {
+        let (sin, cos) = 0.02f64.sin_cos();
+        let command = ControlState {
             p_BE_d: [0.003, 0.0, 0.004],
+            R_BE_d: [cos, sin, 0.0, -sin, cos, 0.0, 0.0, 0.0, 1.0],
             ..ControlState::default()
         };
-        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), 0.02);
-        command.R_BE_d = turn.matrix().as_slice().try_into().unwrap();
-        let row = TickRow::new(
-            0,
-            ByTopic {
-                plant_state: Some(&state),
-                singularity: Some(&report),
-                control_state: Some(&command),
-                ..ByTopic::default()
-            },
-        );
+        let messages = ByTopic {
+            plant_state: Some(&state),
+            singularity: Some(&report),
+            control_state: Some(&command),
+            ..ByTopic::default()
+        };
         let take = |row: &TickRow, signal: Signal| {
             let mut values = Vec::new();
             (signal.of().take)(&Now::new(row, &limits, None), &mut values);
             values
         };
-        let close = |signal, expected: &[f64]| {
+        let row = TickRow::new(0, messages);
+        for (signal, expected) in [
+            (Signal::PositionError, &[4.0, 3.0][..]),
+            (Signal::OrientationError, &[0.0, 0.02f64.to_degrees()]),
+            (Signal::Nearness, &[0.0, NEAREST]),
+            (Signal::DrawnPosition, &[1.0; 6]),
+            (Signal::DrawnSpeed, &[1.0; 6]),
+        ] {
             let found = take(&row, signal);
+            let is_close = found
+                .iter()
+                .zip(expected)
+                .all(|(a, b)| (a - b).abs() < 1e-9);
             assert!(
-                found.len() == expected.len()
-                    && found
-                        .iter()
-                        .zip(expected)
-                        .all(|(a, b)| (a - b).abs() < 1e-9),
+                found.len() == expected.len() && is_close,
                 "{signal:?}: {found:?}"
             );
-        };
-        close(Signal::PositionError, &[4.0, 3.0]);
-        close(Signal::OrientationError, &[0.0, 0.02f64.to_degrees()]);
-        close(Signal::Nearness, &[0.0, NEAREST]);
-        close(Signal::DrawnPosition, &[1.0; 6]);
-        close(Signal::DrawnSpeed, &[1.0; 6]);
-        for (signal, of) in [
-            (Signal::PositionInRange, Signal::Position),
-            (Signal::SpeedRatio, Signal::Speed),
-        ] {
-            let (known, derive) = limits.derive(signal).expect("derived");
-            assert_eq!(known, of);
+        }
+        for signal in [Signal::PositionInRange, Signal::SpeedRatio] {
+            let (of, derive) = limits.derive(signal).expect("derived");
             assert!((derive(4, take(&row, of)[4]) - 1.0).abs() < 1e-12);
         }
         // As many values as a signal has elements, or none where its message is missing.
@@ -643,7 +637,7 @@ mod tests {
         for signal in Signal::ALL {
             let count = take(&row, *signal).len();
             assert!(
-                count == 0 || count == signal.elements(6, &names).len(),
+                [0, signal.elements(6, &names).len()].contains(&count),
                 "{signal:?}"
             );
             assert!(take(&TickRow::default(), *signal).is_empty());
@@ -653,13 +647,9 @@ mod tests {
     #[test]
     fn hops_add_up_to_the_chain() {
         // The chain's processes stand at places 0, 1, 3 and 2 of the stamps.
-        let (received_ns, sent_ns) = (
-            [0, 2_000, 9_000, 5_000, 0, 0, 0, 0],
-            [1_000, 4_000, 12_500, 8_000, 0, 0, 0, 0],
-        );
         let mut stamps = Stamps {
-            received_ns,
-            sent_ns,
+            received_ns: [0, 2_000, 9_000, 5_000, 0, 0, 0, 0],
+            sent_ns: [1_000, 4_000, 12_500, 8_000, 0, 0, 0, 0],
             due_ns: 0,
         };
         let hops = |stamps: &Stamps| hops_us(Some(stamps), Some([0, 1, 3, 2]));

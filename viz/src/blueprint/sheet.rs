@@ -1,6 +1,6 @@
 //! The views of a layout, as Rerun blueprint chunks.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use re_chunk::{Chunk, ChunkResult, EntityPath, RowId, Timeline};
 use re_sdk_types::AsComponents;
@@ -23,38 +23,32 @@ use shared_types::scenario::Layout;
 
 use super::{Eye, Subject};
 use crate::entity;
+use crate::recording::rgba;
 use crate::signals::{Kept, Signal};
 use crate::solid::Rgba;
 
-/// Lines of a plot: one signal's elements, with names and colours; its source entity.
+/// Lines of a plot: names and colours of the elements of a signal.
 pub(super) struct Lines {
     entity: &'static str,
     component: &'static str,
-    names: Vec<String>,
-    pub(super) colours: Vec<Rgba>,
+    pub(super) lines: Vec<(String, Rgba)>,
     pub(super) width: f32,
 }
 
 impl Lines {
-    pub(super) fn of(
-        signal: Signal,
-        names: impl IntoIterator<Item = String>,
-        colours: impl IntoIterator<Item = Rgba>,
-    ) -> Self {
-        let names: Vec<String> = names.into_iter().collect();
+    pub(super) fn of(signal: Signal, lines: impl IntoIterator<Item = (String, Rgba)>) -> Self {
         Self {
             entity: match signal.of().kept {
                 Kept::Slow | Kept::Drawn => entity::DRAWN,
                 _ => entity::SIGNALS,
             },
             component: signal.component(),
-            colours: colours.into_iter().take(names.len()).collect(),
-            names,
+            lines: lines.into_iter().collect(),
             width: 1.5,
         }
     }
 
-    /// Lines that never move; `name` is that of the first, the others are not in the legend.
+    /// Lines that never move.
     pub(super) fn guide(
         component: &'static str,
         name: &str,
@@ -62,19 +56,20 @@ impl Lines {
         colour: Rgba,
         width: f32,
     ) -> Self {
-        let (names, colours) = (vec![name.to_owned(); count], vec![colour; count]);
+        let lines = vec![(name.to_owned(), colour); count];
         Self {
             entity: entity::GUIDES,
             component,
-            names,
-            colours,
+            lines,
             width,
         }
     }
 
     /// One name, hence one entry of the legend, for lines that are told apart by colours known from other plots.
     pub(super) fn named(mut self, name: &str) -> Self {
-        self.names.iter_mut().for_each(|each| name.clone_into(each));
+        self.lines
+            .iter_mut()
+            .for_each(|line| name.clone_into(&mut line.0));
         self
     }
 }
@@ -90,49 +85,35 @@ const ID_BASE: u128 = 0xa6b1_0000_0000_4000_8000_0000_0000_0000;
 pub(super) type Cell = (f32, EntityPath);
 
 /// The chunks of one blueprint store.
-pub(super) struct Sheet {
-    layout: Layout,
+pub(super) struct Sheet<'a> {
+    pub(super) layout: Layout,
+    pub(super) subject: &'a Subject,
     pub(super) chunks: Vec<ChunkResult<Chunk>>,
     ids: u64,
-    /// Views by name.
-    pub(super) views: BTreeMap<String, EntityPath>,
     /// The last container made: in the end the outermost.
     pub(super) root: Uuid,
-    /// Whether plots have a bar for faults in force.
-    pub(super) marks_faults: bool,
-    /// Plots show the whole run, whatever its length.
-    pub(super) shows_all: bool,
-    /// Whether chunks are made, or ids only.
-    pub(super) makes_chunks: bool,
-    /// Names of plots, and how many entries their legends have.
-    pub(super) legends: Vec<(String, usize)>,
 }
 
-impl Sheet {
-    pub(super) fn new(layout: Layout, makes_chunks: bool) -> Self {
+impl<'a> Sheet<'a> {
+    pub(super) fn new(layout: Layout, subject: &'a Subject) -> Self {
+        let (chunks, ids, root) = (Vec::new(), 0, Uuid::nil());
         Self {
             layout,
-            chunks: Vec::new(),
-            ids: 0,
-            views: BTreeMap::new(),
-            root: Uuid::nil(),
-            marks_faults: false,
-            shows_all: false,
-            makes_chunks,
-            legends: Vec::new(),
+            subject,
+            chunks,
+            ids,
+            root,
         }
     }
 
     /// The archetypes of one place, in one chunk: each chunk costs a thousand bytes.
     pub(super) fn log(&mut self, path: impl Into<EntityPath>, archetypes: &[&dyn AsComponents]) {
-        if self.makes_chunks {
-            let at = [(Timeline::new_sequence("blueprint"), 0)];
-            let components = archetypes
-                .iter()
-                .flat_map(|one| one.as_serialized_batches());
-            let chunk = Chunk::builder(path).with_serialized_batches(RowId::new(), at, components);
-            self.chunks.push(chunk.build());
-        }
+        let at = [(Timeline::new_sequence("blueprint"), 0)];
+        let components = archetypes
+            .iter()
+            .flat_map(|one| one.as_serialized_batches());
+        let chunk = Chunk::builder(path).with_serialized_batches(RowId::new(), at, components);
+        self.chunks.push(chunk.build());
     }
 
     /// A setting of a view.
@@ -165,7 +146,6 @@ impl Sheet {
         self.set(&path, "ViewContents", &ViewContents::new(queries));
         let view = ViewBlueprint::new(class).with_display_name(Name(name.into()));
         self.log(path.clone(), &[&view.with_space_origin(origin)]);
-        self.views.insert(name.to_owned(), path.clone());
         (id, path)
     }
 
@@ -217,18 +197,12 @@ impl Sheet {
         legend: Option<Corner2D>,
     ) -> EntityPath {
         // Every plot is as long as the guides: one too thin to be seen, in the legend with the first line.
-        let first = lines
-            .first()
-            .and_then(|lines| lines.names.first().zip(lines.colours.first()));
+        let first = lines.first().and_then(|lines| lines.lines.first());
         let zero = first.map(|(name, colour)| Lines::guide("guide:zero", name, 1, *colour, 0.02));
         lines.extend(zero);
-        if self.marks_faults {
-            let bar = Lines::of(Signal::Fault, ["fault".to_owned()], [FAULT]);
+        if self.subject.faults {
+            let bar = Lines::of(Signal::Fault, [("fault".to_owned(), FAULT)]);
             lines.push(Lines { width: 6.0, ..bar });
-        }
-        if legend.is_some() {
-            let names: BTreeSet<&String> = lines.iter().flat_map(|lines| &lines.names).collect();
-            self.legends.push((name.to_owned(), names.len()));
         }
         let entities: BTreeSet<&str> = lines.iter().map(|lines| lines.entity).collect();
         let contents: Vec<String> = entities.iter().map(|entity| (*entity).to_owned()).collect();
@@ -257,12 +231,11 @@ impl Sheet {
             selector: None,
         });
         let instructed = VisualizerInstruction::new("SeriesLines").with_component_map([mapping]);
-        let colours = lines.colours.iter();
-        let colours = colours.map(|[r, g, b, a]| Color::from_unmultiplied_rgba(*r, *g, *b, *a));
+        let all = lines.lines.iter();
         let style = SeriesLines::new()
-            .with_names(lines.names.iter().map(|name| name.as_str()))
-            .with_colors(colours)
-            .with_widths(lines.names.iter().map(|_| StrokeWidth(lines.width.into())));
+            .with_names(all.clone().map(|line| line.0.as_str()))
+            .with_colors(all.clone().map(|line| rgba(line.1)))
+            .with_widths(all.map(|_| StrokeWidth(lines.width.into())));
         self.log(at, &[&instructed, &style]);
         VisualizerInstructionId(instruction.into())
     }
@@ -270,7 +243,7 @@ impl Sheet {
     fn axes(&mut self, path: &EntityPath, range: Option<[f64; 2]>) {
         // A linked axis is as long as the viewer wants it: a minute at most. A range of its own would be read as ticks on the other time line.
         let (start, end) = (TimeRangeBoundary::Infinite, TimeRangeBoundary::Infinite);
-        let axis = match self.shows_all {
+        let axis = match self.subject.is_long {
             true => TimeAxis::new()
                 .with_link(LinkAxis::Independent)
                 .with_view_range(TimeRange { start, end }),
@@ -314,8 +287,8 @@ impl Sheet {
     }
 
     /// Lanes by their paths, in the viewer's own order.
-    pub(super) fn states(&mut self, name: &str, lanes: impl Iterator<Item = String>) -> EntityPath {
-        let (_, path) = self.view("StateTimeline", name, "/", &lanes.collect::<Vec<_>>());
+    pub(super) fn states(&mut self, name: &str, lanes: Vec<String>) -> EntityPath {
+        let (_, path) = self.view("StateTimeline", name, "/", &lanes);
         self.set(
             &path,
             "TimeAxis",
@@ -324,30 +297,16 @@ impl Sheet {
         path
     }
 
-    /// Shows in a view all below `origin` but `without`.
-    pub(super) fn leave_out(&mut self, view: &EntityPath, origin: &str, without: &str) {
-        let (all, but) = (format!("+ {origin}/**"), format!("- {without}"));
-        self.set(
-            view,
-            "ViewContents",
-            &ViewContents::new([all.as_str(), but.as_str()]),
-        );
-    }
-
-    /// From where a view of the arm sees it.
-    pub(super) fn eye(&mut self, view: &EntityPath, eye: &Eye) {
+    /// A view of the arm from `eye`, but for what is at a path.
+    pub(super) fn world(&mut self, name: &str, eye: &Eye, without: Option<&str>) -> EntityPath {
+        let mut contents = vec![format!("{}/**", entity::WORLD)];
+        contents.extend(without.map(|path| format!("- {path}")));
+        let (id, path) = self.view("3D", name, entity::WORLD, &contents);
         let controls = EyeControls3D::new()
             .with_position(eye.position.to_array())
             .with_look_target(eye.look_at.to_array())
             .with_eye_up(eye.up.to_array());
-        self.set(view, "EyeControls3D", &controls);
-    }
-
-    /// A view of the arm from `eye`.
-    pub(super) fn world(&mut self, name: &str, subject: &Subject, eye: &Eye) -> EntityPath {
-        let contents = [format!("{}/**", entity::WORLD)];
-        let (id, path) = self.view("3D", name, entity::WORLD, &contents);
-        self.eye(&path, eye);
+        self.set(&path, "EyeControls3D", &controls);
         let background = Background::new(BackgroundKind::SolidColor);
         self.set(
             &path,
@@ -355,7 +314,7 @@ impl Sheet {
             &background.with_color(Color::from_rgb(24, 28, 36)),
         );
         let grid = LineGrid3D::new()
-            .with_plane(Plane3D::new([0.0, 0.0, 1.0], subject.floor_m))
+            .with_plane(Plane3D::new([0.0, 0.0, 1.0], self.subject.floor_m))
             .with_spacing(0.25)
             .with_color(Color::from_unmultiplied_rgba(150, 165, 185, 45));
         self.set(&path, "LineGrid3D", &grid);
@@ -373,7 +332,7 @@ impl Sheet {
             entity::PATH_DESIRED,
             entity::PATH_RIVAL,
         ];
-        paths.extend(subject.stands_still.then_some(entity::PATH_MAGNIFIED));
+        paths.extend(self.subject.stands_still.then_some(entity::PATH_MAGNIFIED));
         for of in paths {
             let at = ViewContents::blueprint_base_visualizer_path_for_entity(id, &of.into());
             self.log(at, &[&VisibleTimeRanges::new([range("t"), range("tick")])]);

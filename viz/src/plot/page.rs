@@ -224,17 +224,15 @@ fn png(fine: &[u8], (width, height): (u32, u32)) -> Result<Vec<u8>, png::Encodin
 #[cfg(test)]
 mod tests {
     use super::super::axis::Axis;
-    use super::super::color::BLUE;
-    use super::super::pen::thinned;
+    use super::super::color::{BLUE, GREY};
     use super::*;
 
     #[test]
     fn a_picture_is_saved_twice_and_thinning_keeps_the_extremes() {
         let folder = tempfile::tempdir().unwrap();
         let mut panel = Panel::new("x < y & z", Axis::named("time, s"), Axis::default());
-        let wave: Vec<_> = (0..20_000)
-            .map(|k| (f64::from(k), if k == 7777 { 9.0 } else { 0.0 }))
-            .collect();
+        let wave = |k| (f64::from(k), if k == 7777 { 9.0 } else { 0.0 });
+        let wave: Vec<_> = (0..20_000).map(wave).collect();
         panel.line("spike", BLUE, &wave);
         panel.dashed(
             "wanted",
@@ -242,32 +240,19 @@ mod tests {
             &[(0.0, f64::NAN), (1.0, 1.0), (19_000.0, 2.0)],
         );
         let page = Page {
-            title: "Test".to_owned(),
             rows: vec![Row::of(200.0, [panel])],
             ..Page::default()
         };
         let [svg, png] = page.save(&folder.path().join("a.b")).unwrap();
         let svg = std::fs::read_to_string(svg).unwrap();
-        assert!(
-            svg.contains("x &lt; y &amp; z")
-                && svg.len() < 100_000
-                && svg.starts_with("<svg width=\"900\""),
-            "{}",
-            svg.len()
-        );
+        assert!(svg.contains("x &lt; y &amp; z") && svg.len() < 100_000);
         assert!(std::fs::read(png).unwrap().starts_with(b"\x89PNG"));
-        assert!(thinned(&wave, 12.0).iter().any(|(_, y)| *y == 9.0));
-    }
-
-    #[test]
-    fn a_folder_that_is_not_there_is_said() {
-        let error = Page::default()
-            .save(Path::new("/nowhere/at/all"))
-            .unwrap_err()
-            .to_string();
         assert!(
-            error.contains("cannot write /nowhere/at/all.svg"),
-            "{error}"
+            super::super::pen::thinned(&wave, 12.0)
+                .iter()
+                .any(|(_, y)| *y == 9.0)
         );
+        let error = page.save(Path::new("/nowhere/at/all")).unwrap_err();
+        assert!(matches!(error, PlotError::Write { .. }));
     }
 }

@@ -21,6 +21,10 @@ const HEAD: f64 = 44.0;
 const FOOT: f64 = 32.0;
 /// Line height of a legend that is too long for one line, points.
 const LEGEND_LINE: f64 = 15.0;
+
+/// From edge to edge: what is beyond an axis is drawn at its end.
+const WHOLE: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
+
 #[derive(Clone, Debug)]
 enum Mark {
     Line {
@@ -34,25 +38,12 @@ enum Mark {
         color: Color,
         radius: f64,
     },
-    Bar {
-        row: usize,
-        to: f64,
+    /// Places of the axes; behind everything where it has no text, which stands at the end of a block from the left edge, else in the middle.
+    Block {
+        x: [f64; 2],
+        y: [f64; 2],
         color: Color,
-        text: String,
-    },
-    Band {
-        x: Range<f64>,
-        color: Color,
-    },
-    Floor {
-        to: f64,
-        color: Color,
-    },
-    Cell {
-        column: usize,
-        row: usize,
-        color: Color,
-        text: String,
+        text: Option<String>,
     },
 }
 
@@ -151,24 +142,19 @@ impl Panel {
         self.dots(color, 1.5 + 1.5 * strength, joints);
     }
 
+    fn block(&mut self, x: [f64; 2], y: [f64; 2], color: Color, text: Option<String>) {
+        self.marks.push(Mark::Block { x, y, color, text });
+    }
+
     /// A horizontal bar in a row of a [`Scale::Names`] axis, from the left edge, with a text at its end.
     pub fn bar(&mut self, row: usize, to: f64, color: Color, text: String) {
-        self.marks.push(Mark::Bar {
-            row,
-            to,
-            color,
-            text,
-        });
+        let x = [f64::NEG_INFINITY, self.x.place(to)];
+        self.block(x, around(row, 0.32), color, Some(text));
     }
 
     /// A square of a map whose axes are both [`Scale::Names`].
     pub fn cell(&mut self, column: usize, row: usize, color: Color, text: String) {
-        self.marks.push(Mark::Cell {
-            column,
-            row,
-            color,
-            text,
-        });
+        self.block(around(column, 0.49), around(row, 0.49), color, Some(text));
     }
 
     /// A shaded stretch of the x axis, behind what is drawn after it.
@@ -176,13 +162,15 @@ impl Panel {
         if !self.legend.iter().any(|(known, ..)| known == name) {
             self.name(name, color, false);
         }
-        self.marks.push(Mark::Band { x, color });
+        let x = [x.start, x.end].map(|x| self.x.place(x));
+        self.block(x, WHOLE, color, None);
     }
 
     /// A shaded stretch of the y axis, from its lower end to a value.
     pub fn floor(&mut self, name: &str, color: Color, to: f64) {
         self.name(name, color, false);
-        self.marks.push(Mark::Floor { to, color });
+        let y = [f64::NEG_INFINITY, self.y.place(to)];
+        self.block(WHOLE, y, color, None);
     }
 
     /// The data's range, each axis by its own scale.
@@ -196,8 +184,8 @@ impl Panel {
                         y.add(self.y.place(point.1));
                     })
                 }
-                Mark::Bar { to, .. } => x.add(self.x.place(*to)),
-                Mark::Band { .. } | Mark::Cell { .. } | Mark::Floor { .. } => {}
+                Mark::Block { x: ends, text, .. } if text.is_some() => x.add(ends[1]),
+                Mark::Block { .. } => {}
             }
         }
         let (x, y) = (self.x.span(x, false), self.y.span(y, true));
@@ -294,13 +282,17 @@ impl Panel {
                 },
             )
             .map_err(said)?;
-        self.paint_behind(&mut chart)?;
+        let is_behind = |mark: &&Mark| matches!(mark, Mark::Block { text: None, .. });
+        let (behind, marks): (Vec<_>, Vec<_>) = self.marks.iter().partition(is_behind);
+        for mark in behind {
+            self.paint_mark(&mut chart, mark, pen.joins)?;
+        }
         self.paint_axes(&mut chart)?;
         if !self.x.hidden {
             let place = (outer_x.end, outer_y.end - FOOT + 24.0);
             pen.text(place, &self.x.label, 11.0, false, GREY, HPos::Right)?;
         }
-        for mark in &self.marks {
+        for mark in marks {
             self.paint_mark(&mut chart, mark, pen.joins)?;
         }
         Ok(chart.plotting_area().get_pixel_range())
@@ -331,25 +323,6 @@ impl Panel {
             right += long + 14.0;
         }
         Ok(down)
-    }
-
-    /// Shaded stretches.
-    fn paint_behind<DB: DrawingBackend>(&self, chart: &mut Chart<'_, DB>) -> Result<(), String> {
-        let (low, high) = (chart.x_range(), chart.y_range());
-        let blocks = self.marks.iter().filter_map(|mark| match mark {
-            Mark::Band { x, color } => Some((
-                [self.x.place(x.start), self.x.place(x.end)],
-                [high.start, high.end],
-                color,
-            )),
-            Mark::Floor { to, color } => {
-                let y = [high.start, self.y.place(*to)];
-                Some(([low.start, low.end], y, color))
-            }
-            _ => None,
-        });
-        let blocks = blocks.map(|(x, y, color)| block(x, y, *color));
-        chart.draw_series(blocks).map(drop).map_err(said)
     }
 
     fn paint_axes<DB: DrawingBackend>(&self, chart: &mut Chart<'_, DB>) -> Result<(), String> {
@@ -384,26 +357,7 @@ impl Panel {
         joins: bool,
     ) -> Result<(), String> {
         let place = |(x, y): &(f64, f64)| (self.x.place(*x), self.y.place(*y));
-        let done = match mark {
-            Mark::Band { .. } | Mark::Floor { .. } => return Ok(()),
-            Mark::Cell {
-                column,
-                row,
-                color,
-                text,
-            } => {
-                let middle = (*column as f64, *row as f64);
-                let around = |middle: f64| [middle - 0.49, middle + 0.49];
-                let [r, g, b] = [color.0, color.1, color.2].map(f64::from);
-                let is_bright = 0.299 * r + 0.587 * g + 0.114 * b > 150.0;
-                let ink = if is_bright { INK } else { WHITE };
-                let style = anchored(10.0, ink, HPos::Center);
-                let words = Text::new(text.clone(), middle, style);
-                chart
-                    .draw_series([block(around(middle.0), around(middle.1), *color)])
-                    .map(drop)
-                    .and_then(|()| chart.draw_series([words]))
-            }
+        match mark {
             Mark::Line {
                 points,
                 color,
@@ -411,7 +365,7 @@ impl Panel {
                 dashed,
             } => {
                 let places: Vec<_> = points.iter().map(place).collect();
-                return paint_line(chart, &places, stroke(*color, *width), *dashed, joins);
+                paint_line(chart, &places, stroke(*color, *width), *dashed, joins)
             }
             Mark::Dots {
                 points,
@@ -419,19 +373,24 @@ impl Panel {
                 radius,
             } => {
                 let dot = |point| Circle::new(place(point), fine((*radius, 0.0)).0, color.filled());
-                chart.draw_series(points.iter().map(dot))
+                chart
+                    .draw_series(points.iter().map(dot))
+                    .map(drop)
+                    .map_err(said)
             }
-            Mark::Bar {
-                row,
-                to,
-                color,
-                text,
-            } => {
-                return paint_bar(chart, (self.x.place(*to), *row as f64), *color, text);
+            Mark::Block { x, y, color, text } => {
+                let block = Rectangle::new([(x[0], y[0]), (x[1], y[1])], color.filled());
+                chart.draw_series([block]).map_err(said)?;
+                let Some(text) = text else { return Ok(()) };
+                paint_words(chart, *x, (y[0] + y[1]) / 2.0, *color, text)
             }
-        };
-        done.map(drop).map_err(said)
+        }
     }
+}
+
+/// From a row's or a column's middle to both sides.
+fn around(place: usize, half: f64) -> [f64; 2] {
+    [place as f64 - half, place as f64 + half]
 }
 
 /// A line, interrupted where a place is not finite.
@@ -460,36 +419,33 @@ fn paint_line<DB: DrawingBackend>(
     Ok(())
 }
 
-/// A bar from the left edge to a place, with a text at its end.
-fn paint_bar<DB: DrawingBackend>(
+/// The text of a block in a row: at its end where it begins at the left edge, else in its middle.
+fn paint_words<DB: DrawingBackend>(
     chart: &mut Chart<'_, DB>,
-    (end, row): (f64, f64),
+    [start, end]: [f64; 2],
+    row: f64,
     color: Color,
     text: &str,
 ) -> Result<(), String> {
-    let start = chart.x_range().start;
-    let bar = block([start, end], [row - 0.32, row + 0.32], color);
-    chart.draw_series([bar]).map_err(said)?;
-    // Inside the bar where there is no room behind it.
+    let words = |aside: f64, size, ink, at| {
+        Text::new(text.to_owned(), fine((aside, 0.0)), anchored(size, ink, at))
+    };
+    // Inside a bar where there is no room behind it.
     let long = text.chars().count() as f64 * 11.0 * CHARACTER + 6.0;
     let (right, _) = chart.plotting_area().get_pixel_range();
     let (at, _) = chart.backend_coord(&(end, row));
-    let (aside, ink, anchor) = if at + fine((long, 0.0)).0 > right.end {
-        (-5.0, WHITE, HPos::Right)
+    let [r, g, b] = [color.0, color.1, color.2].map(f64::from);
+    let (place, words) = if start.is_finite() {
+        let is_bright = 0.299 * r + 0.587 * g + 0.114 * b > 150.0;
+        let ink = if is_bright { INK } else { WHITE };
+        ((start + end) / 2.0, words(0.0, 10.0, ink, HPos::Center))
+    } else if at + fine((long, 0.0)).0 > right.end {
+        (end, words(-5.0, 11.0, WHITE, HPos::Right))
     } else {
-        (5.0, INK, HPos::Left)
+        (end, words(5.0, 11.0, INK, HPos::Left))
     };
-    let words = Text::new(
-        text.to_owned(),
-        fine((aside, 0.0)),
-        anchored(11.0, ink, anchor),
-    );
-    let words = EmptyElement::at((end, row)) + words;
+    let words = EmptyElement::at((place, row)) + words;
     chart.draw_series([words]).map(drop).map_err(said)
-}
-
-fn block([x0, x1]: [f64; 2], [y0, y1]: [f64; 2], color: Color) -> Rectangle<(f64, f64)> {
-    Rectangle::new([(x0, y0), (x1, y1)], color.filled())
 }
 
 /// Dashes of five points with gaps of three.

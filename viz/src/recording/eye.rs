@@ -203,45 +203,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_eye_steps_back_for_a_hand_that_goes_where_no_plan_said() {
-        let mut room = Room::of(vec![Vec3::ZERO, Vec3::Z * 0.6, Vec3::new(0.6, 0.0, 0.6)]);
-        let planned = room.eye(0.15, &Subject::default(), false);
-        room.push(room.places.clone().into_iter(), room.places[2]);
-        let stayed = room.eye(0.15, &Subject::default(), false);
-        assert!(planned.position.distance(stayed.position) < 1e-6);
-        room.push([Vec3::ZERO, Vec3::Z, Vec3::Y].into_iter(), Vec3::Y);
-        let far = room.eye(0.15, &Subject::default(), false);
-        let distance = |eye: &Eye| eye.position.distance(eye.look_at);
-        assert!(
-            distance(&far) > 1.1 * distance(&planned) && far.look_at.y > planned.look_at.y + 0.2
-        );
-    }
-
-    #[test]
     fn playback_repeats_the_first_of_stretches_about_as_long() {
         let mut stretches = Stretches::default();
         for tick in 0..1000 {
-            let inside = u32::from(matches!(tick, 100..120 | 300..400 | 500..601 | 800..830));
-            let one = SingularityState {
-                inside,
-                eta_in: 0.1,
-                eta_out: 0.2,
-                ..Default::default()
-            };
+            let mut one = SingularityState::default();
+            one.inside = u32::from(matches!(tick, 100..120 | 300..400 | 500..601 | 800..830));
             stretches.push(tick, &[one], &[Mark::new(&one, [0.0; 3])], Vec3::ZERO);
         }
+        let position = Vec3::new(2.0, -2.0, 1.0);
         let main = Eye {
-            position: Vec3::new(2.0, -2.0, 1.0),
+            position,
             look_at: Vec3::ZERO,
             up: Vec3::Z,
         };
-        let ticks = |rate_hz| {
-            stretches
-                .ending(rate_hz, 999, 0.2, &main)
-                .expect("singular")
-                .0
-        };
-        assert_eq!([ticks(1000), ticks(100)], [(0, 999), (250, 499)]);
+        let ticks = |rate_hz| Some(stretches.ending(rate_hz, 999, 0.2, &main)?.0);
+        assert_eq!(
+            [ticks(1000), ticks(100)],
+            [Some((0, 999)), Some((250, 499))]
+        );
         // Across x and z, from the main eye's side.
         let eye = close_up(Vec3::ZERO, [Vec3::X, Vec3::Z], Vec3::ZERO, 0.2, &main);
         assert!(eye.position.normalize().dot(-Vec3::Y) > 0.9);

@@ -2,14 +2,13 @@
 
 use glam::Vec3;
 use nalgebra::SVector;
-use re_sdk_types::archetypes::{Clear, LineStrips3D, Transform3D};
+use re_sdk_types::archetypes::Transform3D;
 use shared_types::MAX_DOF;
 use shared_types::codes::{KIND_NUMERIC, MODE_REORIENT};
-use shared_types::messages::SingularityState;
 
+use super::Recording;
 use super::picture::UNSEEN;
 use super::shapes::{arrows, ghost3d, lettered, lines, mesh3d, tinted, words};
-use super::{Recording, Track};
 use crate::scene::{self, Look, Mark, Presence, dashed, glyph};
 use crate::signals::TickRow;
 use crate::solid::{Placement, Rgba};
@@ -17,6 +16,8 @@ use crate::{entity, narration};
 
 /// Cosine of 8°: how far ζ turns between two pictures of what it has swept.
 const SWEEP_STEP: f32 = 0.9903;
+/// So many directions of ζ, a few degrees, are worth no picture.
+const FEW: usize = 2;
 /// Degrees between two pictures of the rotation about the old ζ.
 const TELL_STEP_DEG: f32 = 5.0;
 /// Colour of a direction that is free again.
@@ -29,8 +30,6 @@ pub(super) struct Shown {
     /// Whether ζ turns, of a mark that has its meshes.
     drawn: Option<bool>,
     swept: Option<Swept>,
-    /// The links that show why.
-    why: Vec<usize>,
 }
 
 /// The sector that ζ has swept since the arm entered.
@@ -58,15 +57,31 @@ struct Named<'a> {
     is_turning: bool,
 }
 
-/// A picture of ζ: `sector` swept, its angle in `words`, ζ as it was at the `entry`.
-fn zeta_path(name: &str, part: &str) -> String {
-    format!("/world/zeta/{name}/{part}")
+impl Named<'_> {
+    /// A part of the mark.
+    fn part(&self, part: &str) -> String {
+        format!("{}{}/{part}", entity::SINGULARITY, self.name)
+    }
+
+    /// A picture of ζ: `sector` swept, its angle in `words`, ζ as it was at the `entry`.
+    fn zeta(&self, part: &str) -> String {
+        format!("/world/zeta/{}/{part}", self.name)
+    }
+
+    fn label(&self) -> String {
+        format!("{}{}", entity::LABEL, self.name)
+    }
 }
 
 impl Recording {
     /// Half the length of the mark of a singularity the arm is in; m.
     pub(super) fn mark_size(&self) -> f32 {
         0.2 * self.run.figure.reach
+    }
+
+    /// Lines of marks and of turned joints; m.
+    pub(super) fn fine(&self) -> f32 {
+        0.004 * self.run.figure.reach
     }
 
     /// Marks change their looks rarely; their places go with the picture.
@@ -77,26 +92,27 @@ impl Recording {
         marks: &[Mark],
         hand: &Placement,
     ) {
-        let is_new = |i: usize, mark: &Mark| {
-            mark.is_inside() && self.part.marks[i].look.presence != Presence::Inside
-        };
-        if marks.iter().enumerate().any(|(i, mark)| is_new(i, mark)) {
+        let is_inside = |shown: &Shown| shown.look.presence == Presence::Inside;
+        let shown = self.part.marks.iter().map(is_inside);
+        if marks
+            .iter()
+            .zip(shown.clone())
+            .any(|(mark, shown)| mark.is_inside() && !shown)
+        {
             // Labels that stand keep their sides.
-            for (i, side) in scene::label_sides(marks).into_iter().enumerate() {
-                if self.part.marks[i].look.presence != Presence::Inside {
-                    self.story.sides[i] = side;
-                }
+            let sides = self.story.sides.iter_mut().zip(scene::label_sides(marks));
+            for ((known, side), _) in sides.zip(shown).filter(|(_, shown)| !shown) {
+                *known = side;
             }
         }
-        for (i, (one, mark)) in row.singularities().iter().zip(marks).enumerate() {
-            let Some((name, tint)) = self.subject.singularities.get(i).cloned() else {
-                return;
-            };
+        let singularities = self.subject.singularities.clone();
+        let all = row.singularities().iter().zip(marks).zip(&singularities);
+        for (i, ((one, mark), (name, tint))) in all.enumerate() {
             let command = row.control_state;
             let named = Named {
                 tick: row.tick,
-                name: &name,
-                tint,
+                name,
+                tint: *tint,
                 look: mark.look,
                 centre: mark.X_BS.p,
                 zeta: -self.story.sides[i] * mark.zeta(),
@@ -108,7 +124,7 @@ impl Recording {
             if shown.look != mark.look {
                 shown.look = mark.look;
                 self.write_look(&mut shown, &named, mark.edge, &narration::label(one, i));
-                self.write_why(&mut shown, &named, one, q);
+                self.write_why(&named, one.kind, q);
             }
             shown.swept = self.write_swept(shown.swept.take(), &named, hand);
             self.part.marks[i] = shown;
@@ -116,92 +132,77 @@ impl Recording {
     }
 
     /// The mark's solid, the rings where it is entered and, inside, the other axes of the singular frame and the words.
-    fn write_look(&self, shown: &mut Shown, mark: &Named, edge: f32, text: &str) {
-        let Named {
-            tick,
-            name,
-            tint: [r, g, b, _],
-            look,
-            ..
-        } = *mark;
-        let part = |part: &str| format!("{}{name}/{part}", entity::SINGULARITY);
-        let (solid, rings, unit) = (part("glyph"), part("edge"), self.mark_size());
+    fn write_look(&mut self, shown: &mut Shown, mark: &Named, edge: f32, text: &str) {
+        let (tick, unit) = (mark.tick, self.mark_size());
+        let Look { presence, angular } = mark.look;
+        let [solid, rings] = ["glyph", "edge"].map(|part| mark.part(part));
         // Meshes are large: they are written once, later changes are their tint and their size.
-        if shown.drawn != Some(look.angular) && look.presence != Presence::Hidden {
-            shown.drawn = Some(look.angular);
-            self.log(
-                tick,
-                solid.as_str(),
-                &mesh3d(&glyph(look.angular, [r, g, b, 255])),
-            );
+        if shown.drawn != Some(angular) && presence != Presence::Hidden {
+            shown.drawn = Some(angular);
+            let [r, g, b, _] = mark.tint;
+            self.log(tick, &solid, &mesh3d(&glyph(angular, [r, g, b, 255])));
             let edge = scene::rings(edge, unit, [255; 4]);
-            self.log(tick, rings.as_str(), &ghost3d(&edge, [255; 4]));
+            self.log(tick, &rings, &ghost3d(&edge, [255; 4]));
         }
         let scale = |scale: f32| Transform3D::update_fields().with_scale(scale);
-        let (opacity, rim) = match look.presence {
-            Presence::Hidden => {
-                self.log(tick, solid, &scale(UNSEEN));
-                self.log(tick, rings, &scale(UNSEEN));
-                return self.clear(tick, [part("axes"), format!("{}{name}", entity::LABEL)]);
-            }
-            Presence::Near => (70, [190, 195, 205, 255]),
-            Presence::Inside => (255, [255, 110, 110, 255]),
+        let tints = match presence {
+            Presence::Hidden => None,
+            Presence::Near => Some((70, [190, 195, 205, 255])),
+            Presence::Inside => Some((255, [255, 110, 110, 255])),
         };
-        self.log(tick, solid, &tinted([255, 255, 255, opacity]));
-        self.log(tick, rings.as_str(), &tinted(rim));
-        self.log(tick, rings, &scale(1.0));
-        let label = format!("{}{name}", entity::LABEL);
-        if look.presence == Presence::Near {
-            return self.clear(tick, [part("axes"), label]);
+        if let Some((opacity, rim)) = tints {
+            self.log(tick, &solid, &tinted([255, 255, 255, opacity]));
+            self.log(tick, &rings, &tinted(rim));
+            self.log(tick, &rings, &scale(1.0));
+        } else {
+            self.log(tick, &solid, &scale(UNSEEN));
+            self.log(tick, &rings, &scale(UNSEEN));
         }
-        let axes = [Vec3::Y, Vec3::Z].map(|axis| 0.5 * unit * axis);
-        self.log(
-            tick,
-            part("axes"),
-            &arrows(axes, [0xc8, 0xd0, 0xdc, 0xff], 0.012 * unit),
-        );
-        self.log(tick, label, &words(Vec3::ZERO, mark.tint, text));
+        if presence == Presence::Inside {
+            let axes = [Vec3::Y, Vec3::Z].map(|axis| 0.5 * unit * axis);
+            let axes = arrows(axes, [0xc8, 0xd0, 0xdc, 0xff], 0.012 * unit);
+            self.draw(tick, mark.part("axes"), &axes);
+            self.draw(tick, mark.label(), &words(Vec3::ZERO, mark.tint, text));
+        } else {
+            self.clear(tick, [mark.part("axes"), mark.label()]);
+        }
     }
 
     /// Axes and bones that fall into one line, on the links they belong to: they move with the arm and cost nothing per tick.
-    fn write_why(
-        &self,
-        shown: &mut Shown,
-        mark: &Named,
-        one: &SingularityState,
-        q: &[f64; MAX_DOF],
-    ) {
+    fn write_why(&mut self, mark: &Named, kind: u32, q: &[f64; MAX_DOF]) {
+        let (joints, reach) = (self.subject.joints, self.run.figure.reach);
         let path = |link: usize| format!("{}/why_{}", entity::link(entity::LINK, link), mark.name);
         if mark.look.presence == Presence::Hidden {
-            return self.clear(
-                mark.tick,
-                std::mem::take(&mut shown.why).into_iter().map(path),
-            );
+            return self.clear(mark.tick, (0..joints).map(path));
         }
-        if !shown.why.is_empty() {
+        if (0..joints).any(|link| self.part.drawn.contains(&path(link))) {
             return;
         }
-        let (joints, reach) = (self.subject.joints, self.run.figure.reach);
-        let dependent = match one.kind {
+        let dependent = match kind {
             KIND_NUMERIC if joints <= 6 => {
                 let J = self.run.arm.jacobian(&SVector::from(*q));
                 scene::dependent_joints(&J, joints, f64::from(0.4 * reach))
             }
             _ => Vec::new(),
         };
-        for (link, strips, is_second) in scene::reasons(one.kind, &self.run.figure, &dependent) {
+        for (link, strips, is_second) in scene::reasons(kind, &self.run.figure, &dependent) {
             let drawn = if is_second {
                 [245, 245, 250, 255]
             } else {
                 mark.tint
             };
-            self.log(mark.tick, path(link), &lines(strips, drawn, 0.0045 * reach));
-            shown.why.push(link);
+            let strips = lines(strips, drawn, 0.0045 * reach);
+            self.draw(mark.tick, path(link), &strips);
         }
     }
 
     /// The sector that ζ has swept since the arm entered, with its angle; the old ζ, green and with its own angle once it is free again.
-    fn write_swept(&self, swept: Option<Swept>, mark: &Named, hand: &Placement) -> Option<Swept> {
+    fn write_swept(
+        &mut self,
+        swept: Option<Swept>,
+        mark: &Named,
+        hand: &Placement,
+    ) -> Option<Swept> {
         let is_inside = mark.look.presence == Presence::Inside;
         let begin = || Swept {
             directions: vec![mark.zeta],
@@ -210,21 +211,15 @@ impl Recording {
             is_over: false,
         };
         let mut swept = swept.or_else(|| is_inside.then(begin))?;
-        let (first, last) = (*swept.directions.first()?, *swept.directions.last()?);
-        let path = |part: &str| zeta_path(mark.name, part);
-        // A few degrees are worth no picture.
-        let is_drawn = swept.directions.len() > 2;
         if !is_inside && swept.freed.is_none() {
             // It left as it came.
             self.clear(
                 mark.tick,
-                ["sector", "words", "entry"]
-                    .map(path)
-                    .into_iter()
-                    .filter(|_| is_drawn),
+                ["sector", "words", "entry"].map(|part| mark.zeta(part)),
             );
             return None;
         }
+        let last = *swept.directions.last()?;
         if is_inside && swept.freed.is_none() && last.dot(mark.zeta) < SWEEP_STEP {
             // ζ is a line: its sign may be either.
             let sign = if last.dot(mark.zeta) < -0.5 {
@@ -234,73 +229,56 @@ impl Recording {
             };
             swept.directions.push(sign * mark.zeta);
             self.write_sector(mark, &swept.directions);
-        } else if is_drawn {
-            self.write_freed(mark, &mut swept, first, hand);
+        } else if swept.directions.len() > FEW {
+            self.write_freed(mark, &mut swept, hand);
             if mark.look.presence == Presence::Hidden && !swept.is_over {
                 // The old ζ stays to be seen until the arm enters again.
                 swept.is_over = true;
-                self.clear(mark.tick, ["sector", "words"].map(path));
+                self.clear(mark.tick, ["sector", "words"].map(|part| mark.zeta(part)));
             } else if is_inside && swept.is_over {
-                self.clear(mark.tick, [path("entry")]);
+                self.clear(mark.tick, [mark.zeta("entry")]);
                 return None;
             }
         }
         Some(swept)
     }
 
-    fn clear(&self, tick: u64, paths: impl IntoIterator<Item = String>) {
-        paths
-            .into_iter()
-            .for_each(|path| self.log(tick, path, &Clear::flat()));
-    }
-
-    /// The sector through successive directions, from the third on.
-    fn write_sector(&self, mark: &Named, directions: &[Vec3]) {
-        if directions.len() < 3 {
+    /// The sector through successive directions.
+    fn write_sector(&mut self, mark: &Named, directions: &[Vec3]) {
+        if directions.len() <= FEW {
             return;
         }
         let (unit, [r, g, b, _]) = (self.mark_size(), mark.tint);
         let steps = directions.windows(2);
         let turned: f32 = steps.map(|pair| pair[0].angle_between(pair[1])).sum();
-        let goal = self
-            .run
-            .segments
-            .get(mark.segment)
-            .and_then(|one| one.reorient.as_ref());
+        let goal = self.run.segments.get(mark.segment);
+        let goal = goal.and_then(|one| one.reorient.as_ref());
         let goal = goal.filter(|turn| turn.singularity == mark.name);
-        let text = format!(
-            "ζ turned {:.0}°{}",
-            turned.to_degrees(),
-            of(goal.map(|turn| turn.by_deg))
-        );
+        let goal = of(goal.map(|turn| turn.by_deg));
+        let text = format!("ζ turned {:.0}°{goal}", turned.to_degrees());
         let arc = directions
             .iter()
             .map(|zeta| (mark.centre + *zeta * 0.97 * unit).to_array());
-        let arc = lettered(
-            vec![(arc.collect(), mark.tint, text)],
-            0.004 * self.run.figure.reach,
-        );
+        let arc = lettered(vec![(arc.collect(), mark.tint, text)], self.fine());
         let sector = scene::sector(mark.centre, directions, 0.95 * unit);
-        self.log(
+        self.draw(
             mark.tick,
-            zeta_path(mark.name, "sector"),
+            mark.zeta("sector"),
             &ghost3d(&sector, [r, g, b, 90]),
         );
-        self.log(mark.tick, zeta_path(mark.name, "words"), &arc);
-        if directions.len() == 3 {
-            let dashes = self.old_zeta(mark, directions[0], [r, g, b, 200], String::new());
-            self.log(mark.tick, zeta_path(mark.name, "entry"), &dashes);
+        self.draw(mark.tick, mark.zeta("words"), &arc);
+        if directions.len() == FEW + 1 {
+            self.write_old_zeta(mark, directions[0], [r, g, b, 200], String::new());
         }
     }
 
     /// Turned far enough, and the task goes on with another segment: what was lost is free, and the hand may rotate about it.
-    fn write_freed(&self, mark: &Named, swept: &mut Swept, first: Vec3, hand: &Placement) {
-        let entry = zeta_path(mark.name, "entry");
+    fn write_freed(&mut self, mark: &Named, swept: &mut Swept, hand: &Placement) {
+        let first = swept.directions[0];
         let Some(R_0) = swept.freed else {
             if first.dot(mark.zeta).abs() < 0.72 && !mark.is_turning {
                 swept.freed = Some(hand.R);
-                let dashes = self.old_zeta(mark, first, FREE, "old ζ: free again".to_owned());
-                self.log(mark.tick, entry, &dashes);
+                self.write_old_zeta(mark, first, FREE, "old ζ: free again".to_owned());
             }
             return;
         };
@@ -310,23 +288,18 @@ impl Recording {
             return;
         }
         swept.told_deg = about_deg;
-        let wanted = self
-            .run
-            .segments
-            .get(mark.segment)
-            .and_then(|one| one.turn.as_ref());
-        let text = format!(
-            "free again: {about_deg:.0}°{}",
-            of(wanted.map(|turn| turn.by_deg))
-        );
-        self.log(mark.tick, entry, &self.old_zeta(mark, first, FREE, text));
+        let wanted = self.run.segments.get(mark.segment);
+        let wanted = wanted.and_then(|one| one.turn.as_ref());
+        let wanted = of(wanted.map(|turn| turn.by_deg));
+        let text = format!("free again: {about_deg:.0}°{wanted}");
+        self.write_old_zeta(mark, first, FREE, text);
         if mark.look.presence == Presence::Inside {
-            self.clear(mark.tick, [zeta_path(mark.name, "words")]);
+            self.clear(mark.tick, [mark.zeta("words")]);
         }
     }
 
     /// ζ as it was when the arm entered, dashed, with words at its upper end.
-    fn old_zeta(&self, mark: &Named, zeta: Vec3, colour: Rgba, text: String) -> LineStrips3D {
+    fn write_old_zeta(&mut self, mark: &Named, zeta: Vec3, colour: Rgba, text: String) {
         let unit = self.mark_size();
         let end = 1.15 * unit * zeta;
         let dashes = dashed(mark.centre - end, mark.centre + end, 15, 0).into_iter();
@@ -334,24 +307,27 @@ impl Recording {
         let tip = mark.centre + 1.2 * unit * up;
         let tip = vec![tip.to_array(), (tip + 0.02 * unit * up).to_array()];
         let dashes = dashes.map(|dash| (dash.to_vec(), colour, String::new()));
-        lettered(
-            dashes.chain([(tip, colour, text)]).collect(),
-            0.004 * self.run.figure.reach,
-        )
+        let all = dashes.chain([(tip, colour, text)]).collect();
+        self.draw(mark.tick, mark.zeta("entry"), &lettered(all, self.fine()));
     }
 
     /// Where the marks are, how large, and where their words stand.
     pub(super) fn place_marks(&mut self, tick: u64, marks: &[Mark]) {
         let (unit, mut labels) = (self.mark_size(), 0.0);
-        for (i, (mark, (name, _))) in marks.iter().zip(&self.subject.singularities).enumerate() {
+        for (i, mark) in marks
+            .iter()
+            .enumerate()
+            .take(self.subject.singularities.len())
+        {
             // Hidden entities need no pose.
             if mark.look.presence == Presence::Hidden {
                 continue;
             }
+            let name = self.subject.singularities[i].0.clone();
             let path = format!("{}{name}", entity::SINGULARITY);
-            let size = Some([unit * mark.size; 3]);
-            Track::put(&mut self.tracks, format!("{path}/glyph"), tick, None, size);
-            Track::put(&mut self.tracks, path, tick, Some(&mark.X_BS), None);
+            let sizes = &mut self.track(format!("{path}/glyph"), tick).sizes;
+            sizes.push([unit * mark.size; 3]);
+            self.place(path, tick, mark.X_BS);
             if !mark.is_inside() {
                 continue;
             }
@@ -364,20 +340,10 @@ impl Recording {
             } else {
                 0.25 + 0.45 * (1.0 - up)
             };
-            let p =
-                mark.X_BS.p + end + Vec3::Z * (above * unit) + Vec3::NEG_Z * (0.75 * unit * labels);
+            let R = glam::Mat3::IDENTITY;
+            let p = mark.X_BS.p + end + Vec3::Z * (unit * (above - 0.75 * labels));
             labels += 1.0;
-            let at = Placement {
-                p,
-                ..Placement::IDENTITY
-            };
-            Track::put(
-                &mut self.tracks,
-                format!("{}{name}", entity::LABEL),
-                tick,
-                Some(&at),
-                None,
-            );
+            self.place(format!("{}{name}", entity::LABEL), tick, Placement { R, p });
         }
     }
 }

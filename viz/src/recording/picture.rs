@@ -2,7 +2,8 @@
 
 use glam::Vec3;
 use nalgebra::SVector;
-use re_sdk_types::archetypes::{InstancePoses3D, TextDocument};
+use re_sdk_types::AsComponents;
+use re_sdk_types::archetypes::{Clear, InstancePoses3D, TextDocument};
 use re_sdk_types::components::Radius;
 use re_sdk_types::datatypes::Quaternion;
 use shared_types::MAX_DOF;
@@ -87,7 +88,7 @@ impl Recording {
         self.write_marks(row, q, &marks, &hand);
         self.write_target(row, &hand, desired.as_ref());
         if self.story.motion.update(row) {
-            self.write_ghosts(tick, false);
+            self.write_ghosts(tick);
         }
         self.write_turned(tick, &links, false);
         let origins = links[..self.subject.joints].iter().map(|X_BL| X_BL.p);
@@ -96,25 +97,12 @@ impl Recording {
             .stretches
             .push(tick, row.singularities(), &marks, hand.p);
         for (i, link) in links[..self.run.figure.links.len()].iter().enumerate() {
-            let path = entity::link(entity::LINK, i);
-            Track::put(&mut self.tracks, path, tick, Some(link), None);
+            self.place(entity::link(entity::LINK, i), tick, *link);
         }
-        Track::put(
-            &mut self.tracks,
-            entity::HAND.to_owned(),
-            tick,
-            Some(&hand),
-            None,
-        );
+        self.place(entity::HAND.to_owned(), tick, hand);
         self.ways[2].push((tick, hand.p));
         if let Some(desired) = desired {
-            Track::put(
-                &mut self.tracks,
-                entity::TARGET.to_owned(),
-                tick,
-                Some(&desired),
-                None,
-            );
+            self.place(entity::TARGET.to_owned(), tick, desired);
             self.ways[3].push((tick, desired.p));
             if self.subject.stands_still {
                 self.ways[1].push((tick, desired.p + (hand.p - desired.p) * MAGNIFIED));
@@ -144,55 +132,71 @@ impl Recording {
         ];
         for (path, shape) in ABILITIES.into_iter().zip(shapes) {
             if let Some(Ellipsoid { axes, half_axes }) = shape {
-                let at = Placement {
-                    R: axes,
-                    p: vec3(&p_BC.into()),
-                };
                 // Flat, but not so flat that it has no sides.
                 let size = half_axes.max(Vec3::splat(0.012)) * 0.62 * self.mark_size();
-                Track::put(
-                    &mut self.tracks,
-                    path.to_owned(),
-                    row.tick,
-                    Some(&at),
-                    Some(size.to_array()),
-                );
+                let track = self.track(path.to_owned(), row.tick);
+                let (R, p) = (axes, vec3(&p_BC.into()));
+                track.places.push(Placement { R, p });
+                track.sizes.push(size.to_array());
+            }
+        }
+    }
+
+    /// A row of a track of what is drawn.
+    pub(super) fn track(&mut self, path: String, tick: u64) -> &mut Track {
+        let track = self.tracks.entry(path).or_default();
+        track.ticks.push(tick);
+        track
+    }
+
+    pub(super) fn place(&mut self, path: String, tick: u64, at: Placement) {
+        self.track(path, tick).places.push(at);
+    }
+
+    /// Draws what can be cleared again.
+    pub(super) fn draw(&mut self, tick: u64, path: String, archetype: &dyn AsComponents) {
+        self.log(tick, &path, archetype);
+        self.part.drawn.insert(path);
+    }
+
+    /// Clears what has been drawn.
+    pub(super) fn clear(&mut self, tick: u64, paths: impl IntoIterator<Item = String>) {
+        for path in paths {
+            if self.part.drawn.remove(&path) {
+                self.log(tick, &path, &Clear::flat());
             }
         }
     }
 
     /// Where the arm has been in the present null-space motion.
-    pub(super) fn write_ghosts(&mut self, tick: u64, all: bool) {
+    pub(super) fn write_ghosts(&mut self, tick: u64) {
         let postures = self.story.motion.postures.iter();
         let postures: Vec<[Placement; MAX_DOF]> = postures.map(|q| self.links(q)).collect();
         for i in 0..self.run.figure.links.len() {
-            let links = postures.iter().map(|links| &links[i]);
-            let now = links.clone().next_back();
-            let is_apart = |link: &&Placement| now.is_some_and(|now| differs(link, now));
-            let places: Vec<&Placement> = links.rev().skip(1).filter(is_apart).collect();
-            let none_before = std::mem::replace(&mut self.story.ghosts[i], places.len()) == 0;
+            let mut places: Vec<Placement> = postures.iter().map(|links| links[i]).collect();
+            let now = places.pop();
+            places.retain(|link| now.is_some_and(|now| differs(link, &now)));
+            // No instances would mean the mesh itself, at the origin: one too small to see instead.
+            let size = if places.is_empty() { UNSEEN } else { 0.985 };
+            let path = entity::link(GHOST, i);
+            let is_known = self.part.drawn.contains(&path);
             // A mesh is large: a link that has no ghosts needs none.
-            if places.is_empty() && !self.part.ghost_drawn[i] {
+            let had = std::mem::replace(&mut self.part.ghosts[i], places.len());
+            if places.is_empty() && had == 0 {
                 continue;
             }
-            let path = entity::link(GHOST, i);
-            if !std::mem::replace(&mut self.part.ghost_drawn[i], true) {
+            if !is_known {
                 let pale = ghost3d(&self.run.figure.links[i], [150, 205, 255, 110]);
-                self.log(tick, path.as_str(), &pale);
+                self.draw(tick, path.clone(), &pale);
             }
-            let turn = |link: &&Placement| Quaternion::from_xyzw(rotation(link).to_array());
-            let poses = InstancePoses3D::new();
-            let poses = match places.is_empty() {
-                true if none_before && !all => continue,
-                // No instances would mean the mesh itself, at the origin: one too small to see instead.
-                true => poses
-                    .with_translations([[0.0; 3]])
-                    .with_scales([[UNSEEN; 3]]),
-                false => poses
-                    .with_translations(places.iter().rev().map(|link| link.p.to_array()))
-                    .with_quaternions(places.iter().rev().map(turn))
-                    .with_scales(vec![[0.985; 3]; places.len()]),
-            };
+            if places.is_empty() {
+                places.push(Placement::IDENTITY);
+            }
+            let turn = |link: &Placement| Quaternion::from_xyzw(rotation(link).to_array());
+            let poses = InstancePoses3D::new()
+                .with_translations(places.iter().map(|link| link.p.to_array()))
+                .with_quaternions(places.iter().map(turn))
+                .with_scales(vec![[size; 3]; places.len()]);
             self.log(tick, path, &poses);
         }
         // The ways of the joints that have moved.
@@ -239,16 +243,12 @@ impl Recording {
             }
             arcs.push((strip, JOINTS[i], word));
         }
-        self.log(
-            tick,
-            entity::TURNED,
-            &lettered(arcs, 0.004 * self.run.figure.reach),
-        );
+        self.log(tick, entity::TURNED, &lettered(arcs, self.fine()));
     }
 
     pub(super) fn write_picture(&mut self) {
-        for track in std::mem::take(&mut self.tracks) {
-            self.send_columns(&track.path, &track.ticks, track.columns());
+        for (path, track) in std::mem::take(&mut self.tracks) {
+            self.send_columns(&path, &track.ticks, track.columns());
         }
         for (way, (path, colour, radius)) in WAYS.into_iter().enumerate() {
             let points = std::mem::take(&mut self.ways[way]);
@@ -289,13 +289,7 @@ impl Recording {
             .iter()
             .enumerate()
         {
-            Track::put(
-                &mut self.tracks,
-                entity::link(RIVAL, i),
-                tick,
-                Some(link),
-                None,
-            );
+            self.place(entity::link(RIVAL, i), tick, *link);
         }
         let hand = vec3(&self.run.arm.forward_kinematics(&SVector::from(q)).p);
         self.ways[0].push((tick, hand));

@@ -98,37 +98,14 @@ impl Column {
 }
 
 /// The places of an entity over time, and its sizes where they change.
+#[derive(Default)]
 pub(super) struct Track {
-    pub(super) path: String,
     pub(super) ticks: Vec<u64>,
-    places: Vec<Placement>,
-    sizes: Vec<[f32; 3]>,
+    pub(super) places: Vec<Placement>,
+    pub(super) sizes: Vec<[f32; 3]>,
 }
 
 impl Track {
-    /// Adds a row to the track of that path.
-    pub(super) fn put(
-        all: &mut Vec<Self>,
-        path: String,
-        tick: u64,
-        at: Option<&Placement>,
-        size: Option<[f32; 3]>,
-    ) {
-        let known = all.iter().position(|track| track.path == path);
-        let place = known.unwrap_or_else(|| {
-            all.push(Self {
-                path,
-                ticks: Vec::new(),
-                places: Vec::new(),
-                sizes: Vec::new(),
-            });
-            all.len() - 1
-        });
-        all[place].ticks.push(tick);
-        all[place].places.extend(at);
-        all[place].sizes.extend(size);
-    }
-
     pub(super) fn columns(&self) -> Vec<SerializedComponentColumn> {
         let mut transform = Transform3D::update_fields();
         if !self.places.is_empty() {

@@ -7,7 +7,7 @@ use re_sdk_types::components::{AlbedoFactor, Color, Radius};
 use crate::solid::{Mesh, Rgba};
 use crate::tint::of_words;
 
-pub(super) fn rgba([r, g, b, a]: Rgba) -> Color {
+pub(crate) fn rgba([r, g, b, a]: Rgba) -> Color {
     Color::from_unmultiplied_rgba(r, g, b, a)
 }
 

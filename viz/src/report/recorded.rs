@@ -83,7 +83,7 @@ pub(super) struct Named {
     /// The mark's words, where the arm is inside the neighbourhood.
     pub(super) label: Track<Placement>,
     /// Whether ζ is a rotation, since when.
-    angular: Track<bool>,
+    pub(super) angular: Track<bool>,
 }
 
 impl Named {
@@ -102,7 +102,7 @@ impl Named {
 #[derive(Default)]
 pub(super) struct Recorded {
     /// Of each signal its lines, element by element.
-    lines: BTreeMap<&'static str, Vec<Line>>,
+    pub(super) lines: BTreeMap<&'static str, Vec<Line>>,
     /// Tick, level, text.
     pub(super) log: Vec<(u64, String, String)>,
     /// The lane of faults.

@@ -25,6 +25,9 @@ pub(super) fn of<'a>(
     })
 }
 
+/// How deep a cap may be sunk into what it stands on: figures sink theirs by 2 mm, to which rounding adds; m.
+const SUNK: f32 = 0.0021;
+
 /// A solid in a picture.
 struct Placed {
     colour: Rgba,
@@ -68,8 +71,7 @@ impl Placed {
         let parted = |one: &Self, other: &Self| {
             let is_beyond = |(middle, normal): &&(Vec3, Vec3)| {
                 let mut points = other.points.iter().step_by(5);
-                normal.length_squared() > 0.5
-                    && points.all(|p| (*p - *middle).dot(*normal) > -0.002)
+                normal.length_squared() > 0.5 && points.all(|p| (*p - *middle).dot(*normal) > -SUNK)
             };
             let (_, normal) = one.ends.iter().find(is_beyond)?;
             Some(normal.dot(camera.forward) < 0.0)
