@@ -143,6 +143,23 @@ pub(crate) fn layout(
     sheet.chunks
 }
 
+/// The chunks of a layout that are not in the one before, to be activated again: the viewer works on a copy made at activation.
+pub(crate) fn changed(
+    before: &[ChunkResult<Chunk>],
+    after: Vec<ChunkResult<Chunk>>,
+) -> impl Iterator<Item = ChunkResult<Chunk>> {
+    let is_same = |a: &Chunk, b: &Chunk| {
+        a.entity_path() == b.entity_path() && a.components() == b.components()
+    };
+    let is_known = move |chunk: &ChunkResult<Chunk>| {
+        let mut known = before.iter().flatten();
+        chunk
+            .as_ref()
+            .is_ok_and(|chunk| known.any(|known| is_same(known, chunk)))
+    };
+    after.into_iter().filter(move |chunk| !is_known(chunk))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

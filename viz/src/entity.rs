@@ -116,9 +116,7 @@ pub(crate) fn lane(path: &str) -> String {
     match numbered.and_then(|(place, name)| Some((place.parse().ok()?, name))) {
         Some((1..=LIVES, name)) => format!("process/{name}"),
         Some((_, name)) => name.to_owned(),
-        // Older recordings have no numbers.
-        None if Program::NAMES.contains(&path) => format!("process/{path}"),
-        None if ["drive", "phase", "fault"].contains(&path) => path.to_owned(),
+        None if path == "phase" => path.to_owned(),
         None => format!("mode/{path}"),
     }
 }
@@ -136,13 +134,5 @@ mod tests {
         for process in [(0, "plant"), (2, "drive"), (3, "a.b"), (4, "recorder")] {
             assert_eq!(lane(&life(process)), format!("process/{}", process.1));
         }
-        assert_eq!([lane("/plant"), lane("/fault")], ["process/plant", "fault"]);
-        let order = [
-            state("fault"),
-            life((0, "z")),
-            life((4, "a")),
-            state("drive"),
-        ];
-        assert!(order.is_sorted(), "{order:?}");
     }
 }

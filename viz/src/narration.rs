@@ -1,7 +1,6 @@
 //! The run in words and colours: what people read beside the picture. PURE.
 
-use std::fmt::Write;
-
+use nalgebra::Vector3;
 use shared_types::MAX_SINGULARITIES;
 use shared_types::codes::*;
 use shared_types::messages::SingularityState;
@@ -74,24 +73,6 @@ pub(crate) const LIFE_STATES: States = &[
 pub(crate) const FAULT_COLOUR: u32 = 0xc03030ff;
 pub(crate) const NO_FAULT: (&str, u32) = ("none", 0x2a3038ff);
 
-/// The state that the words depend on: they are written again when it changes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Situation {
-    count: usize,
-    singularities: [Singular; MAX_SINGULARITIES],
-    phase: Option<u32>,
-    segment: u32,
-    clipped: bool,
-    /// Of a steered run: reason, joint and its side.
-    servo: Option<[u32; 3]>,
-    /// Of the drive, where no command has come.
-    undriven: Option<u32>,
-    /// The latest stay in each singularity, once it is over.
-    past: [Option<Stay>; MAX_SINGULARITIES],
-    /// How far the hand has been off a place where it should stand still; µm, to two digits.
-    off_um: Option<u32>,
-}
-
 /// A stay in the neighbourhood of a singularity: its first tick, the tick after its last, and the response that took most of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Stay {
@@ -105,9 +86,16 @@ struct Stay {
 pub(crate) struct History {
     /// Present stays: first tick, and the ticks spent in each mode.
     present: [Option<(u64, [u32; MODES.len()])>; MAX_SINGULARITIES],
+    /// The latest stay in each singularity, once it is over.
     past: [Option<Stay>; MAX_SINGULARITIES],
     /// The largest distance of the hand from its place; m. Of tasks in which it should stand still only.
     off_m: Option<f64>,
+}
+
+/// The response at a singularity.
+fn mode(row: &TickRow, i: usize) -> u32 {
+    row.control_state
+        .map_or(MODE_REGULAR, |state| state.mode[i])
 }
 
 impl History {
@@ -124,260 +112,205 @@ impl History {
         for (i, one) in row.singularities().iter().enumerate() {
             if one.inside == 1 {
                 let (_, modes) = self.present[i].get_or_insert((row.tick, [0; MODES.len()]));
-                let mode = row
-                    .control_state
-                    .map_or(MODE_REGULAR, |state| state.mode[i]);
-                if let Some(ticks) = modes.get_mut(mode as usize) {
+                if let Some(ticks) = modes.get_mut(mode(row, i) as usize) {
                     *ticks += 1;
                 }
             } else if let Some((first, modes)) = self.present[i].take() {
-                let mode = (0..)
-                    .zip(modes)
-                    .max_by_key(|(_, ticks)| *ticks)
-                    .map_or(MODE_REGULAR, |(mode, _)| mode);
-                self.past[i] = Some(Stay {
-                    first,
-                    end: row.tick,
-                    mode,
-                });
+                let most = (0..).zip(modes).max_by_key(|(_, ticks)| *ticks);
+                let mode = most.map_or(MODE_REGULAR, |(mode, _)| mode);
+                let end = row.tick;
+                self.past[i] = Some(Stay { first, end, mode });
             }
         }
         if let (Some(off_m), Some(state), Some(desired)) =
             (&mut self.off_m, row.plant_state, row.control_state)
         {
-            let off = (0..3)
-                .map(|i| (state.p_BE[i] - desired.p_BE_d[i]).powi(2))
-                .sum::<f64>()
-                .sqrt();
-            *off_m = off_m.max(off);
+            let off = Vector3::from(state.p_BE) - Vector3::from(desired.p_BE_d);
+            *off_m = off_m.max(off.norm());
         }
     }
 
-    /// The state that the words depend on, at a tick that has been taken in.
-    pub(crate) fn situation(&self, row: &TickRow) -> Situation {
-        let off_um = self.off_m.map(|off_m| {
-            let digit = 10f64
-                .powf((off_m * 1e6).max(1.0).log10().floor() - 1.0)
-                .max(1.0);
-            ((off_m * 1e6 / digit).round() * digit) as u32
-        });
-        Situation {
-            past: self.past,
-            off_um,
-            ..Situation::of(row)
-        }
+    /// How far the hand has been off a place where it should stand still; mm, to two digits.
+    fn off_mm(&self) -> Option<f64> {
+        let off_um = self.off_m? * 1e6;
+        let digit = 10f64.powf(off_um.max(1.0).log10().floor() - 1.0).max(1.0);
+        Some((off_um / digit).round() * digit * 1e-3)
     }
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Singular {
-    kind: u32,
-    class: u32,
-    inside: bool,
-    angular: bool,
-    mode: u32,
+/// A moment of a run, and the properties of the run that its words depend on.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Moment<'a, 'm> {
+    pub(crate) row: &'a TickRow<'m>,
+    pub(crate) history: &'a History,
+    /// The scenario's title.
+    pub(crate) title: &'a str,
+    pub(crate) joints: usize,
+    pub(crate) rate_hz: u32,
+    /// Directions of the task.
+    pub(crate) directions: usize,
+    /// The fault in force, in a few words.
+    pub(crate) fault: Option<&'a str>,
 }
 
-impl Situation {
-    pub(crate) fn of(row: &TickRow) -> Self {
-        let mut situation = Self {
-            count: row.singularities().len(),
-            ..Self::default()
-        };
-        for (i, one) in row.singularities().iter().enumerate() {
-            let mode = row
-                .control_state
-                .map_or(MODE_REGULAR, |command| command.mode[i]);
-            situation.singularities[i] = Singular {
-                kind: one.kind,
-                class: one.class,
-                inside: one.inside == 1,
-                angular: one.angular == 1,
-                mode,
-            };
-        }
-        if let Some(state) = row.control_state {
-            situation.segment = state.segment;
-            situation.clipped = state.clipped == 1;
-        }
-        situation.servo = row
-            .servo_state
-            .map(|state| [state.reason, state.joint, state.upper]);
-        if let Some(torque) = row.torque {
-            situation.phase = Some(torque.phase);
-        } else {
-            situation.undriven = Some(row.sensor.map_or(DRIVE_ACTIVE, |sensor| sensor.drive));
-        }
-        situation
-    }
-
-    /// Singularities that the arm is inside of.
-    fn inside(&self) -> impl Iterator<Item = (usize, &Singular)> {
-        self.singularities[..self.count]
-            .iter()
-            .enumerate()
-            .filter(|(_, one)| one.inside)
-    }
-
+impl Moment<'_, '_> {
     /// Markdown: the singularity that the arm is in, the motion that is lost there, and the arm's response.
-    pub(crate) fn markdown(&self, run: &Run) -> String {
+    pub(crate) fn markdown(&self) -> String {
         let mut text = String::new();
-        if self.tell_fault(&mut text, run) {
+        if self.tell_fault(&mut text) {
             return text;
         }
-        let mark = if run.fault.is_some() { "###" } else { "##" };
+        let (command, is_steered) = (self.row.control_state, self.row.servo_state.is_some());
+        let mark = if self.fault.is_some() { "###" } else { "##" };
         let (locks, mut notes) = (self.inside().count(), 0);
         if locks > 0 {
-            self.tell_locks(&mut text, mark, locks, run);
+            self.tell_locks(&mut text, mark, locks);
             self.tell_reason(&mut text);
-            notes += usize::from(self.servo.is_some());
-        } else if self.tell_free(&mut text, mark, run) {
+            notes += usize::from(is_steered);
+        } else if self.tell_free(&mut text, mark) {
             return text;
         }
-        if self.clipped && self.servo.is_none() {
-            text.push_str("\nThe goal is beyond reach: the hand slides along the boundary.\n");
+        if command.is_some_and(|state| state.clipped == 1) && !is_steered {
+            text += "\nThe goal is beyond reach: the hand slides along the boundary.\n";
             notes += 1;
         }
-        if self.phase == Some(PHASE_REFUSED) {
-            text.push_str("\n**The controller refused to go on** and brings the arm to rest.\n");
+        if self
+            .row
+            .torque
+            .is_some_and(|torque| torque.phase == PHASE_REFUSED)
+        {
+            text += "\n**The controller refused to go on** and brings the arm to rest.\n";
             notes += 1;
         }
         if locks + NOTE * notes <= ROOM {
-            let _ = writeln!(text, "\n*{COLOURS}*");
+            text += &format!("\n*{COLOURS}*\n");
         }
         text
     }
 
+    /// Singularities that the arm is inside of.
+    fn inside(&self) -> impl Iterator<Item = (usize, &SingularityState)> {
+        let all = self.row.singularities().iter().enumerate();
+        all.filter(|(_, one)| one.inside == 1)
+    }
+
     /// The fault in force, or that no torque comes; whether there is nothing more to say.
-    fn tell_fault(&self, text: &mut String, run: &Run) -> bool {
-        let drives = self.undriven.map(|drive| match drive {
+    fn tell_fault(&self, text: &mut String) -> bool {
+        let drive = self.row.sensor.map_or(DRIVE_ACTIVE, |sensor| sensor.drive);
+        let does = match drive {
+            _ if self.row.torque.is_some() => "the arm goes on",
             DRIVE_HOLDING | DRIVE_ACTIVE => "the drives hold the last torque",
             DRIVE_STOPPING => "the drives bring the arm to rest",
             _ => "the drives have braked the arm",
-        });
-        let _ = match (run.fault, drives) {
-            (Some(fault), Some(does)) => writeln!(text, "## {fault}: {does}\n"),
-            (Some(fault), None) => writeln!(text, "## {fault}: the arm goes on\n"),
-            (None, Some(drives)) => writeln!(text, "## No torque comes: {drives}\n"),
-            (None, None) => Ok(()),
         };
-        if drives.is_some() {
-            text.push_str("The drives do this by themselves until fresh torque comes. Grey lanes wait for the process that is silent.\n");
+        let is_undriven = self.row.torque.is_none();
+        if is_undriven || self.fault.is_some() {
+            let fault = self.fault.unwrap_or("No torque comes");
+            *text += &format!("## {fault}: {does}\n\n");
         }
-        drives.is_some()
+        if is_undriven {
+            *text += "The drives do this by themselves until fresh torque comes. Grey lanes wait for the process that is silent.\n";
+        }
+        is_undriven
     }
 
     /// No singularity is in the way; whether there is no room for more.
-    fn tell_free(&self, text: &mut String, mark: &str, run: &Run) -> bool {
-        if let Some(off_um) = self.off_um {
-            let (title, off_mm) = (run.title, f64::from(off_um) * 1e-3);
-            let _ = writeln!(
-                text,
+    fn tell_free(&self, text: &mut String, mark: &str) -> bool {
+        let title = self.title;
+        if let Some(off_mm) = self.history.off_mm() {
+            *text += &format!(
                 "{mark} The joints move; the hand should stand still\n\n{title}\n\nIt has been **{off_mm} mm** off its place at most.\n\n\
-                 *Amber: its way off its place, 50 times as large. Blue body: speeds the hand can reach. Net: accelerations.*",
+                 *Amber: its way off its place, 50 times as large. Blue body: speeds the hand can reach. Net: accelerations.*\n",
             );
             return true;
         }
-        let all = self.singularities[..self.count].iter().enumerate();
-        let near = all.clone().find(|(_, one)| one.mode != MODE_REGULAR);
-        let (head, second) = match near {
+        let mut all = self.row.singularities().iter().enumerate();
+        let (head, second) = match all.find(|(i, _)| mode(self.row, *i) != MODE_REGULAR) {
             Some((i, one)) => (
                 format!(
                     "Near the {} singularity, free to move",
                     singularity_name(one.kind, i)
                 ),
-                capital(doing(one.mode)) + ".",
+                capital(doing(mode(self.row, i))) + ".",
             ),
             None => (
                 "Free: the hand can move in every direction".to_owned(),
-                run.title.to_owned(),
+                title.to_owned(),
             ),
         };
-        let _ = writeln!(text, "{mark} {head}\n");
+        *text += &format!("{mark} {head}\n\n");
         // A headline of one line: a title may take two, and the table below needs the room, of more than two locks all of it.
-        let past = self.past[..self.count].iter().flatten().count();
-        if past + usize::from(self.servo.is_some()) <= ROOM {
-            let _ = writeln!(text, "{second}\n");
+        let past = self.history.past.iter().flatten().count();
+        if past + usize::from(self.row.servo_state.is_some()) <= ROOM {
+            *text += &format!("{second}\n\n");
         } else {
             text.push('\n');
         }
         self.tell_reason(text);
         // The table takes the room of the legend.
-        self.tell_past(text, run)
+        self.tell_past(text)
     }
 
     /// The singularities that the arm is in.
-    fn tell_locks(&self, text: &mut String, mark: &str, locks: usize, run: &Run) {
-        let all = run.directions;
+    fn tell_locks(&self, text: &mut String, mark: &str, locks: usize) {
+        let all = self.directions;
         let rank = format!("rank {} of {all}", all.saturating_sub(locks));
-        let _ = match self.inside().next() {
+        *text += &match self.inside().next() {
             Some((i, one)) if locks == 1 => {
                 // One that was found by number has no name but that.
                 let name = match one.kind {
                     KIND_NUMERIC => "Singular".to_owned(),
                     kind => capital(&singularity_name(kind, i)) + " lock",
                 };
-                let lost = lost(one.angular);
-                writeln!(text, "{mark} {name}: the hand cannot {lost} · {rank}\n")
+                let lost = lost(one.angular == 1);
+                format!("{mark} {name}: the hand cannot {lost} · {rank}\n\n")
             }
-            _ => writeln!(
-                text,
-                "{mark} {locks} locks at once: {locks} directions lost · {rank}\n"
-            ),
+            _ => format!("{mark} {locks} locks at once: {locks} directions lost · {rank}\n\n"),
         };
-        tell_head(text);
+        *text += &head();
         for (i, one) in self.inside() {
-            let (name, (colour, _)) = (singularity_name(one.kind, i), named_colour(one.kind, i));
-            let _ = writeln!(
-                text,
-                "| **{name}** ({colour}, {}): {} | {} | {} |",
-                name_of(TYPES, one.class),
-                reason(one.kind, run.joints),
-                lost(one.angular),
-                doing(one.mode)
-            );
+            let (class, why) = (name_of(TYPES, one.class), reason(one.kind, self.joints));
+            *text += &line(i, one, &format!(", {class}): {why}"), mode(self.row, i));
         }
     }
 
     /// Of a steered arm: what it does and why.
     fn tell_reason(&self, text: &mut String) {
-        if let Some([reason, joint, upper]) = self.servo {
-            let _ = writeln!(
-                text,
-                "\nSteered: **{}**.\n",
-                reason_text(reason, joint, upper)
-            );
+        if let Some(state) = self.row.servo_state {
+            let reason = reason_text(state.reason, state.joint, state.upper);
+            *text += &format!("\nSteered: **{reason}**.\n\n");
         }
     }
 
     /// The singularities that the arm has been in: when, the motion that was lost, the arm's response. Whether there are any.
-    fn tell_past(&self, text: &mut String, run: &Run) -> bool {
-        let past = self.singularities[..self.count]
+    fn tell_past(&self, text: &mut String) -> bool {
+        let all = self
+            .row
+            .singularities()
             .iter()
-            .zip(&self.past)
+            .zip(&self.history.past)
             .enumerate();
-        let mut past: Vec<_> = past
-            .filter_map(|(i, (one, stay))| Some((i, one, (*stay)?)))
-            .collect();
+        let past = all.filter_map(|(i, (one, stay))| Some((i, one, (*stay)?)));
+        let mut past: Vec<_> = past.collect();
         past.sort_by_key(|(_, _, stay)| stay.first);
         if past.is_empty() {
             return false;
         }
-        tell_head(text);
+        *text += &head();
+        let rate_hz = f64::from(self.rate_hz.max(1));
         for (i, one, stay) in past {
-            let seconds = |tick: u64| tick as f64 / f64::from(run.rate_hz.max(1));
-            let (name, (colour, _)) = (singularity_name(one.kind, i), named_colour(one.kind, i));
-            let _ = writeln!(
-                text,
-                "| **{name}** ({colour}), {:.2} to {:.2} s | {} | {} |",
-                seconds(stay.first),
-                seconds(stay.end),
-                lost(one.angular),
-                doing(stay.mode)
-            );
+            let [first, end] = [stay.first, stay.end].map(|tick| tick as f64 / rate_hz);
+            *text += &line(i, one, &format!("), {first:.2} to {end:.2} s"), stay.mode);
         }
         true
     }
+}
+
+/// A line of a table of singularities.
+fn line(i: usize, one: &SingularityState, more: &str, mode: u32) -> String {
+    let (name, (colour, _)) = (singularity_name(one.kind, i), named_colour(one.kind, i));
+    let (lost, doing) = (lost(one.angular == 1), doing(mode));
+    format!("| **{name}** ({colour}{more} | {lost} | {doing} |\n")
 }
 
 /// Rows of the table that leave room for the line on colours.
@@ -391,25 +324,9 @@ const COLOURS: &str = "Green: desired. White: actual. Blue: speeds the hand can 
 const PADDING: [usize; 2] = [77, 55];
 
 /// The head of a table of singularities.
-fn tell_head(text: &mut String) {
+fn head() -> String {
     let [first, last] = PADDING.map(|count| "\u{a0}".repeat(count));
-    let _ = writeln!(
-        text,
-        "| singularity{first} | the hand cannot | the arm{last} |\n|---|---|---|"
-    );
-}
-
-/// The properties of a run that its words depend on.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Run<'a> {
-    /// The scenario's title.
-    pub(crate) title: &'a str,
-    pub(crate) joints: usize,
-    pub(crate) rate_hz: u32,
-    /// Directions of the task.
-    pub(crate) directions: usize,
-    /// The fault in force, in a few words.
-    pub(crate) fault: Option<&'a str>,
+    format!("| singularity{first} | the hand cannot | the arm{last} |\n|---|---|---|\n")
 }
 
 /// The label at the mark, as short as can be: of several marks each has one.
@@ -490,12 +407,10 @@ mod tests {
             };
             let row = TickRow::new(tick, messages);
             history.push(&row);
-            let situation = history.situation(&row);
-            assert_eq!(situation.inside().count(), usize::from(is_inside));
             let (first, end, mode) = (10, 25, MODE_REORIENT);
             let stay = Stay { first, end, mode };
-            assert_eq!(situation.past[0], (tick >= 25).then_some(stay));
-            assert_eq!(situation.off_um, Some(if tick < 7 { 1000 } else { 8500 }));
+            assert_eq!(history.past[0], (tick >= 25).then_some(stay));
+            assert_eq!(history.off_mm(), Some(if tick < 7 { 1.0 } else { 8.5 }));
         }
     }
 

@@ -26,7 +26,7 @@ use crate::arm::{Figure, placement, vec3};
 use crate::blueprint::{self, BAND_LINES, Eye, Subject, Way};
 use crate::entity::{self, Lives};
 use crate::manipulability::{at_point, singular_values};
-use crate::narration::{History, Situation, colour_of};
+use crate::narration::{History, colour_of};
 use crate::parts::{create, part_name};
 use crate::scene::{Mark, NullMotion};
 use crate::signals::{ChainHops, Kept, Limits, Now, Signal, TickRow};
@@ -163,7 +163,8 @@ struct Part {
     ghosts: [usize; MAX_DOF],
     /// The paths of what is drawn and may be cleared.
     drawn: BTreeSet<String>,
-    situation: Option<Situation>,
+    /// The words last written, to be written again when a fault comes or goes.
+    told: String,
     /// Of a steered arm: the reason last written at the hand, and the way down from there, in the hand's axes.
     reason: Option<([u32; 3], glam::Vec3)>,
     lanes: [&'static str; LANES],
@@ -293,14 +294,7 @@ impl Recording {
     /// # Errors
     /// As [`create`](Self::create); the recording has then ended, its parts are whole.
     pub fn next_part(&mut self, folder: &Path) -> Result<(), RecordError> {
-        self.turn_over(create(&folder.join(part_name(self.number + 1)))?)
-    }
-
-    /// [`next_part`](Self::next_part) in any storage.
-    ///
-    /// # Errors
-    /// As [`create`](Recording::create).
-    pub fn turn_over(&mut self, storage: impl Storage + 'static) -> Result<(), RecordError> {
+        let storage = create(&folder.join(part_name(self.number + 1)))?;
         self.flush();
         // The part's end comes first: who follows the files goes on as soon as the next one holds something.
         self.sink.finish()?;
@@ -334,10 +328,7 @@ impl Recording {
         }
         self.gather(row);
         self.write_changes(row);
-        if row
-            .tick
-            .is_multiple_of(self.every(1.0 / self.run.options.picture_hz))
-        {
+        if self.is_pictured(row.tick) {
             self.see(row);
         }
         if row.tick >= self.part.guides_due {
@@ -466,6 +457,11 @@ impl Recording {
     /// Ticks in so many seconds, at least one.
     fn every(&self, seconds: f64) -> u64 {
         (seconds * f64::from(self.run.rate_hz)).round().max(1.0) as u64
+    }
+
+    /// Whether a tick has a picture.
+    fn is_pictured(&self, tick: u64) -> bool {
+        tick.is_multiple_of(self.every(1.0 / self.run.options.picture_hz))
     }
 
     /// Where the links are.
@@ -598,6 +594,7 @@ impl Recording {
 
     /// The layout again with what is known at the end only: the stretch to repeat, the eyes, and a bar for faults that nobody planned.
     fn write_ending(&mut self, last: u64) {
+        let before = blueprint::layout(&self.subject, self.run.layout, None);
         // A way that no plan told: an eye that sees all of it.
         let (main, planned) = (self.eye(), self.subject.eye);
         if main.position.distance(planned.position) > 0.05 * main.position.distance(main.look_at) {
@@ -614,7 +611,8 @@ impl Recording {
         self.subject.close_up = close_up;
         self.subject.faults |= !self.story.fault_states.is_empty();
         let repeated = (self.nanoseconds(first), self.nanoseconds(last));
-        let chunks = blueprint::layout(&self.subject, self.run.layout, Some(repeated));
+        let after = blueprint::layout(&self.subject, self.run.layout, Some(repeated));
+        let chunks = blueprint::changed(&before, after);
         self.sink.send_blueprint(&self.blueprint(), chunks);
     }
 

@@ -583,8 +583,10 @@ mod tests {
             (state.q[i], state.qdot[i]) = (joint.upper, joint.velocity);
         }
         // Singular along x and about z.
-        let mut report = shared_types::SingularityReport::default();
-        report.count = 2;
+        let mut report = shared_types::SingularityReport {
+            count: 2,
+            ..Default::default()
+        };
         for (one, (s, angular, axis)) in report
             .singularities
             .iter_mut()

@@ -75,11 +75,6 @@ impl Panel {
         }
     }
 
-    /// Shows this range of the y axis.
-    pub fn y_within(&mut self, range: Range<f64>) {
-        self.y.range = Some(range);
-    }
-
     fn name(&mut self, name: &str, color: Color, dashed: bool) {
         if !name.is_empty() {
             self.legend.push((name.to_owned(), color, dashed));

@@ -206,8 +206,11 @@ mod tests {
     fn playback_repeats_the_first_of_stretches_about_as_long() {
         let mut stretches = Stretches::default();
         for tick in 0..1000 {
-            let mut one = SingularityState::default();
-            one.inside = u32::from(matches!(tick, 100..120 | 300..400 | 500..601 | 800..830));
+            let is_inside = matches!(tick, 100..120 | 300..400 | 500..601 | 800..830);
+            let one = SingularityState {
+                inside: u32::from(is_inside),
+                ..SingularityState::default()
+            };
             stretches.push(tick, &[one], &[Mark::new(&one, [0.0; 3])], Vec3::ZERO);
         }
         let position = Vec3::new(2.0, -2.0, 1.0);

@@ -6,7 +6,7 @@ use shared_types::{MAX_SINGULARITIES, Message};
 
 use super::{Level, Recording};
 use crate::entity::{self, LIVES};
-use crate::narration::{self, FAULT_COLOUR, NO_FAULT, Run};
+use crate::narration::{self, FAULT_COLOUR, Moment, NO_FAULT};
 use crate::signals::TickRow;
 
 /// A message that is missing for so many ticks is late, not absent.
@@ -72,7 +72,7 @@ impl Recording {
             &StateChange::single(text.as_str()),
         );
         self.part.fault = Some(text);
-        self.part.situation = None;
+        self.part.told.clear();
     }
 
     pub(super) fn write_changes(&mut self, row: &TickRow) {
@@ -128,25 +128,31 @@ impl Recording {
             None => self.story.unheard + 1,
         };
         self.story.history.push(row);
-        let situation = self.story.history.situation(row);
         let told = row.torque.is_some() && row.singularity.is_some() || self.story.unheard >= 5;
-        if !told || self.part.situation == Some(situation) || self.rival.is_some() {
+        let is_due = self.part.told.is_empty() || self.is_pictured(row.tick);
+        if !told || !is_due || self.rival.is_some() {
             return;
         }
-        self.part.situation = Some(situation);
         let task = self.run.task.iter().filter(|served| **served);
-        let words = situation.markdown(&Run {
+        let fault = self.story.faults.last();
+        let moment = Moment {
+            row,
+            history: &self.story.history,
             title: &self.run.title,
             joints: self.subject.joints,
             rate_hz: self.run.rate_hz,
             directions: task.count().min(self.subject.joints),
-            fault: self
-                .story
-                .faults
-                .last()
-                .map(|fault| fault.headline.as_str()),
-        });
-        self.log(row.tick, entity::NOW, &TextDocument::from_markdown(words));
+            fault: fault.map(|fault| fault.headline.as_str()),
+        };
+        let words = moment.markdown();
+        if self.part.told != words {
+            self.log(
+                row.tick,
+                entity::NOW,
+                &TextDocument::from_markdown(words.as_str()),
+            );
+            self.part.told = words;
+        }
     }
 
     /// The states of the processes. A writer whose own input is missing waits; one that has its input and writes nothing is silent.

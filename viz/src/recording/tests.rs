@@ -101,6 +101,10 @@ impl Content {
         content
     }
 
+    fn one(part: &Path) -> Self {
+        Self::of(&[part.to_owned()])
+    }
+
     fn lane(&self, name: &str) -> Vec<&str> {
         let states = self.states.iter().filter(|(_, lane, _)| lane == name);
         states.map(|(.., state)| state.as_str()).collect()
@@ -328,13 +332,13 @@ fn a_full_volume_ends_the_recording_at_a_whole_message() {
         assert_eq!(source.kind(), io::ErrorKind::StorageFull);
         assert!(content.len() as u64 >= *bytes && content.len() <= room);
         std::fs::write(&kept, &content).expect("a file");
-        let ticks = Content::of(&[kept.clone()]).ticks;
+        let ticks = Content::one(&kept).ticks;
         assert!(ticks.iter().copied().eq(0..ticks.len() as u64));
         if !ticks.is_empty() {
             // All that is left is whole messages: with an end it is read to the last byte.
             complete(&kept).expect("room");
             assert!(is_complete(&kept).expect("the file"));
-            assert_eq!(Content::of(&[kept.clone()]).ticks, ticks);
+            assert_eq!(Content::one(&kept).ticks, ticks);
         }
     }
     assert!(
@@ -353,7 +357,7 @@ fn a_killed_recorder_loses_at_most_a_chunk_and_its_files_are_completed_and_merge
     run.record(&mut recording, 600..1199);
     std::mem::forget(recording);
     let parts = parts_in(folder.path());
-    let count = |part: &PathBuf| Content::of(std::slice::from_ref(part)).ticks.len();
+    let count = |part: &PathBuf| Content::one(part).ticks.len();
     let [first, last] = &parts[..] else {
         panic!("{parts:?}")
     };
@@ -364,7 +368,7 @@ fn a_killed_recorder_loses_at_most_a_chunk_and_its_files_are_completed_and_merge
     let torn = folder.path().join("torn.rrd");
     for end in (bytes.len() / 20..bytes.len()).step_by(bytes.len() / 40) {
         std::fs::write(&torn, &bytes[..end]).expect("a file");
-        let content = Content::of(&[torn.clone()]);
+        let content = Content::one(&torn);
         let is_whole = [0, 250, 500].contains(&content.ticks.len());
         assert!(is_whole && content.damages == 0, "{end}");
     }
@@ -456,7 +460,7 @@ fn a_flipped_bit_anywhere_is_read_or_told_and_nothing_panics() {
         let mut bytes = whole.clone();
         bytes[place] ^= 0x41;
         std::fs::write(&damaged, bytes).expect("a file");
-        damages += Content::of(&[damaged.clone()]).damages;
+        damages += Content::one(&damaged).damages;
     }
     assert!(damages > 20, "{damages}");
     std::fs::write(&damaged, b"not a recording").expect("a file");
