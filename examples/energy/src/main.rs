@@ -7,7 +7,7 @@
 //! ```
 //!
 //! `cargo build --release -p energy`, then `armplane run examples/energy/energy.toml`. In lockstep the run repeats itself byte for byte, faults on
-//! this process included (`armplane fault energy kill`); `summary.json` has the hash of its topic, `messages/energy.log` its messages.
+//! this process included (`armplane fault energy kill`); `summary.json` has the hash of its topic, `messages.mcap` its messages.
 
 mod cycle;
 mod message;

@@ -1,7 +1,8 @@
-//! A block: a chunk of messages, an index of each of its topics, and a seal.
+//! A block: a seal, a chunk of messages, and an index of each of its topics.
 //!
 //! ```text
-//! seal   record 0x80: format u64 · run u64 · ticks begun u64 · messages of each topic before the block u64 … · CRC-32 u32 of the block up to here
+//! seal   record 0x80: CRC-32 u32 of the block behind it · numbers u64: bytes of the block, format, run, ticks begun, bytes of the chunk, of its messages,
+//!        times of the first and the last of them, topics; messages of each topic before the block; of each in it
 //! ```
 //!
 //! A block without a chunk is the end of a log whose writer was not killed.
@@ -28,10 +29,11 @@ const CDR: [u8; 4] = [0, 1, 0, 0];
 /// Bytes of an index before its entries, and of an entry.
 const INDEX_HEAD: usize = PREFIX + 2 + 4;
 const ENTRY: usize = 16;
-/// Bytes of a seal besides its numbers of messages.
-const SEALED: usize = 3 * 8 + 4;
+/// Bytes of a seal's record up to the checksum, and up to the numbers of messages.
+const CHECKED: usize = PREFIX + 4;
+const SEALED: usize = CHECKED + 9 * 8;
 /// More topics than a run has.
-const MOST_TOPICS: usize = 1024;
+const MOST_TOPICS: u64 = 1024;
 /// More bytes than a chunk has: messages have 4 MiB at most.
 const MOST_BYTES: u64 = 64 << 20;
 
@@ -41,11 +43,12 @@ pub(crate) struct Block {
     /// Where it begins, and its length.
     pub(crate) at: u64,
     pub(crate) bytes: u64,
-    /// Bytes of its chunk record; 0 without one.
+    /// Where its chunk begins, and the bytes of that; 0 without one.
+    pub(crate) chunk_at: u64,
     pub(crate) chunk: u64,
-    /// The times of its messages; ns.
-    pub(crate) times: [u64; 2],
+    /// Bytes of its messages, and the times of the first and the last; ns.
     pub(crate) uncompressed: u64,
+    pub(crate) times: [u64; 2],
     /// Its messages, by channel.
     pub(crate) messages: Vec<u64>,
     /// Format and run.
@@ -74,14 +77,15 @@ impl Block {
             .collect()
     }
 
-    /// Where the index of each channel that has one begins, behind the block's begin, and the length of all.
+    /// Where the index of each channel that has one begins in the file, and the length of all.
     pub(crate) fn indexes(&self) -> (Vec<(u16, u64)>, u64) {
-        let (mut places, mut end) = (Vec::new(), self.chunk);
+        let begin = self.chunk_at + self.chunk;
+        let (mut places, mut end) = (Vec::new(), begin);
         for (id, messages) in (1..).zip(&self.messages).filter(|(_, n)| **n > 0) {
             places.push((id, end));
             end += INDEX_HEAD as u64 + ENTRY as u64 * messages;
         }
-        (places, end - self.chunk)
+        (places, end - begin)
     }
 }
 
@@ -90,6 +94,8 @@ pub(crate) struct Packer {
     chunk: Vec<u8>,
     /// Time and place of each message, by channel.
     indexes: Vec<Vec<[u64; 2]>>,
+    /// What comes behind the seal of a block, and the whole block.
+    rest: Vec<u8>,
     block: Vec<u8>,
 }
 
@@ -98,6 +104,7 @@ impl Packer {
         Self {
             chunk: Vec::new(),
             indexes: vec![Vec::new(); topics],
+            rest: Vec::new(),
             block: Vec::new(),
         }
     }
@@ -138,66 +145,75 @@ impl Packer {
         let Self {
             chunk,
             indexes,
+            rest,
             block,
         } = self;
-        block.clear();
+        let times = || indexes.iter().flatten().map(|[time, _]| *time);
+        let times = [times().min(), times().max()].map(Option::unwrap_or_default);
+        let messages: Vec<u64> = indexes.iter().map(|index| index.len() as u64).collect();
+        let uncompressed = chunk.len() as u64;
+        rest.clear();
         if !chunk.is_empty() {
-            let times = || indexes.iter().flatten().map(|[time, _]| *time);
-            let mut packed = Ok(());
-            record(block, CHUNK, |out| {
-                let (first, last) = (times().min(), times().max());
-                let size = chunk.len() as u64;
-                numbers(out, [first.unwrap_or(0), last.unwrap_or(0), size]);
+            let packed = compress(chunk)?;
+            record(rest, CHUNK, |out| {
+                numbers(out, [times[0], times[1], uncompressed]);
                 out.extend(crc32fast::hash(chunk).to_le_bytes());
                 text(out, LZ4);
-                let at = out.len();
-                numbers(out, [0]);
-                packed = compress(chunk, out);
-                let compressed = (out.len() - at - 8) as u64;
-                out[at..at + 8].copy_from_slice(&compressed.to_le_bytes());
+                numbers(out, [packed.len() as u64]);
+                out.extend(packed);
             });
-            packed?;
-            for (id, index) in (1_u16..).zip(&mut *indexes) {
-                if !index.is_empty() {
-                    record(block, MESSAGE_INDEX, |out| {
-                        out.extend(id.to_le_bytes());
-                        sized(out, |out| {
-                            index.drain(..).for_each(|entry| numbers(out, entry))
-                        });
-                    });
-                }
-            }
             chunk.clear();
         }
+        let chunk = rest.len() as u64;
+        for (id, index) in (1_u16..).zip(indexes) {
+            if !index.is_empty() {
+                record(rest, MESSAGE_INDEX, |out| {
+                    out.extend(id.to_le_bytes());
+                    sized(out, |out| {
+                        index.drain(..).for_each(|entry| numbers(out, entry))
+                    });
+                });
+            }
+        }
+        block.clear();
         record(block, SEAL, |out| {
+            let bytes = (SEALED + 16 * before.len() + rest.len()) as u64;
             let [format, run] = contents.identity();
-            numbers(out, [format, run, begun]);
-            before.iter().for_each(|before| numbers(out, [*before]));
+            let [first, last] = times;
             out.extend([0; 4]);
+            numbers(out, [bytes, format, run, begun, chunk]);
+            numbers(out, [uncompressed, first, last, before.len() as u64]);
+            let both = before.iter().chain(&messages);
+            both.for_each(|messages| numbers(out, [*messages]));
         });
+        block.append(rest);
         sign(block);
         Ok(block)
     }
 }
 
-/// Writes the checksum at the end of a block.
+/// The checksum of a block, from its begin.
+fn checksum(block: &[u8]) -> [u8; 4] {
+    crc32fast::hash(block.get(CHECKED..).unwrap_or_default()).to_le_bytes()
+}
+
 fn sign(block: &mut [u8]) {
-    if let Some((rest, checksum)) = block.split_last_chunk_mut::<4>() {
-        *checksum = crc32fast::hash(rest).to_le_bytes();
+    let checksum = checksum(block);
+    if let Some(place) = block.get_mut(PREFIX..CHECKED) {
+        place.copy_from_slice(&checksum);
     }
 }
 
-fn compress(chunk: &[u8], out: &mut Vec<u8>) -> io::Result<()> {
+fn compress(chunk: &[u8]) -> io::Result<Vec<u8>> {
     let frame = FrameInfo::new().block_size(BlockSize::Max256KB);
-    let mut encoder = FrameEncoder::with_frame_info(frame, out);
+    let mut encoder = FrameEncoder::with_frame_info(frame, Vec::new());
     io::Write::write_all(&mut encoder, chunk)?;
-    encoder.finish().map_err(io::Error::other)?;
-    Ok(())
+    encoder.finish().map_err(io::Error::other)
 }
 
 /// What begins at a place of a file.
 pub(crate) enum Found {
-    /// A block whose records are of the right kinds and lengths.
+    /// A block with a seal of the right length.
     Whole(Block),
     /// The beginning of one: its writer was killed.
     Torn,
@@ -232,73 +248,56 @@ impl Blocks {
         Ok(bytes)
     }
 
-    /// The block that begins at a place, by the heads of its records.
+    /// The block that begins at a place, by its seal.
     pub(crate) fn at(&self, at: u64) -> io::Result<Found> {
-        let mut block = Block {
-            at,
-            ..Block::default()
-        };
-        let mut place = at;
-        loop {
-            let head = self.read(place, CHUNK_HEAD as u64)?;
-            let length = u64_at(&head, 1);
-            let is_ours = matches!(head.first(), None | Some(&(CHUNK | MESSAGE_INDEX | SEAL)));
-            if !is_ours || length > MOST_BYTES {
-                return Ok(Found::Nothing);
-            }
-            if head.len() < PREFIX || PREFIX as u64 + length > self.length.saturating_sub(place) {
-                return Ok(Found::Torn);
-            }
-            match head[0] {
-                CHUNK if place == at && head.len() == CHUNK_HEAD => {
-                    block.chunk = PREFIX as u64 + length;
-                    block.times = [u64_at(&head, PREFIX), u64_at(&head, PREFIX + 8)];
-                    block.uncompressed = u64_at(&head, PREFIX + 16);
-                    if block.chunk < CHUNK_HEAD as u64 {
-                        return Ok(Found::Nothing);
-                    }
-                }
-                MESSAGE_INDEX if block.chunk > 0 => {
-                    let channel = usize::from(u16_at(&head, PREFIX)).wrapping_sub(1);
-                    if channel >= MOST_TOPICS || channel < block.messages.len() {
-                        return Ok(Found::Nothing);
-                    }
-                    block.messages.resize(channel, 0);
-                    block.messages.push(length.saturating_sub(6) / ENTRY as u64);
-                }
-                SEAL => {
-                    let seal = self.read(place + PREFIX as u64, length)?;
-                    let topics = seal.len().saturating_sub(SEALED) / 8;
-                    let is_one = seal.len() == SEALED + 8 * topics
-                        && seal.len() as u64 == length
-                        && topics <= MOST_TOPICS
-                        && block.messages.len() <= topics;
-                    block.messages.resize(topics, 0);
-                    block.identity = [u64_at(&seal, 0), u64_at(&seal, 8)];
-                    block.begun = u64_at(&seal, 16);
-                    block.before = (0..topics).map(|i| u64_at(&seal, 24 + 8 * i)).collect();
-                    block.bytes = place + PREFIX as u64 + length - at;
-                    return Ok(if is_one {
-                        Found::Whole(block)
-                    } else {
-                        Found::Nothing
-                    });
-                }
-                _ => return Ok(Found::Nothing),
-            }
-            place += PREFIX as u64 + length;
+        let head = self.read(at, SEALED as u64)?;
+        if head.first().is_some_and(|op| *op != SEAL) {
+            return Ok(Found::Nothing);
         }
+        if head.len() < SEALED {
+            return Ok(Found::Torn);
+        }
+        let number = |i: usize| u64_at(&head, CHECKED + 8 * i);
+        let [bytes, chunk, topics] = [0, 4, 8].map(number);
+        let seal = SEALED as u64 + 16 * topics.min(MOST_TOPICS);
+        if u64_at(&head, 1) != seal - PREFIX as u64
+            || topics > MOST_TOPICS
+            || !(seal..MOST_BYTES).contains(&bytes)
+            || chunk > bytes - seal
+            || chunk > 0 && chunk < CHUNK_HEAD as u64
+        {
+            return Ok(Found::Nothing);
+        }
+        if bytes > self.length - at {
+            return Ok(Found::Torn);
+        }
+        let counts = self.read(at + SEALED as u64, 16 * topics)?;
+        let mut counts = (0..2 * topics as usize).map(|i| u64_at(&counts, 8 * i));
+        let block = Block {
+            at,
+            bytes,
+            chunk_at: at + seal,
+            chunk,
+            identity: [1, 2].map(number),
+            begun: number(3),
+            uncompressed: number(5),
+            times: [6, 7].map(number),
+            before: counts.by_ref().take(topics as usize).collect(),
+            messages: counts.collect(),
+        };
+        Ok(
+            match block.messages.iter().all(|messages| *messages < bytes) {
+                true => Found::Whole(block),
+                false => Found::Nothing,
+            },
+        )
     }
 
     /// The bytes of a block; `None` where they are not as they were written.
     pub(crate) fn bytes(&self, block: &Block) -> io::Result<Option<Vec<u8>>> {
         let bytes = self.read(block.at, block.bytes)?;
         let is_whole = bytes.len() as u64 == block.bytes
-            && bytes
-                .split_last_chunk::<4>()
-                .is_some_and(|(rest, checksum)| {
-                    crc32fast::hash(rest) == u32::from_le_bytes(*checksum)
-                });
+            && bytes.get(PREFIX..CHECKED) == Some(&checksum(&bytes));
         Ok(is_whole.then_some(bytes))
     }
 
@@ -309,7 +308,7 @@ impl Blocks {
         while begin < self.length {
             let window = self.read(begin, WINDOW + PREFIX as u64)?;
             for (at, head) in (begin..begin + WINDOW).zip(window.windows(PREFIX)) {
-                if matches!(head[0], CHUNK | SEAL)
+                if head[0] == SEAL
                     && u64_at(head, 1) <= MOST_BYTES
                     && let Found::Whole(block) = self.at(at)?
                     && self.bytes(&block)?.is_some()
@@ -334,7 +333,8 @@ pub struct Chunk {
 impl Chunk {
     /// Of the bytes of a block; `None` where they are no messages of the layouts, though their checksum is right.
     pub(crate) fn of(block: &Block, bytes: &[u8], contents: &Contents) -> Option<Self> {
-        let packed = bytes.get(CHUNK_HEAD.min(block.chunk as usize)..block.chunk as usize)?;
+        let begin = (block.chunk_at - block.at) as usize;
+        let packed = bytes.get(begin..begin + block.chunk as usize)?;
         let mut chunk = Self {
             bytes: Vec::new(),
             places: vec![Vec::new(); contents.layouts.len()],
@@ -342,7 +342,7 @@ impl Chunk {
         if block.is_end() {
             return Some(chunk);
         }
-        FrameDecoder::new(packed)
+        FrameDecoder::new(packed.get(CHUNK_HEAD..)?)
             .take(MOST_BYTES)
             .read_to_end(&mut chunk.bytes)
             .ok()?;
@@ -384,22 +384,20 @@ pub fn seal(file: &mut [u8]) {
     } else {
         0
     };
-    let mut begin = at;
-    while at + PREFIX < file.len() {
-        let length = u64_at(file, at + 1);
+    while at + CHECKED < file.len() {
+        let is_block = file[at] == SEAL;
+        let length = match is_block {
+            true => u64_at(file, at + CHECKED),
+            false => u64_at(file, at + 1).saturating_add(PREFIX as u64),
+        };
         let end = usize::try_from(length)
             .ok()
-            .and_then(|length| (at + PREFIX).checked_add(length))
+            .filter(|length| *length > 0)
+            .and_then(|length| at.checked_add(length))
             .filter(|end| *end <= file.len());
         let Some(end) = end else { return };
-        match file[at] {
-            CHUNK => begin = at,
-            MESSAGE_INDEX => {}
-            SEAL => {
-                sign(&mut file[begin..end]);
-                begin = end;
-            }
-            _ => begin = end,
+        if is_block {
+            sign(&mut file[at..end]);
         }
         at = end;
     }

@@ -1,5 +1,6 @@
 //! Two messages that should be the same and are not: where they first differ, by name, and how far they do.
 
+use std::collections::BTreeMap;
 use std::marker::PhantomData;
 use std::ops::Range;
 
@@ -7,6 +8,7 @@ use shared_types::Message;
 use shared_types::wire::{Field, Stamps};
 
 use crate::contents::structure;
+use crate::record::u64_of;
 
 /// The first number in which two messages differ.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
@@ -35,156 +37,126 @@ pub struct FieldDifference {
     pub difference: Difference,
 }
 
-#[derive(Clone, Copy, Debug)]
-enum Number {
-    F64,
-    U64,
-    U32,
-}
-
-/// A field of plain numbers, nested structures looked into.
+/// A number of a message.
 #[derive(Clone, Debug)]
-struct Leaf {
+struct Element {
+    field: String,
+    /// The field with the index, where that has several.
     name: String,
-    is_array: bool,
-    number: Number,
+    is_float: bool,
     bytes: Range<usize>,
 }
 
-impl Leaf {
-    fn size(&self) -> usize {
-        if matches!(self.number, Number::U32) {
-            4
-        } else {
-            8
+impl Element {
+    fn differs(&self, expected: &[u8], found: &[u8]) -> bool {
+        expected[self.bytes.clone()] != found[self.bytes.clone()]
+    }
+
+    fn bits(&self, message: &[u8]) -> u64 {
+        u64_of(message, self.bytes.start, self.bytes.len())
+    }
+
+    fn value(&self, message: &[u8]) -> f64 {
+        match self.is_float {
+            true => f64::from_bits(self.bits(message)),
+            false => self.bits(message) as f64,
         }
     }
 
-    fn elements(&self) -> impl Iterator<Item = Range<usize>> + use<> {
-        let size = self.size();
-        self.bytes
-            .clone()
-            .step_by(size)
-            .map(move |begin| begin..begin + size)
-    }
-
-    fn difference(&self, element: Range<usize>, expected: &[u8], found: &[u8]) -> Difference {
-        let index = (element.start - self.bytes.start) / self.size();
-        let field = if self.is_array {
-            format!("{}[{index}]", self.name)
-        } else {
-            self.name.clone()
-        };
-        let text = |message: &[u8]| {
-            let bytes = &message[element.clone()];
-            match self.number {
-                Number::F64 => format!("{:?}", bytemuck::pod_read_unaligned::<f64>(bytes)),
-                Number::U64 => bytemuck::pod_read_unaligned::<u64>(bytes).to_string(),
-                Number::U32 => bytemuck::pod_read_unaligned::<u32>(bytes).to_string(),
-            }
+    fn difference(&self, expected: &[u8], found: &[u8]) -> Difference {
+        let text = |message: &[u8]| match self.is_float {
+            true => format!("{:?}", self.value(message)),
+            false => self.bits(message).to_string(),
         };
         Difference {
-            field,
+            field: self.name.clone(),
             expected: text(expected),
             found: text(found),
         }
     }
 
-    fn value(&self, bytes: &[u8]) -> f64 {
-        match self.number {
-            Number::F64 => bytemuck::pod_read_unaligned(bytes),
-            Number::U64 => bytemuck::pod_read_unaligned::<u64>(bytes) as f64,
-            Number::U32 => f64::from(bytemuck::pod_read_unaligned::<u32>(bytes)),
-        }
-    }
-}
-
-/// All plain fields of a structure that begins at byte `base`, in order; without the stamps of a header, which are not compared.
-fn leaves(layout: &[Field], base: usize, prefix: &str, found: &mut Vec<Leaf>) {
-    for field in layout {
-        let (name, begin) = (format!("{prefix}{}", field.name), base + field.offset);
-        let is_array = field.type_name.starts_with('[');
-        let Some((inside, size)) = structure(&field.element) else {
-            let number = match &*field.element {
-                "f64" => Number::F64,
-                "u64" => Number::U64,
-                _ => Number::U32,
-            };
-            found.push(Leaf {
-                name,
-                is_array,
-                number,
-                bytes: begin..begin + field.size,
-            });
-            continue;
-        };
-        let stamps = if field.element == "Header" {
-            size_of::<Stamps>()
+    /// |found − expected|; infinite where one of them is not a number.
+    fn distance(&self, expected: &[u8], found: &[u8]) -> f64 {
+        let distance = (self.value(found) - self.value(expected)).abs();
+        if distance.is_nan() {
+            f64::INFINITY
         } else {
-            0
-        };
-        let inside: Vec<_> = inside
-            .iter()
-            .filter(|field| field.offset >= stamps)
-            .cloned()
-            .collect();
-        for (index, place) in (begin..begin + field.size).step_by(size).enumerate() {
-            let prefix = match is_array {
-                true => format!("{name}[{index}]."),
-                false => format!("{name}."),
-            };
-            leaves(&inside, place, &prefix, found);
+            distance
         }
     }
 }
 
-fn leaves_of<M: Message>() -> Vec<Leaf> {
-    let mut found = Vec::new();
-    leaves(M::FIELDS, 0, "", &mut found);
-    found
+/// The numbers of a structure that begins at byte `base`, those of structures inside it too, in order.
+fn elements(layout: &[Field], base: usize, prefix: &str, found: &mut Vec<Element>) {
+    for field in layout {
+        let (inside, begin) = (structure(&field.element), base + field.offset);
+        let size = match &*field.element {
+            _ if inside.is_some() => inside.map_or(0, |(_, size)| size),
+            "f64" | "u64" => 8,
+            "u8" => 1,
+            _ => 4,
+        };
+        let path = format!("{prefix}{}", field.name);
+        let places = (begin..begin + field.size).step_by(size);
+        for (index, at) in places.enumerate() {
+            let name = match field.type_name.starts_with('[') {
+                true => format!("{path}[{index}]"),
+                false => path.clone(),
+            };
+            match inside {
+                Some((inside, _)) => elements(inside, at, &format!("{name}."), found),
+                None => found.push(Element {
+                    field: path.clone(),
+                    name,
+                    is_float: field.element == "f64",
+                    bytes: at..at + size,
+                }),
+            }
+        }
+    }
+}
+
+/// Those of a message that are compared: all behind the stamps at its beginning.
+fn compared(fields: &[Field]) -> Vec<Element> {
+    let mut all = Vec::new();
+    elements(fields, 0, "", &mut all);
+    all.retain(|element| element.bytes.start >= size_of::<Stamps>());
+    all
 }
 
 /// Where the contents of two messages first differ; stamps are not compared.
 #[must_use]
 pub fn first_difference<M: Message>(expected: &M, found: &M) -> Option<Difference> {
-    first_difference_in(
-        M::FIELDS,
-        bytemuck::bytes_of(expected),
-        bytemuck::bytes_of(found),
-    )
+    let [expected, found] = [expected, found].map(bytemuck::bytes_of);
+    first_difference_in(M::FIELDS, expected, found)
 }
 
 /// The same of two messages whose layout alone is known.
 #[must_use]
 pub fn first_difference_in(fields: &[Field], expected: &[u8], found: &[u8]) -> Option<Difference> {
-    let begin = size_of::<Stamps>();
-    let place = expected
-        .iter()
-        .zip(found)
-        .skip(begin)
-        .position(|(a, b)| a != b)?
-        + begin;
-    let mut all = Vec::new();
-    leaves(fields, 0, "", &mut all);
-    let leaf = all.into_iter().find(|leaf| leaf.bytes.contains(&place))?;
-    let element = leaf.elements().find(|element| element.contains(&place))?;
-    Some(leaf.difference(element, expected, found))
+    let [old, new] = [expected, found].map(|message| message.get(size_of::<Stamps>()..));
+    if old == new {
+        return None;
+    }
+    let mut all = compared(fields).into_iter();
+    let first = all.find(|element| element.differs(expected, found))?;
+    Some(first.difference(expected, found))
 }
 
 /// How far two series of messages differ, field by field.
 #[derive(Clone, Debug)]
 pub struct Differences<M> {
-    leaves: Vec<(Leaf, Option<FieldDifference>)>,
+    elements: Vec<Element>,
+    /// By the place of the field in the message.
+    fields: BTreeMap<usize, FieldDifference>,
     _messages: PhantomData<M>,
 }
 
 impl<M: Message> Default for Differences<M> {
     fn default() -> Self {
         Self {
-            leaves: leaves_of::<M>()
-                .into_iter()
-                .map(|leaf| (leaf, None))
-                .collect(),
+            elements: compared(M::FIELDS),
+            fields: BTreeMap::new(),
             _messages: PhantomData,
         }
     }
@@ -196,57 +168,44 @@ impl<M: Message> Differences<M> {
         if expected.content() == found.content() {
             return;
         }
-        let (old, new) = (bytemuck::bytes_of(expected), bytemuck::bytes_of(found));
-        for (leaf, so_far) in &mut self.leaves {
-            if old[leaf.bytes.clone()] == new[leaf.bytes.clone()] {
-                continue;
-            }
-            let mut largest: Option<(f64, Range<usize>)> = None;
-            for element in leaf
-                .elements()
-                .filter(|element| old[element.clone()] != new[element.clone()])
-            {
-                let size =
-                    (leaf.value(&new[element.clone()]) - leaf.value(&old[element.clone()])).abs();
-                let size = if size.is_nan() { f64::INFINITY } else { size };
-                if largest.as_ref().is_none_or(|(largest, _)| size > *largest) {
-                    largest = Some((size, element));
-                }
-            }
-            let Some((size, element)) = largest else {
+        let [old, new] = [expected, found].map(bytemuck::bytes_of);
+        for field in self.elements.chunk_by(|a, b| a.field == b.field) {
+            let differing = field.iter().filter(|element| element.differs(old, new));
+            let distances = differing.map(|element| (element.distance(old, new), element));
+            let Some((largest, element)) = distances.reduce(|a, b| if b.0 > a.0 { b } else { a })
+            else {
                 continue;
             };
-            let messages = so_far.as_ref().map_or(0, |so_far| so_far.messages) + 1;
-            match so_far {
-                Some(so_far) if so_far.largest >= size => so_far.messages = messages,
-                _ => {
-                    let difference = leaf.difference(element, old, new);
-                    *so_far = Some(FieldDifference {
-                        field: leaf.name.clone(),
-                        messages,
-                        largest: size,
-                        tick: expected.header().tick,
-                        difference,
-                    });
-                }
-            }
+            let so_far = self.fields.get(&field[0].bytes.start);
+            let messages = so_far.map_or(0, |so_far| so_far.messages) + 1;
+            let difference = match so_far {
+                Some(so_far) if so_far.largest >= largest => FieldDifference {
+                    messages,
+                    ..so_far.clone()
+                },
+                _ => FieldDifference {
+                    field: element.field.clone(),
+                    messages,
+                    largest,
+                    tick: expected.header().tick,
+                    difference: element.difference(old, new),
+                },
+            };
+            self.fields.insert(field[0].bytes.start, difference);
         }
     }
 
     /// The fields that differ, in the order of the message.
     #[must_use]
     pub fn fields(self) -> Vec<FieldDifference> {
-        self.leaves
-            .into_iter()
-            .filter_map(|(_, difference)| difference)
-            .collect()
+        self.fields.into_values().collect()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::{SensorSample, SingularityReport, TorqueCommand};
+    use shared_types::{SingularityReport, TorqueCommand};
 
     #[test]
     fn the_first_differing_number_is_named_with_both_values() {
@@ -278,35 +237,18 @@ mod tests {
 
     #[test]
     fn headers_and_nested_structures_are_looked_into() {
-        let expected = SensorSample::default();
+        let expected = SingularityReport::default();
         let mut found = expected;
-        found.stale_ticks = 2;
-        assert_eq!(
-            first_difference(&expected, &found).unwrap().field,
-            "stale_ticks"
-        );
+        let first = |found| first_difference(&expected, &found).unwrap();
+        found.singularities[2].zeta_B[4] = 1.0;
+        assert_eq!(first(found).field, "singularities[2].zeta_B[4]");
+        found.singularities[1].inside = 1;
+        assert_eq!(first(found).field, "singularities[1].inside");
         found.header.incarnation = 3;
-        let difference = first_difference(&expected, &found).unwrap();
+        let difference = first(found);
         assert_eq!(
             (&*difference.field, &*difference.found),
             ("header.incarnation", "3")
-        );
-        let expected = SingularityReport::default();
-        let mut found = expected;
-        found.singularities[2].zeta_B[4] = 1.0;
-        assert_eq!(
-            first_difference(&expected, &found).unwrap().field,
-            "singularities[2].zeta_B[4]"
-        );
-        found.singularities[1].inside = 1;
-        assert_eq!(
-            first_difference(&expected, &found).unwrap().field,
-            "singularities[1].inside"
-        );
-        found.header.tick = 9;
-        assert_eq!(
-            first_difference(&expected, &found).unwrap().field,
-            "header.tick"
         );
     }
 

@@ -87,6 +87,13 @@ impl LogError {
         }
     }
 
+    pub(crate) fn damaged(path: &Path, reason: &dyn std::fmt::Display) -> Self {
+        Self::Damaged {
+            path: path.to_owned(),
+            reason: reason.to_string(),
+        }
+    }
+
     /// Whether the file is not what was written.
     #[must_use]
     pub fn is_damage(&self) -> bool {

@@ -1,8 +1,8 @@
 //! The message log of a run, `messages.mcap`: its messages on disk, their fingerprints, and the differences between two series of messages.
 //!
 //! The file is MCAP (<https://mcap.dev/spec>) of profile `ros2`: Foxglove, PlotJuggler, `mcap-ros2-support` and `rosbags` open it. A message is CDR, which
-//! its bytes are as they stand: naturally aligned, without padding, little endian. A chunk of messages, its indices and a record of our own, the
-//! [seal](block), are a block. The seal has a checksum of the block, the run, and how many messages of each topic came before: no message is
+//! its bytes are as they stand: naturally aligned, without padding, little endian. A record of our own, the [seal](block), a chunk of messages and its
+//! indices are a block. The seal has a checksum of the block, the run, and how many messages of each topic came before: no message is
 //! taken for another, and a block that is damaged, missing, repeated, displaced or foreign is found.
 //!
 //! The `mcap` crate's writer cannot go on with a file whose writer was killed, and leaves no summary where the volume is full; so the records are written

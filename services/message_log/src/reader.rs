@@ -62,10 +62,6 @@ impl Log {
         contents: &Contents,
         from: &Place,
     ) -> Result<Self, LogError> {
-        let damaged = |reason: &str| LogError::Damaged {
-            path: path.to_owned(),
-            reason: reason.to_owned(),
-        };
         let cannot = LogError::file("read", path);
         let file = match files::open(path).and_then(Blocks::new) {
             Err(error)
@@ -74,7 +70,7 @@ impl Log {
                     ErrorKind::InvalidInput | ErrorKind::IsADirectory
                 ) =>
             {
-                return Err(damaged(&error.to_string()));
+                return Err(LogError::damaged(path, &error));
             }
             opened => opened.map_err(&cannot)?,
         };
@@ -86,7 +82,7 @@ impl Log {
             });
         }
         if from.bytes > file.length {
-            return Err(damaged("its end is missing"));
+            return Err(LogError::damaged(path, &"its end is missing"));
         }
         // A head of another length is passed over.
         let head_bytes = if head == expected {
@@ -99,29 +95,8 @@ impl Log {
             messages: from.messages.clone(),
         };
         let mut scan = Scan::new(&file, contents, &begin).map_err(&cannot)?;
-        if scan.blocks.is_empty()
-            && let Some([format, run]) = scan.other
-        {
-            let [ours, our_run] = contents.identity();
-            return Err(match run == our_run {
-                true => LogError::WireFormat {
-                    path: path.to_owned(),
-                    found: format,
-                    ours,
-                },
-                false => LogError::OtherRun {
-                    path: path.to_owned(),
-                },
-            });
-        }
-        if head != expected && scan.blocks.is_empty() && !scan.is_ended {
-            return Err(damaged("its first bytes are not those of such a file"));
-        }
-        let has_tail = if from.bytes == 0 {
-            scan.check_tail(&file, contents).map_err(&cannot)?
-        } else {
-            false
-        };
+        scan.check_is_own(path, contents, head == expected)?;
+        let has_tail = from.bytes == 0 && scan.check_tail(&file, contents).map_err(&cannot)?;
         Ok(Self(Rc::new(Inner {
             path: path.to_owned(),
             contents: contents.clone(),
@@ -198,9 +173,9 @@ impl Log {
         let chunk = bytes
             .and_then(|bytes| Chunk::of(block, &bytes, contents))
             .map(Rc::new)
-            .ok_or_else(|| LogError::Damaged {
-                path: path.clone(),
-                reason: format!("the block at byte {} is not what was written", block.at),
+            .ok_or_else(|| {
+                let reason = format!("the block at byte {} is not what was written", block.at);
+                LogError::damaged(path, &reason)
             })?;
         if cache.len() == CACHED {
             cache.pop_front();
@@ -424,6 +399,26 @@ impl Scan {
             block,
             lost: vec![0; self.messages.len()],
             tick,
+        }
+    }
+
+    /// Refuses a file in which nothing is of the run.
+    fn check_is_own(
+        &self,
+        path: &Path,
+        contents: &Contents,
+        has_head: bool,
+    ) -> Result<(), LogError> {
+        let ([ours, our_run], path) = (contents.identity(), path.to_owned());
+        match self.other {
+            _ if !self.blocks.is_empty() => Ok(()),
+            Some([found, run]) if run == our_run => Err(LogError::WireFormat { path, found, ours }),
+            Some(_) => Err(LogError::OtherRun { path }),
+            None if has_head || self.is_ended => Ok(()),
+            None => Err(LogError::damaged(
+                &path,
+                &"its first bytes are not those of such a file",
+            )),
         }
     }
 

@@ -54,7 +54,8 @@ pub(crate) fn u64_at(bytes: &[u8], at: usize) -> u64 {
     u64_of(bytes, at, size_of::<u64>())
 }
 
-fn u64_of(bytes: &[u8], at: usize, length: usize) -> u64 {
+/// One of up to 8 bytes.
+pub(crate) fn u64_of(bytes: &[u8], at: usize, length: usize) -> u64 {
     let mut number = [0; 8];
     if let Some(part) = at.checked_add(length).and_then(|end| bytes.get(at..end)) {
         number[..length].copy_from_slice(part);

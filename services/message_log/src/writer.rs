@@ -77,10 +77,8 @@ impl Writer {
             opened => opened?,
         };
         if let Some(flaw) = log.flaws().first() {
-            return Err(LogError::Damaged {
-                path: path.to_owned(),
-                reason: format!("{:?} behind byte {}", flaw.defect, from.bytes),
-            });
+            let reason = format!("{:?} behind byte {}", flaw.defect, from.bytes);
+            return Err(LogError::damaged(path, &reason));
         }
         for block in 0..log.blocks() {
             let chunk = log.chunk(block)?;
@@ -292,9 +290,8 @@ pub(crate) fn tail(contents: &Contents, at: u64, blocks: &[Block]) -> Vec<u8> {
         let (indexes, length) = block.indexes();
         let [first, last] = block.times;
         record(&mut out, CHUNK_INDEX, |out| {
-            numbers(out, [first, last, block.at, block.chunk]);
-            let places = indexes.into_iter().map(|(id, at)| (id, block.at + at));
-            by_channel(out, places);
+            numbers(out, [first, last, block.chunk_at, block.chunk]);
+            by_channel(out, indexes.into_iter());
             numbers(out, [length]);
             text(out, crate::block::LZ4);
             numbers(out, [block.compressed(), block.uncompressed]);

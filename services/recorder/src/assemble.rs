@@ -53,12 +53,16 @@ impl Row {
                 self.0.put(M::of(self.1));
             }
         }
-        let mut row = Self {
-            tick,
-            ..Self::default()
-        };
+        let mut row = Self::empty(tick);
         topics::each(&mut Fill(&mut row, whole));
         row
+    }
+
+    fn empty(tick: u64) -> Self {
+        Self {
+            tick,
+            ..Self::default()
+        }
     }
 
     /// The messages received.
@@ -88,20 +92,6 @@ impl Row {
             .flatten()
             .collect()
     }
-
-    /// Becomes the row of a tick of which nothing has come; writes no more than that.
-    fn begin(&mut self, tick: u64) {
-        struct Clear<'a>(&'a mut ByTopic<Received>);
-        impl Each for Clear<'_> {
-            type Output = ();
-            fn each<M: Topic>(&mut self) {
-                *M::of_mut(self.0) = None;
-            }
-        }
-        self.tick = tick;
-        self.come = Set::default();
-        topics::each(&mut Clear(&mut self.messages));
-    }
 }
 
 /// Puts a message into a row, from its bytes.
@@ -124,18 +114,10 @@ pub(crate) fn puts() -> [Put; COUNT] {
 }
 
 /// Collects messages by tick and gives out rows in order: whole ones at once, torn ones when they are `patience` ticks old.
-///
-/// Rows are large: they stay where they are and are used again.
 #[derive(Debug)]
 pub struct Assembler {
-    /// The rows, by tick. It stands beside each: to look for one in the rows themselves would bring a line of each into the cache.
-    rows: VecDeque<(u64, Box<Row>)>,
-    given: Option<Box<Row>>,
-    #[allow(
-        clippy::vec_box,
-        reason = "a row stays where it is while its place in the queue changes"
-    )]
-    spare: Vec<Box<Row>>,
+    /// By tick. They are large: they stay where they are while their places in the queue change.
+    rows: VecDeque<Box<Row>>,
     next: u64,
     /// The topics of a complete tick.
     expected: Set,
@@ -151,8 +133,6 @@ impl Assembler {
     pub fn new(expected: Set, patience: u64, horizon: u64) -> Self {
         Self {
             rows: VecDeque::new(),
-            given: None,
-            spare: Vec::new(),
             next: 0,
             expected,
             patience,
@@ -183,7 +163,7 @@ impl Assembler {
     pub(crate) fn pending(&self) -> Vec<StoredRow> {
         self.rows
             .iter()
-            .map(|(tick, row)| (*tick, row.bytes()))
+            .map(|row| (row.tick, row.bytes()))
             .collect()
     }
 
@@ -193,60 +173,46 @@ impl Assembler {
             return None;
         }
         // Rows are of ticks on end, but for gaps.
-        let is_at = |place: &usize| self.rows.get(*place).is_some_and(|(at, _)| *at == tick);
-        let from_front = self
-            .rows
-            .front()
-            .and_then(|(front, _)| usize::try_from(tick.checked_sub(*front)?).ok());
-        let place = from_front
-            .filter(is_at)
-            .unwrap_or_else(|| self.rows.partition_point(|(at, _)| *at < tick));
-        if self.rows.get(place).is_none_or(|(at, _)| *at != tick) {
-            let row = self.empty(tick);
-            self.rows.insert(place, (tick, row));
+        let front = self.rows.front().map_or(tick, |row| row.tick);
+        let place = usize::try_from(tick.saturating_sub(front)).unwrap_or(usize::MAX);
+        let place = match self.rows.get(place) {
+            Some(row) if row.tick == tick => place,
+            _ => self.rows.partition_point(|row| row.tick < tick),
+        };
+        if self.rows.get(place).is_none_or(|row| row.tick != tick) {
+            self.rows.insert(place, Box::new(Row::empty(tick)));
         }
-        self.rows.get_mut(place).map(|(_, row)| &mut **row)
+        self.rows.get_mut(place).map(Box::as_mut)
     }
 
     /// The next row, if it is whole, or too old to wait for at tick `now`; with `flush`, whatever there is.
     ///
     /// The age counts from what was on its way before the topics were looked at, not from what has come since: topics are taken in one after
     /// the other, and the last of them may be far ahead of the first.
-    pub fn pop(&mut self, now: u64, flush: bool) -> Option<&Row> {
+    pub fn pop(&mut self, now: u64, flush: bool) -> Option<Box<Row>> {
         if !(flush || self.is_ready(now)) {
             return None;
         }
-        let (front, _) = self.rows.front()?;
-        let gap = front - self.next;
-        let is_jump = gap > self.horizon;
-        self.spare.extend(self.given.take());
-        self.given = if gap == 0 || is_jump {
-            self.rows.pop_front().map(|(_, row)| row)
-        } else {
-            Some(self.empty(self.next))
+        let gap = self.rows.front()?.tick - self.next;
+        let row = match gap == 0 || gap > self.horizon {
+            true => self.rows.pop_front()?,
+            false => Box::new(Row::empty(self.next)),
         };
-        self.next = self.given.as_ref()?.tick.saturating_add(1);
-        self.given.as_deref()
+        self.next = row.tick.saturating_add(1);
+        Some(row)
     }
 
     /// Whether [`pop`](Self::pop) has a row at tick `now`.
     pub(crate) fn is_ready(&self, now: u64) -> bool {
-        self.rows.front().is_some_and(|(tick, front)| {
-            let gap = tick - self.next;
+        self.rows.front().is_some_and(|front| {
+            let gap = front.tick - self.next;
             let is_old = if gap > self.horizon {
-                *tick < now
+                front.tick < now
             } else {
                 self.next.saturating_add(self.patience) < now
             };
             is_old || gap == 0 && front.come.contains(self.expected)
         })
-    }
-
-    /// A row of which nothing has come, where one has been given back in its place.
-    fn empty(&mut self, tick: u64) -> Box<Row> {
-        let mut row = self.spare.pop().unwrap_or_default();
-        row.begin(tick);
-        row
     }
 }
 
@@ -269,13 +235,8 @@ mod tests {
         fill(&mut assembler, 1);
         assert!(assembler.pop(0, false).is_none(), "tick 0 is still missing");
         fill(&mut assembler, 0);
-        assert_eq!(
-            (
-                assembler.pop(0, false).unwrap().tick,
-                assembler.pop(0, false).unwrap().tick
-            ),
-            (0, 1)
-        );
+        let popped = [(); 2].map(|()| assembler.pop(0, false).unwrap().tick);
+        assert_eq!(popped, [0, 1]);
         assert!(assembler.pop(0, false).is_none());
         assert!(assembler.row(0).is_none(), "given out already");
     }
@@ -345,13 +306,8 @@ mod tests {
     fn the_end_gives_out_everything() {
         let mut assembler = assembler(3, 6);
         assembler.row(1).unwrap().put(&SensorSample::default());
-        assert_eq!(
-            (
-                assembler.pop(0, true).unwrap().tick,
-                assembler.pop(0, true).unwrap().tick
-            ),
-            (0, 1)
-        );
+        let popped = [(); 2].map(|()| assembler.pop(0, true).unwrap().tick);
+        assert_eq!(popped, [0, 1]);
         assert!(assembler.pop(0, true).is_none());
     }
 

@@ -29,95 +29,78 @@ impl FaultReporter {
 
     /// Reports what has happened since the last time.
     pub(crate) fn report(&mut self, shell: &Shell, graph: &Graph, tape: &mut Tape) {
-        for (place, account) in shell.fault_table().records() {
+        for (place, record) in shell.fault_table().records() {
             if self.reported.len() <= place {
                 self.reported.resize(place + 1, 0);
             }
             let reported = &mut self.reported[place];
-            let FaultRecord {
-                scheduled,
-                origin,
-                injected_ns,
-                detected_ns,
-                recovered_ns,
-                exit,
-            } = account;
-            let states = [
-                (injected_ns, INJECTED),
-                (detected_ns, DETECTED),
-                (recovered_ns, RECOVERED),
-            ];
-            let is_told = injected_ns == 0 || *reported & OVER != 0;
-            if is_told
-                && states
-                    .iter()
-                    .all(|(ns, state)| *ns == 0 || *reported & state != 0)
+            let is_told = |ns: u64, state: u32| ns == 0 || *reported & state != 0;
+            if is_told(record.injected_ns, OVER)
+                && is_told(record.detected_ns, DETECTED)
+                && is_told(record.recovered_ns, RECOVERED)
             {
                 continue;
             }
-            let process = shell
-                .manifest()
-                .processes
-                .get(scheduled.process as usize)
-                .map_or("?", |process| process.name.as_str());
-            let Some(fault) = graph
-                .target(process)
-                .and_then(|target| scheduled.fault(process, &target))
-            else {
-                continue;
-            };
-            let since_ms = |ns: u64| ns.saturating_sub(injected_ns) as f64 * 1e-6;
-            // A process that is gone has recovered when it sends again; a fault of messages, sensors or drives ends with its ticks.
-            let is_over = if fault.kind.takes_down() {
-                recovered_ns != 0
-            } else {
-                tape.next_tick() >= scheduled.until
-            };
-            if injected_ns != 0 && *reported & INJECTED == 0 {
-                *reported |= INJECTED;
-                let sentence = exit.map_or_else(
-                    || fault.to_string(),
-                    |exit| format!("the {process} ended with {exit}"),
-                );
-                tape.event(
-                    scheduled.at,
-                    Level::Error,
-                    &format!("fault ({}): {sentence}", origin.name()),
-                );
-                let (lane, headline) = words(&fault, exit);
-                tape.fault_begins(scheduled.at, place, &lane, &headline);
-            }
-            if detected_ns != 0 && *reported & DETECTED == 0 {
-                *reported |= DETECTED;
-                let kind = if exit.is_some() {
-                    "end"
-                } else {
-                    fault.kind.name()
-                };
-                let sentence = format!(
-                    "{kind} of the {process} detected after {:.2} ms",
-                    since_ms(detected_ns)
-                );
-                tape.event(scheduled.at, Level::Warning, &sentence);
-            }
-            if is_over && *reported & INJECTED != 0 && *reported & OVER == 0 {
-                *reported |= OVER;
-                let until = if scheduled.until == u64::MAX {
-                    tape.next_tick()
-                } else {
-                    scheduled.until
-                };
-                tape.fault_ends(until.max(scheduled.at + 1), place);
-            }
-            if recovered_ns != 0 && *reported & RECOVERED == 0 {
-                *reported |= RECOVERED;
-                tape.event(
-                    scheduled.until,
-                    Level::Info,
-                    &format!("{process} is back, {:.0} ms later", since_ms(recovered_ns)),
-                );
+            let scheduled = &record.scheduled;
+            let process = shell.manifest().processes.get(scheduled.process as usize);
+            let process = process.map_or("?", |process| process.name.as_str());
+            let target = graph.target(process);
+            if let Some(fault) = target.and_then(|target| scheduled.fault(process, &target)) {
+                tell(reported, place, &record, &fault, tape);
             }
         }
+    }
+}
+
+/// Tells of a fault what has not been told of it.
+fn tell(reported: &mut u32, place: usize, record: &FaultRecord, fault: &Fault, tape: &mut Tape) {
+    let FaultRecord {
+        scheduled,
+        origin,
+        injected_ns,
+        detected_ns,
+        recovered_ns,
+        exit,
+    } = record;
+    let process = &fault.process;
+    let mut is_new = |is_so: bool, state: u32| {
+        let is_new = is_so && *reported & state == 0;
+        *reported |= if is_so { state } else { 0 };
+        is_new
+    };
+    let since_ms = |ns: u64| ns.saturating_sub(*injected_ns) as f64 * 1e-6;
+    // A process that is gone has recovered when it sends again; a fault of messages, sensors or drives ends with its ticks.
+    let is_over = if fault.kind.takes_down() {
+        *recovered_ns != 0
+    } else {
+        tape.next_tick() >= scheduled.until
+    };
+    if is_new(*injected_ns != 0, INJECTED) {
+        let sentence = exit.map_or_else(
+            || fault.to_string(),
+            |exit| format!("the {process} ended with {exit}"),
+        );
+        let text = format!("fault ({}): {sentence}", origin.name());
+        tape.event(scheduled.at, Level::Error, &text);
+        let (lane, headline) = words(fault, *exit);
+        tape.fault_begins(scheduled.at, place, &lane, &headline);
+    }
+    if is_new(*detected_ns != 0, DETECTED) {
+        let kind = exit.map_or(fault.kind.name(), |_| "end");
+        let after_ms = since_ms(*detected_ns);
+        let text = format!("{kind} of the {process} detected after {after_ms:.2} ms");
+        tape.event(scheduled.at, Level::Warning, &text);
+    }
+    if is_new(is_over && *injected_ns != 0, OVER) {
+        let until = match scheduled.until {
+            u64::MAX => tape.next_tick(),
+            until => until,
+        };
+        tape.fault_ends(until.max(scheduled.at + 1), place);
+    }
+    if is_new(*recovered_ns != 0, RECOVERED) {
+        let text = format!("{process} is back, {:.0} ms later", since_ms(*recovered_ns));
+        tape.event(scheduled.until, Level::Info, &text);
     }
 }
 

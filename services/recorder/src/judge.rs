@@ -303,14 +303,37 @@ impl Judge {
     }
 }
 
-/// Bounds that no error of position or orientation exceeds: a goal that allows as much does not judge.
-const MOST_MM: f64 = 1000.0;
-const MOST_DEG: f64 = 180.0;
-
 /// Whether an error is one along the singular directions alone, as far as the goal's bounds at the end see.
 fn is_at_boundary(error: &TaskError, goal: &Goal) -> bool {
     within(error.position[1], goal.position_mm)
         && within(error.orientation[0], goal.orientation_deg)
+}
+
+/// An error of a run, and the bound that its goal sets.
+struct Bar {
+    what: &'static str,
+    value: f64,
+    bound: f64,
+    unit: &'static str,
+    /// What no such error exceeds: a bound beyond it judges nothing.
+    most: f64,
+}
+
+impl Bar {
+    fn is_judged(&self) -> bool {
+        self.bound < self.most
+    }
+
+    fn told(&self, word: &str) -> String {
+        let Self {
+            what,
+            value,
+            bound,
+            unit,
+            ..
+        } = self;
+        format!("{what} off by {value:.3} {unit}{word} {bound} {unit}")
+    }
 }
 
 /// Outcome and reason of a task that ran to its end; `along`: largest errors along the singular directions within reach,
@@ -318,105 +341,77 @@ fn is_at_boundary(error: &TaskError, goal: &Goal) -> bool {
 fn done(
     task: &TaskSummary,
     goal: &Goal,
-    [along_mm, along_deg]: [f64; 2],
+    along: [f64; 2],
     beyond: bool,
     has_broken_a_limit: bool,
 ) -> (&'static str, String) {
-    let ends = [
-        (
-            "end position",
-            task.final_position_mm,
-            goal.position_mm,
-            "mm",
-            MOST_MM,
-        ),
-        (
-            "end orientation",
-            task.final_orientation_deg,
-            goal.orientation_deg,
-            "°",
-            MOST_DEG,
-        ),
-    ];
-    let s2 = Bounds::s2();
-    let moving = [
-        (
-            "position along the singular directions",
-            along_mm,
-            s2.along_mm,
-            "mm",
-            MOST_MM,
-        ),
-        (
-            "orientation about the singular directions",
-            along_deg,
-            s2.along_deg,
-            "°",
-            MOST_DEG,
-        ),
-        (
-            "position orthogonal to the singular directions",
-            task.orthogonal_max_mm,
-            goal.orthogonal_mm,
-            "mm",
-            MOST_MM,
-        ),
-        (
-            "orientation orthogonal to the singular directions",
-            task.orthogonal_max_deg,
-            goal.orthogonal_deg,
-            "°",
-            MOST_DEG,
-        ),
-    ];
-    let bounds = || ends.iter().chain(&moving[2..]);
-    let told = |(what, value, bound, unit, _): &(&str, f64, f64, &str, f64), word: &str| {
-        format!("{what} off by {value:.3} {unit}{word} {bound} {unit}")
-    };
+    let [ends, along, across] = bars(task, goal, along);
+    let is_judged = ends.iter().chain(&across).any(Bar::is_judged);
     // What lies beyond reach cannot be asked for.
-    // A bound that nothing can break judges nothing.
-    let is_judged = |(_, _, bound, _, most): &&(_, f64, f64, _, f64)| bound < most;
-    let is_judged_at_all = bounds().any(|bound| is_judged(&bound));
-    let asked = ends
-        .iter()
-        .filter(|_| !beyond)
-        .chain(moving.iter().filter(|_| is_judged_at_all));
-    let missed: Vec<String> = asked
-        .filter(|(_, value, bound, ..)| !within(*value, *bound))
-        .map(|bound| told(bound, ", allowed"))
-        .collect();
+    let asked = ends.iter().filter(|_| !beyond);
+    let asked = asked.chain(along.iter().chain(&across).filter(|_| is_judged));
+    let missed = asked.filter(|bar| !within(bar.value, bar.bound));
+    let missed: Vec<String> = missed.map(|bar| bar.told(", allowed")).collect();
+    let kept = ends.iter().filter(|bar| bar.is_judged());
+    let kept: Vec<String> = kept.map(|bar| bar.told(" of")).collect();
     if !missed.is_empty() {
-        return (MISSED, missed.join("; "));
-    }
-    if has_broken_a_limit {
-        return (
-            MISSED,
-            "the path was followed, but beyond the arm's limits".to_owned(),
+        (MISSED, missed.join("; "))
+    } else if has_broken_a_limit {
+        let reason = "the path was followed, but beyond the arm's limits";
+        (MISSED, reason.to_owned())
+    } else if beyond {
+        let reason = format!(
+            "the goal is {:.1} mm beyond reach: the arm is at its boundary, orthogonal to it off by {:.3} mm at most",
+            task.final_position_mm, task.orthogonal_max_mm
         );
-    }
-    if beyond {
-        return (
-            BOUNDARY,
-            format!(
-                "the goal is {:.1} mm beyond reach: the arm is at its boundary, orthogonal to it off by {:.3} mm at most",
-                task.final_position_mm, task.orthogonal_max_mm
-            ),
-        );
-    }
-    let kept: Vec<String> = ends
-        .iter()
-        .filter(is_judged)
-        .map(|bound| told(bound, " of"))
-        .collect();
-    let reason = if !is_judged_at_all {
-        format!(
+        (BOUNDARY, reason)
+    } else if !is_judged {
+        let reason = format!(
             "the path was followed to its end; its errors, up to {:.3} mm and {:.3}°, are not judged",
             task.position_max_mm, task.orientation_max_deg
-        )
+        );
+        (REACHED, reason)
     } else if kept.is_empty() {
-        "all errors within the goal".to_owned()
+        (REACHED, "all errors within the goal".to_owned())
     } else {
-        kept.join("; ")
+        (REACHED, kept.join("; "))
+    }
+}
+
+/// The errors at the end, and those along and orthogonal to the singular directions while the arm moved.
+fn bars(task: &TaskSummary, goal: &Goal, [along_mm, along_deg]: [f64; 2]) -> [[Bar; 2]; 3] {
+    let s2 = Bounds::s2();
+    let pair = |[mm, deg]: [&'static str; 2], values: [f64; 2], bounds: [f64; 2]| {
+        let bar = |i: usize, what, unit, most| Bar {
+            what,
+            value: values[i],
+            bound: bounds[i],
+            unit,
+            most,
+        };
+        [bar(0, mm, "mm", 1000.0), bar(1, deg, "°", 180.0)]
     };
-    (REACHED, reason)
+    [
+        pair(
+            ["end position", "end orientation"],
+            [task.final_position_mm, task.final_orientation_deg],
+            [goal.position_mm, goal.orientation_deg],
+        ),
+        pair(
+            [
+                "position along the singular directions",
+                "orientation about the singular directions",
+            ],
+            [along_mm, along_deg],
+            [s2.along_mm, s2.along_deg],
+        ),
+        pair(
+            [
+                "position orthogonal to the singular directions",
+                "orientation orthogonal to the singular directions",
+            ],
+            [task.orthogonal_max_mm, task.orthogonal_max_deg],
+            [goal.orthogonal_mm, goal.orthogonal_deg],
+        ),
+    ]
 }

@@ -12,7 +12,6 @@ mod rebuild;
 mod tape;
 mod topics;
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use message_log::{Contents, TopicHash};
@@ -184,7 +183,7 @@ impl<'a> Recorder<'a> {
         // Before the ticks in which it shows: their words name it.
         self.faults.report(shell, &job.graph, &mut self.tape);
         while let Some(row) = self.assembler.pop(begun, false) {
-            take(row, &mut self.judge, &mut self.tape);
+            take(&row, &mut self.judge, &mut self.tape);
             // With every row: a replacement writes again what is not noted.
             self.memory.note(self.tape.written());
         }
@@ -217,7 +216,7 @@ impl<'a> Recorder<'a> {
 
     fn finish(mut self) -> Summary {
         while let Some(row) = self.assembler.pop(0, true) {
-            take(row, &mut self.judge, &mut self.tape);
+            take(&row, &mut self.judge, &mut self.tape);
         }
         let shell = self.shell;
         self.faults.report(shell, &self.job.graph, &mut self.tape);
@@ -227,12 +226,12 @@ impl<'a> Recorder<'a> {
             recorded.error = logged.error;
         }
         recorded.cpu_s = runtime::realtime::cpu_time_s();
-        let account = self.topics.account();
+        let (account, not_drawn) = self.topics.account();
         // Messages sent less messages received: a gap in the ticks may be a message that a fault kept from being sent.
         let refused = shell.count(Count::Refused) + shell.count(Count::Fenced);
         let received: u64 = account.iter().map(|(_, hash)| hash.count()).sum();
         recorded.lost = shell.sent_by_all().saturating_sub(received + refused);
-        recorded.not_drawn = self.topics.not_drawn();
+        recorded.not_drawn = not_drawn;
         let verdict = self.judge.verdict();
         summary(self.robot, self.job, verdict, &account, recorded)
     }
@@ -290,23 +289,19 @@ fn summary(
         topics: account
             .iter()
             .map(|(name, hash)| ((*name).to_owned(), hash.summary()))
-            .collect::<BTreeMap<_, _>>(),
+            .collect(),
         task: verdict.task,
         joints: verdict.joints,
         singularities: verdict.singularities,
         turns: verdict.turns,
         modes: verdict.modes,
         servo: verdict.servo,
-        faults: Vec::new(),
-        deadlines: Default::default(),
         latency_us: verdict.latency_us,
-        not_finite: Vec::new(),
         recorder: RecorderSummary {
             messages: account.iter().map(|(_, hash)| hash.count()).sum(),
             ..tape
         },
-        processes: Vec::new(),
-        machine: Default::default(),
+        ..Summary::default()
     }
 }
 

@@ -2,35 +2,26 @@
 
 use std::path::Path;
 
-use message_log::{Contents, Defect, FILE, Flaw, Log, LogError, TopicHash, tick_of};
+use message_log::{Contents, Defect, FILE, Log, LogError, TopicHash};
 use shared_types::job::Job;
 use shared_types::summary::Summary;
 
-use crate::assemble::{Assembler, Put, Row, Set};
-use crate::topics::{content, put_of};
+use crate::assemble::{Assembler, Row, Set};
+use crate::topics::{Taken, account};
 use crate::{HORIZON, PATIENCE};
 
 /// The rows of a run's message log: whatever there is of each tick, in order.
 pub struct MessageRows {
     /// `None`: there is none that can be read.
     log: Option<Log>,
-    topics: Vec<StoredTopic>,
+    topics: Vec<Taken>,
+    /// Messages of each topic that are known to be lost.
+    lost: Vec<u64>,
     assembler: Assembler,
     /// Blocks that have been read, and flaws that have been noted.
     block: usize,
     flaw: usize,
     damage: Vec<Damage>,
-}
-
-/// The messages of a topic so far.
-struct StoredTopic {
-    topic: String,
-    hash: TopicHash,
-    /// Messages that are known to be lost.
-    lost: u64,
-    /// Tick of the last one.
-    last: Option<u64>,
-    put: Option<Put>,
 }
 
 /// A place that is not as it was written.
@@ -92,17 +83,13 @@ impl MessageRows {
     }
 
     fn new(log: Option<Log>, contents: &Contents) -> Self {
-        let topics = contents.layouts().iter().map(|layout| StoredTopic {
-            topic: layout.topic.clone(),
-            hash: TopicHash::default(),
-            lost: 0,
-            last: None,
-            put: put_of(&layout.topic),
-        });
+        let topics = contents.layouts().iter();
+        let topics: Vec<_> = topics.map(|layout| Taken::new(&layout.topic)).collect();
         let expected = Set::of(|topic| contents.channel(topic).is_some());
         Self {
             log,
-            topics: topics.collect(),
+            lost: vec![0; topics.len()],
+            topics,
             assembler: Assembler::new(expected, PATIENCE, HORIZON),
             block: 0,
             flaw: 0,
@@ -111,7 +98,7 @@ impl MessageRows {
     }
 
     /// The next row; `None` at the end.
-    pub fn next_row(&mut self) -> Option<&Row> {
+    pub fn next_row(&mut self) -> Option<Box<Row>> {
         let (mut begun, mut is_over) = (0, false);
         while !is_over && !self.assembler.is_ready(begun) {
             let log = self.log.clone().filter(|log| self.block < log.blocks());
@@ -133,17 +120,9 @@ impl MessageRows {
         self.note_flaws();
         match log.chunk(self.block) {
             Ok(chunk) => {
-                for (channel, stored) in self.topics.iter_mut().enumerate() {
-                    for message in chunk.messages(channel) {
-                        let tick = tick_of(message);
-                        stored.last = Some(tick);
-                        stored.hash.add_content(content(message));
-                        if let Some(put) = stored.put
-                            && let Some(row) = self.assembler.row(tick)
-                        {
-                            put(row, message);
-                        }
-                    }
+                for (channel, taken) in self.topics.iter_mut().enumerate() {
+                    let messages = chunk.messages(channel);
+                    messages.for_each(|message| taken.take(message, &mut self.assembler));
                 }
             }
             // It was whole when the log was opened.
@@ -171,12 +150,7 @@ impl MessageRows {
             let (tick, ticks) = self.lose(&flaw.lost);
             self.damage.push(Damage {
                 words: words(flaw.defect),
-                tick: match flaw {
-                    Flaw {
-                        tick: Some(tick), ..
-                    } => *tick,
-                    _ => tick,
-                },
+                tick: flaw.tick.unwrap_or(tick),
                 ticks,
                 is_open: is_last && ticks == 0,
             });
@@ -185,18 +159,14 @@ impl MessageRows {
 
     /// Counts messages of each topic as lost; the tick of the first, and of how many ticks they are.
     fn lose(&mut self, lost: &[u64]) -> (u64, u64) {
-        let (mut first, mut most) = (None, 0);
-        for (stored, lost) in self.topics.iter_mut().zip(lost) {
-            stored.lost = stored.lost.saturating_add(*lost);
-            if *lost > 0 {
-                let tick = stored.last.map_or(0, |last| last.saturating_add(1));
-                first = Some(first.map_or(tick, |first: u64| first.min(tick)));
-                most = most.max(*lost);
-            }
+        for (known, lost) in self.lost.iter_mut().zip(lost) {
+            *known = known.saturating_add(*lost);
         }
-        let next = || self.topics.iter().filter_map(|stored| stored.last).max();
-        let here = || next().map_or(0, |last| last.saturating_add(1));
-        (first.unwrap_or_else(here), most)
+        let next = self.topics.iter().map(Taken::next_tick);
+        let losing = next.clone().zip(lost).filter(|(_, lost)| **lost > 0);
+        let first = losing.map(|(next, _)| next).min();
+        let first = first.or(next.max()).unwrap_or(0);
+        (first, lost.iter().copied().max().unwrap_or(0))
     }
 
     /// The ways in which the log, read to its end, is not as it was written or does not hold what a run's summary counts, where there is one: a clause
@@ -207,12 +177,12 @@ impl MessageRows {
         let Some(summary) = summary else {
             return self.damage_so_far();
         };
-        let expected = |stored: &StoredTopic| summary.topics.get(&stored.topic);
-        let missing = |stored: &StoredTopic| {
-            let known = stored.hash.count().saturating_add(stored.lost);
-            expected(stored).map_or(0, |all| all.count.saturating_sub(known))
+        let expected = |taken: &Taken| summary.topics.get(&taken.topic);
+        let missing = |(taken, lost): (&Taken, &u64)| {
+            let known = taken.hash.count().saturating_add(*lost);
+            expected(taken).map_or(0, |all| all.count.saturating_sub(known))
         };
-        let lost: Vec<u64> = self.topics.iter().map(missing).collect();
+        let lost: Vec<u64> = self.topics.iter().zip(&self.lost).map(missing).collect();
         let (tick, ticks) = self.lose(&lost);
         let open = self.damage.iter_mut().find(|damage| damage.is_open);
         match open {
@@ -228,13 +198,13 @@ impl MessageRows {
             }),
             None => {}
         }
-        let differs = |stored: &&StoredTopic| {
-            expected(stored).is_some_and(|expected| *expected != stored.hash.summary())
+        let differs = |taken: &&Taken| {
+            expected(taken).is_some_and(|expected| *expected != taken.hash.summary())
         };
         let mut clauses = self.damage_so_far();
         if clauses.is_empty() {
-            clauses.extend(self.topics.iter().filter(differs).map(|stored| {
-                let topic = &stored.topic;
+            let others = self.topics.iter().filter(differs);
+            clauses.extend(others.map(|Taken { topic, .. }| {
                 format!("{FILE} holds other messages of `{topic}` than the run has sent")
             }));
         }
@@ -271,17 +241,8 @@ impl MessageRows {
         clauses
     }
 
-    /// How many messages of each topic have been read, and their hash.
-    pub(crate) fn hashes(&self) -> Vec<(&str, TopicHash)> {
-        self.topics
-            .iter()
-            .map(|stored| (stored.topic.as_str(), stored.hash))
-            .collect()
-    }
-
-    /// The topics that are in no row.
-    pub(crate) fn not_drawn(&self) -> Vec<String> {
-        let foreign = self.topics.iter().filter(|stored| stored.put.is_none());
-        foreign.map(|stored| stored.topic.clone()).collect()
+    /// As [`account`], of the messages that have been read.
+    pub(crate) fn account(&self) -> (Vec<(&str, TopicHash)>, Vec<String>) {
+        account(self.topics.iter())
     }
 }

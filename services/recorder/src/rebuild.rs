@@ -26,13 +26,13 @@ pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
     let mut partial: Vec<Row> = Vec::new();
     while let Some(row) = rows.next_row() {
         if Tick::of(&row.messages().lent()).is_none() {
-            partial.push(row.clone());
+            partial.push(*row);
             continue;
         }
         partial
             .drain(..)
             .for_each(|row| take(&row, &mut judge, &mut tape));
-        take(row, &mut judge, &mut tape);
+        take(&row, &mut judge, &mut tape);
     }
     let mut recorded = tape.finish();
     let damage: Vec<String> = rows
@@ -42,7 +42,8 @@ pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
         .filter(|clause| !clause.is_empty())
         .collect();
     recorded.error = damage.join("; ");
-    recorded.not_drawn = rows.not_drawn();
+    let (account, not_drawn) = rows.account();
+    recorded.not_drawn = not_drawn;
     // Others shall read it, too.
     match message_log::complete(&path, &Contents::of(job)) {
         Err(error) if damage.is_empty() && !error.is_before_the_first_message() => {
@@ -50,11 +51,5 @@ pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
         }
         _ => {}
     }
-    Ok(summary(
-        robot,
-        job,
-        judge.verdict(),
-        &rows.hashes(),
-        recorded,
-    ))
+    Ok(summary(robot, job, judge.verdict(), &account, recorded))
 }

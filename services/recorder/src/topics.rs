@@ -35,37 +35,31 @@ pub(crate) struct LogResult {
     pub(crate) error: String,
 }
 
-/// One topic.
-struct TopicReader {
-    topic: String,
-    /// Its channel in the log.
-    channel: usize,
-    collector: Collector<[u8]>,
-    taken: Taken,
-}
-
 /// The messages of a topic so far.
-struct Taken {
-    hash: TopicHash,
+pub(crate) struct Taken {
+    pub(crate) topic: String,
+    pub(crate) hash: TopicHash,
+    /// The last message; empty where there is none.
     last: Vec<u8>,
     /// The way into a row; none of a topic that only the graph knows.
     put: Option<Put>,
 }
 
-/// The reproducible bytes of a message: all but the stamps at its beginning.
-pub(crate) fn content(message: &[u8]) -> &[u8] {
-    message.get(size_of::<Stamps>()..).unwrap_or_default()
-}
-
-/// The way of a topic's messages into a row; none of a topic that only the graph knows.
-pub(crate) fn put_of(topic: &str) -> Option<Put> {
-    let place = TOPICS.iter().position(|known| *known == topic)?;
-    Some(puts()[place])
-}
-
 impl Taken {
-    fn take(&mut self, message: &[u8], assembler: &mut Assembler) {
-        self.hash.add_content(content(message));
+    pub(crate) fn new(topic: &str) -> Self {
+        let place = TOPICS.iter().position(|known| *known == topic);
+        Self {
+            topic: topic.to_owned(),
+            hash: TopicHash::default(),
+            last: Vec::new(),
+            put: place.map(|place| puts()[place]),
+        }
+    }
+
+    pub(crate) fn take(&mut self, message: &[u8], assembler: &mut Assembler) {
+        // The stamps at its beginning are not reproducible.
+        let content = message.get(size_of::<Stamps>()..).unwrap_or_default();
+        self.hash.add_content(content);
         self.last.clear();
         self.last.extend_from_slice(message);
         if let Some(put) = self.put
@@ -74,6 +68,34 @@ impl Taken {
             put(row, message);
         }
     }
+
+    fn last(&self) -> Option<&[u8]> {
+        (!self.last.is_empty()).then_some(&self.last)
+    }
+
+    /// The tick behind that of the last message.
+    pub(crate) fn next_tick(&self) -> u64 {
+        self.last()
+            .map_or(0, |last| tick_of(last).saturating_add(1))
+    }
+}
+
+/// Name and hash of each topic, and those that are in no row.
+pub(crate) fn account<'a>(
+    topics: impl Iterator<Item = &'a Taken> + Clone,
+) -> (Vec<(&'a str, TopicHash)>, Vec<String>) {
+    let foreign = topics.clone().filter(|taken| taken.put.is_none());
+    let foreign = foreign.map(|taken| taken.topic.clone()).collect();
+    let hashes = topics.map(|taken| (taken.topic.as_str(), taken.hash));
+    (hashes.collect(), foreign)
+}
+
+/// A topic that the recorder reads.
+struct TopicReader {
+    /// Its channel in the log.
+    channel: usize,
+    collector: Collector<[u8]>,
+    taken: Taken,
 }
 
 /// All topics that the recorder reads, and the log that keeps their messages where that is wanted.
@@ -107,13 +129,12 @@ impl Topics {
                     collector.resume(past.last, past.lost);
                 }
                 readers.push(TopicReader {
-                    topic: layout.topic.clone(),
                     channel,
                     collector,
                     taken: Taken {
                         hash: past.hash,
                         last: past.message.into_vec(),
-                        put: put_of(&layout.topic),
+                        ..Taken::new(&layout.topic)
                     },
                 });
             }
@@ -136,8 +157,7 @@ impl Topics {
                 collector, taken, ..
             } in &mut topics.readers
             {
-                let last = (!taken.last.is_empty()).then_some(&taken.last[..]);
-                collector.recall(last)?;
+                collector.recall(taken.last())?;
             }
         }
         Ok(topics)
@@ -239,20 +259,8 @@ impl Topics {
         self.result.clone()
     }
 
-    /// Name and hash of each topic.
-    pub(crate) fn account(&self) -> Vec<(&str, TopicHash)> {
-        self.readers
-            .iter()
-            .map(|reader| (reader.topic.as_str(), reader.taken.hash))
-            .collect()
-    }
-
-    /// The topics that are in no row.
-    pub(crate) fn not_drawn(&self) -> Vec<String> {
-        let foreign = self
-            .readers
-            .iter()
-            .filter(|reader| reader.taken.put.is_none());
-        foreign.map(|reader| reader.topic.clone()).collect()
+    /// As [`account`].
+    pub(crate) fn account(&self) -> (Vec<(&str, TopicHash)>, Vec<String>) {
+        account(self.readers.iter().map(|reader| &reader.taken))
     }
 }

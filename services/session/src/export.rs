@@ -134,7 +134,7 @@ pub fn export(
 struct StoredMessages {
     rows: MessageRows,
     /// The row read last.
-    row: Option<Row>,
+    row: Option<Box<Row>>,
     slides: Vec<bool>,
     steered: bool,
 }
@@ -187,7 +187,7 @@ impl Messages for StoredMessages {
     fn at(&mut self, tick: u64, take: &mut dyn FnMut(&TickRow<'_>)) {
         while self.row.as_ref().is_none_or(|row| row.tick < tick) {
             match self.rows.next_row() {
-                Some(row) => self.row = Some(row.clone()),
+                Some(row) => self.row = Some(row),
                 None => return,
             }
         }

@@ -10,7 +10,7 @@ use shared_types::codes::{
 use shared_types::summary::{JointSummary, LimitSummary};
 
 use super::chatter::{ChatterMeter, Clock};
-use super::histogram::{Histogram, new, stored};
+use super::histogram::Histogram;
 use super::tick::Tick;
 
 /// Torque steps are kept in millionths of the limit: a ratio of 1 is 1 000 000.
@@ -66,7 +66,6 @@ impl Limits {
 pub(super) struct JointMeter {
     limits: Limits,
     summary: JointSummary,
-    #[serde(with = "stored")]
     torque_steps: Histogram,
     last_tau: Option<Vec<f64>>,
     chatter: ChatterMeter,
@@ -79,7 +78,7 @@ impl JointMeter {
         Self {
             limits,
             summary: JointSummary::default(),
-            torque_steps: new(),
+            torque_steps: Histogram::default(),
             last_tau: None,
             chatter: ChatterMeter::default(),
             refused: None,
@@ -184,6 +183,7 @@ impl JointMeter {
             });
             joints.torque_step_max_ratio = larger(joints.torque_step_max_ratio, step);
             self.torque_steps
+                .0
                 .saturating_record((step.min(STEP_MOST) * STEP_UNIT) as u64 + 1);
         } else {
             joints.q_start = tick.truth.q[..n].to_vec();
@@ -317,11 +317,13 @@ impl JointMeter {
         let has_limit = |limits: &[f64]| limits.iter().any(|limit| !limit.is_infinite());
         self.summary.has_speed_limit = has_limit(&self.limits.velocity);
         self.summary.has_torque_limit = has_limit(&self.limits.effort);
-        if !self.torque_steps.is_empty() {
-            self.summary.torque_step_p99_ratio =
-                self.torque_steps.value_at_quantile(0.99) as f64 / STEP_UNIT;
-            self.summary.torque_step_p95_ratio =
-                self.torque_steps.value_at_quantile(0.95) as f64 / STEP_UNIT;
+        let Histogram(steps) = self.torque_steps;
+        if !steps.is_empty() {
+            let ratio = |quantile| steps.value_at_quantile(quantile) as f64 / STEP_UNIT;
+            (
+                self.summary.torque_step_p95_ratio,
+                self.summary.torque_step_p99_ratio,
+            ) = (ratio(0.95), ratio(0.99));
         }
         self.summary
     }

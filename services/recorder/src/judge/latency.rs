@@ -7,7 +7,7 @@ use shared_types::graph::{BUILT_IN, Graph};
 use shared_types::summary::Latency;
 use shared_types::{SensorSample, TorqueCommand};
 
-use super::histogram::{Histogram, new, stored};
+use super::histogram::Histogram;
 
 /// A span of time that is measured each tick.
 #[derive(Clone, Copy)]
@@ -71,53 +71,12 @@ impl Chain {
     }
 }
 
-/// Times that are entered into their distribution several at a time: its counts lie wide apart in memory, and each is a wait that others shorten.
-#[derive(Debug)]
-struct Times {
-    entered: Histogram,
-    waiting: Vec<u64>,
-}
-
-impl Times {
-    /// About as many as a round finds ticks.
-    const MOST_WAITING: usize = 128;
-
-    fn new(entered: Histogram) -> Self {
-        Self {
-            entered,
-            waiting: Vec::with_capacity(Self::MOST_WAITING),
-        }
-    }
-
-    fn add(&mut self, time_ns: u64) {
-        self.waiting.push(time_ns);
-        if self.waiting.len() == Self::MOST_WAITING {
-            enter(&mut self.entered, &self.waiting);
-            self.waiting.clear();
-        }
-    }
-
-    fn all(&self) -> Histogram {
-        let mut all = self.entered.clone();
-        enter(&mut all, &self.waiting);
-        all
-    }
-}
-
-/// The histogram grows with its samples, so it can hold every time.
-fn enter(histogram: &mut Histogram, times: &[u64]) {
-    for time in times {
-        let _ = histogram.record(*time);
-    }
-}
-
 /// Gathers the latencies of a run.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct LatencyMeter {
     chain: Chain,
     /// Of each span that is timed.
-    #[serde(with = "stored_all")]
-    latencies: Vec<Times>,
+    latencies: Vec<Histogram>,
     /// Not stored: no latency is measured over a gap.
     #[serde(skip)]
     last_sensor: Option<SensorSample>,
@@ -131,7 +90,7 @@ pub(super) struct LatencyMeter {
 
 impl LatencyMeter {
     pub(super) fn new(chain: Chain) -> Self {
-        let latencies = chain.spans().map(|_| Times::new(new())).collect();
+        let latencies = chain.spans().map(|_| Histogram::default()).collect();
         Self {
             chain,
             latencies,
@@ -148,8 +107,8 @@ impl LatencyMeter {
         Self { period_ns, ..self }
     }
 
-    pub(super) fn of(&self, span: Span) -> Histogram {
-        self.latencies[self.chain.place(span)].all()
+    pub(super) fn of(&self, span: Span) -> &hdrhistogram::Histogram<u32> {
+        &self.latencies[self.chain.place(span)].0
     }
 
     /// Wall-clock time between the first and the last sample; s.
@@ -160,14 +119,16 @@ impl LatencyMeter {
     pub(super) fn summary(&self) -> BTreeMap<String, Latency> {
         self.chain
             .spans()
-            .map(|span| (self.chain.name(span), latency(&self.of(span))))
+            .map(|span| (self.chain.name(span), latency(self.of(span))))
             .collect()
     }
 
     /// Adds a time to a distribution.
     fn measure(&mut self, span: Span, from_ns: u64, to_ns: u64) {
         if from_ns != 0 && to_ns != 0 {
-            self.latencies[self.chain.place(span)].add(to_ns.saturating_sub(from_ns));
+            let time_ns = to_ns.saturating_sub(from_ns);
+            // It grows with its samples, so it can hold every time.
+            let _ = self.latencies[self.chain.place(span)].0.record(time_ns);
         }
     }
 
@@ -229,7 +190,7 @@ impl LatencyMeter {
     }
 }
 
-fn latency(histogram: &Histogram) -> Latency {
+fn latency(histogram: &hdrhistogram::Histogram<u32>) -> Latency {
     let us = |quantile: f64| histogram.value_at_quantile(quantile) as f64 * 1e-3;
     Latency {
         count: histogram.len(),
@@ -237,27 +198,5 @@ fn latency(histogram: &Histogram) -> Latency {
         p99: us(0.99),
         p999: us(0.999),
         max: histogram.max() as f64 * 1e-3,
-    }
-}
-
-mod stored_all {
-    use super::{Times, stored};
-    use serde::{Deserialize, Deserializer, Serializer};
-
-    pub(super) fn serialize<S: Serializer>(
-        all: &[Times],
-        serializer: S,
-    ) -> Result<S::Ok, S::Error> {
-        serializer.collect_seq(all.iter().map(|times| stored::values(&times.all())))
-    }
-
-    pub(super) fn deserialize<'a, D: Deserializer<'a>>(
-        deserializer: D,
-    ) -> Result<Vec<Times>, D::Error> {
-        Ok(Vec::deserialize(deserializer)?
-            .into_iter()
-            .map(stored::of)
-            .map(Times::new)
-            .collect())
     }
 }

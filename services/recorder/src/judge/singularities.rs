@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use shared_types::SingularityState;
 use shared_types::bounds::{larger, smaller, within};
 use shared_types::codes::{self, MODE_HOLD, MODE_REGULAR, MODE_SLIDE};
 use shared_types::scenario::Goal;
@@ -45,50 +46,16 @@ impl SingularityMeter {
         for (i, singularity) in active(tick.report).iter().enumerate() {
             if self.watched.len() <= i {
                 let name = codes::singularity_name(singularity.kind, i);
-                let summary = SingularitySummary {
-                    name,
-                    s_min: f64::INFINITY,
-                    ..SingularitySummary::default()
-                };
-                self.watched.push(Watched {
-                    summary,
-                    mode: MODE_REGULAR,
-                    inside: false,
-                    zeta_at_entry: [0.0; 3],
-                    held_from: None,
-                    is_held: false,
-                    left: None,
-                });
+                self.watched.push(Watched::new(name));
             }
             let watched = &mut self.watched[i];
-            let summary = &mut watched.summary;
-            summary.s_min = smaller(summary.s_min, singularity.s.abs());
-            codes::name_of(codes::TYPES, singularity.class).clone_into(&mut summary.class);
-            (summary.kappa_1, summary.kappa_2) = (singularity.kappa_1, singularity.kappa_2);
-            let inside = singularity.inside != 0;
-            summary.inside_ticks += u64::from(inside);
-            summary.entries += u64::from(inside && !watched.inside);
-            let (linear, angular) = halves(&singularity.zeta_B);
-            let zeta = if singularity.angular != 0 {
-                angular
-            } else {
-                linear
-            };
-            if inside && !watched.inside {
-                watched.zeta_at_entry = zeta.into();
-            }
-            if inside {
-                let entry = Vector3::from(watched.zeta_at_entry);
-                let turned = libm::atan2(entry.cross(&zeta).norm(), entry.dot(&zeta)).to_degrees();
-                summary.zeta_turned_deg = larger(summary.zeta_turned_deg, turned);
-            }
-            watched.inside = inside;
+            watched.measure(singularity);
             let mode = tick.control.mode[i];
             if mode != watched.mode {
                 watched.mode = mode;
                 self.modes.push(ModeChange {
                     tick: tick.torque.header.tick,
-                    singularity: summary.name.clone(),
+                    singularity: watched.summary.name.clone(),
                     mode: codes::name_of(codes::MODES, mode).to_owned(),
                 });
             }
@@ -132,6 +99,45 @@ impl SingularityMeter {
 }
 
 impl Watched {
+    fn new(name: String) -> Self {
+        Self {
+            summary: SingularitySummary {
+                name,
+                s_min: f64::INFINITY,
+                ..SingularitySummary::default()
+            },
+            mode: MODE_REGULAR,
+            inside: false,
+            zeta_at_entry: [0.0; 3],
+            held_from: None,
+            is_held: false,
+            left: None,
+        }
+    }
+
+    fn measure(&mut self, singularity: &SingularityState) {
+        let (summary, inside) = (&mut self.summary, singularity.inside != 0);
+        summary.s_min = smaller(summary.s_min, singularity.s.abs());
+        codes::name_of(codes::TYPES, singularity.class).clone_into(&mut summary.class);
+        (summary.kappa_1, summary.kappa_2) = (singularity.kappa_1, singularity.kappa_2);
+        if inside {
+            let (linear, angular) = halves(&singularity.zeta_B);
+            let zeta = match singularity.angular {
+                0 => linear,
+                _ => angular,
+            };
+            if !self.inside {
+                summary.entries += 1;
+                self.zeta_at_entry = zeta.into();
+            }
+            summary.inside_ticks += 1;
+            let entry = Vector3::from(self.zeta_at_entry);
+            let turned = libm::atan2(entry.cross(&zeta).norm(), entry.dot(&zeta)).to_degrees();
+            summary.zeta_turned_deg = larger(summary.zeta_turned_deg, turned);
+        }
+        self.inside = inside;
+    }
+
     /// A hold whose error along the singular directions is beyond the goal's final bounds.
     fn hold(&mut self, tick: u64, error: &TaskError, goal: &Goal, events: &mut impl FnMut(String)) {
         let (mm, deg) = (error.position[2], error.orientation[2]);
