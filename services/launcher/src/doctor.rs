@@ -208,24 +208,3 @@ pub fn checks(health: &Health) -> Vec<Check> {
         ),
     ]
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_machine_that_runs_this_test_can_be_described() {
-        let run = RunDir::create().unwrap();
-        let health = examine();
-        assert!(health.shm.as_ref().is_some_and(|shm| shm.writable
-            && shm.free_bytes > 0
-            && shm.total_bytes >= shm.free_bytes));
-        assert!(!health.cores.is_empty() && health.kernel.starts_with("Linux "));
-        assert!(
-            health
-                .runs
-                .iter()
-                .any(|found| found.name == run.name() && found.alive)
-        );
-    }
-}

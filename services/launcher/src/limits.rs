@@ -270,37 +270,3 @@ pub fn with_room<T: Send + 'static>(main: impl FnOnce() -> T + Send + 'static) -
         .join()
         .map_err(|_| io::Error::other("the program has panicked"))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn this_process_and_its_user_are_counted() {
-        assert!(tasks_of_user() >= 1);
-        check_limits(5, &[]).unwrap();
-    }
-
-    #[test]
-    fn a_limit_that_is_too_small_is_named_with_its_value_and_the_remedy() {
-        let words = |files| format!("a process {files} open files");
-        let limit = getrlimit(Resource::Nofile).current.unwrap();
-        let need = |least| Need {
-            resource: Resource::Nofile,
-            least,
-            words,
-            option: "-n",
-            value: |files| files.to_string(),
-        };
-        need(limit).check().unwrap();
-        let sentence = need(limit + 1).check().unwrap_err().to_string();
-        let (allowed, needed) = (
-            format!("allows a process {limit} open files"),
-            format!("with `ulimit -n {}`", limit + 1),
-        );
-        assert!(
-            sentence.contains(&allowed) && sentence.contains(&needed),
-            "{sentence}"
-        );
-    }
-}

@@ -272,26 +272,4 @@ mod tests {
         );
         assert_eq!(lines.last().map(String::as_str), Some("q quits"));
     }
-
-    #[test]
-    fn colours_change_no_width() {
-        let (plain, painted) = (
-            observation_lines(&full(), false, (120, 24)),
-            observation_lines(&full(), true, (120, 24)),
-        );
-        let stripped = painted.iter().map(|line| {
-            let parts = line.split("\x1b[").enumerate();
-            parts
-                .map(|(i, part)| {
-                    if i == 0 {
-                        part
-                    } else {
-                        part.split_once('m').map_or("", |(_, rest)| rest)
-                    }
-                })
-                .collect::<String>()
-        });
-        assert!(painted.iter().any(|line| line.contains("\x1b[31m")));
-        assert_eq!(stripped.collect::<Vec<_>>(), plain);
-    }
 }
