@@ -47,24 +47,3 @@ pub(crate) fn on_all_cores<T: Sync, R: Send>(
     done.sort_by_key(|(i, _)| *i);
     done.into_iter().map(|(_, result)| result).collect()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn results_come_in_the_order_of_the_work() {
-        let items: Vec<u64> = (0..100).collect();
-        let doubled = on_all_cores(
-            "test",
-            &items,
-            |x| {
-                thread::sleep(std::time::Duration::from_micros(100 - x));
-                2 * x
-            },
-            &|_| (),
-        );
-        assert_eq!(doubled, items.iter().map(|x| 2 * x).collect::<Vec<_>>());
-        assert!(on_all_cores("none", &[] as &[u8], |_| (), &|_| ()).is_empty());
-    }
-}

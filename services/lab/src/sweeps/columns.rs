@@ -337,48 +337,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_survive_and_the_same_rows_are_the_same_bytes() {
-        let keys = [("control.k_p", Value::Float(0.0), "1/s²")];
-        let columns = columns(keys.into_iter()).unwrap();
-        let is_hash = |name: &str| name.starts_with("hash.") || name == "control.k_p";
-        let explained = |column: &&Column| ABOUT.iter().any(|(name, _)| *name == column.name);
-        assert!(
-            columns
-                .iter()
-                .all(|column| is_hash(&column.name) || explained(&column))
-        );
-        let row = |run: i64| {
-            let mut cells = cells(&Row {
-                s_min: (run % 7 != 3).then_some(f64::NAN),
-                completed: run % 2 == 0,
-                reason: format!("ζ {}", run % 5),
-                ..Row::default()
-            })
-            .unwrap();
-            cells.insert(RUN.to_owned(), run.into());
-            cells.insert("control.k_p".to_owned(), Value::Integer(run));
-            cells
-        };
-        let rows: Vec<Table> = (0..300).map(row).collect();
-        let metadata = || vec![("armplane.units".to_owned(), "{}".to_owned())];
-        let bytes = write(&columns, &rows, metadata()).unwrap();
-        assert_eq!(bytes, write(&columns, &rows, metadata()).unwrap());
-        let part = Part::open(bytes).unwrap();
-        assert_eq!(part.metadata("armplane.units"), Some("{}"));
-        let mut read = Columns::named(&[RUN, "control.k_p", "completed", REASON, "s_min"]);
-        part.read(&mut read).unwrap();
-        assert_eq!(read.rows(), 300);
-        for (run, row) in rows.iter().enumerate() {
-            for name in [RUN, "completed", REASON] {
-                assert_eq!(read.value(name, run), row.get(name));
-            }
-            assert_eq!(
-                read.value("control.k_p", run),
-                Some(&Value::Float(run as f64))
+    fn every_result_is_explained() {
+        for column in columns([].into_iter()).unwrap() {
+            let is_explained = ABOUT.iter().any(|(name, _)| *name == column.name);
+            assert!(
+                is_explained || column.name.starts_with("hash."),
+                "{}",
+                column.name
             );
-            let s_min = number(read.value("s_min", run));
-            assert_eq!(s_min.map(f64::is_nan), row.get("s_min").map(|_| true));
         }
-        assert!(part.read(&mut Columns::named(&["nothing"])).is_err());
     }
 }

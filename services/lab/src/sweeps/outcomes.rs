@@ -127,28 +127,3 @@ impl fmt::Display for Outcomes {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_sweep_lacks_something_where_a_run_failed_or_none_has_a_result() {
-        let lack = |rows: &[&str], barren: usize| {
-            let mut outcomes = Outcomes::default();
-            for outcome in rows {
-                outcomes.count(outcome, "why".to_owned());
-            }
-            outcomes.barren = vec![("seed = 1".to_owned(), "why".to_owned()); barren];
-            outcomes.lack().map(|lack| lack.split("; ").count())
-        };
-        assert_eq!(
-            lack(&["goal reached", REFUSED], 0),
-            None,
-            "a refused run is a row"
-        );
-        assert_eq!(lack(&[REFUSED, REFUSED], 1), Some(1));
-        assert_eq!(lack(&["goal reached", FAILED], 0), Some(1));
-        assert_eq!(lack(&["goal reached", REFUSED], 5), Some(NAMED + 1));
-    }
-}

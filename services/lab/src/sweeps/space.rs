@@ -287,18 +287,4 @@ mod tests {
         );
         assert!((sum / 4000.0 - 1.0).abs() < 0.03, "{sum}");
     }
-
-    #[test]
-    fn unknown_keys_and_refused_values_are_found_before_any_run() {
-        let key =
-            |key: &str, values: &str| format!("[[key]]\nkey = \"{key}\"\nvalues = {values}\n");
-        for text in [
-            key("control.kp", "[1.0]"),
-            key("control.k_p", "[100, -1]"),
-            // The scenario has `q_deg`.
-            key("start.q_rad", "[[0, 0, 0, 0, 0, 0]]"),
-        ] {
-            assert!(space(&text).is_none(), "{text}");
-        }
-    }
 }

@@ -330,21 +330,11 @@ impl Spec {
 mod tests {
     use super::*;
 
-    const TEXT: &str = "name = \"x\"\nscenario = \"fig5-wrist-rotation\"\n[[key]]\nkey = \"control.k_p\"\nvalues = [100, 400.5]\n";
-
     fn checked(text: &str) -> Result<Spec, shared_types::file::InvalidFile> {
         let spec: Spec = shared_types::file::parse("sweep.toml", text, &[])?;
         spec.check()
             .map_err(|complaint| complaint.locate("sweep.toml", text))?;
         Ok(spec)
-    }
-
-    #[test]
-    fn the_runs_are_the_product_or_the_sample() {
-        let more = "[[key]]\nkey = \"plant.mass_factor\"\nfrom = 0.5\nto = 2\nsteps = 4\nscale = \"log\"\n";
-        assert_eq!(checked(&format!("{TEXT}{more}")).unwrap().runs(), Some(8));
-        let spec = checked(&format!("{TEXT}[sample]\nruns = 1000\n")).unwrap();
-        assert_eq!((spec.runs(), spec.part_runs()), (Some(1000), 16));
     }
 
     #[test]

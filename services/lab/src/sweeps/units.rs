@@ -82,24 +82,3 @@ pub(super) fn spelt(unit: &str) -> &str {
     let known = SPELLINGS.iter().find(|(other, _)| *other == unit);
     known.map_or(unit, |(_, unit)| *unit)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn units_come_from_names_and_spellings_are_one() {
-        for (name, unit) in [
-            ("start.q_deg.4", Some("°")),
-            ("control.k_p", Some("1/s²")),
-            ("control.aux_slew.wrist", Some("rad/s²")),
-            ("position_max_mm", Some("mm")),
-            ("speed_max_ratio", Some("1")),
-            ("seed", None),
-            ("plant.floor_m", Some("m")),
-        ] {
-            assert_eq!(unit_of(name), unit, "{name}");
-        }
-        assert_eq!((spelt("1/s^2"), spelt("furlong")), ("1/s²", "furlong"));
-    }
-}
