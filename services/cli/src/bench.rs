@@ -1,13 +1,13 @@
 //! `armplane bench`: what a hand-over, a cycle and a step cost here, beside baseline transports of the machine.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
 use lab::benchmarks::{self, Lockstep, Only, Recorded, Row, Rows};
 use serde_json::json;
-use session::Failure;
 use session::load::{self, Loaded};
+use session::{Failure, Results};
 
 use crate::out::{say, show};
 use crate::progress::observe;
@@ -79,7 +79,10 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
         ));
     }
     let loaded = load::scenario(load::DEFAULT_SCENARIO, &[], None)?;
-    let out = args.out.as_deref().map(folder).transpose()?;
+    let out = args.out.as_deref();
+    let out = out
+        .map(|out| Results::create(Some(out), "bench"))
+        .transpose()?;
     let mut measured = Measured::default();
     for bench in Bench::value_variants() {
         let is_usual = args.what.is_empty() && *bench != Bench::Lockstep;
@@ -151,19 +154,15 @@ impl Measured {
 }
 
 fn save(
-    out: &Path,
+    results: &Results,
     whole: &serde_json::Value,
     pages: &[(String, viz::plot::Page)],
 ) -> Result<Vec<PathBuf>, Failure> {
-    let path = out.join("bench.json");
-    let text = serde_json::to_vec_pretty(whole).map_err(Failure::work)?;
-    std::fs::write(&path, text).map_err(Failure::cannot("write", &path))?;
-    let mut paths = vec![path];
+    results.save("bench.json", whole)?;
+    let mut paths = vec![results.folder.join("bench.json")];
     for (bench, page) in pages {
-        paths.extend(
-            page.save(&out.join(format!("bench-{bench}")))
-                .map_err(Failure::work)?,
-        );
+        let path = results.folder.join(format!("bench-{bench}"));
+        paths.extend(page.save(&path).map_err(Failure::work)?);
     }
     Ok(paths)
 }
@@ -172,15 +171,4 @@ fn save(
 pub(crate) fn peer(args: &BenchPeerArgs) -> Result<ExitCode, Failure> {
     benchmarks::peer(&args.name, &args.run).map_err(Failure::work)?;
     Ok(ExitCode::SUCCESS)
-}
-
-/// The folder for what is saved, made before anything is measured.
-fn folder(out: &Path) -> Result<PathBuf, Failure> {
-    let made = std::fs::create_dir_all(out).and_then(|()| out.canonicalize());
-    made.map_err(|error| {
-        Failure::Input(format!(
-            "cannot write to {}: {error}; choose another folder with --out",
-            out.display()
-        ))
-    })
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use recorder::Verdict;
 use serde::Serialize;
 use shared_types::scenario::{Goal, Strategy};
-use shared_types::summary::{JointSummary, SingularitySummary, Summary, TaskSummary};
+use shared_types::summary::{JointSummary, TaskSummary};
 
 /// The result of a run, judged on the simulator's truth; its names are those of `summary.json`.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -49,18 +49,18 @@ impl Row {
             completed: verdict.completed,
             task: verdict.task,
             joints: verdict.joints,
-            ..Self::default()
+            s_min: verdict
+                .singularities
+                .iter()
+                .map(|one| one.s_min)
+                .min_by(f64::total_cmp),
+            inside_ticks: verdict
+                .singularities
+                .iter()
+                .map(|one| one.inside_ticks)
+                .sum(),
+            hash: BTreeMap::new(),
         }
-        .near(&verdict.singularities)
-    }
-
-    fn near(mut self, singularities: &[SingularitySummary]) -> Self {
-        self.s_min = singularities
-            .iter()
-            .map(|one| one.s_min)
-            .min_by(f64::total_cmp);
-        self.inside_ticks = singularities.iter().map(|one| one.inside_ticks).sum();
-        self
     }
 
     /// S1, S2, or the bars of S2 that were missed.
@@ -80,25 +80,5 @@ impl Row {
         self.completed
             && self.task.final_position_mm < goal.position_mm
             && self.task.final_orientation_deg < goal.orientation_deg
-    }
-}
-
-/// The row of a run in its processes.
-impl From<&Summary> for Row {
-    fn from(summary: &Summary) -> Self {
-        let topics = summary.topics.iter();
-        Self {
-            outcome: summary.outcome.clone(),
-            reason: summary.reason.clone(),
-            ticks: summary.ticks,
-            completed: summary.completed,
-            task: summary.task.clone(),
-            joints: summary.joints.clone(),
-            hash: topics
-                .map(|(topic, one)| (topic.clone(), one.hash.clone()))
-                .collect(),
-            ..Self::default()
-        }
-        .near(&summary.singularities)
     }
 }

@@ -3,9 +3,8 @@
 //! ```text
 //! [Trial]   a scenario (settings, seed, faults) on a robot          compare: one a law; sweep: one a point; drill: one a fault
 //!    │ Trial::run, on_all_cores       on one thread
-//!    │ session::launch_watched        in its processes
 //!    ▼
-//! [Row]     the result, named as in summary.json: of one thread Row::of, of five processes Row::from(&Summary)
+//! [Row]     the result, named as in summary.json
 //!    ▼
 //! table     a list of columns, each a heading and the text of a row (text.rs); JSON by serde; Parquet (sweeps)
 //! ```
@@ -17,6 +16,7 @@ use chain::{Sink, Tick};
 use message_log::TopicHash;
 use model::{Refused, Robot};
 use recorder::{Assembler, HORIZON, Judge, PATIENCE, Set, TaskError, Verdict};
+use session::Failure;
 use shared_types::scenario::{Scenario, Strategy};
 use shared_types::topics::{self, ByTopic, COUNT, Each, Lent, STEERED, Topic};
 
@@ -29,6 +29,14 @@ pub struct Trial<'a> {
     pub robot: &'a Robot,
     /// The task with all settings, faults and the seed.
     pub scenario: Scenario,
+}
+
+/// A scenario of an arm without a task: as `name` is called in errors.
+pub(crate) fn bare(name: &str, robot: &str, settings: &[String]) -> Result<Scenario, Failure> {
+    let text = format!(
+        "name = \"{name}\"\nrobot = \"{robot}\"\n[start]\nposture = \"none\"\n[[segment]]\nduration_s = 2.0\n"
+    );
+    Ok(Scenario::parse(&format!("{name}.toml"), &text, settings)?)
 }
 
 impl<'a> Trial<'a> {

@@ -8,7 +8,7 @@ use model::{Model, Robot, joints, padded};
 use nalgebra::SVector;
 use recorder::Judge;
 use runtime::now_ns;
-use session::load::{self, Loaded};
+use session::load;
 use session::{Failure, Observer, Steering, Targets};
 use shared_types::TorqueCommand;
 use shared_types::job::Mode;
@@ -92,14 +92,8 @@ fn terms<const N: usize>(robot: &Robot, name: &str) -> Result<Vec<Row>, Failure>
     ])
 }
 
-/// The times of each pure step of a scenario.
-struct Steps {
-    sample: Histogram<u64>,
-    estimator: Histogram<u64>,
-    analyzer: Histogram<u64>,
-    controller: Histogram<u64>,
-    moving: Histogram<u64>,
-}
+/// The times of the pure steps: sample, estimator, analyzer, controller, move.
+type Steps = [Histogram<u64>; 5];
 
 /// The pure steps over a whole scenario, one after the other, as the processes compute them.
 fn one_after_the_other(robot: &Robot, scenario: &Scenario) -> Result<Steps, Failure> {
@@ -112,32 +106,22 @@ fn one_after_the_other(robot: &Robot, scenario: &Scenario) -> Result<Steps, Fail
         .as_ref()
         .map(|servo| operator::Cycle::new(servo, scenario.rate_hz));
     let mut m = chain::Tick::default();
-    let [sample, estimating, analyzing, controlling, moving] = [(); 5].map(|()| histogram());
-    let mut steps = Steps {
-        sample,
-        estimator: estimating,
-        analyzer: analyzing,
-        controller: controlling,
-        moving,
-    };
+    let mut steps: Steps = std::array::from_fn(|_| histogram());
+    let [sampling, estimating, analyzing, controlling, moving] = &mut steps;
     for tick in 0.. {
         if plant.is_over() {
             break;
         }
-        timed(&mut steps.sample, || {
+        timed(sampling, || {
             plant.sample(tick, &mut m.sensor, &mut m.plant_state)
         });
-        timed(&mut steps.estimator, || {
-            estimator.step(&m.sensor, &mut m.estimate)
-        });
-        timed(&mut steps.analyzer, || {
-            analyzer.step(&m.estimate, &mut m.singularity)
-        });
+        timed(estimating, || estimator.step(&m.sensor, &mut m.estimate));
+        timed(analyzing, || analyzer.step(&m.estimate, &mut m.singularity));
         let target = operator.as_mut().map(|operator| {
             operator.step(&m.sensor, &mut m.target);
             m.target
         });
-        timed(&mut steps.controller, || match &target {
+        timed(controlling, || match &target {
             Some(target) => controller.steer(
                 (&m.estimate, &m.singularity),
                 Some(target),
@@ -152,7 +136,7 @@ fn one_after_the_other(robot: &Robot, scenario: &Scenario) -> Result<Steps, Fail
                 &mut m.torque,
             ),
         });
-        timed(&mut steps.moving, || plant.step(Some(&m.torque)));
+        timed(moving, || plant.step(Some(&m.torque)));
     }
     Ok(steps)
 }
@@ -162,10 +146,10 @@ fn one_after_the_other(robot: &Robot, scenario: &Scenario) -> Result<Steps, Fail
 /// # Errors
 /// [`Failure::Work`] where robot and scenario do not fit, or the arm does not stay on the floor.
 pub fn plant(robot: &Robot, scenario: &Scenario) -> Result<Vec<Row>, Failure> {
-    let steps = one_after_the_other(robot, scenario)?;
+    let [sample, .., moving] = &one_after_the_other(robot, scenario)?;
     Ok(vec![
-        row("plant", "sample", &steps.sample),
-        row("plant", "move", &steps.moving),
+        row("plant", "sample", sample),
+        row("plant", "move", moving),
         row("plant", "move, in contact", &pressed(robot, scenario)?),
     ])
 }
@@ -210,13 +194,9 @@ fn pressed(robot: &Robot, scenario: &Scenario) -> Result<Histogram<u64>, Failure
 /// # Errors
 /// [`Failure`] where a scenario cannot be loaded, or does not fit its robot.
 pub fn control(robot: &Robot, scenario: &Scenario) -> Result<Vec<Row>, Failure> {
-    let steps = one_after_the_other(robot, scenario)?;
-    let Loaded {
-        scenario: redundant,
-        robot: seven,
-        ..
-    } = load::scenario(REDUNDANT, &[], None)?;
-    let seven = one_after_the_other(&seven, &redundant)?;
+    let [_, estimator, analyzer, controller, _] = &one_after_the_other(robot, scenario)?;
+    let redundant = load::scenario(REDUNDANT, &[], None)?;
+    let seven = one_after_the_other(&redundant.robot, &redundant.scenario)?;
     let steering = Steering {
         subject: robot.name.clone(),
         targets: Targets::Text(twists(1, STEERED_S)),
@@ -226,12 +206,8 @@ pub fn control(robot: &Robot, scenario: &Scenario) -> Result<Vec<Row>, Failure> 
         seed: None,
         graph: None,
     };
-    let Loaded {
-        scenario: session,
-        robot: arm,
-        ..
-    } = steering.load()?;
-    let steered = one_after_the_other(&arm, &session)?;
+    let session = steering.load()?;
+    let steered = one_after_the_other(&session.robot, &session.scenario)?;
     let whole = |name: &str, change: &dyn Fn(&mut Scenario)| -> Result<Row, Failure> {
         let mut scenario = scenario.clone();
         change(&mut scenario);
@@ -243,12 +219,12 @@ pub fn control(robot: &Robot, scenario: &Scenario) -> Result<Vec<Row>, Failure> 
         Ok(row("control", name, &times))
     };
     Ok(vec![
-        row("control", "estimator", &steps.estimator),
-        row("control", "analyzer", &steps.analyzer),
-        row("control", "controller", &steps.controller),
-        row("control", "analyzer, seven-joints", &seven.analyzer),
-        row("control", "controller, seven-joints", &seven.controller),
-        row("control", "controller, steered", &steered.controller),
+        row("control", "estimator", estimator),
+        row("control", "analyzer", analyzer),
+        row("control", "controller", controller),
+        row("control", "analyzer, seven-joints", &seven[2]),
+        row("control", "controller, seven-joints", &seven[3]),
+        row("control", "controller, steered", &steered[3]),
         whole("whole tick, one thread", &|_| ())?,
         whole("whole tick, exact plant", &|scenario| {
             scenario.plant.model = PlantModel::Reference

@@ -6,8 +6,9 @@ use model::{Model, Refused, Robot, embedded, unit_scaled, with_dof};
 use nalgebra::DMatrix;
 use serde_json::{Value, json};
 use session::Failure;
-use shared_types::scenario::{Scenario, Segment, Start};
 use shared_types::{SingularityReport, StateEstimate, codes};
+
+use crate::trial::bare;
 
 /// The arm at a posture and velocity. SI units, base axes; rows of J are [v; ω].
 pub struct Posture {
@@ -55,35 +56,6 @@ pub fn evaluate(
         .unwrap_or_else(|| Err(Failure::input(Refused::size(robot))))
 }
 
-/// A scenario of one posture, for the analyzer.
-fn start_only(robot: &Robot, frame: Option<&str>, start: Start) -> Scenario {
-    Scenario {
-        name: "inspect".to_owned(),
-        title: String::new(),
-        about: String::new(),
-        robot: robot.name.clone(),
-        graph: String::new(),
-        frame: frame.unwrap_or_default().to_owned(),
-        rate_hz: 1000,
-        seed: 0,
-        start,
-        segment: vec![Segment {
-            duration_s: 1.0,
-            ..Segment::default()
-        }],
-        servo: None,
-        settle_s: 0.0,
-        plant: Default::default(),
-        estimator: Default::default(),
-        analysis: Default::default(),
-        control: Default::default(),
-        goal: Default::default(),
-        view: Default::default(),
-        fault: Vec::new(),
-        record: Default::default(),
-    }
-}
-
 fn at<const N: usize>(
     robot: &Robot,
     frame: Option<&str>,
@@ -93,12 +65,11 @@ fn at<const N: usize>(
     let model = Model::<N>::new(robot, frame).map_err(Failure::input)?;
     let (n, q_vector, qdot_vector) = (robot.dof(), embedded::<N>(q), embedded::<N>(qdot));
     let terms = model.evaluate(&q_vector, &qdot_vector);
-    let start = Start {
-        q_rad: Some(q.to_vec()),
-        ..Start::default()
-    };
-    let mut analyzer =
-        analyzer::cycle(robot, &start_only(robot, frame, start)).map_err(Failure::input)?;
+    let mut scenario = bare("inspect", &robot.name, &[])?;
+    scenario.frame = frame.unwrap_or_default().to_owned();
+    scenario.start.q_rad = Some(q.to_vec());
+    scenario.start.posture = None;
+    let mut analyzer = analyzer::cycle(robot, &scenario).map_err(Failure::input)?;
     let mut estimate = StateEstimate::default();
     estimate.q[..n].copy_from_slice(q);
     estimate.qdot[..n].copy_from_slice(qdot);
@@ -109,24 +80,17 @@ fn at<const N: usize>(
         linear::singular_values(&unit_scaled(&at_centre.J, report.length_m, &robot.task.0));
     let J = DMatrix::from_fn(6, n, |row, column| terms.J[(row, column)]);
     let (R, p) = (terms.X_BE.R, terms.X_BE.p);
-    let mut singular_values: Vec<f64> = J
-        .clone()
-        .svd(false, false)
-        .singular_values
-        .iter()
-        .copied()
-        .collect();
+    let decomposed = J.clone().svd(false, false);
+    let mut singular_values = decomposed.singular_values.as_slice().to_vec();
     singular_values.sort_by(|a, b| b.total_cmp(a));
     Ok(Posture {
         frame: frame.unwrap_or(&robot.default_frame).to_owned(),
         q: q.to_vec(),
         qdot: qdot.to_vec(),
-        pose: [
-            [R[(0, 0)], R[(0, 1)], R[(0, 2)], p.x],
-            [R[(1, 0)], R[(1, 1)], R[(1, 2)], p.y],
-            [R[(2, 0)], R[(2, 1)], R[(2, 2)], p.z],
-            [0.0, 0.0, 0.0, 1.0],
-        ],
+        pose: std::array::from_fn(|i| match i {
+            3 => [0.0, 0.0, 0.0, 1.0],
+            i => [R[(i, 0)], R[(i, 1)], R[(i, 2)], p[i]],
+        }),
         det: (n == 6).then(|| J.determinant()),
         J,
         A: DMatrix::from_fn(n, n, |row, column| terms.A[(row, column)]),

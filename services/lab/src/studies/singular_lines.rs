@@ -131,16 +131,12 @@ fn sized<const N: usize>(
         .copied()
         .filter(|kind| *kind != Kind::Numeric)
         .collect();
-    let pairs = || {
-        named
-            .iter()
-            .enumerate()
-            .flat_map(|(i, a)| named[i + 1..].iter().map(|b| vec![*a, *b]))
-            .collect::<Vec<_>>()
-    };
+    let one = kinds.iter().map(|kind| vec![*kind]);
+    let pairs = named.iter().enumerate();
+    let two = pairs.flat_map(|(i, a)| named[i + 1..].iter().map(|b| vec![*a, *b]));
     let wanted: Vec<Vec<Kind>> = match through {
-        Through::One => kinds.iter().map(|kind| vec![*kind]).collect(),
-        Through::Two => pairs(),
+        Through::One => one.collect(),
+        Through::Two => two.collect(),
     };
     let mut random = Uniform(seed);
     let mut lines = vec![];
@@ -440,11 +436,8 @@ impl<const N: usize> Draw<'_, N> {
         let (way, mut q, mut at, mut step) = (to - from, *q, 0.0, 1.0 / f64::from(POSES));
         while at < 1.0 - REST {
             let next = (at + step).min(1.0 - REST);
-            let (there, e) =
-                self.arm
-                    .solve(&pose(from + way * next), &q, &SVector::zeros(), 0.0, SOLVED);
-            if e.norm() < 10.0 * SOLVED && (there - q).amax() < CONTINUES && self.is_inside(&there)
-            {
+            let there = self.solved(&pose(from + way * next), &q);
+            if let Some(there) = there.filter(|there| (there - q).amax() < CONTINUES) {
                 (q, at, step) = (there, next, (1.5 * step).min(1.0 / f64::from(POSES)));
             } else if step > SHORTEST {
                 step *= 0.5;
@@ -455,6 +448,18 @@ impl<const N: usize> Draw<'_, N> {
         true
     }
 
+    /// The posture of the pose `X` that a guess leads to, within the limits.
+    fn solved(&self, X: &Pose, guess: &SVector<f64, N>) -> Option<SVector<f64, N>> {
+        let (there, e) = self.arm.solve(X, guess, &SVector::zeros(), 0.0, SOLVED);
+        (e.norm() < 10.0 * SOLVED && self.is_inside(&there)).then_some(there)
+    }
+
+    /// A guess at most so far from `q`.
+    fn guess(&self, q: &SVector<f64, N>, by: f64, random: &mut Uniform) -> SVector<f64, N> {
+        let dof = self.robot.dof();
+        q + SVector::from_fn(|i, _| if i < dof { random.within(-by, by) } else { 0.0 })
+    }
+
     /// A posture of the pose `X` within the limits: the one that continues `last`, or another.
     fn any(
         &self,
@@ -463,39 +468,16 @@ impl<const N: usize> Draw<'_, N> {
         q: &SVector<f64, N>,
         random: &mut Uniform,
     ) -> Option<SVector<f64, N>> {
-        let dof = self.robot.dof();
-        let solve = |guess: &SVector<f64, N>| {
-            let (there, e) = self.arm.solve(X, guess, &SVector::zeros(), 0.0, SOLVED);
-            (e.norm() < 10.0 * SOLVED && self.is_inside(&there)).then_some(there)
-        };
-        let mut guess = |by: f64| {
-            q + SVector::from_fn(|i, _| if i < dof { random.within(-by, by) } else { 0.0 })
-        };
-        let near = |k: u32| {
-            if k.is_multiple_of(2) {
-                GUESSES.1
-            } else {
-                FAR_GUESSES.1
-            }
-        };
-        solve(last).or_else(|| (0..FAR_GUESSES.0).find_map(|k| solve(&guess(near(k)))))
+        let mut far = (0..FAR_GUESSES.0).map(|k| [GUESSES.1, FAR_GUESSES.1][k as usize % 2]);
+        self.solved(X, last)
+            .or_else(|| far.find_map(|by| self.solved(X, &self.guess(q, by, random))))
     }
 
     /// A posture of the pose `X` within the limits, near `q`.
     fn end(&self, X: &Pose, q: &SVector<f64, N>, random: &mut Uniform) -> Option<SVector<f64, N>> {
-        let dof = self.robot.dof();
-        let found = (0..GUESSES.0).filter_map(|_| {
-            let guess = q + SVector::from_fn(|i, _| {
-                if i < dof {
-                    random.within(-GUESSES.1, GUESSES.1)
-                } else {
-                    0.0
-                }
-            });
-            let (there, e) = self.arm.solve(X, &guess, &SVector::zeros(), 0.0, SOLVED);
-            (e.norm() < 10.0 * SOLVED && self.is_inside(&there)).then_some(there)
-        });
-        found.min_by(|a, b| (a - q).norm().total_cmp(&(b - q).norm()))
+        (0..GUESSES.0)
+            .filter_map(|_| self.solved(X, &self.guess(q, GUESSES.1, random)))
+            .min_by(|a, b| (a - q).norm().total_cmp(&(b - q).norm()))
     }
 }
 
@@ -513,18 +495,12 @@ fn direction(random: &mut Uniform) -> Vector3<f64> {
 mod tests {
     use super::*;
 
-    fn template(robot: &str) -> Scenario {
-        let text = format!(
-            "name = \"lines\"\nrobot = \"{robot}\"\n[start]\nposture = \"none\"\n[[segment]]\nduration_s = 2.0\n"
-        );
-        Scenario::parse("lines.toml", &text, &[]).unwrap()
-    }
-
     #[test]
     fn lines_are_exactly_singular_where_they_say_and_the_same_for_a_seed() {
         let robot = Robot::builtin("ur5").unwrap();
+        let template = crate::trial::bare("lines", "ur5", &[]).unwrap();
         let draw = |through, count| {
-            singular_lines(&robot, &template("ur5"), through, (5, count, 0.28), &|_| ()).unwrap()
+            singular_lines(&robot, &template, through, (5, count, 0.28), &|_| ()).unwrap()
         };
         let lines = draw(Through::One, 2);
         assert_eq!(lines.len(), 6);

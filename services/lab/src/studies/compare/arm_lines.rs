@@ -11,13 +11,13 @@ use session::{Failure, Observer, Results, load};
 use shared_types::scenario::{Scenario, Strategy};
 use shared_types::summary::{BOUNDARY, MISSED, REACHED};
 
-use super::name_of;
 use super::text::with_errors;
+use super::{SWEEP, name_of};
 use crate::pool::on_all_cores;
 use crate::row::Row;
 use crate::studies::singular_lines::{SingularLine, Through, singular_lines};
 use crate::text::{Columns, optional, percent, quantile};
-use crate::trial::Trial;
+use crate::trial::{Trial, bare};
 
 /// The lines to draw, and their speed.
 #[derive(Clone, Debug)]
@@ -123,11 +123,7 @@ impl ArmSweep<'_> {
     /// [`Failure`] for a robot or a setting that does not exist, or an arm for which no line is found.
     pub fn run(&self, observer: Observer<'_>) -> Result<ArmLines, Failure> {
         let robot = load::robot(self.robot, None, None)?;
-        let text = format!(
-            "name = \"sweep\"\nrobot = \"{}\"\n[start]\nposture = \"none\"\n[[segment]]\nduration_s = 2.0\n",
-            self.robot
-        );
-        let mut template = Scenario::parse("sweep.toml", &text, self.settings)?;
+        let mut template = bare(SWEEP, self.robot, self.settings)?;
         if let Ok(path) = Path::new(self.robot).canonicalize() {
             // The lines' scenarios lie elsewhere.
             template.robot = path.display().to_string();

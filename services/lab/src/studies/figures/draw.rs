@@ -352,15 +352,12 @@ fn wrist_lock(trace: &Trace) -> Figure {
     };
     let first = trace.samples.first();
     let rotated = |sample: &Sample| sample.turned_about(&zeta, first).to_degrees();
-    let mut turn = curves(
-        "turns, °",
-        trace,
-        &[
-            ("ζ", singularity_ink(KIND_WRIST), &before),
-            ("hand about ζ as it was", numbered(0), &rotated),
-        ],
-    );
+    let mut turn = curves("turns, °", trace, &[]);
     turn.band("turning ζ", pale(BLUE), 0.0..change);
+    let pink = singularity_ink(KIND_WRIST);
+    turn.line("ζ", pink, &trace.over_time(&before));
+    let about = trace.over_time(&rotated);
+    turn.line("hand about ζ as it was", numbered(0), &about);
     let wrist = [3, 4, 5];
     let title = "wrist joints from the start, °";
     let mut angles = joints(title, trace, &wrist, |sample| &sample.q).shifted_to_start();
