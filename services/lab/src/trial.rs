@@ -54,7 +54,7 @@ impl<'a> Trial<'a> {
     /// [`Refused`] where a cycle does not accept the robot or the scenario, or one thread cannot have one of its faults.
     pub fn run(&self) -> Result<Row, Refused> {
         let Self { robot, scenario } = self;
-        let mut hashes = Hashes([TopicHash::default(); COUNT]);
+        let mut hashes = Hashes::default();
         let is_sent = |topic: &str| scenario.servo.is_some() || !STEERED.contains(&topic);
         let verdict = if chain::plans_faults_of_processes(scenario) {
             let mut assembled = Assembled {
@@ -81,8 +81,12 @@ impl<'a> Trial<'a> {
                 });
             })?
         };
+        let topics = topics::TOPICS.iter().zip(&hashes.0);
         Ok(Row {
-            hash: hashes.by_topic(),
+            hash: topics
+                .filter(|(_, hash)| hash.count() > 0)
+                .map(|(topic, hash)| ((*topic).to_owned(), hash.summary().hash))
+                .collect(),
             ..Row::of(scenario.control.strategy, verdict)
         })
     }
@@ -102,15 +106,12 @@ impl<'a> Trial<'a> {
 }
 
 /// The hash of each topic.
-struct Hashes([TopicHash; COUNT]);
+#[derive(Default)]
+pub(crate) struct Hashes(pub(crate) [TopicHash; COUNT]);
 
-impl Hashes {
-    fn by_topic(&self) -> std::collections::BTreeMap<String, String> {
-        let topics = topics::TOPICS.iter().zip(&self.0);
-        topics
-            .filter(|(_, hash)| hash.count() > 0)
-            .map(|(topic, hash)| ((*topic).to_owned(), hash.summary().hash))
-            .collect()
+impl Sink for Hashes {
+    fn take<M: Topic>(&mut self, message: &M) {
+        self.0[M::INDEX].add(message);
     }
 }
 
@@ -125,7 +126,7 @@ impl<S: Fn(&str) -> bool> Each for Pass<'_, S> {
     type Output = ();
     fn each<M: Topic>(&mut self) {
         if (self.is_sent)(M::TOPIC) {
-            self.hashes.0[M::INDEX].add(M::of(self.tick));
+            self.hashes.take(M::of(self.tick));
         }
     }
 }
@@ -152,7 +153,7 @@ impl Assembled<'_> {
 
 impl Sink for Assembled<'_> {
     fn take<M: Topic>(&mut self, message: &M) {
-        self.hashes.0[M::INDEX].add(message);
+        self.hashes.take(message);
         let tick = message.header().tick;
         self.assembler
             .row(tick)

@@ -185,25 +185,19 @@ fn write_whole(path: &Path, text: &[u8]) -> std::io::Result<()> {
 
 /// The command of a process: this program itself, which also holds the exchange page for a program of others; or the one in the graph.
 fn command(job: &Job, name: &str, run: &Path) -> std::io::Result<Command> {
-    if job
-        .graph
-        .process(name)
-        .is_some_and(|process| !process.command.is_empty())
-    {
+    let process = job.graph.process(name);
+    let is = |what: fn(&Process) -> bool| process.is_some_and(what);
+    if is(|process| !process.command.is_empty()) {
         // Started again: what its predecessor has left.
         launcher::end_descendants(run, Some(name));
     }
-    if job
-        .graph
-        .process(name)
-        .is_some_and(|process| !process.robot.is_empty())
-    {
+    if is(|process| !process.robot.is_empty()) {
         return launcher::reexec(ROBOT, run);
     }
-    if job.graph.process(name).is_some_and(Process::is_exchanged) {
+    if is(Process::is_exchanged) {
         return launcher::reexec(EXCHANGE, run);
     }
-    let program = job.graph.process(name).map_or(name, Process::program_name);
+    let program = process.map_or(name, Process::program_name);
     load::command(&job.graph, name).map_or_else(|| launcher::reexec(program, run), Ok)
 }
 

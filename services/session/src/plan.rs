@@ -85,17 +85,10 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
 
 /// The part of a declared message that every process of the run must know.
 fn foreign(layout: MessageLayout) -> ForeignMessage {
-    let MessageLayout {
-        topic,
-        type_name,
-        bytes,
-        hash,
-        ..
-    } = layout;
     ForeignMessage {
-        topic,
-        type_name,
-        bytes,
-        hash,
+        topic: layout.topic,
+        type_name: layout.type_name,
+        bytes: layout.bytes,
+        hash: layout.hash,
     }
 }

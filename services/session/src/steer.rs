@@ -132,8 +132,7 @@ impl Steering {
     /// A scenario for a robot.
     fn source(&self) -> Result<Source, Failure> {
         let robot = load::robot(&self.subject, None, None)?;
-        let mut start = toml::Table::new();
-        match &self.start {
+        let start = match &self.start {
             Some(text) if text.starts_with(|c: char| c.is_ascii_digit() || "-+.".contains(c)) => {
                 let number = |part: &str| {
                     part.trim()
@@ -141,27 +140,20 @@ impl Steering {
                         .map_err(|_| Failure::Input(format!("--start: `{part}` is not a number")))
                 };
                 let q = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
-                let given = Start {
-                    q_deg: Some(q.clone()),
+                Start {
+                    q_deg: Some(q),
                     ..Start::default()
-                };
-                robot
-                    .start_posture(&given)
-                    .map_err(|error| Failure::Input(format!("--start: {error}")))?;
-                start.insert("q_deg".to_owned(), q.into());
+                }
             }
-            Some(name) => {
-                let named = Start {
-                    posture: Some(name.clone()),
-                    ..Start::default()
-                };
-                robot
-                    .start_posture(&named)
-                    .map_err(|error| Failure::Input(format!("--start: {error}")))?;
-                start.insert("posture".to_owned(), name.clone().into());
-            }
-            None => drop(start.insert("posture".to_owned(), default_start(&robot)?.into())),
-        }
+            name => Start {
+                posture: Some(name.clone().map_or_else(|| default_start(&robot), Ok)?),
+                ..Start::default()
+            },
+        };
+        robot
+            .start_posture(&start)
+            .map_err(|error| Failure::Input(format!("--start: {error}")))?;
+        let start = toml::Table::try_from(&start).map_err(Failure::work)?;
         let mut table = toml::Table::new();
         table.insert("name".to_owned(), format!("servo-{}", robot.name).into());
         table.insert("robot".to_owned(), self.subject.clone().into());

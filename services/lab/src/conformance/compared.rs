@@ -5,9 +5,7 @@ use std::time::Instant;
 
 use chain::Sink;
 use launcher::{End, Exit, Failure as Mishap, Plan};
-use message_log::{
-    Contents, Difference, Log, LogError, Rows, TopicHash, first_difference_in, tick_of,
-};
+use message_log::{Contents, Difference, Log, LogError, Rows, first_difference_in, tick_of};
 use model::Robot;
 use runtime::{ControlPage, FaultRecord, RunDir};
 use serde::Serialize;
@@ -16,9 +14,10 @@ use shared_types::job::Job;
 use shared_types::layout::MessageLayout;
 use shared_types::scenario::Scenario;
 use shared_types::summary::{Summary, TopicSummary};
-use shared_types::topics::{COUNT, STEERED, TOPICS, Topic};
+use shared_types::topics::{STEERED, TOPICS, Topic};
 
 use crate::signals::Background;
+use crate::trial::Hashes;
 
 /// The result of one run.
 #[derive(Clone, Serialize)]
@@ -102,16 +101,7 @@ pub(super) fn log_of(job: &Job) -> Result<Log, Failure> {
 
 /// What a scenario gives without processes, shared memory and a clock.
 pub(super) fn on_one_thread(robot: &Robot, scenario: &Scenario) -> Result<Ran, Failure> {
-    struct Hashes([TopicHash; COUNT]);
-    impl Sink for Hashes {
-        fn take<M: Topic>(&mut self, message: &M) {
-            self.0[M::INDEX].add(message);
-        }
-    }
-    let (began, mut hashes) = (
-        Instant::now(),
-        Hashes(std::array::from_fn(|_| TopicHash::default())),
-    );
+    let (began, mut hashes) = (Instant::now(), Hashes::default());
     let ended = chain::run_under_faults(robot, scenario, &mut hashes).map_err(Failure::input)?;
     let ticks = hashes.0[0].count();
     let has = |topic: &str| scenario.servo.is_some() || !STEERED.contains(&topic);

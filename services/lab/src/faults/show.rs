@@ -11,7 +11,7 @@ use shared_types::summary::FaultSummary;
 use viz::plot::{Axis, BLUE, Color, Page, Panel, RED, Row, digits};
 
 use super::judge::{Broken, Cell};
-use crate::text::quantile;
+use crate::text::{quantile, tinted};
 
 /// All cells.
 #[derive(Serialize)]
@@ -224,14 +224,8 @@ fn shade(value: f64, [least, most]: [f64; 2], is_broken: bool) -> Color {
     if is_broken {
         return RED;
     }
-    let share = ((value.max(1e-12) / least).ln() / (most / least).ln()).clamp(0.0, 1.0);
-    let mix = |c: u8| (248.0 + (f64::from(c) - 248.0) * share) as u8;
-    Color {
-        0: mix(BLUE.0),
-        1: mix(BLUE.1),
-        2: mix(BLUE.2),
-        3: 1.0,
-    }
+    let share = (value.max(1e-12) / least).ln() / (most / least).ln();
+    tinted(BLUE, share.clamp(0.0, 1.0))
 }
 
 /// One kind of fault on one process: how far the arm left its path, the longest times to detection and to recovery, and whether a guarantee broke.

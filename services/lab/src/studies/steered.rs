@@ -2,10 +2,9 @@
 
 use std::fmt;
 
-use chain::{Chain, Tick};
+use chain::Tick;
 use control::arm_family::choice::Family;
 use model::{Robot, with_dof};
-use recorder::Judge;
 use serde::Serialize;
 use session::load::Loaded;
 use session::table::{number, table};
@@ -21,6 +20,7 @@ use shared_types::{MAX_DOF, ServoState};
 use viz::plot::digits;
 
 use crate::pool::on_all_cores;
+use crate::trial::Trial;
 
 /// The arms of the study: of the built-in ones that serve all task axes the first of each family.
 #[must_use]
@@ -207,23 +207,17 @@ fn score(
     }: &Loaded,
     seed: u64,
 ) -> Result<Score, Failure> {
-    let mut chain = Chain::new(robot, scenario).map_err(Failure::input)?;
-    let mut judge = Judge::new(robot, scenario).map_err(Failure::input)?;
-    let (mut tick, dt) = (Tick::default(), scenario.dt_s());
-    let (mut score, mut before, mut still) = (
-        Score {
-            seconds: scenario.duration_s(),
-            ..Score::default()
-        },
-        None::<[f64; MAX_DOF]>,
-        0.0,
-    );
+    let (dt, mut before, mut still) = (scenario.dt_s(), None::<[f64; MAX_DOF]>, 0.0);
+    let mut score = Score {
+        seconds: scenario.duration_s(),
+        ..Score::default()
+    };
     let mut worst: [Option<Event>; 5] = Default::default();
-    while !chain.is_over() {
-        chain.step(&mut tick);
-        let messages = recorder::Tick::of(&tick.lent())
-            .ok_or_else(|| Failure::Work("a tick without a message".to_owned()))?;
-        let error = judge.tick(messages);
+    let trial = Trial {
+        robot,
+        scenario: scenario.clone(),
+    };
+    let verdict = trial.watch(|tick, error| {
         let state = &tick.servo_state;
         let stated = [
             REASON_LIMIT,
@@ -248,7 +242,7 @@ fn score(
         if still > STILL.1 {
             score.stalled_s += dt;
         }
-        let (speed, beyond) = score.take(robot, &tick, before, dt);
+        let (speed, beyond) = score.take(robot, tick, before, dt);
         before = Some(tick.torque.tau);
         // Beyond a range by so much is no worse than twice the bar of a degree.
         let excesses = [
@@ -281,15 +275,15 @@ fn score(
                 });
             }
         }
-    }
-    let verdict = judge.verdict();
+        score.stops = u64::from(state.stops);
+    });
+    let verdict = verdict.map_err(Failure::input)?;
     score.speed = verdict.joints.speed_max_ratio;
     score.torque = verdict.joints.torque_max_ratio;
     (score.orthogonal_mm, score.orthogonal_deg) = (
         verdict.task.orthogonal_max_mm,
         verdict.task.orthogonal_max_deg,
     );
-    score.stops = u64::from(tick.servo_state.stops);
     score.events = worst.into_iter().flatten().collect();
     Ok(score)
 }

@@ -3,13 +3,13 @@
 use std::ops::Range;
 
 use toml::Value;
-use viz::plot::{Axis, BLUE, Color, GREY, Page, Panel, Row, digits, numbered};
+use viz::plot::{Axis, BLUE, GREY, Page, Panel, Row, digits, numbered};
 
 use super::columns::{Columns, OUTCOME, number, shown};
 use super::report::SHOWN;
 use super::spec::{Scale, Spec};
 use super::units::titled;
-use crate::text::quantile;
+use crate::text::{quantile, tinted};
 
 /// Height of a row of distributions, and of a row of the map; points.
 const CURVES: f64 = 230.0;
@@ -134,8 +134,8 @@ fn maps(table: &Columns, spec: &Spec, keys: [&str; 2], by: &str) -> Row {
         let names = |classes: &Classes| Axis::names(classes.0.iter().map(|(name, _)| name.clone()));
         let mut panel = Panel::new(&title, names(&across), names(&down));
         for (place, value) in values.iter().enumerate() {
-            let color = value.map_or(pale(GREY, 0.1), |value| {
-                pale(BLUE, shade(value, range.clone()))
+            let color = value.map_or(tinted(GREY, 0.1), |value| {
+                tinted(BLUE, shade(value, range.clone()))
             });
             panel.cell(
                 place % width,
@@ -175,17 +175,6 @@ fn maps(table: &Columns, spec: &Spec, keys: [&str; 2], by: &str) -> Row {
     );
     let second = panel(format!("{}, median", titled(by)), &median, by_size);
     Row::of(84.0 + CELL * down.0.len() as f64, [first, second])
-}
-
-/// White to the colour.
-fn pale(color: Color, share: f64) -> Color {
-    let mix = |c: u8| (248.0 + (f64::from(c) - 248.0) * share) as u8;
-    Color {
-        0: mix(color.0),
-        1: mix(color.1),
-        2: mix(color.2),
-        3: 1.0,
-    }
 }
 
 /// The values of a key as classes of a map: of each its name, and its upper end where it is one of numbers.
