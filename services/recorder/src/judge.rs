@@ -15,8 +15,6 @@ mod tests;
 mod tick;
 mod turns;
 
-use std::collections::BTreeMap;
-
 use control::{GroundTruth, ground_truth};
 use model::{Refused, Robot};
 use serde::{Deserialize, Serialize};
@@ -25,10 +23,7 @@ use shared_types::bounds::within;
 use shared_types::codes;
 use shared_types::graph::Graph;
 use shared_types::scenario::{Goal, Scenario};
-use shared_types::summary::{BOUNDARY, MISSED, REACHED};
-use shared_types::summary::{
-    JointSummary, Latency, ModeChange, ServoSummary, SingularitySummary, TaskSummary, TurnSummary,
-};
+use shared_types::summary::{BOUNDARY, MISSED, REACHED, Summary, TaskSummary};
 
 pub use bars::Bounds;
 use chatter::Clock;
@@ -75,34 +70,9 @@ pub struct Judge {
     refusal: u32,
 }
 
-/// The judge's findings.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Verdict {
-    /// Whole ticks seen.
-    pub ticks: u64,
-    /// Whether the task ran to its end.
-    pub completed: bool,
-    /// [`REACHED`], [`BOUNDARY`], [`MISSED`] or `"stopped"`.
-    pub outcome: String,
-    /// Why, in one sentence. Every limit that a joint reached and every hold beyond the goal's bounds is in it.
-    pub reason: String,
-    /// Wall-clock time between the first and the last sample; s.
-    pub wall_s: f64,
-    /// Task errors.
-    pub task: TaskSummary,
-    /// Joint loads.
-    pub joints: JointSummary,
-    /// Per singularity.
-    pub singularities: Vec<SingularitySummary>,
-    /// Null-space turns of singular directions.
-    pub turns: Vec<TurnSummary>,
-    /// Mode changes.
-    pub modes: Vec<ModeChange>,
-    /// How the arm followed its targets, of a steered run.
-    pub servo: Option<ServoSummary>,
-    /// Per hop and end to end.
-    pub latency_us: BTreeMap<String, Latency>,
-}
+/// The judge's findings: the part of a run's summary that follows from its ticks; the rest is empty. Every limit that a joint reached and every hold
+/// beyond the goal's bounds is in the reason.
+pub type Verdict = Summary;
 
 impl Judge {
     /// A judge of a scenario on a robot.
@@ -286,12 +256,17 @@ impl Judge {
         let joints = self.joints.finish();
         let is_over = completed || self.ticks > 0 && self.last_tick == self.ticks;
         bars::judge(&mut task, &joints, is_over, 1.0 / self.rate_hz);
-        Verdict {
+        let wall_s = self.latency.wall_s();
+        Summary {
             ticks: self.ticks,
             completed,
             outcome: outcome.to_owned(),
             reason,
-            wall_s: self.latency.wall_s(),
+            wall_s,
+            ticks_per_s: match wall_s > 0.0 {
+                true => self.ticks as f64 / wall_s,
+                false => 0.0,
+            },
             task,
             joints,
             singularities,
@@ -299,6 +274,7 @@ impl Judge {
             modes,
             servo: self.steered.finish(self.rate_hz),
             latency_us: self.latency.summary(),
+            ..Summary::default()
         }
     }
 }

@@ -232,8 +232,7 @@ impl<'a> Recorder<'a> {
         let received: u64 = account.iter().map(|(_, hash)| hash.count()).sum();
         recorded.lost = shell.sent_by_all().saturating_sub(received + refused);
         recorded.not_drawn = not_drawn;
-        let verdict = self.judge.verdict();
-        summary(self.robot, self.job, verdict, &account, recorded)
+        summary(self.robot, self.job, self.judge, &account, recorded)
     }
 }
 
@@ -264,10 +263,11 @@ fn take(row: &Row, judge: &mut Judge, tape: &mut Tape) {
 fn summary(
     robot: &Robot,
     job: &Job,
-    verdict: Verdict,
+    judge: Judge,
     account: &[(&str, TopicHash)],
     tape: RecorderSummary,
 ) -> Summary {
+    let hashes = account.iter();
     Summary {
         version: job.version.clone(),
         scenario: job.scenario.name.clone(),
@@ -275,33 +275,15 @@ fn summary(
         mode: job.mode.name().to_owned(),
         seed: job.scenario.seed,
         run: job.run.clone(),
-        ticks: verdict.ticks,
         rate_hz: job.scenario.rate_hz,
-        completed: verdict.completed,
-        outcome: verdict.outcome,
-        reason: verdict.reason,
-        wall_s: verdict.wall_s,
-        ticks_per_s: if verdict.wall_s > 0.0 {
-            verdict.ticks as f64 / verdict.wall_s
-        } else {
-            0.0
-        },
-        topics: account
-            .iter()
+        topics: hashes
             .map(|(name, hash)| ((*name).to_owned(), hash.summary()))
             .collect(),
-        task: verdict.task,
-        joints: verdict.joints,
-        singularities: verdict.singularities,
-        turns: verdict.turns,
-        modes: verdict.modes,
-        servo: verdict.servo,
-        latency_us: verdict.latency_us,
         recorder: RecorderSummary {
             messages: account.iter().map(|(_, hash)| hash.count()).sum(),
             ..tape
         },
-        ..Summary::default()
+        ..judge.verdict()
     }
 }
 

@@ -4,12 +4,12 @@ use control::{GroundTruth, Progress};
 use nalgebra::Vector6;
 use shared_types::codes;
 use shared_types::scenario::Goal;
-use shared_types::summary::{MISSED, REACHED};
+use shared_types::summary::{MISSED, REACHED, Summary};
 use shared_types::topics::{ByTopic, Whole};
 use shared_types::{AnalyzerCheckpoint, PlantState, SingularityReport};
 
 use super::latency::Span;
-use super::{Judge, Limits, Tick, Verdict};
+use super::{Judge, Limits, Tick};
 
 const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 
@@ -70,7 +70,7 @@ fn limits() -> Limits {
     }
 }
 
-fn judged(ticks: u64, shape: impl Fn(u64, &mut ByTopic<Whole>)) -> Verdict {
+fn judged(ticks: u64, shape: impl Fn(u64, &mut ByTopic<Whole>)) -> Summary {
     let mut judge = Judge::of(Reported::truth(), limits(), Goal::default(), ticks as f64);
     for k in 0..ticks {
         let mut m = upright(k);
@@ -353,7 +353,7 @@ fn every_limit_is_in_the_summary_and_in_the_events() {
 }
 
 /// Joint, limit, first tick and ticks of each limit that was reached.
-fn reached(verdict: &Verdict) -> Vec<(&str, &str, u64, u64)> {
+fn reached(verdict: &Summary) -> Vec<(&str, &str, u64, u64)> {
     let limits = verdict.joints.limits.iter();
     limits
         .map(|one| {
