@@ -1,15 +1,15 @@
 //! The controller of one arm and one task, from before its first tick.
 
-use crate::analyzer::Analyzer;
-use crate::arm_family::choice::Family;
-use crate::beyond_reach;
 use crate::limits::torque::Drives;
+use crate::plan::beyond_reach;
+use crate::plan::scenario::route_ahead;
 use crate::reference::guide::Guide;
 use crate::reference::path::Path;
 use crate::reference::posture::Postures;
 use crate::reference::targets::{self, Targets};
-use crate::route_ahead::route_ahead;
 use crate::setup::SetupError;
+use crate::singularity::analyzer::Analyzer;
+use crate::singularity::family::Family;
 use crate::state::State;
 use crate::types::{Refusal, Singularity};
 use model::{Model, Robot};
@@ -38,7 +38,7 @@ pub(crate) struct Setup<const N: usize> {
 impl<const N: usize> Setup<N> {
     /// The first place of the report from which on the singularities have codimension two or more, so that a self-motion leads around them.
     pub(crate) fn first_of_higher_codimension(&self) -> Option<usize> {
-        self.family.get().first_of_higher_codimension()
+        self.family.first_of_higher_codimension()
     }
 
     /// Whether the singularity at a place of the report has codimension two or more.

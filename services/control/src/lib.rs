@@ -13,7 +13,8 @@
 //! | [`law`] | steps 2 and 3: the problem on one page, the singular rows, one solve for every strategy |
 //! | [`paper`] | Eq. 1 to 5, Type 1, Type 2, the switching table |
 //! | [`limits`] | steps 4 and 5 (+): filters in the order in which they act, and the clock |
-//! | [`arm_family`] | one place per family of arms: measures and references together |
+//! | [`singularity`] | where an arm is singular: measures, directions, types, and the references of their coordinates |
+//! | [`plan`] | one search for a route along the whole path, before the first tick (+) |
 //! | [`baselines`] | the laws of others |
 //!
 //! Before the tick, [`Analyzer::step`] finds the singularities of the posture: s_i, D_si, ζ_i and their types. What is marked (+) goes beyond the paper,
@@ -23,23 +24,19 @@
 #![allow(non_snake_case)]
 #![cfg_attr(not(test), deny(clippy::disallowed_methods, clippy::disallowed_types))]
 
-mod analyzer;
-pub mod arm_family;
 pub mod baselines;
-mod beyond_reach;
 pub mod centre;
 mod command;
-pub mod continuous;
 mod controller;
-mod demand_ahead;
 mod ground_truth;
 pub mod law;
 pub mod limits;
 pub mod linear;
 pub mod paper;
+pub mod plan;
 pub mod reference;
-mod route_ahead;
 mod setup;
+pub mod singularity;
 mod state;
 pub mod tick;
 mod types;
@@ -54,10 +51,10 @@ mod testing;
 #[cfg(test)]
 mod tests;
 
-pub use analyzer::{Analyzer, RANK_TOLERANCE};
 pub use controller::Controller;
 pub use ground_truth::{GroundTruth, ground_truth};
 pub use reference::path::{Progress, quintic};
 pub use setup::{SetupError, start_posture};
+pub use singularity::analyzer::{Analyzer, RANK_TOLERANCE};
 pub use tick::Inputs;
 pub use types::{Class, Command, Kind, Mode, Phase, Plan, Refusal, Report, Singularity};

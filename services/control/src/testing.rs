@@ -1,7 +1,7 @@
 //! Shared by tests: arms, random postures, and an exact plant to close the loop with.
 
-use crate::arm_family::puma_inverse::PumaLengths;
 use crate::linear::stack;
+use crate::singularity::puma_inverse::PumaLengths;
 use crate::types::{Command, Mode, Phase, Report};
 use crate::{Analyzer, Controller, Inputs};
 use model::{Factors, Model, Robot};
@@ -38,20 +38,6 @@ pub(crate) fn puma_lengths(name: &str) -> PumaLengths {
         panic!("{name} has the factors of a PUMA")
     };
     PumaLengths::new(a2, a3, d4)
-}
-
-/// Franka Emika's Panda (seven joints, offsets at the elbow and beyond joint 6).
-pub(crate) fn panda() -> &'static Robot {
-    static ROBOT: OnceLock<Robot> = OnceLock::new();
-    ROBOT.get_or_init(|| {
-        let urdf = include_str!("tests/panda.urdf").to_owned();
-        Robot::from_source(&model::RobotText {
-            name: "panda".to_owned(),
-            description: String::new(),
-            urdf,
-        })
-        .unwrap()
-    })
 }
 
 pub(crate) fn puma() -> &'static Model<6> {

@@ -3,15 +3,15 @@
 //! [`Controller::step`] checks the inputs; [`tick`] is the law on a state that can be trusted, in five calls; [`Controller::rest`] brings the arm to rest
 //! where there is no law to follow.
 
-use crate::beyond_reach;
 use crate::centre::{AtCentre, PoseMotion};
 use crate::command;
-use crate::continuous::path_plan::Sample;
 use crate::controller::{Controller, Setup};
 use crate::law::{self, singular_rows};
 use crate::limits::plausible::{self, Plausible};
 use crate::limits::{self, Parts, clock};
 use crate::linear::is_finite;
+use crate::plan::Sample;
+use crate::plan::beyond_reach;
 use crate::reference::path::Leg;
 use crate::reference::{self, targets};
 use crate::state::State;

@@ -201,7 +201,7 @@ fn column_major(R: &Matrix3<f64>) -> [f64; 9] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analyzer::Analyzer;
+    use crate::singularity::analyzer::Analyzer;
     use crate::testing::{posture, puma, robot};
     use nalgebra::SVector;
     use proptest::prelude::*;

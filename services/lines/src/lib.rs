@@ -8,8 +8,8 @@
 #![cfg_attr(not(test), deny(clippy::disallowed_methods, clippy::disallowed_types))]
 
 use control::Kind;
-use control::arm_family::puma_inverse::{PumaInverse, PumaLengths};
 use control::linear::rotation_exp;
+use control::singularity::puma_inverse::{PumaInverse, PumaLengths};
 use model::{Factors, Model, Pose, Robot};
 use nalgebra::{SVector, Vector3};
 use shared_types::random::Uniform;

@@ -3,12 +3,13 @@
 
 use super::Engaged;
 use super::auxiliary::Gains;
-use crate::arm_family::family::Situation;
 use crate::controller::Setup;
 use crate::paper::reference::Target;
 use crate::paper::{type_1, type_2};
 use crate::reference::guide::{Guide, WAIT};
 use crate::reference::turn;
+use crate::singularity::family::Situation;
+use crate::singularity::turning::turning;
 use crate::state::State;
 use crate::tick::{Motion, Now};
 use crate::types::{Class, Kind, Mode, Refusal, Report, Singularity};
@@ -167,8 +168,7 @@ fn target<const N: usize>(
     };
     // Predicted, and published, before the arm moves.
     if state.turn.duration_s == 0.0 {
-        let family = setup.family.get();
-        let motion = |angle: f64| family.turning(s, now.terms, &now.report.p_BC, angle);
+        let motion = |angle: f64| turning(&setup.family, &setup.model, now.q, s, angle);
         let room = turn::Room {
             q: now.q,
             model: &setup.model,
@@ -189,7 +189,7 @@ fn by_type<const N: usize>(
     at: &Situation<'_, N>,
     branch: i32,
 ) -> Target {
-    let (family, memory) = (setup.family.get(), &mut state.loops[place].memory);
+    let (family, memory) = (&setup.family, &mut state.loops[place].memory);
     if memory.side == 0.0 {
         memory.side = if s.s < 0.0 { -1.0 } else { 1.0 };
     }

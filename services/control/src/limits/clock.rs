@@ -3,9 +3,7 @@
 //! Reduces to the paper's law: at a demand below 0.95 the clock runs at exactly 1 (proof: `a_feasible_path_runs_at_full_clock_speed`).
 
 use super::{range, speed};
-use crate::continuous::foresight::{FORESEEN_STEP_S, Foreseen};
 use crate::controller::Setup;
-use crate::demand_ahead::demand_ahead;
 use crate::law::Torques;
 use crate::state::State;
 use crate::tick::{Motion, Now};
@@ -24,8 +22,6 @@ const SMOOTH: f64 = 0.008;
 const LEAD: f64 = 0.060;
 /// Share of the torque limits that changing the clock's speed may take.
 const BRAKE: f64 = 0.35;
-/// Share of that with which braking ahead is planned.
-const PLANNED: f64 = 0.5;
 
 /// Demand of the path at full clock speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,8 +34,6 @@ pub struct Load<const N: usize> {
     pub following: SVector<f64, N>,
     /// Torque per change of the clock's speed, N·m·s.
     pub braking: SVector<f64, N>,
-    /// Shares of rate limits on the path ahead.
-    pub foreseen: Foreseen,
     /// Fastest clock that the path plan allows, up to 1.
     pub planned: f64,
 }
@@ -90,7 +84,7 @@ impl Clock {
     /// Moves towards 0.95/demand within [0.05, 1], in 20 ms down, in 80 ms up, as fast as a share of the torque allows.
     ///
     /// The clock's change is known, so it is fed forward. Speed goes with the clock, torque beyond holding with its square; a rising demand is
-    /// extrapolated over the time that slowing down takes, and a demand that is foreseen ahead is braked for in time.
+    /// extrapolated over the time that slowing down takes; what the path needs further ahead is in the plan's speed.
     ///
     /// Units `limits` N·m, `dt` s · Ensures 0.05 ≤ rate ≤ 1 and |rate_dot| within the share of torque that braking may take; rate = 1 exactly while the
     /// demand stays below 0.95 · Errors none · Cost O(N), no allocation
@@ -105,19 +99,7 @@ impl Clock {
         }
         let rising = ((demand - self.demand) / dt).max(0.0);
         self.demand = demand;
-        let mut target = MARGIN / (demand + LEAD * rising).max(1e-9);
-        // Braking at `hardest`, r² falls by 2·hardest per second of the path's clock.
-        for (k, share) in load
-            .foreseen
-            .demand
-            .iter()
-            .enumerate()
-            .filter(|(_, share)| **share != 0.0)
-        {
-            let there = MARGIN / share.max(1e-9);
-            target = target
-                .min((there * there + 2.0 * PLANNED * hardest * k as f64 * FORESEEN_STEP_S).sqrt());
-        }
+        let target = MARGIN / (demand + LEAD * rising).max(1e-9);
         // The plan knows of places that need a slower clock than any demand measured so far.
         let slowest = SLOWEST.min(load.planned);
         let target = target.max(SLOWEST).min(load.planned);
@@ -146,7 +128,6 @@ pub(crate) fn step<const N: usize>(
         state.targets.fastest = range::fastest(now.q, &torques.qdot_nominal, model);
     }
     if control.governor {
-        let looks_ahead = motion.planned.is_none() && !motion.clips && control.strategy.is_ours();
         let load = Load {
             speed: auxiliary_load
                 .max(torques.speed_share(model.velocity()))
@@ -154,11 +135,6 @@ pub(crate) fn step<const N: usize>(
             holding: now.terms.gravity,
             following: (A * torques.qddot_path + now.terms.coriolis) / (clock * clock),
             braking: A * torques.qdot_nominal,
-            foreseen: if looks_ahead {
-                demand_ahead(setup, state, now)
-            } else {
-                Foreseen::default()
-            },
             planned: setup
                 .guide
                 .speed(motion.planned.as_ref(), state.clock.plan_s, clock)
@@ -190,7 +166,6 @@ mod tests {
             holding: Vector1::new(2.0),
             following: Vector1::new(following),
             braking: Vector1::new(0.1),
-            foreseen: Foreseen::default(),
             planned: 1.0,
         }
     }

@@ -1,7 +1,7 @@
 //! The ranges of the joints: the run is refused, the clock slows, or an acceleration is held, before a joint reaches the end of its range.
 
 use super::{Parts, shares};
-use crate::continuous::path_plan::Sample;
+use crate::plan::Sample;
 use model::Model;
 use nalgebra::SVector;
 

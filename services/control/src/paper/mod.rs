@@ -9,7 +9,7 @@
 //! | [`type_2`] | ζ_i held, or driven to ζ_id | §4, Type 2 |
 //! | [`switching`] | the transition table: mode and condition to mode | §4 |
 //!
-//! The factors of s(q) = s₁·s₂·… (Eq. 1) are computed by each [`arm_family`](crate::arm_family); [`law`](crate::law) puts the rest together.
+//! The factors of s(q) = s₁·s₂·… (Eq. 1) are computed by each [`singularity`](crate::singularity); [`law`](crate::law) puts the rest together.
 
 pub mod neighborhood;
 pub mod operational_space;

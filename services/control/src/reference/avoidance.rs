@@ -5,10 +5,10 @@
 //!
 //! Reduces to nothing: beyond twice η_out the weight is zero, and the null space has its posture control alone.
 
-use crate::arm_family::screws::Screws;
 use crate::controller::Setup;
 use crate::linear::{Lu, smoothstep};
 use crate::paper::singular_frame::Basis;
+use crate::singularity::screws::Screws;
 use crate::tick::Now;
 use crate::types::Singularity;
 use nalgebra::{SMatrix, SVector};

@@ -2,9 +2,9 @@
 //!
 //! Reduces to the paper's law: without a plan nothing changes, and on a feasible path the planned coordinate is the one that the path needs.
 
-use crate::continuous::path_plan::{PathPlan, Sample};
 use crate::paper::reference::Target;
 use crate::paper::type_1::SIDE_CHANGE;
+use crate::plan::{PathPlan, Sample};
 use crate::types::{Mode, Singularity};
 use nalgebra::SVector;
 

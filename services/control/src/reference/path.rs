@@ -6,7 +6,6 @@
 
 use super::free_axis::free_axis;
 use crate::centre::PoseMotion;
-use crate::continuous::foresight::{FORESEEN, FORESEEN_STEP_S};
 use crate::linear::{rotation_exp, rotation_log, stack};
 use crate::types::{Class, Kind, Report, Singularity};
 use model::Pose;
@@ -347,23 +346,6 @@ impl Path {
             from: x,
             to: if v < 0.0 { 0.0 } else { 1.0 },
         }
-    }
-
-    /// Poses of a point fixed at `p_E` in the end-effector, at equal steps of the path's clock from now to the leg's end.
-    #[must_use]
-    pub fn preview(&self, progress: &Progress, p_E: &Vector3<f64>) -> [Pose; FORESEEN + 1] {
-        std::array::from_fn(|k| {
-            let later = Progress {
-                time_s: progress.time_s + k as f64 * FORESEEN_STEP_S,
-                ..*progress
-            };
-            let [x, _, _] = self.fraction(&later);
-            let R = rotation_exp(&(progress.turn * x)) * progress.start.R;
-            Pose {
-                R,
-                p: progress.start.p + progress.by * x + R * p_E,
-            }
-        })
     }
 
     /// Desired motion of E, where the clock runs at `rate` and changes at `rate_dot` (1/s).

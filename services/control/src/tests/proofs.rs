@@ -1,9 +1,6 @@
 //! The additions to the paper reduce to the paper's law inside D_si and to operational-space control outside.
 
-use crate::analyzer::Analyzer;
-use crate::arm_family::puma_inverse::PumaLengths;
 use crate::centre::AtCentre;
-use crate::continuous::foresight::{FORESEEN, Foreseen};
 use crate::law::auxiliary::{Demand, Gains, LEFT, Loop};
 use crate::law::{self, Engaged, Problem, Rows, Torques};
 use crate::limits::clock::{Clock, Load};
@@ -11,6 +8,8 @@ use crate::linear::{Lu, singular_values};
 use crate::paper::operational_space::null_torque;
 use crate::paper::reference::Target;
 use crate::paper::singular_frame::orthogonal_rows;
+use crate::singularity::analyzer::Analyzer;
+use crate::singularity::puma_inverse::PumaLengths;
 use crate::testing::{posture, puma, puma_lengths, robot};
 use crate::types::{Mode, Report, Singularity};
 use model::{Model, Terms};
@@ -403,9 +402,6 @@ fn a_feasible_path_runs_at_full_clock_speed() {
         holding: Vector1::new(5.0),
         following: Vector1::new(4.0),
         braking: Vector1::new(0.1),
-        foreseen: Foreseen {
-            demand: [0.94; FORESEEN],
-        },
         planned: 1.0,
     };
     // The demand has been there before: a rising one is extrapolated.

@@ -6,8 +6,8 @@
 //! follows the line. The way on there is not checked: that is what the control law has to find out. A lock that bounds what can be reached is passed along
 //! the boundary (an elbow's, a sphere, is started from or ended at).
 
-use control::continuous::path_plan::inverse::{Kinematics, SOLVED};
 use control::linear::{rotation_exp, symmetric_eigen};
+use control::plan::kinematics::{Kinematics, SOLVED};
 use control::{Analyzer, Class, Kind, Singularity};
 use model::{Model, Pose, Refused, Robot, with_dof};
 use nalgebra::{DMatrix, DVector, Matrix2, SVector, Vector2, Vector3};

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use chain::Tick;
-use control::arm_family::choice::Family;
+use control::singularity::family::Family;
 use model::{Robot, with_dof};
 use serde::Serialize;
 use session::load::Loaded;

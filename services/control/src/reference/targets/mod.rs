@@ -19,8 +19,8 @@ mod steer;
 
 pub use state::{TargetState, without_text};
 
-use crate::analyzer::Analyzer;
 use crate::limits::torque::Drives;
+use crate::singularity::analyzer::Analyzer;
 use crate::types::Refusal;
 use model::{Model, Robot};
 use shared_types::scenario::Scenario;

@@ -1,0 +1,463 @@
+//! The plan: one search along the whole path, before the arm moves (+).
+//!
+//! **What is searched.** A route: a chain of postures q(t), one for every pose of the path, each reached from the start posture by continuous motion
+//! within the joint limits, so that no jump between branches can hide in it.
+//!
+//! **Over which branches.** Each leg has layers at equal times ([`LAYERS`] at most), and the postures of a layer are followed to the next one by Newton
+//! steps of adaptive length. Regular postures have one way on. More of them are tried where the arm is nearly singular: past the lock with ζ off the
+//! direction of travel, within the deviation that the user allows; out of a fold on either side; and, exactly in a lock, a self-motion that turns ζ while
+//! the path waits. Spare joints are tried both ways. A layer keeps its 20 cheapest postures.
+//!
+//! **By which cost.** The time that the motion takes at 0.8 of the speed limits, raised near joint limits and near singular postures, and a price for
+//! every stop and every deviation.
+//!
+//! **When it gives up.** After 30,000 steps, or with a layer that has no posture. A first search without further ways is enough where its route costs no
+//! more than 1.15 times the path; else a second one adds layers where that route is nearest to a singular posture, and the cheaper route is kept.
+//! [`Infeasible`] gives the reason otherwise.
+//!
+//! The route's own clock u runs as the path's does, but also while the path waits ([`schedule`]). PURE and deterministic; allocates.
+
+pub(crate) mod beyond_reach;
+pub mod kinematics;
+mod request;
+mod route;
+pub(crate) mod scenario;
+mod schedule;
+
+pub use request::{Request, Turning};
+pub use schedule::{PathPlan, Sample};
+
+use crate::singularity::analyzer::Analyzer;
+use crate::trajectory::{Leg, Progress};
+use crate::types::{Kind, Report};
+use kinematics::Kinematics;
+use model::{Model, Pose};
+use nalgebra::{SVector, Vector3};
+use request::{analyse, centre};
+use route::{ARRIVED, Block, Bounds, Furthest, Knot, Search, Stretch};
+
+/// Most layers of a leg.
+pub const LAYERS: usize = 40;
+/// Layers of all legs together, where a task has many.
+const LAYERS_IN_ALL: usize = 4000;
+/// Seeds from which a pose is looked for anywhere in the joint space.
+const SEEDS: u32 = 48;
+/// Other start postures that are tried for a remedy, how far they lie apart, rad, and the deviations: factors on what the task allows.
+const STARTS: usize = 6;
+const DISTINCT: f64 = 0.1;
+const ALLOWANCES: [f64; 2] = [4.0, 16.0];
+
+/// Why there is no route.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Infeasible {
+    /// Index of the leg.
+    pub leg: usize,
+    /// Time on the path's clock to which the best route comes, s.
+    pub time_s: f64,
+    /// The cause of its end.
+    pub obstacle: Obstacle,
+}
+
+/// The cause of the best route's end.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Obstacle {
+    /// A joint would leave its limits.
+    Limit {
+        /// Index of the joint.
+        joint: usize,
+        /// Its limit, rad (m).
+        limit: f64,
+    },
+    /// The path leaves the reachable space between reachable ends.
+    Reach,
+    /// No posture continues the motion, though the poses are within reach.
+    Discontinuous,
+    /// The search has ended before it had tried everything, or as good as at the goal, or the goal lies on the branch where the search ended.
+    Undecided,
+}
+
+/// A change of the task that makes it feasible.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Remedy<const N: usize> {
+    /// Start in this posture of the same pose, rad.
+    Start(SVector<f64, N>),
+    /// Allow so much deviation from the path: m, rad.
+    Allow(f64, f64),
+}
+
+/// A remedy for a task that is not feasible: another posture of the start pose, else more deviation from the path.
+///
+/// Cost up to [`STARTS`] + [`ALLOWANCES`] searches: only for a refusal's words.
+#[must_use]
+pub fn remedy<const N: usize>(request: &Request<'_, N>) -> Option<Remedy<N>> {
+    let legs = (0..).take_while(|i| request.path.leg(*i).is_some()).count();
+    let holds = |request: &Request<'_, N>| {
+        attempt(request, false, &[]).is_ok_and(|plan| plan.legs() == legs)
+    };
+    let arm = Kinematics {
+        model: request.model,
+        p_EC: Vector3::zeros(),
+        task: request.task,
+        length_m: request.length_m,
+    };
+    let X = arm.pose(&request.q_start);
+    let (lower, upper) = (request.model.lower(), request.model.upper());
+    let mut starts = vec![request.q_start];
+    for k in 0..SEEDS {
+        let near = spread(request.model, k);
+        let Some(q) = arm.approach(&X, &near) else {
+            continue;
+        };
+        let fits = (0..N).all(|i| q[i] >= lower[i] && q[i] <= upper[i])
+            && starts.iter().all(|other| (q - other).amax() > DISTINCT);
+        if fits && starts.len() <= STARTS {
+            starts.push(q);
+        }
+    }
+    starts[1..].sort_by(|a, b| {
+        (a - request.q_start)
+            .norm()
+            .total_cmp(&(b - request.q_start).norm())
+    });
+    let start = starts[1..].iter().find(|q| {
+        holds(&Request {
+            q_start: **q,
+            ..*request
+        })
+    });
+    let allowed = |factor: f64| {
+        (
+            request.position_m * factor,
+            request.orientation_rad * factor,
+        )
+    };
+    let more = || {
+        ALLOWANCES
+            .into_iter()
+            .map(allowed)
+            .find(|(position_m, orientation_rad)| {
+                holds(&Request {
+                    position_m: *position_m,
+                    orientation_rad: *orientation_rad,
+                    ..*request
+                })
+            })
+    };
+    start.map(|q| Remedy::Start(*q)).or_else(|| {
+        more().map(|(position_m, orientation_rad)| Remedy::Allow(position_m, orientation_rad))
+    })
+}
+
+/// A plan for the whole path, or as far as it lies within reach.
+///
+/// # Errors
+/// [`Infeasible`] where no continuous motion within the limits follows the path. A leg whose goal is beyond reach is no such case: the plan ends
+/// where that leg begins.
+pub fn plan<const N: usize>(request: &Request<'_, N>) -> Result<PathPlan<N>, Infeasible> {
+    let quick = attempt(request, false, &[]);
+    if quick.as_ref().is_ok_and(PathPlan::is_easy) {
+        return quick.map_err(|(error, _)| error);
+    }
+    let times = match &quick {
+        Ok(plan) => plan.singular_times(request),
+        Err((_, knots)) => schedule::singular_times(request, knots),
+    };
+    // An absent joint moves nothing, and is no spare one.
+    let J = request.model.jacobian(&request.q_start);
+    let joints = J.column_iter().filter(|column| column.amax() > 0.0).count();
+    let redundant = joints > request.task.iter().filter(|counts| **counts).count();
+    if times.is_empty() && !redundant {
+        return quick.map_err(|(error, _)| error);
+    }
+    match (quick, attempt(request, redundant, &times)) {
+        (Ok(one), Ok(two)) => Ok(if two.cost() < one.cost() { two } else { one }),
+        (Ok(one), Err(_)) => Ok(one),
+        (Err(_), Ok(two)) => Ok(two),
+        (Err(_), Err((error, _))) => Err(error),
+    }
+}
+
+/// A plan that was not found, and the knots of the route that came furthest.
+type Failed<const N: usize> = (Infeasible, Vec<Knot<N>>);
+
+/// One search; `times` are further layers, on the path's clock.
+fn attempt<const N: usize>(
+    request: &Request<'_, N>,
+    fan: bool,
+    times: &[f64],
+) -> Result<PathPlan<N>, Failed<N>> {
+    let mut route = Route::new(*request);
+    while let Some(leg) = request.path.leg(route.progress.leg).copied() {
+        if let Some((place, angle)) = leg.reorient {
+            route.turn(&leg, (place, angle));
+        } else if !route.follow(&leg, fan, times) {
+            let Some(infeasible) = route.infeasible(&leg) else {
+                // Beyond reach: the controller clips the goal to the boundary, and reports it.
+                break;
+            };
+            return Err((infeasible, route.search.chain(route.search.deepest())));
+        }
+        route.end_leg(&leg);
+    }
+    let node = route.best();
+    Ok(PathPlan::new(
+        request,
+        &route.arm,
+        &route.search.chain(node),
+        &route.ends,
+        route.search.node(node).cost,
+    ))
+}
+
+/// The routes of one search, up to the beginning of a leg.
+struct Route<'a, const N: usize> {
+    request: Request<'a, N>,
+    arm: Kinematics<'a, N>,
+    search: Search<'a, N>,
+    /// The postures from which the leg begins, one per route.
+    layer: Vec<usize>,
+    progress: Progress,
+    /// Time on the path's clock, s.
+    from_s: f64,
+    /// Times at which the legs before end, s.
+    ends: Vec<f64>,
+    analyzer: Analyzer<N>,
+    /// The last analysis that a leg depends on, and how many knots of its route have been analysed.
+    report: Report<N>,
+    analysed: usize,
+    /// Most layers of a leg.
+    layers_max: usize,
+}
+
+impl<'a, const N: usize> Route<'a, N> {
+    fn new(request: Request<'a, N>) -> Self {
+        let Request {
+            model,
+            path,
+            q_start,
+            ..
+        } = request;
+        let mut analyzer = request.analyzer.clone();
+        let report = analyse(&mut analyzer, model, &q_start);
+        let arm = Kinematics {
+            model,
+            p_EC: centre(model, &q_start, &report),
+            task: request.task,
+            length_m: request.length_m,
+        };
+        let bounds = Bounds {
+            lower: *model.lower(),
+            upper: *model.upper(),
+            velocity: *model.velocity(),
+            position_m: request.position_m,
+            orientation_rad: request.orientation_rad,
+        };
+        let mut progress = Progress::at(model.forward_kinematics(&q_start));
+        path.advance(&mut progress, 0.0, &report);
+        let legs = (0..).take_while(|i| path.leg(*i).is_some()).count();
+        Self {
+            request,
+            arm,
+            search: Search::new(arm, bounds, q_start),
+            layer: vec![0],
+            progress,
+            from_s: 0.0,
+            ends: vec![],
+            analyzer,
+            report,
+            analysed: 0,
+            layers_max: (LAYERS_IN_ALL / legs.max(1)).clamp(4, LAYERS),
+        }
+    }
+
+    /// The cheapest posture from which the leg begins.
+    fn best(&self) -> usize {
+        self.search.best(&self.layer).unwrap_or_default()
+    }
+
+    /// The desired pose of C as a function of the time within the leg, s.
+    fn pose(&self) -> impl Fn(f64) -> Pose + use<'a, N> {
+        let (path, begun, p_EC) = (self.request.path, self.progress, self.arm.p_EC);
+        move |t| {
+            let X = path
+                .desired(&Progress { time_s: t, ..begun }, 1.0, 0.0)
+                .at(&p_EC);
+            Pose { R: X.R, p: X.p }
+        }
+    }
+
+    /// Goes through a leg that turns ζ of the singularity in a place by an angle, rad.
+    fn turn(&mut self, leg: &Leg, (place, angle): (usize, f64)) {
+        let node = self.best();
+        let q = self.search.node(node).q;
+        // Where ζ cannot be turned the controller reports it when the leg begins.
+        let by =
+            (self.request.turning)(&q, &self.report, place, angle).unwrap_or_else(SVector::zeros);
+        let knots = (1..=24).map(|k| {
+            let t = leg.duration_s * f64::from(k) / 24.0;
+            let x = self.request.path.fraction(&Progress {
+                time_s: t,
+                ..self.progress
+            })[0];
+            Knot {
+                t: self.from_s + t,
+                q: q + by * x,
+                waits: false,
+            }
+        });
+        let knots = knots.collect();
+        self.layer = self.search.append(node, knots).into_iter().collect();
+    }
+
+    /// Searches for routes along a leg that moves the end-effector; false where none leads to its end.
+    fn follow(&mut self, leg: &Leg, fan: bool, times: &[f64]) -> bool {
+        let Request {
+            path,
+            q_start,
+            postures,
+            analyzer,
+            model,
+            ..
+        } = self.request;
+        let (begun, from_s, pose) = (self.progress, self.from_s, self.pose());
+        let elbow = |q: &SVector<f64, N>| {
+            let report = analyse(&mut analyzer.clone(), model, q);
+            report
+                .listed()
+                .iter()
+                .find(|s| s.kind == Kind::Elbow)
+                .or(report.listed().first())
+                .map_or(0.0, |s| s.aux)
+        };
+        let goal = postures.get(begun.leg).copied().flatten();
+        let before = begun
+            .leg
+            .checked_sub(1)
+            .and_then(|i| postures.get(i).copied().flatten())
+            .unwrap_or(q_start);
+        let ramp = |t: f64| {
+            before + (goal.unwrap_or(before) - before) * path.ramp(&Progress { time_s: t, ..begun })
+        };
+        let still =
+            begun.by == Vector3::zeros() && begun.turn == Vector3::zeros() && goal.is_none();
+        let count = if still { 1 } else { self.layers_max };
+        let mut layers: Vec<f64> = (1..=count)
+            .map(|k| leg.duration_s * k as f64 / count as f64)
+            .collect();
+        layers.extend(
+            times
+                .iter()
+                .map(|t| t - from_s)
+                .filter(|t| *t > 1e-6 && *t < leg.duration_s - 1e-6),
+        );
+        layers.sort_by(f64::total_cmp);
+        layers.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
+        let stretch = Stretch {
+            from_s,
+            duration_s: leg.duration_s,
+            pose: &pose,
+            branch: leg.branch,
+            side: &elbow,
+            posture: goal
+                .is_some()
+                .then_some(&ramp as &dyn Fn(f64) -> SVector<f64, N>),
+            layers: &layers,
+            fan: fan && !still,
+        };
+        let found = self.search.leg(&stretch, &self.layer);
+        if found.is_empty() {
+            return false;
+        }
+        self.layer = found;
+        true
+    }
+
+    /// Why no route leads to the end of a leg; `None` where its goal is beyond reach.
+    fn infeasible(&self, leg: &Leg) -> Option<Infeasible> {
+        let (request, arm, pose) = (&self.request, &self.arm, self.pose());
+        let goal = pose(leg.duration_s);
+        let far = self.search.furthest.unwrap_or(Furthest {
+            t: self.from_s,
+            q: request.q_start,
+            block: Block::End,
+        });
+        if !self.search.is_exhausted() && !reachable(arm, &goal, &far.q) {
+            return None;
+        }
+        let beyond = pose((far.t - self.from_s + 0.01 * leg.duration_s).min(leg.duration_s));
+        let error = arm.error(&goal, &pose(far.t - self.from_s));
+        let left = arm.excess(&error, &goal.R, request.position_m, request.orientation_rad);
+        let obstacle = match far.block {
+            _ if self.search.is_exhausted() || left < ARRIVED => Obstacle::Undecided,
+            Block::Limit { joint, value } => {
+                let (low, high) = (request.model.lower()[joint], request.model.upper()[joint]);
+                Obstacle::Limit {
+                    joint,
+                    limit: if value - low < high - value {
+                        low
+                    } else {
+                        high
+                    },
+                }
+            }
+            Block::End if !reachable(arm, &beyond, &far.q) => Obstacle::Reach,
+            // The goal is on the branch where the arm is: the law may get there, though no route of the search does.
+            Block::End if arm.approach(&goal, &far.q).is_some() => Obstacle::Undecided,
+            Block::End => Obstacle::Discontinuous,
+        };
+        Some(Infeasible {
+            leg: self.progress.leg,
+            time_s: far.t,
+            obstacle,
+        })
+    }
+
+    /// Ends a leg: a next one that is relative to the posture begins from the best route alone, whose knots are analysed.
+    fn end_leg(&mut self, leg: &Leg) {
+        let path = self.request.path;
+        if path
+            .leg(self.progress.leg + 1)
+            .is_some_and(Leg::is_relative)
+        {
+            let node = self.best();
+            self.layer = vec![node];
+            let chain = self.search.chain(node);
+            for knot in &chain[self.analysed..] {
+                self.report = analyse(&mut self.analyzer, self.request.model, &knot.q);
+            }
+            self.analysed = chain.len();
+        }
+        self.from_s += leg.duration_s;
+        self.ends.push(self.from_s);
+        let mut next = Progress {
+            time_s: leg.duration_s,
+            ..self.progress
+        };
+        path.advance(&mut next, 0.0, &self.report);
+        self.progress = Progress {
+            time_s: 0.0,
+            ..next
+        };
+    }
+}
+
+/// Whether any posture, within the limits or not, has this pose.
+fn reachable<const N: usize>(arm: &Kinematics<'_, N>, X: &Pose, near: &SVector<f64, N>) -> bool {
+    let solves = |q: &SVector<f64, N>| arm.approach(X, q).is_some();
+    let middle = spread(arm.model, 0);
+    let beside = |k: u32| near + (spread(arm.model, k) - middle) * 0.2;
+    solves(near) || (0..SEEDS).any(|k| solves(&beside(k)) || solves(&spread(arm.model, k)))
+}
+
+/// The `k`-th of a sequence of postures that fills the joint ranges evenly: additive recurrence with the roots of primes.
+fn spread<const N: usize>(model: &Model<N>, k: u32) -> SVector<f64, N> {
+    const PRIMES: [f64; 8] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0];
+    SVector::from_fn(|i, _| {
+        let x = (f64::from(k + 1) * PRIMES[i % PRIMES.len()].sqrt()).fract();
+        let (low, high) = (model.lower()[i].max(-3.2), model.upper()[i].min(3.2));
+        low + x * (high - low)
+    })
+}
+
+#[cfg(test)]
+mod tests;

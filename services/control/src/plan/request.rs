@@ -1,0 +1,59 @@
+//! The task of a plan (+).
+
+use crate::singularity::analyzer::Analyzer;
+use crate::trajectory::Path;
+use crate::types::Report;
+use model::Model;
+use nalgebra::{SVector, Vector3};
+use shared_types::scenario::BySingularity;
+
+/// Joint motion that turns ζ: from a posture, its analysis, the singularity's place and the angle, rad.
+pub type Turning<'a, const N: usize> =
+    dyn Fn(&SVector<f64, N>, &Report<N>, usize, f64) -> Option<SVector<f64, N>> + 'a;
+
+/// The arm, its task, and the bounds of a plan.
+#[derive(Clone, Copy)]
+pub struct Request<'a, const N: usize> {
+    /// The arm.
+    pub model: &'a Model<N>,
+    /// The task.
+    pub path: &'a Path,
+    /// Where the arm starts, rad.
+    pub q_start: SVector<f64, N>,
+    /// Posture goals of the legs whose null-space posture is commanded, rad.
+    pub postures: &'a [Option<SVector<f64, N>>],
+    /// Finds the singularities along the route.
+    pub analyzer: &'a Analyzer<N>,
+    /// Joint motion that turns ζ of the singularity in a place by an angle, end-effector held; `None` where there is none within limits.
+    pub turning: &'a Turning<'a, N>,
+    /// Which of the six task axes count.
+    pub task: [bool; 6],
+    /// The length that makes metres and radians comparable, m.
+    pub length_m: f64,
+    /// Largest auxiliary rates, rad/s.
+    pub rate_max: &'a BySingularity,
+    /// How far the path may be left, m.
+    pub position_m: f64,
+    /// How far the path may be left, rad.
+    pub orientation_rad: f64,
+}
+
+/// C in the end-effector's axes, from the analysis of the start posture.
+pub(super) fn centre<const N: usize>(
+    model: &Model<N>,
+    q: &SVector<f64, N>,
+    report: &Report<N>,
+) -> Vector3<f64> {
+    let X = model.forward_kinematics(q);
+    X.R.transpose() * (report.p_BC - X.p)
+}
+
+/// The analysis of a posture at rest, after those before it.
+pub(super) fn analyse<const N: usize>(
+    analyzer: &mut Analyzer<N>,
+    model: &Model<N>,
+    q: &SVector<f64, N>,
+) -> Report<N> {
+    let zero = SVector::zeros();
+    analyzer.step(q, &zero, &model.evaluate(q, &zero))
+}

@@ -1,0 +1,673 @@
+//! The search: layers along the path, postures that continue one another, the cheapest chain through them (+).
+//!
+//! Every posture is reached from the start posture by continuous motion, so that no jump between branches can hide in a route. A layer's postures are
+//! followed to the next layer by Newton steps of adaptive length; where the arm is singular there are more ways on: past the lock with ζ off the
+//! direction of travel (within what the user allows), out of a fold on either side, and a self-motion that turns ζ while the path waits.
+
+mod closing;
+mod self_motion;
+
+use super::kinematics::{Kinematics, LOCKED, SOLVED, Spectrum};
+use model::Pose;
+use nalgebra::{SVector, Vector6};
+use std::cell::Cell;
+
+/// Largest joint motion between two knots, rad (m); deviation of the posture half-way from their mean, over that motion: more is no smooth motion.
+const STEP: f64 = 0.12;
+const BEND: f64 = 0.25;
+/// Unit-scaled pose error half-way between two knots that is none.
+const STRAIGHT: f64 = 1e-4;
+/// Shortest step of the path, as a share of a leg.
+const SHORTEST: f64 = 1e-7;
+/// Most knots between two layers.
+const KNOTS: usize = 150;
+/// Most steps of a search: about 30 µs each, so that the two searches of a plan end within 2 s on a core of their own.
+const BUDGET: u32 = 30_000;
+/// Most postures kept in a layer.
+const WIDTH: usize = 20;
+/// Postures nearer to each other than this are one, rad.
+const SAME: f64 = 0.03;
+/// σ below which other ways on are looked for.
+const NEAR: f64 = 0.2;
+/// Dampings of a step that may leave the path: a weak one goes around a lock as far as it can, a strong one straight past it; that one grows with the
+/// orientation that is allowed.
+const DAMPING: f64 = 0.03;
+const STRONG_DAMPING: f64 = 0.1;
+const DAMPING_PER_RAD: f64 = 3.0;
+/// Share of the deviation allowed that a route takes at its knots, and half-way between. The law follows only the auxiliary coordinate of a route and
+/// keeps the path in every other direction: the arm deviates less than the damped postures do.
+const LEFT: (f64, f64) = (1.0, 1.2);
+/// Rest of a leg with which a route counts as being at its end, as a share of the deviation allowed.
+pub(super) const ARRIVED: f64 = 0.1;
+/// Distance that a route keeps from every joint limit, rad (m): encoder noise and what tracking costs.
+pub(super) const CLEAR: f64 = 2e-3;
+/// Distance from a limit at which it begins to cost, rad (m).
+const MARGIN: f64 = 0.2;
+/// Share of a speed limit that is planned with.
+pub(super) const SPEED: f64 = 0.8;
+/// Time that a self-motion costs beside its motion, s.
+const STOP_S: f64 = 0.15;
+
+/// Why a route ends where it does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Block {
+    /// A joint would leave its limits.
+    Limit {
+        /// Index of the joint.
+        joint: usize,
+        /// Its position there, rad (m).
+        value: f64,
+    },
+    /// No posture continues the motion.
+    End,
+}
+
+/// A posture on the path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Knot<const N: usize> {
+    /// Time on the path's clock, s.
+    pub(super) t: f64,
+    pub(super) q: SVector<f64, N>,
+    /// Reached by a self-motion while the path waits.
+    pub(super) waits: bool,
+}
+
+/// A posture of a layer.
+#[derive(Clone, Debug)]
+pub(super) struct Node<const N: usize> {
+    parent: Option<usize>,
+    pub(super) q: SVector<f64, N>,
+    /// Joint motion per path time with which it was reached, rad/s.
+    heading: SVector<f64, N>,
+    pub(super) cost: f64,
+    /// From the parent's posture to this one, the parent's not included.
+    knots: Vec<Knot<N>>,
+}
+
+/// Bounds of a search.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Bounds<const N: usize> {
+    pub(super) lower: SVector<f64, N>,
+    pub(super) upper: SVector<f64, N>,
+    pub(super) velocity: SVector<f64, N>,
+    /// How far the path may be left, m.
+    pub(super) position_m: f64,
+    /// How far the path may be left, rad.
+    pub(super) orientation_rad: f64,
+}
+
+/// One leg as the search sees it.
+pub(super) struct Stretch<'a, const N: usize> {
+    /// Time on the path's clock at which it begins, s.
+    pub(super) from_s: f64,
+    pub(super) duration_s: f64,
+    /// The pose of C at a time within the leg.
+    pub(super) pose: &'a dyn Fn(f64) -> Pose,
+    /// Side of the fold on which to leave an elbow's lock, and the side a posture is on.
+    pub(super) branch: i32,
+    pub(super) side: &'a dyn Fn(&SVector<f64, N>) -> f64,
+    /// Posture that spare joints are drawn to.
+    pub(super) posture: Option<&'a dyn Fn(f64) -> SVector<f64, N>>,
+    /// Times of the layers within the leg, s.
+    pub(super) layers: &'a [f64],
+    /// Whether spare joints are tried both ways.
+    pub(super) fan: bool,
+}
+
+/// The furthest place that any route came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Furthest<const N: usize> {
+    pub(super) t: f64,
+    pub(super) q: SVector<f64, N>,
+    pub(super) block: Block,
+}
+
+/// How an edge is followed.
+#[derive(Clone, Copy, Debug)]
+struct Way<const N: usize> {
+    damping: f64,
+    /// Null-space motion over the edge.
+    drift: SVector<f64, N>,
+}
+
+/// The search and all postures it found.
+pub(super) struct Search<'a, const N: usize> {
+    arm: Kinematics<'a, N>,
+    bounds: Bounds<N>,
+    nodes: Vec<Node<N>>,
+    pub(super) furthest: Option<Furthest<N>>,
+    spent: Cell<u32>,
+}
+
+impl<'a, const N: usize> Search<'a, N> {
+    pub(super) fn new(arm: Kinematics<'a, N>, bounds: Bounds<N>, q_start: SVector<f64, N>) -> Self {
+        let start = Node {
+            parent: None,
+            q: q_start,
+            heading: SVector::zeros(),
+            cost: 0.0,
+            knots: vec![Knot {
+                t: 0.0,
+                q: q_start,
+                waits: false,
+            }],
+        };
+        Self {
+            arm,
+            bounds,
+            nodes: vec![start],
+            furthest: None,
+            spent: Cell::new(0),
+        }
+    }
+
+    /// Whether the search ended before it had tried everything.
+    pub(super) fn is_exhausted(&self) -> bool {
+        self.spent.get() > BUDGET
+    }
+
+    /// The posture furthest along the path.
+    pub(super) fn deepest(&self) -> usize {
+        let time = |node: &Node<N>| node.knots.last().map_or(0.0, |knot| knot.t);
+        (0..self.nodes.len())
+            .max_by(|a, b| time(&self.nodes[*a]).total_cmp(&time(&self.nodes[*b])))
+            .unwrap_or_default()
+    }
+
+    pub(super) fn node(&self, index: usize) -> &Node<N> {
+        &self.nodes[index]
+    }
+
+    /// All knots from the start to a node.
+    pub(super) fn chain(&self, mut index: usize) -> Vec<Knot<N>> {
+        let mut parts = vec![];
+        loop {
+            parts.push(&self.nodes[index].knots);
+            match self.nodes[index].parent {
+                Some(parent) => index = parent,
+                None => break,
+            }
+        }
+        parts.into_iter().rev().flatten().copied().collect()
+    }
+
+    /// The cheapest node of a layer.
+    pub(super) fn best(&self, layer: &[usize]) -> Option<usize> {
+        layer
+            .iter()
+            .copied()
+            .min_by(|a, b| self.nodes[*a].cost.total_cmp(&self.nodes[*b].cost))
+    }
+
+    /// Adds a posture that follows on another by a given motion.
+    pub(super) fn append(&mut self, parent: usize, knots: Vec<Knot<N>>) -> Option<usize> {
+        let end = knots.last()?;
+        let (q, cost) = (
+            end.q,
+            self.nodes[parent].cost + (end.t - self.nodes[parent].knots.last()?.t),
+        );
+        self.nodes.push(Node {
+            parent: Some(parent),
+            q,
+            heading: SVector::zeros(),
+            cost,
+            knots,
+        });
+        Some(self.nodes.len() - 1)
+    }
+
+    /// Follows a leg from the layer `from`; returns the layer at its end, empty where no route leads there.
+    pub(super) fn leg(&mut self, leg: &Stretch<'_, N>, from: &[usize]) -> Vec<usize> {
+        let mut layer = from.to_vec();
+        for node in &mut layer {
+            self.nodes[*node].heading = SVector::zeros();
+        }
+        let mut t = 0.0;
+        for (k, next) in leg.layers.iter().enumerate() {
+            let ends = k == 0 && leg.from_s == 0.0;
+            let waiting: Vec<usize> = layer
+                .iter()
+                .flat_map(|node| self.waits(leg, *node, t, ends))
+                .collect();
+            layer.extend(waiting);
+            let layer_in = self.prune(layer);
+            layer = layer_in
+                .iter()
+                .flat_map(|node| self.extend(leg, *node, t, *next))
+                .collect();
+            layer = self.prune(layer);
+            if layer.is_empty() {
+                return layer;
+            }
+            t = *next;
+        }
+        // A leg ends on the path, however it was left meanwhile.
+        layer.retain(|node| self.closes(*node, &(leg.pose)(t)));
+        layer
+    }
+
+    /// The cheapest of postures that are one, and of those the cheapest few.
+    fn prune(&self, mut layer: Vec<usize>) -> Vec<usize> {
+        layer.sort_by(|a, b| {
+            self.nodes[*a]
+                .cost
+                .total_cmp(&self.nodes[*b].cost)
+                .then(a.cmp(b))
+        });
+        let mut out: Vec<usize> = vec![];
+        for node in layer {
+            if out.len() < WIDTH
+                && out
+                    .iter()
+                    .all(|other| (self.nodes[*other].q - self.nodes[node].q).amax() > SAME)
+            {
+                out.push(node);
+            }
+        }
+        out
+    }
+
+    /// The ways on from a posture to the next layer.
+    fn extend(&mut self, leg: &Stretch<'_, N>, node: usize, t0: f64, t1: f64) -> Vec<usize> {
+        let Node { q, heading, .. } = self.nodes[node];
+        let spectrum = self.arm.spectrum(&q);
+        let straight = Way {
+            damping: 0.0,
+            drift: self.push(&spectrum, &q, t1 - t0),
+        };
+        let mut ways = vec![straight];
+        if leg.fan && leg.posture.is_none() {
+            for v in &spectrum.v[..spectrum.free] {
+                let stride = 0.6 * SPEED * (t1 - t0)
+                    / (0..N).fold(1e-9_f64, |slowest, i| {
+                        slowest.max(v[i].abs() / self.bounds.velocity[i])
+                    });
+                let by = v * stride.min(0.3);
+                ways.extend([
+                    Way {
+                        drift: straight.drift + by,
+                        ..straight
+                    },
+                    Way {
+                        drift: straight.drift - by,
+                        ..straight
+                    },
+                ]);
+            }
+        }
+        let near = spectrum.smallest() < NEAR;
+        if near {
+            let strong = STRONG_DAMPING.max(DAMPING_PER_RAD * self.bounds.orientation_rad);
+            ways.push(Way {
+                damping: DAMPING,
+                ..straight
+            });
+            ways.push(Way {
+                damping: strong,
+                ..straight
+            });
+        }
+        let mut out = vec![];
+        let mut stuck = false;
+        for (i, way) in ways.iter().enumerate() {
+            match self.follow(leg, &q, &heading, (t0, t1), way) {
+                Ok(knots) => out.extend(self.push_node(leg, node, knots, way)),
+                Err(block) => {
+                    self.blocked(leg, &block);
+                    stuck |= i == 0 && block.block == Block::End;
+                }
+            }
+        }
+        if stuck && near || spectrum.smallest() < LOCKED {
+            for knots in self.folds(leg, &q, &spectrum, t0, t1) {
+                out.extend(self.push_node(leg, node, knots, &straight));
+            }
+        }
+        out
+    }
+
+    fn blocked(&mut self, leg: &Stretch<'_, N>, at: &Furthest<N>) {
+        let t = leg.from_s + at.t;
+        if self
+            .furthest
+            .is_none_or(|far| t > far.t + 1e-6 || (t > far.t - 1e-6 && at.block != Block::End))
+        {
+            self.furthest = Some(Furthest { t, ..*at });
+        }
+    }
+
+    /// Null-space motion away from joint limits.
+    fn push(&self, spectrum: &Spectrum<N>, q: &SVector<f64, N>, dt: f64) -> SVector<f64, N> {
+        if spectrum.free == 0 {
+            return SVector::zeros();
+        }
+        let inwards = SVector::<f64, N>::from_fn(|i, _| {
+            let part = |gap: f64| ((2.0 * MARGIN - gap) / (2.0 * MARGIN)).max(0.0);
+            part(q[i] - self.bounds.lower[i]) - part(self.bounds.upper[i] - q[i])
+        });
+        spectrum.null_part(&inwards) * dt
+    }
+
+    fn push_node(
+        &mut self,
+        leg: &Stretch<'_, N>,
+        parent: usize,
+        knots: Vec<Knot<N>>,
+        way: &Way<N>,
+    ) -> Option<usize> {
+        let end = *knots.last()?;
+        let mut cost = self.nodes[parent].cost;
+        let (mut before, mut t) = (
+            self.nodes[parent].q,
+            self.nodes[parent]
+                .knots
+                .last()
+                .map_or(leg.from_s, |knot| knot.t),
+        );
+        let mut heading = SVector::zeros();
+        for knot in &knots {
+            let dq = knot.q - before;
+            cost += self.price(&dq, knot.t - t, &knot.q);
+            if knot.t > t {
+                heading = dq / (knot.t - t);
+            }
+            (before, t) = (knot.q, knot.t);
+        }
+        if way.damping > 0.0 {
+            let X = (leg.pose)(end.t - leg.from_s);
+            let e = self.arm.error(&X, &self.arm.pose(&end.q));
+            cost += 0.02
+                + 0.1
+                    * self.arm.excess(
+                        &e,
+                        &X.R,
+                        self.bounds.position_m,
+                        self.bounds.orientation_rad,
+                    );
+        }
+        if leg.fan {
+            let sigma = self.arm.spectrum(&end.q).smallest();
+            let narrow = (1.0 - sigma / 0.1).max(0.0);
+            cost += (end.t - leg.from_s).min(0.1) * 2.0 * (narrow * narrow);
+        }
+        self.nodes.push(Node {
+            parent: Some(parent),
+            q: end.q,
+            heading,
+            cost,
+            knots,
+        });
+        Some(self.nodes.len() - 1)
+    }
+
+    /// Time that a motion takes, and the price of being near a limit meanwhile.
+    fn price(&self, dq: &SVector<f64, N>, dt: f64, q: &SVector<f64, N>) -> f64 {
+        let mut time = dt;
+        let mut near = 0.0_f64;
+        for i in 0..N {
+            time = time.max(dq[i].abs() / (SPEED * self.bounds.velocity[i]));
+            let gap = (q[i] - self.bounds.lower[i]).min(self.bounds.upper[i] - q[i]);
+            near = near.max((1.0 - gap / MARGIN).max(0.0));
+        }
+        // A route of less joint motion is better where the time is the same.
+        time * (1.0 + 0.3 * near * near) + 0.002 * dq.norm()
+    }
+
+    fn outside(&self, q: &SVector<f64, N>, from: &SVector<f64, N>) -> Option<Block> {
+        (0..N).find_map(|i| {
+            let (low, high) = (self.bounds.lower[i] + CLEAR, self.bounds.upper[i] - CLEAR);
+            // A start posture may lie on a limit: from there inwards.
+            let out = q[i] < low && q[i] < from[i] || q[i] > high && q[i] > from[i];
+            out.then_some(Block::Limit {
+                joint: i,
+                value: q[i],
+            })
+        })
+    }
+
+    /// Knots from `q` at `t0` to `t1` (either may be the earlier).
+    fn follow(
+        &self,
+        leg: &Stretch<'_, N>,
+        q: &SVector<f64, N>,
+        heading: &SVector<f64, N>,
+        (t0, t1): (f64, f64),
+        way: &Way<N>,
+    ) -> Result<Vec<Knot<N>>, Furthest<N>> {
+        let (mut t, mut q, mut heading, mut h) = (t0, *q, *heading, t1 - t0);
+        let mut knots = vec![];
+        let lax = way.damping > 0.0;
+        // Off the path a route has kinks: there the spline needs points that lie closer.
+        let longest = if lax { STEP / 3.0 } else { STEP };
+        let zero = SVector::zeros();
+        let mut block = Block::End;
+        while t != t1 {
+            self.spent.set(self.spent.get() + 1);
+            if self.is_exhausted() {
+                return Err(Furthest { t, q, block });
+            }
+            if (t + h - t1) * h > -1e-12 {
+                h = t1 - t;
+            }
+            if h.abs() < SHORTEST * leg.duration_s && t + h != t1 || knots.len() >= KNOTS {
+                return Err(Furthest { t, q, block });
+            }
+            let X = (leg.pose)(t + h);
+            let mut drift = way.drift * (h / (t1 - t0));
+            if let Some(posture) = leg.posture {
+                drift = posture(t + h) - q;
+            }
+            let ahead = heading * h;
+            let guess = if ahead.amax() < STEP { q + ahead } else { q };
+            let (next, e) = self.arm.solve(&X, &guess, &drift, way.damping, SOLVED);
+            let dq = next - q;
+            let solved = if lax {
+                self.arm.excess(
+                    &e,
+                    &X.R,
+                    self.bounds.position_m,
+                    self.bounds.orientation_rad,
+                ) < LEFT.0
+            } else {
+                e.norm() < 1e-7
+            };
+            // A jump to another branch shows half-way: there the posture is elsewhere, or there is none.
+            let middle = || {
+                let (X, mean) = ((leg.pose)(t + 0.5 * h), q + dq * 0.5);
+                let e = self.arm.error(&X, &self.arm.pose(&mean));
+                if lax {
+                    return (self.arm.excess(
+                        &e,
+                        &X.R,
+                        self.bounds.position_m,
+                        self.bounds.orientation_rad,
+                    ) < LEFT.1)
+                        .then_some(mean);
+                }
+                let (there, e_left) = self.arm.solve(&X, &mean, &zero, 0.0, SOLVED);
+                (e.norm() < STRAIGHT
+                    || e_left.norm() < 1e-7 && (there - mean).norm() < BEND * dq.norm() + 1e-6)
+                    .then_some(there)
+            };
+            let outside = if solved && dq.amax() < longest {
+                self.outside(&next, &q)
+            } else {
+                None
+            };
+            let half = if solved && dq.amax() < longest && outside.is_none() {
+                middle()
+            } else {
+                None
+            };
+            if let Some(half) = half {
+                if dq.amax() > 0.3 * STEP {
+                    knots.push(Knot {
+                        t: leg.from_s + t + 0.5 * h,
+                        q: half,
+                        waits: false,
+                    });
+                }
+                t = if h == t1 - t { t1 } else { t + h };
+                heading = dq / h;
+                q = next;
+                knots.push(Knot {
+                    t: leg.from_s + t,
+                    q,
+                    waits: false,
+                });
+                h *= 2.0;
+            } else {
+                // A limit in the way is reached as nearly as the shortest step allows: its place is worth knowing.
+                block = outside.unwrap_or(Block::End);
+                if outside.is_some() && h.abs() < 1e-3 * leg.duration_s {
+                    return Err(Furthest { t, q: next, block });
+                }
+                if h.abs() <= SHORTEST * leg.duration_s * 2.0 {
+                    return Err(Furthest { t, q, block });
+                }
+                h *= 0.5;
+            }
+        }
+        Ok(knots)
+    }
+
+    /// Ways out of a fold: the solutions beside the lock, followed back to it.
+    fn folds(
+        &self,
+        leg: &Stretch<'_, N>,
+        q: &SVector<f64, N>,
+        spectrum: &Spectrum<N>,
+        t0: f64,
+        t1: f64,
+    ) -> Vec<Vec<Knot<N>>> {
+        let mut out: Vec<Vec<Knot<N>>> = vec![];
+        let zero = SVector::zeros();
+        let straight = Way {
+            damping: 0.0,
+            drift: zero,
+        };
+        let X = (leg.pose)(t1);
+        let small: Vec<_> = (spectrum.free..N)
+            .filter(|k| spectrum.sigma[*k] < 0.1)
+            .map(|k| spectrum.v[k])
+            .collect();
+        for v in small {
+            for stride in [0.02, 0.06, 0.18] {
+                for v in [v * stride, -v * stride] {
+                    self.spent.set(self.spent.get() + 4);
+                    let (there, e) = self.arm.solve(&X, &(q + v), &zero, 0.0, SOLVED);
+                    let known = out.iter().any(|knots| {
+                        knots
+                            .last()
+                            .is_some_and(|knot| (knot.q - there).amax() < SAME)
+                    });
+                    if e.norm() > 1e-7
+                        || (there - q).amax() > 0.5
+                        || known
+                        || self.outside(&there, q).is_some()
+                    {
+                        continue;
+                    }
+                    if leg.branch != 0 && (leg.side)(&there) * f64::from(leg.branch) < 0.0 {
+                        continue;
+                    }
+                    // From there back towards the lock, as far as it goes; what is left is no more than a step.
+                    let mut knots = vec![Knot {
+                        t: leg.from_s + t1,
+                        q: there,
+                        waits: false,
+                    }];
+                    let (mut at, mut t, mut share) = (there, t1, 0.5);
+                    while (at - q).amax() > 0.2 * STEP && share > 1e-4 {
+                        match self.follow(
+                            leg,
+                            &at,
+                            &zero,
+                            (t, t0 + (t - t0) * (1.0 - share)),
+                            &straight,
+                        ) {
+                            Ok(part) if !part.is_empty() => {
+                                knots.extend(&part);
+                                (at, t) =
+                                    (part[part.len() - 1].q, part[part.len() - 1].t - leg.from_s);
+                            }
+                            _ => share *= 0.5,
+                        }
+                    }
+                    if (at - q).amax() <= STEP {
+                        knots.reverse();
+                        out.push(knots);
+                    }
+                }
+            }
+        }
+        out
+    }
+
+    /// Postures of the same pose, reached by self-motion while the path waits.
+    fn waits(&mut self, leg: &Stretch<'_, N>, node: usize, t: f64, at_start: bool) -> Vec<usize> {
+        let q = self.nodes[node].q;
+        let spectrum = self.arm.spectrum(&q);
+        let X = (leg.pose)(t);
+        let mut directions: Vec<SVector<f64, N>> = vec![];
+        let locked: Vec<_> = (spectrum.free..N)
+            .filter(|k| spectrum.sigma[*k] < LOCKED)
+            .map(|k| spectrum.v[k])
+            .collect();
+        match locked[..] {
+            [] if leg.fan && at_start => directions.extend(&spectrum.v[..spectrum.free]),
+            [] => {}
+            [v] => directions.push(v),
+            [a, b, ..] => {
+                // Of two lost directions the combination that leaves the pose where it is.
+                let moved = |angle: f64| {
+                    let v = a * libm::cos(angle) + b * libm::sin(angle);
+                    let error = |by: f64| self.arm.error(&X, &self.arm.pose(&(q + v * by))).norm();
+                    (error(0.1).max(error(-0.1)), v)
+                };
+                const PIECE: f64 = std::f64::consts::PI / 64.0;
+                let angles = (0..64).map(|k| f64::from(k) * PIECE);
+                let best = angles
+                    .min_by(|a, b| moved(*a).0.total_cmp(&moved(*b).0))
+                    .unwrap_or_default();
+                let (mut low, mut high) = (best - PIECE, best + PIECE);
+                for _ in 0..40 {
+                    let (c, d) = (high - 0.618 * (high - low), low + 0.618 * (high - low));
+                    if moved(c).0 < moved(d).0 {
+                        high = d
+                    } else {
+                        low = c
+                    }
+                }
+                directions.push(moved(0.5 * (low + high)).1);
+            }
+        }
+        // Where the path goes on to: a posture is left there only along what it can move.
+        let soon = (leg.pose)((t + 0.02 * leg.duration_s).min(leg.duration_s));
+        let onwards = self.arm.error(&soon, &X);
+        let onwards = if onwards.norm() > 1e-9 {
+            onwards.normalize()
+        } else {
+            onwards
+        };
+        let mut out = vec![];
+        for v in directions {
+            for v in [v, -v] {
+                out.extend(self.self_motion(leg, (node, v), (t, &X), &onwards, locked.is_empty()));
+            }
+        }
+        out
+    }
+}
+
+/// The product of two task displacements' linear (0) or angular (3) halves.
+fn dot(a: &Vector6<f64>, b: &Vector6<f64>, half: usize) -> f64 {
+    a.fixed_rows::<3>(half).dot(&b.fixed_rows::<3>(half))
+}
+
+/// The half in which `b` has become the opposite of `a`, or nothing.
+fn turned(a: &Vector6<f64>, b: &Vector6<f64>) -> Option<usize> {
+    [0, 3]
+        .into_iter()
+        .find(|half| dot(b, b, *half) > 1e-12 && dot(a, b, *half) <= 0.0)
+}

@@ -1,0 +1,184 @@
+//! The path plan of a scenario: made when a controller is, put into words where there is none (+).
+
+use crate::plan::kinematics::{Kinematics, LOCKED};
+use crate::plan::{Infeasible, Obstacle, PathPlan, Remedy, Request, plan, remedy};
+use crate::singularity::analyzer::Analyzer;
+use crate::singularity::turning::turning;
+use crate::trajectory::Path;
+use crate::turn_plan::{self, Room};
+use crate::types::Report;
+use model::{JointKind, Model, Robot};
+use nalgebra::{SVector, Vector3};
+use shared_types::scenario::{Goal, Scenario};
+
+/// The plan of the whole path, where the law uses one: under our own laws with the governor on.
+///
+/// # Errors
+/// Why the path cannot be followed, in words: a joint limit in the way of every route, or a path beyond reach between reachable ends.
+pub(crate) fn route_ahead<const N: usize>(
+    model: &Model<N>,
+    robot: &Robot,
+    scenario: &Scenario,
+    path: &Path,
+    analyzer: &Analyzer<N>,
+    q_start: &SVector<f64, N>,
+    postures: &[SVector<f64, N>],
+) -> Result<Option<PathPlan<N>>, String> {
+    let control = &scenario.control;
+    let ours = control.strategy.is_ours();
+    if !ours || !control.governor || robot.task.count() > N || scenario.servo.is_some() {
+        return Ok(None);
+    }
+    let commanded: Vec<_> = scenario
+        .segment
+        .iter()
+        .zip(postures)
+        .map(|(leg, q)| leg.posture_deg.is_some().then_some(*q))
+        .collect();
+    let turned = |q: &SVector<f64, N>, report: &Report<N>, place: usize, angle: f64| {
+        let s = report.listed().get(place)?;
+        let motion = |angle: f64| turning(analyzer.family(), model, q, s, angle);
+        turn_plan::plan(s, angle, 1.0, &Room { q, model, control }, motion)
+            .ok()
+            .map(|turn| turn.by)
+    };
+    let request = Request {
+        model,
+        path,
+        q_start: *q_start,
+        postures: &commanded,
+        analyzer,
+        turning: &turned,
+        task: robot.task.0,
+        length_m: robot.length_m,
+        rate_max: &control.aux_rate_max,
+        position_m: scenario.goal.path_mm * 1e-3,
+        orientation_rad: scenario.goal.path_deg.to_radians(),
+    };
+    if let Some(why) = too_heavy(model, robot, q_start, "in its start posture") {
+        return Err(why + ": start in a posture that takes less torque");
+    }
+    // Spare joints have more routes than a search tries.
+    let redundant = robot.dof() > robot.task.count();
+    match plan(&request) {
+        Ok(plan) => {
+            let heavy = plan
+                .postures()
+                .find_map(|(t, q)| too_heavy(model, robot, q, &format!("at {t:.2} s of its path")));
+            heavy.map_or(Ok(Some(plan)), |why| {
+                Err(why + ": lead the path nearer to the base, or start in another posture")
+            })
+        }
+        // The poses are within reach: the law decides as it goes. Not so from where two directions are lost: out of such a start it leads the arm far off.
+        Err(Infeasible {
+            obstacle: Obstacle::Undecided,
+            ..
+        }) if !(redundant && loses_two(&request)) => Ok(None),
+        Err(Infeasible {
+            obstacle: Obstacle::Discontinuous,
+            ..
+        }) if redundant && !loses_two(&request) => Ok(None),
+        Err(infeasible) => {
+            Err(words(robot, &infeasible) + &help(robot, scenario, remedy(&request)))
+        }
+    }
+}
+
+/// Whether two directions are lost in the start posture.
+fn loses_two<const N: usize>(request: &Request<'_, N>) -> bool {
+    let arm = Kinematics {
+        model: request.model,
+        p_EC: Vector3::zeros(),
+        task: request.task,
+        length_m: request.length_m,
+    };
+    let spectrum = arm.spectrum(&request.q_start);
+    spectrum
+        .sigma
+        .get(spectrum.free + 1)
+        .is_some_and(|second| *second < LOCKED)
+}
+
+/// A joint whose torque limit does not hold the arm against gravity, in words.
+fn too_heavy<const N: usize>(
+    model: &Model<N>,
+    robot: &Robot,
+    q: &SVector<f64, N>,
+    place: &str,
+) -> Option<String> {
+    let gravity = model.gravity(q);
+    let joint = (0..robot.dof()).find(|i| gravity[*i].abs() > model.effort()[*i])?;
+    let (name, needed, limit) = (
+        &robot.joints[joint].name,
+        gravity[joint].abs(),
+        model.effort()[joint],
+    );
+    Some(format!(
+        "the arm cannot be held {place}: joint {} ({name}) needs {needed:.1} N·m and has {limit:.1} N·m",
+        joint + 1
+    ))
+}
+
+fn words(robot: &Robot, infeasible: &Infeasible) -> String {
+    let Infeasible {
+        leg,
+        time_s,
+        obstacle,
+    } = infeasible;
+    match obstacle {
+        Obstacle::Limit { joint, limit } => {
+            let name = robot
+                .joints
+                .get(*joint)
+                .map_or("?", |joint| joint.name.as_str());
+            let limit = limit.to_degrees();
+            format!(
+                "the path cannot be followed from this start posture: at {time_s:.2} s (segment {leg}) joint {} ({name}) would pass its limit of \
+                 {limit:.1}°, on every route",
+                joint + 1
+            )
+        }
+        Obstacle::Reach => format!(
+            "the path leaves the reachable space at {time_s:.2} s (segment {leg}), between reachable ends"
+        ),
+        Obstacle::Discontinuous | Obstacle::Undecided => format!(
+            "no continuous motion from this start posture follows the path beyond {time_s:.2} s (segment {leg}): the poses from there on belong to \
+             other postures of the arm"
+        ),
+    }
+}
+
+/// The remedy, as far as it is known.
+fn help<const N: usize>(robot: &Robot, scenario: &Scenario, remedy: Option<Remedy<N>>) -> String {
+    match remedy {
+        Some(Remedy::Start(q)) => {
+            let list = robot
+                .joints
+                .iter()
+                .zip(&q)
+                .map(|(joint, q)| match joint.kind {
+                    JointKind::Prismatic => format!("{:.3}", q * 1e3),
+                    _ => format!("{:.3}", q.to_degrees()),
+                });
+            format!(
+                "; it can be followed from another posture of the same pose: [start] q_deg = [{}]",
+                list.collect::<Vec<_>>().join(", ")
+            )
+        }
+        Some(Remedy::Allow(position_m, orientation_rad)) => {
+            let (mm, deg) = (position_m * 1e3, orientation_rad.to_degrees());
+            format!(
+                "; it can be followed where more deviation is allowed: [goal] path_mm = {mm:.0}, path_deg = {deg:.1}"
+            )
+        }
+        None => {
+            let Goal {
+                path_mm, path_deg, ..
+            } = scenario.goal;
+            format!(
+                "; neither another posture of the start pose nor a deviation beyond {path_mm} mm and {path_deg}° has been found to help: lead the path \
+                 elsewhere, or end it earlier"
+            )
+        }
+    }
+}

@@ -1,0 +1,388 @@
+//! A route with its own clock: when the path waits, and how fast it may go (+).
+
+use super::kinematics::{Kinematics, SOLVED};
+use super::request::{Request, analyse, centre};
+use super::route::{Knot, SPEED};
+use nalgebra::SVector;
+
+/// Share of the torque limits that slowing the clock down may take.
+const BRAKE: f64 = 0.175;
+/// Slowest clock that is planned.
+const SLOWEST: f64 = 0.005;
+/// Fastest joint of a self-motion, rad/s.
+const TURNING: f64 = 2.0;
+/// Knots of a self-motion.
+const PIECES: u32 = 24;
+/// σ below which a knot is singular enough for the path to wait there.
+const SINGULAR: f64 = 0.05;
+/// Shortest step of the route's clock, s.
+const SHORTEST_S: f64 = 1e-7;
+
+/// A point of the route.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Point<const N: usize> {
+    u: f64,
+    t: f64,
+    q: SVector<f64, N>,
+    /// dq/du, rad/s.
+    slope: SVector<f64, N>,
+    /// Fastest clock here for which what follows can still be braked for.
+    speed: f64,
+}
+
+/// Postures for the path, and the clock that runs along them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PathPlan<const N: usize> {
+    points: Vec<Point<N>>,
+    /// Legs that are planned.
+    legs: usize,
+    cost: f64,
+    duration_s: f64,
+}
+
+/// The route at one moment of its clock.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample<const N: usize> {
+    /// Time on the path's clock, s.
+    pub t: f64,
+    /// Speed of the path's clock against the route's: 1, or 0 while the path waits.
+    pub time_rate: f64,
+    /// Posture, rad.
+    pub q: SVector<f64, N>,
+    /// Its rate per unit of the route's clock, rad/s.
+    pub dq: SVector<f64, N>,
+    /// Fastest that the route's clock may run.
+    pub speed: f64,
+}
+
+impl<const N: usize> PathPlan<N> {
+    pub(super) fn new(
+        request: &Request<'_, N>,
+        arm: &Kinematics<'_, N>,
+        knots: &[Knot<N>],
+        ends: &[f64],
+        cost: f64,
+    ) -> Self {
+        let mut points: Vec<Point<N>> = Vec::with_capacity(knots.len());
+        let point = |u: f64, t: f64, q: SVector<f64, N>| Point {
+            u,
+            t,
+            q,
+            slope: SVector::zeros(),
+            speed: 1.0,
+        };
+        let at_end = |t: f64| t < 1e-9 || ends.iter().any(|end| (end - t).abs() < 1e-9);
+        // Points at which the motion rests, and those at which the path itself has to rest though it is on its way.
+        let (mut rests, mut stops) = (vec![0], vec![]);
+        let mut k = 0;
+        while k < knots.len() {
+            let knot = &knots[k];
+            let Some(last) = points.last().copied() else {
+                points.push(point(0.0, knot.t, knot.q));
+                k += 1;
+                continue;
+            };
+            if !knot.waits {
+                if knot.t - last.t > SHORTEST_S {
+                    points.push(point(last.u + knot.t - last.t, knot.t, knot.q));
+                    if at_end(knot.t) {
+                        rests.push(points.len() - 1);
+                    }
+                }
+                k += 1;
+                continue;
+            }
+            let mut way = vec![last.q];
+            while k < knots.len() && knots[k].waits {
+                way.push(knots[k].q);
+                k += 1;
+            }
+            rests.push(points.len() - 1);
+            if !at_end(last.t) {
+                stops.push(points.len() - 1);
+            }
+            points.extend(
+                self_motion(request, arm, &last, &way)
+                    .into_iter()
+                    .map(|(u, q)| point(u, last.t, q)),
+            );
+            rests.push(points.len() - 1);
+            if !at_end(last.t) {
+                stops.push(points.len() - 1);
+            }
+        }
+        for i in 1..points.len().saturating_sub(1) {
+            if !rests.contains(&i) {
+                let (a, b) = (points[i].u - points[i - 1].u, points[i + 1].u - points[i].u);
+                let (before, after) = (
+                    (points[i].q - points[i - 1].q) / a,
+                    (points[i + 1].q - points[i].q) / b,
+                );
+                let mean = (before * b + after * a) / (a + b);
+                // Between a quick stretch and a slow one the spline must not overshoot.
+                let (lower, upper) = (request.model.lower(), request.model.upper());
+                points[i].slope = SVector::from_fn(|j, _| {
+                    let bound = 2.0 * before[j].abs().min(after[j].abs()) + 0.1;
+                    // A cubic lies within its control points, a third of the slope away: they stay within the limits.
+                    let q = points[i].q[j];
+                    let (up, down) = (3.0 * (upper[j] - q).max(0.0), 3.0 * (q - lower[j]).max(0.0));
+                    mean[j]
+                        .clamp(-bound, bound)
+                        .clamp(-(down / b).min(up / a), (up / b).min(down / a))
+                });
+            }
+        }
+        let duration_s = points.last().map_or(0.0, |last| last.u);
+        let mut plan = Self {
+            points,
+            legs: ends.len(),
+            cost,
+            duration_s,
+        };
+        plan.limit_speed(request, &stops);
+        plan
+    }
+
+    fn limit_speed(&mut self, request: &Request<'_, N>, stops: &[usize]) {
+        let (velocity, effort) = (*request.model.velocity(), *request.model.effort());
+        let mut analyzer = request.analyzer.clone();
+        for i in 0..self.points.len() {
+            let Point { q, slope, u, .. } = self.points[i];
+            let report = analyse(&mut analyzer, request.model, &q);
+            let mean = self
+                .points
+                .get(i + 1)
+                .map_or(slope, |next| (next.q - q) / (next.u - u));
+            let mut share = 0.0_f64;
+            for rate in [slope, mean] {
+                share = (0..N).fold(share, |share, j| share.max(rate[j].abs() / velocity[j]));
+                for s in report.listed().iter().filter(|s| s.s.abs() < s.eta_out) {
+                    share =
+                        share.max(s.aux_row.dot(&rate).abs() / request.rate_max.of(s.kind.code()));
+                }
+            }
+            self.points[i].speed = (SPEED / share.max(1e-9)).clamp(SLOWEST, 1.0);
+        }
+        for stop in stops {
+            self.points[*stop].speed = SLOWEST;
+        }
+        for i in (0..self.points.len().saturating_sub(1)).rev() {
+            let (here, next) = (self.points[i], self.points[i + 1]);
+            let push = request.model.mass_matrix(&here.q) * here.slope;
+            let hardest = (0..N).fold(50.0_f64, |hardest, j| {
+                hardest.min(BRAKE * effort[j] / push[j].abs().max(1e-9))
+            });
+            let bound = (next.speed * next.speed + 2.0 * hardest * (next.u - here.u)).sqrt();
+            self.points[i].speed = here.speed.min(bound);
+        }
+    }
+
+    /// How long the route takes at full speed, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.duration_s
+    }
+
+    #[cfg(test)]
+    pub(super) fn points_count(&self) -> usize {
+        self.points.len()
+    }
+
+    /// How many legs are planned.
+    #[must_use]
+    pub fn legs(&self) -> usize {
+        self.legs
+    }
+
+    pub(super) fn cost(&self) -> f64 {
+        self.cost
+    }
+
+    /// Whether a better route is not worth looking for.
+    pub(super) fn is_easy(&self) -> bool {
+        let path = self.points.last().map_or(0.0, |last| last.t);
+        self.cost < 1.15 * path + 0.1
+    }
+
+    /// The route's postures.
+    pub fn postures(&self) -> impl Iterator<Item = (f64, &SVector<f64, N>)> {
+        self.points.iter().map(|point| (point.t, &point.q))
+    }
+
+    pub(super) fn singular_times(&self, request: &Request<'_, N>) -> Vec<f64> {
+        let knots: Vec<_> = self
+            .points
+            .iter()
+            .map(|point| Knot {
+                t: point.t,
+                q: point.q,
+                waits: false,
+            })
+            .collect();
+        singular_times(request, &knots)
+    }
+
+    /// The points about `u` of the route's clock, and the share of the way from the first to the second; `None` beyond its ends.
+    #[inline]
+    fn about(&self, u: f64) -> Option<(&Point<N>, &Point<N>, f64)> {
+        let after = self.points.partition_point(|point| point.u <= u);
+        let (a, b) = (
+            self.points.get(after.checked_sub(1)?)?,
+            self.points.get(after)?,
+        );
+        Some((a, b, (u - a.u) / (b.u - a.u)))
+    }
+
+    /// Time on the path's clock at `u` of the route's, s: that of [`at`](Self::at).
+    #[must_use]
+    pub fn path_time(&self, u: f64) -> f64 {
+        self.about(u)
+            .map_or_else(|| self.time_beyond(u), |(a, b, x)| time_between(a, b, x))
+    }
+
+    /// Fastest that the route's clock may run at `u` of it: that of [`at`](Self::at).
+    #[must_use]
+    pub fn speed(&self, u: f64) -> f64 {
+        self.about(u)
+            .map_or(1.0, |(a, b, x)| speed_between(a, b, x))
+    }
+
+    /// Time on the path's clock beyond the route's end, s: both clocks go on together.
+    fn time_beyond(&self, u: f64) -> f64 {
+        self.points.last().map_or(0.0, |last| last.t) + (u - self.duration_s).max(0.0)
+    }
+
+    /// The route at `u` of its clock; beyond its end the last posture, at rest.
+    #[must_use]
+    pub fn at(&self, u: f64) -> Sample<N> {
+        let Some((a, b, x)) = self.about(u) else {
+            let q = self
+                .points
+                .last()
+                .map_or_else(SVector::zeros, |last| last.q);
+            return Sample {
+                t: self.time_beyond(u),
+                time_rate: 1.0,
+                q,
+                dq: SVector::zeros(),
+                speed: 1.0,
+            };
+        };
+        let h = b.u - a.u;
+        // Cubic Hermite.
+        let (x2, x3) = (x * x, x * x * x);
+        let q = a.q * (2.0 * x3 - 3.0 * x2 + 1.0)
+            + a.slope * (h * (x3 - 2.0 * x2 + x))
+            + b.q * (3.0 * x2 - 2.0 * x3)
+            + b.slope * (h * (x3 - x2));
+        let dq = (b.q - a.q) * (6.0 * (x - x2) / h)
+            + a.slope * (3.0 * x2 - 4.0 * x + 1.0)
+            + b.slope * (3.0 * x2 - 2.0 * x);
+        let time_rate = (b.t - a.t) / h;
+        let time_rate = if time_rate > 0.5 { 1.0 } else { 0.0 };
+        Sample {
+            t: time_between(a, b, x),
+            time_rate,
+            q,
+            dq,
+            speed: speed_between(a, b, x),
+        }
+    }
+}
+
+/// Time on the path's clock at a share `x` of the way between two points, s.
+#[inline]
+fn time_between<const N: usize>(a: &Point<N>, b: &Point<N>, x: f64) -> f64 {
+    a.t + (b.t - a.t) * x
+}
+
+/// Fastest clock at a share `x` of the way between two points: its square changes evenly, as under constant braking.
+#[inline]
+fn speed_between<const N: usize>(a: &Point<N>, b: &Point<N>, x: f64) -> f64 {
+    (a.speed * a.speed * (1.0 - x) + b.speed * b.speed * x).sqrt()
+}
+
+/// A self-motion as (u, q): a quintic along the way, whose postures keep the pose.
+fn self_motion<const N: usize>(
+    request: &Request<'_, N>,
+    arm: &Kinematics<'_, N>,
+    from: &Point<N>,
+    way: &[SVector<f64, N>],
+) -> Vec<(f64, SVector<f64, N>)> {
+    let velocity = request.model.velocity();
+    let cap = |i: usize| (SPEED * velocity[i]).min(TURNING);
+    let lengths: Vec<f64> = way
+        .windows(2)
+        .map(|pair| {
+            (0..N).fold(0.0, |time: f64, i| {
+                time.max((pair[1][i] - pair[0][i]).abs() / cap(i))
+            })
+        })
+        .collect();
+    let whole: f64 = lengths.iter().sum();
+    let T = (1.875 * whole).max(0.1);
+    let X = arm.pose(&from.q);
+    let piece = |k: u32| {
+        let time = f64::from(k) / f64::from(PIECES);
+        let mut left = whole * crate::trajectory::quintic(time, 1.0)[0];
+        let mut q = way[way.len() - 1];
+        for (pair, length) in way.windows(2).zip(&lengths) {
+            if left <= *length {
+                q = pair[0] + (pair[1] - pair[0]) * (left / length.max(1e-12));
+                break;
+            }
+            left -= length;
+        }
+        (
+            from.u + T * time,
+            arm.solve(&X, &q, &SVector::zeros(), 0.0, SOLVED).0,
+        )
+    };
+    (1..=PIECES).map(piece).collect()
+}
+
+/// Times at which a route is nearest to a singular posture.
+pub(super) fn singular_times<const N: usize>(
+    request: &Request<'_, N>,
+    knots: &[Knot<N>],
+) -> Vec<f64> {
+    let Some(first) = knots.first() else {
+        return vec![];
+    };
+    let report = analyse(&mut request.analyzer.clone(), request.model, &first.q);
+    let p_EC = centre(request.model, &first.q, &report);
+    let arm = Kinematics {
+        model: request.model,
+        p_EC,
+        task: request.task,
+        length_m: request.length_m,
+    };
+    let sigma: Vec<f64> = knots
+        .iter()
+        .map(|knot| arm.spectrum(&knot.q).smallest())
+        .collect();
+    let lowest =
+        |i: usize| sigma[i] < SINGULAR && sigma[i] <= sigma[i - 1] && sigma[i] <= sigma[i + 1];
+    let refined = |i: usize| {
+        // Golden section between the neighbours, along the straight motion.
+        let (mut a, mut b) = (-1.0, 1.0);
+        let at = |x: f64| {
+            let other = &knots[if x < 0.0 { i - 1 } else { i + 1 }];
+            let q = knots[i].q + (other.q - knots[i].q) * x.abs();
+            (
+                knots[i].t + (other.t - knots[i].t) * x.abs(),
+                arm.spectrum(&q).smallest(),
+            )
+        };
+        for _ in 0..30 {
+            let (c, d) = (b - 0.618 * (b - a), a + 0.618 * (b - a));
+            if at(c).1 < at(d).1 { b = d } else { a = c }
+        }
+        at(0.5 * (a + b)).0
+    };
+    (1..knots.len().saturating_sub(1))
+        .filter(|i| lowest(*i))
+        .map(refined)
+        .take(8)
+        .collect()
+}

@@ -1,0 +1,130 @@
+//! The elbow of any arm with formulas: measure and Type 1 reference from two lengths and the angle between them.
+
+use super::axes::{frame, unit};
+use super::family::Posture;
+use crate::centre::PoseMotion;
+use crate::linear::{linear, stack};
+use crate::paper::type_1::Fold;
+use crate::types::{Class, Kind, Singularity};
+use model::Terms;
+use nalgebra::{SVector, Vector3};
+
+/// Damping of the feed-forward at the fold, on sin θ.
+const MU: f64 = 0.01;
+
+/// The elbow's singularity: ζᵀJ = −fold·sin θ·θ̇ modulo the other rows. Type 1: θ moves C along ζ at second order, by fold/2 per rad².
+///
+/// `zeta` unit, `towards` the second axis of its frame, both in B; `theta` rad from full stretch; `fold` = L2 L3/ρ, m; `row` the gradient of θ.
+#[inline]
+pub(super) fn measure<const N: usize>(
+    (zeta, towards): (&Vector3<f64>, &Vector3<f64>),
+    (theta, theta_rate): (f64, f64),
+    fold: f64,
+    row: SVector<f64, N>,
+) -> Singularity<N> {
+    let (sin, cos) = libm::sincos(theta);
+    Singularity {
+        kind: Kind::Elbow,
+        class: Class::Type1,
+        s: sin,
+        s_rate: cos * theta_rate,
+        zeta_B: stack(zeta, &Vector3::zeros()),
+        R_BS: frame(zeta, towards),
+        gain: -fold * sin,
+        aux: theta,
+        aux_rate: theta_rate,
+        aux_row: row,
+        kappa_1: fold,
+        ..Singularity::none()
+    }
+}
+
+/// cos θ that puts C at the desired place, and its rate (1/s): (|p_d|² − d² − L2² − L3²)/(2 L2 L3), d the share of p along the elbow's axis.
+pub(super) fn cosine(
+    S: &Vector3<f64>,
+    desired: &PoseMotion,
+    lengths: [f64; 2],
+    offset: f64,
+) -> [f64; 2] {
+    let (p_d, twice) = (desired.p - S, 2.0 * lengths[0] * lengths[1]);
+    let cos_d =
+        (p_d.norm_squared() - offset * offset - lengths[0] * lengths[0] - lengths[1] * lengths[1])
+            / twice;
+    [cos_d, 2.0 * p_d.dot(&linear(&desired.V)) / twice]
+}
+
+/// The elbow's fold.
+///
+/// |θ_d| = acos(c_d), its rate −ċ_d·s_d/(s_d² + μ²), s_d = sin |θ_d|, with c_d the cosine that the desired pose needs.
+///
+/// Units rad, rad/s · Ensures |θ_d| in [0, π], and `clipped` where |c_d| > 1 · Errors none
+pub(super) fn fold(theta: f64, [cos_d, cos_rate]: [f64; 2]) -> Fold {
+    // Rounding at the boundary itself is not a goal beyond it: 1e-7 is 0.02 µm.
+    let clipped = cos_d.abs() > 1.0 + 1e-7;
+    let size = libm::acos(cos_d.clamp(-1.0, 1.0));
+    let sin_d = libm::sin(size);
+    let rate = if clipped {
+        0.0
+    } else {
+        -cos_rate * sin_d / (sin_d * sin_d + MU * MU)
+    };
+    Fold {
+        x: theta,
+        size,
+        rate,
+        clipped,
+    }
+}
+
+/// The elbow of joint 4 between a shoulder's centre S, where axes 1 to 3 meet, and a wrist's centre C, where axes 5 to 7 do: joints 1 to 3 move C on a
+/// sphere about S, so that pᵀJ = −L2 L3 sin θ·e4 exactly, with p = C − S and all lengths in the plane normal to the elbow's axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct BetweenCentres {
+    /// C − S, m.
+    p: Vector3<f64>,
+    /// Lengths of upper arm and forearm, m.
+    lengths: [f64; 2],
+    /// Angle from full stretch, (−π, π].
+    theta: f64,
+    /// p along the elbow's axis, m.
+    offset: f64,
+}
+
+impl BetweenCentres {
+    pub(super) fn new<const N: usize>(
+        S: &Vector3<f64>,
+        terms: &Terms<N>,
+        C: &Vector3<f64>,
+    ) -> Self {
+        let (n, E) = (terms.z[3], terms.p[3]);
+        let across = |v: Vector3<f64>| v - n * n.dot(&v);
+        let (u, v) = (across(E - S), across(C - E));
+        Self {
+            p: C - S,
+            lengths: [u.norm(), v.norm()],
+            theta: libm::atan2(n.dot(&u.cross(&v)), u.dot(&v)),
+            offset: (C - S).dot(&n),
+        }
+    }
+
+    /// C cannot move along the line from S to it. Type 1.
+    pub(super) fn measure<const N: usize>(&self, at: &Posture<'_, N>) -> Singularity<N> {
+        let length = self.p.norm();
+        let zeta = if length > 1e-9 {
+            self.p / length
+        } else {
+            at.terms.z[2]
+        };
+        let fold = self.lengths[0] * self.lengths[1] / length.max(1e-9);
+        measure(
+            (&zeta, &at.terms.z[3]),
+            (self.theta, at.qdot[3]),
+            fold,
+            unit(3),
+        )
+    }
+
+    pub(super) fn cosine(&self, S: &Vector3<f64>, desired: &PoseMotion) -> [f64; 2] {
+        cosine(S, desired, self.lengths, self.offset)
+    }
+}

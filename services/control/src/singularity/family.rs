@@ -1,0 +1,292 @@
+//! The singularities of one arm: measures by formula where the arm has one, tracked by number everywhere else, and the references of their coordinates.
+//!
+//! | form | arms | by formula | tracked |
+//! |---|---|---|---|
+//! | [`Puma`] | PUMA 560 and its kin, by declared lengths | s = sin θ · sin q5 · R | |
+//! | [`ParallelAxes`] | Universal Robots and its kin, by the geometry of the axes | the same three factors | |
+//! | `Elbow` | KUKA iiwa and its kin: three axes meet in a shoulder, three in a wrist | the elbow | vector measures of the rest |
+//! | none | with spare joints: Panda, FR3, xArm 7, Gen3 | | vector measures |
+//! | none | any other | | signed singular values |
+//!
+//! The law depends on the type of a singularity, not on who measures it.
+
+use super::axes::{EXACT, in_general_position, meeting, three_meet};
+use super::elbow::{self, BetweenCentres};
+use super::geometry::Geometry;
+use super::parallel_axes::ParallelAxes;
+use super::puma::Puma;
+use super::reference;
+use super::screws::Screws;
+use super::tracked_svd::TrackedSvd;
+use super::tracker::{TRACKED, Tracker};
+use crate::centre::{AtCentre, PoseMotion};
+use crate::paper::reference::Memory;
+use crate::paper::type_1::Fold;
+use crate::paper::type_2::Direction;
+use crate::trajectory::Ahead;
+use crate::types::{Kind, Singularity};
+use model::{Factors, Model, Robot, Terms};
+use nalgebra::{SVector, Vector3, Vector6};
+use shared_types::scenario::Analysis;
+use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES};
+
+/// The arm at one tick.
+#[derive(Clone, Copy, Debug)]
+pub struct Posture<'a, const N: usize> {
+    /// Joint positions, rad.
+    pub q: &'a SVector<f64, N>,
+    /// Joint velocities, rad/s.
+    pub qdot: &'a SVector<f64, N>,
+    /// The model's terms at E.
+    pub terms: &'a Terms<N>,
+    /// Kinematics at C.
+    pub at: &'a AtCentre<N>,
+}
+
+/// The arm and its desired motion at one tick: all that a reference is computed from.
+#[derive(Clone, Copy, Debug)]
+pub struct Situation<'a, const N: usize> {
+    /// Joint positions, rad.
+    pub q: &'a SVector<f64, N>,
+    /// Joint velocities that the path needs, by the law's own solution, rad/s: a reference's rate follows from them and not from measured ones, whose
+    /// noise it would amplify near a singularity.
+    pub qdot_planned: &'a SVector<f64, N>,
+    /// The model's terms.
+    pub terms: &'a Terms<N>,
+    /// Kinematics at C.
+    pub at: &'a AtCentre<N>,
+    /// Desired motion of C.
+    pub desired: &'a PoseMotion,
+    /// Its twist if the clock ran at full speed.
+    pub V_nominal: &'a Vector6<f64>,
+    /// The rest of the path's leg.
+    pub ahead: &'a Ahead,
+    /// Pose error at C, `[p_d − p; log(R_d Rᵀ)]`.
+    pub error: &'a Vector6<f64>,
+    /// Lower joint limits, rad.
+    pub lower: &'a SVector<f64, N>,
+    /// Upper joint limits, rad.
+    pub upper: &'a SVector<f64, N>,
+    /// Largest auxiliary rate, rad/s.
+    pub rate_max: f64,
+    /// Whether the governor may slow the path down.
+    pub governed: bool,
+    /// Whether the goal is beyond reach, as the plan of the path has found.
+    pub clips: bool,
+}
+
+/// The singularities that an arm has by formula.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Form {
+    Puma(Puma),
+    ParallelAxes(ParallelAxes),
+    /// The elbow alone, between the shoulder's centre S (base axes, m) and the wrist's.
+    Elbow(Vector3<f64>),
+    None,
+}
+
+/// The singularities of one arm.
+///
+/// Ensures that each keeps its place for the whole run but where [`Tracker`] says so, that ζ_i, s_i and `aux` are continuous in q, and that nothing is
+/// allocated. `inside` and the thresholds are the analyzer's.
+#[derive(Clone, Debug)]
+pub struct Family<const N: usize> {
+    form: Form,
+    /// C on the last axis, from its origin, m; `None`: C is E.
+    offset: Option<f64>,
+    /// `None` where formulas give all, and for an arm with more task axes than joints, which is singular everywhere: nothing is reported.
+    tracker: Option<Tracker<N>>,
+}
+
+impl<const N: usize> Family<N> {
+    /// The singularities of `robot`: by declared lengths, by its geometry, else by number, as with `analysis.numeric`.
+    #[must_use]
+    pub fn of(robot: &Robot, analysis: &Analysis) -> Self {
+        let nothing = Self {
+            form: Form::None,
+            offset: None,
+            tracker: None,
+        };
+        let Ok(model) = Model::<N>::new(robot, None) else {
+            return nothing;
+        };
+        // Any posture without parallel axes.
+        let q = SVector::from_fn(|i, _| 0.3 + 0.37 * i as f64);
+        let terms = model.evaluate(&q, &SVector::zeros());
+        // C's position must not depend on a rotation that the task does not serve: only E itself may then be moved.
+        let offset = (meeting(&terms).0).filter(|_| robot.task.0[3..].iter().all(|served| *served));
+        // The formulas are those of the whole twist at C: a task that leaves a rotation free has other singularities.
+        let form = if analysis.numeric || !robot.task.is_full() {
+            Form::None
+        } else {
+            Form::of::<N>(robot)
+        };
+        let out = Self {
+            form,
+            offset,
+            ..nothing
+        };
+        let tracker = match form {
+            Form::Puma(_) | Form::ParallelAxes(_) => None,
+            _ => out.tracked(robot, analysis, &terms),
+        };
+        Self { tracker, ..out }
+    }
+
+    /// The tracker of the directions that no formula gives; `None` where there are more task axes than joints.
+    fn tracked(&self, robot: &Robot, analysis: &Analysis, terms: &Terms<N>) -> Option<Tracker<N>> {
+        let (rows, dof) = (robot.task.count(), robot.dof());
+        if rows == 0 || rows > dof {
+            return None;
+        }
+        let whole = TrackedSvd::new((0..6).filter(|k| robot.task.0[*k]), (0, dof));
+        let has_wrist = meeting(terms).1 && robot.task.is_full() && rows == dof;
+        let blocks = if has_wrist {
+            &[
+                TrackedSvd::new(0..3, (0, N - 3)),
+                TrackedSvd::new(3..6, (N - 3, N)),
+            ][..]
+        } else {
+            &[whole][..]
+        };
+        let S = (N == 7 && robot.task.is_full() && rows < dof)
+            .then(|| three_meet(terms, EXACT))
+            .flatten();
+        let [E, W, S_, X] = [Kind::Elbow, Kind::Wrist, Kind::Shoulder, Kind::Numeric];
+        let names = match self.form {
+            Form::Elbow(_) => &[W, S_, X][..],
+            _ if S.is_some() => &[E, W, S_, X],
+            _ if has_wrist => &[X, X, X, W],
+            _ if rows < dof => &[X; TRACKED][..rows.min(TRACKED)],
+            _ => &[X; MAX_SINGULARITIES][..rows.min(MAX_SINGULARITIES)],
+        };
+        let geometry = Geometry {
+            S,
+            elbow_apart: matches!(self.form, Form::Elbow(_)),
+        };
+        let C = self.centre(terms);
+        let at = AtCentre::new(terms, &C, &Vector3::zeros());
+        let arm = (Screws(at.J), C - S.unwrap_or_default());
+        let length_m = robot.length_m;
+        Some(Tracker::new(
+            &arm, geometry, blocks, length_m, analysis, names,
+        ))
+    }
+
+    /// A name of the form, and of how the rest is measured.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match (&self.form, &self.tracker) {
+            (Form::Puma(_), _) => "puma",
+            (Form::ParallelAxes(_), _) => "parallel axes",
+            (Form::Elbow(_), _) => "spherical shoulder",
+            (Form::None, Some(tracker)) if tracker.measures_vectors() => "redundant",
+            (Form::None, Some(_)) => "numeric",
+            (Form::None, None) => "deficient",
+        }
+    }
+
+    /// The point C of the end-effector link at which singularities are analysed. Shape 3; m; frame B.
+    #[must_use]
+    pub fn centre(&self, terms: &Terms<N>) -> Vector3<f64> {
+        self.offset.map_or(terms.X_BE.p, |offset| {
+            terms.p[N - 1] + terms.z[N - 1] * offset
+        })
+    }
+
+    /// Fills the singularities of a posture and returns how many there are, at most [`MAX_SINGULARITIES`].
+    ///
+    /// Requires finite numbers of one posture · Ensures what [`Singularity`] states · Cost bounded, no allocation.
+    pub fn measure(
+        &mut self,
+        posture: &Posture<'_, N>,
+        out: &mut [Singularity<N>; MAX_SINGULARITIES],
+    ) -> usize {
+        let first = match &self.form {
+            Form::Puma(arm) => arm.measure(posture, out),
+            Form::ParallelAxes(arm) => arm.measure(posture, out),
+            Form::Elbow(S) => {
+                out[0] = BetweenCentres::new(S, posture.terms, &posture.at.p).measure(posture);
+                1
+            }
+            Form::None => 0,
+        };
+        let tracker = self.tracker.as_mut();
+        first + tracker.map_or(0, |tracker| tracker.measure(posture, &mut out[first..]))
+    }
+
+    /// The coordinate of a Type 1 singularity as the desired pose needs it; `None`: ζ is held. Called for Type 1 only.
+    #[must_use]
+    pub fn fold(&self, s: &Singularity<N>, at: &Situation<'_, N>) -> Option<Fold> {
+        let cosine = match &self.form {
+            Form::Puma(arm) => arm.elbow_cosine(at),
+            Form::ParallelAxes(_) => ParallelAxes::elbow_cosine(at),
+            Form::Elbow(S) if s.kind == Kind::Elbow => {
+                BetweenCentres::new(S, at.terms, &at.at.p).cosine(S, at.desired)
+            }
+            _ => return reference::fold(s, at),
+        };
+        Some(elbow::fold(s.aux, cosine))
+    }
+
+    /// The direction of ζ that the desired motion needs; `None`: ζ is held. Called for Type 2 and mixed only.
+    #[must_use]
+    pub fn direction(
+        &self,
+        s: &Singularity<N>,
+        at: &Situation<'_, N>,
+        memory: &mut Memory,
+    ) -> Option<Direction> {
+        match &self.form {
+            Form::Puma(arm) => Some(arm.direction(s, at, memory)),
+            Form::ParallelAxes(_) => Some(ParallelAxes::direction(s, at, memory)),
+            _ => (self.tracker.as_ref())
+                .filter(|tracker| tracker.measures_vectors())
+                .and_then(|_| reference::direction(s, at, memory)),
+        }
+    }
+
+    /// The first place of the report from which on the singularities have codimension two or more: a self-motion leads around them, and the null
+    /// space is driven away from them.
+    #[must_use]
+    pub fn first_of_higher_codimension(&self) -> Option<usize> {
+        let tracker = self.tracker.as_ref().filter(|one| one.measures_vectors());
+        tracker.map(|_| usize::from(matches!(self.form, Form::Elbow(_))))
+    }
+
+    /// Writes what must survive a restart; nothing where everything is computed anew from each posture.
+    pub fn save(&self, out: &mut AnalyzerCheckpoint) {
+        if let Some(tracker) = &self.tracker {
+            tracker.save(out);
+        }
+    }
+
+    /// Takes up what [`save`](Self::save) has written.
+    pub fn restore(&mut self, from: &AnalyzerCheckpoint) {
+        if let Some(tracker) = &mut self.tracker {
+            tracker.restore(from);
+        }
+    }
+}
+
+impl Form {
+    fn of<const N: usize>(robot: &Robot) -> Self {
+        if let (Factors::Puma { a2, a3, d4 }, 6) = (robot.factors, N) {
+            return Self::Puma(Puma::new(a2, a3, d4));
+        }
+        if ParallelAxes::are_of::<N>(robot) {
+            return Self::ParallelAxes(ParallelAxes);
+        }
+        let centres = |terms: &Terms<N>| {
+            let (offset, spherical) = meeting(terms);
+            let S = three_meet(terms, EXACT)?;
+            offset
+                .filter(|_| spherical && N == 7)
+                .map(|offset| (S, offset))
+        };
+        let same = |one: &(Vector3<f64>, f64), two: &(Vector3<f64>, f64)| {
+            (one.0 - two.0).norm() < EXACT && (one.1 - two.1).abs() < EXACT
+        };
+        in_general_position(robot, centres, same).map_or(Self::None, |(S, _)| Self::Elbow(S))
+    }
+}
