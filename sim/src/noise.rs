@@ -18,7 +18,8 @@ fn unit(bits: u64) -> f64 {
 pub fn gaussian(seed: u64, tick: u64, channel: u64) -> f64 {
     let key = mix(mix(mix(seed) ^ tick) ^ channel);
     let [u_1, u_2] = [key, key ^ 0x5851_f42d_4c95_7f2d].map(|key| unit(mix(key)));
-    (-2.0 * libm::log(u_1)).sqrt() * libm::cos(TAU * u_2)
+    let (_, [cos]) = model::sincos(&[TAU * u_2]);
+    (-2.0 * libm::log(u_1)).sqrt() * cos
 }
 
 #[cfg(test)]

@@ -122,6 +122,7 @@ impl<const N: usize> Controller<N> {
             model
         };
         let mut state = State::begin(&rest, q_start, model.effort());
+        state.clock.rate = guide.first_speed();
         if obstacle.is_some() {
             state.refusal = Refusal::Route;
         }
@@ -150,7 +151,7 @@ impl<const N: usize> Controller<N> {
         self.obstacle.as_deref()
     }
 
-    /// A goal that no posture of the arm has, found before the first tick, in words.
+    /// A goal that no posture of the arm has, or a segment without a plan, found before the first tick, in words.
     #[must_use]
     pub fn warning(&self) -> Option<String> {
         beyond_reach::warning(&self.setup.guide)

@@ -84,6 +84,7 @@ pub(crate) struct Motion<const N: usize> {
 ///
 /// # Errors
 /// [`Refusal`] where the law has no torque: the state given stays as it was.
+#[inline(always)]
 fn tick<const N: usize>(
     setup: &Setup<N>,
     before: &State<N>,

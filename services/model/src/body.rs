@@ -4,6 +4,7 @@ use crate::joint::{Joint, JointKind};
 use crate::lanes::{PerJoint, Row, Space, V3, Vectors};
 use crate::pose::Pose;
 use crate::robot::Robot;
+use crate::sines::sincos;
 use crate::spatial::{Axes, LinkInertias};
 use nalgebra::{Matrix3, Vector3};
 use shared_types::MAX_DOF;
@@ -148,11 +149,8 @@ impl<const N: usize> Bodies<N> {
     #[inline(always)]
     pub(crate) fn outwards<R: Row<N>>(&self, q: R) -> Frames<R, N> {
         let (turns, slides) = self.kinds::<R>();
-        let (mut sin, mut cos, angles) = (PerJoint::ZERO, PerJoint::ZERO, (q * turns).store());
-        for i in 0..N {
-            (sin.0[i], cos.0[i]) = libm::sincos(angles.0[i]);
-        }
-        let (s, c) = (R::load(&sin), R::load(&cos));
+        let (sin, cos) = sincos(&(q * turns).store().0);
+        let (s, c) = (R::load(&PerJoint(sin)), R::load(&PerJoint(cos)));
         let (s_0, c_0) = (R::load(&self.sin_0), R::load(&self.cos_0));
         let (s, c) = (s * c_0 + c * s_0, c * c_0 - s * s_0);
         let (cos_twist, sin_twist) = (R::load(&self.cos_twist), R::load(&self.sin_twist));

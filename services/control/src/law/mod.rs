@@ -282,21 +282,27 @@ pub fn solve<const N: usize>(
     let rows = Rows::of(problem, engaged)?;
     let op = Operational::new(rows.J_T, rows.count, problem.A).map_err(|_| Refusal::Singular)?;
     let Gamma_0 = null_torque(problem.A, &problem.grad_V_0, problem.k_vq, problem.qdot);
-    let Gamma = op.torque(&op.force(&rows.acceleration), &Gamma_0);
     let mut own = op.not_caused(&rows.acceleration, rows.kept);
     for (k, one) in engaged.iter().enumerate() {
         own[rows.kept + k] *= 1.0 - one.beta;
     }
-    let null = op.torque(&op.force(&own), &Gamma_0);
-    let path = op.J_T * op.force(&rows.path);
+    let sides = SMatrix::<f64, N, 3>::from_columns(&[rows.acceleration, own, rows.path]);
+    let forces = op.force(&sides);
+    let [F, F_own, F_path] = std::array::from_fn(|k| forces.column(k).into_owned());
+    let null = op.torque(&F_own, &Gamma_0);
+    let path = op.J_T * F_path;
+    let motions = op.Jbar(&SMatrix::<f64, N, 2>::from_columns(&[
+        rows.velocity,
+        rows.feed,
+    ]));
     Ok(Torques {
         parts: Parts {
             null,
             path,
-            rest: Gamma - null - path,
+            rest: op.torque(&F, &Gamma_0) - null - path,
         },
-        qdot_nominal: op.Jbar(&rows.velocity),
-        qddot_path: op.Jbar(&rows.feed),
+        qdot_nominal: motions.column(0).into_owned(),
+        qddot_path: motions.column(1).into_owned(),
     })
 }
 

@@ -92,8 +92,7 @@ impl Clock {
         let mut demand = load.speed;
         let mut hardest = 1e3_f64;
         for i in 0..N {
-            // |holding + r²·following| ≤ 0.95·limit, at least a quarter of it left for following.
-            let room = (MARGIN * limits[i] - load.holding[i].abs()).max(0.25 * limits[i]);
+            let room = room(limits[i], load.holding[i]);
             demand = demand.max(MARGIN * (load.following[i].abs() / room).sqrt());
             hardest = hardest.min(BRAKE * limits[i] / load.braking[i].abs().max(1e-9));
         }
@@ -110,6 +109,12 @@ impl Clock {
         self.rate_dot = (next - self.rate) / dt;
         self.rate = next;
     }
+}
+
+/// Torque that is left for following the path beside what holds the arm: |holding + r²·following| ≤ 0.95·limit, at least a quarter of it; N·m.
+#[must_use]
+pub(crate) fn room(limit: f64, holding: f64) -> f64 {
+    (MARGIN * limit - holding.abs()).max(0.25 * limit)
 }
 
 /// Step 5: time goes on at the clock's speed, whose next one the demands of this tick decide.

@@ -27,7 +27,11 @@ const NEW: f64 = 1e-12;
 
 /// The factor L of a symmetric positive definite matrix LLᵀ, lower triangular.
 #[derive(Clone, Copy, Debug)]
-pub struct Cholesky<const N: usize>(SMatrix<f64, N, N>);
+pub struct Cholesky<const N: usize> {
+    L: SMatrix<f64, N, N>,
+    /// 1/L_ii: each solution then takes no quotient.
+    reciprocals: SVector<f64, N>,
+}
 
 impl<const N: usize> Cholesky<N> {
     /// Factors G, of which the lower half is read. Shape N×N · Cost O(N³), no allocation
@@ -37,14 +41,19 @@ impl<const N: usize> Cholesky<N> {
     #[inline]
     pub fn new(mut G: SMatrix<f64, N, N>) -> Result<Self, usize> {
         let whole = G.diagonal();
+        let mut reciprocals = SVector::zeros();
         for k in 0..N {
             let pivot = G[(k, k)];
             if pivot.is_nan() || pivot <= NEW * whole[k] {
                 return Err(k);
             }
-            let root = pivot.sqrt();
+            reciprocals[k] = 1.0 / pivot.sqrt();
             for i in 0..N {
-                G[(i, k)] = if i < k { 0.0 } else { G[(i, k)] / root };
+                G[(i, k)] = if i < k {
+                    0.0
+                } else {
+                    G[(i, k)] * reciprocals[k]
+                };
             }
             for j in k + 1..N {
                 let factor = G[(j, k)];
@@ -53,33 +62,36 @@ impl<const N: usize> Cholesky<N> {
                 }
             }
         }
-        Ok(Self(G))
+        Ok(Self { L: G, reciprocals })
     }
 
-    /// L⁻¹·b.
+    /// L⁻¹B. Row by row, so that the processor computes all columns at once.
     #[inline]
-    fn forward(&self, mut b: SVector<f64, N>) -> SVector<f64, N> {
+    fn forward<const K: usize>(&self, B: &SMatrix<f64, N, K>) -> SMatrix<f64, N, K> {
+        let mut x = B.transpose();
         for i in 0..N {
-            b[i] /= self.0[(i, i)];
+            let row = x.column(i) * self.reciprocals[i];
+            x.set_column(i, &row);
             for j in i + 1..N {
-                b[j] -= self.0[(j, i)] * b[i];
+                x.column_mut(j).axpy(-self.L[(j, i)], &row, 1.0);
             }
         }
-        b
+        x.transpose()
     }
 
-    /// The solution of LLᵀx = b.
+    /// The solution of LLᵀX = B.
     #[must_use]
     #[inline]
-    pub fn solve(&self, b: &SVector<f64, N>) -> SVector<f64, N> {
-        let mut x = self.forward(*b);
+    pub fn solve<const K: usize>(&self, B: &SMatrix<f64, N, K>) -> SMatrix<f64, N, K> {
+        let mut x = self.forward(B).transpose();
         for i in (0..N).rev() {
-            for j in i + 1..N {
-                x[i] -= self.0[(j, i)] * x[j];
+            let row = x.column(i) * self.reciprocals[i];
+            x.set_column(i, &row);
+            for j in 0..i {
+                x.column_mut(j).axpy(-self.L[(i, j)], &row, 1.0);
             }
-            x[i] /= self.0[(i, i)];
         }
-        x
+        x.transpose()
     }
 }
 
@@ -108,10 +120,7 @@ impl<const N: usize> Operational<N> {
         A: &SMatrix<f64, N, N>,
     ) -> Result<Self, OperationalError> {
         let A = Cholesky::new(*A).map_err(|_| OperationalError::MassMatrix)?;
-        let mut half = J_T;
-        for i in 0..count {
-            half.set_column(i, &A.forward(J_T.column(i).into_owned()));
-        }
+        let half = A.forward(&J_T);
         let mut inverse = half.tr_mul(&half);
         (count..N).for_each(|i| inverse[(i, i)] = 1.0);
         Ok(Self {
@@ -124,10 +133,10 @@ impl<const N: usize> Operational<N> {
     }
 
     /// The operational force that gives the rows the accelerations `a` less J̇q̇: F = Λa, Λ = (J A⁻¹ Jᵀ)⁻¹ symmetric positive definite.
-    /// Shape N, zero beyond the rows; N, N·m.
+    /// Shape N×K for K accelerations, zero beyond the rows; N, N·m.
     #[must_use]
     #[inline]
-    pub fn force(&self, a: &SVector<f64, N>) -> SVector<f64, N> {
+    pub fn force<const K: usize>(&self, a: &SMatrix<f64, N, K>) -> SMatrix<f64, N, K> {
         self.Lambda_inverse.solve(a)
     }
 
@@ -135,10 +144,10 @@ impl<const N: usize> Operational<N> {
     ///
     /// J̄ = A⁻¹JᵀΛ, Λ = (J A⁻¹ Jᵀ)⁻¹     [CK95 Eq. 4]
     ///
-    /// Shape N, zero beyond the rows → N · Ensures J·J̄ = 1, and the least kinetic energy
+    /// Shape N×K for K motions, zero beyond the rows → N×K · Ensures J·J̄ = 1, and the least kinetic energy
     #[must_use]
     #[inline]
-    pub fn Jbar(&self, x: &SVector<f64, N>) -> SVector<f64, N> {
+    pub fn Jbar<const K: usize>(&self, x: &SMatrix<f64, N, K>) -> SMatrix<f64, N, K> {
         self.A.solve(&(self.J_T * self.force(x)))
     }
 
@@ -162,9 +171,9 @@ impl<const N: usize> Operational<N> {
     #[must_use]
     #[inline]
     pub fn not_caused(&self, a: &SVector<f64, N>, kept: usize) -> SVector<f64, N> {
-        let mut y = self.Lambda_inverse.forward(*a);
+        let mut y = self.Lambda_inverse.forward(a);
         (0..kept).for_each(|i| y[i] = 0.0);
-        self.Lambda_inverse.0 * y
+        self.Lambda_inverse.L * y
     }
 }
 

@@ -11,9 +11,9 @@
 //! **By which cost.** The time that the motion takes at 0.8 of the speed limits, raised near joint limits and near singular postures, and a price for
 //! every stop and every deviation.
 //!
-//! **When it gives up.** After 30,000 steps, or with a layer that has no posture. A first search without further ways is enough where its route costs no
-//! more than 1.15 times the path; else a second one adds layers where that route is nearest to a singular posture, and the cheaper route is kept.
-//! [`Infeasible`] gives the reason otherwise.
+//! **When it gives up.** After 30,000 steps in a leg, or with a layer that has no posture. A first search without further ways is enough where its
+//! route costs no more than 1.15 times the path; else a second one adds layers where that route is nearest to a singular posture, and the cheaper route
+//! is kept. [`Infeasible`] gives the reason otherwise; where the search has decided nothing, the legs before are planned ([`Short::NotFound`]).
 //!
 //! The route's own clock u runs as the path's does, but also while the path waits ([`schedule`]). PURE and deterministic; allocates.
 
@@ -25,12 +25,12 @@ pub(crate) mod scenario;
 mod schedule;
 
 pub use request::{Request, Turning};
-pub use schedule::{PathPlan, Sample};
+pub use schedule::{PathPlan, Sample, Short};
 
 use crate::singularity::analyzer::Analyzer;
 use crate::trajectory::{Leg, Progress};
 use crate::types::{Kind, Report};
-use kinematics::Kinematics;
+use kinematics::{Kinematics, LOCKED};
 use model::{Model, Pose};
 use nalgebra::{SVector, Vector3};
 use request::{analyse, centre};
@@ -148,37 +148,73 @@ pub fn remedy<const N: usize>(request: &Request<'_, N>) -> Option<Remedy<N>> {
     })
 }
 
-/// A plan for the whole path, or as far as it lies within reach.
+/// A plan for the whole path, or as far as it lies within reach, or as far as one was found.
 ///
 /// # Errors
 /// [`Infeasible`] where no continuous motion within the limits follows the path. A leg whose goal is beyond reach is no such case: the plan ends
-/// where that leg begins.
+/// where that leg begins. So does a leg for which the search has decided nothing, unless two directions are lost in the start posture of an arm
+/// with spare joints: out of such a start the law leads the arm far off.
 pub fn plan<const N: usize>(request: &Request<'_, N>) -> Result<PathPlan<N>, Infeasible> {
     let quick = attempt(request, false, &[]);
     if quick.as_ref().is_ok_and(PathPlan::is_easy) {
-        return quick.map_err(|(error, _)| error);
+        return quick.map_err(|failed| failed.why);
     }
     let times = match &quick {
         Ok(plan) => plan.singular_times(request),
-        Err((_, knots)) => schedule::singular_times(request, knots),
+        Err(failed) => schedule::singular_times(request, &failed.knots),
     };
     // An absent joint moves nothing, and is no spare one.
     let J = request.model.jacobian(&request.q_start);
     let joints = J.column_iter().filter(|column| column.amax() > 0.0).count();
     let redundant = joints > request.task.iter().filter(|counts| **counts).count();
-    if times.is_empty() && !redundant {
-        return quick.map_err(|(error, _)| error);
+    let second = if times.is_empty() && !redundant {
+        Err(None)
+    } else {
+        attempt(request, redundant, &times).map_err(Some)
+    };
+    let (failed, other) = match (quick, second) {
+        (Ok(one), Ok(two)) => return Ok(if two.cost() < one.cost() { two } else { one }),
+        (Ok(one), Err(_)) | (Err(_), Ok(one)) => return Ok(one),
+        (Err(one), Err(two)) => (one, two),
+    };
+    let legs = |failed: &Failed<N>| failed.before.legs();
+    let failed = match other {
+        Some(other) if legs(&other) >= legs(&failed) => other,
+        _ => failed,
+    };
+    // Spare joints have more routes than a search tries.
+    let undecided = match failed.why.obstacle {
+        Obstacle::Undecided => true,
+        Obstacle::Discontinuous => redundant,
+        _ => false,
+    };
+    if undecided && !(legs(&failed) == 0 && redundant && loses_two(request)) {
+        return Ok(failed.before);
     }
-    match (quick, attempt(request, redundant, &times)) {
-        (Ok(one), Ok(two)) => Ok(if two.cost() < one.cost() { two } else { one }),
-        (Ok(one), Err(_)) => Ok(one),
-        (Err(_), Ok(two)) => Ok(two),
-        (Err(_), Err((error, _))) => Err(error),
-    }
+    Err(failed.why)
 }
 
-/// A plan that was not found, and the knots of the route that came furthest.
-type Failed<const N: usize> = (Infeasible, Vec<Knot<N>>);
+/// Whether two directions are lost in the start posture.
+fn loses_two<const N: usize>(request: &Request<'_, N>) -> bool {
+    let arm = Kinematics {
+        model: request.model,
+        p_EC: Vector3::zeros(),
+        task: request.task,
+        length_m: request.length_m,
+    };
+    let spectrum = arm.spectrum(&request.q_start);
+    spectrum
+        .sigma
+        .get(spectrum.free + 1)
+        .is_some_and(|second| *second < LOCKED)
+}
+
+/// A plan that was not found: why, the knots of the route that came furthest, and the plan of the legs before.
+struct Failed<const N: usize> {
+    why: Infeasible,
+    knots: Vec<Knot<N>>,
+    before: PathPlan<N>,
+}
 
 /// One search; `times` are further layers, on the path's clock.
 fn attempt<const N: usize>(
@@ -191,22 +227,19 @@ fn attempt<const N: usize>(
         if let Some((place, angle)) = leg.reorient {
             route.turn(&leg, (place, angle));
         } else if !route.follow(&leg, fan, times) {
-            let Some(infeasible) = route.infeasible(&leg) else {
-                // Beyond reach: the controller clips the goal to the boundary, and reports it.
-                break;
+            let Some(why) = route.infeasible(&leg) else {
+                // The controller clips the goal to the boundary, and reports it.
+                return Ok(route.planned(Some(Short::BeyondReach)));
             };
-            return Err((infeasible, route.search.chain(route.search.deepest())));
+            return Err(Failed {
+                why,
+                knots: route.search.chain(route.search.deepest()),
+                before: route.planned(Some(Short::NotFound)),
+            });
         }
         route.end_leg(&leg);
     }
-    let node = route.best();
-    Ok(PathPlan::new(
-        request,
-        &route.arm,
-        &route.search.chain(node),
-        &route.ends,
-        route.search.node(node).cost,
-    ))
+    Ok(route.planned(None))
 }
 
 /// The routes of one search, up to the beginning of a leg.
@@ -273,6 +306,14 @@ impl<'a, const N: usize> Route<'a, N> {
     /// The cheapest posture from which the leg begins.
     fn best(&self) -> usize {
         self.search.best(&self.layer).unwrap_or_default()
+    }
+
+    /// The plan of the legs before the present one.
+    fn planned(&self, short: Option<Short>) -> PathPlan<N> {
+        let node = self.best();
+        let knots = self.search.chain(node);
+        let cost = self.search.node(node).cost;
+        PathPlan::new(&self.request, &self.arm, &knots, &self.ends, cost, short)
     }
 
     /// The desired pose of C as a function of the time within the leg, s.

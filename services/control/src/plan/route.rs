@@ -21,8 +21,8 @@ const STRAIGHT: f64 = 1e-4;
 const SHORTEST: f64 = 1e-7;
 /// Most knots between two layers.
 const KNOTS: usize = 150;
-/// Most steps of a search: about 30 µs each, so that the two searches of a plan end within 2 s on a core of their own.
-const BUDGET: u32 = 30_000;
+/// Most steps of a search for each leg, and for all of them: about 30 µs each, so that the two searches of a leg end within 2 s on a core of their own.
+const BUDGET: (u32, u32) = (30_000, 300_000);
 /// Most postures kept in a layer.
 const WIDTH: usize = 20;
 /// Postures nearer to each other than this are one, rad.
@@ -136,7 +136,9 @@ pub(super) struct Search<'a, const N: usize> {
     bounds: Bounds<N>,
     nodes: Vec<Node<N>>,
     pub(super) furthest: Option<Furthest<N>>,
+    /// Steps taken in the present leg, and in those before it.
     spent: Cell<u32>,
+    spent_before: u32,
 }
 
 impl<'a, const N: usize> Search<'a, N> {
@@ -158,12 +160,14 @@ impl<'a, const N: usize> Search<'a, N> {
             nodes: vec![start],
             furthest: None,
             spent: Cell::new(0),
+            spent_before: 0,
         }
     }
 
     /// Whether the search ended before it had tried everything.
     pub(super) fn is_exhausted(&self) -> bool {
-        self.spent.get() > BUDGET
+        let spent = self.spent.get();
+        spent > BUDGET.0 || spent + self.spent_before > BUDGET.1
     }
 
     /// The posture furthest along the path.
@@ -218,6 +222,7 @@ impl<'a, const N: usize> Search<'a, N> {
 
     /// Follows a leg from the layer `from`; returns the layer at its end, empty where no route leads there.
     pub(super) fn leg(&mut self, leg: &Stretch<'_, N>, from: &[usize]) -> Vec<usize> {
+        self.spent_before += self.spent.take();
         let mut layer = from.to_vec();
         for node in &mut layer {
             self.nodes[*node].heading = SVector::zeros();

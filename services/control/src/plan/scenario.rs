@@ -1,6 +1,7 @@
 //! The path plan of a scenario: made when a controller is, put into words where there is none (+).
 
-use crate::plan::kinematics::{Kinematics, LOCKED};
+use crate::plan::route::SPEED;
+use crate::plan::schedule::SLOWEST;
 use crate::plan::{Infeasible, Obstacle, PathPlan, Remedy, Request, plan, remedy};
 use crate::singularity::analyzer::Analyzer;
 use crate::singularity::turning::turning;
@@ -8,7 +9,7 @@ use crate::trajectory::Path;
 use crate::turn_plan::{self, Room};
 use crate::types::Report;
 use model::{JointKind, Model, Robot};
-use nalgebra::{SVector, Vector3};
+use nalgebra::SVector;
 use shared_types::scenario::{Goal, Scenario};
 
 /// The plan of the whole path, where the law uses one: under our own laws with the governor on.
@@ -58,45 +59,22 @@ pub(crate) fn route_ahead<const N: usize>(
     if let Some(why) = too_heavy(model, robot, q_start, "in its start posture") {
         return Err(why + ": start in a posture that takes less torque");
     }
-    // Spare joints have more routes than a search tries.
-    let redundant = robot.dof() > robot.task.count();
-    match plan(&request) {
-        Ok(plan) => {
-            let heavy = plan
-                .postures()
-                .find_map(|(t, q)| too_heavy(model, robot, q, &format!("at {t:.2} s of its path")));
-            heavy.map_or(Ok(Some(plan)), |why| {
-                Err(why + ": lead the path nearer to the base, or start in another posture")
-            })
-        }
-        // The poses are within reach: the law decides as it goes. Not so from where two directions are lost: out of such a start it leads the arm far off.
-        Err(Infeasible {
-            obstacle: Obstacle::Undecided,
-            ..
-        }) if !(redundant && loses_two(&request)) => Ok(None),
-        Err(Infeasible {
-            obstacle: Obstacle::Discontinuous,
-            ..
-        }) if redundant && !loses_two(&request) => Ok(None),
-        Err(infeasible) => {
-            Err(words(robot, &infeasible) + &help(robot, scenario, remedy(&request)))
-        }
+    let plan = plan(&request)
+        .map_err(|error| words(robot, &error) + &help(robot, scenario, remedy(&request)))?;
+    let (fastest, time_s) = plan.fastest();
+    if fastest < SLOWEST {
+        return Err(format!(
+            "the path is too fast: at {time_s:.4} s it would take {:.0} times the joints' speed limits: give that segment {:.0} times its duration",
+            SPEED / fastest,
+            (1.0 / fastest).ceil()
+        ));
     }
-}
-
-/// Whether two directions are lost in the start posture.
-fn loses_two<const N: usize>(request: &Request<'_, N>) -> bool {
-    let arm = Kinematics {
-        model: request.model,
-        p_EC: Vector3::zeros(),
-        task: request.task,
-        length_m: request.length_m,
-    };
-    let spectrum = arm.spectrum(&request.q_start);
-    spectrum
-        .sigma
-        .get(spectrum.free + 1)
-        .is_some_and(|second| *second < LOCKED)
+    let heavy = plan
+        .postures()
+        .find_map(|(t, q)| too_heavy(model, robot, q, &format!("at {t:.2} s of its path")));
+    heavy.map_or(Ok(Some(plan)), |why| {
+        Err(why + ": lead the path nearer to the base, or start in another posture")
+    })
 }
 
 /// A joint whose torque limit does not hold the arm against gravity, in words.

@@ -3,12 +3,17 @@
 use super::kinematics::{Kinematics, SOLVED};
 use super::request::{Request, analyse, centre};
 use super::route::{Knot, SPEED};
+use crate::limits::clock;
+use crate::trajectory::Progress;
+use model::Pose;
 use nalgebra::SVector;
 
 /// Share of the torque limits that slowing the clock down may take.
 const BRAKE: f64 = 0.175;
+/// Most that the clock slows down by, 1/s: what it follows with its lag.
+const HARDEST: f64 = 10.0;
 /// Slowest clock that is planned.
-const SLOWEST: f64 = 0.005;
+pub(super) const SLOWEST: f64 = 0.005;
 /// Fastest joint of a self-motion, rad/s.
 const TURNING: f64 = 2.0;
 /// Knots of a self-motion.
@@ -30,14 +35,27 @@ struct Point<const N: usize> {
     speed: f64,
 }
 
+/// Why a plan ends before its path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Short {
+    /// The goal of the next leg is beyond reach.
+    BeyondReach,
+    /// The search has decided nothing about the next leg.
+    NotFound,
+}
+
 /// Postures for the path, and the clock that runs along them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathPlan<const N: usize> {
     points: Vec<Point<N>>,
     /// Legs that are planned.
     legs: usize,
+    /// Why they are not all.
+    short: Option<Short>,
     cost: f64,
     duration_s: f64,
+    /// Fastest clock at which the joints can follow the regular part of the path, and the time there, s.
+    fastest: (f64, f64),
 }
 
 /// The route at one moment of its clock.
@@ -62,6 +80,7 @@ impl<const N: usize> PathPlan<N> {
         knots: &[Knot<N>],
         ends: &[f64],
         cost: f64,
+        short: Option<Short>,
     ) -> Self {
         let mut points: Vec<Point<N>> = Vec::with_capacity(knots.len());
         let point = |u: f64, t: f64, q: SVector<f64, N>| Point {
@@ -136,18 +155,20 @@ impl<const N: usize> PathPlan<N> {
         let mut plan = Self {
             points,
             legs: ends.len(),
+            short,
             cost,
             duration_s,
+            fastest: (f64::INFINITY, 0.0),
         };
-        plan.limit_speed(request, &stops);
+        plan.limit_speed(request, &stops, ends);
         plan
     }
 
-    fn limit_speed(&mut self, request: &Request<'_, N>, stops: &[usize]) {
+    fn limit_speed(&mut self, request: &Request<'_, N>, stops: &[usize], ends: &[f64]) {
         let (velocity, effort) = (*request.model.velocity(), *request.model.effort());
         let mut analyzer = request.analyzer.clone();
         for i in 0..self.points.len() {
-            let Point { q, slope, u, .. } = self.points[i];
+            let Point { q, slope, u, t, .. } = self.points[i];
             let report = analyse(&mut analyzer, request.model, &q);
             let mean = self
                 .points
@@ -161,7 +182,17 @@ impl<const N: usize> PathPlan<N> {
                         share.max(s.aux_row.dot(&rate).abs() / request.rate_max.of(s.kind.code()));
                 }
             }
-            self.points[i].speed = (SPEED / share.max(1e-9)).clamp(SLOWEST, 1.0);
+            let mut speed = SPEED / share.max(1e-9);
+            // In a neighbourhood the law does not follow the route's every corner.
+            if report.listed().iter().all(|s| s.s.abs() >= s.eta_out) {
+                if speed < self.fastest.0 {
+                    self.fastest = (speed, t);
+                }
+                if let Some(next) = self.points.get(i + 1) {
+                    speed = speed.min(by_torque(request, ends, (t, &q), (next.t, &next.q)));
+                }
+            }
+            self.points[i].speed = speed.clamp(SLOWEST, 1.0);
         }
         for stop in stops {
             self.points[*stop].speed = SLOWEST;
@@ -169,7 +200,7 @@ impl<const N: usize> PathPlan<N> {
         for i in (0..self.points.len().saturating_sub(1)).rev() {
             let (here, next) = (self.points[i], self.points[i + 1]);
             let push = request.model.mass_matrix(&here.q) * here.slope;
-            let hardest = (0..N).fold(50.0_f64, |hardest, j| {
+            let hardest = (0..N).fold(HARDEST, |hardest, j| {
                 hardest.min(BRAKE * effort[j] / push[j].abs().max(1e-9))
             });
             let bound = (next.speed * next.speed + 2.0 * hardest * (next.u - here.u)).sqrt();
@@ -192,6 +223,17 @@ impl<const N: usize> PathPlan<N> {
     #[must_use]
     pub fn legs(&self) -> usize {
         self.legs
+    }
+
+    /// Why they are not all.
+    #[must_use]
+    pub fn short(&self) -> Option<Short> {
+        self.short
+    }
+
+    /// Fastest clock at which the joints can follow the regular part of the path, and the time there on the path's clock, s.
+    pub(super) fn fastest(&self) -> (f64, f64) {
+        self.fastest
     }
 
     pub(super) fn cost(&self) -> f64 {
@@ -240,11 +282,18 @@ impl<const N: usize> PathPlan<N> {
             .map_or_else(|| self.time_beyond(u), |(a, b, x)| time_between(a, b, x))
     }
 
-    /// Fastest that the route's clock may run at `u` of it: that of [`at`](Self::at).
+    /// Fastest that the route's clock may run anywhere between two of its times.
     #[must_use]
-    pub fn speed(&self, u: f64) -> f64 {
-        self.about(u)
-            .map_or(1.0, |(a, b, x)| speed_between(a, b, x))
+    pub fn speed(&self, from: f64, to: f64) -> f64 {
+        let at = |u: f64| {
+            self.about(u)
+                .map_or(1.0, |(a, b, x)| speed_between(a, b, x))
+        };
+        let first = self.points.partition_point(|point| point.u <= from);
+        self.points[first..]
+            .iter()
+            .take_while(|point| point.u < to)
+            .fold(at(from).min(at(to)), |least, point| least.min(point.speed))
     }
 
     /// Time on the path's clock beyond the route's end, s: both clocks go on together.
@@ -288,6 +337,39 @@ impl<const N: usize> PathPlan<N> {
             speed: speed_between(a, b, x),
         }
     }
+}
+
+/// Fastest clock at which the torques follow the time law of a leg from one posture to the next, each with its time on the path's clock, s.
+///
+/// At the clock's speed r a leg of the time law s(t) takes the torque r²·M·dq/ds·s̈ beside what holds the arm and what its bends take.
+fn by_torque<const N: usize>(
+    request: &Request<'_, N>,
+    ends: &[f64],
+    (t, q): (f64, &SVector<f64, N>),
+    (t_next, q_next): (f64, &SVector<f64, N>),
+) -> f64 {
+    let leg = ends.partition_point(|end| *end <= 0.5 * (t + t_next));
+    let from_s = leg.checked_sub(1).map_or(0.0, |before| ends[before]);
+    let law = |t: f64| {
+        let time_s = t - from_s;
+        request.path.fraction(&Progress {
+            leg,
+            time_s,
+            ..Progress::at(Pose::identity())
+        })
+    };
+    let ([s, _, a], [s_next, _, a_next]) = (law(t), law(t_next));
+    if (s_next - s).abs() < 1e-9 {
+        return f64::INFINITY;
+    }
+    let model = request.model;
+    let following =
+        model.mass_matrix(q) * (q_next - q) * (a.abs().max(a_next.abs()) / (s_next - s));
+    let (gravity, effort) = (model.gravity(q), model.effort());
+    (0..N).fold(f64::INFINITY, |fastest, i| {
+        let room = clock::room(effort[i], gravity[i]);
+        fastest.min((room / following[i].abs().max(1e-9)).sqrt())
+    })
 }
 
 /// Time on the path's clock at a share `x` of the way between two points, s.

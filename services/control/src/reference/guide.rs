@@ -4,7 +4,7 @@
 
 use crate::paper::reference::Target;
 use crate::paper::type_1::SIDE_CHANGE;
-use crate::plan::{PathPlan, Sample};
+use crate::plan::{PathPlan, Sample, Short};
 use crate::types::{Mode, Singularity};
 use nalgebra::SVector;
 
@@ -49,7 +49,21 @@ impl<const N: usize> Guide<N> {
     #[must_use]
     pub fn beyond_reach(&self) -> Option<(usize, SVector<f64, N>)> {
         let plan = self.plan.as_ref()?;
-        (plan.legs() < self.legs).then(|| (plan.legs(), plan.at(plan.duration_s()).q))
+        let ends = plan.short() == Some(Short::BeyondReach);
+        ends.then(|| (plan.legs(), plan.at(plan.duration_s()).q))
+    }
+
+    /// The leg from which on no route was found.
+    #[must_use]
+    pub fn not_found(&self) -> Option<usize> {
+        let plan = self.plan.as_ref()?;
+        (plan.short() == Some(Short::NotFound)).then(|| plan.legs())
+    }
+
+    /// Fastest clock to begin with, 1 without a plan.
+    #[must_use]
+    pub fn first_speed(&self) -> f64 {
+        self.speed(self.at(0, 0.0).as_ref(), 0.0, 1.0)
     }
 
     /// Whether the leg of this index is one whose goal is beyond reach, or comes after it.
@@ -102,7 +116,7 @@ impl<const N: usize> Guide<N> {
     #[inline]
     pub fn speed(&self, planned: Option<&Sample<N>>, route_s: f64, clock: f64) -> f64 {
         match (&self.plan, planned) {
-            (Some(plan), Some(now)) => now.speed.min(plan.speed(route_s + clock * LAG_S)),
+            (Some(plan), Some(_)) => plan.speed(route_s, route_s + clock * LAG_S),
             _ => 1.0,
         }
     }
