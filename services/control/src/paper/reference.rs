@@ -9,7 +9,7 @@ pub struct Memory {
     pub side: f64,
     /// Passing through with ζ off the direction of travel.
     pub passing: bool,
-    /// The desired motion does not depend on ζ.
+    /// The desired motion does not depend on ζ; at a fold, the goal slides along the boundary.
     pub holding: bool,
     /// Angle of the auxiliary coordinate while passing through, rad.
     pub passage: f64,

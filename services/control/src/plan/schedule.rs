@@ -69,8 +69,6 @@ pub struct Sample<const N: usize> {
     pub q: SVector<f64, N>,
     /// Its rate per unit of the route's clock, rad/s.
     pub dq: SVector<f64, N>,
-    /// Fastest that the route's clock may run.
-    pub speed: f64,
 }
 
 impl<const N: usize> PathPlan<N> {
@@ -314,7 +312,6 @@ impl<const N: usize> PathPlan<N> {
                 time_rate: 1.0,
                 q,
                 dq: SVector::zeros(),
-                speed: 1.0,
             };
         };
         let h = b.u - a.u;
@@ -334,7 +331,6 @@ impl<const N: usize> PathPlan<N> {
             time_rate,
             q,
             dq,
-            speed: speed_between(a, b, x),
         }
     }
 }
