@@ -20,8 +20,8 @@ const UP: f64 = 0.080;
 const SMOOTH: f64 = 0.008;
 /// How far a rising demand is extrapolated, s: about as long as the clock takes to come down.
 const LEAD: f64 = 0.060;
-/// Time constant of the low-pass that a rise is measured against, s: the noise of a measured speed is no rise.
-const RISE: f64 = 0.010;
+/// Demand below which a change is noise, and no rise.
+const QUIET: f64 = 0.25;
 /// Share of the torque limits that changing the clock's speed may take.
 const BRAKE: f64 = 0.35;
 
@@ -47,7 +47,7 @@ pub struct Clock {
     pub rate: f64,
     /// Its change, 1/s.
     pub rate_dot: f64,
-    /// Low-passed demand.
+    /// Demand at the tick before.
     pub demand: f64,
     /// Time on the path since the start, s.
     pub path_s: f64,
@@ -98,8 +98,8 @@ impl Clock {
             demand = demand.max(MARGIN * (load.following[i].abs() / room).sqrt());
             hardest = hardest.min(BRAKE * limits[i] / load.braking[i].abs().max(1e-9));
         }
-        let rising = ((demand - self.demand) / (RISE + dt)).max(0.0);
-        self.demand += (demand - self.demand) * dt / (RISE + dt);
+        let rising = ((demand.max(QUIET) - self.demand.max(QUIET)) / dt).max(0.0);
+        self.demand = demand;
         let target = MARGIN / (demand + LEAD * rising).max(1e-9);
         // The plan knows of places that need a slower clock than any demand measured so far.
         let slowest = SLOWEST.min(load.planned);

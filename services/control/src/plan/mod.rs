@@ -234,7 +234,7 @@ fn attempt<const N: usize>(
             return Err(Failed {
                 why,
                 knots: route.search.chain(route.search.deepest()),
-                before: route.planned(Some(Short::NotFound)),
+                before: route.planned_before(),
             });
         }
         route.end_leg(&leg);
@@ -314,6 +314,29 @@ impl<'a, const N: usize> Route<'a, N> {
         let knots = self.search.chain(node);
         let cost = self.search.node(node).cost;
         PathPlan::new(&self.request, &self.arm, &knots, &self.ends, cost, short)
+    }
+
+    /// The plan of the legs before the present one, for which no route is found: as far as they end in a regular posture. How a singular one is left
+    /// depends on the leg after it.
+    fn planned_before(&self) -> PathPlan<N> {
+        let node = self.best();
+        let mut knots = self.search.chain(node);
+        let mut legs = self.ends.len();
+        while let Some(before) = legs.checked_sub(1) {
+            knots.retain(|knot| knot.t <= self.ends[before] + 1e-9);
+            let is_regular =
+                |knot: &Knot<N>| self.arm.spectrum(&knot.q).smallest() > schedule::SINGULAR;
+            if knots.last().is_some_and(is_regular) {
+                break;
+            }
+            legs = before;
+        }
+        if legs == 0 {
+            knots.truncate(1);
+        }
+        let (ends, cost) = (&self.ends[..legs], self.search.node(node).cost);
+        let short = Some(Short::NotFound);
+        PathPlan::new(&self.request, &self.arm, &knots, ends, cost, short)
     }
 
     /// The desired pose of C as a function of the time within the leg, s.
@@ -422,14 +445,14 @@ impl<'a, const N: usize> Route<'a, N> {
             q: request.q_start,
             block: Block::End,
         });
-        if !self.search.is_exhausted() && !reachable(arm, &goal, &far.q) {
+        if !self.search.is_undecided() && !reachable(arm, &goal, &far.q) {
             return None;
         }
         let beyond = pose((far.t - self.from_s + 0.01 * leg.duration_s).min(leg.duration_s));
         let error = arm.error(&goal, &pose(far.t - self.from_s));
         let left = arm.excess(&error, &goal.R, request.position_m, request.orientation_rad);
         let obstacle = match far.block {
-            _ if self.search.is_exhausted() || left < ARRIVED => Obstacle::Undecided,
+            _ if self.search.is_undecided() || left < ARRIVED => Obstacle::Undecided,
             Block::Limit { joint, value } => {
                 let (low, high) = (request.model.lower()[joint], request.model.upper()[joint]);
                 Obstacle::Limit {

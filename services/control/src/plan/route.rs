@@ -164,6 +164,11 @@ impl<'a, const N: usize> Search<'a, N> {
         }
     }
 
+    /// Whether a dead end proves nothing: the search has given up, or the routes with which the leg began are a choice among many.
+    pub(super) fn is_undecided(&self) -> bool {
+        self.spent.get() + self.spent_before > BUDGET.0
+    }
+
     /// Whether the search ended before it had tried everything.
     pub(super) fn is_exhausted(&self) -> bool {
         let spent = self.spent.get();

@@ -1,6 +1,5 @@
 //! The path plan of a scenario: made when a controller is, put into words where there is none (+).
 
-use crate::plan::route::SPEED;
 use crate::plan::schedule::SLOWEST;
 use crate::plan::{Infeasible, Obstacle, PathPlan, Remedy, Request, plan, remedy};
 use crate::singularity::analyzer::Analyzer;
@@ -61,12 +60,11 @@ pub(crate) fn route_ahead<const N: usize>(
     }
     let plan = plan(&request)
         .map_err(|error| words(robot, &error) + &help(robot, scenario, remedy(&request)))?;
-    let (fastest, time_s) = plan.fastest();
+    let (segment, fastest) = plan.fastest(model.velocity());
     if fastest < SLOWEST {
         return Err(format!(
-            "the path is too fast: at {time_s:.4} s it would take {:.0} times the joints' speed limits: give that segment {:.0} times its duration",
-            SPEED / fastest,
-            (1.0 / fastest).ceil()
+            "segment {segment} is too short: at the speeds of the joints it takes at least {:.0} times its duration",
+            1.0 / fastest
         ));
     }
     let heavy = plan

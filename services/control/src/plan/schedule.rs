@@ -19,7 +19,7 @@ const TURNING: f64 = 2.0;
 /// Knots of a self-motion.
 const PIECES: u32 = 24;
 /// σ below which a knot is singular enough for the path to wait there.
-const SINGULAR: f64 = 0.05;
+pub(super) const SINGULAR: f64 = 0.05;
 /// Shortest step of the route's clock, s.
 const SHORTEST_S: f64 = 1e-7;
 
@@ -48,14 +48,12 @@ pub enum Short {
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathPlan<const N: usize> {
     points: Vec<Point<N>>,
-    /// Legs that are planned.
-    legs: usize,
+    /// Times at which the legs that are planned end, on the path's clock, s.
+    ends: Vec<f64>,
     /// Why they are not all.
     short: Option<Short>,
     cost: f64,
     duration_s: f64,
-    /// Fastest clock at which the joints can follow the regular part of the path, and the time there, s.
-    fastest: (f64, f64),
 }
 
 /// The route at one moment of its clock.
@@ -152,21 +150,20 @@ impl<const N: usize> PathPlan<N> {
         let duration_s = points.last().map_or(0.0, |last| last.u);
         let mut plan = Self {
             points,
-            legs: ends.len(),
+            ends: ends.to_vec(),
             short,
             cost,
             duration_s,
-            fastest: (f64::INFINITY, 0.0),
         };
-        plan.limit_speed(request, &stops, ends);
+        plan.limit_speed(request, &stops);
         plan
     }
 
-    fn limit_speed(&mut self, request: &Request<'_, N>, stops: &[usize], ends: &[f64]) {
+    fn limit_speed(&mut self, request: &Request<'_, N>, stops: &[usize]) {
         let (velocity, effort) = (*request.model.velocity(), *request.model.effort());
         let mut analyzer = request.analyzer.clone();
         for i in 0..self.points.len() {
-            let Point { q, slope, u, t, .. } = self.points[i];
+            let Point { q, slope, u, .. } = self.points[i];
             let report = analyse(&mut analyzer, request.model, &q);
             let mean = self
                 .points
@@ -183,11 +180,8 @@ impl<const N: usize> PathPlan<N> {
             let mut speed = SPEED / share.max(1e-9);
             // In a neighbourhood the law does not follow the route's every corner.
             if report.listed().iter().all(|s| s.s.abs() >= s.eta_out) {
-                if speed < self.fastest.0 {
-                    self.fastest = (speed, t);
-                }
                 if let Some(next) = self.points.get(i + 1) {
-                    speed = speed.min(by_torque(request, ends, (t, &q), (next.t, &next.q)));
+                    speed = speed.min(self.by_torque(request, &self.points[i], next));
                 }
             }
             self.points[i].speed = speed.clamp(SLOWEST, 1.0);
@@ -220,7 +214,7 @@ impl<const N: usize> PathPlan<N> {
     /// How many legs are planned.
     #[must_use]
     pub fn legs(&self) -> usize {
-        self.legs
+        self.ends.len()
     }
 
     /// Why they are not all.
@@ -229,9 +223,60 @@ impl<const N: usize> PathPlan<N> {
         self.short
     }
 
-    /// Fastest clock at which the joints can follow the regular part of the path, and the time there on the path's clock, s.
-    pub(super) fn fastest(&self) -> (f64, f64) {
-        self.fastest
+    /// The leg that is the fastest for its joints, and the clock at which they can follow it: at most [`SPEED`] of their limits at the peak of its time
+    /// law, a quintic.
+    pub(super) fn fastest(&self, velocity: &SVector<f64, N>) -> (usize, f64) {
+        let mut needed = vec![0.0; self.legs()];
+        for pair in self.points.windows(2).filter(|pair| pair[1].t > pair[0].t) {
+            let by = pair[1].q - pair[0].q;
+            if let Some(needed) = needed.get_mut(self.leg_between(&pair[0], &pair[1])) {
+                *needed += (0..N).fold(0.0_f64, |time, i| time.max(by[i].abs() / velocity[i]));
+            }
+        }
+        let clock = |leg: usize| {
+            SPEED * (self.ends[leg] - self.begins(leg)) / (1.875 * needed[leg]).max(1e-9)
+        };
+        (0..self.legs())
+            .map(|leg| (leg, clock(leg)))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .unwrap_or((0, f64::INFINITY))
+    }
+
+    /// The leg in which the path goes from one point to the next.
+    fn leg_between(&self, from: &Point<N>, to: &Point<N>) -> usize {
+        self.ends
+            .partition_point(|end| *end <= 0.5 * (from.t + to.t))
+    }
+
+    /// When a leg begins, s.
+    fn begins(&self, leg: usize) -> f64 {
+        leg.checked_sub(1).map_or(0.0, |before| self.ends[before])
+    }
+
+    /// Fastest clock at which the torques follow the time law of a leg from one point to the next.
+    ///
+    /// At the clock's speed r a leg of the time law s(t) takes the torque r²·M·dq/ds·s̈ beside what holds the arm and what its bends take.
+    fn by_torque(&self, request: &Request<'_, N>, from: &Point<N>, to: &Point<N>) -> f64 {
+        let leg = self.leg_between(from, to);
+        let law = |t: f64| {
+            let time_s = t - self.begins(leg);
+            request.path.fraction(&Progress {
+                leg,
+                time_s,
+                ..Progress::at(Pose::identity())
+            })
+        };
+        let ([s, _, a], [s_next, _, a_next]) = (law(from.t), law(to.t));
+        if (s_next - s).abs() < 1e-9 {
+            return f64::INFINITY;
+        }
+        let rate = (to.q - from.q) * (a.abs().max(a_next.abs()) / (s_next - s));
+        let following = request.model.mass_matrix(&from.q) * rate;
+        let (gravity, effort) = (request.model.gravity(&from.q), request.model.effort());
+        (0..N).fold(f64::INFINITY, |fastest, i| {
+            let room = clock::room(effort[i], gravity[i]);
+            fastest.min((room / following[i].abs().max(1e-9)).sqrt())
+        })
     }
 
     pub(super) fn cost(&self) -> f64 {
@@ -333,39 +378,6 @@ impl<const N: usize> PathPlan<N> {
             dq,
         }
     }
-}
-
-/// Fastest clock at which the torques follow the time law of a leg from one posture to the next, each with its time on the path's clock, s.
-///
-/// At the clock's speed r a leg of the time law s(t) takes the torque r²·M·dq/ds·s̈ beside what holds the arm and what its bends take.
-fn by_torque<const N: usize>(
-    request: &Request<'_, N>,
-    ends: &[f64],
-    (t, q): (f64, &SVector<f64, N>),
-    (t_next, q_next): (f64, &SVector<f64, N>),
-) -> f64 {
-    let leg = ends.partition_point(|end| *end <= 0.5 * (t + t_next));
-    let from_s = leg.checked_sub(1).map_or(0.0, |before| ends[before]);
-    let law = |t: f64| {
-        let time_s = t - from_s;
-        request.path.fraction(&Progress {
-            leg,
-            time_s,
-            ..Progress::at(Pose::identity())
-        })
-    };
-    let ([s, _, a], [s_next, _, a_next]) = (law(t), law(t_next));
-    if (s_next - s).abs() < 1e-9 {
-        return f64::INFINITY;
-    }
-    let model = request.model;
-    let following =
-        model.mass_matrix(q) * (q_next - q) * (a.abs().max(a_next.abs()) / (s_next - s));
-    let (gravity, effort) = (model.gravity(q), model.effort());
-    (0..N).fold(f64::INFINITY, |fastest, i| {
-        let room = clock::room(effort[i], gravity[i]);
-        fastest.min((room / following[i].abs().max(1e-9)).sqrt())
-    })
 }
 
 /// Time on the path's clock at a share `x` of the way between two points, s.
