@@ -177,21 +177,22 @@ pub fn plan<const N: usize>(request: &Request<'_, N>) -> Result<PathPlan<N>, Inf
         (Ok(one), Err(_)) | (Err(_), Ok(one)) => return Ok(one),
         (Err(one), Err(two)) => (one, two),
     };
-    let legs = |failed: &Failed<N>| failed.before.legs();
-    let failed = match other {
-        Some(other) if legs(&other) >= legs(&failed) => other,
-        _ => failed,
+    // The second search has tried more.
+    let Failed { why, before, .. } = match other {
+        Some(other) if other.before.legs() >= failed.before.legs() => other,
+        Some(Failed { why, .. }) => Failed { why, ..failed },
+        None => failed,
     };
     // Spare joints have more routes than a search tries.
-    let undecided = match failed.why.obstacle {
+    let undecided = match why.obstacle {
         Obstacle::Undecided => true,
         Obstacle::Discontinuous => redundant,
         _ => false,
     };
-    if undecided && !(legs(&failed) == 0 && redundant && loses_two(request)) {
-        return Ok(failed.before);
+    if undecided && !(before.legs() == 0 && redundant && loses_two(request)) {
+        return Ok(before);
     }
-    Err(failed.why)
+    Err(why)
 }
 
 /// Whether two directions are lost in the start posture.
