@@ -4,9 +4,9 @@
 //! A controller says how far along the path it is, and nothing else that it says counts. The pose that belongs to that
 //! time, the goal that depends on a singular direction, and the directions whose error is exempt follow from the truth.
 
+use crate::reference::path::{Path, Progress};
 use crate::setup::{SetupError, start_posture};
 use crate::singularity::analyzer::Analyzer;
-use crate::trajectory::{Path, Progress};
 use crate::types::{Class, Kind, Report};
 use crate::{linear, served};
 use model::{Model, Refused, Robot, Terms, joints};

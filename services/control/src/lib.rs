@@ -42,8 +42,6 @@ pub mod tick;
 mod types;
 pub mod wire;
 
-use reference::{free_axis as served, path as trajectory, turn as turn_plan};
-
 #[cfg(test)]
 extern crate self as control;
 #[cfg(test)]

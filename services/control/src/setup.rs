@@ -1,6 +1,6 @@
 //! From a scenario to what a controller needs before its first tick.
 
-use crate::trajectory::PathError;
+use crate::reference::path::PathError;
 use model::{ModelError, PostureError, Robot};
 use nalgebra::SVector;
 use shared_types::scenario::{Scenario, Start};

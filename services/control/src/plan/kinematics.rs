@@ -1,7 +1,7 @@
 //! Inverse kinematics by Newton steps, in units in which a metre and a radian compare (+).
 
 use crate::linear::{angular, linear, stack, symmetric_eigen};
-use crate::served::{free_axis, rotation_error};
+use crate::reference::free_axis::{free_axis, rotation_error};
 use model::{Model, Pose};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
 

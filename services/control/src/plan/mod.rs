@@ -27,8 +27,8 @@ mod schedule;
 pub use request::{Request, Turning};
 pub use schedule::{PathPlan, Sample, Short};
 
+use crate::reference::path::{Leg, Progress};
 use crate::singularity::analyzer::Analyzer;
-use crate::trajectory::{Leg, Progress};
 use crate::types::{Kind, Report};
 use kinematics::{Kinematics, LOCKED};
 use model::{Model, Pose};

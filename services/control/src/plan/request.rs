@@ -1,7 +1,7 @@
 //! The task of a plan (+).
 
+use crate::reference::path::Path;
 use crate::singularity::analyzer::Analyzer;
-use crate::trajectory::Path;
 use crate::types::Report;
 use model::Model;
 use nalgebra::{SVector, Vector3};

@@ -2,10 +2,10 @@
 
 use crate::plan::schedule::SLOWEST;
 use crate::plan::{Infeasible, Obstacle, PathPlan, Remedy, Request, plan, remedy};
+use crate::reference::path::Path;
+use crate::reference::turn::{self, Room};
 use crate::singularity::analyzer::Analyzer;
 use crate::singularity::turning::turning;
-use crate::trajectory::Path;
-use crate::turn_plan::{self, Room};
 use crate::types::Report;
 use model::{JointKind, Model, Robot};
 use nalgebra::SVector;
@@ -38,7 +38,7 @@ pub(crate) fn route_ahead<const N: usize>(
     let turned = |q: &SVector<f64, N>, report: &Report<N>, place: usize, angle: f64| {
         let s = report.listed().get(place)?;
         let motion = |angle: f64| turning(analyzer.family(), model, q, s, angle);
-        turn_plan::plan(s, angle, 1.0, &Room { q, model, control }, motion)
+        turn::plan(s, angle, 1.0, &Room { q, model, control }, motion)
             .ok()
             .map(|turn| turn.by)
     };

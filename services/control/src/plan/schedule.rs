@@ -4,7 +4,7 @@ use super::kinematics::{Kinematics, SOLVED};
 use super::request::{Request, analyse, centre};
 use super::route::{Knot, SPEED};
 use crate::limits::clock;
-use crate::trajectory::Progress;
+use crate::reference::path::Progress;
 use model::Pose;
 use nalgebra::SVector;
 
@@ -414,7 +414,7 @@ fn self_motion<const N: usize>(
     let X = arm.pose(&from.q);
     let piece = |k: u32| {
         let time = f64::from(k) / f64::from(PIECES);
-        let mut left = whole * crate::trajectory::quintic(time, 1.0)[0];
+        let mut left = whole * crate::reference::path::quintic(time, 1.0)[0];
         let mut q = way[way.len() - 1];
         for (pair, length) in way.windows(2).zip(&lengths) {
             if left <= *length {

@@ -3,9 +3,9 @@
 use super::kinematics::SOLVED;
 use super::*;
 use crate::linear::rotation_exp;
+use crate::reference::path::Path;
 use crate::singularity::analyzer::Analyzer;
 use crate::testing::robot;
-use crate::trajectory::Path;
 use model::Robot;
 use nalgebra::Matrix3;
 use shared_types::random::Uniform;

@@ -23,7 +23,7 @@ use crate::centre::{AtCentre, PoseMotion};
 use crate::paper::reference::Memory;
 use crate::paper::type_1::Fold;
 use crate::paper::type_2::Direction;
-use crate::trajectory::Ahead;
+use crate::reference::path::Ahead;
 use crate::types::{Kind, Singularity};
 use model::{Factors, Model, Robot, Terms};
 use nalgebra::{SVector, Vector3, Vector6};
