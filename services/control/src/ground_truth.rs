@@ -4,11 +4,12 @@
 //! A controller says how far along the path it is, and nothing else that it says counts. The pose that belongs to that
 //! time, the goal that depends on a singular direction, and the directions whose error is exempt follow from the truth.
 
+use crate::linear;
+use crate::reference::free_axis;
 use crate::reference::path::{Path, Progress};
 use crate::setup::{SetupError, start_posture};
 use crate::singularity::analyzer::Analyzer;
 use crate::types::{Class, Kind, Report};
-use crate::{linear, served};
 use model::{Model, Refused, Robot, Terms, joints};
 use nalgebra::{Cholesky, SVector, Vector3, Vector6};
 use shared_types::scenario::Scenario;
@@ -145,8 +146,8 @@ impl<const N: usize> GroundTruth for Truth<N> {
         };
         let desired = path.place(place).moving(0.0, 0.0);
         let R = nalgebra::Matrix3::from_column_slice(&truth.R_BE);
-        let free = served::free_axis(&self.task);
-        let turn = served::rotation_error(&desired.R, &R, free.as_ref());
+        let free = free_axis::free_axis(&self.task);
+        let turn = free_axis::rotation_error(&desired.R, &R, free.as_ref());
         let error = linear::stack(&(desired.p - Vector3::from(truth.p_BE)), &turn);
         // Times zero, not zero: a NaN stays one.
         Vector6::from_fn(|i, _| error[i] * if self.task[i] { 1.0 } else { 0.0 })
