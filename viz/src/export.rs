@@ -1,17 +1,18 @@
 //! A recording's numbers and events for other tools.
 
-mod csv;
-mod format;
-mod parquet;
+mod columns;
+mod table;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use crate::read::{Piece, ReadNews, read};
+use re_chunk::external::arrow::array::{ArrayRef, Float64Array, Int64Array, StringArray};
+use re_chunk::external::arrow::datatypes::{Field, Schema};
+
+use crate::read::{Piece, ReadError, ReadNews, read};
 use crate::signals::TickRow;
-use csv::Csv;
-use format::{Columns, Event, Format};
-
-pub use format::ExportError;
+use columns::Columns;
+use table::Table;
 
 /// A format of [`export`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,6 +21,22 @@ pub enum ExportFormat {
     Csv,
     /// `signals.parquet` and `events.parquet`.
     Parquet,
+}
+
+/// Why an export failed: reading, writing, or the format's own crate.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// A file cannot be written.
+    #[error("cannot write {path}: {reason}; free space there, or choose another folder with --out")]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// The error of the file system or of the format's crate.
+        reason: String,
+    },
 }
 
 /// The messages of a run as they were on the wire, by tick.
@@ -40,6 +57,9 @@ pub struct Exported<'a> {
     pub steered: bool,
 }
 
+/// A line of the log, or a change of a lane of the state timeline: tick, `log` or `state`, level or lane, text.
+type Event = (u64, &'static str, String, String);
+
 /// Reads a recording once and writes it into files of a format in the folder `out`; returns their paths.
 ///
 /// # Errors
@@ -56,51 +76,63 @@ pub fn export(
         slides,
         steered,
     } = what;
-    let mut format = opened(format, out)?;
-    let (mut columns, mut rate_hz) = (None::<Columns>, 1000.0);
+    let mut signals: Option<(Columns, Table)> = None;
+    let (mut events, mut rate_hz) = (Vec::<Event>::new(), 1000.0);
     read(parts, |piece| {
-        let mut event = |tick: u64, kind, subject, text| {
-            format.event(Event {
-                tick,
-                t_s: tick as f64 / rate_hz,
-                kind,
-                subject,
-                text,
-            })
-        };
-        match (piece, &mut columns) {
+        match (piece, &mut signals) {
             (Piece::About(about), None) => {
                 rate_hz = about.rate_hz();
-                format.begin(columns.insert(Columns::new(
-                    about,
-                    messages.as_ref().map(|_| steered),
-                    slides,
-                )))
+                let has_messages = messages.as_ref().map(|_| steered);
+                let (columns, schema) = Columns::new(about, has_messages, slides);
+                let table = Table::create(format, out, "signals", schema)?;
+                signals = Some((columns, table));
             }
-            (Piece::Rows(rows), Some(columns)) => {
+            (Piece::Rows(rows), Some((columns, table))) => {
                 news(ReadNews::Rows(rows.ticks.len() as u64));
-                let block = columns.block(rows, |tick, take| {
+                table.write(columns.of(rows, |tick, take| {
                     if let Some(messages) = &mut messages {
                         messages.at(tick, take);
                     }
-                });
-                format.rows(columns, &block)
+                }))?;
             }
-            (Piece::Event { tick, level, text }, _) => event(tick, "log", level, text),
-            (Piece::State { tick, lane, state }, _) => event(tick, "state", lane, state),
-            (Piece::Damaged(damage), _) => {
-                news(ReadNews::Damaged(&damage));
-                Ok(())
-            }
-            _ => Ok(()),
+            (Piece::Event { tick, level, text }, _) => events.push((tick, "log", level, text)),
+            (Piece::State { tick, lane, state }, _) => events.push((tick, "state", lane, state)),
+            (Piece::Damaged(damage), _) => news(ReadNews::Damaged(&damage)),
+            _ => {}
         }
+        Ok::<(), ExportError>(())
     })?;
-    format.finish()
+    let signals = signals.map(|(_, table)| table.finish()).transpose()?;
+    let events = write_events(&events, rate_hz, format, out)?;
+    Ok(signals.into_iter().chain([events]).collect())
 }
 
-fn opened(format: ExportFormat, out: &Path) -> Result<Box<dyn Format>, ExportError> {
-    match format {
-        ExportFormat::Csv => Ok(Box::new(Csv::create(out)?)),
-        ExportFormat::Parquet => Ok(Box::new(parquet::Parquet::create(out)?)),
-    }
+fn write_events(
+    events: &[Event],
+    rate_hz: f64,
+    format: ExportFormat,
+    out: &Path,
+) -> Result<PathBuf, ExportError> {
+    let times = events.iter().map(|event| event.0 as f64 / rate_hz);
+    let texts = |text: fn(&Event) -> &str| -> ArrayRef {
+        Arc::new(StringArray::from_iter_values(events.iter().map(text)))
+    };
+    let columns: [(&str, ArrayRef); 5] = [
+        (
+            "tick",
+            Arc::new(Int64Array::from_iter_values(
+                events.iter().map(|event| event.0 as i64),
+            )),
+        ),
+        ("t_s", Arc::new(Float64Array::from_iter_values(times))),
+        ("kind", texts(|event| event.1)),
+        ("subject", texts(|event| &event.2)),
+        ("text", texts(|event| &event.3)),
+    ];
+    let field =
+        |(name, column): &(&str, ArrayRef)| Field::new(*name, column.data_type().clone(), false);
+    let schema = Schema::new(columns.iter().map(field).collect::<Vec<_>>());
+    let mut table = Table::create(format, out, "events", schema)?;
+    table.write(columns.map(|(_, column)| column).into())?;
+    table.finish()
 }

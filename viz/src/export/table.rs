@@ -1,0 +1,147 @@
+//! A file of one wide table: CSV, or Parquet with units and meaning as metadata, nulls where messages were missing.
+//!
+//! In Parquet each column's `unit` and `description` are metadata of its field, as pyarrow, pandas and arrow in any language read them, and in the
+//! file's own metadata under `armplane:columns`, a JSON object that every Parquet tool shows.
+
+use std::collections::{BTreeMap, HashMap};
+use std::error::Error;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use parquet::arrow::ArrowWriter;
+use parquet::basic::{Compression, ZstdLevel};
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::WriterProperties;
+use re_chunk::external::arrow::array::{Array, ArrayRef, AsArray, RecordBatch};
+use re_chunk::external::arrow::datatypes::{
+    DataType, Float32Type, Float64Type, Int64Type, Schema, SchemaRef,
+};
+
+use super::{ExportError, ExportFormat};
+
+/// Rows of a row group: about 16 MB of numbers.
+const GROUP: usize = 50_000;
+
+pub(super) struct Table {
+    path: PathBuf,
+    schema: SchemaRef,
+    writer: Writer,
+}
+
+enum Writer {
+    Csv(Box<csv::Writer<File>>),
+    Parquet(Box<ArrowWriter<File>>),
+}
+
+type Done<T> = Result<T, Box<dyn Error>>;
+
+impl Writer {
+    fn create(format: ExportFormat, path: &Path, schema: &SchemaRef) -> Done<Self> {
+        let file = files::create(path)?;
+        if format == ExportFormat::Csv {
+            let mut writer = csv::Writer::from_writer(file);
+            writer.write_record(schema.fields().iter().map(|field| field.name()))?;
+            return Ok(Self::Csv(Box::new(writer)));
+        }
+        let properties = WriterProperties::builder()
+            .set_compression(Compression::ZSTD(ZstdLevel::default()))
+            .set_created_by(format!("armplane {}", env!("CARGO_PKG_VERSION")))
+            .set_max_row_group_row_count(Some(GROUP))
+            .set_key_value_metadata(Some(about(schema)))
+            .build();
+        let writer = ArrowWriter::try_new(file, Arc::clone(schema), Some(properties))?;
+        Ok(Self::Parquet(Box::new(writer)))
+    }
+
+    fn write(&mut self, schema: &SchemaRef, columns: Vec<ArrayRef>) -> Done<()> {
+        match self {
+            Self::Csv(writer) => {
+                for row in 0..columns[0].len() {
+                    writer.write_record(columns.iter().map(|column| text(column, row)))?;
+                }
+            }
+            Self::Parquet(writer) => {
+                writer.write(&RecordBatch::try_new(Arc::clone(schema), columns)?)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(self) -> Done<()> {
+        match self {
+            Self::Csv(mut writer) => writer.flush()?,
+            Self::Parquet(writer) => drop(writer.close()?),
+        }
+        Ok(())
+    }
+}
+
+impl Table {
+    pub(super) fn create(
+        format: ExportFormat,
+        out: &Path,
+        name: &str,
+        schema: Schema,
+    ) -> Result<Self, ExportError> {
+        let extension = match format {
+            ExportFormat::Csv => "csv",
+            ExportFormat::Parquet => "parquet",
+        };
+        let path = out.join(name).with_extension(extension);
+        let schema = Arc::new(schema);
+        let writer = Writer::create(format, &path, &schema).map_err(failed(&path))?;
+        Ok(Self {
+            path,
+            schema,
+            writer,
+        })
+    }
+
+    /// Adds rows, column by column.
+    pub(super) fn write(&mut self, columns: Vec<ArrayRef>) -> Result<(), ExportError> {
+        let written = self.writer.write(&self.schema, columns);
+        written.map_err(failed(&self.path))
+    }
+
+    pub(super) fn finish(self) -> Result<PathBuf, ExportError> {
+        self.writer.finish().map_err(failed(&self.path))?;
+        Ok(self.path)
+    }
+}
+
+fn failed(path: &Path) -> impl FnOnce(Box<dyn Error>) -> ExportError + '_ {
+    |reason| ExportError::Write {
+        path: path.to_owned(),
+        reason: reason.to_string(),
+    }
+}
+
+/// The shortest text that reads back as the same value, in the column's own width; nothing where it is missing.
+fn text(column: &ArrayRef, row: usize) -> String {
+    match column.data_type() {
+        _ if column.is_null(row) => String::new(),
+        DataType::Int64 => column.as_primitive::<Int64Type>().value(row).to_string(),
+        DataType::Float32 => column.as_primitive::<Float32Type>().value(row).to_string(),
+        DataType::Float64 => column.as_primitive::<Float64Type>().value(row).to_string(),
+        _ => column.as_string::<i32>().value(row).to_owned(),
+    }
+}
+
+/// What the file's own metadata says of columns that have a meaning, and of the run.
+fn about(schema: &Schema) -> Vec<KeyValue> {
+    let sorted = |of: &HashMap<String, String>| -> BTreeMap<String, String> {
+        of.clone().into_iter().collect()
+    };
+    let fields = schema.fields().iter();
+    let columns = fields.map(|field| (field.name().clone(), sorted(field.metadata())));
+    let columns: BTreeMap<_, _> = columns.collect();
+    let columns = serde_json::json!(columns).to_string();
+    let run = sorted(schema.metadata()).into_iter();
+    let run = run.map(|(key, value)| KeyValue::new(format!("armplane:{key}"), value));
+    let columns = KeyValue::new("armplane:columns".to_owned(), columns);
+    match schema.metadata().is_empty() {
+        true => Vec::new(),
+        false => [columns].into_iter().chain(run).collect(),
+    }
+}
