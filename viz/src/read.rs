@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use re_chunk::Chunk;
-use re_chunk::external::arrow::array::{Array, ArrayRef, AsArray, ListArray};
+use re_chunk::external::arrow::array::{Array, AsArray, ListArray};
 use re_chunk::external::arrow::datatypes::{Float32Type, Float64Type};
+use re_chunk::{Chunk, ChunkComponentSlicer};
 
 use re_log_types::{StoreId, StoreKind};
 
@@ -308,35 +308,27 @@ fn changes<E>(chunk: &Chunk, each: &mut impl FnMut(Piece) -> Result<(), E>) -> R
         let (levels, lines) = (told(chunk, "TextLog:level"), told(chunk, "TextLog:text"));
         for ((_, level), (tick, text)) in levels.zip(lines) {
             // The viewer's line begins with its time.
-            let text = text
-                .split_once(entity::AFTER_TIME)
-                .map_or(text.clone(), |(_, text)| text.to_owned());
+            let (_, text) = text.split_once(entity::AFTER_TIME).unwrap_or(("", &text));
+            let text = text.to_owned();
             each(Piece::Event { tick, level, text })?;
         }
-    } else if has(chunk, "StateChange:state") {
-        for (tick, state) in told(chunk, "StateChange:state") {
-            let lane = entity::lane(of);
-            each(Piece::State { tick, lane, state })?;
-        }
-    } else if has(chunk, "Transform3D:translation") {
-        let places = vectors::<3>(chunk, "Transform3D:translation");
-        let turns = vectors::<4>(chunk, "Transform3D:quaternion");
-        for (row, (tick, p)) in ticks(chunk).into_iter().zip(places).enumerate() {
-            let Some(p) = p else { continue };
-            let xyzw = turns.get(row).copied().flatten();
-            let xyzw = xyzw.unwrap_or([0.0, 0.0, 0.0, 1.0]);
+    }
+    for (tick, state) in told(chunk, "StateChange:state") {
+        let lane = entity::lane(of);
+        each(Piece::State { tick, lane, state })?;
+    }
+    let places = values::<[f32; 3]>(chunk, "Transform3D:translation");
+    let turns = values::<[f32; 4]>(chunk, "Transform3D:quaternion");
+    for ((tick, p), (_, xyzw)) in places.zip(turns) {
+        if let ([p, ..], [xyzw, ..]) = (p, xyzw) {
+            let (p, xyzw) = (*p, *xyzw);
             each(Piece::Place { tick, of, p, xyzw })?;
         }
-    } else {
-        for (tick, text) in told(chunk, "Points3D:labels") {
-            each(Piece::Label { tick, of, text })?;
-        }
+    }
+    for (tick, text) in told(chunk, "Points3D:labels") {
+        each(Piece::Label { tick, of, text })?;
     }
     Ok(())
-}
-
-fn has(chunk: &Chunk, component: &'static str) -> bool {
-    chunk.components().contains_component(component.into())
 }
 
 /// The run's description in static chunks.
@@ -344,82 +336,42 @@ fn learn(chunk: &Chunk, about: &mut About) {
     let at = chunk.entity_path().to_string();
     if at == entity::SIGNALS {
         for (name, limits) in Arc::make_mut(&mut about.limits).named() {
-            if let Some(column) = chunk.components().get(name.into()) {
-                let numbers = column.list_array.values().as_primitive_opt::<Float64Type>();
-                *limits = numbers.map_or(Vec::new(), |all| all.values().to_vec());
+            if let Some(values) = chunk.iter_slices::<f64>(name.into()).next() {
+                *limits = values.to_vec();
             }
         }
         about.joints = about.limits.torque.len();
-        if has(chunk, entity::SINGULARITY_NAMES) {
-            let names = texts(chunk, entity::SINGULARITY_NAMES).into_iter();
-            about.singularities = names.flatten().collect();
+        for names in chunk.iter_slices::<String>(entity::SINGULARITY_NAMES.into()) {
+            about.singularities = names.iter().map(ToString::to_string).collect();
         }
     }
-    for (name, column) in chunk.components().iter().filter(|_| at.ends_with("/run")) {
-        if let Some(texts) = column.list_array.values().as_string_opt::<i32>()
-            && !texts.is_empty()
-        {
+    for name in chunk.components().keys().filter(|_| at.ends_with("/run")) {
+        if let Some([text, ..]) = chunk.iter_slices::<String>(*name).next().as_deref() {
             let key = name.as_str().strip_prefix("run:").unwrap_or(name.as_str());
-            let text = texts.value(0).to_owned();
-            about.properties.insert(key.to_owned(), text);
+            about.properties.insert(key.to_owned(), text.to_string());
         }
     }
 }
 
 fn ticks(chunk: &Chunk) -> Vec<u64> {
-    chunk
-        .timelines()
-        .get(&"tick".into())
-        .map_or(Vec::new(), |times| {
-            times
-                .times_raw()
-                .iter()
-                .map(|tick| (*tick).max(0) as u64)
-                .collect()
-        })
+    let times = chunk.iter_indices(&"tick".into());
+    times.map(|(tick, _)| tick.as_i64().max(0) as u64).collect()
 }
 
-/// The texts of each row of a component.
-fn texts(chunk: &Chunk, component: &'static str) -> Vec<Vec<String>> {
-    let Some(column) = chunk.components().get(component.into()) else {
-        return Vec::new();
-    };
-    let row = |row: Option<ArrayRef>| {
-        let texts = row.as_ref().and_then(|row| row.as_string_opt::<i32>());
-        let texts = texts.into_iter().flatten();
-        texts
-            .map(|text| text.unwrap_or_default().to_owned())
-            .collect()
-    };
-    column.list_array.iter().map(row).collect()
+/// The rows of a component with their ticks.
+fn values<'a, S: ChunkComponentSlicer + 'a>(
+    chunk: &'a Chunk,
+    component: &'static str,
+) -> impl Iterator<Item = (u64, S::Item<'a>)> {
+    let times = chunk.iter_component_indices("tick".into(), component.into());
+    let ticks = times.map(|(tick, _)| tick.as_i64().max(0) as u64);
+    ticks.zip(chunk.iter_slices::<S>(component.into()))
 }
 
 /// The texts of a component with their ticks.
 fn told(chunk: &Chunk, component: &'static str) -> impl Iterator<Item = (u64, String)> {
-    let rows = ticks(chunk).into_iter().zip(texts(chunk, component));
-    rows.flat_map(|(tick, texts)| texts.into_iter().map(move |text| (tick, text)))
-}
-
-/// The first vector of each row of a component; `None` where a row has none.
-fn vectors<const K: usize>(chunk: &Chunk, component: &'static str) -> Vec<Option<[f32; K]>> {
-    let Some(column) = chunk.components().get(component.into()) else {
-        return Vec::new();
-    };
-    let lists = &column.list_array;
-    let Some(all) = lists.values().as_fixed_size_list_opt() else {
-        return Vec::new();
-    };
-    let Some(numbers) = all.values().as_primitive_opt::<Float32Type>() else {
-        return Vec::new();
-    };
-    let first = |ends: &[i32]| {
-        let place = ends[0] as usize;
-        (ends[1] > ends[0])
-            .then(|| numbers.values().get(K * place..K * (place + 1)))??
-            .try_into()
-            .ok()
-    };
-    lists.value_offsets().windows(2).map(first).collect()
+    let rows = values::<String>(chunk, component);
+    rows.filter_map(|(tick, texts)| Some((tick, texts.first()?.to_string())))
 }
 
 /// The signals that a chunk has.
