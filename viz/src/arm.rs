@@ -7,10 +7,10 @@ use nalgebra::Vector3;
 use crate::solid::{Mesh, Placement, Rgba, disc};
 
 const UPRIGHT: Placement = Placement::IDENTITY;
-const SHELL: Rgba = [228, 226, 218, 255];
-const JOINT: Rgba = [96, 104, 116, 255];
-const DARK: Rgba = [52, 57, 66, 255];
-const METAL: Rgba = [168, 174, 182, 255];
+const SHELL: Rgba = 0xe4e2daff;
+const JOINT: Rgba = 0x606874ff;
+const DARK: Rgba = 0x343942ff;
+const METAL: Rgba = 0xa8aeb6ff;
 
 /// The meshes of an arm: the base's in the base frame, then each link's in its own.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,10 +41,7 @@ impl Ring {
     /// About the middle of what the link's figure has along its axis: joints whose frames coincide keep apart.
     fn of(joint: &Joint, mesh: &Mesh, radius: f32) -> Option<Self> {
         let axis = vec3(&joint.axis).normalize_or(Vec3::Z);
-        let along = mesh
-            .positions
-            .iter()
-            .map(|p| Vec3::from_array(*p).dot(axis));
+        let along = mesh.positions.iter().map(|p| p.dot(axis));
         let (low, high) = along.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), z| {
             (low.min(z), high.max(z))
         });
@@ -56,7 +53,7 @@ impl Ring {
         let body = mesh
             .positions
             .iter()
-            .map(|p| Vec3::from_array(*p).reject_from_normalized(axis))
+            .map(|p| p.reject_from_normalized(axis))
             .sum::<Vec3>();
         let body = (body / mesh.positions.len().max(1) as f32).clamp_length_max(1.0);
         let out = if body.length() > 0.1 * radius {
@@ -125,11 +122,7 @@ pub(crate) fn vec3(v: &Vector3<f64>) -> Vec3 {
 /// f64 to f32, for eyes.
 pub(crate) fn placement(X: &Pose) -> Placement {
     Placement {
-        R: Mat3::from_cols(
-            vec3(&X.R.column(0).into()),
-            vec3(&X.R.column(1).into()),
-            vec3(&X.R.column(2).into()),
-        ),
+        R: Mat3::from_cols_slice(X.R.map(|x| x as f32).as_slice()),
         p: vec3(&X.p),
     }
 }
@@ -293,9 +286,9 @@ fn shapes(robot: &Robot, reach: f32) -> (Mesh, Vec<Mesh>) {
             None => (&mut base, DARK),
             Some(i) => (&mut links[i], if i % 2 == 0 { SHELL } else { METAL }),
         };
-        let colour = shape
-            .colour
-            .map_or(colour, |rgba| rgba.map(|part| (255.0 * part).round() as u8));
+        let bytes = |rgba: [f64; 4]| rgba.map(|part| (255.0 * part).round() as u8);
+        let own = shape.colour.map(|rgba| u32::from_be_bytes(bytes(rgba)));
+        let colour = own.unwrap_or(colour);
         let at = placement(&shape.X_LS);
         match shape.geometry {
             Geometry::Box { size } => mesh.add_box(at, vec3(&size), colour),
@@ -324,7 +317,7 @@ fn shapes(robot: &Robot, reach: f32) -> (Mesh, Vec<Mesh>) {
             .is_some_and(|joint| joint + 1 == robot.joints.len())
     {
         let E = placement(&frame.X_LF);
-        let beyond = |p: &[f32; 3]| (Vec3::from_array(*p) - E.p).dot(E.R.z_axis);
+        let beyond = |p: &Vec3| (*p - E.p).dot(E.R.z_axis);
         if last.positions.iter().all(|p| beyond(p) < 0.02) {
             hand(last, E);
         }
@@ -412,8 +405,8 @@ mod tests {
                         .flatten()
                         .all(|corner| *corner < vertices)
                 );
-                let is_near = |x: &f32| x.is_finite() && x.abs() < 3.0;
-                assert!(mesh.positions.iter().flatten().all(is_near), "{name}");
+                let is_near = |p: &Vec3| p.is_finite() && p.length() < 4.0;
+                assert!(mesh.positions.iter().all(is_near), "{name}");
             }
             assert!(figure.links[1].positions.len() > 50, "{name}");
         }

@@ -9,9 +9,7 @@ mod sheet;
 use glam::Vec3;
 use re_chunk::{Chunk, ChunkResult};
 use re_sdk_types::blueprint::archetypes::{PanelBlueprint, TimePanelBlueprint, ViewportBlueprint};
-use re_sdk_types::blueprint::components::{
-    AbsoluteTimeRange, LoopMode, PanelState, PlayState, RootContainer, TimelineName,
-};
+use re_sdk_types::blueprint::components::{LoopMode, PanelState, PlayState};
 use re_sdk_types::datatypes::TimeInt;
 use shared_types::scenario::{Layout, Segment};
 
@@ -21,19 +19,12 @@ use sheet::Sheet;
 
 /// Colours of joints, in order.
 pub(crate) const JOINTS: [Rgba; 8] = [
-    [86, 156, 230, 255],
-    [64, 200, 180, 255],
-    [160, 210, 90, 255],
-    [245, 190, 80, 255],
-    [240, 110, 105, 255],
-    [190, 140, 245, 255],
-    [200, 200, 205, 255],
-    [120, 130, 145, 255],
+    0x569ce6ff, 0x40c8b4ff, 0xa0d25aff, 0xf5be50ff, 0xf06e69ff, 0xbe8cf5ff, 0xc8c8cdff, 0x788291ff,
 ];
 
 /// Colours of errors orthogonal to ζ and along it.
-pub(crate) const ACROSS: Rgba = [110, 215, 150, 255];
-pub(crate) const ALONG: Rgba = [250, 150, 210, 255];
+pub(crate) const ACROSS: Rgba = 0x6ed796ff;
+pub(crate) const ALONG: Rgba = 0xfa96d2ff;
 /// Lines that hatch the band of a plot in which the arm is treated as singular.
 pub(crate) const BAND_LINES: usize = 32;
 /// How much larger the way of a hand that should stand still is drawn.
@@ -117,11 +108,8 @@ pub(crate) fn layout(
 ) -> Vec<ChunkResult<Chunk>> {
     let mut sheet = Sheet::new(layout, subject);
     sheet.arrange();
-    let root = RootContainer(sheet.root.into());
-    sheet.log(
-        "viewport",
-        &[&ViewportBlueprint::new().with_root_container(root)],
-    );
+    let viewport = ViewportBlueprint::new().with_root_container(sheet.root);
+    sheet.log("viewport", &[&viewport]);
     for panel in ["blueprint_panel", "selection_panel"] {
         sheet.log(
             panel,
@@ -130,13 +118,13 @@ pub(crate) fn layout(
     }
     let mut time = TimePanelBlueprint::new()
         .with_state(PanelState::Collapsed)
-        .with_timeline(TimelineName("t".into()));
+        .with_timeline("t");
     if let Some((first, last)) = repeated {
         let (min, max) = (TimeInt(first), TimeInt(last));
         let range = re_sdk_types::datatypes::AbsoluteTimeRange { min, max };
         time = time
             .with_loop_mode(LoopMode::Selection)
-            .with_time_selection(AbsoluteTimeRange(range))
+            .with_time_selection(range)
             .with_play_state(PlayState::Playing);
     }
     sheet.log("time_panel", &[&time]);

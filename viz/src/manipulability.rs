@@ -97,9 +97,7 @@ pub(crate) fn singular_values<const N: usize>(
 where
     nalgebra::Const<6>: nalgebra::DimMin<nalgebra::Const<N>, Output = nalgebra::Const<6>>,
 {
-    let mut sigma: [f64; 6] = unit_scaled(J, length_m, task).singular_values().into();
-    sigma.sort_by(|a, b| b.total_cmp(a));
-    sigma
+    unit_scaled(J, length_m, task).singular_values().into()
 }
 
 /// The linear block of W, or the angular one's section where nothing moves linearly: W_ωω − W_ωv W_vv⁺ W_vω.

@@ -10,10 +10,10 @@ use crate::solid::Rgba;
 
 /// A colour and its name.
 type Tint = (&'static str, Rgba);
-const ORANGE: Tint = ("orange", [255, 128, 24, 255]);
-const MAGENTA: Tint = ("magenta", [240, 70, 220, 255]);
-const YELLOW: Tint = ("yellow", [250, 214, 60, 255]);
-const BLUE: Tint = ("blue", [120, 190, 235, 255]);
+const ORANGE: Tint = ("orange", 0xff8018ff);
+const MAGENTA: Tint = ("magenta", 0xf046dcff);
+const YELLOW: Tint = ("yellow", 0xfad63cff);
+const BLUE: Tint = ("blue", 0x78beebff);
 
 /// A singularity's colour, the same in marks, plots and words: by kind, for one found by number by its place.
 fn named_colour(kind: u32, index: usize) -> Tint {

@@ -21,6 +21,7 @@ mod panel;
 mod pen;
 
 pub use axis::{Axis, Scale};
+pub(crate) use color::rgb;
 pub use color::{BLUE, Color, FAINT, GREY, INK, RED, numbered};
 pub use digits::digits;
 pub use page::{Page, PlotError, Row};

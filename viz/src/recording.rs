@@ -37,7 +37,6 @@ use eye::{Stretches, close_up};
 use lanes::{Fault, LANES};
 use marks::Shown;
 use rows::{Table, Track};
-pub(crate) use shapes::rgba;
 
 /// Which run a recording is of.
 #[derive(Clone, Debug)]

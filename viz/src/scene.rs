@@ -132,8 +132,8 @@ pub(crate) fn glyph(angular: bool, colour: Rgba) -> Mesh {
 }
 
 /// A dashed line: every other piece of `dashes`, which begin with `phase` 0 or 1.
-pub(crate) fn dashed(from: Vec3, to: Vec3, dashes: usize, phase: usize) -> Vec<[[f32; 3]; 2]> {
-    let at = |k: usize| from.lerp(to, k as f32 / dashes.max(1) as f32).to_array();
+pub(crate) fn dashed(from: Vec3, to: Vec3, dashes: usize, phase: usize) -> Vec<[Vec3; 2]> {
+    let at = |k: usize| from.lerp(to, k as f32 / dashes.max(1) as f32);
     (phase..dashes)
         .step_by(2)
         .map(|k| [at(k), at(k + 1)])
@@ -141,7 +141,7 @@ pub(crate) fn dashed(from: Vec3, to: Vec3, dashes: usize, phase: usize) -> Vec<[
 }
 
 /// Lines on a link: the link, their ends in its frame, and whether they are the second of two axes that become one.
-type Reason = (usize, Vec<[[f32; 3]; 2]>, bool);
+type Reason = (usize, Vec<[Vec3; 2]>, bool);
 
 /// Lines that show why the arm is singular.
 pub(crate) fn reasons(kind: u32, figure: &Figure, dependent: &[usize]) -> Vec<Reason> {
@@ -186,9 +186,9 @@ fn bones(figure: &Figure) -> Option<Vec<Reason>> {
             (upper, upper_arm, upper + 1, [Vec3::ZERO, wrist])
         }
     };
-    let mut strips = vec![[shoulder.to_array(), elbow.to_array()]];
+    let mut strips = vec![[shoulder, elbow]];
     strips.extend(dashed(elbow, elbow + (elbow - shoulder), 14, 1));
-    let forearm = vec![[from.to_array(), wrist.to_array()]];
+    let forearm = vec![[from, wrist]];
     Some(vec![(upper, strips, false), (fore, forearm, false)])
 }
 
@@ -216,15 +216,13 @@ pub(crate) fn dependent_joints(
 
 /// A filled sector about `centre`, through successive directions.
 pub(crate) fn sector(centre: Vec3, directions: &[Vec3], radius: f32) -> Mesh {
+    let rim = directions
+        .iter()
+        .map(|direction| centre + *direction * radius);
     let mut mesh = Mesh {
-        positions: vec![centre.to_array()],
+        positions: std::iter::once(centre).chain(rim).collect(),
         ..Mesh::default()
     };
-    mesh.positions.extend(
-        directions
-            .iter()
-            .map(|direction| (centre + *direction * radius).to_array()),
-    );
     mesh.triangles
         .extend((1..directions.len() as u32).map(|k| [0, k, k + 1]));
     mesh
@@ -379,7 +377,7 @@ impl NullMotion {
 }
 
 /// How far a joint has turned, as an arc with a barbed end about its axis, on the upper side of the link; `X_BL` is its link now, `angle` in rad.
-pub(crate) fn turning(ring: &Ring, X_BL: &Placement, angle: f32) -> Vec<[f32; 3]> {
+pub(crate) fn turning(ring: &Ring, X_BL: &Placement, angle: f32) -> Vec<Vec3> {
     let angle = angle.clamp(-6.0, 6.0);
     let turn = |angle: f32| Quat::from_axis_angle(ring.axis, angle);
     let out = if (X_BL.R * (turn(-angle) * ring.out)).z < 0.0 {
@@ -394,7 +392,6 @@ pub(crate) fn turning(ring: &Ring, X_BL: &Placement, angle: f32) -> Vec<[f32; 3]
     let (tip, r) = (point(0.0, ring.radius), ring.radius);
     let arc = (0..=steps as usize).map(|k| point(-angle * (1.0 - k as f32 / steps), r));
     arc.chain([point(-barb, 0.84 * r), tip, point(-barb, 1.16 * r)])
-        .map(|p| p.to_array())
         .collect()
 }
 

@@ -219,8 +219,26 @@ impl<'a, 'm> Now<'a, 'm> {
     }
 }
 
+/// The values of a tick, or of the message that a column is of.
+macro_rules! taken {
+    (|$t:ident| $take:expr) => {
+        |$t, out| {
+            if let Some(values) = $take {
+                out.extend(values)
+            }
+        }
+    };
+    ($source:ident |$t:ident, $m:ident| $take:expr) => {
+        |$t, out| {
+            if let Some($m) = $t.row.$source {
+                out.extend($take)
+            }
+        }
+    };
+}
+
 macro_rules! signals {
-    ($( $(#[doc = $doc:literal])* $name:ident $text:literal $unit:literal $kept:expr, $elements:expr, |$t:ident| $take:expr; )*) => {
+    ($( $(#[doc = $doc:literal])* $name:ident $text:literal $unit:literal $kept:expr, $elements:expr, $($source:ident)? |$t:ident $(, $m:ident)?| $take:expr; )*) => {
         /// The columns of a recording and of its exports. Each row of a column is a list: one number per joint, per singularity, per hop, or as stated.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum Signal { $( $(#[doc = $doc])* $name ),* }
@@ -236,7 +254,7 @@ macro_rules! signals {
             kept: $kept,
             elements: $elements,
             about: concat!($($doc),*),
-            take: |$t, out| if let Some(values) = $take { out.extend(values) },
+            take: taken!($($source)? |$t $(, $m)?| $take),
         } ),* ];
     };
 }
@@ -254,9 +272,9 @@ signals! {
     /// Joint velocities over their limits. Derived.
     SpeedRatio "joint:qdot_ratio" "1" Derived, Joints, |_t| None::<[f64; 0]>;
     /// Torques that act at the end-effector, J_rᵀF_r and compensation; N·m.
-    TorqueTask "torque:task" "N*m" F32, Joints, |t| t.row.control_state.map(|m| t.joints(&m.tau_task));
+    TorqueTask "torque:task" "N*m" F32, Joints, control_state |t, m| t.joints(&m.tau_task);
     /// Torques that act in the null space, N_T Γ₀; N·m.
-    TorqueNull "torque:null" "N*m" F32, Joints, |t| t.row.control_state.map(|m| t.joints(&m.tau_null));
+    TorqueNull "torque:null" "N*m" F32, Joints, control_state |t, m| t.joints(&m.tau_null);
     /// Torques that act at the end-effector over the joints' limits. Derived.
     TorqueTaskRatio "torque:task_ratio" "1" Derived, Joints, |_t| None::<[f64; 0]>;
     /// Torques that act in the null space over the joints' limits. Derived.
@@ -276,9 +294,9 @@ signals! {
     /// True orientation error [orthogonal to, along] the singular directions the arm is inside of; degrees. Recorded as `error:orientation_log10_deg`.
     OrientationError "error:orientation_deg" "deg" Log("error:orientation_log10_deg"), PARTS, |t| t.error(1).map(|e| e.map(f64::to_degrees));
     /// [time scale, task scale, null scale]: what governor and limits let through, 0 to 1. Every 8 ms.
-    Scale "control:scale" "1" Slow, SCALES, |t| t.row.control_state.map(|m| [m.time_scale, m.task_scale, m.null_scale]);
+    Scale "control:scale" "1" Slow, SCALES, control_state |t, m| [m.time_scale, m.task_scale, m.null_scale];
     /// Contact force on the arm; N.
-    Contact "world:contact_force_n" "N" F32, One, |t| t.row.plant_state.map(|m| [Vector3::from(m.contact_force_n).norm()]);
+    Contact "world:contact_force_n" "N" F32, One, plant_state |t, m| [Vector3::from(m.contact_force_n).norm()];
     /// Time of each hop and of the whole chain, in the order of [`hop_names`]; µs. Recorded as `latency:log10_us`.
     Latency "latency:us" "us" Log("latency:log10_us"), Hops, |t| hops_us(t.row.stamps(), t.hops);
 
@@ -289,72 +307,72 @@ signals! {
     /// Joint velocities over their limits; rad/s where a joint has none.
     DrawnSpeed "drawn:qdot_ratio" "1" Drawn, Joints, |t| t.row.qdot().map(|qdot| t.over(&t.limits.speed, move |i| qdot[i]));
     /// Torques that act at the end-effector, without gravity's, over the limits; N·m where a joint has none.
-    DrawnHand "drawn:torque_hand" "1" Drawn, Joints, |t| t.row.control_state.map(|m| t.over(&t.limits.torque, move |i| m.tau_task[i] - t.gravity[i]));
+    DrawnHand "drawn:torque_hand" "1" Drawn, Joints, control_state |t, m| t.over(&t.limits.torque, move |i| m.tau_task[i] - t.gravity[i]);
     /// Torques that carry the arm's weight; the same.
-    DrawnGravity "drawn:torque_gravity" "1" Drawn, Joints, |t| t.row.control_state.map(|_| t.over(&t.limits.torque, move |i| t.gravity[i]));
+    DrawnGravity "drawn:torque_gravity" "1" Drawn, Joints, control_state |t, _m| t.over(&t.limits.torque, move |i| t.gravity[i]);
     /// Torques in the null space; the same.
-    DrawnNull "drawn:torque_null" "1" Drawn, Joints, |t| t.row.control_state.map(|m| t.over(&t.limits.torque, move |i| m.tau_null[i]));
+    DrawnNull "drawn:torque_null" "1" Drawn, Joints, control_state |t, m| t.over(&t.limits.torque, move |i| m.tau_null[i]);
     /// 0 while a fault is in force, nothing else: a bar in the plots of a run with planned faults.
     Fault "drawn:fault" "1" Drawn, One, |t| t.is_faulty.then_some([0.0]);
 
     /// Joint positions as the encoders read them
-    Encoder "joint:q_encoder" "rad" Message, Joints, |t| t.row.sensor.map(|m| t.joints(&m.q_encoder));
+    Encoder "joint:q_encoder" "rad" Message, Joints, sensor |t, m| t.joints(&m.q_encoder);
     /// Estimated joint positions
-    Estimate "joint:q_estimate" "rad" Message, Joints, |t| t.row.estimate.map(|m| t.joints(&m.q));
+    Estimate "joint:q_estimate" "rad" Message, Joints, estimate |t, m| t.joints(&m.q);
     /// Estimated joint velocities
-    SpeedEstimate "joint:qdot_estimate" "rad/s" Message, Joints, |t| t.row.estimate.map(|m| t.joints(&m.qdot));
+    SpeedEstimate "joint:qdot_estimate" "rad/s" Message, Joints, estimate |t, m| t.joints(&m.qdot);
     /// Torques that the controller commands
-    Commanded "torque:commanded" "N*m" Message, Joints, |t| t.row.torque.map(|m| t.joints(&m.tau));
+    Commanded "torque:commanded" "N*m" Message, Joints, torque |t, m| t.joints(&m.tau);
     /// Torques that the drives applied over the tick before
-    Applied "torque:applied" "N*m" Message, Joints, |t| t.row.plant_state.map(|m| t.joints(&m.tau));
+    Applied "torque:applied" "N*m" Message, Joints, plant_state |t, m| t.joints(&m.tau);
     /// Torques over the tick before as the drives report them
-    Reported "torque:drive" "N*m" Message, Joints, |t| t.row.sensor.map(|m| t.joints(&m.tau_drive));
+    Reported "torque:drive" "N*m" Message, Joints, sensor |t, m| t.joints(&m.tau_drive);
     /// Torques that the model does not explain, as they act on the joints
-    Disturbance "torque:disturbance" "N*m" Message, Joints, |t| t.row.estimate.map(|m| t.joints(&m.tau_disturbance));
+    Disturbance "torque:disturbance" "N*m" Message, Joints, estimate |t, m| t.joints(&m.tau_disturbance);
     /// True position of the end-effector; base axes
-    Hand "hand:position" "m" Message, XYZ, |t| t.row.plant_state.map(|m| m.p_BE);
+    Hand "hand:position" "m" Message, XYZ, plant_state |t, m| m.p_BE;
     /// True rotation of the end-effector in the base frame, a unit quaternion of continuous sign
-    HandRotation "hand:orientation" "1" Message, Quaternion, |t| t.row.plant_state.map(|m| quaternion(&m.R_BE));
+    HandRotation "hand:orientation" "1" Message, Quaternion, plant_state |t, m| quaternion(&m.R_BE);
     /// True velocity of the end-effector; base axes
-    HandVelocity "hand:velocity" "m/s" Message, XYZ, |t| t.row.plant_state.map(|m| halves(&m.V_BE)[0]);
+    HandVelocity "hand:velocity" "m/s" Message, XYZ, plant_state |t, m| halves(&m.V_BE)[0];
     /// True angular velocity of the end-effector; base axes
-    HandTurn "hand:angular_velocity" "rad/s" Message, XYZ, |t| t.row.plant_state.map(|m| halves(&m.V_BE)[1]);
+    HandTurn "hand:angular_velocity" "rad/s" Message, XYZ, plant_state |t, m| halves(&m.V_BE)[1];
     /// Desired position of the end-effector; base axes
-    Desired "desired:position" "m" Message, XYZ, |t| t.row.control_state.map(|m| m.p_BE_d);
+    Desired "desired:position" "m" Message, XYZ, control_state |t, m| m.p_BE_d;
     /// Desired rotation of the end-effector in the base frame, a unit quaternion of continuous sign
-    DesiredRotation "desired:orientation" "1" Message, Quaternion, |t| t.row.control_state.map(|m| quaternion(&m.R_BE_d));
+    DesiredRotation "desired:orientation" "1" Message, Quaternion, control_state |t, m| quaternion(&m.R_BE_d);
     /// Desired velocity of the end-effector; base axes
-    DesiredVelocity "desired:velocity" "m/s" Message, XYZ, |t| t.row.control_state.map(|m| halves(&m.V_BE_d)[0]);
+    DesiredVelocity "desired:velocity" "m/s" Message, XYZ, control_state |t, m| halves(&m.V_BE_d)[0];
     /// Desired angular velocity of the end-effector; base axes
-    DesiredTurn "desired:angular_velocity" "rad/s" Message, XYZ, |t| t.row.control_state.map(|m| halves(&m.V_BE_d)[1]);
+    DesiredTurn "desired:angular_velocity" "rad/s" Message, XYZ, control_state |t, m| halves(&m.V_BE_d)[1];
     /// Sum of the contact forces on the arm; base axes
-    ContactForce "world:contact_force_vector" "N" Message, XYZ, |t| t.row.plant_state.map(|m| m.contact_force_n);
+    ContactForce "world:contact_force_vector" "N" Message, XYZ, plant_state |t, m| m.contact_force_n;
     /// 1 inside the neighbourhood of the singularity, else 0
     Inside "singularity:inside" "1" Message, Singularities, |t| t.each(|one| f64::from(one.inside));
     /// Singular direction at the wrist centre: a unit vector, a translation (v) or a rotation (w); base axes
     Zeta "singularity:zeta" "1" Message, Directions, |t| t.each(|one| one.zeta_B).map(Iterator::flatten);
     /// Position of the end-effector that the target asks for; of a twist that of the reference; base axes
-    Asked "servo:position" "m" Message, XYZ, |t| t.row.servo_state.map(|m| m.p_target);
+    Asked "servo:position" "m" Message, XYZ, servo_state |t, m| m.p_target;
     /// Velocity that the target asks for, before any limit; base axes
-    AskedVelocity "servo:velocity" "m/s" Message, XYZ, |t| t.row.servo_state.map(|m| halves(&m.V_target)[0]);
+    AskedVelocity "servo:velocity" "m/s" Message, XYZ, servo_state |t, m| halves(&m.V_target)[0];
     /// Angular velocity that the target asks for, before any limit; base axes
-    AskedTurn "servo:angular_velocity" "rad/s" Message, XYZ, |t| t.row.servo_state.map(|m| halves(&m.V_target)[1]);
+    AskedTurn "servo:angular_velocity" "rad/s" Message, XYZ, servo_state |t, m| halves(&m.V_target)[1];
     /// Twist of the reference over the one asked for
-    SpeedShare "servo:speed_share" "1" Message, One, |t| t.row.servo_state.map(|m| [m.speed_scale]);
+    SpeedShare "servo:speed_share" "1" Message, One, servo_state |t, m| [m.speed_scale];
     /// Distance that reach and limits have taken away since the target began
-    Behind "servo:behind" "m" Message, One, |t| t.row.servo_state.map(|m| [m.behind_m]);
+    Behind "servo:behind" "m" Message, One, servo_state |t, m| [m.behind_m];
     /// Age of the target
-    Age "servo:age" "s" Message, One, |t| t.row.servo_state.map(|m| [m.age_s]);
+    Age "servo:age" "s" Message, One, servo_state |t, m| [m.age_s];
     /// Why the arm follows so and not faster: a code of REASONS (shared-types/src/codes.rs)
-    Reason "servo:reason" "1" Message, One, |t| t.row.servo_state.map(|m| [f64::from(m.reason)]);
+    Reason "servo:reason" "1" Message, One, servo_state |t, m| [f64::from(m.reason)];
     /// The joint in the reason, from 1; negative at its lower limit; 0 for none
-    Joint "servo:joint" "1" Message, One, |t| t.row.servo_state.map(|m| [f64::from(m.joint) * if m.upper > 0 || m.joint == 0 { 1.0 } else { -1.0 }]);
+    Joint "servo:joint" "1" Message, One, servo_state |t, m| [f64::from(m.joint) * if m.upper > 0 || m.joint == 0 { 1.0 } else { -1.0 }];
     /// The nearest singularity, from 1 in the order of the report; 0 for none
-    Nearest "servo:singularity" "1" Message, One, |t| t.row.servo_state.map(|m| [f64::from(m.singularity)]);
+    Nearest "servo:singularity" "1" Message, One, servo_state |t, m| [f64::from(m.singularity)];
     /// Its |s| over its outer bound: below 1 the law acts on it
-    NearestMeasure "servo:nearest" "1" Message, One, |t| t.row.servo_state.map(|m| [m.nearest]);
+    NearestMeasure "servo:nearest" "1" Message, One, servo_state |t, m| [m.nearest];
     /// Targets refused since the start of the run
-    Refused "servo:refused" "1" Message, One, |t| t.row.servo_state.map(|m| [f64::from(m.refused)]);
+    Refused "servo:refused" "1" Message, One, servo_state |t, m| [f64::from(m.refused)];
 }
 
 /// `[x, y, z, w]` of a rotation matrix, column-major.

@@ -2,8 +2,8 @@
 
 use glam::{Mat3, Vec2, Vec3};
 
-/// Linear blend of sRGB bytes and opacity, as Rerun stores colours.
-pub(crate) type Rgba = [u8; 4];
+/// sRGB bytes and opacity, `0xrrggbbaa`, as Rerun stores colours.
+pub(crate) type Rgba = u32;
 
 /// A disc in the plane of an outline: centre and radius; m.
 #[derive(Clone, Copy, Debug)]
@@ -55,8 +55,8 @@ impl Placement {
 /// A coloured triangle mesh with smooth normals; m.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Mesh {
-    pub(crate) positions: Vec<[f32; 3]>,
-    pub(crate) normals: Vec<[f32; 3]>,
+    pub(crate) positions: Vec<Vec3>,
+    pub(crate) normals: Vec<Vec3>,
     pub(crate) colours: Vec<Rgba>,
     pub(crate) triangles: Vec<[u32; 3]>,
     /// The first vertex of each convex solid in it: rings of [`FACETS`] vertices, the first and the last of which are its ends.
@@ -229,8 +229,8 @@ impl Mesh {
     }
 
     fn push(&mut self, position: Vec3, normal: Vec3, colour: Rgba) {
-        self.positions.push(position.to_array());
-        self.normals.push(normal.normalize_or(Vec3::Z).to_array());
+        self.positions.push(position);
+        self.normals.push(normal.normalize_or(Vec3::Z));
         self.colours.push(colour);
     }
 
@@ -257,11 +257,11 @@ mod tests {
     fn solids_have_the_volume_of_their_formula() {
         let at = Placement::along(Vec3::ONE, Vec3::Y, Vec3::X);
         let mut meshes: [Mesh; 4] = Default::default();
-        meshes[0].add_sphere(at, 0.1, [255; 4]);
-        meshes[1].add_cone(at, 0.1, 0.0, 0.0, 0.3, [255; 4]);
-        meshes[2].add_box(at, Vec3::new(0.2, 0.3, 0.4), [255; 4]);
+        meshes[0].add_sphere(at, 0.1, 0xffffffff);
+        meshes[1].add_cone(at, 0.1, 0.0, 0.0, 0.3, 0xffffffff);
+        meshes[2].add_box(at, Vec3::new(0.2, 0.3, 0.4), 0xffffffff);
         let hull = [disc(0.0, 0.0, 0.1), disc(0.4, 0.0, 0.1)];
-        meshes[3].add_extrusion(at, &hull, 0.0, 0.1, 0.0, [255; 4]);
+        meshes[3].add_extrusion(at, &hull, 0.0, 0.1, 0.0, 0xffffffff);
         let exact = [
             PI * 0.004 / 3.0,
             PI * 0.001,
@@ -269,7 +269,7 @@ mod tests {
             (0.08 + PI * 0.01) * 0.1,
         ];
         for (mesh, exact) in meshes.iter().zip(exact) {
-            let corner = |i: u32| Vec3::from_array(mesh.positions[i as usize]);
+            let corner = |i: u32| mesh.positions[i as usize];
             let faces = mesh.triangles.iter().map(|corners| corners.map(corner));
             let volume: f32 = faces.map(|[a, b, c]| a.dot(b.cross(c)) / 6.0).sum();
             assert!(

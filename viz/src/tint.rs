@@ -1,6 +1,6 @@
 //! The viewer's colours on paper. PURE.
 
-use crate::plot::Color;
+use crate::plot::{Color, rgb};
 use crate::solid::Rgba;
 
 /// The largest luminance of a line on white paper: a contrast of three to one.
@@ -10,7 +10,8 @@ fn linear(byte: u8) -> f32 {
     (f32::from(byte) / 255.0).powf(2.2)
 }
 
-fn luminance([r, g, b, _]: Rgba) -> f32 {
+fn luminance(colour: Rgba) -> f32 {
+    let [r, g, b, _] = colour.to_be_bytes();
     0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b)
 }
 
@@ -25,23 +26,29 @@ const PALEST: f32 = 0.85;
 
 /// A colour for words that read in both themes of the viewer: with as much white as that takes.
 pub(crate) fn of_words(colour: Rgba) -> Rgba {
-    let (luminance, [r, g, b, _]) = (luminance(colour), colour);
+    let (luminance, [r, g, b, _]) = (luminance(colour), colour.to_be_bytes());
     let white = ((PALEST - luminance) / (1.0 - luminance).max(1e-6)).clamp(0.0, 1.0);
     let [r, g, b] = [r, g, b].map(|byte| {
         (255.0 * (linear(byte) + white * (1.0 - linear(byte))).powf(1.0 / 2.2)).round() as u8
     });
-    [r, g, b, 255]
+    u32::from_be_bytes([r, g, b, 255])
 }
 
 /// Darker by a factor.
-pub(crate) fn shaded([r, g, b, a]: Rgba, light: f32) -> Rgba {
+pub(crate) fn shaded(colour: Rgba, light: f32) -> Rgba {
+    let [r, g, b, a] = colour.to_be_bytes();
     let [r, g, b] = [r, g, b].map(|byte| (f32::from(byte) * light).round().clamp(0.0, 255.0) as u8);
-    [r, g, b, a]
+    u32::from_be_bytes([r, g, b, a])
+}
+
+/// With another opacity.
+pub(crate) fn faded(colour: Rgba, opacity: u8) -> Rgba {
+    (colour & !0xff) | u32::from(opacity)
 }
 
 /// As HTML writes it.
-pub(crate) fn hex([r, g, b, _]: Rgba) -> String {
-    format!("#{r:02x}{g:02x}{b:02x}")
+pub(crate) fn hex(colour: Rgba) -> String {
+    format!("#{:06x}", colour >> 8)
 }
 
 /// The colour of a kind of singularity, as in marks and plots of the viewer, for white paper.
@@ -52,8 +59,7 @@ pub fn singularity_ink(kind: u32) -> Color {
 
 /// As a plot takes it.
 pub(crate) fn ink(colour: Rgba) -> Color {
-    let [r, g, b, _] = on_paper(colour);
-    plotters::style::RGBAColor(r, g, b, 1.0)
+    rgb(on_paper(colour) >> 8)
 }
 
 #[cfg(test)]
@@ -62,16 +68,11 @@ mod tests {
 
     #[test]
     fn bright_colours_are_darkened_for_paper_and_dark_ones_lightened_for_words() {
-        let [r, g, b, _] = on_paper([250, 214, 60, 255]);
+        let [r, g, b, _] = on_paper(0xfad63cff).to_be_bytes();
         assert!(r > g && g > b && g < 160, "still yellow: {r} {g} {b}");
-        assert_eq!(on_paper([40, 60, 120, 255]), [40, 60, 120, 255]);
-        for colour in [
-            [240, 60, 210, 90],
-            [90, 220, 120, 255],
-            [0, 0, 0, 255],
-            [255, 255, 255, 0],
-        ] {
-            assert!(luminance(of_words(colour)) > 0.84 && of_words(colour)[3] == 255);
+        assert_eq!(on_paper(0x283c78ff), 0x283c78ff);
+        for colour in [0xf03cd25a, 0x5adc78ff, 0x000000ff, 0xffffff00] {
+            assert!(luminance(of_words(colour)) > 0.84 && of_words(colour) & 0xff == 0xff);
         }
     }
 }

@@ -9,8 +9,9 @@ use super::{ACROSS, ALONG, BAND_LINES, JOINTS};
 use crate::entity;
 use crate::signals::{Signal, hop_names};
 use crate::solid::Rgba;
+use crate::tint::faded;
 
-const TOLERANCE: Rgba = [255, 64, 84, 255];
+const TOLERANCE: Rgba = 0xff4054ff;
 /// Powers of ten of errors, mm and degrees, and of latencies, µs.
 const ERRORS: Option<[f64; 2]> = Some([-4.3, 2.3]);
 const LATENCIES: Option<[f64; 2]> = Some([-0.6, 4.3]);
@@ -180,10 +181,10 @@ impl Sheet<'_> {
 
     /// log₁₀(|s_i| / η_i), the band below 1 hatched.
     fn measure(&mut self) -> EntityPath {
-        let band = Lines::guide("guide:band", "singular", BAND_LINES, [255, 64, 84, 30], 5.0);
+        let band = Lines::guide("guide:band", "singular", BAND_LINES, 0xff40541e, 5.0);
         // In the legend with the band: it has room for few names.
         let edges = self.subject.outer.len();
-        let edges = Lines::guide("guide:edge", "singular", edges, [190, 195, 205, 150], 1.0);
+        let edges = Lines::guide("guide:edge", "singular", edges, 0xbec3cd96, 1.0);
         let mut nearness = self.per_singularity(Signal::Nearness);
         nearness.width = 2.5;
         let name = "How near: |s|/η in powers of ten. Below 0: treated as singular";
@@ -247,9 +248,9 @@ impl Sheet<'_> {
     /// The share of each torque, and the speed of the path's clock.
     fn governor(&mut self) -> EntityPath {
         let scales = [
-            ("time", [120, 190, 250, 255]),
-            ("task torque", [110, 215, 150, 255]),
-            ("null torque", [200, 200, 120, 255]),
+            ("time", 0x78befaff),
+            ("task torque", 0x6ed796ff),
+            ("null torque", 0xc8c878ff),
         ];
         let scales = scales.map(|(name, colour)| (name.to_owned(), colour));
         let scales = Lines::of(Signal::Scale, scales);
@@ -262,7 +263,10 @@ impl Sheet<'_> {
         let mut reference = self
             .per_singularity(Signal::AuxiliaryReference)
             .named("reference");
-        reference.lines.iter_mut().for_each(|line| line.1[3] = 120);
+        reference
+            .lines
+            .iter_mut()
+            .for_each(|line| line.1 = faded(line.1, 120));
         let lines = vec![reference, self.per_singularity(Signal::Auxiliary)];
         self.plot("Auxiliary coordinates, rad", lines, None, Some(RightTop))
     }

@@ -10,20 +10,18 @@ use re_sdk_types::blueprint::archetypes::{
     ScalarAxis, TextLogColumns, TimeAxis, ViewBlueprint, ViewContents, VisibleTimeRanges,
     VisualizerInstruction,
 };
-use re_sdk_types::blueprint::components::{
-    ActiveTab, BackgroundKind, ColumnShare, ContainerKind, Corner2D, IncludedContent, LinkAxis,
-    LockRangeDuringZoom, RowShare, TextLogColumn, TimelineColumn, VisibleTimeRange,
-    VisualizerComponentMapping, VisualizerInstructionId,
+use re_sdk_types::blueprint::components::{BackgroundKind, ContainerKind, Corner2D, LinkAxis};
+use re_sdk_types::blueprint::datatypes::{
+    TextLogColumn, TextLogColumnKind, TimelineColumn, VisualizerComponentMapping,
 };
-use re_sdk_types::blueprint::datatypes::{self, ComponentSourceKind, TextLogColumnKind};
-use re_sdk_types::components::{Color, Name, Plane3D, Range1D, StrokeWidth, Visible};
-use re_sdk_types::datatypes::{TimeRange, TimeRangeBoundary, VisibleTimeRange as Span};
+use re_sdk_types::components::{Plane3D, Range1D};
+use re_sdk_types::datatypes::{TimeRange, TimeRangeBoundary, VisibleTimeRange};
 use re_sdk_types::external::uuid::Uuid;
 use shared_types::scenario::Layout;
+use xxhash_rust::xxh3::xxh3_64;
 
 use super::{Eye, Subject};
 use crate::entity;
-use crate::recording::rgba;
 use crate::signals::{Kept, Signal};
 use crate::solid::Rgba;
 
@@ -75,7 +73,7 @@ impl Lines {
 }
 
 /// Colour of a fault in force, as in its lane.
-const FAULT: Rgba = [192, 48, 48, 255];
+const FAULT: Rgba = 0xc03030ff;
 
 /// Ids are made of what they are of: a layout is the same bytes in every file, and no view has the id of one of another class, be it in
 /// another layout or in one of an earlier version. The viewer keeps layouts from one opening to the next, and what it knows of a view by its id.
@@ -125,11 +123,8 @@ impl<'a> Sheet<'a> {
     fn id(&mut self, class: &str, name: &str) -> Uuid {
         self.ids += 1;
         let of = format!("{}/{class}/{name}/{}", self.layout.name(), self.ids);
-        // FNV-1a, without the bits of the id's kind.
-        let hash = of.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
-            (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
-        });
-        Uuid::from_u128(ID_BASE | u128::from(hash >> 4))
+        // Without the bits of the id's kind.
+        Uuid::from_u128(ID_BASE | u128::from(xxh3_64(of.as_bytes()) >> 4))
     }
 
     /// A view of `contents`; its path is what containers hold.
@@ -144,7 +139,7 @@ impl<'a> Sheet<'a> {
         let path = EntityPath::from(format!("view/{id}"));
         let queries = contents.iter().map(|query| query.as_str());
         self.set(&path, "ViewContents", &ViewContents::new(queries));
-        let view = ViewBlueprint::new(class).with_display_name(Name(name.into()));
+        let view = ViewBlueprint::new(class).with_display_name(name);
         self.log(path.clone(), &[&view.with_space_origin(origin)]);
         (id, path)
     }
@@ -153,23 +148,19 @@ impl<'a> Sheet<'a> {
     fn container(&mut self, kind: ContainerKind, name: &str, cells: Vec<Cell>) -> EntityPath {
         self.root = self.id("container", name);
         let path = EntityPath::from(format!("container/{}", self.root));
-        let shares = cells.iter().map(|(share, _)| (*share).into());
-        let contents = cells
-            .iter()
-            .map(|(_, path)| IncludedContent(path.to_string().into()));
-        let mut container = ContainerBlueprint::new(kind).with_contents(contents);
+        let shares = cells.iter().map(|(share, _)| *share);
+        let contents = cells.iter().map(|(_, path)| path.to_string());
+        let mut container = ContainerBlueprint::new(kind).with_contents(contents.clone());
         container = match kind {
-            ContainerKind::Horizontal => container.with_col_shares(shares.map(ColumnShare)),
-            ContainerKind::Vertical => container.with_row_shares(shares.map(RowShare)),
-            _ => cells
-                .iter()
-                .take(1)
-                .fold(container, |container, (_, first)| {
-                    container.with_active_tab(ActiveTab(first.to_string().as_str().into()))
-                }),
+            ContainerKind::Horizontal => container.with_col_shares(shares),
+            ContainerKind::Vertical => container.with_row_shares(shares),
+            _ => {
+                let first = contents.take(1);
+                first.fold(container, ContainerBlueprint::with_active_tab)
+            }
         };
         if !name.is_empty() {
-            container = container.with_display_name(Name(name.into()));
+            container = container.with_display_name(name);
         }
         self.log(path.clone(), &[&container]);
         path
@@ -214,30 +205,26 @@ impl<'a> Sheet<'a> {
             self.log(base, &[&ActiveVisualizers::new(instructions)]);
         }
         self.axes(&path, range);
-        let shown = PlotLegend::new().with_visible(Visible(legend.is_some().into()));
+        let shown = PlotLegend::new().with_visible(legend.is_some());
         let shown = legend.map_or(shown.clone(), |corner| shown.with_corner(corner));
         self.set(&path, "PlotLegend", &shown);
         path
     }
 
     /// How lines of an entity are drawn.
-    fn series(&mut self, base: &EntityPath, lines: &Lines) -> VisualizerInstructionId {
+    fn series(&mut self, base: &EntityPath, lines: &Lines) -> Uuid {
         let instruction = self.id("lines", lines.component);
         let at = base.join(&EntityPath::from_single_string(instruction.to_string()));
-        let mapping = VisualizerComponentMapping(datatypes::VisualizerComponentMapping {
-            target: "Scalars:scalars".into(),
-            source_kind: ComponentSourceKind::SourceComponent,
-            source_component: Some(lines.component.into()),
-            selector: None,
-        });
+        let mapping =
+            VisualizerComponentMapping::new_source_component("Scalars:scalars", lines.component);
         let instructed = VisualizerInstruction::new("SeriesLines").with_component_map([mapping]);
         let all = lines.lines.iter();
         let style = SeriesLines::new()
             .with_names(all.clone().map(|line| line.0.as_str()))
-            .with_colors(all.clone().map(|line| rgba(line.1)))
-            .with_widths(all.map(|_| StrokeWidth(lines.width.into())));
+            .with_colors(all.clone().map(|line| line.1))
+            .with_widths(all.map(|_| lines.width));
         self.log(at, &[&instructed, &style]);
-        VisualizerInstructionId(instruction.into())
+        instruction
     }
 
     fn axes(&mut self, path: &EntityPath, range: Option<[f64; 2]>) {
@@ -252,29 +239,21 @@ impl<'a> Sheet<'a> {
         self.set(path, "TimeAxis", &axis);
         if let Some([low, high]) = range {
             let axis = ScalarAxis::new().with_range(Range1D::new(low, high));
-            self.set(
-                path,
-                "ScalarAxis",
-                &axis.with_zoom_lock(LockRangeDuringZoom(true.into())),
-            );
+            self.set(path, "ScalarAxis", &axis.with_zoom_lock(true));
         }
     }
 
     pub(super) fn text(&mut self, class: &str, name: &str, origin: &str) -> EntityPath {
         let (_, path) = self.view(class, name, origin, &[format!("{origin}/**")]);
         if class == "TextLog" {
-            let columns = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body].map(|kind| {
-                TextLogColumn(datatypes::TextLogColumn {
-                    kind,
-                    visible: true.into(),
-                })
-            });
+            let visible = true.into();
+            let columns = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body];
+            let columns = columns.map(|kind| TextLogColumn { kind, visible });
             // A column of times is as narrow as its head, which cuts them: each line begins with its time instead.
-            let times = ["t", "tick"].map(|timeline| {
-                TimelineColumn(datatypes::TimelineColumn {
-                    timeline: timeline.into(),
-                    visible: false.into(),
-                })
+            let visible = false.into();
+            let times = ["t", "tick"].map(|timeline| TimelineColumn {
+                timeline: timeline.into(),
+                visible,
             });
             let columns = TextLogColumns::new().with_text_log_columns(columns);
             self.set(
@@ -308,24 +287,20 @@ impl<'a> Sheet<'a> {
             .with_eye_up(eye.up.to_array());
         self.set(&path, "EyeControls3D", &controls);
         let background = Background::new(BackgroundKind::SolidColor);
-        self.set(
-            &path,
-            "Background",
-            &background.with_color(Color::from_rgb(24, 28, 36)),
-        );
+        self.set(&path, "Background", &background.with_color(0x181c24ff));
         let grid = LineGrid3D::new()
             .with_plane(Plane3D::new([0.0, 0.0, 1.0], self.subject.floor_m))
             .with_spacing(0.25)
-            .with_color(Color::from_unmultiplied_rgba(150, 165, 185, 45));
+            .with_color(0x96a5b92d);
         self.set(&path, "LineGrid3D", &grid);
         // Paths are drawn in short pieces: all up to the cursor are shown.
         let (start, end) = (TimeRangeBoundary::Infinite, TimeRangeBoundary::AT_CURSOR);
         let range = |timeline: &str| {
             let range = TimeRange { start, end };
-            VisibleTimeRange(Span {
+            VisibleTimeRange {
                 timeline: timeline.into(),
                 range,
-            })
+            }
         };
         let mut paths = vec![
             entity::PATH_ACTUAL,

@@ -10,10 +10,10 @@ use plotters::coord::ranged1d::{
 };
 use plotters::element::{Circle, DashedPathElement, EmptyElement, PathElement, Rectangle, Text};
 use plotters::style::text_anchor::HPos;
-use plotters::style::{Color as _, ShapeStyle};
+use plotters::style::{Color as _, RGBAColor, ShapeStyle};
 
 use super::axis::{Axis, Extent, Scale};
-use super::color::{Color, FAINT, GREY, INK, WHITE, rgb};
+use super::color::{Color, FAINT, GREY, INK, WHITE};
 use super::pen::{CHARACTER, FINE, Pen, anchored, fine, said, stroke, style, thinned};
 
 /// Room above a panel for its title and legend, and below for labels; points.
@@ -127,7 +127,7 @@ impl Panel {
     /// An arm: links and joints, faint or strong by `strength` in [0, 1].
     pub fn arm(&mut self, color: Color, strength: f64, joints: &[(f64, f64)]) {
         let fade = |c: u8| (255.0 - (255.0 - f64::from(c)) * strength) as u8;
-        let color = rgb(fade(color.0), fade(color.1), fade(color.2));
+        let color = RGBAColor(fade(color.0), fade(color.1), fade(color.2), 1.0);
         self.marks.push(Mark::Line {
             points: joints.to_vec(),
             color,

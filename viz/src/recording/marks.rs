@@ -12,6 +12,7 @@ use super::shapes::{arrows, ghost3d, lettered, lines, mesh3d, tinted, words};
 use crate::scene::{self, Look, Mark, Presence, dashed, glyph};
 use crate::signals::TickRow;
 use crate::solid::{Placement, Rgba};
+use crate::tint::faded;
 use crate::{entity, narration};
 
 /// Cosine of 8°: how far ζ turns between two pictures of what it has swept.
@@ -21,7 +22,7 @@ const FEW: usize = 2;
 /// Degrees between two pictures of the rotation about the old ζ.
 const TELL_STEP_DEG: f32 = 5.0;
 /// Colour of a direction that is free again.
-const FREE: Rgba = [90, 220, 120, 255];
+const FREE: Rgba = 0x5adc78ff;
 
 /// The mark of a singularity as the present part has it.
 #[derive(Default)]
@@ -139,19 +140,18 @@ impl Recording {
         // Meshes are large: they are written once, later changes are their tint and their size.
         if shown.drawn != Some(angular) && presence != Presence::Hidden {
             shown.drawn = Some(angular);
-            let [r, g, b, _] = mark.tint;
-            self.log(tick, &solid, &mesh3d(&glyph(angular, [r, g, b, 255])));
-            let edge = scene::rings(edge, unit, [255; 4]);
-            self.log(tick, &rings, &ghost3d(&edge, [255; 4]));
+            self.log(tick, &solid, &mesh3d(&glyph(angular, mark.tint)));
+            let edge = scene::rings(edge, unit, 0xffffffff);
+            self.log(tick, &rings, &ghost3d(&edge, 0xffffffff));
         }
         let scale = |scale: f32| Transform3D::update_fields().with_scale(scale);
         let tints = match presence {
             Presence::Hidden => None,
-            Presence::Near => Some((70, [190, 195, 205, 255])),
-            Presence::Inside => Some((255, [255, 110, 110, 255])),
+            Presence::Near => Some((0xffffff46, 0xbec3cdff)),
+            Presence::Inside => Some((0xffffffff, 0xff6e6eff)),
         };
-        if let Some((opacity, rim)) = tints {
-            self.log(tick, &solid, &tinted([255, 255, 255, opacity]));
+        if let Some((inner, rim)) = tints {
+            self.log(tick, &solid, &tinted(inner));
             self.log(tick, &rings, &tinted(rim));
             self.log(tick, &rings, &scale(1.0));
         } else {
@@ -160,7 +160,7 @@ impl Recording {
         }
         if presence == Presence::Inside {
             let axes = [Vec3::Y, Vec3::Z].map(|axis| 0.5 * unit * axis);
-            let axes = arrows(axes, [0xc8, 0xd0, 0xdc, 0xff], 0.012 * unit);
+            let axes = arrows(Vec3::ZERO, axes, 0xc8d0dcff, 0.012 * unit);
             self.draw(tick, mark.part("axes"), &axes);
             self.draw(tick, mark.label(), &words(Vec3::ZERO, mark.tint, text));
         } else {
@@ -186,11 +186,7 @@ impl Recording {
             _ => Vec::new(),
         };
         for (link, strips, is_second) in scene::reasons(kind, &self.run.figure, &dependent) {
-            let drawn = if is_second {
-                [245, 245, 250, 255]
-            } else {
-                mark.tint
-            };
+            let drawn = if is_second { 0xf5f5faff } else { mark.tint };
             let strips = lines(strips, drawn, 0.0045 * reach);
             self.draw(mark.tick, path(link), &strips);
         }
@@ -248,7 +244,7 @@ impl Recording {
         if directions.len() <= FEW {
             return;
         }
-        let (unit, [r, g, b, _]) = (self.mark_size(), mark.tint);
+        let unit = self.mark_size();
         let steps = directions.windows(2);
         let turned: f32 = steps.map(|pair| pair[0].angle_between(pair[1])).sum();
         let goal = self.run.segments.get(mark.segment);
@@ -258,17 +254,17 @@ impl Recording {
         let text = format!("ζ turned {:.0}°{goal}", turned.to_degrees());
         let arc = directions
             .iter()
-            .map(|zeta| (mark.centre + *zeta * 0.97 * unit).to_array());
+            .map(|zeta| mark.centre + *zeta * 0.97 * unit);
         let arc = lettered(vec![(arc.collect(), mark.tint, text)], self.fine());
         let sector = scene::sector(mark.centre, directions, 0.95 * unit);
         self.draw(
             mark.tick,
             mark.zeta("sector"),
-            &ghost3d(&sector, [r, g, b, 90]),
+            &ghost3d(&sector, faded(mark.tint, 90)),
         );
         self.draw(mark.tick, mark.zeta("words"), &arc);
         if directions.len() == FEW + 1 {
-            self.write_old_zeta(mark, directions[0], [r, g, b, 200], String::new());
+            self.write_old_zeta(mark, directions[0], faded(mark.tint, 200), String::new());
         }
     }
 
@@ -305,7 +301,7 @@ impl Recording {
         let dashes = dashed(mark.centre - end, mark.centre + end, 15, 0).into_iter();
         let up = if zeta.z < 0.0 { -zeta } else { zeta };
         let tip = mark.centre + 1.2 * unit * up;
-        let tip = vec![tip.to_array(), (tip + 0.02 * unit * up).to_array()];
+        let tip = vec![tip, tip + 0.02 * unit * up];
         let dashes = dashes.map(|dash| (dash.to_vec(), colour, String::new()));
         let all = dashes.chain([(tip, colour, text)]).collect();
         self.draw(mark.tick, mark.zeta("entry"), &lettered(all, self.fine()));

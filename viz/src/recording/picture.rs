@@ -8,7 +8,7 @@ use re_sdk_types::components::Radius;
 use re_sdk_types::datatypes::Quaternion;
 use shared_types::MAX_DOF;
 
-use super::shapes::{albedo, arrows, ghost3d, lettered, lines, mesh3d, middle};
+use super::shapes::{arrows, ghost3d, lettered, lines, mesh3d, middle};
 use super::{Recording, Track};
 use crate::arm::{placement, pose, vec3};
 use crate::blueprint::{JOINTS, MAGNIFIED};
@@ -30,13 +30,13 @@ const ABILITIES: [&str; 2] = [
 const GHOST: &str = "/world/null_motion/link";
 /// A link of the other law's arm, in a race.
 const RIVAL: &str = "/world/rival/link";
-const PALE: Rgba = [150, 205, 255, 160];
+const PALE: Rgba = 0x96cdffa0;
 /// The lines that grow: path, colour, radius over the arm's reach.
 const WAYS: [(&str, Rgba, f32); 4] = [
-    (entity::PATH_RIVAL, [255, 90, 80, 255], 0.0045),
-    (entity::PATH_MAGNIFIED, [255, 176, 46, 255], 0.006),
-    (entity::PATH_ACTUAL, [240, 240, 245, 255], 0.0035),
-    (entity::PATH_DESIRED, [110, 235, 150, 255], 0.006),
+    (entity::PATH_RIVAL, 0xff5a50ff, 0.0045),
+    (entity::PATH_MAGNIFIED, 0xffb02eff, 0.006),
+    (entity::PATH_ACTUAL, 0xf0f0f5ff, 0.0035),
+    (entity::PATH_DESIRED, 0x6eeb96ff, 0.006),
 ];
 
 impl Recording {
@@ -47,30 +47,31 @@ impl Recording {
             self.log_static(entity::link(entity::LINK, i), &mesh3d(link));
         }
         let size = 0.11 * self.run.figure.reach;
-        let hand = arrows(Vec3::AXES.map(|axis| axis * size), [255; 4], 0.03 * size);
+        let hand = arrows(
+            Vec3::ZERO,
+            Vec3::AXES.map(|axis| axis * size),
+            0xffffffff,
+            0.03 * size,
+        );
         let hand = hand.with_colors([0xf05050ff_u32, 0x60d060ff, 0x5090ffff]);
         self.log_static(entity::HAND, &hand);
         let axes = Vec3::AXES.map(|axis| axis * (1.35 * size));
         self.log_static(
             entity::TARGET,
-            &arrows(axes, [0x90, 0xf0, 0xb0, 0xff], 0.018 * size),
+            &arrows(Vec3::ZERO, axes, 0x90f0b0ff, 0.018 * size),
         );
         let mut ball = Mesh::default();
-        ball.add_sphere(Placement::IDENTITY, 1.0, [255; 4]);
-        let body = mesh3d(&ball).with_albedo_factor(albedo([90, 170, 255, 60]));
+        ball.add_sphere(Placement::IDENTITY, 1.0, 0xffffffff);
+        let body = mesh3d(&ball).with_albedo_factor(0x5aaaff3c);
         self.log_static(ABILITIES[0], &body);
         let circle = |(x, y): (Vec3, Vec3)| {
             (0..=48).map(move |k| {
                 let (sin, cos) = (std::f32::consts::TAU * k as f32 / 48.0).sin_cos();
-                (x * cos + y * sin).to_array()
+                x * cos + y * sin
             })
         };
         let circles = [(Vec3::X, Vec3::Y), (Vec3::Y, Vec3::Z), (Vec3::Z, Vec3::X)];
-        let net = lines(
-            circles.map(circle),
-            [150, 235, 225, 255],
-            Radius::new_ui_points(1.0),
-        );
+        let net = lines(circles.map(circle), 0x96ebe1ff, Radius::new_ui_points(1.0));
         self.log_static(ABILITIES[1], &net);
     }
 
@@ -186,7 +187,7 @@ impl Recording {
                 continue;
             }
             if !is_known {
-                let pale = ghost3d(&self.run.figure.links[i], [150, 205, 255, 110]);
+                let pale = ghost3d(&self.run.figure.links[i], 0x96cdff6e);
                 self.draw(tick, path.clone(), &pale);
             }
             if places.is_empty() {
@@ -200,12 +201,10 @@ impl Recording {
             self.log(tick, path, &poses);
         }
         // The ways of the joints that have moved.
-        let trail = |i: usize| -> Vec<[f32; 3]> {
-            postures.iter().map(|links| links[i].p.to_array()).collect()
-        };
-        let moved = |strip: &Vec<[f32; 3]>| {
+        let trail = |i: usize| -> Vec<Vec3> { postures.iter().map(|links| links[i].p).collect() };
+        let moved = |strip: &Vec<Vec3>| {
             let mut steps = strip.windows(2);
-            steps.any(|pair| Vec3::from(pair[0]).distance(Vec3::from(pair[1])) > 0.005)
+            steps.any(|pair| pair[0].distance(pair[1]) > 0.005)
         };
         let strips = (0..self.run.figure.links.len()).map(trail).filter(moved);
         let trail = lines(strips, PALE, 0.002 * self.run.figure.reach);
@@ -222,7 +221,7 @@ impl Recording {
             .fold(0.0f64, |most, angle| most.max(angle.abs()));
         // Words of arcs next to each other would lie over each other: they share a place.
         let near = 0.8 * self.mark_size();
-        let mut arcs: Vec<(Vec<[f32; 3]>, Rgba, String)> = Vec::new();
+        let mut arcs: Vec<(Vec<Vec3>, Rgba, String)> = Vec::new();
         for (i, ring) in self.run.figure.rings.iter().enumerate() {
             // Those that move most, each with its words: an arc without any is a hook that belongs to nothing.
             let angle = turned[i];
@@ -234,7 +233,7 @@ impl Recording {
             };
             let strip = scene::turning(ring, &links[i], angle as f32);
             let mut word = format!("q{} {:+.0}°", i + 1, angle.to_degrees());
-            let is_beside = |other: &&mut (Vec<[f32; 3]>, Rgba, String)| {
+            let is_beside = |other: &&mut (Vec<Vec3>, Rgba, String)| {
                 !other.2.is_empty() && middle(&other.0).distance(middle(&strip)) < near
             };
             if let Some(other) = arcs.iter_mut().find(is_beside) {
@@ -258,7 +257,7 @@ impl Recording {
             while from + 1 < points.len() {
                 let to = (from + 5).min(points.len() - 1);
                 if points[from].1.distance(points[to].1) > 1e-4 {
-                    let piece = points[from..=to].iter().map(|(_, p)| p.to_array());
+                    let piece = points[from..=to].iter().map(|(_, p)| *p);
                     let strip = lines([piece], colour, radius * self.run.figure.reach);
                     self.log(points[to].0, path, &strip);
                 }
@@ -276,9 +275,9 @@ impl Recording {
                 let mut mesh = link.clone();
                 let inwards = -0.004 * self.run.figure.reach;
                 for (p, normal) in mesh.positions.iter_mut().zip(&mesh.normals) {
-                    *p = (Vec3::from(*p) + inwards * Vec3::from(*normal)).to_array();
+                    *p += inwards * *normal;
                 }
-                let pale = ghost3d(&mesh, [255, 80, 70, 140]);
+                let pale = ghost3d(&mesh, 0xff50468c);
                 self.log_static(entity::link(RIVAL, i), &pale);
             }
         }

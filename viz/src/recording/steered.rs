@@ -12,8 +12,8 @@ use crate::solid::{Placement, Rgba};
 /// Time by which the arrows and the ghost are ahead, s: the horizon of the law's prediction.
 const AHEAD_S: f32 = 0.5;
 /// The target's colour, and the ghost's.
-const ASKED: Rgba = [255, 240, 120, 255];
-const GHOST: Rgba = [150, 235, 190, 200];
+const ASKED: Rgba = 0xfff078ff;
+const GHOST: Rgba = 0x96ebbec8;
 /// Twist that is drawn; m/s, rad/s.
 const LEAST: f32 = 1e-3;
 /// How far below the hand its words are, in half lengths of a mark.
@@ -62,17 +62,16 @@ impl Recording {
     fn write_asked(&self, tick: u64, V: &[f64; 6], place: Vec3, hand: Vec3, unit: f32) {
         let [v, w] = vectors(V);
         let motion = (v.length() > LEAST).then(|| (v * AHEAD_S).clamp_length_min(0.2 * unit));
-        let motion = arrows(motion, ASKED, 0.025 * unit);
-        let origins = vec![hand.to_array(); usize::from(v.length() > LEAST)];
-        self.log(tick, "/world/asked/motion", &motion.with_origins(origins));
-        let mut strips: Vec<Vec<[f32; 3]>> = Vec::new();
+        let motion = arrows(hand, motion, ASKED, 0.025 * unit);
+        self.log(tick, "/world/asked/motion", &motion);
+        let mut strips: Vec<Vec<Vec3>> = Vec::new();
         if w.length() > LEAST {
             let start = w.normalize().any_orthonormal_vector() * (0.75 * unit);
             let at = |k: usize| hand + turned(w * (k as f32 / PIECES as f32)) * start;
-            strips.push((0..=PIECES).map(|k| at(k).to_array()).collect());
+            strips.push((0..=PIECES).map(at).collect());
         }
         if place.distance(hand) > 0.02 * unit && place != Vec3::ZERO {
-            strips.push(vec![hand.to_array(), place.to_array()]);
+            strips.push(vec![hand, place]);
         }
         self.log(
             tick,
@@ -92,11 +91,10 @@ impl Recording {
         let axes = [R.x_axis, R.y_axis, R.z_axis].map(|axis| axis * unit);
         let (axes, way) = match is_still {
             true => (&[][..], None),
-            false => (&axes[..], Some([from.p.to_array(), end.to_array()])),
+            false => (&axes[..], Some([from.p, end])),
         };
-        let origins = vec![end.to_array(); axes.len()];
-        let axes = arrows(axes.iter().copied(), GHOST, 0.015 * unit);
-        self.log(tick, "/world/ahead/hand", &axes.with_origins(origins));
+        let axes = arrows(end, axes.iter().copied(), GHOST, 0.015 * unit);
+        self.log(tick, "/world/ahead/hand", &axes);
         self.log(tick, "/world/ahead/way", &lines(way, GHOST, 0.012 * unit));
     }
 }

@@ -18,7 +18,7 @@ use crate::tint::{hex, on_paper, shaded};
 /// Width of a drawing; units.
 pub(super) const WIDTH: f32 = 1000.0;
 /// Colour of the desired path, as in the viewer.
-const DESIRED: Rgba = [110, 235, 150, 255];
+const DESIRED: Rgba = 0x6eeb96ff;
 /// The hand's way, which is white in the viewer.
 const ACTUAL: &str = "#4a5160";
 /// The second of two axes that become one, which is white in the viewer.
@@ -117,9 +117,10 @@ impl<'a> Drawing<'a> {
             let Some(bodies) = bodies(recorded, *tick) else {
                 continue;
             };
-            points.extend(solids::of(&figure, &bodies).flat_map(|(solid, at, _)| {
-                solid.iter().step_by(7).map(move |p| at.of(Vec3::from(*p)))
-            }));
+            points.extend(
+                solids::of(&figure, &bodies)
+                    .flat_map(|(solid, at, _)| solid.iter().step_by(7).map(move |p| at.of(*p))),
+            );
             let tip = figure.tip.unwrap_or(Vec3::ZERO);
             let hand = bodies.last().map_or(Vec3::ZERO, |at| at.of(tip));
             points.extend(
@@ -193,7 +194,7 @@ impl<'a> Drawing<'a> {
         for (link, strips, is_second) in reasons(one.kind, &self.figure, &[]) {
             let Some(at) = links.get(link) else { continue };
             let strips = strips.iter();
-            let strips = strips.map(|strip| self.line(strip.map(|p| at.of(Vec3::from(p)))));
+            let strips = strips.map(|strip| self.line(strip.map(|p| at.of(p))));
             let colour = if is_second { SECOND } else { &colour };
             out.put(stroke(colour, 5.0, faint), strips.collect());
         }

@@ -12,7 +12,7 @@ use shared_types::summary::Summary;
 use crate::entity::{HAND, LABEL, LINK, SINGULARITY, TARGET, link};
 use crate::narration::{NO_FAULT, colour_of};
 use crate::plot::{Axis, Color, GREY, Panel, RED};
-use crate::read::{Piece, ReadError, ReadNews, read};
+use crate::read::{Piece, ReadError, ReadNews, Rows, read};
 use crate::shortfall::Reading;
 use crate::signals::{Kept, Signal};
 use crate::solid::{Placement, Rgba};
@@ -241,7 +241,7 @@ impl Recorded {
     ) -> Result<Self, ReadError> {
         let stride = summary.ticks.div_ceil(POINTS).max(1);
         let (mut recorded, mut gathered) = (Self::default(), Gathered::default());
-        let (mut names, mut values) = (Vec::new(), Vec::new());
+        let mut names = Vec::new();
         recorded.rate_hz = f64::from(summary.rate_hz.max(1));
         read(parts, |piece| {
             match piece {
@@ -260,18 +260,7 @@ impl Recorded {
                 }
                 Piece::Rows(rows) => {
                     reading.add(ReadNews::Rows(rows.ticks.len() as u64));
-                    for (row, tick) in rows.ticks.iter().enumerate() {
-                        recorded.last = recorded.last.max(*tick);
-                        let t_s = recorded.seconds(*tick);
-                        for signal in Signal::recorded() {
-                            values.clear();
-                            rows.values(signal, row, &mut values);
-                            let lines = recorded.lines.get_mut(signal.name()).into_iter().flatten();
-                            lines
-                                .zip(&values)
-                                .for_each(|(line, value)| line.push(t_s, *value));
-                        }
-                    }
+                    recorded.add(rows);
                 }
                 Piece::Event { tick, level, text } => recorded.log.push((tick, level, text)),
                 Piece::State { tick, lane, state } => {
@@ -295,6 +284,22 @@ impl Recorded {
         recorded.hand = track(HAND).unwrap_or_default();
         recorded.target = track(TARGET).unwrap_or_default();
         Ok(recorded)
+    }
+
+    fn add(&mut self, rows: &Rows) {
+        let mut values = Vec::new();
+        for (row, tick) in rows.ticks.iter().enumerate() {
+            self.last = self.last.max(*tick);
+            let t_s = self.seconds(*tick);
+            for signal in Signal::recorded() {
+                values.clear();
+                rows.values(signal, row, &mut values);
+                let lines = self.lines.get_mut(signal.name()).into_iter().flatten();
+                lines
+                    .zip(&values)
+                    .for_each(|(line, value)| line.push(t_s, *value));
+            }
+        }
     }
 
     pub(super) fn is_empty(&self) -> bool {

@@ -11,7 +11,7 @@ use crate::solid::{FACETS, Placement, Rgba};
 pub(super) fn of<'a>(
     figure: &'a Figure,
     bodies: &'a [Placement],
-) -> impl Iterator<Item = (&'a [[f32; 3]], &'a Placement, Rgba)> {
+) -> impl Iterator<Item = (&'a [Vec3], &'a Placement, Rgba)> {
     let meshes = std::iter::once(&figure.base).chain(&figure.links);
     meshes.zip(bodies).flat_map(|(mesh, at)| {
         let ends = mesh
@@ -40,8 +40,8 @@ struct Placed {
 }
 
 impl Placed {
-    fn new(solid: &[[f32; 3]], at: &Placement, colour: Rgba, camera: &Camera) -> Option<Self> {
-        let points: Vec<Vec3> = solid.iter().map(|p| at.of(Vec3::from(*p))).collect();
+    fn new(solid: &[Vec3], at: &Placement, colour: Rgba, camera: &Camera) -> Option<Self> {
+        let points: Vec<Vec3> = solid.iter().map(|p| at.of(*p)).collect();
         let (mut low, mut high) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
         for place in points.iter().map(|p| camera.place(*p)) {
             (low, high) = (low.min(place), high.max(place));
@@ -173,13 +173,7 @@ mod tests {
     fn the_nearer_of_two_stacked_drums_is_painted_last_from_either_side() {
         let mut base = Mesh::default();
         for (z, red) in [(0.0, 0), (0.2, 20)] {
-            base.add_drum(
-                Placement::IDENTITY,
-                0.5,
-                [z, z + 0.2],
-                0.0,
-                [red, 0, 0, 255],
-            );
+            base.add_drum(Placement::IDENTITY, 0.5, [z, z + 0.2], 0.0, red);
         }
         let robot = model::Robot::builtin("planar3r").expect("built in");
         let figure = Figure {
@@ -194,14 +188,14 @@ mod tests {
                 look_at: Vec3::ZERO,
                 up: Vec3::Z,
             };
-            let corners = figure.base.positions.iter().map(|p| Vec3::from(*p));
+            let corners = figure.base.positions.iter().copied();
             let (camera, _) = Camera::framing(&eye, corners, 400.0);
             let mut painted = Vec::new();
             paint(
                 &figure,
                 &[Placement::IDENTITY],
                 &camera,
-                |colour, is_end, _| painted.push((colour[0], is_end)),
+                |colour, is_end, _| painted.push((colour, is_end)),
             );
             let sides: Vec<_> = painted.iter().filter(|(_, is_end)| !is_end).collect();
             assert!(sides.last().is_some_and(|one| one.0 == last) && painted.len() > sides.len());
