@@ -224,3 +224,77 @@ fn a_task_of_positions_alone_moves_the_point_that_it_names() {
         );
     }
 }
+
+/// A leg in less time than the arm needs is followed as slowly as it must be, at the start and after another leg; one of a tick is refused.
+#[test]
+fn a_leg_that_is_too_short_is_stretched_or_refused() {
+    let leg = |by: &str, duration_s: f64| {
+        format!("[[segment]]\nby_m = {by}\nduration_s = {duration_s}\n")
+    };
+    let there = "[0.1, 0.1, 0.05]";
+    let cases = [
+        (leg(there, 0.001), 2),
+        (leg(there, 0.01), 0),
+        (leg(there, 0.05), 0),
+        (leg("[-0.05, -0.05, -0.05]", 1.0) + &leg(there, 0.02), 0),
+    ];
+    let desk = Desk::new();
+    for (legs, code) in cases {
+        desk.file(
+            "short.toml",
+            &format!("name = \"short\"\nrobot = \"puma560\"\n[start]\nq_rad = [0.3, -0.8, 2.9, 0.2, 0.5, 0.1]\n{legs}"),
+        );
+        let said = run(&desk, &["run", "short.toml", "--json"]);
+        assert_eq!(said.code, code, "{legs}: {}", said.err);
+        if code == 0 {
+            let task = &summary(&said)["task"];
+            let [off_mm, stretch] =
+                ["position_max_mm", "time_stretch"].map(|key| task[key].as_f64().expect(key));
+            assert!(off_mm < 0.2 && stretch > 1.2, "{legs}: {task}");
+        }
+    }
+}
+
+/// A hold where two directions are lost: noise neither slows its clock nor changes its modes.
+#[test]
+fn a_hold_in_a_double_lock_is_calm() {
+    let desk = Desk::new();
+    desk.file(
+        "hold.toml",
+        "name = \"hold\"\nrobot = \"ur5\"\n[start]\nq_rad = [0.3, -1.2, 0.0, -1.0, 0.0, 0.2]\n[[segment]]\nduration_s = 3.0\n\
+         [plant]\nencoder_noise_counts = 2.0\n",
+    );
+    let result = desk.run("run hold.toml");
+    let (switches, stretch) = (
+        result["joints"]["switches"].as_u64(),
+        result["task"]["time_stretch"].as_f64(),
+    );
+    assert!(
+        switches.is_some_and(|count| count < 10) && stretch.is_some_and(|stretch| stretch < 1.05),
+        "{switches:?} {stretch:?}"
+    );
+}
+
+/// Three passes of the wrist's lock: the third has no planned route, which is said, and the plan of the first two is kept.
+#[test]
+fn legs_before_one_without_a_route_stay_planned() {
+    let near = "to_m = [-0.5320221895, -0.3581739325, 0.4529399762]\nrotation = [[0.44753433370, 0.77799976155, 0.44094148273], \
+                [0.53793751911, 0.15968108681, -0.82772288602], [-0.71437822313, 0.60763337758, -0.34705249281]]\nduration_s = 2.0\n";
+    let far = "to_m = [-0.5597983321, -0.3667661003, 0.5100648165]\nrotation = [[0.67310839583, 0.73227363540, 0.10344278786], \
+               [-0.19128210001, 0.30750122169, -0.93212346654], [-0.71437822313, 0.60763337758, 0.34705249281]]\nduration_s = 2.0\n";
+    let desk = Desk::new();
+    desk.file(
+        "passes.toml",
+        &format!(
+            "name = \"passes\"\nrobot = \"ur5\"\nframe = \"tool0\"\n[start]\nq_rad = [0.3, -1.2, 1.1, -1.0, 0.4, 0.2]\n\
+             [[segment]]\n{near}[[segment]]\n{far}[[segment]]\n{near}"
+        ),
+    );
+    let said = run(&desk, &["run", "passes.toml", "--json"]);
+    let off_mm = summary(&said)["task"]["orthogonal_max_mm"].as_f64();
+    assert!(
+        said.code == 0 && off_mm.is_some_and(|off_mm| off_mm < 1.0),
+        "{off_mm:?} {}",
+        said.err
+    );
+}
