@@ -179,9 +179,12 @@ pub fn plan<const N: usize>(request: &Request<'_, N>) -> Result<PathPlan<N>, Inf
     };
     // The second search has tried more.
     let Failed { why, before, .. } = match other {
-        Some(other) if other.before.legs() >= failed.before.legs() => other,
-        Some(Failed { why, .. }) => Failed { why, ..failed },
-        None => failed,
+        Some(other) if other.before.legs() >= failed.before.legs() => *other,
+        Some(other) => Failed {
+            why: other.why,
+            ..*failed
+        },
+        None => *failed,
     };
     // Spare joints have more routes than a search tries.
     let undecided = match why.obstacle {
@@ -222,7 +225,7 @@ fn attempt<const N: usize>(
     request: &Request<'_, N>,
     fan: bool,
     times: &[f64],
-) -> Result<PathPlan<N>, Failed<N>> {
+) -> Result<PathPlan<N>, Box<Failed<N>>> {
     let mut route = Route::new(*request);
     while let Some(leg) = request.path.leg(route.progress.leg).copied() {
         if let Some((place, angle)) = leg.reorient {
@@ -232,11 +235,11 @@ fn attempt<const N: usize>(
                 // The controller clips the goal to the boundary, and reports it.
                 return Ok(route.planned(Some(Short::BeyondReach)));
             };
-            return Err(Failed {
+            return Err(Box::new(Failed {
                 why,
                 knots: route.search.chain(route.search.deepest()),
                 before: route.planned_before(),
-            });
+            }));
         }
         route.end_leg(&leg);
     }

@@ -179,10 +179,9 @@ impl<const N: usize> PathPlan<N> {
             }
             let mut speed = SPEED / share.max(1e-9);
             // In a neighbourhood the law does not follow the route's every corner.
-            if report.listed().iter().all(|s| s.s.abs() >= s.eta_out) {
-                if let Some(next) = self.points.get(i + 1) {
-                    speed = speed.min(self.by_torque(request, &self.points[i], next));
-                }
+            let is_regular = report.listed().iter().all(|s| s.s.abs() >= s.eta_out);
+            if let Some(next) = self.points.get(i + 1).filter(|_| is_regular) {
+                speed = speed.min(self.by_torque(request, &self.points[i], next));
             }
             self.points[i].speed = speed.clamp(SLOWEST, 1.0);
         }
