@@ -264,7 +264,7 @@ fn a_hold_in_a_double_lock_is_calm() {
         "name = \"hold\"\nrobot = \"ur5\"\n[start]\nq_rad = [0.3, -1.2, 0.0, -1.0, 0.0, 0.2]\n[[segment]]\nduration_s = 3.0\n\
          [plant]\nencoder_noise_counts = 2.0\n",
     );
-    let result = desk.run("run hold.toml");
+    let result = desk.run("hold.toml");
     let (switches, stretch) = (
         result["joints"]["switches"].as_u64(),
         result["task"]["time_stretch"].as_f64(),
