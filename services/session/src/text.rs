@@ -230,12 +230,12 @@ fn files(f: &mut fmt::Formatter<'_>, summary: &Summary, folder: &Path) -> fmt::R
     }
     writeln!(f, "\n{}", folder.display())?;
     if folder.join(SUMMARY).exists() {
-        writeln!(f, "  {SUMMARY}  all of this and more, for machines")?;
+        writeln!(f, "  {SUMMARY:<13}  all of this and more, for machines")?;
     }
     if !summary.recorder.file.is_empty() && summary.recorder.parts > 0 {
         writeln!(
             f,
-            "  {}       {:.1} MB{}; open it with: armplane view {}",
+            "  {:<13}  {:.1} MB{}; open it with: armplane view {}",
             summary.recorder.file,
             summary.recorder.bytes as f64 / 1e6,
             if summary.recorder.parts > 1 {
