@@ -9,7 +9,8 @@
 //! 3.00, end
 //! ```
 //!
-//! The first line is required and gives the unit of lengths, `m` or `mm`. Times are in s, angles in rad, rotations are quaternions `w x y z`. A twist
+//! The first line is the head: it is required in a file and gives the unit of lengths, `m` or `mm`, for the lines after it, as does a head further down.
+//! Lines that come without times, while a session lasts, are in metres unless a head comes before them. Times are in s, angles in rad, rotations are quaternions `w x y z`. A twist
 //! has six values, `[linear; angular]`, in the axes of base, hand or singular; a pose has seven (position, quaternion), and six more for the twist
 //! with which it moves; a posture has one per joint. `side` (keep, negative, positive) and `given_s`, the time at which the target was measured where
 //! it is not `time_s`, may be left out. A frame may be a number: what another program may have sent. `NaN` is read, and refused by the controller.
@@ -23,7 +24,7 @@ use crate::file::InvalidFile;
 use crate::messages::TargetContent;
 use crate::wire::Part;
 
-/// The beginning of the first line.
+/// The beginning of a head.
 const HEAD: &str = "# armplane targets 1, length ";
 
 /// Most targets in a file.
@@ -130,32 +131,61 @@ pub fn check(text: &str, rate_hz: u32, dof: usize) -> Result<(), InvalidRow> {
     Ok(())
 }
 
+/// Whether a line is a head, be it one that cannot be read: what may be meant as a unit is no comment.
+#[must_use]
+pub fn is_head(line: &str) -> bool {
+    let word = line.trim_start_matches(['\u{feff}', '#', ' ', '\t']);
+    word.get(..8)
+        .is_some_and(|word| word.eq_ignore_ascii_case("armplane"))
+}
+
+/// Units of length in a metre, by a head: divided by, so that 700 mm are the number nearest to 0.7 m.
+fn per_metre(head: &str) -> Result<f64, String> {
+    // Some editors begin a file with a mark of its encoding.
+    let head = head.strip_prefix('\u{feff}').unwrap_or(head);
+    match head.strip_prefix(HEAD).map(str::trim) {
+        Some("m") => Ok(1.0),
+        Some("mm") => Ok(1e3),
+        _ => Err(format!("the first line must be `{HEAD}m`, or `mm`")),
+    }
+}
+
+/// The lines of a text that are to be targets, each with its number and with the unit in force.
+fn lines(
+    text: &str,
+    mut unit: Result<f64, String>,
+) -> impl Iterator<Item = (usize, Result<f64, String>, &str)> {
+    let numbered = text.lines().map(str::trim).zip(1..);
+    numbered.filter_map(move |(line, number)| {
+        if is_head(line) {
+            unit = per_metre(line);
+        }
+        let is_target = !(line.is_empty() || line.starts_with('#') || is_head(line));
+        is_target.then(|| (number, unit.clone(), line))
+    })
+}
+
+/// The targets of a text without times, as they come while a session lasts, published from `tick` on. Of a line that is no target: the line and the defect.
+pub fn live(
+    text: &str,
+    tick: u64,
+    rate_hz: u32,
+) -> impl Iterator<Item = Result<TargetContent, (&str, String)>> {
+    lines(text, Ok(1.0)).map(move |(_, unit, line)| {
+        unit.and_then(|unit| content(line, unit, tick, rate_hz))
+            .map_err(|defect| (line, defect))
+    })
+}
+
 /// The targets of a text, each with its line.
 fn numbered(text: &str, rate_hz: u32) -> Result<Vec<(usize, Row)>, InvalidRow> {
-    // Some editors begin a file with a mark of its encoding.
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let mut lines = text
-        .lines()
-        .enumerate()
-        .map(|(i, line)| (i + 1, line.trim()));
     let invalid = |line: usize, message: String| InvalidRow { line, message };
-    let unit = lines.next().and_then(|(_, first)| first.strip_prefix(HEAD));
-    // Divided by, so that 700 mm are the number nearest to 0.7 m.
-    let per_metre = match unit.map(str::trim) {
-        Some("m") => 1.0,
-        Some("mm") => 1e3,
-        _ => {
-            return Err(invalid(
-                1,
-                format!("the first line must be `{HEAD}m`, or `mm`"),
-            ));
-        }
-    };
     let mut rows: Vec<(usize, Row)> = Vec::new();
-    for (number, line) in lines.filter(|(_, line)| !line.is_empty() && !line.starts_with('#')) {
+    for (number, unit, line) in lines(text, per_metre("")) {
         let (time, rest) = line.split_once(',').unwrap_or((line, ""));
-        let row = ticks(time, rate_hz).and_then(|tick| {
-            content(rest, per_metre, tick, rate_hz).map(|target| Row { tick, target })
+        let row = unit.and_then(|unit| {
+            let tick = ticks(time, rate_hz)?;
+            content(rest, unit, tick, rate_hz).map(|target| Row { tick, target })
         });
         let row = row.map_err(|message| invalid(number, message))?;
         if rows.last().is_some_and(|(_, last)| row.tick < last.tick) {
@@ -187,15 +217,7 @@ fn numbered(text: &str, rate_hz: u32) -> Result<Vec<(usize, Row)>, InvalidRow> {
 }
 
 /// The target of a line without its time, published from `tick` on; `per_metre` units of length are a metre.
-///
-/// # Errors
-/// The defect, in words.
-pub fn content(
-    line: &str,
-    per_metre: f64,
-    tick: u64,
-    rate_hz: u32,
-) -> Result<TargetContent, String> {
+fn content(line: &str, per_metre: f64, tick: u64, rate_hz: u32) -> Result<TargetContent, String> {
     let mut parts = line.split(',').map(str::trim);
     let mut next = || parts.next().filter(|part| !part.is_empty());
     let mut target = TargetContent {
@@ -367,6 +389,29 @@ mod tests {
         let mut odd = rows.clone();
         odd[0].target.twist[1] = 0.1 + 0.2;
         assert_eq!(parse(&write(&odd, 1000), 1000).unwrap(), odd);
+    }
+
+    #[test]
+    fn a_head_gives_the_unit_of_the_lines_after_it_with_times_and_without() {
+        let line = "twist, base, 1, 5 0 0 0 0 0";
+        let speeds = |text: &str| -> Vec<_> {
+            let targets = live(text, 7, 1000);
+            targets
+                .map(|target| target.ok().map(|target| target.twist[0]))
+                .collect()
+        };
+        let (metres, unknown) = (format!("{HEAD}m"), format!("{HEAD}cm"));
+        assert_eq!(speeds(line), [Some(5.0)]);
+        let text = format!("\u{feff}{HEAD}mm\n# a comment\n\n{line}\n{metres}\n{line}\n");
+        assert_eq!(speeds(&text), [Some(0.005), Some(5.0)]);
+        for head in [&*unknown, "#armplane targets 1,length mm", "Armplane"] {
+            assert_eq!(speeds(&format!("{head}\n{line}")), [None], "{head}");
+            let wrong = parse(&format!("{metres}\n0, {line}\n{head}\n1, {line}\n"), 1000);
+            assert_eq!(wrong.unwrap_err().line, 4, "{head}");
+        }
+        let text = format!("{metres}\n0, {line}\n{HEAD}mm\n1, {line}\n");
+        let rows = parse(&text, 1000).unwrap();
+        assert_eq!(rows[1].target.twist[0], 0.005);
     }
 
     #[test]

@@ -5,9 +5,11 @@ use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use serde_json::Value;
+use shared_types::target_file;
 use shared_types::topics::TOPICS;
 
-use crate::command::{Desk, Said, assert_nothing_left, finish, until};
+use crate::command::{Desk, Said, assert_nothing_left, children_of_run, finish, until};
+use crate::life::signal;
 use crate::patience::ticks;
 
 const TARGETS: &str = "# armplane targets 1, length mm\n0, twist, base, 0.3, 100 0 0 0 0 0.2\n0.2, twist, 7, 1, 0 0 0 0 0 0\n0.3, twist, hand, 0.3, \
@@ -245,6 +247,45 @@ fn a_session_that_ctrl_c_ends_is_repeated_to_its_last_tick() {
         assert_eq!(&again["ticks"], ended, "{name}: {}", again["reason"]);
         same_bytes(&first, &again);
     }
+}
+
+#[test]
+fn a_unit_on_standard_input_holds_after_the_death_of_the_operator_too() {
+    let desk = Desk::new();
+    let mut child = steered_by_lines(&desk);
+    let mut lines = child.stdin.take().expect("a pipe");
+    let head = "# armplane targets 1, length mm";
+    writeln!(lines, "{head}\n\ntwist, base, 9, 5 0 0 0 0 0").expect("the run reads");
+    until("the first ticks", || ticks(&child) > 100);
+    let operator = || {
+        let children = children_of_run(child.id());
+        let found = children.into_iter().find(|(name, _)| name == "operator");
+        found.map(|(_, pid)| pid)
+    };
+    let first = operator().expect("an operator");
+    signal(first, "KILL");
+    until("its replacement", || {
+        operator().is_some_and(|pid| pid != first)
+    });
+    writeln!(lines, "twist, base, 0.1, 7 0 0 0 0 0").expect("the run reads");
+    drop(lines);
+    let summary = summary(&finish(child));
+    assert_eq!(
+        (&summary["completed"], &summary["faults"][0]["process"]),
+        (&true.into(), &"operator".into()),
+        "{summary}"
+    );
+    let targets = desk.read("one/targets.csv");
+    let speeds: Vec<_> = target_file::parse(&targets, 1000)
+        .expect("targets")
+        .iter()
+        .map(|row| row.target.twist[0])
+        .filter(|speed| *speed != 0.0)
+        .collect();
+    assert!(
+        speeds.contains(&0.007) && speeds.iter().all(|speed| [0.005, 0.007].contains(speed)),
+        "{targets}"
+    );
 }
 
 #[test]

@@ -10,17 +10,16 @@ use std::time::Duration;
 
 use crossterm::terminal::{disable_raw_mode, enable_raw_mode};
 use lab::studies::steered;
-use operator::{Gamepad, Keys, Pad};
+use operator::{Gamepad, Keys, LONGEST, Pad};
 use runtime::{ControlPage, RunDir};
 use session::Failure;
 use shared_types::scenario::Servo;
+use shared_types::target_file::is_head;
 
 use crate::out::{set_status, tell};
 
 /// Pause between two lines of state.
 const EVERY: Duration = Duration::from_millis(100);
-/// More bytes than a line of targets has; a longer one is cut.
-const LONGEST_LINE: usize = 2048;
 /// Pause before a line that no process took is sent again.
 const AGAIN: Duration = Duration::from_millis(2);
 
@@ -93,9 +92,18 @@ pub(crate) fn send_lines(run: &RunDir) -> Result<(), Failure> {
                 std::thread::sleep(AGAIN);
             }
         };
-        for line in files::lines(std::io::stdin().lock()) {
-            // A line longer than any target, cut: the operator refuses it as it does every other that is none.
-            send(&line[..line.floor_char_boundary(LONGEST_LINE)]);
+        // Goes with each line: an operator that is started again has not heard the lines before.
+        let mut head = String::new();
+        for mut line in files::lines(std::io::stdin().lock()) {
+            // Longer than any target, and cut: the operator refuses it.
+            line.truncate(line.floor_char_boundary(LONGEST));
+            if is_head(&line) {
+                head = line + "\n";
+            } else if head.is_empty() {
+                send(&line);
+            } else {
+                send(&(head.clone() + &line));
+            }
         }
         send(Servo::CLOSE);
     });

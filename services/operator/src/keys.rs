@@ -56,14 +56,14 @@ impl Keys {
 mod tests {
     use super::*;
     use shared_types::codes::{FRAME_HAND, SIDE_POSITIVE, TARGET_END, TARGET_TWIST};
-    use shared_types::target_file::content;
+    use shared_types::target_file::live;
 
     #[test]
     fn every_key_is_a_target_that_the_operator_reads() {
         let mut keys = Keys::default();
         let mut press = |key: u8| {
             keys.press(key)
-                .map(|line| content(&line, 1.0, 0, 1000).unwrap())
+                .map(|line| live(&line, 0, 1000).next().unwrap().unwrap())
         };
         assert_eq!(press(b'd').unwrap().twist, [0.0, -0.05, 0.0, 0.0, 0.0, 0.0]);
         assert_eq!((press(b'2'), press(b'x')), (None, None));

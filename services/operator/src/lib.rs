@@ -7,23 +7,22 @@ mod keys;
 mod pad;
 mod settings;
 
-use std::cell::Cell;
 use std::io;
 use std::os::unix::net::UnixDatagram;
 use std::time::{Duration, Instant};
 
 use runtime::{Mode, ProcessError, Shell};
 use shared_types::scenario::{Scenario, Servo};
-use shared_types::target_file::{content, unreadable};
-use shared_types::{SensorSample, Target};
+use shared_types::target_file::{live, unreadable};
+use shared_types::{SensorSample, Target, TargetContent};
 
 pub use cycle::Cycle;
 pub use gamepad::Gamepad;
 pub use keys::Keys;
 pub use pad::Pad;
 
-/// Longest line that is taken in; bytes.
-const LINE: usize = 1024;
+/// A message of this length is cut off, or may be; bytes.
+pub const LONGEST: usize = 2048;
 
 /// Delay behind the clock from which on it is not made up for: the session goes on from there.
 const BEHIND: Duration = Duration::from_millis(20);
@@ -69,7 +68,7 @@ struct Live {
     began: Option<Instant>,
     is_paced: bool,
     /// Lines that were no target.
-    complaints: Cell<u32>,
+    complaints: u32,
     /// First tick after the target in force.
     is_over: u64,
     /// The tick at which the session ends, once its input has ended.
@@ -93,7 +92,7 @@ impl Live {
             rate_hz,
             began: None,
             is_paced: shell.mode() == Mode::Lockstep,
-            complaints: Cell::new(0),
+            complaints: 0,
             is_over: 0,
             ends: None,
         })
@@ -120,9 +119,9 @@ impl Live {
     }
 
     /// Names the first lines that are no target; the others are counted with the refused ones.
-    fn complain(&self, line: &str, defect: &str) {
-        let earlier = self.complaints.get();
-        self.complaints.set(earlier.saturating_add(1));
+    fn complain(&mut self, line: &str, defect: &str) {
+        let earlier = self.complaints;
+        self.complaints = earlier.saturating_add(1);
         if earlier < COMPLAINTS {
             let line: String = line.chars().take(60).collect();
             let last = if earlier + 1 == COMPLAINTS {
@@ -134,27 +133,42 @@ impl Live {
         }
     }
 
+    fn take(
+        &mut self,
+        target: Result<TargetContent, (&str, String)>,
+        tick: u64,
+        cycle: &mut Cycle,
+    ) {
+        let target = target.unwrap_or_else(|(line, defect)| {
+            self.complain(line, &defect);
+            unreadable(tick)
+        });
+        let rest_s = target.valid_s.clamp(0.0, Servo::LONGEST_REST_S);
+        self.is_over = tick + (rest_s * f64::from(self.rate_hz)).ceil() as u64;
+        cycle.feed(&target);
+    }
+
     /// Takes in all that has come; a line that is no target counts as one that cannot be read.
     fn receive(&mut self, tick: u64, cycle: &mut Cycle) {
-        let mut line = [0; LINE];
-        while let Ok(length) = self.socket.recv(&mut line) {
+        let mut message = [0; LONGEST];
+        while let Ok(length) = self.socket.recv(&mut message) {
             // A line that is no text has a character in it that stands for what is none, so it is no target either.
-            let text = &*String::from_utf8_lossy(&line[..length]);
+            let text = &*String::from_utf8_lossy(&message[..length]);
             if text == Servo::CLOSE {
                 self.ends = Some(self.is_over.max(tick));
                 continue;
             }
-            let target = content(text, 1.0, tick, self.rate_hz).unwrap_or_else(|defect| {
-                self.complain(text, &defect);
-                unreadable(tick)
-            });
-            let rest_s = target.valid_s.clamp(0.0, Servo::LONGEST_REST_S);
-            self.is_over = tick + (rest_s * f64::from(self.rate_hz)).ceil() as u64;
-            cycle.feed(&target);
+            if length == LONGEST {
+                self.take(Err((text, "it is too long".to_owned())), tick, cycle);
+                continue;
+            }
+            for target in live(text, tick, self.rate_hz) {
+                self.take(target, tick, cycle);
+            }
         }
         if self.ends.is_some_and(|ends| ends <= tick) {
-            let end = content(Servo::END, 1.0, tick, self.rate_hz);
-            end.iter().for_each(|end| cycle.feed(end));
+            let end = live(Servo::END, tick, self.rate_hz);
+            end.flatten().for_each(|end| cycle.feed(&end));
             self.ends = None;
         }
     }

@@ -143,10 +143,10 @@ mod tests {
     use shared_types::codes::{
         FRAME_BASE, FRAME_HAND, FRAME_SINGULAR, SIDE_POSITIVE, TARGET_END, TARGET_TWIST,
     };
-    use shared_types::target_file::content;
+    use shared_types::target_file::live;
 
     fn target(line: &str) -> shared_types::TargetContent {
-        content(line, 1.0, 0, 1000).unwrap()
+        live(line, 0, 1000).next().unwrap().unwrap()
     }
 
     #[test]
