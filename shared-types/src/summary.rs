@@ -31,7 +31,7 @@ pub struct Summary {
     pub seed: u64,
     /// Identifies the run.
     pub run: String,
-    /// Ticks done.
+    /// Ticks begun: the plant's samples, whether or not every process answered them.
     pub ticks: u64,
     /// Control rate; 1/s.
     pub rate_hz: u32,
@@ -62,7 +62,7 @@ pub struct Summary {
     pub servo: Option<ServoSummary>,
     /// Faults and refusals, in order.
     pub faults: Vec<FaultSummary>,
-    /// Deadlines (real time only).
+    /// The plant's account of torque in time, late and absent (real time only).
     pub deadlines: Deadlines,
     /// Latency of each hop, and of the whole `chain` from the sensor sample to the torque in the plant's hands; µs. In real time the
     /// chain's and the plant's own count from when the tick was due; ticks that never began or were never answered count too.
@@ -316,15 +316,25 @@ pub struct FaultSummary {
     pub plan: Option<Fault>,
 }
 
-/// Deadlines met and missed.
+/// The plant's account of its ticks, each of which had torque in time, late, or none. A tick's deadline is a tenth of a period, at most 100 µs, before the
+/// next one.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Deadlines {
-    /// Periods.
+    /// Ticks: `in_time`, `late` and `none` together.
     pub total: u64,
-    /// Missed, all causes.
+    /// Ticks whose torque came by its deadline.
+    pub in_time: u64,
+    /// Ticks whose torque came after it.
+    pub late: u64,
+    /// Ticks whose torque never came.
+    pub none: u64,
+    /// `late` and `none` together.
     pub missed: u64,
-    /// Missed, by process and cause (`"plant: late input"`).
+    /// Those missed, by cause: the first process of the chain whose message of the tick had not come by the deadline.
     pub by_cause: BTreeMap<String, u64>,
+    /// Periods in which the plant began no tick, by what the kernel counted of it meanwhile.
+    pub skipped: BTreeMap<String, u64>,
 }
 
 /// A latency distribution; µs, no sample left out.
@@ -349,7 +359,7 @@ pub struct RecorderSummary {
     pub messages: u64,
     /// Messages known to be lost (gaps in the ticks).
     pub lost: u64,
-    /// Ticks given to the recording, those too that not every process answered: with deaths of processes more than `ticks`.
+    /// Ticks given to the recording.
     #[serde(default)]
     pub rows: u64,
     /// Size of the recording, all parts; bytes.

@@ -1,5 +1,6 @@
 //! The whole thing on real processes and real shared memory, as a person would use it.
 
+mod account;
 mod bad_input;
 mod bench;
 mod clients;

@@ -8,7 +8,7 @@ use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-use runtime::{PROCESS_VARIABLE, RUN_VARIABLE};
+use runtime::{Exit, PROCESS_VARIABLE, RUN_VARIABLE};
 use rustix::process::{Pid, Signal, getpid, kill_process};
 
 /// A descendant that is being killed may start another one: so often its run is looked through.
@@ -73,19 +73,43 @@ impl Guard {
     ///
     /// # Errors
     /// When it cannot be started.
-    pub fn start(mut command: Command, run: &Path) -> std::io::Result<Self> {
-        // Apart from the terminal's signals, as every process of the run.
-        std::os::unix::process::CommandExt::process_group(&mut command, 0);
-        let child = command
-            .stdin(Stdio::piped())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()?;
+    pub fn start(command: Command, run: &Path) -> std::io::Result<Self> {
         Ok(Self {
-            child,
+            child: spawn(command)?,
             run: run.to_owned(),
         })
     }
+
+    /// Its process id.
+    #[must_use]
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Starts `command` in its place where it has ended, and gives how it ended.
+    ///
+    /// # Errors
+    /// When it cannot be started.
+    pub fn replace(
+        &mut self,
+        command: impl FnOnce() -> std::io::Result<Command>,
+    ) -> std::io::Result<Option<Exit>> {
+        let Some(status) = self.child.try_wait()? else {
+            return Ok(None);
+        };
+        self.child = spawn(command()?)?;
+        Ok(Some(Exit::from(status)))
+    }
+}
+
+/// Apart from the terminal's signals, as every process of the run.
+fn spawn(mut command: Command) -> std::io::Result<Child> {
+    std::os::unix::process::CommandExt::process_group(&mut command, 0);
+    command
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
 }
 
 impl Drop for Guard {

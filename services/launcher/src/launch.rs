@@ -127,6 +127,7 @@ impl Supervised {
             ticks: self.ticks(),
             processes: self.process_outcomes(),
             faults,
+            guards: Vec::new(),
             last_lines,
         };
         let Self {

@@ -105,6 +105,19 @@ pub enum Failure {
     },
 }
 
+impl Failure {
+    /// The process that has failed.
+    #[must_use]
+    pub fn process(&self) -> &str {
+        match self {
+            Self::Died { process, .. }
+            | Self::NoRoom { process, .. }
+            | Self::Slow { process, .. }
+            | Self::DidNotStop { process, .. } => process,
+        }
+    }
+}
+
 fn spent(restarts: u32) -> String {
     if restarts == 0 {
         String::new()
@@ -165,7 +178,7 @@ pub struct ProcessOutcome {
     pub exit: Exit,
     /// Lines of its standard error that were dropped, because they came faster than they were taken.
     pub lines_dropped: u64,
-    /// Everything it counted, by name: missed deadlines by cause, refused, lost and repeated messages.
+    /// Everything it counted, by name: ticks with torque and without, refused, lost and repeated messages.
     pub counts: runtime::Counts,
 }
 
@@ -180,6 +193,8 @@ pub struct Outcome {
     pub processes: Vec<ProcessOutcome>,
     /// Its faults, planned and live, in the order in which they were known.
     pub faults: Vec<FaultRecord>,
+    /// Ends of a guard before that of the run, each with the ticks done by then.
+    pub guards: Vec<(u64, Exit)>,
     /// By process and tick of its end: the last line that it wrote to its standard error.
     pub last_lines: Vec<(usize, u64, String)>,
 }

@@ -43,7 +43,7 @@ fn ends_process(fault: &ScheduledFault) -> bool {
 impl Supervised {
     /// Until the run is over for one reason or another.
     ///
-    /// In lockstep a signal ends it with the tick in hand, so that every topic ends there and the run can be repeated to its last tick; after a second
+    /// A signal ends it with the tick in hand, so that in lockstep every topic ends there and the run can be repeated to its last tick; after a second
     /// signal, or where that takes long, it ends at once.
     pub(crate) fn watch(
         &mut self,
@@ -59,7 +59,7 @@ impl Supervised {
                 ticks: self.ticks(),
             });
             match (signals.pending(), ending) {
-                (Some(signal), None) if self.plan.mode == Mode::Lockstep => {
+                (Some(signal), None) => {
                     self.control_page.request_stop(Stop::Ticks);
                     ending = Some((signal, Instant::now()));
                 }

@@ -205,6 +205,7 @@ impl Judge {
     /// Takes in a tick that not every process answered: only its duration can be judged.
     pub fn torn(&mut self, sensor: &SensorSample) {
         self.latency.measure_chain(sensor);
+        self.ticks += 1;
     }
 
     /// Limits reached and holds begun since the last call, each with its tick, for the log.

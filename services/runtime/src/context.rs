@@ -150,11 +150,7 @@ impl Context {
 
     /// The topic's place on the control page.
     pub(crate) fn topic_index(&self, topic: &str) -> usize {
-        self.manifest
-            .topics()
-            .iter()
-            .position(|&t| t == topic)
-            .unwrap_or(0)
+        self.manifest.topic_index(topic)
     }
 
     /// The topic's bit on every doorbell.
@@ -267,12 +263,10 @@ impl Context {
             .note_input(header, self.clock_ns(), self.entry());
     }
 
-    /// Fills an output's header with this hop's stamps and those before it. Returns the time of sending.
+    /// Fills an output's header with this hop's stamps and those before it.
     #[inline]
-    pub(crate) fn stamp(&self, header: &mut Header) -> u64 {
-        let now = self.clock_ns();
-        self.stamping.stamp(header, now, self.entry());
-        now
+    pub(crate) fn stamp(&self, header: &mut Header) {
+        self.stamping.stamp(header, self.clock_ns(), self.entry());
     }
 
     /// Waits until the launcher has handed over all that the retainers of the topics held at the call: for a process that misses messages of `topic`.

@@ -17,7 +17,6 @@ mod clock;
 mod complain;
 mod context;
 mod control_page;
-mod deadline;
 mod disturbance;
 mod doorbell;
 mod early_signal;

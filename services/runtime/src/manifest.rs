@@ -6,6 +6,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use shared_types::job::Mode;
 use shared_types::process::MAX_PROCESSES;
+use shared_types::{Message, Target};
 
 use crate::run_dir::RunDir;
 
@@ -149,6 +150,12 @@ impl Manifest {
         topics
     }
 
+    /// The topic's place in [`topics`](Self::topics), 0 where it has none.
+    pub(crate) fn topic_index(&self, topic: &str) -> usize {
+        let topics = self.topics();
+        topics.iter().position(|&one| one == topic).unwrap_or(0)
+    }
+
     /// The process's line on the control_page.
     #[must_use]
     pub fn index_of(&self, process: &str) -> Option<usize> {
@@ -167,6 +174,29 @@ impl Manifest {
         self.processes
             .iter()
             .position(|p| p.writes.iter().any(|t| t == topic))
+    }
+
+    /// The topics on which a message of this one waits, itself the last, each with its writer, in the order of the data. Targets are no part of it: no
+    /// torque waits for them.
+    pub(crate) fn chain_to(&self, topic: &str) -> Vec<(usize, usize)> {
+        let mut hops: Vec<_> = self.processes.iter().enumerate().collect();
+        hops.retain(|(_, process)| process.hop.is_some());
+        hops.sort_by_key(|(_, process)| std::cmp::Reverse(process.hop));
+        let (mut awaited, mut chain) = (vec![topic], Vec::new());
+        for (index, process) in hops {
+            let before = chain.len();
+            let writes = process.writes.iter().map(String::as_str);
+            chain.extend(
+                writes
+                    .filter(|topic| awaited.contains(topic) && *topic != Target::TOPIC)
+                    .map(|topic| (self.topic_index(topic), index)),
+            );
+            if chain.len() > before && !process.makes_ticks {
+                awaited.extend(process.reads.iter().map(String::as_str));
+            }
+        }
+        chain.reverse();
+        chain
     }
 
     /// How many processes read a topic.

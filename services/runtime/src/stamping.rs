@@ -17,6 +17,8 @@ pub(crate) struct Stamping {
     due_ns: Cell<u64>,
     /// The last tick of which something was sent.
     sent_tick: Cell<Option<u64>>,
+    /// When the first of that was sent.
+    pub(crate) sent_ns: Cell<u64>,
 }
 
 /// Part by part: as a whole they are copied by a call, or by way of the stack.
@@ -90,6 +92,7 @@ impl Stamping {
         if self.sent_tick.replace(Some(header.tick)) == Some(header.tick) {
             return;
         }
+        self.sent_ns.set(now_ns);
         let Stamps {
             received_ns,
             due_ns,

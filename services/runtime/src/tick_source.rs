@@ -4,15 +4,17 @@ use std::rc::Rc;
 
 use crate::clock::{now_ns, sleep_until};
 use crate::context::Context;
-use crate::control_page::{PROGRESS, Stop};
-use crate::deadline::{USAGE_EVERY, cause};
+use crate::control_page::{Count, PROGRESS, Stop};
 use crate::realtime::Usage;
 use crate::wait::{Interrupted, Wait, Waited};
+
+/// Ticks between two looks at what the kernel counts: asking each tick would be a system call each tick.
+const USAGE_EVERY: u64 = 64;
 
 /// Gives out one tick after the other.
 ///
 /// In lockstep each at once, unless the recorder lags too far. In real time on absolute deadlines t₀ + k·T: after an overrun the phase
-/// is kept, the grid points that have passed are counted as missed, and the next tick waits for the next grid point.
+/// is kept, the grid points that have passed are counted as skipped, and the next tick waits for the next grid point.
 pub struct TickSource {
     context: Rc<Context>,
     next_tick: u64,
@@ -49,7 +51,7 @@ impl TickSource {
             return Ok(None);
         }
         let tick = self.next_tick;
-        if self.context.is_lockstep() && self.context.control_page.stop() == Stop::Ticks {
+        if self.context.control_page.stop() == Stop::Ticks {
             self.finish()?;
             return Ok(None);
         }
@@ -80,28 +82,19 @@ impl TickSource {
     }
 
     /// Begins the next tick at once, for a plant whose own clock paces the run in real time. `passed`: periods of that clock since the tick before; all
-    /// but one are counted as missed. `None` when the run stops.
+    /// but one are counted as skipped. `None` when the run stops.
     ///
     /// # Errors
     /// When the run does not start within the limit.
     pub fn next_by(&mut self, passed: u64) -> Result<Option<u64>, Interrupted> {
-        if !self.begin()? || self.context.is_stopping() {
+        let is_ready = self.begin()?;
+        let context = &self.context;
+        if !is_ready || context.is_stopping() || context.control_page.stop() == Stop::Ticks {
             return Ok(None);
         }
         let tick = self.next_tick;
-        self.context.control_page.fault_table().adopt(tick);
-        let (missed, incarnations) = (passed.saturating_sub(1), self.incarnations_of_all());
-        if missed > 0 || tick.is_multiple_of(USAGE_EVERY) {
-            let usage = Usage::now();
-            if missed > 0 && tick > 0 {
-                self.context.entry().add(
-                    cause(self.usage, usage, incarnations != self.incarnations),
-                    missed,
-                );
-            }
-            self.usage = usage;
-        }
-        self.incarnations = incarnations;
+        context.control_page.fault_table().adopt(tick);
+        self.count_skipped(passed.saturating_sub(1));
         self.grid_ns = self.context.clock_ns();
         self.context.stamping.set_due(self.grid_ns);
         self.began_ns = now_ns();
@@ -147,33 +140,45 @@ impl TickSource {
     fn wait_for_grid(&mut self) {
         let period = self.context.manifest.period_ns();
         let now = self.context.clock_ns();
-        let incarnations = self.incarnations_of_all();
         if self.grid_ns == 0 {
             let origin = self.context.control_page.grid_origin(now + period);
             // A replacement joins on a grid point that lies ahead.
             self.grid_ns = origin + now.saturating_sub(origin).div_ceil(period) * period;
         } else {
-            let missed = now.saturating_sub(self.grid_ns) / period;
-            if missed > 0 || self.next_tick.is_multiple_of(USAGE_EVERY) {
-                let usage = Usage::now();
-                if missed > 0 {
-                    self.context.entry().add(
-                        cause(self.usage, usage, incarnations != self.incarnations),
-                        missed,
-                    );
-                }
-                self.usage = usage;
-            }
+            let skipped = now.saturating_sub(self.grid_ns) / period;
+            self.count_skipped(skipped);
             // A clock that was put back takes the grid with it, in whole periods: the arm does not stand still until it is that late again.
             self.grid_ns -= self.grid_ns.saturating_sub(now) / period * period;
-            self.grid_ns += (missed + 1) * period;
+            self.grid_ns += (skipped + 1) * period;
         }
-        self.incarnations = incarnations;
         self.context.stamping.set_due(self.grid_ns);
         while self.context.clock_ns() < self.grid_ns && !self.context.is_stopping() {
             sleep_until(self.by_machine(self.grid_ns));
         }
         self.began_ns = self.by_machine(self.grid_ns);
+    }
+
+    /// Counts the periods that have passed without a tick, with their cause as far as the kernel can tell of the last few ticks: what is rarer and costs
+    /// more is named first.
+    fn count_skipped(&mut self, skipped: u64) {
+        let (incarnations, tick) = (self.incarnations_of_all(), self.next_tick);
+        if skipped > 0 || tick.is_multiple_of(USAGE_EVERY) {
+            let (before, usage) = (self.usage, Usage::now());
+            let cause = if usage.major_faults > before.major_faults {
+                Count::SkippedMajorFault
+            } else if incarnations != self.incarnations {
+                Count::SkippedPeerRestart
+            } else if usage.preemptions > before.preemptions {
+                Count::SkippedPreempted
+            } else {
+                Count::SkippedOverrun
+            };
+            if tick > 0 {
+                self.context.entry().add(cause, skipped);
+            }
+            self.usage = usage;
+        }
+        self.incarnations = incarnations;
     }
 
     /// The machine's clock when this process's clock reads `ns`.

@@ -156,12 +156,13 @@ pub fn launch_watched(
         .process
         .iter()
         .any(|process| !process.command.is_empty());
-    let start_guard = || launcher::Guard::start(launcher::reexec(GUARD, &run_dir)?, &run_dir);
-    let _guard = has_programs
+    let guard = || launcher::reexec(GUARD, &run_dir);
+    let start_guard = || launcher::Guard::start(guard()?, &run_dir);
+    let mut held = has_programs
         .then(start_guard)
         .transpose()
         .map_err(|error| Failure::Work(format!("cannot start {GUARD}: {error}")))?;
-    let mut account = None;
+    let (mut account, mut guards) = (None, Vec::new());
     let outcome = launcher.run(&|name, run| command(&job, name, run), &mut |event| {
         if event == Event::Stopped {
             account = std::fs::read(&account_path)
@@ -169,9 +170,33 @@ pub fn launch_watched(
                 .and_then(|text| serde_json::from_slice(&text).ok());
         }
         report(&event);
+        if let (Event::Progress { ticks }, Some(held)) = (&event, &mut held)
+            && guards.len() < MOST_GUARDS
+        {
+            match held.replace(guard) {
+                Ok(None) => {}
+                Ok(Some(exit)) => {
+                    guards.push((*ticks, exit));
+                    report(&Event::Restarted {
+                        process: GUARD,
+                        exit,
+                        pid: held.pid(),
+                        incarnation: guards.len() as u32 + 1,
+                    });
+                }
+                Err(error) => report(&Event::Line {
+                    process: GUARD,
+                    line: &format!("cannot be started again: {error}"),
+                }),
+            }
+        }
     });
-    Ok((outcome.map_err(Failure::work)?, account))
+    let outcome = outcome.map_err(Failure::work)?;
+    Ok((Outcome { guards, ..outcome }, account))
 }
+
+/// So often a guard is replaced: one that cannot live does not take the run's time.
+const MOST_GUARDS: usize = 100;
 
 /// Makes a file that is there whole or not at all, whenever this process is killed.
 fn write_whole(path: &Path, text: &[u8]) -> std::io::Result<()> {

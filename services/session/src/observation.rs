@@ -108,7 +108,7 @@ pub struct ObservedProcess {
     pub ticks: u64,
     /// Ticks closed per second of wall-clock time.
     pub ticks_per_s: f64,
-    /// Missed deadlines of every cause.
+    /// Deadlines of torque that were missed because of it: it was the first of the chain that had not sent.
     pub missed: u64,
     /// All its counters.
     pub counts: Counts,
@@ -241,7 +241,7 @@ impl Observer {
                 core: described.core,
                 ticks: now.ticks,
                 ticks_per_s: now.ticks.saturating_sub(before.ticks) as f64 / elapsed_s,
-                missed: missed(&now.counts),
+                missed: now.counts.silent,
                 counts: now.counts,
                 step_us: times(&before.step, &now.step),
                 age_us: times(&before.age, &now.age),
@@ -310,14 +310,6 @@ fn sample(control_page: &ControlPage, manifest: &Manifest) -> Sample {
             .map(|(_, record)| record)
             .collect(),
     }
-}
-
-fn missed(counts: &Counts) -> u64 {
-    counts.missed_major_fault
-        + counts.missed_preempted
-        + counts.missed_peer_restart
-        + counts.missed_late_input
-        + counts.missed_overrun
 }
 
 fn state(state: State) -> &'static str {

@@ -1,5 +1,7 @@
 //! A running graph in words.
 
+use runtime::Counts;
+
 use crate::observation::{Observation, ObservedFault, ObservedProcess, Times};
 
 /// Colours, where they are wanted.
@@ -181,6 +183,19 @@ pub fn observation_lines(
         ticks => format!(", no fresh torque for {ticks} ticks"),
     };
     let drive = paint.when(run.drive != "active", Paint::RED, run.drive);
+    // Of the process that makes the ticks; the others count none.
+    let all = |count: fn(&Counts) -> u64| -> u64 {
+        run.processes.iter().map(|one| count(&one.counts)).sum()
+    };
+    let torque = [
+        all(|one| one.in_time),
+        all(|one| one.late),
+        all(|one| one.none),
+    ];
+    let [in_time, late, none] = torque;
+    lines.push(format!(
+        "torque in time {in_time}, late {late}, none {none}"
+    ));
     lines.push(format!("drive {drive}{stale}; task {}", run.phase));
     lines.extend(run.singularities.iter().map(|one| {
         let place = if one.inside { "inside " } else { "outside" };

@@ -12,7 +12,7 @@ use crate::failure::Failure;
 use crate::machine::machine;
 use crate::results::{EARLIER, Results, SUMMARY, keep};
 use crate::runs::Run;
-use crate::summary::fault_summary;
+use crate::summary::{deadlines, fault_summary};
 
 /// Makes the recording, the summary and the repeatable scenario of a run from the job and the messages in its folder, and its faults from what is
 /// still in shared memory. Where a message log is damaged or missing, the recorder's error in the summary says which, and what it costs.
@@ -98,6 +98,10 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
         }
     }
     summary.machine = machine();
+    if let Some(page) = &page {
+        let counts = (0..job.graph.process.len()).map(|process| page.process(process).counts());
+        summary.deadlines = deadlines(&job, ticks_done(page), &counts.collect::<Vec<_>>());
+    }
     let faults: Vec<FaultRecord> = page
         .map(|page| {
             page.fault_table()

@@ -1,14 +1,18 @@
 //! The account of a run: the recorder's part, completed by what only the launcher knows.
 
-use launcher::{End, Exit, Failure, Outcome};
-use runtime::{FaultRecord, Origin};
+use std::collections::BTreeMap;
+
+use launcher::{End, Exit, Failure, Outcome, ProcessOutcome};
+use runtime::{Counts, FaultRecord, Origin};
 use shared_types::fault::ScheduledFault;
-use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
+use shared_types::process::Role;
 use shared_types::summary::{
     Deadlines, FaultSummary, INTERRUPTED, ProcessSummary, RecorderSummary, Summary,
 };
+use shared_types::{Message, TorqueCommand};
 
+use crate::launch::GUARD;
 use crate::machine::machine;
 
 /// On every Linux.
@@ -41,6 +45,8 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
         },
         ..Summary::default()
     });
+    // The recorder's are those that it has heard of.
+    summary.ticks = outcome.ticks;
     match &outcome.end {
         End::Completed => {}
         End::Interrupted { signal } => {
@@ -49,25 +55,9 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
             summary.reason = format!("stopped by {signal} after {} ticks", outcome.ticks);
         }
         End::Failed(failure) => {
-            let first = sentence(failure);
             summary.completed = false;
             summary.outcome = "failed".to_owned();
-            if !is_listed(&job.graph, outcome, failure) {
-                let (tick, kind) = match failure {
-                    Failure::Died { tick, exit, .. } => (*tick, kind_of(*exit)),
-                    _ => (outcome.ticks, "exit"),
-                };
-                summary.faults.push(FaultSummary {
-                    tick,
-                    process: named_in(&job.graph, &first),
-                    kind: kind.to_owned(),
-                    detail: first.clone(),
-                    origin: Origin::Detected.name().to_owned(),
-                    occurred: true,
-                    ..FaultSummary::default()
-                });
-            }
-            summary.reason = first;
+            summary.reason = sentence(failure);
         }
     }
     if let (Some(servo), Some(session)) = (&mut summary.servo, &job.scenario.servo) {
@@ -95,9 +85,15 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
             );
         }
     }
-    faults.append(&mut summary.faults);
+    faults.extend(unlisted(outcome));
     summary.faults = faults;
-    summary.deadlines = deadlines(job, outcome);
+    let counts: Vec<_> = outcome.processes.iter().map(|one| one.counts).collect();
+    summary.deadlines = deadlines(job, outcome.ticks, &counts);
+    // What the plant has received and the recorder has not.
+    let torques = summary.topics.get(TorqueCommand::TOPIC);
+    let received = summary.deadlines.in_time + summary.deadlines.late;
+    let missing = received.saturating_sub(torques.map_or(0, |topic| topic.count));
+    summary.recorder.lost = summary.recorder.lost.max(missing);
     summary.processes = outcome
         .processes
         .iter()
@@ -110,24 +106,6 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
         })
         .collect();
     summary
-}
-
-/// Whether the end of the process that ended the run stands in the fault table: one entry for each of its deaths.
-fn is_listed(graph: &Graph, outcome: &Outcome, failure: &Failure) -> bool {
-    let Failure::Died {
-        process, restarts, ..
-    } = failure
-    else {
-        return false;
-    };
-    let ends = outcome.faults.iter().filter(|account| {
-        let name = graph
-            .process
-            .get(account.scheduled.process as usize)
-            .map(|process| &process.name);
-        name == Some(process) && account.exit.is_some()
-    });
-    ends.count() > *restarts as usize
 }
 
 /// A fault and its outcome.
@@ -216,40 +194,96 @@ fn sentence(failure: &Failure) -> String {
     own.map_or_else(|| first.to_owned(), |own| format!("{first}: {own}"))
 }
 
-fn named_in(graph: &Graph, sentence: &str) -> String {
-    graph
-        .process
-        .iter()
-        .find(|process| sentence.starts_with(&process.name))
-        .map(|process| process.name.clone())
-        .unwrap_or_default()
-}
-
-/// Missed deadlines by process and cause; none in lockstep, which has no deadlines.
+/// The plant's account of a run's ticks, by what each process has on the control page, in the order of the graph; none in lockstep, which has no deadlines.
 #[must_use]
-pub fn deadlines(job: &Job, outcome: &Outcome) -> Deadlines {
+pub fn deadlines(job: &Job, ticks: u64, counts: &[Counts]) -> Deadlines {
     if job.mode == Mode::Lockstep {
         return Deadlines::default();
     }
-    let mut deadlines = Deadlines {
-        total: outcome.ticks,
-        ..Deadlines::default()
-    };
-    for process in &outcome.processes {
-        let counts = &process.counts;
-        let causes = [
-            ("major page fault", counts.missed_major_fault),
-            ("preempted", counts.missed_preempted),
-            ("peer restart", counts.missed_peer_restart),
-            ("late input", counts.missed_late_input),
-            ("overrun", counts.missed_overrun),
-        ];
-        for (cause, count) in causes.into_iter().filter(|(_, count)| *count > 0) {
-            deadlines
-                .by_cause
-                .insert(format!("{}: {cause}", process.name), count);
-            deadlines.missed += count;
-        }
+    let named = || job.graph.process.iter().zip(counts);
+    let plant = named().find(|(process, _)| process.role() == Role::World);
+    let (world, plant) = plant.map_or(("", Counts::default()), |(world, plant)| {
+        (world.name.as_str(), *plant)
+    });
+    let above_zero = |(_, count): &(String, u64)| *count > 0;
+    let mut by_cause: BTreeMap<_, _> = named()
+        .map(|(process, counts)| (process.name.clone(), counts.silent))
+        .filter(above_zero)
+        .collect();
+    // A plant that was killed has not accounted for the tick in hand.
+    let cut = ticks.saturating_sub(plant.in_time + plant.late + plant.none);
+    if cut > 0 {
+        *by_cause.entry(world.to_owned()).or_default() += cut;
     }
-    deadlines
+    let skipped = [
+        ("major page fault", plant.skipped_major_fault),
+        ("preempted", plant.skipped_preempted),
+        ("peer restart", plant.skipped_peer_restart),
+        ("overrun", plant.skipped_overrun),
+    ];
+    let none = plant.none + cut;
+    Deadlines {
+        total: plant.in_time + plant.late + none,
+        in_time: plant.in_time,
+        late: plant.late,
+        none,
+        missed: plant.late + none,
+        by_cause,
+        skipped: skipped
+            .map(|(cause, count)| (cause.to_owned(), count))
+            .into_iter()
+            .filter(above_zero)
+            .collect(),
+    }
+}
+
+/// What has failed and stands in no fault table: a process that was killed when the run had its last tick, or together with the one whose death ended
+/// the run, or that did not do as it was asked. So no summary has a signal and no fault.
+fn unlisted(outcome: &Outcome) -> Vec<FaultSummary> {
+    let failure = match &outcome.end {
+        End::Failed(failure) => Some(failure),
+        _ => None,
+    };
+    let is_missing = |(index, process): &(usize, &ProcessOutcome)| {
+        let ends = process.restarts as usize + usize::from(!process.exit.is_success());
+        let is_end = |record: &&FaultRecord| {
+            let fault = &record.scheduled;
+            let ends = fault
+                .kind()
+                .is_some_and(|kind| kind.ends_process(fault.way()));
+            fault.process as usize == *index && ends && record.injected_ns != 0
+        };
+        let is_failure = failure.is_some_and(|failure| {
+            failure.process() == process.name && !matches!(failure, Failure::Died { .. })
+        });
+        is_failure || ends > outcome.faults.iter().filter(is_end).count()
+    };
+    let fault = |process: &str, tick, kind: &str, detail| FaultSummary {
+        tick,
+        process: process.to_owned(),
+        kind: kind.to_owned(),
+        detail,
+        origin: Origin::Detected.name().to_owned(),
+        occurred: true,
+        ..FaultSummary::default()
+    };
+    let end = |(_, process): (usize, &ProcessOutcome)| {
+        let ProcessOutcome { name, exit, .. } = process;
+        let own = failure.filter(|failure| failure.process() == name);
+        let (tick, kind) = match own {
+            Some(Failure::Died { tick, exit, .. }) => (*tick, kind_of(*exit)),
+            Some(_) => (outcome.ticks, "exit"),
+            None => (outcome.ticks, kind_of(*exit)),
+        };
+        let ended = || format!("{name} ended with {exit} at the end of the run");
+        fault(name, tick, kind, own.map_or_else(ended, sentence))
+    };
+    let guards = outcome.guards.iter().map(|(tick, exit)| {
+        let detail = format!("{GUARD} ended with {exit} at tick {tick} and was started again");
+        fault(GUARD, *tick, kind_of(*exit), detail)
+    });
+    let processes = outcome.processes.iter().enumerate();
+    guards
+        .chain(processes.filter(is_missing).map(end))
+        .collect()
 }

@@ -160,15 +160,19 @@ fn times(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
             chain.p50, chain.p99, chain.p999, chain.max
         )?;
     }
-    if summary.deadlines.total > 0 {
+    let deadlines = &summary.deadlines;
+    if deadlines.total > 0 {
         writeln!(
             f,
-            "deadlines  {} missed of {}",
-            summary.deadlines.missed, summary.deadlines.total
+            "deadlines  {} of {} ticks had torque in time, {} late, {} none",
+            deadlines.in_time, deadlines.total, deadlines.late, deadlines.none
         )?;
-        for (cause, count) in &summary.deadlines.by_cause {
-            writeln!(f, "           {count} {cause}")?;
-        }
+    }
+    for (process, count) in &deadlines.by_cause {
+        writeln!(f, "           {process} silent at {count}")?;
+    }
+    for (cause, count) in &deadlines.skipped {
+        writeln!(f, "skipped    {count} periods without a tick: {cause}")?;
     }
     Ok(())
 }
@@ -177,7 +181,8 @@ fn faults(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
     if !summary.not_finite.is_empty() {
         writeln!(f, "not finite {}", summary.not_finite.join(", "))?;
     }
-    for fault in summary.faults.iter().filter(|fault| fault.plan.is_some()) {
+    let faults = summary.faults.iter();
+    for fault in faults.filter(|fault| fault.detail != summary.reason) {
         let ms = |event: &str, ms: Option<f64>| {
             ms.map(|ms| format!(", {event} after {ms:.2} ms"))
                 .unwrap_or_default()

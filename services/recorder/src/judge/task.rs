@@ -66,6 +66,7 @@ fn matrix(columns: &[f64; 9]) -> Matrix3<f64> {
 pub(super) struct TaskMeter {
     summary: TaskSummary,
     position_square_sum: f64,
+    ticks: u64,
     /// Largest errors along the singular directions towards what is within reach; mm, °.
     along: [f64; 2],
 }
@@ -92,6 +93,7 @@ impl TaskMeter {
         task.along_max_deg = larger(task.along_max_deg, along_deg);
         (task.final_position_mm, task.final_orientation_deg) = (mm, deg);
         self.position_square_sum += mm * mm;
+        self.ticks += 1;
     }
 
     /// Largest errors along the singular directions towards what is within reach; mm, °.
@@ -101,8 +103,8 @@ impl TaskMeter {
 
     /// The summary of a run of `ticks`, planned to take `planned_ticks`.
     pub(super) fn finish(mut self, ticks: u64, planned_ticks: f64) -> TaskSummary {
-        if ticks > 0 {
-            self.summary.position_rms_mm = (self.position_square_sum / ticks as f64).sqrt();
+        if self.ticks > 0 {
+            self.summary.position_rms_mm = (self.position_square_sum / self.ticks as f64).sqrt();
             self.summary.time_stretch = ticks as f64 / planned_ticks.max(1.0);
         }
         self.summary

@@ -4,7 +4,7 @@ use std::marker::PhantomData;
 use std::rc::Rc;
 
 use bytemuck::try_from_bytes;
-use shared_types::Message;
+use shared_types::{Message, TorqueCommand};
 
 use crate::bus::inlet::{Admission, Inlet};
 use crate::bus::port::{Incoming, Receiver};
@@ -60,7 +60,8 @@ impl<M: Message> Reader<M> {
     /// The newest message that arrives in the tick a [`TickSource`](crate::TickSource) has given out, for the process that makes the ticks: in
     /// lockstep when its writer has closed the tick, in real time by `deadline_ns` on `CLOCK_MONOTONIC`, or as soon as that tick's own is there.
     ///
-    /// `None` when none came that is newer than the last, or the run stops. It may be older than `tick`; its header gives its own.
+    /// `None` when none came that is newer than the last, or the run stops. It may be older than `tick`; its header gives its own. Of torque each tick
+    /// is counted as in time, late or without, and a missed deadline also for the process that was silent.
     ///
     /// # Errors
     /// As [`Reader::next`].
@@ -93,6 +94,8 @@ struct Ticks {
     ahead: Option<Incoming>,
     /// The tick that the process has in hand: given by `next`, and not asked beyond.
     in_hand: Option<u64>,
+    /// Of torque, at the process that makes the ticks: whose message of which topic it waits for, in the order of the data.
+    chain: Vec<(usize, usize)>,
 }
 
 /// The topic and writers of a wait.
@@ -129,6 +132,12 @@ impl Ticks {
         let returns_at = shared.returns_at();
         inlet.begin_at(returns_at);
         let last = returns_at.checked_sub(1);
+        let is_answer =
+            topic == TorqueCommand::TOPIC && shared.manifest.processes[shared.me].makes_ticks;
+        let chain = match is_answer {
+            true => shared.manifest.chain_to(topic),
+            false => Vec::new(),
+        };
         Self {
             shared,
             inlet,
@@ -138,6 +147,7 @@ impl Ticks {
             last,
             ahead: None,
             in_hand: None,
+            chain,
         }
     }
 
@@ -275,6 +285,9 @@ impl Ticks {
                         }
                         self.current = Some(message);
                         newest = Some(came);
+                        if came < tick && !self.chain.is_empty() {
+                            shared.entry().came_late();
+                        }
                         if came == tick && !(is_shaped && shared.is_lockstep()) {
                             return Ok(Some(()));
                         }
@@ -291,6 +304,7 @@ impl Ticks {
                 }
             },
         )?;
+        self.account(newest == Some(tick), tick, deadline_ns);
         if matches!(found, Waited::Stopped) {
             return Ok(None);
         }
@@ -306,6 +320,26 @@ impl Ticks {
             return Ok(None);
         }
         Ok(self.lend())
+    }
+
+    /// Counts a tick's torque, and whom a missing one is due to.
+    fn account(&self, is_in_time: bool, tick: u64, deadline_ns: Option<u64>) {
+        let (shared, Some(&(_, closing))) = (&self.shared, self.chain.last()) else {
+            return;
+        };
+        if is_in_time {
+            return shared.entry().add(Count::InTime, 1);
+        }
+        shared.entry().add(Count::NoTorque, 1);
+        let sent_ns = shared.stamping.sent_ns.get();
+        let is_behind =
+            |(topic, _): &&(usize, usize)| shared.control_page.topic(*topic).is_behind(tick);
+        let silent = match self.chain.iter().find(is_behind) {
+            _ if deadline_ns.is_some_and(|deadline| sent_ns > deadline) => shared.me,
+            Some((_, process)) => *process,
+            None => closing,
+        };
+        shared.control_page.process(silent).add(Count::Silent, 1);
     }
 
     /// The message in hand, for as long as the tick lasts.

@@ -14,9 +14,7 @@ use crate::bus::port::{Outgoing, Sender};
 use crate::clock::now_ns;
 use crate::context::{Context, Outlet};
 use crate::control_page::Count;
-use crate::deadline::{USAGE_EVERY, cause};
 use crate::memory::{HandedOver, LastMade};
-use crate::realtime::Usage;
 
 /// Why a message was not sent.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -48,7 +46,6 @@ pub enum SendError {
 /// Writes a topic.
 pub struct Writer<M: Message> {
     outlet: Rc<Sending<M>>,
-    usage: Usage,
     /// The message on loan. It lies here and not in the [`Loan`], so that it is not moved with that: a move costs some 10 ns.
     loaned: Option<Outgoing>,
 }
@@ -99,7 +96,6 @@ impl<M: Message> Writer<M> {
         shared.add_outlet(Rc::clone(&outlet) as Rc<dyn Outlet>);
         Ok(Self {
             outlet,
-            usage: Usage::now(),
             loaned: None,
         })
     }
@@ -196,11 +192,7 @@ impl<M: Message> Loan<'_, M> {
     pub fn send(self) -> Result<(), SendError> {
         // SAFETY: as for `deref_mut`, without a borrow of the writer, whose other parts are needed beside it.
         let message = unsafe { &mut *self.payload };
-        let Writer {
-            outlet,
-            usage,
-            loaned,
-        } = &mut *self.writer;
+        let Writer { outlet, loaned } = &mut *self.writer;
         let shared = &outlet.shared;
         let tick = message.header().tick;
         if let Some(field) = first_not_finite(message) {
@@ -214,14 +206,12 @@ impl<M: Message> Loan<'_, M> {
             tracing::error!("{error}");
             return Err(error);
         }
-        let sent_ns = shared.stamp(message.header_mut());
+        shared.stamp(message.header_mut());
         shared.control_page.live_state_cells().note(message);
         let is_last = shared.is_last_output(tick, outlet.output);
         if is_last {
             shared.commit(tick);
         }
-        // In real time only: for the account of late messages.
-        let header = (!shared.is_lockstep()).then(|| *message.header());
         let Some(message) = loaned.take() else {
             return Ok(());
         };
@@ -242,39 +232,8 @@ impl<M: Message> Loan<'_, M> {
             shared.report_progress();
         }
         outlet.ring();
-        if let Some(header) = header {
-            count_lateness(usage, shared, &header, sent_ns);
-        }
         Ok(())
     }
-}
-
-/// In real time an output is due one period after its tick was.
-fn count_lateness(
-    usage: &mut Usage,
-    shared: &Context,
-    header: &shared_types::Header,
-    sent_ns: u64,
-) {
-    let origin_ns = header.stamps.origin_ns();
-    let due_ns = origin_ns + shared.manifest.period_ns();
-    let is_late = origin_ns > 0 && sent_ns > due_ns;
-    if !(is_late || header.tick.is_multiple_of(USAGE_EVERY)) {
-        return;
-    }
-    let now = Usage::now();
-    if is_late {
-        let was_late_already = header.stamps.received_ns.iter().any(|&ns| ns > due_ns);
-        shared.entry().add(
-            if was_late_already {
-                Count::MissedLateInput
-            } else {
-                cause(*usage, now, false)
-            },
-            1,
-        );
-    }
-    *usage = now;
 }
 
 impl<M: Message> Sending<M> {
@@ -287,8 +246,10 @@ impl<M: Message> Sending<M> {
     }
 
     fn deliver(&self, message: Outgoing) -> Result<(), SendError> {
+        // SAFETY: on loan from the sender of a topic of messages `M`.
+        let tick = unsafe { &*message.payload().cast::<M>() }.header().tick;
         message.send().map_err(|error| self.failed(error))?;
-        self.shared.control_page.topic(self.topic).count_sent();
+        self.shared.control_page.topic(self.topic).count_sent(tick);
         self.shared.entry().add(Count::Sent, 1);
         Ok(())
     }

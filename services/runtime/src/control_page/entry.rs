@@ -49,16 +49,22 @@ macro_rules! counts {
     };
 }
 counts! {
-    /// Deadlines missed with a major page fault in the period.
-    MissedMajorFault missed_major_fault,
-    /// Deadlines missed with an involuntary context switch in the period.
-    MissedPreempted missed_preempted,
-    /// Deadlines missed while a peer was being restarted.
-    MissedPeerRestart missed_peer_restart,
-    /// Deadlines missed because the input was late already.
-    MissedLateInput missed_late_input,
-    /// Deadlines missed with no other cause: the computation took too long.
-    MissedOverrun missed_overrun,
+    /// Ticks whose torque came by its deadline; of the process that makes the ticks, as the next two.
+    InTime in_time,
+    /// Ticks whose torque came after its deadline.
+    Late late,
+    /// Ticks whose torque has not come.
+    NoTorque none,
+    /// Ticks whose torque missed its deadline while this process was the first of the chain that had not sent: counted by the one that makes the ticks.
+    Silent silent,
+    /// Periods without a tick, with a major page fault of the process that makes the ticks.
+    SkippedMajorFault skipped_major_fault,
+    /// Periods without a tick, with an involuntary context switch of it.
+    SkippedPreempted skipped_preempted,
+    /// Periods without a tick while a peer was being restarted.
+    SkippedPeerRestart skipped_peer_restart,
+    /// Periods without a tick for no other cause: its computation took too long, or it stood still.
+    SkippedOverrun skipped_overrun,
     /// Own messages refused because a number in them was not finite.
     NotFinite not_finite,
     /// Received messages refused because a dead incarnation had sent them.
@@ -197,8 +203,18 @@ impl ProcessEntry {
 
     #[inline]
     pub(crate) fn add(&self, count: Count, n: u64) {
-        // A load and a store: the process itself is the only writer.
+        // A load and a store: each count has one writer.
         let count = &self.counts[count as usize];
         count.store(count.load(Ordering::Relaxed) + n, Ordering::Relaxed);
+    }
+
+    /// The torque of a tick has come that was counted as missing.
+    pub(crate) fn came_late(&self) {
+        self.add(Count::Late, 1);
+        let none = &self.counts[Count::NoTorque as usize];
+        none.store(
+            none.load(Ordering::Relaxed).saturating_sub(1),
+            Ordering::Relaxed,
+        );
     }
 }

@@ -18,7 +18,7 @@ use shared_types::process::MAX_PROCESSES;
 use shared_types::topics::MAX_TOPICS;
 
 /// "armbrd" and the version of this layout.
-const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x04");
+const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x05");
 
 /// How far a run has come in its beginning.
 ///
@@ -41,7 +41,7 @@ pub enum Phase {
 pub enum Stop {
     /// It goes on.
     No = 0,
-    /// No tick begins any more; the tick in hand comes to its end in every process. In lockstep only.
+    /// No tick begins any more; the tick in hand comes to its end.
     Ticks = 1,
     /// All stop but the polled processes (the recorder), which take in what is still on the way.
     Chain = 2,
@@ -73,6 +73,8 @@ struct Page {
 pub(crate) struct TopicEntry {
     /// Messages sent; a writer adds each after it has been delivered. A new writer adds [`TopicEntry::INCARNATION`] first.
     sent: AtomicU64,
+    /// The tick after that of the newest message.
+    ticks: AtomicU64,
 }
 
 impl TopicEntry {
@@ -84,11 +86,17 @@ impl TopicEntry {
         self.sent.fetch_add(Self::INCARNATION, Ordering::AcqRel);
     }
 
-    /// The one living writer has delivered a message.
+    /// The one living writer has delivered a message of a tick.
     #[inline]
-    pub(crate) fn count_sent(&self) {
+    pub(crate) fn count_sent(&self, tick: u64) {
+        self.ticks.store(tick + 1, Ordering::Relaxed);
         self.sent
             .store(self.sent.load(Ordering::Relaxed) + 1, Ordering::Release);
+    }
+
+    /// Whether a message of a tick, or of a later one, is still to be delivered, as far as the writer counts.
+    pub(crate) fn is_behind(&self, tick: u64) -> bool {
+        self.sent() > 0 && self.ticks.load(Ordering::Relaxed) <= tick
     }
 
     /// Changes with each message that is delivered; 0 where the writer, a program of others, does not count.
