@@ -147,11 +147,16 @@ pub enum PostureError {
     Missing,
 }
 
+/// Most names in a sentence.
+const MOST_NAMES: usize = 100;
+
 /// Quoted names, separated by commas.
 pub(crate) fn list<T: fmt::Display>(names: impl IntoIterator<Item = T>) -> String {
-    names
-        .into_iter()
-        .map(|name| format!("'{name}'"))
-        .collect::<Vec<_>>()
-        .join(", ")
+    let mut names = names.into_iter().map(|name| format!("'{name}'"));
+    let mut shown: Vec<_> = names.by_ref().take(MOST_NAMES).collect();
+    let left = names.count();
+    if left > 0 {
+        shown.push(format!("and {left} more"));
+    }
+    shown.join(", ")
 }
