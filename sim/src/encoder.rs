@@ -1,6 +1,6 @@
 //! Joint encoders: noise, then quantisation.
 
-use crate::noise::gaussian;
+use crate::noise::gaussians;
 use model::{JointKind, Robot};
 use nalgebra::SVector;
 
@@ -73,17 +73,13 @@ impl<const N: usize> Encoders<N> {
     /// The encoders' readings at `tick` with the joints at `q`; rad. A pure function of both.
     #[must_use]
     pub fn read(&self, tick: u64, q: &SVector<f64, N>) -> SVector<f64, N> {
-        SVector::from_fn(|i, _| {
-            let (r, sigma) = (self.resolution[i], self.noise_counts);
-            if r == 0.0 {
-                return q[i];
-            }
-            let noise = if sigma == 0.0 {
-                0.0
-            } else {
-                sigma * gaussian(self.seed, tick, i as u64)
-            };
-            r * (q[i] / r + noise).round()
+        let noise = match self.noise_counts {
+            0.0 => [0.0; N],
+            sigma => gaussians(self.seed, tick).map(|z| sigma * z),
+        };
+        SVector::from_fn(|i, _| match self.resolution[i] {
+            0.0 => q[i],
+            r => r * (q[i] / r + noise[i]).round(),
         })
     }
 }

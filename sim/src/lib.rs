@@ -30,6 +30,6 @@ pub use drive::{Applied, Drive, STOP_GAIN};
 pub use encoder::Encoders;
 pub use error::PlantError;
 pub use hybrid::Touch;
-pub use noise::gaussian;
+pub use noise::gaussians;
 pub use plant::{Diverged, Plant};
 pub use smooth::State;

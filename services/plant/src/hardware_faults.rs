@@ -2,7 +2,7 @@
 
 use nalgebra::SVector;
 use shared_types::fault::{Kind, ScheduledFault, Way};
-use sim::gaussian;
+use sim::gaussians;
 
 /// The faults of an arm's sensors and drives at a tick. No allocation.
 #[derive(Clone, Debug)]
@@ -69,7 +69,7 @@ impl<const N: usize> HardwareFaults<N> {
                     true_reading + amount * (tick - scheduled.at.min(tick)) as f64 * self.dt
                 }
                 Some(Way::Noise) => {
-                    true_reading + amount * gaussian(scheduled.seed, tick, joint as u64)
+                    true_reading + amount * gaussians::<N>(scheduled.seed, tick)[joint]
                 }
                 Some(Way::Quantise) if amount > 0.0 => (true_reading / amount).round() * amount,
                 Some(Way::Stuck) => self.stuck_reading[joint],

@@ -51,7 +51,7 @@ use crate::paper::singular_frame::orthogonal_rows;
 use crate::state::State;
 use crate::tick::{Motion, Now};
 use crate::types::{Mode, Refusal};
-use nalgebra::{SMatrix, SVector, Vector6};
+use nalgebra::{SMatrix, SVector, Vector4, Vector6};
 use shared_types::scenario::Strategy;
 use singular_rows::SingularRows;
 
@@ -204,10 +204,8 @@ pub struct Rows<const N: usize> {
     pub kept: usize,
     /// How many there are.
     pub count: usize,
-    acceleration: SVector<f64, N>,
-    path: SVector<f64, N>,
-    velocity: SVector<f64, N>,
-    feed: SVector<f64, N>,
+    /// Of each row its share of a*, of the path's part of it, of the path's twist, and of the path's acceleration.
+    sides: SMatrix<f64, 4, N>,
 }
 
 impl<const N: usize> Rows<N> {
@@ -219,32 +217,29 @@ impl<const N: usize> Rows<N> {
     pub fn of(problem: &Problem<'_, N>, engaged: &[Engaged<N>]) -> Result<Self, Refusal> {
         let (J, Jdot_qdot) = (&problem.at.J, &problem.at.Jdot_qdot);
         let kept = orthogonal_rows::<N>(&problem.task, engaged)?;
-        let zero = SVector::zeros();
         let mut rows = Self {
             J_T: SMatrix::zeros(),
             kept: kept.len(),
             count: 0,
-            acceleration: zero,
-            path: zero,
-            velocity: zero,
-            feed: zero,
+            sides: SMatrix::zeros(),
         };
         let (a, feed) = (problem.a - Jdot_qdot, problem.a_feed - Jdot_qdot);
-        let along = |e: &Vector6<f64>| [&a, &problem.a_path, &problem.V, &feed].map(|x| e.dot(x));
+        // Transposed once: of each product below the processor then computes several numbers at once.
+        let J_T = J.transpose();
+        let sides = SMatrix::<f64, 6, 4>::from_columns(&[a, problem.a_path, problem.V, feed]);
+        let sides_T = sides.transpose();
         for e in kept.iter() {
-            rows.push(J.tr_mul(e), along(e));
+            rows.push(J_T * e, sides_T * e);
         }
         for one in engaged {
             let aux = 1.0 - one.beta;
             let mut row = one.aux_row * aux;
-            let mut sides = [one.aux_acceleration * aux, 0.0, one.aux_rate * aux, 0.0];
+            let mut sides = Vector4::new(one.aux_acceleration, 0.0, one.aux_rate, 0.0) * aux;
             // β > 0 only at |s| > η_in, where the gain is far from zero.
             if one.beta > 0.0 {
                 let scale = one.beta / one.gain;
-                row += J.tr_mul(&one.zeta_B) * scale;
-                for (side, x) in sides.iter_mut().zip(along(&one.zeta_B)) {
-                    *side += x * scale;
-                }
+                row += J_T * one.zeta_B * scale;
+                sides += sides_T * one.zeta_B * scale;
             }
             rows.push(row, sides);
         }
@@ -252,15 +247,9 @@ impl<const N: usize> Rows<N> {
     }
 
     #[inline]
-    fn push(&mut self, row: SVector<f64, N>, sides: [f64; 4]) {
-        let i = self.count;
-        self.J_T.set_column(i, &row);
-        [
-            self.acceleration[i],
-            self.path[i],
-            self.velocity[i],
-            self.feed[i],
-        ] = sides;
+    fn push(&mut self, row: SVector<f64, N>, sides: Vector4<f64>) {
+        self.J_T.set_column(self.count, &row);
+        self.sides.set_column(self.count, &sides);
         self.count += 1;
     }
 }
@@ -282,24 +271,21 @@ pub fn solve<const N: usize>(
     let rows = Rows::of(problem, engaged)?;
     let op = Operational::new(rows.J_T, rows.count, problem.A).map_err(|_| Refusal::Singular)?;
     let Gamma_0 = null_torque(problem.A, &problem.grad_V_0, problem.k_vq, problem.qdot);
-    let mut own = op.not_caused(&rows.acceleration, rows.kept);
+    let [acceleration, path, velocity, feed] =
+        std::array::from_fn(|k| rows.sides.row(k).transpose());
+    let mut own = op.not_caused(&acceleration, rows.kept);
     for (k, one) in engaged.iter().enumerate() {
         own[rows.kept + k] *= 1.0 - one.beta;
     }
-    let sides = SMatrix::<f64, N, 3>::from_columns(&[rows.acceleration, own, rows.path]);
+    let sides = SMatrix::<f64, N, 3>::from_columns(&[acceleration, own, path]);
     let forces = op.force(&sides);
     let [F, F_own, F_path] = std::array::from_fn(|k| forces.column(k).into_owned());
-    let null = op.torque(&F_own, &Gamma_0);
-    let path = op.J_T * F_path;
-    let motions = op.Jbar(&SMatrix::<f64, N, 2>::from_columns(&[
-        rows.velocity,
-        rows.feed,
-    ]));
+    let motions = op.Jbar(&SMatrix::<f64, N, 2>::from_columns(&[velocity, feed]));
     Ok(Torques {
         parts: Parts {
-            null,
-            path,
-            rest: op.torque(&F, &Gamma_0) - null - path,
+            null: op.torque(&F_own, &Gamma_0),
+            path: op.J_T * F_path,
+            rest: op.J_T * (F - F_own - F_path),
         },
         qdot_nominal: motions.column(0).into_owned(),
         qddot_path: motions.column(1).into_owned(),

@@ -1,6 +1,6 @@
 //! Estimates that no arm can have moved to: beyond what its speed and torque limits allow (+).
 
-use crate::linear::Lu;
+use crate::paper::operational_space::Cholesky;
 use model::{Model, Terms};
 use nalgebra::SVector;
 
@@ -92,14 +92,14 @@ impl<const N: usize> Plausible<N> {
         if beyond.iter().all(|x| *x <= 0.0) {
             return true;
         }
-        let Ok(lu) = Lu::new(terms.A) else {
+        let Ok(A) = Cholesky::new(terms.A) else {
             return false;
         };
         let mut most = SVector::<f64, N>::zeros();
         for j in 0..N {
             let mut push = SVector::zeros();
             push[j] = model.effort()[j] + terms.gravity[j].abs();
-            most += lu.solve(&push).abs();
+            most += A.solve(&push).abs();
         }
         (0..N).all(|i| beyond[i] <= 0.0 || beyond[i] <= most[i] * passed_s)
     }

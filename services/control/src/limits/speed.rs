@@ -7,7 +7,8 @@
 
 use super::clock::MARGIN;
 use super::{Parts, shares};
-use crate::linear::{Lu, SolveError};
+use crate::paper::operational_space::Cholesky;
+use crate::types::Refusal;
 use nalgebra::{SMatrix, SVector};
 
 /// Shares of a speed limit from which on it is watched, from which on it is approached slowly, and at which a joint gains no more speed.
@@ -21,7 +22,7 @@ const APPROACH_S: f64 = 0.025;
 
 /// The torques, scaled down so that no joint is driven beyond its speed limit.
 ///
-/// Shapes N, `A` N×N · Units N·m, rad/s; `torque_rate` N·m/s · Errors [`SolveError`] for a singular mass matrix · Cost none below half of every limit,
+/// Shapes N, `A` N×N · Units N·m, rad/s; `torque_rate` N·m/s · Errors [`Refusal::Singular`] for a singular mass matrix · Cost none below half of every limit,
 /// else about 1 µs; no allocation
 #[inline]
 pub fn held<const N: usize>(
@@ -30,7 +31,7 @@ pub fn held<const N: usize>(
     qdot: &SVector<f64, N>,
     velocity: &SVector<f64, N>,
     torque_rate: &SVector<f64, N>,
-) -> Result<Parts<N>, SolveError> {
+) -> Result<Parts<N>, Refusal> {
     let is_watched = |i: usize| qdot[i].abs() > WATCHED * velocity[i];
     if !(0..N).any(is_watched) {
         return Ok(*torques);
@@ -47,8 +48,8 @@ pub fn held<const N: usize>(
         let is_up = qdot[i] > 0.0;
         limits[usize::from(is_up)][i] = if is_up { room } else { -room };
     }
-    let lu = Lu::new(*A)?;
-    let accelerations = torques.map(|torque| lu.solve(torque));
+    let A = Cholesky::new(*A).map_err(|_| Refusal::Singular)?;
+    let accelerations = torques.map(|torque| A.solve(torque));
     let [low, high] = &limits;
     Ok(torques.scaled(shares(&SVector::zeros(), &accelerations, [low, high])))
 }
@@ -101,7 +102,7 @@ mod tests {
             for _ in 0..5000 {
                 let wanted = given(40.0, &A, &qdot, rate).sum();
                 tau += (wanted - tau).map(|change| change.clamp(-rate * dt, rate * dt));
-                qdot += Lu::new(A).unwrap().solve(&tau) * dt;
+                qdot += Cholesky::new(A).unwrap().solve(&tau) * dt;
                 qdot[1] *= 0.9;
                 fastest = fastest.max(qdot[0]);
             }

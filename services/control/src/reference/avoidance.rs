@@ -6,7 +6,8 @@
 //! Reduces to nothing: beyond twice η_out the weight is zero, and the null space has its posture control alone.
 
 use crate::controller::Setup;
-use crate::linear::{Lu, smoothstep};
+use crate::linear::smoothstep;
+use crate::paper::operational_space::Cholesky;
 use crate::paper::singular_frame::Basis;
 use crate::singularity::screws::Screws;
 use crate::tick::Now;
@@ -47,34 +48,33 @@ pub(crate) fn away<const N: usize>(
     if open == 0.0 {
         return Some((SVector::zeros(), weight));
     }
-    let mut scaled = *J;
-    scaled
-        .fixed_rows_mut::<3>(0)
-        .scale_mut(1.0 / report.length_m);
-    let mut M = SMatrix::<f64, N, N>::zeros();
+    // The rows of the task, metres made radians; the others are zero.
+    let served = |mut rows: SMatrix<f64, 6, N>| {
+        rows.fixed_rows_mut::<3>(0).scale_mut(1.0 / report.length_m);
+        (0..6)
+            .filter(|k| !task[*k])
+            .for_each(|k| rows.row_mut(k).fill(0.0));
+        rows
+    };
+    let S = served(*J);
     let mut basis = Basis::<N>::empty();
-    for (at, k) in (0..6).filter(|k| task[*k]).enumerate() {
-        M.set_row(at, &scaled.row(k));
-        basis.add(scaled.row(k).transpose());
+    for k in (0..6).filter(|k| task[*k]) {
+        basis.add(S.row(k).transpose());
     }
     if !basis.add_best((0..N).map(|k| SVector::from_fn(|j, _| if j == k { 1.0 } else { 0.0 }))) {
         return None;
     }
     let n = basis.last();
-    M.set_row(rows, &n.transpose());
-    let lu = Lu::new(M).ok()?;
-    let mut rate = Screws(*J).rate(&n);
-    rate.fixed_rows_mut::<3>(0).scale_mut(1.0 / report.length_m);
-    // tr(M⁻¹·[J̇; 0]) is tr(J⁺·J̇): the rows of J⁺ are orthogonal to n.
-    let growth: f64 = (0..N)
-        .map(|j| {
-            let mut column = SVector::<f64, N>::zeros();
-            for (at, k) in (0..6).filter(|k| task[*k]).enumerate() {
-                column[at] = rate[(k, j)];
-            }
-            lu.solve(&column)[j]
-        })
-        .sum();
+    // tr J⁺J̇ with J⁺ = Jᵀ(JJᵀ)⁻¹.
+    let mut gram = S * S.transpose();
+    (0..6)
+        .filter(|k| !task[*k])
+        .for_each(|k| gram[(k, k)] = 1.0);
+    let rate = served(Screws(*J).rate(&n));
+    let growth = Cholesky::new(gram)
+        .ok()?
+        .solve(&(rate * S.transpose()))
+        .trace();
     let driven = open * (DRIVE.0 * nearest.s.abs() * growth).clamp(-DRIVE.1, DRIVE.1);
     growth.is_finite().then_some((n * driven, weight))
 }

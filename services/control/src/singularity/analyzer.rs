@@ -4,7 +4,7 @@
 //! neighbourhoods with hysteresis, rank, determinant, manipulability.
 
 use crate::centre::AtCentre;
-use crate::linear::{Lu, rank, volume};
+use crate::linear::{rank, volume};
 use crate::paper::neighborhood::Neighborhood;
 use crate::singularity::family::{Family, Posture};
 use crate::types::{Report, Singularity};
@@ -180,7 +180,7 @@ fn conditioning<const N: usize>(
     report.det = if N == 6 && rows == 6 {
         closed_form.unwrap_or_else(|| {
             let square = SMatrix::<f64, 6, 6>::from_fn(|i, j| J_E[(i, j)]);
-            Lu::new(square).map_or(0.0, |lu| lu.determinant())
+            square.determinant()
         })
     } else {
         volume_of(J_E, task)

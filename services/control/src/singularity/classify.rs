@@ -5,7 +5,8 @@
 use super::geometry::{Geometry, Span};
 use super::tracked_svd::TrackedSvd;
 use super::tracker::{Arm, unscaled};
-use crate::linear::{Lu, symmetric_eigen};
+use crate::linear::symmetric_eigen;
+use crate::paper::operational_space::Cholesky;
 use crate::types::{Class, Kind};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use shared_types::bounds::within;
@@ -121,7 +122,7 @@ fn lock<const N: usize>(
         for (k, e) in free.iter().enumerate() {
             gram[(k, k)] += if e.norm_squared() > 0.0 { 1e-9 } else { 1.0 };
         }
-        let share = Lu::new(gram)
+        let share = Cholesky::new(gram)
             .ok()?
             .solve(&Vector3::from_fn(|k, _| -m.dot(&free[k])));
         let step: SVector<f64, N> = (0..3).map(|k| gradients[k] * share[k]).sum();

@@ -7,13 +7,13 @@ use super::screws::Screws;
 use super::turning::turning;
 use crate::centre::AtCentre;
 use crate::law::Engaged;
-use crate::linear::{angular, linear, rotation_log, singular_values, symmetric_eigen, wrap_angle};
+use crate::linear::{angular, linear, rotation_log, symmetric_eigen, wrap_angle};
 use crate::paper::singular_frame::{Basis, orthogonal_rows};
 use crate::singularity::analyzer::{Analyzer, RANK_TOLERANCE};
 use crate::testing::puma_lengths;
 use crate::types::{Class, Kind, Report, Singularity};
 use model::{Model, Robot};
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
+use nalgebra::{DMatrix, Matrix3, SMatrix, SVector, Vector3, Vector6};
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::TestRunner;
@@ -247,7 +247,7 @@ fn explained<const N: usize>(arm: &Arm<N>, q: &SVector<f64, N>, report: &Report<
     let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[N - 1]);
     let inside: Vec<_> = report.listed().iter().filter(|s| s.inside).collect();
     let scaled = Screws(at.J).scaled(arm.robot.length_m);
-    let sigma = singular_values(&scaled).0;
+    let sigma = DMatrix::from_column_slice(6, N, scaled.as_slice()).singular_values();
     let rank = sigma
         .iter()
         .filter(|s| **s > RANK_TOLERANCE * scaled.norm());

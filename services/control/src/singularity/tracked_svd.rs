@@ -162,7 +162,7 @@ impl<const N: usize> TrackedSvd<N> {
             self.begun = true;
             self.order();
             // The smallest value takes the sign of det.
-            if self.is_square() && self.determinant(scaled) < 0.0 {
+            if self.is_square() && self.determinant(scaled) < -f64::EPSILON {
                 (self.v[0], self.sigma[0]) = (-self.v[0], -self.sigma[0]);
             }
         }
@@ -210,7 +210,7 @@ impl<const N: usize> TrackedSvd<N> {
         }
     }
 
-    /// Sign of det B for a square block, 0 where it is singular.
+    /// det B for a square block.
     fn determinant(&self, scaled: &SMatrix<f64, 6, N>) -> f64 {
         let mut M = SMatrix::<f64, 6, 6>::identity();
         for i in 0..self.count {
@@ -218,7 +218,7 @@ impl<const N: usize> TrackedSvd<N> {
                 M[(i, k)] = scaled[(self.rows[i], self.columns.0 + k)];
             }
         }
-        crate::linear::Lu::new(M).map_or(0.0, |lu| lu.determinant())
+        M.determinant()
     }
 
     /// All that the next decomposition begins with.

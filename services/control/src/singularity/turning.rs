@@ -2,7 +2,8 @@
 
 use super::family::{Family, Posture};
 use crate::centre::AtCentre;
-use crate::linear::{Lu, rotation_log, stack, wrap_angle};
+use crate::linear::{rotation_log, stack, wrap_angle};
+use crate::paper::operational_space::Cholesky;
 use crate::paper::type_2::TURNS;
 use crate::types::Singularity;
 use model::Model;
@@ -70,7 +71,9 @@ pub fn turning<const N: usize>(
             }
             let rows = at.J + zeta * (one.aux_row - at.J.tr_mul(zeta)).transpose();
             let gram: Matrix6<f64> = rows * rows.transpose();
-            let share = Lu::new(gram).ok()?.solve(&Vector6::from(e + zeta * left));
+            let share = Cholesky::new(gram)
+                .ok()?
+                .solve(&Vector6::from(e + zeta * left));
             moved += rows.tr_mul(&share);
         }
     }

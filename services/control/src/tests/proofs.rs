@@ -4,7 +4,6 @@ use crate::centre::AtCentre;
 use crate::law::auxiliary::{Demand, Gains, LEFT, Loop};
 use crate::law::{self, Engaged, Problem, Rows, Torques};
 use crate::limits::clock::{Clock, Load};
-use crate::linear::{Lu, singular_values};
 use crate::paper::operational_space::null_torque;
 use crate::paper::reference::Target;
 use crate::paper::singular_frame::orthogonal_rows;
@@ -141,11 +140,13 @@ fn the_auxiliary_motion_moves_zeta_by_the_gain_and_nothing_else() {
         let (engaged, zero) = (engaged(&report, 0.0), Vector6::zeros());
         lone += usize::from(engaged.len() == 1);
         let rows = Rows::of(&problem(&terms, &at, &zero), &engaged).unwrap();
-        let lu = Lu::new(rows.J_T.transpose()).unwrap();
+        let lu = rows.J_T.transpose().lu();
         for (i, active) in engaged.iter().enumerate() {
-            let w = lu.solve(&Vector6::from_fn(|j, _| {
-                if j == rows.kept + i { 1.0 } else { 0.0 }
-            }));
+            let w = lu
+                .solve(&Vector6::from_fn(|j, _| {
+                    if j == rows.kept + i { 1.0 } else { 0.0 }
+                }))
+                .unwrap();
             let moved = active.zeta_B.dot(&(at.J * w));
             // With other locks active, ζ of this one is not orthogonal to theirs: only a lone one moves by its own gain alone.
             if engaged.len() == 1 {
@@ -180,8 +181,8 @@ fn the_augmented_matrix_is_regular_everywhere() {
             .for_each(|s| s.eta_out *= LEFT);
         let zero = Vector6::zeros();
         let rows = Rows::of(&problem(&terms, &at, &zero), &engaged(&near, 0.0)).unwrap();
-        smallest = smallest.min(singular_values(&rows.J_T).0[5]);
-        of_J = of_J.min(singular_values(&at.J).0[5]);
+        smallest = smallest.min(rows.J_T.singular_values()[5]);
+        of_J = of_J.min(at.J.singular_values()[5]);
     }
     println!("smallest singular value: augmented {smallest}, J {of_J}");
     assert!(smallest > 0.03 && of_J < 1e-6, "{smallest} {of_J}");
@@ -259,7 +260,7 @@ fn the_blend_is_a_convex_weight_with_the_right_sign() {
         let zero = Vector6::zeros();
         let det = |beta: f64| {
             let rows = Rows::of(&problem(&terms, &at, &zero), &engaged(&report, beta)).unwrap();
-            Lu::new(rows.J_T).unwrap().determinant()
+            rows.J_T.determinant()
         };
         let (one, other) = (det(0.0), det(1.0));
         for beta in [0.25, 0.5, 0.75] {
@@ -309,7 +310,7 @@ fn outside_every_neighbourhood_one_solve_is_operational_space_control() {
         let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
         let problem = problem(&terms, &at, &qdot);
         let one = law::solve(&problem, &engaged(&report, 1.0)).unwrap();
-        let Gamma = terms.A * Lu::new(at.J).unwrap().solve(&(problem.a - at.Jdot_qdot));
+        let Gamma = terms.A * at.J.lu().solve(&(problem.a - at.Jdot_qdot)).unwrap();
         assert!(
             (sum(&one) - Gamma).amax() < 1e-8 * Gamma.amax().max(1.0),
             "k {k}: {} against {Gamma}",

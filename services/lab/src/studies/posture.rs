@@ -1,7 +1,6 @@
 //! The arm at one posture: kinematics, dynamics and singularities, as the processes compute them.
 
 use control::centre::AtCentre;
-use control::linear;
 use model::{Model, Refused, Robot, embedded, unit_scaled, with_dof};
 use nalgebra::DMatrix;
 use serde_json::{Value, json};
@@ -76,13 +75,11 @@ fn at<const N: usize>(
     let mut report = SingularityReport::default();
     analyzer.step(&estimate, &mut report);
     let at_centre = AtCentre::new(&terms, &report.p_BC.into(), &terms.omega[N - 1]);
-    let (scaled_singular_values, _) =
-        linear::singular_values(&unit_scaled(&at_centre.J, report.length_m, &robot.task.0));
+    let scaled = unit_scaled(&at_centre.J, report.length_m, &robot.task.0);
+    let scaled = DMatrix::from_column_slice(6, N, scaled.as_slice());
     let J = DMatrix::from_fn(6, n, |row, column| terms.J[(row, column)]);
+    let singular_values = J.singular_values().as_slice().to_vec();
     let (R, p) = (terms.X_BE.R, terms.X_BE.p);
-    let decomposed = J.clone().svd(false, false);
-    let mut singular_values = decomposed.singular_values.as_slice().to_vec();
-    singular_values.sort_by(|a, b| b.total_cmp(a));
     Ok(Posture {
         frame: frame.unwrap_or(&robot.default_frame).to_owned(),
         q: q.to_vec(),
@@ -98,7 +95,7 @@ fn at<const N: usize>(
         bias: (terms.coriolis + terms.gravity).as_slice()[..n].to_vec(),
         Jdot_qdot: terms.Jdot_qdot.as_slice().to_vec(),
         singular_values,
-        scaled_singular_values,
+        scaled_singular_values: std::array::from_fn(|i| scaled.singular_values()[i]),
         served: robot.task.count().min(n),
         report,
     })

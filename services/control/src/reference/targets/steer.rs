@@ -11,7 +11,8 @@ use crate::law::auxiliary::Loop;
 use crate::limits::Parts;
 use crate::limits::range::{self, Fastest};
 use crate::limits::torque::Limited;
-use crate::linear::{Lu, angular, linear, rotation_log, smoothstep, stack};
+use crate::linear::{angular, linear, rotation_log, smoothstep, stack};
+use crate::paper::operational_space::Cholesky;
 use crate::reference::path::{HORIZON_S, Progress};
 use crate::state::State;
 use crate::tick::Inputs;
@@ -300,7 +301,7 @@ impl<const N: usize> State<N> {
 impl<const N: usize> TargetState<N> {
     /// The reference arm's acceleration by its torque, within its stops; it moves on by a tick.
     fn accelerate(&mut self, setup: &Setup<N>, reference: &Terms<N>) -> SVector<f64, N> {
-        let Ok(lu) = Lu::new(reference.A) else {
+        let Ok(A) = Cholesky::new(reference.A) else {
             return SVector::zeros();
         };
         let [whole, path, null] = [
@@ -308,7 +309,7 @@ impl<const N: usize> TargetState<N> {
             &self.sent.path,
             &self.sent.null,
         ]
-        .map(|torque| lu.solve(torque));
+        .map(|torque| A.solve(torque));
         let parts = Parts {
             null,
             path,
