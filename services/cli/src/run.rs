@@ -116,6 +116,8 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
         live: args.live,
         silence_limit: args.silence_limit,
     };
+    // A second Ctrl-C does not end the program amid its last words: these have a limit of their own.
+    std::mem::forget(session::interrupts()?);
     conclude(session::run(&request, &observe)?, as_json)
 }
 
