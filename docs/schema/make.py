@@ -98,6 +98,8 @@ def definitions():
                 if kind.startswith("Option<") and "skip_serializing_if" not in of_field and "floor" not in of_field:
                     schema = {"anyOf": [schema, {"type": "null"}]}
                 properties[renamed[1] if renamed else field] = {**schema, "description": words}
+                if "deny_unknown_fields" in attributes and (alias := re.search(r'alias = "(\w+)"', of_field)):
+                    properties[alias[1]] = {**schema, "description": f"The same as {field}."}
                 # serde takes an option that is left out as none, unless a function of its own reads it.
                 is_option = kind.startswith("Option<") and " with =" not in of_field and "deserialize_with" not in of_field
                 if not (all_default or is_option or "serde(default" in of_field):

@@ -61,11 +61,10 @@ class Robot:
         return self._last(self.children[link][0].find("child").get("link")) if link in self.children else link
 
     def start(self, scenario):
-        """The posture in which a scenario starts; rad."""
+        """The posture in which a scenario starts; rad (m of joints that slide)."""
         start = scenario["start"]
-        if start.get("q_rad") is not None:
-            return list(start["q_rad"])
+        if start.get("q") is not None:
+            return list(start["q"])
         if start.get("q_deg") is not None:
-            scale = [1e-3 if joint.kind == "prismatic" else math.pi / 180 for joint in self.joints]
-            return [q * s for q, s in zip(start["q_deg"], scale)]
+            return [math.radians(q) for q in start["q_deg"]]
         return list(self.description["postures"][start["posture"]])

@@ -200,6 +200,9 @@ pub struct JointSummary {
     pub q_start: Vec<f64>,
     /// Position at the end; rad.
     pub q_end: Vec<f64>,
+    /// Units of these: `rad`, or `m` of a joint that slides.
+    #[serde(default)]
+    pub units: Vec<String>,
 }
 
 /// A limit that a joint reached.
@@ -254,12 +257,12 @@ pub struct TurnSummary {
     pub tick: u64,
     /// Which singularity.
     pub singularity: String,
-    /// Planned motion of each joint; degrees (mm for prismatic joints).
-    pub planned_deg: Vec<f64>,
+    /// Planned motion of each joint; rad (m for prismatic joints).
+    pub planned: Vec<f64>,
     /// Planned duration; s.
     pub planned_s: f64,
-    /// Actual motion of each joint; degrees (mm for prismatic joints).
-    pub actual_deg: Vec<f64>,
+    /// Actual motion of each joint; rad (m for prismatic joints).
+    pub actual: Vec<f64>,
     /// Actual duration, with the ticks in which the arm was brought to rest meanwhile; ticks.
     pub actual_ticks: u64,
 }

@@ -164,6 +164,10 @@ fn the_papers_figures_are_drawn_with_their_numbers() {
         still < 1e-6 && pushed > 1.0,
         "force on the tip: {pushed} N, {still} N"
     );
+    let swings = &numbers["fig2"]["joint_2_swings_deg"];
+    let [first, later] = [0, 1].map(|i| swings[i].as_f64().unwrap());
+    assert!(first > 60.0 && later > 0.9 * first, "{swings}");
+    assert_eq!(numbers["fig3"]["overhead"]["type_in_the_paper"], "type 2");
     for (lock, class) in [
         ("elbow", "type 1"),
         ("wrist", "type 2"),

@@ -157,7 +157,7 @@ fn a_goal_that_the_task_does_not_serve_is_refused() {
         ),
         (
             "puma560",
-            "q_rad = [0.3, -0.8, 2.9, 0.2, 0.5, 0.1]",
+            "q = [0.3, -0.8, 2.9, 0.2, 0.5, 0.1]",
             "reorient = { singularity = \"wrist\", by_deg = 30 }",
             2,
             "neighbourhood",
@@ -186,7 +186,7 @@ fn a_task_of_positions_alone_moves_the_point_that_it_names() {
         (
             "puma560",
             "frame = \"flange\"\n",
-            "q_rad = [0.3, -0.8, 2.9, 0.2, 0.5, 0.1]",
+            "q = [0.3, -0.8, 2.9, 0.2, 0.5, 0.1]",
         ),
         ("ur5", "", "q_deg = [20, -70, 80, -40, -90, 0]"),
         ("iiwa14", "", "q_deg = [0, 30, 0, -80, 0, 60, 0]"),
@@ -242,7 +242,7 @@ fn a_leg_that_is_too_short_is_stretched_or_refused() {
     for (legs, code) in cases {
         desk.file(
             "short.toml",
-            &format!("name = \"short\"\nrobot = \"puma560\"\n[start]\nq_rad = [0.3, -0.8, 2.9, 0.2, 0.5, 0.1]\n{legs}"),
+            &format!("name = \"short\"\nrobot = \"puma560\"\n[start]\nq = [0.3, -0.8, 2.9, 0.2, 0.5, 0.1]\n{legs}"),
         );
         let said = run(&desk, &["run", "short.toml", "--json"]);
         assert_eq!(said.code, code, "{legs}: {}", said.err);
@@ -261,7 +261,7 @@ fn a_hold_in_a_double_lock_is_calm() {
     let desk = Desk::new();
     desk.file(
         "hold.toml",
-        "name = \"hold\"\nrobot = \"ur5\"\n[start]\nq_rad = [0.3, -1.2, 0.0, -1.0, 0.0, 0.2]\n[[segment]]\nduration_s = 3.0\n\
+        "name = \"hold\"\nrobot = \"ur5\"\n[start]\nq = [0.3, -1.2, 0.0, -1.0, 0.0, 0.2]\n[[segment]]\nduration_s = 3.0\n\
          [plant]\nencoder_noise_counts = 2.0\n",
     );
     let result = desk.run("hold.toml");
@@ -286,7 +286,7 @@ fn legs_before_one_without_a_route_stay_planned() {
     desk.file(
         "passes.toml",
         &format!(
-            "name = \"passes\"\nrobot = \"ur5\"\nframe = \"tool0\"\n[start]\nq_rad = [0.3, -1.2, 1.1, -1.0, 0.4, 0.2]\n\
+            "name = \"passes\"\nrobot = \"ur5\"\nframe = \"tool0\"\n[start]\nq = [0.3, -1.2, 1.1, -1.0, 0.4, 0.2]\n\
              [[segment]]\n{near}[[segment]]\n{far}[[segment]]\n{near}"
         ),
     );
@@ -296,5 +296,66 @@ fn legs_before_one_without_a_route_stay_planned() {
         said.code == 0 && off_mm.is_some_and(|off_mm| off_mm < 1.0),
         "{off_mm:?} {}",
         said.err
+    );
+}
+
+/// Positions of a joint that slides are metres in files and millimetres in sentences; degrees do not fit it.
+#[test]
+fn a_joint_that_slides_has_no_degrees() {
+    let joint = |name: &str, kind: &str, links: [&str; 2], at: &str, axis: &str, limit: &str| {
+        format!(
+            "<link name=\"{}\"><inertial><mass value=\"2\"/><inertia ixx=\"0.01\" iyy=\"0.02\" izz=\"0.02\" ixy=\"0\" ixz=\"0\" iyz=\"0\"/></inertial></link>\
+             <joint name=\"{name}\" type=\"{kind}\"><parent link=\"{}\"/><child link=\"{}\"/><origin xyz=\"{at}\"/><axis xyz=\"0 0 {axis}\"/><limit {limit}/></joint>",
+            links[1], links[0], links[1]
+        )
+    };
+    let turns = "lower=\"-2.6\" upper=\"2.6\" effort=\"80\" velocity=\"5\"";
+    let slides = "lower=\"0\" upper=\"0.3\" effort=\"150\" velocity=\"1\"";
+    let arm: String = [
+        joint("j1", "revolute", ["base", "l1"], "0 0 0.5", "1", turns),
+        joint("j2", "revolute", ["l1", "l2"], "0.4 0 0", "1", turns),
+        joint("j3", "prismatic", ["l2", "l3"], "0.3 0 0", "-1", slides),
+        joint("j4", "revolute", ["l3", "l4"], "0 0 0", "-1", turns),
+    ]
+    .concat();
+    let desk = Desk::new();
+    desk.file(
+        "arm.urdf",
+        &format!("<robot name=\"scara\"><link name=\"base\"/>{arm}</robot>"),
+    );
+    desk.file("arm.toml", "task = [\"x\", \"y\", \"z\", \"rz\"]\n");
+    let start = "q = [0.3, 0.8, 0.1, 0.5]";
+    let cases = [
+        (start, -0.25, 2, "300.0 mm"),
+        ("q_deg = [20, 40, 5, 30]", -0.1, 2, "'j3'"),
+        (
+            "q = [0.3, 0.8, 0.1, 0.5]\nq_deg = [0, 0, 0, 0]",
+            -0.1,
+            2,
+            "2 times",
+        ),
+        (start, -0.1, 0, ""),
+    ];
+    for (start, down, code, word) in cases {
+        desk.file(
+            "down.toml",
+            &format!("name = \"down\"\nrobot = \"arm.urdf\"\n[start]\n{start}\n[[segment]]\nby_m = [0, 0, {down}]\nduration_s = 1.0\n"),
+        );
+        let said = run(&desk, &["run", "down.toml", "--json"]);
+        assert_eq!(
+            (said.code, said.err.contains(word), said.err.contains('°')),
+            (code, true, false),
+            "{start}: {}",
+            said.err
+        );
+        if code == 0 {
+            assert_eq!(summary(&said)["joints"]["units"][2], "m");
+        }
+    }
+    let shown = desk.armplane(&["inspect", "--robot", "arm.urdf", "--q=0.3,0.8,0.1,0.5"]);
+    assert!(
+        shown.out.contains("100.00 mm") && shown.out.contains("-39.2 N"),
+        "{}",
+        shown.out
     );
 }

@@ -501,7 +501,7 @@ fn a_sweep_that_cannot_be_is_refused_in_a_sentence() {
         "is in °, not in rad",
     );
     refused(
-        "[[key]]\nkey = \"start.q_rad\"\nvalues = [[0.0]]\n",
+        "[[key]]\nkey = \"start.q\"\nvalues = [[0.0]]\n",
         "given 2 times",
     );
     let seed = "[[key]]\nkey = \"seed\"\n";

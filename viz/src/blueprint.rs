@@ -34,6 +34,8 @@ pub(crate) const MAGNIFIED: f32 = 50.0;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Subject {
     pub(crate) joints: usize,
+    /// Units of a speed and of a load, where joints have no limits.
+    pub(crate) units: [&'static str; 2],
     /// Name and colour of each singularity, in the report's order.
     pub(crate) singularities: Vec<(String, Rgba)>,
     /// Distinct ratios η_out / η_in.

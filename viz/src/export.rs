@@ -51,8 +51,6 @@ pub struct Exported<'a> {
     pub parts: &'a [PathBuf],
     /// The run's messages, where they are kept: columns of their own.
     pub messages: Option<&'a mut dyn Messages>,
-    /// Which joints slide: their units are metres and newtons. Joints beyond it turn.
-    pub slides: &'a [bool],
     /// Whether the run was steered: columns of its own.
     pub steered: bool,
 }
@@ -73,7 +71,6 @@ pub fn export(
     let Exported {
         parts,
         mut messages,
-        slides,
         steered,
     } = what;
     let mut signals: Option<(Columns, Table)> = None;
@@ -83,7 +80,7 @@ pub fn export(
             (Piece::About(about), None) => {
                 rate_hz = about.rate_hz();
                 let has_messages = messages.as_ref().map(|_| steered);
-                let (columns, schema) = Columns::new(about, has_messages, slides);
+                let (columns, schema) = Columns::new(about, has_messages);
                 let table = Table::create(format, out, "signals", schema)?;
                 signals = Some((columns, table));
             }

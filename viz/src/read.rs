@@ -38,7 +38,7 @@ pub enum ReadError {
 /// The static description of a run in its recording.
 #[derive(Clone, Debug, Default)]
 pub struct About {
-    /// `scenario`, `robot`, `run`, `seed`, `rate_hz`, `armplane`.
+    /// `scenario`, `robot`, `run`, `seed`, `rate_hz`, `armplane`, `joint_units`.
     pub properties: BTreeMap<String, String>,
     /// Joints of the arm.
     pub joints: usize,

@@ -11,7 +11,7 @@ mod steered;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use model::{Model, Robot};
+use model::{Joint, JointKind, Model, Robot};
 use nalgebra::{SMatrix, SVector, Vector3};
 use re_chunk::external::arrow::array::{Array, Float64Array, StringArray};
 use re_chunk::{EntityPath, TimeColumn, TimePoint};
@@ -141,7 +141,7 @@ struct Facts {
     segments: Vec<Segment>,
     rate_hz: u32,
     title: String,
-    properties: [(&'static str, String); 6],
+    properties: [(&'static str, String); 7],
     arm: Model<MAX_DOF>,
     figure: Figure,
     /// The axes of the hand's twist that the task has.
@@ -690,6 +690,7 @@ impl Facts {
                 ("seed", run.seed.to_string()),
                 ("rate_hz", scenario.rate_hz.to_string()),
                 ("armplane", run.version.to_owned()),
+                ("joint_units", joint_units(robot).join(" ")),
             ],
             arm,
             figure: Figure::new(robot, floor_m(scenario)),
@@ -726,6 +727,7 @@ fn stands_still(scenario: &Scenario) -> bool {
     let holds = |one: &Segment| {
         Segment {
             posture_deg: None,
+            posture_q: None,
             ..one.clone()
         } == Segment {
             duration_s: one.duration_s,
@@ -733,8 +735,24 @@ fn stands_still(scenario: &Scenario) -> bool {
             ..Segment::default()
         }
     };
-    scenario.segment.iter().all(holds)
-        && scenario.segment.iter().any(|one| one.posture_deg.is_some())
+    scenario.segment.iter().all(holds) && scenario.segment.iter().any(|one| one.posture().is_some())
+}
+
+/// The unit of each joint's positions.
+fn joint_units(robot: &Robot) -> Vec<&'static str> {
+    let unit = |joint: &Joint| match joint.kind {
+        JointKind::Prismatic => "m",
+        _ => "rad",
+    };
+    robot.joints.iter().map(unit).collect()
+}
+
+/// Units of speeds and of loads, where joints have no limits.
+pub(crate) fn axis_units(robot: &Robot) -> [&'static str; 2] {
+    match joint_units(robot).contains(&"m") {
+        true => [", rad/s or m/s", ", N·m or N"],
+        false => [", rad/s", ", N·m"],
+    }
 }
 
 /// What a layout depends on, but for the singularities, which the first report names.
@@ -747,6 +765,7 @@ fn subject(run: &RunInfo, options: Options) -> Subject {
     Subject {
         lives: run.lives.clone(),
         joints: robot.joints.len(),
+        units: axis_units(robot),
         floor_m: floor_m(scenario),
         goal: [
             judged(goal.position_mm, 1000.0),

@@ -18,6 +18,7 @@ use shared_types::summary::{Machine, Summary};
 use crate::blueprint::{ACROSS, ALONG, JOINTS};
 use crate::plot::{Axis, Color, Panel, PlotError, RED, digits, numbered};
 use crate::read::ReadError;
+use crate::recording::axis_units;
 use crate::shortfall::Reading;
 use crate::signals::Signal;
 use crate::tint::ink;
@@ -83,8 +84,7 @@ pub fn report(
             stage.slider(&mut page);
         }
         page.add("<div class=\"plots\">");
-        let turns = robot.is_none_or(|robot| robot.task.0[3..].contains(&true));
-        plots(&mut page, job, recorded, turns, path)?;
+        plots(&mut page, job, recorded, robot.as_ref(), path)?;
         page.add("</div></div>");
     }
     tables(&mut page, summary);
@@ -192,14 +192,15 @@ fn tables(page: &mut Html, summary: &Summary) {
 /// Least |s|/η and least error that a plot shows: what is smaller is as good as zero.
 const LEAST: f64 = 1e-4;
 
-/// `turns`: whether the task has an orientation.
 fn plots(
     page: &mut Html,
     job: &Job,
     recorded: &Recorded,
-    turns: bool,
+    robot: Option<&Robot>,
     path: &Path,
 ) -> Result<(), PlotError> {
+    let turns = robot.is_none_or(|robot| robot.task.0[3..].contains(&true));
+    let units = robot.map_or(["", ""], axis_units);
     let own: Vec<Color> = recorded
         .singularities
         .iter()
@@ -218,7 +219,7 @@ fn plots(
     )?;
     page.figure(
         path,
-        joints(recorded),
+        joints(recorded, units),
         "The joints; colours are the same in all four.",
     )?;
     let axis = Axis::default().within(-0.05..1.05);
@@ -295,7 +296,7 @@ fn nearness(recorded: &Recorded, own: &[Color]) -> Panel {
 }
 
 /// Torques, positions and speeds of the joints: over their limits, or, where the limits are infinite, hence all is 0, themselves.
-fn joints(recorded: &Recorded) -> [Panel; 4] {
+fn joints(recorded: &Recorded, [speed_unit, load_unit]: [&'static str; 2]) -> [Panel; 4] {
     let has = |signals: &[Signal]| signals.iter().any(|signal| recorded.moves(*signal));
     let panel = |title: &str, signal, axis| {
         let name = |name: &str| format!("q{name}");
@@ -304,11 +305,11 @@ fn joints(recorded: &Recorded) -> [Panel; 4] {
     use Signal::*;
     let (task, null, of) =
         match has(&[TorqueTask, TorqueNull]) && !has(&[TorqueTaskRatio, TorqueNullRatio]) {
-            true => (TorqueTask, TorqueNull, ", N·m"),
+            true => (TorqueTask, TorqueNull, load_unit),
             false => (TorqueTaskRatio, TorqueNullRatio, " / limit"),
         };
     let (speed, speed_of) = match has(&[Speed]) && !has(&[SpeedRatio]) {
-        true => (Speed, ", rad/s"),
+        true => (Speed, speed_unit),
         false => (SpeedRatio, " / limit"),
     };
     let range = Axis::default().within(-1.05..1.05);

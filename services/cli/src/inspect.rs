@@ -22,7 +22,7 @@ pub(crate) struct InspectArgs {
     /// End-effector frame [default: the robot's].
     #[arg(long, value_name = "LINK")]
     frame: Option<String>,
-    /// Joint positions in rad, separated by commas, or a posture's name [default: the middle of the joints' ranges].
+    /// Joint positions in rad (m of joints that slide), separated by commas, or a posture's name [default: the middle of the joints' ranges].
     #[arg(
         long,
         value_name = "Q",
@@ -30,7 +30,7 @@ pub(crate) struct InspectArgs {
         conflicts_with = "q_deg"
     )]
     q: Option<String>,
-    /// Joint positions in degrees, separated by commas.
+    /// Joint positions in degrees, separated by commas: of an arm whose joints all turn.
     #[arg(
         long,
         value_name = "Q",
@@ -38,7 +38,7 @@ pub(crate) struct InspectArgs {
         value_delimiter = ','
     )]
     q_deg: Option<Vec<f64>>,
-    /// Joint velocities in rad/s, separated by commas [default: at rest].
+    /// Joint velocities in rad/s (m/s of joints that slide), separated by commas [default: at rest].
     #[arg(
         long,
         value_name = "QDOT",
@@ -88,8 +88,8 @@ fn posture(args: &InspectArgs, robot: &Robot) -> Result<Vec<f64>, Failure> {
             .map(|number| number.trim().parse())
             .collect::<Result<Vec<f64>, _>>()
         {
-            Ok(radians) => Start {
-                q_rad: Some(radians),
+            Ok(q) => Start {
+                q: Some(q),
                 ..Start::default()
             },
             Err(_) => Start {
@@ -98,7 +98,7 @@ fn posture(args: &InspectArgs, robot: &Robot) -> Result<Vec<f64>, Failure> {
             },
         },
         (None, None) => Start {
-            q_rad: Some(robot.middle()),
+            q: Some(robot.middle()),
             ..Start::default()
         },
     };

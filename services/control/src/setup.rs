@@ -3,7 +3,7 @@
 use crate::reference::path::PathError;
 use model::{ModelError, PostureError, Robot};
 use nalgebra::SVector;
-use shared_types::scenario::{Scenario, Start};
+use shared_types::scenario::Scenario;
 
 /// Why a scenario cannot be controlled.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -48,14 +48,9 @@ pub(crate) fn posture_goals<const N: usize>(
     scenario: &Scenario,
     q_start: &SVector<f64, N>,
 ) -> Result<Vec<SVector<f64, N>>, SetupError> {
-    let goal = |(segment, goal): (usize, &shared_types::scenario::Segment)| match &goal.posture_deg
-    {
+    let goal = |(segment, goal): (usize, &shared_types::scenario::Segment)| match goal.posture() {
         None => Ok(*q_start),
-        Some(q) => {
-            let start = Start {
-                q_deg: Some(q.clone()),
-                ..Start::default()
-            };
+        Some(start) => {
             let q = robot
                 .start_posture(&start)
                 .map_err(|error| SetupError::Posture { segment, error })?;

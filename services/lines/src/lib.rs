@@ -170,7 +170,7 @@ impl Through {
         };
         Some(Scenario {
             start: Start {
-                q_rad: Some(q_start.iter().copied().collect()),
+                q: Some(q_start.iter().copied().collect()),
                 ..Start::default()
             },
             segment: vec![segment],

@@ -137,13 +137,15 @@ pub enum PostureError {
         lower: f64,
         upper: f64,
     },
-    #[error("{robot} has no posture `{name}`: it has {known}; or give q_deg or q_rad")]
+    #[error("{robot} has no posture `{name}`: it has {known}; or give q or q_deg")]
     Unknown {
         robot: String,
         name: String,
         known: String,
     },
-    #[error("no start posture is given: give one of q_deg, q_rad, posture")]
+    #[error("joint '{joint}' slides, and has no position in degrees: give q, in rad and m")]
+    Degrees { joint: String },
+    #[error("no start posture is given: give one of q, q_deg, posture")]
     Missing,
 }
 

@@ -2,9 +2,10 @@
 
 use crate::pose::Pose;
 use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// How a joint moves.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum JointKind {
     /// Turns, within limits.
     Revolute,
@@ -12,6 +13,26 @@ pub enum JointKind {
     Continuous,
     /// Slides, within limits. Its positions are in m, its torques in N.
     Prismatic,
+}
+
+impl JointKind {
+    /// A position as people read it: in degrees, or in mm where the joint slides.
+    #[must_use]
+    pub fn shown(self, q: f64) -> f64 {
+        match self {
+            Self::Prismatic => q * 1e3,
+            _ => q.to_degrees(),
+        }
+    }
+
+    /// Units of a position as it is [`shown`](Self::shown), and of a load.
+    #[must_use]
+    pub fn units(self) -> [&'static str; 2] {
+        match self {
+            Self::Prismatic => [" mm", "N"],
+            _ => ["°", "N·m"],
+        }
+    }
 }
 
 /// A joint and the link it moves, with everything fixed to that link lumped into it.
@@ -37,11 +58,11 @@ pub struct Joint {
     pub viscous_friction: f64,
     /// Coulomb friction, N·m.
     pub coulomb_friction: f64,
-    /// Lower position limit, rad; −∞ for none.
+    /// Lower position limit, rad (m where it slides); −∞ for none.
     pub lower: f64,
     /// Upper position limit, rad; ∞ for none.
     pub upper: f64,
-    /// Torque limit, N·m; ∞ for none.
+    /// Torque limit, N·m (N where it slides); ∞ for none.
     pub effort: f64,
     /// Speed limit, rad/s; ∞ for none.
     pub velocity: f64,

@@ -96,14 +96,10 @@ impl Robot {
         Ok(())
     }
 
-    /// The posture a scenario starts in, checked against length and limits; rad (m for prismatic joints, which `q_deg` gives in mm).
+    /// The posture a scenario starts in, checked against length and limits; rad (m for prismatic joints).
     ///
-    /// Errors: [`PostureError`].
+    /// Errors: [`PostureError`], also for degrees of a joint that slides.
     pub fn start_posture(&self, start: &Start) -> Result<Vec<f64>, PostureError> {
-        let in_si = |(i, value): (usize, &f64)| match self.joints.get(i).map(|joint| joint.kind) {
-            Some(JointKind::Prismatic) => value * 1e-3,
-            _ => value.to_radians(),
-        };
         let named = |name: &String| {
             let unknown = || PostureError::Unknown {
                 robot: self.name.clone(),
@@ -112,9 +108,16 @@ impl Robot {
             };
             self.postures.get(name).cloned().ok_or_else(unknown)
         };
-        let q = match (&start.q_rad, &start.q_deg, &start.posture) {
+        let slides = |joint: &&Joint| joint.kind == JointKind::Prismatic;
+        let q = match (&start.q, &start.q_deg, &start.posture) {
             (Some(q), _, _) => q.clone(),
-            (None, Some(q), _) => q.iter().enumerate().map(in_si).collect(),
+            (None, Some(q), _) => match self.joints.iter().find(slides) {
+                Some(joint) => {
+                    let joint = joint.name.clone();
+                    return Err(PostureError::Degrees { joint });
+                }
+                None => q.iter().map(|value| value.to_radians()).collect(),
+            },
             (None, None, Some(name)) => named(name)?,
             (None, None, None) => return Err(PostureError::Missing),
         };

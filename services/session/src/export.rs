@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use model::{JointKind, Robot};
 use recorder::{MESSAGES, MessageRows, Row};
 use shared_types::scenario::Layout;
 use shared_types::summary::{RecorderSummary, Summary};
@@ -76,9 +75,6 @@ pub fn export(
                     "armplane: the columns that come from the run's messages are left out: {reason}"
                 )));
             });
-            let slides = messages
-                .as_ref()
-                .map_or(Vec::new(), |stored| stored.slides.clone());
             let steered = messages.as_ref().is_ok_and(|stored| stored.steered);
             let lent = messages
                 .as_mut()
@@ -94,7 +90,6 @@ pub fn export(
                 Exported {
                     parts,
                     messages: lent,
-                    slides: &slides,
                     steered,
                 },
                 format,
@@ -135,7 +130,6 @@ struct StoredMessages {
     rows: MessageRows,
     /// The row read last.
     row: Option<Box<Row>>,
-    slides: Vec<bool>,
     steered: bool,
 }
 
@@ -167,17 +161,10 @@ impl StoredMessages {
         if !job.messages {
             return Err(Unread::NotKept("it was run with --no-messages"));
         }
-        let robot = Robot::from_source(&job.robot).map_err(Unread::defect)?;
-        let slides = robot
-            .joints
-            .iter()
-            .map(|joint| joint.kind == JointKind::Prismatic)
-            .collect();
         let rows = MessageRows::open(&run.folder.join(MESSAGES), &job).map_err(Unread::defect)?;
         Ok(Self {
             rows,
             row: None,
-            slides,
             steered: job.scenario.servo.is_some(),
         })
     }

@@ -10,7 +10,7 @@ use shared_types::file::Complaint;
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
 use shared_types::process::Program;
-use shared_types::scenario::Scenario;
+use shared_types::scenario::{Scenario, Start};
 use shared_types::target_file::{self, InvalidRow};
 use sim::scenarios;
 
@@ -219,14 +219,10 @@ impl Source {
             arm_faults::check(fault, robot)
                 .map_err(|complaint| located(complaint.within(&format!("fault.{i}"))))?;
         }
-        let key = if scenario.start.q_rad.is_some() {
-            "start.q_rad"
-        } else {
-            scenario
-                .start
-                .q_deg
-                .as_ref()
-                .map_or("start.posture", |_| "start.q_deg")
+        let key = match &scenario.start {
+            Start { q: Some(_), .. } => "start.q",
+            Start { q_deg: Some(_), .. } => "start.q_deg",
+            _ => "start.posture",
         };
         robot
             .start_posture(&scenario.start)

@@ -83,21 +83,25 @@ fn turns(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
         let joints = |moves: &[f64]| {
             moves
                 .iter()
-                .map(|by| format!("{:+.2}", still(*by)))
+                .enumerate()
+                .map(|(i, by)| match summary.joints.units.get(i) {
+                    Some(unit) if unit == "m" => format!("{:+.2} mm", still(by * 1e3)),
+                    _ => format!("{:+.2}°", still(by.to_degrees())),
+                })
                 .collect::<Vec<_>>()
                 .join(" ")
         };
         writeln!(f, "ζ turned   {} at tick {}", turn.singularity, turn.tick)?;
         writeln!(
             f,
-            "           planned: joints by {} ° in {:.2} s",
-            joints(&turn.planned_deg),
+            "           planned: joints by {} in {:.2} s",
+            joints(&turn.planned),
             turn.planned_s
         )?;
         writeln!(
             f,
-            "           actual:  joints by {} ° in {:.2} s",
-            joints(&turn.actual_deg),
+            "           actual:  joints by {} in {:.2} s",
+            joints(&turn.actual),
             turn.actual_ticks as f64 / f64::from(summary.rate_hz.max(1))
         )?;
     }

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::analysis::BySingularity;
-use crate::file::{Complaint, positive};
+use crate::file::{Complaint, positive, require};
 
 /// The control law and its gains.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -15,6 +15,8 @@ pub struct Control {
     pub k_p: f64,
     /// Task damping; 1/s.
     pub k_v: f64,
+    /// Damping of the null space, k_vq of Eq. 5; 1/s. With 0 a posture's potential is without dissipation, and the null space swings in it.
+    pub k_vq: f64,
     /// Auxiliary (null-space) position gain; 1/s.
     pub k_aux: f64,
     /// Largest auxiliary rates; rad/s.
@@ -37,6 +39,7 @@ impl Default for Control {
             strategy: Strategy::Blended,
             k_p: 400.0,
             k_v: 40.0,
+            k_vq: 40.0,
             k_aux: 12.0,
             aux_rate_max: BySingularity::RATE_MAX,
             aux_slew: BySingularity::SLEW,
@@ -219,6 +222,13 @@ impl Control {
         ] {
             positive(&format!("control.{name}"), value)?;
         }
+        let k_vq = self.k_vq;
+        require(
+            k_vq.is_finite() && k_vq >= 0.0,
+            "control.k_vq",
+            format!("the damping is {k_vq}"),
+            "0 or more, in 1/s",
+        )?;
         let limits = [
             ("aux_rate_max", &self.aux_rate_max),
             ("aux_slew", &self.aux_slew),

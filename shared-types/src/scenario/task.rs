@@ -8,12 +8,12 @@ use crate::file::{Complaint, require};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Start {
-    /// Joint positions; degrees (mm for prismatic joints).
+    /// Joint positions of an arm whose joints all turn; degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub q_deg: Option<Vec<f64>>,
     /// Joint positions; rad (m for prismatic joints).
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub q_rad: Option<Vec<f64>>,
+    #[serde(alias = "q_rad", skip_serializing_if = "Option::is_none")]
+    pub q: Option<Vec<f64>>,
     /// A posture that the robot's description names.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub posture: Option<String>,
@@ -46,9 +46,12 @@ pub struct Segment {
     /// Turn a singular direction by null-space motion, end-effector held.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reorient: Option<Reorient>,
-    /// Posture that the null space of a redundant arm is driven to meanwhile (the start posture where absent); degrees (mm for prismatic joints).
+    /// Posture that the null space of a redundant arm is driven to meanwhile (the start posture where absent), of an arm whose joints all turn; degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub posture_deg: Option<Vec<f64>>,
+    /// The same of any arm; rad (m for prismatic joints).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub posture_q: Option<Vec<f64>>,
     /// Shape of the path between start and goal.
     #[serde(default)]
     pub path: Path,
@@ -108,19 +111,15 @@ fn count<const N: usize>(given: [bool; N]) -> usize {
 
 impl Start {
     pub(super) fn check(&self) -> Result<(), Complaint> {
-        let Self {
-            q_deg,
-            q_rad,
-            posture,
-        } = self;
-        let given = count([q_deg.is_some(), q_rad.is_some(), posture.is_some()]);
+        let Self { q_deg, q, posture } = self;
+        let given = count([q_deg.is_some(), q.is_some(), posture.is_some()]);
         require(
             given == 1,
             "start",
             format!("the start posture is given {given} times"),
-            "give one of q_deg, q_rad, posture",
+            "give one of q, q_deg, posture",
         )?;
-        for (name, values) in [("q_deg", q_deg), ("q_rad", q_rad)] {
+        for (name, values) in [("q_deg", q_deg), ("q", q)] {
             let wrong = values.iter().flatten().position(|value| !value.is_finite());
             let path = format!("start.{name}.{}", wrong.unwrap_or(0));
             let message = "a joint position is not a number";
@@ -131,6 +130,18 @@ impl Start {
 }
 
 impl Segment {
+    /// The posture that the null space is driven to, where the segment commands one.
+    #[must_use]
+    pub fn posture(&self) -> Option<Start> {
+        let (q, q_deg) = (self.posture_q.clone(), self.posture_deg.clone());
+        let is_given = q.is_some() || q_deg.is_some();
+        is_given.then_some(Start {
+            q,
+            q_deg,
+            posture: None,
+        })
+    }
+
     pub(super) fn check(&self, i: usize) -> Result<(), Complaint> {
         let located = |complaint: Complaint| match complaint.path.as_str() {
             "" => Complaint {
@@ -178,6 +189,12 @@ impl Segment {
             "reorient",
             "a segment cannot move and reorient at once",
             "split it into two segments",
+        )?;
+        require(
+            self.posture_q.is_none() || self.posture_deg.is_none(),
+            "posture_q",
+            "the posture is given more than once",
+            "one of posture_q, posture_deg",
         )?;
         let angle = self.reorient.iter().map(|reorient| &reorient.by_deg);
         require(

@@ -112,11 +112,12 @@ impl Sheet<'_> {
         named: Named,
         range: Option<[f64; 2]>,
     ) -> EntityPath {
+        let [speed, load] = self.subject.units;
         let unit = match signal {
             Signal::DrawnPosition => "",
-            Signal::DrawnSpeed if self.subject.unlimited_speed => ", rad/s",
+            Signal::DrawnSpeed if self.subject.unlimited_speed => speed,
             Signal::DrawnSpeed => " / limit",
-            _ if self.subject.unlimited_torque => ", N·m",
+            _ if self.subject.unlimited_torque => load,
             _ => " / limit",
         };
         let (count, first) = (self.subject.joints, self.subject.joints.div_ceil(2));

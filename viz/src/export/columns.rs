@@ -28,9 +28,8 @@ pub(super) struct Columns {
 }
 
 impl Columns {
-    /// Those of a recording, and with its messages those that come from them, of a steered run (`Some(true)`) or another; `slides`: which joints slide,
-    /// whose units are metres.
-    pub(super) fn new(about: &About, messages: Option<bool>, slides: &[bool]) -> (Self, Schema) {
+    /// Those of a recording, and with its messages those that come from them, of a steered run (`Some(true)`) or another.
+    pub(super) fn new(about: &About, messages: Option<bool>) -> (Self, Schema) {
         let mut columns = Self {
             quantities: Vec::new(),
             are_wide: Vec::new(),
@@ -40,6 +39,8 @@ impl Columns {
                 ..Limits::default()
             },
         };
+        let units = about.properties.get("joint_units");
+        let units: Vec<_> = units.iter().flat_map(|all| all.split(' ')).collect();
         let mut fields = vec![
             field("tick", "1", "Tick of the run", DataType::Int64, false),
             field(
@@ -66,7 +67,7 @@ impl Columns {
                 // A heading that every tool takes: `hop sensor` is `hop_sensor`.
                 let element = element.replace(|c: char| !c.is_ascii_graphic(), "_");
                 let name = format!("{}.{element}", of.name.replace(':', "."));
-                let does_slide = of.elements == Elements::Joints && slides.get(i) == Some(&true);
+                let does_slide = of.elements == Elements::Joints && units.get(i) == Some(&"m");
                 let unit = if does_slide {
                     sliding(of.unit)
                 } else {

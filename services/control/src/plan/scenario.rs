@@ -7,7 +7,7 @@ use crate::reference::turn::{self, Room};
 use crate::singularity::analyzer::Analyzer;
 use crate::singularity::turning::turning;
 use crate::types::Report;
-use model::{JointKind, Model, Robot};
+use model::{Joint, JointKind, Model, Robot};
 use nalgebra::SVector;
 use shared_types::scenario::{Goal, Scenario};
 
@@ -33,7 +33,7 @@ pub(crate) fn route_ahead<const N: usize>(
         .segment
         .iter()
         .zip(postures)
-        .map(|(leg, q)| leg.posture_deg.is_some().then_some(*q))
+        .map(|(leg, q)| leg.posture().map(|_| *q))
         .collect();
     let turned = |q: &SVector<f64, N>, report: &Report<N>, place: usize, angle: f64| {
         let s = report.listed().get(place)?;
@@ -84,13 +84,14 @@ fn too_heavy<const N: usize>(
 ) -> Option<String> {
     let gravity = model.gravity(q);
     let joint = (0..robot.dof()).find(|i| gravity[*i].abs() > model.effort()[*i])?;
+    let [_, unit] = robot.joints[joint].kind.units();
     let (name, needed, limit) = (
         &robot.joints[joint].name,
         gravity[joint].abs(),
         model.effort()[joint],
     );
     Some(format!(
-        "the arm cannot be held {place}: joint {} ({name}) needs {needed:.1} N·m and has {limit:.1} N·m",
+        "the arm cannot be held {place}: joint {} ({name}) needs {needed:.1} {unit} and has {limit:.1} {unit}",
         joint + 1
     ))
 }
@@ -103,14 +104,11 @@ fn words(robot: &Robot, infeasible: &Infeasible) -> String {
     } = infeasible;
     match obstacle {
         Obstacle::Limit { joint, limit } => {
-            let name = robot
-                .joints
-                .get(*joint)
-                .map_or("?", |joint| joint.name.as_str());
-            let limit = limit.to_degrees();
+            let Joint { name, kind, .. } = &robot.joints[*joint];
+            let (limit, [unit, _]) = (kind.shown(*limit), kind.units());
             format!(
                 "the path cannot be followed from this start posture: at {time_s:.2} s (segment {leg}) joint {} ({name}) would pass its limit of \
-                 {limit:.1}°, on every route",
+                 {limit:.1}{unit}, on every route",
                 joint + 1
             )
         }
@@ -128,17 +126,15 @@ fn words(robot: &Robot, infeasible: &Infeasible) -> String {
 fn help<const N: usize>(robot: &Robot, scenario: &Scenario, remedy: Option<Remedy<N>>) -> String {
     match remedy {
         Some(Remedy::Start(q)) => {
-            let list = robot
-                .joints
-                .iter()
-                .zip(&q)
-                .map(|(joint, q)| match joint.kind {
-                    JointKind::Prismatic => format!("{:.3}", q * 1e3),
-                    _ => format!("{:.3}", q.to_degrees()),
-                });
+            let slides = |joint: &Joint| joint.kind == JointKind::Prismatic;
+            let (key, q) = if robot.joints.iter().any(slides) {
+                ("q", q)
+            } else {
+                ("q_deg", q.map(f64::to_degrees))
+            };
+            let list: Vec<_> = q.iter().take(robot.dof()).collect();
             format!(
-                "; it can be followed from another posture of the same pose: [start] q_deg = [{}]",
-                list.collect::<Vec<_>>().join(", ")
+                "; it can be followed from another posture of the same pose: [start] {key} = {list:.4?}"
             )
         }
         Some(Remedy::Allow(position_m, orientation_rad)) => {

@@ -85,7 +85,7 @@ fn line_through<const N: usize>(
         ..Segment::default()
     };
     let start = Start {
-        q_rad: Some(q_start.iter().copied().collect()),
+        q: Some(q_start.iter().copied().collect()),
         ..Start::default()
     };
     Some(Scenario {
@@ -207,7 +207,7 @@ fn lines_through_the_locks_of_seven_joints_have_routes() {
 /// A scenario of one line, from a posture to a pose.
 fn line_to(robot: &str, q_rad: &str, to_m: &str, rotation: &str, duration_s: f64) -> Scenario {
     let text = format!(
-        "name = \"line\"\nrobot = \"{robot}\"\n[start]\nq_rad = {q_rad}\n[[segment]]\nto_m = {to_m}\nrotation = {rotation}\nduration_s = {duration_s}\n"
+        "name = \"line\"\nrobot = \"{robot}\"\n[start]\nq = {q_rad}\n[[segment]]\nto_m = {to_m}\nrotation = {rotation}\nduration_s = {duration_s}\n"
     );
     Scenario::parse("line.toml", &text, &[]).unwrap()
 }

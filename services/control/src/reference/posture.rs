@@ -23,6 +23,8 @@ pub(crate) struct Postures<const N: usize> {
     commanded: bool,
     /// Whether the run is steered.
     steered: bool,
+    /// Whether a goal attracts from the beginning of its leg on, as in the paper's Figures 1 and 2; else the leg's time law leads to it.
+    attracts: bool,
 }
 
 impl<const N: usize> Postures<N> {
@@ -38,12 +40,13 @@ impl<const N: usize> Postures<N> {
         let commanded = scenario
             .segment
             .iter()
-            .any(|segment| segment.posture_deg.is_some());
+            .any(|segment| segment.posture().is_some());
         Ok(Self {
             q_start,
             goals: posture_goals(robot, scenario, &q_start)?,
             commanded,
             steered: scenario.servo.is_some(),
+            attracts: !scenario.control.strategy.follows_paths(),
         })
     }
 
@@ -74,9 +77,9 @@ impl<const N: usize> Postures<N> {
         now: &Now<'_, N>,
         motion: &Motion<N>,
     ) -> SVector<f64, N> {
-        let Control { k_p, k_v, .. } = setup.scenario.control;
+        let Control { k_p, k_vq, .. } = setup.scenario.control;
         if let Some(plan) = motion.planned.as_ref().filter(|_| !self.commanded) {
-            return (now.q - plan.q) * k_p - plan.dq * (motion.clock * k_v);
+            return (now.q - plan.q) * k_p - plan.dq * (motion.clock * k_vq);
         }
         let off = now.q - self.at(setup, state);
         let off = if self.steered {
@@ -86,16 +89,19 @@ impl<const N: usize> Postures<N> {
         };
         let towards = off * (0.25 * k_p);
         avoidance::away(setup, now).map_or(towards, |(rate, weight)| {
-            towards * (1.0 - weight) - rate * (k_v * weight)
+            towards * (1.0 - weight) - rate * (k_vq * weight)
         })
     }
 
-    /// The goal, reached by the leg's own time law.
+    /// The goal, as far as the leg's own time law has come.
     fn at(&self, setup: &Setup<N>, state: &State<N>) -> SVector<f64, N> {
         let leg = state.progress.leg;
         let Some(goal) = self.goals.get(leg) else {
             return *self.goals.last().unwrap_or(&self.q_start);
         };
+        if self.attracts {
+            return *goal;
+        }
         let from = leg.checked_sub(1).map_or(&self.q_start, |i| &self.goals[i]);
         from + (goal - from) * setup.path.ramp(&state.progress)
     }

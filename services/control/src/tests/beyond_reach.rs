@@ -15,7 +15,7 @@ fn beyond(robot: &Robot, q_rad: &[f64], by_m: [f64; 3], duration_s: f64) -> Scen
     );
     scenario.robot.clone_from(&robot.name);
     scenario.start = Start {
-        q_rad: Some(q_rad.to_vec()),
+        q: Some(q_rad.to_vec()),
         ..Start::default()
     };
     scenario.segment = vec![Segment {

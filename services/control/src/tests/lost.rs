@@ -29,7 +29,7 @@ fn line(
     let rotation = std::array::from_fn(|i| std::array::from_fn(|j| goal.R[(i, j)]));
     Scenario {
         start: Start {
-            q_rad: Some(start.iter().copied().collect()),
+            q: Some(start.iter().copied().collect()),
             ..Start::default()
         },
         segment: vec![Segment {

@@ -221,7 +221,7 @@ fn after_a_limit_another_motion_is_followed_at_once() {
 fn after_the_end_and_after_an_old_target_the_arm_rests_wherever_it_is() {
     // Stretched upwards near the shoulder singularity, where the null-space motion is fastest.
     for q2 in [-0.02, 0.1] {
-        let start = format!("q_rad = [0.2, {q2}, 1.45, -1.2, 0.3, 1.4, 0.4]");
+        let start = format!("q = [0.2, {q2}, 1.45, -1.2, 0.3, 1.4, 0.4]");
         for push in [
             [0.2, 0.0, 0.0, 0.0, 0.0, 0.0],
             [0.0, 0.2, 0.1, 0.0, 0.0, 0.0],

@@ -66,7 +66,7 @@ fn at<const N: usize>(
     let terms = model.evaluate(&q_vector, &qdot_vector);
     let mut scenario = bare("inspect", &robot.name, &[])?;
     scenario.frame = frame.unwrap_or_default().to_owned();
-    scenario.start.q_rad = Some(q.to_vec());
+    scenario.start.q = Some(q.to_vec());
     scenario.start.posture = None;
     let mut analyzer = analyzer::cycle(robot, &scenario).map_err(Failure::input)?;
     let mut estimate = StateEstimate::default();

@@ -26,32 +26,23 @@ impl fmt::Display for PostureText<'_> {
             self.robot.name, self.posture.frame
         )?;
         let mut joints = table(&[
-            "joint",
-            "q rad",
-            "q °",
-            "lower °",
-            "upper °",
-            "gravity N·m",
-            "bias N·m",
-            "torque limit",
+            "joint", "q rad, m", "q", "lower", "upper", "gravity", "bias", "limit",
         ]);
         for (i, joint) in self.robot.joints.iter().enumerate() {
-            let degrees = |radians: f64| {
-                if radians.is_finite() {
-                    format!("{:.2}", radians.to_degrees())
-                } else {
-                    "–".to_owned()
-                }
-            };
+            let [unit, load_unit] = joint.kind.units();
+            let finite =
+                |x: f64, text: String| number(if x.is_finite() { text } else { "–".into() });
+            let place = |q: f64| finite(q, format!("{:.2}{unit}", joint.kind.shown(q)));
+            let load = |x: f64| finite(x, format!("{} {load_unit}", digits(x)));
             joints.add_row([
                 joint.name.clone().into(),
                 number(format!("{:.6}", self.posture.q[i])),
-                number(degrees(self.posture.q[i])),
-                number(degrees(joint.lower)),
-                number(degrees(joint.upper)),
-                number(digits(self.posture.gravity[i])),
-                number(digits(self.posture.bias[i])),
-                number(digits(joint.effort)),
+                place(self.posture.q[i]),
+                place(joint.lower),
+                place(joint.upper),
+                load(self.posture.gravity[i]),
+                load(self.posture.bias[i]),
+                load(joint.effort),
             ]);
         }
         writeln!(f, "{joints}")?;

@@ -419,7 +419,7 @@ impl<const N: usize> Draw<'_, N> {
             rotation: Some(rotation),
             ..Segment::default()
         };
-        let q_rad = Some(q_start.iter().copied().take(self.robot.dof()).collect());
+        let q = Some(q_start.iter().copied().take(self.robot.dof()).collect());
         Some(Scenario {
             name: format!("{}-{index}", self.template.name),
             start: Start {
@@ -517,7 +517,7 @@ mod tests {
             length_m: robot.length_m,
         };
         for line in lines.iter().filter(|line| line.place == Where::Start) {
-            let q = SVector::from_column_slice(line.scenario.start.q_rad.as_ref().unwrap());
+            let q = SVector::from_column_slice(line.scenario.start.q.as_ref().unwrap());
             assert!(arm.spectrum(&q).smallest() < 1e-8, "{:?}", line.kinds);
         }
         for line in draw(Through::Two, 1) {

@@ -17,9 +17,10 @@ const SUFFIXES: [(&str, &str); 12] = [
 ];
 
 /// Units of names that do not end in one.
-const UNITS: [(&str, &str); 15] = [
+const UNITS: [(&str, &str); 16] = [
     ("control.k_p", "1/s²"),
     ("control.k_v", "1/s"),
+    ("control.k_vq", "1/s"),
     ("control.k_aux", "1/s"),
     ("control.aux_rate_max", "rad/s"),
     ("control.aux_slew", "rad/s²"),

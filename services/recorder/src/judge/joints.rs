@@ -1,7 +1,7 @@
 //! Loads of the joints, and the limits that they reach.
 
 use control::GroundTruth;
-use model::Robot;
+use model::{JointKind, Robot};
 use serde::{Deserialize, Serialize};
 use shared_types::bounds::{larger, share, within};
 use shared_types::codes::{
@@ -31,6 +31,8 @@ pub struct Limits {
     pub served: [bool; 6],
     /// Names.
     pub names: Vec<String>,
+    /// How the joints move.
+    pub kinds: Vec<JointKind>,
     /// Lower position limits, rad (m for a sliding joint).
     pub lower: Vec<f64>,
     /// Upper ones.
@@ -53,6 +55,7 @@ impl Limits {
                 .iter()
                 .map(|joint| joint.name.clone())
                 .collect(),
+            kinds: robot.joints.iter().map(|joint| joint.kind).collect(),
             lower: of(|joint| joint.lower),
             upper: of(|joint| joint.upper),
             effort: of(|joint| joint.effort),
@@ -135,11 +138,12 @@ impl JointMeter {
                 };
                 let joint = (0..self.count()).min_by(|a, b| room(*a).0.total_cmp(&room(*b).0))?;
                 let (left, limit) = room(joint);
-                let name = &self.limits.names[joint];
+                let (name, kind) = (&self.limits.names[joint], self.limits.kinds[joint]);
+                let [unit, _] = kind.units();
                 Some(format!(
-                    "{name} was {:.2}° from its limit of {:.1}° at tick {k}",
-                    left.to_degrees(),
-                    limit.to_degrees()
+                    "{name} was {:.2}{unit} from its limit of {:.1}{unit} at tick {k}",
+                    kind.shown(left),
+                    kind.shown(limit)
                 ))
             }
             REFUSAL_UNLISTED => {
@@ -314,6 +318,11 @@ impl JointMeter {
     pub(super) fn finish(mut self) -> JointSummary {
         (self.summary.chatter, self.summary.jump_energy_j) =
             (self.chatter.count, self.chatter.energy_j);
+        let unit = |kind: &JointKind| match kind {
+            JointKind::Prismatic => "m",
+            _ => "rad",
+        };
+        self.summary.units = self.limits.kinds.iter().map(|k| unit(k).into()).collect();
         let has_limit = |limits: &[f64]| limits.iter().any(|limit| !limit.is_infinite());
         self.summary.has_speed_limit = has_limit(&self.limits.velocity);
         self.summary.has_torque_limit = has_limit(&self.limits.effort);

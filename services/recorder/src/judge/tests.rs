@@ -63,6 +63,7 @@ fn limits() -> Limits {
     Limits {
         served: [true; 6],
         names,
+        kinds: vec![model::JointKind::Revolute; 6],
         lower: vec![-3.0; 6],
         upper: vec![3.0; 6],
         effort: vec![10.0; 6],
@@ -202,11 +203,8 @@ fn a_turn_is_followed_from_its_announcement_to_its_end() {
             ),
             (1, 10, 10, "wrist")
         );
-        assert!(
-            (turn.actual_deg[3] - 1f64.to_degrees()).abs() < 1e-9,
-            "{turn:?}"
-        );
-        assert!((turn.planned_deg[3] - 1.5f64.to_degrees()).abs() < 1e-9);
+        assert!((turn.actual[3] - 1.0).abs() < 1e-9, "{turn:?}");
+        assert!((turn.planned[3] - 1.5).abs() < 1e-9);
     }
 }
 

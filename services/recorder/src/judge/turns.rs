@@ -39,10 +39,7 @@ impl TurnMeter {
             let summary = TurnSummary {
                 tick: command.header.tick,
                 singularity: codes::singularity_name(singularity.kind, place),
-                planned_deg: command.planned_dq[..n]
-                    .iter()
-                    .map(|by| by.to_degrees())
-                    .collect(),
+                planned: command.planned_dq[..n].to_vec(),
                 planned_s: command.planned_s,
                 ..TurnSummary::default()
             };
@@ -58,12 +55,12 @@ impl TurnMeter {
             let goes_on = command.planned != 0;
             if turn.is_open || goes_on {
                 // In place: nothing is allocated per tick.
-                turn.summary.actual_deg.clear();
-                turn.summary.actual_deg.extend(
+                turn.summary.actual.clear();
+                turn.summary.actual.extend(
                     turn.q_start
                         .iter()
                         .zip(&tick.truth.q)
-                        .map(|(from, to)| (to - from).to_degrees()),
+                        .map(|(from, to)| to - from),
                 );
                 turn.summary.actual_ticks = command.header.tick.saturating_sub(turn.summary.tick);
             }

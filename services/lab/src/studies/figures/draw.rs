@@ -172,10 +172,13 @@ fn figure(
     }
 }
 
+/// Half a swing of the null space; s.
+const SWING_S: f64 = 0.33;
 /// How many times as large as the arm its tip's path is drawn.
 const MAGNIFIED: f64 = 50.0;
 
-/// Figures 1 and 2: a planar arm whose spare joint moves while its tip should stand still, under both projections on one scale.
+/// Figures 1 and 2: a planar arm whose null space swings in an attractive potential without dissipation while its tip should stand still, under both
+/// projections on one scale.
 fn null_space(pseudo_inverse: &Trace, consistent: &Trace) -> Figure {
     let traces = [
         ("Figure 1: pseudo-inverse", pseudo_inverse, RED),
@@ -190,9 +193,8 @@ fn null_space(pseudo_inverse: &Trace, consistent: &Trace) -> Figure {
     let axis = |i: usize, name| Axis::named(name).within(low[i] - 0.1..high[i] + room);
     let arms = traces.map(|(title, trace, color)| {
         let mut panel = undistorted(title, axis(0, "m"), axis(1, ""));
-        // The way there; the way back is the same.
         let axes = [Vector3::x(), Vector3::y()];
-        postures(&mut panel, moments(trace, 0.0, 1.0), axes);
+        postures(&mut panel, moments(trace, 0.0, SWING_S), axes);
         let start = trace.start();
         let samples = trace.samples.iter();
         let path = samples.map(|sample| start + MAGNIFIED * (sample.p - start));
@@ -213,23 +215,29 @@ fn null_space(pseudo_inverse: &Trace, consistent: &Trace) -> Figure {
     let below = [
         both("error of the tip, mm", 1e-4, &error),
         both("force of the null space on the tip, N", 1e-16, &force),
-        joints("joint angles, °", pseudo_inverse, &[0, 1, 2], |sample| {
-            &sample.q
-        }),
     ];
+    let angles = traces.map(|(title, trace, _)| {
+        let title = format!("{title}: joint angles, °");
+        joints(&title, trace, &[0, 1, 2], |sample| &sample.q)
+    });
+    let swings = |trace: &Trace| [0.0, 1.0].map(|from| trace.swing_deg(1, from..from + 1.0));
     let of = |trace: &Trace| {
         let force = |sample: &Sample| sample.coupling_n.unwrap_or_default();
         (trace.largest(error), trace.largest(force))
     };
     let [one, two] = [of(pseudo_inverse), of(consistent)];
-    let numbers = |(error, force): (f64, f64), trace: &Trace| json!({"tip_error_max_mm": error, "coupling_max_n": force, "joint_1_moved_deg": trace.moved_deg(0, 1.0)});
+    let numbers = |(error, force): (f64, f64), trace: &Trace| json!({"tip_error_max_mm": error, "coupling_max_n": force, "joint_2_swings_deg": swings(trace)});
     figure(
         "fig1-2",
         [
             "Figures 1 and 2: null-space motion, and its effect on the tip",
-            "planar arm of three joints: the posture changes and comes back while the tip should stand still (later is darker)",
+            "planar arm of three joints: the null space swings in an attractive potential without dissipation while the tip should stand still; above, half a swing (later is darker)",
         ],
-        vec![Row::of(360.0, arms), Row::of(240.0, below)],
+        vec![
+            Row::of(360.0, arms),
+            Row::of(240.0, below),
+            Row::of(200.0, angles),
+        ],
         vec![
             format!(
                 "Largest error of the tip: {} mm with the pseudo-inverse, {} mm dynamically consistent.",

@@ -2,7 +2,9 @@
 
 use nalgebra::Vector3;
 use serde_json::{Map, Value, json};
-use shared_types::codes::{KIND_ELBOW, KIND_WRIST, TYPE_UNKNOWN, TYPES, name_of, singularity_name};
+use shared_types::codes::{
+    KIND_ELBOW, KIND_WRIST, TYPE_1, TYPE_2, TYPE_UNKNOWN, TYPES, name_of, singularity_name,
+};
 use viz::plot::{Axis, BLUE, Color, GREY, Page, Panel, Row, digits};
 use viz::singularity_ink;
 
@@ -62,7 +64,14 @@ pub(super) fn three_locks(locks: [(u32, &Trace); 3]) -> Figure {
             _ => "the wrist is as near to the waist's axis as it can come, and ζ is normal to the arm's plane",
         };
         notes.push(format!("{name} ({class}): {why}; |s| = {} at {:.2} s of its run.", digits(sample.s[place].abs()), sample.t));
-        numbers.insert(name, json!({"s": sample.s[place], "t_s": sample.t, "zeta": [zeta.x, zeta.y, zeta.z], "type": class}));
+        let paper = name_of(TYPES, if kind == KIND_ELBOW { TYPE_1 } else { TYPE_2 });
+        if class != paper {
+            notes.push(format!(
+                "The paper counts the {name} lock as {paper}. Here the type is computed: the shoulder's offset keeps the wrist's centre out of a cylinder around \
+                 the waist's axis, so the centre can move along ζ on one side. Without the offset (`puma560-ideal`) the lock is {paper}, too."
+            ));
+        }
+        numbers.insert(name, json!({"s": sample.s[place], "t_s": sample.t, "zeta": [zeta.x, zeta.y, zeta.z], "type": class, "type_in_the_paper": paper}));
         panel
     });
     Figure {

@@ -1,5 +1,7 @@
 //! The data of a run that a figure needs.
 
+use std::ops::Range;
+
 use model::{Model, Refused, Robot, rotation_log, with_dof};
 use nalgebra::{Cholesky, Matrix3, SVector, Vector3};
 use shared_types::bounds::larger;
@@ -115,6 +117,18 @@ impl Trace {
         until.zip(self.samples.first()).map_or(0.0, |(end, start)| {
             (end.q[joint] - start.q[joint]).to_degrees()
         })
+    }
+
+    /// The range of a joint in a span of time, s; degrees.
+    pub(super) fn swing_deg(&self, joint: usize, span: Range<f64>) -> f64 {
+        let within = self
+            .samples
+            .iter()
+            .filter(|sample| span.contains(&sample.t));
+        let range = within.fold([f64::INFINITY, -f64::INFINITY], |[low, high], sample| {
+            [low.min(sample.q[joint]), high.max(sample.q[joint])]
+        });
+        (range[1] - range[0]).to_degrees()
     }
 
     /// ζ of a singularity at the start.
