@@ -15,8 +15,9 @@ pub struct Control {
     pub k_p: f64,
     /// Task damping; 1/s.
     pub k_v: f64,
-    /// Damping of the null space, k_vq of Eq. 5; 1/s. With 0 a posture's potential is without dissipation, and the null space swings in it.
-    pub k_vq: f64,
+    /// Damping of the null space, k_vq of Eq. 5 (k_v where absent); 1/s. With 0 a posture's potential is without dissipation, and the null space swings in it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub k_vq: Option<f64>,
     /// Auxiliary (null-space) position gain; 1/s.
     pub k_aux: f64,
     /// Largest auxiliary rates; rad/s.
@@ -33,13 +34,21 @@ pub struct Control {
     pub baseline: Baseline,
 }
 
+impl Control {
+    /// Damping of the null space, k_vq of Eq. 5; 1/s.
+    #[must_use]
+    pub fn k_vq(&self) -> f64 {
+        self.k_vq.unwrap_or(self.k_v)
+    }
+}
+
 impl Default for Control {
     fn default() -> Self {
         Self {
             strategy: Strategy::Blended,
             k_p: 400.0,
             k_v: 40.0,
-            k_vq: 40.0,
+            k_vq: None,
             k_aux: 12.0,
             aux_rate_max: BySingularity::RATE_MAX,
             aux_slew: BySingularity::SLEW,
@@ -222,7 +231,7 @@ impl Control {
         ] {
             positive(&format!("control.{name}"), value)?;
         }
-        let k_vq = self.k_vq;
+        let k_vq = self.k_vq();
         require(
             k_vq.is_finite() && k_vq >= 0.0,
             "control.k_vq",

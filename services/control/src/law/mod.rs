@@ -75,7 +75,7 @@ pub(crate) fn torques<const N: usize>(
         V: motion.V_nominal,
         a_feed: motion.a_feed,
         grad_V_0: setup.postures.gradient(setup, state, now, motion),
-        k_vq: control.k_vq,
+        k_vq: control.k_vq(),
     };
     let memory = &mut state.joint_memory;
     let arm = &baselines::Arm {

@@ -7,7 +7,7 @@ use crate::state::State;
 use crate::tick::{Motion, Now};
 use model::Robot;
 use nalgebra::SVector;
-use shared_types::scenario::{Control, Scenario};
+use shared_types::scenario::Scenario;
 
 /// Distance from the start posture that the null space of a steered arm answers to, rad: it goes back at 0.1 rad/s. A session leads the arm far from
 /// there, by postures too, and what it asks for next must not set all joints in motion.
@@ -77,7 +77,8 @@ impl<const N: usize> Postures<N> {
         now: &Now<'_, N>,
         motion: &Motion<N>,
     ) -> SVector<f64, N> {
-        let Control { k_p, k_vq, .. } = setup.scenario.control;
+        let control = &setup.scenario.control;
+        let (k_p, k_vq) = (control.k_p, control.k_vq());
         if let Some(plan) = motion.planned.as_ref().filter(|_| !self.commanded) {
             return (now.q - plan.q) * k_p - plan.dq * (motion.clock * k_vq);
         }

@@ -423,7 +423,7 @@ impl<const N: usize> Draw<'_, N> {
         Some(Scenario {
             name: format!("{}-{index}", self.template.name),
             start: Start {
-                q_rad,
+                q,
                 ..Start::default()
             },
             segment: vec![segment],
