@@ -381,7 +381,7 @@ fn a_turn_without_room_is_refused_before_anything_moves() {
 fn nothing_chatters_at_the_edge() {
     let at = |s: f64, strategy: &str| {
         let text = format!(
-            "name = \"edge\"\nrobot = \"puma560\"\nsettle_s = 0.0\n[start]\nq_rad = [0.3, -1.0, 2.9, 0.2, {}, 0.0]\n[[segment]]\nduration_s = 5.0\n[control]\nstrategy = \"{strategy}\"\n",
+            "name = \"edge\"\nrobot = \"puma560\"\nsettle_s = 0.0\n[start]\nq = [0.3, -1.0, 2.9, 0.2, {}, 0.0]\n[[segment]]\nduration_s = 5.0\n[control]\nstrategy = \"{strategy}\"\n",
             libm::asin(s)
         );
         run::<6>(
