@@ -211,7 +211,7 @@ fn figures_1_and_2_hold_the_tip_only_with_the_dynamically_consistent_inverse() {
         scenario_text!("fig2-dynamically-consistent"),
         &["control.k_vq=40.0"],
     );
-    assert!(damped.1[1] < 0.02 * first, "{damped:?}");
+    assert!(damped.1[1] < 0.1 * first, "{damped:?}");
 }
 
 /// Scenarios of the product on an exact plant: errors along ζ, orthogonal to it (mm), of orientation (°, each), 95th percentile of the torque step.
