@@ -459,10 +459,7 @@ fn shards_put_together_are_the_sweep_in_one_piece_and_gaps_and_overlaps_are_refu
         .unwrap()
         .to_owned();
     std::fs::write(&manifest, text.replace(&program, "0123456789abcdef")).unwrap();
-    refused(
-        &["shard-1", "shard-2", "shard-3"],
-        "another build of armplane",
-    );
+    refused(&["shard-1", "shard-2", "shard-3"], "checksum");
     std::fs::write(&manifest, &text).unwrap();
     let said = desk.armplane(&[
         "sweep", "--merge", "shard-3", "shard-1", "shard-2", "--out", "merged",

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use session::{Failure, Results};
-use xxhash_rust::xxh3::xxh3_64_with_seed;
+use xxhash_rust::xxh3::{xxh3_64, xxh3_64_with_seed};
 
 use super::columns::Part;
 
@@ -53,7 +53,26 @@ pub(super) struct Manifest {
     pub(super) part_runs: u64,
 }
 
+/// The text of `sweep.json`: the manifest and its checksum.
+#[derive(Serialize, Deserialize)]
+struct Sealed {
+    /// XXH3-64 of the manifest as JSON without spaces.
+    checksum: String,
+    #[serde(flatten)]
+    manifest: Manifest,
+}
+
 impl Manifest {
+    /// # Errors
+    /// [`Failure::Work`] where it is no JSON, which does not happen.
+    fn seal(self) -> Result<Sealed, Failure> {
+        let bytes = serde_json::to_vec(&self).map_err(Failure::work)?;
+        Ok(Sealed {
+            checksum: format!("{:016x}", xxh3_64(&bytes)),
+            manifest: self,
+        })
+    }
+
     /// How many parts there are.
     pub(super) fn parts(&self) -> u64 {
         self.runs.div_ceil(self.part_runs)
@@ -82,12 +101,11 @@ impl Manifest {
         }
         let text = files::read(&path).map_err(|error| error.to_string());
         let read = text.and_then(|text| {
-            let manifest: Self =
-                serde_json::from_slice(&text).map_err(|error| error.to_string())?;
-            let is_sound = manifest.part_runs > 0 && manifest.runs > 0;
-            is_sound
-                .then_some(manifest)
-                .ok_or_else(|| "its numbers make no sense".to_owned())
+            let found: Sealed = serde_json::from_slice(&text).map_err(|error| error.to_string())?;
+            let sealed = found.manifest.seal().map_err(|error| error.to_string())?;
+            (sealed.checksum == found.checksum)
+                .then_some(sealed.manifest)
+                .ok_or_else(|| "its checksum is another one".to_owned())
         });
         read.map(Some).map_err(|error| {
             Failure::Input(format!(
@@ -151,7 +169,10 @@ impl Manifest {
             None if std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()) => {
                 return refuse("files in it, but not of a sweep");
             }
-            None => results.save(FILE, &serde_json::to_value(self).map_err(Failure::work)?)?,
+            None => {
+                let sealed = self.clone().seal()?;
+                results.save(FILE, &serde_json::to_value(sealed).map_err(Failure::work)?)?;
+            }
         }
         Ok(results)
     }
@@ -243,4 +264,53 @@ pub(super) fn write(folder: &Path, part: u64, bytes: &[u8]) -> Result<(), Failur
         draft.persist(&path).map_err(|error| error.error)
     });
     written.map(drop).map_err(Failure::cannot("write", &path))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn manifest() -> Manifest {
+        Manifest {
+            version: "1.0.0".into(),
+            program: "0123456789abcdef".into(),
+            fingerprint: "fedcba9876543210".into(),
+            name: "mine".into(),
+            scenario: "mine.toml".into(),
+            sweep_toml: "name = \"mine\"\n".into(),
+            scenario_toml: String::new(),
+            runs: 12,
+            part_runs: 4,
+        }
+    }
+
+    #[test]
+    fn a_manifest_with_a_damaged_byte_is_read_as_it_was_or_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        manifest().take(folder.path()).unwrap();
+        let path = folder.path().join(FILE);
+        let whole = std::fs::read(&path).unwrap();
+        let mut refused = 0;
+        for (at, bit) in (0..whole.len()).flat_map(|at| (0..8).map(move |bit| (at, bit))) {
+            let mut damaged = whole.clone();
+            damaged[at] ^= 1 << bit;
+            std::fs::write(&path, damaged).unwrap();
+            match Manifest::read(folder.path()) {
+                Ok(read) => assert_eq!(read, Some(manifest()), "byte {at}, bit {bit}"),
+                Err(failure) => {
+                    assert!(failure.to_string().contains(FILE));
+                    refused += 1;
+                }
+            }
+        }
+        assert!(refused > 7 * whole.len());
+    }
+
+    #[test]
+    fn another_build_of_armplane_is_another_sweep() {
+        let mut other = manifest();
+        assert_eq!(manifest().difference(&other), None);
+        other.program = "1".into();
+        assert!(manifest().difference(&other).is_some());
+    }
 }
