@@ -95,3 +95,21 @@ fn two_runs_side_by_side_do_not_disturb_each_other() {
     let parsed = |text: &str| serde_json::from_str::<Value>(text).unwrap();
     assert_eq!(hashes(&parsed(&one.out)), hashes(&parsed(&two.out)));
 }
+
+#[test]
+fn the_features_of_the_processor_change_no_byte() {
+    let desk = Desk::new();
+    let run = |masked: &str| {
+        let ran = std::process::Command::new(env!("CARGO_BIN_EXE_armplane"))
+            .args(["run", "ur5-wrist", "--no-record", "--json", "--out", "run"])
+            .env("GLIBC_TUNABLES", format!("glibc.cpu.hwcaps={masked}"))
+            .current_dir(desk.path())
+            .output()
+            .unwrap();
+        hashes(&serde_json::from_slice(&ran.stdout).unwrap())
+    };
+    let all = run("");
+    for masked in ["-AVX512F,-AVX512VL", "-AVX2,-FMA,-AVX2_Usable,-FMA_Usable"] {
+        assert_eq!(run(masked), all, "{masked}");
+    }
+}
