@@ -1,13 +1,15 @@
 //! The exit code of a failed command, and its error as a person or a machine reads it.
 
-use std::io::IsTerminal as _;
+use std::borrow::Cow;
+use std::ffi::OsStr;
+use std::io::{stderr, stdout};
 use std::process::ExitCode;
 
-use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report};
+use miette::{LabeledSpan, MietteDiagnostic, MietteHandlerOpts, NamedSource, Report};
 use serde_json::json;
 use session::Failure;
 
-use crate::out::{show, show_painted, tell, tell_painted};
+use crate::out::{is_coloured, plain, show_painted, tell, tell_painted};
 
 /// Prints a failure on standard error and gives the exit code: 2 for input that cannot be used, 1 for work that failed. For machines it is one JSON
 /// object on one line.
@@ -32,15 +34,26 @@ pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
     if let Failure::File(error) = failure
         && let Some(span) = error.span.clone()
     {
+        if !is_coloured(&stderr()) {
+            // It fails where a hook is set already.
+            let _ = miette::set_hook(Box::new(|_| {
+                Box::new(MietteHandlerOpts::new().color(false).build())
+            }));
+        }
+        // The file's own colours are escaped before ours are added, so its places move.
+        let moved = |at| error.text.get(..at).map_or(at, |text| plain(text).len());
+        let span = moved(span.start)..moved(span.end);
         let label = LabeledSpan::new_with_span(
-            (!error.remedy.is_empty()).then(|| error.remedy.clone()),
+            (!error.remedy.is_empty()).then(|| plain(&error.remedy).into_owned()),
             span,
         );
-        let diagnostic = MietteDiagnostic::new(error.message.clone()).with_label(label);
+        let diagnostic = MietteDiagnostic::new(plain(&error.message)).with_label(label);
         tell_painted(&format_args!(
             "{:?}",
-            Report::from(diagnostic)
-                .with_source_code(NamedSource::new(&error.file, error.text.clone()))
+            Report::from(diagnostic).with_source_code(NamedSource::new(
+                plain(&error.file),
+                plain(&error.text).into_owned()
+            ))
         ));
     }
     ExitCode::from(code)
@@ -51,18 +64,27 @@ pub(crate) fn wants_json() -> bool {
     std::env::args_os().any(|argument| argument == "--json")
 }
 
-/// Prints what is wrong with a command's arguments, or the help that was asked for.
+/// Whether codes that a terminal obeys are among the arguments of this process.
+pub(crate) fn has_codes() -> bool {
+    let is_plain = |text: &OsStr| matches!(plain(&text.to_string_lossy()), Cow::Borrowed(_));
+    !std::env::args_os().all(|argument| is_plain(&argument))
+}
+
+/// Prints what is wrong with a command's arguments, or the help that was asked for. Arguments that have codes stand in a text without styles.
 pub(crate) fn usage(error: &clap::Error) -> ExitCode {
     let code = u8::try_from(error.exit_code()).unwrap_or(2);
-    if !error.use_stderr() {
-        let text = error.render();
-        if std::io::stdout().is_terminal() {
-            show_painted(&text.ansi());
-        } else {
-            show(&text);
+    let words = |is_coloured: bool| {
+        let styled = error.render();
+        match has_codes() {
+            true => plain(&styled.ansi().to_string()).into_owned(),
+            false if is_coloured => styled.ansi().to_string(),
+            false => styled.to_string(),
         }
+    };
+    if !error.use_stderr() {
+        show_painted(&words(is_coloured(&stdout())));
     } else if wants_json() {
-        let text = with_remedy(&error.render().to_string());
+        let text = with_remedy(&words(false));
         let message = text
             .split("\n\n")
             .next()
@@ -70,13 +92,7 @@ pub(crate) fn usage(error: &clap::Error) -> ExitCode {
             .trim_start_matches("error: ");
         tell(&json!({"error": {"kind": "usage", "exit_code": code, "message": message}}));
     } else {
-        let styled = error.render();
-        let text = if std::io::stderr().is_terminal() {
-            styled.ansi().to_string()
-        } else {
-            styled.to_string()
-        };
-        tell_painted(&with_remedy(&text).trim_end());
+        tell_painted(&with_remedy(&words(is_coloured(&stderr()))).trim_end());
     }
     ExitCode::from(code)
 }

@@ -30,7 +30,6 @@ mod top;
 mod verify;
 mod view;
 
-use std::io::IsTerminal;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -261,7 +260,12 @@ pub fn main() -> ExitCode {
 }
 
 fn work() -> ExitCode {
-    let parsed = command().try_get_matches();
+    let mut command = command();
+    if failure::has_codes() {
+        // Their colours could not be told from ours.
+        command = command.styles(clap::builder::Styles::plain());
+    }
+    let parsed = command.try_get_matches();
     let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(error) => return failure::usage(&error),
@@ -310,7 +314,7 @@ fn execute(cli: Cli) -> Result<ExitCode, session::Failure> {
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(|| out::Log)
-        .with_ansi(std::io::stderr().is_terminal())
+        .with_ansi(out::is_coloured(&std::io::stderr()))
         .log_internal_errors(false)
         .without_time()
         .with_target(false)

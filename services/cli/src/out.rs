@@ -190,6 +190,11 @@ fn locked(state: &Mutex<State>) -> MutexGuard<'_, State> {
     state.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Whether colours may be written there.
+pub(crate) fn is_coloured(stream: &impl IsTerminal) -> bool {
+    stream.is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
+}
+
 /// Starts the threads that print; without them, in the processes of a run and where there can be no threads, whoever prints writes.
 pub(crate) fn start() {
     for stream in [Stream::Out, Stream::Err] {

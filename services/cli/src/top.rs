@@ -9,7 +9,7 @@ use session::Failure;
 use session::observation::{Observer, choose};
 use session::observation_lines;
 
-use crate::out::say;
+use crate::out::{is_coloured, say};
 use crate::screen::Screen;
 
 #[derive(Args)]
@@ -39,7 +39,7 @@ pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
     } else {
         None
     };
-    let is_coloured = screen.is_some() && std::env::var_os("NO_COLOR").is_none();
+    let is_coloured = screen.is_some() && is_coloured(&std::io::stdout());
     loop {
         match &screen {
             None => std::thread::sleep(every),
