@@ -50,6 +50,10 @@ fn no_result_is_written_behind_a_link_or_into_a_pipe() {
         assert_eq!(said.err.lines().count(), 1, "{command}: {}", said.err);
         assert_eq!(desk.read("victim"), "mine", "{command}");
     }
+    std::fs::create_dir(at("drawn")).unwrap();
+    symlink(&victim, at("drawn/figures.json")).unwrap();
+    desk.refuses(1, "figures --out drawn", &["figures.json"]);
+    assert_eq!(desk.read("victim"), "mine");
     let made = Command::new("mkfifo").arg(at("pipe")).status().unwrap();
     assert!(made.success());
     desk.refuses(1, "report r --out pipe", &["pipe"]);
@@ -81,4 +85,52 @@ fn a_saved_run_that_was_damaged_is_named_and_one_that_was_edited_runs() {
     desk.file("r/scenario.toml", text);
     let heavier = desk.run("r/scenario.toml --out heavier");
     assert_ne!(heavier["topics"]["torque"], whole["topics"]["torque"]);
+}
+
+/// The output of a command on a terminal, as `script` has caught it, and in pipes.
+fn shown(desk: &Desk, args: &str, no_color: &str) -> [Vec<u8>; 2] {
+    let line = format!("{} {args}", env!("CARGO_BIN_EXE_armplane"));
+    let on_terminal = ["script", "-qec", &line, "/dev/null"];
+    let in_pipes = ["bash", "-c", &line];
+    [&on_terminal[..], &in_pipes].map(|words| {
+        let mut command = Command::new(words[0]);
+        command.args(&words[1..]).current_dir(desk.path());
+        command.env("SHELL", "/bin/bash").env("TERM", "xterm");
+        command.env_remove("NO_COLOR");
+        command.envs((!no_color.is_empty()).then_some(("NO_COLOR", no_color)));
+        let said = command.stdin(std::process::Stdio::null()).output().unwrap();
+        [said.stdout, said.stderr].concat()
+    })
+}
+
+#[test]
+fn codes_from_outside_are_shown_and_colours_go_to_terminals_only() {
+    const RED: &[u8] = b"\x1b[31;7m";
+    let has = |text: &[u8], part: &[u8]| text.windows(part.len()).any(|at| at == part);
+    let desk = Desk::new();
+    desk.file("red.toml", "\"\x1b[31;7m\u{202e}\" = 1\n[task\n");
+    for args in [
+        "run red.toml",
+        "run $'--\\e[31;7m\\u202e'",
+        "run $'\\e[31;7m\\u202e.toml'",
+        "run --json $'--\\e[31;7m\\u202e'",
+    ] {
+        for said in shown(&desk, args, "") {
+            let text = String::from_utf8_lossy(&said);
+            assert!(
+                !has(&said, RED) && !text.contains('\u{202e}'),
+                "{args}: {text:?}"
+            );
+            assert!(
+                text.contains("u001b[31;7m") && text.contains("u202e"),
+                "{args}: {text:?}"
+            );
+        }
+    }
+    for args in ["--help", "run --unknown", "run red.toml"] {
+        let [terminal, pipe] = shown(&desk, args, "");
+        assert!(has(&terminal, b"\x1b[") && !has(&pipe, b"\x1b["), "{args}");
+        let [terminal, pipe] = shown(&desk, args, "1");
+        assert!(!has(&terminal, b"\x1b[") && !has(&pipe, b"\x1b["), "{args}");
+    }
 }

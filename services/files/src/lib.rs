@@ -71,8 +71,20 @@ fn read_at_most(path: &Path, most: u64) -> io::Result<Vec<u8>> {
 /// The system's, and [`io::ErrorKind::InvalidInput`] for a symbolic link, a named pipe or a device: what is written there would go elsewhere, or wait
 /// for a reader. A descriptor of this process (`/dev/stdout`, `/dev/fd/N`) is written to.
 pub fn create(path: &Path) -> io::Result<File> {
+    writable(path, OFlags::CREATE | OFlags::TRUNC)
+}
+
+/// Opens a file that is there, and keeps what it holds.
+///
+/// # Errors
+/// As [`create`].
+pub fn amend(path: &Path) -> io::Result<File> {
+    writable(path, OFlags::empty())
+}
+
+fn writable(path: &Path, how: OFlags) -> io::Result<File> {
     let held = path == Path::new("/dev/stdout") || is_held(path);
-    let flags = OFlags::WRONLY | OFlags::CREATE | OFlags::CLOEXEC | OFlags::NOCTTY;
+    let flags = OFlags::WRONLY | OFlags::CLOEXEC | OFlags::NOCTTY | how;
     // Without waiting: a pipe that somebody reads is opened, and then refused.
     let more = if held {
         OFlags::empty()
@@ -85,11 +97,10 @@ pub fn create(path: &Path) -> io::Result<File> {
         opened => File::from(opened?),
     };
     match FileType::from_raw_mode(fstat(&file)?.st_mode) {
-        FileType::RegularFile => file.set_len(0)?,
-        _ if held => {}
-        other => return Err(irregular(words(other))),
+        FileType::RegularFile => Ok(file),
+        _ if held => Ok(file),
+        other => Err(irregular(words(other))),
     }
-    Ok(file)
 }
 
 /// Writes a file whole.

@@ -1,6 +1,6 @@
 //! Writing a message log: every message of a run as it was on the wire.
 
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
@@ -89,7 +89,7 @@ impl Writer {
             }
         }
         let place = log.end();
-        let cut = OpenOptions::new().write(true).open(path).and_then(|file| {
+        let cut = files::amend(path).and_then(|file| {
             file.set_len(place.bytes)?;
             Ok(file)
         });
@@ -245,10 +245,7 @@ pub fn complete(path: &Path, contents: &Contents) -> Result<(), LogError> {
     if log.flaws().is_empty() && !log.has_tail() {
         let at = log.end().bytes;
         drop(log);
-        let file = OpenOptions::new()
-            .write(true)
-            .open(path)
-            .map_err(LogError::file("write", path))?;
+        let file = files::amend(path).map_err(LogError::file("write", path))?;
         let place = Place {
             bytes: at,
             messages: Vec::new(),

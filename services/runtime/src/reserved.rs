@@ -2,6 +2,7 @@
 
 use std::fs::{self, OpenOptions};
 use std::io::{self, Write};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 /// Takes `bytes` of memory for the file that [`write_reserved`] will make at `path`; `path` itself does not exist before.
@@ -33,6 +34,8 @@ pub fn write_reserved(path: &Path, text: &[u8]) -> io::Result<()> {
         .write(true)
         .create(true)
         .truncate(false)
+        // A link or a pipe that has its name meanwhile is an error.
+        .custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK)
         .open(&room)?;
     file.write_all(text)?;
     file.set_len(text.len() as u64)?;

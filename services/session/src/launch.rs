@@ -201,7 +201,7 @@ const MOST_GUARDS: usize = 100;
 /// Makes a file that is there whole or not at all, whenever this process is killed.
 fn write_whole(path: &Path, text: &[u8]) -> std::io::Result<()> {
     let unfinished = path.with_added_extension("tmp");
-    std::fs::write(&unfinished, text)
+    files::write(&unfinished, text)
         .and_then(|()| std::fs::rename(&unfinished, path))
         .inspect_err(|_| {
             let _ = std::fs::remove_file(&unfinished);

@@ -147,7 +147,7 @@ impl Results {
             )));
         }
         let probe = results.folder.join(PROBE);
-        let probed = std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe));
+        let probed = files::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe));
         probed.map_err(|error| remedies.unusable(&results.folder, &error))?;
         Ok(results)
     }

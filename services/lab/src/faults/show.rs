@@ -81,7 +81,7 @@ impl Drilled {
         if let Some(out) = out {
             let path = out.join("drill.json");
             let text = serde_json::to_vec_pretty(&drilled).map_err(Failure::work)?;
-            std::fs::write(&path, text).map_err(Failure::cannot("write", &path))?;
+            files::write(&path, text).map_err(Failure::cannot("write", &path))?;
             picture(&drilled.cells)
                 .save(&out.join("drill"))
                 .map_err(Failure::work)?;

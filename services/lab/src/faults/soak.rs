@@ -100,7 +100,7 @@ fn round(stage: &Stage<'_>, plan: &[Fault], progress: &dyn Fn(u64)) -> Result<Ce
     if cell.broken.is_empty() {
         let _ = std::fs::remove_dir_all(out);
     } else {
-        let _ = std::fs::write(out.join("stderr.txt"), ran.lines.join("\n"));
+        let _ = files::write(&out.join("stderr.txt"), ran.lines.join("\n"));
     }
     Ok(cell)
 }

@@ -109,7 +109,7 @@ impl ArmLines {
         results.save("compare.json", &self.json())?;
         for (i, line) in self.short() {
             let text = toml::to_string(&line.scenario).map_err(Failure::work)?;
-            std::fs::write(results.folder.join(format!("line-{i}.toml")), text)
+            files::write(&results.folder.join(format!("line-{i}.toml")), text)
                 .map_err(Failure::work)?;
         }
         Ok(results.folder.clone())
