@@ -30,6 +30,7 @@ mod pipes;
 mod properties;
 mod recording;
 mod replay;
+mod routes;
 mod run;
 mod schema;
 mod servo;

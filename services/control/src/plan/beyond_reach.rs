@@ -16,7 +16,7 @@ pub(crate) fn warning<const N: usize>(guide: &Guide<N>) -> Option<String> {
     }
     let leg = guide.not_found()?;
     Some(format!(
-        "the search has found no route for segment {leg}: from there on the law decides at each tick, and may leave the path at a singularity"
+        "no route found within the budget for segment {leg}: from there on the law decides at each tick, and may leave the path at a singularity"
     ))
 }
 

@@ -56,6 +56,8 @@ pub struct Infeasible {
     pub time_s: f64,
     /// The cause of its end.
     pub obstacle: Obstacle,
+    /// Whether all branches and full turns were tried: there is no route. Else none was found within the budget.
+    pub is_exhausted: bool,
 }
 
 /// The cause of the best route's end.
@@ -161,12 +163,13 @@ pub fn plan<const N: usize>(request: &Request<'_, N>) -> Result<PathPlan<N>, Inf
     }
     let times = match &quick {
         Ok(plan) => plan.singular_times(request),
-        Err(failed) => schedule::singular_times(request, &failed.knots),
+        Err(failed) => {
+            let mut times = schedule::singular_times(request, &failed.knots);
+            times.extend(&failed.locks);
+            times
+        }
     };
-    // An absent joint moves nothing, and is no spare one.
-    let J = request.model.jacobian(&request.q_start);
-    let joints = J.column_iter().filter(|column| column.amax() > 0.0).count();
-    let redundant = joints > request.task.iter().filter(|counts| **counts).count();
+    let redundant = has_spare_joints(request);
     let second = if times.is_empty() && !redundant {
         Err(None)
     } else {
@@ -198,6 +201,14 @@ pub fn plan<const N: usize>(request: &Request<'_, N>) -> Result<PathPlan<N>, Inf
     Err(why)
 }
 
+/// Whether the arm has more joints than the task has axes.
+fn has_spare_joints<const N: usize>(request: &Request<'_, N>) -> bool {
+    // An absent joint moves nothing, and is no spare one.
+    let J = request.model.jacobian(&request.q_start);
+    let joints = J.column_iter().filter(|column| column.amax() > 0.0).count();
+    joints > request.task.iter().filter(|counts| **counts).count()
+}
+
 /// Whether two directions are lost in the start posture.
 fn loses_two<const N: usize>(request: &Request<'_, N>) -> bool {
     let arm = Kinematics {
@@ -217,6 +228,8 @@ fn loses_two<const N: usize>(request: &Request<'_, N>) -> bool {
 struct Failed<const N: usize> {
     why: Infeasible,
     knots: Vec<Knot<N>>,
+    /// Times of the locks between its layers, s.
+    locks: Vec<f64>,
     before: PathPlan<N>,
 }
 
@@ -238,6 +251,7 @@ fn attempt<const N: usize>(
             return Err(Box::new(Failed {
                 why,
                 knots: route.search.chain(route.search.deepest()),
+                locks: route.search.locks.clone(),
                 before: route.planned_before(),
             }));
         }
@@ -357,6 +371,7 @@ impl<'a, const N: usize> Route<'a, N> {
     /// Goes through a leg that turns ζ of the singularity in a place by an angle, rad.
     fn turn(&mut self, leg: &Leg, (place, angle): (usize, f64)) {
         let node = self.best();
+        self.choose(node);
         let q = self.search.node(node).q;
         // Where ζ cannot be turned the controller reports it when the leg begins.
         let by =
@@ -449,14 +464,14 @@ impl<'a, const N: usize> Route<'a, N> {
             q: request.q_start,
             block: Block::End,
         });
-        if !self.search.is_undecided() && !reachable(arm, &goal, &far.q) {
+        if !self.search.is_cut() && !reachable(arm, &goal, &far.q) {
             return None;
         }
         let beyond = pose((far.t - self.from_s + 0.01 * leg.duration_s).min(leg.duration_s));
         let error = arm.error(&goal, &pose(far.t - self.from_s));
         let left = arm.excess(&error, &goal.R, request.position_m, request.orientation_rad);
         let obstacle = match far.block {
-            _ if self.search.is_undecided() || left < ARRIVED => Obstacle::Undecided,
+            _ if self.search.is_cut() || left < ARRIVED => Obstacle::Undecided,
             Block::Limit { joint, value } => {
                 let (low, high) = (request.model.lower()[joint], request.model.upper()[joint]);
                 Obstacle::Limit {
@@ -477,7 +492,16 @@ impl<'a, const N: usize> Route<'a, N> {
             leg: self.progress.leg,
             time_s: far.t,
             obstacle,
+            is_exhausted: !has_spare_joints(request) && obstacle != Obstacle::Undecided,
         })
+    }
+
+    /// Goes on from one posture alone.
+    fn choose(&mut self, node: usize) {
+        if self.layer != [node] {
+            self.search.cut();
+        }
+        self.layer = vec![node];
     }
 
     /// Ends a leg: a next one that is relative to the posture begins from the best route alone, whose knots are analysed.
@@ -488,7 +512,7 @@ impl<'a, const N: usize> Route<'a, N> {
             .is_some_and(Leg::is_relative)
         {
             let node = self.best();
-            self.layer = vec![node];
+            self.choose(node);
             let chain = self.search.chain(node);
             for knot in &chain[self.analysed..] {
                 self.report = analyse(&mut self.analyzer, self.request.model, &knot.q);

@@ -27,6 +27,10 @@ const BUDGET: (u32, u32) = (30_000, 300_000);
 const WIDTH: usize = 20;
 /// Postures nearer to each other than this are one, rad.
 const SAME: f64 = 0.03;
+/// Most steps back from beside a fold to the fold.
+const RETURNS: u32 = 60;
+/// Two solutions of a pose that lie further apart, off the self-motion, are the two sides of a fold, rad.
+const TWIN: f64 = 1e-3;
 /// σ below which other ways on are looked for.
 const NEAR: f64 = 0.2;
 /// Dampings of a step that may leave the path: a weak one goes around a lock as far as it can, a strong one straight past it; that one grows with the
@@ -80,6 +84,8 @@ pub(super) struct Node<const N: usize> {
     /// Joint motion per path time with which it was reached, rad/s.
     heading: SVector<f64, N>,
     pub(super) cost: f64,
+    /// On the path, not beside it.
+    is_exact: bool,
     /// From the parent's posture to this one, the parent's not included.
     knots: Vec<Knot<N>>,
 }
@@ -139,6 +145,10 @@ pub(super) struct Search<'a, const N: usize> {
     /// Steps taken in the present leg, and in those before it.
     spent: Cell<u32>,
     spent_before: u32,
+    /// Whether a way on has been left out, so that a dead end proves nothing.
+    cut: Cell<bool>,
+    /// Times of locks that lie between two layers, s.
+    pub(super) locks: Vec<f64>,
 }
 
 impl<'a, const N: usize> Search<'a, N> {
@@ -148,6 +158,7 @@ impl<'a, const N: usize> Search<'a, N> {
             q: q_start,
             heading: SVector::zeros(),
             cost: 0.0,
+            is_exact: true,
             knots: vec![Knot {
                 t: 0.0,
                 q: q_start,
@@ -161,18 +172,28 @@ impl<'a, const N: usize> Search<'a, N> {
             furthest: None,
             spent: Cell::new(0),
             spent_before: 0,
+            cut: Cell::new(false),
+            locks: vec![],
         }
     }
 
-    /// Whether a dead end proves nothing: the search has given up, or the routes with which the leg began are a choice among many.
-    pub(super) fn is_undecided(&self) -> bool {
-        self.spent.get() + self.spent_before > BUDGET.0
+    /// Whether a way on has been left out, so that a dead end proves nothing: by the budget, by the most postures of a layer, by the longest
+    /// self-motion, or because a lock lies between two layers.
+    pub(super) fn is_cut(&self) -> bool {
+        self.cut.get() || !self.locks.is_empty()
     }
 
-    /// Whether the search ended before it had tried everything.
-    pub(super) fn is_exhausted(&self) -> bool {
+    /// Leaves out a way on.
+    pub(super) fn cut(&self) {
+        self.cut.set(true);
+    }
+
+    /// Whether the search has to give up.
+    fn is_spent(&self) -> bool {
         let spent = self.spent.get();
-        spent > BUDGET.0 || spent + self.spent_before > BUDGET.1
+        let is_spent = spent > BUDGET.0 || spent + self.spent_before > BUDGET.1;
+        self.cut.set(self.cut.get() || is_spent);
+        is_spent
     }
 
     /// The posture furthest along the path.
@@ -220,6 +241,7 @@ impl<'a, const N: usize> Search<'a, N> {
             q,
             heading: SVector::zeros(),
             cost,
+            is_exact: true,
             knots,
         });
         Some(self.nodes.len() - 1)
@@ -256,6 +278,14 @@ impl<'a, const N: usize> Search<'a, N> {
         layer
     }
 
+    /// Whether a posture of a layer lies on the branch of a cheaper one: beside a fold its two sides are near to each other.
+    fn is_same(&self, cheaper: usize, node: usize) -> bool {
+        let (one, two) = (&self.nodes[cheaper], &self.nodes[node]);
+        let by = one.q - two.q;
+        by.amax() < SAME
+            && (!two.is_exact || one.is_exact && is_twin(&self.arm.spectrum(&one.q), &by))
+    }
+
     /// The cheapest of postures that are one, and of those the cheapest few.
     fn prune(&self, mut layer: Vec<usize>) -> Vec<usize> {
         layer.sort_by(|a, b| {
@@ -266,12 +296,13 @@ impl<'a, const N: usize> Search<'a, N> {
         });
         let mut out: Vec<usize> = vec![];
         for node in layer {
-            if out.len() < WIDTH
-                && out
-                    .iter()
-                    .all(|other| (self.nodes[*other].q - self.nodes[node].q).amax() > SAME)
-            {
+            if out.iter().any(|other| self.is_same(*other, node)) {
+                continue;
+            }
+            if out.len() < WIDTH {
                 out.push(node);
+            } else if self.nodes[node].is_exact {
+                self.cut();
             }
         }
         out
@@ -366,6 +397,9 @@ impl<'a, const N: usize> Search<'a, N> {
         way: &Way<N>,
     ) -> Option<usize> {
         let end = *knots.last()?;
+        if way.damping == 0.0 && !end.waits {
+            self.note_locks(parent, &knots);
+        }
         let mut cost = self.nodes[parent].cost;
         let (mut before, mut t) = (
             self.nodes[parent].q,
@@ -405,9 +439,40 @@ impl<'a, const N: usize> Search<'a, N> {
             q: end.q,
             heading,
             cost,
+            is_exact: way.damping == 0.0,
             knots,
         });
         Some(self.nodes.len() - 1)
+    }
+
+    /// Notes the locks that an edge passes between its ends: other branches begin there.
+    fn note_locks(&mut self, parent: usize, knots: &[Knot<N>]) {
+        let parent = &self.nodes[parent];
+        let sigma = |q: &SVector<f64, N>| self.arm.spectrum(q).smallest();
+        let mut before = (parent.knots.last().map_or(0.0, |knot| knot.t), parent.q);
+        let (first, mut last) = (before.0, sigma(&parent.q));
+        let mut found = vec![];
+        for knot in knots {
+            let (now, by) = (sigma(&knot.q), knot.q - before.1);
+            // σ changes by no more than a joint does.
+            if last + now < by.norm() {
+                let x = self_motion::lowest(|x| sigma(&(before.1 + by * (0.5 * (x + 1.0)))));
+                let x = 0.5 * (x + 1.0);
+                let t = before.0 + (knot.t - before.0) * x;
+                let is_end = |t: f64, sigma: f64, end: f64| t == end && sigma < LOCKED;
+                let at_end =
+                    is_end(before.0, last, first) || is_end(knot.t, now, knots[knots.len() - 1].t);
+                if sigma(&(before.1 + by * x)) < 2.0 * LOCKED && !at_end {
+                    found.push(t);
+                }
+            }
+            (before, last) = ((knot.t, knot.q), now);
+        }
+        for t in found {
+            if self.locks.iter().all(|other| (other - t).abs() > 1e-4) {
+                self.locks.push(t);
+            }
+        }
     }
 
     /// Time that a motion takes, and the price of being near a limit meanwhile.
@@ -453,13 +518,17 @@ impl<'a, const N: usize> Search<'a, N> {
         let mut block = Block::End;
         while t != t1 {
             self.spent.set(self.spent.get() + 1);
-            if self.is_exhausted() {
+            if self.is_spent() {
                 return Err(Furthest { t, q, block });
             }
-            if (t + h - t1) * h > -1e-12 {
+            if (t + h - t1) * h.signum() > -1e-12 {
                 h = t1 - t;
             }
-            if h.abs() < SHORTEST * leg.duration_s && t + h != t1 || knots.len() >= KNOTS {
+            if knots.len() >= KNOTS {
+                self.cut();
+                return Err(Furthest { t, q, block });
+            }
+            if h.abs() < SHORTEST * leg.duration_s && t + h != t1 {
                 return Err(Furthest { t, q, block });
             }
             let X = (leg.pose)(t + h);
@@ -569,7 +638,7 @@ impl<'a, const N: usize> Search<'a, N> {
                     let known = out.iter().any(|knots| {
                         knots
                             .last()
-                            .is_some_and(|knot| (knot.q - there).amax() < SAME)
+                            .is_some_and(|knot| is_twin(&spectrum, &(knot.q - there)))
                     });
                     if e.norm() > 1e-7
                         || (there - q).amax() > 0.5
@@ -588,23 +657,21 @@ impl<'a, const N: usize> Search<'a, N> {
                         waits: false,
                     }];
                     let (mut at, mut t, mut share) = (there, t1, 0.5);
-                    while (at - q).amax() > 0.2 * STEP && share > 1e-4 {
-                        match self.follow(
-                            leg,
-                            &at,
-                            &zero,
-                            (t, t0 + (t - t0) * (1.0 - share)),
-                            &straight,
-                        ) {
+                    for _ in 0..RETURNS {
+                        if (at - q).amax() <= 0.2 * STEP || share < 1e-4 {
+                            break;
+                        }
+                        let to = t0 + (t - t0) * (1.0 - share);
+                        match self.follow(leg, &at, &zero, (t, to), &straight) {
                             Ok(part) if !part.is_empty() => {
                                 knots.extend(&part);
-                                (at, t) =
-                                    (part[part.len() - 1].q, part[part.len() - 1].t - leg.from_s);
+                                (at, t) = (part[part.len() - 1].q, to);
+                                share = (2.0 * share).min(0.5);
                             }
                             _ => share *= 0.5,
                         }
                     }
-                    if (at - q).amax() <= STEP {
+                    if (at - q).amax() <= STEP && !self.is_spent() {
                         knots.reverse();
                         out.push(knots);
                     }
@@ -668,6 +735,11 @@ impl<'a, const N: usize> Search<'a, N> {
         }
         out
     }
+}
+
+/// Whether two solutions of a pose that lie apart by `by` belong to one branch.
+fn is_twin<const N: usize>(spectrum: &Spectrum<N>, by: &SVector<f64, N>) -> bool {
+    by.amax() < SAME && (by - spectrum.null_part(by)).amax() < TWIN
 }
 
 /// The product of two task displacements' linear (0) or angular (3) halves.

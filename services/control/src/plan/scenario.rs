@@ -101,25 +101,28 @@ fn words(robot: &Robot, infeasible: &Infeasible) -> String {
         leg,
         time_s,
         obstacle,
+        is_exhausted,
     } = infeasible;
-    match obstacle {
+    let (found, tried) = if *is_exhausted {
+        ("no route", "")
+    } else {
+        ("no route found within the budget", " that the search tried")
+    };
+    let reason = match obstacle {
         Obstacle::Limit { joint, limit } => {
             let Joint { name, kind, .. } = &robot.joints[*joint];
             let (limit, [unit, _]) = (kind.shown(*limit), kind.units());
             format!(
-                "the path cannot be followed from this start posture: at {time_s:.2} s (segment {leg}) joint {} ({name}) would pass its limit of \
-                 {limit:.1}{unit}, on every route",
+                "joint {} ({name}) would pass its limit of {limit:.1}{unit}, on every route{tried}",
                 joint + 1
             )
         }
-        Obstacle::Reach => format!(
-            "the path leaves the reachable space at {time_s:.2} s (segment {leg}), between reachable ends"
-        ),
+        Obstacle::Reach => "the path leaves the reachable space, between reachable ends".to_owned(),
         Obstacle::Discontinuous | Obstacle::Undecided => format!(
-            "no continuous motion from this start posture follows the path beyond {time_s:.2} s (segment {leg}): the poses from there on belong to \
-             other postures of the arm"
+            "the poses from there on belong to other postures of the arm, on every route{tried}"
         ),
-    }
+    };
+    format!("{found} from this start posture: at {time_s:.2} s (segment {leg}) {reason}")
 }
 
 /// The remedy, as far as it is known.

@@ -6,8 +6,9 @@ use super::*;
 /// least, and where it counts as none.
 const TOUCHING: (f64, f64, f64) = (0.1, 2e-3, 5e-3);
 
-/// Step of a self-motion in the joint that moves most, rad.
+/// Step of a self-motion in the joint that moves most, rad, and most steps: two full turns.
 const STRIDE: f64 = 0.1;
+const STRIDES: u32 = 130;
 
 /// A self-motion at one pose.
 struct AtRest<'a, const N: usize> {
@@ -24,7 +25,7 @@ struct AtRest<'a, const N: usize> {
 }
 
 /// Where `f` is lowest within [−1, 1], by golden section.
-fn lowest(f: impl Fn(f64) -> f64) -> f64 {
+pub(super) fn lowest(f: impl Fn(f64) -> f64) -> f64 {
     let (mut low, mut high) = (-1.0, 1.0);
     for _ in 0..40 {
         let (c, d) = (high - 0.618 * (high - low), low + 0.618 * (high - low));
@@ -112,9 +113,13 @@ impl<const N: usize> Search<'_, N> {
         };
         let mut ranks = [f64::INFINITY, second(&at)];
         let (mut gaps, mut crossed) = ([f64::INFINITY, undone.norm()], false);
-        for k in 1..=40 {
+        for k in 1.. {
             self.spent.set(self.spent.get() + 2);
-            if self.is_exhausted() {
+            if self.is_spent() || self.comes_round(&at, from.node, k) {
+                break;
+            }
+            if k > STRIDES {
+                self.cut();
                 break;
             }
             let (next, e) = self.arm.solve(X, &(at + v * STRIDE), &zero, 0.0, SOLVED);
@@ -180,6 +185,22 @@ impl<const N: usize> Search<'_, N> {
             (at, v, undone) = (next, dq / dq.amax(), rest);
         }
         out
+    }
+
+    /// Whether a self-motion is back where it began after `k` strides: a full turn is another posture where a joint has limits.
+    fn comes_round(&self, at: &SVector<f64, N>, node: usize, k: u32) -> bool {
+        use std::f64::consts::TAU;
+        let by = at - self.nodes[node].q;
+        k > 5
+            && (0..N).all(|i| {
+                let is_endless = self.bounds.upper[i] - self.bounds.lower[i] > 1e3;
+                let turns = if is_endless {
+                    libm::round(by[i] / TAU)
+                } else {
+                    0.0
+                };
+                (by[i] - turns * TAU).abs() < 0.6 * STRIDE
+            })
     }
 
     /// The posture between `at` and `at` + `dq` from which the path can be followed: there a half of what is lost of it changes its sign.
