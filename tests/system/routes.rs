@@ -1,5 +1,7 @@
-//! Lines through exactly singular postures, followed by an inverse kinematics that shares nothing with the planner: an arm reaches the goal where a
-//! route exists, and refuses the line before the start where none does.
+//! Lines through exactly singular postures, followed by an inverse kinematics that shares nothing
+//! with the planner: an arm reaches the goal where a route exists, and refuses the line before the
+//! start where none does.
+#![allow(non_snake_case)]
 
 use crate::command::{Desk, finish};
 use model::{Model, Pose, Robot, with_dof};
@@ -11,7 +13,8 @@ use shared_types::random::Uniform;
 /// Poses of a leg, and restarts of the inverse kinematics from each posture.
 const POSES: u32 = 120;
 const RESTARTS: u32 = 6;
-/// Most postures of one pose that are followed, how far they lie apart, and the largest motion from one pose to the next, rad (m).
+/// Most postures of one pose that are followed, how far they lie apart, and the largest motion from
+/// one pose to the next, rad (m).
 const POSTURES: usize = 400;
 const APART: f64 = 0.1;
 const STEP: f64 = 0.3;
@@ -284,7 +287,8 @@ fn scenario<const N: usize>(
     text
 }
 
-/// Runs seeded lines of an arm; returns those in which the arm did not do what the inverse kinematics asks for, and prints a table.
+/// Runs seeded lines of an arm; returns those in which the arm did not do what the inverse
+/// kinematics asks for, and prints a table.
 fn lines_of<const N: usize>(
     desk: &Desk,
     name: &str,
