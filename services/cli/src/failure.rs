@@ -30,7 +30,12 @@ pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
         );
         return ExitCode::from(code);
     }
-    tell(&format_args!("armplane: {failure}"));
+    // Only indented lines follow a sentence: a name in it with a line's end could pass for a message of ours.
+    let one_line = |text: &str| plain(text).replace('\n', "\\n").replace("\\n  ", "\n  ");
+    tell(&format_args!(
+        "armplane: {}",
+        one_line(&failure.to_string())
+    ));
     if let Failure::File(error) = failure
         && let Some(span) = error.span.clone()
     {
@@ -47,7 +52,7 @@ pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
             (!error.remedy.is_empty()).then(|| plain(&error.remedy).into_owned()),
             span,
         );
-        let diagnostic = MietteDiagnostic::new(plain(&error.message)).with_label(label);
+        let diagnostic = MietteDiagnostic::new(one_line(&error.message)).with_label(label);
         tell_painted(&format_args!(
             "{:?}",
             Report::from(diagnostic).with_source_code(NamedSource::new(
@@ -73,18 +78,22 @@ pub(crate) fn has_codes() -> bool {
 /// Prints what is wrong with a command's arguments, or the help that was asked for. Arguments that have codes stand in a text without styles.
 pub(crate) fn usage(error: &clap::Error) -> ExitCode {
     let code = u8::try_from(error.exit_code()).unwrap_or(2);
-    let words = |is_coloured: bool| {
-        let styled = error.render();
-        match has_codes() {
-            true => plain(&styled.ansi().to_string()).into_owned(),
-            false if is_coloured => styled.ansi().to_string(),
-            false => styled.to_string(),
-        }
+    let styled = error.render();
+    let words = |is_coloured: bool| match has_codes() {
+        true => plain(&styled.ansi().to_string()).into_owned(),
+        false if is_coloured => styled.ansi().to_string(),
+        false => styled.to_string(),
     };
     if !error.use_stderr() {
         show_painted(&words(is_coloured(&stdout())));
     } else if wants_json() {
-        let text = with_remedy(&words(false));
+        // JSON escapes the codes itself.
+        let raw = if has_codes() {
+            styled.ansi().to_string()
+        } else {
+            words(false)
+        };
+        let text = with_remedy(&raw);
         let message = text
             .split("\n\n")
             .next()

@@ -38,6 +38,11 @@ pub fn show(
     layout: Option<&Path>,
     observer: Observer<'_>,
 ) -> Result<(), Failure> {
+    // The viewer opens the files itself, and would wait at a pipe.
+    for path in files {
+        files::open(path)
+            .map_err(|error| Failure::input(format_args!("{}: {error}", path.display())))?;
+    }
     if let Some(sentence) = Asked::ask()?.complaint(Duration::from_secs(3)) {
         observer(Progress::Line(&format!("armplane: {sentence}")));
     }
