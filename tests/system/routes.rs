@@ -316,7 +316,7 @@ fn lines_of<const N: usize>(
         counts[0] += usize::from(reached);
         counts[1] += usize::from(refused);
         let exists = !reached && arm.has_route(&q_start, &poses, &mut random);
-        if !reached && !(refused && !exists) {
+        if !reached && (exists || !refused) {
             let (word, why) = (
                 if exists { "route" } else { "no route" },
                 said.err.lines().next_back(),

@@ -638,7 +638,7 @@ impl<'a, const N: usize> Search<'a, N> {
                     let known = out.iter().any(|knots| {
                         knots
                             .last()
-                            .is_some_and(|knot| is_twin(&spectrum, &(knot.q - there)))
+                            .is_some_and(|knot| is_twin(spectrum, &(knot.q - there)))
                     });
                     if e.norm() > 1e-7
                         || (there - q).amax() > 0.5
