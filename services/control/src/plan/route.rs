@@ -47,6 +47,10 @@ pub(super) const ARRIVED: f64 = 0.1;
 pub(super) const CLEAR: f64 = 2e-3;
 /// Distance from a limit at which it begins to cost, rad (m).
 const MARGIN: f64 = 0.2;
+/// Largest speed at which spare joints go back to the start posture, rad/s (m/s), and the price of being away, per rad: a task that returns to its start
+/// pose returns to its posture, too.
+const HOMEWARD: f64 = 0.5;
+const AWAY: f64 = 0.01;
 /// Share of a speed limit that is planned with.
 pub(super) const SPEED: f64 = 0.8;
 /// Time that a self-motion costs beside its motion, s.
@@ -312,12 +316,23 @@ impl<'a, const N: usize> Search<'a, N> {
     fn extend(&mut self, leg: &Stretch<'_, N>, node: usize, t0: f64, t1: f64) -> Vec<usize> {
         let Node { q, heading, .. } = self.nodes[node];
         let spectrum = self.arm.spectrum(&q);
-        let straight = Way {
+        let mut straight = Way {
             damping: 0.0,
             drift: self.push(&spectrum, &q, t1 - t0),
         };
+        let homeward =
+            straight.drift + self.homeward(&spectrum, &q, (t1 - t0, leg.duration_s - t0));
+        if !leg.fan {
+            straight.drift = homeward;
+        }
         let mut ways = vec![straight];
         if leg.fan && leg.posture.is_none() {
+            if (homeward - straight.drift).amax() > 1e-3 * (t1 - t0) {
+                ways.push(Way {
+                    drift: homeward,
+                    ..straight
+                });
+            }
             for v in &spectrum.v[..spectrum.free] {
                 let stride = 0.6 * SPEED * (t1 - t0)
                     / (0..N).fold(1e-9_f64, |slowest, i| {
@@ -389,6 +404,17 @@ impl<'a, const N: usize> Search<'a, N> {
         spectrum.null_part(&inwards) * dt
     }
 
+    /// Null-space motion that brings spare joints back to the start posture until the leg ends, in `rest` s.
+    fn homeward(
+        &self,
+        spectrum: &Spectrum<N>,
+        q: &SVector<f64, N>,
+        (dt, rest): (f64, f64),
+    ) -> SVector<f64, N> {
+        let rate = spectrum.null_part(&(self.nodes[0].q - q)) / rest;
+        rate * (dt * HOMEWARD / rate.amax().max(HOMEWARD))
+    }
+
     fn push_node(
         &mut self,
         leg: &Stretch<'_, N>,
@@ -408,6 +434,7 @@ impl<'a, const N: usize> Search<'a, N> {
                 .last()
                 .map_or(leg.from_s, |knot| knot.t),
         );
+        let from_s = t;
         let mut heading = SVector::zeros();
         for knot in &knots {
             let dq = knot.q - before;
@@ -430,9 +457,11 @@ impl<'a, const N: usize> Search<'a, N> {
                     );
         }
         if leg.fan {
-            let sigma = self.arm.spectrum(&end.q).smallest();
-            let narrow = (1.0 - sigma / 0.1).max(0.0);
+            let spectrum = self.arm.spectrum(&end.q);
+            let narrow = (1.0 - spectrum.smallest() / 0.1).max(0.0);
             cost += (end.t - leg.from_s).min(0.1) * 2.0 * (narrow * narrow);
+            let away = spectrum.null_part(&(end.q - self.nodes[0].q)).norm();
+            cost += AWAY * away.min(1.0) * (end.t - from_s);
         }
         self.nodes.push(Node {
             parent: Some(parent),
