@@ -359,3 +359,25 @@ fn a_joint_that_slides_has_no_degrees() {
         "{table}"
     );
 }
+
+#[test]
+fn a_wrong_mass_leaves_the_path_by_less_than_a_millimetre() {
+    let desk = Desk::new();
+    for scenario in ["ur5-wrist", "seven-joints", "iiwa-posture", "fr3-wrist"] {
+        for mass in ["plant.mass_factor=0.7", "plant.mass_factor=1.3"] {
+            let said = desk.succeeds(&[
+                "run",
+                scenario,
+                "--no-record",
+                "--no-messages",
+                "--json",
+                "--set",
+                mass,
+            ]);
+            let off_mm = summary(&said)["task"]["orthogonal_max_mm"]
+                .as_f64()
+                .unwrap();
+            assert!(off_mm <= 1.0, "{scenario} with {mass}: {off_mm} mm");
+        }
+    }
+}

@@ -105,7 +105,7 @@ impl Default for Estimator {
     fn default() -> Self {
         Self {
             bandwidth: 150.0,
-            disturbance_bandwidth: 60.0,
+            disturbance_bandwidth: 120.0,
         }
     }
 }
