@@ -151,7 +151,7 @@ impl<const N: usize> Controller<N> {
         self.obstacle.as_deref()
     }
 
-    /// A goal that no posture of the arm has, or a segment without a plan, found before the first tick, in words.
+    /// A goal that no posture of the arm has, found before the first tick, in words.
     #[must_use]
     pub fn warning(&self) -> Option<String> {
         beyond_reach::warning(&self.setup.guide)

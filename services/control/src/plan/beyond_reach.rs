@@ -7,16 +7,11 @@ use crate::types::Command;
 use nalgebra::Vector6;
 use shared_types::bounds::within;
 
-/// A goal that no posture of the arm has, or a leg without a plan, found before the first tick, in words.
+/// A goal that no posture of the arm has, found before the first tick, in words.
 pub(crate) fn warning<const N: usize>(guide: &Guide<N>) -> Option<String> {
-    if let Some((leg, _)) = guide.beyond_reach() {
-        return Some(format!(
-            "the goal of segment {leg} is beyond reach: the arm will go as far as the boundary and slide along it"
-        ));
-    }
-    let leg = guide.not_found()?;
+    let (leg, _) = guide.beyond_reach()?;
     Some(format!(
-        "no route found within the budget for segment {leg}: from there on the law decides at each tick, and may leave the path at a singularity"
+        "the goal of segment {leg} is beyond reach: the arm will go as far as the boundary and slide along it"
     ))
 }
 

@@ -13,7 +13,7 @@
 //!
 //! **When it gives up.** After 30,000 steps in a leg, or with a layer that has no posture. A first search without further ways is enough where its
 //! route costs no more than 1.15 times the path; else a second one adds layers where that route is nearest to a singular posture, and the cheaper route
-//! is kept. [`Infeasible`] gives the reason otherwise; where the search has decided nothing, the legs before are planned ([`Short::NotFound`]).
+//! is kept. [`Infeasible`] gives the reason otherwise, and whether everything was tried.
 //!
 //! The route's own clock u runs as the path's does, but also while the path waits ([`schedule`]). PURE and deterministic; allocates.
 
@@ -25,12 +25,12 @@ pub(crate) mod scenario;
 mod schedule;
 
 pub use request::{Request, Turning};
-pub use schedule::{PathPlan, Sample, Short};
+pub use schedule::{PathPlan, Sample};
 
 use crate::reference::path::{Leg, Progress};
 use crate::singularity::analyzer::Analyzer;
 use crate::types::{Kind, Report};
-use kinematics::{Kinematics, LOCKED};
+use kinematics::Kinematics;
 use model::{Model, Pose};
 use nalgebra::{SVector, Vector3};
 use request::{analyse, centre};
@@ -150,12 +150,11 @@ pub fn remedy<const N: usize>(request: &Request<'_, N>) -> Option<Remedy<N>> {
     })
 }
 
-/// A plan for the whole path, or as far as it lies within reach, or as far as one was found.
+/// A plan for the whole path, or as far as it lies within reach.
 ///
 /// # Errors
-/// [`Infeasible`] where no continuous motion within the limits follows the path. A leg whose goal is beyond reach is no such case: the plan ends
-/// where that leg begins. So does a leg for which the search has decided nothing, unless two directions are lost in the start posture of an arm
-/// with spare joints: out of such a start the law leads the arm far off.
+/// [`Infeasible`] where no continuous motion within the limits was found that follows the path. A leg whose goal is beyond reach is no such case: the
+/// plan ends where that leg begins.
 pub fn plan<const N: usize>(request: &Request<'_, N>) -> Result<PathPlan<N>, Infeasible> {
     let quick = attempt(request, false, &[]);
     if quick.as_ref().is_ok_and(PathPlan::is_easy) {
@@ -181,24 +180,10 @@ pub fn plan<const N: usize>(request: &Request<'_, N>) -> Result<PathPlan<N>, Inf
         (Err(one), Err(two)) => (one, two),
     };
     // The second search has tried more.
-    let Failed { why, before, .. } = match other {
-        Some(other) if other.before.legs() >= failed.before.legs() => *other,
-        Some(other) => Failed {
-            why: other.why,
-            ..*failed
-        },
-        None => *failed,
-    };
-    // Spare joints have more routes than a search tries.
-    let undecided = match why.obstacle {
-        Obstacle::Undecided => true,
-        Obstacle::Discontinuous => redundant,
-        _ => false,
-    };
-    if undecided && !(before.legs() == 0 && redundant && loses_two(request)) {
-        return Ok(before);
-    }
-    Err(why)
+    let is_further = |other: &Failed<N>| other.legs >= failed.legs;
+    Err(other
+        .filter(|other| is_further(other))
+        .map_or(failed.why, |other| other.why))
 }
 
 /// Whether the arm has more joints than the task has axes.
@@ -209,28 +194,14 @@ fn has_spare_joints<const N: usize>(request: &Request<'_, N>) -> bool {
     joints > request.task.iter().filter(|counts| **counts).count()
 }
 
-/// Whether two directions are lost in the start posture.
-fn loses_two<const N: usize>(request: &Request<'_, N>) -> bool {
-    let arm = Kinematics {
-        model: request.model,
-        p_EC: Vector3::zeros(),
-        task: request.task,
-        length_m: request.length_m,
-    };
-    let spectrum = arm.spectrum(&request.q_start);
-    spectrum
-        .sigma
-        .get(spectrum.free + 1)
-        .is_some_and(|second| *second < LOCKED)
-}
-
-/// A plan that was not found: why, the knots of the route that came furthest, and the plan of the legs before.
+/// A plan that was not found: why, and the knots of the route that came furthest.
 struct Failed<const N: usize> {
     why: Infeasible,
     knots: Vec<Knot<N>>,
     /// Times of the locks between its layers, s.
     locks: Vec<f64>,
-    before: PathPlan<N>,
+    /// How many legs a route was found for.
+    legs: usize,
 }
 
 /// One search; `times` are further layers, on the path's clock.
@@ -246,18 +217,18 @@ fn attempt<const N: usize>(
         } else if !route.follow(&leg, fan, times) {
             let Some(why) = route.infeasible(&leg) else {
                 // The controller clips the goal to the boundary, and reports it.
-                return Ok(route.planned(Some(Short::BeyondReach)));
+                return Ok(route.planned(true));
             };
             return Err(Box::new(Failed {
                 why,
                 knots: route.search.chain(route.search.deepest()),
                 locks: route.search.locks.clone(),
-                before: route.planned_before(),
+                legs: route.ends.len(),
             }));
         }
         route.end_leg(&leg);
     }
-    Ok(route.planned(None))
+    Ok(route.planned(false))
 }
 
 /// The routes of one search, up to the beginning of a leg.
@@ -327,34 +298,11 @@ impl<'a, const N: usize> Route<'a, N> {
     }
 
     /// The plan of the legs before the present one.
-    fn planned(&self, short: Option<Short>) -> PathPlan<N> {
+    fn planned(&self, is_short: bool) -> PathPlan<N> {
         let node = self.best();
         let knots = self.search.chain(node);
         let cost = self.search.node(node).cost;
-        PathPlan::new(&self.request, &self.arm, &knots, &self.ends, cost, short)
-    }
-
-    /// The plan of the legs before the present one, for which no route is found: as far as they end in a regular posture. How a singular one is left
-    /// depends on the leg after it.
-    fn planned_before(&self) -> PathPlan<N> {
-        let node = self.best();
-        let mut knots = self.search.chain(node);
-        let mut legs = self.ends.len();
-        while let Some(before) = legs.checked_sub(1) {
-            knots.retain(|knot| knot.t <= self.ends[before] + 1e-9);
-            let is_regular =
-                |knot: &Knot<N>| self.arm.spectrum(&knot.q).smallest() > schedule::SINGULAR;
-            if knots.last().is_some_and(is_regular) {
-                break;
-            }
-            legs = before;
-        }
-        if legs == 0 {
-            knots.truncate(1);
-        }
-        let (ends, cost) = (&self.ends[..legs], self.search.node(node).cost);
-        let short = Some(Short::NotFound);
-        PathPlan::new(&self.request, &self.arm, &knots, ends, cost, short)
+        PathPlan::new(&self.request, &self.arm, &knots, &self.ends, cost, is_short)
     }
 
     /// The desired pose of C as a function of the time within the leg, s.

@@ -152,7 +152,7 @@ fn help<const N: usize>(robot: &Robot, scenario: &Scenario, remedy: Option<Remed
             } = scenario.goal;
             format!(
                 "; neither another posture of the start pose nor a deviation beyond {path_mm} mm and {path_deg}° has been found to help: lead the path \
-                 elsewhere, or end it earlier"
+                 elsewhere, end it earlier, or let the arm leave it: [control] governor = false starts without a plan"
             )
         }
     }

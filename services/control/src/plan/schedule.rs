@@ -35,23 +35,14 @@ struct Point<const N: usize> {
     speed: f64,
 }
 
-/// Why a plan ends before its path.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Short {
-    /// The goal of the next leg is beyond reach.
-    BeyondReach,
-    /// The search has decided nothing about the next leg.
-    NotFound,
-}
-
 /// Postures for the path, and the clock that runs along them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathPlan<const N: usize> {
     points: Vec<Point<N>>,
     /// Times at which the legs that are planned end, on the path's clock, s.
     ends: Vec<f64>,
-    /// Why they are not all.
-    short: Option<Short>,
+    /// Whether it ends before a leg whose goal is beyond reach.
+    is_short: bool,
     cost: f64,
     duration_s: f64,
 }
@@ -76,7 +67,7 @@ impl<const N: usize> PathPlan<N> {
         knots: &[Knot<N>],
         ends: &[f64],
         cost: f64,
-        short: Option<Short>,
+        is_short: bool,
     ) -> Self {
         let mut points: Vec<Point<N>> = Vec::with_capacity(knots.len());
         let point = |u: f64, t: f64, q: SVector<f64, N>| Point {
@@ -151,7 +142,7 @@ impl<const N: usize> PathPlan<N> {
         let mut plan = Self {
             points,
             ends: ends.to_vec(),
-            short,
+            is_short,
             cost,
             duration_s,
         };
@@ -216,10 +207,10 @@ impl<const N: usize> PathPlan<N> {
         self.ends.len()
     }
 
-    /// Why they are not all.
+    /// Whether the plan ends before a leg whose goal is beyond reach.
     #[must_use]
-    pub fn short(&self) -> Option<Short> {
-        self.short
+    pub fn is_short(&self) -> bool {
+        self.is_short
     }
 
     /// The leg that is the fastest for its joints, and the clock at which they can follow it: at most [`SPEED`] of their limits at the peak of its time

@@ -4,7 +4,7 @@
 
 use crate::paper::reference::Target;
 use crate::paper::type_1::SIDE_CHANGE;
-use crate::plan::{PathPlan, Sample, Short};
+use crate::plan::{PathPlan, Sample};
 use crate::types::{Mode, Singularity};
 use nalgebra::SVector;
 
@@ -49,15 +49,8 @@ impl<const N: usize> Guide<N> {
     #[must_use]
     pub fn beyond_reach(&self) -> Option<(usize, SVector<f64, N>)> {
         let plan = self.plan.as_ref()?;
-        let ends = plan.short() == Some(Short::BeyondReach);
-        ends.then(|| (plan.legs(), plan.at(plan.duration_s()).q))
-    }
-
-    /// The leg from which on no route was found.
-    #[must_use]
-    pub fn not_found(&self) -> Option<usize> {
-        let plan = self.plan.as_ref()?;
-        (plan.short() == Some(Short::NotFound)).then(|| plan.legs())
+        plan.is_short()
+            .then(|| (plan.legs(), plan.at(plan.duration_s()).q))
     }
 
     /// Fastest clock to begin with, 1 without a plan.
