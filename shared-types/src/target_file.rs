@@ -13,12 +13,12 @@
 //! Lines that come without times, while a session lasts, are in metres unless a head comes before them. Times are in s, angles in rad, rotations are quaternions `w x y z`. A twist
 //! has six values, `[linear; angular]`, in the axes of base, hand or singular; a pose has seven (position, quaternion), and six more for the twist
 //! with which it moves; a posture has one per joint. `side` (keep, negative, positive) and `given_s`, the time at which the target was measured where
-//! it is not `time_s`, may be left out. A frame may be a number: what another program may have sent. `NaN` is read, and refused by the controller.
+//! it is not `time_s`, may be left out. `none` is what an operator that was started again gives until it hears a target. A frame may be a number: what another program may have sent. `NaN` is read, and refused by the controller.
 
 use crate::MAX_DOF;
 use crate::codes::{
-    FRAME_BASE, FRAMES, Named, SIDE_KEEP, SIDES, TARGET_END, TARGET_POSE, TARGET_POSTURE,
-    TARGET_TWIST, TARGET_UNREADABLE, TARGETS, name_of,
+    FRAME_BASE, FRAMES, Named, SIDE_KEEP, SIDES, TARGET_END, TARGET_NONE, TARGET_POSE,
+    TARGET_POSTURE, TARGET_TWIST, TARGET_UNREADABLE, TARGETS, name_of,
 };
 use crate::file::InvalidFile;
 use crate::messages::TargetContent;
@@ -225,8 +225,10 @@ fn content(line: &str, per_metre: f64, tick: u64, rate_hz: u32) -> Result<Target
         kind: code(next().unwrap_or_default(), TARGETS, "kind")?,
         ..Default::default()
     };
-    if target.kind == TARGET_END {
-        return Ok(target);
+    match target.kind {
+        TARGET_END => return Ok(target),
+        TARGET_NONE => return Ok(TargetContent::default()),
+        _ => {}
     }
     let frame = next().unwrap_or_default();
     target.frame = match frame.parse() {
@@ -299,7 +301,9 @@ pub fn write(rows: &[Row], rate_hz: u32) -> String {
     let mut text = format!("{HEAD}m\n# time_s, kind, frame, valid_s, values, side, given_s\n");
     for Row { tick, target } in rows {
         let line = match target.kind {
-            TARGET_END => format!("{}, end", seconds(*tick)),
+            TARGET_END | TARGET_NONE => {
+                format!("{}, {}", seconds(*tick), name_of(TARGETS, target.kind))
+            }
             _ => {
                 let frame = FRAMES
                     .iter()
@@ -377,12 +381,12 @@ mod tests {
     #[test]
     fn a_written_target_is_read_again_bit_for_bit() {
         let text = "# armplane targets 1, length mm\n\n0, twist, hand, 0.2, 5 0 0 0 0 0.1\n0.1, pose, base, 1, 500 0 700 0 1 0 0, keep, 0.05\n\
-                    0.2,posture,joints,1, 0.1 0.2 0.3 0.4 0.5 0.6,positive\n0.3,twist,7,1,0 0 0 0 0 0\n0.4,twist,base,1,NaN 0 0 0 0 0\n1,end\n";
+                    0.2,posture,joints,1, 0.1 0.2 0.3 0.4 0.5 0.6,positive\n0.3,twist,7,1,0 0 0 0 0 0\n0.4,twist,base,1,NaN 0 0 0 0 0\n0.5,none\n1,end\n";
         let rows = parse(text, 1000).unwrap();
         let targets: Vec<_> = rows.iter().map(|row| row.target).collect();
         assert_eq!(
             (rows.len(), targets[0].twist[0], targets[1].position),
-            (6, 0.005, [0.5, 0.0, 0.7])
+            (7, 0.005, [0.5, 0.0, 0.7])
         );
         let codes = (targets[1].given_tick, targets[3].frame, targets[4].kind);
         assert_eq!(codes, (50, 7, TARGET_UNREADABLE));

@@ -57,6 +57,12 @@ fn no_result_is_written_behind_a_link_or_into_a_pipe() {
     let made = Command::new("mkfifo").arg(at("pipe")).status().unwrap();
     assert!(made.success());
     desk.refuses(1, "report r --out pipe", &["pipe"]);
+    for (folder, name) in [("pages", "armplane-run.1"), ("manual", "armplane.1")] {
+        std::fs::create_dir(at(folder)).unwrap();
+        symlink(&victim, at(folder).join(name)).unwrap();
+        desk.refuses(1, &format!("generate man {folder}"), &[name]);
+        assert_eq!(desk.read("victim"), "mine");
+    }
     // What the user holds is written to.
     let page = desk.succeeds("report r --out /dev/stdout");
     assert!(page.out.contains("</html>"));
@@ -85,6 +91,20 @@ fn a_saved_run_that_was_damaged_is_named_and_one_that_was_edited_runs() {
     desk.file("r/scenario.toml", text);
     let heavier = desk.run("r/scenario.toml --out heavier");
     assert_ne!(heavier["topics"]["torque"], whole["topics"]["torque"]);
+}
+
+#[test]
+fn a_file_that_nobody_wrote_by_hand_is_not_taken_in_and_a_long_word_is_cut() {
+    let desk = desk();
+    desk.file("large.toml", &format!("{SHORT}#{}\n", "x".repeat(5 << 20)));
+    desk.refuses(2, "run large.toml", &["large.toml"]);
+    desk.file(
+        "word.toml",
+        &format!("{SHORT}{} = 1\n", "x".repeat(1 << 20)),
+    );
+    let said = desk.armplane("run word.toml");
+    assert_eq!(said.code, 2);
+    assert!(said.err.len() < 10_000, "{} bytes", said.err.len());
 }
 
 /// The output of a command on a terminal, as `script` has caught it, and in pipes.

@@ -177,9 +177,29 @@ fn targets_sent_while_the_run_lasts_are_saved_and_give_the_same_bytes() {
         std::thread::sleep(Duration::from_millis(150));
     }
     drop(lines);
-    let first = summary(&finish(child));
+    let said = finish(child);
+    // The verdict is of the arm; that two lines were no targets is in the exit code.
+    assert_eq!(said.code, 1, "{}", said.err);
+    let first = summary(&said);
     assert_eq!(first["completed"], true, "{}", first["reason"]);
     same_bytes(&first, &desk.run(&["one/scenario.toml", "--out", "two"]));
+}
+
+#[test]
+fn every_line_that_is_no_target_is_counted_however_fast_they_come() {
+    let desk = Desk::new();
+    // Another run's messages are in the folder; a head whose unit is unknown spoils the lines after it.
+    desk.run(&["servo-hostile", "--out", "one"]);
+    let mut child = steered_by_lines(&desk);
+    let mut lines = child.stdin.take().expect("a pipe");
+    let text = "nonsense\n# armplane targets 1, length cm\nend\nend\n# armplane targets 1, length mm\ntwist, base, 0.2, 5 0 0 0 0 0\nend\n";
+    lines.write_all(text.as_bytes()).expect("the run reads");
+    drop(lines);
+    let said = finish(child);
+    assert_eq!(said.code, 1, "{}", said.err);
+    let refused = &summary(&said)["servo"]["refused"];
+    let counts: Vec<_> = refused.as_object().expect("counts").values().collect();
+    assert_eq!(counts, [3], "{refused}");
 }
 
 #[test]
@@ -286,6 +306,7 @@ fn a_unit_on_standard_input_holds_after_the_death_of_the_operator_too() {
         speeds.contains(&0.007) && speeds.iter().all(|speed| [0.005, 0.007].contains(speed)),
         "{targets}"
     );
+    same_bytes(&summary, &desk.run(&["one/scenario.toml", "--out", "two"]));
 }
 
 #[test]

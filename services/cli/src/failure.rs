@@ -11,6 +11,9 @@ use session::Failure;
 
 use crate::out::{is_coloured, plain, show_painted, tell, tell_painted};
 
+/// Most characters of a sentence, or of a line of a file, that are printed: more can no longer be read.
+const LONGEST: usize = 4000;
+
 /// Prints a failure on standard error and gives the exit code: 2 for input that cannot be used, 1 for work that failed. For machines it is one JSON
 /// object on one line.
 pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
@@ -30,14 +33,20 @@ pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
         );
         return ExitCode::from(code);
     }
+    let shortened = |text: &str| match text.char_indices().nth(LONGEST) {
+        Some((at, _)) => format!("{} … ({} bytes in all)", &text[..at], text.len()),
+        None => text.to_owned(),
+    };
     // Only indented lines follow a sentence: a name in it with a line's end could pass for a message of ours.
     let one_line = |text: &str| plain(text).replace('\n', "\\n").replace("\\n  ", "\n  ");
     tell(&format_args!(
         "armplane: {}",
-        one_line(&failure.to_string())
+        shortened(&one_line(&failure.to_string()))
     ));
     if let Failure::File(error) = failure
         && let Some(span) = error.span.clone()
+        // The lines around the place are shown whole.
+        && error.text.lines().all(|line| line.len() <= LONGEST)
     {
         if !is_coloured(&stderr()) {
             // It fails where a hook is set already.

@@ -1,9 +1,11 @@
 //! `armplane generate`: what shells, `man`, editors and programs in other languages read.
 
-use std::path::PathBuf;
+use std::io;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Command, Subcommand, ValueEnum};
+use clap_mangen::Man;
 use exchange::describe;
 use session::Failure;
 
@@ -80,14 +82,11 @@ pub(crate) fn generate(what: &Generate, mut command: Command) -> Result<ExitCode
             String::from_utf8_lossy(&script).into_owned()
         }
         Generate::Man { folder } => {
-            let written = std::fs::create_dir_all(folder)
-                .and_then(|()| clap_mangen::generate_to(command, folder));
-            written.map_err(|error| {
-                Failure::Input(format!(
-                    "cannot write to {}: {error}; choose another folder",
-                    folder.display()
-                ))
-            })?;
+            command = command.disable_help_subcommand(true);
+            command.build();
+            let written =
+                std::fs::create_dir_all(folder).and_then(|()| write_pages(command, folder));
+            written.map_err(Failure::cannot("write the pages into", folder))?;
             return Ok(ExitCode::SUCCESS);
         }
         Generate::Schema { file } => match file {
@@ -102,4 +101,16 @@ pub(crate) fn generate(what: &Generate, mut command: Command) -> Result<ExitCode
     };
     say!("{}", text.trim_end());
     Ok(ExitCode::SUCCESS)
+}
+
+/// The page of a command, after those of its subcommands.
+fn write_pages(command: Command, folder: &Path) -> io::Result<()> {
+    for one in command.get_subcommands().filter(|one| !one.is_hide_set()) {
+        write_pages(one.clone(), folder)?;
+    }
+    let (page, mut text) = (Man::new(command), Vec::new());
+    page.render(&mut text)?;
+    let name = page.get_filename();
+    files::write(&folder.join(&name), text)
+        .map_err(|error| io::Error::new(error.kind(), format!("{name}: {error}")))
 }

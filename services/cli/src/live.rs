@@ -5,7 +5,7 @@ use std::io::Read;
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use crossterm::terminal::{disable_raw_mode, enable_raw_mode};
@@ -14,7 +14,7 @@ use operator::{Gamepad, Keys, LONGEST, Pad};
 use runtime::{ControlPage, RunDir};
 use session::Failure;
 use shared_types::scenario::Servo;
-use shared_types::target_file::is_head;
+use shared_types::target_file::{is_head, live};
 
 use crate::out::{set_status, tell};
 
@@ -77,37 +77,59 @@ impl Drop for Panel {
     }
 }
 
-/// Sends the lines of standard input to a run; at the end of input the session ends with its last target.
-pub(crate) fn send_lines(run: &RunDir) -> Result<(), Failure> {
-    let (socket, path) = (
-        UnixDatagram::unbound().map_err(Failure::work)?,
-        run.path().join(Servo::SOCKET),
-    );
-    std::thread::spawn(move || {
-        let send = |line: &str| {
-            // The operator makes its socket when it starts.
-            while socket.send_to(line.as_bytes(), &path).is_err()
-                && path.parent().is_some_and(|run| run.exists())
-            {
-                std::thread::sleep(AGAIN);
+/// The lines of standard input, as they are sent to a run.
+#[derive(Clone, Default)]
+pub(crate) struct Lines {
+    /// Those that are no target.
+    wrong: Arc<AtomicU64>,
+}
+
+impl Lines {
+    /// Sends the lines to a run; at the end of input the session ends with its last target.
+    pub(crate) fn send(&self, run: &RunDir, rate_hz: u32) -> Result<(), Failure> {
+        let wrong = Arc::clone(&self.wrong);
+        let (socket, path) = (
+            UnixDatagram::unbound().map_err(Failure::work)?,
+            run.path().join(Servo::SOCKET),
+        );
+        std::thread::spawn(move || {
+            let send = |line: &str| {
+                // The operator makes its socket when it starts.
+                while socket.send_to(line.as_bytes(), &path).is_err()
+                    && path.parent().is_some_and(|run| run.exists())
+                {
+                    std::thread::sleep(AGAIN);
+                }
+            };
+            // Goes with each line: an operator that is started again has not heard the lines before.
+            let mut head = String::new();
+            for mut line in files::lines(std::io::stdin().lock()) {
+                // Longer than any target, and cut: the operator refuses it.
+                line.truncate(line.floor_char_boundary(LONGEST));
+                if is_head(&line) {
+                    head = line + "\n";
+                    continue;
+                }
+                let text = head.clone() + &line;
+                if text.len() >= LONGEST || live(&text, 0, rate_hz).any(|target| target.is_err()) {
+                    wrong.fetch_add(1, Ordering::Relaxed);
+                }
+                send(&text);
             }
-        };
-        // Goes with each line: an operator that is started again has not heard the lines before.
-        let mut head = String::new();
-        for mut line in files::lines(std::io::stdin().lock()) {
-            // Longer than any target, and cut: the operator refuses it.
-            line.truncate(line.floor_char_boundary(LONGEST));
-            if is_head(&line) {
-                head = line + "\n";
-            } else if head.is_empty() {
-                send(&line);
-            } else {
-                send(&(head.clone() + &line));
-            }
+            send(Servo::CLOSE);
+        });
+        Ok(())
+    }
+
+    /// The failure of a session whose input held lines that are no target.
+    pub(crate) fn verdict(&self) -> Result<(), Failure> {
+        match self.wrong.load(Ordering::Relaxed) {
+            0 => Ok(()),
+            count => Err(Failure::Work(format!(
+                "{count} of the lines of standard input were no targets and were refused: the messages above name the first of them"
+            ))),
         }
-        send(Servo::CLOSE);
-    });
-    Ok(())
+    }
 }
 
 fn read_keys(socket: &UnixDatagram, path: &Path) {

@@ -11,7 +11,7 @@ use runtime::RunDir;
 use session::{Failure, Progress, Request, Steering, Targets};
 use shared_types::job::Mode;
 
-use crate::live::{self, Panel};
+use crate::live::{Lines, Panel};
 use crate::out::{passed, say_json, show};
 use crate::progress::observe;
 use crate::run;
@@ -120,12 +120,13 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
         live: args.live,
         silence_limit: None,
     };
+    let (lines, rate_hz) = (Lines::default(), loaded.scenario.rate_hz);
     let mut panel = None;
     let mut begin = |run: &RunDir| -> Result<(), Failure> {
         match (from, gamepad.take()) {
             (Some(KEYBOARD), _) => panel = Some(Panel::of_keyboard(run)?),
             (_, Some(gamepad)) => panel = Some(Panel::of_gamepad(gamepad, run)?),
-            (Some(LINES), _) => live::send_lines(run)?,
+            (Some(LINES), _) => lines.send(run, rate_hz)?,
             _ => {}
         }
         Ok(())
@@ -139,7 +140,8 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
     };
     let finished = session::run_loaded(&request, loaded, &mut begin, &shown);
     drop(panel);
-    run::conclude(finished?, as_json)
+    let code = run::conclude(finished?, as_json)?;
+    lines.verdict().map(|()| code)
 }
 
 /// Random twists of so many seeds on each robot.

@@ -36,7 +36,10 @@ pub fn open(path: &Path) -> io::Result<File> {
 }
 
 /// The largest file that is read whole: an hour of targets at 1 kHz has 200 MB.
-const LARGEST: u64 = 256 << 20;
+pub const LARGEST: u64 = 256 << 20;
+
+/// The largest file that a person writes: the URDF of a humanoid has 100 kB.
+pub const LARGEST_WRITTEN: u64 = 4 << 20;
 
 /// All bytes of a file.
 ///
@@ -46,12 +49,12 @@ pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     read_at_most(path, LARGEST)
 }
 
-/// The text of a file.
+/// The text of a file of at most so many bytes.
 ///
 /// # Errors
 /// As [`read`], and [`io::ErrorKind::InvalidData`] where it is no UTF-8.
-pub fn read_text(path: &Path) -> io::Result<String> {
-    let bytes = read(path)?;
+pub fn read_text(path: &Path, most: u64) -> io::Result<String> {
+    let bytes = read_at_most(path, most)?;
     String::from_utf8(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
 }
 
@@ -201,7 +204,7 @@ mod tests {
             folder.path().join("link"),
         );
         std::fs::write(&file, "text").unwrap();
-        assert_eq!(read_text(&file).unwrap(), "text");
+        assert_eq!(read_text(&file, LARGEST).unwrap(), "text");
         mknodat(CWD, &pipe, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
         std::os::unix::fs::symlink(&pipe, &link).unwrap();
         for path in [&pipe, &link] {
@@ -228,7 +231,7 @@ mod tests {
         );
         let (end, mut begin) = std::io::pipe().unwrap();
         let held = format!("/dev/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&end));
-        let reader = std::thread::spawn(move || read_text(Path::new(&held)));
+        let reader = std::thread::spawn(move || read_text(Path::new(&held), LARGEST));
         // It waits for what comes later.
         std::thread::sleep(std::time::Duration::from_millis(50));
         begin.write_all(b"come").unwrap();
@@ -252,7 +255,7 @@ mod tests {
         let [file, pipe, link] = ["file", "pipe", "link"].map(|name| folder.path().join(name));
         write(&file, "a longer text").unwrap();
         write(&file, "text").unwrap();
-        assert_eq!(read_text(&file).unwrap(), "text");
+        assert_eq!(read_text(&file, LARGEST).unwrap(), "text");
         mknodat(CWD, &pipe, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
         std::os::unix::fs::symlink(&file, &link).unwrap();
         let refused = |path: &Path| write(path, "x").unwrap_err().kind();
@@ -261,6 +264,6 @@ mod tests {
         }
         let _reader = open_at(&pipe, OFlags::RDONLY | OFlags::NONBLOCK, Mode::empty()).unwrap();
         assert_eq!(refused(&pipe), io::ErrorKind::InvalidInput);
-        assert_eq!(read_text(&file).unwrap(), "text");
+        assert_eq!(read_text(&file, LARGEST).unwrap(), "text");
     }
 }

@@ -148,10 +148,13 @@ impl Live {
         cycle.feed(&target);
     }
 
-    /// Takes in all that has come; a line that is no target counts as one that cannot be read.
+    /// Takes in what has come, up to a line that is no target: it is published for a tick as one that cannot be read, so that the controller counts it.
     fn receive(&mut self, tick: u64, cycle: &mut Cycle) {
         let mut message = [0; LONGEST];
-        while let Ok(length) = self.socket.recv(&mut message) {
+        let before = self.complaints;
+        while self.complaints == before
+            && let Ok(length) = self.socket.recv(&mut message)
+        {
             // A line that is no text has a character in it that stands for what is none, so it is no target either.
             let text = &*String::from_utf8_lossy(&message[..length]);
             if text == Servo::CLOSE {

@@ -20,7 +20,7 @@ pub fn save_blueprint(run: &Run, layout: Layout, path: &Path) -> Result<(), Fail
     let first = chain::first_tick(&robot, &job.scenario).map_err(Failure::input)?;
     // The faults that the run has had, those injected by hand too: plots mark them.
     let mut scenario = job.scenario.clone();
-    if let Some(repeats) = files::read_text(&run.folder.join(SCENARIO))
+    if let Some(repeats) = files::read_text(&run.folder.join(SCENARIO), files::LARGEST_WRITTEN)
         .ok()
         .and_then(|text| Scenario::parse(SCENARIO, &text, &[]).ok())
     {

@@ -134,7 +134,7 @@ impl Source {
     /// [`Failure::Input`] where it cannot be read or is no list of targets.
     pub fn read_targets(&self, scenario: &mut Scenario) -> Result<(), Failure> {
         match self.targets_file(scenario) {
-            Some(path) => self.give_targets(scenario, read(&path)?),
+            Some(path) => self.give_targets(scenario, read_targets(&path)?),
             None => Ok(()),
         }
     }
@@ -487,12 +487,24 @@ pub fn unknown<'a>(
     format!("there is no {what} `{name}`: {hint}{more}")
 }
 
-/// The text of a file that a user named.
+/// The text of a file that a person wrote: a scenario, a graph, a description of an arm.
 ///
 /// # Errors
-/// [`Failure::Input`] with the remedy, where it cannot be read.
+/// [`Failure::Input`] with the remedy, where it cannot be read or has more than 4 MiB.
 pub fn read(path: &Path) -> Result<String, Failure> {
-    files::read_text(path).map_err(|error| {
+    read_at_most(path, files::LARGEST_WRITTEN)
+}
+
+/// The text of a file of targets.
+///
+/// # Errors
+/// [`Failure::Input`] with the remedy, where it cannot be read or has more than 256 MiB.
+pub fn read_targets(path: &Path) -> Result<String, Failure> {
+    read_at_most(path, files::LARGEST)
+}
+
+fn read_at_most(path: &Path, most: u64) -> Result<String, Failure> {
+    files::read_text(path, most).map_err(|error| {
         let path = path.display();
         Failure::Input(match error.kind() {
             ErrorKind::InvalidInput => format!("cannot read {path}: {error}; give the path of a file, or a pipe as /dev/stdin or <(…)"),

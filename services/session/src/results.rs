@@ -405,13 +405,13 @@ fn targets(job: &Job, session: &Servo, summary: &Summary) -> Result<String, Fail
             "the targets of the run are not kept, so it cannot be repeated: {error}"
         ))
     };
-    let log = match Log::open(&job.out.join(recorder::MESSAGES), &Contents::of(job)) {
-        Ok(log) => Some(log),
-        // Before the first tick there are none.
-        Err(error) if error.is_before_the_first_message() && summary.ticks == 0 => None,
-        Err(error) => return Err(cannot(error)),
-    };
-    let mut targets = log.map(|log| log.messages::<Target>());
+    // Before the first tick there are none, and a log that is there may be another run's.
+    let log = (summary.ticks > 0)
+        .then(|| Log::open(&job.out.join(recorder::MESSAGES), &Contents::of(job)));
+    let mut targets = log
+        .transpose()
+        .map_err(cannot)?
+        .map(|log| log.messages::<Target>());
     let mut rows: Vec<Row> = Vec::new();
     while let Some(message) = targets
         .as_mut()

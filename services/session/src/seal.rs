@@ -25,17 +25,20 @@ pub(crate) fn line(scenario: &str, others: &[(&str, Vec<u8>)]) -> String {
 /// # Errors
 /// [`Failure::Input`] with the name of the file that is not what armplane wrote.
 pub(crate) fn check(file: &str, text: &str, folder: &Path) -> Result<(), Failure> {
-    let Some(rest) = text.strip_prefix(MARK) else {
-        return Ok(());
-    };
-    let (sums, scenario) = rest.split_once('\n').unwrap_or((rest, ""));
-    let mut sums = sums.split_whitespace();
-    let is = |sum: Option<&str>, bytes: &[u8]| sum == Some(&format!("{:016x}", xxh3_64(bytes)));
     let changed = |name: &str| {
         Failure::Input(format!(
             "{name} is not what armplane wrote with the run: to run what {file} says now, delete its first line"
         ))
     };
+    let Some(rest) = text.strip_prefix(MARK) else {
+        return match is_damaged(text.lines().next().unwrap_or_default()) {
+            true => Err(changed(file)),
+            false => Ok(()),
+        };
+    };
+    let (sums, scenario) = rest.split_once('\n').unwrap_or((rest, ""));
+    let mut sums = sums.split_whitespace();
+    let is = |sum: Option<&str>, bytes: &[u8]| sum == Some(&format!("{:016x}", xxh3_64(bytes)));
     if !is(sums.next(), scenario.as_bytes()) {
         return Err(changed(file));
     }
@@ -47,6 +50,13 @@ pub(crate) fn check(file: &str, text: &str, folder: &Path) -> Result<(), Failure
         }
     }
     Ok(())
+}
+
+/// Whether a first line was a seal before it was damaged: it still has more than a third of the words of [`MARK`].
+fn is_damaged(line: &str) -> bool {
+    let is_left = |word: &&str| line.split_whitespace().any(|one| one == *word);
+    let words = MARK.split_whitespace();
+    3 * words.clone().filter(is_left).count() > words.count()
 }
 
 #[cfg(test)]
@@ -62,13 +72,16 @@ mod tests {
         let text = line(scenario, &[("robot.urdf", robot.clone())]) + scenario;
         let check = |text: &str| check("scenario.toml", text, folder.path());
         assert!(check(&text).is_ok() && check(scenario).is_ok());
-        for at in MARK.len()..text.len() {
+        for at in 0..text.len() {
             let mut bytes = text.clone().into_bytes();
             bytes[at] ^= 1;
             assert!(
                 check(&String::from_utf8(bytes).unwrap()).is_err(),
                 "byte {at}"
             );
+        }
+        for cut in 1..MARK.len() / 2 {
+            assert!(check(&text[cut..]).is_err(), "without {cut} bytes");
         }
         std::fs::write(&path, b"<robots/>").unwrap();
         assert!(check(&text).is_err());

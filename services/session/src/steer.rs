@@ -186,7 +186,7 @@ fn default_start(robot: &Robot) -> Result<String, Failure> {
 
 /// The text of a file of targets.
 fn text(file: &Path, rate_hz: u32) -> Result<String, Failure> {
-    let text = load::read(file)?;
+    let text = load::read_targets(file)?;
     target_file::parse(&text, rate_hz)
         .map_err(|error| Failure::File(error.in_file(&file.display().to_string(), &text).into()))?;
     Ok(text)

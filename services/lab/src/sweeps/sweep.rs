@@ -229,7 +229,7 @@ fn targets(
     let mut targets = BTreeMap::new();
     let mut read = |settings: &[String]| {
         if let Some(path) = source.targets_file(&source.parse(settings)?) {
-            let text = load::read(&path)?;
+            let text = load::read_targets(&path)?;
             targets.insert(path, text);
         }
         Ok::<(), Failure>(())
