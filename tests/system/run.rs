@@ -43,6 +43,20 @@ fn the_default_scenario_reaches_its_goal_and_leaves_a_recording() {
     assert_eq!(on_disk, summary, "what is printed is what is kept");
 }
 
+#[test]
+fn every_built_in_scenario_reaches_its_goal() {
+    let desk = Desk::new();
+    let listed: serde_json::Value =
+        serde_json::from_str(&desk.succeeds("list --json").out).unwrap();
+    let names = listed["scenarios"].as_array().unwrap().iter();
+    let names: Vec<_> = names.map(|one| one["name"].as_str().unwrap()).collect();
+    assert!(names.len() > 20);
+    for name in names {
+        let run = desk.run(&[name, "--no-record", "--no-messages", "--out", name]);
+        assert_eq!(run["outcome"], "goal reached", "{name}: {}", run["reason"]);
+    }
+}
+
 /// The paper's Figure 5: ζ turned by 90° while the end-effector is held, then a rotation of 45° about the original ζ.
 #[test]
 fn figure_5_turns_the_singular_direction_and_then_moves_along_it() {

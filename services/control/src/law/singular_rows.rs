@@ -191,7 +191,9 @@ fn by_type<const N: usize>(
 ) -> Target {
     let (family, memory) = (&setup.family, &mut state.loops[place].memory);
     if memory.side == 0.0 {
-        memory.side = if s.s < 0.0 { -1.0 } else { 1.0 };
+        // An elbow's s_i has the same sign on both sides of some arms' folds; its coordinate has not.
+        let sign = if s.class == Class::Type1 { s.aux } else { s.s };
+        memory.side = if sign < 0.0 { -1.0 } else { 1.0 };
     }
     match s.class {
         Class::Type1 => family.fold(s, at).map_or_else(

@@ -309,6 +309,20 @@ fn locks_are_left_in_either_posture_and_the_spare_joint_keeps_its_own() {
 }
 
 #[test]
+fn a_start_at_the_edge_of_a_fold_keeps_its_side() {
+    // |s| lies between η_in and η_out, and has one sign on both sides of this elbow.
+    let start = "q = [-0.0001, 0.569, 0.0005, -0.7782, 0.0, 1.3453, 0.7845]";
+    let text = format!(
+        "name = \"t\"\nrobot = \"panda\"\n[control]\ngovernor = false\n[start]\n{start}\n[[segment]]\nby_m = [0.001, 0.0, 0.0]\nduration_s = 0.5\n"
+    );
+    let held = run::<7>(&scenario(&text, &[]), Plant::default(), |_, tick| {
+        let fold = &tick.report.listed()[0];
+        assert!(fold.kind == Kind::Elbow && fold.aux * tick.command.aux_d[0] > 0.0);
+    });
+    assert!(held.orthogonal_mm < 0.1, "{} mm", held.orthogonal_mm);
+}
+
+#[test]
 fn a_turn_of_zeta_goes_as_it_was_announced() {
     let (mut plan, mut moved, mut q_start) = (None, None, None);
     run::<6>(
