@@ -51,7 +51,7 @@ class Follower(armplane.Controller):
     def control(self, tick, estimate, singularity, state, torque):
         t, q, v = tick * self.dt, estimate.q[:3], estimate.qdot[:3]
         angles, place = tip(q)
-        u = min(self.clock(t) / LASTS, 1.0) if HOW in ("follows", "is stuck", "waits for ever") else 0.0
+        u = min(self.clock(t) / LASTS, 1.0) if HOW in ("follows", "does not settle", "is stuck", "waits for ever") else 0.0
         share, rate = u**3 * (10 - 15 * u + 6 * u * u), 30 * u * u * (1 - u) ** 2 / LASTS
         desired = [p + share * by for p, by in zip(self.start, BY)]
         # J has the columns [-sum of l*sin, sum of l*cos] of the links from each joint on.
@@ -62,7 +62,7 @@ class Follower(armplane.Controller):
         speed = [sum(columns[j][i] * v[j] for j in range(3)) for i in range(2)]
         force = [20000 * (desired[i] - place[i]) + 400 * (rate * BY[i] - speed[i]) for i in range(2)]
         torque.tau[:3] = [sum(c * f for c, f in zip(columns[j], force)) - 0.2 * v[j] for j in range(3)]
-        ends = 0.003 if HOW == "ends at once" else LASTS + SETTLE
+        ends = {"ends at once": 0.003, "does not settle": LASTS + 0.01}.get(HOW, LASTS + SETTLE)
         torque.phase = wire.PHASE_DONE if t >= ends and HOW != "waits for ever" else wire.PHASE_RUNNING
         shown = place if HOW != "follows" else desired
         state.p_BE_d[:2], state.R_BE_d[:] = shown, estimate_rotation(angles[-1])
@@ -91,6 +91,7 @@ fn only_the_controller_that_follows_the_path_has_reached_the_goal() {
         ("holds still", bent, line, 1),
         ("holds still", stretched, inwards, 1),
         ("ends at once", bent, line, 1),
+        ("does not settle", bent, line, 1),
         ("is stuck", bent, line, 1),
         ("waits for ever", bent, line, 1),
         ("jumps", bent, line, 1),

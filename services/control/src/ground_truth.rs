@@ -30,10 +30,12 @@ pub trait GroundTruth: std::fmt::Debug {
     fn analyse(&mut self, truth: &PlantState, reported: &SingularityReport);
 
     /// Moves on by `by_s` of the path's clock, s; a leg that begins takes its singular direction from the true posture.
-    /// Returns the index of a leg that begins with a turn of ζ outside of the neighbourhood: nothing can be turned there.
     ///
     /// Requires `by_s` finite and not negative
-    fn advance(&self, place: &mut Progress, by_s: f64) -> Option<usize>;
+    fn advance(&self, place: &mut Progress, by_s: f64);
+
+    /// What the leg at this index asks of the posture beside the pose, with what the true posture has of it.
+    fn asked(&self, leg: usize) -> Asked;
 
     /// Position and orientation error of the true pose at a place, `[p_d − p; log(R_d Rᵀ)]`, on the axes that the task
     /// serves. Units m, rad; frame B.
@@ -55,6 +57,29 @@ pub trait GroundTruth: std::fmt::Debug {
 
     /// Takes up what [`save`](Self::save) has written.
     fn restore(&mut self, from: &AnalyzerCheckpoint);
+}
+
+/// What a leg asks of the posture, and what the posture has of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Asked {
+    /// The pose is all that is asked for.
+    Nothing,
+    /// That ζ turns by an angle, rad; ζ, and whether the posture is in its neighbourhood.
+    Turn {
+        /// In B.
+        zeta: [f64; 3],
+        /// rad.
+        by: f64,
+        /// Elsewhere nothing can be turned.
+        is_inside: bool,
+    },
+    /// That the elbow's fold is left on a side; the fold's coordinate, rad.
+    Side {
+        /// Negative on the one side, positive on the other.
+        x: f64,
+        /// The sign asked for.
+        side: f64,
+    },
 }
 
 /// The ground truth of a scenario on a robot.
@@ -132,12 +157,33 @@ impl<const N: usize> GroundTruth for Truth<N> {
         }
     }
 
-    fn advance(&self, place: &mut Progress, by_s: f64) -> Option<usize> {
-        let (path, before) = (self.path.as_ref()?, (place.leg, place.begun));
-        path.advance(place, by_s, &self.report);
-        let (singularity, _) = path.leg(place.leg)?.reorient?;
-        let is_lost = self.report.singularities[singularity].inside;
-        ((place.leg, place.begun) != before && !is_lost).then_some(place.leg)
+    fn advance(&self, place: &mut Progress, by_s: f64) {
+        if let Some(path) = &self.path {
+            path.advance(place, by_s, &self.report);
+        }
+    }
+
+    fn asked(&self, leg: usize) -> Asked {
+        let Some(leg) = self.path.as_ref().and_then(|path| path.leg(leg)) else {
+            return Asked::Nothing;
+        };
+        if let Some((place, by)) = leg.reorient {
+            let turned = &self.report.singularities[place];
+            return Asked::Turn {
+                zeta: turned.axis().into(),
+                by,
+                is_inside: turned.inside,
+            };
+        }
+        let mut folds = self.report.listed().iter();
+        let fold = folds.find(|one| one.kind == Kind::Elbow && one.class == Class::Type1);
+        match fold {
+            Some(fold) if leg.branch != 0 => Asked::Side {
+                x: fold.aux,
+                side: leg.branch.into(),
+            },
+            _ => Asked::Nothing,
+        }
     }
 
     fn error(&self, place: &Progress, truth: &PlantState) -> Vector6<f64> {

@@ -50,7 +50,8 @@ mod testing;
 mod tests;
 
 pub use controller::Controller;
-pub use ground_truth::{GroundTruth, ground_truth};
+pub use ground_truth::{Asked, GroundTruth, ground_truth};
+pub use paper::type_1::SIDE_CHANGE;
 pub use reference::path::{Progress, quintic};
 pub use setup::{SetupError, start_posture};
 pub use singularity::analyzer::{Analyzer, RANK_TOLERANCE};

@@ -81,8 +81,10 @@ impl Judge {
     /// [`Refused`] where the scenario does not fit the robot.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
         let truth = ground_truth(robot, scenario)?;
+        let rate_hz = f64::from(scenario.rate_hz);
         Ok(Self {
-            rate_hz: f64::from(scenario.rate_hz),
+            path: PathMeter::new(truth.as_ref(), rate_hz, scenario.settle_s),
+            rate_hz,
             k_v: scenario.control.k_v,
             last_tick: scenario.servo.as_ref().map_or(0, |session| session.ticks),
             ..Self::of(
@@ -123,7 +125,7 @@ impl Judge {
     /// A judge at 1000 ticks per second by this truth.
     fn of(truth: Box<dyn GroundTruth>, limits: Limits, goal: Goal, planned_ticks: f64) -> Self {
         Self {
-            path: PathMeter::new(truth.as_ref()),
+            path: PathMeter::default(),
             ground: Ground::Present(truth),
             goal,
             planned_ticks,
@@ -167,10 +169,9 @@ impl Judge {
         };
         truth.analyse(tick.truth, tick.report);
         let truth = &*truth;
-        let dt_s = 1.0 / self.rate_hz;
         let whole = self
             .path
-            .error(truth, tick.control.path_time_s, dt_s, tick.truth)
+            .error(truth, tick.control.path_time_s, tick.truth)
             .unwrap_or_else(|| against_reference(&tick, self.joints.served()));
         let error = TaskError::split(truth, &whole);
         let switches = self

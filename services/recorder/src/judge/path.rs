@@ -1,7 +1,7 @@
 //! The commanded path, followed by the judge itself. Of the controller it takes the path's time alone, and holds it to
 //! the rules of a clock: it never goes back, runs no faster than the run, and comes to the path's end.
 
-use control::{GroundTruth, Progress};
+use control::{Asked, GroundTruth, Progress, SIDE_CHANGE};
 use model::Pose;
 use nalgebra::{Matrix3, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
@@ -10,6 +10,8 @@ use shared_types::bounds::within;
 
 /// Path time that a controller may be short of the end by rounding, s.
 const ROUNDING_S: f64 = 1e-6;
+/// Largest error of a turn of ζ, rad, where half of the turn is not less.
+const TURN_MOST: f64 = 0.035;
 /// Share of the path that may pass in ticks without a whole account, such as messages that a fault has dropped.
 const MOST_UNSEEN: f64 = 0.25;
 
@@ -18,8 +20,13 @@ const MOST_UNSEEN: f64 = 0.25;
 pub(super) struct PathMeter {
     place: Option<Place>,
     clock: PathClock,
-    /// The first segment that was to turn ζ where no direction was lost.
-    idle: Option<usize>,
+    /// The rate of ticks, 1/s, and how long the arm may settle at the path's end, s.
+    rate_hz: f64,
+    settle_s: f64,
+    /// The tick in which the path's end was reached, and the newest one.
+    ended: Option<u64>,
+    newest: u64,
+    posture: PostureMeter,
 }
 
 /// [`Progress`] as a checkpoint holds it.
@@ -65,28 +72,41 @@ impl From<&Place> for Progress {
 }
 
 impl PathMeter {
-    /// At the path's start; in a steered run there is none.
-    pub(super) fn new(truth: &dyn GroundTruth) -> Self {
+    /// At the path's start; in a steered run there is none. `settle_s`: how long the arm is to settle at its end.
+    pub(super) fn new(truth: &dyn GroundTruth, rate_hz: f64, settle_s: f64) -> Self {
         Self {
             place: truth.start().as_ref().map(Place::from),
+            rate_hz,
+            settle_s,
             ..Self::default()
         }
     }
 
     /// The true pose's error against the path at the time that the controller states, `[p_d − p; log(R_d Rᵀ)]`; m, rad.
-    /// `None`: there is no path. `dt_s`: length of a tick.
+    /// `None`: there is no path.
     pub(super) fn error(
         &mut self,
         truth: &dyn GroundTruth,
         path_time_s: f64,
-        dt_s: f64,
         state: &PlantState,
     ) -> Option<Vector6<f64>> {
-        let place = self.place.as_mut()?;
-        let by_s = self.clock.take(state.header.tick, path_time_s, dt_s);
+        let (place, tick) = (self.place.as_mut()?, state.header.tick);
+        let by_s = self.clock.take(tick, path_time_s, 1.0 / self.rate_hz);
         let mut progress = Progress::from(&*place);
-        let idle = truth.advance(&mut progress, by_s);
-        self.idle = self.idle.or(idle);
+        let (before, had_begun) = (progress.leg, progress.begun);
+        truth.advance(&mut progress, by_s);
+        for leg in before..progress.leg {
+            self.posture.end(leg, truth.asked(leg));
+        }
+        let asked = truth.asked(progress.leg);
+        if (progress.leg, progress.begun) != (before, had_begun) {
+            self.posture.begin(progress.leg, asked);
+        }
+        self.posture.pass(asked);
+        self.newest = tick;
+        if self.clock.time_s >= truth.duration_s() - ROUNDING_S {
+            self.ended.get_or_insert(tick);
+        }
         *place = Place::from(&progress);
         Some(truth.error(&progress, state))
     }
@@ -106,14 +126,79 @@ impl PathMeter {
                 "the path's time ran on by {unseen_s:.3} s of {all_s:.3} s in ticks in which the controller said nothing"
             ));
         }
-        if let Some(segment) = self.idle {
+        if let Some(untaken) = &self.posture.untaken {
+            return Some(untaken.clone());
+        }
+        if is_done && came_s < all_s - ROUNDING_S {
             return Some(format!(
-                "segment {segment} was to turn a singular direction, but began outside of the singularity's neighbourhood: nothing was turned"
+                "the controller ended at {came_s:.3} s of a path that takes {all_s:.3} s"
             ));
         }
-        (is_done && came_s < all_s - ROUNDING_S).then(|| {
-            format!("the controller ended at {came_s:.3} s of a path that takes {all_s:.3} s")
+        // The tick of the end and the one in which it is said may round.
+        let settled = self.ended.map_or(0, |ended| self.newest - ended) + 2;
+        let settled_s = settled as f64 / self.rate_hz;
+        (is_done && settled_s < self.settle_s).then(|| {
+            format!(
+                "the controller ended {settled_s:.3} s after the path did: the arm was to settle for {} s (settle_s)",
+                self.settle_s
+            )
         })
+    }
+}
+
+/// What the segments asked of the posture, followed on the truth.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct PostureMeter {
+    /// ζ when its turn began.
+    zeta: [f64; 3],
+    /// Whether the present segment has come to the fold that it is to leave.
+    at_fold: bool,
+    /// What the first segment left undone.
+    untaken: Option<String>,
+}
+
+impl PostureMeter {
+    fn begin(&mut self, segment: usize, asked: Asked) {
+        self.at_fold = false;
+        if let Asked::Turn {
+            zeta, is_inside, ..
+        } = asked
+        {
+            self.zeta = zeta;
+            if !is_inside {
+                self.say(format!("segment {segment} was to turn a singular direction, but began outside of the singularity's neighbourhood: nothing was turned"));
+            }
+        }
+    }
+
+    fn pass(&mut self, asked: Asked) {
+        if let Asked::Side { x, .. } = asked {
+            self.at_fold |= x.abs() < SIDE_CHANGE;
+        }
+    }
+
+    fn end(&mut self, segment: usize, asked: Asked) {
+        match asked {
+            Asked::Turn { zeta, by, .. } => {
+                let (from, to) = (Vector3::from(self.zeta), Vector3::from(zeta));
+                // Between lines: ζ and −ζ are the same direction.
+                let line = |angle: f64| libm::acos(libm::cos(angle).abs().min(1.0));
+                let turned = line(libm::atan2(from.cross(&to).norm(), from.dot(&to)));
+                let most = TURN_MOST.min(0.5 * by.abs());
+                if !within((turned - line(by)).abs(), most) {
+                    let [by, turned] = [by.abs(), turned].map(f64::to_degrees);
+                    self.say(format!("segment {segment} was to turn a singular direction by {by:.1}°: its line is {turned:.1}° from where it was"));
+                }
+            }
+            Asked::Side { x, side } if self.at_fold && x * side < -SIDE_CHANGE => {
+                self.say(format!("segment {segment} was to leave the elbow's singularity on the side of branch {side:+}, and left it on the other"));
+            }
+            Asked::Side { .. } | Asked::Nothing => {}
+        }
+    }
+
+    fn say(&mut self, untaken: String) {
+        self.untaken.get_or_insert(untaken);
     }
 }
 
@@ -151,7 +236,7 @@ impl PathClock {
 
 #[cfg(test)]
 mod tests {
-    use super::PathClock;
+    use super::{Asked, PathClock, PostureMeter};
 
     fn clock(times: &[f64]) -> PathClock {
         let mut clock = PathClock::default();
@@ -184,5 +269,51 @@ mod tests {
             assert_eq!(clock.breach.map(|(tick, ..)| tick), Some(2), "{times:?}");
             assert!(clock.time_s <= 2.1e-3, "no time is credited for it");
         }
+    }
+
+    /// What a segment left undone that showed these postures.
+    fn untaken(shown: &[Asked]) -> bool {
+        let mut meter = PostureMeter::default();
+        meter.begin(0, shown[0]);
+        shown.iter().for_each(|asked| meter.pass(*asked));
+        meter.end(0, shown[shown.len() - 1]);
+        meter.untaken.is_some()
+    }
+
+    #[test]
+    fn a_turn_of_zeta_is_taken_where_its_line_has_turned() {
+        let turn = |angle: f64, is_inside| Asked::Turn {
+            zeta: [libm::cos(angle), libm::sin(angle), 0.0],
+            by: 1.0,
+            is_inside,
+        };
+        for (angle, is_taken) in [
+            (1.0, true),
+            (0.99, true),
+            (0.0, false),
+            (0.5, false),
+            (f64::NAN, false),
+        ] {
+            assert_eq!(
+                untaken(&[turn(0.0, true), turn(angle, true)]),
+                !is_taken,
+                "{angle}"
+            );
+        }
+        // The other way round ends on the same line.
+        assert!(!untaken(&[
+            turn(0.0, true),
+            turn(1.0 - std::f64::consts::PI, true)
+        ]));
+        assert!(untaken(&[turn(0.0, false), turn(1.0, true)]));
+    }
+
+    #[test]
+    fn a_fold_is_left_on_the_side_that_was_asked_for() {
+        let side = |x: f64| Asked::Side { x, side: 1.0 };
+        assert!(untaken(&[side(-0.3), side(0.01), side(-0.3)]));
+        assert!(!untaken(&[side(-0.3), side(0.01), side(0.3)]));
+        // It has not come to the fold, or is still at it.
+        assert!(!untaken(&[side(-0.3), side(-0.1)]) && !untaken(&[side(0.0), side(-0.01)]));
     }
 }

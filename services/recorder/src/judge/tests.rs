@@ -1,6 +1,6 @@
 //! Verdicts on made-up runs.
 
-use control::{GroundTruth, Progress};
+use control::{Asked, GroundTruth, Progress};
 use nalgebra::Vector6;
 use shared_types::codes;
 use shared_types::scenario::Goal;
@@ -37,8 +37,9 @@ impl GroundTruth for Reported {
         let inside = listed.filter(|one| one.inside != 0);
         self.zeta = inside.map(|one| Vector6::from(one.zeta_B)).collect();
     }
-    fn advance(&self, _: &mut Progress, _: f64) -> Option<usize> {
-        None
+    fn advance(&self, _: &mut Progress, _: f64) {}
+    fn asked(&self, _: usize) -> Asked {
+        Asked::Nothing
     }
     fn error(&self, _: &Progress, _: &PlantState) -> Vector6<f64> {
         Vector6::zeros()
