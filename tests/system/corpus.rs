@@ -128,6 +128,7 @@ fn begin(corpus: &Corpus) -> Done {
             &std::fs::read(entry.path())?,
         )?;
     }
+    corpus.seed("urdf", "mjcf", include_bytes!("../golden/odd.xml"))?;
     let ticks = ticks("fig5-wrist-rotation")?;
     struct SeedEach<'a>(&'a Corpus, &'a [Tick]);
     impl Each for SeedEach<'_> {

@@ -57,6 +57,21 @@ fn every_built_in_scenario_reaches_its_goal() {
     }
 }
 
+#[test]
+fn an_arm_in_mjcf_is_run_and_its_saved_scenario_repeats_it() {
+    let desk = Desk::new();
+    desk.file("odd.xml", include_str!("../golden/odd.xml"));
+    desk.file(
+        "up.toml",
+        "name = \"up\"\nrobot = \"odd.xml\"\nsettle_s = 0.1\n[start]\nq = [0.1, 0.2, 0.3, 0.05, 0.4]\n[[segment]]\nby_m = [0.0, 0.0, 0.01]\nduration_s = 0.5\n",
+    );
+    let first = desk.run("up.toml --out one");
+    assert_eq!(first["outcome"], "goal reached", "{}", first["reason"]);
+    let again = desk.run("one/scenario.toml --out two");
+    assert_eq!(first["topics"], again["topics"]);
+    assert!(desk.path().join("two/robot.xml").exists());
+}
+
 /// The paper's Figure 5: ζ turned by 90° while the end-effector is held, then a rotation of 45° about the original ζ.
 #[test]
 fn figure_5_turns_the_singular_direction_and_then_moves_along_it() {

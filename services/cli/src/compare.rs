@@ -46,7 +46,7 @@ pub(crate) struct CompareArgs {
     speed: f64,
     /// The sweep's lines through exactly singular postures of this arm instead of a PUMA's: a built-in robot, or a URDF. COUNT is then the number of
     /// lines for each singularity, the law is the first one named (default: ours), and every line is printed.
-    #[arg(long, value_name = "ROBOT|FILE.urdf")]
+    #[arg(long, value_name = "ROBOT|FILE.urdf|FILE.xml")]
     robot: Option<String>,
     /// With --robot: lines through two singularities at once, COUNT for each pair.
     #[arg(long, requires = "robot")]

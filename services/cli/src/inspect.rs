@@ -14,7 +14,11 @@ use crate::out::answer;
 #[derive(Args)]
 pub(crate) struct InspectArgs {
     /// A built-in robot's name, or a URDF file.
-    #[arg(long, value_name = "NAME|FILE.urdf", default_value = "puma560")]
+    #[arg(
+        long,
+        value_name = "NAME|FILE.urdf|FILE.xml",
+        default_value = "puma560"
+    )]
     robot: String,
     /// Base link: the joints before it are no part of the arm [default: the robot's].
     #[arg(long, value_name = "LINK")]

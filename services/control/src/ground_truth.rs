@@ -79,6 +79,8 @@ pub enum Asked {
         x: f64,
         /// The sign asked for.
         side: f64,
+        /// Whether the posture is in the neighbourhood.
+        is_inside: bool,
     },
 }
 
@@ -181,6 +183,7 @@ impl<const N: usize> GroundTruth for Truth<N> {
             Some(fold) if leg.branch != 0 => Asked::Side {
                 x: fold.aux,
                 side: leg.branch.into(),
+                is_inside: fold.inside,
             },
             _ => Asked::Nothing,
         }

@@ -1,4 +1,4 @@
-//! Properties of an arm that a URDF has no element for, in TOML beside it. Every key is optional; unknown keys are refused.
+//! Properties of an arm that a URDF or MJCF has no element for, in TOML beside it. Every key is optional; unknown keys are refused.
 //!
 //! ```toml
 //! default_frame = "flange"          # end-effector frame: a link of the URDF. Default: the chain's last link
@@ -29,7 +29,8 @@
 //! ready = [0.0, -1.57, 1.57, 0.0, 0.0, 0.0]
 //! ```
 //!
-//! A URDF without a description works with these defaults: no armature, no friction beyond its `<dynamics>`.
+//! A URDF without a description works with these defaults: no armature, no friction beyond its `<dynamics>`. What is said of a URDF here holds for
+//! MJCF: its links are bodies and sites, and armature and friction are its own where the description has none.
 //! `continuous` joints without a `<limit>` have no limits of position, torque or speed.
 
 use crate::error::{Defect, list};

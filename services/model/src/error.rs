@@ -27,6 +27,8 @@ pub enum RobotError {
 pub enum Defect {
     #[error("not a readable URDF: {0}")]
     Urdf(String),
+    #[error("not a readable MJCF: {0}")]
+    Mjcf(String),
     /// The TOML parser's message, with line and column.
     #[error("bad description: {0}")]
     Description(String),
@@ -56,7 +58,7 @@ pub enum Defect {
     Mimic { joint: String, leader: String },
     #[error(
         "moving link '{0}' has no inertia, so its motion cannot be computed: \
-         add <inertial> with <origin>, <mass> and <inertia> to it"
+         add <inertial> with its centre of mass, mass and inertia to it"
     )]
     NoInertia(String),
     /// Principal moments in kg·m².

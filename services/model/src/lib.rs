@@ -41,6 +41,7 @@ mod joint;
 mod kinematics;
 mod lanes;
 mod load;
+mod mjcf;
 mod pose;
 mod robot;
 mod rotation;

@@ -1,11 +1,11 @@
 //! From a URDF and a description to a robot: parse, check, refuse.
 
 use crate::description::Description;
-use crate::error::{Defect, RobotError};
+use crate::error::{Defect, RobotError, list};
 use crate::factors::Factors;
 use crate::joint::Joint;
 use crate::robot::Robot;
-use crate::{geometry, urdf};
+use crate::{geometry, mjcf, urdf};
 use nalgebra::Vector3;
 use shared_types::bounds::within;
 use shared_types::job::RobotText;
@@ -56,8 +56,24 @@ impl Robot {
 
 fn read(source: &RobotText) -> Result<Robot, Defect> {
     let description = Description::parse(&source.description)?;
-    let mut chain = urdf::read(&source.urdf, &description.cut())?;
+    let mut gravity = Vector3::new(0.0, 0.0, -9.81);
+    let is_mjcf = mjcf::is_mjcf(&source.urdf);
+    let mut chain = if is_mjcf {
+        let file = mjcf::read(&source.urdf)?;
+        let mut chain = urdf::chain(&file.tree, &description.cut())?;
+        for joint in &mut chain.joints {
+            joint.armature = file.armatures.get(&joint.name).copied().unwrap_or(0.0);
+        }
+        chain.notes.extend(file.notes);
+        gravity = file.gravity;
+        chain
+    } else {
+        urdf::read(&source.urdf, &description.cut())?
+    };
     description.apply_to_joints(&mut chain.joints)?;
+    if is_mjcf {
+        chain.notes.extend(unlimited(&chain.joints));
+    }
     chain.joints.iter().try_for_each(check_joint)?;
     let default_frame = description.default_frame.clone().unwrap_or(chain.tip);
     let mut robot = Robot {
@@ -66,7 +82,7 @@ fn read(source: &RobotText) -> Result<Robot, Defect> {
         joints: chain.joints,
         frames: chain.frames,
         shapes: chain.shapes,
-        gravity: Vector3::new(0.0, 0.0, -9.81),
+        gravity,
         factors: Factors::Numeric,
         default_frame,
         task: crate::TaskAxes::ALL,
@@ -79,6 +95,22 @@ fn read(source: &RobotText) -> Result<Robot, Defect> {
     description.apply(&mut robot)?;
     robot.check_factors()?;
     Ok(robot)
+}
+
+/// The limits that a MJCF does not state: none of speed, and of torque where no actuator has a range of force.
+fn unlimited(joints: &[Joint]) -> impl Iterator<Item = String> {
+    let of = |effort: bool, joint: &Joint| if effort { joint.effort } else { joint.velocity };
+    let kinds = [("torque", "effort", true), ("speed", "velocity", false)];
+    kinds.into_iter().filter_map(move |(what, key, effort)| {
+        let names = joints.iter().filter(|joint| of(effort, joint).is_infinite());
+        let names: Vec<_> = names.map(|joint| &joint.name).collect();
+        (!names.is_empty()).then(|| {
+            format!(
+                "no limit of {what} is known of {}: state `{key}` under `[joints.NAME]` in the description",
+                list(names)
+            )
+        })
+    })
 }
 
 fn check_joint(joint: &Joint) -> Result<(), Defect> {

@@ -36,7 +36,12 @@ pub(crate) struct Cut<'a> {
 pub(crate) fn read(text: &str, cut: &Cut<'_>) -> Result<Chain, Defect> {
     let text = without_foreign(text).map_err(Defect::Urdf)?;
     let urdf = urdf_rs::read_from_string(&text).map_err(|error| Defect::Urdf(error.to_string()))?;
-    Tree::new(&urdf, cut)?.chain(cut.end)
+    chain(&urdf, cut)
+}
+
+/// The part `cut` of links and joints as a serial chain.
+pub(crate) fn chain(urdf: &urdf_rs::Robot, cut: &Cut<'_>) -> Result<Chain, Defect> {
+    Tree::new(urdf, cut)?.chain(cut.end)
 }
 
 /// Parts of the names of joints that open and close a gripper.

@@ -68,6 +68,8 @@ pub struct Judge {
     clipped: bool,
     phase: u32,
     refusal: u32,
+    /// What the judge does not ask for though a segment states it.
+    unasked: Option<String>,
 }
 
 /// The judge's findings: the part of a run's summary that follows from its ticks; the rest is empty. Every limit that a joint reached and every hold
@@ -87,6 +89,7 @@ impl Judge {
             rate_hz,
             k_v: scenario.control.k_v,
             last_tick: scenario.servo.as_ref().map_or(0, |session| session.ticks),
+            unasked: unasked(robot, scenario),
             ..Self::of(
                 truth,
                 Limits::of(robot),
@@ -144,6 +147,7 @@ impl Judge {
             clipped: false,
             phase: 0,
             refusal: 0,
+            unasked: None,
         }
     }
 
@@ -222,6 +226,7 @@ impl Judge {
             Some(truth) => self.path.breach(truth, completed),
             None => Some("there is no truth to judge by".to_owned()),
         };
+        let is_done = breach.is_none();
         let along = self.task.along();
         let mut task = self.task.finish(self.ticks, self.planned_ticks);
         let has_broken_a_limit = self.joints.has_broken_a_limit();
@@ -250,6 +255,7 @@ impl Judge {
             .clauses()
             .chain(self.singularities.ends())
             .chain(self.joints.clauses())
+            .chain(self.unasked)
         {
             reason.push_str("; ");
             reason.push_str(&clause);
@@ -257,7 +263,7 @@ impl Judge {
         let (singularities, modes) = self.singularities.finish();
         let joints = self.joints.finish();
         let is_over = completed || self.ticks > 0 && self.last_tick == self.ticks;
-        bars::judge(&mut task, &joints, is_over, 1.0 / self.rate_hz);
+        bars::judge(&mut task, &joints, (is_over, is_done), 1.0 / self.rate_hz);
         let wall_s = self.latency.wall_s();
         Summary {
             ticks: self.ticks,
@@ -279,6 +285,18 @@ impl Judge {
             ..Summary::default()
         }
     }
+}
+
+/// The rotation that the arm's task leaves free, where a segment states an orientation: it is met up to a turn about that axis.
+fn unasked(robot: &Robot, scenario: &Scenario) -> Option<String> {
+    let mut free = ["x", "y", "z"].into_iter().zip(&robot.task.0[3..]);
+    let mut free = free.by_ref().filter(|(_, served)| !**served);
+    let (axis, is_only) = (free.next()?.0, free.next().is_none());
+    let mut segments = scenario.segment.iter();
+    let states = segments.any(|one| one.rotation.is_some() || one.quaternion.is_some());
+    (is_only && states).then(|| {
+        format!("orientations are met up to a turn about {axis}, which the arm's task leaves free")
+    })
 }
 
 /// Whether an error is one along the singular directions alone, as far as the goal's bounds at the end see.

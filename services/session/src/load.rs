@@ -21,6 +21,10 @@ use crate::seal;
 /// The scenario of `armplane` without arguments.
 pub const DEFAULT_SCENARIO: &str = "fig5-wrist-rotation";
 
+/// Endings of the files that an arm is read from.
+pub(crate) const URDF: &str = ".urdf";
+pub(crate) const MJCF: &str = ".xml";
+
 /// A scenario with its robot, its start posture and its process graph, all checked against each other.
 pub struct Loaded {
     /// With the settings applied.
@@ -243,22 +247,19 @@ impl Source {
     }
 }
 
-/// A robot by built-in name, or a URDF with an optional description beside it (`arm.urdf`, `arm.toml`). Of a URDF with several arms, whose description
+/// A robot by built-in name, or a URDF or MJCF with an optional description beside it (`arm.urdf`, `arm.toml`). Of a URDF with several arms, whose description
 /// names none, it is the one that ends in `frame`.
 ///
 /// # Errors
 /// [`Failure::Input`] where there is no such robot, or its description is invalid.
 pub fn robot(name: &str, folder: Option<&Path>, frame: Option<&str>) -> Result<Robot, Failure> {
-    if Path::new(name)
-        .extension()
-        .is_none_or(|extension| extension != "urdf")
-    {
+    if ![URDF, MJCF].iter().any(|ending| name.ends_with(ending)) {
         if folder
             .map_or_else(|| PathBuf::from(name), |folder| folder.join(name))
             .is_file()
         {
             return Err(Failure::Input(format!(
-                "{name} is not a URDF: the name of a robot's file ends in .urdf"
+                "{name} is not an arm's file: its name ends in {URDF}, or in {MJCF} for MuJoCo's format"
             )));
         }
         return Robot::builtin(name).map_err(Failure::input);

@@ -30,12 +30,13 @@ const GRAPH: &str = "graph.toml";
 /// The targets of a steered run.
 const TARGETS: &str = "targets.csv";
 pub(crate) const ROBOT_URDF: &str = "robot.urdf";
+const ROBOT_MJCF: &str = "robot.xml";
 const ROBOT_TOML: &str = "robot.toml";
 /// Made and removed to see whether the results folder can be written to.
 const PROBE: &str = ".armplane";
 /// The files that [`keep`] writes.
-const KEPT: [&str; 7] = [
-    SUMMARY, JOB, SCENARIO, GRAPH, ROBOT_URDF, ROBOT_TOML, TARGETS,
+const KEPT: [&str; 8] = [
+    SUMMARY, JOB, SCENARIO, GRAPH, ROBOT_URDF, ROBOT_MJCF, ROBOT_TOML, TARGETS,
 ];
 /// More than a summary takes, faults included; bytes.
 const SUMMARY_BYTES: usize = 128 * 1024;
@@ -340,9 +341,12 @@ fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>
         fault,
         ..job.scenario.clone()
     };
-    if scenario.robot.ends_with(".urdf") {
-        ROBOT_URDF.clone_into(&mut scenario.robot);
-        files.push((ROBOT_URDF, job.robot.urdf.clone().into_bytes()));
+    let named = [(load::URDF, ROBOT_URDF), (load::MJCF, ROBOT_MJCF)]
+        .into_iter()
+        .find(|(ending, _)| scenario.robot.ends_with(ending));
+    if let Some((_, name)) = named {
+        name.clone_into(&mut scenario.robot);
+        files.push((name, job.robot.urdf.clone().into_bytes()));
         if !job.robot.description.is_empty() {
             files.push((ROBOT_TOML, job.robot.description.clone().into_bytes()));
         }

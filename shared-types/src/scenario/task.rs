@@ -105,6 +105,11 @@ fn are_finite<'a>(values: impl IntoIterator<Item = &'a f64>) -> bool {
     values.into_iter().all(|value| value.is_finite())
 }
 
+/// Whether a distance is one within which there are arms: at most 1 km.
+fn is_near(metres: &f64) -> bool {
+    metres.abs() <= 1000.0
+}
+
 fn count<const N: usize>(given: [bool; N]) -> usize {
     given.into_iter().filter(|given| *given).count()
 }
@@ -205,10 +210,10 @@ impl Segment {
         )?;
         for (key, position) in [("to_m", &self.to_m), ("by_m", &self.by_m)] {
             require(
-                are_finite(position.iter().flatten()),
+                position.iter().flatten().all(is_near),
                 key,
-                "the position is not a number",
-                "three finite numbers, in metres",
+                "the position is not one of an arm",
+                "three numbers from -1000 to 1000, in metres",
             )?;
         }
         let branch = self.branch;
@@ -267,10 +272,10 @@ impl Segment {
                 "x, y, z, zeta:NAME or zeta:NAME@start, for example zeta:wrist@start",
             )?;
             require(
-                amount.is_finite(),
+                amount.abs() <= 10_000.0,
                 key,
-                "the amount is not a number",
-                "by_m in metres, by_deg in degrees",
+                "the amount is not one of an arm",
+                "by_m in metres, by_deg in degrees, at most 10000",
             )?;
         }
         Ok(())

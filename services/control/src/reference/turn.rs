@@ -13,6 +13,9 @@ use shared_types::scenario::Control;
 /// Distance that a planned null-space motion keeps from joint limits, rad.
 const LIMIT_MARGIN: f64 = 0.03;
 
+/// Angle between directions that are one line, rad.
+const SAME_LINE: f64 = 1e-3;
+
 /// Slices of the duration's integral.
 const SLICES: u32 = 64;
 
@@ -50,7 +53,10 @@ pub fn plan<const N: usize>(
         })
     };
     let other = angle - std::f64::consts::PI.copysign(angle);
-    plan(angle).or_else(|| plan(other)).ok_or(Refusal::Room)
+    // After half a turn the line is where it was: the other way would turn nothing.
+    let is_turn = other.abs() > SAME_LINE;
+    let around = || is_turn.then(|| plan(other)).flatten();
+    plan(angle).or_else(around).ok_or(Refusal::Room)
 }
 
 impl<const N: usize> Room<'_, N> {

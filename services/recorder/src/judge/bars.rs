@@ -58,14 +58,21 @@ impl Bounds {
     }
 }
 
-/// Writes S1, S2 and the conditions of S2 that failed into `task`; `dt_s`: length of a tick.
-pub(super) fn judge(task: &mut TaskSummary, joints: &JointSummary, completed: bool, dt_s: f64) {
+/// Writes S1, S2 and the conditions of S2 that failed into `task`. `is_over`, `is_done`: the run came to its end, and did what the segments ask beside
+/// the pose; `dt_s`: length of a tick.
+pub(super) fn judge(
+    task: &mut TaskSummary,
+    joints: &JointSummary,
+    (is_over, is_done): (bool, bool),
+    dt_s: f64,
+) {
     let (goal, s1, s2) = (Goal::default(), Bounds::s1(), Bounds::s2());
     let saturated_s = joints.saturated_ticks as f64 * dt_s;
     let is_at_goal = within(task.final_position_mm, goal.position_mm)
         && within(task.final_orientation_deg, goal.orientation_deg);
     let ends = [
-        ("stopped", !completed),
+        ("stopped", !is_over),
+        ("task", !is_done),
         ("joint stop", joints.stopped_ticks > 0),
         ("end", !is_at_goal),
         ("speed", !within(joints.speed_max_ratio, 1.0)),

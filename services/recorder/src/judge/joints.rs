@@ -21,6 +21,8 @@ const STEP_MOST: f64 = 1e3;
 const SWITCH_S: f64 = 0.025;
 /// Ticks at the torque rate that cost nothing worth a word: less than the velocity feedback takes to answer.
 const FREE_TICKS: u64 = 10;
+/// How far a stop gives way, rad (m).
+const GIVE: f64 = 2e-3;
 /// Share of a limit by which a command at the limit may be beyond it by rounding.
 const ROUNDING: f64 = 1e-9;
 
@@ -44,6 +46,11 @@ pub struct Limits {
 }
 
 impl Limits {
+    /// Whether a position lies beyond the limits of a joint, whatever the plant says of its stops: by more than a stop gives way. A NaN does.
+    fn excludes(&self, joint: usize, q: f64) -> bool {
+        !(self.lower[joint] - GIVE..=self.upper[joint] + GIVE).contains(&q)
+    }
+
     /// Those of a robot.
     #[must_use]
     pub fn of(robot: &Robot) -> Self {
@@ -194,8 +201,10 @@ impl JointMeter {
         }
         joints.q_end.clear();
         joints.q_end.extend_from_slice(&tick.truth.q[..n]);
+        let is_beyond = (0..n).any(|i| self.limits.excludes(i, tick.truth.q[i]));
         joints.stopped_ticks += u64::from(
             tick.truth.limit_mask != 0
+                || is_beyond
                 || tick.truth.drive != DRIVE_ACTIVE && tick.truth.header.tick > 0,
         );
         joints.saturated_ticks += u64::from(tick.torque.saturation_mask != 0);
@@ -225,7 +234,9 @@ impl JointMeter {
         let bit = 1u32 << i;
         let is_fast = !within(share(tick.truth.qdot[i], self.limits.velocity[i]), 1.0);
         // At almost every tick.
+        let is_beyond = self.limits.excludes(i, tick.truth.q[i]);
         if !is_fast
+            && !is_beyond
             && (tick.truth.limit_mask | tick.truth.saturation_mask | tick.torque.saturation_mask)
                 & bit
                 == 0
@@ -246,7 +257,7 @@ impl JointMeter {
         let is_at_effort = !within(share(tick.truth.tau[i], self.limits.effort[i]), 1.0 - 1e-9)
             || !(by_speed || by_rate);
         for (is_reached, limit) in [
-            (tick.truth.limit_mask & bit != 0, stop),
+            (tick.truth.limit_mask & bit != 0 || is_beyond, stop),
             (is_fast, "speed"),
             (
                 tick.torque.saturation_mask & bit != 0 || cut && is_at_effort,

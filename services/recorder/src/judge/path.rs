@@ -172,8 +172,8 @@ impl PostureMeter {
     }
 
     fn pass(&mut self, asked: Asked) {
-        if let Asked::Side { x, .. } = asked {
-            self.at_fold |= x.abs() < SIDE_CHANGE;
+        if let Asked::Side { is_inside, .. } = asked {
+            self.at_fold |= is_inside;
         }
     }
 
@@ -190,7 +190,7 @@ impl PostureMeter {
                     self.say(format!("segment {segment} was to turn a singular direction by {by:.1}°: its line is {turned:.1}° from where it was"));
                 }
             }
-            Asked::Side { x, side } if self.at_fold && x * side < -SIDE_CHANGE => {
+            Asked::Side { x, side, .. } if self.at_fold && x * side < -SIDE_CHANGE => {
                 self.say(format!("segment {segment} was to leave the elbow's singularity on the side of branch {side:+}, and left it on the other"));
             }
             Asked::Side { .. } | Asked::Nothing => {}
@@ -310,10 +310,14 @@ mod tests {
 
     #[test]
     fn a_fold_is_left_on_the_side_that_was_asked_for() {
-        let side = |x: f64| Asked::Side { x, side: 1.0 };
+        let side = |x: f64| Asked::Side {
+            x,
+            side: 1.0,
+            is_inside: x.abs() < 0.1,
+        };
         assert!(untaken(&[side(-0.3), side(0.01), side(-0.3)]));
         assert!(!untaken(&[side(-0.3), side(0.01), side(0.3)]));
         // It has not come to the fold, or is still at it.
-        assert!(!untaken(&[side(-0.3), side(-0.1)]) && !untaken(&[side(0.0), side(-0.01)]));
+        assert!(!untaken(&[side(-0.3), side(-0.2)]) && !untaken(&[side(0.0), side(-0.01)]));
     }
 }
