@@ -310,7 +310,9 @@ fn tables_fit_into_a_hundred_columns_and_name_the_winner() {
     }
     assert!(
         compared.out.contains("wins, S1")
-            && compared.out.contains("damped-least-squares misses speed"),
+            && compared
+                .out
+                .contains("damped-least-squares misses task, speed"),
         "{}",
         compared.out
     );

@@ -57,10 +57,19 @@ fn no_result_is_written_behind_a_link_or_into_a_pipe() {
     let made = Command::new("mkfifo").arg(at("pipe")).status().unwrap();
     assert!(made.success());
     desk.refuses(1, "report r --out pipe", &["pipe"]);
+    std::fs::create_dir_all(at("all/run-1")).unwrap();
+    symlink(&victim, at("all/run-1/messages.mcap")).unwrap();
+    let said = desk.armplane("verify short.toml --runs 1 --out all");
+    assert_eq!(
+        (said.code, &*desk.read("victim")),
+        (1, "mine"),
+        "{}",
+        said.err
+    );
     for (folder, name) in [("pages", "armplane-run.1"), ("manual", "armplane.1")] {
         std::fs::create_dir(at(folder)).unwrap();
         symlink(&victim, at(folder).join(name)).unwrap();
-        desk.refuses(1, &format!("generate man {folder}"), &[name]);
+        desk.refuses(2, &format!("generate man {folder}"), &[name]);
         assert_eq!(desk.read("victim"), "mine");
     }
     // What the user holds is written to.

@@ -86,7 +86,12 @@ pub(crate) fn generate(what: &Generate, mut command: Command) -> Result<ExitCode
             command.build();
             let written =
                 std::fs::create_dir_all(folder).and_then(|()| write_pages(command, folder));
-            written.map_err(Failure::cannot("write the pages into", folder))?;
+            written.map_err(|error| {
+                Failure::Input(format!(
+                    "cannot write to {}: {error}; choose another folder",
+                    folder.display()
+                ))
+            })?;
             return Ok(ExitCode::SUCCESS);
         }
         Generate::Schema { file } => match file {

@@ -99,5 +99,5 @@ fn work(command: &Command) -> Result<(), ProcessError> {
             load::command(&job.graph, name),
         ),
     };
-    done.inspect(|()| shell.pass_early_signal_on())
+    done.inspect(|()| shell.pass_signal_on())
 }

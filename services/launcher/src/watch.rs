@@ -117,7 +117,7 @@ impl Supervised {
                 .exit
                 .into_iter()
                 .for_each(|exit| table.mark_exit(index, exit));
-            table.mark_injected(place, now_ns());
+            table.mark_injected(place, now_ns().saturating_sub(self.since_ns(tick)));
             // After the entry: a reader that finds the tick closed looks for its messages in the retainers' files.
             self.control_page.process(index).close_before(tick);
         }
@@ -134,6 +134,17 @@ impl Supervised {
                 .extend(last.map(|(_, account)| (index, account.scheduled.at, line.clone())));
         }
         Ok(())
+    }
+
+    /// The time since a tick in real time, ns: so long ago a process died that did not answer it. In lockstep the others wait for it.
+    fn since_ns(&self, tick: u64) -> u64 {
+        match self.plan.mode {
+            Mode::Realtime => {
+                self.ticks().saturating_sub(tick) * 1_000_000_000
+                    / u64::from(self.plan.rate_hz.max(1))
+            }
+            Mode::Lockstep => 0,
+        }
     }
 
     /// Enters the death that has ended the run, which no replacement follows. After the stop: until then the others would go on without the dead process.

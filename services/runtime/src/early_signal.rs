@@ -1,4 +1,4 @@
-//! A signal from outside that ends a process, or the program that it stands for, before it has taken part in its run.
+//! A signal from outside that ends a process, or the program that it stands for, while its run goes on.
 //!
 //! The launcher replaces a process that a signal has ended. One that ends by itself before the first tick has a reason against the run, and ends it.
 
@@ -10,10 +10,11 @@ use rustix::process::{Resource, Rlimit, setrlimit};
 use crate::shell::Shell;
 
 impl Shell {
-    /// Ends the process by the signal that it got before its first tick; does nothing without one. An exit code of 0 would call the process complete,
-    /// and the launcher would not replace it.
-    pub fn pass_early_signal_on(&self) {
-        if self.shared().stop.signalled.load(Ordering::Relaxed) && self.is_early() {
+    /// Ends the process by the signal that it got while the run did not stop; does nothing without one. An exit code of 0 would call the process
+    /// complete: a replacement would not come, and of the plant the run would take it for its end.
+    pub fn pass_signal_on(&self) {
+        let shared = self.shared();
+        if shared.stop.signalled.load(Ordering::Relaxed) && !self.is_run_stopping() {
             end_by(libc::SIGTERM);
         }
     }
@@ -28,8 +29,12 @@ impl Shell {
     }
 
     fn is_early(&self) -> bool {
+        !self.shared().has_started.get() && !self.is_run_stopping()
+    }
+
+    fn is_run_stopping(&self) -> bool {
         let shared = self.shared();
-        !shared.has_started.get() && shared.control_page.stop() < shared.stop.at
+        shared.control_page.stop() >= shared.stop.at
     }
 }
 

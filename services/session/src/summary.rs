@@ -131,7 +131,12 @@ pub(crate) fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
                 &process,
                 exit,
                 &account.scheduled,
-                account.recovered_ns != 0,
+                since_ms(account.recovered_ns).map(|after_ms| match job.mode {
+                    Mode::Lockstep => {
+                        format!("answers from tick {} on", account.scheduled.until)
+                    }
+                    Mode::Realtime => format!("answered {after_ms:.0} ms later"),
+                }),
             ),
         ),
         (None, Some(fault)) => (fault.kind.name(), fault.to_string()),
@@ -159,17 +164,18 @@ fn kind_of(exit: Exit) -> &'static str {
     }
 }
 
-/// `estimator ended with exit code 3 at tick 1200; its replacement answers from tick 1300 on`.
-fn ended(process: &str, exit: Exit, scheduled: &ScheduledFault, is_replaced: bool) -> String {
+/// `estimator ended with exit code 3 at tick 1200; its replacement answers from tick 1300 on`, or in real time `answered 63 ms later`.
+fn ended(
+    process: &str,
+    exit: Exit,
+    scheduled: &ScheduledFault,
+    replacement: Option<String>,
+) -> String {
     let after = match scheduled.after_outputs() {
         0 => String::new(),
         outputs => format!(" after {outputs} of its messages"),
     };
-    let until = if is_replaced {
-        format!("; its replacement answers from tick {} on", scheduled.until)
-    } else {
-        String::new()
-    };
+    let until = replacement.map_or_else(String::new, |when| format!("; its replacement {when}"));
     format!(
         "{process} ended with {exit} at tick {}{after}{until}",
         scheduled.at

@@ -198,7 +198,7 @@ fn by_type<const N: usize>(
     match s.class {
         Class::Type1 => family.fold(s, at).map_or_else(
             || type_2::target(None),
-            |fold| type_1::target(&fold, branch, memory),
+            |fold| type_1::target(&fold, s.inside, branch, memory),
         ),
         Class::Type2 | Class::Mixed => type_2::target(family.direction(s, at, memory)),
         Class::Unknown => type_2::target(None),

@@ -27,6 +27,7 @@ mod schedule;
 pub use request::{Request, Turning};
 pub use schedule::{PathPlan, Sample};
 
+use crate::paper::type_1::SIDE_CHANGE;
 use crate::reference::path::{Leg, Progress};
 use crate::singularity::analyzer::Analyzer;
 use crate::types::{Kind, Report};
@@ -351,15 +352,13 @@ impl<'a, const N: usize> Route<'a, N> {
             ..
         } = self.request;
         let (begun, from_s, pose) = (self.progress, self.from_s, self.pose());
-        let elbow = |q: &SVector<f64, N>| {
+        let fold = |q: &SVector<f64, N>| {
             let report = analyse(&mut analyzer.clone(), model, q);
-            report
-                .listed()
-                .iter()
-                .find(|s| s.kind == Kind::Elbow)
-                .or(report.listed().first())
-                .map_or(0.0, |s| s.aux)
+            let mut listed = report.listed().iter();
+            let elbow = listed.find(|s| s.kind == Kind::Elbow);
+            elbow.or(report.listed().first()).copied()
         };
+        let elbow = |q: &SVector<f64, N>| fold(q).map_or(0.0, |s| s.aux);
         let goal = postures.get(begun.leg).copied().flatten();
         let before = begun
             .leg
@@ -395,7 +394,13 @@ impl<'a, const N: usize> Route<'a, N> {
             layers: &layers,
             fan: fan && !still,
         };
-        let found = self.search.leg(&stretch, &self.layer);
+        let mut found = self.search.leg(&stretch, &self.layer);
+        let began = fold(&self.search.node(self.best()).q);
+        if leg.branch != 0 && began.is_some_and(|s| s.inside && s.kind == Kind::Elbow) {
+            // A fold in whose neighbourhood the leg begins is left on the side that it asks for.
+            let is_there = |x: f64| x * f64::from(leg.branch) > -SIDE_CHANGE;
+            found.retain(|node| is_there(elbow(&self.search.node(*node).q)));
+        }
         if found.is_empty() {
             return false;
         }

@@ -374,7 +374,9 @@ impl<'a, const N: usize> Search<'a, N> {
                 }
             }
         }
-        if stuck && near || spectrum.smallest() < LOCKED {
+        // On the other side of a fold than the leg is to leave it on, the fold is crossed.
+        let crosses = near && leg.branch != 0 && (leg.side)(&q) * f64::from(leg.branch) < 0.0;
+        if crosses || stuck && near || spectrum.smallest() < LOCKED {
             for knots in self.folds(leg, &q, &spectrum, t0, t1) {
                 out.extend(self.push_node(leg, node, knots, &straight));
             }

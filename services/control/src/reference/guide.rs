@@ -91,10 +91,15 @@ impl<const N: usize> Guide<N> {
     /// The side of a fold on which the plan leaves it, −1 or +1; `None` away from the fold.
     #[must_use]
     pub fn side(&self, s: &Singularity<N>, q: &SVector<f64, N>, route_s: f64) -> Option<f64> {
-        let soon = s.aux
-            + s.aux_row
-                .dot(&(self.plan.as_ref()?.at(route_s + SOON_S).q - q));
-        (s.aux.abs() < SIDE_CHANGE && soon.abs() > SIDE).then(|| soon.signum())
+        let plan = self.plan.as_ref()?;
+        let at = |route_s: f64| s.aux + s.aux_row.dot(&(plan.at(route_s).q - q));
+        if s.aux.abs() < SIDE_CHANGE {
+            let soon = at(route_s + SOON_S);
+            return (soon.abs() > SIDE).then(|| soon.signum());
+        }
+        // The plan has crossed the fold in whose neighbourhood the arm is.
+        let now = if s.inside { at(route_s) } else { s.aux };
+        (now * s.aux < 0.0 && now.abs() > SIDE).then(|| now.signum())
     }
 
     /// Demand on the clock by a coordinate that is not where it is planned.

@@ -323,6 +323,30 @@ fn a_start_at_the_edge_of_a_fold_keeps_its_side() {
 }
 
 #[test]
+fn a_fold_is_left_on_the_side_that_is_asked_for_from_anywhere_beside_it() {
+    for (degrees, branch) in [
+        (2.0, -1),
+        (-2.0, 1),
+        (0.3, -1),
+        (-0.3, 1),
+        (0.003, -1),
+        (2.0, 1),
+    ] {
+        let text = format!(
+            "name = \"t\"\nrobot = \"ur5\"\n[start]\nq_deg = [20, -70, {degrees}, -40, 60, 0]\n[[segment]]\nslide = {{ along = \"zeta:elbow\", by_m = -0.05 }}\nbranch = {branch}\nduration_s = 1.5\n"
+        );
+        let mut elbow = 0.0;
+        let ran = run::<6>(&scenario(&text, &[]), Plant::default(), |_, tick| {
+            elbow = tick.q[2];
+        });
+        assert!(
+            elbow * f64::from(branch) > 0.5 && ran.orthogonal_mm < 0.1 && ran.final_mm < 0.1,
+            "{degrees}, {branch}: {elbow}, {ran:?}"
+        );
+    }
+}
+
+#[test]
 fn a_turn_of_zeta_goes_as_it_was_announced() {
     let (mut plan, mut moved, mut q_start) = (None, None, None);
     run::<6>(

@@ -174,8 +174,12 @@ fn run(
     condition.disturb(&mut plan, seed, unordered);
     let count = plan.children.len();
     let beside = |page| condition.beside(page, count, seed);
-    let ran = in_processes(&job, plan, condition.to_string(), beside, observer)?.ran;
-    Ok((job, ran))
+    let done = in_processes(&job, plan, condition.to_string(), beside, observer)?;
+    let lack = done.summary.recorder.error;
+    let is_kept = request.out.is_none() || lack.is_empty();
+    is_kept
+        .then_some((job, done.ran))
+        .ok_or_else(|| Failure::Work(format!("{} is not kept whole: {lack}", out.display())))
 }
 
 /// Why one thread cannot have a scenario.
