@@ -1,11 +1,22 @@
-"""Processes of an armplane run in Python, runs started from Python, and their results as tables."""
+"""Robot arms through kinematic singularities: arms and the law as a library, runs and their results, and processes of a run in Python.
+
+    arm = armplane.Arm.builtin("ur5")            # or Arm.from_urdf("ur5e.urdf", tip="tool0")
+    arm.singularities(q)                         # each with name, type, measure, direction
+    law = armplane.Law(arm, dt=0.001)
+    tau = law.step(q, qdot, pose, twist)         # N·m; law.state: mode, reason, β
+    run = armplane.run("fig5-wrist-rotation")    # run.signals, run.summary, run.view()
+
+SI units. Poses and twists are those of the end-effector E in the base B; twists are `[linear; angular]`.
+"""
 
 from . import wire
 from .exchange import Exchange, WireError
 from .process import Controller, Observer, Operator, Plant, Process
 from .results import Run, load, run
 
-__all__ = ["Controller", "Exchange", "Observer", "Operator", "Plant", "Process", "Run", "WireError", "load", "model", "run", "subscribe", "wire"]
+_NATIVE = ("Arm", "Law", "LawState", "Posture", "Singularity")
+
+__all__ = ["Controller", "Exchange", "Observer", "Operator", "Plant", "Process", "Run", "WireError", "load", "run", "subscribe", "wire", *_NATIVE]
 
 
 def subscribe(topic, run=None):
@@ -15,8 +26,12 @@ def subscribe(topic, run=None):
     return Subscriber(topic, run)
 
 
-def model(robot, frame=None):
-    """An arm's kinematics, dynamics and singularities: `armplane.model("puma560").at(q).J` (needs numpy)."""
-    from .inspect_model import Model
-
-    return Model(robot, frame)
+def __getattr__(name):
+    # A process of a run needs neither numpy nor the extension module, and starts in milliseconds without them.
+    if name not in _NATIVE:
+        raise AttributeError(f"module 'armplane' has no attribute {name!r}")
+    try:
+        from . import _armplane
+    except ImportError as error:
+        raise ImportError(f"armplane.{name} is part of the wheel that `python/build` makes (docs/python.md): {error}") from error
+    return getattr(_armplane, name)

@@ -1,16 +1,19 @@
 """Runs started from Python, and their results as tables, without the Rerun viewer."""
 
+import functools
+import html
 import json
 import os
 import pathlib
 import shutil
 import subprocess
 import tempfile
+from importlib import metadata
 
 
 def _program():
-    """The program `armplane`: from the environment variable ARMPLANE, from PATH, or as cargo has built it in a folder above."""
-    named = os.environ.get("ARMPLANE") or shutil.which("armplane")
+    """The program `armplane`: from the environment variable ARMPLANE, of this package's wheel, from PATH, or as cargo has built it in a folder above."""
+    named = os.environ.get("ARMPLANE") or _installed() or shutil.which("armplane")
     if named:
         return named
     here = pathlib.Path(__file__).resolve()
@@ -18,7 +21,17 @@ def _program():
         built = folder / "target" / "release" / "armplane"
         if built.is_file():
             return str(built)
-    raise FileNotFoundError("there is no program `armplane` in PATH: install it with `cargo install --path .`, or set ARMPLANE to its path")
+    raise FileNotFoundError("there is no program `armplane` in PATH: install the wheel that `python/build` makes, or set ARMPLANE to its path")
+
+
+def _installed():
+    """The program that was installed with this package; `None` where it is read from its source tree."""
+    try:
+        files = metadata.files("armplane") or []
+    except metadata.PackageNotFoundError:
+        return None
+    paths = [pathlib.Path(file.locate()).resolve() for file in files if file.name == "armplane" and "bin" in file.parts]
+    return next((str(path) for path in paths if path.is_file()), None)
 
 
 def _sentence(stderr):
@@ -71,6 +84,28 @@ class Run:
     def pandas(self, table="signals"):
         """The same as a `pandas.DataFrame`; `polars.from_arrow(run.arrow())` gives that of polars."""
         return self.arrow(table).to_pandas()
+
+    @functools.cached_property
+    def signals(self):
+        """The signals, a row a tick, as a `pandas.DataFrame` (needs `armplane[notebook]`); the names of its columns are in docs/recording.md."""
+        return self.pandas()
+
+    def view(self):
+        """Opens the recording in the Rerun viewer (needs `rerun-sdk==0.36.3`)."""
+        _armplane("view", self.folder, "--json")
+
+    def _repr_html_(self):
+        task, joints = self.summary["task"], self.summary["joints"]
+        rows = [
+            ("outcome", f"{self.summary['outcome']}: {self.summary['reason']}"),
+            ("orthogonal to ζ, at most", f"{task['orthogonal_max_mm']:.3f} mm, {task['orthogonal_max_deg']:.3f}°"),
+            ("joint speed, torque, of the limit", f"{joints['speed_max_ratio']:.0%}, {joints['torque_max_ratio']:.0%}"),
+            ("ticks", f"{self.summary['ticks']} at {self.summary['rate_hz']} Hz"),
+            ("folder", str(self.folder)),
+        ]
+        cells = "".join(f"<tr><th>{name}</th><td>{html.escape(text)}</td></tr>" for name, text in rows)
+        title = html.escape(f"{self.summary['scenario']} on {self.summary['robot']}")
+        return f"<table><caption>{title}</caption>{cells}</table>"
 
 
 def load(folder):

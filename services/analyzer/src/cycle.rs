@@ -9,7 +9,7 @@ use shared_types::scenario::Scenario;
 use shared_types::{AnalyzerCheckpoint, SingularityReport, StateEstimate};
 
 /// The pure step of an arm of any number of joints.
-pub trait Step {
+pub trait Step: Send + Sync {
     /// The report for an estimate, at its tick. No allocation.
     fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport);
     /// The same with the [`Terms`] of this estimate, where another step in this address space has computed them for the same arm and frame; terms of

@@ -12,7 +12,7 @@ use shared_types::{
 };
 
 /// The pure step of an arm of any number of joints.
-pub trait Step {
+pub trait Step: Send + Sync {
     /// The torque for an estimate and the report of the same tick, and what the law did to arrive at it, at that tick. No allocation; a report
     /// that cannot be read is refused.
     fn step(

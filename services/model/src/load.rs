@@ -23,6 +23,27 @@ impl Robot {
         })
     }
 
+    /// The same; of a URDF with several arms, whose description names none, the one that ends in `frame`. Errors: [`RobotError`].
+    pub fn from_source_at(source: &RobotText, frame: Option<&str>) -> Result<Robot, RobotError> {
+        let branches = |error: &RobotError| {
+            let RobotError::Defect { defect, .. } = error else {
+                return false;
+            };
+            matches!(defect, Defect::Branches { .. })
+        };
+        match (Self::from_source(source), frame) {
+            (Err(error), Some(frame)) if branches(&error) => {
+                let mut description: toml::Table = source.description.parse().map_err(|_| error)?;
+                description.insert("default_frame".to_owned(), frame.into());
+                Self::from_source(&RobotText {
+                    description: description.to_string(),
+                    ..source.clone()
+                })
+            }
+            (made, _) => made,
+        }
+    }
+
     /// The factorisation must equal det J, or it is refused.
     fn check_factors(&self) -> Result<(), Defect> {
         let Factors::Puma { a2, a3, d4 } = self.factors else {

@@ -5,7 +5,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use model::{Defect, Robot, RobotError, RobotText};
+use model::{Robot, RobotError, RobotText};
 use shared_types::file::Complaint;
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
@@ -282,25 +282,8 @@ pub fn robot(name: &str, folder: Option<&Path>, frame: Option<&str>) -> Result<R
         description,
         urdf,
     };
-    let made = match (Robot::from_source(&source), frame) {
-        (
-            Err(RobotError::Defect {
-                defect: Defect::Branches { .. },
-                ..
-            }),
-            Some(frame),
-        ) => {
-            let mut description: toml::Table =
-                source.description.parse().map_err(Failure::input)?;
-            description.insert("default_frame".to_owned(), frame.into());
-            Robot::from_source(&RobotText {
-                description: description.to_string(),
-                ..source
-            })
-        }
-        (made, _) => made,
-    };
-    made.map_err(|error| Failure::Input(format!("{}: {error}", path.display())))
+    Robot::from_source_at(&source, frame)
+        .map_err(|error| Failure::Input(format!("{}: {error}", path.display())))
 }
 
 /// The same arm from another link of its URDF on: the joints before `base` are no part of it, and what the description says of the whole chain

@@ -1,0 +1,464 @@
+//! The law, tick by tick: the steps of the processes `analyzer` and `controller`, towards a target that is given at each tick.
+
+use std::sync::Arc;
+
+use model::Robot;
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
+use numpy::{
+    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods,
+};
+use pyo3::exceptions::PyIndexError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use shared_types::scenario::Scenario;
+use shared_types::{
+    ControlState, MAX_SINGULARITIES, ServoState, SingularityReport, StateEstimate, Target,
+    TargetContent, TorqueCommand, codes,
+};
+
+use crate::arm::{Arm, is_finite};
+use crate::{in_parts, numbers, refused};
+
+/// Age from which a target no longer counts, where those after it are refused; s.
+const VALID_S: f64 = 0.1;
+
+/// What all rows of a law share.
+struct Task {
+    robot: Arc<Robot>,
+    scenario: Scenario,
+    /// The posture in which it begins; `None`: that of the first tick.
+    q: Option<Vec<f64>>,
+}
+
+/// The steps of one arm under the law.
+struct Steps {
+    analyzer: Box<dyn analyzer::Step>,
+    controller: Box<dyn controller::Step>,
+}
+
+/// One arm under the law, with its last messages.
+#[derive(Default)]
+struct Row {
+    /// `None` before the first tick in a posture of the arm.
+    steps: Option<Steps>,
+    /// Why there is none yet.
+    not_begun: String,
+    tick: u64,
+    estimate: StateEstimate,
+    report: SingularityReport,
+    target: Target,
+    control: ControlState,
+    servo: ServoState,
+    torque: TorqueCommand,
+}
+
+/// The inputs of a tick, a row each; the widths are n, and 7 or 16 of a pose.
+struct Given<'a> {
+    q: &'a [f64],
+    qdot: &'a [f64],
+    tau_disturbance: Option<&'a [f64]>,
+    pose: Option<&'a [f64]>,
+    twist: Option<&'a [f64]>,
+}
+
+impl Given<'_> {
+    /// Row `i` of `count`.
+    fn row(&self, i: usize, count: usize) -> Given<'_> {
+        let of = |all: &'_ [f64]| {
+            let width = all.len() / count;
+            i * width..(i + 1) * width
+        };
+        Given {
+            q: &self.q[of(self.q)],
+            qdot: &self.qdot[of(self.qdot)],
+            tau_disturbance: self.tau_disturbance.map(|all| &all[of(all)]),
+            pose: self.pose.map(|all| &all[of(all)]),
+            twist: self.twist.map(|all| &all[of(all)]),
+        }
+    }
+
+    /// The target of a tick: a pose that moves on with a twist, a twist alone, or none.
+    fn target(&self, tick: u64) -> TargetContent {
+        let mut target = TargetContent {
+            given_tick: tick,
+            valid_s: VALID_S,
+            ..TargetContent::default()
+        };
+        if let Some(twist) = self.twist {
+            target.twist.copy_from_slice(twist);
+            target.kind = codes::TARGET_TWIST;
+        }
+        match self.pose {
+            Some(pose) if pose.len() == 7 => {
+                target.position.copy_from_slice(&pose[..3]);
+                target.quaternion.copy_from_slice(&pose[3..]);
+            }
+            Some(X) => {
+                let R = Matrix3::from_fn(|i, j| X[4 * i + j]);
+                let R = Rotation3::from_matrix_unchecked(R);
+                let turn = UnitQuaternion::from_rotation_matrix(&R);
+                target.position = [X[3], X[7], X[11]];
+                target.quaternion = [turn.w, turn.i, turn.j, turn.k];
+            }
+            None => return target,
+        }
+        target.kind = codes::TARGET_POSE;
+        target
+    }
+}
+
+impl Task {
+    /// The steps of an arm that begins at rest in `q`.
+    fn begin(&self, q: &[f64]) -> Result<Steps, String> {
+        let words = |error: &dyn ToString| error.to_string();
+        self.robot.check_posture(q).map_err(|error| words(&error))?;
+        let mut scenario = self.scenario.clone();
+        scenario.start.q = Some(q.to_vec());
+        Ok(Steps {
+            analyzer: analyzer::cycle(&self.robot, &scenario).map_err(|error| words(&error))?,
+            controller: controller::cycle(&self.robot, &scenario).map_err(|error| words(&error))?,
+        })
+    }
+}
+
+impl Row {
+    /// One tick; the torque is in `self.torque`, zero before the law has begun. Allocates where it begins, and nowhere else.
+    fn step(&mut self, task: &Task, given: &Given<'_>) {
+        let n = given.q.len();
+        let steps = match &mut self.steps {
+            Some(steps) => steps,
+            none => match task.begin(task.q.as_deref().unwrap_or(given.q)) {
+                Ok(steps) => none.insert(steps),
+                Err(why) => return self.not_begun = why,
+            },
+        };
+        let (tick, estimate) = (self.tick, &mut self.estimate);
+        self.tick += 1;
+        estimate.header.tick = tick;
+        estimate.q[..n].copy_from_slice(given.q);
+        estimate.qdot[..n].copy_from_slice(given.qdot);
+        estimate.tau_disturbance[..n].fill(0.0);
+        if let Some(tau) = given.tau_disturbance {
+            estimate.tau_disturbance[..n].copy_from_slice(tau);
+        }
+        // A state that is not finite is the controller's to refuse, and none for the analysis to remember.
+        if is_finite(&estimate.q) && is_finite(&estimate.qdot) {
+            steps.analyzer.step(estimate, &mut self.report);
+        }
+        self.target.target = given.target(tick);
+        steps.controller.steer(
+            (estimate, &self.report),
+            Some(&self.target),
+            &mut self.servo,
+            &mut self.control,
+            &mut self.torque,
+        );
+    }
+
+    /// Why the law gives no motion any more; empty: it does.
+    fn refusal(&self) -> &str {
+        match (&self.steps, self.control.refusal) {
+            (None, _) => &self.not_begun,
+            (_, refusal) => codes::name_of(codes::REFUSALS, refusal),
+        }
+    }
+
+    fn state(&self) -> LawState {
+        let ServoState {
+            reason,
+            joint,
+            upper,
+            nearest,
+            singularity,
+            ..
+        } = self.servo;
+        let count = (self.report.count as usize).min(MAX_SINGULARITIES);
+        let listed = || self.report.singularities[..count].iter().enumerate();
+        let named = |(place, one): (usize, &shared_types::SingularityState)| {
+            codes::singularity_name(one.kind, place)
+        };
+        let refusal = self.refusal();
+        LawState {
+            tick: self.tick,
+            phase: codes::name_of(codes::PHASES, self.torque.phase),
+            reason: if !refusal.is_empty() {
+                refusal.to_owned()
+            } else if self.control.rejected_ticks > 0 {
+                codes::name_of(codes::REFUSALS, codes::REFUSAL_ESTIMATE).to_owned()
+            } else {
+                codes::reason_text(reason, joint, upper)
+            },
+            refusal: refusal.to_owned(),
+            stop: codes::name_of(codes::REFUSALS, self.servo.stop),
+            mode: listed()
+                .map(|(i, one)| {
+                    (
+                        named((i, one)),
+                        codes::name_of(codes::MODES, self.control.mode[i]),
+                    )
+                })
+                .collect(),
+            beta: listed()
+                .map(|(i, one)| (named((i, one)), self.control.beta[i]))
+                .collect(),
+            nearest: listed()
+                .find(|(i, _)| singularity == *i as u32 + 1)
+                .map(named),
+            openness: nearest,
+            speed_scale: self.servo.speed_scale,
+            saturated: self.torque.saturation_mask,
+            rate_limited: self.control.rate_mask,
+            targets_refused: self.servo.refused,
+            target_refusal: codes::name_of(codes::TARGET_REFUSALS, self.servo.refusal),
+        }
+    }
+}
+
+/// The control law of one arm (`step`) or of N arms at once (`step_many`), as in the process `controller` of a steered run.
+///
+/// `dt` is the time between two steps in s, 1/dt a whole number from 50 to 20000. `q`, shape (n,), rad, is the posture in which it begins at rest, and to
+/// which spare joints are drawn; that of the first step where None. `settings` are keys of a scenario: `{"control.k_p": 900, "servo.speed_m_s": 0.2}`.
+#[pyclass(module = "armplane")]
+pub(crate) struct Law {
+    task: Task,
+    one: Box<Row>,
+    many: Vec<Row>,
+}
+
+#[pymethods]
+impl Law {
+    #[new]
+    #[pyo3(signature = (arm, dt=0.001, q=None, settings=None))]
+    fn new(
+        arm: &Arm,
+        dt: f64,
+        q: Option<&Bound<'_, PyAny>>,
+        settings: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let mut keys = Vec::new();
+        for (key, value) in settings.into_iter().flatten() {
+            // As TOML has it: true, not True.
+            let value = match value.extract::<bool>() {
+                Ok(flag) => flag.to_string(),
+                Err(_) => value.str()?.to_string(),
+            };
+            keys.push(format!("{key}={value}"));
+        }
+        let rate = (1.0 / dt).round();
+        if !((rate * dt - 1.0).abs() < 1e-9 && (50.0..=20_000.0).contains(&rate)) {
+            return Err(refused(format!(
+                "dt = {dt}: give the time of a tick in s, one over a whole number from 50 to 20000, such as 0.001"
+            )));
+        }
+        keys.push(format!("rate_hz={rate}"));
+        let mut task = Task {
+            robot: Arc::clone(&arm.robot),
+            scenario: arm.scenario(&keys)?,
+            q: None,
+        };
+        if let Some(q) = q {
+            let q = numbers("q", q, &[&[Some(arm.robot.dof())]])?;
+            task.q = Some(q.as_slice()?.to_vec());
+        }
+        // Whatever is wrong with arm, settings and posture is found here.
+        task.begin(task.q.as_deref().unwrap_or(&arm.robot.middle()))
+            .map_err(refused)?;
+        Ok(Self {
+            task,
+            one: Box::default(),
+            many: Vec::new(),
+        })
+    }
+
+    /// One tick: the torque, shape (n,), N·m, within the torque limits and torque rates.
+    ///
+    /// `q` (n,), rad; `qdot` (n,), rad/s. `pose`: of E in B, (7,) `x y z qw qx qy qz` or (4, 4), m; `twist` (6,): with which the pose moves on, or alone
+    /// what is asked for, `[linear; angular]` in the axes of B, m/s and rad/s; neither: rest. `tau_disturbance` (n,), N·m: torque on the joints that the
+    /// model does not explain. `out` (n,): the array that is filled and returned, so that nothing is allocated.
+    ///
+    /// No number raises: a NaN in the state, a state that no arm can move to or a posture that the arm does not have is refused, and `state` says why.
+    /// A refused law brings the arm to rest; `reset` begins anew. Before the law has begun the torque is zero. Raises ValueError for a wrong shape.
+    #[pyo3(signature = (q, qdot, pose=None, twist=None, tau_disturbance=None, out=None))]
+    #[allow(clippy::too_many_arguments, reason = "Python's keyword arguments")]
+    fn step<'py>(
+        &mut self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        qdot: &Bound<'py, PyAny>,
+        pose: Option<&Bound<'py, PyAny>>,
+        twist: Option<&Bound<'py, PyAny>>,
+        tau_disturbance: Option<&Bound<'py, PyAny>>,
+        out: Option<Bound<'py, PyArray1<f64>>>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let n = self.task.robot.dof();
+        let (q, qdot) = (
+            numbers("q", q, &[&[Some(n)]])?,
+            numbers("qdot", qdot, &[&[Some(n)]])?,
+        );
+        let pose = optional("pose", pose, &[&[Some(7)], &[Some(4), Some(4)]])?;
+        let twist = optional("twist", twist, &[&[Some(6)]])?;
+        let tau_disturbance = optional("tau_disturbance", tau_disturbance, &[&[Some(n)]])?;
+        let given = Given {
+            q: q.as_slice()?,
+            qdot: qdot.as_slice()?,
+            tau_disturbance: slice(&tau_disturbance)?,
+            pose: slice(&pose)?,
+            twist: slice(&twist)?,
+        };
+        self.one.step(&self.task, &given);
+        let tau = &self.one.torque.tau[..n];
+        match out {
+            Some(out) if out.len() == n => {
+                out.try_readwrite()?.as_slice_mut()?.copy_from_slice(tau);
+                Ok(out)
+            }
+            Some(out) => Err(refused(format!(
+                "out has the shape ({},); expected is ({n},)",
+                out.len()
+            ))),
+            None => Ok(PyArray1::from_slice(py, tau)),
+        }
+    }
+
+    /// One tick of N arms on all cores, each row with its own memory: the torques, shape (N, n), N·m.
+    ///
+    /// The arguments are those of `step` with a first axis of N rows. N stays the same until `reset`; a row begins with the first call, and again after
+    /// `reset(rows)`.
+    #[pyo3(signature = (q, qdot, pose=None, twist=None, tau_disturbance=None))]
+    fn step_many<'py>(
+        &mut self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        qdot: &Bound<'py, PyAny>,
+        pose: Option<&Bound<'py, PyAny>>,
+        twist: Option<&Bound<'py, PyAny>>,
+        tau_disturbance: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let (n, task) = (self.task.robot.dof(), &self.task);
+        let known = Some(self.many.len()).filter(|rows| *rows > 0);
+        let q = numbers("q", q, &[&[known, Some(n)]])?;
+        let N = q.shape()[0];
+        let rows = Some(N);
+        let qdot = numbers("qdot", qdot, &[&[rows, Some(n)]])?;
+        let poses: [&[_]; 2] = [&[rows, Some(7)], &[rows, Some(4), Some(4)]];
+        let pose = optional("pose", pose, &poses)?;
+        let twist = optional("twist", twist, &[&[rows, Some(6)]])?;
+        let tau_disturbance = optional("tau_disturbance", tau_disturbance, &[&[rows, Some(n)]])?;
+        let given = Given {
+            q: q.as_slice()?,
+            qdot: qdot.as_slice()?,
+            tau_disturbance: slice(&tau_disturbance)?,
+            pose: slice(&pose)?,
+            twist: slice(&twist)?,
+        };
+        let many = &mut self.many;
+        many.resize_with(N, Row::default);
+        py.detach(|| {
+            in_parts(many, |first, part| {
+                for (i, row) in (first..).zip(part) {
+                    row.step(task, &given.row(i, N));
+                }
+            });
+        });
+        let tau = many.iter().flat_map(|row| &row.torque.tau[..n]).copied();
+        PyArray1::from_iter(py, tau).reshape([N, n])
+    }
+
+    /// Forgets everything: the next step begins anew. `rows`, indices or a mask of shape (N,): only those rows of `step_many`.
+    #[pyo3(signature = (rows=None))]
+    fn reset(&mut self, py: Python<'_>, rows: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let Some(rows) = rows else {
+            (self.one, self.many) = (Box::default(), Vec::new());
+            return Ok(());
+        };
+        let all = py
+            .import("numpy")?
+            .call_method1("arange", (self.many.len(),))?;
+        for row in all.get_item(rows)?.try_iter()? {
+            self.many[row?.extract::<usize>()?] = Row::default();
+        }
+        Ok(())
+    }
+
+    /// What the law did at the last `step`, and why.
+    #[getter]
+    fn state(&self) -> LawState {
+        self.one.state()
+    }
+
+    /// The same of a row of the last `step_many`.
+    fn state_of(&self, row: usize) -> PyResult<LawState> {
+        let missing = || PyIndexError::new_err(format!("there are {} rows", self.many.len()));
+        Ok(self.many.get(row).ok_or_else(missing)?.state())
+    }
+
+    /// Whether each row of the last `step_many` was refused, shape (N,).
+    #[getter]
+    fn refused<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
+        let refused = self.many.iter().map(|row| !row.refusal().is_empty());
+        refused.collect::<Vec<_>>().into_pyarray(py)
+    }
+
+    fn __repr__(&self) -> String {
+        let (name, dt) = (&self.task.robot.name, self.task.scenario.dt_s());
+        format!("Law({name}, dt={dt}, tick {})", self.one.tick)
+    }
+}
+
+/// What the law did at a tick, and why.
+#[pyclass(frozen, get_all, module = "armplane")]
+pub(crate) struct LawState {
+    /// Steps since the law began.
+    tick: u64,
+    /// running, settling, done, refused.
+    phase: &'static str,
+    /// How the arm follows its target, in words: follows, rests, slowed near a singularity, at the boundary of reach, …; the refusal where there is one.
+    reason: String,
+    /// Why the law has given up: the arm is brought to rest until `reset`. Empty: it has not.
+    refusal: String,
+    /// Why the law last brought the arm to rest for a moment, and went on from there. Empty: it has not.
+    stop: &'static str,
+    /// By a singularity's name: regular, blend, track, pass, hold, reorient, slide, recover.
+    mode: std::collections::BTreeMap<String, &'static str>,
+    /// By a singularity's name: β, the share of the operational-space command along ζ, 0 to 1.
+    beta: std::collections::BTreeMap<String, f64>,
+    /// Name of the nearest singularity; None where the arm has none.
+    nearest: Option<String>,
+    /// |measure| of the nearest singularity over its exit threshold: the law acts on it below 1.
+    openness: f64,
+    /// Share of the twist asked for that the arm moves with, 0 to 1.
+    speed_scale: f64,
+    /// Bit i: torque i is at its limit.
+    saturated: u32,
+    /// Bit i: torque i would have changed faster than its drive accepts.
+    rate_limited: u32,
+    /// Targets refused since the law began.
+    targets_refused: u32,
+    /// Why the last of them was; the one before it stays in force for 0.1 s.
+    target_refusal: &'static str,
+}
+
+#[pymethods]
+impl LawState {
+    fn __repr__(&self) -> String {
+        let (tick, phase, reason) = (self.tick, self.phase, &self.reason);
+        format!(
+            "LawState(tick {tick}, {phase}: {reason}; mode {:?}, beta {:?})",
+            self.mode, self.beta
+        )
+    }
+}
+
+fn optional<'py>(
+    name: &str,
+    given: Option<&Bound<'py, PyAny>>,
+    expected: &[&[Option<usize>]],
+) -> PyResult<Option<PyReadonlyArrayDyn<'py, f64>>> {
+    given
+        .map(|given| numbers(name, given, expected))
+        .transpose()
+}
+
+fn slice<'a>(array: &'a Option<PyReadonlyArrayDyn<'_, f64>>) -> PyResult<Option<&'a [f64]>> {
+    Ok(array.as_ref().map(|array| array.as_slice()).transpose()?)
+}
