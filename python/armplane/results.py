@@ -63,6 +63,7 @@ class Run:
 
     @property
     def goal_reached(self):
+        """Whether the hand followed its path to the goal."""
         return self.summary["outcome"] == "goal reached"
 
     def messages(self, topic):

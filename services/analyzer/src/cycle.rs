@@ -22,6 +22,8 @@ pub trait Step: Send + Sync {
     );
     /// The [`Report`](control::Report) that the last message has, for another step in this address space.
     fn report(&self) -> &dyn Any;
+    /// The same, with its memory.
+    fn copied(&self) -> Box<dyn Step>;
     /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its input.
     fn save(&self, out: &mut AnalyzerCheckpoint);
     /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
@@ -58,6 +60,10 @@ impl<const N: usize> Cycle<N> {
 }
 
 impl<const N: usize> Step for Cycle<N> {
+    fn copied(&self) -> Box<dyn Step> {
+        Box::new(self.clone())
+    }
+
     fn save(&self, out: &mut AnalyzerCheckpoint) {
         self.analyzer.save(out);
     }

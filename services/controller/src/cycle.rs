@@ -44,6 +44,8 @@ pub trait Step: Send + Sync {
     fn save(&self, out: &mut ControllerCheckpoint);
     /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
     fn restore(&mut self, from: &ControllerCheckpoint);
+    /// The step of a steered run before its first tick, for an arm that starts at rest in another posture, one value per joint, rad.
+    fn begun_at(&self, q_start: &[f64]) -> Box<dyn Step>;
     /// Why the path cannot be followed, found before the first tick, in words.
     fn obstacle(&self) -> Option<&str>;
     /// A goal beyond reach, found before the first tick, in words.
@@ -119,6 +121,13 @@ impl<const N: usize> Cycle<N> {
 }
 
 impl<const N: usize> Step for Cycle<N> {
+    fn begun_at(&self, q_start: &[f64]) -> Box<dyn Step> {
+        Box::new(Self {
+            controller: self.controller.begun_at(embedded(q_start)),
+            dof: self.dof,
+        })
+    }
+
     fn obstacle(&self) -> Option<&str> {
         self.controller.obstacle()
     }

@@ -57,10 +57,10 @@ pub enum Defect {
     )]
     Mimic { joint: String, leader: String },
     #[error(
-        "moving link '{0}' has no inertia, so its motion cannot be computed: \
+        "moving link '{link}' has no inertia, so the motion of joint '{joint}' cannot be computed: \
          add <inertial> with its centre of mass, mass and inertia to it"
     )]
-    NoInertia(String),
+    NoInertia { link: String, joint: String },
     /// Principal moments in kg·m².
     #[error(
         "link '{link}' has an impossible inertia: mass {mass} kg, principal moments {} kg·m² about its \

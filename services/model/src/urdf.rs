@@ -387,7 +387,7 @@ impl<'a> Tree<'a> {
             return Err(Defect::of_joint(&name, "axis", value, remedy));
         };
         check_finite(&X_PJ, || format!("the pose of joint '{name}'"))?;
-        let (mass, com, inertia) = self.lump(rigid)?;
+        let (mass, com, inertia) = self.lump(rigid, &name)?;
         let dynamics = joint.dynamics.as_ref();
         let mut limit = joint.limit.clone();
         if kind == JointKind::Continuous {
@@ -419,8 +419,12 @@ impl<'a> Tree<'a> {
         })
     }
 
-    /// Mass, centre of mass, and inertia about it, of links that move as one, in the first one's frame.
-    fn lump(&self, rigid: &Rigid<'a>) -> Result<(f64, Vector3<f64>, Matrix3<f64>), Defect> {
+    /// Mass, centre of mass, and inertia about it, of links that a joint moves as one, in the first one's frame.
+    fn lump(
+        &self,
+        rigid: &Rigid<'a>,
+        joint: &str,
+    ) -> Result<(f64, Vector3<f64>, Matrix3<f64>), Defect> {
         let mut bodies = Vec::new();
         for &(name, X_LF) in rigid {
             let inertial = &self.links[name].inertial;
@@ -449,7 +453,10 @@ impl<'a> Tree<'a> {
         let name = rigid[0].0;
         let mass: f64 = bodies.iter().map(|(m, ..)| m).sum();
         if mass <= 0.0 {
-            return Err(Defect::NoInertia(name.to_owned()));
+            return Err(Defect::NoInertia {
+                link: name.to_owned(),
+                joint: joint.to_owned(),
+            });
         }
         let (com, inertia) = match bodies[..] {
             // One body alone keeps its numbers to the last bit.

@@ -25,6 +25,8 @@ pub(crate) struct Arm {
     pub(crate) robot: Arc<Robot>,
     /// The link that is the end-effector E; `None`: the description's.
     tip: Option<String>,
+    /// Before its first tick, with the default thresholds.
+    analyzer: Box<dyn analyzer::Step>,
 }
 
 impl Arm {
@@ -32,33 +34,26 @@ impl Arm {
         with_dof!(robot.dof(), N => Model::<N>::new(&robot, tip.as_deref()).map(drop))
             .ok_or_else(|| refused(Refused::size(&robot)))?
             .map_err(refused)?;
-        let robot = Arc::new(robot);
-        Ok(Self { robot, tip })
+        let scenario = scenario(&robot, tip.as_deref(), &[])?;
+        Ok(Self {
+            analyzer: analyzer::cycle(&robot, &scenario).map_err(refused)?,
+            robot: Arc::new(robot),
+            tip,
+        })
     }
 
     /// A steered scenario on this arm, with `settings` applied, that starts in the middle of the joints' ranges.
     pub(crate) fn scenario(&self, settings: &[String]) -> PyResult<Scenario> {
-        let mut scenario = Scenario::parse("settings", SESSION, settings).map_err(refused)?;
-        scenario.frame = self.tip.clone().unwrap_or_default();
-        (scenario.start.posture, scenario.start.q) = (None, Some(self.robot.middle()));
-        if let Some(servo) = &mut scenario.servo {
-            servo.duration_s = f64::INFINITY;
-        }
-        Ok(scenario)
+        scenario(&self.robot, self.tip.as_deref(), settings)
     }
 
     /// The analysis of each row of `q`, `qdot` by itself: without memory of the rows before. A row that is not finite has no singularities, and NaN.
-    fn analyse(&self, q: &[f64], qdot: &[f64], reports: &mut [SingularityReport]) -> PyResult<()> {
-        let (n, scenario) = (self.robot.dof(), self.scenario(&[])?);
-        // Whatever is wrong with the arm is found here.
-        analyzer::cycle(&self.robot, &scenario).map_err(refused)?;
+    fn analyse(&self, q: &[f64], qdot: &[f64], reports: &mut [SingularityReport]) {
+        let n = self.robot.dof();
+        let mut fresh = AnalyzerCheckpoint::default();
+        self.analyzer.save(&mut fresh);
         in_parts(reports, |first, part| {
-            let Ok(mut analyzer) = analyzer::cycle(&self.robot, &scenario) else {
-                return;
-            };
-            let (mut fresh, mut estimate) =
-                (AnalyzerCheckpoint::default(), StateEstimate::default());
-            analyzer.save(&mut fresh);
+            let (mut analyzer, mut estimate) = (self.analyzer.copied(), StateEstimate::default());
             for (row, report) in (first..).zip(part) {
                 let place = row * n..(row + 1) * n;
                 estimate.q[..n].copy_from_slice(&q[place.clone()]);
@@ -74,7 +69,6 @@ impl Arm {
                 }
             }
         });
-        Ok(())
     }
 
     fn joint_values<'py>(
@@ -85,6 +79,16 @@ impl Arm {
         let values: Vec<f64> = self.robot.joints.iter().map(value).collect();
         values.into_pyarray(py)
     }
+}
+
+fn scenario(robot: &Robot, tip: Option<&str>, settings: &[String]) -> PyResult<Scenario> {
+    let mut scenario = Scenario::parse("settings", SESSION, settings).map_err(refused)?;
+    scenario.frame = tip.unwrap_or_default().to_owned();
+    (scenario.start.posture, scenario.start.q) = (None, Some(robot.middle()));
+    if let Some(servo) = &mut scenario.servo {
+        servo.duration_s = f64::INFINITY;
+    }
+    Ok(scenario)
 }
 
 pub(crate) fn is_finite(values: &[f64]) -> bool {
@@ -266,7 +270,7 @@ impl Arm {
                 "q = {q:?} has a number that is not finite"
             )));
         }
-        self.analyse(q, &[0.0; 16][..n], std::slice::from_mut(&mut report))?;
+        self.analyse(q, &[0.0; 16][..n], std::slice::from_mut(&mut report));
         let count = (report.count as usize).min(MAX_SINGULARITIES);
         let listed = report.singularities[..count].iter().enumerate();
         Ok(listed
@@ -307,7 +311,7 @@ impl Arm {
             let place = rows.start * n..rows.end * n;
             let part = &mut reports[..rows.len()];
             part.fill(SingularityReport::default());
-            py.detach(|| self.analyse(&q[place.clone()], &qdot[place], part))?;
+            py.detach(|| self.analyse(&q[place.clone()], &qdot[place], part));
             for report in part.iter() {
                 rank.push(report.rank);
                 count.push(report.count);

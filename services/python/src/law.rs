@@ -10,7 +10,6 @@ use numpy::{
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use shared_types::scenario::Scenario;
 use shared_types::{
     ControlState, MAX_SINGULARITIES, ServoState, SingularityReport, StateEstimate, Target,
     TargetContent, TorqueCommand, codes,
@@ -25,7 +24,9 @@ const VALID_S: f64 = 0.1;
 /// What all rows of a law share.
 struct Task {
     robot: Arc<Robot>,
-    scenario: Scenario,
+    dt: f64,
+    /// Before its first tick: each row begins with a copy.
+    steps: Steps,
     /// The posture in which it begins; `None`: that of the first tick.
     q: Option<Vec<f64>>,
 }
@@ -110,13 +111,12 @@ impl Given<'_> {
 impl Task {
     /// The steps of an arm that begins at rest in `q`.
     fn begin(&self, q: &[f64]) -> Result<Steps, String> {
-        let words = |error: &dyn ToString| error.to_string();
-        self.robot.check_posture(q).map_err(|error| words(&error))?;
-        let mut scenario = self.scenario.clone();
-        scenario.start.q = Some(q.to_vec());
+        self.robot
+            .check_posture(q)
+            .map_err(|error| error.to_string())?;
         Ok(Steps {
-            analyzer: analyzer::cycle(&self.robot, &scenario).map_err(|error| words(&error))?,
-            controller: controller::cycle(&self.robot, &scenario).map_err(|error| words(&error))?,
+            analyzer: self.steps.analyzer.copied(),
+            controller: self.steps.controller.begun_at(q),
         })
     }
 }
@@ -251,18 +251,23 @@ impl Law {
             )));
         }
         keys.push(format!("rate_hz={rate}"));
+        let (robot, scenario) = (Arc::clone(&arm.robot), arm.scenario(&keys)?);
         let mut task = Task {
-            robot: Arc::clone(&arm.robot),
-            scenario: arm.scenario(&keys)?,
+            steps: Steps {
+                analyzer: analyzer::cycle(&robot, &scenario).map_err(refused)?,
+                controller: controller::cycle(&robot, &scenario).map_err(refused)?,
+            },
+            dt: scenario.dt_s(),
+            robot,
             q: None,
         };
         if let Some(q) = q {
-            let q = numbers("q", q, &[&[Some(arm.robot.dof())]])?;
-            task.q = Some(q.as_slice()?.to_vec());
+            let q = numbers("q", q, &[&[Some(arm.robot.dof())]])?
+                .as_slice()?
+                .to_vec();
+            task.robot.check_posture(&q).map_err(refused)?;
+            task.q = Some(q);
         }
-        // Whatever is wrong with arm, settings and posture is found here.
-        task.begin(task.q.as_deref().unwrap_or(&arm.robot.middle()))
-            .map_err(refused)?;
         Ok(Self {
             task,
             one: Box::default(),
@@ -400,7 +405,7 @@ impl Law {
     }
 
     fn __repr__(&self) -> String {
-        let (name, dt) = (&self.task.robot.name, self.task.scenario.dt_s());
+        let (name, dt) = (&self.task.robot.name, self.task.dt);
         format!("Law({name}, dt={dt}, tick {})", self.one.tick)
     }
 }

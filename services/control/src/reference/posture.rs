@@ -50,6 +50,11 @@ impl<const N: usize> Postures<N> {
         })
     }
 
+    /// Those of a steered run that starts in another posture.
+    pub(crate) fn begin(&mut self, q_start: SVector<f64, N>) {
+        self.q_start = q_start;
+    }
+
     /// Posture goal of each leg, rad.
     pub(crate) fn goals(&self) -> &[SVector<f64, N>] {
         &self.goals

@@ -240,3 +240,30 @@ fn after_the_end_and_after_an_old_target_the_arm_rests_wherever_it_is() {
         }
     }
 }
+
+/// A copy that begins elsewhere is the controller of that start, down to its last bit.
+fn begins_alike<const N: usize>(name: &str) {
+    let text = format!(
+        "name = \"t\"\nrobot = \"{name}\"\n[start]\nposture = \"x\"\n[servo]\nduration_s = 60.0\n"
+    );
+    let scenario = Scenario::parse("t.toml", &text, &[]).unwrap();
+    let robot = robot(name);
+    let model = Model::<N>::new(robot, None).unwrap();
+    let starts = [
+        robot.middle(),
+        robot.postures.values().next().unwrap().clone(),
+    ];
+    let [from, to] = starts.map(|q| model::embedded::<N>(&q) * 0.9);
+    let made = |q| Controller::new(model.clone(), robot, &scenario, q).unwrap();
+    let begun = made(from).begun_at(to);
+    assert_eq!(format!("{begun:?}"), format!("{:?}", made(to)), "{name}");
+}
+
+#[test]
+fn a_steered_law_begins_in_any_posture_as_if_made_for_it() {
+    begins_alike::<6>("puma560");
+    begins_alike::<6>("ur5");
+    begins_alike::<6>("planar3r");
+    begins_alike::<7>("iiwa14");
+    begins_alike::<7>("panda");
+}

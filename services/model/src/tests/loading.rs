@@ -245,7 +245,7 @@ fn inertia_without_mass_counts_or_is_refused() {
     assert_eq!((body.mass, body.com), (1.0, Vector3::zeros()));
     assert!((body.inertia - Matrix3::from_diagonal(&vector![1.1, 1.2, 1.25])).amax() < 1e-15);
     let alone = robot("base", &[turning("base-hand"), hand.to_owned()]);
-    assert_refused! { alone, "" => Defect::NoInertia(link) if link == "hand", }
+    assert_refused! { alone, "" => Defect::NoInertia { link, .. } if link == "hand", }
 }
 
 #[test]
@@ -320,7 +320,7 @@ fn impossible_urdfs_are_refused() {
         "not xml", "" => Defect::Urdf(_),
         robot("base", &[]), "" => Defect::NoMovableJoint { .. },
         long, "" => Defect::TooManyJoints(9),
-        pendulum(r#"<link name="a"/>"#, LIMIT), "" => Defect::NoInertia(link) if link == "a",
+        pendulum(r#"<link name="a"/>"#, LIMIT), "" => Defect::NoInertia { link, .. } if link == "a",
         a("1", ["1", "1", "-1"]), "" => Defect::Inertia { moments: [-1.0, 1.0, 1.0], .. },
         a("1", ["1", "1", "0"]), "" => Defect::Inertia { .. },
         a("-1", ["1", "1", "1"]), "" => Defect::Inertia { mass: -1.0, .. },

@@ -1,0 +1,75 @@
+"""Measures the package as it is installed: `python benchmark.py`. docs/python.md has its numbers."""
+
+import resource
+import time
+
+import armplane
+import numpy as np
+
+SINGULAR = {"iiwa14": [{3: 0.0}, {5: 0.0}, {1: 0.0}, {3: 0.0, 5: 0.0}, {1: 0.0, 5: 0.0}, {1: 0.0, 3: 0.0, 5: 0.0}], "puma560": [{4: 0.0}]}
+
+
+def singular(arm, count, random):
+    """Random postures within the limits, in each of which one or more of the joints that make the arm singular are at zero; (count, n), rad."""
+    q = random.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), (count, arm.dof))
+    cases = SINGULAR[arm.name]
+    for case, joints in enumerate(cases):
+        for joint, value in joints.items():
+            q[case :: len(cases), joint] = value
+    return q
+
+
+def step(name, count=100_000):
+    arm = armplane.Arm.builtin(name)
+    law, q = armplane.Law(arm), next(iter(arm.postures.values()))
+    qdot, pose, twist, out = np.zeros(arm.dof), arm.at(q).pose, np.array([0.01, 0, 0, 0, 0, 0.01]), np.zeros(arm.dof)
+    law.step(q, qdot, pose, twist, out=out)
+    times = np.empty(count)
+    for i in range(count):
+        begin = time.perf_counter()
+        law.step(q, qdot, pose, twist, out=out)
+        times[i] = time.perf_counter() - begin
+    at = lambda share: 1e6 * np.quantile(times, share)
+    print(f"Law.step {name}: p50 {at(0.5):.1f} µs, p99 {at(0.99):.1f} µs, p99.9 {at(0.999):.1f} µs, max {at(1.0):.0f} µs over {count} calls ({law.state.reason})")
+
+
+def arms(name, count=1_000_000):
+    arm, random = armplane.Arm.builtin(name), np.random.default_rng(1)
+    q = singular(arm, count, random)
+    begin = time.perf_counter()
+    found = arm.step_many(q)
+    seconds = time.perf_counter() - begin
+    bad = sum(int((~np.isfinite(found[key])).sum()) for key in ("det", "manipulability", "measure", "direction"))
+    inside = found["inside"].any(axis=1).mean()
+    print(f"Arm.step_many {name}: {count} states in {seconds:.2f} s, {1e6 * seconds / count:.2f} µs each, {bad} NaN, {inside:.1%} inside a neighbourhood")
+
+
+def laws(name, count=1_000_000, batch=10_000, ticks=3):
+    """Laws that begin in singular postures and are asked to move on at random: `ticks` ticks of each."""
+    arm, random = armplane.Arm.builtin(name), np.random.default_rng(2)
+    law, (bad, over, refused, seconds, stepping) = armplane.Law(arm), (0, 0, 0, 0.0, 0.0)
+    for _ in range(count // batch):
+        q, qdot = singular(arm, batch, random), np.zeros((batch, arm.dof))
+        twist = random.normal(0, 0.3, (batch, 6))
+        law.reset()
+        for tick in range(ticks):
+            begin = time.perf_counter()
+            tau = law.step_many(q, qdot, twist=twist)
+            seconds += time.perf_counter() - begin
+            stepping += time.perf_counter() - begin if tick else 0.0
+            bad += int((~np.isfinite(tau)).sum())
+            over += int((np.abs(tau) > arm.effort).sum())
+        refused += int(law.refused.sum())
+    print(
+        f"Law.step_many {name}: {count} singular states, {ticks} ticks each, in {seconds:.1f} s: {bad} NaN, {over} torques over the limit, "
+        f"{refused} refused; {1e6 * stepping / count / (ticks - 1):.2f} µs a tick once begun; "
+        f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000:.0f} MB at most"
+    )
+
+
+if __name__ == "__main__":
+    for name in ("ur5", "puma560", "iiwa14"):
+        step(name)
+    for name in ("puma560", "iiwa14"):
+        arms(name)
+        laws(name)

@@ -1,0 +1,209 @@
+"""The package as it is installed: `python/build --test` runs this in an empty virtual environment."""
+
+import math
+import pathlib
+import time
+
+import armplane
+import numpy as np
+import pytest
+
+WIRE = armplane.wire
+
+
+def test_a_new_user_has_a_first_verdict():
+    begin = time.monotonic()
+    run = armplane.run("fig5-wrist-rotation", out="first")
+    assert run.goal_reached and run.summary["task"]["orientation_max_deg"] < 0.5
+    assert time.monotonic() - begin < 60
+    assert len(run.signals) == run.summary["ticks"] and "goal reached" in run._repr_html_()
+
+
+@pytest.mark.parametrize(
+    "name, by, q",
+    [
+        ("ur5", "pose", [0.3, -1.2, 1.4, -0.6, 0.15, 0.2]),
+        ("iiwa14", "pose", [0.2, 0.5, 0.1, -0.2, 0.3, 0.6, 0.0]),
+        ("puma560", "twist", [0.3, -1.0, 2.9, 0.2, 0.15, 0.1]),
+    ],
+)
+def test_a_law_gives_the_bits_of_the_process(name, by, q):
+    """Near a singularity, with the inputs of the process `controller` in a steered run with sensor noise: the same torques and β at every tick."""
+    arm = armplane.Arm.builtin(name)
+    n, p, twist = arm.dof, arm.at(q).pose[:3, 3], [0.08, 0.0, -0.02, 0.0, 0.3, 0.1]
+    quaternion = _quaternion(arm.at(q).pose)
+    text = lambda *parts: " ".join(repr(float(x)) for part in parts for x in part)
+    lines = ["# armplane targets 1, length m"]
+    for tick in range(1500):
+        values = text(p + 1e-3 * tick * np.array(twist[:3]), quaternion, twist) if by == "pose" else text(twist)
+        lines.append(f"{tick / 1000}, {by}, base, 1.0, {values}")
+    pathlib.Path(f"{name}.csv").write_text("\n".join(lines) + "\n")
+    text = f'name = "{name}"\nrobot = "{name}"\n[start]\nq = {q}\n[servo]\ninput = "{name}.csv"\n'
+    pathlib.Path(f"{name}.toml").write_text(text)
+    run = armplane.run(f"{name}.toml", out=name)
+    estimates, targets, torques, states = (run.messages(topic) for topic in ("estimate", "target", "torque", "control_state"))
+    law, engaged = armplane.Law(arm, q=q), 0
+    for tick in range(1500):
+        target, estimate = targets[tick]["target"], estimates[tick]
+        assert target["given_tick"] == tick == estimate["header"]["tick"]
+        pose = np.concatenate([target["position"], target["quaternion"]]) if by == "pose" else None
+        tau = law.step(estimate["q"][:n], estimate["qdot"][:n], pose, target["twist"], tau_disturbance=estimate["tau_disturbance"][:n])
+        assert tau.tobytes() == torques[tick]["tau"][:n].tobytes(), f"tick {tick}"
+        engaged += min(law.state.beta.values()) < 1
+    assert list(law.state.beta.values()) == [states[1499]["beta"][i] for i in _order(arm, q)]
+    assert engaged > 100
+
+
+def _order(arm, q):
+    """Places of the report in the order of their names."""
+    names = [one.name for one in arm.singularities(q)]
+    return sorted(range(len(names)), key=names.__getitem__)
+
+
+def _quaternion(X):
+    """Of a homogeneous matrix: `w x y z`, the eigenvector of Bar-Itzhack's matrix."""
+    R, trace = X[:3, :3], np.trace(X[:3, :3])
+    v = np.array([[R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]])
+    x, y, z, w = np.linalg.eigh(np.block([[R + R.T - trace * np.eye(3), v.T], [v, trace]]))[1][:, -1]
+    return np.array([w, x, y, z])
+
+
+def test_a_law_follows_a_pose_through_a_wrist_lock():
+    arm, dt = armplane.Arm.builtin("ur5"), 0.001
+    q = np.array([0.3, -1.2, 1.4, -0.6, 0.15, 0.2])
+    law, qdot, start = armplane.Law(arm, dt=dt), np.zeros(6), arm.at(q).pose
+    twist, modes, target = np.array([0.0, 0.05, 0.0, 0.0, 0.0, 0.0]), set(), start.copy()
+    for tick in range(4000):
+        moves = twist if tick < 3000 else np.zeros(6)
+        tau = law.step(q, qdot, target, moves)
+        at = arm.at(q, qdot)
+        assert (np.abs(tau) <= arm.effort).all()
+        qdot = qdot + dt * np.linalg.solve(at.A, tau - at.bias)
+        q = q + dt * qdot
+        target[:3, 3] += dt * moves[:3]
+        modes.update(law.state.mode.items())
+    assert np.linalg.norm(arm.at(q).pose[:3, 3] - target[:3, 3]) < 1e-3
+    assert law.state.refusal == "" and {name for name, mode in modes if mode != "regular"}
+
+
+def test_a_number_is_refused_in_words_and_never_raises():
+    arm = armplane.Arm.builtin("puma560")
+    q, zero, pose = arm.postures["nominal"], np.zeros(6), arm.at(arm.postures["nominal"]).pose
+    for i, bad in enumerate([np.nan, np.inf, -np.inf, 1e300]):
+        law, wrong = armplane.Law(arm), q.copy()
+        assert not law.step(np.full(6, bad), zero).any() and law.state.refusal, "not begun: no torque"
+        law.step(q, zero, pose)
+        assert law.state.refusal == "" and law.state.phase == WIRE.PHASES[WIRE.PHASE_RUNNING]
+        law.step(q, zero, pose * bad)
+        assert law.state.targets_refused == 1 and law.state.target_refusal and law.state.refusal == ""
+        wrong[i] = bad
+        for _ in range(300):
+            assert np.isfinite(law.step(wrong, zero, pose)).all()
+        assert law.state.refusal and law.state.reason == law.state.refusal
+        law.reset()
+        law.step(q, zero, pose)
+        assert law.state.refusal == ""
+    assert armplane.Arm.builtin("puma560").step_many(np.full((3, 6), np.nan))["count"].sum() == 0
+
+
+def test_a_wrong_argument_is_named_with_what_is_expected():
+    arm, zero = armplane.Arm.builtin("iiwa14"), np.zeros(7)
+    law = armplane.Law(arm)
+    law.step_many(np.zeros((4, 7)), np.zeros((4, 7)))
+    cases = [
+        (lambda: law.step(zero[:5], zero), ["q ", "(5,)", "(7,)"]),
+        (lambda: law.step(zero, zero, np.eye(3)), ["pose ", "(3, 3)", "(7,)", "(4, 4)"]),
+        (lambda: law.step(zero, zero, twist=zero), ["twist ", "(7,)", "(6,)"]),
+        (lambda: law.step(zero, zero, out=np.zeros(3)), ["out ", "(3,)", "(7,)"]),
+        (lambda: law.step_many(np.zeros((3, 7)), np.zeros((3, 7))), ["q ", "(3, 7)", "(4, 7)"]),
+        (lambda: arm.step_many(zero), ["q ", "(7,)", "(N, 7)"]),
+        (lambda: armplane.Law(arm, dt=0.3), ["dt", "0.3"]),
+        (lambda: armplane.Law(arm, settings={"control.kp": 1}), ["kp", "k_p"]),
+        (lambda: armplane.Law(arm, q=zero + 9), ["joint", "9"]),
+        (lambda: armplane.Arm.builtin("iiwa"), ["iiwa", "iiwa14"]),
+    ]
+    for call, words in cases:
+        with pytest.raises(ValueError) as error:
+            call()
+        assert all(word in str(error.value) for word in words), error.value
+
+
+URDF = """<robot name="two"><link name="base"/>
+<link name="upper"><inertial><origin xyz="0.2 0 0"/><mass value="2"/><inertia ixx="0.01" iyy="0.03" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="fore"><inertial><origin xyz="0.2 0 0"/><mass value="1"/><inertia ixx="0.01" iyy="0.03" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="tool0"/>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="40" velocity="4"/></joint>
+<joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.4 0 0"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="20" velocity="4"/></joint>
+<joint name="flange" type="fixed"><parent link="fore"/><child link="tool0"/><origin xyz="0.4 0 0"/></joint></robot>"""
+
+
+def test_a_urdf_that_lacks_something_is_refused_with_the_joint_and_the_remedy():
+    def arm(text):
+        pathlib.Path("two.urdf").write_text(text)
+        return armplane.Arm.from_urdf("two.urdf", tip="tool0")
+
+    good = arm(URDF)
+    assert (good.dof, good.tip, good.joints) == (2, "tool0", ["shoulder", "elbow"])
+    assert any(one.inside for one in good.singularities([0.3, 0.0])) and not any(one.inside for one in good.singularities([0.3, 1.0]))
+    inertia = URDF[URDF.index('<inertial><origin xyz="0.2 0 0"/><mass value="1"') : URDF.index('</link>\n<link name="tool0"/>')]
+    for without, words in [
+        (inertia, ["elbow", "fore", "<inertial>"]),
+        ('<limit lower="-2" upper="2" effort="20" velocity="4"/>', ["elbow", "<limit>"]),
+        (' effort="20"', ["elbow", "effort", "<limit>"]),
+    ]:
+        with pytest.raises(ValueError) as error:
+            arm(URDF.replace(without, ""))
+        assert all(word in str(error.value) for word in words), error.value
+
+
+def test_many_states_at_once_are_the_same_as_one_by_one():
+    random, checked = np.random.default_rng(5), 0
+    for name in ("puma560", "iiwa14", "panda"):
+        arm = armplane.Arm.builtin(name)
+        N, n = 200, arm.dof
+        q = random.uniform(np.maximum(arm.lower, -2.5), np.minimum(arm.upper, 2.5), (N, n))
+        q[::2, {"puma560": 4}.get(name, 3)] = np.clip(0.0, arm.lower, arm.upper)[{"puma560": 4}.get(name, 3)]
+        twist = random.normal(0, 0.2, (N, 6))
+        found, many = arm.step_many(q), armplane.Law(arm)
+        tau = [many.step_many(q, q * 0, twist=twist) for _ in range(5)]
+        assert np.isfinite(tau).all() and (np.abs(tau) <= arm.effort).all() and not many.refused.any()
+        for row in range(0, N, 40):
+            alone = armplane.Law(arm)
+            assert all((alone.step(q[row], q[row] * 0, twist=twist[row]) == tau[tick][row]).all() for tick in range(5))
+            assert repr(alone.state) == repr(many.state_of(row))
+            for place, one in enumerate(arm.singularities(q[row])):
+                same = (found["measure"][row, place], found["inside"][row, place]) == (one.measure, one.inside)
+                assert same and (found["direction"][row, place] == one.direction).all()
+                assert WIRE.TYPES[found["type"][row, place]] == one.type
+                checked += 1
+        many.reset(np.arange(N) < 3)
+        assert many.step_many(q, q * 0).shape == (N, n) and many.state_of(0).tick == 1 and many.state_of(3).tick == 6
+    assert checked > 30
+
+
+def test_a_million_torques_of_singular_states_are_finite():
+    arm, random = armplane.Arm.builtin("puma560"), np.random.default_rng(6)
+    q = random.uniform(arm.lower, arm.upper, (28_000, 6))
+    q[:, 4] = 0
+    law = armplane.Law(arm)
+    for _ in range(6):
+        assert np.isfinite(law.step_many(q, q * 0, twist=random.normal(0, 0.3, (len(q), 6)))).all()
+    assert not law.refused.any()
+
+
+def test_a_step_takes_at_most_20_us():
+    arm = armplane.Arm.builtin("ur5")
+    law, q, zero, out = armplane.Law(arm), np.full(6, 0.7), np.zeros(6), np.zeros(6)
+    pose, best = arm.at(q).pose, math.inf
+    for _ in range(20):
+        begin = time.perf_counter()
+        for _ in range(500):
+            law.step(q, zero, pose, zero, out=out)
+        best = min(best, (time.perf_counter() - begin) / 500)
+    assert best < 20e-6, f"{1e6 * best:.1f} µs"
+
+
+def test_every_public_thing_has_words():
+    for kind in (armplane.Arm, armplane.Law, armplane.LawState, armplane.Posture, armplane.Singularity, armplane.Run):
+        for name in [name for name in vars(kind) if not name.startswith("_")]:
+            assert getattr(kind, name).__doc__, f"{kind.__name__}.{name}"
