@@ -1,6 +1,6 @@
 """The arm in MuJoCo, as the plant of any scenario: `armplane run fig5-wrist-rotation --graph examples/mujoco/graph.toml`.
 
-Needs `pip install ./python mujoco`. The arm comes from the run's own URDF; encoders and their noise are those of armplane's plant.
+Needs `pip install mujoco` and the package armplane (docs/python.md), or `PYTHONPATH=python`. The arm comes from the run's own URDF; encoders and their noise are those of armplane's plant.
 """
 
 import armplane

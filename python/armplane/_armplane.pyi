@@ -1,6 +1,6 @@
 # Types; `help(armplane.Law)` has the words, with shapes and units.
 from os import PathLike
-from typing import Any, Mapping
+from typing import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,14 +12,12 @@ class Arm:
     dof: int
     tip: str
     joints: list[str]
-    slides: list[bool]
     lower: Doubles
     upper: Doubles
     effort: Doubles
     velocity: Doubles
     torque_rate: Doubles
-    postures: dict[str, Doubles]
-    notes: list[str]
+    postures: dict[str, list[float]]
     @staticmethod
     def from_urdf(path: str | PathLike[str], tip: str | None = None, description: str | PathLike[str] | None = None) -> Arm: ...
     @staticmethod
@@ -28,7 +26,7 @@ class Arm:
     def names() -> list[str]: ...
     def at(self, q: ArrayLike, qdot: ArrayLike | None = None) -> Posture: ...
     def singularities(self, q: ArrayLike) -> list[Singularity]: ...
-    def step_many(self, q: ArrayLike, qdot: ArrayLike | None = None) -> dict[str, NDArray[Any]]: ...
+    def step_many(self, q: ArrayLike) -> NDArray[np.void]: ...
 
 class Posture:
     pose: Doubles
@@ -75,13 +73,8 @@ class LawState:
     phase: str
     reason: str
     refusal: str
-    stop: str
     mode: dict[str, str]
     beta: dict[str, float]
-    nearest: str | None
-    openness: float
     speed_scale: float
-    saturated: int
-    rate_limited: int
     targets_refused: int
     target_refusal: str

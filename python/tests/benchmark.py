@@ -6,11 +6,15 @@ import time
 import armplane
 import numpy as np
 
-SINGULAR = {"iiwa14": [{3: 0.0}, {5: 0.0}, {1: 0.0}, {3: 0.0, 5: 0.0}, {1: 0.0, 5: 0.0}, {1: 0.0, 3: 0.0, 5: 0.0}], "puma560": [{4: 0.0}]}
+HALF = np.pi / 2
+SINGULAR = {
+    "puma560": [{4: 0.0}],
+    "iiwa14": [{3: 0.0}, {5: 0.0, 4: HALF}, {1: 0.0, 2: HALF}, {3: 0.0, 5: 0.0}, {1: 0.0, 2: -HALF, 5: 0.0, 4: HALF}, {1: 0.0, 3: 0.0, 5: 0.0}],
+}
 
 
 def singular(arm, count, random):
-    """Random postures within the limits, in each of which one or more of the joints that make the arm singular are at zero; (count, n), rad."""
+    """Random postures within the limits, in each of which the joints of one case of `SINGULAR` make the arm singular; (count, n), rad."""
     q = random.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), (count, arm.dof))
     cases = SINGULAR[arm.name]
     for case, joints in enumerate(cases):
@@ -21,7 +25,7 @@ def singular(arm, count, random):
 
 def step(name, count=100_000):
     arm = armplane.Arm.builtin(name)
-    law, q = armplane.Law(arm), next(iter(arm.postures.values()))
+    law, q = armplane.Law(arm), np.array(next(iter(arm.postures.values())))
     qdot, pose, twist, out = np.zeros(arm.dof), arm.at(q).pose, np.array([0.01, 0, 0, 0, 0, 0.01]), np.zeros(arm.dof)
     law.step(q, qdot, pose, twist, out=out)
     times = np.empty(count)
@@ -33,18 +37,19 @@ def step(name, count=100_000):
     print(f"Law.step {name}: p50 {at(0.5):.1f} µs, p99 {at(0.99):.1f} µs, p99.9 {at(0.999):.1f} µs, max {at(1.0):.0f} µs over {count} calls ({law.state.reason})")
 
 
-def arms(name, count=1_000_000):
+def arms(name, count):
     arm, random = armplane.Arm.builtin(name), np.random.default_rng(1)
     q = singular(arm, count, random)
     begin = time.perf_counter()
     found = arm.step_many(q)
     seconds = time.perf_counter() - begin
-    bad = sum(int((~np.isfinite(found[key])).sum()) for key in ("det", "manipulability", "measure", "direction"))
-    inside = found["inside"].any(axis=1).mean()
+    places = found["singularities"]
+    bad = sum(int((~np.isfinite(values)).sum()) for values in (found["det"], found["manipulability"], places["s"], places["zeta_B"]))
+    inside = (places["inside"] != 0).any(axis=1).mean()
     print(f"Arm.step_many {name}: {count} states in {seconds:.2f} s, {1e6 * seconds / count:.2f} µs each, {bad} NaN, {inside:.1%} inside a neighbourhood")
 
 
-def laws(name, count=1_000_000, batch=10_000, ticks=3):
+def laws(name, count, batch=10_000, ticks=3):
     """Laws that begin in singular postures and are asked to move on at random: `ticks` ticks of each."""
     arm, random = armplane.Arm.builtin(name), np.random.default_rng(2)
     law, (bad, over, refused, seconds, stepping) = armplane.Law(arm), (0, 0, 0, 0.0, 0.0)
@@ -70,6 +75,6 @@ def laws(name, count=1_000_000, batch=10_000, ticks=3):
 if __name__ == "__main__":
     for name in ("ur5", "puma560", "iiwa14"):
         step(name)
-    for name in ("puma560", "iiwa14"):
-        arms(name)
-        laws(name)
+    for name, count in (("puma560", 1_000_000), ("iiwa14", 100_000)):
+        arms(name, count)
+        laws(name, count)

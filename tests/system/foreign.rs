@@ -157,7 +157,7 @@ fn a_controller_in_python_follows_a_line() {
 }
 
 #[test]
-fn results_and_models_are_read_in_python() {
+fn results_are_read_in_python() {
     if !has_python(TABLES) {
         return skipped(lacking(TABLES));
     }
@@ -171,8 +171,6 @@ fn results_and_models_are_read_in_python() {
                 for topic in r.summary['topics']:\n    m = r.messages(topic)\n    assert len(m) == r.summary['topics'][topic]['count'] and \
                 (np.diff(m['header']['tick'].astype(int)) == 1).all(), topic\n\
                 d, q = r.pandas(), r.messages('estimate')['q']\nassert len(d) == len(q) == r.summary['ticks'] and np.abs(q[:, :6]).max() > 1\n\
-                m = armplane.model('puma560')\na, b = m.at(q[0, :6]), m.at(q[-1, :6], q[0, :6])\nassert a.J.shape == (6, 6) and \
-                np.linalg.eigvalsh(b.A).min() > 0\n\
                 try:\n    armplane.run('nothing')\nexcept RuntimeError as e:\n    assert 'no scenario' in str(e)\nelse:\n    assert False\nprint('good')";
     let said = Command::new("python3")
         .args(["-c", code])

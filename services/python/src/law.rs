@@ -4,9 +4,7 @@ use std::sync::Arc;
 
 use model::Robot;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
-use numpy::{
-    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods,
-};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -53,29 +51,18 @@ struct Row {
     torque: TorqueCommand,
 }
 
-/// The inputs of a tick, a row each; the widths are n, and 7 or 16 of a pose.
-struct Given<'a> {
-    q: &'a [f64],
-    qdot: &'a [f64],
-    tau_disturbance: Option<&'a [f64]>,
-    pose: Option<&'a [f64]>,
-    twist: Option<&'a [f64]>,
-}
+/// The arguments of a tick, their rows one after another: q, qdot, pose, twist, tau_disturbance.
+#[derive(Clone, Copy)]
+struct Given<'a>([Option<&'a [f64]>; 5]);
 
 impl Given<'_> {
     /// Row `i` of `count`.
-    fn row(&self, i: usize, count: usize) -> Given<'_> {
-        let of = |all: &'_ [f64]| {
+    fn row(&self, i: usize, count: usize) -> Self {
+        Self(self.0.map(|all| {
+            let all = all?;
             let width = all.len() / count;
-            i * width..(i + 1) * width
-        };
-        Given {
-            q: &self.q[of(self.q)],
-            qdot: &self.qdot[of(self.qdot)],
-            tau_disturbance: self.tau_disturbance.map(|all| &all[of(all)]),
-            pose: self.pose.map(|all| &all[of(all)]),
-            twist: self.twist.map(|all| &all[of(all)]),
-        }
+            Some(&all[i * width..][..width])
+        }))
     }
 
     /// The target of a tick: a pose that moves on with a twist, a twist alone, or none.
@@ -85,11 +72,12 @@ impl Given<'_> {
             valid_s: VALID_S,
             ..TargetContent::default()
         };
-        if let Some(twist) = self.twist {
+        let [_, _, pose, twist, _] = self.0;
+        if let Some(twist) = twist {
             target.twist.copy_from_slice(twist);
             target.kind = codes::TARGET_TWIST;
         }
-        match self.pose {
+        match pose {
             Some(pose) if pose.len() == 7 => {
                 target.position.copy_from_slice(&pose[..3]);
                 target.quaternion.copy_from_slice(&pose[3..]);
@@ -123,23 +111,31 @@ impl Task {
 
 impl Row {
     /// One tick; the torque is in `self.torque`, zero before the law has begun. Allocates where it begins, and nowhere else.
-    fn step(&mut self, task: &Task, given: &Given<'_>) {
-        let n = given.q.len();
+    fn step(&mut self, task: &Task, given: Given<'_>) {
+        let Given([Some(q), qdot, _, _, tau_disturbance]) = given else {
+            return;
+        };
         let steps = match &mut self.steps {
             Some(steps) => steps,
-            none => match task.begin(task.q.as_deref().unwrap_or(given.q)) {
+            none => match task.begin(task.q.as_deref().unwrap_or(q)) {
                 Ok(steps) => none.insert(steps),
                 Err(why) => return self.not_begun = why,
             },
         };
-        let (tick, estimate) = (self.tick, &mut self.estimate);
+        let (n, tick, estimate) = (q.len(), self.tick, &mut self.estimate);
         self.tick += 1;
         estimate.header.tick = tick;
-        estimate.q[..n].copy_from_slice(given.q);
-        estimate.qdot[..n].copy_from_slice(given.qdot);
-        estimate.tau_disturbance[..n].fill(0.0);
-        if let Some(tau) = given.tau_disturbance {
-            estimate.tau_disturbance[..n].copy_from_slice(tau);
+        let StateEstimate {
+            q: place,
+            qdot: rate,
+            tau_disturbance: torque,
+            ..
+        } = estimate;
+        for (values, given) in [(place, Some(q)), (rate, qdot), (torque, tau_disturbance)] {
+            match given {
+                Some(given) => values[..n].copy_from_slice(given),
+                None => values.fill(0.0),
+            }
         }
         // A state that is not finite is the controller's to refuse, and none for the analysis to remember.
         if is_finite(&estimate.q) && is_finite(&estimate.qdot) {
@@ -164,52 +160,34 @@ impl Row {
     }
 
     fn state(&self) -> LawState {
-        let ServoState {
-            reason,
-            joint,
-            upper,
-            nearest,
-            singularity,
-            ..
-        } = self.servo;
+        let servo = &self.servo;
         let count = (self.report.count as usize).min(MAX_SINGULARITIES);
-        let listed = || self.report.singularities[..count].iter().enumerate();
-        let named = |(place, one): (usize, &shared_types::SingularityState)| {
-            codes::singularity_name(one.kind, place)
+        let listed = self.report.singularities[..count].iter().enumerate();
+        let names = listed.map(|(place, one)| codes::singularity_name(one.kind, place));
+        let modes = self
+            .control
+            .mode
+            .map(|mode| codes::name_of(codes::MODES, mode));
+        let set_aside = match self.control.rejected_ticks {
+            0 => codes::REFUSAL_NONE,
+            _ => codes::REFUSAL_ESTIMATE,
         };
-        let refusal = self.refusal();
+        let refusal = self.refusal().to_owned();
+        let stopped = [&refusal, codes::name_of(codes::REFUSALS, set_aside)];
+        let stopped = stopped.into_iter().find(|words| !words.is_empty());
         LawState {
             tick: self.tick,
             phase: codes::name_of(codes::PHASES, self.torque.phase),
-            reason: if !refusal.is_empty() {
-                refusal.to_owned()
-            } else if self.control.rejected_ticks > 0 {
-                codes::name_of(codes::REFUSALS, codes::REFUSAL_ESTIMATE).to_owned()
-            } else {
-                codes::reason_text(reason, joint, upper)
-            },
-            refusal: refusal.to_owned(),
-            stop: codes::name_of(codes::REFUSALS, self.servo.stop),
-            mode: listed()
-                .map(|(i, one)| {
-                    (
-                        named((i, one)),
-                        codes::name_of(codes::MODES, self.control.mode[i]),
-                    )
-                })
-                .collect(),
-            beta: listed()
-                .map(|(i, one)| (named((i, one)), self.control.beta[i]))
-                .collect(),
-            nearest: listed()
-                .find(|(i, _)| singularity == *i as u32 + 1)
-                .map(named),
-            openness: nearest,
-            speed_scale: self.servo.speed_scale,
-            saturated: self.torque.saturation_mask,
-            rate_limited: self.control.rate_mask,
-            targets_refused: self.servo.refused,
-            target_refusal: codes::name_of(codes::TARGET_REFUSALS, self.servo.refusal),
+            reason: stopped.map_or_else(
+                || codes::reason_text(servo.reason, servo.joint, servo.upper),
+                str::to_owned,
+            ),
+            mode: names.clone().zip(modes).collect(),
+            beta: names.zip(self.control.beta).collect(),
+            speed_scale: servo.speed_scale,
+            targets_refused: servo.refused,
+            target_refusal: codes::name_of(codes::TARGET_REFUSALS, servo.refusal),
+            refusal,
         }
     }
 }
@@ -221,7 +199,7 @@ impl Row {
 #[pyclass(module = "armplane")]
 pub(crate) struct Law {
     task: Task,
-    one: Box<Row>,
+    one: Vec<Row>,
     many: Vec<Row>,
 }
 
@@ -262,7 +240,7 @@ impl Law {
             q: None,
         };
         if let Some(q) = q {
-            let q = numbers("q", q, &[&[Some(arm.robot.dof())]])?
+            let q = numbers("q", q, &[], &[&[arm.robot.dof()]])?
                 .as_slice()?
                 .to_vec();
             task.robot.check_posture(&q).map_err(refused)?;
@@ -270,7 +248,7 @@ impl Law {
         }
         Ok(Self {
             task,
-            one: Box::default(),
+            one: vec![Row::default()],
             many: Vec::new(),
         })
     }
@@ -296,22 +274,9 @@ impl Law {
         out: Option<Bound<'py, PyArray1<f64>>>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let n = self.task.robot.dof();
-        let (q, qdot) = (
-            numbers("q", q, &[&[Some(n)]])?,
-            numbers("qdot", qdot, &[&[Some(n)]])?,
-        );
-        let pose = optional("pose", pose, &[&[Some(7)], &[Some(4), Some(4)]])?;
-        let twist = optional("twist", twist, &[&[Some(6)]])?;
-        let tau_disturbance = optional("tau_disturbance", tau_disturbance, &[&[Some(n)]])?;
-        let given = Given {
-            q: q.as_slice()?,
-            qdot: qdot.as_slice()?,
-            tau_disturbance: slice(&tau_disturbance)?,
-            pose: slice(&pose)?,
-            twist: slice(&twist)?,
-        };
-        self.one.step(&self.task, &given);
-        let tau = &self.one.torque.tau[..n];
+        let given = [Some(q), Some(qdot), pose, twist, tau_disturbance];
+        tick(py, &self.task, &mut self.one, &[], given)?;
+        let tau = &self.one[0].torque.tau[..n];
         match out {
             Some(out) if out.len() == n => {
                 out.try_readwrite()?.as_slice_mut()?.copy_from_slice(tau);
@@ -339,32 +304,12 @@ impl Law {
         twist: Option<&Bound<'py, PyAny>>,
         tau_disturbance: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let (n, task) = (self.task.robot.dof(), &self.task);
-        let known = Some(self.many.len()).filter(|rows| *rows > 0);
-        let q = numbers("q", q, &[&[known, Some(n)]])?;
-        let N = q.shape()[0];
-        let rows = Some(N);
-        let qdot = numbers("qdot", qdot, &[&[rows, Some(n)]])?;
-        let poses: [&[_]; 2] = [&[rows, Some(7)], &[rows, Some(4), Some(4)]];
-        let pose = optional("pose", pose, &poses)?;
-        let twist = optional("twist", twist, &[&[rows, Some(6)]])?;
-        let tau_disturbance = optional("tau_disturbance", tau_disturbance, &[&[rows, Some(n)]])?;
-        let given = Given {
-            q: q.as_slice()?,
-            qdot: qdot.as_slice()?,
-            tau_disturbance: slice(&tau_disturbance)?,
-            pose: slice(&pose)?,
-            twist: slice(&twist)?,
-        };
-        let many = &mut self.many;
+        let (n, task, many) = (self.task.robot.dof(), &self.task, &mut self.many);
+        let known = Some(many.len()).filter(|rows| *rows > 0);
+        let N = numbers("q", q, &[known], &[&[n]])?.shape()[0];
+        let given = [Some(q), Some(qdot), pose, twist, tau_disturbance];
         many.resize_with(N, Row::default);
-        py.detach(|| {
-            in_parts(many, |first, part| {
-                for (i, row) in (first..).zip(part) {
-                    row.step(task, &given.row(i, N));
-                }
-            });
-        });
+        tick(py, task, many, &[Some(N)], given)?;
         let tau = many.iter().flat_map(|row| &row.torque.tau[..n]).copied();
         PyArray1::from_iter(py, tau).reshape([N, n])
     }
@@ -373,7 +318,7 @@ impl Law {
     #[pyo3(signature = (rows=None))]
     fn reset(&mut self, py: Python<'_>, rows: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let Some(rows) = rows else {
-            (self.one, self.many) = (Box::default(), Vec::new());
+            (self.one, self.many) = (vec![Row::default()], Vec::new());
             return Ok(());
         };
         let all = py
@@ -388,7 +333,7 @@ impl Law {
     /// What the law did at the last `step`, and why.
     #[getter]
     fn state(&self) -> LawState {
-        self.one.state()
+        self.one[0].state()
     }
 
     /// The same of a row of the last `step_many`.
@@ -401,12 +346,12 @@ impl Law {
     #[getter]
     fn refused<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
         let refused = self.many.iter().map(|row| !row.refusal().is_empty());
-        refused.collect::<Vec<_>>().into_pyarray(py)
+        PyArray1::from_iter(py, refused)
     }
 
     fn __repr__(&self) -> String {
         let (name, dt) = (&self.task.robot.name, self.task.dt);
-        format!("Law({name}, dt={dt}, tick {})", self.one.tick)
+        format!("Law({name}, dt={dt}, tick {})", self.one[0].tick)
     }
 }
 
@@ -421,22 +366,12 @@ pub(crate) struct LawState {
     reason: String,
     /// Why the law has given up: the arm is brought to rest until `reset`. Empty: it has not.
     refusal: String,
-    /// Why the law last brought the arm to rest for a moment, and went on from there. Empty: it has not.
-    stop: &'static str,
     /// By a singularity's name: regular, blend, track, pass, hold, reorient, slide, recover.
     mode: std::collections::BTreeMap<String, &'static str>,
     /// By a singularity's name: β, the share of the operational-space command along ζ, 0 to 1.
     beta: std::collections::BTreeMap<String, f64>,
-    /// Name of the nearest singularity; None where the arm has none.
-    nearest: Option<String>,
-    /// |measure| of the nearest singularity over its exit threshold: the law acts on it below 1.
-    openness: f64,
     /// Share of the twist asked for that the arm moves with, 0 to 1.
     speed_scale: f64,
-    /// Bit i: torque i is at its limit.
-    saturated: u32,
-    /// Bit i: torque i would have changed faster than its drive accepts.
-    rate_limited: u32,
     /// Targets refused since the law began.
     targets_refused: u32,
     /// Why the last of them was; the one before it stays in force for 0.1 s.
@@ -454,16 +389,35 @@ impl LawState {
     }
 }
 
-fn optional<'py>(
-    name: &str,
-    given: Option<&Bound<'py, PyAny>>,
-    expected: &[&[Option<usize>]],
-) -> PyResult<Option<PyReadonlyArrayDyn<'py, f64>>> {
-    given
-        .map(|given| numbers(name, given, expected))
-        .transpose()
-}
-
-fn slice<'a>(array: &'a Option<PyReadonlyArrayDyn<'_, f64>>) -> PyResult<Option<&'a [f64]>> {
-    Ok(array.as_ref().map(|array| array.as_slice()).transpose()?)
+/// One tick of each row, towards the arguments of a step.
+///
+/// # Errors
+/// `ValueError` for the first argument that has another shape.
+fn tick(
+    py: Python<'_>,
+    task: &Task,
+    rows: &mut [Row],
+    count: &[Option<usize>],
+    given: [Option<&Bound<'_, PyAny>>; 5],
+) -> PyResult<()> {
+    const NAMES: [&str; 5] = ["q", "qdot", "pose", "twist", "tau_disturbance"];
+    let n = &[task.robot.dof()][..];
+    let shapes: [&[&[usize]]; 5] = [&[n], &[n], &[&[7], &[4, 4]], &[&[6]], &[n]];
+    let (mut arrays, mut all) = ([const { None }; 5], [None; 5]);
+    for (i, array) in arrays.iter_mut().enumerate() {
+        let numbers = given[i].map(|given| numbers(NAMES[i], given, count, shapes[i]));
+        *array = numbers.transpose()?;
+    }
+    for (slice, array) in all.iter_mut().zip(&arrays) {
+        *slice = array.as_ref().map(|array| array.as_slice()).transpose()?;
+    }
+    let N = rows.len();
+    py.detach(|| {
+        in_parts(rows, |first, part| {
+            for (i, row) in (first..).zip(part) {
+                row.step(task, Given(all).row(i, N));
+            }
+        });
+    });
+    Ok(())
 }

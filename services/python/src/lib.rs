@@ -23,43 +23,44 @@ fn refused(error: impl ToString) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
-/// An argument as an array of doubles, rows one after another; copied only where it is not one already. `*` in an expected shape is any number.
+/// An argument as an array of doubles, copied only where it is not one already: `rows` (one of `None`: any number) of one of the `shapes`.
 ///
 /// # Errors
 /// `ValueError` with the argument's name, its shape and the expected ones.
 fn numbers<'py>(
     name: &str,
     given: &Bound<'py, PyAny>,
-    expected: &[&[Option<usize>]],
+    rows: &[Option<usize>],
+    shapes: &[&[usize]],
 ) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
     let array = match given.cast::<PyArrayDyn<f64>>() {
         Ok(array) if array.is_c_contiguous() => array.clone(),
         _ => {
             let numpy = given.py().import("numpy")?;
-            numpy
-                .call_method1("ascontiguousarray", (given, "f8"))?
-                .cast_into()?
+            let array = numpy.call_method1("ascontiguousarray", (given, "f8"))?;
+            array.cast_into()?
         }
     };
     let shape = array.shape();
-    let fits = |expected: &&[Option<usize>]| {
-        expected.len() == shape.len()
-            && (expected.iter().zip(shape)).all(|(size, given)| size.is_none_or(|n| n == *given))
+    let fits = |one: &&[usize]| {
+        shape.len() == rows.len() + one.len()
+            && shape.ends_with(one)
+            && (rows.iter().zip(shape)).all(|(rows, given)| rows.is_none_or(|rows| rows == *given))
     };
-    if expected.iter().any(|expected| fits(&expected)) {
+    if shapes.iter().any(|one| fits(&one)) {
         return Ok(array.try_readonly()?);
     }
-    let text = |shape: Vec<String>| match &shape[..] {
+    let text = |sizes: Vec<String>| match &sizes[..] {
         [one] => format!("({one},)"),
         more => format!("({})", more.join(", ")),
     };
-    let given = text(shape.iter().map(ToString::to_string).collect());
-    let sizes = |shape: &&[Option<usize>]| {
-        let size = |size: &Option<usize>| size.map_or("N".to_owned(), |n| n.to_string());
-        text(shape.iter().map(size).collect())
-    };
-    let expected: Vec<String> = expected.iter().map(sizes).collect();
-    let expected = expected.join(" or ");
+    let size = |rows: &Option<usize>| rows.map_or("N".to_owned(), |rows| rows.to_string());
+    let expected = shapes.iter().map(|one| {
+        let sizes = one.iter().map(usize::to_string);
+        text(rows.iter().map(size).chain(sizes).collect())
+    });
+    let expected = expected.collect::<Vec<_>>().join(" or ");
+    let given = text(shape.iter().map(usize::to_string).collect());
     Err(refused(format!(
         "{name} has the shape {given}; expected is {expected}"
     )))
@@ -69,17 +70,15 @@ fn numbers<'py>(
 fn in_parts<T: Send>(rows: &mut [T], work: impl Fn(usize, &mut [T]) + Sync) {
     /// Below this many rows a thread costs more than it saves.
     const LEAST: usize = 32;
+    if rows.len() <= LEAST {
+        return work(0, rows);
+    }
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let size = rows.len().div_ceil(cores).max(LEAST);
     let work = &work;
     std::thread::scope(|scope| {
-        let mut parts = rows.chunks_mut(size).enumerate();
-        let first = parts.next();
-        for (i, part) in parts {
+        for (i, part) in rows.chunks_mut(size).enumerate() {
             scope.spawn(move || work(i * size, part));
-        }
-        if let Some((_, part)) = first {
-            work(0, part);
         }
     });
 }
