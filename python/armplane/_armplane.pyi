@@ -1,22 +1,23 @@
 # Types; `help(armplane.Law)` has the words, with shapes and units.
 from os import PathLike
-from typing import Mapping
+from typing import Mapping, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Doubles = NDArray[np.float64]
+_Doubles = NDArray[np.float64]
 
+@final
 class Arm:
     name: str
     dof: int
     tip: str
     joints: list[str]
-    lower: Doubles
-    upper: Doubles
-    effort: Doubles
-    velocity: Doubles
-    torque_rate: Doubles
+    lower: _Doubles
+    upper: _Doubles
+    effort: _Doubles
+    velocity: _Doubles
+    torque_rate: _Doubles
     postures: dict[str, list[float]]
     @staticmethod
     def from_urdf(path: str | PathLike[str], tip: str | None = None, description: str | PathLike[str] | None = None) -> Arm: ...
@@ -28,26 +29,29 @@ class Arm:
     def singularities(self, q: ArrayLike) -> list[Singularity]: ...
     def step_many(self, q: ArrayLike) -> NDArray[np.void]: ...
 
+@final
 class Posture:
-    pose: Doubles
-    J: Doubles
-    A: Doubles
-    bias: Doubles
-    gravity: Doubles
+    pose: _Doubles
+    J: _Doubles
+    A: _Doubles
+    bias: _Doubles
+    gravity: _Doubles
 
+@final
 class Singularity:
     name: str
     type: str
     measure: float
-    direction: Doubles
+    direction: _Doubles
     inside: bool
     entry: float
     exit: float
 
+@final
 class Law:
     state: LawState
     refused: NDArray[np.bool_]
-    def __init__(self, arm: Arm, dt: float = 0.001, q: ArrayLike | None = None, settings: Mapping[str, object] | None = None) -> None: ...
+    def __new__(cls, arm: Arm, dt: float = 0.001, q: ArrayLike | None = None, settings: Mapping[str, object] | None = None) -> Law: ...
     def step(
         self,
         q: ArrayLike,
@@ -55,8 +59,8 @@ class Law:
         pose: ArrayLike | None = None,
         twist: ArrayLike | None = None,
         tau_disturbance: ArrayLike | None = None,
-        out: Doubles | None = None,
-    ) -> Doubles: ...
+        out: _Doubles | None = None,
+    ) -> _Doubles: ...
     def step_many(
         self,
         q: ArrayLike,
@@ -64,10 +68,11 @@ class Law:
         pose: ArrayLike | None = None,
         twist: ArrayLike | None = None,
         tau_disturbance: ArrayLike | None = None,
-    ) -> Doubles: ...
+    ) -> _Doubles: ...
     def reset(self, rows: ArrayLike | None = None) -> None: ...
     def state_of(self, row: int) -> LawState: ...
 
+@final
 class LawState:
     tick: int
     phase: str
