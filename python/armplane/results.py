@@ -76,8 +76,10 @@ class Run:
         """The signals, a row a tick (or "events"), as a `pyarrow.Table`; `unit` and `description` are in each field's metadata."""
         import io
 
-        from pyarrow import parquet
-
+        try:
+            from pyarrow import parquet
+        except ImportError as error:
+            raise ImportError(f"{error}: pip install 'armplane[notebook]'") from error
         with tempfile.TemporaryDirectory() as folder:
             _armplane("export", self.folder, "--format", "parquet", "--out", folder)
             return parquet.read_table(io.BytesIO((pathlib.Path(folder) / f"{table}.parquet").read_bytes()))
@@ -92,8 +94,10 @@ class Run:
         return self.pandas()
 
     def view(self):
-        """Opens the recording in the Rerun viewer (needs `rerun-sdk==0.36.3`)."""
-        _armplane("view", self.folder, "--json")
+        """Opens the recording in the Rerun viewer (needs `rerun-sdk==0.36.3`). Raises RuntimeError where there is none."""
+        done = subprocess.run([_program(), "view", str(self.folder)], stderr=subprocess.PIPE, text=True, check=False)
+        if done.returncode:
+            raise RuntimeError(_sentence(done.stderr))
 
     def _repr_html_(self):
         task, joints = self.summary["task"], self.summary["joints"]
