@@ -22,7 +22,6 @@ const VALID_S: f64 = 0.1;
 /// What all rows of a law share.
 struct Task {
     robot: Arc<Robot>,
-    dt: f64,
     /// Before its first tick: each row begins with a copy.
     steps: Steps,
     /// The posture in which it begins; `None`: that of the first tick.
@@ -235,7 +234,6 @@ impl Law {
                 analyzer: analyzer::cycle(&robot, &scenario).map_err(refused)?,
                 controller: controller::cycle(&robot, &scenario).map_err(refused)?,
             },
-            dt: scenario.dt_s(),
             robot,
             q: None,
         };
@@ -274,20 +272,13 @@ impl Law {
         out: Option<Bound<'py, PyArray1<f64>>>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let n = self.task.robot.dof();
+        let out = out.unwrap_or_else(|| PyArray1::zeros(py, n, false));
+        numbers("out", &out, &[], &[&[n]])?;
         let given = [Some(q), Some(qdot), pose, twist, tau_disturbance];
         tick(py, &self.task, &mut self.one, &[], given)?;
         let tau = &self.one[0].torque.tau[..n];
-        match out {
-            Some(out) if out.len() == n => {
-                out.try_readwrite()?.as_slice_mut()?.copy_from_slice(tau);
-                Ok(out)
-            }
-            Some(out) => Err(refused(format!(
-                "out has the shape ({},); expected is ({n},)",
-                out.len()
-            ))),
-            None => Ok(PyArray1::from_slice(py, tau)),
-        }
+        out.try_readwrite()?.as_slice_mut()?.copy_from_slice(tau);
+        Ok(out)
     }
 
     /// One tick of N arms on all cores, each row with its own memory: the torques, shape (N, n), N·m.
@@ -354,8 +345,7 @@ impl Law {
     }
 
     fn __repr__(&self) -> String {
-        let (name, dt) = (&self.task.robot.name, self.task.dt);
-        format!("Law({name}, dt={dt}, tick {})", self.one[0].tick)
+        format!("Law({}, tick {})", self.task.robot.name, self.one[0].tick)
     }
 }
 
