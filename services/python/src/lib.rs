@@ -47,7 +47,7 @@ fn numbers<'py>(
             && shape.ends_with(one)
             && (rows.iter().zip(shape)).all(|(rows, given)| rows.is_none_or(|rows| rows == *given))
     };
-    if shapes.iter().any(|one| fits(&one)) {
+    if shapes.iter().any(fits) {
         return Ok(array.try_readonly()?);
     }
     let text = |sizes: Vec<String>| match &sizes[..] {
