@@ -125,7 +125,7 @@ pub(crate) fn is_finite(values: &[f64]) -> bool {
 
 #[pymethods]
 impl Arm {
-    /// The arm of a URDF file, seen at the link `tip` (the chain's last link where None).
+    /// The arm of a URDF or MJCF file, seen at the link `tip` (the chain's last link where None).
     ///
     /// `description` is a TOML file with what a URDF has no element for (armature, friction, torque rates, postures); where None it is the file of the
     /// same name beside the URDF, if there is one. Raises ValueError with the joint or link and the remedy where something is missing.
@@ -152,6 +152,32 @@ impl Arm {
         let robot = Robot::from_source_at(&source, tip.as_deref())
             .map_err(|error| refused(format!("{}: {error}", path.display())))?;
         Self::new(py, robot, tip)
+    }
+
+    /// The arm of a MuJoCo model (`mujoco.MjModel`), seen at the site or body `site` (the chain's last one where None).
+    ///
+    /// `description` is a TOML file with what MJCF has no element for, limits of speed above all. Raises ValueError as `from_urdf` does.
+    #[staticmethod]
+    #[pyo3(signature = (model, site=None, description=None))]
+    fn from_mujoco(
+        model: &Bound<'_, PyAny>,
+        site: Option<String>,
+        description: Option<PathBuf>,
+    ) -> PyResult<Self> {
+        let py = model.py();
+        let urdf = py.import("armplane.mjcf")?.call_method1("text", (model,))?;
+        let read = |path: PathBuf| {
+            std::fs::read_to_string(&path)
+                .map_err(|error| refused(format!("cannot read {}: {error}", path.display())))
+        };
+        let description = description.map(read).transpose()?.unwrap_or_default();
+        let source = RobotText {
+            name: "mujoco".to_owned(),
+            description,
+            urdf: urdf.extract()?,
+        };
+        let robot = Robot::from_source_at(&source, site.as_deref()).map_err(refused)?;
+        Self::new(py, robot, site)
     }
 
     /// A built-in arm by its name (`Arm.names()`), seen at the link `tip` (its own end-effector frame where None).
