@@ -1,6 +1,5 @@
 """The package as it is installed: `python/build --test` runs this in an empty virtual environment."""
 
-import math
 import pathlib
 import time
 
