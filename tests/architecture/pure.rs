@@ -18,7 +18,7 @@ const ROOMS: [&str; 5] = [
 ];
 /// Libraries that compute or read text, and crates of ours that pure code may name; of a process, its step, and of the recorder its judge's bounds.
 const DEPENDENCIES: &str = "bytemuck control glam hdrhistogram libm lockstep model nalgebra quick_xml rapier3d recorder serde serde_json shared_types sim thiserror \
-    toml urdf_rs wide analyzer controller estimator operator plant plotters viz";
+    toml roxmltree urdf_rs wide analyzer controller estimator operator plant plotters viz";
 const PROCESSES: &str = "analyzer controller estimator operator plant plant_fci recorder exchange";
 const STEP: &str = "Bounds Cycle Step cycle";
 /// Modules of the standard library without clock, thread, file, environment and process; the three instructions compute, load and store.
