@@ -2,11 +2,10 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::mpsc::channel;
 use std::time::Duration;
 
 use message_log::TopicHash;
-use runtime::{Mode, Process, ProcessError, RunDir, SHM, Shell};
+use runtime::{Mode, Process, ProcessError, SHM, Shell};
 use rustix::process::{Pid, Signal, kill_process};
 use shared_types::{SensorSample, StateEstimate, TorqueCommand};
 
@@ -37,7 +36,6 @@ fn child_entry() {
         "controller-that-opens-less" => controller(&run, u64::MAX),
         "estimator" => slow_estimator(&run),
         "recorder" => recorder(&run, &run.join("recorded")),
-        "launcher" => launch_and_tell(),
         _ => panic!("no role {role}"),
     };
     match played {
@@ -147,22 +145,6 @@ fn recorder(run: &Path, file: &Path) -> Result<(), ProcessError> {
     // The run's directory is removed at the end: the test reads what was said on standard error.
     eprintln!("recorded {text}");
     std::fs::write(file, text).expect("the run's directory is writable");
-    Ok(())
-}
-
-/// A launcher as a process of its own, for signals that only it shall get.
-fn launch_and_tell() -> Result<(), ProcessError> {
-    let launcher = Launcher::prepare(lockstep()).expect("prepared");
-    eprintln!("run {}", launcher.run_dir().display());
-    let mut report = |event: Event<'_>| {
-        if let Event::Progress { ticks: 1.. } = event {
-            eprintln!("going");
-        }
-    };
-    let outcome = launcher
-        .run(&command("controller", u64::MAX), &mut report)
-        .expect("ran");
-    eprintln!("{:?}", outcome.end);
     Ok(())
 }
 
@@ -384,26 +366,6 @@ fn a_process_whose_reader_never_opens_its_topic_is_waited_for() {
 }
 
 #[test]
-fn a_killed_process_ends_the_run_with_its_name_and_nothing_is_left() {
-    let mut is_killed = false;
-    let ran = run(lockstep(), "controller", u64::MAX, |run, event| {
-        if matches!(event, Event::Progress { ticks: 1.. }) && !is_killed {
-            kill(run, "controller", Signal::KILL);
-            is_killed = true;
-        }
-    });
-    let exit = Exit::Signal(9);
-    let of_controller = |failure: &Failure| matches!(failure, Failure::Died { process, exit: its, .. } if process == "controller" && *its == exit);
-    assert!(of_controller(ran.failure()), "{:?}", ran.outcome);
-    let exits: Vec<_> = ran.outcome.processes.iter().map(|one| one.exit).collect();
-    assert_eq!(
-        exits,
-        [Exit::Code(0), exit, Exit::Code(0)],
-        "the others stopped by themselves"
-    );
-}
-
-#[test]
 fn a_process_that_does_not_do_its_work_ends_the_run_and_is_named() {
     let owes = ["controller asks for more and has not sent topic \"torque\" of tick "];
     type Case<'a> = (&'static str, Restart, &'a [&'a str], Exit);
@@ -531,30 +493,6 @@ fn a_program_that_does_not_exist_stops_everything_before_the_first_tick() {
 }
 
 #[test]
-fn a_restart_within_the_budget_goes_on_in_real_time() {
-    let (mut is_killed, mut restarts) = (false, Vec::new());
-    let plan = plan(Mode::Realtime, budget(1));
-    let ran = run(plan, "controller", 1_000, |run, event| match event {
-        Event::Progress { ticks: 51.. } if !is_killed => {
-            kill(run, "controller", Signal::KILL);
-            is_killed = true;
-        }
-        Event::Restarted {
-            process,
-            exit,
-            incarnation,
-            ..
-        } => restarts.push(((*process).to_owned(), *exit, *incarnation)),
-        _ => {}
-    });
-    assert_eq!(ran.outcome.end, End::Completed, "{:?}", ran.outcome);
-    assert_eq!(restarts, [("controller".to_owned(), Exit::Signal(9), 2)]);
-    let controller = &ran.outcome.processes[1];
-    assert_eq!((controller.restarts, controller.exit), (1, Exit::Code(0)));
-    assert!(!is_left_behind(&ran.name));
-}
-
-#[test]
 fn a_recorder_that_is_killed_while_the_plant_ends_is_replaced() {
     let wait_for_death = |pid: Pid| {
         let is_alive = || {
@@ -615,63 +553,4 @@ fn a_stopped_recorder_costs_the_chain_nothing_in_real_time_and_its_losses_are_co
     let [sensors, torques, lost] = [0, 2, 4].map(|i| ran.recorded[i].parse::<u64>().unwrap());
     assert!(lost > 0 && lost == outcome.processes[2].counts.lost);
     assert!(sensors + torques + lost <= 8_000, "{:?}", ran.recorded);
-}
-
-/// Starts a launcher of its own and waits until it goes; returns it, its run and the rest of its output.
-fn independent_launcher() -> (
-    std::process::Child,
-    String,
-    std::sync::mpsc::Receiver<String>,
-) {
-    use std::io::BufRead;
-    let mut launcher = role("launcher")
-        .stderr(std::process::Stdio::piped())
-        .stdout(std::process::Stdio::null())
-        .spawn()
-        .unwrap();
-    let lines = std::io::BufReader::new(launcher.stderr.take().unwrap()).lines();
-    let (sender, said) = channel();
-    std::thread::spawn(move || {
-        lines
-            .map_while(Result::ok)
-            .for_each(|line| drop(sender.send(line)))
-    });
-    let patience = Duration::from_secs(30);
-    let first = said.recv_timeout(patience).unwrap();
-    let name = first.rsplit('/').next().unwrap().to_owned();
-    while said.recv_timeout(patience).unwrap() != "going" {}
-    (launcher, name, said)
-}
-
-#[test]
-fn ctrl_c_stops_cleanly() {
-    let (mut launcher, name, said) = independent_launcher();
-    assert!(is_left_behind(&name) && pid_of(&name, "plant").is_some());
-    kill_process(Pid::from_child(&launcher), Signal::INT).unwrap();
-    assert!(launcher.wait().unwrap().success());
-    assert!(
-        said.iter()
-            .any(|line| line == "Interrupted { signal: \"SIGINT\" }")
-    );
-    assert!(!is_left_behind(&name) && pid_of(&name, "plant").is_none());
-}
-
-#[test]
-fn no_child_outlives_a_killed_launcher_and_its_files_are_found() {
-    let (mut launcher, name, _said) = independent_launcher();
-    let plant = pid_of(&name, "plant").unwrap();
-    kill_process(Pid::from_child(&launcher), Signal::KILL).unwrap();
-    launcher.wait().unwrap();
-    let until = std::time::Instant::now() + Duration::from_secs(30);
-    while pid_of(&name, "plant") == Some(plant) && std::time::Instant::now() < until {
-        std::thread::yield_now();
-    }
-    assert_eq!(pid_of(&name, "plant"), None);
-    assert!(
-        RunDir::list()
-            .iter()
-            .any(|run| run.name == name && !run.alive && run.bytes > 0)
-    );
-    let removed = crate::clean().unwrap();
-    assert!(removed.iter().any(|run| run.name == name) && !is_left_behind(&name));
 }
