@@ -396,24 +396,6 @@ fn another_wire_format_is_refused_with_both_versions() {
 }
 
 #[test]
-fn everything_in_shared_memory_is_this_users_alone() {
-    use std::os::unix::fs::MetadataExt;
-    let stage = stage(Mode::Lockstep);
-    let _ends = stage.pair();
-    let beside = std::fs::read_dir(crate::SHM).unwrap().flatten();
-    let is_ours = |name: std::ffi::OsString| name.to_string_lossy().starts_with(stage.run.name());
-    let modes: Vec<_> = beside
-        .filter(|entry| is_ours(entry.file_name()))
-        .map(|entry| entry.metadata().unwrap().mode() & 0o777)
-        .collect();
-    // The directory and iceoryx2's segments.
-    assert!(
-        modes.len() > 3 && modes.iter().all(|mode| mode & 0o077 == 0),
-        "{modes:?}"
-    );
-}
-
-#[test]
 fn a_reader_of_everything_that_comes_back_gets_what_it_missed_and_nothing_twice() {
     let stage = stage(Mode::Realtime);
     let (_estimator, mut sensors, _inlet) = stage.pair();
