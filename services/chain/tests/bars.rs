@@ -126,21 +126,3 @@ fn scenarios_are_within_five_times_the_bars_of_the_exact_plant() {
     }
     assert!(missed.is_empty(), "missed: {missed:?}");
 }
-
-#[test]
-#[ignore = "seconds: at the edge of a neighbourhood"]
-fn nothing_chatters_at_the_edge_of_a_neighbourhood() {
-    for s in [0.1_f64, 0.2, 0.21] {
-        let text = format!(
-            "name = \"edge\"\nrobot = \"puma560\"\nsettle_s = 0.0\n[start]\nq = [0.3, -1.0, 2.9, 0.2, {}, 0.0]\n[[segment]]\nduration_s = 5.0\n",
-            s.asin()
-        );
-        let scenario = Scenario::parse("edge.toml", &text, &[]).unwrap();
-        let (verdict, _) = judged(&Robot::builtin("puma560").unwrap(), &scenario);
-        assert!(
-            verdict.joints.switches <= 1,
-            "{s}: {}",
-            verdict.joints.switches
-        );
-    }
-}
