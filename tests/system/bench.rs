@@ -3,26 +3,14 @@
 use serde_json::Value;
 use shared_types::{PlantState, SensorSample};
 
-use crate::command::{Desk, assert_nothing_left, children_of_run, finish, until};
+use crate::command::{Args, Desk, assert_nothing_left, interrupt};
 
 #[test]
 fn hops_and_cycles_are_measured_beside_their_floors() {
     let desk = Desk::new();
-    let said = desk.armplane(&[
-        "bench",
-        "hop",
-        "cycle",
-        "model",
-        "record",
-        "--samples",
-        "1000",
-        "--json",
-        "--out",
-        "bench",
-    ]);
-    assert_eq!(said.code, 0, "{}", said.err);
+    let said = desk.succeeds("bench hop cycle model record --samples 1000 --json --out bench");
     assert_nothing_left(said.launcher);
-    let json: Value = serde_json::from_str(&said.out).unwrap();
+    let json = said.json();
     assert!(
         json["machine"]["cores"]
             .as_u64()
@@ -109,22 +97,15 @@ fn hops_and_cycles_are_measured_beside_their_floors() {
 #[test]
 fn only_the_rows_asked_for_are_measured_with_their_floor() {
     let desk = Desk::new();
-    let only = [
-        "bench",
-        "hop",
-        "cycle",
-        "--samples",
-        "1000",
-        "--json",
-        "--only",
-        "same core",
-        "--only",
-        "topic",
-        "--only",
-    ];
-    let said = desk.armplane(&[&only[..], &["4096"]].concat());
-    assert_eq!(said.code, 0, "{}", said.err);
-    let json: Value = serde_json::from_str(&said.out).unwrap();
+    let only = |bytes: &str| {
+        let first = "bench hop cycle --samples 1000 --json --only topic --only".words();
+        [
+            first,
+            ["same core", "--only", bytes].map(str::to_owned).to_vec(),
+        ]
+        .concat()
+    };
+    let json = desk.succeeds(&only("4096")).json();
     let rows = json["rows"].as_array().unwrap().iter();
     let rows: Vec<_> = rows
         .map(|row| {
@@ -135,8 +116,7 @@ fn only_the_rows_asked_for_are_measured_with_their_floor() {
         })
         .collect();
     assert_eq!(rows, [("futex", 4096), ("topic + doorbell", 4096)]);
-    let none = desk.armplane(&[&only[..], &["4097"]].concat());
-    assert!(none.code == 2 && none.err.contains("4097"), "{}", none.err);
+    desk.refuses(2, &only("4097"), &["4097"]);
 }
 
 /// A recorder that this machine leaves without a processor for seconds loses messages, and the soak must report it; nothing else may break.
@@ -149,20 +129,8 @@ fn is_of_time(broken: &Value) -> bool {
 #[test]
 fn a_short_soak_strikes_and_judges_and_leaves_nothing() {
     let desk = Desk::new();
-    let said = desk.armplane(&[
-        "drill",
-        "--soak",
-        "6",
-        "--seed",
-        "8",
-        "--set",
-        "rate_hz=500",
-        "--json",
-        "--out",
-        "soak",
-    ]);
-    let soak: Value =
-        serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+    let said = desk.armplane("drill --soak 6 --seed 8 --set rate_hz=500 --json --out soak");
+    let soak = said.json();
     let passed = soak["passed"] == true;
     assert_eq!(said.code, i32::from(!passed), "{}", said.err);
     assert_nothing_left(said.launcher);
@@ -202,15 +170,11 @@ fn a_short_soak_strikes_and_judges_and_leaves_nothing() {
 #[test]
 fn an_interrupted_soak_ends_cleanly() {
     let desk = Desk::new();
-    let child = desk.start(&["drill", "--soak", "60", "--json"]);
-    until("five processes", || children_of_run(child.id()).len() == 5);
+    let child = desk.begin("drill --soak 60 --json");
     std::thread::sleep(std::time::Duration::from_secs(2));
-    // SAFETY: a plain signal to a child of ours.
-    unsafe { libc::kill(child.id().cast_signed(), libc::SIGINT) };
-    let said = finish(child);
+    let said = interrupt(child);
     assert_eq!(said.code, 1, "{}", said.err);
-    assert_nothing_left(said.launcher);
-    let soak: Value = serde_json::from_str(&said.out).unwrap();
+    let soak = said.json();
     assert_eq!(soak["interrupted"], "SIGINT", "{soak}");
     let cells = soak["cells"].as_array().unwrap().iter();
     let mut broken = cells.flat_map(|round| round["broken"].as_array().unwrap());

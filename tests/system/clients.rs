@@ -1,10 +1,10 @@
 //! A run as other programs read it: pyarrow, polars, DuckDB, mcap, Rerun. Each part is skipped, and says so, where Python has no such module.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 
 use crate::command::{Desk, skipped};
-use crate::exchange::has_python;
+use crate::exchange::{has_python, root};
 
 const SHORT: [&str; 6] = [
     "--set",
@@ -15,12 +15,8 @@ const SHORT: [&str; 6] = [
     "results",
 ];
 
-fn root() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-}
-
 /// Runs Python in the desk's folder, where it must print `good`.
-fn python(desk: &Desk, code: &str) {
+pub(crate) fn python(desk: &Desk, code: &str) {
     let mut command = Command::new("python3");
     command
         .args(["-c", code])
@@ -40,8 +36,8 @@ fn python(desk: &Desk, code: &str) {
 }
 
 fn export(desk: &Desk, format: &str) {
-    let said = desk.armplane(&["export", "results", "--format", format]);
-    assert_eq!((said.code, said.err.as_str()), (0, ""));
+    let said = desk.succeeds(&format!("export results --format {format}"));
+    assert_eq!(said.err.as_str(), "");
 }
 
 #[test]
@@ -207,7 +203,7 @@ fn a_recording_of_several_parts_reads_as_one() {
         "name = \"killed\"\nrobot = \"puma560\"\n[record]\npart_s = 0.8\n[start]\nq_deg = [20, -60, 170, 0, 30, 0]\n[[segment]]\nby_m = [0.1, 0, 0]\n\
          duration_s = 1.5\n[[fault]]\nprocess = \"recorder\"\nkind = \"kill\"\nat_s = 1.2\n",
     );
-    let summary = desk.run(&["killed.toml", "--out", "results"]);
+    let summary = desk.run("killed.toml --out results");
     assert_eq!(summary["recorder"]["parts"], 4);
     export(&desk, "rrd");
     let check = "import json\nticks = json.load(open('results/summary.json'))['ticks']\ntable = load('results')\n\

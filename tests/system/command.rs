@@ -11,6 +11,9 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 use tempfile::TempDir;
 
+use crate::life::signal;
+use crate::patience::ticks;
+
 /// An empty folder to run in; gone at the end.
 pub(crate) struct Desk {
     folder: TempDir,
@@ -47,6 +50,11 @@ impl Desk {
             .unwrap_or_else(|error| panic!("{name}: {error}"))
     }
 
+    /// The JSON of a file in the folder.
+    pub(crate) fn read_json(&self, name: &str) -> Value {
+        serde_json::from_str(&self.read(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
     pub(crate) fn start(&self, args: impl Args) -> Child {
         let mut command = Command::new(env!("CARGO_BIN_EXE_armplane"));
         command
@@ -67,6 +75,13 @@ impl Desk {
             });
         }
         command.spawn().expect("armplane starts")
+    }
+
+    /// Starts a run and waits for its first tick.
+    pub(crate) fn begin(&self, args: impl Args) -> Child {
+        let run = self.start(args);
+        until("the first tick", || ticks(&run) > 0);
+        run
     }
 
     pub(crate) fn armplane(&self, args: impl Args) -> Said {
@@ -170,6 +185,14 @@ pub(crate) fn finish(child: Child) -> Said {
     }
 }
 
+/// Ends a run by Ctrl-C; nothing is left of it.
+pub(crate) fn interrupt(run: Child) -> Said {
+    signal(run.id() as i32, "INT");
+    let said = finish(run);
+    assert_nothing_left(said.launcher);
+    said
+}
+
 /// The names of what a launcher has in shared memory.
 pub(crate) fn in_shared_memory(launcher: u32) -> Vec<String> {
     let marker = format!("-{launcher}-");
@@ -228,6 +251,22 @@ pub(crate) fn children_of_run(launcher: u32) -> Vec<(String, i32)> {
         }
     }
     children
+}
+
+/// The process of a run by its name.
+pub(crate) fn pid_of(launcher: u32, process: &str) -> Option<i32> {
+    let children = children_of_run(launcher);
+    let found = children.into_iter().find(|(name, _)| name == process);
+    found.map(|(_, pid)| pid)
+}
+
+/// How often a process was replaced in a run.
+pub(crate) fn restarts(summary: &Value, process: &str) -> u64 {
+    let processes = summary["processes"].as_array().expect("processes");
+    let found = processes.iter().find(|one| one["name"] == process);
+    found
+        .and_then(|one| one["restarts"].as_u64())
+        .expect("a process of the run")
 }
 
 /// Waits until something is so.

@@ -4,10 +4,6 @@ use serde_json::Value;
 
 use crate::command::Desk;
 
-fn read(desk: &Desk, path: &str) -> Value {
-    serde_json::from_slice(&std::fs::read(desk.path().join(path)).unwrap()).unwrap()
-}
-
 fn assert_pictures(desk: &Desk, path: &str) {
     let file =
         |extension: &str| std::fs::read(desk.path().join(format!("{path}.{extension}"))).unwrap();
@@ -20,24 +16,12 @@ fn assert_pictures(desk: &Desk, path: &str) {
 #[test]
 fn laws_are_compared_on_a_scenario_and_on_lines() {
     let desk = Desk::new();
-    let args = [
-        "compare",
-        "fig5-wrist-rotation",
-        "sweep",
-        "--count",
-        "3",
-        "--law",
-        "blended,damped-least-squares",
-        "--out",
-        "out",
-        "--json",
-    ];
-    let said = desk.armplane(&args);
-    assert_eq!(said.code, 0, "{}", said.err);
-    let json: Value = serde_json::from_str(&said.out).unwrap();
+    let args = "compare fig5-wrist-rotation sweep --count 3 --law blended,damped-least-squares --out out --json";
+    let said = desk.succeeds(args);
+    let json = said.json();
     assert_eq!(
         json,
-        read(&desk, "out/compare.json"),
+        desk.read_json("out/compare.json"),
         "said and saved alike"
     );
     assert_pictures(&desk, "out/fig5-wrist-rotation");
@@ -62,7 +46,7 @@ fn laws_are_compared_on_a_scenario_and_on_lines() {
         (&3.into(), &1.into(), &3.into())
     );
     assert_eq!(
-        desk.armplane(&args).out,
+        desk.armplane(args).out,
         said.out,
         "the same again, whichever core does which run"
     );
@@ -71,15 +55,11 @@ fn laws_are_compared_on_a_scenario_and_on_lines() {
 #[test]
 fn lines_through_exactly_singular_postures_of_an_arm_reach_their_goals() {
     let desk = Desk::new();
-    let args = [
-        "compare", "sweep", "--robot", "ur5", "--count", "1", "--out", "out", "--json",
-    ];
-    let said = desk.armplane(&args);
-    assert_eq!(said.code, 0, "{}", said.err);
-    let told: Value = serde_json::from_str(&said.out).unwrap();
+    let args = "compare sweep --robot ur5 --count 1 --out out --json";
+    let told = desk.succeeds(args).json();
     assert_eq!(
         told,
-        read(&desk, "out/compare.json"),
+        desk.read_json("out/compare.json"),
         "said and saved alike"
     );
     let lines = told["sweep"]["lines"].as_array().unwrap();
@@ -95,13 +75,11 @@ fn lines_through_exactly_singular_postures_of_an_arm_reach_their_goals() {
             "{line}"
         );
     }
-    let said = desk.armplane(&["compare", "sweep", "--robot", "ur6", "--out", "out"]);
-    assert!(said.code == 2 && said.err.contains("ur5"), "{}", said.err);
-    let said = desk.armplane(&["compare", "--robot", "ur5"]);
-    assert!(
-        said.code == 2 && said.err.contains("armplane compare sweep --robot"),
-        "{}",
-        said.err
+    desk.refuses(2, "compare sweep --robot ur6 --out out", &["ur5"]);
+    desk.refuses(
+        2,
+        "compare --robot ur5",
+        &["armplane compare sweep --robot"],
     );
 }
 
@@ -109,8 +87,9 @@ fn lines_through_exactly_singular_postures_of_an_arm_reach_their_goals() {
 fn a_race_has_the_marks_of_a_steered_run_only_where_one_is_steered() {
     let desk = Desk::new();
     let marks = |scenario: &str| {
-        let said = desk.armplane(&["compare", scenario, "--race", "--out", scenario, "--json"]);
-        assert_eq!(said.code, 0, "{}", said.err);
+        desk.succeeds(&format!(
+            "compare {scenario} --race --out {scenario} --json"
+        ));
         let recording = std::fs::read(desk.path().join(scenario).join("run.rrd")).unwrap();
         // Paths of entities stand in the heads of chunks as they are.
         let has = |path: &str| {
@@ -141,12 +120,11 @@ fn a_race_has_the_marks_of_a_steered_run_only_where_one_is_steered() {
 #[test]
 fn the_papers_figures_are_drawn_with_their_numbers() {
     let desk = Desk::new();
-    let said = desk.armplane(&["figures", "--out", "out"]);
-    assert_eq!(said.code, 0, "{}", said.err);
+    desk.succeeds("figures --out out");
     for figure in ["fig1-2", "fig3", "fig4", "fig5"] {
         assert_pictures(&desk, &format!("out/{figure}"));
     }
-    let numbers = read(&desk, "out/figures.json");
+    let numbers = desk.read_json("out/figures.json");
     let number = |figure: &str, key: &str| numbers[figure][key].as_f64().unwrap();
     let (pseudo, consistent) = (
         number("fig1", "tip_error_max_mm"),
@@ -199,19 +177,14 @@ fn work_beyond_one_thread_is_left_out_by_name_or_refused() {
         "faulty.toml",
         &[sim::scenarios::text("fig5-wrist-rotation").unwrap(), fault].concat(),
     );
-    let compare = |scenario: &str, more: &[&str]| {
-        let said = desk.armplane(
-            &[
-                &["compare", scenario, "--law", "blended", "--out", "out"],
-                more,
-            ]
-            .concat(),
-        );
-        assert_eq!(said.code, 0, "{}", said.err);
+    let compare = |scenario: &str, more: &str| {
+        let said = desk.succeeds(&format!(
+            "compare {scenario} --law blended --out out {more}"
+        ));
         said.out
     };
     let [json, whole] = ["faulty.toml", "fig5-wrist-rotation"].map(|scenario| -> Value {
-        let json: Value = serde_json::from_str(&compare(scenario, &["--json"])).unwrap();
+        let json: Value = serde_json::from_str(&compare(scenario, "--json")).unwrap();
         json["scenarios"][0].clone()
     });
     assert_eq!(
@@ -223,63 +196,45 @@ fn work_beyond_one_thread_is_left_out_by_name_or_refused() {
         (&1.into(), &0.into(), &whole["laws"]),
         "{json}"
     );
-    assert!(compare("faulty.toml", &[]).contains("without its planned faults (1)"));
-    let said = desk.armplane(&[
-        "figures",
-        "--set",
-        "fault=[{process=\"controller\",kind=\"kill\",at_tick=100}]",
-        "--out",
-        "f",
-    ]);
-    assert!(
-        said.code == 2 && said.err.contains("plans the `kill` of the controller"),
-        "{}",
-        said.err
+    assert!(compare("faulty.toml", "").contains("without its planned faults (1)"));
+    desk.refuses(
+        2,
+        "figures --set fault=[{process=\"controller\",kind=\"kill\",at_tick=100}] --out f",
+        &["plans the `kill` of the controller"],
     );
 }
 
 #[test]
 fn wrong_input_is_said() {
     let desk = Desk::new();
-    let cases: [(&[&str], &str); 6] = [
+    let cases: [(&str, &str); 6] = [
         (
-            &["compare", "fig5", "--law", "blendet"],
+            "compare fig5 --law blendet",
             "there is no control law `blendet`: did you mean `blended`?",
         ),
         (
-            &["compare", "fig5-wrist-rotatoin"],
+            "compare fig5-wrist-rotatoin",
             "did you mean `fig5-wrist-rotation`?",
         ),
         (
-            &["compare", "sweep", "--speed", "0"],
+            "compare sweep --speed 0",
             "--speed is 0: it must be a positive number",
         ),
         (
-            &["compare", "fig5-wrist-rotation", "--tune"],
+            "compare fig5-wrist-rotation --tune",
             "armplane compare sweep --tune",
         ),
         (
-            &[
-                "compare",
-                "sweep",
-                "--set",
-                "control.baseline.truncated_svd_floor=-1",
-            ],
+            "compare sweep --set control.baseline.truncated_svd_floor=-1",
             "it must be a positive number",
         ),
         (
-            &["figures", "--out", "/proc/nowhere"],
+            "figures --out /proc/nowhere",
             "choose another folder with --out",
         ),
     ];
     for (args, expected) in cases {
-        let said = desk.armplane(args);
-        assert!(
-            said.code == 2 && said.err.contains(expected),
-            "{args:?} said {}: {}",
-            said.code,
-            said.err
-        );
+        desk.refuses(2, args, &[expected]);
     }
     assert!(
         !desk.path().join("runs").exists(),
@@ -290,15 +245,9 @@ fn wrong_input_is_said() {
 #[test]
 fn tables_fit_into_a_hundred_columns_and_name_the_winner() {
     let desk = Desk::new();
-    let compared = desk.armplane(&[
-        "compare",
-        "fig5-wrist-rotation",
-        "--law",
-        "blended,damped-least-squares",
-        "--out",
-        "out",
-    ]);
-    let listed = desk.armplane(&["fault", "--list"]);
+    let compared =
+        desk.armplane("compare fig5-wrist-rotation --law blended,damped-least-squares --out out");
+    let listed = desk.armplane("fault --list");
     for said in [&compared, &listed] {
         assert_eq!(said.code, 0, "{}", said.err);
         let tables = said.out.lines().filter(|line| line.starts_with([' ', '─']));

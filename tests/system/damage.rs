@@ -1,19 +1,16 @@
 //! Results that are not whole: each command that reads or makes them says so, and its exit code does.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use message_log::{Contents, FILE as MESSAGES, Log, Writer};
 use serde_json::Value;
 
 use crate::command::{Desk, assert_nothing_left};
+use crate::pipes::make_pipe;
 
 /// A short motion.
 const SHORT: &str = "name = \"short\"\nrobot = \"puma560\"\nsettle_s = 0.3\n[start]\nq_deg = [20, -60, 170, 0, 30, 0]\n\
                      [[segment]]\nby_m = [0.01, 0.0, 0.0]\nduration_s = 0.5\n";
-
-fn json(text: &str) -> Value {
-    serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))
-}
 
 /// Takes away what a killed launcher does not leave.
 fn as_of_a_killed_launcher(run: &Path) {
@@ -65,16 +62,20 @@ fn in_blocks(run: &Path) -> (Vec<u8>, Vec<usize>) {
     (file, places)
 }
 
-#[test]
-fn recover_keeps_a_recording_that_holds_more_than_the_messages() {
+/// A desk with a run in `r`, the folder of the run, and its summary.
+fn with_run() -> (Desk, PathBuf, Value) {
     let desk = Desk::new();
     desk.file("short.toml", SHORT);
-    let rows = desk.run(&["short.toml", "--out", "r"])["recorder"]["rows"]
-        .as_u64()
-        .unwrap();
-    let (run, rr) = (desk.path().join("r"), |name: &str| {
-        std::fs::read(desk.path().join("r").join(name)).unwrap()
-    });
+    let summary = desk.run("short.toml --out r");
+    let run = desk.path().join("r");
+    (desk, run, summary)
+}
+
+#[test]
+fn recover_keeps_a_recording_that_holds_more_than_the_messages() {
+    let (desk, run, summary) = with_run();
+    let rows = summary["recorder"]["rows"].as_u64().unwrap();
+    let rr = |name: &str| std::fs::read(run.join(name)).unwrap();
     let (log, places) = in_blocks(&run);
     let recording = rr("run.rrd");
     // Cut off between two blocks, as no launcher leaves it that was killed; then gone, after a recovery that has moved the recording already.
@@ -84,46 +85,32 @@ fn recover_keeps_a_recording_that_holds_more_than_the_messages() {
             Some(left) => std::fs::write(run.join(MESSAGES), left).unwrap(),
             None => std::fs::remove_file(run.join(MESSAGES)).unwrap(),
         }
-        let said = desk.armplane(&["recover", "r"]);
-        assert!(
-            said.code == 1
-                && said
-                    .err
-                    .contains(&format!("has {rows} rows, and stays in earlier/")),
-            "{}{}",
-            said.out,
-            said.err
+        desk.refuses(
+            1,
+            "recover r",
+            &[&format!("has {rows} rows, and stays in earlier/")],
         );
         assert!(rr("earlier/run.rrd") == recording);
     }
     // Where the messages hold as much, it is made anew, and the other goes.
     std::fs::remove_file(run.join("summary.json")).unwrap();
     std::fs::write(run.join(MESSAGES), log).unwrap();
-    let said = desk.armplane(&["recover", "r", "--json"]);
-    assert_eq!(
-        (said.code, json(&said.out)["recorder"]["rows"].as_u64()),
-        (0, Some(rows)),
-        "{}",
-        said.err
-    );
+    let said = desk.succeeds("recover r --json");
+    assert_eq!(said.json()["recorder"]["rows"].as_u64(), Some(rows));
     assert!(!run.join("earlier").exists());
 }
 
 #[test]
 fn messages_in_the_memory_of_a_killed_recorder_are_said_and_are_no_defect() {
-    let desk = Desk::new();
-    desk.file("short.toml", SHORT);
-    let rows = desk.run(&["short.toml", "--out", "r"])["recorder"]["rows"]
-        .as_u64()
-        .unwrap();
-    let run = desk.path().join("r");
+    let (desk, run, summary) = with_run();
+    let rows = summary["recorder"]["rows"].as_u64().unwrap();
     let (file, places) = in_blocks(&run);
     std::fs::remove_file(run.join("summary.json")).unwrap();
     // Within the last block, where the recording has its rows.
     let torn = places[places.len() - 1] - 200;
     std::fs::write(run.join(MESSAGES), &file[..torn]).unwrap();
-    let said = desk.armplane(&["recover", "r", "--json"]);
-    let summary = json(&said.out);
+    let said = desk.armplane("recover r --json");
+    let summary = said.json();
     let (ticks, reason) = (
         summary["ticks"].as_u64().unwrap(),
         summary["reason"].as_str().unwrap(),
@@ -147,7 +134,7 @@ fn a_recording_with_one_other_bit_or_of_another_run_is_not_taken_for_the_runs() 
     let desk = Desk::new();
     desk.file("short.toml", SHORT);
     for (run, seed) in [("r", "1"), ("other", "2")] {
-        desk.run(&["short.toml", "--seed", seed, "--out", run]);
+        desk.run(&format!("short.toml --seed {seed} --out {run}"));
     }
     let path = desk.path().join("r/run.rrd");
     let (written, of_another) = (
@@ -169,10 +156,7 @@ fn a_recording_with_one_other_bit_or_of_another_run_is_not_taken_for_the_runs() 
         flipped(4 * n / 5),
     ] {
         std::fs::write(&path, &bytes).unwrap();
-        for command in [
-            &["report", "r"][..],
-            &["export", "r", "--format", "csv", "--out", "csv"],
-        ] {
+        for command in ["report r", "export r --format csv --out csv"] {
             let said = desk.armplane(command);
             assert!(
                 [1, 2].contains(&said.code)
@@ -186,41 +170,24 @@ fn a_recording_with_one_other_bit_or_of_another_run_is_not_taken_for_the_runs() 
     std::fs::write(&path, &written).unwrap();
     let further = desk.path().join("r/run-001.rrd");
     std::fs::copy(desk.path().join("other/run.rrd"), &further).unwrap();
-    for command in [
-        &["report", "r"][..],
-        &["export", "r", "--format", "csv", "--out", "csv"],
-    ] {
-        let said = desk.armplane(command);
-        assert!(
-            said.code == 1 && said.err.contains("run-001.rrd is no file of this run"),
-            "{command:?}: {}",
-            said.err
-        );
+    for command in ["report r", "export r --format csv --out csv"] {
+        desk.refuses(1, command, &["run-001.rrd is no file of this run"]);
     }
     std::fs::remove_file(further).unwrap();
-    for command in [
-        &["report", "r"][..],
-        &["export", "r", "--format", "csv", "--out", "csv"],
-    ] {
-        let said = desk.armplane(command);
-        assert_eq!(said.code, 0, "{command:?}: {}", said.err);
+    for command in ["report r", "export r --format csv --out csv"] {
+        desk.succeeds(command);
     }
 }
 
 #[test]
 fn recover_says_which_log_is_damaged_and_what_that_costs() {
-    let desk = Desk::new();
-    desk.file("short.toml", SHORT);
-    let whole = desk.run(&["short.toml", "--out", "r"]);
-    let run = desk.path().join("r");
+    let (desk, run, whole) = with_run();
     as_of_a_killed_launcher(&run);
-    let said = desk.armplane(&["recover", "r", "--json"]);
-    let again = json(&said.out);
+    let again = desk.json("recover r");
     assert_eq!(
-        (said.code, &again["topics"], &again["ticks"]),
-        (0, &whole["topics"], &whole["ticks"]),
-        "{}",
-        said.err
+        (&again["topics"], &again["ticks"]),
+        (&whole["topics"], &whole["ticks"]),
+        "{again}"
     );
 
     let (written, places) = in_blocks(&run);
@@ -228,8 +195,8 @@ fn recover_says_which_log_is_damaged_and_what_that_costs() {
     damaged[(places[3] + places[4]) / 2] ^= 4;
     std::fs::write(run.join(MESSAGES), &damaged).unwrap();
     as_of_a_killed_launcher(&run);
-    let said = desk.armplane(&["recover", "r", "--json"]);
-    let again = json(&said.out);
+    let said = desk.armplane("recover r --json");
+    let again = said.json();
     let clause = "messages.mcap is damaged at tick 150: its messages of 50 ticks are lost";
     assert_eq!(again["recorder"]["error"], clause);
     assert_eq!(said.code, 1);
@@ -239,11 +206,7 @@ fn recover_says_which_log_is_damaged_and_what_that_costs() {
             whole["topics"][topic]["count"].as_u64().unwrap()
         );
     }
-    for command in [
-        &["export", "r"][..],
-        &["report", "r"],
-        &["replay", "r", "--process", "estimator"],
-    ] {
+    for command in ["export r", "report r", "replay r --process estimator"] {
         let said = desk.armplane(command);
         assert!(
             said.code == 1 && (said.err.clone() + &said.out).contains(clause),
@@ -254,7 +217,7 @@ fn recover_says_which_log_is_damaged_and_what_that_costs() {
     }
     std::fs::write(run.join(MESSAGES), b"other bytes than those of a log").unwrap();
     as_of_a_killed_launcher(&run);
-    let said = desk.armplane(&["recover", "r"]);
+    let said = desk.armplane("recover r");
     assert!(
         said.code == 1
             && said.err.contains("messages.mcap is damaged at tick 0")
@@ -267,11 +230,9 @@ fn recover_says_which_log_is_damaged_and_what_that_costs() {
 
 #[test]
 fn blocks_that_are_missing_repeated_exchanged_or_of_another_run_are_named_by_each_command() {
-    let desk = Desk::new();
-    desk.file("short.toml", SHORT);
-    let whole = desk.run(&["short.toml", "--out", "r"]);
-    desk.run(&["short.toml", "--out", "other"]);
-    let (run, ticks) = (desk.path().join("r"), whole["ticks"].as_u64().unwrap());
+    let (desk, run, whole) = with_run();
+    desk.run("short.toml --out other");
+    let ticks = whole["ticks"].as_u64().unwrap();
     let (file, places) = in_blocks(&run);
     // Of other lengths: its stamps are others.
     let (other, others) = in_blocks(&desk.path().join("other"));
@@ -347,7 +308,7 @@ fn blocks_that_are_missing_repeated_exchanged_or_of_another_run_are_named_by_eac
         };
         put_back();
         for process in ["estimator", "controller"] {
-            let said = desk.armplane(&["replay", "r", "--process", process]);
+            let said = desk.armplane(&format!("replay r --process {process}"));
             let words = said.out.clone() + &said.err;
             assert!(
                 said.code == 1 && words.contains(&clause),
@@ -355,7 +316,7 @@ fn blocks_that_are_missing_repeated_exchanged_or_of_another_run_are_named_by_eac
             );
         }
         // Where the whole log is none of the run, its columns are left out, and the reason is the reader's.
-        let said = desk.armplane(&["export", "r", "--out", "e"]);
+        let said = desk.armplane("export r --out e");
         let is_none = !clause.contains(" at tick ");
         let expected = if is_none { MESSAGES } else { &*clause };
         assert!(
@@ -363,7 +324,7 @@ fn blocks_that_are_missing_repeated_exchanged_or_of_another_run_are_named_by_eac
             "{clause}: {}",
             said.err
         );
-        let said = desk.armplane(&["report", "r"]);
+        let said = desk.armplane("report r");
         assert!(
             said.code == 1 && said.err.contains(&clause),
             "{clause}: {}",
@@ -373,8 +334,8 @@ fn blocks_that_are_missing_repeated_exchanged_or_of_another_run_are_named_by_eac
         assert!(page.contains(&clause), "the page says it, too: {clause}");
         if is_known {
             as_of_a_killed_launcher(&run);
-            let said = desk.armplane(&["recover", "r", "--json"]);
-            let error = &json(&said.out)["recorder"]["error"];
+            let said = desk.armplane("recover r --json");
+            let error = &said.json()["recorder"]["error"];
             assert_eq!((said.code, error), (1, &Value::from(&*clause)));
         }
     }
@@ -383,24 +344,18 @@ fn blocks_that_are_missing_repeated_exchanged_or_of_another_run_are_named_by_eac
     }
     std::fs::write(run.join(MESSAGES), &file).unwrap();
     as_of_a_killed_launcher(&run);
-    let said = desk.armplane(&["recover", "r", "--json"]);
-    assert_eq!(
-        (said.code, &json(&said.out)["topics"]),
-        (0, &whole["topics"])
-    );
+    let said = desk.succeeds("recover r --json");
+    assert_eq!(said.json()["topics"], whole["topics"]);
 }
 
 #[test]
 fn a_link_in_the_place_of_a_log_is_refused_with_a_remedy_that_recover_has() {
-    let desk = Desk::new();
-    desk.file("short.toml", SHORT);
-    desk.run(&["short.toml", "--out", "r"]);
-    let run = desk.path().join("r");
+    let (desk, run, _) = with_run();
     as_of_a_killed_launcher(&run);
     let (log, elsewhere) = (run.join(MESSAGES), desk.file("elsewhere", "mine"));
     std::fs::remove_file(&log).unwrap();
     std::os::unix::fs::symlink(&elsewhere, &log).unwrap();
-    let said = desk.armplane(&["recover", "r"]);
+    let said = desk.armplane("recover r");
     assert!(
         said.code == 2 && said.err.contains(MESSAGES) && said.err.contains("recover the run again"),
         "{}",
@@ -413,51 +368,33 @@ fn a_link_in_the_place_of_a_log_is_refused_with_a_remedy_that_recover_has() {
 #[test]
 fn a_folder_that_is_used_again_holds_nothing_of_its_former_run() {
     let desk = Desk::new();
+    let run = desk.path().join("r");
     desk.file("short.toml", SHORT);
     desk.file(
         "targets.csv",
         "# armplane targets 1, length mm\n0, twist, base, 0.3, 100 0 0 0 0 0.2\n0.3, end\n",
     );
-    let said = desk.armplane(&[
-        "servo",
-        "puma560",
-        "--from",
-        "targets.csv",
-        "--out",
-        "r",
-        "--json",
-    ]);
-    let run = desk.path().join("r");
+    let said = desk.armplane("servo puma560 --from targets.csv --out r --json");
     assert!(
         said.code == 0 && run.join("targets.csv").exists() && run.join(MESSAGES).exists(),
         "{}",
         said.err
     );
-    desk.run(&["short.toml", "--out", "r"]);
-    desk.run(&["short.toml", "--out", "fresh"]);
+    desk.run("short.toml --out r");
+    desk.run("short.toml --out fresh");
     assert_eq!(names(&run), names(&desk.path().join("fresh")));
-    desk.run(&["short.toml", "--out", "r", "--no-messages"]);
+    desk.run("short.toml --out r --no-messages");
     assert!(!run.join(MESSAGES).exists());
     // A run from its own folder reads its files before they are replaced.
-    let first = json(
-        &desk
-            .armplane(&[
-                "servo",
-                "puma560",
-                "--from",
-                "targets.csv",
-                "--out",
-                "s",
-                "--json",
-            ])
-            .out,
-    );
-    let again = desk.run(&["s/scenario.toml", "--out", "s"]);
+    let first = desk
+        .armplane("servo puma560 --from targets.csv --out s --json")
+        .json();
+    let again = desk.run("s/scenario.toml --out s");
     assert_eq!(first["topics"], again["topics"]);
     // Files with the names of results, in a folder of which no run has been, are not the program's.
     std::fs::create_dir(desk.path().join("mine")).unwrap();
     desk.file("mine/targets.csv", "mine");
-    desk.run(&["short.toml", "--out", "mine"]);
+    desk.run("short.toml --out mine");
     assert_eq!(
         std::fs::read_to_string(desk.path().join("mine/targets.csv")).unwrap(),
         "mine"
@@ -472,8 +409,8 @@ fn a_recording_that_a_full_volume_ends_is_in_the_exit_code() {
         &(SHORT.to_owned()
             + "[[fault]]\nprocess = \"recorder\"\nkind = \"disk-full\"\nat_tick = 300\n"),
     );
-    let said = desk.armplane(&["run", "short.toml", "--out", "r", "--json"]);
-    let summary = json(&said.out);
+    let said = desk.armplane("run short.toml --out r --json");
+    let summary = said.json();
     assert_eq!(summary["outcome"], "goal reached");
     assert!(
         said.code == 1
@@ -493,10 +430,7 @@ fn a_recording_that_a_full_volume_ends_is_in_the_exit_code() {
 
 #[test]
 fn a_run_without_its_job_or_its_summary_is_told_with_a_remedy_that_helps() {
-    let desk = Desk::new();
-    desk.file("short.toml", SHORT);
-    desk.run(&["short.toml", "--out", "r"]);
-    let run = desk.path().join("r");
+    let (desk, run, _) = with_run();
     let kept = ["job.json", "summary.json", "scenario.toml"]
         .map(|name| (run.join(name), std::fs::read(run.join(name)).unwrap()));
     let restore = || {
@@ -520,22 +454,12 @@ fn a_run_without_its_job_or_its_summary_is_told_with_a_remedy_that_helps() {
         );
     };
     let again = "; `armplane run r/scenario.toml` makes the run again";
-    let pipe = |name: &str| {
-        std::fs::remove_file(run.join(name)).unwrap();
-        assert!(
-            std::process::Command::new("mkfifo")
-                .arg(run.join(name))
-                .status()
-                .unwrap()
-                .success()
-        );
-    };
     std::fs::remove_file(run.join("job.json")).unwrap();
     ["report", "export", "replay"]
         .iter()
         .for_each(|command| said(command, &[1, 2], "r has no job.json", again));
     restore();
-    pipe("job.json");
+    make_pipe(&run.join("job.json"));
     let defect = "r/job.json: it is a named pipe, not a regular file";
     ["report", "export", "replay"]
         .iter()
@@ -553,29 +477,20 @@ fn a_run_without_its_job_or_its_summary_is_told_with_a_remedy_that_helps() {
         "`armplane recover r` makes it from its messages",
     );
     restore();
-    pipe("summary.json");
+    make_pipe(&run.join("summary.json"));
     said(
         "report",
         &[2],
         "it is a named pipe",
         "remove r/summary.json, and `armplane recover r` makes it from its messages",
     );
-    let refused = desk.armplane(&["recover", "r"]);
-    assert!(
-        refused.code == 2 && refused.err.contains("remove it, and recover the run again"),
-        "{}",
-        refused.err
-    );
+    desk.refuses(2, "recover r", &["remove it, and recover the run again"]);
     std::fs::remove_file(run.join("summary.json")).unwrap();
-    assert_eq!(desk.armplane(&["recover", "r"]).code, 0);
+    desk.succeeds("recover r");
     std::fs::create_dir(desk.path().join("none")).unwrap();
-    let said = desk.armplane(&["replay", "none"]);
-    assert!(
-        said.code == 2
-            && said
-                .err
-                .contains("none is not the folder of a run (it has no job.json): give the folder"),
-        "{}",
-        said.err
+    desk.refuses(
+        2,
+        "replay none",
+        &["none is not the folder of a run (it has no job.json): give the folder"],
     );
 }

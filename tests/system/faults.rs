@@ -2,8 +2,9 @@
 
 use serde_json::Value;
 
-use crate::command::{Desk, assert_nothing_left, children_of_run, finish, until};
+use crate::command::{Desk, assert_nothing_left, finish, interrupt, pid_of, until};
 use crate::life::signal;
+use crate::patience::ticks;
 
 /// A short task with faults after it.
 fn scenario(faults: &str) -> String {
@@ -43,10 +44,9 @@ fn planned_deaths_and_lost_messages_give_the_same_bytes_every_time_and_the_goal_
         };
         desk.file("s.toml", &scenario(&faults));
         let runs = ["a", "b"].map(|out| {
-            let said = desk.armplane(&["run", "s.toml", "--json", "--out", out]);
+            let said = desk.armplane(&format!("run s.toml --json --out {out}"));
             assert_nothing_left(said.launcher);
-            let summary: Value = serde_json::from_str(&said.out)
-                .unwrap_or_else(|error| panic!("{error}: {}", said.err));
+            let summary = said.json();
             // It strays on its way, and gets there.
             assert_eq!(summary["completed"], true, "{faults}\n{}", said.err);
             assert!(
@@ -83,7 +83,7 @@ fn an_estimate_that_no_arm_can_have_moved_to_gets_no_torque() {
             "absurd.toml",
             &scenario(&fault("estimator", "corrupt", &corrupt)),
         );
-        let summary = desk.run(&["absurd.toml", "--no-record"]);
+        let summary = desk.run("absurd.toml --no-record");
         assert_eq!(
             summary["faults"][0]["occurred"], true,
             "{}",
@@ -112,109 +112,56 @@ fn an_estimate_that_no_arm_can_have_moved_to_gets_no_torque() {
     }
 }
 
+/// Where no file has a message, it is in the retainer of its topic and in the recorder's checkpoints alone.
 #[test]
-fn a_killed_recorder_loses_nothing_in_lockstep() {
+fn a_recorder_killed_from_outside_loses_nothing() {
     let desk = Desk::new();
-    desk.file("whole.toml", &scenario(""));
-    desk.file("killed.toml", &scenario(&fault("recorder", "kill", "")));
-    let (whole, killed) = (
-        desk.run(&["whole.toml", "--out", "a"]),
-        desk.run(&["killed.toml", "--out", "b"]),
-    );
-    assert_eq!(topics(&whole), topics(&killed));
-    assert_eq!(
-        (&whole["task"], &whole["joints"]),
-        (&killed["task"], &killed["joints"]),
-        "the figures too"
-    );
-    assert_eq!(killed["recorder"]["parts"], 2);
-    assert!(desk.path().join("b/run-001.rrd").exists());
-}
-
-#[test]
-fn a_recorder_killed_from_outside_loses_nothing_either() {
-    let desk = Desk::new();
-    let long = ["run", "--set", "segment.1.duration_s=30", "--json", "--out"];
-    let whole: Value =
-        serde_json::from_str(&desk.armplane(&[&long[..], &["whole"]].concat()).out).unwrap();
-    let child = desk.start(&[&long[..], &["killed"]].concat());
-    let kept = desk.path().join("killed/messages.mcap");
-    until("messages to be kept", || {
-        std::fs::metadata(&kept).is_ok_and(|file| file.len() > 500_000)
-    });
-    let victim = children_of_run(child.id())
-        .into_iter()
-        .find(|(name, _)| name == "recorder")
-        .unwrap()
-        .1;
-    signal(victim, "KILL");
-    let said = finish(child);
-    assert_eq!(said.code, 0, "{}", said.err);
-    let killed: Value = serde_json::from_str(&said.out).unwrap();
-    assert_eq!(topics(&whole), topics(&killed), "every message, in order");
-    assert_eq!(
-        (&whole["task"], &whole["joints"], &whole["modes"]),
-        (&killed["task"], &killed["joints"], &killed["modes"]),
-        "and the figures"
-    );
-    assert_eq!(
-        (&killed["faults"][0]["origin"], &killed["recorder"]["parts"]),
-        (&"detected".into(), &2.into())
-    );
-    let mut ticks = Vec::new();
-    let collect = |piece: viz::Piece| {
-        if let viz::Piece::Rows(rows) = piece {
-            ticks.extend_from_slice(&rows.ticks);
-        }
-        Ok::<(), viz::ReadError>(())
+    let run = |out: &str, more: &str| {
+        desk.start(&format!(
+            "run --set segment.1.duration_s=20 --json --out {out} {more}"
+        ))
     };
-    viz::read(&viz::parts_in(&desk.path().join("killed")), collect).unwrap();
-    ticks.sort_unstable();
-    assert_eq!(
-        ticks,
-        (0..killed["ticks"].as_u64().unwrap()).collect::<Vec<_>>(),
-        "every tick once in the recording"
-    );
-    assert_nothing_left(said.launcher);
-}
-
-/// Messages that are in no file are in the retainers of their topics and in the recorder's checkpoints alone.
-#[test]
-fn a_recorder_killed_from_outside_loses_nothing_where_no_message_is_kept() {
-    let desk = Desk::new();
-    let long = ["run", "--set", "segment.1.duration_s=20", "--json"];
-    let whole: Value =
-        serde_json::from_str(&desk.armplane(&[&long[..], &["--no-record"]].concat()).out).unwrap();
-    for none in ["--no-record", "--no-messages"] {
-        let child = desk.start(&[&long[..], &[none]].concat());
+    let whole = finish(run("whole", "")).json();
+    for more in ["", "--no-record", "--no-messages"] {
+        let child = run("killed", more);
         // Further than the retainers reach back, and not just behind a checkpoint that is due for its age.
-        until("thousands of ticks", || {
-            crate::patience::ticks(&child) > 6_000
-        });
-        let victim = children_of_run(child.id())
-            .into_iter()
-            .find(|(name, _)| name == "recorder")
-            .unwrap()
-            .1;
-        signal(victim, "KILL");
+        until("thousands of ticks", || ticks(&child) > 6_000);
+        signal(pid_of(child.id(), "recorder").unwrap(), "KILL");
         let said = finish(child);
-        let killed: Value =
-            serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+        assert_nothing_left(said.launcher);
+        let killed = said.json();
         assert_eq!(
-            (said.code, &killed["recorder"]["lost"]),
-            (0, &0.into()),
-            "{none}: {}",
-            said.err
+            (said.code, topics(&killed), &killed["task"]),
+            (0, topics(&whole), &whole["task"]),
+            "{more}: every message, in order, and the figures"
         );
         assert_eq!(
-            killed["faults"].as_array().map(Vec::len),
-            Some(1),
-            "{none}: the run ended before the kill"
+            (&killed["joints"], &killed["modes"]),
+            (&whole["joints"], &whole["modes"])
         );
+        let faults = killed["faults"].as_array().unwrap();
         assert_eq!(
-            (topics(&whole), &whole["task"]),
-            (topics(&killed), &killed["task"]),
-            "{none}: every message, in order, and the figures"
+            (faults.len(), &faults[0]["origin"]),
+            (1, &"detected".into()),
+            "{more}: {faults:?}"
+        );
+        if !more.is_empty() {
+            continue;
+        }
+        assert_eq!(killed["recorder"]["parts"], 2);
+        let mut ticks = Vec::new();
+        let collect = |piece: viz::Piece| {
+            if let viz::Piece::Rows(rows) = piece {
+                ticks.extend_from_slice(&rows.ticks);
+            }
+            Ok::<(), viz::ReadError>(())
+        };
+        viz::read(&viz::parts_in(&desk.path().join("killed")), collect).unwrap();
+        ticks.sort_unstable();
+        assert_eq!(
+            ticks,
+            (0..killed["ticks"].as_u64().unwrap()).collect::<Vec<_>>(),
+            "every tick once in the recording"
         );
     }
 }
@@ -222,17 +169,10 @@ fn a_recorder_killed_from_outside_loses_nothing_where_no_message_is_kept() {
 #[test]
 fn a_live_fault_is_recorded_and_its_run_can_be_repeated() {
     let desk = Desk::new();
-    let child = desk.start(&[
-        "run",
-        "--set",
-        "segment.1.duration_s=12",
-        "--json",
-        "--out",
-        "live",
-    ]);
+    let child = desk.start("run --set segment.1.duration_s=12 --json --out live");
     let run = format!("-{}-", child.id());
     until("the run to take a fault", || {
-        let runs: Value = serde_json::from_str(&desk.armplane(&["doctor", "--json"]).out).unwrap();
+        let runs = desk.armplane("doctor --json").json();
         let name = runs["runs"]
             .as_array()
             .unwrap()
@@ -241,29 +181,21 @@ fn a_live_fault_is_recorded_and_its_run_can_be_repeated() {
             .find(|name| name.contains(&run))
             .map(str::to_owned);
         name.is_some_and(|name| {
-            desk.armplane(&[
-                "fault",
-                "controller",
-                "kill",
-                "--for",
-                "50ms",
-                "--run",
-                &name,
-            ])
-            .code
+            desk.armplane(&format!("fault controller kill --for 50ms --run {name}"))
+                .code
                 == 0
         })
     });
     let said = finish(child);
     assert_eq!(said.code, 0, "{}", said.err);
-    let live: Value = serde_json::from_str(&said.out).unwrap();
+    let live = said.json();
     assert_eq!(
         (&live["faults"][0]["origin"], &live["faults"][0]["occurred"]),
         (&"live".into(), &true.into()),
         "{}",
         live["faults"]
     );
-    let again = desk.run(&["live/scenario.toml", "--out", "again"]);
+    let again = desk.run("live/scenario.toml --out again");
     assert_eq!(topics(&live), topics(&again));
     assert_eq!(again["faults"][0]["origin"], "planned");
     assert_nothing_left(said.launcher);
@@ -279,7 +211,7 @@ fn a_budget_that_is_spent_ends_the_run_with_a_sentence() {
         )
     };
     desk.file("s.toml", &scenario(&(0..6).map(kills).collect::<String>()));
-    let said = desk.armplane(&["run", "s.toml", "--out", "r"]);
+    let said = desk.armplane("run s.toml --out r");
     assert_eq!(said.code, 1);
     assert!(
         said.err
@@ -293,13 +225,10 @@ fn a_budget_that_is_spent_ends_the_run_with_a_sentence() {
         "s.toml",
         &scenario(&(0..6).map(|k| kills((k + 5) % 6)).collect::<String>()),
     );
-    let said = desk.armplane(&["run", "s.toml", "--out", "r"]);
-    assert!(
-        said.code == 1
-            && said.err.contains("controller")
-            && said.err.contains("at tick 600 after 5 restarts"),
-        "{}",
-        said.err
+    desk.refuses(
+        1,
+        "run s.toml --out r",
+        &["controller", "at tick 600 after 5 restarts"],
     );
 }
 
@@ -314,9 +243,8 @@ fn drill_judges_a_cell_and_takes_only_cells_that_exist() {
         "plant:delay",
         "controller:zombie",
     ] {
-        let said = desk.armplane(&["drill", "s.toml", "--only", cell, "--json"]);
-        assert_eq!(said.code, 0, "{}\n{}", said.out, said.err);
-        let drill: Value = serde_json::from_str(&said.out).unwrap();
+        let said = desk.succeeds(&format!("drill s.toml --only {cell} --json"));
+        let drill = said.json();
         let one = &drill["cells"][0];
         assert_eq!(
             (&drill["passed"], &one["replayed_identically"]),
@@ -337,18 +265,17 @@ fn drill_judges_a_cell_and_takes_only_cells_that_exist() {
     }
     // The bounds stay, whatever a scenario allows itself; nor does it pass without what it tests.
     for (changed, cell, check) in [
-        (["--set", "plant.hold_ticks=200"], "controller:kill", "age"),
-        (["--without", "hold"], "controller:kill", "age"),
+        ("--set plant.hold_ticks=200", "controller:kill", "age"),
+        ("--without hold", "controller:kill", "age"),
         (
-            ["--without", "torque-check"],
+            "--without torque-check",
             "controller:corrupt:huge",
             "torque",
         ),
-        (["--without", "fencing"], "controller:zombie", "fence"),
+        ("--without fencing", "controller:zombie", "fence"),
     ] {
-        let said =
-            desk.armplane(&[&["drill", "s.toml", "--json", "--only", cell][..], &changed].concat());
-        let drill: Value = serde_json::from_str(&said.out).unwrap();
+        let said = desk.armplane(&format!("drill s.toml --json --only {cell} {changed}"));
+        let drill = said.json();
         let broken = drill["cells"][0]["broken"].as_array().unwrap();
         assert!(
             said.code == 1 && broken.iter().any(|one| one["check"] == check),
@@ -356,26 +283,12 @@ fn drill_judges_a_cell_and_takes_only_cells_that_exist() {
             said.err
         );
     }
-    let said = desk.armplane(&[
-        "drill",
-        "s.toml",
-        "--only",
-        "controller:kill",
-        "--set",
-        "goal.position_mm=1e-7",
-    ]);
-    assert!(
-        said.code == 1 && said.err.contains("without a fault does not reach its goal"),
-        "{}\n{}",
-        said.out,
-        said.err
+    desk.refuses(
+        1,
+        "drill s.toml --only controller:kill --set goal.position_mm=1e-7",
+        &["without a fault does not reach its goal"],
     );
-    let said = desk.armplane(&["drill", "--only", "recorder:drop"]);
-    assert!(
-        said.code == 2 && said.err.contains("can happen to plant"),
-        "{}",
-        said.err
-    );
+    desk.refuses(2, "drill --only recorder:drop", &["can happen to plant"]);
 }
 
 #[test]
@@ -389,7 +302,7 @@ fn a_cut_edge_keeps_messages_from_one_reader_alone() {
             "topic = \"estimate\"\nfor_ticks = 2",
         )),
     );
-    let summary = desk.run(&["s.toml", "--no-record"]);
+    let summary = desk.run("s.toml --no-record");
     let count = |topic: &str| summary["topics"][topic]["count"].as_u64().unwrap();
     assert_eq!(
         (count("estimate"), count("singularity")),
@@ -425,10 +338,7 @@ fn slow_processes_and_pages_that_are_gone_change_no_byte_in_lockstep() {
         + &everywhere("page-out", &[&stages[..], &["recorder"]].concat());
     desk.file("calm.toml", &scenario(""));
     desk.file("slow.toml", &scenario(&faults));
-    let (calm, slow) = (
-        desk.run(&["calm.toml", "--out", "a"]),
-        desk.run(&["slow.toml", "--out", "b"]),
-    );
+    let (calm, slow) = (desk.run("calm.toml --out a"), desk.run("slow.toml --out b"));
     assert_eq!(topics(&calm), topics(&slow));
     let injected = slow["faults"]
         .as_array()
@@ -443,59 +353,28 @@ fn slow_processes_and_pages_that_are_gone_change_no_byte_in_lockstep() {
 fn a_fault_that_makes_no_sense_is_one_sentence() {
     let desk = Desk::new();
     desk.file("s.toml", &scenario(&fault("recorder", "drop", "")));
-    let said = desk.armplane(&["run", "s.toml"]);
-    assert!(
-        said.code == 2 && said.err.contains("cannot happen to the recorder"),
-        "{}",
-        said.err
-    );
+    desk.refuses(2, "run s.toml", &["cannot happen to the recorder"]);
     desk.file("s.toml", &scenario(&fault("plant", "sensor", "joint = 9")));
-    let said = desk.armplane(&["run", "s.toml"]);
-    assert!(
-        said.code == 2 && said.err.contains("has 6 joints"),
-        "{}",
-        said.err
-    );
-    let said = desk.armplane(&["fault", "controller", "kill", "--run", "nowhere"]);
-    assert!(
-        said.code == 2 && said.err.contains("nowhere"),
-        "{}",
-        said.err
-    );
+    desk.refuses(2, "run s.toml", &["has 6 joints"]);
+    desk.refuses(2, "fault controller kill --run nowhere", &["nowhere"]);
 }
 
 #[test]
 fn a_run_of_another_folder_is_named_before_anything_happens_to_it() {
     let (desk, elsewhere) = (Desk::new(), Desk::new());
-    let child = desk.start(&[
-        "run",
-        "--set",
-        "segment.1.duration_s=500",
-        "--json",
-        "--no-record",
-        "--out",
-        "r",
-    ]);
-    until("the first ticks", || crate::patience::ticks(&child) > 0);
-    let said = elsewhere.armplane(&["fault", "controller", "kill"]);
-    assert!(
-        said.code == 2
-            && said
-                .err
-                .contains(&crate::command::run_of(child.id()).unwrap())
-            && said.err.contains("--run"),
-        "{}",
-        said.err
+    let child = desk.begin("run --set segment.1.duration_s=500 --json --no-record --out r");
+    elsewhere.refuses(
+        2,
+        "fault controller kill",
+        &[&crate::command::run_of(child.id()).unwrap(), "--run"],
     );
-    signal(child.id() as i32, "INT");
-    let said = finish(child);
-    let summary: Value = serde_json::from_str(&said.out).unwrap();
+    let said = interrupt(child);
+    let summary = said.json();
     assert_eq!(
         summary["faults"],
         Value::Array(vec![]),
         "nothing happened to it"
     );
-    assert_nothing_left(said.launcher);
 }
 
 #[test]
@@ -510,21 +389,16 @@ fn a_recorder_killed_after_the_last_tick_loses_nothing() {
             "for_ticks = 100000\namount = 300.0\n",
         )),
     );
-    let expected = desk.run(&["slow.toml", "--out", "expected"]);
-    let child = desk.start(&["run", "slow.toml", "--out", "results", "--json"]);
-    let has = |process: &str| {
-        children_of_run(child.id())
-            .into_iter()
-            .find(|(name, _)| name == process)
-            .map(|(_, pid)| pid)
-    };
+    let expected = desk.run("slow.toml --out expected");
+    let child = desk.start("run slow.toml --out results --json");
+    let has = |process: &str| pid_of(child.id(), process);
     until("the processes", || {
         has("plant").is_some() && has("recorder").is_some()
     });
     until("the plant to end", || has("plant").is_none());
     signal(has("recorder").unwrap(), "KILL");
     let said = finish(child);
-    let summary: Value = serde_json::from_str(&said.out).unwrap();
+    let summary = said.json();
     assert_eq!(
         (said.code, &summary["topics"], &summary["recorder"]["lost"]),
         (0, &expected["topics"], &0.into()),

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::command::{Desk, assert_nothing_left, finish, in_shared_memory, until};
+use crate::command::{Desk, assert_nothing_left, finish, in_shared_memory, interrupt, until};
 use crate::life::signal;
 
 #[test]
@@ -19,7 +19,7 @@ fn six_runs_at_once_take_six_folders() {
         .map(|run| {
             let said = finish(run);
             assert_eq!(said.code, 0, "{}", said.err);
-            let summary: Value = serde_json::from_str(&said.out).unwrap();
+            let summary = said.json();
             summary["topics"]["sensor"]["hash"]
                 .as_str()
                 .unwrap()
@@ -48,24 +48,14 @@ fn six_runs_at_once_take_six_folders() {
 #[test]
 fn a_folder_into_which_a_run_writes_is_refused_to_another() {
     let desk = Desk::new();
-    let first = desk.start(&[
-        "run",
-        "--set",
-        "segment.1.duration_s=500",
-        "--json",
-        "--out",
-        "same",
-    ]);
-    until("the first ticks", || crate::patience::ticks(&first) > 0);
-    let second = desk.armplane(&["run", "--out", "same"]);
-    assert!(
-        second.code == 2 && second.err.contains("another run writes its results into"),
-        "{}",
-        second.err
+    let first = desk.begin("run --set segment.1.duration_s=500 --json --out same");
+    desk.refuses(
+        2,
+        "run --out same",
+        &["another run writes its results into"],
     );
-    signal(first.id() as i32, "INT");
-    let said = finish(first);
-    let summary: Value = serde_json::from_str(&said.out).unwrap();
+    let said = interrupt(first);
+    let summary = said.json();
     assert_eq!(
         (
             &summary["outcome"],
@@ -74,7 +64,7 @@ fn a_folder_into_which_a_run_writes_is_refused_to_another() {
         (&"interrupted".into(), true)
     );
     assert_eq!(
-        desk.run(&["--out", "same"])["outcome"],
+        desk.run("--out same")["outcome"],
         "goal reached",
         "the folder is free again"
     );
@@ -84,12 +74,11 @@ fn a_folder_into_which_a_run_writes_is_refused_to_another() {
 fn ctrl_c_at_any_moment_of_the_start_leaves_nothing() {
     let desk = Desk::new();
     for attempt in 0..16 {
-        let run = desk.start(&["run", "--out", "r"]);
+        let run = desk.start("run --out r");
         let pauses_ms = [0, 1].map(|k| runtime::random(attempt, k) % 80);
         for pause_ms in pauses_ms {
             std::thread::sleep(Duration::from_millis(pause_ms));
-            // SAFETY: a plain signal to a child of ours that has not been waited for.
-            unsafe { libc::kill(run.id().cast_signed(), libc::SIGINT) };
+            signal(run.id() as i32, "INT");
         }
         let said = finish(run);
         assert!(said.code != 0, "after {pauses_ms:?} ms");
@@ -102,15 +91,14 @@ fn ctrl_c_at_the_end_costs_no_summary() {
     let desk = Desk::new();
     for attempt in 0..12 {
         let out = format!("r{attempt}");
-        let run = desk.start(&["run", "--no-record", "--out", &out]);
+        let run = desk.start(&format!("run --no-record --out {out}"));
         until("the run to begin", || {
             !in_shared_memory(run.id()).is_empty()
         });
         // Removed by the launcher when all processes have ended: the summary is written after it.
         until("the run to end", || in_shared_memory(run.id()).is_empty());
         std::thread::sleep(Duration::from_micros(runtime::random(attempt, 0) % 1_000));
-        // SAFETY: as above.
-        unsafe { libc::kill(run.id().cast_signed(), libc::SIGINT) };
+        signal(run.id() as i32, "INT");
         finish(run);
         assert!(
             desk.path().join(&out).join("summary.json").exists(),

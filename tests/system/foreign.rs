@@ -6,8 +6,9 @@ use std::process::Command;
 use message_log::{Contents, Log};
 use shared_types::PlantState;
 
+use crate::clients::python;
 use crate::command::{Desk, assert_nothing_left, finish, run_of, skipped, until};
-use crate::exchange::{armplane, has_python, root, run, scenario, summary};
+use crate::exchange::{armplane, has_python, root, run, scenario};
 use crate::wire::wire;
 
 #[test]
@@ -42,28 +43,18 @@ fn a_plant_in_one_c_file_runs_like_ours() {
         "{}",
         String::from_utf8_lossy(&built.stderr)
     );
-    let theirs = run(&desk, &["run", "two-links.toml", "--json"]);
+    let theirs = run(&desk, "run two-links.toml --json");
     assert_eq!(theirs.code, 0, "{}", theirs.err);
-    let again = summary(&run(
-        &desk,
-        &["run", "two-links.toml", "--no-record", "--json"],
-    ));
+    let again = run(&desk, "run two-links.toml --no-record --json").json();
     assert_eq!(
         again["topics"],
-        summary(&theirs)["topics"],
+        theirs.json()["topics"],
         "the same bytes twice"
     );
-    let ideal = ["--set", "plant.encoder_bits=0"];
+    let ideal = "--set plant.encoder_bits=0";
     let text = std::fs::read_to_string(desk.path().join("two-links.toml")).expect("the example");
     desk.file("plain.toml", &text.replace("graph = \"graph.toml\"\n", ""));
-    let ours = run(
-        &desk,
-        &[
-            &["run", "plain.toml", "--out", "ours", "--json"],
-            &ideal[..],
-        ]
-        .concat(),
-    );
+    let ours = run(&desk, &format!("run plain.toml --out ours --json {ideal}"));
     assert_eq!(ours.code, 0, "{}", ours.err);
     let apart = furthest_apart(
         &desk.path().join("runs/two-links-001"),
@@ -120,15 +111,12 @@ fn mujoco_is_the_plant_of_figure_5() {
     let args = ["run", "fig5-wrist-rotation", "--graph", &graph, "--json"];
     let (first, second) = (run(&desk, &args), run(&desk, &args));
     assert_eq!(first.code, 0, "{}", first.err);
-    let (first, second) = (summary(&first), summary(&second));
+    let (first, second) = (first.json(), second.json());
     assert_eq!(first["topics"], second["topics"], "the same bytes twice");
     assert_eq!(first["outcome"], "goal reached");
-    let replayed = run(&desk, &["replay", "runs/fig5-wrist-rotation-001"]);
+    let replayed = run(&desk, "replay runs/fig5-wrist-rotation-001");
     assert_eq!(replayed.code, 0, "{}{}", replayed.out, replayed.err);
-    run(
-        &desk,
-        &["run", "fig5-wrist-rotation", "--out", "ours", "--json"],
-    );
+    run(&desk, "run fig5-wrist-rotation --out ours --json");
     let apart = furthest_apart(
         &desk.path().join("runs/fig5-wrist-rotation-001"),
         &desk.path().join("ours"),
@@ -146,14 +134,14 @@ fn a_controller_in_python_follows_a_line() {
         .join("examples/python/line.toml")
         .display()
         .to_string();
-    let said = run(&desk, &["run", &scenario, "--no-record", "--json"]);
+    let said = run(&desk, &format!("run {scenario} --no-record --json"));
     assert_eq!(said.code, 0, "{}", said.err);
     assert!(
         said.err.contains("hand at"),
         "the observer prints: {}",
         said.err
     );
-    assert_eq!(summary(&said)["outcome"], "goal reached");
+    assert_eq!(said.json()["outcome"], "goal reached");
 }
 
 #[test]
@@ -172,20 +160,7 @@ fn results_are_read_in_python() {
                 (np.diff(m['header']['tick'].astype(int)) == 1).all(), topic\n\
                 d, q = r.pandas(), r.messages('estimate')['q']\nassert len(d) == len(q) == r.summary['ticks'] and np.abs(q[:, :6]).max() > 1\n\
                 try:\n    armplane.run('nothing')\nexcept RuntimeError as e:\n    assert 'no scenario' in str(e)\nelse:\n    assert False\nprint('good')";
-    let said = Command::new("python3")
-        .args(["-c", code])
-        .current_dir(desk.path())
-        .env("ARMPLANE", env!("CARGO_BIN_EXE_armplane"))
-        .env("PYTHONPATH", root().join("python"))
-        .env("PYTHONDONTWRITEBYTECODE", "1")
-        .output()
-        .expect("python3 runs");
-    assert_eq!(
-        String::from_utf8_lossy(&said.stdout),
-        "good\n",
-        "{}",
-        String::from_utf8_lossy(&said.stderr)
-    );
+    python(&desk, code);
 }
 
 #[test]
@@ -196,14 +171,7 @@ fn a_run_is_listened_to_from_outside() {
     let desk = Desk::new();
     let launcher = armplane(
         &desk,
-        &[
-            "run",
-            "fig5-wrist-rotation",
-            "--mode",
-            "realtime",
-            "--no-record",
-            "--json",
-        ],
+        "run fig5-wrist-rotation --mode realtime --no-record --json",
     )
     .spawn()
     .expect("armplane starts");
@@ -213,20 +181,12 @@ fn a_run_is_listened_to_from_outside() {
             .filter(|run| Path::new("/dev/shm").join(run).join("job.json").exists());
         run.is_some()
     });
-    let code = "import sys, armplane\nticks = [m.header.tick for m in armplane.subscribe('estimate', sys.argv[1])]\n\
-                assert len(ticks) > 100 and ticks == sorted(ticks), ticks[:9]\nprint('good')";
-    let said = Command::new("python3")
-        .args(["-c", code, &format!("/dev/shm/{}", run.expect("a run"))])
-        .env("PYTHONPATH", root().join("python"))
-        .env("PYTHONDONTWRITEBYTECODE", "1")
-        .output()
-        .expect("python3 runs");
-    assert_eq!(
-        String::from_utf8_lossy(&said.stdout),
-        "good\n",
-        "{}",
-        String::from_utf8_lossy(&said.stderr)
+    let code = format!(
+        "import armplane\nticks = [m.header.tick for m in armplane.subscribe('estimate', '/dev/shm/{}')]\n\
+         assert len(ticks) > 100 and ticks == sorted(ticks), ticks[:9]\nprint('good')",
+        run.expect("a run")
     );
+    python(&desk, &code);
     let said = finish(launcher);
     assert_eq!(said.code, 0, "{}", said.err);
     assert_nothing_left(said.launcher);

@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 
 use serde_json::Value;
 
-use crate::command::{Desk, Said, assert_nothing_left, finish, skipped, until};
+use crate::command::{Desk, assert_nothing_left, finish, skipped, until};
 
 /// A second up and a second down, from the posture that the simulator starts in.
 const LINE: &str = "name = \"line\"\nrobot = \"fr3\"\nsettle_s = 0.3\n[start]\nq_deg = [2, 0, 0, -90, 0, 90, 45]\n[estimator]\n\
@@ -33,7 +33,7 @@ fn simulator(args: &[&str]) -> Command {
 
 /// The part that is not here: the client in this build, the simulator on this machine.
 fn missing(desk: &Desk) -> Option<&'static str> {
-    let said = desk.armplane(&["run", "fr3-wrist", "--plant", "fci://127.0.0.1:9"]);
+    let said = desk.armplane("run fr3-wrist --plant fci://127.0.0.1:9");
     if said.err.contains("built without") {
         return Some("armplane is built without Franka's control interface (--features fci)");
     }
@@ -84,11 +84,6 @@ impl Drop for Simulator {
     }
 }
 
-fn summary(said: &Said) -> Value {
-    serde_json::from_str(&said.out)
-        .unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err))
-}
-
 #[test]
 fn an_arm_behind_its_control_interface_is_the_plant() {
     let desk = Desk::new();
@@ -108,7 +103,7 @@ fn an_arm_behind_its_control_interface_is_the_plant() {
     ]);
     assert_nothing_left(said.launcher);
     assert_eq!(said.code, 0, "{}\n{}", said.out, said.err);
-    let summary = summary(&said);
+    let summary = said.json();
     assert_eq!(
         (&summary["outcome"], &summary["mode"]),
         (&"goal reached".into(), &"realtime".into()),
@@ -127,18 +122,17 @@ fn an_arm_behind_its_control_interface_is_the_plant() {
         .expect("the robot's URDF is kept");
     assert!(urdf.contains("\"joint1\"") && desk.path().join("out/run.rrd").exists());
     // The clock of the robot does not run in lockstep.
-    let said = desk.armplane(&[
-        "run",
-        "line.toml",
-        "--plant",
-        &simulator.address,
-        "--mode",
-        "lockstep",
-    ]);
-    assert!(
-        said.code == 2 && said.err.contains("real time"),
-        "{}",
-        said.err
+    desk.refuses(
+        2,
+        &[
+            "run",
+            "line.toml",
+            "--plant",
+            &simulator.address,
+            "--mode",
+            "lockstep",
+        ],
+        &["real time"],
     );
 }
 
@@ -171,9 +165,7 @@ fn a_robot_that_is_lost_ends_the_run_in_words() {
     assert_nothing_left(said.launcher);
     assert_eq!(said.code, 1, "{}", said.err);
     assert!(said.err.contains("is lost at tick"), "{}", said.err);
-    let kept: Value =
-        serde_json::from_slice(&std::fs::read(desk.path().join("out/summary.json")).unwrap())
-            .unwrap();
+    let kept: Value = desk.read_json("out/summary.json");
     assert!(
         kept["reason"].as_str().unwrap().contains("is lost at tick"),
         "{}",
@@ -198,7 +190,7 @@ fn a_robot_that_does_not_answer_is_refused_before_anything_starts() {
         ("127.0.0.1", "is no address of a robot"),
         ("fci://", "is no address of a robot"),
     ] {
-        let said = desk.armplane(&["run", "fr3-wrist", "--plant", address]);
+        let said = desk.armplane(&format!("run fr3-wrist --plant {address}"));
         assert_nothing_left(said.launcher);
         assert!(
             said.code != 0 && said.err.contains(expected) && !said.err.contains("panicked"),

@@ -5,7 +5,7 @@ use std::process::Command;
 
 use serde_json::Value;
 
-use crate::command::{Desk, assert_nothing_left};
+use crate::command::{Desk, assert_nothing_left, restarts};
 
 /// The program of `examples/energy`, built with the profile of this test.
 fn energy() -> PathBuf {
@@ -75,22 +75,13 @@ fn topic(summary: &Value, name: &str) -> (u64, String) {
     )
 }
 
-fn restarts(summary: &Value) -> u64 {
-    let processes = summary["processes"].as_array().expect("processes");
-    processes
-        .iter()
-        .find(|process| process["name"] == "energy")
-        .and_then(|process| process["restarts"].as_u64())
-        .expect("a sixth process")
-}
-
 #[test]
 fn a_sixth_process_runs_in_lockstep_and_changes_nothing_of_the_others() {
     let desk = Desk::new();
     let (graph, scenario) = (graph(&desk), scenario(&desk, "plain.toml", ""));
     let (first, second) = (
         desk.run(&[&scenario, "--graph", &graph]),
-        desk.run(&[&scenario, "--graph", &graph, "--no-record"]),
+        desk.run(&format!("{scenario} --graph {graph} --no-record")),
     );
     let without = desk.run(&[&scenario, "--no-record"]);
     let ticks = first["ticks"].as_u64().unwrap();
@@ -114,7 +105,7 @@ fn a_sixth_process_runs_in_lockstep_and_changes_nothing_of_the_others() {
     assert_eq!(
         (
             first["processes"].as_array().unwrap().len(),
-            restarts(&first)
+            restarts(&first, "energy")
         ),
         (6, 0)
     );
@@ -157,7 +148,7 @@ fn faults_happen_to_a_sixth_process_and_repeat_themselves() {
     );
     assert_eq!(first["topics"], second["topics"], "the same bytes twice");
     assert_eq!(
-        (restarts(&first), restarts(&second)),
+        (restarts(&first, "energy"), restarts(&second, "energy")),
         (2, 2),
         "{}",
         first["faults"]
@@ -212,22 +203,13 @@ fn a_sixth_process_survives_the_recorder_and_is_verified() {
         "a replacement of the recorder misses nothing of a topic that it does not know"
     );
     // A short motion: under the conditions of `verify` every look for a message may pause.
-    let short = ["--set", "segment.0.duration_s=0.2", "--set", "settle_s=0.1"];
-    let said = desk.armplane(
-        &[
-            &["verify", &plain, "--graph", &graph, "--runs", "2", "--json"],
-            &short[..],
-        ]
-        .concat(),
-    );
-    let verified: Value = serde_json::from_str(&said.out)
-        .unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err));
-    assert_eq!(
-        (said.code, &verified["identical"]),
-        (0, &Value::from(true)),
-        "{}",
-        said.err
-    );
+    let short = "--set segment.0.duration_s=0.2 --set settle_s=0.1";
+    let verified = desk
+        .succeeds(&format!(
+            "verify {plain} --graph {graph} --runs 2 --json {short}"
+        ))
+        .json();
+    assert_eq!(verified["identical"], Value::from(true), "{verified}");
     let energies = &verified["reference"]["topics"]["energy"];
     assert_eq!(
         energies["count"], verified["reference"]["ticks"],
@@ -272,13 +254,8 @@ fn a_process_keeps_its_name_in_the_recording() {
             "name = \"c\"\nprogram = \"controller\"",
         ),
     );
-    let short = [
-        "--set",
-        "segment.0.duration_s=0.5",
-        "--set",
-        "segment.1.duration_s=0.5",
-    ];
-    let summary = desk.run(&[&["--graph", "renamed.toml", "--out", "run"], &short[..]].concat());
+    let short = "--set segment.0.duration_s=0.5 --set segment.1.duration_s=0.5";
+    let summary = desk.run(&format!("--graph renamed.toml --out run {short}"));
     assert!(
         summary["processes"]
             .as_array()
@@ -287,7 +264,7 @@ fn a_process_keeps_its_name_in_the_recording() {
             .any(|process| process["name"] == "c"),
         "{summary}"
     );
-    assert_eq!(desk.armplane(&["export", "run"]).code, 0);
+    desk.succeeds("export run");
     let read =
         |name: &str| std::fs::read_to_string(desk.path().join("run").join(name)).expect("a file");
     let events = read("events.csv");
@@ -303,19 +280,15 @@ fn a_process_keeps_its_name_in_the_recording() {
                 .expect("headings")
                 .contains("controller")
     );
-    let said = desk.armplane(&["replay", "run", "--process", "c"]);
+    let said = desk.armplane("replay run --process c");
     assert!(
         said.code == 0 && said.out.contains("seed 1, c, ") && said.out.contains("the same bytes"),
         "{}{}",
         said.out,
         said.err
     );
-    assert_eq!(
-        desk.armplane(&["replay", "run"]).code,
-        0,
-        "without a name it is the one that the controller runs in"
-    );
-    let said = desk.armplane(&["replay", "run", "--process", "controller"]);
+    desk.succeeds("replay run");
+    let said = desk.armplane("replay run --process controller");
     let refusal = "run has no process `controller` that can be replayed: --process takes plant, estimator, analyzer, c";
     assert!(said.code != 0 && said.err.contains(refusal), "{}", said.err);
 }
@@ -331,14 +304,9 @@ fn a_process_that_never_opens_a_topic_of_its_writes_is_refused() {
         "graph.toml",
         &format!("{text}\n[[topic]]\nname = \"spare\"\ntype = \"own.Spare.v1\"\nfields = [\"header: Header\", \"x: f64\"]\n"),
     );
-    for mode in [&["--no-record"][..], &["--no-record", "--mode", "realtime"]] {
-        let said = desk.armplane(
-            &[
-                &["run", &scenario(&desk, "plain.toml", ""), "--graph", &path],
-                mode,
-            ]
-            .concat(),
-        );
+    let scenario = scenario(&desk, "plain.toml", "");
+    for mode in ["--no-record", "--no-record --mode realtime"] {
+        let said = desk.armplane(&format!("run {scenario} --graph {path} {mode}"));
         assert_eq!(said.code, 1, "{}", said.err);
         assert!(
             said.err
@@ -355,7 +323,27 @@ fn graphs_that_cannot_run_are_refused_before_anything_starts() {
     let desk = Desk::new();
     let process =
         |more: &str| format!("extends = \"armplane\"\n[[process]]\nname = \"mine\"\n{more}\n");
+    let writer = |number: u32| {
+        format!(
+            "[[topic]]
+name = \"t{number}\"
+type = \"A.B{number}.v1\"
+fields = [\"header: Header\", \"v: f64\"]
+\
+             [[process]]
+name = \"p{number}\"
+command = [\"true\"]
+reads = [\"estimate\"]
+writes = [\"t{number}\"]
+"
+        )
+    };
+    let crowd = "extends = \"armplane\"
+"
+    .to_owned()
+        + &(1..=5).map(writer).collect::<String>();
     let cases = [
+        (crowd, "9 processes write messages"),
         (
             process("command = [\"./missing\"]\nreads = [\"estimate\"]"),
             "there is no program",
@@ -399,7 +387,7 @@ fn graphs_that_cannot_run_are_refused_before_anything_starts() {
     ];
     for (text, expected) in cases {
         desk.file("graph.toml", &text);
-        let said = desk.armplane(&["run", "fig5-wrist-rotation", "--graph", "graph.toml"]);
+        let said = desk.armplane("run fig5-wrist-rotation --graph graph.toml");
         assert_eq!(said.code, 2, "{text}\n{}{}", said.out, said.err);
         assert!(said.err.contains(expected), "{text}\n{}", said.err);
         assert!(

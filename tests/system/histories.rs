@@ -5,9 +5,8 @@ use std::path::PathBuf;
 
 use serde_json::Value;
 
-use crate::command::{Desk, assert_nothing_left, children_of_run, finish, until};
+use crate::command::{Desk, assert_nothing_left, finish, pid_of, until};
 use crate::life::signal;
-use crate::patience::ticks;
 
 /// A motion of a second, to be followed by a fault.
 const SHORT: &str = "name = \"short\"\nrobot = \"puma560\"\nstart.posture = \"nominal\"\nsettle_s = 0.2\n\n[[segment]]\nby_m = [0.05, 0.0, 0.05]\nduration_s = 0.8\n\n";
@@ -15,19 +14,10 @@ const SHORT: &str = "name = \"short\"\nrobot = \"puma560\"\nstart.posture = \"no
 #[test]
 fn random_deaths_repeat_themselves_byte_for_byte() {
     let desk = Desk::new();
-    let said = desk.armplane(&[
-        "verify",
-        "--kills",
-        "5",
-        "--set",
-        "segment.1.duration_s=1",
-        "--json",
-    ]);
-    let killed: Value =
-        serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+    let killed = desk.json("verify --kills 5 --set segment.1.duration_s=1");
     assert_eq!(
-        (said.code, &killed["unrepeated"], &killed["histories"]),
-        (0, &Value::Array(vec![]), &5.into()),
+        (&killed["unrepeated"], &killed["histories"]),
+        (&Value::Array(vec![]), &5.into()),
         "{killed}"
     );
     assert!(killed["deaths"].as_u64().unwrap() >= 3, "{killed}");
@@ -46,12 +36,8 @@ fn a_death_between_two_outputs_of_a_tick_is_planned_and_repeats() {
         );
         // The arm leaves its path while no torque comes, and its task ends before it is back.
         let run = |out| {
-            serde_json::from_str::<Value>(
-                &desk
-                    .armplane(&["run", "s.toml", "--json", "--out", out])
-                    .out,
-            )
-            .expect("a summary")
+            desk.armplane(&format!("run s.toml --json --out {out}"))
+                .json()
         };
         let [one, other] = ["a", "b"].map(|out| run(out)["topics"].take());
         assert_eq!(one, other, "{more}");
@@ -69,37 +55,26 @@ fn a_death_between_two_outputs_of_a_tick_is_planned_and_repeats() {
         "t.toml",
         &format!("{SHORT}[[fault]]\nprocess = \"plant\"\nkind = \"drop\"\nafter_outputs = 1"),
     );
-    let said = desk.armplane(&["run", "t.toml"]);
-    assert!(
-        said.code == 2 && said.err.contains("after_outputs"),
-        "{}",
-        said.err
-    );
+    desk.refuses(2, "run t.toml", &["after_outputs"]);
 }
 
 #[test]
 fn deaths_during_start_up_repeat_themselves() {
     let desk = Desk::new();
     desk.file("s.toml", SHORT);
-    let run = desk.start(&["run", "s.toml", "--json", "--out", "a"]);
+    let run = desk.start("run s.toml --json --out a");
     for (process, name) in [
         ("estimator", "KILL"),
         ("analyzer", "BUS"),
         ("recorder", "SEGV"),
         ("controller", "KILL"),
     ] {
-        let pid = || {
-            children_of_run(run.id())
-                .into_iter()
-                .find(|(name, _)| name == process)
-                .map(|(_, pid)| pid)
-        };
+        let pid = || pid_of(run.id(), process);
         until("the process", || pid().is_some());
         signal(pid().unwrap(), name);
     }
     let said = finish(run);
-    let one: Value =
-        serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+    let one = said.json();
     assert_eq!(
         (said.code, &one["outcome"]),
         (0, &"goal reached".into()),
@@ -116,29 +91,14 @@ fn deaths_during_start_up_repeat_themselves() {
         one["processes"]
     );
     assert_nothing_left(said.launcher);
-    assert_eq!(
-        one["topics"],
-        desk.run(&["a/scenario.toml", "--out", "b"])["topics"]
-    );
+    assert_eq!(one["topics"], desk.run("a/scenario.toml --out b")["topics"]);
 }
 
 #[test]
 fn a_process_killed_while_it_makes_a_connection_holds_nobody_up() {
     let desk = Desk::new();
-    let run = desk.start(&[
-        "run",
-        "--set",
-        "segment.1.duration_s=5",
-        "--json",
-        "--no-record",
-        "--out",
-        "r",
-    ]);
-    until("the first ticks", || ticks(&run) > 0);
-    let (_, analyzer) = children_of_run(run.id())
-        .into_iter()
-        .find(|(name, _)| name == "analyzer")
-        .unwrap();
+    let run = desk.begin("run --set segment.1.duration_s=5 --json --no-record --out r");
+    let analyzer = pid_of(run.id(), "analyzer").unwrap();
     let launcher = run.id().cast_signed();
     signal(launcher, "STOP");
     let maps = std::fs::read_to_string(format!("/proc/{analyzer}/maps")).unwrap();
@@ -165,8 +125,7 @@ fn a_process_killed_while_it_makes_a_connection_holds_nobody_up() {
     }
     signal(launcher, "CONT");
     let said = finish(run);
-    let summary: Value =
-        serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+    let summary = said.json();
     assert!(connections.len() >= 3, "{connections:?}");
     assert_eq!(
         (&summary["outcome"], &summary["processes"][2]["restarts"]),

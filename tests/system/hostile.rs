@@ -6,10 +6,9 @@ use std::path::Path;
 use std::process::Command;
 
 use proptest::prelude::*;
-use serde_json::Value;
 
 use crate::command::{
-    Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, run_of, skipped, until,
+    Desk, assert_nothing_left, finish, in_shared_memory, interrupt, run_of, until,
 };
 use crate::properties;
 
@@ -175,14 +174,7 @@ proptest! {
 #[test]
 fn a_runs_memory_is_its_users_alone() {
     let desk = Desk::new();
-    let run = desk.start(&[
-        "run",
-        "--set",
-        "segment.1.duration_s=500",
-        "--no-record",
-        "--json",
-    ]);
-    until("five processes", || children_of_run(run.id()).len() == 5);
+    let run = desk.begin("run --set segment.1.duration_s=500 --no-record --json");
     let names = || in_shared_memory(run.id());
     // The directory, the node counter, and a data segment for each of five topics.
     until("all segments", || names().len() >= 7);
@@ -241,9 +233,7 @@ fn a_runs_memory_is_its_users_alone() {
             assert!(Path::new(&path).exists(), "{path}");
         }
     }
-    // SAFETY: a plain signal to a child of ours.
-    unsafe { libc::kill(run.id().cast_signed(), libc::SIGINT) };
-    assert_nothing_left(finish(run).launcher);
+    interrupt(run);
 }
 
 /// Does something with all that it starts on one core.
@@ -266,29 +256,21 @@ fn on_one_core<T>(act: impl FnOnce() -> T) -> T {
 #[test]
 fn two_graphs_that_compete_for_one_core_come_to_their_ends() {
     let desk = Desk::new();
-    let verify = |scenario: &str| desk.start(&["verify", scenario, "--runs", "2", "--json"]);
+    let verify = |scenario: &str| desk.start(&format!("verify {scenario} --runs 2 --json"));
     for said in
         on_one_core(|| ["fig5-wrist-rotation", "fig1-pseudo-inverse"].map(verify)).map(finish)
     {
-        let json: Value =
-            serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+        let json = said.json();
         assert_eq!((said.code, &json["identical"]), (0, &true.into()), "{json}");
         assert_nothing_left(said.launcher);
     }
     let pace = |out: &str| {
-        desk.start(&[
-            "run",
-            "--mode",
-            "realtime",
-            "--json",
-            "--no-record",
-            "--out",
-            out,
-        ])
+        desk.start(&format!(
+            "run --mode realtime --json --no-record --out {out}"
+        ))
     };
     for said in on_one_core(|| ["a", "b"].map(pace)).map(finish) {
-        let summary: Value =
-            serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+        let summary = said.json();
         let held = summary["joints"]["torque_max_ratio"]
             .as_f64()
             .is_some_and(|ratio| ratio <= 1.0);
@@ -303,37 +285,20 @@ fn two_graphs_that_compete_for_one_core_come_to_their_ends() {
 }
 
 #[test]
-fn two_graphs_side_by_side_are_both_bit_identical() {
-    let desk = Desk::new();
-    let verify = |scenario: &str| desk.start(&["verify", scenario, "--runs", "3", "--json"]);
-    let two = [verify("fig5-wrist-rotation"), verify("fig1-pseudo-inverse")].map(finish);
-    for said in two {
-        assert_eq!(said.code, 0, "{}{}", said.out, said.err);
-        let json: Value = serde_json::from_str(&said.out).unwrap();
-        assert_eq!(
-            (&json["identical"], json["runs"].as_array().map(Vec::len)),
-            (&true.into(), Some(3)),
-            "{json}"
-        );
-        assert_nothing_left(said.launcher);
-    }
-}
-
-#[test]
 fn a_results_folder_that_was_tampered_with_is_one_sentence() {
     let desk = Desk::new();
-    desk.run(&["fig2-dynamically-consistent", "--out", "run"]);
+    desk.run("fig2-dynamically-consistent --out run");
     let run = desk.path().join("run");
     let [report, csv, layout, replay] = [
-        &["report", "run", "--out", "page.html"][..],
-        &["export", "run", "--out", "out"],
-        &["export", "run", "--format", "rbl", "--out", "out"],
-        &["replay", "run"],
+        "report run --out page.html",
+        "export run --out out",
+        "export run --format rbl --out out",
+        "replay run",
     ];
     for command in [report, csv, layout, replay] {
-        assert_eq!(desk.armplane(command).code, 0, "{command:?}");
+        desk.succeeds(command);
     }
-    let files: [(&str, &[&[&str]]); 4] = [
+    let files: [(&str, &[&str]); 4] = [
         ("job.json", &[report, layout, replay]),
         ("summary.json", &[report, replay]),
         ("run.rrd", &[report, csv]),
@@ -381,92 +346,16 @@ fn a_results_folder_that_was_tampered_with_is_one_sentence() {
         job.replace("\"rate_hz\": 1000", "\"rate_hz\": 0"),
     )
     .unwrap();
-    let said = desk.armplane(&["replay", "run"]);
-    assert!(
-        said.code == 2 && said.err.contains("rate 0 Hz is out of range"),
-        "{}",
-        said.err
-    );
-}
-
-#[test]
-fn a_full_volume_ends_the_recording_and_nothing_else() {
-    let desk = Desk::new();
-    // A mount of our own, where the machine lets us have one.
-    let script = "mkdir small && mount -t tmpfs -o size=3m none small && touch mounted || exit 0
-        \"$1\" run --set segment.1.duration_s=6 --json --out small/run > said.json; test $? = 1 && ls -A small/run > left && cp small/run/*.json . && \"$1\" export small/run --out out; test $? = 1";
-    let said = Command::new("unshare")
-        .args([
-            "--map-root-user",
-            "--mount",
-            "sh",
-            "-c",
-            script,
-            "sh",
-            env!("CARGO_BIN_EXE_armplane"),
-        ])
-        .current_dir(desk.path())
-        .output();
-    let said = match said {
-        Ok(said) => said,
-        Err(error) => return skipped(format!("no small volume to fill: {error}")),
-    };
-    if !desk.path().join("mounted").exists() {
-        return skipped(format!(
-            "no small volume to fill: {}",
-            String::from_utf8_lossy(&said.stderr).trim()
-        ));
-    }
-    assert!(said.status.success(), "{said:?}");
-    let read = |name: &str| std::fs::read_to_string(desk.path().join(name)).unwrap();
-    let summary: Value = serde_json::from_str(&read("said.json")).unwrap();
-    assert_eq!(
-        (&summary["outcome"], &summary["recorder"]["lost"]),
-        (&"goal reached".into(), &0.into()),
-        "{summary}"
-    );
-    assert!(
-        summary["recorder"]["error"]
-            .as_str()
-            .unwrap()
-            .contains("No space left on device"),
-        "{}",
-        summary["recorder"]
-    );
-    assert_eq!(
-        serde_json::from_str::<Value>(&read("summary.json")).unwrap(),
-        summary
-    );
-    assert!(
-        read("left").contains("job.json") && !read("left").contains(".armplane"),
-        "{}",
-        read("left")
-    );
-    assert!(
-        String::from_utf8_lossy(&said.stderr).contains("No space left on device"),
-        "the export says that the recording was cut: {said:?}"
-    );
-    assert!(
-        read("out/signals.csv").lines().count() > 100,
-        "what came before the end is readable"
-    );
+    desk.refuses(2, "replay run", &["rate 0 Hz is out of range"]);
 }
 
 #[test]
 fn a_live_fault_of_a_joint_that_the_arm_does_not_have_is_refused() {
     let desk = Desk::new();
-    let run = desk.start(&[
-        "run",
-        "--set",
-        "segment.1.duration_s=500",
-        "--no-record",
-        "--json",
-    ]);
-    until("five processes", || children_of_run(run.id()).len() == 5);
+    let run = desk.begin("run --set segment.1.duration_s=500 --no-record --json");
     let name = run_of(run.id()).unwrap();
-    let fault = |joint: &str| {
-        desk.armplane(&["fault", "plant", "sensor", "--joint", joint, "--run", &name])
-    };
+    let fault =
+        |joint: &str| desk.armplane(&format!("fault plant sensor --joint {joint} --run {name}"));
     let said = fault("7");
     assert!(
         said.code == 2
@@ -476,7 +365,5 @@ fn a_live_fault_of_a_joint_that_the_arm_does_not_have_is_refused() {
         said.err
     );
     until("the run to take a fault", || fault("6").code == 0);
-    // SAFETY: a plain signal to a child of ours.
-    unsafe { libc::kill(run.id().cast_signed(), libc::SIGINT) };
-    assert_nothing_left(finish(run).launcher);
+    interrupt(run);
 }

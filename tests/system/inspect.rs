@@ -49,16 +49,16 @@ fn inspect_agrees_with_the_golden_states() {
             "{robot}: too few states within its limits"
         );
         for state in states {
-            let said = desk.armplane(&[
-                "inspect",
-                "--robot",
-                robot,
-                &format!("--q={}", list(&state["q"])),
-                &format!("--qdot={}", list(&state["qd"])),
-                "--json",
-            ]);
-            assert_eq!(said.code, 0, "{}", said.err);
-            let found: Value = serde_json::from_str(&said.out).unwrap();
+            let found = desk
+                .succeeds(&[
+                    "inspect",
+                    "--robot",
+                    robot,
+                    &format!("--q={}", list(&state["q"])),
+                    &format!("--qdot={}", list(&state["qd"])),
+                    "--json",
+                ])
+                .json();
             for (ours, theirs) in [
                 ("J", "J"),
                 ("A", "M"),
@@ -81,8 +81,8 @@ fn inspect_agrees_with_the_golden_states() {
 
 #[test]
 fn wrist_lock_is_named_and_classified() {
-    let said = Desk::new().armplane(&["inspect", "--q-deg=20,-60,170,0,0,0", "--json"]);
-    let found: Value = serde_json::from_str(&said.out).unwrap();
+    let said = Desk::new().armplane("inspect --q-deg=20,-60,170,0,0,0 --json");
+    let found = said.json();
     let wrist = found["singularities"]
         .as_array()
         .unwrap()
@@ -110,7 +110,7 @@ fn wrist_lock_is_named_and_classified() {
 #[test]
 fn list_and_graph_speak_json_and_drawings() {
     let desk = Desk::new();
-    let listed: Value = serde_json::from_str(&desk.armplane(&["list", "--json"]).out).unwrap();
+    let listed = desk.armplane("list --json").json();
     assert!(
         listed["scenarios"]
             .as_array()
@@ -125,17 +125,17 @@ fn list_and_graph_speak_json_and_drawings() {
             .iter()
             .any(|r| r["name"] == "puma560")
     );
-    let dot = desk.armplane(&["graph", "--format", "dot"]).out;
+    let dot = desk.armplane("graph --format dot").out;
     assert!(
         dot.contains("controller -> plant [label=\"torque\", style=dashed]"),
         "{dot}"
     );
     assert!(
-        desk.armplane(&["graph", "--format", "mermaid"])
+        desk.armplane("graph --format mermaid")
             .out
             .contains("plant -->|sensor| estimator")
     );
-    let graph: Value = serde_json::from_str(&desk.armplane(&["graph", "--json"]).out).unwrap();
+    let graph = desk.armplane("graph --json").json();
     assert_eq!(graph["process"].as_array().unwrap().len(), 5);
 }
 
@@ -159,9 +159,7 @@ fn arms_of_any_size_are_inspected_in_the_middle_of_their_ranges() {
             );
         }
         desk.file("arm.urdf", &(urdf + "</robot>"));
-        let said = desk.armplane(&["inspect", "--robot", "arm.urdf", "--json"]);
-        assert_eq!(said.code, 0, "{}", said.err);
-        let found: Value = serde_json::from_str(&said.out).unwrap();
+        let found = desk.json("inspect --robot arm.urdf");
         assert_eq!(numbers(&found["q"]), vec![0.25; joints]);
         assert_eq!(
             (numbers(&found["A"]).len(), numbers(&found["J"]).len()),
@@ -174,13 +172,12 @@ fn arms_of_any_size_are_inspected_in_the_middle_of_their_ranges() {
 #[test]
 fn an_arm_from_another_base_on_is_the_rest_of_the_chain() {
     let desk = Desk::new();
-    let said = |arguments: &[&str]| {
-        let said = desk.armplane(&[&["inspect", "--robot", "ur5", "--json"], arguments].concat());
-        assert_eq!(said.code, 0, "{}", said.err);
-        serde_json::from_str::<Value>(&said.out).unwrap()
+    let said = |arguments: &str| {
+        let said = desk.succeeds(&format!("inspect --robot ur5 --json {arguments}"));
+        said.json()
     };
-    let whole = said(&["--q=0,-1.2,1.6,-1.0,0.9,0.2"]);
-    let rest = said(&["--base", "shoulder_link", "--q=-1.2,1.6,-1.0,0.9,0.2"]);
+    let whole = said("--q=0,-1.2,1.6,-1.0,0.9,0.2");
+    let rest = said("--base shoulder_link --q=-1.2,1.6,-1.0,0.9,0.2");
     // The first joint at rest, the others carry what they carried.
     let (all, part) = (numbers(&whole["A"]), numbers(&rest["A"]));
     assert_eq!((all.len(), part.len()), (36, 25));
@@ -196,7 +193,7 @@ fn an_arm_from_another_base_on_is_the_rest_of_the_chain() {
     {
         assert!((a - b).abs() < 1e-12, "gravity: {a} against {b}");
     }
-    let none = desk.armplane(&["inspect", "--robot", "ur5", "--base", "wheel"]);
+    let none = desk.armplane("inspect --robot ur5 --base wheel");
     assert_eq!(none.code, 2, "{}", none.out);
     assert!(none.err.contains("wheel"), "{}", none.err);
 }
@@ -233,7 +230,7 @@ fn a_frame_chooses_one_of_several_arms() {
             parts.concat()
         ),
     );
-    let said = desk.armplane(&["inspect", "--robot", "two.urdf"]);
+    let said = desk.armplane("inspect --robot two.urdf");
     assert!(
         said.code == 2 && said.err.contains("branches at link 'base'"),
         "{}",
@@ -249,8 +246,7 @@ fn a_frame_chooses_one_of_several_arms() {
             "--q=0,0",
             "--json",
         ]);
-        let seen: serde_json::Value =
-            serde_json::from_str(&said.out).unwrap_or_else(|_| panic!("{}{}", said.out, said.err));
+        let seen = said.json();
         let position: Vec<f64> = (0..3)
             .map(|row| seen["pose"][row][3].as_f64().expect("a number"))
             .collect();

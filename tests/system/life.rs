@@ -4,17 +4,13 @@ use std::process::Command;
 
 use serde_json::Value;
 
-use crate::command::{Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, until};
+use crate::command::{
+    Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, interrupt, pid_of,
+    restarts, run_of, until,
+};
 
 /// Long enough to be interrupted.
-const LONG: [&str; 6] = [
-    "run",
-    "--set",
-    "segment.1.duration_s=500",
-    "--json",
-    "--out",
-    "results",
-];
+const LONG: &str = "run --set segment.1.duration_s=500 --json --out results";
 
 pub(crate) fn signal(pid: i32, name: &str) {
     let status = Command::new("kill")
@@ -32,12 +28,11 @@ fn has_recorded_ticks(desk: &Desk) -> bool {
 #[test]
 fn ctrl_c_stops_cleanly_and_keeps_the_recording() {
     let desk = Desk::new();
-    let child = desk.start(&LONG);
+    let child = desk.start(LONG);
     until("the recording to grow", || has_recorded_ticks(&desk));
-    signal(child.id() as i32, "INT");
-    let said = finish(child);
+    let said = interrupt(child);
     assert_eq!(said.code, 1, "{}", said.err);
-    let summary: Value = serde_json::from_str(&said.out).unwrap();
+    let summary = said.json();
     assert_eq!(
         (&summary["outcome"], &summary["completed"]),
         (&"interrupted".into(), &false.into()),
@@ -58,102 +53,31 @@ fn ctrl_c_stops_cleanly_and_keeps_the_recording() {
         "{}",
         summary["recorder"]
     );
-    assert_nothing_left(said.launcher);
 }
 
 fn kill(child: &std::process::Child, process: &str) {
-    let victim = children_of_run(child.id())
-        .into_iter()
-        .find(|(name, _)| name == process)
-        .unwrap()
-        .1;
+    let victim = pid_of(child.id(), process).unwrap();
     signal(victim, "KILL");
-}
-
-#[test]
-fn the_death_of_a_process_is_mended_and_recorded() {
-    for process in ["estimator", "analyzer", "controller", "recorder"] {
-        let desk = Desk::new();
-        let child = desk.start(&LONG);
-        until("the recording to grow", || has_recorded_ticks(&desk));
-        let before = children_of_run(child.id());
-        kill(&child, process);
-        let pid = |children: &[(String, i32)]| {
-            children
-                .iter()
-                .find(|(name, _)| name == process)
-                .map(|(_, pid)| *pid)
-        };
-        until("a replacement", || {
-            pid(&children_of_run(child.id())).is_some_and(|now| Some(now) != pid(&before))
-        });
-        // The replacement joins within this; what it does then, other tests tell.
-        std::thread::sleep(std::time::Duration::from_millis(500));
-        signal(child.id() as i32, "INT");
-        let said = finish(child);
-        let summary: Value = serde_json::from_str(&said.out).unwrap();
-        assert_eq!(
-            summary["outcome"], "interrupted",
-            "{process}: {}\n{}",
-            summary["reason"], said.err
-        );
-        let fault = &summary["faults"][0];
-        assert_eq!(
-            (&fault["process"], &fault["kind"], &fault["origin"]),
-            (&process.into(), &"kill".into(), &"detected".into()),
-            "{fault}"
-        );
-        let restarts = summary["processes"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .find(|one| one["name"] == process)
-            .unwrap()["restarts"]
-            .as_u64();
-        assert_eq!(restarts, Some(1));
-        assert_nothing_left(said.launcher);
-    }
-}
-
-fn restarts(summary: &Value, process: &str) -> u64 {
-    summary["processes"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .find(|one| one["name"] == process)
-        .unwrap()["restarts"]
-        .as_u64()
-        .unwrap()
 }
 
 /// A run in real time with something done to it, until it is interrupted.
 fn in_real_time(act: impl Fn(&Desk, &std::process::Child)) -> Value {
     let desk = Desk::new();
-    let child = desk.start(&[&LONG[..], &["--mode", "realtime"]].concat());
+    let child = desk.start(&format!("{LONG} --mode realtime"));
     until("the recording to grow", || has_recorded_ticks(&desk));
     act(&desk, &child);
-    signal(child.id() as i32, "INT");
-    let said = finish(child);
-    let summary: Value = serde_json::from_str(&said.out).unwrap();
+    let said = interrupt(child);
+    let summary = said.json();
     assert_eq!(
         summary["outcome"], "interrupted",
         "{}\n{}",
         summary["reason"], said.err
     );
-    assert_nothing_left(said.launcher);
     summary
 }
 
 fn pause_ms(ms: u64) {
     std::thread::sleep(std::time::Duration::from_millis(ms));
-}
-
-/// The run of a launcher, as `armplane fault` names it.
-fn run_of(child: &std::process::Child) -> String {
-    in_shared_memory(child.id())
-        .into_iter()
-        .find(|name| !name.contains('.'))
-        .unwrap()
 }
 
 #[test]
@@ -188,23 +112,17 @@ fn in_real_time_a_death_costs_one_restart_and_no_message() {
 #[test]
 fn in_real_time_a_stopped_process_is_replaced_whatever_befell_it_before() {
     let summary = in_real_time(|desk, child| {
-        let said = desk.armplane(&[
+        desk.succeeds(&[
             "fault",
             "analyzer",
             "delay",
             "--for",
             "20ms",
             "--run",
-            &run_of(child),
+            &run_of(child.id()).unwrap(),
         ]);
-        assert_eq!(said.code, 0, "{}", said.err);
         pause_ms(100);
-        let analyzer = || {
-            children_of_run(child.id())
-                .into_iter()
-                .find(|(name, _)| name == "analyzer")
-                .map(|(_, pid)| pid)
-        };
+        let analyzer = || pid_of(child.id(), "analyzer");
         let stopped = analyzer().unwrap();
         signal(stopped, "STOP");
         until("a replacement", || {
@@ -217,16 +135,15 @@ fn in_real_time_a_stopped_process_is_replaced_whatever_befell_it_before() {
 #[test]
 fn in_real_time_who_waits_for_a_silent_one_is_not_killed() {
     let summary = in_real_time(|desk, child| {
-        let said = desk.armplane(&[
+        desk.succeeds(&[
             "fault",
             "analyzer",
             "drop",
             "--for",
             "3s",
             "--run",
-            &run_of(child),
+            &run_of(child.id()).unwrap(),
         ]);
-        assert_eq!(said.code, 0, "{}", said.err);
         pause_ms(3_200);
     });
     assert_eq!(restarts(&summary, "controller"), 0, "{}", summary["faults"]);
@@ -239,7 +156,7 @@ fn the_death_of_the_plant_or_of_a_process_without_a_budget_ends_the_run_and_is_n
     for process in ["plant", "controller"] {
         let desk = Desk::new();
         desk.file("graph.toml", &graph);
-        let child = desk.start(&[&LONG[..], &["--graph", "graph.toml"]].concat());
+        let child = desk.start(&format!("{LONG} --graph graph.toml"));
         until("the recording to grow", || has_recorded_ticks(&desk));
         kill(&child, process);
         let said = finish(child);
@@ -249,7 +166,7 @@ fn the_death_of_the_plant_or_of_a_process_without_a_budget_ends_the_run_and_is_n
             "{process}: {}",
             said.err
         );
-        let summary: Value = serde_json::from_str(&said.out).unwrap();
+        let summary = said.json();
         assert_eq!(summary["outcome"], "failed");
         assert_nothing_left(said.launcher);
     }
@@ -258,7 +175,7 @@ fn the_death_of_the_plant_or_of_a_process_without_a_budget_ends_the_run_and_is_n
 #[test]
 fn no_process_outlives_a_killed_launcher_and_clean_removes_what_it_left() {
     let desk = Desk::new();
-    let child = desk.start(&LONG);
+    let child = desk.start(LONG);
     until("the recording to grow", || has_recorded_ticks(&desk));
     signal(child.id() as i32, "KILL");
     let said = finish(child);
@@ -269,10 +186,9 @@ fn no_process_outlives_a_killed_launcher_and_clean_removes_what_it_left() {
         !in_shared_memory(said.launcher).is_empty(),
         "a killed launcher cannot clean up"
     );
-    let doctor: Value = serde_json::from_str(&desk.armplane(&["doctor", "--json"]).out).unwrap();
-    let recovered = desk.armplane(&["recover", "results", "--json"]);
-    assert_eq!(recovered.code, 0, "{}", recovered.err);
-    let summary: Value = serde_json::from_str(&recovered.out).unwrap();
+    let doctor = desk.armplane("doctor --json").json();
+    let recovered = desk.succeeds("recover results --json");
+    let summary = recovered.json();
     let ticks = summary["ticks"].as_u64().unwrap();
     assert!(
         ticks > 100
@@ -293,16 +209,10 @@ fn no_process_outlives_a_killed_launcher_and_clean_removes_what_it_left() {
     };
     viz::read(&viz::parts_in(&desk.path().join("results")), count).unwrap();
     assert_eq!(rows, ticks, "every tick once in the recording");
-    for command in [&["report", "results"][..], &["replay", "results"]] {
-        let said = desk.armplane(command);
-        assert_eq!(said.code, 0, "{command:?}: {}", said.err);
+    for command in ["report results", "replay results"] {
+        desk.succeeds(command);
     }
-    let again = desk.armplane(&["recover", "results"]);
-    assert!(
-        again.code == 2 && again.err.contains("nothing to recover"),
-        "{}",
-        again.err
-    );
+    desk.refuses(2, "recover results", &["nothing to recover"]);
     let ours = format!("-{}-", said.launcher);
     let found = doctor["runs"]
         .as_array()
@@ -310,21 +220,14 @@ fn no_process_outlives_a_killed_launcher_and_clean_removes_what_it_left() {
         .iter()
         .any(|run| run["run"].as_str().unwrap().contains(&ours) && run["alive"] == false);
     assert!(found, "{doctor}");
-    assert_eq!(desk.armplane(&["clean"]).code, 0);
+    desk.succeeds("clean");
     assert_nothing_left(said.launcher);
 }
 
 #[test]
 fn a_launcher_that_stood_still_goes_on_and_its_run_did_not_notice() {
     let desk = Desk::new();
-    let child = desk.start(&[
-        "run",
-        "--set",
-        "segment.1.duration_s=20",
-        "--json",
-        "--out",
-        "results",
-    ]);
+    let child = desk.start("run --set segment.1.duration_s=20 --json --out results");
     until("the recording to grow", || has_recorded_ticks(&desk));
     signal(child.id() as i32, "STOP");
     let size =
@@ -333,7 +236,7 @@ fn a_launcher_that_stood_still_goes_on_and_its_run_did_not_notice() {
     until("the run to go on without it", || size() > before);
     signal(child.id() as i32, "CONT");
     let said = finish(child);
-    let summary: Value = serde_json::from_str(&said.out).unwrap();
+    let summary = said.json();
     assert_eq!(
         (said.code, &summary["outcome"], &summary["faults"]),
         (0, &"goal reached".into(), &Value::Array(vec![])),
@@ -349,14 +252,12 @@ fn every_signal_that_would_end_the_launcher_ends_the_run_and_leaves_nothing() {
         "QUIT", "HUP", "USR1", "USR2", "ALRM", "VTALRM", "PROF", "XCPU", "IO",
     ] {
         let desk = Desk::new();
-        let child = desk.start(&LONG);
-        until("the first ticks", || crate::patience::ticks(&child) > 0);
+        let child = desk.begin(LONG);
         // It changes nothing: a write into a broken pipe fails.
         signal(child.id() as i32, "PIPE");
         signal(child.id() as i32, name);
         let said = finish(child);
-        let summary: Value = serde_json::from_str(&said.out)
-            .unwrap_or_else(|error| panic!("{name}: {error}: {}", said.err));
+        let summary = said.json();
         let reason = summary["reason"].as_str().unwrap_or_default();
         assert!(
             said.code == 1
@@ -371,22 +272,12 @@ fn every_signal_that_would_end_the_launcher_ends_the_run_and_leaves_nothing() {
 #[test]
 fn a_terminal_that_goes_away_costs_the_run_nothing() {
     let desk = Desk::new();
-    let mut child = desk.start(&[
-        "run",
-        "--set",
-        "segment.1.duration_s=10",
-        "--no-record",
-        "--out",
-        "results",
-    ]);
-    until("the first ticks", || crate::patience::ticks(&child) > 0);
+    let mut child = desk.begin("run --set segment.1.duration_s=10 --no-record --out results");
     drop((child.stdout.take(), child.stderr.take()));
     // The launcher reports the death on standard error.
     kill(&child, "controller");
     let said = finish(child);
-    let summary: Value =
-        serde_json::from_slice(&std::fs::read(desk.path().join("results/summary.json")).unwrap())
-            .unwrap();
+    let summary: Value = desk.read_json("results/summary.json");
     assert_eq!(
         (
             said.code,
@@ -404,7 +295,7 @@ fn a_run_that_is_killed_at_any_moment_of_its_start_is_recovered_or_its_folder_is
     let desk = Desk::new();
     for attempt in 0..18 {
         let out = format!("r{attempt}");
-        let child = desk.start(&[&LONG[..5], &[&out]].concat());
+        let child = desk.start(&LONG.replace("results", &out));
         // Every third one before its first process; the others at any moment after that.
         let sign = desk.path().join(&out).join(if attempt % 3 == 0 {
             "summary.json.reserved"
@@ -419,13 +310,12 @@ fn a_run_that_is_killed_at_any_moment_of_its_start_is_recovered_or_its_folder_is
         } else {
             runtime::random(attempt, 0) % 100
         }));
-        // SAFETY: a plain signal to a child of ours that has not been waited for.
-        unsafe { libc::kill(child.id().cast_signed(), libc::SIGKILL) };
+        signal(child.id() as i32, "KILL");
         let said = finish(child);
         until("the processes to go", || {
             children_of_run(said.launcher).is_empty()
         });
-        assert_eq!(desk.armplane(&["clean"]).code, 0);
+        desk.succeeds("clean");
         let folder = desk.path().join(&out);
         let names = || {
             let entries = std::fs::read_dir(&folder).into_iter().flatten().flatten();
@@ -434,9 +324,9 @@ fn a_run_that_is_killed_at_any_moment_of_its_start_is_recovered_or_its_folder_is
                 .collect::<std::collections::BTreeSet<_>>()
         };
         let before = names();
-        let again = desk.armplane(&["recover", &out, "--json"]);
+        let again = desk.armplane(&format!("recover {out} --json"));
         if again.code == 0 {
-            let summary: Value = serde_json::from_str(&again.out).unwrap();
+            let summary = again.json();
             let (ticks, reason) = (
                 summary["ticks"].as_u64().unwrap(),
                 summary["reason"].as_str().unwrap(),
@@ -448,7 +338,7 @@ fn a_run_that_is_killed_at_any_moment_of_its_start_is_recovered_or_its_folder_is
                 ),
                 (&"interrupted".into(), ticks == 0)
             );
-            let reported = desk.armplane(&["report", &out]);
+            let reported = desk.armplane(&format!("report {out}"));
             assert_eq!(reported.code, 0, "{ticks} ticks: {}", reported.err);
         } else {
             assert_eq!(
@@ -465,11 +355,6 @@ fn a_run_that_is_killed_at_any_moment_of_its_start_is_recovered_or_its_folder_is
     let folder = desk.path().join("early");
     std::fs::create_dir(&folder).unwrap();
     desk.file("early/summary.json.reserved", "");
-    let refused = desk.armplane(&["recover", "early"]);
-    assert!(
-        refused.code == 2 && refused.err.contains("makes the run in it"),
-        "{}",
-        refused.err
-    );
+    desk.refuses(2, "recover early", &["makes the run in it"]);
     assert!(folder.join("summary.json.reserved").exists());
 }

@@ -7,8 +7,7 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
-use crate::command::{Desk, assert_nothing_left, finish, run_of, skipped, until};
-use crate::patience::ticks;
+use crate::command::{Desk, assert_nothing_left, finish, run_of, skipped};
 
 pub(crate) fn is_root() -> bool {
     std::fs::metadata("/proc/self").is_ok_and(|own| own.uid() == 0)
@@ -38,16 +37,7 @@ fn another_user_costs_a_run_neither_its_results_nor_its_cleaning() {
     let target = desk.file("target", "x");
     let mode = || std::fs::metadata(&target).unwrap().mode();
     let before = mode();
-    let run = desk.start(&[
-        "run",
-        "--set",
-        "segment.1.duration_s=5",
-        "--json",
-        "--no-record",
-        "--out",
-        "r",
-    ]);
-    until("the first ticks", || ticks(&run) > 0);
+    let run = desk.begin("run --set segment.1.duration_s=5 --json --no-record --out r");
     let name = run_of(run.id()).unwrap();
     // A look-alike of a dead run, and files that bear the name of the living one.
     let dead = "/dev/shm/armplane-0-4194998-1f-0";
@@ -57,7 +47,7 @@ fn another_user_costs_a_run_neither_its_results_nor_its_cleaning() {
     );
     let planted = neighbour(&script);
     let said = finish(run);
-    let cleaned = desk.armplane(&["clean"]);
+    let cleaned = desk.armplane("clean");
     let left: Vec<bool> = [format!("/dev/shm/{name}.x"), format!("{dead}.y")]
         .iter()
         .map(|path| Path::new(path).exists())
@@ -122,9 +112,7 @@ fn a_full_memory_file_system_is_refused_in_bytes_and_one_that_fills_up_later_cos
         "{}",
         text(&filled.stderr)
     );
-    let summary: Value =
-        serde_json::from_slice(&std::fs::read(desk.path().join("filled/summary.json")).unwrap())
-            .unwrap();
+    let summary: Value = desk.read_json("filled/summary.json");
     assert_eq!(
         (&summary["outcome"], &summary["recorder"]["lost"]),
         (&"goal reached".into(), &0.into())

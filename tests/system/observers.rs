@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader};
 
 use crate::command::{Desk, assert_nothing_left, finish, skipped};
-use crate::exchange::{armplane, has_python, programs_of, run, scenario, summary};
+use crate::exchange::{armplane, has_python, programs_of, run, scenario};
 use crate::life::signal;
 
 /// An observer that at tick 100 does this.
@@ -26,8 +26,8 @@ fn the_end_of_an_observer_has_one_tick() {
     ] {
         let desk = Desk::new();
         watch(&desk, at_100);
-        let said = run(&desk, &["run", "short.toml", "--no-record", "--json"]);
-        let summary = summary(&said);
+        let said = run(&desk, "run short.toml --no-record --json");
+        let summary = said.json();
         let (fault, reason) = (&summary["faults"][0], summary["reason"].as_str().unwrap());
         let at = format!(" at tick {}", fault["tick"]);
         assert_eq!(
@@ -51,7 +51,7 @@ fn a_program_that_hangs_ends_quietly_with_an_interrupted_run() {
     }
     let desk = Desk::new();
     watch(&desk, "print('hangs', flush=True); time.sleep(600)");
-    let mut launcher = armplane(&desk, &["run", "short.toml", "--no-record", "--json"])
+    let mut launcher = armplane(&desk, "run short.toml --no-record --json")
         .spawn()
         .expect("armplane starts");
     let mut lines = BufReader::new(launcher.stderr.take().expect("piped"))
@@ -64,7 +64,7 @@ fn a_program_that_hangs_ends_quietly_with_an_interrupted_run() {
     signal(launcher.id().cast_signed(), "INT");
     let rest: Vec<String> = lines.collect();
     let said = finish(launcher);
-    let summary = summary(&said);
+    let summary = said.json();
     assert_eq!(
         (
             &summary["outcome"],

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use crate::command::{Desk, assert_nothing_left, children_of_run, until};
+use crate::command::{Desk, assert_nothing_left, pid_of, restarts, until};
 use crate::life::signal;
 use crate::patience::ticks;
 
@@ -98,20 +98,12 @@ impl Running {
         }
     }
 
-    fn pid_of(&self, process: &str) -> Option<i32> {
-        let children = children_of_run(self.0.id());
-        children
-            .into_iter()
-            .find(|(name, _)| name == process)
-            .map(|(_, pid)| pid)
-    }
-
     /// Kills a process of the run and waits for its replacement.
     fn replace(&self, process: &str) {
-        let killed = self.pid_of(process).expect("it lives");
+        let killed = pid_of(self.0.id(), process).expect("it lives");
         signal(killed, "KILL");
         until("a replacement", || {
-            self.pid_of(process).is_some_and(|pid| pid != killed)
+            pid_of(self.0.id(), process).is_some_and(|pid| pid != killed)
         });
     }
 }
@@ -121,11 +113,6 @@ impl Drop for Running {
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
-}
-
-fn summary(desk: &Desk) -> Value {
-    let text = std::fs::read(desk.path().join("results/summary.json")).expect("a summary");
-    serde_json::from_slice(&text).expect("JSON")
 }
 
 /// Deaths are mended and Ctrl-C ends the run while nobody can read what the program says.
@@ -162,7 +149,7 @@ fn goes_on(unread: fn() -> Unread, mode: &str, interrupts: u32) {
         Some(1),
         "{status}: an interrupted run, whose results nobody has read"
     );
-    let summary = summary(&desk);
+    let summary = desk.read_json("results/summary.json");
     assert_eq!(summary["outcome"], "interrupted", "{}", summary["reason"]);
     for process in killed {
         let is_listed = |fault: &Value| fault["process"] == process && fault["kind"] == "kill";
@@ -172,34 +159,17 @@ fn goes_on(unread: fn() -> Unread, mode: &str, interrupts: u32) {
             1,
             "{faults:?}"
         );
-        let processes = summary["processes"].as_array().expect("processes");
-        let account = processes
-            .iter()
-            .find(|one| one["name"] == process)
-            .expect("it");
-        assert_eq!(account["restarts"], 1, "{account}");
+        assert_eq!(restarts(&summary, process), 1);
     }
     assert_nothing_left(run.0.id());
 }
 
 #[test]
-fn a_stopped_terminal_stops_no_run_in_lockstep() {
-    goes_on(Unread::terminal, "lockstep", 1);
-}
-
-#[test]
-fn a_stopped_terminal_stops_no_run_in_real_time() {
-    goes_on(Unread::terminal, "realtime", 2);
-}
-
-#[test]
-fn a_full_pipe_stops_no_run_in_lockstep() {
-    goes_on(Unread::pipe, "lockstep", 2);
-}
-
-#[test]
-fn a_full_pipe_stops_no_run_in_real_time() {
-    goes_on(Unread::pipe, "realtime", 1);
+fn a_stopped_terminal_and_a_full_pipe_stop_no_run() {
+    for (mode, interrupts) in [("lockstep", 1), ("realtime", 2)] {
+        goes_on(Unread::terminal, mode, interrupts);
+        goes_on(Unread::pipe, mode, 3 - interrupts);
+    }
 }
 
 #[test]
@@ -213,7 +183,10 @@ fn a_run_on_a_stopped_terminal_ends_by_itself() {
         desk.path().join("results/summary.json").exists()
     });
     run.ends_within(Duration::from_secs(8));
-    assert_eq!(summary(&desk)["outcome"], "goal reached");
+    assert_eq!(
+        desk.read_json("results/summary.json")["outcome"],
+        "goal reached"
+    );
     assert_nothing_left(run.0.id());
 }
 

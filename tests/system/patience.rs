@@ -5,21 +5,12 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::command::{
-    Desk, Said, assert_nothing_left, children_of_run, finish, run_of, skipped, until,
-};
+use crate::command::{Desk, Said, assert_nothing_left, finish, pid_of, run_of, skipped, until};
 use crate::life::signal;
 
 const PROCESSES: [&str; 5] = ["plant", "estimator", "analyzer", "controller", "recorder"];
 
-const RUN: [&str; 5] = ["run", "--set", "segment.1.duration_s=8", "--json", "--out"];
-
-fn pid_of(run: &Child, process: &str) -> Option<i32> {
-    children_of_run(run.id())
-        .into_iter()
-        .find(|(name, _)| name == process)
-        .map(|(_, pid)| pid)
-}
+const RUN: &str = "run --set segment.1.duration_s=8 --json --out";
 
 /// Ticks that a run has begun.
 pub(crate) fn ticks(run: &Child) -> u64 {
@@ -32,25 +23,22 @@ pub(crate) fn ticks(run: &Child) -> u64 {
 }
 
 /// A run, and what is done to it when it has begun.
-fn run_with(desk: &Desk, out: &str, more: &[&str], act: impl FnOnce(&Child)) -> (Value, Said) {
-    let run = desk.start(&[&RUN[..], &[out], more].concat());
+fn run_with(desk: &Desk, out: &str, more: &str, act: impl FnOnce(&Child)) -> (Value, Said) {
+    let run = desk.start(&format!("{RUN} {out} {more}"));
     until("the first ticks", || ticks(&run) > 500);
     act(&run);
     let said = finish(run);
     assert_nothing_left(said.launcher);
-    (
-        serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err)),
-        said,
-    )
+    (said.json(), said)
 }
 
 #[test]
 fn stopped_and_traced_processes_are_waited_for_and_no_byte_changes() {
     let desk = Desk::new();
-    let (calm, _) = run_with(&desk, "calm", &[], |_| {});
-    let (stopped, said) = run_with(&desk, "stopped", &[], |run| {
+    let (calm, _) = run_with(&desk, "calm", "", |_| {});
+    let (stopped, said) = run_with(&desk, "stopped", "", |run| {
         for (step, process) in PROCESSES.iter().enumerate() {
-            let pid = pid_of(run, process).unwrap();
+            let pid = pid_of(run.id(), process).unwrap();
             signal(pid, "STOP");
             // The last one for longer than any process was ever given.
             std::thread::sleep(Duration::from_millis(if step == 1 { 3_000 } else { 250 }));
@@ -69,8 +57,8 @@ fn stopped_and_traced_processes_are_waited_for_and_no_byte_changes() {
         said.err
     );
     let mut is_traced = true;
-    let (traced, said) = run_with(&desk, "traced", &[], |run| {
-        is_traced = trace(pid_of(run, "controller").unwrap())
+    let (traced, said) = run_with(&desk, "traced", "", |run| {
+        is_traced = trace(pid_of(run.id(), "controller").unwrap())
     });
     assert_eq!(
         (&traced["topics"], &traced["faults"]),
@@ -110,8 +98,8 @@ fn trace(pid: i32) -> bool {
 #[test]
 fn a_user_may_set_a_limit_after_which_a_stopped_process_is_replaced() {
     let desk = Desk::new();
-    let (summary, said) = run_with(&desk, "r", &["--silence-limit", "0.2"], |run| {
-        signal(pid_of(run, "analyzer").unwrap(), "STOP")
+    let (summary, said) = run_with(&desk, "r", "--silence-limit 0.2", |run| {
+        signal(pid_of(run.id(), "analyzer").unwrap(), "STOP")
     });
     assert_eq!(
         (
@@ -126,10 +114,5 @@ fn a_user_may_set_a_limit_after_which_a_stopped_process_is_replaced() {
         "{}",
         said.err
     );
-    let said = desk.armplane(&["run", "--silence-limit=-1"]);
-    assert!(
-        said.code == 2 && said.err.contains("--silence-limit"),
-        "{}",
-        said.err
-    );
+    desk.refuses(2, "run --silence-limit=-1", &["--silence-limit"]);
 }

@@ -7,7 +7,7 @@ use crate::command::Desk;
 const SHORT: &str = "name = \"short\"\nrobot = \"puma560\"\nsettle_s = 0.3\n[start]\nq_deg = [20, -60, 170, 0, 30, 0]\n\
                      [[segment]]\nby_m = [0.01, 0.0, 0.0]\nduration_s = 0.5\n";
 
-fn make_pipe(path: &std::path::Path) {
+pub(crate) fn make_pipe(path: &std::path::Path) {
     let _ = std::fs::remove_file(path);
     assert!(
         std::process::Command::new("mkfifo")
@@ -22,7 +22,7 @@ fn make_pipe(path: &std::path::Path) {
 fn a_pipe_without_a_writer_is_refused_in_one_sentence_by_every_command() {
     let desk = Desk::new();
     desk.file("short.toml", SHORT);
-    desk.run(&["short.toml", "--out", "r"]);
+    desk.run("short.toml --out r");
     for name in ["p.toml", "p.urdf", "p.csv", "p"] {
         make_pipe(&desk.path().join(name));
     }
@@ -31,7 +31,7 @@ fn a_pipe_without_a_writer_is_refused_in_one_sentence_by_every_command() {
         "graph.toml",
         &SHORT.replace("settle_s", "graph = \"p.toml\"\nsettle_s"),
     );
-    let refused = |args: &[&str], words: &str, codes: &[i32]| {
+    let refused = |args: &str, words: &str, codes: &[i32]| {
         let began = Instant::now();
         let said = desk.armplane(args);
         assert!(
@@ -53,20 +53,20 @@ fn a_pipe_without_a_writer_is_refused_in_one_sentence_by_every_command() {
         );
     };
     for args in [
-        &["run", "p.toml"][..],
-        &["run", "p"],
-        &["run", "robot.toml"],
-        &["run", "graph.toml"],
-        &["run", "short.toml", "--graph", "p.toml"],
-        &["graph", "p.toml"],
-        &["graph", "p.toml", "--format", "topics"],
-        &["inspect", "--robot", "p.urdf"],
-        &["drill", "p.toml"],
-        &["compare", "p.toml"],
-        &["sweep", "p.toml"],
-        &["verify", "p.toml"],
-        &["servo", "p.toml"],
-        &["servo", "puma560", "--from", "p.csv"],
+        "run p.toml",
+        "run p",
+        "run robot.toml",
+        "run graph.toml",
+        "run short.toml --graph p.toml",
+        "graph p.toml",
+        "graph p.toml --format topics",
+        "inspect --robot p.urdf",
+        "drill p.toml",
+        "compare p.toml",
+        "sweep p.toml",
+        "verify p.toml",
+        "servo p.toml",
+        "servo puma560 --from p.csv",
     ] {
         refused(args, "a named pipe", &[2]);
     }
@@ -83,7 +83,7 @@ fn a_pipe_without_a_writer_is_refused_in_one_sentence_by_every_command() {
         if commands.contains(&"recover") {
             let summary = std::fs::read(file("summary.json")).unwrap();
             std::fs::remove_file(file("summary.json")).unwrap();
-            refused(&["recover", "r"], name, &[1, 2]);
+            refused("recover r", name, &[1, 2]);
             std::fs::write(file("summary.json"), summary).unwrap();
         }
         for command in commands.iter().filter(|command| **command != "recover") {
@@ -126,7 +126,7 @@ fn a_scenario_comes_through_a_pipe_that_the_shell_makes() {
             .unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(&output.stderr)));
         summary["topics"].clone()
     };
-    let expected = desk.run(&["short.toml", "--out", "r"])["topics"].clone();
+    let expected = desk.run("short.toml --out r")["topics"].clone();
     assert_eq!(
         of("\"$0\" run <(sleep 0.2; cat short.toml) --out s --json"),
         expected

@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::command::{Desk, Said, assert_nothing_left, finish, skipped};
+use crate::command::{Args, Desk, Said, assert_nothing_left, finish, skipped};
 
 impl Desk {
     /// `armplane` with another viewer.
-    fn with_viewer(&self, viewer: &Path, args: &[&str]) -> Said {
+    fn with_viewer(&self, viewer: &Path, args: impl Args) -> Said {
         let child = Command::new(env!("CARGO_BIN_EXE_armplane"))
-            .args(args)
+            .args(args.words())
             .env("ARMPLANE_RERUN", viewer)
             .current_dir(self.path())
             .stdin(Stdio::null())
@@ -29,18 +29,13 @@ impl Desk {
     }
 }
 
-const SHORT: [&str; 4] = [
-    "--set",
-    "segment.0.duration_s=1",
-    "--set",
-    "segment.1.duration_s=1.5",
-];
+const SHORT: &str = "--set segment.0.duration_s=1 --set segment.1.duration_s=1.5";
 
 #[test]
 fn without_a_viewer_one_sentence_says_how_to_get_one() {
     let desk = Desk::new();
-    desk.run(&[&SHORT[..], &["--out", "results"]].concat());
-    let said = desk.with_viewer(Path::new("/there/is/no/viewer"), &["view", "results"]);
+    desk.run(&format!("{SHORT} --out results"));
+    let said = desk.with_viewer(Path::new("/there/is/no/viewer"), "view results");
     assert_eq!(
         (said.code, said.err.lines().count()),
         (1, 1),
@@ -53,10 +48,7 @@ fn without_a_viewer_one_sentence_says_how_to_get_one() {
         "{}",
         said.err
     );
-    let live = desk.with_viewer(
-        Path::new("/there/is/no/viewer"),
-        &["run", "--live", "--out", "live"],
-    );
+    let live = desk.with_viewer(Path::new("/there/is/no/viewer"), "run --live --out live");
     assert!(
         live.code == 1 && live.err.contains("pip install"),
         "{}",
@@ -87,17 +79,17 @@ fn the_real_viewer_shows_the_layout_that_was_asked_for() {
         );
     }
     let desk = Desk::new();
-    desk.run(&[&SHORT[..], &["--out", "results"]].concat());
+    desk.run(&format!("{SHORT} --out results"));
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/pictures/shown.py");
     // The share of the upper left pane that is the ground of a view of the arm.
-    let shown = |layout: &[&str]| {
+    let shown = |layout: &str| {
         let mut command = Command::new("python3");
         command
             .arg(&script)
             .arg("shown.png")
             .arg(env!("CARGO_BIN_EXE_armplane"))
             .args(["view", "results"])
-            .args(layout);
+            .args(layout.words());
         let said = command
             .current_dir(desk.path())
             .output()
@@ -107,7 +99,7 @@ fn the_real_viewer_shows_the_layout_that_was_asked_for() {
             panic!("{error}: {text}{}", String::from_utf8_lossy(&said.stderr))
         })
     };
-    let (control, timing) = (shown(&[]), shown(&["--layout", "timing"]));
+    let (control, timing) = (shown(""), shown("--layout timing"));
     assert!(
         control > 0.5,
         "the arm is in the upper left of the layout `control`: {control}"
@@ -122,19 +114,16 @@ fn the_real_viewer_shows_the_layout_that_was_asked_for() {
 fn view_opens_the_latest_run_and_another_layout() {
     let desk = Desk::new();
     let viewer = desk.viewer("viewer.sh", "echo \"$@\" > seen");
-    desk.run(&SHORT);
-    desk.run(&[&SHORT[..], &["--set", "record.part_s=1.2"]].concat());
-    assert_eq!(desk.with_viewer(&viewer, &["view"]).code, 0);
+    desk.run(SHORT);
+    desk.run(&format!("{SHORT} --set record.part_s=1.2"));
+    assert_eq!(desk.with_viewer(&viewer, "view").code, 0);
     let seen = desk.read("seen");
     let folder = "runs/fig5-wrist-rotation-002";
     let parts = ["run.rrd", "run-001.rrd", "run-002.rrd"].map(|name| format!("{folder}/{name}"));
     assert_eq!(seen.trim(), format!("{} --bind 127.0.0.1", parts.join(" ")));
     assert_eq!(
-        desk.with_viewer(
-            &viewer,
-            &["view", "fig5-wrist-rotation-001", "--layout", "timing"]
-        )
-        .code,
+        desk.with_viewer(&viewer, "view fig5-wrist-rotation-001 --layout timing")
+            .code,
         0
     );
     let layout = std::fs::read(desk.path().join("runs/fig5-wrist-rotation-001/timing.rbl"))
@@ -146,11 +135,8 @@ fn view_opens_the_latest_run_and_another_layout() {
         "echo \"$@\" > seen; [ \"$1\" = - ] && cat > got; true",
     );
     assert_eq!(
-        desk.with_viewer(
-            &reading,
-            &["view", "fig5-wrist-rotation-001", "--layout", "timing"]
-        )
-        .code,
+        desk.with_viewer(&reading, "view fig5-wrist-rotation-001 --layout timing")
+            .code,
         0
     );
     assert_eq!(desk.read("seen").trim(), "- --bind 127.0.0.1");
@@ -169,17 +155,17 @@ fn view_opens_the_latest_run_and_another_layout() {
         desk.path().join("mine.rrd"),
     )
     .expect("a copy");
-    assert_eq!(desk.with_viewer(&viewer, &["view", "mine.rrd"]).code, 0);
+    assert_eq!(desk.with_viewer(&viewer, "view mine.rrd").code, 0);
     assert_eq!(desk.read("seen").trim(), "mine.rrd --bind 127.0.0.1");
     let old = desk.viewer("old.sh", "[ \"$1\" = --version ] && echo rerun-cli 0.20.1");
-    let said = desk.with_viewer(&old, &["view"]);
+    let said = desk.with_viewer(&old, "view");
     assert!(
         said.err.contains("is 0.20") && said.err.contains("pip install rerun-sdk==0.36.3"),
         "{}",
         said.err
     );
     let failing = desk.viewer("failing.sh", "exit 3");
-    let said = desk.with_viewer(&failing, &["view"]);
+    let said = desk.with_viewer(&failing, "view");
     assert!(
         said.code == 1 && said.err.contains("failing.sh"),
         "{}",
@@ -196,18 +182,7 @@ fn live_passes_on_every_byte_of_every_part() {
     );
     let said = desk.with_viewer(
         &viewer,
-        &[
-            &[
-                "run",
-                "--live",
-                "--out",
-                "results",
-                "--set",
-                "record.part_s=1.2",
-            ],
-            &SHORT[..],
-        ]
-        .concat(),
+        &format!("run --live --out results --set record.part_s=1.2 {SHORT}"),
     );
     // On a busy machine it gets the rest after the command has ended.
     assert!(
@@ -231,7 +206,7 @@ fn live_passes_on_every_byte_of_every_part() {
 fn no_process_waits_for_a_viewer_that_is_closed_or_stuck() {
     let desk = Desk::new();
     let began = Instant::now();
-    let plain = desk.run(&SHORT);
+    let plain = desk.run(SHORT);
     let alone = began.elapsed();
     for (name, text, expected) in [
         ("closed.sh", "exit 0", "closed"),
@@ -245,17 +220,10 @@ fn no_process_waits_for_a_viewer_that_is_closed_or_stuck() {
         let began = Instant::now();
         let said = desk.with_viewer(
             &viewer,
-            &[
-                &[
-                    "run",
-                    "--live",
-                    "--json",
-                    "--out",
-                    name.trim_end_matches(".sh"),
-                ],
-                &SHORT[..],
-            ]
-            .concat(),
+            &format!(
+                "run --live --json --out {} {SHORT}",
+                name.trim_end_matches(".sh")
+            ),
         );
         let shown = began.elapsed();
         assert!(
@@ -269,7 +237,7 @@ fn no_process_waits_for_a_viewer_that_is_closed_or_stuck() {
             "{name}: {}",
             said.err
         );
-        let summary: serde_json::Value = serde_json::from_str(&said.out).expect("JSON");
+        let summary = said.json();
         assert_eq!(
             summary["topics"], plain["topics"],
             "the same run, to the byte"
@@ -282,16 +250,9 @@ fn no_process_waits_for_a_viewer_that_is_closed_or_stuck() {
 #[test]
 fn csv_has_a_row_for_every_tick_of_every_part() {
     let desk = Desk::new();
-    let summary = desk.run(
-        &[
-            &SHORT[..],
-            &["--set", "record.part_s=1.2", "--out", "results"],
-        ]
-        .concat(),
-    );
+    let summary = desk.run(&format!("{SHORT} --set record.part_s=1.2 --out results"));
     assert_eq!(summary["recorder"]["parts"], 3);
-    let said = desk.armplane(&["export", "results", "--out", "tables", "--json"]);
-    assert_eq!(said.code, 0, "{}", said.err);
+    desk.succeeds("export results --out tables --json");
     let table = desk.read("tables/signals.csv");
     let mut lines = table.lines();
     let names: Vec<&str> = lines.next().expect("headings").split(',').collect();
@@ -341,21 +302,18 @@ fn csv_has_a_row_for_every_tick_of_every_part() {
 #[test]
 fn every_format_of_an_export_is_written() {
     let desk = Desk::new();
-    desk.run(&[&SHORT[..], &["--out", "results"]].concat());
-    let said = desk.armplane(&["export", "results", "--format", "parquet"]);
-    assert_eq!(said.code, 0, "{}", said.err);
+    desk.run(&format!("{SHORT} --out results"));
+    desk.succeeds("export results --format parquet");
     let file = desk.path().join("results/signals.parquet");
     assert_eq!(std::fs::read(file).expect("a file")[..4], *b"PAR1");
-    let said = desk.armplane(&["export", "results", "--layout", "timing"]);
-    assert!(said.code == 2 && said.err.contains("rbl"), "{}", said.err);
+    desk.refuses(2, "export results --layout timing", &["rbl"]);
 }
 
 #[test]
 fn a_report_stands_alone() {
     let desk = Desk::new();
-    let summary = desk.run(&[&SHORT[..], &["--out", "results"]].concat());
-    let said = desk.armplane(&["report", "results"]);
-    assert_eq!(said.code, 0, "{}", said.err);
+    let summary = desk.run(&format!("{SHORT} --out results"));
+    desk.succeeds("report results");
     let page = desk.read("results/report.html");
     assert!(
         page.matches("<svg").count() >= 4 && page.contains("<polyline"),
@@ -408,12 +366,8 @@ fn a_report_stands_alone() {
     ] {
         assert!(page.contains(expected), "{expected} is not in the page");
     }
-    desk.run(&[&SHORT[..], &["--out", "plain", "--no-record"]].concat());
-    assert_eq!(
-        desk.armplane(&["report", "plain", "--out", "plain.html"])
-            .code,
-        0
-    );
+    desk.run(&format!("{SHORT} --out plain --no-record"));
+    desk.succeeds("report plain --out plain.html");
     assert!(desk.read("plain.html").contains("There is no recording"));
 }
 
@@ -421,39 +375,26 @@ fn a_report_stands_alone() {
 fn a_folder_that_is_no_run_is_named_in_one_sentence() {
     let desk = Desk::new();
     std::fs::create_dir(desk.path().join("empty")).expect("a folder");
-    desk.run(&[&SHORT[..], &["--out", "plain", "--no-record"]].concat());
+    desk.run(&format!("{SHORT} --out plain --no-record"));
     for (args, expected) in [
-        (&["view"][..], "there is no run under runs/"),
-        (&["report", "nowhere"], "there is no run nowhere"),
-        (&["export", "empty"], "not the folder of a run"),
-        (&["export", "plain"], "without --no-record"),
-        (&["view", "plain"], "without --no-record"),
-        (
-            &["view", "plain", "--layout", "pretty"],
-            "control, timing and faults",
-        ),
+        ("view", "there is no run under runs/"),
+        ("report nowhere", "there is no run nowhere"),
+        ("export empty", "not the folder of a run"),
+        ("export plain", "without --no-record"),
+        ("view plain", "without --no-record"),
+        ("view plain --layout pretty", "control, timing and faults"),
     ] {
-        let said = desk.armplane(args);
-        assert!(
-            said.code == 2 && said.err.contains(expected),
-            "{args:?}: {}",
-            said.err
-        );
+        desk.refuses(2, args, &[expected]);
     }
     std::fs::write(desk.path().join("plain/run.rrd"), "not a recording").expect("a file");
-    let said = desk.armplane(&["export", "plain"]);
-    assert!(
-        said.code == 2 && said.err.contains("is not a recording of armplane"),
-        "{}",
-        said.err
-    );
+    desk.refuses(2, "export plain", &["is not a recording of armplane"]);
 }
 
 /// Of a recording that was cut what is left is exported, with a sentence about the rest.
 #[test]
 fn a_recording_that_lacks_something_is_said_to() {
     let desk = Desk::new();
-    let ticks = desk.run(&[&SHORT[..], &["--out", "run"]].concat())["ticks"]
+    let ticks = desk.run(&format!("{SHORT} --out run"))["ticks"]
         .as_u64()
         .expect("a number");
     let path = desk.path().join("run/run.rrd");
@@ -463,7 +404,7 @@ fn a_recording_that_lacks_something_is_said_to() {
         cut(bytes);
         for format in ["csv", "parquet", "rrd"] {
             let out = format!("out-{bytes}-{format}");
-            let said = desk.armplane(&["export", "run", "--format", format, "--out", &out]);
+            let said = desk.armplane(&format!("export run --format {format} --out {out}"));
             assert_eq!(said.err.lines().count(), 1, "{bytes}: {}", said.err);
             assert!(
                 said.err
@@ -488,7 +429,7 @@ fn a_recording_that_lacks_something_is_said_to() {
                 );
             }
         }
-        let said = desk.armplane(&["report", "run", "--out", "page.html"]);
+        let said = desk.armplane("report run --out page.html");
         assert!(
             (1..=2).contains(&said.code) && said.err.contains("makes the run again"),
             "{bytes}: {}",
@@ -501,13 +442,9 @@ fn a_recording_that_lacks_something_is_said_to() {
         "the page says it, too"
     );
     cut(whole.len());
-    assert_eq!(
-        desk.armplane(&["export", "run", "--out", "out"]).code,
-        0,
-        "whole again"
-    );
+    desk.succeeds("export run --out out");
     std::fs::remove_file(&path).expect("the file");
-    let said = desk.armplane(&["view", "run"]);
+    let said = desk.armplane("view run");
     assert!(
         said.code == 2 && said.err.contains("0 of ") && !said.err.contains("--no-record"),
         "{}",
@@ -518,17 +455,10 @@ fn a_recording_that_lacks_something_is_said_to() {
 #[test]
 fn ticks_without_an_answer_of_a_dead_process_are_rows_of_the_recording() {
     let desk = Desk::new();
-    let fault = "fault=[{process=\"estimator\", kind=\"kill\", at_tick=500}]";
+    let fault = "fault=[{process=\"estimator\",kind=\"kill\",at_tick=500}]";
     let run = |fault: &str, out: &str| -> serde_json::Value {
-        let said = desk.armplane(
-            &[
-                &["run", "--json"],
-                &SHORT[..],
-                &["--set", fault, "--out", out],
-            ]
-            .concat(),
-        );
-        serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.err))
+        let said = desk.armplane(&format!("run --json {SHORT} --set {fault} --out {out}"));
+        said.json()
     };
     let summary = run(fault, "run");
     let (ticks, rows) = (
@@ -545,18 +475,13 @@ fn ticks_without_an_answer_of_a_dead_process_are_rows_of_the_recording() {
     let whole = std::fs::read(&path).expect("bytes");
     std::fs::write(&path, &whole[..whole.len() - 1]).expect("room");
     for command in ["export", "report"] {
-        let said = desk.armplane(&[command, "run"]);
-        assert!(
-            said.code == 1 && said.err.contains(&format!("{rows} of {rows} rows")),
-            "{command}: {}",
-            said.err
-        );
+        desk.refuses(1, &[command, "run"], &[&format!("{rows} of {rows} rows")]);
     }
     // A recorder that is killed counts on, and one whose volume is full.
     for (name, kind) in [("killed", "kill"), ("full", "disk-full")] {
         let more = fault.replace(
             ']',
-            &format!(", {{process=\"recorder\", kind=\"{kind}\", at_tick=900}}]"),
+            &format!(",{{process=\"recorder\",kind=\"{kind}\",at_tick=900}}]"),
         );
         let summary = run(&more, name);
         assert_eq!(

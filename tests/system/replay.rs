@@ -4,19 +4,15 @@ use serde_json::Value;
 
 use crate::command::{Desk, finish, run_of, until};
 
-fn replay(desk: &Desk, args: &[&str]) -> (i32, Value) {
-    let said = desk.armplane(&[&["replay", "--json"], args].concat());
-    (
-        said.code,
-        serde_json::from_str(&said.out)
-            .unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err)),
-    )
+fn replay(desk: &Desk, args: &str) -> (i32, Value) {
+    let said = desk.armplane(&format!("replay --json {args}"));
+    (said.code, said.json())
 }
 
 #[test]
 fn every_process_computes_again_what_it_computed_in_the_run() {
     let desk = Desk::new();
-    let summary = desk.run(&["--seed", "3", "--out", "run"]);
+    let summary = desk.run("--seed 3 --out run");
     assert!(
         summary["recorder"]["messages_bytes"].as_u64().unwrap() > 0,
         "{}",
@@ -28,7 +24,7 @@ fn every_process_computes_again_what_it_computed_in_the_run() {
         ("analyzer", vec!["singularity"]),
         ("controller", vec!["control_state", "torque"]),
     ] {
-        let (code, json) = replay(&desk, &["run", "--process", process]);
+        let (code, json) = replay(&desk, &format!("run --process {process}"));
         assert_eq!(
             (code, &json["identical"], &json["difference"]),
             (0, &true.into(), &Value::Null),
@@ -60,9 +56,9 @@ fn every_process_computes_again_what_it_computed_in_the_run() {
 #[test]
 fn a_changed_controller_is_told_where_it_first_differs_and_by_how_much() {
     let desk = Desk::new();
-    desk.run(&["--out", "run"]);
+    desk.run("--out run");
     // The second segment only: until it begins the torques are the recorded ones.
-    let (code, json) = replay(&desk, &["run", "--set", "segment.1.turn.by_deg=44"]);
+    let (code, json) = replay(&desk, "run --set segment.1.turn.by_deg=44");
     assert_eq!((code, &json["identical"]), (1, &false.into()), "{json}");
     let difference = &json["difference"];
     assert!(
@@ -92,7 +88,7 @@ fn a_changed_controller_is_told_where_it_first_differs_and_by_how_much() {
         "{tau}"
     );
     assert!(tau["tick"].as_u64().unwrap() >= difference["tick"].as_u64().unwrap());
-    let said = desk.armplane(&["replay", "run", "--set", "segment.1.turn.by_deg=44"]);
+    let said = desk.armplane("replay run --set segment.1.turn.by_deg=44");
     assert!(
         said.code == 1 && said.out.contains("controller first differs at tick"),
         "{}",
@@ -103,27 +99,15 @@ fn a_changed_controller_is_told_where_it_first_differs_and_by_how_much() {
 #[test]
 fn a_process_that_cannot_be_replayed_says_why() {
     let desk = Desk::new();
-    desk.run(&["--out", "bare", "--no-messages"]);
-    desk.run(&["--out", "run"]);
+    desk.run("--out bare --no-messages");
+    desk.run("--out run");
     for (args, expected) in [
-        (&["replay", "nowhere"][..], "is not the folder of a run"),
-        (&["replay", "bare"], "without --no-messages"),
-        (
-            &["replay", "run", "--set", "control.kp=1"],
-            "unknown field `kp`",
-        ),
-        (
-            &["replay", "run", "--set", "robot=ur5"],
-            "keeps the robot of its run",
-        ),
+        ("replay nowhere", "is not the folder of a run"),
+        ("replay bare", "without --no-messages"),
+        ("replay run --set control.kp=1", "unknown field `kp`"),
+        ("replay run --set robot=ur5", "keeps the robot of its run"),
     ] {
-        let said = desk.armplane(args);
-        assert!(
-            said.code == 2 && said.err.contains(expected),
-            "{args:?}: {}{}",
-            said.out,
-            said.err
-        );
+        desk.refuses(2, args, &[expected]);
     }
 }
 
@@ -145,9 +129,8 @@ fn a_death_and_a_return_are_replayed_too() {
         ]
         .concat(),
     );
-    let said = desk.armplane(&["run", "deaths.toml", "--out", "run", "--json"]);
-    let summary: Value = serde_json::from_str(&said.out)
-        .unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err));
+    let said = desk.armplane("run deaths.toml --out run --json");
+    let summary = said.json();
     let restarted = summary["processes"]
         .as_array()
         .unwrap()
@@ -156,7 +139,7 @@ fn a_death_and_a_return_are_replayed_too() {
         .count();
     assert_eq!(restarted, 2, "{summary}");
     for process in ["plant", "estimator", "analyzer", "controller"] {
-        let (code, json) = replay(&desk, &["run", "--process", process]);
+        let (code, json) = replay(&desk, &format!("run --process {process}"));
         assert_eq!(
             (code, &json["identical"], &json["ended"]),
             (0, &true.into(), &"".into()),
@@ -203,8 +186,8 @@ fn a_message_that_a_fault_kept_from_leaving_is_computed_too() {
         ("plant", "process = \"plant\"\nkind = \"duplicate\""),
     ] {
         desk.file("short.toml", &short(fault));
-        desk.armplane(&["run", "short.toml", "--out", "run", "--json"]);
-        let (code, json) = replay(&desk, &["run", "--process", process]);
+        desk.armplane("run short.toml --out run --json");
+        let (code, json) = replay(&desk, &format!("run --process {process}"));
         assert_eq!(
             (code, &json["identical"], &json["ended"]),
             (0, &true.into(), &"".into()),
@@ -220,24 +203,13 @@ fn a_message_that_a_fault_kept_from_leaving_is_computed_too() {
 #[test]
 fn a_fault_that_nobody_planned_is_known_to_the_replay() {
     let desk = Desk::new();
-    let child = desk.start(&[
-        "run",
-        "--set",
-        "segment.1.duration_s=12",
-        "--json",
-        "--out",
-        "run",
-    ]);
-    let lie = [
-        "fault", "plant", "sensor", "--as", "bias", "--joint", "2", "--run",
-    ];
+    let child = desk.start("run --set segment.1.duration_s=12 --json --out run");
+    let lie = "fault plant sensor --as bias --joint 2 --run";
     until("the run to take a fault", || {
-        run_of(child.id())
-            .is_some_and(|name| desk.armplane(&[&lie[..], &[&name]].concat()).code == 0)
+        run_of(child.id()).is_some_and(|name| desk.armplane(&format!("{lie} {name}")).code == 0)
     });
     let said = finish(child);
-    let summary: Value = serde_json::from_str(&said.out)
-        .unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err));
+    let summary = said.json();
     assert_eq!(
         (
             &summary["faults"][0]["origin"],
@@ -246,7 +218,7 @@ fn a_fault_that_nobody_planned_is_known_to_the_replay() {
         (&"live".into(), &true.into()),
         "{summary}"
     );
-    let (code, json) = replay(&desk, &["run", "--process", "plant"]);
+    let (code, json) = replay(&desk, "run --process plant");
     assert_eq!(
         (code, &json["identical"], &json["ended"]),
         (0, &true.into(), &"".into()),

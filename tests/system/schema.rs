@@ -1,7 +1,7 @@
 //! The JSON Schemas of scenario files and of `summary.json`, against what the program takes and writes.
 
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 
 use serde::de::DeserializeOwned;
@@ -10,16 +10,12 @@ use shared_types::fault::Fault;
 use shared_types::scenario as of;
 
 use crate::command::{Desk, skipped};
-use crate::exchange::has_python;
-
-fn root() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-}
+use crate::exchange::{has_python, root};
 
 fn schema(desk: &Desk, file: &str) -> Value {
-    let said = desk.armplane(&["generate", "schema", file]);
-    assert_eq!((said.code, said.err.as_str()), (0, ""));
-    serde_json::from_str(&said.out).expect("JSON")
+    let said = desk.succeeds(&format!("generate schema {file}"));
+    assert_eq!(said.err.as_str(), "");
+    said.json()
 }
 
 /// The violations of a schema of the keywords that ours use.
@@ -224,9 +220,8 @@ fn a_summary_keeps_its_schema_and_has_no_other_key() {
         "name = \"s\"\nrobot = \"puma560\"\n[start]\nq_deg = [20, -60, 170, 0, 0, 0]\n[[segment]]\nreorient = { singularity = \"wrist\", by_deg = 20 }\n\
          duration_s = 0.6\n[[fault]]\nprocess = \"controller\"\nkind = \"kill\"\nat_s = 0.2\n",
     );
-    let said = desk.armplane(&["run", "s.toml", "--json"]);
-    let summary: Value =
-        serde_json::from_str(&said.out).unwrap_or_else(|_| panic!("{}{}", said.out, said.err));
+    let said = desk.armplane("run s.toml --json");
+    let summary = said.json();
     assert!(
         summary["faults"][0]["plan"].is_object()
             && !summary["modes"].as_array().expect("modes").is_empty(),

@@ -14,8 +14,8 @@ fn completions_are_those_of_the_commands() {
         ("zsh", "#compdef armplane"),
         ("fish", "complete -c armplane"),
     ] {
-        let said = desk.armplane(&["generate", "completions", shell]);
-        assert_eq!((said.code, said.err.as_str()), (0, ""));
+        let said = desk.succeeds(&format!("generate completions {shell}"));
+        assert_eq!(said.err.as_str(), "");
         assert!(
             said.out.contains(expected) && said.out.contains("completions"),
             "{shell}"
@@ -41,11 +41,8 @@ fn completions_are_those_of_the_commands() {
 #[test]
 fn every_command_has_a_manual_page_and_no_process_has() {
     let desk = Desk::new();
-    let said = desk.armplane(&["generate", "man", "pages"]);
-    assert_eq!(
-        (said.code, said.out.as_str(), said.err.as_str()),
-        (0, "", "")
-    );
+    let said = desk.succeeds("generate man pages");
+    assert_eq!((said.out.as_str(), said.err.as_str()), ("", ""));
     let page = |name: &str| std::fs::read_to_string(desk.path().join("pages").join(name));
     for name in [
         "armplane.1",
@@ -61,49 +58,41 @@ fn every_command_has_a_manual_page_and_no_process_has() {
         );
     }
     assert!(page("armplane-plant.1").is_err() && page("armplane-bench-peer.1").is_err());
-    assert_eq!(desk.armplane(&["generate", "man", "/proc/nowhere"]).code, 2);
+    assert_eq!(desk.armplane("generate man /proc/nowhere").code, 2);
 }
 
 #[test]
 fn an_error_for_machines_is_one_object() {
     let desk = Desk::new();
     desk.file("bad.toml", "name = \"x\"\nrobot = \"puma560\"\n[start]\nposture = \"ready\"\n[[segment]]\nduration_s = -1.0\n");
-    let cases: [(&[&str], &str, &str); 20] = [
-        (&["run", "nothing"], "input", "there is no scenario"),
-        (&["run", "bad.toml"], "input", "the segment takes -1 s"),
-        (&["run", "--seed", "x"], "usage", "invalid value 'x'"),
-        (&["frobnicate"], "usage", "unrecognized subcommand"),
-        (&["export", "nowhere"], "input", "there is no run nowhere"),
-        (&["report", "nowhere"], "input", "there is no run nowhere"),
-        (&["view", "nowhere"], "input", "there is no run nowhere"),
-        (&["recover", "nowhere"], "input", "nowhere"),
-        (&["replay", "nowhere"], "input", "nowhere"),
-        (&["verify", "nothing"], "input", "there is no scenario"),
-        (&["compare", "nothing"], "input", "there is no scenario"),
-        (&["figures", "--set", "nonsense=1"], "input", "nonsense"),
-        (&["drill", "nothing"], "input", "there is no scenario"),
-        (&["sweep", "nothing.toml"], "input", "nothing.toml"),
-        (&["inspect", "--robot", "nothing"], "input", "nothing"),
-        (&["graph", "nothing.toml"], "input", "nothing.toml"),
+    let cases: [(&str, &str, &str); 20] = [
+        ("run nothing", "input", "there is no scenario"),
+        ("run bad.toml", "input", "the segment takes -1 s"),
+        ("run --seed x", "usage", "invalid value 'x'"),
+        ("frobnicate", "usage", "unrecognized subcommand"),
+        ("export nowhere", "input", "there is no run nowhere"),
+        ("report nowhere", "input", "there is no run nowhere"),
+        ("view nowhere", "input", "there is no run nowhere"),
+        ("recover nowhere", "input", "nowhere"),
+        ("replay nowhere", "input", "nowhere"),
+        ("verify nothing", "input", "there is no scenario"),
+        ("compare nothing", "input", "there is no scenario"),
+        ("figures --set nonsense=1", "input", "nonsense"),
+        ("drill nothing", "input", "there is no scenario"),
+        ("sweep nothing.toml", "input", "nothing.toml"),
+        ("inspect --robot nothing", "input", "nothing"),
+        ("graph nothing.toml", "input", "nothing.toml"),
         (
-            &["graph", "nothing.toml", "--format", "topics"],
+            "graph nothing.toml --format topics",
             "input",
             "nothing.toml",
         ),
-        (&["fault", "controller", "explode"], "usage", "explode"),
-        (
-            &["top", "--run", "nobody"],
-            "input",
-            "no run nobody is alive",
-        ),
-        (
-            &["generate", "man", "/proc/nowhere"],
-            "input",
-            "cannot write",
-        ),
+        ("fault controller explode", "usage", "explode"),
+        ("top --run nobody", "input", "no run nobody is alive"),
+        ("generate man /proc/nowhere", "input", "cannot write"),
     ];
     for (args, kind, expected) in cases {
-        let said = desk.armplane(&[args, &["--json"]].concat());
+        let said = desk.armplane(&format!("{args} --json"));
         let last = said.err.lines().last().unwrap_or_default();
         let error: Value =
             serde_json::from_str(last).unwrap_or_else(|_| panic!("{args:?}: {}", said.err));
@@ -121,7 +110,7 @@ fn an_error_for_machines_is_one_object() {
             "{args:?}: {error}"
         );
     }
-    let said = desk.armplane(&["run", "bad.toml", "--json"]);
+    let said = desk.armplane("run bad.toml --json");
     let error: Value =
         serde_json::from_str(said.err.lines().last().expect("a line")).expect("JSON");
     assert_eq!(

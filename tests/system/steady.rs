@@ -5,9 +5,7 @@ use std::path::Path;
 
 use runtime::{ControlPage, Manifest, RunDir};
 
-use crate::command::{
-    Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, skipped, until,
-};
+use crate::command::{Desk, children_of_run, interrupt, run_of, skipped, until};
 
 /// Ticks over which calls are counted.
 const TICKS: u64 = 300;
@@ -106,20 +104,10 @@ fn calls(pid: libc::pid_t, ticks: impl Fn() -> u64) -> Option<BTreeMap<u64, u64>
 
 fn in_the_steady_state(mode: &str, judge: impl Fn(&str, &BTreeMap<u64, u64>)) {
     let desk = Desk::new();
-    let child = desk.start(&[
-        "run",
-        "--mode",
-        mode,
-        "--set",
-        "segment.1.duration_s=500",
-        "--no-record",
-        "--json",
-    ]);
-    until("five processes", || children_of_run(child.id()).len() == 5);
-    let name = in_shared_memory(child.id())
-        .into_iter()
-        .find(|name| !name.contains('.'))
-        .unwrap();
+    let child = desk.begin(&format!(
+        "run --mode {mode} --set segment.1.duration_s=500 --no-record --json"
+    ));
+    let name = run_of(child.id()).unwrap();
     let run = RunDir::open(&Path::new("/dev/shm").join(name)).unwrap();
     let (manifest, control_page) = (
         Manifest::read(&run).unwrap(),
@@ -141,9 +129,7 @@ fn in_the_steady_state(mode: &str, judge: impl Fn(&str, &BTreeMap<u64, u64>)) {
             )),
         }
     }
-    // SAFETY: a plain signal to a child of ours.
-    unsafe { libc::kill(child.id().cast_signed(), libc::SIGINT) };
-    assert_nothing_left(finish(child).launcher);
+    interrupt(child);
 }
 
 /// Waits of a tick, in each of which a process gives its core away once: for each input, and for its turn to begin a tick.

@@ -39,10 +39,9 @@ fn tables(folder: &Path) -> BTreeMap<String, Vec<u8>> {
         .collect()
 }
 
-fn report(desk: &Desk, args: &[&str]) -> Value {
-    let said = desk.armplane(&[&["sweep", "report"], args, &["--json"]].concat());
-    assert_eq!(said.code, 0, "{}", said.err);
-    serde_json::from_str(&said.out).expect("the report is JSON")
+fn report(desk: &Desk, args: &str) -> Value {
+    let said = desk.succeeds(&format!("sweep report {args} --json"));
+    said.json()
 }
 
 /// Gains, masses, noise, start, laws, an analysis by number, a faulty sensor: drawn at random, and run in five processes too.
@@ -118,11 +117,10 @@ fn a_steered_session_is_swept_and_has_the_bytes_of_five_processes() {
     let file =
         "name = \"steered\"\nscenario = \"servo-hostile\"\n[[key]]\nkey = \"seed\"\nvalues = [3]\n";
     desk.file("steered.toml", file);
-    let said = desk.armplane(&["sweep", "steered.toml"]);
-    assert_eq!(said.code, 0, "{}", said.err);
-    let report = report(&desk, &["runs/steered", "--worst", "1"]);
+    desk.succeeds("sweep steered.toml");
+    let report = report(&desk, "runs/steered --worst 1");
     let run = &report["worst"][0];
-    let summary = desk.run(&["servo-hostile", "--seed", "3", "--out", "r"]);
+    let summary = desk.run("servo-hostile --seed 3 --out r");
     assert_eq!(
         (&run["outcome"], &run["hashes"]["torque"]),
         (&summary["outcome"], &summary["topics"]["torque"]["hash"]),
@@ -145,26 +143,21 @@ fn targets_that_have_changed_are_not_those_of_the_sweep() {
     let file = "name = \"s\"\nscenario = \"steered.toml\"\npartition = 1\n[[key]]\nkey = \"seed\"\nvalues = [1, 2]\n";
     desk.file("s.toml", file);
     targets(100);
-    let sweep = |args: &[&str]| desk.armplane(&[&["sweep"], args].concat());
-    let said = sweep(&["s.toml", "--shard", "1/2", "--out", "one"]);
-    assert_eq!(said.code, 0, "{}", said.err);
+    desk.succeeds("sweep s.toml --shard 1/2 --out one");
     targets(50);
-    let said = sweep(&["s.toml", "--shard", "1/2", "--out", "one"]);
-    assert!(
-        said.code == 2 && said.err.contains("another fingerprint"),
-        "{}",
-        said.err
+    desk.refuses(
+        2,
+        "sweep s.toml --shard 1/2 --out one",
+        &["another fingerprint"],
     );
-    let said = sweep(&["s.toml", "--shard", "2/2", "--out", "two"]);
-    assert_eq!(said.code, 0, "{}", said.err);
-    let said = sweep(&["--merge", "one", "two", "--out", "whole"]);
-    assert!(
-        said.code == 2 && said.err.contains("another fingerprint"),
-        "{}",
-        said.err
+    desk.succeeds("sweep s.toml --shard 2/2 --out two");
+    desk.refuses(
+        2,
+        "sweep --merge one two --out whole",
+        &["another fingerprint"],
     );
     targets(100);
-    let said = sweep(&["s.toml", "--shard", "1/2", "--out", "one", "--json"]);
+    let said = desk.armplane("sweep s.toml --shard 1/2 --out one --json");
     assert!(
         said.code == 0 && said.out.contains("\"found\":1"),
         "{}{}",
@@ -179,13 +172,10 @@ fn targets_that_have_changed_are_not_those_of_the_sweep() {
             "\"servo.input\"\nvalues = [\"targets.csv\", \"nowhere.csv\"]",
         ),
     );
-    let said = sweep(&["s.toml", "--out", "three"]);
-    assert!(
-        said.code == 2
-            && said.err.contains("s.toml:6: there is no file ")
-            && said.err.contains("nowhere.csv: give the path"),
-        "{}",
-        said.err
+    desk.refuses(
+        2,
+        "sweep s.toml --out three",
+        &["s.toml:6: there is no file ", "nowhere.csv: give the path"],
     );
 }
 
@@ -199,7 +189,7 @@ fn runs_that_come_to_nothing_are_in_the_exit_code() {
         "some",
         "[[key]]\nkey = \"start.q_deg.1\"\nfrom = -500\nto = -60\nsteps = 2\n",
     );
-    let said = desk.armplane(&["sweep", "some.toml"]);
+    let said = desk.armplane("sweep some.toml");
     assert!(
         said.code == 0 && said.out.contains("refused    1 of 2 runs, for example: "),
         "{}{}",
@@ -211,12 +201,9 @@ fn runs_that_come_to_nothing_are_in_the_exit_code() {
         "listed",
         "[[key]]\nkey = \"start.q_deg.1\"\nvalues = [-500, -60]\n",
     );
-    let said = desk.armplane(&["sweep", "listed.toml", "--json"]);
+    let said = desk.armplane("sweep listed.toml --json");
     let error: Value = serde_json::from_str(&said.err).unwrap();
-    let (done, sentence): (Value, _) = (
-        serde_json::from_str(&said.out).unwrap(),
-        error["error"]["message"].as_str().unwrap(),
-    );
+    let (done, sentence): (Value, _) = (said.json(), error["error"]["message"].as_str().unwrap());
     assert_eq!(
         (
             said.code,
@@ -237,7 +224,7 @@ fn runs_that_come_to_nothing_are_in_the_exit_code() {
         "the table is there"
     );
     assert_eq!(
-        desk.armplane(&["sweep", "listed.toml"]).code,
+        desk.armplane("sweep listed.toml").code,
         1,
         "the same again, from the table"
     );
@@ -245,7 +232,7 @@ fn runs_that_come_to_nothing_are_in_the_exit_code() {
         "none",
         "[[key]]\nkey = \"start.q_deg.1\"\nfrom = -500\nto = -490\nsteps = 2\n",
     );
-    let said = desk.armplane(&["sweep", "none.toml"]);
+    let said = desk.armplane("sweep none.toml");
     assert!(
         said.code == 1 && said.err.contains("no run of 2 has a result: "),
         "{}",
@@ -270,14 +257,10 @@ fn runs_that_come_to_nothing_are_in_the_exit_code() {
         "fault",
         "[[key]]\nkey = \"fault.0.process\"\nvalues = [\"estimator\", \"nobody\"]\n",
     );
-    let said = desk.armplane(&["sweep", "fault.toml"]);
-    assert!(
-        said.code == 1
-            && said
-                .err
-                .contains("no run with fault.0.process = nobody has a result: "),
-        "{}",
-        said.err
+    desk.refuses(
+        1,
+        "sweep fault.toml",
+        &["no run with fault.0.process = nobody has a result: "],
     );
     // A shard is judged when all of them are put together.
     file(
@@ -285,7 +268,7 @@ fn runs_that_come_to_nothing_are_in_the_exit_code() {
         "partition = 1\n[[key]]\nkey = \"start.q_deg.1\"\nvalues = [-500, -60]\n",
     );
     for shard in ["1", "2"] {
-        let said = desk.armplane(&[
+        desk.succeeds(&[
             "sweep",
             "parts.toml",
             "--shard",
@@ -293,16 +276,11 @@ fn runs_that_come_to_nothing_are_in_the_exit_code() {
             "--out",
             shard,
         ]);
-        assert_eq!(said.code, 0, "{}", said.err);
     }
-    let said = desk.armplane(&["sweep", "--merge", "1", "2", "--out", "merged"]);
-    assert!(
-        said.code == 1
-            && said
-                .err
-                .contains("no run with start.q_deg.1 = -500 has a result: "),
-        "{}",
-        said.err
+    desk.refuses(
+        1,
+        "sweep --merge 1 2 --out merged",
+        &["no run with start.q_deg.1 = -500 has a result: "],
     );
 }
 
@@ -317,9 +295,8 @@ fn drawn_runs_are_those_of_five_processes(desk: &Desk, keys: &[(&str, &str)], co
         "drawn",
         &format!("{keys}[sample]\nruns = {count}\nseed = 5\n"),
     );
-    let said = desk.armplane(&["sweep", "drawn.toml"]);
-    assert_eq!(said.code, 0, "{}", said.err);
-    let report = report(desk, &["runs/drawn", "--worst", &count.to_string()]);
+    desk.succeeds("sweep drawn.toml");
+    let report = report(desk, &format!("runs/drawn --worst {count}"));
     let runs = report["worst"].as_array().unwrap();
     assert_eq!(runs.len(), count, "{report}");
     for run in runs {
@@ -369,11 +346,7 @@ fn a_sweep_that_is_killed_goes_on_and_its_table_is_that_of_one_piece() {
     let desk = desk();
     let keys = "partition = 5\n[[key]]\nkey = \"control.k_p\"\nfrom = 100\nto = 900\nsteps = 8\n[[key]]\nkey = \"seed\"\nfrom = 1\nto = 8\nsteps = 8\n";
     sweep_file(&desk, "killed", keys);
-    assert_eq!(
-        desk.armplane(&["sweep", "killed.toml", "--out", "whole"])
-            .code,
-        0
-    );
+    desk.succeeds("sweep killed.toml --out whole");
     let whole = tables(&desk.path().join("whole"));
     assert_eq!(whole.len(), 13);
     let finished = || {
@@ -386,7 +359,7 @@ fn a_sweep_that_is_killed_goes_on_and_its_table_is_that_of_one_piece() {
     };
     let (mut kills, mut seen) = (0, 0);
     for wanted in [1, 3, 6] {
-        let mut child = desk.start(&["sweep", "killed.toml", "--out", "out"]);
+        let mut child = desk.start("sweep killed.toml --out out");
         until("partitions to be complete", || {
             finished() >= wanted || child.try_wait().unwrap().is_some()
         });
@@ -396,21 +369,15 @@ fn a_sweep_that_is_killed_goes_on_and_its_table_is_that_of_one_piece() {
         seen = finished();
     }
     assert!(kills > 0, "none of the kills came in time");
-    let said = desk.armplane(&["sweep", "killed.toml", "--out", "out", "--json"]);
-    assert_eq!(said.code, 0, "{}", said.err);
-    let done: Value = serde_json::from_str(&said.out).unwrap();
+    let done = desk.json("sweep killed.toml --out out");
     assert_eq!(
         (&done["runs"], done["found"].as_u64()),
         (&64.into(), Some((5 * seen).min(64) as u64)),
         "no complete partition is repeated"
     );
     assert!(tables(&desk.path().join("out")) == whole, "the same files");
-    let said = desk.armplane(&["sweep", "killed.toml", "--out", "out", "--json"]);
-    assert_eq!(
-        serde_json::from_str::<Value>(&said.out).unwrap()["found"],
-        64,
-        "nothing is left to do"
-    );
+    let said = desk.armplane("sweep killed.toml --out out --json");
+    assert_eq!(said.json()["found"], 64, "nothing is left to do");
 }
 
 #[test]
@@ -421,9 +388,9 @@ fn shards_put_together_are_the_sweep_in_one_piece_and_gaps_and_overlaps_are_refu
         "grid",
         "partition = 2\n[[key]]\nkey = \"control.k_p\"\nfrom = 100\nto = 800\nsteps = 8\n",
     );
-    assert_eq!(desk.armplane(&["sweep", "grid.toml"]).code, 0);
+    desk.succeeds("sweep grid.toml");
     for shard in ["1", "2", "3"] {
-        let said = desk.armplane(&[
+        desk.succeeds(&[
             "sweep",
             "grid.toml",
             "--shard",
@@ -431,10 +398,9 @@ fn shards_put_together_are_the_sweep_in_one_piece_and_gaps_and_overlaps_are_refu
             "--out",
             &format!("shard-{shard}"),
         ]);
-        assert_eq!(said.code, 0, "{}", said.err);
     }
-    let refused = |args: &[&str], expected: &str| {
-        let said = desk.armplane(&[&["sweep", "--merge"], args, &["--out", "merged"]].concat());
+    let refused = |args: &str, expected: &str| {
+        let said = desk.armplane(&format!("sweep --merge {args} --out merged"));
         assert!(
             said.code == 2 && said.err.contains(expected) && said.err.lines().count() == 1,
             "{} {}",
@@ -444,14 +410,11 @@ fn shards_put_together_are_the_sweep_in_one_piece_and_gaps_and_overlaps_are_refu
         assert!(!desk.path().join("merged").exists());
     };
     refused(
-        &["shard-1", "shard-3"],
+        "shard-1 shard-3",
         "2 of 8 runs are missing, the first of them is 2",
     );
-    refused(
-        &["shard-1", "shard-2", "shard-3", "shard-2"],
-        "runs 2 to 3 are in both",
-    );
-    refused(&["shard-1", "short.toml"], "no sweep.json");
+    refused("shard-1 shard-2 shard-3 shard-2", "runs 2 to 3 are in both");
+    refused("shard-1 short.toml", "no sweep.json");
     let manifest = desk.path().join("shard-2/sweep.json");
     let text = std::fs::read_to_string(&manifest).unwrap();
     let program = serde_json::from_str::<Value>(&text).unwrap()["program"]
@@ -459,19 +422,11 @@ fn shards_put_together_are_the_sweep_in_one_piece_and_gaps_and_overlaps_are_refu
         .unwrap()
         .to_owned();
     std::fs::write(&manifest, text.replace(&program, "0123456789abcdef")).unwrap();
-    refused(&["shard-1", "shard-2", "shard-3"], "checksum");
+    refused("shard-1 shard-2 shard-3", "checksum");
     std::fs::write(&manifest, &text).unwrap();
-    let said = desk.armplane(&[
-        "sweep", "--merge", "shard-3", "shard-1", "shard-2", "--out", "merged",
-    ]);
-    assert_eq!(said.code, 0, "{}", said.err);
+    desk.succeeds("sweep --merge shard-3 shard-1 shard-2 --out merged");
     assert!(tables(&desk.path().join("merged")) == tables(&desk.path().join("runs/grid")));
-    let said = desk.armplane(&["sweep", "grid.toml", "--shard", "1/9"]);
-    assert!(
-        said.code == 2 && said.err.contains("at most 4"),
-        "{}",
-        said.err
-    );
+    desk.refuses(2, "sweep grid.toml --shard 1/9", &["at most 4"]);
 }
 
 #[test]
@@ -479,7 +434,7 @@ fn a_sweep_that_cannot_be_is_refused_in_a_sentence() {
     let desk = desk();
     let refused = |more: &str, expected: &str| {
         sweep_file(&desk, "bad", more);
-        let said = desk.armplane(&["sweep", "bad.toml"]);
+        let said = desk.armplane("sweep bad.toml");
         assert!(
             said.code == 2 && said.err.contains(expected),
             "{} {}",
@@ -557,37 +512,21 @@ fn a_sweep_that_cannot_be_is_refused_in_a_sentence() {
         )
     };
     grid("[100, 200]");
-    assert_eq!(desk.armplane(&["sweep", "grid.toml"]).code, 0);
+    desk.succeeds("sweep grid.toml");
     grid("[100, 300]");
-    let said = desk.armplane(&["sweep", "grid.toml"]);
-    assert!(
-        said.code == 2 && said.err.contains("another fingerprint"),
-        "{}",
-        said.err
-    );
+    desk.refuses(2, "sweep grid.toml", &["another fingerprint"]);
     sweep_file(
         &desk,
         "other",
         "[[key]]\nkey = \"control.k_p\"\nvalues = [100]\n",
     );
-    let said = desk.armplane(&["sweep", "other.toml", "--out", "runs/grid"]);
-    assert!(
-        said.code == 2 && said.err.contains("another name: grid"),
-        "{}",
-        said.err
+    desk.refuses(
+        2,
+        "sweep other.toml --out runs/grid",
+        &["another name: grid"],
     );
-    let said = desk.armplane(&["sweep", "report", "runs/grid", "--by", "reason"]);
-    assert!(
-        said.code == 2 && said.err.contains("has no numbers"),
-        "{}",
-        said.err
-    );
-    let said = desk.armplane(&["sweep", "report", "."]);
-    assert!(
-        said.code == 2 && said.err.contains("no sweep.json"),
-        "{}",
-        said.err
-    );
+    desk.refuses(2, "sweep report runs/grid --by reason", &["has no numbers"]);
+    desk.refuses(2, "sweep report .", &["no sweep.json"]);
 }
 
 #[test]
@@ -598,9 +537,9 @@ fn nothing_is_written_through_a_link_and_damaged_results_are_refused_with_a_reme
         "grid",
         "partition = 4\n[[key]]\nkey = \"control.k_p\"\nfrom = 100\nto = 800\nsteps = 8\n",
     );
-    assert_eq!(desk.armplane(&["sweep", "grid.toml", "--out", "g"]).code, 0);
+    desk.succeeds("sweep grid.toml --out g");
     let folder = desk.path().join("g");
-    let refused = |args: &[&str], words: &str| {
+    let refused = |args: &str, words: &str| {
         let said = desk.armplane(args);
         assert!(
             said.code == 2 && said.err.contains(words) && said.err.lines().count() == 1,
@@ -624,9 +563,9 @@ fn nothing_is_written_through_a_link_and_damaged_results_are_refused_with_a_reme
     ] {
         std::fs::write(&part, bytes).unwrap();
         for args in [
-            &["sweep", "grid.toml", "--out", "g"][..],
-            &["sweep", "report", "g"],
-            &["sweep", "--merge", "g", "--out", "m"],
+            "sweep grid.toml --out g",
+            "sweep report g",
+            "sweep --merge g --out m",
         ] {
             refused(args, name);
         }
@@ -634,12 +573,12 @@ fn nothing_is_written_through_a_link_and_damaged_results_are_refused_with_a_reme
     std::fs::remove_file(&part).unwrap();
     let elsewhere = desk.file("elsewhere", "mine");
     std::os::unix::fs::symlink(&elsewhere, &part).unwrap();
-    refused(&["sweep", "grid.toml", "--out", "g"], name);
+    refused("sweep grid.toml --out g", name);
     std::fs::remove_file(&part).unwrap();
     std::fs::remove_dir_all(folder.join("runs")).unwrap();
     std::fs::create_dir(desk.path().join("other")).unwrap();
     std::os::unix::fs::symlink(desk.path().join("other"), folder.join("runs")).unwrap();
-    refused(&["sweep", "grid.toml", "--out", "g"], "g/runs");
+    refused("sweep grid.toml --out g", "g/runs");
     assert!(
         std::fs::read_dir(desk.path().join("other"))
             .unwrap()
@@ -649,11 +588,7 @@ fn nothing_is_written_through_a_link_and_damaged_results_are_refused_with_a_reme
     );
     assert_eq!(std::fs::read_to_string(elsewhere).unwrap(), "mine");
     std::fs::remove_file(folder.join("runs")).unwrap();
-    assert_eq!(
-        desk.armplane(&["sweep", "grid.toml", "--out", "g"]).code,
-        0,
-        "what is gone is computed again"
-    );
+    desk.succeeds("sweep grid.toml --out g");
     std::fs::write(folder.join("sweep.json"), "{").unwrap();
-    refused(&["sweep", "report", "g"], "sweep.json");
+    refused("sweep report g", "sweep.json");
 }

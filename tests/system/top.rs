@@ -4,29 +4,17 @@ use std::process::Command;
 
 use serde_json::Value;
 
-use crate::command::{Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, until};
+use crate::command::{Desk, assert_nothing_left, children_of_run, finish, run_of, until};
 
 #[test]
 fn a_run_is_seen_from_outside() {
     let desk = Desk::new();
-    let run = desk.start(&[
-        "run",
-        "--set",
-        "segment.1.duration_s=500",
-        "--no-record",
-        "--json",
-    ]);
-    until("five processes", || children_of_run(run.id()).len() == 5);
-    let directory = || {
-        in_shared_memory(run.id())
-            .into_iter()
-            .find(|name| !name.contains('.'))
-    };
+    let run = desk.begin("run --set segment.1.duration_s=500 --no-record --json");
+    let directory = || run_of(run.id());
     let name = directory().unwrap();
     let look = || {
-        let said = desk.armplane(&["top", "--run", &name, "--once", "--json"]);
-        assert_eq!(said.code, 0, "{}", said.err);
-        serde_json::from_str::<Value>(&said.out).unwrap()
+        let said = desk.succeeds(&format!("top --run {name} --once --json"));
+        said.json()
     };
     let ticks = |seen: &Value| seen["processes"][0]["ticks"].as_u64().unwrap();
     until("the first tick", || ticks(&look()) > 0);
@@ -98,7 +86,7 @@ fn a_run_is_seen_from_outside() {
     let said = finish(run);
     assert_nothing_left(said.launcher);
     assert_eq!(
-        desk.armplane(&["top", "--run", &name, "--once"]).code,
+        desk.armplane(&format!("top --run {name} --once")).code,
         2,
         "it is gone"
     );
@@ -107,23 +95,11 @@ fn a_run_is_seen_from_outside() {
 #[test]
 fn being_watched_changes_no_byte() {
     let desk = Desk::new();
-    let args = [
-        "run",
-        "--seed",
-        "21",
-        "--set",
-        "segment.1.duration_s=20",
-        "--no-record",
-        "--json",
-    ];
-    let alone: Value = serde_json::from_str(&desk.armplane(&args).out).unwrap();
-    let run = desk.start(&args);
-    until("five processes", || children_of_run(run.id()).len() == 5);
-    let name = in_shared_memory(run.id())
-        .into_iter()
-        .find(|name| !name.contains('.'))
-        .unwrap();
-    let watcher = desk.start(&["top", "--run", &name, "--every-ms", "10", "--json"]);
+    let args = "run --seed 21 --set segment.1.duration_s=20 --no-record --json";
+    let alone = desk.armplane(args).json();
+    let run = desk.begin(args);
+    let name = run_of(run.id()).unwrap();
+    let watcher = desk.start(&format!("top --run {name} --every-ms 10 --json"));
     let watched = finish(run);
     let seen = finish(watcher);
     assert!(
@@ -137,6 +113,6 @@ fn being_watched_changes_no_byte() {
         last["processes"][0]["ticks"].as_u64().unwrap() > 0,
         "{last}"
     );
-    let watched: Value = serde_json::from_str(&watched.out).unwrap();
+    let watched = watched.json();
     assert_eq!(watched["topics"], alone["topics"]);
 }

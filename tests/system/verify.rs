@@ -29,27 +29,23 @@ probability = 0.5
 /// One thread has no recorder.
 const RECORDER: &str = "[[fault]]\nprocess = \"recorder\"\nkind = \"kill\"\nat_tick = 500\n";
 
-fn verify(args: &[&str]) -> (i32, Value) {
+fn verify(args: &str) -> (i32, Value) {
     let desk = Desk::new();
     desk.file("faults.toml", FAULTS);
     desk.file("recorder.toml", &[FAULTS, RECORDER].concat());
-    let said = desk.armplane(&[&["verify", "--json"], args].concat());
+    let said = desk.armplane(&format!("verify --json {args}"));
     assert_nothing_left(said.launcher);
     assert_eq!(
         std::fs::read_dir(desk.path()).unwrap().count(),
         2,
         "verify left something in the folder"
     );
-    (
-        said.code,
-        serde_json::from_str(&said.out)
-            .unwrap_or_else(|error| panic!("{error}: {}{}", said.out, said.err)),
-    )
+    (said.code, said.json())
 }
 
 #[test]
 fn no_circumstance_changes_a_byte() {
-    let (code, json) = verify(&["--runs", "6", "--seed", "11"]);
+    let (code, json) = verify("--runs 6 --seed 11");
     assert_eq!(
         (code, &json["identical"], &json["difference"]),
         (0, &true.into(), &Value::Null),
@@ -80,7 +76,7 @@ fn no_circumstance_changes_a_byte() {
 
 #[test]
 fn a_process_that_is_not_in_order_is_caught_with_tick_topic_and_field() {
-    let (code, json) = verify(&["--runs", "2", "--unordered"]);
+    let (code, json) = verify("--runs 2 --unordered");
     assert_eq!((code, &json["identical"]), (1, &false.into()), "{json}");
     let difference = &json["difference"];
     assert!(
@@ -107,7 +103,7 @@ fn a_process_that_is_not_in_order_is_caught_with_tick_topic_and_field() {
 
 #[test]
 fn runs_with_faults_are_compared_with_one_thread() {
-    let (code, json) = verify(&["faults.toml", "--runs", "2"]);
+    let (code, json) = verify("faults.toml --runs 2");
     assert_eq!(
         (code, &json["identical"], &json["difference"]),
         (0, &true.into(), &Value::Null),
@@ -129,7 +125,7 @@ fn runs_with_faults_are_compared_with_one_thread() {
 
 #[test]
 fn runs_with_faults_that_one_thread_cannot_have_are_compared_with_each_other_and_that_is_said() {
-    let (code, json) = verify(&["recorder.toml", "--runs", "3"]);
+    let (code, json) = verify("recorder.toml --runs 3");
     assert_eq!(
         (code, &json["identical"], &json["difference"]),
         (0, &true.into(), &Value::Null),
@@ -151,24 +147,19 @@ fn runs_with_faults_that_one_thread_cannot_have_are_compared_with_each_other_and
     );
     let desk = Desk::new();
     desk.file("recorder.toml", &[FAULTS, RECORDER].concat());
-    let said = desk.armplane(&["verify", "recorder.toml", "--runs", "2"]);
+    let said = desk.armplane("verify recorder.toml --runs 2");
     assert!(
         said.code == 0 && said.out.contains("run 1 is the reference of the others"),
         "{}{}",
         said.out,
         said.err
     );
-    let said = desk.armplane(&["verify", "recorder.toml", "--runs", "1"]);
-    assert!(
-        said.code == 2 && said.err.contains("at least --runs 2"),
-        "{}",
-        said.err
-    );
+    desk.refuses(2, "verify recorder.toml --runs 1", &["at least --runs 2"]);
 }
 
 #[test]
 fn the_first_difference_between_runs_with_faults_is_found_too() {
-    let (code, json) = verify(&["recorder.toml", "--runs", "3", "--unordered"]);
+    let (code, json) = verify("recorder.toml --runs 3 --unordered");
     assert_eq!(
         (code, &json["identical"], &json["reference_run"]),
         (1, &false.into(), &1.into()),
@@ -196,8 +187,8 @@ fn a_budget_that_deaths_spend_is_the_end_on_one_thread_too() {
         .collect();
     let task = FAULTS.split("[[fault]]").next().unwrap();
     desk.file("spent.toml", &[task, &deaths].concat());
-    let said = desk.armplane(&["verify", "spent.toml", "--runs", "1", "--json"]);
-    let json: Value = serde_json::from_str(&said.out).unwrap();
+    let said = desk.armplane("verify spent.toml --runs 1 --json");
+    let json = said.json();
     assert!(
         json["runs"][0]["failure"]
             .as_str()
@@ -218,9 +209,8 @@ fn an_end_that_a_fault_plans_is_the_end_of_every_run() {
         "end.toml",
         &FAULTS.replace("process = \"controller\"", "process = \"plant\""),
     );
-    let said = desk.armplane(&["verify", "end.toml", "--runs", "2", "--json"]);
-    let json: Value = serde_json::from_str(&said.out).unwrap();
-    assert_eq!((said.code, &json["identical"]), (0, &true.into()), "{json}");
+    let json = desk.json("verify end.toml --runs 2");
+    assert_eq!(json["identical"], true, "{json}");
     assert!(
         json["runs"][1]["failure"]
             .as_str()

@@ -8,8 +8,7 @@ use crate::command::{Desk, skipped};
 use crate::exchange::{has_python, root};
 
 pub(crate) fn wire(desk: &Desk, lang: &str) -> String {
-    let said = desk.armplane(&["generate", "wire", "--lang", lang]);
-    assert_eq!(said.code, 0, "{}", said.err);
+    let said = desk.succeeds(&format!("generate wire --lang {lang}"));
     said.out
 }
 
