@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use crate::command::{Desk, skipped};
-use crate::exchange::{has_python, root};
+use crate::exchange::{has_python, lacks, root};
 
 const SHORT: [&str; 6] = [
     "--set",
@@ -42,8 +42,8 @@ fn export(desk: &Desk, format: &str) {
 
 #[test]
 fn tables_have_units_and_what_researchers_ask_for() {
-    if !has_python("numpy, pyarrow") {
-        return skipped("python3 has no numpy and pyarrow, or there is none");
+    if lacks("numpy, pyarrow") {
+        return;
     }
     let desk = Desk::new();
     desk.run(&SHORT);
@@ -193,8 +193,8 @@ fn rerun() -> Option<PathBuf> {
 
 #[test]
 fn a_recording_of_several_parts_reads_as_one() {
-    if !has_python("rerun.server, pandas, datafusion") {
-        return skipped("python3 has no rerun-sdk[dataplatform] and pandas, or there is none");
+    if lacks("rerun.server, pandas, datafusion") {
+        return;
     }
     let desk = Desk::new();
     // Parts by length, and a recorder that is killed.

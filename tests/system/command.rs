@@ -55,7 +55,8 @@ impl Desk {
         serde_json::from_str(&self.read(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
     }
 
-    pub(crate) fn start(&self, args: impl Args) -> Child {
+    /// `armplane` in this folder, with its output in pipes.
+    pub(crate) fn command(&self, args: impl Args) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_armplane"));
         command
             .args(args.words())
@@ -74,7 +75,11 @@ impl Desk {
                 Ok(())
             });
         }
-        command.spawn().expect("armplane starts")
+        command
+    }
+
+    pub(crate) fn start(&self, args: impl Args) -> Child {
+        self.command(args).spawn().expect("armplane starts")
     }
 
     /// Starts a run and waits for its first tick.

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::command::Desk;
+use crate::command::{Desk, finish};
 
 fn hashes(summary: &Value) -> Value {
     summary["topics"].clone()
@@ -25,13 +25,10 @@ fn the_same_seed_gives_the_same_bytes_and_another_seed_others() {
 fn the_features_of_the_processor_change_no_byte() {
     let desk = Desk::new();
     let run = |masked: &str| {
-        let ran = std::process::Command::new(env!("CARGO_BIN_EXE_armplane"))
-            .args(["run", "ur5-wrist", "--no-record", "--json", "--out", "run"])
-            .env("GLIBC_TUNABLES", format!("glibc.cpu.hwcaps={masked}"))
-            .current_dir(desk.path())
-            .output()
-            .unwrap();
-        hashes(&serde_json::from_slice(&ran.stdout).unwrap())
+        let mut command = desk.command("run ur5-wrist --no-record --json --out run");
+        command.env("GLIBC_TUNABLES", format!("glibc.cpu.hwcaps={masked}"));
+        let ran = finish(command.spawn().expect("armplane starts"));
+        hashes(&ran.json())
     };
     let all = run("");
     for masked in ["-AVX512F,-AVX512VL", "-AVX2,-FMA,-AVX2_Usable,-FMA_Usable"] {

@@ -28,18 +28,21 @@ pub(crate) fn has_python(modules: &str) -> bool {
         .is_ok_and(|status| status.success())
 }
 
+/// Reports that a test is skipped where Python is not there with these modules.
+pub(crate) fn lacks(modules: &str) -> bool {
+    let lacks = !has_python(modules);
+    if lacks {
+        skipped(format!("there is no python3 with [{modules}]"));
+    }
+    lacks
+}
+
 /// `armplane` with the Python package of the repository in the path of its programs.
 pub(crate) fn armplane(desk: &Desk, args: impl Args) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_armplane"));
+    let mut command = desk.command(args);
     command
-        .args(args.words())
-        .current_dir(desk.path())
         .env("PYTHONPATH", root().join("python"))
         .env("PYTHONDONTWRITEBYTECODE", "1");
-    command
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped());
     command
 }
 
@@ -167,8 +170,8 @@ pub(crate) fn scenario(desk: &Desk, faults: &str) -> PathBuf {
 
 #[test]
 fn a_process_in_python_is_as_deterministic_as_ours_faults_included() {
-    if !has_python("") {
-        return skipped("there is no python3");
+    if lacks("") {
+        return;
     }
     let desk = Desk::new();
     let faults = "\n[[fault]]\nprocess = \"estimator\"\nkind = \"kill\"\nat_tick = 150\nfor_ticks = 2\n\
@@ -213,8 +216,8 @@ fn a_process_in_python_is_as_deterministic_as_ours_faults_included() {
 
 #[test]
 fn bad_programs_are_named_in_the_log_and_among_the_faults() {
-    if !has_python("") {
-        return skipped("there is no python3");
+    if lacks("") {
+        return;
     }
     let cases = [
         ("dies", "ended with exit code 7 at tick 200"),
@@ -287,8 +290,8 @@ fn bad_programs_are_named_in_the_log_and_among_the_faults() {
 
 #[test]
 fn the_graph_decides_whether_a_bad_program_is_started_again() {
-    if !has_python("") {
-        return skipped("there is no python3");
+    if lacks("") {
+        return;
     }
     let desk = Desk::new();
     estimator(&desk, "dies", "always", "");
@@ -331,8 +334,8 @@ fn killed_first(how: &str, then: &str) -> String {
 
 #[test]
 fn a_program_that_is_killed_before_it_joins_is_replaced() {
-    if !has_python("") {
-        return skipped("there is no python3");
+    if lacks("") {
+        return;
     }
     // By a signal; and in a shell that gives the signal as its exit code.
     for how in [
@@ -494,8 +497,8 @@ fn a_full_volume_is_refused_where_it_would_have_no_effect() {
 
 #[test]
 fn an_external_program_is_awaited() {
-    if !has_python("") {
-        return skipped("there is no python3");
+    if lacks("") {
+        return;
     }
     let desk = Desk::new();
     let program = desk.file("estimator.py", ESTIMATOR);
@@ -530,8 +533,8 @@ fn an_external_program_is_awaited() {
 
 #[test]
 fn an_observer_in_python_sees_every_tick() {
-    if !has_python("") {
-        return skipped("there is no python3");
+    if lacks("") {
+        return;
     }
     let desk = Desk::new();
     let watch = "import armplane\nclass W(armplane.Observer):\n    n = 0\n    def see(self, tick, plant_state=None, torque=None):\n        \

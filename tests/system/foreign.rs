@@ -8,7 +8,7 @@ use shared_types::PlantState;
 
 use crate::clients::python;
 use crate::command::{Desk, assert_nothing_left, finish, run_of, skipped, until};
-use crate::exchange::{armplane, has_python, root, run, scenario};
+use crate::exchange::{armplane, lacks, root, run, scenario};
 use crate::wire::wire;
 
 #[test]
@@ -68,11 +68,6 @@ const MUJOCO: &str = "mujoco, numpy";
 const TABLES: &str = "numpy, pandas, pyarrow, mcap";
 const TOPICS: &str = "iceoryx2";
 
-/// Why a test with such an example is skipped.
-fn lacking(modules: &str) -> String {
-    format!("python3 lacks one of {modules}, or there is none")
-}
-
 /// The largest difference between the true joint positions of two runs; rad.
 fn furthest_apart(one: &Path, other: &Path) -> f64 {
     let states = |folder: &Path| {
@@ -100,8 +95,8 @@ fn furthest_apart(one: &Path, other: &Path) -> f64 {
 
 #[test]
 fn mujoco_is_the_plant_of_figure_5() {
-    if !has_python(MUJOCO) {
-        return skipped(lacking(MUJOCO));
+    if lacks(MUJOCO) {
+        return;
     }
     let desk = Desk::new();
     let graph = root()
@@ -126,8 +121,8 @@ fn mujoco_is_the_plant_of_figure_5() {
 
 #[test]
 fn a_controller_in_python_follows_a_line() {
-    if !has_python(MUJOCO) {
-        return skipped(lacking(MUJOCO));
+    if lacks(MUJOCO) {
+        return;
     }
     let desk = Desk::new();
     let scenario = root()
@@ -146,8 +141,8 @@ fn a_controller_in_python_follows_a_line() {
 
 #[test]
 fn results_are_read_in_python() {
-    if !has_python(TABLES) {
-        return skipped(lacking(TABLES));
+    if lacks(TABLES) {
+        return;
     }
     let desk = Desk::new();
     let short = scenario(&desk, "");
@@ -165,8 +160,8 @@ fn results_are_read_in_python() {
 
 #[test]
 fn a_run_is_listened_to_from_outside() {
-    if !has_python(TOPICS) {
-        return skipped(lacking(TOPICS));
+    if lacks(TOPICS) {
+        return;
     }
     let desk = Desk::new();
     let launcher = armplane(

@@ -3,7 +3,7 @@
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Command;
 
 use serde_json::Value;
 
@@ -17,21 +17,8 @@ const SHORT: &str = "name = \"short\"\nrobot = \"puma560\"\nsettle_s = 0.1\n[sta
 const MIB: u64 = 1 << 20;
 
 /// A run under one limit, as another user where root is exempt from it.
-fn run_within(
-    desk: &Desk,
-    resource: libc::__rlimit_resource_t,
-    limit: u64,
-    options: &[&str],
-) -> Said {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_armplane"));
-    command
-        .args(["run", "short.toml", "--out", "r"])
-        .args(options)
-        .current_dir(desk.path());
-    command
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped());
+fn run_within(desk: &Desk, resource: libc::__rlimit_resource_t, limit: u64, options: &str) -> Said {
+    let mut command = desk.command(&format!("run short.toml --out r {options}"));
     if resource == libc::RLIMIT_NPROC && is_root() {
         command.uid(65534).gid(65534);
     }
@@ -54,7 +41,7 @@ fn run_within(
 
 /// Whether a run under a limit went to its end; otherwise it was refused, before it made anything, in a sentence with this option of `ulimit`.
 fn ends(desk: &Desk, resource: libc::__rlimit_resource_t, option: &str, limit: u64) -> bool {
-    let said = run_within(desk, resource, limit, &[]);
+    let said = run_within(desk, resource, limit, "");
     let case = format!(
         "ulimit {option}, limit {limit}: exit code {}: {}",
         said.code, said.err
@@ -97,7 +84,7 @@ fn each_limit_of_the_shell_is_enough_or_is_named_with_its_value_and_the_remedy()
     desk.file("short.toml", SHORT);
     std::fs::set_permissions(desk.path(), std::fs::Permissions::from_mode(0o777))
         .expect("the folder is ours");
-    let said = run_within(&desk, libc::RLIMIT_AS, 96 * MIB, &["--json"]);
+    let said = run_within(&desk, libc::RLIMIT_AS, 96 * MIB, "--json");
     let error: Value =
         serde_json::from_str(&said.err).unwrap_or_else(|error| panic!("{error}: {}", said.err));
     assert!(

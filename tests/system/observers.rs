@@ -2,8 +2,8 @@
 
 use std::io::{BufRead, BufReader};
 
-use crate::command::{Desk, assert_nothing_left, finish, skipped};
-use crate::exchange::{armplane, has_python, programs_of, run, scenario};
+use crate::command::{Desk, assert_nothing_left, finish};
+use crate::exchange::{armplane, lacks, programs_of, run, scenario};
 use crate::life::signal;
 
 /// An observer that at tick 100 does this.
@@ -17,8 +17,8 @@ fn watch(desk: &Desk, at_100: &str) {
 
 #[test]
 fn the_end_of_an_observer_has_one_tick() {
-    if !has_python("") {
-        return skipped("there is no python3");
+    if lacks("") {
+        return;
     }
     for (at_100, kind) in [
         ("os.kill(os.getpid(), 9)", "exit"),
@@ -46,8 +46,8 @@ fn the_end_of_an_observer_has_one_tick() {
 
 #[test]
 fn a_program_that_hangs_ends_quietly_with_an_interrupted_run() {
-    if !has_python("") {
-        return skipped("there is no python3");
+    if lacks("") {
+        return;
     }
     let desk = Desk::new();
     watch(&desk, "print('hangs', flush=True); time.sleep(600)");

@@ -3,13 +3,13 @@
 use std::fs::File;
 use std::io::Write;
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
-use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::os::unix::process::ExitStatusExt;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use crate::command::{Desk, assert_nothing_left, pid_of, restarts, until};
+use crate::command::{Args, Desk, assert_nothing_left, pid_of, restarts, until};
 use crate::life::signal;
 use crate::patience::ticks;
 
@@ -63,22 +63,10 @@ impl Unread {
         while full.write(b".").is_ok() {}
     }
 
-    fn start(&self, desk: &Desk, args: &[&str]) -> Running {
+    fn start(&self, desk: &Desk, args: impl Args) -> Running {
         let output = || Stdio::from(self.output.try_clone().expect("a descriptor"));
-        let mut command = Command::new(env!("CARGO_BIN_EXE_armplane"));
-        command
-            .args(args)
-            .current_dir(desk.path())
-            .stdin(Stdio::null())
-            .stdout(output())
-            .stderr(output());
-        // SAFETY: signal(2) may be called between fork and exec.
-        unsafe {
-            command.pre_exec(|| {
-                libc::signal(libc::SIGINT, libc::SIG_DFL);
-                Ok(())
-            });
-        }
+        let mut command = desk.command(args);
+        command.stdout(output()).stderr(output());
         Running(command.spawn().expect("armplane starts"))
     }
 }
@@ -119,15 +107,7 @@ impl Drop for Running {
 fn goes_on(unread: fn() -> Unread, mode: &str, interrupts: u32) {
     let desk = Desk::new();
     let mut unread = unread();
-    let long = [
-        "run",
-        "--set",
-        "segment.1.duration_s=500",
-        "--out",
-        "results",
-        "--mode",
-        mode,
-    ];
+    let long = format!("run --set segment.1.duration_s=500 --out results --mode {mode}");
     let mut run = unread.start(&desk, &long);
     until("the first ticks", || ticks(&run.0) > 100);
     unread.stop();
@@ -176,8 +156,8 @@ fn a_stopped_terminal_and_a_full_pipe_stop_no_run() {
 fn a_run_on_a_stopped_terminal_ends_by_itself() {
     let desk = Desk::new();
     let mut unread = Unread::terminal();
-    let short = ["run", "--set", "segment.1.duration_s=3", "--out", "results"];
-    let mut run = unread.start(&desk, &short);
+    let short = "run --set segment.1.duration_s=3 --out results";
+    let mut run = unread.start(&desk, short);
     unread.stop();
     until("the end of the run", || {
         desk.path().join("results/summary.json").exists()

@@ -10,15 +10,9 @@ use crate::command::{Args, Desk, Said, assert_nothing_left, finish, skipped};
 impl Desk {
     /// `armplane` with another viewer.
     fn with_viewer(&self, viewer: &Path, args: impl Args) -> Said {
-        let child = Command::new(env!("CARGO_BIN_EXE_armplane"))
-            .args(args.words())
-            .env("ARMPLANE_RERUN", viewer)
-            .current_dir(self.path())
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn();
-        finish(child.expect("armplane starts"))
+        let mut command = self.command(args);
+        command.env("ARMPLANE_RERUN", viewer);
+        finish(command.spawn().expect("armplane starts"))
     }
 
     /// A script to be called as the viewer.
