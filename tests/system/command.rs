@@ -173,6 +173,32 @@ impl<T: AsRef<str>> Args for &Vec<T> {
     }
 }
 
+/// A part of the program's JSON whose kind is known.
+pub(crate) trait Known {
+    fn list(&self) -> &[Value];
+    fn count(&self) -> u64;
+    fn number(&self) -> f64;
+    fn text(&self) -> &str;
+}
+
+impl Known for Value {
+    fn list(&self) -> &[Value] {
+        self.as_array().unwrap_or_else(|| panic!("{self}"))
+    }
+
+    fn count(&self) -> u64 {
+        self.as_u64().unwrap_or_else(|| panic!("{self}"))
+    }
+
+    fn number(&self) -> f64 {
+        self.as_f64().unwrap_or_else(|| panic!("{self}"))
+    }
+
+    fn text(&self) -> &str {
+        self.as_str().unwrap_or_else(|| panic!("{self}"))
+    }
+}
+
 /// Waits for a command to end.
 pub(crate) fn finish(child: Child) -> Said {
     let launcher = child.id();

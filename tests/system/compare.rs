@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::command::Desk;
+use crate::command::{Desk, Known};
 
 fn assert_pictures(desk: &Desk, path: &str) {
     let file =
@@ -32,8 +32,7 @@ fn laws_are_compared_on_a_scenario_and_on_lines() {
         "{ours} {damped}"
     );
     assert!(
-        ours["orthogonal_max_mm"].as_f64().unwrap() < 0.1
-            && damped["orthogonal_max_mm"].as_f64().unwrap() > 1.0,
+        ours["orthogonal_max_mm"].number() < 0.1 && damped["orthogonal_max_mm"].number() > 1.0,
         "{ours} {damped}"
     );
     let sweep = &json["scenarios"][1]["laws"][0];
@@ -62,16 +61,15 @@ fn lines_through_exactly_singular_postures_of_an_arm_reach_their_goals() {
         desk.read_json("out/compare.json"),
         "said and saved alike"
     );
-    let lines = told["sweep"]["lines"].as_array().unwrap();
+    let lines = told["sweep"]["lines"].list();
     let names: Vec<_> = lines
         .iter()
-        .map(|line| line["singularities"].as_str().unwrap())
+        .map(|line| line["singularities"].text())
         .collect();
     assert_eq!(names, ["elbow", "wrist", "overhead"]);
     for line in lines {
         assert!(
-            line["outcome"] == "reached"
-                && line["score"]["speed_max_ratio"].as_f64().unwrap() <= 1.0,
+            line["outcome"] == "reached" && line["score"]["speed_max_ratio"].number() <= 1.0,
             "{line}"
         );
     }
@@ -125,7 +123,7 @@ fn the_papers_figures_are_drawn_with_their_numbers() {
         assert_pictures(&desk, &format!("out/{figure}"));
     }
     let numbers = desk.read_json("out/figures.json");
-    let number = |figure: &str, key: &str| numbers[figure][key].as_f64().unwrap();
+    let number = |figure: &str, key: &str| numbers[figure][key].number();
     let (pseudo, consistent) = (
         number("fig1", "tip_error_max_mm"),
         number("fig2", "tip_error_max_mm"),
@@ -143,7 +141,7 @@ fn the_papers_figures_are_drawn_with_their_numbers() {
         "force on the tip: {pushed} N, {still} N"
     );
     let swings = &numbers["fig2"]["joint_2_swings_deg"];
-    let [first, later] = [0, 1].map(|i| swings[i].as_f64().unwrap());
+    let [first, later] = [0, 1].map(|i| swings[i].number());
     assert!(first > 60.0 && later > 0.9 * first, "{swings}");
     assert_eq!(numbers["fig3"]["overhead"]["type_in_the_paper"], "type 2");
     for (lock, class) in [
@@ -153,7 +151,7 @@ fn the_papers_figures_are_drawn_with_their_numbers() {
     ] {
         let one = &numbers["fig3"][lock];
         assert!(
-            one["type"] == class && one["s"].as_f64().unwrap().abs() < 1e-3,
+            one["type"] == class && one["s"].number().abs() < 1e-3,
             "{lock}: {one}"
         );
     }

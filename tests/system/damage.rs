@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use message_log::{Contents, FILE as MESSAGES, Log, Writer};
 use serde_json::Value;
 
-use crate::command::{Desk, assert_nothing_left};
+use crate::command::{Desk, Known, assert_nothing_left};
 use crate::pipes::make_pipe;
 
 /// A short motion.
@@ -74,7 +74,7 @@ fn with_run() -> (Desk, PathBuf, Value) {
 #[test]
 fn recover_keeps_a_recording_that_holds_more_than_the_messages() {
     let (desk, run, summary) = with_run();
-    let rows = summary["recorder"]["rows"].as_u64().unwrap();
+    let rows = summary["recorder"]["rows"].count();
     let rr = |name: &str| std::fs::read(run.join(name)).unwrap();
     let (log, places) = in_blocks(&run);
     let recording = rr("run.rrd");
@@ -103,7 +103,7 @@ fn recover_keeps_a_recording_that_holds_more_than_the_messages() {
 #[test]
 fn messages_in_the_memory_of_a_killed_recorder_are_said_and_are_no_defect() {
     let (desk, run, summary) = with_run();
-    let rows = summary["recorder"]["rows"].as_u64().unwrap();
+    let rows = summary["recorder"]["rows"].count();
     let (file, places) = in_blocks(&run);
     std::fs::remove_file(run.join("summary.json")).unwrap();
     // Within the last block, where the recording has its rows.
@@ -111,10 +111,7 @@ fn messages_in_the_memory_of_a_killed_recorder_are_said_and_are_no_defect() {
     std::fs::write(run.join(MESSAGES), &file[..torn]).unwrap();
     let said = desk.armplane("recover r --json");
     let summary = said.json();
-    let (ticks, reason) = (
-        summary["ticks"].as_u64().unwrap(),
-        summary["reason"].as_str().unwrap(),
-    );
+    let (ticks, reason) = (summary["ticks"].count(), summary["reason"].text());
     assert_eq!(
         (said.code, &summary["recorder"]["error"]),
         (0, &"".into()),
@@ -202,8 +199,8 @@ fn recover_says_which_log_is_damaged_and_what_that_costs() {
     assert_eq!(said.code, 1);
     for topic in ["sensor", "torque"] {
         assert_eq!(
-            again["topics"][topic]["count"].as_u64().unwrap() + EACH,
-            whole["topics"][topic]["count"].as_u64().unwrap()
+            again["topics"][topic]["count"].count() + EACH,
+            whole["topics"][topic]["count"].count()
         );
     }
     for command in ["export r", "report r", "replay r --process estimator"] {
@@ -232,7 +229,7 @@ fn recover_says_which_log_is_damaged_and_what_that_costs() {
 fn blocks_that_are_missing_repeated_exchanged_or_of_another_run_are_named_by_each_command() {
     let (desk, run, whole) = with_run();
     desk.run("short.toml --out other");
-    let ticks = whole["ticks"].as_u64().unwrap();
+    let ticks = whole["ticks"].count();
     let (file, places) = in_blocks(&run);
     // Of other lengths: its stamps are others.
     let (other, others) = in_blocks(&desk.path().join("other"));

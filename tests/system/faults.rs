@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::command::{Desk, assert_nothing_left, finish, interrupt, pid_of, until};
+use crate::command::{Desk, Known, assert_nothing_left, finish, interrupt, pid_of, until};
 use crate::life::signal;
 use crate::patience::ticks;
 
@@ -50,7 +50,7 @@ fn planned_deaths_and_lost_messages_give_the_same_bytes_every_time_and_the_goal_
             // It strays on its way, and gets there.
             assert_eq!(summary["completed"], true, "{faults}\n{}", said.err);
             assert!(
-                summary["task"]["final_position_mm"].as_f64().unwrap() < 1.0,
+                summary["task"]["final_position_mm"].number() < 1.0,
                 "{}",
                 summary["task"]
             );
@@ -59,8 +59,7 @@ fn planned_deaths_and_lost_messages_give_the_same_bytes_every_time_and_the_goal_
         assert_eq!(topics(&runs[0]), topics(&runs[1]), "{faults}");
         // Together, the dead send nothing that could be corrupted.
         let injected = runs[0]["faults"]
-            .as_array()
-            .unwrap()
+            .list()
             .iter()
             .filter(|fault| fault["occurred"] == true)
             .count();
@@ -69,7 +68,7 @@ fn planned_deaths_and_lost_messages_give_the_same_bytes_every_time_and_the_goal_
             "{}",
             runs[0]["faults"]
         );
-        assert!(runs[0]["joints"]["torque_max_ratio"].as_f64().unwrap() <= 1.0);
+        assert!(runs[0]["joints"]["torque_max_ratio"].number() <= 1.0);
     }
 }
 
@@ -95,18 +94,15 @@ fn an_estimate_that_no_arm_can_have_moved_to_gets_no_torque() {
             summary["reason"]
         );
         assert!(
-            summary["reason"]
-                .as_str()
-                .unwrap()
-                .contains("set aside for 80 ticks"),
+            summary["reason"].text().contains("set aside for 80 ticks"),
             "{field}: {}",
             summary["reason"]
         );
         // It takes 22 % of the limits to follow the path, and as much to be brought to rest: not the full torque of 80 ms.
-        let torque = summary["joints"]["torque_max_ratio"].as_f64().unwrap();
+        let torque = summary["joints"]["torque_max_ratio"].number();
         assert!(torque < 0.3, "{field}: {torque} of the torque limit");
         assert!(
-            summary["joints"]["speed_max_ratio"].as_f64().unwrap() < 0.3,
+            summary["joints"]["speed_max_ratio"].number() < 0.3,
             "{field}"
         );
     }
@@ -139,7 +135,7 @@ fn a_recorder_killed_from_outside_loses_nothing() {
             (&killed["joints"], &killed["modes"]),
             (&whole["joints"], &whole["modes"])
         );
-        let faults = killed["faults"].as_array().unwrap();
+        let faults = killed["faults"].list();
         assert_eq!(
             (faults.len(), &faults[0]["origin"]),
             (1, &"detected".into()),
@@ -160,7 +156,7 @@ fn a_recorder_killed_from_outside_loses_nothing() {
         ticks.sort_unstable();
         assert_eq!(
             ticks,
-            (0..killed["ticks"].as_u64().unwrap()).collect::<Vec<_>>(),
+            (0..killed["ticks"].count()).collect::<Vec<_>>(),
             "every tick once in the recording"
         );
     }
@@ -174,8 +170,7 @@ fn a_live_fault_is_recorded_and_its_run_can_be_repeated() {
     until("the run to take a fault", || {
         let runs = desk.armplane("doctor --json").json();
         let name = runs["runs"]
-            .as_array()
-            .unwrap()
+            .list()
             .iter()
             .filter_map(|one| one["run"].as_str())
             .find(|name| name.contains(&run))
@@ -252,8 +247,7 @@ fn drill_judges_a_cell_and_takes_only_cells_that_exist() {
             "{one}"
         );
         assert!(
-            one["stale_ticks"].as_u64().unwrap() <= 3
-                && one["torque_max_ratio"].as_f64().unwrap() <= 1.0,
+            one["stale_ticks"].count() <= 3 && one["torque_max_ratio"].number() <= 1.0,
             "{one}"
         );
         assert_eq!(
@@ -276,7 +270,7 @@ fn drill_judges_a_cell_and_takes_only_cells_that_exist() {
     ] {
         let said = desk.armplane(&format!("drill s.toml --json --only {cell} {changed}"));
         let drill = said.json();
-        let broken = drill["cells"][0]["broken"].as_array().unwrap();
+        let broken = drill["cells"][0]["broken"].list();
         assert!(
             said.code == 1 && broken.iter().any(|one| one["check"] == check),
             "{drill}\n{}",
@@ -303,7 +297,7 @@ fn a_cut_edge_keeps_messages_from_one_reader_alone() {
         )),
     );
     let summary = desk.run("s.toml --no-record");
-    let count = |topic: &str| summary["topics"][topic]["count"].as_u64().unwrap();
+    let count = |topic: &str| summary["topics"][topic]["count"].count();
     assert_eq!(
         (count("estimate"), count("singularity")),
         (count("plant_state"), count("plant_state")),
@@ -341,8 +335,7 @@ fn slow_processes_and_pages_that_are_gone_change_no_byte_in_lockstep() {
     let (calm, slow) = (desk.run("calm.toml --out a"), desk.run("slow.toml --out b"));
     assert_eq!(topics(&calm), topics(&slow));
     let injected = slow["faults"]
-        .as_array()
-        .unwrap()
+        .list()
         .iter()
         .filter(|fault| fault["occurred"] == true)
         .count();

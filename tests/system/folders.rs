@@ -5,7 +5,9 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::command::{Desk, assert_nothing_left, finish, in_shared_memory, interrupt, until};
+use crate::command::{
+    Desk, Known, assert_nothing_left, finish, in_shared_memory, interrupt, until,
+};
 use crate::life::signal;
 
 #[test]
@@ -20,10 +22,7 @@ fn six_runs_at_once_take_six_folders() {
             let said = finish(run);
             assert_eq!(said.code, 0, "{}", said.err);
             let summary = said.json();
-            summary["topics"]["sensor"]["hash"]
-                .as_str()
-                .unwrap()
-                .to_owned()
+            summary["topics"]["sensor"]["hash"].text().to_owned()
         })
         .collect();
     let folders = std::fs::read_dir(desk.path().join("runs"))
@@ -33,10 +32,7 @@ fn six_runs_at_once_take_six_folders() {
     let kept = |folder: std::path::PathBuf| {
         let summary: Value =
             serde_json::from_slice(&std::fs::read(folder.join("summary.json")).unwrap()).unwrap();
-        summary["topics"]["sensor"]["hash"]
-            .as_str()
-            .unwrap()
-            .to_owned()
+        summary["topics"]["sensor"]["hash"].text().to_owned()
     };
     assert_eq!(
         folders.map(kept).collect::<BTreeSet<_>>(),

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::command::Desk;
+use crate::command::{Desk, Known};
 
 fn numbers(value: &Value) -> Vec<f64> {
     match value {
@@ -39,7 +39,7 @@ fn inspect_agrees_with_the_golden_states() {
                     .zip([-2.7, -3.9, -0.7, -1.9, -1.7, -4.6])
                     .all(|(q, lower)| *q > lower)
         };
-        let states = golden["states"].as_array().unwrap().iter();
+        let states = golden["states"].list().iter();
         let states: Vec<_> = states
             .filter(|state| within(&numbers(&state["q"])) && above(&numbers(&state["q"])))
             .take(5)
@@ -84,8 +84,7 @@ fn wrist_lock_is_named_and_classified() {
     let said = Desk::new().armplane("inspect --q-deg=20,-60,170,0,0,0 --json");
     let found = said.json();
     let wrist = found["singularities"]
-        .as_array()
-        .unwrap()
+        .list()
         .iter()
         .find(|s| s["name"] == "wrist")
         .unwrap();
@@ -96,8 +95,7 @@ fn wrist_lock_is_named_and_classified() {
     assert_eq!(found["rank"], 5);
     assert!(numbers(&found["det"])[0].abs() < 1e-12);
     let elbow = found["singularities"]
-        .as_array()
-        .unwrap()
+        .list()
         .iter()
         .find(|s| s["name"] == "elbow")
         .unwrap();
@@ -113,15 +111,13 @@ fn list_and_graph_speak_json_and_drawings() {
     let listed = desk.armplane("list --json").json();
     assert!(
         listed["scenarios"]
-            .as_array()
-            .unwrap()
+            .list()
             .iter()
             .any(|s| s["name"] == "fig5-wrist-rotation")
     );
     assert!(
         listed["robots"]
-            .as_array()
-            .unwrap()
+            .list()
             .iter()
             .any(|r| r["name"] == "puma560")
     );
@@ -136,7 +132,7 @@ fn list_and_graph_speak_json_and_drawings() {
             .contains("plant -->|sensor| estimator")
     );
     let graph = desk.armplane("graph --json").json();
-    assert_eq!(graph["process"].as_array().unwrap().len(), 5);
+    assert_eq!(graph["process"].list().len(), 5);
 }
 
 /// Arms of 2, 5 and 8 joints, without `--q`: the middle of each range, and matrices of the arm's own size.
@@ -247,9 +243,7 @@ fn a_frame_chooses_one_of_several_arms() {
             "--json",
         ]);
         let seen = said.json();
-        let position: Vec<f64> = (0..3)
-            .map(|row| seen["pose"][row][3].as_f64().expect("a number"))
-            .collect();
+        let position: Vec<f64> = (0..3).map(|row| seen["pose"][row][3].number()).collect();
         assert_eq!(position, [0.6, y, 0.0], "{seen}");
     }
 }

@@ -5,7 +5,7 @@ use std::process::Command;
 use serde_json::Value;
 
 use crate::command::{
-    Desk, assert_nothing_left, children_of_run, finish, in_shared_memory, interrupt, pid_of,
+    Desk, Known, assert_nothing_left, children_of_run, finish, in_shared_memory, interrupt, pid_of,
     restarts, run_of, until,
 };
 
@@ -42,14 +42,12 @@ fn ctrl_c_stops_cleanly_and_keeps_the_recording() {
         serde_json::from_str(&said.err).unwrap_or_else(|error| panic!("{error}: {}", said.err));
     assert!(
         sentence["error"]["message"]
-            .as_str()
-            .unwrap()
+            .text()
             .contains(": the run was stopped by SIGINT after "),
         "{sentence}"
     );
     assert!(
-        summary["recorder"]["bytes"].as_u64().unwrap() > 2_000_000
-            && summary["recorder"]["lost"] == 0,
+        summary["recorder"]["bytes"].count() > 2_000_000 && summary["recorder"]["lost"] == 0,
         "{}",
         summary["recorder"]
     );
@@ -94,15 +92,15 @@ fn in_real_time_a_death_costs_one_restart_and_no_message() {
             summary["faults"]
         );
         // A process that is away for longer than the writers' buffers, a second, may lose messages; this machine may be that busy.
-        let away_ms = summary["faults"][0]["recovered_ms"].as_f64().unwrap();
+        let away_ms = summary["faults"][0]["recovered_ms"].number();
         assert!(
             summary["recorder"]["lost"] == 0 || process == "recorder" && away_ms > 600.0,
             "{process}: {}",
             summary["recorder"]
         );
-        let ticks = summary["topics"]["plant_state"]["count"].as_u64().unwrap();
+        let ticks = summary["topics"]["plant_state"]["count"].count();
         assert!(
-            away_ms > 600.0 || ticks + 1 >= summary["ticks"].as_u64().unwrap(),
+            away_ms > 600.0 || ticks + 1 >= summary["ticks"].count(),
             "{process}: {}",
             summary["topics"]
         );
@@ -189,14 +187,9 @@ fn no_process_outlives_a_killed_launcher_and_clean_removes_what_it_left() {
     let doctor = desk.armplane("doctor --json").json();
     let recovered = desk.succeeds("recover results --json");
     let summary = recovered.json();
-    let ticks = summary["ticks"].as_u64().unwrap();
+    let ticks = summary["ticks"].count();
     assert!(
-        ticks > 100
-            && summary["topics"]["torque"]["count"]
-                .as_u64()
-                .unwrap()
-                .abs_diff(ticks)
-                <= 512,
+        ticks > 100 && summary["topics"]["torque"]["count"].count().abs_diff(ticks) <= 512,
         "{summary}"
     );
     assert_eq!(summary["outcome"], "interrupted");
@@ -215,10 +208,9 @@ fn no_process_outlives_a_killed_launcher_and_clean_removes_what_it_left() {
     desk.refuses(2, "recover results", &["nothing to recover"]);
     let ours = format!("-{}-", said.launcher);
     let found = doctor["runs"]
-        .as_array()
-        .unwrap()
+        .list()
         .iter()
-        .any(|run| run["run"].as_str().unwrap().contains(&ours) && run["alive"] == false);
+        .any(|run| run["run"].text().contains(&ours) && run["alive"] == false);
     assert!(found, "{doctor}");
     desk.succeeds("clean");
     assert_nothing_left(said.launcher);
@@ -327,10 +319,7 @@ fn a_run_that_is_killed_at_any_moment_of_its_start_is_recovered_or_its_folder_is
         let again = desk.armplane(&format!("recover {out} --json"));
         if again.code == 0 {
             let summary = again.json();
-            let (ticks, reason) = (
-                summary["ticks"].as_u64().unwrap(),
-                summary["reason"].as_str().unwrap(),
-            );
+            let (ticks, reason) = (summary["ticks"].count(), summary["reason"].text());
             assert_eq!(
                 (
                     &summary["outcome"],

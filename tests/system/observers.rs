@@ -2,7 +2,7 @@
 
 use std::io::{BufRead, BufReader};
 
-use crate::command::{Desk, assert_nothing_left, finish};
+use crate::command::{Desk, Known, assert_nothing_left, finish};
 use crate::exchange::{armplane, lacks, programs_of, run, scenario};
 use crate::life::signal;
 
@@ -28,7 +28,7 @@ fn the_end_of_an_observer_has_one_tick() {
         watch(&desk, at_100);
         let said = run(&desk, "run short.toml --no-record --json");
         let summary = said.json();
-        let (fault, reason) = (&summary["faults"][0], summary["reason"].as_str().unwrap());
+        let (fault, reason) = (&summary["faults"][0], summary["reason"].text());
         let at = format!(" at tick {}", fault["tick"]);
         assert_eq!(
             (said.code, &fault["kind"], &fault["plan"]["at_tick"]),
@@ -37,7 +37,7 @@ fn the_end_of_an_observer_has_one_tick() {
             said.err
         );
         assert!(
-            reason.contains(&at) && fault["detail"].as_str().unwrap().contains(&at),
+            reason.contains(&at) && fault["detail"].text().contains(&at),
             "{reason}: {fault}"
         );
         assert!(kind == "kill" || fault["tick"] == 100, "{fault}");

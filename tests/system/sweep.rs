@@ -6,7 +6,7 @@ use std::process::Command;
 
 use serde_json::Value;
 
-use crate::command::{Desk, finish, until};
+use crate::command::{Desk, Known, finish, until};
 
 /// A short task, so that a sweep of it takes a moment.
 const SCENARIO: &str = "name = \"short\"\nrobot = \"puma560\"\nsettle_s = 0.05\n[start]\nq_deg = [20, -60, 170, 0, 30, 0]\n[[segment]]\nby_m = [0.02, 0.0, -0.01]\nduration_s = 0.4\n";
@@ -203,7 +203,7 @@ fn runs_that_come_to_nothing_are_in_the_exit_code() {
     );
     let said = desk.armplane("sweep listed.toml --json");
     let error: Value = serde_json::from_str(&said.err).unwrap();
-    let (done, sentence): (Value, _) = (said.json(), error["error"]["message"].as_str().unwrap());
+    let (done, sentence): (Value, _) = (said.json(), error["error"]["message"].text());
     assert_eq!(
         (
             said.code,
@@ -297,15 +297,13 @@ fn drawn_runs_are_those_of_five_processes(desk: &Desk, keys: &[(&str, &str)], co
     );
     desk.succeeds("sweep drawn.toml");
     let report = report(desk, &format!("runs/drawn --worst {count}"));
-    let runs = report["worst"].as_array().unwrap();
+    let runs = report["worst"].list();
     assert_eq!(runs.len(), count, "{report}");
     for run in runs {
         // The command as a person would paste it.
-        let command = run["command"].as_str().unwrap().replacen(
-            "armplane",
-            env!("CARGO_BIN_EXE_armplane"),
-            1,
-        );
+        let command = run["command"]
+            .text()
+            .replacen("armplane", env!("CARGO_BIN_EXE_armplane"), 1);
         let said = Command::new("sh")
             .args(["-c", &format!("{command} --json")])
             .current_dir(desk.path())
@@ -418,8 +416,7 @@ fn shards_put_together_are_the_sweep_in_one_piece_and_gaps_and_overlaps_are_refu
     let manifest = desk.path().join("shard-2/sweep.json");
     let text = std::fs::read_to_string(&manifest).unwrap();
     let program = serde_json::from_str::<Value>(&text).unwrap()["program"]
-        .as_str()
-        .unwrap()
+        .text()
         .to_owned();
     std::fs::write(&manifest, text.replace(&program, "0123456789abcdef")).unwrap();
     refused("shard-1 shard-2 shard-3", "checksum");

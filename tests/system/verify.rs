@@ -3,7 +3,7 @@
 use serde_json::Value;
 use shared_types::topics::ALWAYS;
 
-use crate::command::{Desk, assert_nothing_left};
+use crate::command::{Desk, Known, assert_nothing_left};
 
 /// A short task in which a process dies and another one's messages are lost half the time.
 const FAULTS: &str = r#"
@@ -57,11 +57,8 @@ fn identical(args: &str) -> Value {
 #[test]
 fn no_circumstance_changes_a_byte() {
     let json = identical("--runs 6 --seed 11");
-    let runs = json["runs"].as_array().unwrap();
-    let mut conditions: Vec<_> = runs
-        .iter()
-        .map(|run| run["condition"].as_str().unwrap())
-        .collect();
+    let runs = json["runs"].list();
+    let mut conditions: Vec<_> = runs.iter().map(|run| run["condition"].text()).collect();
     conditions.sort_unstable();
     conditions.dedup();
     assert_eq!(
@@ -91,11 +88,10 @@ fn a_process_that_is_not_in_order_is_caught_with_tick_topic_and_field() {
     );
     // A torque of another tick shows first in the plant's own state.
     assert!(
-        ["sensor", "plant_state"].contains(&difference["topic"].as_str().unwrap()),
+        ["sensor", "plant_state"].contains(&difference["topic"].text()),
         "{difference}"
     );
-    let [field, expected, found] =
-        ["field", "expected", "found"].map(|key| difference[key].as_str().unwrap());
+    let [field, expected, found] = ["field", "expected", "found"].map(|key| difference[key].text());
     assert!(
         field.starts_with("q") || field.starts_with("tau"),
         "{difference}"
@@ -116,10 +112,7 @@ fn runs_with_faults_are_compared_with_one_thread() {
         "{json}"
     );
     assert!(
-        json["reference"]["topics"]["torque"]["count"]
-            .as_u64()
-            .unwrap()
-            < json["reference"]["ticks"].as_u64().unwrap(),
+        json["reference"]["topics"]["torque"]["count"].count() < json["reference"]["ticks"].count(),
         "{json}"
     );
 }
@@ -132,13 +125,10 @@ fn runs_with_faults_that_one_thread_cannot_have_are_compared_with_each_other_and
         (&3.into(), &1.into()),
         "{json}"
     );
-    assert_eq!(json["runs"].as_array().unwrap().len(), 3);
+    assert_eq!(json["runs"].list().len(), 3);
     assert_eq!(json["reference"], json["runs"][0]);
     assert!(
-        json["runs"][2]["topics"]["torque"]["count"]
-            .as_u64()
-            .unwrap()
-            < json["reference"]["ticks"].as_u64().unwrap(),
+        json["runs"][2]["topics"]["torque"]["count"].count() < json["reference"]["ticks"].count(),
         "{json}"
     );
     let desk = Desk::new();
@@ -186,10 +176,7 @@ fn a_budget_that_deaths_spend_is_the_end_on_one_thread_too() {
     let said = desk.armplane("verify spent.toml --runs 1 --json");
     let json = said.json();
     assert!(
-        json["runs"][0]["failure"]
-            .as_str()
-            .unwrap()
-            .contains("analyzer"),
+        json["runs"][0]["failure"].text().contains("analyzer"),
         "{json}"
     );
     assert_eq!(
@@ -208,10 +195,7 @@ fn an_end_that_a_fault_plans_is_the_end_of_every_run() {
     let json = desk.json("verify end.toml --runs 2");
     assert_eq!(json["identical"], true, "{json}");
     assert!(
-        json["runs"][1]["failure"]
-            .as_str()
-            .unwrap()
-            .contains("plant"),
+        json["runs"][1]["failure"].text().contains("plant"),
         "{json}"
     );
     assert_eq!(json["runs"][1]["topics"]["sensor"]["count"], 300, "{json}");

@@ -4,7 +4,7 @@ use std::process::Command;
 
 use serde_json::Value;
 
-use crate::command::{Desk, skipped};
+use crate::command::{Desk, Known, skipped};
 use crate::exchange::{lacks, root};
 
 pub(crate) fn wire(desk: &Desk, lang: &str) -> String {
@@ -15,16 +15,16 @@ pub(crate) fn wire(desk: &Desk, lang: &str) -> String {
 /// Name, size and offset of every field of every structure, one to a line, as `armplane generate wire` says.
 fn layouts(json: &str) -> Vec<String> {
     let document: Value = serde_json::from_str(json).expect("JSON");
-    let structures = document["structures"].as_array().expect("structures");
+    let structures = document["structures"].list();
     let lines = structures.iter().flat_map(|structure| {
-        let fields = structure["fields"].as_array().expect("fields");
+        let fields = structure["fields"].list();
         fields.iter().map(|field| {
             // A keyword in C++ and Python.
-            let name = field["name"].as_str().unwrap();
+            let name = field["name"].text();
             let name = if name == "class" { "class_" } else { name };
             format!(
                 "{} {name} {} {}",
-                structure["name"].as_str().unwrap(),
+                structure["name"].text(),
                 field["offset"],
                 field["bytes"]
             )
