@@ -24,19 +24,14 @@ fn sweep_file(desk: &Desk, name: &str, more: &str) {
     );
 }
 
-/// Every file of the table by its name.
+/// Every file of the table by its name. A draft that a killed sweep has left is none: the program reads no name with a dot before it.
 fn tables(folder: &Path) -> BTreeMap<String, Vec<u8>> {
-    let entries = std::fs::read_dir(folder.join("runs"))
-        .expect("the folder of the table")
-        .flatten();
-    entries
-        .map(|entry| {
-            (
-                entry.file_name().into_string().unwrap(),
-                std::fs::read(entry.path()).unwrap(),
-            )
-        })
-        .collect()
+    let entries = std::fs::read_dir(folder.join("runs")).expect("the folder of the table");
+    let files = entries.flatten().map(|entry| {
+        let name = entry.file_name().into_string().unwrap();
+        (name, std::fs::read(entry.path()).unwrap())
+    });
+    files.filter(|(name, _)| !name.starts_with('.')).collect()
 }
 
 fn report(desk: &Desk, args: &str) -> Value {
