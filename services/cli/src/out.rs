@@ -394,7 +394,7 @@ impl Write for Log {
     }
 }
 
-/// A text without control characters and marks of direction: each is written as JSON writes it (`\u001b`), so that JSON stays JSON.
+/// A text without control characters, marks of direction and letters without a shape: each is written as JSON writes it (`\u001b`), so that JSON stays JSON.
 pub(crate) fn plain(text: &str) -> Cow<'_, str> {
     escaped(text, |_| 0)
 }
@@ -420,8 +420,8 @@ pub(crate) fn painted(text: &str) -> Cow<'_, str> {
 
 /// A text with its control characters escaped but for the ends of lines, tabs, and as many bytes as `kept` wants from a place on.
 fn escaped(text: &str, kept: fn(&str) -> usize) -> Cow<'_, str> {
-    // Marks of direction show a text in another order than it has.
-    let is_mark = |letter: char| matches!(letter, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    // Marks of direction show a text in another order than it has; letters without a shape and ends of lines of other scripts make two texts look alike.
+    let is_mark = |letter: char| matches!(letter, '\u{ad}' | '\u{61c}' | '\u{feff}' | '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{e0000}'..='\u{e007f}');
     let is_code =
         |letter: char| letter.is_control() && !matches!(letter, '\n' | '\t') || is_mark(letter);
     if !text.contains(is_code) {
@@ -435,12 +435,10 @@ fn escaped(text: &str, kept: fn(&str) -> usize) -> Cow<'_, str> {
         if keep > 0 {
             written.push_str(&code[..keep]);
         } else {
-            // Writing to a string does not fail.
-            let _ = write!(
-                written,
-                "\\u{:04x}",
-                code.chars().next().map_or(0, u32::from)
-            );
+            for unit in code[..one].encode_utf16() {
+                // Writing to a string does not fail.
+                let _ = write!(written, "\\u{unit:04x}");
+            }
         }
         rest = &code[keep.max(one)..];
     }
@@ -507,5 +505,9 @@ mod tests {
         );
         assert!(matches!(plain("ζ = (0, 1)\n"), Cow::Borrowed(_)));
         assert_eq!(plain("a\u{202e}b\u{2066}"), "a\\u202eb\\u2066");
+        assert_eq!(
+            plain("a\u{200b}b\u{2028}\u{e0001}"),
+            "a\\u200bb\\u2028\\udb40\\udc01"
+        );
     }
 }
