@@ -10,7 +10,7 @@ use shared_types::process::Role;
 use shared_types::summary::{
     Deadlines, FaultSummary, INTERRUPTED, ProcessSummary, RecorderSummary, Summary,
 };
-use shared_types::{Message, TorqueCommand};
+use shared_types::{Message, SensorSample, TorqueCommand};
 
 use crate::launch::GUARD;
 use crate::machine::machine;
@@ -45,8 +45,11 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
         },
         ..Summary::default()
     });
-    // The recorder's are those that it has heard of.
-    summary.ticks = outcome.ticks;
+    // The recorder's are those that it has heard of. In real time a plant may be killed between its sample and its account of the tick.
+    let samples = summary.topics.get(SensorSample::TOPIC);
+    let samples = samples.filter(|_| job.mode == Mode::Realtime);
+    let ticks = outcome.ticks.max(samples.map_or(0, |topic| topic.count));
+    summary.ticks = ticks;
     match &outcome.end {
         End::Completed => {}
         End::Interrupted { signal } => {
@@ -88,7 +91,7 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
     faults.extend(unlisted(outcome));
     summary.faults = faults;
     let counts: Vec<_> = outcome.processes.iter().map(|one| one.counts).collect();
-    summary.deadlines = deadlines(job, outcome.ticks, &counts);
+    summary.deadlines = deadlines(job, ticks, &counts);
     // What the plant has received and the recorder has not.
     let torques = summary.topics.get(TorqueCommand::TOPIC);
     let received = summary.deadlines.in_time + summary.deadlines.late;
