@@ -17,6 +17,8 @@ pub const WAIT: f64 = 20.0;
 const SIDE: f64 = 1e-3;
 /// How far ahead of the present the plan is asked for that side, s.
 const SOON_S: f64 = 0.15;
+/// Half of the time over which the planned acceleration is taken, s.
+const RISE_S: f64 = 0.03;
 /// Lag of the clock behind its target, s.
 const LAG_S: f64 = 0.04;
 /// The plan of a task, where there is one.
@@ -86,6 +88,16 @@ impl<const N: usize> Guide<N> {
             mode,
             clipped: false,
         }
+    }
+
+    /// The planned joint acceleration per unit of the route's clock, rad/s²: the mean over a time in which a torque can rise.
+    #[must_use]
+    pub fn acceleration(&self, route_s: f64) -> SVector<f64, N> {
+        let Some(plan) = &self.plan else {
+            return SVector::zeros();
+        };
+        let (before, after) = (plan.at(route_s - RISE_S), plan.at(route_s + RISE_S));
+        (after.dq - before.dq) / (2.0 * RISE_S)
     }
 
     /// The side of a fold on which the plan leaves it, −1 or +1; `None` away from the fold.

@@ -2,6 +2,7 @@
 
 use super::avoidance;
 use crate::controller::Setup;
+use crate::law::auxiliary::Loop;
 use crate::setup::{SetupError, posture_goals};
 use crate::state::State;
 use crate::tick::{Motion, Now};
@@ -85,7 +86,12 @@ impl<const N: usize> Postures<N> {
         let control = &setup.scenario.control;
         let (k_p, k_vq) = (control.k_p, control.k_vq());
         if let Some(plan) = motion.planned.as_ref().filter(|_| !self.commanded) {
-            return (now.q - plan.q) * k_p - plan.dq * (motion.clock * k_vq);
+            let clock = motion.clock;
+            // Near a lost direction the torque has other tasks.
+            let is_free = !state.loops.iter().any(Loop::engaged);
+            let share = if is_free { clock * clock } else { 0.0 };
+            let planned = setup.guide.acceleration(state.clock.plan_s) * share;
+            return (now.q - plan.q) * k_p - plan.dq * (clock * k_vq) - planned;
         }
         let off = now.q - self.at(setup, state);
         let off = if self.steered {

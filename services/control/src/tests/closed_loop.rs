@@ -347,6 +347,25 @@ fn a_fold_is_left_on_the_side_that_is_asked_for_from_anywhere_beside_it() {
 }
 
 #[test]
+fn a_spare_joint_near_its_limit_is_kept_from_it() {
+    // Joint 7 begins 6° from its limit, and is led back and forth.
+    let text = r#"name = "t"
+        robot = "iiwa14"
+        [start]
+        q = [1.17101, -0.86039, 0.82946, -0.98377, 1.92768, -0.36457, 2.95253]
+        [[segment]]
+        to_m = [-0.23675, -0.02773, 0.97316]
+        rotation = [[0.9212542734065431, -0.3192085213852698, -0.22225319706409696], [0.38518427381478815, 0.8281374052841699, 0.40721187749742355], [0.054070684626300144, -0.46075411864055243, 0.8858792260911251]]
+        duration_s = 7.481
+    "#;
+    let ran = run::<7>(&scenario(text, &[]), Plant::default(), |_, _| {});
+    assert!(
+        !ran.limit_violated && ran.orthogonal_mm < 0.1 && ran.final_mm < 0.1,
+        "{ran:?}"
+    );
+}
+
+#[test]
 fn a_turn_of_zeta_goes_as_it_was_announced() {
     let (mut plan, mut moved, mut q_start) = (None, None, None);
     run::<6>(
