@@ -13,7 +13,7 @@ use crate::out::answer;
 
 #[derive(Args)]
 pub(crate) struct InspectArgs {
-    /// A built-in robot's name, or a URDF file.
+    /// A built-in robot's name, or a URDF or MJCF file.
     #[arg(
         long,
         value_name = "NAME|FILE.urdf|FILE.xml",

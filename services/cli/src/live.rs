@@ -78,7 +78,7 @@ impl Drop for Panel {
 }
 
 /// The lines of standard input, as they are sent to a run.
-#[derive(Clone, Default)]
+#[derive(Default)]
 pub(crate) struct Lines {
     /// Those that are no target.
     wrong: Arc<AtomicU64>,

@@ -34,7 +34,7 @@ pub trait GroundTruth: std::fmt::Debug {
     /// Requires `by_s` finite and not negative
     fn advance(&self, place: &mut Progress, by_s: f64);
 
-    /// What the leg at this index asks of the posture beside the pose, with what the true posture has of it.
+    /// The demand of the leg at this index on the posture, beside the pose, and how the true posture meets it.
     fn asked(&self, leg: usize) -> Asked;
 
     /// Position and orientation error of the true pose at a place, `[p_d − p; log(R_d Rᵀ)]`, on the axes that the task
@@ -59,7 +59,7 @@ pub trait GroundTruth: std::fmt::Debug {
     fn restore(&mut self, from: &AnalyzerCheckpoint);
 }
 
-/// What a leg asks of the posture, and what the posture has of it.
+/// A leg's demand on the posture, and how the posture meets it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Asked {
     /// The pose is all that is asked for.

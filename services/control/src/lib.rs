@@ -52,6 +52,7 @@ mod tests;
 pub use controller::Controller;
 pub use ground_truth::{Asked, GroundTruth, ground_truth};
 pub use paper::type_1::SIDE_CHANGE;
+pub use reference::free_axis::free_axis;
 pub use reference::path::{Progress, quintic};
 pub use setup::{SetupError, start_posture};
 pub use singularity::analyzer::{Analyzer, RANK_TOLERANCE};

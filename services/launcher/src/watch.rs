@@ -139,12 +139,14 @@ impl Supervised {
     /// The time since a tick in real time, ns: so long ago a process died that did not answer it. In lockstep the others wait for it.
     fn since_ns(&self, tick: u64) -> u64 {
         match self.plan.mode {
-            Mode::Realtime => {
-                self.ticks().saturating_sub(tick) * 1_000_000_000
-                    / u64::from(self.plan.rate_hz.max(1))
-            }
+            Mode::Realtime => self.duration_ns(self.ticks().saturating_sub(tick)),
             Mode::Lockstep => 0,
         }
+    }
+
+    /// The time that so many ticks take, ns.
+    fn duration_ns(&self, ticks: u64) -> u64 {
+        ticks.saturating_mul(1_000_000_000 / u64::from(self.plan.rate_hz.max(1)))
     }
 
     /// Enters the death that has ended the run, which no replacement follows. After the stop: until then the others would go on without the dead process.
@@ -245,10 +247,7 @@ impl Supervised {
             if !is_paused(&account) {
                 continue;
             }
-            let passed_ns = scheduled
-                .until
-                .saturating_sub(scheduled.at)
-                .saturating_mul(1_000_000_000 / u64::from(self.plan.rate_hz.max(1)));
+            let passed_ns = self.duration_ns(scheduled.until.saturating_sub(scheduled.at));
             if (self.ticks() >= scheduled.until
                 || now_ns() >= injected_ns.saturating_add(passed_ns))
                 && let Some(child) = self

@@ -19,7 +19,7 @@ use crate::{in_parts, numbers, refused};
 /// Age from which a target no longer counts, where those after it are refused; s.
 const VALID_S: f64 = 0.1;
 
-/// What all rows of a law share.
+/// The part of a law that all its rows share.
 struct Task {
     robot: Arc<Robot>,
     /// Before its first tick: each row begins with a copy.
@@ -325,7 +325,7 @@ impl Law {
         Ok(())
     }
 
-    /// What the law did at the last `step`, and why.
+    /// The law's answer to the last `step`, with its reasons.
     #[getter]
     fn state(&self) -> LawState {
         self.one[0].state()
@@ -349,7 +349,7 @@ impl Law {
     }
 }
 
-/// What the law did at a tick, and why.
+/// The law's answer at a tick, with its reasons.
 #[pyclass(frozen, get_all, module = "armplane")]
 pub(crate) struct LawState {
     /// Steps since the law began.

@@ -15,7 +15,7 @@ mod tests;
 mod tick;
 mod turns;
 
-use control::{GroundTruth, ground_truth};
+use control::{GroundTruth, free_axis, ground_truth};
 use model::{Refused, Robot};
 use serde::{Deserialize, Serialize};
 use shared_types::SensorSample;
@@ -68,7 +68,7 @@ pub struct Judge {
     clipped: bool,
     phase: u32,
     refusal: u32,
-    /// What the judge does not ask for though a segment states it.
+    /// A part of the segments' orientations that the judge does not ask for, as a clause.
     unasked: Option<String>,
 }
 
@@ -289,12 +289,10 @@ impl Judge {
 
 /// The rotation that the arm's task leaves free, where a segment states an orientation: it is met up to a turn about that axis.
 fn unasked(robot: &Robot, scenario: &Scenario) -> Option<String> {
-    let mut free = ["x", "y", "z"].into_iter().zip(&robot.task.0[3..]);
-    let mut free = free.by_ref().filter(|(_, served)| !**served);
-    let (axis, is_only) = (free.next()?.0, free.next().is_none());
+    let axis = ["x", "y", "z"][free_axis(&robot.task.0)?.imax()];
     let mut segments = scenario.segment.iter();
     let states = segments.any(|one| one.rotation.is_some() || one.quaternion.is_some());
-    (is_only && states).then(|| {
+    states.then(|| {
         format!("orientations are met up to a turn about {axis}, which the arm's task leaves free")
     })
 }

@@ -395,8 +395,8 @@ impl<'a, const N: usize> Route<'a, N> {
             fan: fan && !still,
         };
         let mut found = self.search.leg(&stretch, &self.layer);
-        let began = fold(&self.search.node(self.best()).q);
-        if leg.branch != 0 && began.is_some_and(|s| s.inside && s.kind == Kind::Elbow) {
+        let began = || fold(&self.search.node(self.best()).q);
+        if leg.branch != 0 && began().is_some_and(|s| s.inside && s.kind == Kind::Elbow) {
             // A fold in whose neighbourhood the leg begins is left on the side that it asks for.
             let is_there = |x: f64| x * f64::from(leg.branch) > -SIDE_CHANGE;
             found.retain(|node| is_there(elbow(&self.search.node(*node).q)));

@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 
 /// The one base axis about which the task does not serve rotation; `None` where it serves all three, or fewer than two.
 #[must_use]
-pub(crate) fn free_axis(task: &[bool; 6]) -> Option<Vector3<f64>> {
+pub fn free_axis(task: &[bool; 6]) -> Option<Vector3<f64>> {
     let mut free = (0..3).filter(|k| !task[3 + k]);
     let (first, second) = (free.next()?, free.next());
     second

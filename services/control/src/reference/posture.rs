@@ -87,11 +87,12 @@ impl<const N: usize> Postures<N> {
         let (k_p, k_vq) = (control.k_p, control.k_vq());
         if let Some(plan) = motion.planned.as_ref().filter(|_| !self.commanded) {
             let clock = motion.clock;
+            let towards = (now.q - plan.q) * k_p - plan.dq * (clock * k_vq);
             // Near a lost direction the torque has other tasks.
-            let is_free = !state.loops.iter().any(Loop::engaged);
-            let share = if is_free { clock * clock } else { 0.0 };
-            let planned = setup.guide.acceleration(state.clock.plan_s) * share;
-            return (now.q - plan.q) * k_p - plan.dq * (clock * k_vq) - planned;
+            return match state.loops.iter().any(Loop::engaged) {
+                true => towards,
+                false => towards - setup.guide.acceleration(state.clock.plan_s) * (clock * clock),
+            };
         }
         let off = now.q - self.at(setup, state);
         let off = if self.steered {

@@ -120,13 +120,16 @@ impl JointMeter {
             self.chatter
                 .tick((last, tau), &self.limits.effort, truth, clock);
         }
-        self.measure_loads(tick);
+        // The plant's word, or the position itself.
+        let beyond = (0..self.count()).filter(|i| self.limits.excludes(*i, tick.truth.q[*i]));
+        let stops = beyond.fold(tick.truth.limit_mask, |stops, i| stops | 1 << i);
+        self.measure_loads(tick, stops);
         if tick.torque.phase == PHASE_REFUSED && self.refused.is_none() {
             self.refused = self.place_of_refusal(tick);
             self.refused.iter().for_each(|text| events(text.clone()));
         }
         for i in 0..self.count() {
-            self.watch_limits(tick, i, &mut events);
+            self.watch_limits(tick, stops, i, &mut events);
         }
     }
 
@@ -170,7 +173,7 @@ impl JointMeter {
         }
     }
 
-    fn measure_loads(&mut self, tick: &Tick<'_>) {
+    fn measure_loads(&mut self, tick: &Tick<'_>, stops: u32) {
         let n = self.count();
         let joints = &mut self.summary;
         let tau = &tick.torque.tau[..n];
@@ -201,12 +204,8 @@ impl JointMeter {
         }
         joints.q_end.clear();
         joints.q_end.extend_from_slice(&tick.truth.q[..n]);
-        let is_beyond = (0..n).any(|i| self.limits.excludes(i, tick.truth.q[i]));
-        joints.stopped_ticks += u64::from(
-            tick.truth.limit_mask != 0
-                || is_beyond
-                || tick.truth.drive != DRIVE_ACTIVE && tick.truth.header.tick > 0,
-        );
+        joints.stopped_ticks +=
+            u64::from(stops != 0 || tick.truth.drive != DRIVE_ACTIVE && tick.truth.header.tick > 0);
         joints.saturated_ticks += u64::from(tick.torque.saturation_mask != 0);
         joints.rate_limited_ticks += u64::from(tick.control.rate_mask != 0);
         joints.rejected_estimate_ticks += u64::from(tick.control.rejected_ticks != 0);
@@ -230,16 +229,17 @@ impl JointMeter {
         }
     }
 
-    fn watch_limits(&mut self, tick: &Tick<'_>, i: usize, events: &mut impl FnMut(String)) {
+    fn watch_limits(
+        &mut self,
+        tick: &Tick<'_>,
+        stops: u32,
+        i: usize,
+        events: &mut impl FnMut(String),
+    ) {
         let bit = 1u32 << i;
         let is_fast = !within(share(tick.truth.qdot[i], self.limits.velocity[i]), 1.0);
         // At almost every tick.
-        let is_beyond = self.limits.excludes(i, tick.truth.q[i]);
-        if !is_fast
-            && !is_beyond
-            && (tick.truth.limit_mask | tick.truth.saturation_mask | tick.torque.saturation_mask)
-                & bit
-                == 0
+        if !is_fast && (stops | tick.truth.saturation_mask | tick.torque.saturation_mask) & bit == 0
         {
             return;
         }
@@ -257,7 +257,7 @@ impl JointMeter {
         let is_at_effort = !within(share(tick.truth.tau[i], self.limits.effort[i]), 1.0 - 1e-9)
             || !(by_speed || by_rate);
         for (is_reached, limit) in [
-            (tick.truth.limit_mask & bit != 0 || is_beyond, stop),
+            (stops & bit != 0, stop),
             (is_fast, "speed"),
             (
                 tick.torque.saturation_mask & bit != 0 || cut && is_at_effort,

@@ -23,9 +23,8 @@ pub(super) struct PathMeter {
     /// The rate of ticks, 1/s, and how long the arm may settle at the path's end, s.
     rate_hz: f64,
     settle_s: f64,
-    /// The tick in which the path's end was reached, and the newest one.
+    /// The tick in which the path's end was reached.
     ended: Option<u64>,
-    newest: u64,
     posture: PostureMeter,
 }
 
@@ -103,7 +102,6 @@ impl PathMeter {
             self.posture.begin(progress.leg, asked);
         }
         self.posture.pass(asked);
-        self.newest = tick;
         if self.clock.time_s >= truth.duration_s() - ROUNDING_S {
             self.ended.get_or_insert(tick);
         }
@@ -135,7 +133,12 @@ impl PathMeter {
             ));
         }
         // The tick of the end and the one in which it is said may round.
-        let settled = self.ended.map_or(0, |ended| self.newest - ended) + 2;
+        let settled = self
+            .clock
+            .last
+            .zip(self.ended)
+            .map_or(0, |(last, ended)| last - ended)
+            + 2;
         let settled_s = settled as f64 / self.rate_hz;
         (is_done && settled_s < self.settle_s).then(|| {
             format!(
@@ -146,14 +149,14 @@ impl PathMeter {
     }
 }
 
-/// What the segments asked of the posture, followed on the truth.
+/// The segments' demands on the posture, followed on the truth.
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct PostureMeter {
     /// ζ when its turn began.
     zeta: [f64; 3],
     /// Whether the present segment has come to the fold that it is to leave.
     at_fold: bool,
-    /// What the first segment left undone.
+    /// The first demand that was not met.
     untaken: Option<String>,
 }
 
@@ -271,7 +274,7 @@ mod tests {
         }
     }
 
-    /// What a segment left undone that showed these postures.
+    /// Whether a segment that showed these postures left its demand unmet.
     fn untaken(shown: &[Asked]) -> bool {
         let mut meter = PostureMeter::default();
         meter.begin(0, shown[0]);
