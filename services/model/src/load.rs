@@ -6,7 +6,6 @@ use crate::factors::Factors;
 use crate::joint::Joint;
 use crate::robot::Robot;
 use crate::{geometry, mjcf, urdf};
-use nalgebra::Vector3;
 use shared_types::bounds::within;
 use shared_types::job::RobotText;
 use std::collections::BTreeMap;
@@ -77,20 +76,9 @@ impl Robot {
 
 fn read(source: &RobotText) -> Result<Robot, Defect> {
     let description = Description::parse(&source.description)?;
-    let mut gravity = Vector3::new(0.0, 0.0, -9.81);
     let is_mjcf = mjcf::is_mjcf(&source.urdf);
-    let mut chain = if is_mjcf {
-        let file = mjcf::read(&source.urdf)?;
-        let mut chain = urdf::chain(&file.tree, &description.cut())?;
-        for joint in &mut chain.joints {
-            joint.armature = file.armatures.get(&joint.name).copied().unwrap_or(0.0);
-        }
-        chain.notes.extend(file.notes);
-        gravity = file.gravity;
-        chain
-    } else {
-        urdf::read(&source.urdf, &description.cut())?
-    };
+    let read = if is_mjcf { mjcf::read } else { urdf::read };
+    let mut chain = read(&source.urdf, &description.cut())?;
     description.apply_to_joints(&mut chain.joints)?;
     if is_mjcf {
         chain.notes.extend(unlimited(&chain.joints));
@@ -103,7 +91,7 @@ fn read(source: &RobotText) -> Result<Robot, Defect> {
         joints: chain.joints,
         frames: chain.frames,
         shapes: chain.shapes,
-        gravity,
+        gravity: chain.gravity,
         factors: Factors::Numeric,
         default_frame,
         task: crate::TaskAxes::ALL,

@@ -10,24 +10,13 @@ use crate::error::Defect;
 use crate::foreign::without_foreign;
 use crate::pose::Pose;
 use crate::rotation::rotation_exp;
+use crate::urdf::{self, Chain, Cut};
 use inertia::Body;
 use nalgebra::Vector3;
 use pose::Angles;
 use roxmltree::{Document, Node};
 use std::collections::{BTreeMap, BTreeSet};
 use urdf_rs::{JointType, Vec3};
-
-/// What a MJCF says of an arm.
-pub(crate) struct Mjcf {
-    /// Links and joints.
-    pub(crate) tree: urdf_rs::Robot,
-    /// Reflected inertia of each joint that has one, kg·m².
-    pub(crate) armatures: BTreeMap<String, f64>,
-    /// Gravity, world axes, m/s².
-    pub(crate) gravity: Vector3<f64>,
-    /// What is left out, a sentence each.
-    pub(crate) notes: Vec<String>,
-}
 
 /// Elements that stand for others, or for bodies that are not rigid.
 const REFUSED: [&str; 6] = [
@@ -62,11 +51,11 @@ pub(crate) fn is_mjcf(text: &str) -> bool {
     rest.starts_with("<mujoco")
 }
 
-/// Reads an arm.
+/// Reads the part `cut` of `text` as a serial chain.
 ///
 /// # Errors
-/// [`Defect::Mjcf`] where the text is no MJCF, or has an element that is refused.
-pub(crate) fn read(text: &str) -> Result<Mjcf, Defect> {
+/// [`Defect::Mjcf`] where the text is no MJCF, or has an element that is refused; as [`urdf::chain`].
+pub(crate) fn read(text: &str, cut: &Cut<'_>) -> Result<Chain, Defect> {
     let text = without_foreign(text).map_err(Defect::Mjcf)?;
     let document = Document::parse(&text).map_err(|error| Defect::Mjcf(error.to_string()))?;
     let root = document.root_element();
@@ -75,22 +64,21 @@ pub(crate) fn read(text: &str) -> Result<Mjcf, Defect> {
         return Err(compiled(&format!("the element <{name}>")));
     }
     let mut reader = Reader::new(root)?;
-    reader.link("world");
+    let place = reader.link("world");
     for world in children(root, "worldbody") {
-        reader.contents(world, "world", &Pose::identity(), None)?;
+        reader.contents(world, (place, "world"), &Pose::identity(), None)?;
     }
     reader.couple(root);
     reader.limit_efforts(root)?;
-    let mut gravity = Vector3::new(0.0, 0.0, -9.81);
-    for option in children(root, "option") {
-        gravity = vector(option.attribute("gravity"), "gravity")?.unwrap_or(gravity);
+    let mut chain = urdf::chain(&reader.tree, cut)?;
+    for joint in &mut chain.joints {
+        joint.armature = reader.armatures.get(&joint.name).copied().unwrap_or(0.0);
     }
-    Ok(Mjcf {
-        tree: reader.tree,
-        armatures: reader.armatures,
-        gravity,
-        notes: reader.notes,
-    })
+    chain.notes.extend(reader.notes);
+    for option in children(root, "option") {
+        chain.gravity = vector(option.attribute("gravity"), "gravity")?.unwrap_or(chain.gravity);
+    }
+    Ok(chain)
 }
 
 /// A file that MuJoCo has to compile first.
@@ -263,7 +251,8 @@ impl<'a> Reader<'a> {
         }
     }
 
-    fn link(&mut self, name: &str) {
+    /// Adds a link; its place in the tree.
+    fn link(&mut self, name: &str) -> usize {
         self.links.insert(name.to_owned());
         self.tree.links.push(urdf_rs::Link {
             name: name.to_owned(),
@@ -271,6 +260,7 @@ impl<'a> Reader<'a> {
             visual: vec![],
             collision: vec![],
         });
+        self.tree.links.len() - 1
     }
 
     fn fix(&mut self, parent: &str, child: &str, X_PC: &Pose) {
@@ -282,11 +272,11 @@ impl<'a> Reader<'a> {
         ));
     }
 
-    /// What a body, the world or a frame in them holds, seen from `link`; the masses of its geoms.
+    /// Reads the contents of a body, the world or a frame in them, seen from the link in a place of the tree; the masses of its geoms.
     fn contents(
         &mut self,
         node: Node<'a, 'a>,
-        link: &str,
+        (place, link): (usize, &str),
         X_LF: &Pose,
         class: Option<&'a str>,
     ) -> Result<Body, Defect> {
@@ -297,7 +287,7 @@ impl<'a> Reader<'a> {
             match child.tag_name().name() {
                 "frame" => {
                     let X_LF = *X_LF * self.angles.pose(&element)?;
-                    body.add(self.contents(child, link, &X_LF, within)?);
+                    body.add(self.contents(child, (place, link), &X_LF, within)?);
                 }
                 "body" => self.body(child, link, X_LF, within)?,
                 "site" => {
@@ -315,8 +305,7 @@ impl<'a> Reader<'a> {
                 }
                 "geom" if link != "world" => {
                     let geom = inertia::Geom::read(&element, &self.angles, X_LF)?;
-                    let at = self.tree.links.iter_mut().find(|one| one.name == link);
-                    at.into_iter().for_each(|link| geom.draw(link));
+                    geom.draw(&mut self.tree.links[place]);
                     body.geoms.push(geom);
                 }
                 _ => {}
@@ -376,19 +365,16 @@ impl<'a> Reader<'a> {
                 )));
             }
         }
-        self.link(&name);
-        let geoms = self.contents(node, &name, &Pose::identity(), class)?;
+        let place = self.link(&name);
+        let geoms = self.contents(node, (place, &name), &Pose::identity(), class)?;
         let stated = children(node, "inertial")
             .next()
             .filter(|_| self.from_geoms != "true");
-        let inertial = match stated {
+        self.tree.links[place].inertial = match stated {
             Some(stated) => inertia::stated(&self.element(stated, None), &self.angles)?,
             None if self.from_geoms == "false" => return Ok(()),
             None => geoms.inertial(&name, &mut self.notes),
         };
-        let link = self.tree.links.iter_mut().find(|link| link.name == name);
-        link.into_iter()
-            .for_each(|link| link.inertial = inertial.clone());
         if node.attribute("gravcomp").is_some_and(|share| share != "0") {
             self.notes.push(format!(
                 "the gravity compensation of body '{name}' is left out"
@@ -520,7 +506,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// What a range allows in both directions.
+/// The part of a range that both directions have.
 fn either_way([lower, upper]: [f64; 2]) -> f64 {
     (-lower).min(upper)
 }

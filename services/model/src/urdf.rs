@@ -11,13 +11,15 @@ use shared_types::MAX_DOF;
 use std::collections::{BTreeMap, BTreeSet};
 use urdf_rs::JointType;
 
-/// The content of a URDF: a serial chain.
+/// The content of a URDF or MJCF: a serial chain.
 pub(crate) struct Chain {
     pub(crate) joints: Vec<Joint>,
     pub(crate) frames: Vec<Frame>,
     pub(crate) shapes: Vec<Shape>,
     /// The chain's last link.
     pub(crate) tip: String,
+    /// m/s², base axes.
+    pub(crate) gravity: Vector3<f64>,
     pub(crate) notes: Vec<String>,
 }
 
@@ -272,6 +274,7 @@ impl<'a> Tree<'a> {
             frames: vec![],
             shapes: vec![],
             tip,
+            gravity: Vector3::new(0.0, 0.0, -9.81),
             notes: vec![],
         };
         // The link moved by the last joint and all links rigid with it: the candidates for the next joint's parent.

@@ -119,6 +119,12 @@ fn scenario(robot: &Robot, tip: &str, settings: &[String]) -> PyResult<Scenario>
     Ok(scenario)
 }
 
+/// The text of a file that a person wrote.
+fn text_of(path: &Path) -> PyResult<String> {
+    files::read_text(path, files::LARGEST_WRITTEN)
+        .map_err(|error| refused(format!("cannot read {}: {error}", path.display())))
+}
+
 pub(crate) fn is_finite(values: &[f64]) -> bool {
     values.iter().all(|x| x.is_finite())
 }
@@ -137,17 +143,13 @@ impl Arm {
         tip: Option<String>,
         description: Option<PathBuf>,
     ) -> PyResult<Self> {
-        let read = |path: &Path| {
-            std::fs::read_to_string(path)
-                .map_err(|error| refused(format!("cannot read {}: {error}", path.display())))
-        };
         let beside = Some(path.with_extension("toml")).filter(|beside| beside.is_file());
-        let description = description.or(beside).as_deref().map(read);
+        let description = description.or(beside).as_deref().map(text_of);
         let stem = path.file_stem().unwrap_or_default();
         let source = RobotText {
             name: stem.to_string_lossy().into_owned(),
             description: description.transpose()?.unwrap_or_default(),
-            urdf: read(&path)?,
+            urdf: text_of(&path)?,
         };
         let robot = Robot::from_source_at(&source, tip.as_deref())
             .map_err(|error| refused(format!("{}: {error}", path.display())))?;
@@ -166,14 +168,10 @@ impl Arm {
     ) -> PyResult<Self> {
         let py = model.py();
         let urdf = py.import("armplane.mjcf")?.call_method1("text", (model,))?;
-        let read = |path: PathBuf| {
-            std::fs::read_to_string(&path)
-                .map_err(|error| refused(format!("cannot read {}: {error}", path.display())))
-        };
-        let description = description.map(read).transpose()?.unwrap_or_default();
+        let description = description.as_deref().map(text_of).transpose()?;
         let source = RobotText {
             name: "mujoco".to_owned(),
-            description,
+            description: description.unwrap_or_default(),
             urdf: urdf.extract()?,
         };
         let robot = Robot::from_source_at(&source, site.as_deref()).map_err(refused)?;
