@@ -180,7 +180,13 @@ fn conditioning<const N: usize>(
     report.det = if N == 6 && rows == 6 {
         closed_form.unwrap_or_else(|| {
             let square = SMatrix::<f64, 6, 6>::from_fn(|i, j| J_E[(i, j)]);
-            square.determinant()
+            let det = square.determinant();
+            // It divides by pivots, of which one may be too small to have an inverse: the largest one first leaves that one undivided.
+            if det.is_finite() {
+                det
+            } else {
+                square.full_piv_lu().determinant()
+            }
         })
     } else {
         volume_of(J_E, task)
