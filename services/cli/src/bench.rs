@@ -17,20 +17,19 @@ pub(crate) struct BenchArgs {
     /// Benchmarks to run [default: all but lockstep].
     #[arg(value_enum, value_name = "BENCH")]
     what: Vec<Bench>,
-    /// Samples of each hop and cycle.
+    /// Samples per hop and cycle.
     #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u64).range(1000..=10_000_000))]
     samples: u64,
-    /// Measure only the rows of `hop` and `cycle` that have each of these words in placement or mechanism, or this number of bytes; with their
-    /// baseline. Example: --only 4096 --only "same core".
+    /// Only the rows of `hop` and `cycle` that match every word or number of bytes, with their baseline: --only 4096 --only "same core".
     #[arg(long, value_name = "WORD")]
     only: Vec<String>,
-    /// Another armplane, for example of an earlier version, that `lockstep` runs in alternation with this one.
+    /// Another build of armplane for `lockstep` to alternate with.
     #[arg(long, value_name = "PROGRAM")]
     against: Option<PathBuf>,
-    /// Runs of `lockstep`, of each program.
+    /// Runs of `lockstep` per program.
     #[arg(long, value_name = "N", default_value_t = 15, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     runs: u32,
-    /// Save bench.json and a picture for each benchmark, such as bench-hop.svg and bench-hop.png, in this folder.
+    /// Save bench.json and pictures (SVG and PNG) here.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -53,13 +52,13 @@ pub(crate) enum Bench {
     Cycle,
     /// The arm's dynamics.
     Model,
-    /// Estimator, analyzer and controller, one step.
+    /// One step of estimator, analyzer and controller.
     Control,
-    /// The simulated arm, one step.
+    /// One step of the simulated arm.
     Plant,
     /// The recorder's work per tick, and its output.
     Record,
-    /// Ticks a second of the whole graph in lockstep, recording on; with --against beside another armplane (only when asked for).
+    /// Ticks per second of the whole graph in lockstep, recording on (only on request).
     Lockstep,
 }
 

@@ -23,38 +23,37 @@ const SEED: u64 = 1;
 
 #[derive(Args)]
 pub(crate) struct CompareArgs {
-    /// Built-in scenarios' names, or scenario files.
+    /// Built-in scenarios, or scenario files.
     #[arg(value_name = "SCENARIO|FILE.toml", default_value = load::DEFAULT_SCENARIO)]
     scenarios: Vec<String>,
-    /// Only these laws, separated by commas [default: ours in both forms, and the baselines].
+    /// Only these laws, separated by commas [default: the paper's law in both forms, and the baselines].
     #[arg(long, value_name = "LAW", value_delimiter = ',')]
     law: Vec<String>,
     /// Folder for the results [default: the next free runs/compare-NNN].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Seed of every random number of the runs, and of the sweep's lines [default: the scenario's].
+    /// Seed of the runs and of the sweep's lines [default: the scenario's].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Override a value of every scenario, for example control.k_p=900 (repeatable).
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Lines of the sweep.
+    /// Number of lines in the sweep; with --robot, per singularity.
     #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     count: u32,
-    /// Peak speed of the sweep's lines; m/s.
+    /// Peak speed along the lines; m/s.
     #[arg(long, value_name = "M/S", default_value_t = 0.28)]
     speed: f64,
-    /// The sweep's lines through exactly singular postures of this arm instead of a PUMA's: a built-in robot, or a URDF. COUNT is then the number of
-    /// lines for each singularity, the law is the first one named (default: ours), and every line is printed.
+    /// Sweep lines through exactly singular postures of this arm, and print every line. Uses the first law of --law.
     #[arg(long, value_name = "ROBOT|FILE.urdf|FILE.xml")]
     robot: Option<String>,
-    /// With --robot: lines through two singularities at once, COUNT for each pair.
+    /// With --robot: lines through two singularities at once, --count per pair.
     #[arg(long, requires = "robot")]
     pairs: bool,
-    /// Record one scenario under two laws, its own solid and another one translucent (--law; damped-least-squares by default).
+    /// Record one scenario under two laws: its own solid, the one of --law translucent (default: damped-least-squares).
     #[arg(long, conflicts_with_all = ["tune", "robot"])]
     race: bool,
-    /// Search the baselines' parameters for the most lines of the sweep, on a seed of its own.
+    /// Tune the baselines' parameters on the sweep, with a separate seed.
     #[arg(long)]
     tune: bool,
 }

@@ -12,31 +12,31 @@ use crate::progress::observe;
 
 #[derive(Args)]
 pub(crate) struct DrillArgs {
-    /// Built-in scenarios' names, or scenario files; their own faults are left out.
+    /// Built-in scenarios, or scenario files; their planned faults are left out.
     #[arg(value_name = "SCENARIO|FILE.toml", default_value = load::DEFAULT_SCENARIO)]
     scenario: Vec<String>,
-    /// One cell.
+    /// Only this fault.
     #[arg(long, value_name = "PROCESS:KIND[:WAY]")]
     only: Option<String>,
-    /// How many pairs of faults to try besides.
+    /// Number of fault pairs to try as well.
     #[arg(long, value_name = "N", default_value_t = 12)]
     pairs: u32,
-    /// Seed of every random number of the runs, and of the ticks of the faults [default: the scenario's].
+    /// Seed of the runs and of the faults' ticks [default: the scenario's].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// A process graph of your own instead of the built-in one.
+    /// Your own process graph.
     #[arg(long, value_name = "FILE.toml")]
     graph: Option<PathBuf>,
     /// Override a value of the scenario, for example control.k_p=900 (repeatable).
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Instead: run the graph in real time for so many seconds, a minute at a time, with every fault at random.
+    /// Run in real time for so long instead, with random faults.
     #[arg(long, value_name = "SECONDS", conflicts_with_all = ["only", "pairs", "graph", "without"], value_parser = clap::value_parser!(u64).range(1..=86_400))]
     soak: Option<u64>,
-    /// Leave a protection out, to see that the drill fails without it.
+    /// Switch a protection off, to see the drill fail.
     #[arg(long, value_name = "PROTECTION")]
     without: Option<Protection>,
-    /// Keep the results here: drill.json, a heat map (SVG and PNG), and the files of each round of a soak that broke a guarantee.
+    /// Save drill.json, a heat map (SVG and PNG), and the files of broken soak rounds here.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }

@@ -17,13 +17,13 @@ pub(crate) struct ExportArgs {
     /// The run's folder, or its name under runs/ [default: the latest].
     #[arg(value_name = "RUN")]
     run: Option<PathBuf>,
-    /// The format.
+    /// File format.
     #[arg(long, value_enum, default_value = "csv")]
     format: ExportFormat,
     /// Folder for the files [default: the run's].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Which layout, for rbl [default: the scenario's].
+    /// Layout for rbl [default: the scenario's].
     #[arg(long, value_parser = layout, value_name = "control|timing|faults")]
     layout: Option<Layout>,
 }

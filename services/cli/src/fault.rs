@@ -40,41 +40,41 @@ impl std::str::FromStr for Length {
 
 #[derive(Args)]
 pub(crate) struct FaultArgs {
-    /// To which process.
+    /// The process.
     process: Option<String>,
-    /// The kind of fault (see --list).
+    /// The kind of fault; --list shows all.
     kind: Option<Kind>,
-    /// Show all kinds of faults, their effects and the processes that they can happen to.
+    /// List all kinds of faults, their effects, and the processes they apply to.
     #[arg(long)]
     list: bool,
-    /// In which way, for the kinds that have several.
+    /// Variant of the fault, if its kind has several.
     #[arg(long = "as", value_name = "WAY")]
     way: Option<Way>,
-    /// How long: 100ms, 0.5s, or a number of ticks [default: the kind's].
+    /// Duration: 100ms, 0.5s, or a number of ticks [default: the kind's].
     #[arg(long = "for", value_name = "LENGTH")]
     length: Option<Length>,
-    /// The share of messages it concerns, 0 to 1.
+    /// Share of messages affected, 0 to 1.
     #[arg(long, value_name = "P")]
     probability: Option<f64>,
-    /// Ticks by which messages are late.
+    /// Delay of messages, in ticks.
     #[arg(long, value_name = "TICKS")]
     delay: Option<u64>,
-    /// Up to so many ticks more.
+    /// Largest random extra delay, in ticks.
     #[arg(long, value_name = "TICKS")]
     jitter: Option<u64>,
-    /// Which field of the message is corrupted, as tau[2].
+    /// Field to corrupt, for example tau[2].
     #[arg(long, value_name = "FIELD")]
     field: Option<String>,
-    /// Which of the topics that it reads is cut [default: the first].
+    /// Topic to cut [default: the first it reads].
     #[arg(long, value_name = "TOPIC")]
     topic: Option<String>,
-    /// Which joint, from 1.
+    /// Joint, counted from 1.
     #[arg(long, value_name = "N")]
     joint: Option<u32>,
-    /// By how much, in the way's unit, or in ms.
+    /// Amount, in the unit that --list shows.
     #[arg(long, value_name = "X", allow_negative_numbers = true)]
     amount: Option<f64>,
-    /// The run's name, where several are alive or it was started from another folder (see `armplane doctor --json`).
+    /// Name of the run, if several are alive or it runs in another folder (`armplane doctor --json` lists them).
     #[arg(long, value_name = "RUN")]
     run: Option<String>,
 }

@@ -22,7 +22,7 @@ pub(crate) enum Generate {
         #[arg(value_enum)]
         shell: clap_complete::Shell,
     },
-    /// Write manual pages into a folder.
+    /// Write manual pages.
     #[command(
         after_help = "Example:\n  armplane generate man ~/.local/share/man/man1 && man armplane-run"
     )]
@@ -33,20 +33,19 @@ pub(crate) enum Generate {
     },
     /// Print the JSON Schema of a scenario file or of summary.json.
     #[command(
-        long_about = "Prints the JSON Schema of a scenario file or of summary.json: every key with its meaning and unit. An editor with a TOML language server \
-                      (taplo, Even Better TOML) completes and checks a scenario whose first line is `#:schema FILE`.",
+        long_about = "Prints the JSON Schema of a scenario file or of summary.json: every key with its meaning and unit. Put `#:schema FILE` in a \
+                      scenario's first line, and editors with a TOML language server (taplo, Even Better TOML) complete and check it.",
         after_help = "Examples:\n  armplane generate schema scenario > scenario.json\n  armplane generate schema summary | jq '.properties | keys'"
     )]
     Schema {
-        /// Which file.
+        /// The file.
         #[arg(value_enum)]
         file: Schema,
     },
-    /// Print the wire for programs in other languages: every message with offsets, sizes, units and meaning.
+    /// Print every message for other languages: offsets, sizes, units, meaning.
     #[command(
-        long_about = "Prints the messages, the codes in them and the exchange page, by which a program in any language takes part in a run, from \
-                      the list that this program is compiled from: as JSON, as a C header with the program's side of the page, or as the module of \
-                      the Python package. docs/wire.md has the state machine.",
+        long_about = "Prints all messages, codes and the exchange page, through which a program in any language joins a run. The C header includes \
+                      the program's side of the page; the Python output is the package's module `wire`. docs/wire.md explains the protocol.",
         after_help = "Examples:\n  armplane generate wire --lang c > armplane.h\n  armplane generate wire --lang python > python/armplane/wire.py\n  armplane generate wire --lang json | jq .topics"
     )]
     Wire {
@@ -68,9 +67,9 @@ pub(crate) enum Schema {
 pub(crate) enum Language {
     /// Structures, topics, codes and constants as one document.
     Json,
-    /// A header for C11 and C++11, with the program's side of an exchange page.
+    /// A header for C11 and C++11, with the program's side of the exchange page.
     C,
-    /// The module `wire` of the Python package: ctypes structures.
+    /// The Python package's module `wire` (ctypes).
     Python,
 }
 

@@ -10,21 +10,21 @@ use crate::out::{say, say_json, show};
 
 #[derive(Args)]
 pub(crate) struct GraphArgs {
-    /// A process graph of your own instead of the built-in one.
+    /// Your own process graph [default: the built-in one].
     #[arg(value_name = "FILE.toml")]
     file: Option<PathBuf>,
-    /// How to draw it.
+    /// Output format.
     #[arg(long, value_enum, default_value = "text")]
     format: GraphFormat,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
 enum GraphFormat {
-    /// A table for people.
+    /// A table.
     Text,
     /// Graphviz.
     Dot,
-    /// Mermaid, as Markdown pages show it.
+    /// Mermaid, for Markdown.
     Mermaid,
     /// A table of the topics: types, sizes, writers, readers.
     Topics,

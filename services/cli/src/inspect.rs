@@ -13,20 +13,20 @@ use crate::out::answer;
 
 #[derive(Args)]
 pub(crate) struct InspectArgs {
-    /// A built-in robot's name, or a URDF or MJCF file.
+    /// A built-in robot, or a URDF or MJCF file.
     #[arg(
         long,
         value_name = "NAME|FILE.urdf|FILE.xml",
         default_value = "puma560"
     )]
     robot: String,
-    /// Base link: the joints before it are no part of the arm [default: the robot's].
+    /// Base link; joints before it are ignored [default: the robot's].
     #[arg(long, value_name = "LINK")]
     base: Option<String>,
     /// End-effector frame [default: the robot's].
     #[arg(long, value_name = "LINK")]
     frame: Option<String>,
-    /// Joint positions in rad (m of joints that slide), separated by commas, or a posture's name [default: the middle of the joints' ranges].
+    /// Joint positions in rad (prismatic joints: m), separated by commas, or a posture's name [default: mid-range].
     #[arg(
         long,
         value_name = "Q",
@@ -34,7 +34,7 @@ pub(crate) struct InspectArgs {
         conflicts_with = "q_deg"
     )]
     q: Option<String>,
-    /// Joint positions in degrees, separated by commas: of an arm whose joints all turn.
+    /// Joint positions in degrees, separated by commas; revolute joints only.
     #[arg(
         long,
         value_name = "Q",
@@ -42,7 +42,7 @@ pub(crate) struct InspectArgs {
         value_delimiter = ','
     )]
     q_deg: Option<Vec<f64>>,
-    /// Joint velocities in rad/s (m/s of joints that slide), separated by commas [default: at rest].
+    /// Joint velocities in rad/s (prismatic joints: m/s), separated by commas [default: at rest].
     #[arg(
         long,
         value_name = "QDOT",

@@ -10,7 +10,7 @@ use crate::out::{say_json, show};
 
 #[derive(Args)]
 pub(crate) struct RecoverArgs {
-    /// The run's results folder.
+    /// The run's folder.
     #[arg(value_name = "RUN")]
     run: PathBuf,
 }

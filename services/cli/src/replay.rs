@@ -12,10 +12,10 @@ use crate::progress::observe;
 
 #[derive(Args)]
 pub(crate) struct ReplayArgs {
-    /// The results folder of a run.
+    /// The run's folder.
     #[arg(value_name = "RUN")]
     run: PathBuf,
-    /// The process, by its name in the run's graph; the controller where none is given.
+    /// The process, by its name in the graph [default: controller].
     #[arg(long, value_name = "PROCESS")]
     process: Option<String>,
     /// Override a value of the recorded scenario, for example control.k_p=900 (repeatable).

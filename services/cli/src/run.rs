@@ -14,16 +14,16 @@ use crate::progress::observe;
 
 #[derive(Args)]
 pub(crate) struct RunArgs {
-    /// A built-in scenario's name, or a scenario file.
+    /// A built-in scenario, or a scenario file.
     #[arg(value_name = "SCENARIO|FILE.toml", default_value = load::DEFAULT_SCENARIO)]
     scenario: String,
     /// Folder for the results [default: the next free runs/SCENARIO-NNN].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// How time passes [default: lockstep; realtime on a robot].
+    /// Pace of the run [default: lockstep; realtime on a robot].
     #[arg(long, value_enum, hide_default_value = true)]
     mode: Option<ModeArg>,
-    /// A Franka arm, or its simulator, in place of the simulated one: fci://HOST (docs/franka.md).
+    /// Use a Franka arm or its simulator as the plant: fci://HOST (docs/franka.md).
     #[arg(long, value_name = "ADDRESS")]
     plant: Option<String>,
     /// Seed of every random number of the run [default: the scenario's].
@@ -32,19 +32,19 @@ pub(crate) struct RunArgs {
     /// Override a value of the scenario, for example control.k_p=900 (repeatable).
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// A process graph of your own instead of the built-in one.
+    /// Your own process graph.
     #[arg(long, value_name = "FILE.toml")]
     graph: Option<PathBuf>,
-    /// Judge and hash, but write no recording.
+    /// Write no recording; still judge and hash.
     #[arg(long)]
     no_record: bool,
-    /// Show the recording in the installed Rerun viewer as it is made; the run does not wait for it.
+    /// Show the run live in the Rerun viewer; the run does not wait for it.
     #[arg(long, conflicts_with = "no_record")]
     live: bool,
-    /// Do not keep the messages themselves, which `armplane replay` reads.
+    /// Keep no message log; `armplane replay` needs it.
     #[arg(long)]
     no_messages: bool,
-    /// Kill and replace a process that makes no progress for so many seconds [default: 2 in real time, no limit in lockstep].
+    /// Replace a process that makes no progress for so long [default: 2 in real time, none in lockstep].
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     silence_limit: Option<Duration>,
 }
@@ -80,7 +80,7 @@ impl Default for RunArgs {
 
 #[derive(Clone, Copy, ValueEnum)]
 pub(crate) enum ModeArg {
-    /// As fast as the machine allows, bit-identical.
+    /// As fast as the machine allows; reproducible to the bit.
     Lockstep,
     /// Paced on absolute deadlines.
     Realtime,

@@ -18,42 +18,42 @@ use crate::run;
 
 #[derive(Args)]
 pub(crate) struct ServoArgs {
-    /// A built-in robot, a URDF file, a built-in scenario, or a scenario file; with --seeds several robots.
+    /// A robot, URDF file, scenario, or scenario file; several robots with --seeds.
     #[arg(value_name = "ROBOT|SCENARIO", default_values_t = [DEFAULT.to_owned()])]
     subject: Vec<String>,
-    /// Where the targets come from: a file (docs/servo.md has the format), `-` for lines of standard input without times, `keyboard`, `gamepad`
-    /// (in a build with that feature), or `topic` for a process of the graph [default: the scenario's own].
+    /// Source of the targets: a file (format in docs/servo.md), `-` for lines on standard input, `keyboard`, `gamepad` (if built in), or `topic` for a
+    /// process of the graph [default: the scenario's own].
     #[arg(
         long,
         value_name = "FILE|-|keyboard|gamepad|topic",
         conflicts_with = "random"
     )]
     from: Option<String>,
-    /// Random twists of this seed, in place of a file.
+    /// Random twists with this seed.
     #[arg(long, value_name = "SEED")]
     random: Option<u64>,
-    /// Judge random twists of so many seeds on each robot, on one thread, and print a table; no run is kept.
+    /// Judge random twists with N seeds per robot, and print a table; keeps no run.
     #[arg(long, value_name = "N", conflicts_with_all = ["from", "random", "out"], value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: Option<u64>,
-    /// The posture in which a robot starts: a name, or joint positions in degrees [default: nominal, bent or ready].
+    /// Start posture: a name, or joint positions in degrees [default: nominal, bent or ready].
     #[arg(long, value_name = "NAME|DEG,DEG,…", allow_hyphen_values = true)]
     start: Option<String>,
-    /// Longest duration in seconds; of random twists the duration [default there: 60].
+    /// Longest duration in seconds; random twists last 60 by default.
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     duration: Option<f64>,
     /// Folder for the results [default: the next free runs/NAME-NNN].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// How time passes.
+    /// Pace of the run.
     #[arg(long, value_enum, default_value = "lockstep")]
     mode: run::ModeArg,
-    /// A process graph, for example with an operator of your own (`extends = "servo"`).
+    /// Your own process graph (`extends = "servo"`).
     #[arg(long, value_name = "FILE.toml")]
     graph: Option<PathBuf>,
-    /// Lay a value over the scenario's, for example servo.speed_m_s=0.1 (repeatable).
+    /// Override a value of the scenario, for example servo.speed_m_s=0.1 (repeatable).
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Show the recording in the installed Rerun viewer as it is made.
+    /// Show the run live in the Rerun viewer.
     #[arg(long)]
     live: bool,
 }
@@ -86,7 +86,7 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
     }
     let [subject] = args.subject.as_slice() else {
         return Err(Failure::Input(
-            "one robot or scenario at a time; several only with --seeds N".to_owned(),
+            "give one robot or scenario; several need --seeds N".to_owned(),
         ));
     };
     let from = args.from.as_deref();
@@ -101,8 +101,7 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
     // Before anything is made for the run.
     if from == Some(KEYBOARD) && !std::io::stdin().is_terminal() {
         return Err(Failure::Input(
-            "standard input is no terminal: give targets with --from FILE, or lines with --from -"
-                .to_owned(),
+            "standard input is no terminal: use --from FILE, or --from - for lines".to_owned(),
         ));
     }
     let gamepad = (from == Some(GAMEPAD)).then(Gamepad::open);

@@ -18,20 +18,20 @@ pub(crate) struct SweepArgs {
     /// The sweep's file.
     #[arg(value_name = "SWEEP.toml", required_unless_present = "merge")]
     file: Option<PathBuf>,
-    /// Folder for the results; where the sweep has begun in it, it goes on [default: runs/NAME].
+    /// Folder for the results; continues a sweep begun there [default: runs/NAME].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Compute one part of n, in a folder of its own: for batch systems.
+    /// Compute part I of N, for batch systems; give each a separate --out.
     #[arg(long, value_name = "I/N", value_parser = shard, conflicts_with = "merge")]
     shard: Option<Shard>,
-    /// Put the folders of all shards of a sweep together.
+    /// Merge the folders of all shards.
     #[arg(long, value_name = "DIR", num_args = 1.., conflicts_with = "file")]
     merge: Vec<PathBuf>,
 }
 
 #[derive(Subcommand)]
 enum SweepCommand {
-    /// Outcomes, distributions, a map over two keys, and the worst runs with the commands that repeat them.
+    /// Show outcomes, distributions, a map over two keys, and the worst runs.
     #[command(
         after_help = "Example:\n  armplane sweep report runs/gains --by orientation_max_deg --map control.k_p,plant.mass_factor"
     )]
@@ -40,16 +40,16 @@ enum SweepCommand {
 
 #[derive(Args)]
 struct ReportArgs {
-    /// The results folder of a sweep.
+    /// The sweep's folder.
     #[arg(value_name = "DIR")]
     folder: PathBuf,
-    /// The column that orders the worst runs and colours the map.
+    /// Column that ranks the worst runs and colours the map.
     #[arg(long, value_name = "COLUMN", default_value = "position_max_mm")]
     by: String,
-    /// The two keys of the map [default: the first two].
+    /// Keys of the map's axes [default: the first two].
     #[arg(long, value_name = "KEY,KEY", value_delimiter = ',')]
     map: Vec<String>,
-    /// How many of the worst runs.
+    /// Number of worst runs to list.
     #[arg(long, value_name = "N", default_value_t = 10)]
     worst: usize,
 }

@@ -14,13 +14,13 @@ use crate::screen::Screen;
 
 #[derive(Args)]
 pub(crate) struct TopArgs {
-    /// The run's name, where several are alive (see `armplane doctor --json`).
+    /// Name of the run, if several are alive (`armplane doctor --json` lists them).
     #[arg(long, value_name = "RUN")]
     run: Option<String>,
-    /// Print one sample, then leave.
+    /// Print one sample and exit.
     #[arg(long)]
     once: bool,
-    /// Time between two samples; ms.
+    /// Sampling interval; ms.
     #[arg(long, value_name = "MS", default_value_t = 500, value_parser = clap::value_parser!(u64).range(10..=60_000))]
     every_ms: u64,
 }

@@ -13,13 +13,13 @@ use crate::progress::observe;
 
 #[derive(Args)]
 pub(crate) struct VerifyArgs {
-    /// A built-in scenario's name, or a scenario file.
+    /// A built-in scenario, or a scenario file.
     #[arg(value_name = "SCENARIO|FILE.toml", default_value = load::DEFAULT_SCENARIO)]
     scenario: String,
-    /// How often to run it, each time under another condition.
+    /// Number of runs, each under other conditions.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
     runs: u32,
-    /// Instead: kill processes at random moments of so many runs, and repeat each run from the scenario that it leaves.
+    /// Kill processes at random moments of N runs instead, and repeat each run from its scenario.toml.
     #[arg(long, value_name = "N", conflicts_with_all = ["runs", "unordered"], value_parser = clap::value_parser!(u32).range(1..=100_000))]
     kills: Option<u32>,
     /// Seed of every random number of the run [default: the scenario's].
@@ -28,10 +28,10 @@ pub(crate) struct VerifyArgs {
     /// Override a value of the scenario, for example control.k_p=900 (repeatable).
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// A process graph of your own instead of the built-in one.
+    /// Your own process graph.
     #[arg(long, value_name = "FILE.toml")]
     graph: Option<PathBuf>,
-    /// Keep all messages and recordings of all runs in this folder [default: they are removed].
+    /// Keep the messages and recordings of all runs here [default: removed].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Let the plant take the torque of the tick before where the right one is late: shows that `verify` can fail.

@@ -16,7 +16,7 @@ pub(crate) struct ViewArgs {
     /// The run's folder, or its name under runs/ [default: the latest].
     #[arg(value_name = "RUN")]
     run: Option<PathBuf>,
-    /// Another layout than the scenario's.
+    /// Layout to open [default: the scenario's].
     #[arg(long, value_parser = layout, value_name = "control|timing|faults")]
     layout: Option<Layout>,
 }
