@@ -99,6 +99,11 @@ class Run:
         if done.returncode:
             raise RuntimeError(_sentence(done.stderr))
 
+    def report(self):
+        """The run as one HTML page, `report.html` in its folder, shown where a notebook's cell ends with it: the arm under a slider, plots, tables, log."""
+        _armplane("report", self.folder, "--json")
+        return Page(self.folder / "report.html")
+
     def _repr_html_(self):
         task, joints = self.summary["task"], self.summary["joints"]
         rows = [
@@ -111,6 +116,19 @@ class Run:
         cells = "".join(f"<tr><th>{name}</th><td>{html.escape(text)}</td></tr>" for name, text in rows)
         title = html.escape(f"{self.summary['scenario']} on {self.summary['robot']}")
         return f"<table><caption>{title}</caption>{cells}</table>"
+
+
+class Page:
+    """An HTML page: its `path`, and in a notebook the page itself."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __repr__(self):
+        return f"Page({str(self.path)!r})"
+
+    def _repr_html_(self):
+        return f'<iframe srcdoc="{html.escape(self.path.read_text())}" width="100%" height="800" style="border: 0"></iframe>'
 
 
 def load(folder):
