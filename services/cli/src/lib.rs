@@ -68,7 +68,7 @@ enum Command {
                       targets are refused and counted.\n\n\
                       The targets are saved beside the run: `armplane run` of its scenario.toml gives the same bytes again. docs/servo.md \
                       describes the format.",
-        after_help = "Examples:\n  armplane servo servo-panda                    a built-in session\n  armplane servo panda --random 7               60 s of random twists\n  armplane servo ur5 --from my-targets.csv --start bent\n  armplane servo --from topic --graph examples/python/spiral.toml panda --duration 10\n  armplane servo --seeds 20                     judge four arms on 20 seeds each\n\nExit code 1: the session did not end at rest at its reference, or --seeds found a broken bar."
+        after_help = "Examples:\n  armplane servo servo-panda                    a built-in session\n  armplane servo panda --random 7               60 s of random twists\n  armplane servo ur5 --from my-targets.csv --start bent\n  armplane servo --from topic --graph examples/steer/graph.toml panda --duration 10\n  armplane servo --seeds 20                     judge four arms on 20 seeds each\n\nExit code 1: the session did not end at rest at its reference, or --seeds found a broken bar."
     )]
     Servo(servo::ServoArgs),
     /// Check that runs under different conditions give the same bytes.

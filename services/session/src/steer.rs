@@ -112,7 +112,7 @@ impl Steering {
         if matches!(self.targets, Targets::Process) && writer == Some(Program::Operator) {
             return Err(Failure::Input(
                 "no process of the graph gives targets but armplane's operator, which has none: name a graph with a process of yours that writes `target`, \
-                 as in --graph examples/python/spiral.toml"
+                 as in --graph examples/steer/graph.toml"
                     .to_owned(),
             ));
         }
