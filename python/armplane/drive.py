@@ -16,10 +16,9 @@ class Drive:
     REST_RATIO = 0.05  # of the speed limit, below which the brakes engage
     STOP_TIME = 1.0  # after which they engage at any speed; s
 
-    def __init__(self, joints, dt, hold_ticks, carried):
-        self.effort = np.array([joint.effort for joint in joints])
-        speed = np.array([joint.velocity for joint in joints])
-        self.rest = np.where(np.isfinite(speed), self.REST_RATIO * speed, 0.05)
+    def __init__(self, effort, velocity, dt, hold_ticks, carried):
+        self.effort = effort
+        self.rest = np.where(np.isfinite(velocity), self.REST_RATIO * velocity, 0.05)
         self.dt, self.hold_ticks = dt, hold_ticks
         self.tau = np.clip(carried, -self.effort, self.effort)
         self.state, self.flags, self.saturation_mask = wire.DRIVE_ACTIVE, 0, 0

@@ -172,3 +172,8 @@ class Exchange:
         """The job of the run: scenario, robot and graph, as in the run's job.json."""
         with open(os.path.join(os.path.dirname(self.path), "job.json")) as file:
             return json.load(file)
+
+    def arm(self):
+        """The arm of the run in MJCF: base axes, the end-effector as the site `end_effector`, the start as a key; a joint's `user` is its speed limit."""
+        with open(os.path.join(os.path.dirname(self.path), "arm.xml")) as file:
+            return file.read()

@@ -1,109 +1,47 @@
-"""The arm of a job in MuJoCo: an MJCF from its URDF and description, and the numbers that messages need."""
+"""MuJoCo as the plant of a run, `armplane run SCENARIO --plant mujoco[:scene.xml]`, and the arm of a run in MuJoCo for processes in Python."""
 
+import json
 import math
-import xml.etree.ElementTree as ElementTree
+import os
+import re
+import sys
 
-import mujoco
-import numpy as np
+try:
+    import mujoco
+    import numpy as np
+except ImportError as error:
+    if __name__ != "__main__":
+        raise
+    sys.exit(f"{error}: pip install mujoco, for the Python {sys.executable}")
 
-from .robot import Robot
+from .drive import Drive
+from .noise import Gaussian
+from .process import Plant
 
-
-def _numbers(element, name, default):
-    return [float(x) for x in element.get(name, default).split()] if element is not None else [float(x) for x in default.split()]
-
-
-def _text(numbers):
-    return " ".join(repr(float(x)) for x in numbers)
-
-
-def _rotation(rpy):
-    """R = Rz(yaw) Ry(pitch) Rx(roll), as a URDF means it."""
-    (sr, cr), (sp, cp), (sy, cy) = ((math.sin(x), math.cos(x)) for x in rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
-
-
-def _quaternion(rotation):
-    quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, rotation.flatten())
-    return quaternion
-
-
-def mjcf(robot, rate_hz, substeps=4, friction=False, mass_factor=1.0):
-    """The model as MJCF: the URDF's bodies, joints and inertias, the description's armature and, where asked for, friction.
-
-    Runge-Kutta of order 4 with `substeps` steps a tick, no contact.
-    """
-    root = ElementTree.Element("mujoco", model="arm")
-    ElementTree.SubElement(root, "compiler", angle="radian", autolimits="false", balanceinertia="false")
-    option = ElementTree.SubElement(
-        root, "option", timestep=repr(1.0 / rate_hz / substeps), integrator="RK4", gravity=_text(robot.gravity)
-    )
-    ElementTree.SubElement(option, "flag", contact="disable")
-    world = ElementTree.SubElement(root, "worldbody")
-    base = ElementTree.SubElement(world, "body", name=robot.base)
-
-    def fill(body, link):
-        inertial = robot.links[link].find("inertial")
-        if inertial is not None and float(inertial.find("mass").get("value")) > 0:
-            origin, inertia = inertial.find("origin"), inertial.find("inertia")
-            xx, xy, xz, yy, yz, zz = (float(inertia.get(name)) for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
-            R = _rotation(_numbers(origin, "rpy", "0 0 0"))
-            I = R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T * mass_factor
-            ElementTree.SubElement(
-                body,
-                "inertial",
-                pos=_text(_numbers(origin, "xyz", "0 0 0")),
-                mass=repr(float(inertial.find("mass").get("value")) * mass_factor),
-                fullinertia=_text([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]),
-            )
-        for element in robot.children.get(link, []):
-            child, origin = element.find("child").get("link"), element.find("origin")
-            quaternion = _quaternion(_rotation(_numbers(origin, "rpy", "0 0 0")))
-            below = ElementTree.SubElement(body, "body", name=child, pos=_text(_numbers(origin, "xyz", "0 0 0")), quat=_text(quaternion))
-            if element.get("name") in robot.moving:
-                joint = robot.moving[element.get("name")]
-                limited = math.isfinite(joint.lower) and math.isfinite(joint.upper)
-                ElementTree.SubElement(
-                    below,
-                    "joint",
-                    name=joint.name,
-                    type="slide" if joint.kind == "prismatic" else "hinge",
-                    axis=_text(_numbers(element.find("axis"), "xyz", "1 0 0")),
-                    armature=repr(joint.armature),
-                    damping=repr(joint.viscous_friction if friction else 0.0),
-                    frictionloss=repr(joint.coulomb_friction if friction else 0.0),
-                    limited="true" if limited else "false",
-                    range=_text([joint.lower, joint.upper] if limited else [0.0, 0.0]),
-                )
-            fill(below, child)
-
-    fill(base, robot.base)
-    return ElementTree.tostring(root, encoding="unicode")
+# A scene whose joints lie further from the robot's (m, or rad of their axes) is another arm.
+_SAME = 1e-5
+_BAD = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+_MJCF = re.compile(r"\ufeff?(\s|<\?.*?\?>|<!--.*?-->)*<mujoco", re.DOTALL)
+_FILES = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD, mujoco.mjtGeom.mjGEOM_SDF)
 
 
 class Arm:
-    """The arm in MuJoCo at the scenario's start: `model`, `data`, and what armplane's messages say of a posture."""
+    """The arm alone, from `exchange.arm()`, at the scenario's start: `model`, `data`, and what armplane's messages say of a posture."""
 
-    def __init__(self, job):
-        scenario = job["scenario"]
-        plant = scenario["plant"]
-        self.robot = Robot(job)
-        self.substeps = plant["substeps"]
-        text = mjcf(self.robot, scenario["rate_hz"], self.substeps, plant["friction"], plant["mass_factor"])
-        self.model = mujoco.MjModel.from_xml_string(text)
-        self.data = mujoco.MjData(self.model)
-        self.n = self.model.nv
-        self.frame = self.model.body(self.robot.frame).id
-        self._jacobian = np.zeros((6, self.n))
-        self._mass = np.zeros((self.n, self.n))
-        self.move_to(self.robot.start(scenario))
+    def __init__(self, text):
+        self.model = m = mujoco.MjModel.from_xml_string(text)
+        # Joints beyond their stops are the simulation's, not the model's.
+        m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+        m.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+        self.data, self.n = mujoco.MjData(m), m.nv
+        self.names = [m.joint(j).name for j in range(m.njnt)]
+        self.turns = m.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
+        self.effort = np.where(m.jnt_actfrclimited, m.jnt_actfrcrange[:, 1], np.inf)
+        self.velocity = np.where(m.jnt_user[:, 0] > 0, m.jnt_user[:, 0], np.inf) if m.nuser_jnt else np.full(self.n, np.inf)
+        self.frame = m.site("end_effector").id
+        self.start = m.key("start").qpos.copy()
+        self._jacobian, self._mass = np.zeros((6, self.n)), np.zeros((self.n, self.n))
+        self.move_to(self.start)
 
     def move_to(self, q, qdot=None):
         """Places the arm; the kinematics and the bias force are those of the new state."""
@@ -111,33 +49,314 @@ class Arm:
         self.data.qvel[:] = 0.0 if qdot is None else qdot
         mujoco.mj_forward(self.model, self.data)
 
-    def step(self, tau):
-        """One tick under the joint torques `tau`; N·m."""
-        self.data.qfrc_applied[:] = tau
-        mujoco.mj_step(self.model, self.data, self.substeps)
-        mujoco.mj_forward(self.model, self.data)
-
     @property
     def position(self):
         """The end-effector's position in B; m."""
-        return self.data.xpos[self.frame]
+        return self.data.site_xpos[self.frame]
 
     @property
     def rotation(self):
         """The end-effector's rotation in B, 3 × 3."""
-        return self.data.xmat[self.frame].reshape(3, 3)
+        return self.data.site_xmat[self.frame].reshape(3, 3)
 
     def jacobian(self):
         """J at the end-effector, 6 × n, [linear; angular] in base axes."""
-        mujoco.mj_jacBody(self.model, self.data, self._jacobian[:3], self._jacobian[3:], self.frame)
+        mujoco.mj_jacSite(self.model, self.data, self._jacobian[:3], self._jacobian[3:], self.frame)
         return self._jacobian
 
     def mass_matrix(self):
         """A(q), n × n; kg·m²."""
-        for i, unit in enumerate(np.eye(self.n)):
-            mujoco.mj_mulM(self.model, self.data, self._mass[i], unit)
-        return self._mass
+        return _mass_matrix(self.model, self.data)
 
     def bias(self):
         """Torque of gravity and of Coriolis and centrifugal forces; N·m."""
         return self.data.qfrc_bias
+
+
+def _mass_matrix(model, data):
+    A = np.zeros((model.nv, model.nv))
+    for i, unit in enumerate(np.eye(model.nv)):
+        mujoco.mj_mulM(model, data, A[i], unit)
+    return A
+
+
+def _spec(arm_text, robot_text, file):
+    """The scene's file; without one the robot's own MJCF, from which what lies in other files is taken out; of another robot the arm's model."""
+    if file:
+        return mujoco.MjSpec.from_file(file)
+    text = robot_text if _MJCF.match(robot_text) else arm_text
+    spec = mujoco.MjSpec.from_string(text)
+    for element in [*spec.geoms, *spec.sites]:
+        element.material = ""
+    for geom in [geom for geom in spec.geoms if geom.type in _FILES]:
+        spec.delete(geom)
+    for elements in (spec.materials, spec.textures, spec.skins, spec.meshes, spec.hfields):
+        for element in list(elements):
+            spec.delete(element)
+    # An arm alone touches nothing.
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    if text is arm_text:
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    return spec
+
+
+def _without_self_collision(spec, names):
+    """Takes contacts among the arm's own bodies out of the scene, those of the link at its base included."""
+
+    def rigid(body):
+        yield body
+        for child in body.bodies:
+            if not list(child.joints):
+                yield from rigid(child)
+
+    links = [spec.joint(name).parent for name in names]
+    base = links[0].parent
+    bodies = ([] if base.name == "world" else [base]) + [body for link in links for body in rigid(link)]
+    for i, body in enumerate(bodies):
+        body.name = body.name or f"armplane {i}"
+    for i, body in enumerate(bodies):
+        for other in bodies[:i]:
+            spec.add_exclude(bodyname1=body.name, bodyname2=other.name)
+
+
+class World:
+    """The simulation: the arm's joints by name in a scene, torques at them, everything else as the scene has it.
+
+    `said` lists what differs from the scene's file and from the robot's model. Raises ValueError, with the reason in words, where they do not fit.
+    """
+
+    def __init__(self, job, arm_text, file=None):
+        scenario, self.arm, self.robot = job["scenario"], Arm(arm_text), job["robot"]["name"]
+        self.where, self.said = os.path.basename(file) if file else self.robot, []
+        options = scenario["plant"]
+        try:
+            spec = _spec(arm_text, job["robot"]["urdf"], file)
+            self._find(spec)
+            if not options["self_collision"]:
+                _without_self_collision(spec, self.arm.names)
+            self.model = spec.compile()
+        except ValueError as error:
+            raise ValueError(f"{self.where}: {' '.join(str(error).split())}") from None
+        m = self.model
+        self.data = mujoco.MjData(m)
+        self.joints = np.array([m.joint(name).id for name in self.arm.names])
+        self.qpos, self.dofs = m.jnt_qposadr[self.joints], m.jnt_dofadr[self.joints]
+        self._check_chain()
+        self._take_over_torques()
+        self._take_off_forces(options["friction"])
+        mass_factor = options["mass_factor"]
+        if mass_factor != 1.0:
+            m.body_mass[self.tree] *= mass_factor
+            m.body_inertia[self.tree] *= mass_factor
+            mujoco.mj_setConst(m, self.data)
+        dt = 1.0 / scenario["rate_hz"]
+        self.substeps = max(options["substeps"], math.ceil(dt / m.opt.timestep))
+        m.opt.timestep = dt / self.substeps
+        mujoco.mj_resetData(m, self.data)
+        self._compare_with_model()
+        self.data.qpos[self.qpos] = self.arm.start
+        mujoco.mj_forward(m, self.data)
+
+    def _find(self, spec):
+        for joint in spec.joints:
+            joint.name = joint.name or f"joint of {joint.parent.name}"
+        known = [joint.name for joint in spec.joints]
+        for name in self.arm.names:
+            if name not in known:
+                raise ValueError(f"there is no joint {name!r}; the arm's joints are found by their names, and there are {', '.join(known)}")
+
+    def _check_chain(self):
+        m = self.model
+        for name, joint, dof, parent, turns in zip(self.arm.names, self.joints, self.dofs, [-1, *self.dofs], self.arm.turns):
+            if m.dof_parentid[dof] != parent:
+                other = m.joint(m.dof_jntid[m.dof_parentid[dof]]).name if m.dof_parentid[dof] >= 0 else "none"
+                wanted = "the world" if parent < 0 else m.joint(m.dof_jntid[parent]).name
+                raise ValueError(f"{self.where}: joint {name} moves on joint {other}, and the robot's on {wanted}: a base or joint between must be fixed")
+            if m.jnt_type[joint] != (mujoco.mjtJoint.mjJNT_HINGE if turns else mujoco.mjtJoint.mjJNT_SLIDE):
+                raise ValueError(f"{self.where}: joint {name} is of another kind than the robot's")
+        self.tree = np.flatnonzero(m.body_treeid == m.body_treeid[m.jnt_bodyid[self.joints[0]]])
+
+    def _take_over_torques(self):
+        """Actuators of the arm's joints exert no force: the torques come from the controller."""
+        m, d = self.model, self.data
+        mujoco.mj_forward(m, d)
+        moment = np.zeros((len(d.moment_rownnz), m.nv))
+        mujoco.mju_sparse2dense(moment, d.actuator_moment, d.moment_rownnz, d.moment_rowadr, d.moment_colind)
+        outputs = getattr(m, "actuator_outnum", np.ones(len(moment), int))
+        kinds = {}
+        for a, rows in enumerate(np.split(moment != 0, np.cumsum(outputs)[:-1]) if len(moment) else []):
+            acts_on, name = np.flatnonzero(rows.any(axis=0)), m.actuator(a).name or f"number {a + 1}"
+            if not np.isin(acts_on, self.dofs).any():
+                continue
+            if not np.isin(acts_on, self.dofs).all():
+                raise ValueError(f"{self.where}: the actuator {name} drives joints of the arm and others at once: take it out")
+            bias = m.actuator_biasprm[a]
+            kind = "motor" if m.actuator_biastype[a] == 0 else "position" if bias[1] else "velocity" if bias[2] else "general"
+            kinds[kind] = kinds.get(kind, 0) + 1
+            m.actuator_gaintype[a] = m.actuator_biastype[a] = 0
+            m.actuator_gainprm[a] = m.actuator_biasprm[a] = 0.0
+            self._zero(("actuator_damping", "actuator_dampingpoly"), a)
+        if kinds:
+            self.said.append("torques in place of " + ", ".join(f"{count} {kind} actuators" for kind, count in kinds.items()))
+
+    def _zero(self, names, places):
+        """Sets numbers of the model to zero, those that this version of MuJoCo knows; whether one was not."""
+        arrays = [getattr(self.model, name) for name in names if hasattr(self.model, name)]
+        was_set = any(np.any(array[places]) for array in arrays)
+        for array in arrays:
+            array[places] = 0.0
+        return was_set
+
+    def _take_off_forces(self, has_friction):
+        """The robot's model knows neither springs nor gravity compensation; friction acts where the scenario says so."""
+        off = []
+        if self._zero(("body_gravcomp",), self.tree):
+            off.append("gravity compensation")
+        if self._zero(("jnt_stiffness", "jnt_stiffnesspoly"), self.joints):
+            off.append("springs")
+        if not has_friction and self._zero(("dof_damping", "dof_dampingpoly", "dof_frictionloss"), self.dofs):
+            off.append("damping and dry friction (plant.friction = false)")
+        if off:
+            self.said.append(f"without {', '.join(off)} of its joints")
+
+    def _compare_with_model(self):
+        """Finds the robot's base in the scene, and how far the two arms differ."""
+        m, d, arm = self.model, self.data, self.arm
+        lower, upper = (np.where(arm.model.jnt_limited, side, sign * 3.0) for side, sign in zip(arm.model.jnt_range.T, (-1, 1)))
+        postures = [arm.start, *np.random.default_rng(0).uniform(lower, upper, (4, arm.n))]
+        body, first = m.jnt_bodyid[self.joints[0]], arm.model.jnt_bodyid[0]
+        worst, candidates = {}, []
+        for posture in postures:
+            d.qpos[self.qpos] = posture
+            mujoco.mj_kinematics(m, d)
+            arm.move_to(posture)
+            if not candidates:
+                R = d.xmat[body].reshape(3, 3) @ arm.data.xmat[first].reshape(3, 3).T
+                candidates = [(np.eye(3), np.zeros(3)), (R, d.xpos[body] - R @ arm.data.xpos[first])]
+            for k, (R, p) in enumerate(candidates):
+                axes, ours = d.xaxis[self.joints], arm.data.xaxis @ R.T
+                apart = np.cross(d.xanchor[self.joints] - (arm.data.xanchor @ R.T + p), axes)
+                far = np.maximum(np.abs(axes - ours).max(axis=1), np.where(arm.turns, np.abs(apart).max(axis=1), 0.0))
+                worst[k] = np.maximum(worst.get(k, 0.0), far)
+        best = min(worst, key=lambda k: worst[k].max())
+        self.base, far = candidates[best][0], worst[best]
+        if far.max() > _SAME:
+            name = arm.names[int(np.argmax(far > _SAME))]
+            raise ValueError(f"{self.where}: the axis of joint {name} lies {far.max():.2g} m or rad from that of {self.robot}: it is another arm")
+        tilt = np.abs(self.base.T @ m.opt.gravity - arm.model.opt.gravity).max()
+        if tilt > _SAME:
+            raise ValueError(f"{self.where}: gravity at the arm's base differs by {tilt:.2g} m/s² from that of {self.robot}: mount it upright, or state gravity")
+        d.qpos[self.qpos] = arm.start
+        arm.move_to(arm.start)
+        mujoco.mj_forward(m, d)
+        A = _mass_matrix(m, d)[np.ix_(self.dofs, self.dofs)]
+        inertia, load = np.abs(A / arm.mass_matrix().diagonal() - arm.mass_matrix() / arm.mass_matrix().diagonal()).max(), np.abs(d.qfrc_bias[self.dofs] - arm.bias())
+        if inertia > 1e-6 or load.max() > 1e-6:
+            self.said.append(f"at the start its inertia differs by {inertia:.1%} from the robot's, its weight by {load.max():.2g} N·m")
+        if (pushed := np.abs(d.qfrc_constraint[self.dofs] + d.qfrc_passive[self.dofs])).max() > 1e-6:
+            self.said.append(f"at the start something pushes joint {arm.names[int(pushed.argmax())]} with {pushed.max():.2g} N·m")
+
+    @property
+    def q(self):
+        return self.data.qpos[self.qpos]
+
+    @property
+    def qdot(self):
+        return self.data.qvel[self.dofs]
+
+    def step(self, tau):
+        """One tick under the torques `tau`; N·m. `None`: the brakes hold the arm."""
+        m, d = self.model, self.data
+        if tau is None:
+            q = self.q
+            for _ in range(self.substeps):
+                mujoco.mj_step(m, d)
+                d.qpos[self.qpos], d.qvel[self.dofs] = q, 0.0
+        else:
+            d.qfrc_applied[self.dofs] = tau
+            mujoco.mj_step(m, d, self.substeps)
+        if any(d.warning[bad].number for bad in _BAD):
+            raise RuntimeError(f"MuJoCo's simulation left the finite numbers at {d.time:.3f} s: more sub-steps (plant.substeps), or a softer scene")
+        self.arm.move_to(self.q, self.qdot)
+
+    def limit_mask(self):
+        """Bit i: joint i is at its stop."""
+        m, q = self.model, self.q
+        lower, upper = m.jnt_range[self.joints].T
+        at = m.jnt_limited[self.joints].astype(bool) & ((q <= lower) | (q >= upper))
+        return int(sum(1 << int(i) for i in np.flatnonzero(at)))
+
+    def touch(self):
+        """Number of contacts of the arm, and the force on it in base axes; N."""
+        m, d, force, count, one = self.model, self.data, np.zeros(3), 0, np.zeros(6)
+        for i in range(d.ncon):
+            of_arm = [bool(np.isin(m.geom_bodyid[geom], self.tree)) for geom in d.contact[i].geom]
+            if any(of_arm) and d.contact[i].dist < 0:
+                mujoco.mj_contactForce(m, d, i, one)
+                # From the first geom to the second.
+                force += (of_arm[1] - of_arm[0]) * (one[:3] @ d.contact[i].frame.reshape(3, 3))
+                count += 1
+        return count, self.base.T @ force
+
+    def __str__(self):
+        m = self.model
+        integrator = mujoco.mjtIntegrator(m.opt.integrator).name.removeprefix("mjINT_")
+        steps = f"{self.substeps} steps of {1e3 * m.opt.timestep:g} ms a tick ({integrator})"
+        return "; ".join([f"MuJoCo {mujoco.__version__}, {self.where}: {steps}", *self.said])
+
+
+class MujocoPlant(Plant):
+    """armplane's own drives and encoders around MuJoCo's arm."""
+
+    def setup(self):
+        scenario, plant = self.job["scenario"], self.job["scenario"]["plant"]
+        self.world = World(self.job, self.exchange.arm(), *sys.argv[1:2])
+        arm = self.world.arm
+        self.drive = Drive(arm.effort, arm.velocity, self.dt, plant["hold_ticks"], arm.bias().copy())
+        bits = plant["encoder_bits"]
+        self.count = np.where(arm.turns, 2.0 * np.pi, 1.0) / 2**bits if bits else None
+        self.noise, self.noise_counts = Gaussian(scenario["seed"], arm.n), plant["encoder_noise_counts"]
+        print(self.world)
+
+    def step(self, torque):
+        world, arm = self.world, self.world.arm
+        age = self.exchange.head.tick - 1 - torque.header.tick if torque else 0
+        command = np.array(torque.tau[: arm.n]) if torque else None
+        gravity, inertia = (arm.bias(), arm.mass_matrix().diagonal()) if command is None else (None, None)
+        tau = self.drive.answer(command, age, world.qdot, gravity, inertia)
+        world.step(None if self.drive.braked else tau)
+
+    def sample(self, tick, sensor, truth):
+        world, arm, drive = self.world, self.world.arm, self.drive
+        n, q, qdot = arm.n, world.q, world.qdot
+        reading = q if self.count is None else self.count * np.round(q / self.count + self.noise_counts * self.noise(tick))
+        sensor.q_encoder[:n] = reading.tolist()
+        sensor.tau_drive[:n] = truth.tau[:n] = drive.tau.tolist()
+        sensor.drive, sensor.stale_ticks = truth.drive, _ = drive.state, drive.stale_ticks
+        truth.q[:n], truth.qdot[:n] = q.tolist(), qdot.tolist()
+        truth.p_BE[:] = arm.position.tolist()
+        truth.R_BE[:] = arm.rotation.T.flatten().tolist()
+        truth.V_BE[:] = (arm.jacobian() @ qdot).tolist()
+        truth.energy_j = float(arm.data.energy.sum())
+        truth.contacts, force = world.touch()
+        truth.contact_force_n[:] = force.tolist()
+        truth.limit_mask = world.limit_mask()
+        truth.drive_flags, truth.saturation_mask, truth.refused = drive.flags, drive.saturation_mask, drive.refused
+
+
+def main():
+    """Takes part in the run that started this program; without one, checks the scenario on standard input."""
+    if not hasattr(getattr(mujoco, "MjSpec", None), "delete"):
+        sys.exit(f"MuJoCo {mujoco.__version__} is too old: pip install 'mujoco>=3.3', for the Python {sys.executable}")
+    if "ARMPLANE_EXCHANGE" in os.environ:
+        MujocoPlant.run()
+        return
+    question = json.load(sys.stdin)
+    try:
+        World(question, question["arm"], *sys.argv[1:2])
+    except ValueError as error:
+        sys.exit(str(error))
+
+
+if __name__ == "__main__":
+    main()

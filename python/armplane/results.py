@@ -136,14 +136,14 @@ def load(folder):
     return Run(folder)
 
 
-def run(scenario, *, graph=None, mode=None, seed=None, out=None, settings=None, record=True):
+def run(scenario, *, graph=None, plant=None, mode=None, seed=None, out=None, settings=None, record=True):
     """Runs a scenario (built-in name, or path of a file) to its end; the `Run`.
 
-    `settings` lays values over the scenario's: `{"control.k_p": 900}`. Raises `RuntimeError` with armplane's own sentence where the run cannot be
+    `settings` lays values over the scenario's: `{"control.k_p": 900}`; `plant="mujoco"` takes MuJoCo for the simulated arm. Raises `RuntimeError` with armplane's own sentence where the run cannot be
     made; a run that misses its goal is a result.
     """
     arguments = ["run", scenario, "--json"]
-    for option, value in (("--graph", graph), ("--mode", mode), ("--seed", seed)):
+    for option, value in (("--graph", graph), ("--plant", plant), ("--mode", mode), ("--seed", seed)):
         if value is not None:
             arguments += [option, value]
     for key, value in (settings or {}).items():

@@ -221,3 +221,31 @@ def test_a_mujoco_model_gives_the_arm_of_its_file_and_mujocos_numbers(tmp_path):
             at = arm.at(data.qpos, data.qvel)
             for ours, theirs in [(at.A, A), (at.bias, data.qfrc_bias), (at.J, np.vstack([linear, angular])), (at.pose[:3, 3], data.site_xpos[0])]:
                 np.testing.assert_allclose(ours, theirs, atol=1e-12)
+
+
+ARM = """<body name="base" pos="0 0.2 0.1"><body name="upper"><joint name="one" axis="0 1 0" range="-170 170" armature="0.1" damping="0.5"/>
+<inertial pos="0.15 0 0" mass="2" diaginertia="0.01 0.02 0.02"/><geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03"/>
+<body name="fore" pos="0.3 0 0"><joint name="two" axis="0 1 0" range="-170 170" armature="0.1"/><inertial pos="0.15 0 0" mass="1" diaginertia="0.01 0.02 0.02"/>
+<geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03"/><site name="tip" pos="0.3 0 0"/></body></body></body>"""
+SERVOS = '<actuator><position joint="one" kp="90" forcerange="-60 60"/><velocity joint="two" kv="9" forcerange="-60 60"/></actuator>'
+BALL = '<body name="ball" pos="0.3 0.2 0.9"><freejoint/><geom size="0.03" density="300"/></body><geom type="plane" size="2 2 0.1"/>'
+
+
+def test_mujoco_is_the_plant_and_gives_the_same_bytes_twice():
+    pytest.importorskip("mujoco")
+    file = lambda name, bodies: pathlib.Path(name).write_text(f'<mujoco model="two"><worldbody>{bodies}</worldbody>{SERVOS}</mujoco>')
+    file("arm.xml", ARM), file("scene.xml", ARM + BALL), file("other.xml", ARM.replace("0.3 0 0", "0.31 0 0"))
+    pathlib.Path("arm.toml").write_text('[joints]\none = { velocity = 4 }\ntwo = { velocity = 4 }\n')
+    pathlib.Path("line.toml").write_text('name = "line"\nrobot = "arm.xml"\n[start]\nq_deg = [-60, 100]\n[[segment]]\nby_m = [0.05, 0, 0.05]\nduration_s = 0.6\n')
+    runs = [armplane.run("line.toml", plant=plant, out=out) for out, plant in [("a", "mujoco"), ("b", "mujoco"), ("c", "mujoco:scene.xml"), ("d", None)]]
+    assert all(run.goal_reached for run in runs), runs
+    alone, again, scene, ours = runs
+    assert alone.summary["topics"] == again.summary["topics"] != ours.summary["topics"]
+    q, hit = ([run.messages("plant_state")[name] for run in runs] for name in ("q", "contacts"))
+    # The same arm, another integrator; the ball that falls on it is felt, and the arm is back on its line.
+    ticks = min(map(len, q))
+    assert np.abs(q[0][:ticks] - q[3][:ticks]).max() < 1e-3 and not hit[0].any()
+    assert hit[2].any() and np.abs(q[2][:ticks] - q[0][:ticks]).max() > 1e-5
+    with pytest.raises(RuntimeError, match="two.*another arm"):
+        armplane.run("line.toml", plant="mujoco:other.xml", out="e")
+    assert not pathlib.Path("e").exists()

@@ -1,4 +1,4 @@
-//! The examples of `examples/`: a plant in C and one in MuJoCo, a controller, a subscriber and a reader of results in Python.
+//! The examples of `examples/`: a plant in C, a controller, a subscriber and a reader of results in Python; and MuJoCo as the plant.
 
 use std::path::Path;
 use std::process::Command;
@@ -99,12 +99,8 @@ fn mujoco_is_the_plant_of_figure_5() {
         return;
     }
     let desk = Desk::new();
-    let graph = root()
-        .join("examples/mujoco/graph.toml")
-        .display()
-        .to_string();
-    let args = ["run", "fig5-wrist-rotation", "--graph", &graph, "--json"];
-    let (first, second) = (run(&desk, &args), run(&desk, &args));
+    let args = "run fig5-wrist-rotation --plant mujoco --json";
+    let (first, second) = (run(&desk, args), run(&desk, args));
     assert_eq!(first.code, 0, "{}", first.err);
     let (first, second) = (first.json(), second.json());
     assert_eq!(first["topics"], second["topics"], "the same bytes twice");
@@ -117,6 +113,49 @@ fn mujoco_is_the_plant_of_figure_5() {
         &desk.path().join("ours"),
     );
     assert!(apart < 2e-3, "joints {apart} rad apart");
+}
+
+/// Whichever part is missing, one sentence says what to install, and nothing is left behind.
+#[test]
+fn without_python_or_mujoco_nothing_starts() {
+    let desk = Desk::new();
+    let cases = [
+        (
+            "no-folder",
+            "",
+            "run fig5-wrist-rotation --plant mujoco",
+            "python3",
+        ),
+        (
+            "",
+            "raise ImportError('mujoco is away')",
+            "run fig5-wrist-rotation --plant mujoco",
+            "pip install mujoco",
+        ),
+        (
+            "",
+            "raise ImportError('mujoco is away')",
+            "compare sweep --robot ur5 --plant mujoco --count 1",
+            "pip install mujoco",
+        ),
+    ];
+    for (path, module, args, expected) in cases {
+        desk.file("mujoco.py", module);
+        let mut command = armplane(&desk, args);
+        if !path.is_empty() {
+            command.env("PATH", path);
+        } else if lacks("") {
+            continue;
+        }
+        let said = finish(command.spawn().expect("armplane starts"));
+        assert_eq!(said.code, 2, "{}", said.err);
+        assert!(
+            said.err.contains(expected) && said.err.lines().count() == 1,
+            "{}",
+            said.err
+        );
+        assert!(!desk.path().join("runs").exists(), "results of no run");
+    }
 }
 
 #[test]

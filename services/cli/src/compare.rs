@@ -47,7 +47,14 @@ pub(crate) struct CompareArgs {
     /// Sweep lines through exactly singular postures of this arm, and print every line. Uses the first law of --law.
     #[arg(long, value_name = "ROBOT|FILE.urdf|FILE.xml")]
     robot: Option<String>,
+<<<<<<< HEAD
     /// With --robot: lines through two singularities at once, --count per pair.
+=======
+    /// In place of the simulated arm: MuJoCo (docs/python.md). Each run then takes its processes.
+    #[arg(long, value_name = "mujoco|mujoco:SCENE.xml", conflicts_with_all = ["tune", "race"])]
+    plant: Option<String>,
+    /// With --robot: lines through two singularities at once, COUNT for each pair.
+>>>>>>> 3bf7bc80 (session: MuJoCo as the plant of any run, by --plant mujoco)
     #[arg(long, requires = "robot")]
     pairs: bool,
     /// Record one scenario under two laws: its own solid, the one of --law translucent (default: damped-least-squares).
@@ -84,6 +91,7 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
             count: args.count,
             pairs: args.pairs,
             speed: args.speed,
+            plant: args.plant.as_deref(),
         };
         return lines_of_an_arm(&sweep, args.out.as_deref(), as_json);
     }
@@ -100,6 +108,7 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
             count: args.count,
             speed: args.speed,
         },
+        plant: args.plant.as_deref(),
     };
     let mut each = |compared: &Compared| {
         if !as_json {

@@ -23,8 +23,13 @@ pub(crate) struct RunArgs {
     /// Pace of the run [default: lockstep; realtime on a robot].
     #[arg(long, value_enum, hide_default_value = true)]
     mode: Option<ModeArg>,
+<<<<<<< HEAD
     /// Use a Franka arm or its simulator as the plant: fci://HOST (docs/franka.md).
     #[arg(long, value_name = "ADDRESS")]
+=======
+    /// In place of the simulated arm: MuJoCo (docs/python.md), or a Franka arm, fci://HOST (docs/franka.md).
+    #[arg(long, value_name = "mujoco|mujoco:SCENE.xml|ADDRESS")]
+>>>>>>> 3bf7bc80 (session: MuJoCo as the plant of any run, by --plant mujoco)
     plant: Option<String>,
     /// Seed of every random number of the run [default: the scenario's].
     #[arg(long, value_name = "N")]
@@ -102,14 +107,9 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
         seed: args.seed,
         graph: args.graph.clone(),
         plant: args.plant.clone(),
-        mode: args.mode.map_or(
-            if args.plant.is_some() {
-                Mode::Realtime
-            } else {
-                Mode::Lockstep
-            },
-            Mode::from,
-        ),
+        mode: args
+            .mode
+            .map_or_else(|| session::mode_of(args.plant.as_deref()), Mode::from),
         out: args.out.clone(),
         record: !args.no_record,
         messages: !args.no_messages,

@@ -41,6 +41,9 @@ pub(crate) struct ServoArgs {
     /// Longest duration in seconds; random twists last 60 by default.
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     duration: Option<f64>,
+    /// In place of the simulated arm: MuJoCo (docs/python.md).
+    #[arg(long, value_name = "mujoco|mujoco:SCENE.xml", conflicts_with = "seeds")]
+    plant: Option<String>,
     /// Folder for the results [default: the next free runs/NAME-NNN].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -107,7 +110,7 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
     let gamepad = (from == Some(GAMEPAD)).then(Gamepad::open);
     let mut gamepad = gamepad.transpose().map_err(Failure::Input)?;
     let request = Request {
-        plant: None,
+        plant: args.plant.clone(),
         scenario: subject.clone(),
         settings: Vec::new(),
         seed: None,

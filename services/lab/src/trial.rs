@@ -16,10 +16,13 @@ use chain::{Sink, Tick};
 use message_log::TopicHash;
 use model::{Refused, Robot};
 use recorder::{Assembler, HORIZON, Judge, PATIENCE, Set, TaskError, Verdict};
-use session::Failure;
+use session::{Failure, load};
+use shared_types::graph::Graph;
+use shared_types::job::{Job, Mode};
 use shared_types::scenario::{Scenario, Strategy};
 use shared_types::topics::{self, ByTopic, COUNT, Each, Lent, STEERED, Topic};
 
+use crate::folder::scratch;
 use crate::row::Row;
 
 /// A run that is to be made.
@@ -29,6 +32,8 @@ pub struct Trial<'a> {
     pub robot: &'a Robot,
     /// The task with all settings, faults and the seed.
     pub scenario: Scenario,
+    /// The processes in which it runs, where its plant is another program.
+    pub graph: Option<&'a Graph>,
 }
 
 /// A scenario of an arm without a task: as `name` is called in errors.
@@ -45,15 +50,31 @@ impl<'a> Trial<'a> {
     pub fn under(law: Strategy, robot: &'a Robot, scenario: &Scenario) -> Self {
         let mut scenario = scenario.clone();
         scenario.control.strategy = law;
-        Self { robot, scenario }
+        Self {
+            robot,
+            scenario,
+            graph: None,
+        }
     }
 
-    /// Runs it on one thread: the same bytes on every topic as in five processes.
+    /// The same with a plant that is another program's.
+    #[must_use]
+    pub fn on(self, graph: Option<&'a Graph>) -> Self {
+        Self { graph, ..self }
+    }
+
+    /// Runs it on one thread: the same bytes on every topic as in five processes. With a graph, in its processes.
     ///
     /// # Errors
-    /// [`Refused`] where a cycle does not accept the robot or the scenario, or one thread cannot have one of its faults.
+    /// [`Refused`] where a cycle does not accept the robot or the scenario, or one thread cannot have one of its faults; of processes, where they
+    /// cannot be started.
     pub fn run(&self) -> Result<Row, Refused> {
-        let Self { robot, scenario } = self;
+        if let Some(graph) = self.graph {
+            return self.run_in(graph).map_err(Refused::because);
+        }
+        let Self {
+            robot, scenario, ..
+        } = self;
         let mut hashes = Hashes::default();
         let is_sent = |topic: &str| scenario.servo.is_some() || !STEERED.contains(&topic);
         let verdict = if chain::plans_faults_of_processes(scenario) {
@@ -88,6 +109,27 @@ impl<'a> Trial<'a> {
                 .map(|(topic, hash)| ((*topic).to_owned(), hash.summary().hash))
                 .collect(),
             ..Row::of(scenario.control.strategy, verdict)
+        })
+    }
+
+    /// Runs it in the processes of a graph, in lockstep; nothing of the run is kept.
+    fn run_in(&self, graph: &Graph) -> Result<Row, Failure> {
+        let folder = scratch()?;
+        let (scenario, out) = (self.scenario.clone(), folder.path().to_owned());
+        let job = Job {
+            record: false,
+            messages: false,
+            ..load::job(self.robot, scenario, graph.clone(), Mode::Lockstep, out)
+        };
+        let plan = session::plan(&job)?;
+        let (outcome, account) = session::launch_watched(&job, plan, &mut |_| Ok(()), &mut |_| ())?;
+        let summary = session::summarise(&job, &outcome, account);
+        let topics = summary.topics.iter();
+        Ok(Row {
+            hash: topics
+                .map(|(topic, one)| (topic.clone(), one.hash.clone()))
+                .collect(),
+            ..Row::of(self.scenario.control.strategy, summary)
         })
     }
 

@@ -5,6 +5,7 @@
 
 mod inertia;
 mod pose;
+mod write;
 
 use crate::error::Defect;
 use crate::foreign::without_foreign;

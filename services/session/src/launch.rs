@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::Command;
 
 use launcher::{Delay, Event, Interrupts, Launcher, Outcome, Plan};
+use model::Robot;
 use runtime::RunDir;
 use shared_types::graph::Process;
 use shared_types::job::{JOB, Job};
@@ -15,6 +16,9 @@ use crate::progress::{Observer, Progress};
 
 /// Memory for the recorder's part of the summary, taken before the first process starts; bytes.
 const ACCOUNT_BYTES: usize = 256 * 1024;
+
+/// The arm of a run in MJCF, beside its exchange pages.
+const ARM: &str = "arm.xml";
 
 /// Runs the processes to the end of the task, or of one of them, and tells the observer what happens.
 ///
@@ -140,6 +144,13 @@ pub fn launch_watched(
         .map_err(|error| Failure::Work(format!("no memory for the run's summary: {error}")))?;
     let text = serde_json::to_vec(&job).map_err(Failure::work)?;
     files::write(&path, text).map_err(Failure::cannot("write", &path))?;
+    if job.graph.process.iter().any(Process::is_exchanged) {
+        let (robot, path) = (Robot::from_source(&job.robot), run_dir.join(ARM));
+        let robot = robot.map_err(Failure::work)?;
+        let start = robot.start_posture(&job.scenario.start);
+        let arm = robot.to_mjcf(job.scenario.frame(), &start.map_err(Failure::work)?);
+        files::write(&path, arm).map_err(Failure::cannot("write", &path))?;
+    }
     // In the results folder too, before anything happens: what a killed launcher leaves can be read and recovered.
     if job.out.is_dir() {
         let kept = serde_json::to_vec_pretty(&job).map_err(Failure::work)?;

@@ -4,31 +4,58 @@ use model::Robot;
 use plant_fci::Address;
 use shared_types::graph::{Graph, Role};
 use shared_types::job::Mode;
+use shared_types::scenario::Scenario;
 
 use crate::failure::Failure;
 use crate::load::Loaded;
+use crate::mujoco;
 use crate::progress::{Observer, Progress};
 use crate::results::ROBOT_URDF;
 
-/// The graph with the robot at `address` as the process that makes the ticks.
+/// How time passes for a plant, where nobody says: a robot has a clock of its own.
+#[must_use]
+pub fn mode_of(plant: Option<&str>) -> Mode {
+    match plant {
+        Some(plant) if mujoco::scene(plant).is_none() => Mode::Realtime,
+        _ => Mode::Lockstep,
+    }
+}
+
+/// Puts MuJoCo (`mujoco`, `mujoco:SCENE.xml`) or the robot at an address (`fci://HOST`) in place of the process that makes the ticks.
 ///
 /// # Errors
-/// [`Failure::Input`] where `address` is none, or another program makes the ticks.
-pub(crate) fn put_in(graph: &mut Graph, address: &str) -> Result<(), Failure> {
-    let address: Address = address.parse().map_err(Failure::Input)?;
-    let world = graph
-        .process
-        .iter_mut()
-        .find(|process| process.role() == Role::World);
-    match world.filter(|process| process.command.is_empty() && !process.is_exchanged()) {
-        Some(process) => process.robot = address.to_string(),
-        None => {
-            return Err(Failure::Input(format!(
-                "--plant {address}: another program makes the ticks of this graph: take it out"
-            )));
-        }
+/// [`Failure::Input`] where `plant` is neither, it cannot be had, or another program makes the ticks.
+pub(crate) fn put_in(loaded: &mut Loaded, plant: &str) -> Result<(), Failure> {
+    let mut processes = loaded.graph.process.iter_mut();
+    let world = processes.find(|process| process.role() == Role::World);
+    let world = world.filter(|process| process.command.is_empty() && !process.is_exchanged());
+    let Some(process) = world else {
+        return Err(Failure::Input(format!(
+            "--plant {plant}: another program makes the ticks of this graph: take it out"
+        )));
+    };
+    if let Some(scene) = mujoco::scene(plant) {
+        let name = process.name.clone();
+        return mujoco::put_in(loaded, &name, scene);
     }
+    let address: Address = plant.parse().map_err(Failure::Input)?;
+    process.robot = address.to_string();
     Ok(())
+}
+
+/// The built-in graph with `plant` in it, for runs of a scenario in lockstep.
+///
+/// # Errors
+/// [`Failure::Input`] as [`run`](crate::run) with such a plant, and where that is a robot.
+pub fn simulated(plant: &str, robot: &Robot, scenario: &Scenario) -> Result<Graph, Failure> {
+    let mut loaded = Loaded {
+        scenario: scenario.clone(),
+        robot: robot.clone(),
+        graph: Graph::built_in(scenario.servo.is_some())?,
+    };
+    put_in(&mut loaded, plant)?;
+    check_mode(&loaded.graph, Mode::Lockstep)?;
+    Ok(loaded.graph)
 }
 
 /// # Errors

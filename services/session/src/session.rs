@@ -29,7 +29,7 @@ pub struct Request {
     pub seed: Option<u64>,
     /// The file of a process graph; where it is `None`, the scenario's, or the built-in graph.
     pub graph: Option<PathBuf>,
-    /// The address of a robot that takes the place of the simulated arm; the graph's where it is `None`.
+    /// The plant in place of the simulated arm, `mujoco`, `mujoco:SCENE.xml` or the address of a robot; the graph's where it is `None`.
     pub plant: Option<String>,
     /// Lockstep or real time.
     pub mode: Mode,
@@ -65,10 +65,7 @@ pub struct Finished {
 /// control law refuses the start; [`Failure::Work`] where the processes cannot be started or watched. A run that fails is [`Finished`].
 pub fn run(request: &Request, observer: Observer<'_>) -> Result<Finished, Failure> {
     let graph = request.graph.as_deref();
-    let mut loaded = load::scenario_in(graph, &request.scenario, &request.settings, request.seed)?;
-    if let Some(address) = &request.plant {
-        robot::put_in(&mut loaded.graph, address)?;
-    }
+    let loaded = load::scenario_in(graph, &request.scenario, &request.settings, request.seed)?;
     run_loaded(request, loaded, &mut |_| Ok(()), observer)
 }
 
@@ -78,10 +75,13 @@ pub fn run(request: &Request, observer: Observer<'_>) -> Result<Finished, Failur
 /// As [`run`].
 pub fn run_loaded(
     request: &Request,
-    loaded: Loaded,
+    mut loaded: Loaded,
     begin: Begin<'_>,
     observer: Observer<'_>,
 ) -> Result<Finished, Failure> {
+    if let Some(plant) = &request.plant {
+        robot::put_in(&mut loaded, plant)?;
+    }
     // Until everything of the run is written.
     let _signals = interrupts()?;
     let Loaded {

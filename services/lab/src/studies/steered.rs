@@ -216,6 +216,7 @@ fn score(
     let trial = Trial {
         robot,
         scenario: scenario.clone(),
+        graph: None,
     };
     let verdict = trial.watch(|tick, error| {
         let state = &tick.servo_state;

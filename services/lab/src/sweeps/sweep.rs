@@ -123,7 +123,11 @@ impl Sweep {
         let unknown = || Failure::Input(format!("no robot `{}`", scenario.robot));
         let robot = self.robots.get(&scenario.robot).ok_or_else(unknown)?;
         self.source.check(&scenario, robot, &self.graph)?;
-        Ok(Trial { robot, scenario })
+        Ok(Trial {
+            robot,
+            scenario,
+            graph: None,
+        })
     }
 
     /// A part's file.

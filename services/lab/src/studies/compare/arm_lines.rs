@@ -8,11 +8,12 @@ use model::{Refused, Robot};
 use serde::Serialize;
 use serde_json::{Value, json};
 use session::{Failure, Observer, Results, load};
+use shared_types::graph::Graph;
 use shared_types::scenario::{Scenario, Strategy};
 use shared_types::summary::{BOUNDARY, MISSED, REACHED};
 
 use super::text::with_errors;
-use super::{SWEEP, name_of};
+use super::{SWEEP, graph_of, name_of, unless_stopped};
 use crate::pool::on_all_cores;
 use crate::row::Row;
 use crate::studies::singular_lines::{SingularLine, Through, singular_lines};
@@ -36,6 +37,8 @@ pub struct ArmSweep<'a> {
     pub pairs: bool,
     /// Peak speed; m/s.
     pub speed: f64,
+    /// The plant in place of the simulated arm, as of a run.
+    pub plant: Option<&'a str>,
 }
 
 /// The outcome of a line.
@@ -144,19 +147,22 @@ impl ArmSweep<'_> {
             )));
         }
         let title = format!("lines of {}", robot.name);
-        let run = |line: &SingularLine| run(&robot, self.law, line);
+        let graph = graph_of(self.plant, &robot, &lines[0].scenario)?;
+        let run = |line: &SingularLine| run(&robot, self.law, graph.as_ref(), line);
         Ok(ArmLines {
             robot: robot.name.clone(),
             law: self.law.name().to_owned(),
             seed: self.seed,
             speed_m_s: self.speed,
-            lines: on_all_cores(&title, &lines, run, observer),
+            lines: unless_stopped(graph.as_ref(), || {
+                on_all_cores(&title, &lines, run, observer)
+            })?,
         })
     }
 }
 
-fn run(robot: &Robot, law: Strategy, line: &SingularLine) -> Line {
-    let trial = Trial::under(law, robot, &line.scenario);
+fn run(robot: &Robot, law: Strategy, graph: Option<&Graph>, line: &SingularLine) -> Line {
+    let trial = Trial::under(law, robot, &line.scenario).on(graph);
     let names = line.kinds.iter().map(|kind| name_of(*kind));
     let began = Instant::now();
     let planned = chain::Chain::new(robot, &trial.scenario).and_then(|chain| {

@@ -18,6 +18,7 @@ use model::{Refused, Robot};
 use serde_json::{Map, Value, json};
 use session::{Failure, Observer, Results, load};
 use shared_types::codes::singularity_name;
+use shared_types::graph::Graph;
 use shared_types::scenario::{Scenario, Strategy};
 
 use crate::pool::on_all_cores;
@@ -41,6 +42,8 @@ pub struct Request<'a> {
     pub out: Option<&'a std::path::Path>,
     /// Of the scenario `sweep`.
     pub size: SweepSize,
+    /// The plant in place of the simulated arm, as of a run.
+    pub plant: Option<&'a str>,
 }
 
 /// How many lines, and how fast.
@@ -133,6 +136,28 @@ fn draw(loaded: &load::Loaded, seed: u64, size: SweepSize) -> Result<Vec<lines::
     Ok(lines)
 }
 
+/// The graph of trials with another plant than the simulated arm.
+fn graph_of(plant: Option<&str>, robot: &Robot, task: &Scenario) -> Result<Option<Graph>, Failure> {
+    let graph = plant.map(|plant| session::simulated(plant, robot, task));
+    graph.transpose()
+}
+
+/// The results of runs; in processes, a signal ends each of them.
+///
+/// # Errors
+/// [`Failure::Work`] where one has come.
+fn unless_stopped<T>(graph: Option<&Graph>, runs: impl FnOnce() -> T) -> Result<T, Failure> {
+    if graph.is_none() {
+        return Ok(runs());
+    }
+    let mut signals = session::interrupts()?;
+    let done = runs();
+    match signals.pending() {
+        None => Ok(done),
+        Some(signal) => Err(Failure::Work(format!("stopped by {signal}"))),
+    }
+}
+
 /// Runs trials on all cores.
 fn rows(title: &str, trials: &[Trial<'_>], observer: Observer<'_>) -> Result<Vec<Row>, Refused> {
     on_all_cores(title, trials, Trial::run, observer)
@@ -156,12 +181,14 @@ impl Compared {
         } else {
             (Vec::new(), vec![scenario.clone()])
         };
+        let graph = graph_of(request.plant, robot, &tasks[0])?;
         let under = |law: &Strategy| {
-            let law = *law;
-            tasks.iter().map(move |task| Trial::under(law, robot, task))
+            let (law, graph) = (*law, graph.as_ref());
+            let trial = move |task| Trial::under(law, robot, task).on(graph);
+            tasks.iter().map(trial)
         };
         let trials: Vec<_> = request.laws.iter().flat_map(under).collect();
-        let rows = rows(name, &trials, observer)
+        let rows = unless_stopped(graph.as_ref(), || rows(name, &trials, observer))?
             .map_err(|error| Failure::Input(format!("{name}: {error}")))?;
         let of_law = |(law, rows): (&Strategy, &[Row])| (*law, rows.to_vec());
         Ok(Self {

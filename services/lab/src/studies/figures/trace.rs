@@ -185,6 +185,7 @@ fn sized<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<Trace, Re
     let trial = Trial {
         robot,
         scenario: scenario.clone(),
+        graph: None,
     };
     trial.watch(|tick, error| {
         let (truth, control) = (&tick.plant_state, &tick.control_state);
