@@ -47,14 +47,10 @@ pub(crate) struct CompareArgs {
     /// Sweep lines through exactly singular postures of this arm, and print every line. Uses the first law of --law.
     #[arg(long, value_name = "ROBOT|FILE.urdf|FILE.xml")]
     robot: Option<String>,
-<<<<<<< HEAD
-    /// With --robot: lines through two singularities at once, --count per pair.
-=======
     /// In place of the simulated arm: MuJoCo (docs/python.md). Each run then takes its processes.
     #[arg(long, value_name = "mujoco|mujoco:SCENE.xml", conflicts_with_all = ["tune", "race"])]
     plant: Option<String>,
-    /// With --robot: lines through two singularities at once, COUNT for each pair.
->>>>>>> 3bf7bc80 (session: MuJoCo as the plant of any run, by --plant mujoco)
+    /// With --robot: lines through two singularities at once, --count per pair.
     #[arg(long, requires = "robot")]
     pairs: bool,
     /// Record one scenario under two laws: its own solid, the one of --law translucent (default: damped-least-squares).

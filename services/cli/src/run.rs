@@ -23,13 +23,8 @@ pub(crate) struct RunArgs {
     /// Pace of the run [default: lockstep; realtime on a robot].
     #[arg(long, value_enum, hide_default_value = true)]
     mode: Option<ModeArg>,
-<<<<<<< HEAD
-    /// Use a Franka arm or its simulator as the plant: fci://HOST (docs/franka.md).
-    #[arg(long, value_name = "ADDRESS")]
-=======
     /// In place of the simulated arm: MuJoCo (docs/python.md), or a Franka arm, fci://HOST (docs/franka.md).
     #[arg(long, value_name = "mujoco|mujoco:SCENE.xml|ADDRESS")]
->>>>>>> 3bf7bc80 (session: MuJoCo as the plant of any run, by --plant mujoco)
     plant: Option<String>,
     /// Seed of every random number of the run [default: the scenario's].
     #[arg(long, value_name = "N")]
