@@ -1,4 +1,7 @@
-//! The wire and the files: everything two processes of armplane, or a process and a person, agree on.
+#![doc = include_str!("../README.md")]
+//!
+//! # In this crate
+//! Everything two processes of armplane, or a process and a person, agree on.
 //!
 //! * [`wire`]: what a message and a checkpoint are (fixed size, `repr(C)`, no padding, explicit versioned name), and their layout as data.
 //! * [`messages`]: the messages, field by field with units and frames.

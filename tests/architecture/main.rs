@@ -117,10 +117,15 @@ fn workspace() -> Vec<Package> {
     let folders = members.map(|folder| folder.as_str().expect("a path").to_owned());
     let package = |folder: String| {
         let manifest = table(format!("{folder}/Cargo.toml"));
-        let name = manifest["package"]["name"]
-            .as_str()
-            .expect("a name")
-            .to_owned();
+        // As code names it: a crate that is published has another name in the registry.
+        let library = manifest
+            .get("lib")
+            .and_then(|lib| lib.get("name")?.as_str());
+        let name = library.map(|name| name.replace('_', "-")).or_else(|| {
+            let name = manifest["package"]["name"].as_str();
+            name.map(str::to_owned)
+        });
+        let name = name.expect("a name");
         Package {
             name,
             folder,

@@ -115,7 +115,7 @@ fn begin(corpus: &Corpus) -> Done {
     corpus.seed(
         "graph",
         "graph",
-        include_bytes!("../../services/graph.toml"),
+        include_bytes!("../../shared-types/graph.toml"),
     )?;
     let robots = Path::new(env!("CARGO_MANIFEST_DIR")).join("services/model/robots");
     for entry in std::fs::read_dir(robots)?

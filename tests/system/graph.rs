@@ -242,7 +242,7 @@ fn a_message_that_the_graph_declares_otherwise_is_refused_with_both_layouts() {
 #[test]
 fn a_process_keeps_its_name_in_the_recording() {
     let desk = Desk::new();
-    let text = include_str!("../../services/graph.toml");
+    let text = include_str!("../../shared-types/graph.toml");
     assert!(text.contains("name = \"controller\""), "{text}");
     desk.file(
         "renamed.toml",

@@ -149,7 +149,7 @@ fn in_real_time_who_waits_for_a_silent_one_is_not_killed() {
 
 #[test]
 fn the_death_of_the_plant_or_of_a_process_without_a_budget_ends_the_run_and_is_named() {
-    let graph = include_str!("../../services/graph.toml")
+    let graph = include_str!("../../shared-types/graph.toml")
         .replace("restart = \"always\"", "restart = \"never\"");
     for process in ["plant", "controller"] {
         let desk = Desk::new();

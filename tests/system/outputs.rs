@@ -189,7 +189,7 @@ fn a_line_without_an_end_costs_no_memory() {
     let desk = Desk::new();
     let armplane = env!("CARGO_BIN_EXE_armplane");
     let script = format!("head -c {ENDLESS} /dev/zero >&2; exec {armplane} analyzer");
-    let graph = include_str!("../../services/graph.toml").replace(
+    let graph = include_str!("../../shared-types/graph.toml").replace(
         "name = \"analyzer\"",
         &format!("name = \"analyzer\"\ncommand = [\"sh\", \"-c\", {script:?}]"),
     );

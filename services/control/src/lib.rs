@@ -1,7 +1,8 @@
-//! The paper: control of an arm at its kinematic singularities, dynamically consistent.
+#![doc = include_str!("../README.md")]
 //!
-//! K.-S. Chang and O. Khatib, *Manipulator Control at Kinematic Singularities: A Dynamically Consistent Strategy*, IROS 1995; cited as CK95 at the
-//! function that computes an equation (`[CK95 Eq. 4]`) and at the test that checks it (`// covers: CK95 Eq. 4 (operational_space::Operational::Jbar)`).
+//! # In this crate
+//! The paper is cited as CK95 at the function that computes an equation (`[CK95 Eq. 4]`) and at the test that checks it
+//! (`// covers: CK95 Eq. 4 (operational_space::Operational::Jbar)`).
 //!
 //! PURE: no clock, thread, file, environment or randomness; nothing is allocated per tick; no data makes it panic.
 //!

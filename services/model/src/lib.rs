@@ -1,5 +1,6 @@
-//! The arm as data, and its rigid-body algorithms.
+#![doc = include_str!("../README.md")]
 //!
+//! # In this crate
 //! PURE: no clock, thread, file, environment or randomness, and nothing allocates after a robot is loaded.
 //!
 //! - [`Robot`] is the arm as data: a serial chain read from a URDF, and the properties that a URDF has no element for (armature, friction,
@@ -10,18 +11,6 @@
 //! Conventions. SI units. Frames in Drake's monogram notation: `X_BE` is the pose of E in B; B is the base, E the
 //! end-effector frame, L a link, P its parent. Jacobians and twists are `[v; ω]`, in base axes, at the frame's origin.
 //! Link frames are the URDF's. A link's joint turns about, or slides along, a unit axis fixed in that link.
-//!
-//! ```
-//! use model::{Model, Robot};
-//! use nalgebra::SVector;
-//!
-//! let robot = Robot::builtin("puma560")?;
-//! let arm = Model::<6>::new(&robot, None)?;
-//! let q = SVector::from_column_slice(&robot.postures["nominal"]);
-//! let terms = arm.evaluate(&q, &SVector::zeros());
-//! assert!(terms.A.determinant() > 0.0);
-//! # Ok::<(), Box<dyn std::error::Error>>(())
-//! ```
 #![allow(non_snake_case)]
 #![cfg_attr(not(test), deny(clippy::disallowed_methods, clippy::disallowed_types))]
 

@@ -1,10 +1,10 @@
 //! The graphs that the program has with it, and the words by which other graphs refer to them.
 
 /// The built-in graph.
-pub const BUILT_IN: &str = include_str!("../../../services/graph.toml");
+pub const BUILT_IN: &str = include_str!("../../graph.toml");
 
 /// The built-in graph of a steered run.
-pub const STEERED: &str = include_str!("../../../services/servo.toml");
+pub const STEERED: &str = include_str!("../../servo.toml");
 
 /// The names of the built-in graphs where another one extends them.
 pub(super) const BUILT_IN_NAME: &str = "armplane";

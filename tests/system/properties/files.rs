@@ -82,8 +82,11 @@ pub fn job() -> String {
         )
         .expect("valid"),
         robot: Default::default(),
-        graph: Graph::parse("graph.toml", include_str!("../../../services/graph.toml"))
-            .expect("valid"),
+        graph: Graph::parse(
+            "graph.toml",
+            include_str!("../../../shared-types/graph.toml"),
+        )
+        .expect("valid"),
     };
     serde_json::to_string(&job).expect("a job can be written")
 }
