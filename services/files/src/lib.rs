@@ -9,6 +9,7 @@ use std::path::Path;
 
 use rustix::fs::{FileType, Mode, OFlags, fcntl_setfl, fstat, open as open_at};
 use rustix::io::Errno;
+use shared_types::job::RobotText;
 
 /// Opens a file for reading.
 ///
@@ -56,6 +57,43 @@ pub fn read(path: &Path) -> io::Result<Vec<u8>> {
 pub fn read_text(path: &Path, most: u64) -> io::Result<String> {
     let bytes = read_at_most(path, most)?;
     String::from_utf8(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
+}
+
+/// The same, with an error that states the remedy.
+///
+/// # Errors
+/// The sentence.
+pub fn text(path: &Path, most: u64) -> Result<String, String> {
+    read_text(path, most).map_err(|error| {
+        let path = path.display();
+        match error.kind() {
+            io::ErrorKind::InvalidInput => format!("cannot read {path}: {error}; give the path of a file, or a pipe as /dev/stdin or <(…)"),
+            io::ErrorKind::NotFound => format!("there is no file {path}: give the path of one that exists"),
+            io::ErrorKind::InvalidData => format!("{path} is no text: save it as UTF-8"),
+            io::ErrorKind::IsADirectory => format!("{path} is a folder: give the path of a file"),
+            _ => format!("cannot read {path}: {error}"),
+        }
+    })
+}
+
+/// The texts of an arm, named as its file: a URDF or MJCF with its description, or where none is given the TOML file of the same name beside it, if there is one.
+///
+/// # Errors
+/// As [`text`].
+pub fn robot(path: &Path, description: Option<&Path>) -> Result<RobotText, String> {
+    let beside = path.with_extension("toml");
+    let beside = Some(beside.as_path()).filter(|beside| beside.exists());
+    let description = description.or(beside);
+    let description = description.map(|file| text(file, LARGEST_WRITTEN));
+    Ok(RobotText {
+        name: path
+            .file_stem()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into(),
+        urdf: text(path, LARGEST_WRITTEN)?,
+        description: description.transpose()?.unwrap_or_default(),
+    })
 }
 
 fn read_at_most(path: &Path, most: u64) -> io::Result<Vec<u8>> {

@@ -1,7 +1,6 @@
 //! From names and files to validated values: nothing starts before everything here has passed.
 
 use std::hash::{BuildHasher, RandomState};
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -265,23 +264,7 @@ pub fn robot(name: &str, folder: Option<&Path>, frame: Option<&str>) -> Result<R
         return Robot::builtin(name).map_err(Failure::input);
     }
     let path = folder.map_or_else(|| PathBuf::from(name), |folder| folder.join(name));
-    let urdf = read(&path)?;
-    let beside = path.with_extension("toml");
-    let description = if beside.exists() {
-        read(&beside)?
-    } else {
-        String::new()
-    };
-    let stem = path
-        .file_stem()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .into_owned();
-    let source = RobotText {
-        name: stem,
-        description,
-        urdf,
-    };
+    let source = files::robot(&path, None).map_err(Failure::Input)?;
     Robot::from_source_at(&source, frame)
         .map_err(|error| Failure::Input(format!("{}: {error}", path.display())))
 }
@@ -476,7 +459,7 @@ pub fn unknown<'a>(
 /// # Errors
 /// [`Failure::Input`] with the remedy, where it cannot be read or has more than 4 MiB.
 pub fn read(path: &Path) -> Result<String, Failure> {
-    read_at_most(path, files::LARGEST_WRITTEN)
+    files::text(path, files::LARGEST_WRITTEN).map_err(Failure::Input)
 }
 
 /// The text of a file of targets.
@@ -484,18 +467,5 @@ pub fn read(path: &Path) -> Result<String, Failure> {
 /// # Errors
 /// [`Failure::Input`] with the remedy, where it cannot be read or has more than 256 MiB.
 pub fn read_targets(path: &Path) -> Result<String, Failure> {
-    read_at_most(path, files::LARGEST)
-}
-
-fn read_at_most(path: &Path, most: u64) -> Result<String, Failure> {
-    files::read_text(path, most).map_err(|error| {
-        let path = path.display();
-        Failure::Input(match error.kind() {
-            ErrorKind::InvalidInput => format!("cannot read {path}: {error}; give the path of a file, or a pipe as /dev/stdin or <(…)"),
-            ErrorKind::NotFound => format!("there is no file {path}: give the path of one that exists"),
-            ErrorKind::InvalidData => format!("{path} is no text: save it as UTF-8"),
-            ErrorKind::IsADirectory => format!("{path} is a folder: give the path of a file"),
-            _ => format!("cannot read {path}: {error}"),
-        })
-    })
+    files::text(path, files::LARGEST).map_err(Failure::Input)
 }
