@@ -36,7 +36,7 @@ pub enum Defect {
     NotATree(String),
     #[error(
         "it branches at link '{link}' into joints {joints}: only serial chains are supported, \
-         so name the arm's end with `--frame LINK`, `frame = \"LINK\"` in a scenario, or `default_frame = \"LINK\"` in its description \
+         so name the arm's end with `--frame LINK`, `frame = \"LINK\"` in a scenario, `tip=` in Python, or `default_frame = \"LINK\"` in its description \
          (the other joints are then held at zero)"
     )]
     Branches { link: String, joints: String },
@@ -49,7 +49,8 @@ pub enum Defect {
     )]
     TooManyJoints(usize),
     #[error(
-        "joint '{joint}' is of type {kind}; supported are revolute, continuous, prismatic and fixed"
+        "joint '{joint}' is of type {kind}; supported are revolute, continuous, prismatic and fixed: \
+         remove it, or make it one of these"
     )]
     UnsupportedJoint { joint: String, kind: String },
     #[error(

@@ -123,13 +123,16 @@ fn unlimited(joints: &[Joint]) -> impl Iterator<Item = String> {
 }
 
 fn check_joint(joint: &Joint) -> Result<(), Defect> {
-    let range = "state a range, lower < upper, in the URDF's <limit> or in the description";
-    let positive = "state a positive number (or inf) in the URDF's <limit> or in the description";
+    let range = "state lower < upper in the URDF's <limit>, or in the description (ARM.toml beside ARM.urdf)";
+    let positive = "state a positive number (or inf) in the URDF's <limit>, or in the description (ARM.toml beside ARM.urdf)";
     let not_negative = "state a finite number, zero or more";
     let is_friction = |x: f64| x >= 0.0 && x.is_finite();
+    let (lower, upper) = (joint.lower, joint.upper);
+    if !(lower < f64::INFINITY && upper > lower) {
+        let given = format!("{lower} to {upper}");
+        return Err(Defect::of_joint(&joint.name, "range", given, range));
+    }
     for (what, value, holds, remedy) in [
-        ("lower", joint.lower, joint.lower < f64::INFINITY, range),
-        ("upper", joint.upper, joint.upper > joint.lower, range),
         ("effort", joint.effort, joint.effort > 0.0, positive),
         (
             "torque_rate",

@@ -37,8 +37,42 @@ pub(crate) struct Cut<'a> {
 /// Reads the part `cut` of `text` as a serial chain.
 pub(crate) fn read(text: &str, cut: &Cut<'_>) -> Result<Chain, Defect> {
     let text = without_foreign(text).map_err(Defect::Urdf)?;
-    let urdf = urdf_rs::read_from_string(&text).map_err(|error| Defect::Urdf(error.to_string()))?;
+    let urdf = urdf_rs::read_from_string(&text).map_err(|error| {
+        let error = error.to_string();
+        Defect::Urdf(lacking(&text, &error).unwrap_or(error))
+    })?;
     chain(&urdf, cut)
+}
+
+/// Where an attribute is missing of which the parser's `error` gives the name, but not the place.
+fn lacking(text: &str, error: &str) -> Option<String> {
+    /// Elements with the attributes that each of them needs.
+    const NEEDED: [(&str, &[&str]); 9] = [
+        ("limit", &["velocity"]),
+        ("joint", &["type"]),
+        ("parent", &["link"]),
+        ("child", &["link"]),
+        ("mass", &["value"]),
+        ("inertia", &["ixx", "ixy", "ixz", "iyy", "iyz", "izz"]),
+        ("cylinder", &["radius", "length"]),
+        ("sphere", &["radius"]),
+        ("mesh", &["filename"]),
+    ];
+    let attribute = error.split('`').nth(1)?;
+    let document = roxmltree::Document::parse(text).ok()?;
+    let is_lacking = |node: &roxmltree::Node<'_, '_>| {
+        let tag = node.tag_name().name();
+        let needs = |&(known, names): &(&str, &[&str])| known == tag && names.contains(&attribute);
+        NEEDED.iter().any(needs) && node.attribute(attribute).is_none()
+    };
+    let node = document.descendants().find(is_lacking)?;
+    let tag = node.tag_name().name();
+    let owner = node.ancestors().find_map(|node| {
+        let name = node.attribute("name")?;
+        Some(format!("{} '{name}'", node.tag_name().name()))
+    });
+    let owner = owner.unwrap_or_default();
+    Some(format!("<{tag}> of {owner} has no `{attribute}`: add it"))
 }
 
 /// The part `cut` of links and joints as a serial chain.
@@ -101,6 +135,10 @@ impl<'a> Tree<'a> {
             tree.children.entry(from).or_default().push(joint);
             let mimic = joint.mimic.iter();
             tree.leaders.extend(mimic.map(|mimic| &*mimic.joint));
+        }
+        if tree.links.is_empty() {
+            let sentence = "it has no <link>: give a URDF (<robot>) or MuJoCo's MJCF (<mujoco>)";
+            return Err(Defect::Urdf(sentence.to_owned()));
         }
         let roots = tree.links.keys().copied();
         let roots: Vec<&str> = roots

@@ -330,7 +330,9 @@ fn impossible_urdfs_are_refused() {
         a("1", ["inf", "1", "1"]), "" => Defect::NotFinite(_),
         ODD.replace("0.2 -0.1 0", "0.2 nan 0"), "" => Defect::NotFinite(_),
         robot("base a", &[joint("floating", "base", "a", "")]), "" => Defect::UnsupportedJoint { kind, .. } if kind == "floating",
-        robot("", &[]), "" => Defect::NotATree(_),
+        robot("", &[]), "" => Defect::Urdf(_),
+        pendulum(&shaped("a", ""), &LIMIT.replace("velocity", "speed")), "" => Defect::Urdf(reason) if reason.contains("<limit> of joint 'base-a'"),
+        pendulum("<link name=\"a\"><inertial><mass/></inertial></link>", LIMIT), "" => Defect::Urdf(reason) if reason.contains("<mass> of link 'a'"),
         robot("a a", &[turning("a-b")]), "" => Defect::NotATree(_),
         robot("a", &[turning("a-b")]), "" => Defect::NotATree(_),
         robot("a b", &[]), "" => Defect::NotATree(_),
@@ -349,9 +351,9 @@ fn values_that_cannot_be_are_named() {
         )
     };
     for (limit, what, number) in [
-        (String::new(), "upper", "0"),
-        (limits("1", "-1", "1", "1"), "upper", "-1"),
-        (limits("nan", "1", "1", "1"), "lower", "NaN"),
+        (String::new(), "range", "0 to 0"),
+        (limits("1", "-1", "1", "1"), "range", "1 to -1"),
+        (limits("nan", "1", "1", "1"), "range", "NaN to 1"),
         (limits("-1", "1", "0", "1"), "effort", "0"),
         (limits("-1", "1", "1", "-2"), "velocity", "-2"),
     ] {
@@ -366,7 +368,7 @@ fn values_that_cannot_be_are_named() {
             "[joints.base-a]\narmature = -1",
             "joint 'base-a' has armature",
         ),
-        ("[joints.base-a]\nlower = 5", "joint 'base-a' has upper"),
+        ("[joints.base-a]\nlower = 5", "joint 'base-a' has range"),
         (
             "[joints.base-a]\ntorque_rate = 0",
             "joint 'base-a' has torque_rate",
