@@ -227,7 +227,7 @@ fn no_process_waits_for_a_viewer_that_is_closed_or_stuck() {
         assert!(
             said.code == 0
                 && said.err.contains(expected)
-                && said.err.contains("the recording is whole"),
+                && said.err.contains("the recording is complete"),
             "{name}: {}",
             said.err
         );

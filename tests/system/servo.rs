@@ -364,7 +364,7 @@ fn a_scenario_that_cannot_be_steered_says_why() {
         ),
         (
             &["servo", "panda", "ur5", "--random", "1"],
-            "one robot or scenario at a time",
+            "give one robot or scenario",
         ),
         (&["servo", "fig5-wrist-rotation"], "is not steered"),
         (

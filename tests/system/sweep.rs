@@ -402,10 +402,7 @@ fn shards_put_together_are_the_sweep_in_one_piece_and_gaps_and_overlaps_are_refu
         );
         assert!(!desk.path().join("merged").exists());
     };
-    refused(
-        "shard-1 shard-3",
-        "2 of 8 runs are missing, the first of them is 2",
-    );
+    refused("shard-1 shard-3", "2 of 8 runs are missing, the first is 2");
     refused("shard-1 shard-2 shard-3 shard-2", "runs 2 to 3 are in both");
     refused("shard-1 short.toml", "no sweep.json");
     let manifest = desk.path().join("shard-2/sweep.json");

@@ -93,7 +93,7 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
         }
         if *bench == Bench::Cycle && measured.rows.is_empty() && !args.only.is_empty() {
             return Err(Failure::Input(format!(
-                "no row of `hop` or `cycle` has all of --only {}: see the table without it",
+                "no row of `hop` or `cycle` matches --only {}: run without it to see all rows",
                 args.only.join(" --only ")
             )));
         }

@@ -75,8 +75,7 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
     if let Some(robot) = &args.robot {
         if args.scenarios != [SWEEP] {
             return Err(Failure::Input(
-                "--robot draws the lines of the sweep: armplane compare sweep --robot ROBOT"
-                    .to_owned(),
+                "--robot needs the sweep: armplane compare sweep --robot ROBOT".to_owned(),
             ));
         }
         let sweep = ArmSweep {
@@ -136,7 +135,7 @@ fn lines_of_an_arm(
     } else {
         show(&lines);
         say!(
-            "{}\n  compare.json, and a scenario for each line that did not reach its goal",
+            "{}\n  compare.json, and a scenario for each line that missed its goal",
             folder.display()
         );
     }
@@ -184,7 +183,7 @@ fn race(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
 fn tune(args: &CompareArgs, laws: &[Strategy], as_json: bool) -> Result<ExitCode, Failure> {
     if args.scenarios != [SWEEP] {
         return Err(Failure::Input(
-            "--tune searches on the lines of the sweep: armplane compare sweep --tune".to_owned(),
+            "--tune needs the sweep: armplane compare sweep --tune".to_owned(),
         ));
     }
     let size = SweepSize {

@@ -34,7 +34,9 @@ impl std::str::FromStr for Length {
                 None => text.trim().parse().ok().map(Self::Ticks),
             },
         };
-        parsed.ok_or_else(|| format!("`{text}` is not a length: 100ms, 0.5s, or a number of ticks"))
+        parsed.ok_or_else(|| {
+            format!("`{text}` is not a duration: give 100ms, 0.5s, or a number of ticks")
+        })
     }
 }
 
@@ -90,7 +92,7 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
             return Ok(ExitCode::SUCCESS);
         }
         return Err(Failure::Input(
-            "say what happens to which process: armplane fault PROCESS KIND; see `armplane fault --list`".to_owned(),
+            "name a process and a kind: armplane fault PROCESS KIND; `armplane fault --list` shows the kinds".to_owned(),
         ));
     };
     let (for_ticks, for_s) = match args.length {

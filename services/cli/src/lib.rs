@@ -123,8 +123,8 @@ enum Command {
                       SWEEP.toml:\n\n  \
                       name = \"gains\"\n  scenario = \"fig5-wrist-rotation\"   # or a file beside this one\n\n  \
                       [[key]]\n  key = \"control.k_p\"\n  values = [100, 400, 900]\n\n  \
-                      [[key]]\n  key = \"plant.mass_factor\"\n  from = 0.8\n  to = 1.2\n  steps = 5                          # or scale = \"log\"\n\n  \
-                      [sample]                           # random instead of steps\n  runs = 1000\n  seed = 1",
+                      [[key]]\n  key = \"plant.mass_factor\"\n  from = 0.8\n  to = 1.2\n  steps = 5                          # evenly; add scale = \"log\" for the logarithm\n\n  \
+                      [sample]                           # random, instead of steps\n  runs = 1000\n  seed = 1",
         after_help = "Examples:\n  armplane sweep gains.toml\n  armplane sweep report runs/gains --by orientation_max_deg --map control.k_p,plant.mass_factor\n  armplane sweep gains.toml --shard 3/16 --out shards/3\n  armplane sweep --merge shards/* --out gains\n\nExit code 1: stopped before its end; the same command continues."
     )]
     Sweep(sweep::SweepArgs),

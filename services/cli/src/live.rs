@@ -37,7 +37,9 @@ impl Panel {
     pub(crate) fn of_keyboard(run: &RunDir) -> Result<Self, Failure> {
         let socket = UnixDatagram::unbound().map_err(Failure::work)?;
         enable_raw_mode().map_err(|error| {
-            Failure::Input(format!("the terminal gives no single keys: {error}"))
+            Failure::Input(format!(
+                "cannot read single keys from the terminal: {error}"
+            ))
         })?;
         let path = run.path().join(Servo::SOCKET);
         std::thread::spawn(move || read_keys(&socket, &path));
@@ -126,7 +128,7 @@ impl Lines {
         match self.wrong.load(Ordering::Relaxed) {
             0 => Ok(()),
             count => Err(Failure::Work(format!(
-                "{count} of the lines of standard input were no targets and were refused: the messages above name the first of them"
+                "{count} lines of standard input were refused, because they are not targets; the messages above show the first ones"
             ))),
         }
     }

@@ -143,7 +143,7 @@ impl State {
         }
         let dropped = std::mem::take(&mut self.queue(stream).dropped);
         if dropped > 0 {
-            let sentence = format!("armplane: {dropped} lines dropped: nobody read them\n");
+            let sentence = format!("armplane: {dropped} lines dropped, because nobody read them\n");
             self.push(Stream::Err, sentence);
         }
     }

@@ -28,7 +28,7 @@ pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failu
     let session::Page { text, shortfall } = session::report(&run, &path)?;
     files::write(&path, &text).map_err(|error| {
         Failure::Work(format!(
-            "cannot write {}: {error}; name another file with --out",
+            "cannot write {}: {error}; choose another file with --out",
             path.display()
         ))
     })?;

@@ -61,7 +61,7 @@ fn shard(text: &str) -> Result<Shard, String> {
     let valid = numbers.filter(|(index, of)| (1..=*of).contains(index));
     valid
         .map(|(index, of)| Shard { index, of })
-        .ok_or_else(|| format!("`{text}` is not a shard: 1/4, 2/4, 3/4 and 4/4 are those of four"))
+        .ok_or_else(|| format!("`{text}` is not a shard: write I/N, such as 1/4"))
 }
 
 pub(crate) fn sweep(args: &SweepArgs, as_json: bool) -> Result<ExitCode, Failure> {
@@ -85,7 +85,9 @@ pub(crate) fn sweep(args: &SweepArgs, as_json: bool) -> Result<ExitCode, Failure
     }
     let folder = done.folder.display();
     show(&done);
-    say!("\n{folder}\n  runs/*.parquet  a row a run: duckdb -c \"FROM '{folder}/runs/*.parquet'\"");
+    say!(
+        "\n{folder}\n  runs/*.parquet  one row per run: duckdb -c \"FROM '{folder}/runs/*.parquet'\""
+    );
     if args.shard.is_none() {
         say!("  look at it with: armplane sweep report {folder}");
     }

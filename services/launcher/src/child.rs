@@ -170,7 +170,9 @@ impl Child {
         };
         if dropped > 0 {
             self.dropped += dropped;
-            lines.push(format!("({dropped} lines dropped: they came too fast)"));
+            lines.push(format!(
+                "({dropped} lines dropped, because they came too fast)"
+            ));
         }
         lines
     }

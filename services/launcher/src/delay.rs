@@ -21,8 +21,8 @@ impl std::fmt::Display for Delay {
             Self::Stopped => "is stopped (SIGSTOP): waiting",
             Self::Traced => "is held by a debugger: waiting",
             Self::NotReady => "is not ready for the first tick: waiting (Ctrl-C ends the run, `--silence-limit SECONDS` limits the wait)",
-            Self::Behind => "has not closed the tick in hand: waiting",
-            Self::NotStopped => "has been asked to stop and has not: waiting (Ctrl-C kills it)",
+            Self::Behind => "has not finished the current tick: waiting",
+            Self::NotStopped => "was asked to stop and still runs: waiting (Ctrl-C kills it)",
         })
     }
 }

@@ -147,7 +147,7 @@ pub fn checks(health: &Health) -> Vec<Check> {
             "cores",
             health.cores.len() >= 2,
             format!("{} usable: {:?}", health.cores.len(), health.cores),
-            "with two cores or more the recorder does not disturb the control chain",
+            "with two or more cores, the recorder does not disturb the control chain",
         ),
         check(
             "FIFO scheduling",
@@ -193,7 +193,7 @@ pub fn checks(health: &Health) -> Vec<Check> {
             "clock source",
             health.clock_source == "tsc",
             health.clock_source.clone(),
-            "with `tsc` reading the time costs 20 ns instead of a system call",
+            "with `tsc`, reading the time takes 20 ns instead of a system call",
         ),
         check(
             "leftovers",

@@ -140,7 +140,9 @@ impl Supervised {
         drop((slots, hub, control_page));
         // The outcome stands, whatever is left.
         if let Err(error) = run.remove() {
-            tracing::warn!("the run has ended but its files are left: {error}");
+            tracing::warn!(
+                "the run has ended, but its shared memory could not be removed: {error}"
+            );
         }
         Ok(outcome)
     }

@@ -54,7 +54,7 @@ pub struct Shortage {
 
 fn as_root(is_hard: &bool) -> &'static str {
     if *is_hard {
-        ", as root where it refuses"
+        " (as root if it refuses)"
     } else {
         ""
     }
@@ -180,7 +180,7 @@ fn check_tasks(more: u64) -> Result<(), Shortage> {
         return Ok(());
     }
     let (allowed, needed) = (
-        format!("this user {limit} processes and threads, and {used} are there"),
+        format!("this user {limit} processes and threads, and {used} exist"),
         format!("{more} more"),
     );
     let is_hard = getrlimit(Resource::Nproc)
@@ -239,7 +239,7 @@ pub(crate) fn suspected(exit: Exit) -> Option<String> {
         .filter(|_| is_likely)
         .find_map(limited)?;
     Some(format!(
-        "armplane: perhaps the limit of this shell is too small, which allows {allowed}: raise it with `ulimit {option}`"
+        "armplane: this shell's limit may be too small (it allows {allowed}): raise it with `ulimit {option}`"
     ))
 }
 

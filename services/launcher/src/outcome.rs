@@ -36,7 +36,7 @@ pub enum LaunchError {
         source: io::Error,
     },
     /// More faults than a run can have.
-    #[error("{count} faults are planned, a run has room for {MOST_FAULTS}: take some out")]
+    #[error("{count} faults are planned, but a run takes at most {MOST_FAULTS}: plan fewer")]
     TooManyFaults {
         /// How many.
         count: usize,
@@ -75,7 +75,7 @@ pub enum Failure {
     },
     /// A process died, and the other processes cannot be told.
     #[error(
-        "{process} died at tick {tick}, and the fault table has room for no more than {MOST_FAULTS} faults: plan fewer"
+        "{process} died at tick {tick}, and the fault table is full ({MOST_FAULTS} faults): plan fewer"
     )]
     NoRoom {
         /// Which.
@@ -85,7 +85,7 @@ pub enum Failure {
     },
     /// A process did not get ready.
     #[error(
-        "{process} was not ready for the first tick within {limit:?}: a program opens its topics, then asks for its first message"
+        "{process} was not ready for the first tick within {limit:?}: it must open its topics and ask for its first message"
     )]
     Slow {
         /// Which.

@@ -72,7 +72,7 @@ pub fn export(
             let parts = run.recording()?;
             let mut messages = StoredMessages::open(run).inspect_err(|reason| {
                 observer(Progress::Line(&format!(
-                    "armplane: the columns that come from the run's messages are left out: {reason}"
+                    "armplane: columns from the run's messages are missing: {reason}"
                 )));
             });
             let steered = messages.as_ref().is_ok_and(|stored| stored.steered);
@@ -154,12 +154,12 @@ impl StoredMessages {
     fn open(run: &Run) -> Result<Self, Unread> {
         if !run.is_own() {
             return Err(Unread::NotKept(
-                "the recording has been given a name of its own; export its run's folder",
+                "the recording was renamed; export its run's folder",
             ));
         }
         let job = run.read_job().map_err(Unread::Defect)?;
         if !job.messages {
-            return Err(Unread::NotKept("it was run with --no-messages"));
+            return Err(Unread::NotKept("the run had --no-messages"));
         }
         let rows = MessageRows::open(&run.folder.join(MESSAGES), &job).map_err(Unread::defect)?;
         Ok(Self {

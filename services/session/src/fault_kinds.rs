@@ -71,7 +71,7 @@ impl fmt::Display for FaultKinds {
         writeln!(f, "{rows}")?;
         writeln!(
             f,
-            "The same words in a scenario, under [[fault]], with at_tick or at_s:\nthey take effect at that tick of every run."
+            "To plan a fault, use the same words in a scenario under [[fault]], with at_tick or at_s:\nit then takes effect at that tick of every run."
         )
     }
 }

@@ -174,7 +174,7 @@ impl fmt::Display for Topics<'_> {
         writeln!(f, "{rows}")?;
         writeln!(
             f,
-            "One message per tick of each. Each is an iceoryx2 publish-subscribe service of that name and type;\n\
+            "Each topic has one message per tick, and is an iceoryx2 publish-subscribe service with that name and type;\n\
              a run's services live under its own directory and prefix, /dev/shm/armplane-… : docs/wire.md.\n\
              Fields: armplane generate wire"
         )

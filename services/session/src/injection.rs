@@ -61,7 +61,7 @@ pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(String, Fault), Fa
         .map_err(|complaint| Failure::Input(complaint.to_string()))?;
     let Some(place) = control_page.fault_table().request(&scheduled) else {
         return Err(Failure::Work(format!(
-            "the run {name} has had {} faults and has room for no more",
+            "the run {name} has had {} faults, the most that fit into a run",
             runtime::MOST_WHEN_REQUESTED
         )));
     };
@@ -69,7 +69,7 @@ pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(String, Fault), Fa
     while !control_page.fault_table().is_in_force(place) {
         if asked.elapsed() > PATIENCE || !run.path().exists() {
             return Err(Failure::Work(format!(
-                "the run {name} has begun no tick since: the fault takes effect with its next one, if there is one"
+                "the run {name} has not begun a tick since: the fault takes effect at its next tick"
             )));
         }
         std::thread::sleep(Duration::from_micros(200));

@@ -81,7 +81,7 @@ pub fn launch_begun(
             writes,
         } if !writes.is_empty() => {
             let due = due(*tick, writes).unwrap_or_default();
-            let remedy = "Ctrl-C ends the run, `--silence-limit SECONDS` replaces such a process";
+            let remedy = "Ctrl-C ends the run; `--silence-limit SECONDS` would replace the process";
             observer(Progress::Line(&format!(
                 "{process} has not sent {due}: waiting ({remedy})"
             )));

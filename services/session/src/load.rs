@@ -258,7 +258,7 @@ pub fn robot(name: &str, folder: Option<&Path>, frame: Option<&str>) -> Result<R
             .is_file()
         {
             return Err(Failure::Input(format!(
-                "{name} is not an arm's file: its name ends in {URDF}, or in {MJCF} for MuJoCo's format"
+                "{name} is not an arm: give a file that ends in {URDF}, or {MJCF} for MuJoCo's format"
             )));
         }
         return Robot::builtin(name).map_err(Failure::input);
@@ -388,12 +388,9 @@ fn check_program(command: &str, folder: &Path) -> Result<(), String> {
         let path = program(command, Some(folder));
         return match (path.exists(), is_program(&path)) {
             (_, true) => Ok(()),
-            (true, false) => Err(format!(
-                "{} is no program: it is not an executable file",
-                path.display()
-            )),
+            (true, false) => Err(format!("{} is not an executable file", path.display())),
             (false, _) => Err(format!(
-                "there is no program {}: build it, or correct the path, which counts from the graph's folder",
+                "there is no program {}: build it, or correct the path (relative to the graph's folder)",
                 path.display()
             )),
         };
@@ -402,7 +399,7 @@ fn check_program(command: &str, folder: &Path) -> Result<(), String> {
     match std::env::split_paths(&folders).any(|folder| is_program(&folder.join(command))) {
         true => Ok(()),
         false => Err(format!(
-            "there is no program `{command}` in PATH; a path such as `./{command}` counts from the graph's folder"
+            "there is no program `{command}` in PATH; for a file beside the graph, write `./{command}`"
         )),
     }
 }

@@ -22,7 +22,7 @@ use crate::summary::{deadlines, fault_summary};
 pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     let folder = folder.canonicalize().map_err(|_| {
         Failure::Input(format!(
-            "there is no folder {}: give the one that `armplane run` named, such as runs/fig5-wrist-rotation-001",
+            "there is no folder {}: give the one that `armplane run` printed, such as runs/fig5-wrist-rotation-001",
             folder.display()
         ))
     })?;
@@ -33,7 +33,7 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     // One that cannot be read is made anew, too. First of all, because remedies for the rest would be in vain.
     if run.summary().is_ok() {
         return Err(Failure::Input(format!(
-            "{} has its {SUMMARY}: there is nothing to recover",
+            "{} already has its {SUMMARY}: there is nothing to recover",
             folder.display()
         )));
     }
@@ -45,7 +45,7 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     let mut job = run.job()?;
     if !job.messages {
         return Err(Failure::Input(format!(
-            "{} was run without its messages: nothing can be recovered from it; run it again",
+            "{} has no messages to recover from (--no-messages): run it again",
             folder.display()
         )));
     }
@@ -66,9 +66,8 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     let ordinary = !summary.completed
         && summary.recorder.error.is_empty()
         && kept.is_some_and(|rows| rows <= summary.recorder.rows + message_log::BLOCK as u64);
-    let kept = kept.map(|rows| {
-        format!("the recording that the run left has {rows} rows, and stays in {EARLIER}/")
-    });
+    let kept = kept
+        .map(|rows| format!("the run's own recording has {rows} rows, and stays in {EARLIER}/"));
     if !ordinary {
         summary.recorder.error =
             joined([&summary.recorder.error, kept.as_deref().unwrap_or_default()]);
@@ -78,7 +77,7 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
         INTERRUPTED.clone_into(&mut summary.outcome);
         summary.reason = match summary.ticks {
             0 if !summary.recorder.error.is_empty() => {
-                "no tick is whole in the message log".to_owned()
+                "no tick in the message log is complete".to_owned()
             }
             0 => "the launcher was killed before the messages of a whole tick were kept".to_owned(),
             // Of those that the run has done, where that is still known: the last of them were in no file.

@@ -61,7 +61,7 @@ const FOR_A_RUN: Remedies = Remedies {
 
 const FOR_A_RECOVERY: Remedies = Remedies {
     is_read: &[JOB],
-    busy: "wait for its end",
+    busy: "wait until it ends",
     irregular: "remove it, and recover the run again",
     unwritable: "make it writable, or recover a copy of the folder",
 };
@@ -127,7 +127,7 @@ impl Results {
         let Some(lock) = lock else {
             let folder = folder.display();
             return Err(Failure::Input(format!(
-                "another run writes its results into {folder} now; {}",
+                "another run writes its results into {folder}: {}",
                 remedies.busy
             )));
         };
@@ -143,7 +143,7 @@ impl Results {
         if let Some(path) = results.irregular(remedies.is_read) {
             let path = path.display();
             return Err(Failure::Input(format!(
-                "{path} has the name of a result and is not an ordinary file: {}",
+                "{path} is in the way of a result and is not an ordinary file: {}",
                 remedies.irregular
             )));
         }
@@ -406,7 +406,7 @@ fn targets(job: &Job, session: &Servo, summary: &Summary) -> Result<String, Fail
     }
     let cannot = |error: LogError| {
         Failure::Work(format!(
-            "the targets of the run are not kept, so it cannot be repeated: {error}"
+            "the targets of the run were not saved, so it cannot be repeated: {error}"
         ))
     };
     // Before the first tick there are none, and a log that is there may be another run's.

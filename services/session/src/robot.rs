@@ -31,7 +31,7 @@ pub(crate) fn put_in(loaded: &mut Loaded, plant: &str) -> Result<(), Failure> {
     let world = world.filter(|process| process.command.is_empty() && !process.is_exchanged());
     let Some(process) = world else {
         return Err(Failure::Input(format!(
-            "--plant {plant}: another program makes the ticks of this graph: take it out"
+            "--plant {plant}: the graph already has another program as its plant; leave one of them out"
         )));
     };
     if let Some(scene) = mujoco::scene(plant) {
@@ -67,7 +67,7 @@ pub(crate) fn check_mode(graph: &Graph, mode: Mode) -> Result<(), Failure> {
         .find(|process| !process.robot.is_empty() && mode == Mode::Lockstep)
     {
         Some(process) => Err(Failure::Input(format!(
-            "the clock of the robot at {} makes the ticks: it runs in real time, not in lockstep (`armplane run --mode realtime`)",
+            "the robot at {} runs in real time, not in lockstep: use `armplane run --mode realtime`",
             process.robot
         ))),
         None => Ok(()),
@@ -117,7 +117,7 @@ pub(crate) fn settle(
             loaded.scenario.frame.clear();
         }
         None => observer(Progress::Line(&format!(
-            "armplane: the robot at {address} gives no URDF (its interface is of version 5): the scenario's {} is taken for it",
+            "armplane: the robot at {address} gives no URDF (interface version 5), so the scenario's {} is used",
             loaded.robot.name
         ))),
     }

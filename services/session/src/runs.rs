@@ -45,7 +45,7 @@ impl Run {
             Some(path) if Path::new(RUNS).join(path).is_dir() => Path::new(RUNS).join(path),
             Some(path) => {
                 return Err(Failure::Input(format!(
-                    "there is no run {}: give the folder that `armplane run` named, such as {RUNS}/fig5-wrist-rotation-001",
+                    "there is no run {}: give the folder that `armplane run` printed, such as {RUNS}/fig5-wrist-rotation-001",
                     path.display()
                 )));
             }
@@ -54,7 +54,7 @@ impl Run {
         let run = Self { folder, parts };
         if run.parts.is_empty() && !run.folder.join(SUMMARY).exists() {
             return Err(Failure::Input(format!(
-                "{} is not the folder of a run: there is no run.rrd and no summary.json in it",
+                "{} is not the folder of a run: it has neither run.rrd nor summary.json",
                 run.folder.display()
             )));
         }
@@ -116,13 +116,11 @@ impl Run {
     pub fn with_remedy(&self, lack: &impl Display) -> String {
         let folder = self.folder.display();
         let remedy = if !self.parts.is_empty() && !self.is_own() {
-            "the folder of its run may have the whole one".to_owned()
+            "its run's folder may have the complete one".to_owned()
         } else if self.folder.join(SCENARIO).exists() {
             self.again()
         } else {
-            format!(
-                "where the run has ended, `armplane recover {folder}` makes it anew from its messages"
-            )
+            format!("if the run has ended, `armplane recover {folder}` makes it from its messages")
         };
         format!("{folder}: {lack}; {remedy}")
     }
@@ -152,7 +150,7 @@ impl Run {
                 String::new()
             };
             let remedy = format!(
-                "where the run has ended, {first}`armplane recover {}` makes it from its messages",
+                "if the run has ended, {first}`armplane recover {}` makes it from its messages",
                 self.folder.display()
             );
             Failure::Input(format!("{defect}; {remedy}"))
@@ -179,7 +177,7 @@ impl Run {
         let folder = self.folder.display();
         if ![JOB, SUMMARY, MESSAGES].iter().any(|name| self.has(name)) {
             let remedy = format!(
-                "give the folder that `armplane run` named, such as {RUNS}/fig5-wrist-rotation-001"
+                "give the folder that `armplane run` printed, such as {RUNS}/fig5-wrist-rotation-001"
             );
             return Err(Failure::Input(format!(
                 "{folder} is not the folder of a run (it has no {JOB}): {remedy}"
@@ -263,7 +261,7 @@ fn latest() -> Result<PathBuf, Failure> {
         .max();
     latest.map(|(_, folder)| folder).ok_or_else(|| {
         Failure::Input(format!(
-            "there is no run under {RUNS}/ here: make one with `armplane run`, or name its folder"
+            "there is no run under {RUNS}/: start one with `armplane run`, or give its folder"
         ))
     })
 }

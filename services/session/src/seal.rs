@@ -27,7 +27,7 @@ pub(crate) fn line(scenario: &str, others: &[(&str, Vec<u8>)]) -> String {
 pub(crate) fn check(file: &str, text: &str, folder: &Path) -> Result<(), Failure> {
     let changed = |name: &str| {
         Failure::Input(format!(
-            "{name} is not what armplane wrote with the run: to run what {file} says now, delete its first line"
+            "{name} has changed since the run: to run it as it is now, delete the first line of {file}"
         ))
     };
     let Some(rest) = text.strip_prefix(MARK) else {

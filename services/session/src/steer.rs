@@ -178,7 +178,7 @@ fn default_start(robot: &Robot) -> Result<String, Failure> {
         .or_else(|| robot.postures.keys().next().cloned())
         .ok_or_else(|| {
             Failure::Input(format!(
-                "{} has no named posture to start in: give joint positions, --start=0,30,-60,…",
+                "{} has no named posture: give joint positions, --start=0,30,-60,…",
                 robot.name
             ))
         })

@@ -226,7 +226,7 @@ fn steered(f: &mut fmt::Formatter<'_>, servo: &ServoSummary) -> fmt::Result {
     if servo.after_end > 0 {
         writeln!(
             f,
-            "ignored    {} × a target that follows the `end` of the session",
+            "ignored    {} targets after the `end` of the session",
             servo.after_end
         )?;
     }
@@ -239,7 +239,7 @@ fn files(f: &mut fmt::Formatter<'_>, summary: &Summary, folder: &Path) -> fmt::R
     }
     writeln!(f, "\n{}", folder.display())?;
     if folder.join(SUMMARY).exists() {
-        writeln!(f, "  {SUMMARY:<13}  all of this and more, for machines")?;
+        writeln!(f, "  {SUMMARY:<13}  all numbers, for programs")?;
     }
     if !summary.recorder.file.is_empty() && summary.recorder.parts > 0 {
         writeln!(
@@ -262,7 +262,7 @@ fn files(f: &mut fmt::Formatter<'_>, summary: &Summary, folder: &Path) -> fmt::R
         );
         writeln!(
             f,
-            "  {messages}  {megabytes:.1} MB; compute it again with: armplane replay {}",
+            "  {messages}  {megabytes:.1} MB; compare with this build by: armplane replay {}",
             folder.display()
         )?;
     }

@@ -58,7 +58,7 @@ pub fn show(
                 // A viewer that is closed meanwhile says by its status how it ended.
                 Err(error) if error.kind() != ErrorKind::BrokenPipe => {
                     return Err(Failure::Work(format!(
-                        "the viewer did not get the whole recording: {error}"
+                        "the viewer received only a part of the recording: {error}"
                     )));
                 }
                 _ => child,
@@ -73,7 +73,7 @@ pub fn show(
         Ok(())
     } else {
         Err(Failure::Work(format!(
-            "the viewer `{}` ended with {status}; what it said is above",
+            "the viewer `{}` ended with {status}; its output is above",
             viewer_command()
         )))
     }
@@ -259,9 +259,9 @@ impl Live {
         }
         let passed = match ended.map(|status| status.success()) {
             Some(true) => None,
-            Some(false) => Some("the viewer was closed before the end; the recording is whole"),
+            Some(false) => Some("the viewer was closed before the end; the recording is complete"),
             None => Some(
-                "the viewer has not read everything yet, it gets the rest while it reads; the recording is whole",
+                "the viewer has not read everything yet and will get the rest; the recording is complete",
             ),
         };
         let passed = passed.map(str::to_owned);

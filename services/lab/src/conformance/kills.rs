@@ -184,11 +184,7 @@ impl fmt::Display for Killed {
             writeln!(f, "{place}")?;
         }
         if let Some(folder) = folder {
-            writeln!(
-                f,
-                "the runs that were not repeated are in {}",
-                folder.display()
-            )?;
+            writeln!(f, "runs that did not repeat are in {}", folder.display())?;
         }
         writeln!(
             f,
@@ -205,10 +201,7 @@ fn difference(live: &InProcesses, again: &InProcesses) -> Option<String> {
         [("with kills", live), ("from its scenario", again)]
     {
         if !ran.failure.is_empty() {
-            return Some(format!(
-                "the run {name} did not come to its end: {}",
-                ran.failure
-            ));
+            return Some(format!("the run {name} did not finish: {}", ran.failure));
         }
         let lost = summary.recorder.lost;
         if lost > 0 || summary.topics.is_empty() {

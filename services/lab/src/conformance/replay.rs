@@ -77,7 +77,7 @@ impl Replayed {
         }
         let (run, name) = (run.folder.display(), &self.process);
         Failure::Input(format!(
-            "{run} has no message of {name} to compare: the run ended before its first one; see the reason in {run}/{SUMMARY}"
+            "{run} has no message of {name} to compare, because it ended before the first; {run}/{SUMMARY} has the reason"
         ))
     }
 
@@ -231,7 +231,7 @@ fn job_of(run: &Run) -> Result<Job, Failure> {
         return Ok(job);
     }
     Err(Failure::Input(format!(
-        "{shown} was run without its messages, which `armplane replay` reads: run it again without --no-messages and --no-record"
+        "{shown} has no messages to replay: run it again without --no-messages and --no-record"
     )))
 }
 
@@ -294,7 +294,7 @@ fn no_step(process: Option<&str>, job: &Job, folder: &Path) -> Failure {
     let (run, process) = (folder.display(), process.unwrap_or("controller"));
     Failure::Input(match known.is_empty() {
         true => format!(
-            "no process of {run} can be replayed: its graph has other programs in the places of armplane's"
+            "no process of {run} can be replayed: other programs replace armplane's in its graph"
         ),
         false => format!(
             "{run} has no process `{process}` that can be replayed: --process takes {}",

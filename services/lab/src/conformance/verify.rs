@@ -45,7 +45,7 @@ pub struct Verified {
     pub faults: usize,
     /// Whether all runs gave the same bytes and ended the same way.
     pub identical: bool,
-    /// 1 where the first run is the reference: one thread cannot have the death of the plant, a fault of the recorder, or a program of the graph's own.
+    /// 1 where the first run is the reference: one thread cannot compute the death of the plant, a fault of the recorder, or a program of the graph's own.
     pub reference_run: Option<u32>,
     /// What the runs are compared with.
     pub reference: Ran,
@@ -72,7 +72,7 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
     let needs_processes = needs_processes(scenario, graph);
     if let Some(reason) = needs_processes.filter(|_| request.runs < 2) {
         return Err(Failure::Input(format!(
-            "{} {reason}, which one thread cannot have: its runs are compared with each other, so take at least --runs 2",
+            "{} {reason}, which one thread cannot compute: its runs are compared with each other, so use at least --runs 2",
             scenario.name
         )));
     }
@@ -244,7 +244,7 @@ impl fmt::Display for Verified {
         }
         writeln!(f, "{hashes}\n{rows}")?;
         for (number, ran) in (1..).zip(runs).filter(|(_, ran)| !ran.failure.is_empty()) {
-            writeln!(f, "run {number} did not come to its end: {}", ran.failure)?;
+            writeln!(f, "run {number} did not finish: {}", ran.failure)?;
         }
         if let Some(place) = &self.difference {
             writeln!(f, "{place}")?;
@@ -252,7 +252,7 @@ impl fmt::Display for Verified {
         if self.reference_run.is_some() {
             writeln!(
                 f,
-                "one thread cannot have the death of the plant, a fault of the recorder, or a program of the graph's own:\n\
+                "one thread cannot compute the death of the plant, a fault of the recorder, or a program of the graph's own:\n\
                  run 1 is the reference of the others"
             )?;
         }

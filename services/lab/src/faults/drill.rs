@@ -105,7 +105,7 @@ fn drill_one(
     if let Some(only) = only.filter(|_| plans.is_empty()) {
         let (cell, remedy) = (request.only.unwrap_or_default(), only.remedy(graph));
         return Err(Failure::Input(format!(
-            "`{cell}` is no cell of this graph and arm: {remedy}; see `armplane fault --list`"
+            "`{cell}` does not exist for this graph and arm: {remedy}; see `armplane fault --list`"
         )));
     }
     observer(Progress::Begin {
@@ -138,7 +138,7 @@ fn baseline(stage: &Stage<'_>, name: &str) -> Result<Ran, Failure> {
         return Ok(base);
     }
     Err(Failure::Work(format!(
-        "{name} without a fault does not reach its goal ({outcome}: {reason}): there is nothing to judge by"
+        "{name} without a fault does not reach its goal ({outcome}: {reason}), so there is nothing to compare with"
     )))
 }
 

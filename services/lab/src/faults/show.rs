@@ -171,7 +171,7 @@ impl Drilled {
         }
         writeln!(
             f,
-            "{rows}\ndetected, settled: after so many ms; stale: age of a torque in force, in ticks; torque, step, speed: largest share of a limit;\n\
+            "{rows}\ndetected, settled: in ms; stale: age of the torque in force, in ticks; torque, step, speed: largest share of the limit;\n\
              mrad, mm: off the path, joints and end-effector, in lockstep; --json has more"
         )
     }

@@ -60,14 +60,17 @@ fn with_efforts(urdf: &str, factor: f64) -> Result<String, String> {
             .ok()
             .filter(|effort: &f64| effort.is_finite());
         let effort = effort.ok_or_else(|| {
-            format!("the effort limit {number:?} of the URDF is no number: give one in N m")
+            format!("the URDF's effort limit {number:?} is not a number: give one in N m")
         })?;
         // Writing to a string does not fail.
         let _ = write!(text, "{ATTRIBUTE}{}\"{rest}", factor * effort);
         count += 1;
     }
     if count == 0 {
-        return Err("the URDF has no effort limit (effort=\"…\"): there is no check of torques to leave out".to_owned());
+        return Err(
+            "the URDF has no effort limit (effort=\"…\"), so there is no torque check to leave out"
+                .to_owned(),
+        );
     }
     Ok(text)
 }

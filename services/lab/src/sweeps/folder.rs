@@ -187,7 +187,7 @@ pub(super) fn parts(folder: &Path, manifest: &Manifest) -> Result<BTreeMap<u64, 
     let refuse = |path: &Path| {
         let path = path.display();
         Failure::Input(format!(
-            "{path} is no result of this sweep: remove it, or choose another folder with --out"
+            "{path} does not belong to this sweep: remove it, or choose another folder with --out"
         ))
     };
     let mut parts = BTreeMap::new();

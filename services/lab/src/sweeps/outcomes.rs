@@ -92,7 +92,7 @@ impl Outcomes {
         if failed > 0 {
             let runs = self.runs();
             clauses.push(format!(
-                "{failed} of {runs} runs ended in a defect of this program, which `reason` in the table tells"
+                "{failed} of {runs} runs failed by a defect of armplane; see `reason` in the table"
             ));
         }
         if self.computed == 0 {

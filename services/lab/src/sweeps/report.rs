@@ -120,7 +120,7 @@ pub fn report(request: &ReportRequest<'_>) -> Result<Report, Failure> {
     let remark = match is_as_it_was {
         true => String::new(),
         false => format!(
-            "{} is not as it was for the sweep: the commands repeat other runs",
+            "{} has changed since the sweep, so the commands repeat other runs",
             manifest.scenario
         ),
     };
@@ -181,7 +181,7 @@ fn read(folder: &Path, manifest: &Manifest, keys: &[&str], by: &str) -> Result<C
     if table.rows() == 0 {
         let folder = folder.display();
         return Err(Failure::Input(format!(
-            "no partition in {folder} is complete yet: run the sweep first"
+            "no partition in {folder} is complete: run the sweep first"
         )));
     }
     if table.ordered(by).is_empty() {
@@ -204,7 +204,7 @@ fn map_keys<'a>(keys: &[&'a str], wanted: &[String]) -> Result<Vec<&'a str>, Fai
         [] => Ok(keys.iter().copied().take(2).collect()),
         [one, other] if one != other => Ok(vec![known(one)?, known(other)?]),
         _ => Err(Failure::Input(
-            "a map has two keys: --map KEY,KEY".to_owned(),
+            "a map needs two keys: --map KEY,KEY".to_owned(),
         )),
     }
 }
@@ -329,7 +329,7 @@ impl fmt::Display for Report {
         }
         writeln!(
             f,
-            "\n{}\n  report.svg, report.png  distributions and map\n  report.json             all of this for machines",
+            "\n{}\n  report.svg, report.png  distributions and map\n  report.json             all numbers, for programs",
             self.folder.display()
         )
     }

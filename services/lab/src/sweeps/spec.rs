@@ -119,8 +119,8 @@ impl Key {
             (
                 ["graph", "name"].contains(&key.as_str()),
                 "key",
-                format!("`{key}` is the same for all runs of a sweep"),
-                "leave it out, or make a sweep for each",
+                format!("`{key}` cannot vary within a sweep"),
+                "leave it out, or write one sweep per value",
             ),
             (
                 known != given,
@@ -132,7 +132,7 @@ impl Key {
                 !values.is_empty() && is_range,
                 "key",
                 format!("`{key}` has `values` and a range"),
-                "give one of them, not both",
+                "give only one of them",
             ),
             (
                 !values.is_empty() && self.steps.is_some(),
@@ -152,12 +152,12 @@ impl Key {
             (Some(_), None) => Err(Complaint::new(
                 "key",
                 format!("`{key}` has `from` and no `to`"),
-                "a range has both",
+                "a range needs both",
             )),
             (None, Some(_)) => Err(Complaint::new(
                 "key",
                 format!("`{key}` has `to` and no `from`"),
-                "a range has both",
+                "a range needs both",
             )),
             (None, None) => self.check_values(),
         }
@@ -180,12 +180,8 @@ impl Key {
             (
                 other.is_some(),
                 "values",
-                format!(
-                    "`{key}` is {} and {}, which are not of one kind",
-                    values[0],
-                    named(other)
-                ),
-                "a column has numbers only, texts only, booleans only or lists only",
+                format!("`{key}` mixes {} and {}", values[0], named(other)),
+                "use only numbers, only texts, only booleans or only lists",
             ),
             (
                 infinite.is_some(),
@@ -227,7 +223,7 @@ impl Key {
                 steps.is_some_and(|steps| steps < 2),
                 "steps",
                 format!("`{key}` has {} `steps`", steps.unwrap_or_default()),
-                "a range has 2 or more; for one value give `values`",
+                "a range needs 2 or more; for one value use `values`",
             ),
         ])
     }

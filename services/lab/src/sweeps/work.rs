@@ -65,7 +65,7 @@ impl fmt::Display for Done {
         let (name, shard) = (&self.name, shard.unwrap_or_default());
         writeln!(
             f,
-            "{name}{shard}: {} runs, {} of them before",
+            "{name}{shard}: {} runs, {} of them already done",
             self.runs, self.found
         )?;
         let (computed, wall_s) = (self.runs - self.found, self.wall_s);
@@ -115,7 +115,7 @@ pub fn run(request: &Request<'_>, observer: Observer<'_>) -> Result<Done, Failur
     let is_stopped = AtomicBool::new(false);
     let compute = |run: &u64| {
         if let Some(signal) = locked(&signals).pending() {
-            let kept = "the complete partitions are kept, the same command goes on";
+            let kept = "complete partitions are kept; the same command continues";
             return Err(Failure::Work(format!("stopped by {signal}: {kept}")));
         }
         let (part, (row, seconds)) = (run / manifest.part_runs, sweep.row(*run));
@@ -206,7 +206,7 @@ pub fn merge(
                 let (runs, one, other) =
                     (manifest.runs_of(part), folder.display(), other.display());
                 return Err(Failure::Input(format!(
-                    "runs {} to {} are in both {other} and {one}: give each shard once",
+                    "runs {} to {} are in both {other} and {one}: give each shard only once",
                     runs.start,
                     runs.end - 1
                 )));
@@ -219,7 +219,7 @@ pub fn merge(
     if let Some(part) = missing.first() {
         let (count, runs) = (whole.count(missing.iter().copied()), whole.runs);
         return Err(Failure::Input(format!(
-            "{count} of {runs} runs are missing, the first of them is {}: compute its shard to its end first",
+            "{count} of {runs} runs are missing, the first is {}: finish its shard first",
             whole.runs_of(*part).start
         )));
     }

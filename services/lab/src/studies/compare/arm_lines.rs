@@ -142,7 +142,7 @@ impl ArmSweep<'_> {
         let lines = lines.map_err(Failure::input)?;
         if lines.is_empty() {
             return Err(Failure::Input(format!(
-                "{} has no posture with {what} within its limits from which a line leads on",
+                "{} has no line through {what} within its limits",
                 robot.name
             )));
         }

@@ -78,7 +78,7 @@ pub fn race(
     if law == rival {
         let (scenario, law) = (&scenario.name, law.name());
         return Err(Failure::Input(format!(
-            "{scenario} runs under {law} already: name another law with --law"
+            "{scenario} already runs under {law}: choose another law with --law"
         )));
     }
     let results = Results::create(out, "race")?;
@@ -159,9 +159,9 @@ fn counters([law, rival]: [&str; 2], racers: [&Racer; 2]) -> String {
     };
     [
         format!("## Solid: {law}. Red: {rival}\n\n| so far, at most | {law} | {rival} |\n|---|---|---|\n"),
-        row("hand turned off its path", |racer| digits(racer.orientation_max_deg) + "°"),
-        row("hand moved off its path", |racer| digits(racer.position_max_mm) + " mm"),
-        row("joint speed, of the limit", |racer| percent(racer.speed_max_ratio)),
+        row("largest orientation error", |racer| digits(racer.orientation_max_deg) + "°"),
+        row("largest position error", |racer| digits(racer.position_max_mm) + " mm"),
+        row("peak joint speed, share of the limit", |racer| percent(racer.speed_max_ratio)),
         "\n*The same plant, seed and task. Green: the reference of the solid arm.*\n".to_owned(),
     ]
     .concat()

@@ -110,7 +110,7 @@ impl Compared {
         writeln!(f, "{}", columns.print(&self.laws))?;
         writeln!(
             f,
-            "elbow, wrist, overhead: S2 % of the lines near that singularity; –: none is"
+            "elbow, wrist, overhead: S2 % of the lines near that singularity; –: no such line"
         )
     }
 }

@@ -61,7 +61,7 @@ fn margin(rows: &[Row]) -> Option<String> {
     let names = names.join(" and ");
     let begin = match succeeds(best) {
         true => format!("{names} win{}", if winners > 1 { "" } else { "s" }),
-        false => format!("no law succeeds; nearest is {names}"),
+        false => format!("no law succeeds; {names} comes closest"),
     };
     let end = match succeeds(next) {
         true => "succeeds too",
