@@ -1,5 +1,9 @@
 //! The named integers that travel in messages: no Rust enum crosses a process boundary.
 
+use std::fmt::{Display, from_fn};
+
+use crate::MAX_SINGULARITIES;
+
 /// A code with its name, for tables, recordings and errors.
 pub type Named = (u32, &'static str);
 
@@ -12,25 +16,27 @@ pub fn name_of(table: &[Named], code: u32) -> &'static str {
         .map_or("unknown", |(_, name)| name)
 }
 
-/// The name of a singularity: its kind, or, for one found numerically, its place in the report (`s1`, `s2`, …).
+/// The name of a singularity: its kind, or, for one found numerically, its place in the report.
 #[must_use]
-pub fn singularity_name(kind: u32, place: usize) -> String {
+pub fn singularity_name(kind: u32, place: usize) -> &'static str {
+    const NUMBERED: [&str; MAX_SINGULARITIES] = ["s1", "s2", "s3", "s4"];
     match kind {
-        KIND_NUMERIC => format!("s{}", place + 1),
-        kind => name_of(KINDS, kind).to_owned(),
+        KIND_NUMERIC => NUMBERED.get(place).copied().unwrap_or("unknown"),
+        kind => name_of(KINDS, kind),
     }
 }
 
 /// How a steered arm follows its target, in words: the reason, and the joint where it is one; `joint` counts from 1, 0 is none.
 #[must_use]
-pub fn reason_text(reason: u32, joint: u32, upper: u32) -> String {
+pub fn reason_text(reason: u32, joint: u32, upper: u32) -> impl Display {
     let side = if upper > 0 { "upper" } else { "lower" };
-    let joint = if joint > 0 {
-        format!(": joint {joint} at its {side} limit")
-    } else {
-        String::new()
-    };
-    format!("{}{joint}", name_of(REASONS, reason))
+    from_fn(move |f| {
+        f.write_str(name_of(REASONS, reason))?;
+        match joint {
+            0 => Ok(()),
+            joint => write!(f, ": joint {joint} at its {side} limit"),
+        }
+    })
 }
 
 macro_rules! codes {

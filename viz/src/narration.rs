@@ -260,7 +260,7 @@ impl Moment<'_, '_> {
                 // One that was found by number has no name but that.
                 let name = match one.kind {
                     KIND_NUMERIC => "Singular".to_owned(),
-                    kind => capital(&singularity_name(kind, i)) + " lock",
+                    kind => capital(singularity_name(kind, i)) + " lock",
                 };
                 let lost = lost(one.angular == 1);
                 format!("{mark} {name}: the hand cannot {lost} · {rank}\n\n")

@@ -540,7 +540,7 @@ impl Recording {
 
     fn meet(&mut self, row: &TickRow) {
         for (i, one) in row.singularities().iter().enumerate() {
-            let name = shared_types::codes::singularity_name(one.kind, i);
+            let name = shared_types::codes::singularity_name(one.kind, i).to_owned();
             self.subject
                 .singularities
                 .push((name, colour_of(one.kind, i)));

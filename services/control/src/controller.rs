@@ -145,20 +145,18 @@ impl<const N: usize> Controller<N> {
         })
     }
 
-    /// The law of a steered run at rest in another posture: what [`new`](Self::new) gives for that start, without the cost of an analysis made anew.
+    /// Begins the law of a steered run at rest in another posture: as [`new`](Self::new) for that start, without the cost of an analysis made anew.
     ///
-    /// Shapes `q_start` N · Units rad · Requires a steered scenario, and a controller before its first tick · Cost some µs, 0.1 ms for an arm whose
-    /// singularities are found by number; allocates
-    #[must_use]
-    pub fn begun_at(&self, q_start: SVector<f64, N>) -> Self {
-        let mut begun = self.clone();
+    /// Shapes `q_start` N · Units rad · Requires a steered scenario, and a controller before its first tick, or [restored](Self::restore) to that · Cost
+    /// some µs, 0.1 ms for an arm whose singularities are found by number; no allocation
+    pub fn begin(&mut self, q_start: SVector<f64, N>) {
         let Setup {
             model,
             family,
             postures,
             guide,
             ..
-        } = &mut begun.setup;
+        } = &mut self.setup;
         let rest = model.evaluate(&q_start, &SVector::zeros());
         if let Some(targets) = &self.targets {
             let mut analyzer = targets.analyzer.clone();
@@ -166,9 +164,8 @@ impl<const N: usize> Controller<N> {
             *family = analyzer.family().clone();
         }
         postures.begin(q_start);
-        begun.state = State::begin(&rest, q_start, model.effort());
-        begun.state.clock.rate = guide.first_speed();
-        begun
+        self.state = State::begin(&rest, q_start, model.effort());
+        self.state.clock.rate = guide.first_speed();
     }
 
     /// Why the path cannot be followed, found before the first tick: the controller then refuses from the first tick on.

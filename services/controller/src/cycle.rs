@@ -44,8 +44,11 @@ pub trait Step: Send + Sync {
     fn save(&self, out: &mut ControllerCheckpoint);
     /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
     fn restore(&mut self, from: &ControllerCheckpoint);
-    /// The step of a steered run before its first tick, for an arm that starts at rest in another posture, one value per joint, rad.
-    fn begun_at(&self, q_start: &[f64]) -> Box<dyn Step>;
+    /// Begins a steered run with the arm at rest in another posture, one value per joint, rad: before the first tick, or [restored](Self::restore) to that.
+    /// No allocation.
+    fn begin(&mut self, q_start: &[f64]);
+    /// The same, with its memory.
+    fn copied(&self) -> Box<dyn Step>;
     /// Why the path cannot be followed, found before the first tick, in words.
     fn obstacle(&self) -> Option<&str>;
     /// A goal beyond reach, found before the first tick, in words.
@@ -121,11 +124,12 @@ impl<const N: usize> Cycle<N> {
 }
 
 impl<const N: usize> Step for Cycle<N> {
-    fn begun_at(&self, q_start: &[f64]) -> Box<dyn Step> {
-        Box::new(Self {
-            controller: self.controller.begun_at(embedded(q_start)),
-            dof: self.dof,
-        })
+    fn begin(&mut self, q_start: &[f64]) {
+        self.controller.begin(embedded(q_start));
+    }
+
+    fn copied(&self) -> Box<dyn Step> {
+        Box::new(self.clone())
     }
 
     fn obstacle(&self) -> Option<&str> {

@@ -77,23 +77,28 @@ impl Robot {
                 joints: list(self.joints.iter().map(|joint| &joint.name)),
             });
         }
-        for (joint, &value) in self.joints.iter().zip(q) {
-            if !value.is_finite() {
-                return Err(PostureError::NotFinite {
-                    joint: joint.name.clone(),
-                    value,
-                });
-            }
-            if value < joint.lower || value > joint.upper {
-                return Err(PostureError::OutsideLimits {
-                    joint: joint.name.clone(),
-                    value,
-                    lower: joint.lower,
-                    upper: joint.upper,
-                });
-            }
+        match self.misfit(q) {
+            None => Ok(()),
+            Some((joint, value)) if value.is_finite() => Err(PostureError::OutsideLimits {
+                joint: joint.name.clone(),
+                value,
+                lower: joint.lower,
+                upper: joint.upper,
+            }),
+            Some((joint, value)) => Err(PostureError::NotFinite {
+                joint: joint.name.clone(),
+                value,
+            }),
         }
-        Ok(())
+    }
+
+    /// The first joint whose position in `q` is not finite or not within its limits, with that position. No allocation.
+    pub fn misfit(&self, q: &[f64]) -> Option<(&Joint, f64)> {
+        let fits = |(joint, value): &(&Joint, f64)| {
+            value.is_finite() && (joint.lower..=joint.upper).contains(value)
+        };
+        let given = self.joints.iter().zip(q.iter().copied());
+        given.into_iter().find(|one| !fits(one))
     }
 
     /// The posture a scenario starts in, checked against length and limits; rad (m for prismatic joints).

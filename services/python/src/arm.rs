@@ -1,30 +1,19 @@
 //! An arm: its description, and at a posture its kinematics, dynamics and singularities.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::PathBuf;
 
-use model::{Joint, Model, Refused, Robot, RobotText, embedded, with_dof};
+use model::{Joint, Refused, Robot, RobotText};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use shared_types::scenario::Scenario;
-use shared_types::{
-    AnalyzerCheckpoint, MAX_SINGULARITIES, SingularityReport, SingularityState, StateEstimate,
-    codes,
-};
+use shared_types::{MAX_SINGULARITIES, SingularityReport, SingularityState, codes};
 
 use crate::{in_parts, numbers, refused};
-
-/// A steered scenario without an end; the arm, the frame and the start are laid over it.
-const SESSION: &str =
-    "name = \"python\"\nrobot = \"python\"\n[start]\nposture = \"x\"\n[servo]\nduration_s = 1\n";
 
 /// A serial arm of up to 8 joints; n is the number of its joints. SI units: a turning joint is in rad, a sliding one in m.
 #[pyclass(frozen, module = "armplane")]
 pub(crate) struct Arm {
-    pub(crate) robot: Arc<Robot>,
-    /// Before its first tick, with the default thresholds.
-    analyzer: Box<dyn analyzer::Step>,
+    pub(crate) inner: arm::Arm,
     /// The arm's name.
     #[pyo3(get)]
     name: String,
@@ -58,14 +47,13 @@ pub(crate) struct Arm {
 }
 
 impl Arm {
-    fn new(py: Python<'_>, robot: Robot, tip: Option<String>) -> PyResult<Self> {
-        let tip = tip.unwrap_or_else(|| robot.default_frame.clone());
-        let analyzer = analyzer::cycle(&robot, &scenario(&robot, &tip, &[])?).map_err(refused)?;
+    fn new(py: Python<'_>, made: Result<arm::Arm, Refused>) -> PyResult<Self> {
+        let inner = made.map_err(refused)?;
+        let (robot, tip) = (inner.robot(), inner.tip().to_owned());
         let values = |value: fn(&Joint) -> f64| {
             PyArray1::from_iter(py, robot.joints.iter().map(value)).unbind()
         };
         Ok(Self {
-            analyzer,
             name: robot.name.clone(),
             dof: robot.dof(),
             tip,
@@ -76,57 +64,19 @@ impl Arm {
             velocity: values(|joint| joint.velocity),
             torque_rate: values(|joint| joint.torque_rate),
             postures: robot.postures.clone(),
-            robot: Arc::new(robot),
+            inner,
         })
-    }
-
-    /// A steered scenario on this arm, with `settings` applied, that starts in the middle of the joints' ranges.
-    pub(crate) fn scenario(&self, settings: &[String]) -> PyResult<Scenario> {
-        scenario(&self.robot, &self.tip, settings)
     }
 
     /// The analysis of each row of `q` by itself, at rest. A row that is not finite has no singularities, and NaN.
     fn analyse(&self, q: &[f64], reports: &mut [SingularityReport]) {
-        let n = self.robot.dof();
-        let mut fresh = AnalyzerCheckpoint::default();
-        self.analyzer.save(&mut fresh);
         in_parts(reports, |first, part| {
-            let (mut analyzer, mut estimate) = (self.analyzer.copied(), StateEstimate::default());
-            for (q, report) in q[first * n..].chunks(n).zip(part) {
-                estimate.q[..n].copy_from_slice(q);
-                if is_finite(q) {
-                    analyzer.restore(&fresh);
-                    analyzer.step(&estimate, report);
-                } else {
-                    report.det = f64::NAN;
-                    report
-                        .singularities
-                        .iter_mut()
-                        .for_each(|one| one.s = f64::NAN);
-                }
+            let mut analysis = self.inner.analysis();
+            for (q, report) in q[first * self.dof..].chunks(self.dof).zip(part) {
+                analysis.at(q, report);
             }
         });
     }
-}
-
-fn scenario(robot: &Robot, tip: &str, settings: &[String]) -> PyResult<Scenario> {
-    let mut scenario = Scenario::parse("settings", SESSION, settings).map_err(refused)?;
-    tip.clone_into(&mut scenario.frame);
-    (scenario.start.posture, scenario.start.q) = (None, Some(robot.middle()));
-    if let Some(servo) = &mut scenario.servo {
-        servo.duration_s = f64::INFINITY;
-    }
-    Ok(scenario)
-}
-
-/// The text of a file that a person wrote.
-fn text_of(path: &Path) -> PyResult<String> {
-    files::read_text(path, files::LARGEST_WRITTEN)
-        .map_err(|error| refused(format!("cannot read {}: {error}", path.display())))
-}
-
-pub(crate) fn is_finite(values: &[f64]) -> bool {
-    values.iter().all(|x| x.is_finite())
 }
 
 #[pymethods]
@@ -143,17 +93,8 @@ impl Arm {
         tip: Option<String>,
         description: Option<PathBuf>,
     ) -> PyResult<Self> {
-        let beside = Some(path.with_extension("toml")).filter(|beside| beside.is_file());
-        let description = description.or(beside).as_deref().map(text_of);
-        let stem = path.file_stem().unwrap_or_default();
-        let source = RobotText {
-            name: stem.to_string_lossy().into_owned(),
-            description: description.transpose()?.unwrap_or_default(),
-            urdf: text_of(&path)?,
-        };
-        let robot = Robot::from_source_at(&source, tip.as_deref())
-            .map_err(|error| refused(format!("{}: {error}", path.display())))?;
-        Self::new(py, robot, tip)
+        let made = arm::Arm::read(&path, description.as_deref(), tip.as_deref());
+        Self::new(py, made)
     }
 
     /// The arm of a MuJoCo model (`mujoco.MjModel`), seen at the site or body `site` (the chain's last one where None).
@@ -168,21 +109,21 @@ impl Arm {
     ) -> PyResult<Self> {
         let py = model.py();
         let urdf = py.import("armplane.mjcf")?.call_method1("text", (model,))?;
-        let description = description.as_deref().map(text_of).transpose()?;
+        let text = |path: &PathBuf| files::text(path, files::LARGEST_WRITTEN);
+        let description = description.as_ref().map(text).transpose();
         let source = RobotText {
             name: "mujoco".to_owned(),
-            description: description.unwrap_or_default(),
+            description: description.map_err(refused)?.unwrap_or_default(),
             urdf: urdf.extract()?,
         };
-        let robot = Robot::from_source_at(&source, site.as_deref()).map_err(refused)?;
-        Self::new(py, robot, site)
+        Self::new(py, arm::Arm::parse(&source, site.as_deref()))
     }
 
     /// A built-in arm by its name (`Arm.names()`), seen at the link `tip` (its own end-effector frame where None).
     #[staticmethod]
     #[pyo3(signature = (name, tip=None))]
     fn builtin(py: Python<'_>, name: &str, tip: Option<String>) -> PyResult<Self> {
-        Self::new(py, Robot::builtin(name).map_err(refused)?, tip)
+        Self::new(py, arm::Arm::builtin(name, tip.as_deref()))
     }
 
     /// The names of the built-in arms.
@@ -204,34 +145,28 @@ impl Arm {
         q: &Bound<'_, PyAny>,
         qdot: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Posture> {
-        let n = self.robot.dof();
+        let n = self.dof;
         let values = |name, given| -> PyResult<Vec<f64>> {
             Ok(numbers(name, given, &[], &[&[n]])?.as_slice()?.to_vec())
         };
         let q = values("q", q)?;
         let qdot = qdot.map_or_else(|| Ok(vec![0.0; n]), |qdot| values("qdot", qdot))?;
-        let vector = |values: &[f64]| PyArray1::from_slice(py, &values[..n]).unbind();
-        let made = with_dof!(n, N => {
-            let model = Model::<N>::new(&self.robot, Some(&self.tip)).map_err(refused)?;
-            let terms = model.evaluate(&embedded(&q), &embedded(&qdot));
-            let X = terms.X_BE.to_homogeneous();
-            Ok(Posture {
-                pose: matrix(py, [4, 4], |at| X[at])?,
-                J: matrix(py, [6, n], |at| terms.J[at])?,
-                A: matrix(py, [n, n], |at| terms.A[at])?,
-                bias: vector(terms.bias().as_slice()),
-                gravity: vector(terms.gravity.as_slice()),
-            })
-        });
-        made.unwrap_or_else(|| Err(refused(Refused::size(&self.robot))))
+        let at = self.inner.at(&q, &qdot);
+        Ok(Posture {
+            pose: matrix(py, [4, 4], &at.pose)?,
+            J: matrix(py, [6, n], &at.J)?,
+            A: matrix(py, [n, n], &at.A)?,
+            bias: PyArray1::from_slice(py, &at.bias[..n]).unbind(),
+            gravity: PyArray1::from_slice(py, &at.gravity[..n]).unbind(),
+        })
     }
 
     /// The singularities of the arm at `q`, shape (n,), rad, each with its measure; the same analysis as that of the process `analyzer` at its first tick.
     fn singularities(&self, py: Python<'_>, q: &Bound<'_, PyAny>) -> PyResult<Vec<Singularity>> {
-        let n = self.robot.dof();
+        let n = self.dof;
         let q = numbers("q", q, &[], &[&[n]])?;
         let (q, mut report) = (q.as_slice()?, SingularityReport::default());
-        if !is_finite(q) {
+        if !arm::is_finite(q) {
             return Err(refused(format!(
                 "q = {q:?} has a number that is not finite"
             )));
@@ -250,7 +185,7 @@ impl Arm {
     /// `manipulability`, `count`, and `singularities` of shape (N, 4), of which `count` are in use, with `kind`, `class_` (words: `KINDS` and `TYPES` of
     /// `armplane.wire`), `inside`, `s`, `zeta_B` (6,), `eta_in`, `eta_out`. A row takes 1.3 kB. One with a NaN has a NaN in `det` and `s`, and a count of 0.
     fn step_many<'py>(&self, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-        let (py, n) = (q.py(), self.robot.dof());
+        let (py, n) = (q.py(), self.dof);
         let q = numbers("q", q, &[None], &[&[n]])?;
         let (numpy, wire) = (py.import("numpy")?, py.import("armplane.wire")?);
         let row = numpy.call_method1("dtype", (wire.getattr("SingularityReport")?,))?;
@@ -264,14 +199,13 @@ impl Arm {
     }
 }
 
-/// An array of a matrix, row by row.
+/// An array of a matrix that lies row by row.
 fn matrix(
     py: Python<'_>,
     [rows, columns]: [usize; 2],
-    value: impl Fn((usize, usize)) -> f64,
+    values: &[f64],
 ) -> PyResult<Py<PyArray2<f64>>> {
-    let values = (0..rows * columns).map(|i| value((i / columns, i % columns)));
-    Ok(PyArray1::from_iter(py, values)
+    Ok(PyArray1::from_slice(py, &values[..rows * columns])
         .reshape([rows, columns])?
         .unbind())
 }
@@ -313,7 +247,7 @@ pub(crate) struct Singularity {
 impl Singularity {
     fn new(py: Python<'_>, place: usize, one: &SingularityState) -> Self {
         Self {
-            name: codes::singularity_name(one.kind, place),
+            name: codes::singularity_name(one.kind, place).to_owned(),
             r#type: codes::name_of(codes::TYPES, one.class),
             measure: one.s,
             direction: PyArray1::from_slice(py, &one.zeta_B).unbind(),

@@ -1,195 +1,13 @@
-//! The law, tick by tick: the steps of the processes `analyzer` and `controller`, towards a target that is given at each tick.
+//! The law, tick by tick, towards a target that is given at each tick.
 
-use std::sync::Arc;
-
-use model::Robot;
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
+use arm::{Given, Row, State, Task};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use shared_types::{
-    ControlState, MAX_SINGULARITIES, ServoState, SingularityReport, StateEstimate, Target,
-    TargetContent, TorqueCommand, codes,
-};
 
-use crate::arm::{Arm, is_finite};
+use crate::arm::Arm;
 use crate::{in_parts, numbers, refused};
-
-/// Age from which a target no longer counts, where those after it are refused; s.
-const VALID_S: f64 = 0.1;
-
-/// The part of a law that all its rows share.
-struct Task {
-    robot: Arc<Robot>,
-    /// Before its first tick: each row begins with a copy.
-    steps: Steps,
-    /// The posture in which it begins; `None`: that of the first tick.
-    q: Option<Vec<f64>>,
-}
-
-/// The steps of one arm under the law.
-struct Steps {
-    analyzer: Box<dyn analyzer::Step>,
-    controller: Box<dyn controller::Step>,
-}
-
-/// One arm under the law, with its last messages.
-#[derive(Default)]
-struct Row {
-    /// `None` before the first tick in a posture of the arm.
-    steps: Option<Steps>,
-    /// Why there is none yet.
-    not_begun: String,
-    tick: u64,
-    estimate: StateEstimate,
-    report: SingularityReport,
-    target: Target,
-    control: ControlState,
-    servo: ServoState,
-    torque: TorqueCommand,
-}
-
-/// The arguments of a tick, their rows one after another: q, qdot, pose, twist, tau_disturbance.
-#[derive(Clone, Copy)]
-struct Given<'a>([Option<&'a [f64]>; 5]);
-
-impl Given<'_> {
-    /// Row `i` of `count`.
-    fn row(&self, i: usize, count: usize) -> Self {
-        Self(self.0.map(|all| {
-            let all = all?;
-            let width = all.len() / count;
-            Some(&all[i * width..][..width])
-        }))
-    }
-
-    /// The target of a tick: a pose that moves on with a twist, a twist alone, or none.
-    fn target(&self, tick: u64) -> TargetContent {
-        let mut target = TargetContent {
-            given_tick: tick,
-            valid_s: VALID_S,
-            ..TargetContent::default()
-        };
-        let [_, _, pose, twist, _] = self.0;
-        if let Some(twist) = twist {
-            target.twist.copy_from_slice(twist);
-            target.kind = codes::TARGET_TWIST;
-        }
-        match pose {
-            Some(pose) if pose.len() == 7 => {
-                target.position.copy_from_slice(&pose[..3]);
-                target.quaternion.copy_from_slice(&pose[3..]);
-            }
-            Some(X) => {
-                let R = Matrix3::from_fn(|i, j| X[4 * i + j]);
-                let R = Rotation3::from_matrix_unchecked(R);
-                let turn = UnitQuaternion::from_rotation_matrix(&R);
-                target.position = [X[3], X[7], X[11]];
-                target.quaternion = [turn.w, turn.i, turn.j, turn.k];
-            }
-            None => return target,
-        }
-        target.kind = codes::TARGET_POSE;
-        target
-    }
-}
-
-impl Task {
-    /// The steps of an arm that begins at rest in `q`.
-    fn begin(&self, q: &[f64]) -> Result<Steps, String> {
-        self.robot
-            .check_posture(q)
-            .map_err(|error| error.to_string())?;
-        Ok(Steps {
-            analyzer: self.steps.analyzer.copied(),
-            controller: self.steps.controller.begun_at(q),
-        })
-    }
-}
-
-impl Row {
-    /// One tick; the torque is in `self.torque`, zero before the law has begun. Allocates where it begins, and nowhere else.
-    fn step(&mut self, task: &Task, given: Given<'_>) {
-        let Given([Some(q), qdot, _, _, tau_disturbance]) = given else {
-            return;
-        };
-        let steps = match &mut self.steps {
-            Some(steps) => steps,
-            none => match task.begin(task.q.as_deref().unwrap_or(q)) {
-                Ok(steps) => none.insert(steps),
-                Err(why) => return self.not_begun = why,
-            },
-        };
-        let (n, tick, estimate) = (q.len(), self.tick, &mut self.estimate);
-        self.tick += 1;
-        estimate.header.tick = tick;
-        let StateEstimate {
-            q: place,
-            qdot: rate,
-            tau_disturbance: torque,
-            ..
-        } = estimate;
-        for (values, given) in [(place, Some(q)), (rate, qdot), (torque, tau_disturbance)] {
-            match given {
-                Some(given) => values[..n].copy_from_slice(given),
-                None => values.fill(0.0),
-            }
-        }
-        // A state that is not finite is the controller's to refuse, and none for the analysis to remember.
-        if is_finite(&estimate.q) && is_finite(&estimate.qdot) {
-            steps.analyzer.step(estimate, &mut self.report);
-        }
-        self.target.target = given.target(tick);
-        steps.controller.steer(
-            (estimate, &self.report),
-            Some(&self.target),
-            &mut self.servo,
-            &mut self.control,
-            &mut self.torque,
-        );
-    }
-
-    /// Why the law gives no motion any more; empty: it does.
-    fn refusal(&self) -> &str {
-        match (&self.steps, self.control.refusal) {
-            (None, _) => &self.not_begun,
-            (_, refusal) => codes::name_of(codes::REFUSALS, refusal),
-        }
-    }
-
-    fn state(&self) -> LawState {
-        let servo = &self.servo;
-        let count = (self.report.count as usize).min(MAX_SINGULARITIES);
-        let listed = self.report.singularities[..count].iter().enumerate();
-        let names = listed.map(|(place, one)| codes::singularity_name(one.kind, place));
-        let modes = self
-            .control
-            .mode
-            .map(|mode| codes::name_of(codes::MODES, mode));
-        let set_aside = match self.control.rejected_ticks {
-            0 => codes::REFUSAL_NONE,
-            _ => codes::REFUSAL_ESTIMATE,
-        };
-        let refusal = self.refusal().to_owned();
-        let stopped = [&refusal, codes::name_of(codes::REFUSALS, set_aside)];
-        let stopped = stopped.into_iter().find(|words| !words.is_empty());
-        LawState {
-            tick: self.tick,
-            phase: codes::name_of(codes::PHASES, self.torque.phase),
-            reason: stopped.map_or_else(
-                || codes::reason_text(servo.reason, servo.joint, servo.upper),
-                str::to_owned,
-            ),
-            mode: names.clone().zip(modes).collect(),
-            beta: names.zip(self.control.beta).collect(),
-            speed_scale: servo.speed_scale,
-            targets_refused: servo.refused,
-            target_refusal: codes::name_of(codes::TARGET_REFUSALS, servo.refusal),
-            refusal,
-        }
-    }
-}
 
 /// The control law of one arm (`step`) or of N arms at once (`step_many`), as in the process `controller` of a steered run.
 ///
@@ -198,7 +16,7 @@ impl Row {
 #[pyclass(module = "armplane")]
 pub(crate) struct Law {
     task: Task,
-    one: Vec<Row>,
+    one: [Row; 1],
     many: Vec<Row>,
 }
 
@@ -221,32 +39,13 @@ impl Law {
             };
             keys.push(format!("{key}={value}"));
         }
-        let rate = (1.0 / dt).round();
-        if !((rate * dt - 1.0).abs() < 1e-9 && (50.0..=20_000.0).contains(&rate)) {
-            return Err(refused(format!(
-                "dt = {dt}: give the time of a tick in s, one over a whole number from 50 to 20000, such as 0.001"
-            )));
-        }
-        keys.push(format!("rate_hz={rate}"));
-        let (robot, scenario) = (Arc::clone(&arm.robot), arm.scenario(&keys)?);
-        let mut task = Task {
-            steps: Steps {
-                analyzer: analyzer::cycle(&robot, &scenario).map_err(refused)?,
-                controller: controller::cycle(&robot, &scenario).map_err(refused)?,
-            },
-            robot,
-            q: None,
-        };
-        if let Some(q) = q {
-            let q = numbers("q", q, &[], &[&[arm.robot.dof()]])?
-                .as_slice()?
-                .to_vec();
-            task.robot.check_posture(&q).map_err(refused)?;
-            task.q = Some(q);
-        }
+        let n = arm.inner.robot().dof();
+        let q = q.map(|q| numbers("q", q, &[], &[&[n]])).transpose()?;
+        let q = q.as_ref().map(|q| q.as_slice()).transpose()?;
+        let task = Task::new(&arm.inner, dt, q, keys).map_err(refused)?;
         Ok(Self {
+            one: [Row::new(&task)],
             task,
-            one: vec![Row::default()],
             many: Vec::new(),
         })
     }
@@ -271,12 +70,12 @@ impl Law {
         tau_disturbance: Option<&Bound<'py, PyAny>>,
         out: Option<Bound<'py, PyArray1<f64>>>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let n = self.task.robot.dof();
+        let n = self.task.robot().dof();
         let out = out.unwrap_or_else(|| PyArray1::zeros(py, n, false));
         numbers("out", &out, &[], &[&[n]])?;
         let given = [Some(q), Some(qdot), pose, twist, tau_disturbance];
         tick(py, &self.task, &mut self.one, &[], given)?;
-        let tau = &self.one[0].torque.tau[..n];
+        let tau = self.one[0].tau(&self.task);
         out.try_readwrite()?.as_slice_mut()?.copy_from_slice(tau);
         Ok(out)
     }
@@ -295,17 +94,17 @@ impl Law {
         twist: Option<&Bound<'py, PyAny>>,
         tau_disturbance: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let (n, task, many) = (self.task.robot.dof(), &self.task, &mut self.many);
+        let (n, task, many) = (self.task.robot().dof(), &self.task, &mut self.many);
         let known = Some(many.len()).filter(|rows| *rows > 0);
         let N = numbers("q", q, &[known], &[&[n]])?.shape()[0];
         let given = [Some(q), Some(qdot), pose, twist, tau_disturbance];
-        many.resize_with(N, Row::default);
+        many.resize_with(N, || Row::new(task));
         let done = tick(py, task, many, &[Some(N)], given);
         if done.is_err() && known.is_none() {
             many.clear();
         }
         done?;
-        let tau = many.iter().flat_map(|row| &row.torque.tau[..n]).copied();
+        let tau = many.iter().flat_map(|row| row.tau(task)).copied();
         PyArray1::from_iter(py, tau).reshape([N, n])
     }
 
@@ -313,14 +112,15 @@ impl Law {
     #[pyo3(signature = (rows=None))]
     fn reset(&mut self, py: Python<'_>, rows: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let Some(rows) = rows else {
-            (self.one, self.many) = (vec![Row::default()], Vec::new());
+            self.one[0].reset(&self.task);
+            self.many.clear();
             return Ok(());
         };
         let all = py
             .import("numpy")?
             .call_method1("arange", (self.many.len(),))?;
         for row in all.get_item(rows)?.try_iter()? {
-            self.many[row?.extract::<usize>()?] = Row::default();
+            self.many[row?.extract::<usize>()?].reset(&self.task);
         }
         Ok(())
     }
@@ -328,24 +128,29 @@ impl Law {
     /// The law's answer to the last `step`, with its reasons.
     #[getter]
     fn state(&self) -> LawState {
-        self.one[0].state()
+        LawState::new(&self.one[0].state(&self.task))
     }
 
     /// The same of a row of the last `step_many`.
     fn state_of(&self, row: usize) -> PyResult<LawState> {
         let missing = || PyIndexError::new_err(format!("there are {} rows", self.many.len()));
-        Ok(self.many.get(row).ok_or_else(missing)?.state())
+        let row = self.many.get(row).ok_or_else(missing)?;
+        Ok(LawState::new(&row.state(&self.task)))
     }
 
     /// Whether each row of the last `step_many` was refused, shape (N,).
     #[getter]
     fn refused<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
-        let refused = self.many.iter().map(|row| !row.refusal().is_empty());
+        let refused = self
+            .many
+            .iter()
+            .map(|row| row.refusal(&self.task).is_some());
         PyArray1::from_iter(py, refused)
     }
 
     fn __repr__(&self) -> String {
-        format!("Law({}, tick {})", self.task.robot.name, self.one[0].tick)
+        let tick = self.one[0].state(&self.task).tick;
+        format!("Law({}, tick {tick})", self.task.robot().name)
     }
 }
 
@@ -372,6 +177,28 @@ pub(crate) struct LawState {
     target_refusal: &'static str,
 }
 
+impl LawState {
+    fn new(state: &State<'_>) -> Self {
+        let listed = state.singularities.iter().flatten();
+        Self {
+            tick: state.tick,
+            phase: state.phase,
+            reason: state.reason.to_string(),
+            refusal: state
+                .refusal
+                .map_or_else(String::new, |one| one.to_string()),
+            mode: listed
+                .clone()
+                .map(|one| (one.0.to_owned(), one.1))
+                .collect(),
+            beta: listed.map(|one| (one.0.to_owned(), one.2)).collect(),
+            speed_scale: state.speed_scale,
+            targets_refused: state.targets_refused,
+            target_refusal: state.target_refusal,
+        }
+    }
+}
+
 #[pymethods]
 impl LawState {
     fn __repr__(&self) -> String {
@@ -395,7 +222,7 @@ fn tick(
     given: [Option<&Bound<'_, PyAny>>; 5],
 ) -> PyResult<()> {
     const NAMES: [&str; 5] = ["q", "qdot", "pose", "twist", "tau_disturbance"];
-    let n = &[task.robot.dof()][..];
+    let n = &[task.robot().dof()][..];
     let shapes: [&[&[usize]]; 5] = [&[n], &[n], &[&[7], &[4, 4]], &[&[6]], &[n]];
     let (mut arrays, mut all) = ([const { None }; 5], [None; 5]);
     for (i, array) in arrays.iter_mut().enumerate() {

@@ -1,6 +1,4 @@
-//! The extension module of the Python package: [`arm`] and [`law`] give Python the code of the processes `analyzer` and `controller`, message by message.
-//!
-//! No algebra and no state of its own: what a law remembers is in the two steps that it holds.
+//! The extension module of the Python package: the crate `arm` for arrays.
 #![allow(non_snake_case)]
 
 mod arm;

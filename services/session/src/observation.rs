@@ -339,7 +339,7 @@ fn times(before: &Distribution, now: &Distribution) -> Times {
 
 fn singularity((place, one): (usize, &LiveSingularity)) -> ObservedSingularity {
     ObservedSingularity {
-        name: singularity_name(one.kind, place),
+        name: singularity_name(one.kind, place).to_owned(),
         s: one.s,
         inside: one.is_inside,
         class: name_of(codes::TYPES, one.class),

@@ -49,7 +49,7 @@ impl Recording {
             |(before, at): ([u32; 3], Vec3)| before == reason && at.dot(below) > STILL_BELOW;
         if !self.part.reason.is_some_and(stands) {
             self.part.reason = Some((reason, below));
-            let text = reason_text(state.reason, state.joint, state.upper);
+            let text = reason_text(state.reason, state.joint, state.upper).to_string();
             self.log(
                 row.tick,
                 "/world/hand/reason",

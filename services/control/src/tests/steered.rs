@@ -255,7 +255,8 @@ fn begins_alike<const N: usize>(name: &str) {
     ];
     let [from, to] = starts.map(|q| model::embedded::<N>(&q) * 0.9);
     let made = |q| Controller::new(model.clone(), robot, &scenario, q).unwrap();
-    let begun = made(from).begun_at(to);
+    let mut begun = made(from);
+    begun.begin(to);
     assert_eq!(format!("{begun:?}"), format!("{:?}", made(to)), "{name}");
 }
 

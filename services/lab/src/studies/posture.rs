@@ -110,7 +110,7 @@ fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
 
 impl Posture {
     /// Each singularity of the report with its name.
-    pub fn singularities(&self) -> impl Iterator<Item = (String, &shared_types::SingularityState)> {
+    pub fn singularities(&self) -> impl Iterator<Item = (&str, &shared_types::SingularityState)> {
         let count = (self.report.count as usize).min(self.report.singularities.len());
         self.report.singularities[..count]
             .iter()

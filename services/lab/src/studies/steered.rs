@@ -325,7 +325,7 @@ impl Score {
 /// The state of a session as one line; `kind` gives the kind of the singularity in a place, by which it is called.
 #[must_use]
 pub fn describe(state: &ServoState, kind: impl Fn(usize) -> Option<u32>) -> String {
-    let mut text = reason_text(state.reason, state.joint, state.upper);
+    let mut text = reason_text(state.reason, state.joint, state.upper).to_string();
     if ![REASON_RESTING, REASON_STALE, REASON_OVER].contains(&state.reason) {
         text += &format!(
             "; hand at {:.0} % of the speed asked for",

@@ -45,7 +45,7 @@ impl SingularityMeter {
         let before = self.modes.len();
         for (i, singularity) in active(tick.report).iter().enumerate() {
             if self.watched.len() <= i {
-                let name = codes::singularity_name(singularity.kind, i);
+                let name = codes::singularity_name(singularity.kind, i).to_owned();
                 self.watched.push(Watched::new(name));
             }
             let watched = &mut self.watched[i];

@@ -44,7 +44,10 @@ impl SteeredMeter {
                 .collect()
         };
         let seconds = |&([reason, joint, upper], ticks): &([u32; 3], u64)| {
-            (reason_text(reason, joint, upper), ticks as f64 / rate_hz)
+            (
+                reason_text(reason, joint, upper).to_string(),
+                ticks as f64 / rate_hz,
+            )
         };
         (!self.ticks.is_empty()).then(|| ServoSummary {
             seconds: self.ticks.iter().map(seconds).collect::<BTreeMap<_, _>>(),
@@ -93,7 +96,10 @@ mod tests {
             });
         }
         let summary = meter.finish(1000.0).unwrap();
-        assert_eq!(summary.seconds[&reason_text(REASON_LIMIT, 4, 0)], 0.2);
+        assert_eq!(
+            summary.seconds[&reason_text(REASON_LIMIT, 4, 0).to_string()],
+            0.2
+        );
         assert_eq!(
             summary.refused.values().copied().collect::<Vec<_>>(),
             [1, 1]

@@ -38,7 +38,7 @@ impl TurnMeter {
         {
             let summary = TurnSummary {
                 tick: command.header.tick,
-                singularity: codes::singularity_name(singularity.kind, place),
+                singularity: codes::singularity_name(singularity.kind, place).to_owned(),
                 planned: command.planned_dq[..n].to_vec(),
                 planned_s: command.planned_s,
                 ..TurnSummary::default()

@@ -247,5 +247,5 @@ impl Compared {
 
 /// The name of the singularity that a line passes.
 fn name_of(kind: Kind) -> String {
-    singularity_name(kind.code(), 0)
+    singularity_name(kind.code(), 0).to_owned()
 }

@@ -71,7 +71,7 @@ pub(super) fn three_locks(locks: [(u32, &Trace); 3]) -> Figure {
                  the waist's axis, so the centre can move along ζ on one side. Without the offset (`puma560-ideal`) the lock is {paper}, too."
             ));
         }
-        numbers.insert(name, json!({"s": sample.s[place], "t_s": sample.t, "zeta": [zeta.x, zeta.y, zeta.z], "type": class, "type_in_the_paper": paper}));
+        numbers.insert(name.to_owned(), json!({"s": sample.s[place], "t_s": sample.t, "zeta": [zeta.x, zeta.y, zeta.z], "type": class, "type_in_the_paper": paper}));
         panel
     });
     Figure {

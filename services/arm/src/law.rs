@@ -1,0 +1,319 @@
+//! The law, tick by tick: the steps of the processes `analyzer` and `controller`, towards a target that is given at each tick.
+
+use std::fmt::{self, Display};
+use std::sync::Arc;
+
+use model::{Joint, Refused, Robot};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
+use shared_types::{
+    AnalyzerCheckpoint, ControlState, ControllerCheckpoint, MAX_SINGULARITIES, ServoState,
+    SingularityReport, StateEstimate, Target, TargetContent, TorqueCommand, codes,
+};
+
+use crate::{Arm, is_finite};
+
+/// Age from which a target no longer counts, where those after it are refused; s.
+const VALID_S: f64 = 0.1;
+
+/// The part of a law that all its rows share.
+pub struct Task {
+    robot: Arc<Robot>,
+    steps: Steps,
+    /// The steps before their first tick.
+    fresh: (AnalyzerCheckpoint, ControllerCheckpoint),
+    /// The posture in which a row begins; `None`: that of its first tick.
+    q: Option<Vec<f64>>,
+}
+
+/// The steps of one arm under the law.
+struct Steps {
+    analyzer: Box<dyn analyzer::Step>,
+    controller: Box<dyn controller::Step>,
+}
+
+/// One arm under the law, with its last messages.
+pub struct Row {
+    steps: Steps,
+    start: Start,
+    tick: u64,
+    estimate: StateEstimate,
+    report: SingularityReport,
+    target: Target,
+    control: ControlState,
+    servo: ServoState,
+    torque: TorqueCommand,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Start {
+    /// No tick yet.
+    Awaited,
+    /// The position of a joint was none of the arm's; the next tick may begin.
+    Refused,
+    Begun,
+}
+
+/// The arguments of a tick, their rows one after another: q, qdot, pose, twist, tau_disturbance.
+#[derive(Clone, Copy)]
+pub struct Given<'a>(pub [Option<&'a [f64]>; 5]);
+
+impl Given<'_> {
+    /// Row `i` of `count`.
+    #[must_use]
+    pub fn row(&self, i: usize, count: usize) -> Self {
+        Self(self.0.map(|all| {
+            let all = all?;
+            let width = all.len() / count;
+            Some(&all[i * width..][..width])
+        }))
+    }
+
+    /// The target of a tick: a pose that moves on with a twist, a twist alone, or none.
+    fn target(&self, tick: u64) -> TargetContent {
+        let mut target = TargetContent {
+            given_tick: tick,
+            valid_s: VALID_S,
+            ..TargetContent::default()
+        };
+        let [_, _, pose, twist, _] = self.0;
+        if let Some(twist) = twist {
+            target.twist.copy_from_slice(twist);
+            target.kind = codes::TARGET_TWIST;
+        }
+        match pose {
+            Some(pose) if pose.len() == 7 => {
+                target.position.copy_from_slice(&pose[..3]);
+                target.quaternion.copy_from_slice(&pose[3..]);
+            }
+            Some(X) => {
+                let R = Matrix3::from_fn(|i, j| X[4 * i + j]);
+                let R = Rotation3::from_matrix_unchecked(R);
+                let turn = UnitQuaternion::from_rotation_matrix(&R);
+                target.position = [X[3], X[7], X[11]];
+                target.quaternion = [turn.w, turn.i, turn.j, turn.k];
+            }
+            None => return target,
+        }
+        target.kind = codes::TARGET_POSE;
+        target
+    }
+}
+
+impl Task {
+    /// The law of an arm with `dt` s between two ticks, 1/dt a whole number from 50 to 20000. It begins at rest in `q`, rad, to which spare joints are drawn;
+    /// in that of its first tick where `None`. `settings` are `key=value` of a scenario.
+    ///
+    /// # Errors
+    /// [`Refused`] for another `dt`, a `q` that is not the arm's, or a setting that is none.
+    pub fn new(
+        arm: &Arm,
+        dt: f64,
+        q: Option<&[f64]>,
+        mut settings: Vec<String>,
+    ) -> Result<Self, Refused> {
+        let rate = (1.0 / dt).round();
+        if !((rate * dt - 1.0).abs() < 1e-9 && (50.0..=20_000.0).contains(&rate)) {
+            return Err(Refused::because(format!(
+                "dt = {dt}: give the time of a tick in s, one over a whole number from 50 to 20000, such as 0.001"
+            )));
+        }
+        settings.push(format!("rate_hz={rate}"));
+        let (robot, scenario) = (Arc::clone(&arm.robot), arm.scenario(&settings)?);
+        let steps = Steps {
+            analyzer: analyzer::cycle(&robot, &scenario)?,
+            controller: controller::cycle(&robot, &scenario)?,
+        };
+        let mut fresh = (
+            AnalyzerCheckpoint::default(),
+            ControllerCheckpoint::default(),
+        );
+        steps.analyzer.save(&mut fresh.0);
+        steps.controller.save(&mut fresh.1);
+        if let Some(q) = q {
+            robot.check_posture(q).map_err(Refused::because)?;
+        }
+        Ok(Self {
+            robot,
+            steps,
+            fresh,
+            q: q.map(<[f64]>::to_vec),
+        })
+    }
+
+    /// The arm.
+    #[must_use]
+    pub fn robot(&self) -> &Robot {
+        &self.robot
+    }
+}
+
+impl Row {
+    /// An arm before its first tick. The only one that allocates.
+    #[must_use]
+    pub fn new(task: &Task) -> Self {
+        Self {
+            steps: Steps {
+                analyzer: task.steps.analyzer.copied(),
+                controller: task.steps.controller.copied(),
+            },
+            start: Start::Awaited,
+            tick: 0,
+            estimate: StateEstimate::default(),
+            report: SingularityReport::default(),
+            target: Target::default(),
+            control: ControlState::default(),
+            servo: ServoState::default(),
+            torque: TorqueCommand::default(),
+        }
+    }
+
+    /// The same again.
+    pub fn reset(&mut self, task: &Task) {
+        self.steps.analyzer.restore(&task.fresh.0);
+        self.steps.controller.restore(&task.fresh.1);
+        (self.start, self.tick) = (Start::Awaited, 0);
+        (self.estimate, self.report) = Default::default();
+        (self.control, self.servo, self.torque) = Default::default();
+    }
+
+    /// One tick. The law does not begin before it is given a posture of the arm.
+    pub fn step(&mut self, task: &Task, given: Given<'_>) {
+        let Given([Some(q), qdot, _, _, tau_disturbance]) = given else {
+            return;
+        };
+        let (n, tick, estimate) = (q.len(), self.tick, &mut self.estimate);
+        estimate.header.tick = tick;
+        let StateEstimate {
+            q: place,
+            qdot: rate,
+            tau_disturbance: torque,
+            ..
+        } = estimate;
+        for (values, given) in [(place, Some(q)), (rate, qdot), (torque, tau_disturbance)] {
+            match given {
+                Some(given) => values[..n].copy_from_slice(given),
+                None => values.fill(0.0),
+            }
+        }
+        if self.start != Start::Begun {
+            let q = task.q.as_deref().unwrap_or(q);
+            if task.robot.misfit(q).is_some() {
+                self.start = Start::Refused;
+                return;
+            }
+            self.steps.controller.begin(q);
+            self.start = Start::Begun;
+        }
+        self.tick += 1;
+        // A state that is not finite is the controller's to refuse, and none for the analysis to remember.
+        if is_finite(&estimate.q) && is_finite(&estimate.qdot) {
+            self.steps.analyzer.step(estimate, &mut self.report);
+        }
+        self.target.target = given.target(tick);
+        self.steps.controller.steer(
+            (estimate, &self.report),
+            Some(&self.target),
+            &mut self.servo,
+            &mut self.control,
+            &mut self.torque,
+        );
+    }
+
+    /// The torque of the last tick, N·m, one value per joint: zero before the law has begun.
+    #[must_use]
+    pub fn tau(&self, task: &Task) -> &[f64] {
+        &self.torque.tau[..task.robot.dof()]
+    }
+
+    /// Why the law gives no motion any more, or none yet.
+    #[must_use]
+    pub fn refusal<'a>(&self, task: &'a Task) -> Option<Reason<'a>> {
+        match (self.start, self.control.refusal) {
+            (Start::Refused, _) => {
+                let (joint, value) = task.robot.misfit(&self.estimate.q)?;
+                Some(Reason::NotBegun { joint, value })
+            }
+            (_, codes::REFUSAL_NONE) => None,
+            (_, refusal) => Some(Reason::Refused(codes::name_of(codes::REFUSALS, refusal))),
+        }
+    }
+
+    /// The law's answer to the last tick. No allocation.
+    #[must_use]
+    pub fn state<'a>(&'a self, task: &'a Task) -> State<'a> {
+        let (servo, control) = (&self.servo, &self.control);
+        let count = (self.report.count as usize).min(MAX_SINGULARITIES);
+        let set_aside = (control.rejected_ticks > 0)
+            .then(|| Reason::Refused(codes::name_of(codes::REFUSALS, codes::REFUSAL_ESTIMATE)));
+        let singularity = |place: usize| {
+            let kind = self.report.singularities[place].kind;
+            (
+                codes::singularity_name(kind, place),
+                codes::name_of(codes::MODES, control.mode[place]),
+                control.beta[place],
+            )
+        };
+        State {
+            tick: self.tick,
+            phase: codes::name_of(codes::PHASES, self.torque.phase),
+            reason: (self.refusal(task).or(set_aside)).unwrap_or(Reason::Follows(servo)),
+            refusal: self.refusal(task),
+            singularities: std::array::from_fn(|place| (place < count).then(|| singularity(place))),
+            speed_scale: servo.speed_scale,
+            targets_refused: servo.refused,
+            target_refusal: codes::name_of(codes::TARGET_REFUSALS, servo.refusal),
+        }
+    }
+}
+
+/// The law's answer at a tick, with its reasons.
+pub struct State<'a> {
+    /// Ticks since the law began.
+    pub tick: u64,
+    /// running, settling, done, refused.
+    pub phase: &'static str,
+    /// How the arm follows its target; the refusal where there is one.
+    pub reason: Reason<'a>,
+    /// Why the law has given up, or not begun.
+    pub refusal: Option<Reason<'a>>,
+    /// Each singularity's name, the law's mode at it, and β, the share of the operational-space command along ζ, 0 to 1.
+    pub singularities: [Option<(&'static str, &'static str, f64)>; MAX_SINGULARITIES],
+    /// Share of the twist asked for that the arm moves with, 0 to 1.
+    pub speed_scale: f64,
+    /// Targets refused since the law began.
+    pub targets_refused: u32,
+    /// Why the last of them was.
+    pub target_refusal: &'static str,
+}
+
+/// A reason; its words are its `Display`.
+#[derive(Clone, Copy)]
+pub enum Reason<'a> {
+    /// The law has not been given a posture of the arm yet.
+    NotBegun {
+        /// The first joint that does not fit.
+        joint: &'a Joint,
+        /// Its position, rad.
+        value: f64,
+    },
+    /// The law has given up, or sets the state aside.
+    Refused(&'static str),
+    /// The arm follows its target.
+    Follows(&'a ServoState),
+}
+
+impl Display for Reason<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotBegun { joint, value } => write!(
+                f,
+                "not begun: joint '{}' = {value} is not within its limits [{}, {}]",
+                joint.name, joint.lower, joint.upper
+            ),
+            Self::Refused(words) => f.write_str(words),
+            Self::Follows(servo) => {
+                codes::reason_text(servo.reason, servo.joint, servo.upper).fmt(f)
+            }
+        }
+    }
+}
