@@ -25,13 +25,16 @@ use crate::state::State;
 use crate::tick::{Motion, Now};
 use crate::types::Report;
 use free_axis::{free_axis, rotation_error, turned};
-use nalgebra::Vector6;
+use nalgebra::{Vector3, Vector6};
 use shared_types::scenario::Control;
 
 /// Largest position error that feedback answers to, m: a goal far away must not demand the acceleration of its whole distance.
 const POSITION_ERROR_MAX: f64 = 0.05;
 /// Largest orientation error that feedback answers to, rad.
 const ORIENTATION_ERROR_MAX: f64 = 0.25;
+
+/// Share of a neighbourhood's thresholds within which a rotation counts as lost.
+const DEEP: f64 = 0.25;
 
 /// A pose error as far as feedback answers to it.
 pub(crate) fn bounded(error: &Vector6<f64>) -> Vector6<f64> {
@@ -72,9 +75,9 @@ pub(crate) fn motion<const N: usize>(
         a: on_path.a + state.targets.a * clock,
         ..on_path
     });
+    let turn_error = rotation_error(&desired_E.R, &now.terms.X_BE.R, free.as_ref());
     let desired = desired_E.at(now.p_EC);
-    let turn_error = rotation_error(&desired.R, &now.terms.X_BE.R, free.as_ref());
-    let error = stack(&(desired.p - now.at.p), &turn_error);
+    let error = about_E(&stack(&(desired.p - now.at.p), &turn_error), now);
     let clips = guide.ends_before(state.progress.leg);
     // The distance to a goal beyond reach along a lost direction must not take from the answer across it.
     let lost = if clips {
@@ -95,8 +98,29 @@ pub(crate) fn motion<const N: usize>(
         a_feed: served(place.moving(clock * time_rate, 0.0)).at(now.p_EC).a,
         error,
         feedback,
-        a: desired.a + (desired.V - V) * k_v + feedback,
+        a: desired.a + about_E(&(desired.V - V), now) * k_v + feedback,
     }
+}
+
+/// A pose or velocity error at C as the law answers to it: where ζ takes a rotation, that rotation is about E, which stays on its path. About C, the
+/// point that the singular directions belong to, it would take E along.
+///
+/// The twist that is lost for ζ = [f; m] is t = [f + m × r; m], r from E to C: the force is lost at C, the moment's rotation about E. Only its part
+/// orthogonal to ζ is taken out, so that what answers along ζ stays as it is. And only deep in the neighbourhood ([`DEEP`]): where the auxiliary
+/// coordinate is held, moving C turns the hand about ζ in proportion to s, and with a gain of one it would run away.
+fn about_E<const N: usize>(error: &Vector6<f64>, now: &Now<'_, N>) -> Vector6<f64> {
+    let r = now.terms.X_BE.R * now.p_EC;
+    let mut out = *error;
+    for s in now.report.listed() {
+        let zeta = &s.zeta_B;
+        let t = zeta + stack(&angular(zeta).cross(&r), &Vector3::zeros());
+        // At least a half for every r below 1 m.
+        let pairing = zeta.dot(&t).max(0.5);
+        let across = (t - zeta * zeta.dot(&t)) / pairing;
+        let lost = 1.0 - s.neighborhood().openness(s.s / DEEP);
+        out -= across * (lost * zeta.dot(error));
+    }
+    out
 }
 
 /// The share of an error along the lost directions, as far as each is left to its auxiliary coordinate.
@@ -107,4 +131,48 @@ fn along_lost<const N: usize>(error: &Vector6<f64>, report: &Report<N>) -> Vecto
         across -= s.zeta_B * (s.zeta_B.dot(&across) * (1.0 - openness));
     }
     error - across
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::centre::AtCentre;
+    use crate::singularity::analyzer::Analyzer;
+    use crate::testing::robot;
+    use model::Model;
+    use nalgebra::SVector;
+    use shared_types::scenario::Analysis;
+
+    /// A UR5 in its wrist's lock, E on its path and turned off it: about ζ that asks nothing of C, about another axis it moves C.
+    #[test]
+    fn a_lost_rotation_turns_the_hand_about_its_own_point() {
+        let model = Model::<6>::new(robot("ur5"), None).unwrap();
+        let (q, zero) = (
+            SVector::from([0.4, -1.2, 1.5, 0.3, 0.0, 0.7]),
+            SVector::zeros(),
+        );
+        let terms = model.evaluate(&q, &zero);
+        let report = Analyzer::new(robot("ur5"), &Analysis::default()).step(&q, &zero, &terms);
+        let p_EC = terms.X_BE.R.transpose() * (report.p_BC - terms.X_BE.p);
+        assert!(p_EC.norm() > 0.05, "{p_EC}");
+        let now = Now {
+            q: &q,
+            qdot: &zero,
+            tau_disturbance: &zero,
+            report: &report,
+            terms: &terms,
+            at: &AtCentre::new(&terms, &report.p_BC, &Vector3::zeros()),
+            p_EC: &p_EC,
+        };
+        // The error at C where E is on its path and the hand turned off it.
+        let moved = |turn: Vector3<f64>| {
+            let at_C = turn.cross(&(terms.X_BE.R * p_EC));
+            linear(&about_E(&stack(&at_C, &turn), &now)).norm()
+        };
+        let lost = report.listed().iter().find(|s| s.inside).unwrap();
+        let zeta = angular(&lost.zeta_B).normalize();
+        let across = zeta.cross(&(terms.X_BE.R * p_EC)).normalize();
+        assert!(moved(zeta * 0.05) < 1e-12, "{}", moved(zeta * 0.05));
+        assert!(moved(across * 0.05) > 1e-3, "{}", moved(across * 0.05));
+    }
 }
