@@ -45,6 +45,8 @@ pub struct Spectrum<const N: usize> {
     pub v: [SVector<f64, N>; N],
     /// Joints more than task axes.
     pub free: usize,
+    /// Absent joints, which move nothing: the first of the spare ones.
+    absent: usize,
 }
 
 impl<const N: usize> Spectrum<N> {
@@ -72,6 +74,11 @@ impl<const N: usize> Spectrum<N> {
             }
         }
         dq
+    }
+
+    /// Directions in which spare joints move.
+    pub(super) fn spare(&self) -> &[SVector<f64, N>] {
+        &self.v[self.absent.min(self.free)..self.free]
     }
 
     /// The share of `dq` that moves nothing.
@@ -106,6 +113,7 @@ impl<const N: usize> Kinematics<'_, N> {
     #[must_use]
     pub fn spectrum(&self, q: &SVector<f64, N>) -> Spectrum<N> {
         let mut J = self.model.jacobian(q);
+        let is_absent: [bool; N] = std::array::from_fn(|i| J.column(i).amax() == 0.0);
         let r = self.model.forward_kinematics(q).R * self.p_EC;
         for mut column in J.column_iter_mut() {
             let w = Vector3::new(column[3], column[4], column[5]);
@@ -121,7 +129,12 @@ impl<const N: usize> Kinematics<'_, N> {
         }
         let (values, vectors) = symmetric_eigen(&J.tr_mul(&J));
         let mut order: [usize; N] = std::array::from_fn(|i| i);
-        order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
+        let moves_nothing = |k: usize| is_absent[vectors.column(k).iamax()];
+        order.sort_by(|a, b| {
+            let first = |k: usize| (!moves_nothing(k), values[k]);
+            let (one, two) = (first(*a), first(*b));
+            one.0.cmp(&two.0).then(one.1.total_cmp(&two.1))
+        });
         let rows = self.task.iter().filter(|counts| **counts).count();
         Spectrum {
             J,
@@ -129,6 +142,7 @@ impl<const N: usize> Kinematics<'_, N> {
             sigma: std::array::from_fn(|k| (J * vectors.column(order[k])).norm()),
             v: std::array::from_fn(|k| vectors.column(order[k]).into_owned()),
             free: N.saturating_sub(rows),
+            absent: is_absent.iter().filter(|absent| **absent).count(),
         }
     }
 

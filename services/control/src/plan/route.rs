@@ -21,10 +21,13 @@ const STRAIGHT: f64 = 1e-4;
 const SHORTEST: f64 = 1e-7;
 /// Most knots between two layers.
 const KNOTS: usize = 150;
-/// Most steps of a search for each leg, and for all of them: about 30 µs each, so that the two searches of a leg end within 2 s on a core of their own.
-const BUDGET: (u32, u32) = (30_000, 300_000);
-/// Most postures kept in a layer.
+/// Most steps of a search for each leg, and for all of them: about 30 µs each, so that the two searches of a leg end within 3 s on a core of their own.
+const BUDGET: (u32, u32) = (40_000, 400_000);
+/// Share of them for routes beside the path: along a lock there are many, and a route on the path is not to fail for their sake.
+const BESIDE: f64 = 0.75;
+/// Most postures kept in a layer, and how far apart they are to lie at first, rad: half as far until there are enough.
 const WIDTH: usize = 20;
+const WIDEST: f64 = 1.6;
 /// Postures nearer to each other than this are one, rad.
 const SAME: f64 = 0.03;
 /// Most steps back from beside a fold to the fold.
@@ -43,8 +46,10 @@ const DAMPING_PER_RAD: f64 = 3.0;
 const LEFT: (f64, f64) = (1.0, 1.2);
 /// Rest of a leg with which a route counts as being at its end, as a share of the deviation allowed.
 pub(super) const ARRIVED: f64 = 0.1;
-/// Distance that a route keeps from every joint limit, rad (m): encoder noise and what tracking costs.
-pub(super) const CLEAR: f64 = 2e-3;
+/// Distance that a route keeps from every joint limit, rad (m): encoder noise and the cost of tracking; more where spare joints are tried both ways,
+/// which are tracked less closely than the path.
+const CLEAR: f64 = 2e-3;
+const CLEAR_SPARE: f64 = 2e-2;
 /// Distance from a limit at which it begins to cost, rad (m).
 const MARGIN: f64 = 0.2;
 /// Largest speed at which spare joints go back to the start posture, rad/s (m/s), and the price of being away, per rad: a task that returns to its start
@@ -153,6 +158,8 @@ pub(super) struct Search<'a, const N: usize> {
     cut: Cell<bool>,
     /// Times of locks that lie between two layers, s.
     pub(super) locks: Vec<f64>,
+    /// Distance kept from every joint limit, rad (m).
+    clear: f64,
 }
 
 impl<'a, const N: usize> Search<'a, N> {
@@ -178,6 +185,7 @@ impl<'a, const N: usize> Search<'a, N> {
             spent_before: 0,
             cut: Cell::new(false),
             locks: vec![],
+            clear: CLEAR,
         }
     }
 
@@ -192,10 +200,11 @@ impl<'a, const N: usize> Search<'a, N> {
         self.cut.set(true);
     }
 
-    /// Whether the search has to give up.
-    fn is_spent(&self) -> bool {
+    /// Whether the search has to give up a share of its steps.
+    fn is_spent(&self, share: f64) -> bool {
         let spent = self.spent.get();
-        let is_spent = spent > BUDGET.0 || spent + self.spent_before > BUDGET.1;
+        let is_over = |spent: u32, most: u32| f64::from(spent) > share * f64::from(most);
+        let is_spent = is_over(spent, BUDGET.0) || is_over(spent + self.spent_before, BUDGET.1);
         self.cut.set(self.cut.get() || is_spent);
         is_spent
     }
@@ -254,6 +263,7 @@ impl<'a, const N: usize> Search<'a, N> {
     /// Follows a leg from the layer `from`; returns the layer at its end, empty where no route leads there.
     pub(super) fn leg(&mut self, leg: &Stretch<'_, N>, from: &[usize]) -> Vec<usize> {
         self.spent_before += self.spent.take();
+        self.clear = if leg.fan { CLEAR_SPARE } else { CLEAR };
         let mut layer = from.to_vec();
         for node in &mut layer {
             self.nodes[*node].heading = SVector::zeros();
@@ -290,26 +300,38 @@ impl<'a, const N: usize> Search<'a, N> {
             && (!two.is_exact || one.is_exact && is_twin(&self.arm.spectrum(&one.q), &by))
     }
 
-    /// The cheapest of postures that are one, and of those the cheapest few.
+    /// The cheapest of postures that are one. Of too many the cheapest half is kept, and of the others those that lie furthest apart: a cheap route may
+    /// end further on, where another one does not.
     fn prune(&self, mut layer: Vec<usize>) -> Vec<usize> {
-        layer.sort_by(|a, b| {
-            self.nodes[*a]
-                .cost
-                .total_cmp(&self.nodes[*b].cost)
-                .then(a.cmp(b))
-        });
-        let mut out: Vec<usize> = vec![];
+        let cost = |node: &usize| self.nodes[*node].cost;
+        layer.sort_by(|a, b| cost(a).total_cmp(&cost(b)).then(a.cmp(b)));
+        let mut apart: Vec<usize> = vec![];
         for node in layer {
-            if out.iter().any(|other| self.is_same(*other, node)) {
-                continue;
-            }
-            if out.len() < WIDTH {
-                out.push(node);
-            } else if self.nodes[node].is_exact {
-                self.cut();
+            if !apart.iter().any(|other| self.is_same(*other, node)) {
+                apart.push(node);
             }
         }
-        out
+        if apart.len() <= WIDTH {
+            return apart;
+        }
+        let mut others = apart.split_off(WIDTH / 2);
+        let mut distance = WIDEST;
+        while apart.len() < WIDTH {
+            let q = |node: usize| self.nodes[node].q;
+            others.retain(|node| {
+                let is_far = |other: &usize| (q(*other) - q(*node)).amax() > distance;
+                let is_kept = apart.len() < WIDTH && apart.iter().all(is_far);
+                if is_kept {
+                    apart.push(*node);
+                }
+                !is_kept
+            });
+            distance *= 0.5;
+        }
+        if others.iter().any(|node| self.nodes[*node].is_exact) {
+            self.cut();
+        }
+        apart
     }
 
     /// The ways on from a posture to the next layer.
@@ -333,7 +355,7 @@ impl<'a, const N: usize> Search<'a, N> {
                     ..straight
                 });
             }
-            for v in &spectrum.v[..spectrum.free] {
+            for v in spectrum.spare() {
                 let stride = 0.6 * SPEED * (t1 - t0)
                     / (0..N).fold(1e-9_f64, |slowest, i| {
                         slowest.max(v[i].abs() / self.bounds.velocity[i])
@@ -482,20 +504,27 @@ impl<'a, const N: usize> Search<'a, N> {
         let sigma = |q: &SVector<f64, N>| self.arm.spectrum(q).smallest();
         let mut before = (parent.knots.last().map_or(0.0, |knot| knot.t), parent.q);
         let (first, mut last) = (before.0, sigma(&parent.q));
-        let mut found = vec![];
+        let end = knots.last().map_or(first, |knot| knot.t);
+        let (mut found, mut falls) = (vec![], false);
         for knot in knots {
             let (now, by) = (sigma(&knot.q), knot.q - before.1);
-            // σ changes by no more than a joint does.
+            // σ changes by no more than a joint does. A lock is where it is least, at a knot or between two.
             if last + now < by.norm() {
-                let x = self_motion::lowest(|x| sigma(&(before.1 + by * (0.5 * (x + 1.0)))));
-                let x = 0.5 * (x + 1.0);
-                let t = before.0 + (knot.t - before.0) * x;
-                let is_end = |t: f64, sigma: f64, end: f64| t == end && sigma < LOCKED;
-                let at_end =
-                    is_end(before.0, last, first) || is_end(knot.t, now, knots[knots.len() - 1].t);
-                if sigma(&(before.1 + by * x)) < 2.0 * LOCKED && !at_end {
+                let at = |x: f64| sigma(&(before.1 + by * (0.5 * (x + 1.0))));
+                let x = self_motion::lowest(at);
+                let t = match x {
+                    ..-0.99 => before.0,
+                    ..=0.99 => before.0 + (knot.t - before.0) * 0.5 * (x + 1.0),
+                    _ => knot.t,
+                };
+                let is_least = t != knot.t && (t != before.0 || falls);
+                let is_layer = (t == first || t == end) && at(x) < LOCKED;
+                if is_least && !is_layer && at(x) < 2.0 * LOCKED {
                     found.push(t);
                 }
+                falls = t == knot.t;
+            } else {
+                falls = now < last;
             }
             (before, last) = ((knot.t, knot.q), now);
         }
@@ -521,7 +550,10 @@ impl<'a, const N: usize> Search<'a, N> {
 
     fn outside(&self, q: &SVector<f64, N>, from: &SVector<f64, N>) -> Option<Block> {
         (0..N).find_map(|i| {
-            let (low, high) = (self.bounds.lower[i] + CLEAR, self.bounds.upper[i] - CLEAR);
+            let (low, high) = (
+                self.bounds.lower[i] + self.clear,
+                self.bounds.upper[i] - self.clear,
+            );
             // A start posture may lie on a limit: from there inwards.
             let out = q[i] < low && q[i] < from[i] || q[i] > high && q[i] > from[i];
             out.then_some(Block::Limit {
@@ -549,7 +581,7 @@ impl<'a, const N: usize> Search<'a, N> {
         let mut block = Block::End;
         while t != t1 {
             self.spent.set(self.spent.get() + 1);
-            if self.is_spent() {
+            if self.is_spent(if lax { BESIDE } else { 1.0 }) {
                 return Err(Furthest { t, q, block });
             }
             if (t + h - t1) * h.signum() > -1e-12 {
@@ -702,7 +734,7 @@ impl<'a, const N: usize> Search<'a, N> {
                             _ => share *= 0.5,
                         }
                     }
-                    if (at - q).amax() <= STEP && !self.is_spent() {
+                    if (at - q).amax() <= STEP && !self.is_spent(1.0) {
                         knots.reverse();
                         out.push(knots);
                     }
@@ -723,7 +755,7 @@ impl<'a, const N: usize> Search<'a, N> {
             .map(|k| spectrum.v[k])
             .collect();
         match locked[..] {
-            [] if leg.fan && at_start => directions.extend(&spectrum.v[..spectrum.free]),
+            [] if leg.fan && at_start => directions.extend(spectrum.spare()),
             [] => {}
             [v] => directions.push(v),
             [a, b, ..] => {

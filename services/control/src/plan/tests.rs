@@ -227,3 +227,40 @@ fn a_self_motion_leads_to_the_posture_in_which_a_fold_opens() {
     let plan = plan_of::<6>(robot("ur5"), &scenario).unwrap();
     assert!(plan.legs() == 1 && holds(robot("ur5"), &scenario, &plan));
 }
+
+/// The cheap routes of spare joints end in a fold; one that first moves them far goes on.
+#[test]
+fn a_dear_route_is_kept_where_the_cheap_ones_end() {
+    let scenario = line_to(
+        "fr3",
+        "[-0.4714209084614231, -1.1759497327954163, 0.6529140976927561, -1.0106071293870083, 1.7862306633989768, 3.5843310451252584, \
+         -2.619045879997899]",
+        "[-0.5151235244169481, 0.37014794405986967, 0.8000669507653935]",
+        "[[-0.624254133192405, -0.7161674244212864, -0.31210734914445676], [0.5628271777488643, -0.689356403806157, 0.45608476900537964], \
+         [-0.5417862541440555, 0.10905030366405749, 0.8334120746013519]]",
+        1.891,
+    );
+    let fr3 = Robot::builtin("fr3").unwrap();
+    let plan = plan_of::<7>(&fr3, &scenario).unwrap();
+    assert!(plan.legs() == 1 && holds(&fr3, &scenario, &plan));
+}
+
+/// A chain is compiled for six joints, and an arm of three is embedded in it: what moves nothing is no spare joint.
+#[test]
+fn an_absent_joint_is_not_searched() {
+    let model = Model::<6>::new(robot("planar3r"), None).unwrap();
+    let arm = Kinematics {
+        model: &model,
+        p_EC: Vector3::zeros(),
+        task: [true, true, false, false, false, false],
+        length_m: 1.0,
+    };
+    let spectrum = arm.spectrum(&SVector::from([0.3, 0.9, 0.8, 0.0, 0.0, 0.0]));
+    let [spare] = spectrum.spare() else {
+        panic!("{:?}", spectrum.spare())
+    };
+    assert!(
+        spare.rows(3, 3).amax() == 0.0 && (arm.spectrum(&SVector::zeros()).J * spare).amax() > 0.0
+    );
+    assert!((spectrum.J * spare).norm() < 1e-12);
+}

@@ -115,7 +115,7 @@ impl<const N: usize> Search<'_, N> {
         let (mut gaps, mut crossed) = ([f64::INFINITY, undone.norm()], false);
         for k in 1.. {
             self.spent.set(self.spent.get() + 2);
-            if self.is_spent() || self.comes_round(&at, from.node, k) {
+            if self.is_spent(1.0) || self.comes_round(&at, from.node, k) {
                 break;
             }
             if k > STRIDES {
