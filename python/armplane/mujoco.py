@@ -20,6 +20,8 @@ from .process import Plant
 
 # A scene whose joints lie further from the robot's (m, or rad of their axes) is another arm.
 _SAME = 1e-5
+# Of the robot's inertia: with less, the law's gains are too high.
+_LIGHT = 0.5
 _BAD = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 _MJCF = re.compile(r"\ufeff?(\s|<\?.*?\?>|<!--.*?-->)*<mujoco", re.DOTALL)
 _FILES = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD, mujoco.mjtGeom.mjGEOM_SDF)
@@ -249,10 +251,16 @@ class World:
         d.qpos[self.qpos] = arm.start
         arm.move_to(arm.start)
         mujoco.mj_forward(m, d)
-        A = _mass_matrix(m, d)[np.ix_(self.dofs, self.dofs)]
-        inertia, load = np.abs(A / arm.mass_matrix().diagonal() - arm.mass_matrix() / arm.mass_matrix().diagonal()).max(), np.abs(d.qfrc_bias[self.dofs] - arm.bias())
-        if inertia > 1e-6 or load.max() > 1e-6:
-            self.said.append(f"at the start its inertia differs by {inertia:.1%} from the robot's, its weight by {load.max():.2g} N·m")
+        share = _mass_matrix(m, d).diagonal()[self.dofs] / arm.mass_matrix().diagonal()
+        load = np.abs(d.qfrc_bias[self.dofs] - arm.bias()).max()
+        if share.min() < _LIGHT:
+            name = arm.names[int(share.argmin())]
+            raise ValueError(
+                f"{self.where}: joint {name} has {share.min():.0%} of the inertia it has in {self.robot}, so that the law's torques would shake it: "
+                "state the same armature in both"
+            )
+        if np.abs(share - 1).max() > 1e-6 or load > 1e-6:
+            self.said.append(f"at the start its joints have {share.min():.1%} to {share.max():.1%} of the robot's inertia, and {load:.2g} N·m more or less weight")
         if (pushed := np.abs(d.qfrc_constraint[self.dofs] + d.qfrc_passive[self.dofs])).max() > 1e-6:
             self.said.append(f"at the start something pushes joint {arm.names[int(pushed.argmax())]} with {pushed.max():.2g} N·m")
 

@@ -246,6 +246,10 @@ def test_mujoco_is_the_plant_and_gives_the_same_bytes_twice():
     ticks = min(map(len, q))
     assert np.abs(q[0][:ticks] - q[3][:ticks]).max() < 1e-3 and not hit[0].any()
     assert hit[2].any() and np.abs(q[2][:ticks] - q[0][:ticks]).max() > 1e-5
-    with pytest.raises(RuntimeError, match="two.*another arm"):
-        armplane.run("line.toml", plant="mujoco:other.xml", out="e")
-    assert not pathlib.Path("e").exists()
+    file("light.xml", ARM.replace('armature="0.1"', ""))
+    rail = '<joint name="rail" type="slide"/><inertial pos="0 0 0" mass="1" diaginertia="0.1 0.1 0.1"/><body name="upper">'
+    file("driven.xml", ARM.replace('<body name="upper">', rail))
+    for scene, words in [("other", "two.*another arm"), ("light", "two has 30%.*armature"), ("driven", "one moves on joint rail"), ("absent", "No such file")]:
+        with pytest.raises(RuntimeError, match=words):
+            armplane.run("line.toml", plant=f"mujoco:{scene}.xml", out="e")
+        assert not pathlib.Path("e").exists()

@@ -57,7 +57,8 @@ fn command(scene: Option<PathBuf>) -> Vec<String> {
     let package = packages.find(|folder| folder.join("armplane/mujoco.py").is_file());
     let path = package.map(|package| {
         let others = std::env::var_os("PYTHONPATH").unwrap_or_default();
-        let all = std::iter::once(package).chain(std::env::split_paths(&others));
+        let others = std::env::split_paths(&others).filter(|folder| !folder.as_os_str().is_empty());
+        let all = std::iter::once(package).chain(others);
         let all = std::env::join_paths(all).unwrap_or_default();
         format!("PYTHONPATH={}", all.display())
     });
