@@ -19,6 +19,7 @@ class Arm:
     velocity: _Doubles
     torque_rate: _Doubles
     postures: dict[str, list[float]]
+    notes: list[str]
     @staticmethod
     def from_mujoco(model: object, site: str | None = None, description: str | PathLike[str] | None = None) -> Arm: ...
     @staticmethod

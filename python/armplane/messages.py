@@ -11,6 +11,8 @@ def read(path, topic):
 
     Raises ValueError where the messages are of another layout. `armplane replay` and `armplane recover` say what a log lacks.
     """
+    if topic not in wire.TOPICS:
+        raise KeyError(f"there is no topic {topic!r}: there are {', '.join(wire.TOPICS)}")
     structure, type_name, _ = wire.TOPICS[topic]
     dtype = np.dtype(structure)
     with open(path, "rb") as file:

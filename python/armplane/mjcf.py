@@ -53,6 +53,8 @@ def _actuator(m, a):
 
 def text(m):
     """The model `m` (mujoco.MjModel): bodies, inertia, joints, sites, geoms in closed form, force limits and gravity."""
+    if not hasattr(m, "jnt_type"):
+        raise TypeError(f"model is a {type(m).__name__}: give a mujoco.MjModel, or the path of a file to Arm.from_urdf, which reads MJCF too")
     lines = ["<mujoco>", '<compiler angle="radian" autolimits="false"/>', _element("option", gravity=m.opt.gravity) + "/>", "<worldbody>"]
 
     def contents(body):

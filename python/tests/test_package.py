@@ -115,16 +115,24 @@ def test_a_wrong_argument_is_named_with_what_is_expected():
         (lambda: law.step(zero, zero, twist=zero), ["twist ", "(7,)", "(6,)"]),
         (lambda: law.step(zero, zero, out=np.zeros(3)), ["out ", "(3,)", "(7,)"]),
         (lambda: law.step_many(np.zeros((3, 7)), np.zeros((3, 7))), ["q ", "(3, 7)", "(4, 7)"]),
+        (lambda: law.step(zero, zero, out=np.zeros(7, int)), ["out ", "float64", "(7,)"]),
+        (lambda: law.step(zero, zero, out=np.zeros(14)[::2]), ["out ", "(7,)"]),
         (lambda: arm.step_many(zero), ["q ", "(7,)", "(N, 7)"]),
         (lambda: armplane.Law(arm, dt=0.3), ["dt", "0.3"]),
         (lambda: armplane.Law(arm, settings={"control.kp": 1}), ["kp", "k_p"]),
         (lambda: armplane.Law(arm, q=zero + 9), ["joint", "9"]),
         (lambda: armplane.Arm.builtin("iiwa"), ["iiwa", "iiwa14"]),
+        (lambda: arm.at(["a"] * 7), ["q: ", "'a'"]),
+        (lambda: arm.at(0.0), ["q ", "()", "(7,)"]),
+        (lambda: armplane.Arm.from_urdf("nothing.urdf"), ["nothing.urdf"]),
     ]
     for call, words in cases:
         with pytest.raises(ValueError) as error:
             call()
         assert all(word in str(error.value) for word in words), error.value
+    assert arm.step_many(np.zeros((0, 7))).shape == (0,)
+    with pytest.raises(TypeError, match="MjModel"):
+        armplane.Arm.from_mujoco("arm.xml")
 
 
 URDF = """<robot name="two"><link name="base"/>
@@ -149,6 +157,7 @@ def test_a_urdf_that_lacks_something_is_refused_with_the_joint_and_the_remedy():
         (inertia, ["elbow", "fore", "<inertial>"]),
         ('<limit lower="-2" upper="2" effort="20" velocity="4"/>', ["elbow", "<limit>"]),
         (' effort="20"', ["elbow", "effort", "<limit>"]),
+        (' velocity="4"', ["shoulder", "velocity", "<limit>"]),
     ]:
         with pytest.raises(ValueError) as error:
             arm(URDF.replace(without, ""))
@@ -209,6 +218,7 @@ def test_a_mujoco_model_gives_the_arm_of_its_file_and_mujocos_numbers(tmp_path):
     data = mujoco.MjData(model)
     arms = [armplane.Arm.from_mujoco(model, site="tip"), armplane.Arm.from_urdf(tmp_path / "two.xml", tip="tip")]
     for arm in arms:
+        assert any("'one'" in note and "velocity" in note for note in arm.notes)
         assert list(arm.effort) == [40.0, 6.0] and arm.joints == ["one", "two"]
     random = np.random.default_rng(1)
     for _ in range(100):

@@ -44,6 +44,9 @@ pub(crate) struct Arm {
     /// Named postures, each a list of n values, rad.
     #[pyo3(get)]
     postures: BTreeMap<String, Vec<f64>>,
+    /// What was assumed or left out when its file was read: joints without a limit, say, or held at zero. A sentence each.
+    #[pyo3(get)]
+    notes: Vec<String>,
 }
 
 impl Arm {
@@ -64,6 +67,7 @@ impl Arm {
             velocity: values(|joint| joint.velocity),
             torque_rate: values(|joint| joint.torque_rate),
             postures: robot.postures.clone(),
+            notes: robot.notes.clone(),
             inner,
         })
     }
@@ -134,7 +138,11 @@ impl Arm {
 
     fn __repr__(&self) -> String {
         let Self { name, dof, tip, .. } = self;
-        format!("Arm({name}: {dof} joints, tip {tip})")
+        let notes = match self.notes.len() {
+            0 => String::new(),
+            count => format!(", notes {count}"),
+        };
+        format!("Arm({name}: {dof} joints, tip {tip}{notes})")
     }
 
     /// Kinematics and dynamics at joint positions `q`, shape (n,), rad, and velocities `qdot`, shape (n,), rad/s (at rest where None).
@@ -190,6 +198,9 @@ impl Arm {
         let (numpy, wire) = (py.import("numpy")?, py.import("armplane.wire")?);
         let row = numpy.call_method1("dtype", (wire.getattr("SingularityReport")?,))?;
         let rows = numpy.call_method1("zeros", (q.shape()[0], row))?;
+        if q.is_empty() {
+            return Ok(rows);
+        }
         let bytes: Bound<'_, PyArray1<u8>> = rows.call_method1("view", ("u1",))?.cast_into()?;
         let mut bytes = bytes.try_readwrite()?;
         let reports = bytemuck::try_cast_slice_mut(bytes.as_slice_mut()?).map_err(refused)?;

@@ -68,15 +68,25 @@ impl Law {
         pose: Option<&Bound<'py, PyAny>>,
         twist: Option<&Bound<'py, PyAny>>,
         tau_disturbance: Option<&Bound<'py, PyAny>>,
-        out: Option<Bound<'py, PyArray1<f64>>>,
+        out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let n = self.task.robot().dof();
-        let out = out.unwrap_or_else(|| PyArray1::zeros(py, n, false));
+        let unfit = || {
+            refused(format!(
+                "out has to be a writable float64 array of shape ({n},), its numbers side by side"
+            ))
+        };
+        let out = match out {
+            Some(given) => given.cast::<PyArray1<f64>>().map_err(|_| unfit())?.clone(),
+            None => PyArray1::zeros(py, n, false),
+        };
         numbers("out", &out, &[], &[&[n]])?;
         let given = [Some(q), Some(qdot), pose, twist, tau_disturbance];
         tick(py, &self.task, &mut self.one, &[], given)?;
         let tau = self.one[0].tau(&self.task);
-        out.try_readwrite()?.as_slice_mut()?.copy_from_slice(tau);
+        let mut filled = out.try_readwrite().map_err(|_| unfit())?;
+        let filled = filled.as_slice_mut().map_err(|_| unfit())?;
+        filled.copy_from_slice(tau);
         Ok(out)
     }
 

@@ -35,7 +35,9 @@ fn numbers<'py>(
         Ok(array) if array.is_c_contiguous() => array.clone(),
         _ => {
             let numpy = given.py().import("numpy")?;
-            let array = numpy.call_method1("ascontiguousarray", (given, "f8"))?;
+            let array = numpy.call_method1("asarray", (given, "f8", "C"));
+            let array =
+                array.map_err(|error| refused(format!("{name}: {}", error.value(given.py()))))?;
             array.cast_into()?
         }
     };
