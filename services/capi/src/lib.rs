@@ -604,3 +604,19 @@ pub unsafe extern "C" fn armplane_law_get_state(
         unsafe { memory::give(out, found) }
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_ends_at_the_border() {
+        assert_eq!(guarded(|| panic!("step")), ARMPLANE_ERROR_PANIC);
+        let (mut made, mut why) = (std::ptr::dangling_mut::<u8>(), [0; 64]);
+        let error = (why.as_mut_ptr(), why.len());
+        // SAFETY: room for a pointer and 64 bytes.
+        let status = unsafe { create(ARMPLANE_ABI_VERSION, &mut made, error, || panic!("create")) };
+        assert_eq!((status, made.is_null()), (ARMPLANE_ERROR_PANIC, true));
+        assert!(why[0] != 0 && why[63] == 0);
+    }
+}
