@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use crate::command::{Args, Desk, Known, assert_nothing_left, pid_of, restarts, until};
+use crate::command::{Args, Desk, Known, assert_nothing_left, finish, pid_of, restarts, until};
 use crate::life::signal;
 use crate::patience::ticks;
 
@@ -168,6 +168,31 @@ fn a_run_on_a_stopped_terminal_ends_by_itself() {
         "goal reached"
     );
     assert_nothing_left(run.0.id());
+}
+
+#[test]
+fn results_that_standard_output_does_not_take_are_in_the_exit_code() {
+    let desk = Desk::new();
+    let read_only = || File::open("/dev/null").expect("a device");
+    for args in [
+        "run --set settle_s=0 --no-record",
+        "list --json",
+        "generate schema scenario",
+        "run --help",
+    ] {
+        let full = File::options().write(true).open("/dev/full");
+        for output in [full.expect("a device"), read_only()] {
+            let mut command = desk.command(args);
+            command.stdout(output);
+            let said = finish(command.spawn().expect("armplane starts"));
+            assert!(
+                said.code == 1 && !said.err.is_empty(),
+                "{args}: {}",
+                said.err
+            );
+            assert_nothing_left(said.launcher);
+        }
+    }
 }
 
 /// Waits for the end of a command; its largest memory, in MB.

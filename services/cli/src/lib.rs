@@ -265,29 +265,37 @@ fn work() -> ExitCode {
         // Their colours could not be told from ours.
         command = command.styles(clap::builder::Styles::plain());
     }
-    let parsed = command.try_get_matches();
-    let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
-        Ok(cli) => cli,
-        Err(error) => return failure::usage(&error),
+    let parsed = command
+        .try_get_matches()
+        .and_then(|matches| Cli::from_arg_matches(&matches));
+    let (json, supervises) = match &parsed {
+        Ok(cli) => (cli.json, cli.supervises()),
+        Err(_) => (failure::wants_json(), false),
     };
-    let (json, supervises) = (cli.json, cli.supervises());
     // A process of a run writes by itself: its launcher reads whatever it writes.
-    if !matches!(
-        cli.command,
-        Some(Command::Process(_) | Command::BenchPeer(_))
-    ) {
+    let is_peer = |cli: &Cli| {
+        matches!(
+            cli.command,
+            Some(Command::Process(_) | Command::BenchPeer(_))
+        )
+    };
+    if !parsed.as_ref().is_ok_and(is_peer) {
         out::start();
     }
-    let code = execute(cli).unwrap_or_else(|failure| failure::report(failure, json));
+    let code = match parsed {
+        Ok(cli) => execute(cli).unwrap_or_else(|failure| failure::report(failure, json)),
+        Err(error) => failure::usage(&error),
+    };
     // The results are kept: what ends in a moment anyway needs no second Ctrl-C.
     let _signals = supervises.then(session::interrupts);
-    if !out::finish(supervises) {
+    let Some(reason) = out::finish(supervises) else {
         return code;
-    }
-    out::tell(&"armplane: results are missing, because nobody reads standard output");
+    };
+    let lost = session::Failure::Work(format!("results are missing: {reason}"));
+    let lost = failure::report(lost, json);
     out::finish(supervises);
     if code == ExitCode::SUCCESS {
-        ExitCode::from(1)
+        lost
     } else {
         code
     }

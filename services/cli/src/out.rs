@@ -10,7 +10,9 @@
 use std::borrow::Cow;
 use std::collections::VecDeque;
 use std::fmt::Write as _;
-use std::io::{ErrorKind, IsTerminal, Write};
+use std::fs::File;
+use std::io::{ErrorKind, IsTerminal, Write, stderr, stdout};
+use std::os::fd::AsFd;
 use std::process::ExitCode;
 use std::sync::{Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
@@ -50,7 +52,6 @@ struct Queue {
     /// When that began, or the reader last took something of it.
     moved: Instant,
     is_gone: bool,
-    has_lost: bool,
 }
 
 impl Queue {
@@ -92,7 +93,6 @@ impl State {
             dropped: 0,
             moved: Instant::now(),
             is_gone: false,
-            has_lost: false,
         };
         Self {
             out: queue(),
@@ -128,7 +128,7 @@ impl State {
         }
         if queue.bytes > 0 && queue.bytes + text.len() > most {
             queue.dropped += 1;
-            queue.has_lost = true;
+            lose(stream, UNREAD);
             return;
         }
         queue.bytes += text.len();
@@ -184,6 +184,15 @@ impl State {
 }
 
 static STATE: OnceLock<Mutex<State>> = OnceLock::new();
+/// Why results are missing.
+static LOST: OnceLock<String> = OnceLock::new();
+const UNREAD: &str = "nobody reads standard output";
+
+fn lose(stream: Stream, reason: &str) {
+    if stream == Stream::Out {
+        LOST.get_or_init(|| reason.to_owned());
+    }
+}
 static CHANGED: Condvar = Condvar::new();
 
 fn locked(state: &Mutex<State>) -> MutexGuard<'_, State> {
@@ -197,19 +206,21 @@ pub(crate) fn is_coloured(stream: &impl IsTerminal) -> bool {
 
 /// Starts the threads that print; without them, in the processes of a run and where there can be no threads, whoever prints writes.
 pub(crate) fn start() {
-    for stream in [Stream::Out, Stream::Err] {
+    // The standard library's own streams hide that a descriptor cannot be written to.
+    let files = [stdout().as_fd(), stderr().as_fd()].map(|fd| fd.try_clone_to_owned());
+    for (stream, file) in [Stream::Out, Stream::Err].into_iter().zip(files) {
+        let Ok(file) = file.map(File::from) else {
+            return;
+        };
         let thread = std::thread::Builder::new()
             .name("printer".into())
             .stack_size(128 << 10);
-        let is_started = thread.spawn(move || match stream {
-            Stream::Out => print(STATE.wait(), stream, std::io::stdout()),
-            Stream::Err => print(STATE.wait(), stream, std::io::stderr()),
-        });
+        let is_started = thread.spawn(move || print(STATE.wait(), stream, file));
         if is_started.is_err() {
             return;
         }
     }
-    let _ = STATE.set(Mutex::new(State::new(std::io::stderr().is_terminal())));
+    let _ = STATE.set(Mutex::new(State::new(stderr().is_terminal())));
 }
 
 /// Writes what comes for a stream, until the program ends.
@@ -238,7 +249,7 @@ fn print(shared: &Mutex<State>, stream: Stream, mut to: impl Write) {
                     .take(columns - 1),
             );
         }
-        let is_written = write_whole(&whole, &mut to, || {
+        let is_written = write_whole(stream, &whole, &mut to, || {
             locked(shared).queue(stream).moved = Instant::now();
         });
         state = locked(shared);
@@ -254,11 +265,14 @@ fn print(shared: &Mutex<State>, stream: Stream, mut to: impl Write) {
 }
 
 /// Whether a text could be written; `moved` is called whenever the reader has taken a piece.
-fn write_whole(text: &str, to: &mut impl Write, moved: impl Fn()) -> bool {
+fn write_whole(stream: Stream, text: &str, to: &mut impl Write, moved: impl Fn()) -> bool {
     let mut rest = text.as_bytes();
-    while !rest.is_empty() {
+    let written = loop {
+        if rest.is_empty() {
+            break to.flush();
+        }
         match to.write(&rest[..rest.len().min(PIECE)]) {
-            Ok(0) => return false,
+            Ok(0) => break Err(ErrorKind::WriteZero.into()),
             Ok(bytes) => {
                 rest = &rest[bytes..];
                 moved();
@@ -266,17 +280,26 @@ fn write_whole(text: &str, to: &mut impl Write, moved: impl Fn()) -> bool {
             Err(error) if error.kind() == ErrorKind::Interrupted => {}
             // Another program has made the terminal's end of all of us non-blocking.
             Err(error) if error.kind() == ErrorKind::WouldBlock => std::thread::sleep(EVERY / 10),
-            Err(_) => return false,
+            Err(error) => break Err(error),
         }
+    };
+    // A reader that has gone away (`armplane run | head`) is no error.
+    if let Err(error) = &written
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        lose(
+            stream,
+            &format!("standard output cannot be written: {error}"),
+        );
     }
-    to.flush().is_ok()
+    written.is_ok()
 }
 
-/// Gives the readers a short time for what is left; whether results have been lost, which is possible where `is_bounded`. A reader of results that
-/// stand nowhere else may take its time: nothing runs any more, and Ctrl-C ends the program.
-pub(crate) fn finish(is_bounded: bool) -> bool {
+/// Gives the readers a short time for what is left; why results have been lost, if they have. A reader of results that stand nowhere else, which is not
+/// `is_bounded`, may take its time: nothing runs any more, and Ctrl-C ends the program.
+pub(crate) fn finish(is_bounded: bool) -> Option<&'static str> {
     let Some(shared) = STATE.get() else {
-        return false;
+        return LOST.get().map(String::as_str);
     };
     set_status(None);
     let began = Instant::now();
@@ -288,7 +311,8 @@ pub(crate) fn finish(is_bounded: bool) -> bool {
         let is_shown = state.out.oldest().is_none() || is_bounded && is_late(&state.out);
         let is_told = is_late(&state.err) && (!state.is_stale || state.err.is_stuck(STUCK));
         if is_shown && is_told {
-            return state.out.has_lost || state.out.oldest().is_some();
+            let is_left = state.out.oldest().is_some();
+            return LOST.get().map(String::as_str).or(is_left.then_some(UNREAD));
         }
         state = CHANGED
             .wait_timeout(state, EVERY)
@@ -303,10 +327,9 @@ fn push(stream: Stream, text: &str) {
         CHANGED.notify_all();
         return;
     }
-    // A reader that has gone away (`armplane run | head`) is no error.
-    let _ = match stream {
-        Stream::Out => std::io::stdout().write_all(text.as_bytes()),
-        Stream::Err => std::io::stderr().write_all(text.as_bytes()),
+    match stream {
+        Stream::Out => write_whole(stream, text, &mut stdout(), || {}),
+        Stream::Err => write_whole(stream, text, &mut stderr(), || {}),
     };
 }
 
