@@ -9,7 +9,8 @@
 //! 3.00, end
 //! ```
 //!
-//! The first line is the head: it is required in a file and gives the unit of lengths, `m` or `mm`, for the lines after it, as does a head further down.
+//! The first line is the head: it is required in a file and gives the unit of lengths, `m` or `mm`, for the lines after it, as does a head further down. A
+//! head that cannot be read is refused, and with it the lines after it, up to one that can.
 //! Lines that come without times, while a session lasts, are in metres unless a head comes before them. Times are in s, angles in rad, rotations are quaternions `w x y z`. A twist
 //! has six values, `[linear; angular]`, in the axes of base, hand or singular; a pose has seven (position, quaternion), and six more for the twist
 //! with which it moves; a posture has one per joint. `side` (keep, negative, positive) and `given_s`, the time at which the target was measured where
@@ -131,12 +132,14 @@ pub fn check(text: &str, rate_hz: u32, dof: usize) -> Result<(), InvalidRow> {
     Ok(())
 }
 
-/// Whether a line is a head, be it one that cannot be read: what may be meant as a unit is no comment.
+/// Whether a line is a head, be it one that cannot be read: what may be meant as a unit, in whatever quotes or marks of a comment, is no comment. No word
+/// of a target has these letters.
 #[must_use]
 pub fn is_head(line: &str) -> bool {
-    let word = line.trim_start_matches(['\u{feff}', '#', ' ', '\t']);
-    word.get(..8)
-        .is_some_and(|word| word.eq_ignore_ascii_case("armplane"))
+    let line = line.to_ascii_lowercase();
+    ["armplane", "length"]
+        .iter()
+        .any(|word| line.contains(word))
 }
 
 /// Units of length in a metre, by a head: divided by, so that 700 mm are the number nearest to 0.7 m.
@@ -146,11 +149,13 @@ fn per_metre(head: &str) -> Result<f64, String> {
     match head.strip_prefix(HEAD).map(str::trim) {
         Some("m") => Ok(1.0),
         Some("mm") => Ok(1e3),
-        _ => Err(format!("the first line must be `{HEAD}m`, or `mm`")),
+        _ => Err(format!(
+            "a line with `armplane` or `length` gives the unit: write it as `{HEAD}m`, or `mm`"
+        )),
     }
 }
 
-/// The lines of a text that are to be targets, each with its number and with the unit in force.
+/// The lines of a text that are to be targets, each with its number and with the unit in force; and the heads that cannot be read.
 fn lines(
     text: &str,
     mut unit: Result<f64, String>,
@@ -160,8 +165,12 @@ fn lines(
         if is_head(line) {
             unit = per_metre(line);
         }
-        let is_target = !(line.is_empty() || line.starts_with('#') || is_head(line));
-        is_target.then(|| (number, unit.clone(), line))
+        let is_content = if is_head(line) {
+            unit.is_err()
+        } else {
+            !(line.is_empty() || line.starts_with('#'))
+        };
+        is_content.then(|| (number, unit.clone(), line))
     })
 }
 
@@ -181,7 +190,10 @@ pub fn live(
 fn numbered(text: &str, rate_hz: u32) -> Result<Vec<(usize, Row)>, InvalidRow> {
     let invalid = |line: usize, message: String| InvalidRow { line, message };
     let mut rows: Vec<(usize, Row)> = Vec::new();
-    for (number, unit, line) in lines(text, per_metre("")) {
+    for (number, unit, line) in lines(
+        text,
+        Err(format!("the first line must be `{HEAD}m`, or `mm`")),
+    ) {
         let (time, rest) = line.split_once(',').unwrap_or((line, ""));
         let row = unit.and_then(|unit| {
             let tick = ticks(time, rate_hz)?;
@@ -408,10 +420,21 @@ mod tests {
         assert_eq!(speeds(line), [Some(5.0)]);
         let text = format!("\u{feff}{HEAD}mm\n# a comment\n\n{line}\n{metres}\n{line}\n");
         assert_eq!(speeds(&text), [Some(0.005), Some(5.0)]);
-        for head in [&*unknown, "#armplane targets 1,length mm", "Armplane"] {
-            assert_eq!(speeds(&format!("{head}\n{line}")), [None], "{head}");
+        let quoted = format!("\"{HEAD}mm\"");
+        for head in [
+            &*unknown,
+            &*quoted,
+            "#armplane targets 1,length mm",
+            "// armplane targets 1, length mm",
+            "# length mm, armplane targets 1",
+            "# Length: mm",
+            "# armplane targets 1, length mm\rtwist, base, 1, 5 0 0 0 0 0\rend",
+            "Armplane",
+        ] {
+            assert_eq!(speeds(head), [None], "{head}");
+            assert_eq!(speeds(&format!("{head}\n{line}")), [None, None], "{head}");
             let wrong = parse(&format!("{metres}\n0, {line}\n{head}\n1, {line}\n"), 1000);
-            assert_eq!(wrong.unwrap_err().line, 4, "{head}");
+            assert_eq!(wrong.unwrap_err().line, 3, "{head}");
         }
         let text = format!("{metres}\n0, {line}\n{HEAD}mm\n1, {line}\n");
         let rows = parse(&text, 1000).unwrap();

@@ -1,5 +1,6 @@
 //! `armplane servo`: an arm that is steered, and its session repeated.
 
+use std::fs::File;
 use std::io::Write;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
@@ -199,7 +200,32 @@ fn every_line_that_is_no_target_is_counted_however_fast_they_come() {
     assert_eq!(said.code, 1, "{}", said.err);
     let refused = &summary(&said)["servo"]["refused"];
     let counts: Vec<_> = refused.as_object().expect("counts").values().collect();
-    assert_eq!(counts, [3], "{refused}");
+    assert_eq!(counts, [4], "{refused}");
+}
+
+#[test]
+fn an_input_without_a_target_is_in_the_exit_code() {
+    let desk = Desk::new();
+    desk.file("unit", "# armplane targets 1, length cm\n");
+    // A file of an old Mac is one line.
+    desk.file("returns", "# armplane targets 1, length mm\rend\r");
+    desk.file("empty", "");
+    let read = |name: &str| File::open(desk.path().join(name)).expect("a file");
+    let unreadable = File::create(desk.path().join("none")).expect("a file");
+    let folder = read(".");
+    for input in [
+        read("unit"),
+        read("returns"),
+        read("empty"),
+        folder,
+        unreadable,
+    ] {
+        let mut command = desk.command("servo ur5 --from -");
+        command.stdin(input);
+        let said = finish(command.spawn().expect("armplane starts"));
+        assert!(said.code == 1 && !said.err.is_empty(), "{}", said.err);
+        assert_nothing_left(said.launcher);
+    }
 }
 
 #[test]

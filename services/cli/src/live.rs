@@ -1,11 +1,13 @@
 //! A session that is steered while it lasts: by keys of a terminal in raw mode or by a gamepad, with a line of help and a line of state; or by lines
 //! from standard input. Each of them is a target for the operator's socket.
 
-use std::io::Read;
+use std::fs::File;
+use std::io::{self, BufReader, Read};
+use std::os::fd::AsFd;
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use crossterm::terminal::{disable_raw_mode, enable_raw_mode};
@@ -81,19 +83,27 @@ impl Drop for Panel {
 
 /// The lines of standard input, as they are sent to a run.
 #[derive(Default)]
-pub(crate) struct Lines {
-    /// Those that are no target.
-    wrong: Arc<AtomicU64>,
+pub(crate) struct Lines(Arc<Heard>);
+
+#[derive(Default)]
+struct Heard {
+    /// Lines that are no target.
+    wrong: AtomicU64,
+    /// Why there was nothing to follow.
+    lack: OnceLock<String>,
 }
 
 impl Lines {
     /// Sends the lines to a run; at the end of input the session ends with its last target.
     pub(crate) fn send(&self, run: &RunDir, rate_hz: u32) -> Result<(), Failure> {
-        let wrong = Arc::clone(&self.wrong);
+        let heard = Arc::clone(&self.0);
         let (socket, path) = (
             UnixDatagram::unbound().map_err(Failure::work)?,
             run.path().join(Servo::SOCKET),
         );
+        // The standard library's own stream hides that a descriptor cannot be read.
+        let input = std::io::stdin().as_fd().try_clone_to_owned();
+        let input = BufReader::new(File::from(input.map_err(Failure::work)?));
         std::thread::spawn(move || {
             let send = |line: &str| {
                 // The operator makes its socket when it starts.
@@ -103,33 +113,66 @@ impl Lines {
                     std::thread::sleep(AGAIN);
                 }
             };
-            // Goes with each line: an operator that is started again has not heard the lines before.
-            let mut head = String::new();
-            for mut line in files::lines(std::io::stdin().lock()) {
-                // Longer than any target, and cut: the operator refuses it.
-                line.truncate(line.floor_char_boundary(LONGEST));
-                if is_head(&line) {
-                    head = line + "\n";
-                    continue;
-                }
-                let text = head.clone() + &line;
-                if text.len() >= LONGEST || live(&text, 0, rate_hz).any(|target| target.is_err()) {
-                    wrong.fetch_add(1, Ordering::Relaxed);
-                }
-                send(&text);
-            }
+            heard.take(files::lines(input), rate_hz, send);
             send(Servo::CLOSE);
         });
         Ok(())
     }
 
-    /// The failure of a session whose input held lines that are no target.
+    /// The failure of a session whose input was not all targets.
     pub(crate) fn verdict(&self) -> Result<(), Failure> {
-        match self.wrong.load(Ordering::Relaxed) {
-            0 => Ok(()),
-            count => Err(Failure::Work(format!(
-                "{count} lines of standard input were refused, because they are not targets; the messages above show the first ones"
-            ))),
+        let lack = self
+            .0
+            .lack
+            .get()
+            .map(|lack| format!("standard input {lack}"));
+        let wrong = self.0.wrong.load(Ordering::Relaxed);
+        let wrong = (wrong > 0).then(|| format!("{wrong} lines of standard input were refused, because they are not targets; the messages above show the first ones"));
+        lack.or(wrong)
+            .map_or(Ok(()), |reason| Err(Failure::Work(reason)))
+    }
+}
+
+impl Heard {
+    fn take(
+        &self,
+        lines: impl Iterator<Item = io::Result<String>>,
+        rate_hz: u32,
+        send: impl Fn(&str),
+    ) {
+        // Goes with each line: an operator that is started again has not heard the lines before.
+        let (mut head, mut has_content) = (String::new(), false);
+        for line in lines {
+            let mut line = match line {
+                Ok(line) => line,
+                Err(error) => {
+                    self.lack.get_or_init(|| format!("cannot be read: {error}"));
+                    return;
+                }
+            };
+            let is_unit = is_head(&line);
+            // Longer than any target, and cut: the operator refuses it.
+            line.truncate(line.floor_char_boundary(LONGEST));
+            if !is_unit {
+                // A comment is none.
+                if live(&line, 0, rate_hz).next().is_none() {
+                    continue;
+                }
+                line.insert_str(0, &head);
+            }
+            let is_wrong =
+                line.len() >= LONGEST || live(&line, 0, rate_hz).any(|target| target.is_err());
+            has_content |= !is_unit || is_wrong;
+            self.wrong.fetch_add(is_wrong.into(), Ordering::Relaxed);
+            send(&line);
+            if is_unit {
+                // A unit that cannot be read makes one line with each target after it: so they are refused, too.
+                head = line + if is_wrong { " " } else { "\n" };
+            }
+        }
+        if !has_content {
+            let lack = "had no target: write lines such as `twist, base, 0.2, 0.01 0 0 0 0 0`";
+            self.lack.get_or_init(|| lack.to_owned());
         }
     }
 }

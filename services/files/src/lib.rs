@@ -155,9 +155,9 @@ pub fn write(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
 /// Longest line that is taken from a program or a person; bytes.
 pub const LONGEST_LINE: usize = 64 << 10;
 
-/// The lines of a text that somebody else writes, until it ends or cannot be read. Of a line longer than [`LONGEST_LINE`] the beginning comes as soon as
-/// it is there, and the rest is skipped: a line without an end costs no memory.
-pub fn lines(mut text: impl BufRead) -> impl Iterator<Item = String> {
+/// The lines of a text that somebody else writes, until it ends; an error where it cannot be read. Of a line longer than [`LONGEST_LINE`] the beginning
+/// comes as soon as it is there, and the rest is skipped: a line without an end costs no memory.
+pub fn lines(mut text: impl BufRead) -> impl Iterator<Item = io::Result<String>> {
     let mut is_skipping = false;
     std::iter::from_fn(move || {
         let mut line = Vec::new();
@@ -165,10 +165,10 @@ pub fn lines(mut text: impl BufRead) -> impl Iterator<Item = String> {
             let bytes = match text.fill_buf() {
                 Ok(bytes) => bytes,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
-                Err(_) => &[],
+                Err(error) => return Some(Err(error)),
             };
             if bytes.is_empty() {
-                return (!line.is_empty()).then(|| words_of(&line));
+                return (!line.is_empty()).then(|| Ok(words_of(&line)));
             }
             let end = bytes.iter().position(|byte| *byte == b'\n');
             let here = end.unwrap_or(bytes.len());
@@ -182,10 +182,10 @@ pub fn lines(mut text: impl BufRead) -> impl Iterator<Item = String> {
             is_skipping = end.is_none() && (is_skipping || is_cut);
             text.consume(here + usize::from(end.is_some()));
             if is_cut {
-                return Some(words_of(&line) + " … (cut at 64 KiB)");
+                return Some(Ok(words_of(&line) + " … (cut at 64 KiB)"));
             }
             if end.is_some() && !was_skipping {
-                return Some(words_of(&line));
+                return Some(Ok(words_of(&line)));
             }
         }
     })
@@ -226,11 +226,14 @@ mod tests {
     fn a_line_without_an_end_is_cut_and_the_next_one_is_whole() {
         let long = "x".repeat(LONGEST_LINE);
         let text = format!("first\r\n{long}\n{long}yy{long}\n\nlast");
-        let found: Vec<_> = lines(io::Cursor::new(text)).collect();
+        let found: Vec<_> = lines(io::Cursor::new(text)).map(Result::unwrap).collect();
         let cut = format!("{long} … (cut at 64 KiB)");
         assert_eq!(found, ["first", &long, &cut, "", "last"]);
         let mut endless = lines(io::BufReader::new(io::repeat(b'x')));
-        assert_eq!(endless.next().as_deref(), Some(cut.as_str()));
+        assert_eq!(endless.next().unwrap().unwrap(), cut);
+        let folder = File::open("/").unwrap();
+        let unread = lines(io::BufReader::new(folder)).next().unwrap();
+        assert_eq!(unread.unwrap_err().kind(), io::ErrorKind::IsADirectory);
     }
 
     #[test]

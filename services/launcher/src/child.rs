@@ -55,7 +55,7 @@ impl Ear {
     }
 
     fn listen(&self, stderr: impl std::io::Read) {
-        for line in files::lines(BufReader::new(stderr)) {
+        for line in files::lines(BufReader::new(stderr)).map_while(Result::ok) {
             let heard = &mut *self.heard();
             if heard.last.len() == LAST_WORDS {
                 heard.last.pop_front();
