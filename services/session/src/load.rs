@@ -92,7 +92,7 @@ impl Source {
             )));
         }
         let (text, folder) = (read(path)?, path.parent().map(Path::to_owned));
-        seal::check(name, &text, folder.as_deref().unwrap_or(Path::new("")))?;
+        let text = seal::open(name, text, folder.as_deref().unwrap_or(Path::new("")))?;
         Ok(Self {
             file: name.to_owned(),
             text,

@@ -7,85 +7,106 @@ use xxhash_rust::xxh3::xxh3_64;
 
 use crate::failure::Failure;
 
-/// How the first line of a sealed scenario begins; name and checksum of each file follow.
-const MARK: &str = "# Repeats a run of armplane; delete this line before an edit. Checksums:";
+/// How the first line of a sealed scenario begins; name and checksum of each file follow. It is TOML: parts of it are a key that no scenario has, or no TOML.
+const MARK: &str =
+    "checksums = \"This file repeats a run; delete this line before an edit. Checksums:";
 
-/// The line that seals a scenario: its own checksum, and those of the `others` that stand beside it and that it names.
+/// The line that seals a scenario: a checksum of it and of the rest of the line, and those of the `others` that stand beside it and that it names.
 pub(crate) fn line(scenario: &str, others: &[(&str, Vec<u8>)]) -> String {
-    let mut line = format!("{MARK} {:016x}", xxh3_64(scenario.as_bytes()));
+    let mut rest = String::new();
     for (name, bytes) in others {
         // Writing to a string does not fail.
-        let _ = write!(line, " {name}={:016x}", xxh3_64(bytes));
+        let _ = write!(rest, " {name}={:016x}", xxh3_64(bytes));
     }
-    line + "\n"
+    rest += "\"\n";
+    let whole = xxh3_64((rest.clone() + scenario).as_bytes());
+    format!("{MARK} {whole:016x}{rest}")
 }
 
-/// Checks a scenario that is sealed, and the files that its seal names; any other text passes.
+/// Checks a scenario that is sealed, and the files that its seal names; any other text passes. The text without the seal, on the same lines.
 ///
 /// # Errors
 /// [`Failure::Input`] with the name of the file that is not what armplane wrote.
-pub(crate) fn check(file: &str, text: &str, folder: &Path) -> Result<(), Failure> {
+pub(crate) fn open(file: &str, text: String, folder: &Path) -> Result<String, Failure> {
     let changed = |name: &str| {
         Failure::Input(format!(
             "{name} has changed since the run: to run it as it is now, delete the first line of {file}"
         ))
     };
-    let Some(rest) = text.strip_prefix(MARK) else {
-        return match is_damaged(text.lines().next().unwrap_or_default()) {
+    let (first, scenario) = text.split_once('\n').unwrap_or((&text, ""));
+    let Some(sums) = first.strip_prefix(MARK) else {
+        return match is_damaged(first) {
             true => Err(changed(file)),
-            false => Ok(()),
+            false => Ok(text),
         };
     };
-    let (sums, scenario) = rest.split_once('\n').unwrap_or((rest, ""));
-    let mut sums = sums.split_whitespace();
-    let is = |sum: Option<&str>, bytes: &[u8]| sum == Some(&format!("{:016x}", xxh3_64(bytes)));
-    if !is(sums.next(), scenario.as_bytes()) {
-        return Err(changed(file));
-    }
-    for pair in sums {
-        let (name, sum) = pair.split_once('=').unwrap_or((pair, ""));
+    let pairs = sums.split([' ', '"']).filter_map(|sum| sum.split_once('='));
+    let mut others = Vec::new();
+    for (name, sum) in pairs {
         let path = folder.join(name);
-        if !is(Some(sum), files::read(&path).unwrap_or_default().as_slice()) {
+        let bytes = files::read(&path).unwrap_or_default();
+        if sum != format!("{:016x}", xxh3_64(&bytes)) {
             return Err(changed(&path.display().to_string()));
         }
+        others.push((name, bytes));
     }
-    Ok(())
+    if line(scenario, &others) + scenario != text {
+        return Err(changed(file));
+    }
+    Ok(format!("\n{scenario}"))
 }
 
-/// Whether a first line was a seal before it was damaged: it still has more than a third of the words of [`MARK`].
+/// Whether a first line was a seal, which TOML would take for a comment: by its words, or by a checksum.
 fn is_damaged(line: &str) -> bool {
-    let is_left = |word: &&str| line.split_whitespace().any(|one| one == *word);
-    let words = MARK.split_whitespace();
-    3 * words.clone().filter(is_left).count() > words.count()
+    let is_sum = |word: &str| word.len() == 16;
+    line.contains("delete this line before an edit")
+        || line
+            .split(|letter: char| !letter.is_ascii_hexdigit())
+            .any(is_sum)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use shared_types::scenario::Scenario;
 
     #[test]
-    fn every_flipped_bit_of_every_file_is_seen() {
+    fn every_flipped_bit_and_every_cut_through_the_first_line_is_seen() {
         let folder = tempfile::tempdir().unwrap();
-        let (scenario, robot) = ("name = \"mine\"\n", b"<robot/>".to_vec());
+        let (scenario, robot) = (
+            "name = \"mine\"\nrobot = \"robot.urdf\"\nsettle_s = 1.0\n[start]\nposture = \"ready\"\n[[segment]]\nduration_s = 1.0\n",
+            b"<robot/>".to_vec(),
+        );
         let path = folder.path().join("robot.urdf");
         std::fs::write(&path, &robot).unwrap();
-        let text = line(scenario, &[("robot.urdf", robot.clone())]) + scenario;
-        let check = |text: &str| check("scenario.toml", text, folder.path());
-        assert!(check(&text).is_ok() && check(scenario).is_ok());
-        for at in 0..text.len() {
+        let seal = line(scenario, &[("robot.urdf", robot.clone())]);
+        let text = seal.clone() + scenario;
+        let runs = |text: &[u8]| {
+            let Ok(text) = String::from_utf8(text.to_vec()) else {
+                return false;
+            };
+            let opened = open("scenario.toml", text, folder.path());
+            opened.is_ok_and(|text| Scenario::parse("scenario.toml", &text, &[]).is_ok())
+        };
+        assert!(runs(text.as_bytes()) && runs(scenario.as_bytes()));
+        for (at, bit) in (0..text.len()).flat_map(|at| (0..8).map(move |bit| (at, bit))) {
             let mut bytes = text.clone().into_bytes();
-            bytes[at] ^= 1;
-            assert!(
-                check(&String::from_utf8(bytes).unwrap()).is_err(),
-                "byte {at}"
-            );
+            bytes[at] ^= 1 << bit;
+            assert!(!runs(&bytes), "byte {at}, bit {bit}");
         }
-        for cut in 1..MARK.len() / 2 {
-            assert!(check(&text[cut..]).is_err(), "without {cut} bytes");
+        // Without the whole line it runs.
+        let whole = [seal.len() - 1, seal.len()];
+        for from in 0..seal.len() {
+            for to in (from + 1..=text.len()).filter(|to| from > 0 || !whole.contains(to)) {
+                let cut = [&text[..from], &text[to..]].concat();
+                assert!(!runs(cut.as_bytes()), "without bytes {from}..{to}");
+            }
         }
+        assert!(!runs(text.replace('\n', "\r\n").as_bytes()));
+        assert!(!runs(format!("\n{text}").as_bytes()));
         std::fs::write(&path, b"<robots/>").unwrap();
-        assert!(check(&text).is_err());
+        assert!(!runs(text.as_bytes()));
         std::fs::remove_file(&path).unwrap();
-        assert!(check(&text).is_err());
+        assert!(!runs(text.as_bytes()));
     }
 }
