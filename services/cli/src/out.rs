@@ -17,6 +17,8 @@ use std::process::ExitCode;
 use std::sync::{Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
+use icu_properties::CodePointSetData;
+use icu_properties::props::DefaultIgnorableCodePoint;
 use session::Failure;
 
 /// Bytes that may wait for a reader of standard error ...
@@ -444,7 +446,11 @@ pub(crate) fn painted(text: &str) -> Cow<'_, str> {
 /// A text with its control characters escaped but for the ends of lines, tabs, and as many bytes as `kept` wants from a place on.
 fn escaped(text: &str, kept: fn(&str) -> usize) -> Cow<'_, str> {
     // Marks of direction show a text in another order than it has; letters without a shape and ends of lines of other scripts make two texts look alike.
-    let is_mark = |letter: char| matches!(letter, '\u{ad}' | '\u{61c}' | '\u{feff}' | '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{e0000}'..='\u{e007f}');
+    let ignorable = CodePointSetData::new::<DefaultIgnorableCodePoint>();
+    let is_mark = |letter: char| {
+        matches!(letter, '\u{2028}' | '\u{2029}' | '\u{fff9}'..='\u{fffb}')
+            || ignorable.contains(letter)
+    };
     let is_code =
         |letter: char| letter.is_control() && !matches!(letter, '\n' | '\t') || is_mark(letter);
     if !text.contains(is_code) {
@@ -532,5 +538,8 @@ mod tests {
             plain("a\u{200b}b\u{2028}\u{e0001}"),
             "a\\u200bb\\u2028\\udb40\\udc01"
         );
+        let invisible =
+            "\u{34f}\u{115f}\u{1160}\u{180e}\u{2061}\u{3164}\u{fe0f}\u{ffa0}\u{fff9}\u{e0100}";
+        assert!(plain(invisible).is_ascii());
     }
 }
