@@ -37,6 +37,9 @@ pub use result::{Goal, Layout, Record, View};
 pub use servo::Servo;
 pub use task::{Path, Reorient, Segment, Slide, Start, Turn};
 
+/// Most segments of a task: a route is looked for through each of them before the start.
+const MOST_SEGMENTS: usize = 10_000;
+
 /// A validated scenario file. Every field but `name`, `robot`, `start` and `segment` has a default that works.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -193,6 +196,12 @@ impl Scenario {
             "the task is empty",
             "add a [[segment]] with a duration_s",
         )?;
+        require(
+            self.segment.len() <= MOST_SEGMENTS,
+            "segment",
+            format!("the task has {} segments", self.segment.len()),
+            format!("{MOST_SEGMENTS} at most"),
+        )?;
         let mut segments = self.segment.iter().enumerate();
         segments.try_for_each(|(i, segment)| segment.check(i))?;
         require(
@@ -273,6 +282,9 @@ mod tests {
                 10,
             ),
         ];
+        let many = "[[segment]]\nduration_s = 1.0\n".repeat(MOST_SEGMENTS);
+        let many = Scenario::parse("a.toml", &(TEXT.to_owned() + &many), &[]);
+        assert!(many.unwrap_err().line().is_some());
         for (right, wrong, line) in cases {
             let text = TEXT.replacen(right, wrong, 1);
             let error = Scenario::parse("a.toml", &text, &[]).unwrap_err();

@@ -40,6 +40,7 @@ use crate::robot::Robot;
 use crate::task::TaskAxis;
 use crate::urdf::Cut;
 use serde::Deserialize;
+use shared_types::file;
 use std::collections::BTreeMap;
 
 #[derive(Debug, Default, Deserialize)]
@@ -74,8 +75,10 @@ struct JointTable {
 const RISE_S: f64 = 0.02;
 
 impl Description {
-    pub(crate) fn parse(text: &str) -> Result<Self, Defect> {
-        toml::from_str(text).map_err(|error| Defect::Description(error.to_string()))
+    /// Of the arm of this name.
+    pub(crate) fn parse(name: &str, text: &str) -> Result<Self, Defect> {
+        file::parse(&format!("{name}.toml"), text, &[])
+            .map_err(|error| Defect::Description(error.to_string()))
     }
 
     /// The part of the URDF that is the arm.

@@ -29,7 +29,7 @@ pub enum Defect {
     Urdf(String),
     #[error("not a readable MJCF: {0}")]
     Mjcf(String),
-    /// The TOML parser's message, with line and column.
+    /// The file, the line and the defect.
     #[error("bad description: {0}")]
     Description(String),
     #[error("the links do not form a tree: {0}")]

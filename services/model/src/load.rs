@@ -75,7 +75,7 @@ impl Robot {
 }
 
 fn read(source: &RobotText) -> Result<Robot, Defect> {
-    let description = Description::parse(&source.description)?;
+    let description = Description::parse(&source.name, &source.description)?;
     let is_mjcf = mjcf::is_mjcf(&source.urdf);
     let read = if is_mjcf { mjcf::read } else { urdf::read };
     let mut chain = read(&source.urdf, &description.cut())?;

@@ -431,11 +431,13 @@ pub fn unknown<'a>(
     more: &str,
 ) -> String {
     let known: Vec<&str> = known.collect();
+    // To compare words of megabytes takes seconds.
+    let beginning = &name[..name.floor_char_boundary(200)];
     let distance = |candidate: &str| {
         if candidate.starts_with(name) {
             0
         } else {
-            strsim::levenshtein(name, candidate)
+            strsim::levenshtein(beginning, candidate)
         }
     };
     let near = known.iter().min_by_key(|candidate| distance(candidate));

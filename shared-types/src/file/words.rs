@@ -3,6 +3,9 @@
 /// Lists and tables within each other that the TOML reader takes at most.
 const MOST_NESTED: usize = 80;
 
+/// Longer than any key, bytes.
+const LONGEST_WORD: usize = 200;
+
 /// The whole numbers of the program's types.
 const WHOLE: [(&str, &str); 8] = [
     ("u8", "a whole number from 0 to 255"),
@@ -63,6 +66,8 @@ pub(super) fn explain(message: &str) -> (String, String) {
     }
     let known: Vec<&str> = expected.split('`').skip(1).step_by(2).collect();
     let written = wrong.split('`').nth(1).unwrap_or_default();
+    // To compare words of megabytes takes seconds.
+    let written = &written[..written.floor_char_boundary(LONGEST_WORD)];
     match known
         .iter()
         .map(|name| (strsim::levenshtein(written, name), name))
