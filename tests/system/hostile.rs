@@ -111,7 +111,7 @@ proptest! {
     }
 
     #[test]
-    fn graphs_are_valid_or_refused(text in broken(files("services", "toml"))) {
+    fn graphs_are_valid_or_refused(text in broken(files("shared-types", "toml"))) {
         properties::graph(&text);
     }
 
