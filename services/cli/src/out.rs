@@ -10,7 +10,6 @@
 use std::borrow::Cow;
 use std::collections::VecDeque;
 use std::fmt::Write as _;
-use std::fs::File;
 use std::io::{ErrorKind, IsTerminal, Write, stderr, stdout};
 use std::os::fd::AsFd;
 use std::process::ExitCode;
@@ -208,21 +207,33 @@ pub(crate) fn is_coloured(stream: &impl IsTerminal) -> bool {
 
 /// Starts the threads that print; without them, in the processes of a run and where there can be no threads, whoever prints writes.
 pub(crate) fn start() {
-    // The standard library's own streams hide that a descriptor cannot be written to.
-    let files = [stdout().as_fd(), stderr().as_fd()].map(|fd| fd.try_clone_to_owned());
-    for (stream, file) in [Stream::Out, Stream::Err].into_iter().zip(files) {
-        let Ok(file) = file.map(File::from) else {
-            return;
-        };
+    let streams: [(Stream, Box<dyn Write + Send>); 2] = [
+        (Stream::Out, Box::new(Direct(stdout()))),
+        (Stream::Err, Box::new(Direct(stderr()))),
+    ];
+    for (stream, to) in streams {
         let thread = std::thread::Builder::new()
             .name("printer".into())
             .stack_size(128 << 10);
-        let is_started = thread.spawn(move || print(STATE.wait(), stream, file));
+        let is_started = thread.spawn(move || print(STATE.wait(), stream, to));
         if is_started.is_err() {
             return;
         }
     }
     let _ = STATE.set(Mutex::new(State::new(stderr().is_terminal())));
+}
+
+/// A descriptor of this process, written to directly: the standard library's own streams hide that one cannot be written to.
+struct Direct<S>(S);
+
+impl<S: AsFd> Write for Direct<S> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        Ok(rustix::io::write(&self.0, bytes)?)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
 }
 
 /// Writes what comes for a stream, until the program ends.
