@@ -377,8 +377,14 @@ fn a_folder_that_is_used_again_holds_nothing_of_its_former_run() {
         "{}",
         said.err
     );
+    desk.succeeds("report r");
+    for format in ["csv", "parquet", "rrd", "rbl"] {
+        desk.succeeds(&format!("export r --format {format}"));
+    }
+    desk.file("r/notes.html", "mine");
     desk.run("short.toml --out r");
     desk.run("short.toml --out fresh");
+    std::fs::remove_file(run.join("notes.html")).unwrap();
     assert_eq!(names(&run), names(&desk.path().join("fresh")));
     desk.run("short.toml --out r --no-messages");
     assert!(!run.join(MESSAGES).exists());

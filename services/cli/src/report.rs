@@ -24,7 +24,7 @@ pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failu
     let path = args
         .out
         .clone()
-        .unwrap_or_else(|| run.folder.join("report.html"));
+        .unwrap_or_else(|| run.folder.join(session::REPORT));
     let session::Page { text, shortfall } = session::report(&run, &path)?;
     files::write(&path, &text).map_err(|error| {
         Failure::Work(format!(

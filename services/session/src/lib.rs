@@ -50,7 +50,7 @@ pub use plan::plan;
 pub use progress::{Observer, Progress};
 pub use recover::recover;
 pub use report::{Page, report};
-pub use results::{RUNS, Results, SUMMARY, keep};
+pub use results::{LINES, REPORT, RUNS, Results, SUMMARY, keep};
 pub use robot::{mode_of, simulated};
 pub use runs::Run;
 pub use session::{Finished, Request, run, run_loaded, whole};

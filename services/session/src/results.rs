@@ -1,6 +1,7 @@
 //! The folder of a run: made before anything starts, filled when the run is over.
 
 use std::cell::Cell;
+use std::fs::DirEntry;
 use std::io;
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
@@ -10,13 +11,15 @@ use rustix::io::Errno;
 use shared_types::codes::TARGET_END;
 use shared_types::job::{JOB, Job};
 use shared_types::process::{Process, Program};
-use shared_types::scenario::{Scenario, Servo};
+use shared_types::scenario::{Layout, Scenario, Servo};
 use shared_types::summary::{INTERRUPTED, Summary};
 use shared_types::target_file::{self, Row};
 use shared_types::{Message, Target, TargetContent};
 
+use crate::export::WHOLE;
 use crate::failure::Failure;
 use crate::load;
+use crate::runs::Run;
 use crate::seal;
 
 /// The folder of runs without `--out`.
@@ -38,6 +41,20 @@ const PROBE: &str = ".armplane";
 const KEPT: [&str; 8] = [
     SUMMARY, JOB, SCENARIO, GRAPH, ROBOT_URDF, ROBOT_MJCF, ROBOT_TOML, TARGETS,
 ];
+/// The files that `report`, `export` and a drill leave beside a run, but for its layouts.
+const MADE_OF_IT: [&str; 7] = [
+    REPORT,
+    WHOLE,
+    "signals.csv",
+    "signals.parquet",
+    "events.csv",
+    "events.parquet",
+    LINES,
+];
+/// The page of a run.
+pub const REPORT: &str = "report.html";
+/// The lines of the processes of a run that broke a guarantee.
+pub const LINES: &str = "stderr.txt";
 /// More than a summary takes, faults included; bytes.
 const SUMMARY_BYTES: usize = 128 * 1024;
 /// More than the faults of a run take in its scenario; bytes.
@@ -83,6 +100,8 @@ pub struct Results {
     made: bool,
     /// Room has been taken for this run's account.
     has_reserve: Cell<bool>,
+    /// Files with names of results that were there without a run.
+    foreign: Vec<String>,
     /// Held on the folder: one run at a time writes into it.
     _lock: OwnedFd,
 }
@@ -105,6 +124,23 @@ impl Results {
             None => next_free(name).map_err(|error| remedies.unusable(Path::new(RUNS), &error))?,
         };
         Self::hold(&folder, lock, made, remedies)
+    }
+
+    /// The folder `name` in the user's folder, for one of many runs; nothing of a former run is in it.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create) and [`clear`](Self::clear), and where it is a link: the user has named another place.
+    pub fn within(folder: &Path, name: &str) -> Result<Self, Failure> {
+        let folder = folder.join(name);
+        if folder.is_symlink() {
+            let (folder, remedy) = (folder.display(), FOR_A_RUN.irregular);
+            return Err(Failure::Input(format!(
+                "{folder} has the name of a run's folder and is a symbolic link: {remedy}"
+            )));
+        }
+        let results = Self::create(Some(&folder), name)?;
+        results.clear()?;
+        Ok(results)
     }
 
     /// The folder of a run that is to be recovered.
@@ -134,12 +170,17 @@ impl Results {
         let folder = folder
             .canonicalize()
             .map_err(|error| remedies.unusable(folder, &error))?;
-        let results = Self {
+        let mut results = Self {
             folder,
             made,
             has_reserve: Cell::new(false),
+            foreign: Vec::new(),
             _lock: lock,
         };
+        if !results.has_run() {
+            let names = entries(&results.folder).map(|(name, _)| name);
+            results.foreign = names.filter(|name| is_result(name)).collect();
+        }
         if let Some(path) = results.irregular(remedies.is_read) {
             let path = path.display();
             return Err(Failure::Input(format!(
@@ -155,21 +196,12 @@ impl Results {
 
     /// A link, pipe, device or folder in the folder that has the name of a result: what is written there would go elsewhere, or wait for a reader.
     fn irregular(&self, is_read: &[&str]) -> Option<PathBuf> {
-        let is_ours = |name: &str| {
-            KEPT.contains(&name) && !is_read.contains(&name)
-                || [".rrd", ".mcap", ".reserved", ".tmp"]
-                    .iter()
-                    .any(|end| name.ends_with(end))
-        };
-        let mut entries = std::fs::read_dir(&self.folder)
-            .into_iter()
-            .flatten()
-            .flatten();
-        let found = entries.find(|entry| {
-            is_ours(&entry.file_name().to_string_lossy())
-                && entry.file_type().is_ok_and(|kind| !kind.is_file())
+        let is_ours = |name: &str| is_result(name) && !is_read.contains(&name);
+        let mut entries = entries(&self.folder);
+        let found = entries.find(|(name, entry)| {
+            is_ours(name) && entry.file_type().is_ok_and(|kind| !kind.is_file())
         });
-        found.map(|entry| entry.path())
+        found.map(|(_, entry)| entry.path())
     }
 
     /// Writes a JSON file into the folder.
@@ -201,18 +233,55 @@ impl Results {
         Ok(())
     }
 
-    /// Removes the results of an earlier run from the folder, so that none is taken for this run's: its recording, its summary, its message logs, and the
-    /// files that repeat it, except those that this run writes anew. A folder without a run is left as it is.
+    /// Removes all that armplane has written of a former run, so that nothing is taken for the next one's. A folder without a run is left as it is.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] where a file cannot be removed, or one with the name of a run's summary or job is not armplane's.
+    pub fn clear(&self) -> Result<(), Failure> {
+        self.clear_but(&[])
+    }
+
+    /// As [`clear`](Self::clear), except the files that this run writes anew.
     pub(crate) fn remove_old(&self, job: &Job) -> Result<(), Failure> {
-        let at = |name: &str| self.folder.join(name);
-        let mut old = viz::parts_in(&self.folder);
-        old.extend(viz::parts_in(&at(EARLIER)));
-        if at(SUMMARY).exists() || at(JOB).exists() {
-            let again = repeated(job, &Summary::default())?;
-            let is_again =
-                |name: &str| name == JOB || again.iter().any(|(again, _)| *again == name);
-            old.extend(KEPT.into_iter().filter(|name| !is_again(name)).map(at));
-            old.push(at(recorder::MESSAGES));
+        let again = repeated(job, &Summary::default())?;
+        let mut kept: Vec<_> = again.iter().map(|(name, _)| *name).collect();
+        kept.push(JOB);
+        self.clear_but(&kept)
+    }
+
+    fn has_run(&self) -> bool {
+        let exists = |name: &&str| self.folder.join(name).exists();
+        [SUMMARY, JOB].iter().any(exists)
+    }
+
+    fn clear_but(&self, kept: &[&str]) -> Result<(), Failure> {
+        if !self.has_run() {
+            return Ok(());
+        }
+        let run = Run {
+            folder: self.folder.clone(),
+            parts: Vec::new(),
+        };
+        let (summary, job) = (run.summary_if_any(), run.read_job());
+        let is_ours = matches!(summary, Ok(Some(_))) || job.is_ok();
+        if let Some(defect) = summary.err().or(job.err()).filter(|_| !is_ours) {
+            let remedy = FOR_A_RUN.irregular;
+            return Err(Failure::Input(format!("{defect}; {remedy}")));
+        }
+        // Room that is reserved is this run's.
+        let is_old = |name: &String| {
+            is_result(name)
+                && !kept.contains(&name.as_str())
+                && !name.ends_with(".reserved")
+                && !self.foreign.contains(name)
+        };
+        let mut old: Vec<_> = entries(&self.folder)
+            .filter(|(name, _)| is_old(name))
+            .map(|(_, entry)| entry.path())
+            .collect();
+        let earlier = self.folder.join(EARLIER);
+        if !earlier.is_symlink() {
+            old.extend(viz::parts_in(&earlier));
         }
         let remove = |old: &PathBuf| match std::fs::remove_file(old) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => Err(Failure::Input(format!(
@@ -223,7 +292,7 @@ impl Results {
         };
         old.iter().try_for_each(remove)?;
         // Fails, as it should, where there is something in it.
-        let _ = std::fs::remove_dir(at(EARLIER));
+        let _ = std::fs::remove_dir(earlier);
         Ok(())
     }
 
@@ -259,6 +328,31 @@ pub fn keep(folder: &Path, job: &Job, summary: &Summary) -> Result<(), Failure> 
     }
     release(folder);
     Ok(())
+}
+
+fn entries(folder: &Path) -> impl Iterator<Item = (String, DirEntry)> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.map(|entry| (entry.file_name().to_string_lossy().into_owned(), entry))
+}
+
+/// Whether armplane writes a file of this name for a run, of it, or on the way to such a file.
+fn is_result(name: &str) -> bool {
+    let whole = [".reserved", ".tmp"]
+        .iter()
+        .find_map(|end| name.strip_suffix(end))
+        .unwrap_or(name);
+    let part = whole.strip_prefix('.').unwrap_or(whole);
+    let part = part
+        .strip_prefix("run")
+        .and_then(|part| part.strip_suffix(".rrd"));
+    let is_number = |text: &str| text.parse::<u32>().is_ok();
+    KEPT.contains(&whole)
+        || MADE_OF_IT.contains(&whole)
+        || whole == recorder::MESSAGES
+        || part.is_some_and(|part| part.is_empty() || part.strip_prefix('-').is_some_and(is_number))
+        || whole
+            .strip_suffix(".rbl")
+            .is_some_and(|layout| Layout::ALL.iter().any(|one| one.name() == layout))
 }
 
 /// Gives the room back that no file has taken.
