@@ -58,14 +58,14 @@ fn no_result_is_written_behind_a_link_or_into_a_pipe() {
     assert!(made.success());
     desk.refuses(1, "report r --out pipe", &["pipe"]);
     std::fs::create_dir_all(at("all/run-1")).unwrap();
-    symlink(&victim, at("all/run-1/messages.mcap")).unwrap();
-    let said = desk.armplane("verify short.toml --runs 1 --out all");
-    assert_eq!(
-        (said.code, &*desk.read("victim")),
-        (1, "mine"),
-        "{}",
-        said.err
-    );
+    for name in ["messages.mcap", "run.rrd", "job.json"] {
+        symlink(&victim, at("all/run-1").join(name)).unwrap();
+        desk.refuses(2, "verify short.toml --runs 1 --out all", &[name]);
+        std::fs::remove_file(at("all/run-1").join(name)).unwrap();
+    }
+    symlink(at("out"), at("all/history-1")).unwrap();
+    desk.refuses(2, "verify short.toml --kills 1 --out all", &["history-1"]);
+    assert_eq!(desk.read("victim"), "mine");
     for (folder, name) in [("pages", "armplane-run.1"), ("manual", "armplane.1")] {
         std::fs::create_dir(at(folder)).unwrap();
         symlink(&victim, at(folder).join(name)).unwrap();
@@ -162,4 +162,46 @@ fn codes_from_outside_are_shown_and_colours_go_to_terminals_only() {
         let [terminal, pipe] = shown(&desk, args, "1");
         assert!(!has(&terminal, b"\x1b[") && !has(&pipe, b"\x1b["), "{args}");
     }
+}
+
+#[test]
+fn an_experiment_removes_files_of_runs_only() {
+    let desk = desk();
+    let at = |name: &str| desk.path().join(name);
+    for folder in ["d/run/sub", "v/run-1", "v/history-1/live", "foreign"] {
+        std::fs::create_dir_all(at(folder)).unwrap();
+    }
+    let own = [
+        "d/run/sub/x",
+        "d/run/report.html",
+        "v/run-1/notes",
+        "v/history-1/live/notes",
+    ];
+    own.iter().for_each(|name| drop(desk.file(name, "mine")));
+    desk.succeeds("drill short.toml --only controller:kill --out d");
+    desk.succeeds("verify short.toml --runs 1 --out v");
+    desk.succeeds("verify short.toml --kills 1 --out v");
+    for name in own {
+        assert_eq!(desk.read(name), "mine", "{name}");
+    }
+    assert!(!at("v/history-1/live/messages.mcap").exists());
+    // Another program's summary makes no folder of a run, and is not replaced.
+    desk.file("foreign/summary.json", "{}");
+    desk.file("foreign/report.html", "mine");
+    desk.refuses(2, "run short.toml --out foreign", &["summary.json"]);
+    assert_eq!(
+        (
+            desk.read("foreign/summary.json"),
+            desk.read("foreign/report.html")
+        ),
+        ("{}".to_owned(), "mine".to_owned())
+    );
+    std::fs::rename(at("d/run"), at("d/kept")).unwrap();
+    symlink(at("d/kept"), at("d/run")).unwrap();
+    desk.refuses(
+        2,
+        "drill short.toml --only controller:kill --out d",
+        &["run"],
+    );
+    assert_eq!(desk.read("d/kept/sub/x"), "mine");
 }

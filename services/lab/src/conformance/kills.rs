@@ -8,7 +8,7 @@ use model::Robot;
 use runtime::{ControlPage, Origin, State, random};
 use rustix::process::{Signal, pidfd_send_signal};
 use serde::Serialize;
-use session::{Failure, Observer, Progress, load};
+use session::{Failure, Observer, Progress, Results, load};
 use shared_types::graph::{Graph, Process, Restart};
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
@@ -82,17 +82,15 @@ pub fn verify_kills(
         unit: "runs",
     });
     for number in 1..=histories as usize {
-        let path = folder.path().join(format!("history-{number}"));
-        match killed.history(robot, scenario, graph, number, &path)? {
-            None => drop(std::fs::remove_dir_all(&path)),
-            Some(unrepeated) => {
-                let Unrepeated { reason, deaths, .. } = &unrepeated;
-                observer(Progress::Line(&format!(
-                    "run {number}: {reason}; {}",
-                    deaths.join("; ")
-                )));
-                killed.unrepeated.push(unrepeated);
-            }
+        let results = Results::within(folder.path(), &format!("history-{number}"))?;
+        let history = killed.history(robot, scenario, graph, number, &results.folder)?;
+        if let Some(unrepeated) = history {
+            let Unrepeated { reason, deaths, .. } = &unrepeated;
+            observer(Progress::Line(&format!(
+                "run {number}: {reason}; {}",
+                deaths.join("; ")
+            )));
+            killed.unrepeated.push(unrepeated);
         }
         observer(Progress::Step);
     }
@@ -113,24 +111,30 @@ impl Killed {
         number: usize,
         path: &Path,
     ) -> Result<Option<Unrepeated>, Failure> {
-        let job = |scenario: Scenario, graph: Graph, name: &str| {
-            let out = path.join(name);
-            std::fs::create_dir_all(&out).map_err(Failure::cannot("make", &out))?;
-            let job = load::job(robot, scenario, graph, Mode::Lockstep, out);
-            Ok::<_, Failure>(Job {
-                record: false,
-                ..job
-            })
+        let job = |scenario: Scenario, graph: Graph, results: &Results| Job {
+            record: false,
+            ..load::job(
+                robot,
+                scenario,
+                graph,
+                Mode::Lockstep,
+                results.folder.clone(),
+            )
         };
-        let live = job(scenario.clone(), graph.clone(), "live")?;
+        let folders = [
+            Results::within(path, "live")?,
+            Results::within(path, "again")?,
+        ];
+        let live = job(scenario.clone(), graph.clone(), &folders[0]);
         let first = run(&live, Some(random(scenario.seed, number as u64)))?;
         session::keep(&live.out, &live, &first.summary)?;
         let left = live.out.join("scenario.toml").display().to_string();
         let planned = load::scenario_in(None, &left, &[], None)?;
-        let again = job(planned.scenario, planned.graph, "again")?;
+        let again = job(planned.scenario, planned.graph, &folders[1]);
         let second = run(&again, None)?;
         self.note(&first);
         let Some(reason) = difference(&first, &second) else {
+            folders.iter().try_for_each(Results::clear)?;
             return Ok(None);
         };
         let place = log_of(&live)

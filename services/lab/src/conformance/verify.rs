@@ -7,7 +7,7 @@ use model::Robot;
 use runtime::random;
 use serde::Serialize;
 use session::table::{number, table};
-use session::{Failure, Observer, load};
+use session::{Failure, Observer, Results, load};
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
@@ -84,8 +84,8 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
     };
     let (mut runs, mut difference, mut first) = (Vec::<Ran>::new(), None, None);
     for index in 0..request.runs as usize {
-        let out = folder.path().join(format!("run-{}", index + 1));
-        let (job, ran) = run(request, index, &out, observer)?;
+        let results = Results::within(folder.path(), &format!("run-{}", index + 1))?;
+        let (job, ran) = run(request, index, &results.folder, observer)?;
         let reference = reference.get_or_insert_with(|| ran.clone());
         let first = first.get_or_insert_with(|| job.clone());
         if ran.topics != reference.topics && difference.is_none() {
@@ -97,7 +97,7 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
         }
         if request.out.is_none() && (index > 0 || needs_processes.is_none()) {
             // The rest is removed with the whole folder.
-            let _ = std::fs::remove_dir_all(&out);
+            results.clear()?;
         }
         runs.push(ran);
     }
@@ -158,7 +158,6 @@ fn run(
         CONDITIONS[index % CONDITIONS.len()],
         random(scenario.seed, index as u64),
     );
-    std::fs::create_dir_all(out).map_err(Failure::cannot("make", out))?;
     let job = load::job(
         robot,
         scenario.clone(),

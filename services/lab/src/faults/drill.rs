@@ -6,7 +6,7 @@ use std::path::Path;
 
 use launcher::End;
 use session::load::{self, Loaded};
-use session::{Failure, Observer, Progress};
+use session::{Failure, Observer, Progress, Results};
 use shared_types::fault::Fault;
 use shared_types::job::Mode;
 use shared_types::process::Program;
@@ -60,7 +60,7 @@ pub fn drill(request: &Request<'_>, observer: Observer<'_>) -> Result<Drilled, F
             request,
             name,
             only.as_ref(),
-            &folder.path().join("run"),
+            folder.path(),
             &mut cells,
             observer,
         )?;
@@ -73,7 +73,7 @@ fn drill_one(
     request: &Request<'_>,
     name: &str,
     only: Option<&Only>,
-    out: &Path,
+    folder: &Path,
     cells: &mut Vec<Cell>,
     observer: Observer<'_>,
 ) -> Result<(), Failure> {
@@ -90,12 +90,15 @@ fn drill_one(
         settle_s,
         ..scenario
     };
-    let mut job = load::job(&robot, scenario, graph, Mode::Lockstep, out.to_owned());
+    let results = Results::within(folder, "run")?;
+    let out = results.folder.clone();
+    let mut job = load::job(&robot, scenario, graph, Mode::Lockstep, out);
     request
         .without
         .iter()
         .try_for_each(|without| without.leave_out(&mut job))?;
     let stage = Stage {
+        results,
         job,
         robot: &robot,
         without: request.without,

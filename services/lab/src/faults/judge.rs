@@ -645,6 +645,7 @@ fn settled(truth: &[PlantState], at_tick: u64) -> Option<u64> {
 mod tests {
     use super::*;
     use model::Robot;
+    use session::Results;
     use session::load;
     use shared_types::SensorSample;
     use shared_types::codes::DRIVE_STOPPING;
@@ -665,6 +666,8 @@ mod tests {
     fn judged(corrupt: impl Fn(&mut Ran)) -> Vec<&'static str> {
         let robot = Robot::builtin("puma560").unwrap();
         let name = "fig5-wrist-rotation";
+        let folder = tempfile::tempdir().unwrap();
+        let results = Results::within(folder.path(), name).unwrap();
         let scenario = Scenario::parse(name, sim::scenarios::text(name).unwrap(), &[]).unwrap();
         let job = load::job(
             &robot,
@@ -674,6 +677,7 @@ mod tests {
             "nowhere".into(),
         );
         let stage = Stage {
+            results,
             job: Job {
                 record: false,
                 messages: false,

@@ -6,7 +6,7 @@ use launcher::{End, Event, Outcome};
 use message_log::{Contents, Log};
 use model::Robot;
 use runtime::{ControlPage, MOST_WHEN_REQUESTED, RunDir, Stop, random};
-use session::Failure;
+use session::{Failure, Results};
 use shared_types::fault::Fault;
 use shared_types::job::Job;
 use shared_types::process::Program;
@@ -17,8 +17,9 @@ use shared_types::{Message, PlantState, SensorSample};
 use super::judge::Messages;
 use super::without::Without;
 
-/// What all runs of an experiment share. Their files are in the job's folder, each run's in the place of the last one's.
+/// What all runs of an experiment share. Their files are in one folder, each run's in the place of the last one's.
 pub(super) struct Stage<'a> {
+    pub(super) results: Results,
     pub(super) job: Job,
     pub(super) robot: &'a Robot,
     pub(super) without: Option<Without>,
@@ -52,9 +53,7 @@ impl Stage<'_> {
             record: records,
             ..self.job.clone()
         };
-        // Files of an earlier run must not be taken for this one's.
-        let _ = std::fs::remove_dir_all(&job.out);
-        std::fs::create_dir_all(&job.out).map_err(Failure::cannot("make", &job.out))?;
+        self.results.clear()?;
         let mut plan = session::plan(&job)?;
         self.without
             .iter()

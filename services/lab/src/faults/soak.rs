@@ -4,7 +4,7 @@ use std::path::Path;
 
 use model::Robot;
 use runtime::random;
-use session::{Failure, Observer, Progress, load};
+use session::{Failure, Observer, Progress, Results, load};
 use shared_types::fault::Fault;
 use shared_types::job::Mode;
 use shared_types::scenario::{Scenario, Segment, Turn};
@@ -56,9 +56,11 @@ pub fn soak(
         let number = cells.len() + 1;
         let mut scenario = prolonged(scenario, left_s.min(ROUND_S));
         scenario.seed = random(seed, number as u64) % 1_000_000_000;
-        let out = folder.path().join(format!("round-{number:03}"));
+        let results = Results::within(folder.path(), &format!("round-{number:03}"))?;
+        let out = results.folder.clone();
         let job = load::job(robot, scenario, graph.clone(), Mode::Realtime, out);
         let stage = Stage {
+            results,
             job,
             robot,
             without: None,
@@ -98,9 +100,9 @@ fn round(stage: &Stage<'_>, plan: &[Fault], progress: &dyn Fn(u64)) -> Result<Ce
     session::keep(out, &ran.job, &ran.summary)?;
     let cell = stage.judge(&ran, None)?;
     if cell.broken.is_empty() {
-        let _ = std::fs::remove_dir_all(out);
+        stage.results.clear()?;
     } else {
-        let _ = files::write(&out.join("stderr.txt"), ran.lines.join("\n"));
+        let _ = files::write(&out.join(session::LINES), ran.lines.join("\n"));
     }
     Ok(cell)
 }
