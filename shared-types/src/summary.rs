@@ -62,8 +62,9 @@ pub struct Summary {
     pub servo: Option<ServoSummary>,
     /// Faults and refusals, in order.
     pub faults: Vec<FaultSummary>,
-    /// The plant's account of torque in time, late and absent (real time only).
-    pub deadlines: Deadlines,
+    /// The plant's account of torque in time, late and absent; left out in lockstep, and where it is not known of every tick of a recovered run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub deadlines: Option<Deadlines>,
     /// Latency of each hop, and of the whole `chain` from the sensor sample to the torque in the plant's hands; µs. In real time the
     /// chain's and the plant's own count from when the tick was due; ticks that never began or were never answered count too.
     pub latency_us: BTreeMap<String, Latency>,

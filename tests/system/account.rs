@@ -84,3 +84,49 @@ fn processes_that_die_with_the_run_are_faults() {
     }
     assert_eq!(summary["outcome"], "failed");
 }
+
+#[test]
+fn a_recovered_run_has_an_account_that_sums_or_none() {
+    for cleaned in [false, true] {
+        let desk = Desk::new();
+        let child =
+            desk.start(&format!("{REAL_TIME} --set settle_s=60").replace("--no-record ", ""));
+        let messages = desk.path().join("r/messages.mcap");
+        let has_ticks = || std::fs::metadata(&messages).is_ok_and(|file| file.len() > 1 << 20);
+        until("messages on disk", has_ticks);
+        let children = children_of_run(child.id());
+        let victim = children.iter().find(|(name, _)| name == "estimator");
+        signal(victim.expect("an estimator").1, "KILL");
+        until("its replacement", || {
+            let now = children_of_run(child.id());
+            now.iter()
+                .any(|one| one.0 == "estimator" && Some(one) != victim)
+        });
+        signal(child.id().cast_signed(), "KILL");
+        let said = finish(child);
+        until("the processes to go", || {
+            children_of_run(said.launcher).is_empty()
+        });
+        if cleaned {
+            desk.succeeds("clean");
+        }
+        let summary = desk.json("recover r");
+        desk.succeeds("clean");
+        assert!(summary["ticks"].count() > 0, "{summary}");
+        if !summary["deadlines"].is_null() {
+            sums(&summary);
+        }
+        let faults = summary["faults"].list();
+        let kills = |process: &str| {
+            faults
+                .iter()
+                .filter(|fault| fault["process"] == process)
+                .count()
+        };
+        assert_eq!(
+            (kills("launcher"), kills("estimator")),
+            (1, usize::from(!cleaned)),
+            "{summary}"
+        );
+    }
+}

@@ -354,8 +354,7 @@ fn happened(page: &mut Html, summary: &Summary, recorded: &Recorded) {
         &["tick", "process", "fault", "what happened"],
         faults.map(|fault| row![fault.tick, fault.process, fault.kind, fault.detail]),
     );
-    let deadlines = &summary.deadlines;
-    if deadlines.total > 0 {
+    if let Some(deadlines) = &summary.deadlines {
         page.add(format_args!(
             "<p>{} deadlines missed of {}.</p>",
             deadlines.missed, deadlines.total

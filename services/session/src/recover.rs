@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use model::Robot;
-use runtime::{ControlPage, FaultRecord, MAX_PROCESSES, RunDir, SHM};
-use shared_types::job::JOB;
+use runtime::{ControlPage, MAX_PROCESSES, RunDir, SHM};
+use shared_types::job::{JOB, Mode};
 use shared_types::summary::{INTERRUPTED, Summary};
 
 use crate::export::{joined, seal};
@@ -12,7 +12,7 @@ use crate::failure::Failure;
 use crate::machine::machine;
 use crate::results::{EARLIER, Results, SUMMARY, keep};
 use crate::runs::Run;
-use crate::summary::{deadlines, fault_summary};
+use crate::summary::{deadlines, detected, fault_summary};
 
 /// Makes the recording, the summary and the repeatable scenario of a run from the job and the messages in its folder, and its faults from what is
 /// still in shared memory. Where a message log is damaged or missing, the recorder's error in the summary says which, and what it costs.
@@ -97,22 +97,29 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
         }
     }
     summary.machine = machine();
-    if let Some(page) = &page {
+    let account = page.as_ref().and_then(|page| {
         let counts = (0..job.graph.process.len()).map(|process| page.process(process).counts());
-        summary.deadlines = deadlines(&job, ticks_done(page), &counts.collect::<Vec<_>>());
+        deadlines(&job, ticks_done(page), &counts.collect::<Vec<_>>())
+    });
+    // It stands in no message: of other ticks than the summary's it would not add up.
+    summary.deadlines = account.filter(|account| account.total == summary.ticks);
+    if job.mode == Mode::Realtime && summary.deadlines.is_none() {
+        let unknown = "which of these ticks had torque in time is not known: no message says it";
+        summary.reason = joined([&summary.reason, unknown]);
     }
-    let faults: Vec<FaultRecord> = page
-        .map(|page| {
-            page.fault_table()
-                .records()
-                .map(|(_, record)| record)
-                .collect()
-        })
-        .unwrap_or_default();
+    let faults = page.iter().flat_map(|page| page.fault_table().records());
     summary.faults = faults
-        .iter()
-        .map(|record| fault_summary(&job, record))
+        .map(|(_, record)| fault_summary(&job, &record))
         .collect();
+    if !summary.completed {
+        let killed = "the launcher was killed".to_owned();
+        let killed = detected("launcher", summary.ticks, "kill", killed);
+        summary.faults.push(killed);
+    }
+    if page.is_none() {
+        let gone = "faults and ends of processes before are not known: they stood in shared memory, which is gone";
+        summary.reason = joined([&summary.reason, gone]);
+    }
     keep(&folder, &job, &summary)?;
     Ok(summary)
 }

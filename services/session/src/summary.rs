@@ -92,9 +92,10 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
     summary.faults = faults;
     let counts: Vec<_> = outcome.processes.iter().map(|one| one.counts).collect();
     summary.deadlines = deadlines(job, ticks, &counts);
+    let account = summary.deadlines.as_ref();
     // What the plant has received and the recorder has not.
     let torques = summary.topics.get(TorqueCommand::TOPIC);
-    let received = summary.deadlines.in_time + summary.deadlines.late;
+    let received = account.map_or(0, |account| account.in_time + account.late);
     let missing = received.saturating_sub(torques.map_or(0, |topic| topic.count));
     summary.recorder.lost = summary.recorder.lost.max(missing);
     summary.processes = outcome
@@ -205,9 +206,9 @@ fn sentence(failure: &Failure) -> String {
 
 /// The plant's account of a run's ticks, by what each process has on the control page, in the order of the graph; none in lockstep, which has no deadlines.
 #[must_use]
-pub fn deadlines(job: &Job, ticks: u64, counts: &[Counts]) -> Deadlines {
+pub fn deadlines(job: &Job, ticks: u64, counts: &[Counts]) -> Option<Deadlines> {
     if job.mode == Mode::Lockstep {
-        return Deadlines::default();
+        return None;
     }
     let named = || job.graph.process.iter().zip(counts);
     let plant = named().find(|(process, _)| process.role() == Role::World);
@@ -231,7 +232,7 @@ pub fn deadlines(job: &Job, ticks: u64, counts: &[Counts]) -> Deadlines {
         ("overrun", plant.skipped_overrun),
     ];
     let none = plant.none + cut;
-    Deadlines {
+    Some(Deadlines {
         total: plant.in_time + plant.late + none,
         in_time: plant.in_time,
         late: plant.late,
@@ -243,7 +244,7 @@ pub fn deadlines(job: &Job, ticks: u64, counts: &[Counts]) -> Deadlines {
             .into_iter()
             .filter(above_zero)
             .collect(),
-    }
+    })
 }
 
 /// What has failed and stands in no fault table: a process that was killed when the run had its last tick, or together with the one whose death ended
@@ -267,15 +268,6 @@ fn unlisted(outcome: &Outcome) -> Vec<FaultSummary> {
         });
         is_failure || ends > outcome.faults.iter().filter(is_end).count()
     };
-    let fault = |process: &str, tick, kind: &str, detail| FaultSummary {
-        tick,
-        process: process.to_owned(),
-        kind: kind.to_owned(),
-        detail,
-        origin: Origin::Detected.name().to_owned(),
-        occurred: true,
-        ..FaultSummary::default()
-    };
     let end = |(_, process): (usize, &ProcessOutcome)| {
         let ProcessOutcome { name, exit, .. } = process;
         let own = failure.filter(|failure| failure.process() == name);
@@ -285,14 +277,27 @@ fn unlisted(outcome: &Outcome) -> Vec<FaultSummary> {
             None => (outcome.ticks, kind_of(*exit)),
         };
         let ended = || format!("{name} ended with {exit} at the end of the run");
-        fault(name, tick, kind, own.map_or_else(ended, sentence))
+        detected(name, tick, kind, own.map_or_else(ended, sentence))
     };
     let guards = outcome.guards.iter().map(|(tick, exit)| {
         let detail = format!("{GUARD} ended with {exit} at tick {tick} and was started again");
-        fault(GUARD, *tick, kind_of(*exit), detail)
+        detected(GUARD, *tick, kind_of(*exit), detail)
     });
     let processes = outcome.processes.iter().enumerate();
     guards
         .chain(processes.filter(is_missing).map(end))
         .collect()
+}
+
+/// A fault that stands in no fault table.
+pub(crate) fn detected(process: &str, tick: u64, kind: &str, detail: String) -> FaultSummary {
+    FaultSummary {
+        tick,
+        process: process.to_owned(),
+        kind: kind.to_owned(),
+        detail,
+        origin: Origin::Detected.name().to_owned(),
+        occurred: true,
+        ..FaultSummary::default()
+    }
 }

@@ -164,14 +164,14 @@ fn times(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
             chain.p50, chain.p99, chain.p999, chain.max
         )?;
     }
-    let deadlines = &summary.deadlines;
-    if deadlines.total > 0 {
-        writeln!(
-            f,
-            "deadlines  {} of {} ticks had torque in time, {} late, {} none",
-            deadlines.in_time, deadlines.total, deadlines.late, deadlines.none
-        )?;
-    }
+    let Some(deadlines) = &summary.deadlines else {
+        return Ok(());
+    };
+    writeln!(
+        f,
+        "deadlines  {} of {} ticks had torque in time, {} late, {} none",
+        deadlines.in_time, deadlines.total, deadlines.late, deadlines.none
+    )?;
     for (process, count) in &deadlines.by_cause {
         writeln!(f, "           {process} silent at {count}")?;
     }
