@@ -3,7 +3,10 @@
 use serde_json::Value;
 use shared_types::{PlantState, SensorSample};
 
-use crate::command::{Args, Desk, Known, assert_nothing_left, interrupt};
+use crate::command::{
+    Args, Desk, Known, assert_nothing_left, finish, in_shared_memory, interrupt, until,
+};
+use crate::life::signal;
 
 #[test]
 fn hops_and_cycles_are_measured_beside_their_floors() {
@@ -171,4 +174,31 @@ fn an_interrupted_soak_ends_cleanly() {
     let cells = soak["cells"].list().iter();
     let mut broken = cells.flat_map(|round| round["broken"].list());
     assert!(broken.all(is_of_time), "{soak}");
+}
+
+#[test]
+fn an_interrupted_bench_leaves_nothing() {
+    let desk = Desk::new();
+    let temporary = desk.path().join("temporary");
+    std::fs::create_dir(&temporary).unwrap();
+    let left = || std::fs::read_dir(&temporary).unwrap().count();
+    for attempt in 0..8 {
+        let what = ["hop", "lockstep"][attempt as usize % 2];
+        let mut command = desk.command(&format!("bench {what}"));
+        let child = command.env("TMPDIR", &temporary).spawn().unwrap();
+        until("it to begin", || {
+            left() > 0 || !in_shared_memory(child.id()).is_empty()
+        });
+        std::thread::sleep(std::time::Duration::from_millis(
+            runtime::random(attempt, 0) % 300,
+        ));
+        signal(
+            child.id().cast_signed(),
+            if attempt < 4 { "INT" } else { "TERM" },
+        );
+        let said = finish(child);
+        assert_ne!(said.code, 0, "{what}");
+        assert_nothing_left(said.launcher);
+        assert_eq!(left(), 0, "{what}");
+    }
 }

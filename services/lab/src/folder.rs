@@ -2,13 +2,40 @@
 
 use std::path::{Path, PathBuf};
 
+use launcher::Interrupts;
 use launcher::folders::{KEPT, PREFIX};
 use session::Failure;
 
 /// Where the runs leave their messages: the user's folder, or one that is gone at the end.
 pub(crate) enum Folder {
     Kept(PathBuf),
-    Passing(tempfile::TempDir),
+    Passing(Scratch),
+}
+
+/// A folder that goes with the value. A signal that comes meanwhile waits for that.
+pub(crate) struct Scratch {
+    folder: tempfile::TempDir,
+    // Dropped last.
+    signals: Interrupts,
+}
+
+impl Scratch {
+    pub(crate) fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// # Errors
+    /// [`Failure::Work`] where a signal has come.
+    pub(crate) fn check_signals(&mut self) -> Result<(), Failure> {
+        check(&mut self.signals)
+    }
+}
+
+/// # Errors
+/// [`Failure::Work`] where a signal has come.
+pub(crate) fn check(signals: &mut Interrupts) -> Result<(), Failure> {
+    let stopped = |signal| Err(Failure::Work(format!("stopped by {signal}")));
+    signals.pending().map_or(Ok(()), stopped)
 }
 
 impl Folder {
@@ -38,7 +65,7 @@ impl Folder {
     pub(crate) fn keep(self) -> PathBuf {
         match self {
             Self::Kept(path) => path,
-            Self::Passing(folder) => {
+            Self::Passing(Scratch { folder, .. }) => {
                 // Not abandoned: whoever is told of it looks at it.
                 let _ = std::fs::write(folder.path().join(KEPT), "");
                 folder.keep()
@@ -47,15 +74,17 @@ impl Folder {
     }
 }
 
-/// A folder for the files of a run that is only measured; it goes with the value.
+/// A folder for the files of a run that is only measured.
 ///
 /// # Errors
 /// [`Failure::Work`] where it cannot be made.
-pub(crate) fn scratch() -> Result<tempfile::TempDir, Failure> {
+pub(crate) fn scratch() -> Result<Scratch, Failure> {
+    let signals = session::interrupts()?;
     let folder = tempfile::Builder::new()
         .prefix(&format!("{PREFIX}{}-", std::process::id()))
         .tempdir();
-    folder.map_err(|error| {
+    let folder = folder.map_err(|error| {
         Failure::Work(format!("cannot make a temporary folder: {error}; name one with --out, or another place with TMPDIR"))
-    })
+    })?;
+    Ok(Scratch { folder, signals })
 }

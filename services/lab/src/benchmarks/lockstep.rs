@@ -89,13 +89,16 @@ pub fn lockstep(
 
 /// Ticks per second of one run.
 fn run(program: &Path, scenario: &str) -> Result<f64, Failure> {
-    let folder = scratch()?;
+    let mut folder = scratch()?;
     let out = folder.path().join("run");
     let text = output(
         Command::new(program)
             .args(["run", scenario, "--json", "--out"])
             .arg(out),
-    )?;
+    );
+    // The run got Ctrl-C as well, and says less.
+    folder.check_signals()?;
+    let text = text?;
     let summary: Value = serde_json::from_slice(&text).unwrap_or_default();
     let speed = summary["ticks_per_s"]
         .as_f64()

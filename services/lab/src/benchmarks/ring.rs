@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::process::Command;
+use std::time::Duration;
 
 use launcher::{Child, End, Event, Launcher, Limits, Plan, Restart};
 use runtime::{Mode, Process, ProcessError, Shell, now_ns, realtime};
@@ -10,6 +11,7 @@ use session::{Failure, Observer, Progress};
 
 use super::transports::{self, Ends, Kind, Mechanism, Place};
 use super::{Distribution, histogram};
+use crate::folder::check;
 
 const TASK: &str = "ring.json";
 const MEASURED: &str = "measured.json";
@@ -59,9 +61,15 @@ impl Ring {
                 .iter()
                 .filter_map(|topic| Kind::named(topic)?.foreign())
                 .collect(),
-            limits: Limits::of(Mode::Lockstep),
+            limits: Limits {
+                // None of them has anything to finish.
+                stop: Duration::from_millis(100),
+                ..Limits::of(Mode::Lockstep)
+            },
             faults: Vec::new(),
         };
+        // Until everything of the ring is removed.
+        let mut signals = session::interrupts()?;
         let launcher = Launcher::prepare(plan).map_err(Failure::work)?;
         let folder = launcher.run_dir().to_owned();
         let task = serde_json::to_vec(self).map_err(Failure::work)?;
@@ -81,6 +89,7 @@ impl Ring {
             Event::Stopped => measured = std::fs::read(folder.join(MEASURED)).ok(),
             _ => {}
         });
+        check(&mut signals)?;
         match outcome.map_err(Failure::work)?.end {
             End::Completed => {
                 serde_json::from_slice(&measured.unwrap_or_default()).map_err(Failure::work)
@@ -136,7 +145,7 @@ pub fn peer(name: &str, run: &Path) -> Result<(), ProcessError> {
     }
     // The first process ends the run.
     while !shell.is_stopping() {
-        std::thread::sleep(std::time::Duration::from_millis(1));
+        std::thread::sleep(Duration::from_millis(1));
     }
     Ok(())
 }

@@ -270,7 +270,7 @@ pub fn record(
     scenario: &Scenario,
     observer: Observer<'_>,
 ) -> Result<(Vec<Row>, Recorded), Failure> {
-    let folder = scratch()?;
+    let mut folder = scratch()?;
     let graph = load::graph(None)?;
     let job = load::job(
         robot,
@@ -295,11 +295,13 @@ pub fn record(
     })
     .map_err(Failure::input)?;
     tape.finish();
+    folder.check_signals()?;
     let rows = vec![
         row("record", "judge", &judging),
         row("record", "recording", &encoding),
     ];
     let (outcome, account) = session::launch(&job, session::plan(&job)?, observer)?;
+    folder.check_signals()?;
     let account = account.map(|account| account.recorder);
     let account = account
         .ok_or_else(|| Failure::Work("the recorder left no account of the run".to_owned()))?;
