@@ -195,6 +195,19 @@ fn results_that_standard_output_does_not_take_are_in_the_exit_code() {
     }
 }
 
+#[test]
+fn ctrl_c_ends_what_computes_before_its_first_file() {
+    let desk = Desk::new();
+    let segments = "[[segment]]\nduration_s = 600\n".repeat(6);
+    desk.file("long.toml", &format!("name = \"x\"\nrobot = \"puma560\"\n[start]\nq_deg = [20, -60, 170, 0, 30, 0]\n{segments}"));
+    let unread = Unread::pipe();
+    let mut verify = unread.start(&desk, "verify long.toml --runs 1");
+    std::thread::sleep(Duration::from_secs(1));
+    signal(verify.0.id().cast_signed(), "INT");
+    verify.ends_within(Duration::from_secs(2));
+    assert_nothing_left(verify.0.id());
+}
+
 /// Waits for the end of a command; its largest memory, in MB.
 fn peak_mb(child: &Child) -> (ExitStatus, i64) {
     // SAFETY: all zero is a valid value, which the call fills.

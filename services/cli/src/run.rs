@@ -111,8 +111,6 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
         live: args.live,
         silence_limit: args.silence_limit,
     };
-    // A second Ctrl-C does not end the program amid its last words: these have a limit of their own.
-    std::mem::forget(session::interrupts()?);
     conclude(session::run(&request, &observe)?, as_json)
 }
 
@@ -123,7 +121,10 @@ pub(crate) fn conclude(finished: Finished, as_json: bool) -> Result<ExitCode, Fa
         folder,
         end,
         saved,
+        signals,
     } = finished;
+    // These words have a limit of their own.
+    std::mem::forget(signals);
     if as_json {
         say_json(&summary)?;
     } else {

@@ -40,7 +40,6 @@ pub(crate) struct VerifyArgs {
 }
 
 pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let _signals = session::interrupts()?;
     let load::Loaded {
         scenario,
         robot,

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use launcher::End;
+use launcher::{End, Interrupts};
 use shared_types::job::{Job, Mode};
 use shared_types::summary::Summary;
 
@@ -56,6 +56,8 @@ pub struct Finished {
     pub end: End,
     /// Whether the results are whole: summary, job and scenario could be written into the folder, and the recording and the message logs to their end.
     pub saved: Result<(), Failure>,
+    /// Held until the results are printed: a second signal does not end the program amid its last words.
+    pub signals: Interrupts,
 }
 
 /// Loads, validates, launches, summarises and keeps one run.
@@ -82,8 +84,6 @@ pub fn run_loaded(
     if let Some(plant) = &request.plant {
         robot::put_in(&mut loaded, plant)?;
     }
-    // Until everything of the run is written.
-    let _signals = interrupts()?;
     let Loaded {
         scenario,
         robot,
@@ -97,6 +97,8 @@ pub fn run_loaded(
             request.scenario
         )));
     }
+    // Before the first file is made; until then a signal ends the program at once.
+    let signals = interrupts()?;
     let own: Vec<usize> = graph.own_messages().map(|layout| layout.bytes).collect();
     launcher::check_limits(graph.process.len(), &own).map_err(Failure::work)?;
     let results = Results::create(request.out.as_deref(), &scenario.name)?;
@@ -135,6 +137,7 @@ pub fn run_loaded(
         folder: results.folder.clone(),
         end: outcome.end,
         saved,
+        signals,
     })
 }
 

@@ -70,6 +70,7 @@ pub fn verify_kills(
     out: Option<&Path>,
     observer: Observer<'_>,
 ) -> Result<Killed, Failure> {
+    let _signals = session::interrupts()?;
     let folder = Folder::create(out)?;
     let mut killed = Killed {
         scenario: scenario.name.clone(),

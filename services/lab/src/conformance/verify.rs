@@ -76,12 +76,14 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
             scenario.name
         )));
     }
-    let folder = Folder::create(request.out)?;
+    // Before anything is made: a signal ends it at once.
     let mut reference = if needs_processes.is_none() {
         Some(on_one_thread(robot, scenario)?)
     } else {
         None
     };
+    let _signals = session::interrupts()?;
+    let folder = Folder::create(request.out)?;
     let (mut runs, mut difference, mut first) = (Vec::<Ran>::new(), None, None);
     for index in 0..request.runs as usize {
         let results = Results::within(folder.path(), &format!("run-{}", index + 1))?;

@@ -86,8 +86,9 @@ impl fmt::Display for Done {
 /// [`Failure::Input`] or [`Failure::File`] before anything is computed, where sweep, scenario, robot, shard or folder cannot be used;
 /// [`Failure::Work`] where results cannot be written, or a signal stops it: the parts that are complete by then are kept.
 pub fn run(request: &Request<'_>, observer: Observer<'_>) -> Result<Done, Failure> {
-    let signals = Mutex::new(session::interrupts()?);
+    // Before anything is made: a signal ends it at once.
     let sweep = Sweep::read(request.file)?;
+    let signals = Mutex::new(session::interrupts()?);
     let manifest = &sweep.manifest;
     let (name, count) = (&manifest.name, manifest.parts());
     let (usual, Shard { index, of }) = match request.shard {
