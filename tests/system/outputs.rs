@@ -196,6 +196,19 @@ fn results_that_standard_output_does_not_take_are_in_the_exit_code() {
 }
 
 #[test]
+fn ctrl_c_ends_a_command_whose_results_nobody_reads() {
+    let desk = Desk::new();
+    let mut unread = Unread::pipe();
+    unread.stop();
+    let mut soak = unread.start(&desk, "drill --soak 60");
+    until("the first ticks", || ticks(&soak.0) > 100);
+    signal(soak.0.id().cast_signed(), "INT");
+    let status = soak.ends_within(Duration::from_secs(20));
+    assert_eq!(status.code(), Some(1), "{status}");
+    assert_nothing_left(soak.0.id());
+}
+
+#[test]
 fn ctrl_c_ends_what_computes_before_its_first_file() {
     let desk = Desk::new();
     let segments = "[[segment]]\nduration_s = 600\n".repeat(6);

@@ -288,12 +288,14 @@ fn work() -> ExitCode {
     };
     // The results are kept: what ends in a moment anyway needs no second Ctrl-C.
     let _signals = supervises.then(session::interrupts);
-    let Some(reason) = out::finish(supervises) else {
+    // Whoever has pressed Ctrl-C waits for no reader.
+    let is_bounded = supervises || session::Interrupts::has_come();
+    let Some(reason) = out::finish(is_bounded) else {
         return code;
     };
     let lost = session::Failure::Work(format!("results are missing: {reason}"));
     let lost = failure::report(lost, json);
-    out::finish(supervises);
+    out::finish(is_bounded);
     if code == ExitCode::SUCCESS {
         lost
     } else {

@@ -88,6 +88,12 @@ impl Interrupts {
         })
     }
 
+    /// Whether a signal has come to any holder.
+    #[must_use]
+    pub fn has_come() -> bool {
+        COUNT.load(Ordering::SeqCst) > 0
+    }
+
     /// The name of a signal that has come since the last look.
     pub fn pending(&mut self) -> Option<&'static str> {
         if COUNT.load(Ordering::SeqCst) <= self.taken {

@@ -43,6 +43,7 @@ pub use fault_kinds::FaultKinds;
 pub use graph_text::{GraphText, Topics};
 pub use injection::inject;
 pub use launch::{Begin, EXCHANGE, GUARD, ROBOT, interrupts, launch, launch_begun, launch_watched};
+pub use launcher::Interrupts;
 pub use layout::save_blueprint;
 pub use machine::machine;
 pub use observation_text::observation_lines;
