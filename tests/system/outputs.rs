@@ -221,6 +221,32 @@ fn ctrl_c_ends_what_computes_before_its_first_file() {
     assert_nothing_left(verify.0.id());
 }
 
+#[test]
+fn every_line_of_a_process_is_printed_or_counted() {
+    const LINES: u64 = 100_000;
+    let desk = Desk::new();
+    let armplane = env!("CARGO_BIN_EXE_armplane");
+    let script = format!("seq {LINES} | sed 's/^/mark /' >&2; exec {armplane} analyzer");
+    let graph = include_str!("../../shared-types/graph.toml").replace(
+        "name = \"analyzer\"",
+        &format!("name = \"analyzer\"\ncommand = [\"sh\", \"-c\", {script:?}]"),
+    );
+    desk.file("graph.toml", &graph);
+    let Unread { kept, output, .. } = Unread::pipe();
+    let mut command = desk.command("run --graph graph.toml --no-record --out r");
+    let run = command.stdout(Stdio::null()).stderr(output).spawn();
+    let mut run = Running(run.expect("armplane starts"));
+    drop(command);
+    run.ends_within(Duration::from_secs(30));
+    let printed = std::io::read_to_string(kept).expect("the pipe");
+    let printed = printed.matches("mark ").count() as u64;
+    let summary = desk.read_json("r/summary.json");
+    let dropped = |process: &Value| process["lines_dropped"].count();
+    let dropped: u64 = summary["processes"].list().iter().map(dropped).sum();
+    assert!(printed > 0 && dropped > 0, "{printed}, {dropped}");
+    assert_eq!(printed + dropped, LINES);
+}
+
 /// Waits for the end of a command; its largest memory, in MB.
 fn peak_mb(child: &Child) -> (ExitStatus, i64) {
     // SAFETY: all zero is a valid value, which the call fills.

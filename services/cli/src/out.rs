@@ -8,7 +8,7 @@
 //! terminal but the ends of lines, tabs, and where this program paints, colours.
 
 use std::borrow::Cow;
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::fmt::Write as _;
 use std::io::{ErrorKind, IsTerminal, Write, stderr, stdout};
 use std::os::fd::AsFd;
@@ -46,8 +46,9 @@ enum Stream {
 /// What waits for one stream.
 struct Queue {
     texts: VecDeque<(u64, String)>,
-    /// Place of the text that is being written.
+    /// Place of the text that is being written, and whose line it is.
     writing: Option<u64>,
+    speaker: String,
     bytes: usize,
     dropped: u64,
     /// When that began, or the reader last took something of it.
@@ -63,12 +64,19 @@ impl Queue {
     fn is_stuck(&self, limit: Duration) -> bool {
         self.writing.is_some() && self.moved.elapsed() > limit
     }
+
+    /// Whether nothing is left to be read, or its reader has been waited for long enough.
+    fn is_late(&self, began: Instant) -> bool {
+        self.oldest().is_none() || self.is_stuck(STUCK) || began.elapsed() > PATIENCE
+    }
 }
 
 struct State {
     out: Queue,
     err: Queue,
     next: u64,
+    /// Lines on standard error that nobody has read, by the word before the first colon.
+    lost: BTreeMap<String, u64>,
     /// The last line of a terminal, which is always the latest one.
     status: Option<String>,
     /// Standard error is a terminal ...
@@ -90,6 +98,7 @@ impl State {
         let queue = || Queue {
             texts: VecDeque::new(),
             writing: None,
+            speaker: String::new(),
             bytes: 0,
             dropped: 0,
             moved: Instant::now(),
@@ -99,6 +108,7 @@ impl State {
             out: queue(),
             err: queue(),
             next: 0,
+            lost: BTreeMap::new(),
             status: None,
             has_status,
             is_stale: false,
@@ -124,17 +134,36 @@ impl State {
             Stream::Err => MOST_TOLD,
         };
         let queue = self.queue(stream);
-        if queue.is_gone {
-            return;
-        }
-        if queue.bytes > 0 && queue.bytes + text.len() > most {
-            queue.dropped += 1;
-            lose(stream, UNREAD);
+        let is_full = queue.bytes > 0 && queue.bytes + text.len() > most;
+        if queue.is_gone || is_full {
+            queue.dropped += u64::from(is_full);
+            match stream {
+                Stream::Out if is_full => lose(stream, UNREAD),
+                Stream::Out => {}
+                Stream::Err => self.miss(speaker(&text)),
+            }
             return;
         }
         queue.bytes += text.len();
         queue.texts.push_back((place, text));
         self.note_dropped(stream);
+    }
+
+    fn miss(&mut self, speaker: String) {
+        *self.lost.entry(speaker).or_default() += 1;
+    }
+
+    /// Gives up what waits for a reader of standard error.
+    fn give_up(&mut self) {
+        let left = std::mem::take(&mut self.err.texts);
+        for (_, text) in left {
+            self.err.bytes -= text.len();
+            self.miss(speaker(&text));
+        }
+        if self.err.writing.is_some() {
+            let speaker = self.err.speaker.clone();
+            self.miss(speaker);
+        }
     }
 
     /// Leaves a sentence about dropped lines, where there is room for it.
@@ -176,6 +205,10 @@ impl State {
         };
         let queue = self.queue(stream);
         (queue.writing, queue.moved) = (Some(place), Instant::now());
+        queue.speaker = text
+            .as_ref()
+            .map(|text| speaker(&text.1))
+            .unwrap_or_default();
         Some(Job {
             text: text.map(|text| text.1),
             is_status,
@@ -266,6 +299,9 @@ fn print(shared: &Mutex<State>, stream: Stream, mut to: impl Write) {
             locked(shared).queue(stream).moved = Instant::now();
         });
         state = locked(shared);
+        if !is_written && stream == Stream::Err {
+            state.give_up();
+        }
         let queue = state.queue(stream);
         queue.writing = None;
         queue.bytes -= job.text.map_or(0, |text| text.len());
@@ -316,9 +352,7 @@ pub(crate) fn finish(is_bounded: bool) -> Option<&'static str> {
     };
     set_status(None);
     let began = Instant::now();
-    let is_late = |queue: &Queue| {
-        queue.oldest().is_none() || queue.is_stuck(STUCK) || began.elapsed() > PATIENCE
-    };
+    let is_late = |queue: &Queue| queue.is_late(began);
     let mut state = locked(shared);
     loop {
         let is_shown = state.out.oldest().is_none() || is_bounded && is_late(&state.out);
@@ -332,6 +366,27 @@ pub(crate) fn finish(is_bounded: bool) -> Option<&'static str> {
             .unwrap_or_else(PoisonError::into_inner)
             .0;
     }
+}
+
+/// Lines on standard error that nobody has read, by the word before the first colon; what nobody reads in a short time is given up.
+pub(crate) fn unread() -> BTreeMap<String, u64> {
+    let Some(shared) = STATE.get() else {
+        return BTreeMap::new();
+    };
+    let (began, mut state) = (Instant::now(), locked(shared));
+    while !state.err.is_late(began) {
+        state = CHANGED
+            .wait_timeout(state, EVERY)
+            .unwrap_or_else(PoisonError::into_inner)
+            .0;
+    }
+    state.give_up();
+    std::mem::take(&mut state.lost)
+}
+
+fn speaker(text: &str) -> String {
+    let speaker = text.split_once(": ").map_or("", |(speaker, _)| speaker);
+    speaker.to_owned()
 }
 
 fn push(stream: Stream, text: &str) {
@@ -522,6 +577,7 @@ mod tests {
             "the first, three with room, and a sentence"
         );
         assert!(written[4].contains(" 7 lines dropped"), "{}", written[4]);
+        assert_eq!(state.lost.values().sum::<u64>(), 7);
     }
 
     #[test]

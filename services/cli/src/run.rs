@@ -110,6 +110,7 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
         messages: !args.no_messages,
         live: args.live,
         silence_limit: args.silence_limit,
+        unread: crate::out::unread,
     };
     conclude(session::run(&request, &observe)?, as_json)
 }

@@ -121,6 +121,7 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
         messages: true,
         live: args.live,
         silence_limit: None,
+        unread: crate::out::unread,
     };
     let (lines, rate_hz) = (Lines::default(), loaded.scenario.rate_hz);
     let mut panel = None;

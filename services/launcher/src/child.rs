@@ -26,14 +26,12 @@ const WAITING: usize = 1 << 20;
 pub(crate) struct Child {
     process: std::process::Child,
     pub(crate) pidfd: OwnedFd,
-    ear: Arc<Ear>,
-    /// Lines that were dropped, so far as that has been reported.
-    pub(crate) dropped: u64,
+    pub(crate) ear: Arc<Ear>,
 }
 
 /// Hears a child's standard error, on a thread that never waits for the launcher.
 #[derive(Default)]
-struct Ear {
+pub(crate) struct Ear {
     heard: Mutex<Heard>,
     ended: Condvar,
 }
@@ -43,7 +41,7 @@ struct Heard {
     /// Lines that the launcher has not taken yet, and their bytes.
     waiting: Vec<String>,
     bytes: usize,
-    /// Lines for which there was no room since it took some.
+    /// Lines for which there was no room.
     dropped: u64,
     last: VecDeque<String>,
     is_over: bool,
@@ -52,6 +50,12 @@ struct Heard {
 impl Ear {
     fn heard(&self) -> MutexGuard<'_, Heard> {
         self.heard.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Lines that have been read and that nobody was or will be given.
+    pub(crate) fn unheard(&self) -> u64 {
+        let heard = self.heard();
+        heard.dropped + heard.waiting.len() as u64
     }
 
     fn listen(&self, stderr: impl std::io::Read) {
@@ -116,7 +120,6 @@ impl Child {
                     process,
                     pidfd,
                     ear,
-                    dropped: 0,
                 })
             }
             Err(errno) => {
@@ -161,24 +164,14 @@ impl Child {
     }
 
     /// New lines on its standard error.
-    pub(crate) fn new_lines(&mut self) -> Vec<String> {
-        let (mut lines, dropped) = {
-            let heard = &mut *self.ear.heard();
-            heard.bytes = 0;
-            let dropped = std::mem::take(&mut heard.dropped);
-            (std::mem::take(&mut heard.waiting), dropped)
-        };
-        if dropped > 0 {
-            self.dropped += dropped;
-            lines.push(format!(
-                "({dropped} lines dropped, because they came too fast)"
-            ));
-        }
-        lines
+    pub(crate) fn new_lines(&self) -> Vec<String> {
+        let heard = &mut *self.ear.heard();
+        heard.bytes = 0;
+        std::mem::take(&mut heard.waiting)
     }
 
     /// The lines not yet seen and the last ones before its end. A descendant may hold its standard error open, and write on.
-    pub(crate) fn farewell(&mut self) -> (Vec<String>, Vec<String>) {
+    pub(crate) fn farewell(&self) -> (Vec<String>, Vec<String>) {
         let goes_on = |heard: &mut Heard| !heard.is_over;
         let waited = self
             .ear

@@ -176,7 +176,7 @@ pub struct ProcessOutcome {
     pub restarts: u32,
     /// How its last incarnation ended.
     pub exit: Exit,
-    /// Lines of its standard error that were dropped, because they came faster than they were taken.
+    /// Lines of its standard error that were dropped, because they came faster than they were taken, or after its end.
     pub lines_dropped: u64,
     /// Everything it counted, by name: ticks with torque and without, refused, lost and repeated messages.
     pub counts: runtime::Counts,

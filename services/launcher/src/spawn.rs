@@ -1,6 +1,7 @@
 //! The processes of a run: started, listened to, and their exits taken in.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use runtime::{ControlPage, Exit, Hub, PROCESS_VARIABLE, RUN_VARIABLE, RunDir, State, now_ns};
@@ -60,8 +61,8 @@ pub(crate) struct Slot {
     pub(crate) exit: Option<Exit>,
     /// The end of its standard error.
     pub(crate) last_words: Vec<String>,
-    /// Lines of its standard error that were dropped.
-    pub(crate) dropped: u64,
+    /// The ears of those that have ended: what is heard later is given to nobody.
+    pub(crate) ears: Vec<Arc<child::Ear>>,
     /// When to start it again.
     pub(crate) due: Option<Instant>,
     /// The ticks it had done and how often it had looked for more, and when that was first seen: how long it has been silent.
@@ -166,7 +167,7 @@ impl Supervised {
         for (slot, plan) in self.slots.0.iter_mut().zip(&self.plan.children) {
             for line in slot
                 .child
-                .as_mut()
+                .as_ref()
                 .map(child::Child::new_lines)
                 .unwrap_or_default()
             {
@@ -190,7 +191,7 @@ impl Supervised {
             };
             let (rest, mut last_words) = child.farewell();
             last_words.extend(limits::suspected(exit));
-            slot.dropped += child.dropped;
+            slot.ears.push(Arc::clone(&child.ear));
             for line in &rest {
                 report(Event::Line {
                     process: &self.plan.children[index].process.name,
@@ -245,7 +246,7 @@ impl Supervised {
             exit: slot
                 .exit
                 .unwrap_or(Exit::Signal(rustix::process::Signal::KILL.as_raw())),
-            lines_dropped: slot.dropped,
+            lines_dropped: slot.ears.iter().map(|ear| ear.unheard()).sum(),
             counts: self.control_page.process(index).counts(),
         };
         self.slots.0.iter().enumerate().map(outcome).collect()

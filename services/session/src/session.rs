@@ -1,5 +1,6 @@
 //! One run from the scenario's name to its results folder.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -43,6 +44,8 @@ pub struct Request {
     pub live: bool,
     /// A process that is silent for so long is killed and replaced; `None`: as the mode has it, in lockstep without limit.
     pub silence_limit: Option<Duration>,
+    /// Lines that the observer got and nobody has read, by process; called when the run is over.
+    pub unread: fn() -> BTreeMap<String, u64>,
 }
 
 /// A run that has ended.
@@ -126,6 +129,10 @@ pub fn run_loaded(
     let launched = launch_begun(&job, plan, begin, observer);
     let (outcome, account) = launched?;
     let mut summary = summarise(&job, &outcome, account);
+    let unread = (request.unread)();
+    for process in &mut summary.processes {
+        process.lines_dropped += unread.get(&process.name).copied().unwrap_or_default();
+    }
     complete(&results.folder, &mut summary, observer);
     seal(&results.folder, &mut summary.recorder);
     let saved = results.keep(&job, &summary).and_then(|()| whole(&summary));

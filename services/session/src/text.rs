@@ -37,6 +37,14 @@ impl fmt::Display for RunText<'_> {
             times(f, summary)?;
             faults(f, summary)?;
         }
+        let processes = summary.processes.iter();
+        for process in processes.filter(|process| process.lines_dropped > 0) {
+            let (name, lines) = (&process.name, process.lines_dropped);
+            writeln!(
+                f,
+                "dropped    {lines} lines of {name}: they came too fast, or nobody read them"
+            )?;
+        }
         files(f, summary, folder)
     }
 }
