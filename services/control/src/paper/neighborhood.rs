@@ -30,6 +30,10 @@ impl Neighborhood {
     #[must_use]
     #[inline]
     pub fn openness(&self, s: f64) -> f64 {
+        // Where both are the same the quotient is 0/0 there.
+        if s.abs() <= self.eta_in {
+            return 0.0;
+        }
         crate::linear::smoothstep((s.abs() - self.eta_in) / (self.eta_out - self.eta_in))
     }
 }
@@ -65,5 +69,11 @@ mod tests {
             [0.0, 0.0, 1.0, 1.0]
         );
         assert!((D.openness(-0.15) - 0.5).abs() < 1e-15);
+        let sharp = Neighborhood {
+            eta_in: 0.0,
+            eta_out: 0.0,
+        };
+        assert_eq!([sharp.openness(0.0), sharp.openness(1e-9)], [0.0, 1.0]);
+        assert!(D.openness(f64::NAN).is_nan());
     }
 }
