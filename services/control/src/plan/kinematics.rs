@@ -129,11 +129,10 @@ impl<const N: usize> Kinematics<'_, N> {
         }
         let (values, vectors) = symmetric_eigen(&J.tr_mul(&J));
         let mut order: [usize; N] = std::array::from_fn(|i| i);
-        let moves_nothing = |k: usize| is_absent[vectors.column(k).iamax()];
+        let moves: [bool; N] = std::array::from_fn(|k| !is_absent[vectors.column(k).iamax()]);
         order.sort_by(|a, b| {
-            let first = |k: usize| (!moves_nothing(k), values[k]);
-            let (one, two) = (first(*a), first(*b));
-            one.0.cmp(&two.0).then(one.1.total_cmp(&two.1))
+            let by_value = values[*a].total_cmp(&values[*b]);
+            moves[*a].cmp(&moves[*b]).then(by_value)
         });
         let rows = self.task.iter().filter(|counts| **counts).count();
         Spectrum {

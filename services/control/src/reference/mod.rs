@@ -77,7 +77,8 @@ pub(crate) fn motion<const N: usize>(
     });
     let turn_error = rotation_error(&desired_E.R, &now.terms.X_BE.R, free.as_ref());
     let desired = desired_E.at(now.p_EC);
-    let error = about_E(&stack(&(desired.p - now.at.p), &turn_error), now);
+    let at_C = [stack(&(desired.p - now.at.p), &turn_error), desired.V - V];
+    let [error, lag] = about_E(at_C, now);
     let clips = guide.ends_before(state.progress.leg);
     // The distance to a goal beyond reach along a lost direction must not take from the answer across it.
     let lost = if clips {
@@ -98,19 +99,19 @@ pub(crate) fn motion<const N: usize>(
         a_feed: served(place.moving(clock * time_rate, 0.0)).at(now.p_EC).a,
         error,
         feedback,
-        a: desired.a + about_E(&(desired.V - V), now) * k_v + feedback,
+        a: desired.a + lag * k_v + feedback,
     }
 }
 
-/// A pose or velocity error at C as the law answers to it: where ζ takes a rotation, that rotation is about E, which stays on its path. About C, the
+/// The errors of pose and velocity at C as the law answers to them: where ζ takes a rotation, that rotation is about E, which stays on its path. About C, the
 /// point that the singular directions belong to, it would take E along.
 ///
 /// The twist that is lost for ζ = [f; m] is t = [f + m × r; m], r from E to C: the force is lost at C, the moment's rotation about E. Only its part
 /// orthogonal to ζ is taken out, so that what answers along ζ stays as it is. And only deep in the neighbourhood ([`DEEP`]): where the auxiliary
 /// coordinate is held, moving C turns the hand about ζ in proportion to s, and with a gain of one it would run away.
-fn about_E<const N: usize>(error: &Vector6<f64>, now: &Now<'_, N>) -> Vector6<f64> {
+fn about_E<const N: usize>(at_C: [Vector6<f64>; 2], now: &Now<'_, N>) -> [Vector6<f64>; 2] {
     let r = now.terms.X_BE.R * now.p_EC;
-    let mut out = *error;
+    let mut out = at_C;
     for s in now.report.listed() {
         let zeta = &s.zeta_B;
         let t = zeta + stack(&angular(zeta).cross(&r), &Vector3::zeros());
@@ -118,7 +119,9 @@ fn about_E<const N: usize>(error: &Vector6<f64>, now: &Now<'_, N>) -> Vector6<f6
         let pairing = zeta.dot(&t).max(0.5);
         let across = (t - zeta * zeta.dot(&t)) / pairing;
         let lost = 1.0 - s.neighborhood().openness(s.s / DEEP);
-        out -= across * (lost * zeta.dot(error));
+        for (out, error) in out.iter_mut().zip(&at_C) {
+            *out -= across * (lost * zeta.dot(error));
+        }
     }
     out
 }
@@ -167,7 +170,8 @@ mod tests {
         // The error at C where E is on its path and the hand turned off it.
         let moved = |turn: Vector3<f64>| {
             let at_C = turn.cross(&(terms.X_BE.R * p_EC));
-            linear(&about_E(&stack(&at_C, &turn), &now)).norm()
+            let [error, _] = about_E([stack(&at_C, &turn), Vector6::zeros()], &now);
+            linear(&error).norm()
         };
         let lost = report.listed().iter().find(|s| s.inside).unwrap();
         let zeta = angular(&lost.zeta_B).normalize();
