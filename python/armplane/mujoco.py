@@ -42,7 +42,7 @@ class Arm:
         self.velocity = np.where(m.jnt_user[:, 0] > 0, m.jnt_user[:, 0], np.inf) if m.nuser_jnt else np.full(self.n, np.inf)
         self.frame = m.site("end_effector").id
         self.start = m.key("start").qpos.copy()
-        self._jacobian, self._mass = np.zeros((6, self.n)), np.zeros((self.n, self.n))
+        self._jacobian = np.zeros((6, self.n))
         self.move_to(self.start)
 
     def move_to(self, q, qdot=None):

@@ -288,7 +288,7 @@ fn work() -> ExitCode {
     };
     // The results are kept: what ends in a moment anyway needs no second Ctrl-C.
     let _signals = supervises.then(session::interrupts);
-    // Whoever has pressed Ctrl-C waits for no reader.
+    // After Ctrl-C the program waits for no reader.
     let is_bounded = supervises || session::Interrupts::has_come();
     let Some(reason) = out::finish(is_bounded) else {
         return code;

@@ -1,9 +1,7 @@
 //! A session that is steered while it lasts: by keys of a terminal in raw mode or by a gamepad, with a line of help and a line of state; or by lines
 //! from standard input. Each of them is a target for the operator's socket.
 
-use std::fs::File;
 use std::io::{self, BufReader, Read};
-use std::os::fd::AsFd;
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -18,7 +16,7 @@ use session::Failure;
 use shared_types::scenario::Servo;
 use shared_types::target_file::{is_head, live};
 
-use crate::out::{set_status, tell};
+use crate::out::{Direct, set_status, tell};
 
 /// Pause between two lines of state.
 const EVERY: Duration = Duration::from_millis(100);
@@ -101,9 +99,7 @@ impl Lines {
             UnixDatagram::unbound().map_err(Failure::work)?,
             run.path().join(Servo::SOCKET),
         );
-        // The standard library's own stream hides that a descriptor cannot be read.
-        let input = std::io::stdin().as_fd().try_clone_to_owned();
-        let input = BufReader::new(File::from(input.map_err(Failure::work)?));
+        let input = BufReader::new(Direct(io::stdin()));
         std::thread::spawn(move || {
             let send = |line: &str| {
                 // The operator makes its socket when it starts.

@@ -10,7 +10,7 @@
 use std::borrow::Cow;
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt::Write as _;
-use std::io::{ErrorKind, IsTerminal, Write, stderr, stdout};
+use std::io::{ErrorKind, IsTerminal, Read, Write, stderr, stdout};
 use std::os::fd::AsFd;
 use std::process::ExitCode;
 use std::sync::{Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
@@ -233,6 +233,12 @@ fn locked(state: &Mutex<State>) -> MutexGuard<'_, State> {
     state.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Waits for a change of the state, or [`EVERY`].
+fn changed(state: MutexGuard<'_, State>) -> MutexGuard<'_, State> {
+    let woken = CHANGED.wait_timeout(state, EVERY);
+    woken.unwrap_or_else(PoisonError::into_inner).0
+}
+
 /// Whether colours may be written there.
 pub(crate) fn is_coloured(stream: &impl IsTerminal) -> bool {
     stream.is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
@@ -256,8 +262,14 @@ pub(crate) fn start() {
     let _ = STATE.set(Mutex::new(State::new(stderr().is_terminal())));
 }
 
-/// A descriptor of this process, written to directly: the standard library's own streams hide that one cannot be written to.
-struct Direct<S>(S);
+/// A descriptor of this process, used directly: the standard library's own streams hide that one cannot be read or written to.
+pub(crate) struct Direct<S>(pub(crate) S);
+
+impl<S: AsFd> Read for Direct<S> {
+    fn read(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
+        Ok(rustix::io::read(&self.0, bytes)?)
+    }
+}
 
 impl<S: AsFd> Write for Direct<S> {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
@@ -276,10 +288,7 @@ fn print(shared: &Mutex<State>, stream: Stream, mut to: impl Write) {
     loop {
         let Some(job) = state.take(stream) else {
             // Changes of a status line wake nobody.
-            state = CHANGED
-                .wait_timeout(state, EVERY)
-                .unwrap_or_else(PoisonError::into_inner)
-                .0;
+            state = changed(state);
             continue;
         };
         drop(state);
@@ -361,10 +370,7 @@ pub(crate) fn finish(is_bounded: bool) -> Option<&'static str> {
             let is_left = state.out.oldest().is_some();
             return LOST.get().map(String::as_str).or(is_left.then_some(UNREAD));
         }
-        state = CHANGED
-            .wait_timeout(state, EVERY)
-            .unwrap_or_else(PoisonError::into_inner)
-            .0;
+        state = changed(state);
     }
 }
 
@@ -375,10 +381,7 @@ pub(crate) fn unread() -> BTreeMap<String, u64> {
     };
     let (began, mut state) = (Instant::now(), locked(shared));
     while !state.err.is_late(began) {
-        state = CHANGED
-            .wait_timeout(state, EVERY)
-            .unwrap_or_else(PoisonError::into_inner)
-            .0;
+        state = changed(state);
     }
     state.give_up();
     std::mem::take(&mut state.lost)

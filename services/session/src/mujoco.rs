@@ -26,21 +26,17 @@ pub(crate) fn scene(plant: &str) -> Option<Option<&str>> {
     }
 }
 
-/// Makes a process of the graph MuJoCo, and asks MuJoCo whether it can simulate the arm.
+/// Makes a process of the graph MuJoCo.
 ///
 /// # Errors
-/// [`Failure::Input`] where Python, MuJoCo or the scene is missing, or the scene does not fit the arm: the sentence says what to install or to mend.
-pub(crate) fn put_in(loaded: &mut Loaded, name: &str, scene: Option<&str>) -> Result<(), Failure> {
+/// [`Failure::Input`] where there is no such scene.
+pub(crate) fn take_over(world: &mut Process, scene: Option<&str>) -> Result<(), Failure> {
     let scene = scene.map(|scene| {
         let found = Path::new(scene).canonicalize();
         found.map_err(|error| Failure::Input(format!("--plant mujoco: {scene}: {error}")))
     });
-    let command = command(scene.transpose()?);
-    let world = loaded.graph.process.iter_mut().find(|one| one.name == name);
-    world.into_iter().for_each(|world: &mut Process| {
-        (world.command, world.exchange) = (command.clone(), true);
-    });
-    check(loaded, name).map_err(|reason| Failure::Input(format!("--plant mujoco: {reason}")))
+    (world.command, world.exchange) = (command(scene.transpose()?), true);
+    Ok(())
 }
 
 /// The Python of this program's own folder, where it has been installed together with the package; else that of PATH, which finds the package in
@@ -71,8 +67,16 @@ fn command(scene: Option<PathBuf>) -> Vec<String> {
         .collect()
 }
 
+/// Asks MuJoCo, the process `name` of the graph, whether it can simulate the arm.
+///
+/// # Errors
+/// [`Failure::Input`] where Python or MuJoCo is missing, or the scene does not fit the arm: the sentence says what to install or to mend.
+pub(crate) fn check(loaded: &Loaded, name: &str) -> Result<(), Failure> {
+    answer(loaded, name).map_err(|reason| Failure::Input(format!("--plant mujoco: {reason}")))
+}
+
 /// Lets the program load arm and scene, and end; the last line that it prints is the reason of a refusal.
-fn check(loaded: &Loaded, name: &str) -> Result<(), String> {
+fn answer(loaded: &Loaded, name: &str) -> Result<(), String> {
     let Loaded {
         scenario, robot, ..
     } = loaded;

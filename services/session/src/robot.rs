@@ -35,8 +35,9 @@ pub(crate) fn put_in(loaded: &mut Loaded, plant: &str) -> Result<(), Failure> {
         )));
     };
     if let Some(scene) = mujoco::scene(plant) {
+        mujoco::take_over(process, scene)?;
         let name = process.name.clone();
-        return mujoco::put_in(loaded, &name, scene);
+        return mujoco::check(loaded, &name);
     }
     let address: Address = plant.parse().map_err(Failure::Input)?;
     process.robot = address.to_string();

@@ -21,6 +21,7 @@ use shared_types::codes::singularity_name;
 use shared_types::graph::Graph;
 use shared_types::scenario::{Scenario, Strategy};
 
+use crate::folder::check;
 use crate::pool::on_all_cores;
 use crate::row::Row;
 use crate::trial::Trial;
@@ -152,10 +153,8 @@ fn unless_stopped<T>(graph: Option<&Graph>, runs: impl FnOnce() -> T) -> Result<
     }
     let mut signals = session::interrupts()?;
     let done = runs();
-    match signals.pending() {
-        None => Ok(done),
-        Some(signal) => Err(Failure::Work(format!("stopped by {signal}"))),
-    }
+    check(&mut signals)?;
+    Ok(done)
 }
 
 /// Runs trials on all cores.
