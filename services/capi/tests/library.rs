@@ -1,7 +1,8 @@
 //! The library as C sees it: no input makes it panic, allocate or give a number that is not finite.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
+#[path = "../../../tests/counting.rs"]
+mod counting;
+
 use std::ffi::{CStr, CString, c_char};
 use std::mem::MaybeUninit;
 use std::ptr::{null, null_mut};
@@ -9,30 +10,7 @@ use std::ptr::{null, null_mut};
 use armplane::armplane_status::*;
 use armplane::*;
 
-thread_local! {
-    /// Allocations of this thread.
-    static COUNT: Cell<u64> = const { Cell::new(0) };
-}
-
-/// The system's allocator, counting.
-struct Counting;
-
-// SAFETY: every call is handed on to the system's allocator unchanged; the count lives in a constant-initialised thread local without a destructor,
-// which allocates nothing itself.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        COUNT.with(|count| count.set(count.get() + 1));
-        // SAFETY: the caller's guarantees are the system's.
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: as above.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
+use counting::ALLOCATIONS;
 
 const N: usize = ARMPLANE_JOINTS_MAX;
 const ABI: u32 = ARMPLANE_ABI_VERSION;
@@ -139,7 +117,7 @@ fn no_input_makes_it_panic_allocate_or_give_a_number_that_is_not_finite() {
                 middle[place] = 0.5 * (joint.lower.max(-6.0) + joint.upper.min(6.0));
             }
             let mut met = [0; 3];
-            let before = COUNT.get();
+            let before = ALLOCATIONS.get();
             for round in 0..25_000 {
                 // Arms that stand and follow, among states of any kind.
                 let odds = [100_000, 300, 4][round / 50 % 3];
@@ -181,7 +159,7 @@ fn no_input_makes_it_panic_allocate_or_give_a_number_that_is_not_finite() {
                 );
                 check_posture(arm, &q, &qdot, n);
             }
-            let allocations = COUNT.get() - before;
+            let allocations = ALLOCATIONS.get() - before;
             assert!(
                 allocations == 0 && met.iter().all(|count| *count > 100),
                 "{name}: {allocations} allocations, {met:?}"

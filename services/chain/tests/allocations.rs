@@ -1,42 +1,19 @@
 //! The pure cycles allocate nothing: whole scenarios, tick by tick, with a counting allocator; by formula, by geometry and by number,
 //! six joints and seven, through their locks.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
+#[path = "../../../tests/counting.rs"]
+mod counting;
 
 use chain::{Chain, Tick};
 use model::Robot;
 use shared_types::scenario::Scenario;
 
-thread_local! {
-    /// Allocations of this thread.
-    static COUNT: Cell<u64> = const { Cell::new(0) };
-}
-
-/// The system's allocator, counting.
-struct Counting;
-
-// SAFETY: every call is handed on to the system's allocator unchanged; the count lives in a constant-initialised thread local without a destructor,
-// which allocates nothing itself.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        COUNT.with(|count| count.set(count.get() + 1));
-        // SAFETY: the caller's guarantees are the system's.
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: as above.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
+use counting::ALLOCATIONS;
 
 fn counted(work: impl FnOnce()) -> u64 {
-    let before = COUNT.with(Cell::get);
+    let before = ALLOCATIONS.get();
     work();
-    COUNT.with(Cell::get) - before
+    ALLOCATIONS.get() - before
 }
 
 fn parsed(name: &str, settings: &[&str]) -> (Robot, Scenario) {
