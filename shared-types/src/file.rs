@@ -8,6 +8,7 @@ use std::ops::Range;
 use serde::de::DeserializeOwned;
 use toml::de::{DeTable, DeValue};
 
+pub use words::distance;
 use words::explain;
 
 /// A file that cannot be used, with the place and the remedy.

@@ -283,6 +283,14 @@ wire! {
     }
 }
 
+impl SingularityReport {
+    /// The singularities in use, bounded by the message's capacity.
+    #[must_use]
+    pub fn listed(&self) -> &[SingularityState] {
+        &self.singularities[..(self.count as usize).min(MAX_SINGULARITIES)]
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

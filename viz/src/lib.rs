@@ -39,7 +39,7 @@ mod tint;
 pub use entity::Lives;
 pub use export::{ExportError, ExportFormat, Exported, Messages, export};
 pub use parts::{
-    MergeError, bytes_in, checksums, complete, cut_behind, merge, part_name, parts_in,
+    MergeError, bytes_in, checksums, complete, cut_behind, is_part, merge, part_name, parts_in,
 };
 pub use read::{About, Damage, Piece, ReadError, ReadNews, Rows, read};
 pub use recording::{Level, Options, Recording, RunInfo, Written, save_blueprint};

@@ -25,6 +25,17 @@ pub fn part_name(part: u32) -> String {
     }
 }
 
+/// Whether a file of this name is a part of a recording.
+#[must_use]
+pub fn is_part(name: &str) -> bool {
+    let number = name
+        .strip_prefix("run")
+        .and_then(|rest| rest.strip_suffix(".rrd"));
+    let is_number = |text: &str| text.parse::<u32>().is_ok();
+    number
+        .is_some_and(|number| number.is_empty() || number.strip_prefix('-').is_some_and(is_number))
+}
+
 fn files_in(folder: &Path) -> impl Iterator<Item = PathBuf> {
     let parts = (0..).map(|part| folder.join(part_name(part)));
     parts.take_while(|path| path.exists())

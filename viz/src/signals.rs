@@ -9,7 +9,7 @@ use shared_types::graph::Graph;
 use shared_types::messages::SingularityState;
 use shared_types::topics::{ByTopic, CHAIN, Lent};
 use shared_types::wire::Stamps;
-use shared_types::{ControlState, MAX_DOF};
+use shared_types::{ControlState, MAX_DOF, SingularityReport};
 
 /// The messages of one tick, as a recorder has them; in real time some may be missing.
 #[derive(Clone, Copy, Debug, Default)]
@@ -49,9 +49,7 @@ impl<'a> TickRow<'a> {
 
     /// The singularities reported.
     pub(crate) fn singularities(&self) -> &'a [SingularityState] {
-        self.singularity.map_or(&[], |report| {
-            &report.singularities[..(report.count as usize).min(report.singularities.len())]
-        })
+        self.singularity.map_or(&[], SingularityReport::listed)
     }
 
     /// Stamps of as many hops as the data has passed.

@@ -242,23 +242,23 @@ impl Row {
     #[must_use]
     pub fn state<'a>(&'a self, task: &'a Task) -> State<'a> {
         let (servo, control) = (&self.servo, &self.control);
-        let count = (self.report.count as usize).min(MAX_SINGULARITIES);
+        let listed = self.report.listed();
         let set_aside = (control.rejected_ticks > 0)
             .then(|| Reason::Refused(codes::name_of(codes::REFUSALS, codes::REFUSAL_ESTIMATE)));
         let singularity = |place: usize| {
-            let kind = self.report.singularities[place].kind;
-            (
-                codes::singularity_name(kind, place),
+            let one = listed.get(place)?;
+            Some((
+                codes::singularity_name(one.kind, place),
                 codes::name_of(codes::MODES, control.mode[place]),
                 control.beta[place],
-            )
+            ))
         };
         State {
             tick: self.tick,
             phase: codes::name_of(codes::PHASES, self.torque.phase),
             reason: (self.refusal(task).or(set_aside)).unwrap_or(Reason::Follows(servo)),
             refusal: self.refusal(task),
-            singularities: std::array::from_fn(|place| (place < count).then(|| singularity(place))),
+            singularities: std::array::from_fn(singularity),
             speed_scale: servo.speed_scale,
             targets_refused: servo.refused,
             target_refusal: codes::name_of(codes::TARGET_REFUSALS, servo.refusal),

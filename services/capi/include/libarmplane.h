@@ -364,7 +364,7 @@ armplane_status armplane_law_step(struct armplane_law *law,
 armplane_status armplane_law_reset(struct armplane_law *law);
 
 /**
- * What the law did at the last step, and why.
+ * The law's answer to the last step, and the reason for it.
  */
 armplane_status armplane_law_get_state(const struct armplane_law *law,
                                        struct armplane_law_state *out);

@@ -425,15 +425,14 @@ pub unsafe extern "C" fn armplane_arm_singularities(
         let out = unsafe { memory::room(out, ARMPLANE_SINGULARITIES_MAX) };
         let out = out.ok_or(ARMPLANE_ERROR_NULL)?;
         arm.analysis.at(q, &mut arm.report);
-        let found = (arm.report.count as usize).min(ARMPLANE_SINGULARITIES_MAX);
-        let listed = &arm.report.singularities[..found];
+        let listed = arm.report.listed();
         let all_finite =
             |one: &shared_types::SingularityState| one.s.is_finite() && is_finite(&one.zeta_B);
         if !is_finite(q) || !listed.iter().all(all_finite) {
             return Err(ARMPLANE_ERROR_NOT_FINITE);
         }
         // SAFETY: the caller's.
-        unsafe { memory::give(count, found) }?;
+        unsafe { memory::give(count, listed.len()) }?;
         for (place, (one, out)) in listed.iter().zip(out).enumerate() {
             out.write(armplane_singularity {
                 name: memory::words(codes::singularity_name(one.kind, place)),
@@ -569,7 +568,7 @@ pub unsafe extern "C" fn armplane_law_reset(law: *mut armplane_law) -> armplane_
     })
 }
 
-/// What the law did at the last step, and why.
+/// The law's answer to the last step, and the reason for it.
 ///
 /// # Safety
 /// `law` is null or from `create`, `out` null or a state.

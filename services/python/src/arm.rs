@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use model::{Joint, Refused, Robot, RobotText};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use shared_types::{MAX_SINGULARITIES, SingularityReport, SingularityState, codes};
+use shared_types::{SingularityReport, SingularityState, codes};
 
 use crate::{in_parts, numbers, refused};
 
@@ -180,8 +180,7 @@ impl Arm {
             )));
         }
         self.analyse(q, std::slice::from_mut(&mut report));
-        let count = (report.count as usize).min(MAX_SINGULARITIES);
-        let listed = report.singularities[..count].iter().enumerate();
+        let listed = report.listed().iter().enumerate();
         Ok(listed
             .map(|(place, one)| Singularity::new(py, place, one))
             .collect())

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use model::{Robot, RobotError, RobotText};
-use shared_types::file::Complaint;
+use shared_types::file::{self, Complaint};
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
 use shared_types::process::Program;
@@ -431,13 +431,11 @@ pub fn unknown<'a>(
     more: &str,
 ) -> String {
     let known: Vec<&str> = known.collect();
-    // To compare words of megabytes takes seconds.
-    let beginning = &name[..name.floor_char_boundary(200)];
     let distance = |candidate: &str| {
         if candidate.starts_with(name) {
             0
         } else {
-            strsim::levenshtein(beginning, candidate)
+            file::distance(name, candidate)
         }
     };
     let near = known.iter().min_by_key(|candidate| distance(candidate));

@@ -341,15 +341,10 @@ fn is_result(name: &str) -> bool {
         .iter()
         .find_map(|end| name.strip_suffix(end))
         .unwrap_or(name);
-    let part = whole.strip_prefix('.').unwrap_or(whole);
-    let part = part
-        .strip_prefix("run")
-        .and_then(|part| part.strip_suffix(".rrd"));
-    let is_number = |text: &str| text.parse::<u32>().is_ok();
     KEPT.contains(&whole)
         || MADE_OF_IT.contains(&whole)
         || whole == recorder::MESSAGES
-        || part.is_some_and(|part| part.is_empty() || part.strip_prefix('-').is_some_and(is_number))
+        || viz::is_part(whole.strip_prefix('.').unwrap_or(whole))
         || whole
             .strip_suffix(".rbl")
             .is_some_and(|layout| Layout::ALL.iter().any(|one| one.name() == layout))

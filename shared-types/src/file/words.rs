@@ -66,11 +66,9 @@ pub(super) fn explain(message: &str) -> (String, String) {
     }
     let known: Vec<&str> = expected.split('`').skip(1).step_by(2).collect();
     let written = wrong.split('`').nth(1).unwrap_or_default();
-    // To compare words of megabytes takes seconds.
-    let written = &written[..written.floor_char_boundary(LONGEST_WORD)];
     match known
         .iter()
-        .map(|name| (strsim::levenshtein(written, name), name))
+        .map(|name| (distance(written, name), name))
         .min()
     {
         Some((distance, name)) if distance <= 2 + name.len() / 4 => {
@@ -78,6 +76,13 @@ pub(super) fn explain(message: &str) -> (String, String) {
         }
         _ => (wrong.to_owned(), format!("expected {expected}")),
     }
+}
+
+/// Letters by which a written word differs from a known one. Of a long word it takes the beginning: to compare megabytes takes seconds.
+#[must_use]
+pub fn distance(written: &str, known: &str) -> usize {
+    let beginning = &written[..written.floor_char_boundary(LONGEST_WORD)];
+    strsim::levenshtein(beginning, known)
 }
 
 /// A value of the file.

@@ -111,11 +111,8 @@ fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
 impl Posture {
     /// Each singularity of the report with its name.
     pub fn singularities(&self) -> impl Iterator<Item = (&str, &shared_types::SingularityState)> {
-        let count = (self.report.count as usize).min(self.report.singularities.len());
-        self.report.singularities[..count]
-            .iter()
-            .enumerate()
-            .map(|(i, singularity)| (codes::singularity_name(singularity.kind, i), singularity))
+        let listed = self.report.listed().iter().enumerate();
+        listed.map(|(i, singularity)| (codes::singularity_name(singularity.kind, i), singularity))
     }
 
     /// Condition of the unit-scaled J, σ_max/σ_min over the task's rows; 1e18 where σ_min is 0.

@@ -3,6 +3,7 @@
 use control::GroundTruth;
 use model::{JointKind, Robot};
 use serde::{Deserialize, Serialize};
+use shared_types::SingularityState;
 use shared_types::bounds::{larger, share, within};
 use shared_types::codes::{
     DRIVE_ACTIVE, DRIVE_RATE, DRIVE_SPEED, PHASE_REFUSED, REFUSAL_LIMIT, REFUSAL_UNLISTED,
@@ -157,13 +158,8 @@ impl JointMeter {
                 ))
             }
             REFUSAL_UNLISTED => {
-                let listed = tick
-                    .report
-                    .singularities
-                    .iter()
-                    .take(tick.report.count as usize)
-                    .filter(|s| s.inside != 0)
-                    .count();
+                let is_inside = |s: &&SingularityState| s.inside != 0;
+                let listed = tick.report.listed().iter().filter(is_inside).count();
                 Some(format!(
                     "at tick {k} the Jacobian had rank {} with {listed} singularities listed",
                     tick.report.rank

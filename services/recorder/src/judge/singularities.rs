@@ -9,7 +9,7 @@ use shared_types::scenario::Goal;
 use shared_types::summary::{ModeChange, SingularitySummary};
 
 use super::task::TaskError;
-use super::tick::{Tick, active, halves};
+use super::tick::{Tick, halves};
 
 /// Gathers figures for each singularity.
 #[derive(Debug, Default, Serialize, Deserialize)]
@@ -43,7 +43,7 @@ impl SingularityMeter {
         mut events: impl FnMut(String),
     ) -> usize {
         let before = self.modes.len();
-        for (i, singularity) in active(tick.report).iter().enumerate() {
+        for (i, singularity) in tick.report.listed().iter().enumerate() {
             if self.watched.len() <= i {
                 let name = codes::singularity_name(singularity.kind, i).to_owned();
                 self.watched.push(Watched::new(name));

@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 use shared_types::topics::{ByTopic, Lent};
 use shared_types::{
-    ControlState, MAX_SINGULARITIES, PlantState, SensorSample, ServoState, SingularityReport,
-    SingularityState, StateEstimate, TorqueCommand,
+    ControlState, PlantState, SensorSample, ServoState, SingularityReport, StateEstimate,
+    TorqueCommand,
 };
 
 /// One tick, whole: a message of each topic.
@@ -40,11 +40,6 @@ impl<'a> Tick<'a> {
             servo: messages.servo_state,
         })
     }
-}
-
-/// The singularities in use, bounded by the message's capacity.
-pub(super) fn active(report: &SingularityReport) -> &[SingularityState] {
-    &report.singularities[..(report.count as usize).min(MAX_SINGULARITIES)]
 }
 
 /// The linear and the angular half of a twist.

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use shared_types::codes;
 use shared_types::summary::TurnSummary;
 
-use super::tick::{Tick, active};
+use super::tick::Tick;
 
 /// Follows each null-space turn from its announcement to its end.
 #[derive(Debug, Default, Serialize, Deserialize)]
@@ -33,7 +33,7 @@ impl TurnMeter {
             .turns
             .last()
             .is_none_or(|turn| turn.announced != announced);
-        if let Some(singularity) = active(tick.report).get(place)
+        if let Some(singularity) = tick.report.listed().get(place)
             && is_new
         {
             let summary = TurnSummary {
