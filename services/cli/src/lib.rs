@@ -17,6 +17,7 @@ mod layout;
 mod list;
 mod live;
 mod out;
+mod play;
 mod process;
 mod progress;
 mod recover;
@@ -71,6 +72,14 @@ enum Command {
         after_help = "Examples:\n  armplane servo servo-panda                    a built-in session\n  armplane servo panda --random 7               60 s of random twists\n  armplane servo ur5 --from my-targets.csv --start bent\n  armplane servo --from topic --graph examples/steer/graph.toml panda --duration 10\n  armplane servo --seeds 20                     judge four arms on 20 seeds each\n\nExit code 1: the session did not end at rest at its reference, or --seeds found a broken bar."
     )]
     Servo(servo::ServoArgs),
+    /// Drag the hand of an arm in the browser.
+    #[command(
+        long_about = "Opens a page in the browser on which you take the hand of an arm and drag it through its singularities. The arm is a \
+                      steered run (`armplane servo`). The page shows the singular direction ζ, measures and limits, and the reason for \
+                      each slowing. Several browsers may watch, one steers.\n\nNeeds Python and its packages armplane and viser (docs/play.md).",
+        after_help = "Examples:\n  armplane play\n  armplane play panda\n  armplane play my-arm.urdf --no-open\n  armplane play ur5 --host 0.0.0.0"
+    )]
+    Play(play::PlayArgs),
     /// Check that runs under different conditions give the same bytes.
     #[command(
         long_about = "Runs a scenario in lockstep several times, each time under other conditions: other cores and nice values, random \
@@ -217,7 +226,7 @@ enum Command {
 const GROUPS: [(&str, &[&str], &[&str]); 5] = [
     (
         "Run and look",
-        &["run", "view", "report", "servo"],
+        &["run", "view", "report", "servo", "play"],
         &["top", "export", "fault", "recover"],
     ),
     ("Arms and graphs", &["list", "inspect", "graph"], &[]),
@@ -336,6 +345,7 @@ fn execute(cli: Cli) -> Result<ExitCode, session::Failure> {
     {
         Command::Run(args) => run::run(&args, json),
         Command::Servo(args) => servo::servo(&args, json),
+        Command::Play(args) => play::play(&args),
         Command::Verify(args) => verify::verify(&args, json),
         Command::Replay(args) => replay::replay(&args, json),
         Command::Bench(args) => bench::bench(&args, json),

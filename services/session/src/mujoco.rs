@@ -9,14 +9,13 @@ use shared_types::graph::Process;
 
 use crate::failure::Failure;
 use crate::load::{self, Loaded};
+use crate::python::Python;
 
 /// The module that takes part in a run, and without an exchange page checks a scenario.
 const MODULE: &str = "armplane.mujoco";
 
 /// The exit code of `env` for a program that is not there.
 const NOT_FOUND: i32 = 127;
-
-const MISSING: &str = "there is no Python: install Python 3.9 or newer, then pip install mujoco";
 
 /// The scene of a plant: none of `mujoco`, a file of `mujoco:FILE`; `None` for another plant.
 pub(crate) fn scene(plant: &str) -> Option<Option<&str>> {
@@ -39,31 +38,14 @@ pub(crate) fn take_over(world: &mut Process, scene: Option<&str>) -> Result<(), 
     Ok(())
 }
 
-/// The Python of this program's own folder, where it has been installed together with the package; else that of PATH, which finds the package in
-/// the source tree of this program.
+/// The program of the process.
 fn command(scene: Option<PathBuf>) -> Vec<String> {
-    let program = std::env::current_exe().unwrap_or_default();
-    let text = |path: PathBuf| path.display().to_string();
-    let beside = program.with_file_name("python3");
-    let python = match beside.is_file() {
-        true => text(beside),
-        false => "python3".to_owned(),
-    };
-    let mut packages = program.ancestors().map(|folder| folder.join("python"));
-    let package = packages.find(|folder| folder.join("armplane/mujoco.py").is_file());
-    let path = package.map(|package| {
-        let others = std::env::var_os("PYTHONPATH").unwrap_or_default();
-        let others = std::env::split_paths(&others).filter(|folder| !folder.as_os_str().is_empty());
-        let all = std::iter::once(package).chain(others);
-        let all = std::env::join_paths(all).unwrap_or_default();
-        format!("PYTHONPATH={}", all.display())
-    });
-    let environment = path.map(|path| ["env".to_owned(), path]);
-    environment
-        .into_iter()
+    let Python { program, path } = Python::find();
+    let path = path.map(|path| ["env".to_owned(), format!("PYTHONPATH={}", path.display())]);
+    path.into_iter()
         .flatten()
-        .chain([python, "-m".to_owned(), MODULE.to_owned()])
-        .chain(scene.map(text))
+        .chain([program, "-m".to_owned(), MODULE.to_owned()])
+        .chain(scene.map(|scene| scene.display().to_string()))
         .collect()
 }
 
@@ -86,7 +68,7 @@ fn answer(loaded: &Loaded, name: &str) -> Result<(), String> {
     let question = json!({"scenario": scenario, "robot": robot.source, "arm": arm});
     let command = load::command(&loaded.graph, name);
     let mut command = command.ok_or("there is no program")?;
-    let missing = |error: std::io::Error| format!("{MISSING} (python3: {error})");
+    let missing = |error: std::io::Error| format!("{} mujoco (python3: {error})", Python::MISSING);
     command.stdin(Stdio::piped()).stdout(Stdio::null());
     let mut child = command.stderr(Stdio::piped()).spawn().map_err(missing)?;
     if let Some(mut stdin) = child.stdin.take() {
@@ -98,7 +80,7 @@ fn answer(loaded: &Loaded, name: &str) -> Result<(), String> {
     let last = errors.lines().rfind(|line| !line.trim().is_empty());
     match last.unwrap_or("the program ended without a word") {
         _ if said.status.success() => Ok(()),
-        line if said.status.code() == Some(NOT_FOUND) => Err(format!("{MISSING} ({line})")),
+        line if said.status.code() == Some(NOT_FOUND) => Err(format!("{} mujoco ({line})", Python::MISSING)),
         line if line.contains("No module named 'armplane'") => Err(
             "Python lacks the package armplane: pip install the wheel that `python/build` makes (docs/python.md)"
                 .to_owned(),

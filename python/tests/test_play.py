@@ -1,0 +1,259 @@
+"""The page `armplane play` in headless Chromium, dragged with a real mouse; what it leaves when it, its tab or a process of the run is killed."""
+
+import importlib.util
+import json
+import os
+import pathlib
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import armplane
+import numpy as np
+import pytest
+
+CHROMIUM = "/usr/bin/chromium"
+MISSING = [name for name in ("viser", "playwright", "mcap") if importlib.util.find_spec(name) is None]
+needs_viser = pytest.mark.skipif("viser" in MISSING, reason="viser is not installed: pip install 'armplane[play]'")
+needs_browser = pytest.mark.skipif(bool(MISSING) or not os.path.exists(CHROMIUM), reason=f"needs {CHROMIUM}; missing in Python: {MISSING or 'nothing'}")
+WIRE = armplane.wire
+
+
+def _press(control):
+    """Without the real mouse, which waits for a picture of the software renderer; only the hand is dragged with it."""
+    control.evaluate("node => node.click()", timeout=60_000)
+
+
+class Play:
+    """`armplane play`, and a browser that looks at it."""
+
+    def __init__(self, folder, subject, browser=None):
+        self.temporary = folder / "tmp"
+        self.temporary.mkdir()
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        command = [sys.executable, "-m", "armplane.play", subject, "--no-open", "--port", str(port)]
+        environment = {**os.environ, "TMPDIR": str(self.temporary)}
+        self.process = subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        self.address = next(line.split()[2] for line in self.process.stdout if line.startswith("armplane play: http"))
+        self.browser, self.folder, self.pages, self.runs = browser, folder, 0, set()
+
+    def open(self):
+        page = self.browser.new_page(viewport={"width": 1000, "height": 600})
+        page.goto(self.address)
+        self.until(page, lambda state: len(state["places"]) > 1)
+        if self.pages == 0:
+            # It would set off while a slow browser draws.
+            _press(page.get_by_label("tour when idle"))
+        self.pages += 1
+        self.until(page, lambda state: state["mode"] != "tour")
+        return page
+
+    def until(self, page, wanted, seconds=60):
+        """The page's state, as soon as it is as wanted."""
+        end = time.monotonic() + seconds
+        while True:
+            state = json.loads(page.locator(".state").get_attribute("data-state", timeout=60_000))
+            self.runs.add(state["run"])
+            if wanted(state):
+                return state
+            assert time.monotonic() < end, state
+            time.sleep(0.05)
+
+    def grip(self, page):
+        """Where the ball is on the screen."""
+        state = self.until(page, lambda _: True)
+        eye, look, target = (np.array(at) for at in (state["camera"]["position"], state["camera"]["look_at"], state["target"]))
+        forward = (look - eye) / np.linalg.norm(look - eye)
+        right = np.cross(forward, [0, 0, 1])
+        right /= np.linalg.norm(right)
+        box, d = page.locator("canvas").first.bounding_box(), target - eye
+        scale = box["height"] / 2 / np.tan(state["camera"]["fov"] / 2) / (d @ forward)
+        return box["x"] + box["width"] / 2 + scale * (d @ right), box["y"] + box["height"] / 2 - scale * (d @ np.cross(right, forward))
+
+    def drag(self, page, way):
+        """Takes the ball and leads it along a way of pixels; the state at its end, before it is let go."""
+        for _ in range(3):
+            # The picture may be older than the state; whoever misses the ball tries again.
+            page.evaluate("new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
+            x, y = self.grip(page)
+            page.mouse.move(x, y)
+            page.mouse.down()
+            for dx, dy in way:
+                page.mouse.move(x + dx, y + dy)
+                time.sleep(0.03)
+            state = self.until(page, lambda _: True)
+            page.mouse.up()
+            if state["mode"] == "hand":
+                return state
+        raise AssertionError(f"the ball was not taken: {state}")
+
+    def go(self, page, name):
+        """To a posture by its button."""
+        before = self.until(page, lambda _: True)["arrivals"]
+        _press(page.get_by_role("button", name=name, exact=True))
+        return self.until(page, lambda state: state["arrivals"] > before)
+
+    def save(self, page):
+        _press(page.get_by_role("button", name="Save this run"))
+        end = time.monotonic() + 60
+        while not (found := list(self.folder.glob("runs/*/summary.json"))) or "Saved" not in page.locator(".log").inner_text():
+            assert time.monotonic() < end, page.locator(".log").inner_text()
+            time.sleep(0.1)
+        return armplane.load(found[-1].parent)
+
+    def descendants(self):
+        """Process ids of the page and its runs: they and nobody else have its folder for temporary files."""
+        mark, found = f"TMPDIR={self.temporary}".encode(), []
+        for path in pathlib.Path("/proc").glob("[0-9]*/environ"):
+            try:
+                if mark in path.read_bytes():
+                    found.append(int(path.parent.name))
+            except OSError:
+                pass
+        return found
+
+    def nothing_is_left(self):
+        """Ends it, and looks for processes, shared memory and temporary files of it."""
+        self.process.send_signal(signal.SIGTERM)
+        assert self.process.wait(timeout=30) in (0, -signal.SIGTERM)
+        end = time.monotonic() + 10
+        while self.descendants() and time.monotonic() < end:
+            time.sleep(0.05)
+        assert not self.descendants() and not list(self.temporary.iterdir())
+        assert not [path for run in self.runs for path in pathlib.Path("/dev/shm").glob(f"{run}*")]
+
+
+@pytest.fixture
+def browser():
+    from playwright.sync_api import sync_playwright
+
+    options = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    with sync_playwright() as engine:
+        chromium = engine.chromium.launch(executable_path=CHROMIUM, args=options)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def play(tmp_path, request):
+    made = []
+
+    def start(subject):
+        made.append(Play(tmp_path, subject, request.getfixturevalue("browser")))
+        return made[-1]
+
+    yield start
+    for one in made:
+        one.nothing_is_left()
+
+
+def _circle(radius, count=60):
+    angles = np.linspace(0, 2 * np.pi, count)
+    return [(radius * np.sin(a), radius * 0.7 * np.sin(2 * a)) for a in angles]
+
+
+@needs_browser
+@pytest.mark.parametrize("robot", ["puma560", "ur5", "panda"])
+def test_a_hand_is_dragged_through_locks(play, robot):
+    one = play(robot)
+    page = one.open()
+    rates, latency = [], one.drag(page, [(0, -5 * k) for k in range(12)])["latency_s"]
+    for lock in ("wrist", "elbow"):
+        one.go(page, lock)
+        rates.append(one.drag(page, _circle(130))["updates"])
+    run = one.save(page)
+    states, truth, torques = (run.messages(topic) for topic in ("servo_state", "plant_state", "torque"))
+    assert all(np.isfinite(values).all() for values in (truth["q"], truth["qdot"], torques["tau"]))
+    assert run.summary["joints"]["speed_max_ratio"] <= 1 and run.summary["joints"]["torque_max_ratio"] <= 1
+    assert not truth["limit_mask"].any() and states["refused"][-1] == 0
+    # Both locks were met in motion.
+    near = {WIRE.KINDS[kind] for kind in np.unique(run.messages("singularity")["singularities"]["kind"][run.messages("singularity")["singularities"]["inside"] == 1])}
+    assert {"wrist", "elbow"} <= near
+    # Where the hand does not come forward although it should, the reason says why.
+    wanted = np.linalg.norm(states["V_target"][:, :3], axis=1) > 0.02
+    stands = np.linalg.norm(truth["V_BE"][:, :3], axis=1) < 0.001
+    silent = wanted & stands & (states["reason"] == WIRE.REASON_FOLLOWING)
+    longest = max(map(len, "".join("x" if tick else " " for tick in silent).split()), default=0)
+    assert longest < 300, f"stands still for {longest} ms and gives no reason"
+    print(f"{robot}: {rates} updates/s, {latency} s from target to arm")
+    if os.environ.get("ARMPLANE_TIMES"):
+        assert min(rates) >= 30 and latency < 0.1
+
+
+@needs_browser
+def test_a_saved_run_repeats_itself(play, tmp_path):
+    one = play("puma560")
+    page = one.open()
+    one.go(page, "wrist")
+    one.drag(page, _circle(60, 20))
+    run = one.save(page)
+    again = armplane.run(run.folder / "scenario.toml", out=tmp_path / "again")
+    for topic in ("sensor", "target", "torque"):
+        first, second = run.messages(topic), again.messages(topic)
+        assert [first[name].tobytes() for name in first.dtype.names if name != "header"] == [second[name].tobytes() for name in first.dtype.names if name != "header"]
+
+
+@needs_browser
+def test_one_steers_and_others_watch(play):
+    one = play("ur5")
+    first, second = one.open(), one.open()
+    one.go(first, "overhead")
+    _press(second.get_by_role("button", name="wrist", exact=True))
+    second.get_by_text("Somebody else steers").wait_for(timeout=30_000)
+    assert one.until(first, lambda _: True)["arrivals"] == 1
+    first.close()
+    one.go(second, "wrist")
+    second.reload()
+    assert one.until(second, lambda state: state["nearest"] < 1)["robot"] == "ur5"
+    second.close()
+
+
+@needs_browser
+def test_a_killed_controller_is_replaced(play):
+    one = play("puma560")
+    page = one.open()
+    one.go(page, "start")
+    _press(page.get_by_role("button", name="kill controller"))
+    page.get_by_text("was started again").wait_for(timeout=30_000)
+    before = np.array(one.until(page, lambda _: True)["hand"])
+    after = np.array(one.drag(page, [(0, -5 * k) for k in range(20)])["hand"])
+    assert np.linalg.norm(after - before) > 0.005
+
+
+@needs_browser
+def test_a_killed_page_comes_back(play):
+    one = play("puma560")
+    page = one.open()
+    run = one.until(page, lambda _: True)["run"]
+    children = pathlib.Path(f"/proc/{one.process.pid}/task/{one.process.pid}/children").read_text().split()
+    os.kill(int(children[0]), signal.SIGKILL)
+    assert one.until(page, lambda state: state["run"] != run)["robot"] == "puma560"
+    assert not pathlib.Path(f"/dev/shm/{run}").exists()
+
+
+@needs_viser
+def test_the_door_is_shut_for_strangers():
+    from armplane.play.door import refusal
+
+    class Request:
+        def __init__(self, path="/", **headers):
+            self.path, self.headers = path, headers
+
+    assert refusal(Request(Host="localhost:8080"), None) is None
+    assert refusal(Request(Host="evil.example:8080"), None)
+    assert refusal(Request(Host="localhost:8080", Origin="http://evil.example"), None)
+    assert refusal(Request(Host="10.0.0.2:8080"), "secret") and refusal(Request("/?token=wrong", Host="10.0.0.2:8080"), "secret")
+    assert refusal(Request("/?token=secret", Host="10.0.0.2:8080"), "secret") is None
+    assert refusal(Request(Host="10.0.0.2:8080", Cookie="a=b; armplane-play=secret"), "secret") is None
+
+
+def test_without_viser_a_sentence_says_what_to_install(monkeypatch, capsys):
+    from armplane.play import __main__ as play
+
+    monkeypatch.setattr(sys, "argv", ["armplane play"])
+    monkeypatch.setattr(play, "find_spec", lambda name: None)
+    assert play.main() == 2 and "pip install" in capsys.readouterr().err
