@@ -210,20 +210,23 @@ class Page:
                 (kept / "graph.toml").unlink()
                 self._tell(f"Saved. Look: armplane view {kept}. The same bytes again: armplane run {kept}/scenario.toml")
             shutil.rmtree(session.folder, ignore_errors=True)
+        has_ended = self.session.process.poll() is not None
+        if has_ended:
+            self.session.listener.join(1.0)
         while self.session.lines:
             self._tell(self.session.lines.popleft())
         if self.ghost and self.ghost.process.poll() is not None:
             self._tell(f"The ghost's run has ended. {' '.join(self.ghost.lines)}")
             self.rivals.value = NOBODY
             self._change_rival(NOBODY)
-        if self.session.process.poll() is not None:
+        if has_ended:
             self._recover()
 
     def _recover(self):
         """The run has ended by itself: begins another one, in the posture in which the arm was left."""
         self.failures = self.failures + 1 if time.monotonic() - self.session.began < 10 else 1
         if self.session.seen is None and self.home is None or self.failures > 3:
-            raise SystemExit("armplane play: " + (" ".join(self.session.lines) or "the run ended before its first tick"))
+            raise SystemExit(f"armplane play: {self.story[-1]}")
         self._tell("The run has ended; another one begins.")
         self._begin(self._posture() if self.session.seen and self.scene else self.home)
 
@@ -324,6 +327,7 @@ class Page:
         self.clients, idle = len(self.server.get_clients()), time.monotonic() - self.touched
         if self.mode in ("hold", "hand") and not self.dragging and idle > PATIENCE_S:
             if time.monotonic() - session.began > FULL_S:
+                self._tell("Two minutes are recorded: a new run begins.")
                 return self._begin(self._posture())
             if self.clients and self.tours.value and len(getattr(self, "postures", ())) > 1:
                 self.mode, self.stops = "tour", []
@@ -343,7 +347,7 @@ class Page:
                 self.scene.set_ghost(ghost.robot)
                 self.ghost_is_red = False
             self.scene.ghost.move(ghost.q)
-            if not self.ghost_is_red and ghost.peaks[0].max() > 1.0:
+            if not self.ghost_is_red and ghost.peaks.max() >= panel.AT_LIMIT:
                 self.scene.ghost.colour((255, 60, 60))
                 self.ghost_is_red = True
         self.updates.append(time.monotonic())

@@ -17,6 +17,8 @@ DOES = {
     wire.MODE_SLIDE: "slides along the boundary of reach",
     wire.MODE_RECOVER: "outside again, the posture settles",
 }
+# A share of a joint's limit from which on it counts as reached.
+AT_LIMIT = 0.999
 GOOD, SLOW, STOP = "#3ecf8e", "#f5b942", "#ff5c5c"
 COLOURS = {wire.REASON_FOLLOWING: GOOD, wire.REASON_RESTING: "#8a94a6", wire.REASON_OVER: "#8a94a6", wire.REASON_STOPPED: STOP, wire.REASON_HELD: STOP}
 STYLE = """<style>
@@ -83,7 +85,7 @@ def page(robot, seen, ghost, story, foot):
         for kind in (0, 1):
             cell = _bar(ours[kind][i], _heat(ours[kind][i]))
             if theirs:
-                cell += _bar(theirs[kind][i], STOP if ghost.peaks[kind][i] > 1.0 + 1e-9 else "#ffa048", thin=True)
+                cell += _bar(theirs[kind][i], STOP if ghost.peaks[kind][i] >= AT_LIMIT else "#ffa048", thin=True)
             cells.append(f"<div>{cell}</div>")
         rows.append(f'<div class="row two"><span>{i + 1}</span>{"".join(cells)}</div>')
     versus = f"<h3>Race</h3>{_race(ghost)}" if theirs else ""
@@ -97,5 +99,5 @@ def page(robot, seen, ghost, story, foot):
 
 def _race(ghost):
     speed, torque = ghost.peaks.max(axis=1)
-    alarm = f'style="color:{STOP}"' if speed > 1 else ""
+    alarm = f'style="color:{STOP}"' if max(speed, torque) >= AT_LIMIT else ""
     return f'<span {alarm}>{html.escape(ghost.law)}: largest speed {100 * speed:.0f} %, torque {100 * torque:.0f} % of the limit</span>'

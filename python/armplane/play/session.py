@@ -54,7 +54,8 @@ class Session:
         self.lines, self.seen, self.robot, self.run = collections.deque(maxlen=50), None, None, None
         self.asked = self.latency = None
         self._lock = threading.Lock()
-        threading.Thread(target=self._listen, daemon=True).start()
+        self.listener = threading.Thread(target=self._listen, daemon=True)
+        self.listener.start()
 
     def _listen(self):
         for line in self.process.stderr:
@@ -88,6 +89,9 @@ class Session:
                     last, self.robot = now, robot
                     if self.asked and np.abs(state.V_BE).max() > 5e-3:
                         self.latency, self.asked = now - self.asked, None
+                    elif topics["servo_state"].message.reason not in (wire.REASON_FOLLOWING, wire.REASON_RESTING, wire.REASON_FAST):
+                        # It has a reason to wait, which is no delay of the page.
+                        self.asked = None
                     self.seen = {name: type(one.message).from_buffer_copy(one.message) for name, one in topics.items()}
             exchange.answer()
 
