@@ -51,6 +51,44 @@ fn laws_are_compared_on_a_scenario_and_on_lines() {
     );
 }
 
+/// Noisy encoders, an estimator, drives: S1, S2 and the ends reached, of seeded lines.
+#[test]
+fn lines_through_and_near_every_singularity_keep_the_bars() {
+    let desk = Desk::new();
+    // A near miss of a lock is at the edge of S2 either way.
+    for (args, lines, s1) in [
+        ("--count 24 --seed 3", 24, 23),
+        ("--count 12 --seed 4 --speed 1", 12, 0),
+    ] {
+        let json = desk.json(&format!("compare sweep --law blended {args} --out out"));
+        let all = &json["scenarios"][0]["laws"][0]["all"];
+        assert_eq!(all["ends"], lines, "{all}");
+        assert!(
+            all["s2"].count() + 1 >= lines && all["s1"].count() >= s1,
+            "{all}"
+        );
+    }
+}
+
+/// With noise at the edge of a neighbourhood hard switching chatters, the blend does not.
+#[test]
+fn nothing_chatters_at_the_edge() {
+    let desk = Desk::new();
+    for s in [0.1_f64, 0.2, 0.21] {
+        desk.file(
+            "edge.toml",
+            &format!("name = \"edge\"\nrobot = \"puma560\"\nsettle_s = 0.0\n[start]\nq = [0.3, -1.0, 2.9, 0.2, {}, 0.0]\n[[segment]]\nduration_s = 5.0\n", s.asin()),
+        );
+        let json = desk.json("compare edge.toml --law blended,chang-khatib --out out");
+        let [blended, hard] =
+            [0, 1].map(|law| json["scenarios"][0]["laws"][law]["switches"].count());
+        assert!(
+            blended <= 2 && (s > 0.1 || hard > 20),
+            "{s}: {blended}, {hard}"
+        );
+    }
+}
+
 #[test]
 fn lines_through_exactly_singular_postures_of_an_arm_reach_their_goals() {
     let desk = Desk::new();
@@ -114,7 +152,7 @@ fn a_race_has_the_marks_of_a_steered_run_only_where_one_is_steered() {
     );
 }
 
-// covers: CK95 Figure 3
+// covers: CK95 Figures 3 and 4
 #[test]
 fn the_papers_figures_are_drawn_with_their_numbers() {
     let desk = Desk::new();

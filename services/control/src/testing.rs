@@ -7,7 +7,6 @@ use crate::{Analyzer, Controller, Inputs};
 use model::{Factors, Model, Robot};
 use nalgebra::{SVector, Vector3, Vector6};
 use proptest::prelude::*;
-use shared_types::random::Uniform;
 use shared_types::scenario::Scenario;
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
@@ -71,23 +70,6 @@ pub(crate) fn scenario(text: &str, settings: &[&str]) -> Scenario {
     Scenario::parse("test.toml", text, &settings).unwrap()
 }
 
-/// How the loop is closed in a test.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Plant {
-    /// Bits per turn of noisy encoders (half a count of noise, seeded) read through an observer; 0: exact state.
-    pub(crate) encoder_bits: u32,
-    /// Factor on every mass and inertia of the true arm; 0: none.
-    pub(crate) mass_factor: f64,
-    /// Viscous friction of the true arm, as a share of its description's, unknown to the controller.
-    pub(crate) viscous: f64,
-    /// Whether a disturbance observer (50 rad/s) feeds the controller.
-    pub(crate) observer: bool,
-    /// Ticks by which torques are late.
-    pub(crate) delay: usize,
-    /// Share of torques that never arrive: the last one is held.
-    pub(crate) dropped: f64,
-}
-
 /// The result of one tick.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Tick<const N: usize> {
@@ -139,8 +121,6 @@ pub(crate) struct Figures {
     pub(crate) torque_step: f64,
     pub(crate) torque_step_p95: f64,
     pub(crate) saturated_ticks: usize,
-    pub(crate) stretch: f64,
-    pub(crate) switches: usize,
     pub(crate) refused: bool,
     pub(crate) limit_violated: bool,
 }
@@ -148,62 +128,42 @@ pub(crate) struct Figures {
 /// A run in one thread: analyzer, controller and an exact plant (RK4 at the control rate).
 pub(crate) fn run<const N: usize>(
     scenario: &Scenario,
-    plant: Plant,
     each: impl FnMut(usize, &Tick<N>),
 ) -> Figures {
-    run_on(robot(&scenario.robot), scenario, plant, each)
+    run_on(robot(&scenario.robot), scenario, each)
 }
 
 /// The same on any robot.
 pub(crate) fn run_on<const N: usize>(
     robot: &Robot,
     scenario: &Scenario,
-    plant: Plant,
     mut each: impl FnMut(usize, &Tick<N>),
 ) -> Figures {
     let frame = scenario.frame();
     let model = Model::<N>::new(robot, frame).unwrap();
-    let truth = if plant.mass_factor > 0.0 {
-        Model::new(&heavier(robot, plant.mass_factor), frame).unwrap()
-    } else {
-        model.clone()
-    };
     let q_start = crate::start_posture::<N>(robot, scenario).unwrap();
     let mut analyzer = Analyzer::new(robot, &scenario.analysis);
     let mut controller = Controller::new(model.clone(), robot, scenario, q_start).unwrap();
     let (mut q, mut qdot) = (q_start, SVector::<f64, N>::zeros());
-    let mut observer = (q, qdot);
-    let mut noise = Noise::new(scenario.seed);
     let mut out = Figures::default();
-    let mut tau = SVector::<f64, N>::zeros();
     let mut last: Option<Command<N>> = None;
     let mut steps = vec![];
     let dt = scenario.dt_s();
-    let mut disturbance = SVector::<f64, N>::zeros();
-    let mut late = std::collections::VecDeque::new();
-    let mut applied = model.gravity(&q_start);
+    let disturbance = SVector::<f64, N>::zeros();
     let mut k = 0;
     loop {
-        let (q_seen, qdot_seen) = if plant.encoder_bits > 0 {
-            let count = std::f64::consts::TAU / f64::from(1u32 << plant.encoder_bits);
-            let reading = q.map(|x| ((x / count) + 0.5 * noise.gauss()).round() * count);
-            observer = observe(&model, observer, &tau, &reading, dt, k == 0);
-            observer
-        } else {
-            (q, qdot)
-        };
-        let terms = model.evaluate(&q_seen, &qdot_seen);
-        let report = analyzer.step(&q_seen, &qdot_seen, &terms);
+        let terms = model.evaluate(&q, &qdot);
+        let report = analyzer.step(&q, &qdot, &terms);
         let command = controller.step(&Inputs {
             tick: k as u64,
-            q: &q_seen,
-            qdot: &qdot_seen,
+            q: &q,
+            qdot: &qdot,
             tau_disturbance: &disturbance,
             report: &report,
             terms: Some(&terms),
             target: None,
         });
-        tau = command.tau;
+        let tau = command.tau;
         let X = model.forward_kinematics(&q);
         let error = stack(
             &(command.p_BE_d - X.p),
@@ -236,45 +196,19 @@ pub(crate) fn run_on<const N: usize>(
             }
         }
         steps.push(step);
-        if let Some(last) = &last {
-            out.switches += (0..4).filter(|i| last.mode[*i] != command.mode[*i]).count();
-        }
         last = Some(command);
         if matches!(command.phase, Phase::Done | Phase::Refused)
             || k as f64 * dt > 3.0 * scenario.duration_s()
         {
             break;
         }
-        late.push_back(tau);
-        if late.len() > plant.delay && noise.uniform() >= plant.dropped {
-            applied = late.pop_front().unwrap();
-        }
-        while late.len() > plant.delay {
-            late.pop_front();
-        }
-        let friction = truth.viscous_friction().component_mul(&qdot) * plant.viscous;
-        let expected = qdot + model.forward_dynamics(&q, &qdot, &(applied + disturbance)) * dt;
-        let A = model.mass_matrix(&q);
-        (q, qdot) = rk4(&truth, &q, &qdot, &(applied - friction), dt);
-        if plant.observer {
-            disturbance += A * (qdot - expected) * ((1.0 - libm::exp(-50.0 * dt)) / dt);
-        }
+        (q, qdot) = rk4(&model, &q, &qdot, &tau, dt);
         k += 1;
     }
     steps.sort_by(f64::total_cmp);
     out.torque_step = *steps.last().unwrap();
     out.torque_step_p95 = steps[steps.len() * 95 / 100];
-    out.stretch = k as f64 * dt / scenario.duration_s();
     out
-}
-
-fn heavier(robot: &Robot, factor: f64) -> Robot {
-    let mut robot = robot.clone();
-    for joint in &mut robot.joints {
-        joint.mass *= factor;
-        joint.inertia *= factor;
-    }
-    robot
 }
 
 /// One step of the arm's exact dynamics with the torque held: Runge–Kutta of fourth order.
@@ -298,41 +232,4 @@ pub(crate) fn rk4<const N: usize>(
         q + (qdot + (v2 + v3) * 2.0 + v4) * (dt / 6.0),
         qdot + (a1 + (a2 + a3) * 2.0 + a4) * (dt / 6.0),
     )
-}
-
-/// Predicts with the model and corrects with the encoder: two poles at 300 rad/s.
-fn observe<const N: usize>(
-    model: &Model<N>,
-    (q, qdot): (SVector<f64, N>, SVector<f64, N>),
-    tau: &SVector<f64, N>,
-    reading: &SVector<f64, N>,
-    dt: f64,
-    first: bool,
-) -> (SVector<f64, N>, SVector<f64, N>) {
-    if first {
-        return (*reading, SVector::zeros());
-    }
-    let a = model.forward_dynamics(&q, &qdot, tau);
-    let (q, qdot) = (q + qdot * dt + a * (0.5 * dt * dt), qdot + a * dt);
-    let pole = libm::exp(-300.0 * dt);
-    let (g, h) = (1.0 - pole * pole, (1.0 - pole) * (1.0 - pole));
-    let innovation = reading - q;
-    (q + innovation * g, qdot + innovation * (h / dt))
-}
-
-/// Seeded noise: a sum of uniform numbers for a bell curve.
-pub(crate) struct Noise(Uniform);
-
-impl Noise {
-    pub(crate) fn new(seed: u64) -> Self {
-        Self(Uniform(seed))
-    }
-
-    pub(crate) fn uniform(&mut self) -> f64 {
-        self.0.within(0.0, 1.0)
-    }
-
-    pub(crate) fn gauss(&mut self) -> f64 {
-        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
-    }
 }

@@ -199,7 +199,7 @@ fn push<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{Plant, Tick, puma, run, scenario};
+    use crate::testing::{Tick, puma, run, scenario};
     use shared_types::random::Uniform;
 
     const PUBLISHED: [&str; 2] = [
@@ -228,7 +228,7 @@ mod tests {
     #[test]
     fn turning_about_the_lost_direction_moves_the_hand() {
         let text = include_str!("../../../../sim/scenarios/fig5-wrist-rotation.toml");
-        let f = run::<6>(&scenario(text, &PUBLISHED), Plant::default(), |_, _| {});
+        let f = run::<6>(&scenario(text, &PUBLISHED), |_, _| {});
         println!("{f:?}");
         assert!(
             (80.0..250.0).contains(&f.orthogonal_mm) && f.final_mm < 1.0,
@@ -242,7 +242,7 @@ mod tests {
         let mut scenario = scenario(text, &PUBLISHED);
         scenario.segment.truncate(1);
         let mut bent = 0.0_f64;
-        run::<6>(&scenario, Plant::default(), |_, tick: &Tick<6>| {
+        run::<6>(&scenario, |_, tick: &Tick<6>| {
             bent = bent.max(tick.report.singularities[0].s.abs())
         });
         println!("bent by {bent} rad");

@@ -196,11 +196,6 @@ impl<const N: usize> PathPlan<N> {
         self.duration_s
     }
 
-    #[cfg(test)]
-    pub(super) fn points_count(&self) -> usize {
-        self.points.len()
-    }
-
     /// How many legs are planned.
     #[must_use]
     pub fn legs(&self) -> usize {

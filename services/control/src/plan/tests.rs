@@ -1,19 +1,11 @@
-//! Routes for seeded lines through exactly singular postures, and for paths that have none.
+//! Routes that begin in a lock, and those of spare joints.
 
-use super::kinematics::SOLVED;
 use super::*;
-use crate::linear::rotation_exp;
 use crate::reference::path::Path;
 use crate::singularity::analyzer::Analyzer;
 use crate::testing::robot;
 use model::Robot;
-use nalgebra::Matrix3;
-use shared_types::random::Uniform;
-use shared_types::scenario::{Analysis, Scenario, Segment, Start};
-
-fn direction(random: &mut Uniform) -> Vector3<f64> {
-    Vector3::from_fn(|_, _| random.within(-1.0, 1.0)).normalize()
-}
+use shared_types::scenario::{Analysis, Scenario};
 
 fn plan_of<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<PathPlan<N>, Infeasible> {
     let model = Model::<N>::new(robot, None).unwrap();
@@ -34,64 +26,6 @@ fn plan_of<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<PathPla
         rate_max: &scenario.control.aux_rate_max,
         position_m: 1e-3,
         orientation_rad: 0.5_f64.to_radians(),
-    })
-}
-
-/// A line through the pose of `q`, between ends that some posture near `q` reaches within the limits.
-fn line_through<const N: usize>(
-    robot: &Robot,
-    q: &SVector<f64, N>,
-    random: &mut Uniform,
-) -> Option<Scenario> {
-    let model = Model::<N>::new(robot, None).unwrap();
-    let arm = Kinematics {
-        model: &model,
-        p_EC: Vector3::zeros(),
-        task: [true; 6],
-        length_m: robot.length_m,
-    };
-    let at = arm.pose(q);
-    let (along, turn) = (
-        direction(random) * random.within(0.1, 0.2),
-        direction(random) * random.within(0.0, 0.5),
-    );
-    let pose = |x: f64| Pose {
-        R: rotation_exp(&(turn * x)) * at.R,
-        p: at.p + along * x,
-    };
-    let inside = |q: &SVector<f64, N>| {
-        (0..N).all(|i| q[i] > model.lower()[i] + 0.05 && q[i] < model.upper()[i] - 0.05)
-    };
-    let mut end = |x: f64| {
-        let found = (0..60).filter_map(|_| {
-            let guess = q + SVector::<f64, N>::from_fn(|_, _| random.within(-0.4, 0.4));
-            let (there, e) = arm.solve(&pose(x), &guess, &SVector::zeros(), 0.0, SOLVED);
-            (e.norm() < 1e-8 && inside(&there)).then_some(there)
-        });
-        found.min_by(|a, b| (a - q).norm().total_cmp(&(b - q).norm()))
-    };
-    let (q_start, _) = (end(-1.0)?, end(1.0)?);
-    let goal = pose(1.0);
-    let rows = |R: &Matrix3<f64>| std::array::from_fn(|i| std::array::from_fn(|j| R[(i, j)]));
-    let text = format!(
-        "name = \"line\"\nrobot = \"{}\"\n[start]\nposture = \"none\"\n[[segment]]\nduration_s = 2.0\n",
-        robot.name
-    );
-    let template = Scenario::parse("line.toml", &text, &[]).unwrap();
-    let segment = Segment {
-        duration_s: 2.0,
-        to_m: Some(goal.p.into()),
-        rotation: Some(rows(&goal.R)),
-        ..Segment::default()
-    };
-    let start = Start {
-        q: Some(q_start.iter().copied().collect()),
-        ..Start::default()
-    };
-    Some(Scenario {
-        start,
-        segment: vec![segment],
-        ..template
     })
 }
 
@@ -141,67 +75,6 @@ fn holds<const N: usize>(robot: &Robot, scenario: &Scenario, plan: &PathPlan<N>)
     // 1 mm and 0.5° are allowed at C; between the points the spline adds to it, and E lies beside C.
     println!("{worst:.3?}");
     worst[0] < 2.5 && worst[1] < 0.8 && worst[2] < 0.5
-}
-
-fn lines<const N: usize>(
-    robot: &Robot,
-    seed: u64,
-    count: usize,
-    lock: impl Fn(&mut SVector<f64, N>, &mut Uniform),
-) -> usize {
-    let model = Model::<N>::new(robot, None).unwrap();
-    let mut random = Uniform(seed);
-    let (mut drawn, mut planned) = (0, 0);
-    while drawn < count {
-        let mut q = SVector::<f64, N>::from_fn(|i, _| {
-            let (low, high) = (model.lower()[i].max(-3.0), model.upper()[i].min(3.0));
-            random.within(0.85 * low + 0.15 * high, 0.15 * low + 0.85 * high)
-        });
-        lock(&mut q, &mut random);
-        let Some(scenario) = line_through(robot, &q, &mut random) else {
-            continue;
-        };
-        drawn += 1;
-        let began = std::time::Instant::now();
-        let found = plan_of::<N>(robot, &scenario);
-        let ms = began.elapsed().as_secs_f64() * 1e3;
-        match found {
-            Ok(plan) if plan.legs() == 1 => {
-                println!(
-                    "{} {drawn}: {} points, {:.2} s, {ms:.1} ms",
-                    robot.name,
-                    plan.points_count(),
-                    plan.duration_s()
-                );
-                planned += usize::from(holds(robot, &scenario, &plan));
-            }
-            other => println!(
-                "{} {drawn}: {:?} after {ms:.1} ms, q {}",
-                robot.name,
-                other.err(),
-                q.transpose()
-            ),
-        }
-    }
-    planned
-}
-
-#[test]
-fn lines_through_a_wrist_lock_have_routes() {
-    let n = lines::<6>(robot("puma560"), 1, 12, |q, _| q[4] = 0.0);
-    assert!(n >= 10, "{n} of 12");
-    let n = lines::<6>(robot("ur5"), 2, 12, |q, _| q[4] = 0.0);
-    assert!(n >= 10, "{n} of 12");
-}
-
-#[test]
-fn lines_through_the_locks_of_seven_joints_have_routes() {
-    let n = lines::<7>(robot("iiwa14"), 3, 6, |q, _| (q[1], q[5]) = (0.0, 0.0));
-    assert!(n >= 5, "{n} of 6");
-    let n = lines::<7>(robot("iiwa14"), 4, 6, |q, _| {
-        (q[4], q[5]) = (std::f64::consts::FRAC_PI_2, 0.0)
-    });
-    assert!(n >= 5, "{n} of 6");
 }
 
 /// A scenario of one line, from a posture to a pose.

@@ -1,6 +1,6 @@
 //! Goals beyond reach on arms analysed by number, closed loop on an exact plant.
 
-use crate::testing::{Figures, Plant, robot, run_on};
+use crate::testing::{Figures, robot, run_on};
 use crate::types::{Class, Mode};
 use crate::{Analyzer, Controller, start_posture};
 use model::{Model, Robot};
@@ -30,7 +30,7 @@ fn beyond(robot: &Robot, q_rad: &[f64], by_m: [f64; 3], duration_s: f64) -> Scen
 /// The figures of such a run, its last error (mm), and how far the error has ever been beyond that: an arm that retreats is further off on its way.
 fn slides(robot: &Robot, scenario: &Scenario) -> (Figures, f64) {
     let (mut farthest, mut clipped, mut slid) = (0.0_f64, false, false);
-    let f = run_on::<6>(robot, scenario, Plant::default(), |_, tick| {
+    let f = run_on::<6>(robot, scenario, |_, tick| {
         farthest = farthest.max(tick.error.fixed_rows::<3>(0).norm() * 1e3);
         clipped |= tick.command.clipped;
         slid |= tick.command.mode.contains(&Mode::Slide);

@@ -1,6 +1,6 @@
 //! Seven joints at postures of codimension two, closed loop on an exact plant: starts in them.
 
-use crate::testing::{Plant, robot, run_on, scenario};
+use crate::testing::{robot, run_on, scenario};
 use model::{Model, Pose, Robot};
 use nalgebra::SVector;
 use shared_types::random::Uniform;
@@ -62,12 +62,7 @@ fn a_start_in_a_lock_is_left_without_a_leap() {
     let robot = robot("iiwa14");
     for (name, q) in locks() {
         for end in [0, 1].map(|_| q + SVector::<f64, 7>::from_fn(|_, _| random.within(-0.5, 0.5))) {
-            let f = run_on::<7>(
-                robot,
-                &line(robot, &q, &end, 2.0),
-                Plant::default(),
-                |_, _| {},
-            );
+            let f = run_on::<7>(robot, &line(robot, &q, &end, 2.0), |_, _| {});
             println!("{name}: {f:?}");
             assert!(
                 f.final_mm < 1.0
