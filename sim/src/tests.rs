@@ -100,24 +100,6 @@ fn free_motion_is_that_of_a_far_finer_integration() {
 }
 
 #[test]
-fn without_torque_energy_is_conserved() {
-    let mut hybrid = plant(&free_puma(), &options(PlantModel::Rapier), &nominal());
-    let before = hybrid.energy();
-    let mut worst: f64 = 0.0;
-    for _ in 0..2 * RATE {
-        hybrid.step(&Joints::zeros()).unwrap();
-        worst = worst.max((hybrid.energy() - before).abs());
-    }
-    let kinetic = hybrid
-        .model()
-        .kinetic_energy(&hybrid.state().q, &hybrid.state().qdot);
-    assert!(
-        worst < 1e-8 && kinetic > 5.0,
-        "drift {worst:e} J, kinetic {kinetic} J"
-    );
-}
-
-#[test]
 fn viscous_friction_takes_out_what_it_should() {
     let mut robot = free_puma();
     robot
@@ -273,42 +255,6 @@ fn a_joint_driven_into_its_stop_stays_there() {
         arm.step(&(bias - only(0, 5.0))).unwrap();
     }
     assert!(arm.state().q[0] < upper - 0.1 && arm.touch().limits == 0);
-}
-
-#[test]
-fn dry_friction_stops_and_holds_as_coulomb_says() {
-    let mut robot = puma();
-    robot.gravity = Vector3::zeros();
-    robot
-        .joints
-        .iter_mut()
-        .for_each(|joint| joint.viscous_friction = 0.0);
-    let mut arm = plant(&robot, &rough(), &nominal());
-    let coulomb = *arm.model().coulomb_friction();
-    // Below breakaway nothing moves.
-    for _ in 0..500 {
-        arm.step(&only(0, 0.9 * coulomb[0])).unwrap();
-    }
-    assert!((arm.state().q - nominal()).amax() < 1e-6);
-    // Sliding: energy is lost at the rate Σ c·|q̇|.
-    let qdot = only(0, 1.0) + only(4, 1.5);
-    arm.set_state(State {
-        qdot,
-        ..State::at_rest(nominal())
-    });
-    let (before, mut lost) = (arm.energy(), 0.0);
-    let loss = |x: &State<6>| coulomb.dot(&x.qdot.abs());
-    for _ in 0..100 {
-        let power = loss(arm.state());
-        arm.step(&Joints::zeros()).unwrap();
-        lost += 0.5e-3 * (power + loss(arm.state()));
-    }
-    let error = (before - arm.energy() - lost).abs() / lost;
-    assert!(error < 1e-3, "{error:e} of {lost} J unaccounted for");
-    for _ in 0..2000 {
-        arm.step(&Joints::zeros()).unwrap();
-    }
-    assert!(arm.state().qdot.amax() < 1e-6, "it comes to rest");
 }
 
 #[test]

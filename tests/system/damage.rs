@@ -177,55 +177,6 @@ fn a_recording_with_one_other_bit_or_of_another_run_is_not_taken_for_the_runs() 
 }
 
 #[test]
-fn recover_says_which_log_is_damaged_and_what_that_costs() {
-    let (desk, run, whole) = with_run();
-    as_of_a_killed_launcher(&run);
-    let again = desk.json("recover r");
-    assert_eq!(
-        (&again["topics"], &again["ticks"]),
-        (&whole["topics"], &whole["ticks"]),
-        "{again}"
-    );
-
-    let (written, places) = in_blocks(&run);
-    let mut damaged = written.clone();
-    damaged[(places[3] + places[4]) / 2] ^= 4;
-    std::fs::write(run.join(MESSAGES), &damaged).unwrap();
-    as_of_a_killed_launcher(&run);
-    let said = desk.armplane("recover r --json");
-    let again = said.json();
-    let clause = "messages.mcap is damaged at tick 150: its messages of 50 ticks are lost";
-    assert_eq!(again["recorder"]["error"], clause);
-    assert_eq!(said.code, 1);
-    for topic in ["sensor", "torque"] {
-        assert_eq!(
-            again["topics"][topic]["count"].count() + EACH,
-            whole["topics"][topic]["count"].count()
-        );
-    }
-    for command in ["export r", "report r", "replay r --process estimator"] {
-        let said = desk.armplane(command);
-        assert!(
-            said.code == 1 && (said.err.clone() + &said.out).contains(clause),
-            "{command:?}: {}{}",
-            said.out,
-            said.err
-        );
-    }
-    std::fs::write(run.join(MESSAGES), b"other bytes than those of a log").unwrap();
-    as_of_a_killed_launcher(&run);
-    let said = desk.armplane("recover r");
-    assert!(
-        said.code == 1
-            && said.err.contains("messages.mcap is damaged at tick 0")
-            && said.err.lines().count() == 1,
-        "{}{}",
-        said.out,
-        said.err
-    );
-}
-
-#[test]
 fn blocks_that_are_missing_repeated_exchanged_or_of_another_run_are_named_by_each_command() {
     let (desk, run, whole) = with_run();
     desk.run("short.toml --out other");
@@ -250,8 +201,11 @@ fn blocks_that_are_missing_repeated_exchanged_or_of_another_run_are_named_by_eac
     let without = |number: usize| [&all[..number], &all[number + 1..]].concat();
     let mut theirs = file.clone();
     theirs.splice(places[1]..places[2], other[others[1]..others[2]].to_vec());
-    let mut flipped = file.clone();
-    flipped[places[last] + 4] ^= 0x80;
+    let flipped = |at: usize| {
+        let mut bytes = file.clone();
+        bytes[at] ^= 0x80;
+        bytes
+    };
     let lost = |words: &str, tick: u64, n: u64| {
         format!("messages.mcap {words} at tick {tick}: its messages of {n} ticks are lost")
     };
@@ -278,7 +232,21 @@ fn blocks_that_are_missing_repeated_exchanged_or_of_another_run_are_named_by_eac
             true,
         ),
         (theirs, lost("holds blocks of another run", 50, EACH), true),
-        (flipped, lost("is damaged", ticks - rest, rest), true),
+        (
+            flipped((places[3] + places[4]) / 2),
+            lost("is damaged", 150, EACH),
+            true,
+        ),
+        (
+            flipped(places[last] + 4),
+            lost("is damaged", ticks - rest, rest),
+            true,
+        ),
+        (
+            b"other bytes than those of a log".to_vec(),
+            lost("is damaged", 0, ticks),
+            true,
+        ),
         (
             file[..places[last]].to_vec(),
             lost("lacks blocks", ticks - rest, rest),

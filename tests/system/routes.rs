@@ -385,36 +385,6 @@ fn lines_through_locks_reach_their_goal_or_are_refused_as_they_should() {
 }
 
 #[test]
-#[ignore = "minutes: the arms of a folder, twelve lines each, two seeds"]
-fn lines_of_all_arms_of_a_folder() {
-    // Its URDFs, each with the description of its name beside it.
-    let folder = std::path::PathBuf::from(std::env::var("ARMPLANE_ARMS").expect("ARMPLANE_ARMS"));
-    let mut files: Vec<_> = std::fs::read_dir(&folder)
-        .unwrap()
-        .map(|file| file.unwrap().path())
-        .collect();
-    files.retain(|file| file.extension().is_some_and(|kind| kind == "urdf"));
-    files.sort();
-    assert!(!files.is_empty(), "no URDF in {}", folder.display());
-    let (desk, mut wrong) = (Desk::new(), vec![]);
-    for file in files {
-        let name = file.file_stem().unwrap().to_string_lossy().into_owned();
-        let description = std::fs::read_to_string(file.with_extension("toml")).unwrap_or_default();
-        let urdf = std::fs::read_to_string(&file).unwrap();
-        let robot = Robot::from_source(&RobotText {
-            name,
-            urdf,
-            description,
-        })
-        .unwrap();
-        for seed in [1, 2] {
-            wrong.extend(lines(&desk, &file.to_string_lossy(), &robot, seed, 12));
-        }
-    }
-    assert!(wrong.is_empty(), "{wrong:#?}");
-}
-
-#[test]
 fn a_path_that_returns_brings_spare_joints_back() {
     let desk = Desk::new();
     for (name, q, by, duration_s) in [

@@ -1,10 +1,8 @@
 //! Completions, manual pages, and errors for machines.
 
-use std::process::Command;
-
 use serde_json::Value;
 
-use crate::command::{Desk, skipped};
+use crate::command::Desk;
 
 #[test]
 fn completions_are_those_of_the_commands() {
@@ -20,22 +18,7 @@ fn completions_are_those_of_the_commands() {
             said.out.contains(expected) && said.out.contains("completions"),
             "{shell}"
         );
-        desk.file(shell, &said.out);
     }
-    let code = "source ./bash && COMP_WORDS=(armplane exp) COMP_CWORD=1 && _armplane armplane exp armplane && echo \"${COMPREPLY[@]}\"";
-    let Ok(said) = Command::new("bash")
-        .args(["-c", code])
-        .current_dir(desk.path())
-        .output()
-    else {
-        return skipped("there is no bash");
-    };
-    assert_eq!(
-        String::from_utf8_lossy(&said.stdout),
-        "export\n",
-        "{}",
-        String::from_utf8_lossy(&said.stderr)
-    );
 }
 
 #[test]

@@ -9,9 +9,7 @@ use runtime::{Mode, Process, ProcessError, SHM, Shell};
 use rustix::process::{Pid, Signal, kill_process};
 use shared_types::{SensorSample, StateEstimate, TorqueCommand};
 
-use crate::{
-    Child, End, Event, Exit, Failure, LaunchError, Launcher, Limits, Outcome, Plan, Restart,
-};
+use crate::{Child, End, Event, Exit, LaunchError, Launcher, Limits, Outcome, Plan, Restart};
 
 mod clearing;
 
@@ -28,12 +26,8 @@ fn child_entry() {
     let ticks = std::env::var(TICKS).map_or(0, |n| n.parse().unwrap());
     let played = match role.as_str() {
         "plant" => plant(&run, ticks),
-        "controller" => controller(&run, u64::MAX),
-        "controller-that-fails" => controller(&run, 100),
-        "controller-that-hangs" => hang(&run),
-        "controller-that-keeps-silent" => keep_silent(&run),
-        "controller-that-never-starts" => std::process::exit(7),
-        "controller-that-opens-less" => controller(&run, u64::MAX),
+        "controller" => controller(&run),
+        "controller-that-opens-less" => controller(&run),
         "estimator" => slow_estimator(&run),
         "recorder" => recorder(&run, &run.join("recorded")),
         _ => panic!("no role {role}"),
@@ -70,7 +64,7 @@ fn plant(run: &Path, ticks: u64) -> Result<(), ProcessError> {
     Ok(tick_source.finish()?)
 }
 
-fn controller(run: &Path, fails_at: u64) -> Result<(), ProcessError> {
+fn controller(run: &Path) -> Result<(), ProcessError> {
     let shell = Shell::open(run, "controller")?;
     let mut sensors = shell.reader::<SensorSample>()?;
     let mut torques = shell.writer::<TorqueCommand>()?;
@@ -78,9 +72,6 @@ fn controller(run: &Path, fails_at: u64) -> Result<(), ProcessError> {
         let mut torque = TorqueCommand::default();
         torque.header.tick = sample.header.tick;
         torque.tau[0] = (sample.q_encoder[0] * 1e-3).sin() + 1e-3;
-        if sample.header.tick == fails_at {
-            torque.tau[1] = f64::NAN;
-        }
         torques.send(torque)?;
     }
     Ok(())
@@ -97,26 +88,6 @@ fn slow_estimator(run: &Path) -> Result<(), ProcessError> {
         std::thread::sleep(Duration::from_micros(500));
         estimates.send(estimate)?;
     }
-    Ok(())
-}
-
-/// Reads a few samples and then nothing more, and does not stop either.
-fn hang(run: &Path) -> Result<(), ProcessError> {
-    let shell = Shell::open(run, "controller")?;
-    let mut sensors = shell.reader::<SensorSample>()?;
-    let _torques = shell.writer::<TorqueCommand>()?;
-    sensors.next()?;
-    loop {
-        std::thread::sleep(Duration::from_secs(1));
-    }
-}
-
-/// Reads every sample and sends nothing.
-fn keep_silent(run: &Path) -> Result<(), ProcessError> {
-    let shell = Shell::open(run, "controller")?;
-    let mut sensors = shell.reader::<SensorSample>()?;
-    let _torques = shell.writer::<TorqueCommand>()?;
-    while sensors.next()?.is_some() {}
     Ok(())
 }
 
@@ -235,17 +206,6 @@ struct Ran {
     recorded: Vec<String>,
 }
 
-impl Ran {
-    /// The end of the controller, of which nothing is left.
-    fn failure(&self) -> &Failure {
-        assert!(!is_left_behind(&self.name) && pid_of(&self.name, "plant").is_none());
-        match &self.outcome.end {
-            End::Failed(failure) => failure,
-            _ => panic!("{:?}", self.outcome),
-        }
-    }
-}
-
 /// Runs a plan; `at` is told each event, with the name of the run.
 fn run(
     plan: Plan,
@@ -317,39 +277,6 @@ fn pid_of(run: &str, role: &str) -> Option<Pid> {
 }
 
 #[test]
-fn three_processes_pass_ten_thousand_ticks_in_order_and_lose_nothing_thrice_the_same() {
-    let once = || run(lockstep(), "controller", 10_000, |_, _| {});
-    let Ran {
-        name,
-        outcome,
-        recorded,
-    } = once();
-    assert_eq!((&outcome.end, outcome.ticks), (&End::Completed, 10_000));
-    // The plant alone counts the torques that came in time.
-    let expected = [(10_000, 10_000), (10_000, 0), (0, 0)];
-    for (one, (sent, in_time)) in outcome.processes.iter().zip(expected) {
-        let nothing_wrong = runtime::Counts {
-            sent,
-            in_time,
-            ..runtime::Counts::default()
-        };
-        assert_eq!(one.counts, nothing_wrong, "{}", one.name);
-        assert_eq!((one.exit, one.restarts), (Exit::Code(0), 0));
-    }
-    assert_eq!(
-        (&*recorded[0], &*recorded[2], &*recorded[4]),
-        ("10000", "10000", "0")
-    );
-    assert!(!is_left_behind(&name));
-    // Two runs side by side do not disturb each other.
-    std::thread::scope(|scope| {
-        for other in [scope.spawn(once), scope.spawn(once)] {
-            assert_eq!(other.join().unwrap().recorded, recorded);
-        }
-    });
-}
-
-#[test]
 fn a_process_whose_reader_never_opens_its_topic_is_waited_for() {
     let mut plan = lockstep();
     plan.children[1].process.reads.push("estimate".into());
@@ -363,88 +290,6 @@ fn a_process_whose_reader_never_opens_its_topic_is_waited_for() {
     let counts = outcome.processes.iter().map(|one| one.counts);
     let sent: Vec<_> = counts.map(|counts| (counts.sent, counts.lost)).collect();
     assert_eq!(sent, [(1_000, 0), (1_000, 0), (1_000, 0), (0, 0)]);
-}
-
-#[test]
-fn a_process_that_does_not_do_its_work_ends_the_run_and_is_named() {
-    let owes = ["controller asks for more and has not sent topic \"torque\" of tick "];
-    type Case<'a> = (&'static str, Restart, &'a [&'a str], Exit);
-    let cases: [Case<'_>; 5] = [
-        (
-            "controller-that-fails",
-            Restart::Never,
-            &["tick 100", "tau is not finite"],
-            Exit::Code(1),
-        ),
-        // It ignores the stop and SIGTERM.
-        (
-            "controller-that-hangs",
-            Restart::Never,
-            &[
-                "plant waited",
-                "tick 0 of topic \"torque\"",
-                "controller was behind",
-            ],
-            Exit::Signal(9),
-        ),
-        (
-            "controller-that-keeps-silent",
-            Restart::Never,
-            &owes,
-            Exit::Code(1),
-        ),
-        (
-            "controller-that-keeps-silent",
-            budget(2),
-            &owes,
-            Exit::Code(1),
-        ),
-        (
-            "controller-that-never-starts",
-            Restart::Never,
-            &["at tick 0"],
-            Exit::Code(7),
-        ),
-    ];
-    for (role, restart, words, exit) in cases {
-        let mut plan = plan(Mode::Lockstep, restart);
-        if role == "controller-that-hangs" {
-            plan.limits.wait = Some(Duration::from_millis(300));
-            plan.limits.stop = Duration::from_millis(200);
-        }
-        let ran = run(plan, role, 1_000, |_, _| {});
-        let text = ran.failure().to_string();
-        assert!(words.iter().all(|word| text.contains(word)), "{text}");
-        let controller = &ran.outcome.processes[1];
-        assert_eq!(controller.exit, exit, "{role}");
-        if role == "controller-that-fails" {
-            assert_eq!(controller.counts.not_finite, 1);
-            // Samples 0 to 100 were sent, torques 0 to 99 answered; the refused one never left.
-            assert_eq!((&*ran.recorded[0], &*ran.recorded[2]), ("101", "100"));
-        }
-    }
-}
-
-#[test]
-fn a_process_that_answers_nothing_is_replaced_where_the_user_sets_a_limit() {
-    let mut plan = plan(Mode::Lockstep, budget(1));
-    plan.limits.stop = Duration::from_millis(200);
-    plan.limits = plan.limits.with_silence(Some(Duration::from_millis(300)));
-    let mut silenced = Vec::new();
-    let ran = run(plan, "controller-that-hangs", u64::MAX, |_, event| {
-        if let Event::Silenced {
-            process, writes, ..
-        } = event
-        {
-            silenced.push(format!("{process} {}", writes.join(" ")));
-        }
-    });
-    assert!(
-        matches!(ran.failure(), Failure::Died { process, restarts: 1, .. } if process == "controller"),
-        "{:?}",
-        ran.outcome
-    );
-    assert_eq!(silenced, ["controller torque", "controller torque"]);
 }
 
 #[test]

@@ -123,11 +123,6 @@ impl<const N: usize> Model<N> {
         self
     }
 
-    /// Acceleration of gravity, base axes, m/s².
-    pub fn gravity_vector(&self) -> &Vector3<f64> {
-        &self.gravity
-    }
-
     /// Reflected rotor inertias, kg·m² (kg for a sliding joint).
     pub fn armature(&self) -> &SVector<f64, N> {
         &self.armature

@@ -251,35 +251,6 @@ proptest! {
     }
 }
 
-/// Undriven, the arm keeps its energy: 1 s of steps of 0.25 ms.
-#[test]
-fn energy_is_conserved() {
-    fn drift<const N: usize>(robot: &Robot) -> f64 {
-        let model = Model::<N>::new(robot, None).unwrap();
-        let start = [
-            SVector::from_fn(|i, _| 0.4 + 0.3 * i as f64),
-            SVector::from_fn(|i, _| 1.0 - 0.4 * i as f64),
-        ];
-        let energy = |[q, v]: [SVector<f64, N>; 2]| model.motion(&q, &v).energy;
-        let zero = SVector::zeros();
-        let end = (0..4000).fold(start, |x, _| {
-            let qddot = model.forward_dynamics(&x[0], &x[1], &zero);
-            model.advance(&x, &qddot, &zero, &zero, 0.25e-3)
-        });
-        assert!((end[0] - start[0]).amax() > 0.3, "the arm has moved");
-        (energy(end) - energy(start)).abs()
-    }
-    for (name, drift) in [
-        ("puma560", drift::<6>(&builtin("puma560"))),
-        ("planar3r", drift::<3>(&builtin("planar3r"))),
-        ("ur5", drift::<6>(&builtin("ur5"))),
-        ("iiwa14", drift::<7>(&builtin("iiwa14"))),
-        ("odd", drift::<3>(&odd())),
-    ] {
-        assert!(drift < 1e-8, "{name}: {drift:e} J");
-    }
-}
-
 /// A quarter turn in a URDF is one exactly: at wrist lock, z4 and z6 are the same vector.
 #[test]
 fn wrist_lock_is_exact() {

@@ -22,24 +22,3 @@ fn only_declared_topics_open() {
     let hub = Hub::create(&RunDir::create().unwrap(), &manifest).map(drop);
     assert!(matches!(hub, Err(TopicError::Unknown { .. })));
 }
-
-#[test]
-fn a_process_without_a_writer_for_a_declared_topic_does_not_begin() {
-    for mode in [Mode::Lockstep, Mode::Realtime] {
-        let stage = stage(mode);
-        let estimator = Shell::open(stage.run.path(), "estimator").unwrap();
-        let mut inlet = estimator.reader::<SensorSample>().unwrap();
-        let unopened = |process: &str, topic: &str| Interrupted::Unopened {
-            process: process.into(),
-            topic: topic.into(),
-        };
-        assert_eq!(next(&mut inlet), Err(unopened("estimator", "estimate")));
-        // It does not report itself ready.
-        assert_ne!(stage.control_page.process(1).state(), State::Ready);
-        let plant = stage.shell("plant");
-        assert_eq!(
-            plant.tick_source(0).next(),
-            Err(unopened("plant", "sensor"))
-        );
-    }
-}
