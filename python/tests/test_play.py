@@ -44,6 +44,8 @@ class Play:
     def open(self):
         page = self.browser.new_page(viewport={"width": 1000, "height": 600})
         page.goto(self.address)
+        # viser's warning of the software renderer lies over the picture.
+        page.add_style_tag(content=".mantine-Notifications-root { display: none }")
         self.until(page, lambda state: len(state["places"]) > 1)
         if self.pages == 0:
             # It would set off while a slow browser draws.
@@ -203,7 +205,7 @@ def test_one_steers_and_others_watch(play):
     first, second = one.open(), one.open()
     one.go(first, "overhead")
     _press(second.get_by_role("button", name="wrist", exact=True))
-    second.get_by_text("Somebody else steers").wait_for(timeout=30_000)
+    second.get_by_text("Somebody else steers").wait_for(state="attached", timeout=30_000)
     assert one.until(first, lambda _: True)["arrivals"] == 1
     first.close()
     one.go(second, "wrist")
