@@ -243,11 +243,6 @@ fn blocks_that_are_missing_repeated_exchanged_or_of_another_run_are_named_by_eac
             true,
         ),
         (
-            b"other bytes than those of a log".to_vec(),
-            lost("is damaged", 0, ticks),
-            true,
-        ),
-        (
             file[..places[last]].to_vec(),
             lost("lacks blocks", ticks - rest, rest),
             false,
