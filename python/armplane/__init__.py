@@ -9,12 +9,17 @@
 SI units. Poses and twists are those of the end-effector E in the base B; twists are `[linear; angular]`.
 """
 
+from pkgutil import extend_path
+
+# Read from its source tree, the package finds the extension module of an installed wheel.
+__path__ = extend_path(__path__, __name__)
+
 from . import wire
 from .exchange import Exchange, WireError
 from .process import Controller, Observer, Operator, Plant, Process
 from .results import Run, load, run
 
-_NATIVE = ("Arm", "Law", "LawState", "Posture", "Singularity")
+_NATIVE = ("Arm", "Law", "LawState", "Posture", "Reference", "Singularity")
 
 __all__ = ["Controller", "Exchange", "Observer", "Operator", "Plant", "Process", "Run", "WireError", "load", "run", "subscribe", "wire", *_NATIVE]
 

@@ -41,6 +41,18 @@ class Posture:
     gravity: _Doubles
 
 @final
+class Reference:
+    duration_s: float
+    time_s: float
+    leg: int
+    done: bool
+    pose: _Doubles
+    twist: _Doubles
+    acceleration: _Doubles
+    def __new__(cls, job: str) -> Reference: ...
+    def advance(self, by_s: float, rate: float, q: ArrayLike, qdot: ArrayLike, report: bytes) -> None: ...
+
+@final
 class Singularity:
     name: str
     type: str

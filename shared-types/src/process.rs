@@ -36,6 +36,9 @@ pub struct Process {
     /// The longest that an exchange page's program may take for an answer; s. 0: 10 s.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub answer_limit_s: u32,
+    /// The longest that it may take to join, from its start on; s. 0: 60 s.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub join_limit_s: u32,
     /// Topics it reads at the tick it works on; `"*"`: all that others write.
     #[serde(default)]
     pub reads: Vec<String>,

@@ -26,8 +26,9 @@ pub(crate) struct CompareArgs {
     /// Built-in scenarios, or scenario files.
     #[arg(value_name = "SCENARIO|FILE.toml", default_value = load::DEFAULT_SCENARIO)]
     scenarios: Vec<String>,
-    /// Only these laws, separated by commas [default: the paper's law in both forms, and the baselines].
-    #[arg(long, value_name = "LAW", value_delimiter = ',')]
+    /// Only these laws, separated by commas [default: the paper's law in both forms, and the baselines]. NAME=FILE.py is a controller of others, a class
+    /// of `armplane.arena` (docs/arena.md); NAME=GRAPH.toml one of a graph.
+    #[arg(long, value_name = "LAW|NAME=FILE", value_delimiter = ',')]
     law: Vec<String>,
     /// Folder for the results [default: the next free runs/compare-NNN].
     #[arg(long, value_name = "DIR")]
@@ -50,6 +51,12 @@ pub(crate) struct CompareArgs {
     /// In place of the simulated arm: MuJoCo (docs/python.md). Each run then takes its processes.
     #[arg(long, value_name = "mujoco|mujoco:SCENE.xml", conflicts_with_all = ["tune", "race"])]
     plant: Option<String>,
+    /// Seconds that a controller of others may take to load and join a run.
+    #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..=3600))]
+    join_limit: u32,
+    /// Of the sweep: save each line as a scenario file in this new folder, and run none.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["tune", "race", "out"])]
+    save_lines: Option<PathBuf>,
     /// With --robot: lines through two singularities at once, --count per pair.
     #[arg(long, requires = "robot")]
     pairs: bool,
@@ -62,7 +69,7 @@ pub(crate) struct CompareArgs {
 }
 
 pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let laws = compare::laws(&args.law)?;
+    let laws = compare::laws(&args.law, args.join_limit)?;
     if !(args.speed.is_finite() && args.speed > 0.0) {
         return Err(Failure::Input(format!(
             "--speed is {}: it must be a positive number of m/s",
@@ -80,7 +87,7 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
         }
         let sweep = ArmSweep {
             robot,
-            law: laws[0],
+            law: &laws[0],
             settings: &args.set,
             seed: args.seed.unwrap_or(SEED),
             count: args.count,
@@ -88,10 +95,27 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
             speed: args.speed,
             plant: args.plant.as_deref(),
         };
+        if let Some(folder) = &args.save_lines {
+            return saved(folder, sweep.save_lines(folder, &observe)?, as_json);
+        }
         return lines_of_an_arm(&sweep, args.out.as_deref(), as_json);
     }
+    let size = SweepSize {
+        count: args.count,
+        speed: args.speed,
+    };
+    if let Some(folder) = &args.save_lines {
+        if args.scenarios != [SWEEP] {
+            return Err(Failure::Input(
+                "--save-lines needs the sweep: armplane compare sweep --save-lines DIR".to_owned(),
+            ));
+        }
+        let count = compare::save_lines(folder, &args.set, args.seed, size)?;
+        return saved(folder, count, as_json);
+    }
     if args.tune {
-        return tune(args, &laws, as_json);
+        let laws = laws.iter().map(|law| law.own("--tune"));
+        return tune(args, &laws.collect::<Result<Vec<_>, _>>()?, as_json);
     }
     let request = Request {
         scenarios: &args.scenarios,
@@ -99,10 +123,7 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
         settings: &args.set,
         seed: args.seed,
         out: args.out.as_deref(),
-        size: SweepSize {
-            count: args.count,
-            speed: args.speed,
-        },
+        size,
         plant: args.plant.as_deref(),
     };
     let mut each = |compared: &Compared| {
@@ -118,6 +139,16 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
             "{}\n  compare.json and a picture of each table, SVG and PNG",
             folder.display()
         );
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// How many lines were saved, and where.
+fn saved(folder: &Path, count: usize, as_json: bool) -> Result<ExitCode, Failure> {
+    if as_json {
+        say_json(&json!({"folder": folder, "lines": count}))?;
+    } else {
+        say!("{}: {count} lines, a scenario file each", folder.display());
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -154,8 +185,8 @@ fn race(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
             "--race takes a scenario with one path, not the sweep".to_owned(),
         ));
     }
-    let rival = match compare::laws(&args.law)?[..] {
-        [rival] => rival,
+    let rival = match &compare::laws(&args.law, args.join_limit)?[..] {
+        [rival] if !args.law.is_empty() => rival.own("--race")?,
         _ => Strategy::DampedLeastSquares,
     };
     let race = compare::race(

@@ -1,6 +1,7 @@
 //! The command line of `armplane`: one file per command, which owns its arguments, what it prints, and its exit code.
 #![allow(non_snake_case)]
 
+mod arena;
 mod bench;
 mod clean;
 mod compare;
@@ -121,9 +122,17 @@ enum Command {
                       S1: orthogonal to ζ and at the end within 1 mm and 0.5°, no joint beyond its speed or position limit, no torque at \
                       its limit for more than 10 ms. S2: orthogonal to ζ within 1 mm and 3°, along ζ within 10 mm and 5°, otherwise the \
                       same.",
-        after_help = "Examples:\n  armplane compare fig5-wrist-rotation elbow-in-and-out\n  armplane compare sweep --count 90 --speed 0.5 --json\n  armplane compare my.toml --law blended,damped-least-squares --set control.baseline.damped_least_squares.largest=0.1\n  armplane compare sweep --tune --count 30"
+        after_help = "Examples:\n  armplane compare fig5-wrist-rotation elbow-in-and-out\n  armplane compare sweep --count 90 --speed 0.5 --json\n  armplane compare my.toml --law blended,damped-least-squares --set control.baseline.damped_least_squares.largest=0.1\n  armplane compare sweep --tune --count 30\n  armplane compare fig5-wrist-rotation --law blended,mine=mine.py"
     )]
     Compare(compare::CompareArgs),
+    /// Run controllers of others beside armplane's laws.
+    #[command(
+        long_about = "Runs armplane's laws and controllers of others on the same tasks, in the same plant, under the same judge, and writes one page, a \
+                      Parquet file and a hash. Needs the Python package with its opponents: pip install 'armplane[arena]'. The same command \
+                      continues an arena that was stopped.",
+        after_help = "Examples:\n  armplane arena --size short\n  armplane arena --law armplane --law mine=mine.py --robot ur5\n  armplane arena --law pin_pink:k_p=400:k_v=40 --out runs/soft\n  armplane arena -- --help"
+    )]
+    Arena(arena::ArenaArgs),
     /// Run a scenario under many settings on all cores, into Parquet.
     #[command(
         long_about = "Runs a scenario once per point of a grid or seeded sample over any keys of `armplane run --set`. Each run takes one \
@@ -230,7 +239,11 @@ const GROUPS: [(&str, &[&str], &[&str]); 5] = [
         &["top", "export", "fault", "recover"],
     ),
     ("Arms and graphs", &["list", "inspect", "graph"], &[]),
-    ("Compare", &["compare"], &["sweep", "figures", "replay"]),
+    (
+        "Compare",
+        &["compare"],
+        &["sweep", "arena", "figures", "replay"],
+    ),
     ("Prove", &["verify"], &["drill"]),
     ("Machine", &["doctor"], &["clean", "bench", "generate"]),
 ];
@@ -350,6 +363,7 @@ fn execute(cli: Cli) -> Result<ExitCode, session::Failure> {
         Command::Replay(args) => replay::replay(&args, json),
         Command::Bench(args) => bench::bench(&args, json),
         Command::Compare(args) => compare::compare(&args, json),
+        Command::Arena(args) => arena::arena(&args),
         Command::Sweep(args) => sweep::sweep(&args, json),
         Command::Figures(args) => figures::figures(&args, json),
         Command::Top(args) => top::top(&args, json),

@@ -4,6 +4,7 @@
 //! A controller says how far along the path it is, and nothing else that it says counts. The pose that belongs to that
 //! time, the goal that depends on a singular direction, and the directions whose error is exempt follow from the truth.
 
+use crate::centre::PoseMotion;
 use crate::linear;
 use crate::reference::free_axis;
 use crate::reference::path::{Path, Progress};
@@ -33,6 +34,9 @@ pub trait GroundTruth: std::fmt::Debug {
     ///
     /// Requires `by_s` finite and not negative
     fn advance(&self, place: &mut Progress, by_s: f64);
+
+    /// The desired motion of E at a place, where the clock runs at `rate`, 0 to 1; `None` in a steered run.
+    fn desired(&self, place: &Progress, rate: f64) -> Option<PoseMotion>;
 
     /// The demand of the leg at this index on the posture, beside the pose, and how the true posture meets it.
     fn asked(&self, leg: usize) -> Asked;
@@ -163,6 +167,11 @@ impl<const N: usize> GroundTruth for Truth<N> {
         if let Some(path) = &self.path {
             path.advance(place, by_s, &self.report);
         }
+    }
+
+    fn desired(&self, place: &Progress, rate: f64) -> Option<PoseMotion> {
+        let path = self.path.as_ref()?;
+        Some(path.desired(place, rate, 0.0))
     }
 
     fn asked(&self, leg: usize) -> Asked {

@@ -33,7 +33,7 @@ use shared_types::layout::MessageLayout;
 
 use checkpoint::ProgramCheckpoint;
 use ended::Ended;
-use program::Program;
+use program::{LONGEST_EXTERNAL_START, LONGEST_START, Program};
 use reply::Answer;
 
 pub use failure::Failure;
@@ -70,14 +70,18 @@ pub fn run(
     };
     let page = Page::create(shell.run_dir(), name, about, &topics).map_err(failed)?;
     cut::explain(name, page.range());
-    let limit = if process.answer_limit_s == 0 {
-        USUAL_LIMIT
-    } else {
-        Duration::from_secs(u64::from(process.answer_limit_s))
+    let of = |limit_s: u32, usual| match limit_s {
+        0 => usual,
+        limit_s => Duration::from_secs(u64::from(limit_s)),
     };
+    let start = match command.is_some() {
+        true => of(process.join_limit_s, LONGEST_START),
+        false => of(process.join_limit_s, LONGEST_EXTERNAL_START),
+    };
+    let limits = (start, of(process.answer_limit_s, USUAL_LIMIT));
     let stops_at_once = process.role() != Role::Observer;
     let died = |tick, failure| Err(death(shell, name, tick, &failure));
-    let mut program = match Program::start(shell, name, page, command, limit, stops_at_once) {
+    let mut program = match Program::start(shell, name, page, command, limits, stops_at_once) {
         Ok(program) => program,
         Err(failure) => return died(0, failure),
     };

@@ -25,10 +25,10 @@ const LOOK: Duration = Duration::from_millis(5);
 const GRACE: Duration = Duration::from_secs(1);
 
 /// The time that a program has until it has joined, where its process starts it: an interpreter may have much to load ...
-const LONGEST_START: Duration = Duration::from_secs(60);
+pub(crate) const LONGEST_START: Duration = Duration::from_secs(60);
 
 /// ... and where a person starts it.
-const LONGEST_EXTERNAL_START: Duration = Duration::from_secs(600);
+pub(crate) const LONGEST_EXTERNAL_START: Duration = Duration::from_secs(600);
 
 /// So long after its start a program that has not joined is reported.
 const SLOW_START: Duration = Duration::from_secs(5);
@@ -41,7 +41,8 @@ pub(crate) struct Program<'a> {
     /// The process group of the program and of what it starts.
     group: Option<Pid>,
     pub(crate) page: Page,
-    limit: Duration,
+    /// For its start, and for an answer.
+    limits: (Duration, Duration),
     /// Whether a stop of the run ends a wait at once: not for an observer, which takes in what is still there. A stop before the end of the run ends
     /// every wait that has lasted for longer than [`GRACE`].
     stops_at_once: bool,
@@ -54,14 +55,14 @@ impl<'a> Program<'a> {
         process: &str,
         page: Page,
         command: Option<Command>,
-        limit: Duration,
+        limits: (Duration, Duration),
         stops_at_once: bool,
     ) -> Result<Self, Failure> {
         let failed = |error: std::io::Error| Failure::Start(error.to_string());
         let child = match command {
             Some(command) => Some(start(command, &page).map_err(failed)?),
             None => {
-                let (limit_s, page) = (LONGEST_EXTERNAL_START.as_secs(), page.path().display());
+                let (limit_s, page) = (limits.0.as_secs(), page.path().display());
                 runtime::complain(&format_args!(
                     "start the program of {process} within {limit_s} s with: {EXCHANGE_VARIABLE}={page} COMMAND"
                 ));
@@ -75,7 +76,7 @@ impl<'a> Program<'a> {
             child,
             group,
             page,
-            limit,
+            limits,
             stops_at_once,
         })
     }
@@ -83,11 +84,7 @@ impl<'a> Program<'a> {
     /// Waits until the program has joined, and compares versions and layouts; `false` when the run stops before.
     pub(crate) fn join(&mut self, topics: &[(MessageLayout, u32)]) -> Result<bool, Failure> {
         let (began, mut is_reported) = (Instant::now(), self.child.is_none());
-        let limit = if self.child.is_some() {
-            LONGEST_START
-        } else {
-            LONGEST_EXTERNAL_START
-        };
+        let limit = self.limits.0;
         while !reply::has_joined(&self.page, topics)? {
             if self.shell.is_stopping() {
                 return Ok(false);
@@ -145,8 +142,8 @@ impl<'a> Program<'a> {
                 Err(_) if self.page.answers().load(Ordering::Acquire) != found => continue,
                 looked => looked?,
             }
-            if began.elapsed() > self.limit {
-                let limit = self.limit;
+            if began.elapsed() > self.limits.1 {
+                let limit = self.limits.1;
                 return Err(Failure::Silent { tick, limit });
             }
         }

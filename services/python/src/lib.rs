@@ -3,6 +3,7 @@
 
 mod arm;
 mod law;
+mod reference;
 
 use numpy::{PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
@@ -14,6 +15,8 @@ mod _armplane {
     use crate::arm::{Arm, Posture, Singularity};
     #[pymodule_export]
     use crate::law::{Law, LawState};
+    #[pymodule_export]
+    use crate::reference::Reference;
 }
 
 /// A `ValueError` with any error's sentence.

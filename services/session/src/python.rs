@@ -1,6 +1,13 @@
 //! The Python that has the package `armplane`.
 
 use std::ffi::OsString;
+use std::io::Write;
+use std::process::{Command, Stdio};
+
+use serde_json::Value;
+
+/// The exit code of `env` for a program that is not there.
+const NOT_FOUND: i32 = 127;
 
 /// Where a module of the package is run.
 #[derive(Debug)]
@@ -34,5 +41,47 @@ impl Python {
             false => "python3".to_owned(),
         };
         Self { program, path }
+    }
+    /// The command that runs a module.
+    #[must_use]
+    pub fn command(module: &str, arguments: impl IntoIterator<Item = String>) -> Vec<String> {
+        let Self { program, path } = Self::find();
+        let path = path.map(|path| ["env".to_owned(), format!("PYTHONPATH={}", path.display())]);
+        path.into_iter()
+            .flatten()
+            .chain([program, "-m".to_owned(), module.to_owned()])
+            .chain(arguments)
+            .collect()
+    }
+
+    /// Lets a program load what it needs, and end; the last line that it prints is the reason of a refusal. `packages`: what to install with Python.
+    ///
+    /// # Errors
+    /// The reason, with the remedy where Python or the package is missing.
+    pub(crate) fn ask(
+        mut command: Command,
+        question: &Value,
+        packages: &str,
+    ) -> Result<(), String> {
+        let missing = |error: String| format!("{} {packages} ({error})", Self::MISSING);
+        let failed = |error: std::io::Error| missing(format!("python3: {error}"));
+        command.stdin(Stdio::piped()).stdout(Stdio::null());
+        let mut child = command.stderr(Stdio::piped()).spawn().map_err(failed)?;
+        if let Some(mut stdin) = child.stdin.take() {
+            // A program that ends before it has read everything says why.
+            let _ = stdin.write_all(question.to_string().as_bytes());
+        }
+        let said = child.wait_with_output().map_err(failed)?;
+        let errors = String::from_utf8_lossy(&said.stderr);
+        let last = errors.lines().rfind(|line| !line.trim().is_empty());
+        match last.unwrap_or("the program ended without a word") {
+            _ if said.status.success() => Ok(()),
+            line if said.status.code() == Some(NOT_FOUND) => Err(missing(line.to_owned())),
+            line if line.contains("No module named 'armplane'") => Err(
+                "Python lacks the package armplane: pip install the wheel that `python/build` makes (docs/python.md)"
+                    .to_owned(),
+            ),
+            line => Err(line.to_owned()),
+        }
     }
 }

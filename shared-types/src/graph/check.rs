@@ -280,12 +280,18 @@ fn check_kind(process: &Process) -> Result<(), Complaint> {
             ));
         }
     }
-    require(
-        process.answer_limit_s == 0 || process.is_exchanged(),
-        "answer_limit_s",
-        format!("`{name}` has an `answer_limit_s` and no exchange page"),
-        "exchange = true",
-    )
+    let limits = [
+        ("answer_limit_s", process.answer_limit_s),
+        ("join_limit_s", process.join_limit_s),
+    ];
+    limits.into_iter().try_for_each(|(key, limit_s)| {
+        require(
+            limit_s == 0 || process.is_exchanged(),
+            key,
+            format!("`{name}` has `{key}` and no exchange page"),
+            "exchange = true",
+        )
+    })
 }
 
 /// A process that is a program of others.
@@ -441,6 +447,7 @@ mod tests {
                     10,
                 ),
                 (SENSOR, "answer_limit_s = 3\nreads = [\"sensor\"]", 10),
+                (SENSOR, "join_limit_s = 3\nreads = [\"sensor\"]", 10),
                 (SENSOR, "reads = [\"sensor\"]\nrobot = \"fci://a\"", 11),
                 (
                     "name = \"plant\"",

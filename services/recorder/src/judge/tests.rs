@@ -1,5 +1,6 @@
 //! Verdicts on made-up runs.
 
+use control::centre::PoseMotion;
 use control::{Asked, GroundTruth, Progress};
 use nalgebra::Vector6;
 use shared_types::codes;
@@ -38,6 +39,9 @@ impl GroundTruth for Reported {
         self.zeta = inside.map(|one| Vector6::from(one.zeta_B)).collect();
     }
     fn advance(&self, _: &mut Progress, _: f64) {}
+    fn desired(&self, _: &Progress, _: f64) -> Option<PoseMotion> {
+        None
+    }
     fn asked(&self, _: usize) -> Asked {
         Asked::Nothing
     }

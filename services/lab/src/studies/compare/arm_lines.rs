@@ -9,16 +9,16 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use session::{Failure, Observer, Results, load};
 use shared_types::graph::Graph;
-use shared_types::scenario::{Scenario, Strategy};
+use shared_types::scenario::Scenario;
 use shared_types::summary::{BOUNDARY, MISSED, REACHED};
 
 use super::text::with_errors;
-use super::{SWEEP, graph_of, name_of, unless_stopped};
+use super::{Law, SWEEP, name_of, unless_stopped};
 use crate::pool::on_all_cores;
 use crate::row::Row;
 use crate::studies::singular_lines::{SingularLine, Through, singular_lines};
 use crate::text::{Columns, optional, percent, quantile};
-use crate::trial::{Trial, bare};
+use crate::trial::bare;
 
 /// The lines to draw, and their speed.
 #[derive(Clone, Debug)]
@@ -26,7 +26,7 @@ pub struct ArmSweep<'a> {
     /// A built-in robot's name, or a URDF.
     pub robot: &'a str,
     /// The law.
-    pub law: Strategy,
+    pub law: &'a Law,
     /// Values that override those of the scenario.
     pub settings: &'a [String],
     /// Seed of the lines, and of every random number of their runs.
@@ -111,9 +111,7 @@ impl ArmLines {
         let results = Results::create(out, "compare")?;
         results.save("compare.json", &self.json())?;
         for (i, line) in self.short() {
-            let text = toml::to_string(&line.scenario).map_err(Failure::work)?;
-            files::write(&results.folder.join(format!("line-{i}.toml")), text)
-                .map_err(Failure::work)?;
+            save_scenario(&results.folder, i, &line.scenario)?;
         }
         Ok(results.folder.clone())
     }
@@ -126,6 +124,32 @@ impl ArmSweep<'_> {
     /// [`Failure`] for a robot or a setting that does not exist, or an arm for which no line is found.
     pub fn run(&self, observer: Observer<'_>) -> Result<ArmLines, Failure> {
         let robot = load::robot(self.robot, None, None)?;
+        let lines = self.draw(&robot, observer)?;
+        let title = format!("lines of {}", robot.name);
+        let graph = self.law.graph(self.plant, &robot, &lines[0].scenario)?;
+        let run = |line: &SingularLine| run(&robot, self.law, graph.as_ref(), line);
+        Ok(ArmLines {
+            robot: robot.name.clone(),
+            law: self.law.name().to_owned(),
+            seed: self.seed,
+            speed_m_s: self.speed,
+            lines: unless_stopped(graph.as_ref(), || {
+                on_all_cores(&title, &lines, run, observer)
+            })?,
+        })
+    }
+
+    /// Draws the lines and saves each as a scenario file in a folder; their number.
+    ///
+    /// # Errors
+    /// As [`run`](Self::run), and where the folder exists or a file cannot be written.
+    pub fn save_lines(&self, folder: &Path, observer: Observer<'_>) -> Result<usize, Failure> {
+        let robot = load::robot(self.robot, None, None)?;
+        let lines = self.draw(&robot, observer)?;
+        save_scenarios(folder, lines.iter().map(|line| &line.scenario))
+    }
+
+    fn draw(&self, robot: &Robot, observer: Observer<'_>) -> Result<Vec<SingularLine>, Failure> {
         let mut template = bare(SWEEP, self.robot, self.settings)?;
         if let Ok(path) = Path::new(self.robot).canonicalize() {
             // The lines' scenarios lie elsewhere.
@@ -138,7 +162,7 @@ impl ArmSweep<'_> {
             false => (Through::One, "a singularity"),
         };
         let size = (self.seed, self.count, self.speed);
-        let lines = singular_lines(&robot, &template, through, size, observer);
+        let lines = singular_lines(robot, &template, through, size, observer);
         let lines = lines.map_err(Failure::input)?;
         if lines.is_empty() {
             return Err(Failure::Input(format!(
@@ -146,31 +170,41 @@ impl ArmSweep<'_> {
                 robot.name
             )));
         }
-        let title = format!("lines of {}", robot.name);
-        let graph = graph_of(self.plant, &robot, &lines[0].scenario)?;
-        let run = |line: &SingularLine| run(&robot, self.law, graph.as_ref(), line);
-        Ok(ArmLines {
-            robot: robot.name.clone(),
-            law: self.law.name().to_owned(),
-            seed: self.seed,
-            speed_m_s: self.speed,
-            lines: unless_stopped(graph.as_ref(), || {
-                on_all_cores(&title, &lines, run, observer)
-            })?,
-        })
+        Ok(lines)
     }
 }
 
-fn run(robot: &Robot, law: Strategy, graph: Option<&Graph>, line: &SingularLine) -> Line {
-    let trial = Trial::under(law, robot, &line.scenario).on(graph);
+fn save_scenario(folder: &Path, number: usize, scenario: &Scenario) -> Result<(), Failure> {
+    let text = toml::to_string(scenario).map_err(Failure::work)?;
+    let path = folder.join(format!("line-{number}.toml"));
+    files::write(&path, text).map_err(Failure::work)
+}
+
+/// Saves lines as scenario files in a new folder; their number.
+pub(super) fn save_scenarios<'a>(
+    folder: &Path,
+    lines: impl Iterator<Item = &'a Scenario>,
+) -> Result<usize, Failure> {
+    let results = Results::create(Some(folder), "lines")?;
+    let mut count = 0;
+    for line in lines {
+        count += 1;
+        save_scenario(&results.folder, count, line)?;
+    }
+    Ok(count)
+}
+
+fn run(robot: &Robot, law: &Law, graph: Option<&Graph>, line: &SingularLine) -> Line {
+    let trial = law.trial(robot, &line.scenario, graph);
     let names = line.kinds.iter().map(|kind| name_of(*kind));
     let began = Instant::now();
-    let planned = chain::Chain::new(robot, &trial.scenario).and_then(|chain| {
-        let obstacle = chain.obstacle().map(Refused::because);
-        obstacle.map_or(Ok(()), Err)
-    });
+    let planned = match law {
+        Law::Own(_) => planned(robot, &trial.scenario),
+        Law::Other(..) => Ok(()),
+    };
     let planning_ms = began.elapsed().as_secs_f64() * 1e3;
     let result = planned.and_then(|()| trial.run());
+    let result = result.map(|row| law.named(&row));
     let (outcome, reason) = match &result {
         Err(refused) => (Outcome::Refused, refused.to_string()),
         Ok(row) => (outcome(row), row.reason.clone()),
@@ -184,6 +218,13 @@ fn run(robot: &Robot, law: Strategy, graph: Option<&Graph>, line: &SingularLine)
         score: result.ok(),
         scenario: trial.scenario,
     }
+}
+
+/// Plans as a run does, and leaves it at that.
+fn planned(robot: &Robot, scenario: &Scenario) -> Result<(), Refused> {
+    let chain = chain::Chain::new(robot, scenario)?;
+    let obstacle = chain.obstacle().map(Refused::because);
+    obstacle.map_or(Ok(()), Err)
 }
 
 fn outcome(row: &Row) -> Outcome {

@@ -1,6 +1,7 @@
 //! Control laws compared: every law on the same plant, seed and task, on one scenario or on many lines.
 
 mod arm_lines;
+mod law;
 mod picture;
 mod race;
 mod text;
@@ -8,6 +9,7 @@ mod tune;
 mod verdict;
 
 pub use arm_lines::{ArmLines, ArmSweep, Line, Outcome};
+pub use law::{Law, laws};
 pub use race::{Race, Racer, race};
 pub use text::missed;
 pub use tune::{Point, Ranked, tune, worth};
@@ -19,7 +21,7 @@ use serde_json::{Map, Value, json};
 use session::{Failure, Observer, Results, load};
 use shared_types::codes::singularity_name;
 use shared_types::graph::Graph;
-use shared_types::scenario::{Scenario, Strategy};
+use shared_types::scenario::Scenario;
 
 use crate::folder::check;
 use crate::pool::on_all_cores;
@@ -34,7 +36,7 @@ pub struct Request<'a> {
     /// Built-in scenarios' names, or scenario files.
     pub scenarios: &'a [String],
     /// The laws.
-    pub laws: &'a [Strategy],
+    pub laws: &'a [Law],
     /// Values that override those of every scenario.
     pub settings: &'a [String],
     /// Seed of every random number; the scenario's where it is `None`.
@@ -68,25 +70,7 @@ pub struct Compared {
     /// The singularity that each line passes; none of a scenario with a path of its own.
     near: Vec<Kind>,
     /// Of each law a row for each line, or one.
-    laws: Vec<(Strategy, Vec<Row>)>,
-}
-
-/// The laws of these names; all that are compared by default where there is no name.
-///
-/// # Errors
-/// [`Failure::Input`] where there is no such law.
-pub fn laws(names: &[String]) -> Result<Vec<Strategy>, Failure> {
-    let all = || Strategy::ALL.into_iter();
-    if names.is_empty() {
-        return Ok(all().filter(|law| law.follows_paths()).collect());
-    }
-    let law = |name: &String| {
-        let known = all().map(|law| law.name());
-        all()
-            .find(|law| law.name() == name)
-            .ok_or_else(|| Failure::Input(load::unknown("control law", name, known, "")))
-    };
-    names.iter().map(law).collect()
+    laws: Vec<(Law, Vec<Row>)>,
 }
 
 /// Runs each scenario under each law, hands each comparison to `each` when it is complete, and saves pictures and `compare.json`. Returns
@@ -118,6 +102,21 @@ pub fn compare(
     Ok((whole, results.folder.clone()))
 }
 
+/// Saves the lines that stand for the scenario `sweep` as scenario files in a folder; their number.
+///
+/// # Errors
+/// [`Failure`] where there is no such robot or setting, the folder exists, or a file cannot be written.
+pub fn save_lines(
+    folder: &std::path::Path,
+    settings: &[String],
+    seed: Option<u64>,
+    size: SweepSize,
+) -> Result<usize, Failure> {
+    let loaded = load::scenario(SWEEP, settings, seed)?;
+    let lines = draw(&loaded, loaded.scenario.seed, size)?;
+    arm_lines::save_scenarios(folder, lines.iter().map(|line| &line.scenario))
+}
+
 /// Seeded lines of the scenario `sweep`.
 ///
 /// # Errors
@@ -135,12 +134,6 @@ fn draw(loaded: &load::Loaded, seed: u64, size: SweepSize) -> Result<Vec<lines::
         )));
     }
     Ok(lines)
-}
-
-/// The graph of trials with another plant than the simulated arm.
-fn graph_of(plant: Option<&str>, robot: &Robot, task: &Scenario) -> Result<Option<Graph>, Failure> {
-    let graph = plant.map(|plant| session::simulated(plant, robot, task));
-    graph.transpose()
 }
 
 /// The results of runs; in processes, a signal ends each of them.
@@ -180,16 +173,24 @@ impl Compared {
         } else {
             (Vec::new(), vec![scenario.clone()])
         };
-        let graph = graph_of(request.plant, robot, &tasks[0])?;
-        let under = |law: &Strategy| {
-            let (law, graph) = (*law, graph.as_ref());
-            let trial = move |task| Trial::under(law, robot, task).on(graph);
+        let graphs = request
+            .laws
+            .iter()
+            .map(|law| law.graph(request.plant, robot, &tasks[0]));
+        let graphs = graphs.collect::<Result<Vec<_>, _>>()?;
+        let under = |(law, graph)| {
+            let graph: &Option<Graph> = graph;
+            let trial = move |task| Law::trial(law, robot, task, graph.as_ref());
             tasks.iter().map(trial)
         };
-        let trials: Vec<_> = request.laws.iter().flat_map(under).collect();
-        let rows = unless_stopped(graph.as_ref(), || rows(name, &trials, observer))?
+        let trials: Vec<_> = request.laws.iter().zip(&graphs).flat_map(under).collect();
+        let in_processes = graphs.iter().flatten().next();
+        let rows = unless_stopped(in_processes, || rows(name, &trials, observer))?
             .map_err(|error| Failure::Input(format!("{name}: {error}")))?;
-        let of_law = |(law, rows): (&Strategy, &[Row])| (*law, rows.to_vec());
+        let of_law = |(law, rows): (&Law, &[Row])| {
+            let rows = rows.iter().map(|row| law.named(row));
+            (law.clone(), rows.collect())
+        };
         Ok(Self {
             faults_left_out: loaded.scenario.fault.len(),
             robot: robot.name.clone(),
@@ -225,7 +226,7 @@ impl Compared {
                 "scenario": name, "robot": self.robot, "seed": seed, "faults_left_out": self.faults_left_out, "laws": laws,
             });
         }
-        let of_law = |(law, rows): &(Strategy, Vec<Row>)| {
+        let of_law = |(law, rows): &(Law, Vec<Row>)| {
             let counts = |near: Option<Kind>| {
                 let count = |so| self.count(rows, near, so).0;
                 let lines = self.count(rows, near, |_| true).1;

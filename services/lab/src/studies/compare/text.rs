@@ -4,11 +4,10 @@ use std::fmt;
 
 use lines::KINDS;
 use recorder::Bounds;
-use shared_types::scenario::Strategy;
 use viz::plot::digits;
 
 use super::verdict::{findings, verdicts};
-use super::{Compared, Race, Racer, name_of};
+use super::{Compared, Law, Race, Racer, name_of};
 use crate::row::Row;
 use crate::text::{Columns, optional, percent, quantile};
 
@@ -75,7 +74,7 @@ impl Compared {
     }
 
     fn lines(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        type Law = (Strategy, Vec<Row>);
+        type Of = (Law, Vec<Row>);
         let (count, seed) = (self.near.len(), self.scenario.seed);
         writeln!(
             f,
@@ -83,14 +82,14 @@ impl Compared {
             self.speed
         )?;
         let share = |near, so: fn(&Row) -> bool| {
-            move |(_, rows): &&Law| match self.count(rows, near, so) {
+            move |(_, rows): &&Of| match self.count(rows, near, so) {
                 (_, 0) => "–".to_owned(),
                 (yes, all) => format!("{:.1}", 100.0 * yes as f64 / all as f64),
             }
         };
         let names = KINDS.map(name_of);
-        let mut columns = Columns::<&Law>::new()
-            .text("law", |law| law.0.name())
+        let mut columns = Columns::<&Of>::new()
+            .text("law", |law| law.0.name().to_owned())
             .number("S1 %", share(None, |row| row.task.s1))
             .number("S2 %", share(None, |row| row.task.s2));
         for (name, kind) in names.iter().zip(KINDS) {

@@ -1,0 +1,25 @@
+"""Controllers of others in armplane's plant, in lockstep, under its judge. An opponent is a class in a file:
+
+    import armplane.arena, numpy
+
+    class Mine(armplane.arena.Velocity):                       # or Torque, Position
+        def qdot(self, q, ref):
+            return numpy.linalg.pinv(self.arm.J(q)) @ (ref.V + 10 * self.arm.error(q, ref))
+
+    armplane compare fig5-wrist-rotation --law blended,mine=mine.py
+
+Twists are `[linear; angular]` in base axes, SI units throughout. docs/arena.md has the tasks, the scores and the table.
+"""
+
+_PLACES = {"Arm": "arm", "Position": "laws", "Reference": "laws", "Torque": "laws", "Velocity": "laws"}
+
+__all__ = list(_PLACES)
+
+
+def __getattr__(name):
+    # The command `armplane arena` needs neither numpy nor MuJoCo to say what is missing.
+    if name not in _PLACES:
+        raise AttributeError(f"module 'armplane.arena' has no attribute {name!r}")
+    import importlib
+
+    return getattr(importlib.import_module(f".{_PLACES[name]}", __name__), name)

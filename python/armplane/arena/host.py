@@ -1,0 +1,106 @@
+"""Runs an opponent's file as the controller of a run: `python -m armplane.arena.host FILE.py`; without a run it loads the file, and says what is missing.
+
+    ARMPLANE_ARENA         JSON object of attributes laid over the class's own: {"k_p": 400}
+    ARMPLANE_ARENA_COST    file to which a line is added at the end: ticks, and microseconds that the law took for one
+"""
+
+import importlib.util
+import json
+import os
+import sys
+import time
+
+# One thread for each law: the same bits, and no fight for the cores.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+import numpy as np
+
+import armplane
+from armplane import wire
+
+from .arm import Arm
+from .laws import Law, Reference
+
+
+def load(path):
+    """The class of the opponent in a file, with the attributes of the environment. Raises ValueError where there is not exactly one."""
+    spec = importlib.util.spec_from_file_location("opponent", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.path.append(os.path.dirname(os.path.abspath(path)))
+    spec.loader.exec_module(module)
+    found = [one for one in vars(module).values() if isinstance(one, type) and issubclass(one, Law) and one.__module__ == "opponent"]
+    if len(found) != 1:
+        raise ValueError(f"{path} defines {len(found)} classes of armplane.arena; one opponent a file")
+    for name, value in json.loads(os.environ.get("ARMPLANE_ARENA") or "{}").items():
+        if not hasattr(found[0], name):
+            raise ValueError(f"{path}: {found[0].__name__} has no attribute {name!r} to set")
+        setattr(found[0], name, value)
+    return found[0]
+
+
+# Times the path's own duration, after which a law whose clock stands still is stopped: the judge then finds the path not done.
+PATIENCE = 10
+
+
+class Host(armplane.Controller):
+    """The process: reference, clock and limits around the law of a file."""
+
+    def setup(self):
+        self.law = load(sys.argv[1])()
+        self.law.begin(Arm(self.exchange.arm()), self.dt, self.job["scenario"])
+        self.path = armplane.Reference(json.dumps(self.job))
+        self.settle, self.times, self.rate, self.ended = self.job["scenario"]["settle_s"], [], 1.0, None
+
+    def control(self, tick, estimate, singularity, state, torque):
+        n = self.dof
+        q, qdot = np.array(estimate.q[:n]), np.array(estimate.qdot[:n])
+        left = self.path.duration_s - self.path.time_s
+        by = self.rate * self.dt if tick else 0.0
+        # The last tick of the path ends on it.
+        self.path.advance(max(left, 0.0) if left < by + 1e-9 else by, self.rate, q, qdot, bytes(singularity))
+        if self.ended is None and (self.path.done or tick * self.dt > PATIENCE * self.path.duration_s):
+            self.ended = tick
+        ref = Reference(self.path.pose, self.path.twist, self.path.acceleration, self.path.leg, self.path.done)
+        began = time.perf_counter_ns()
+        tau = np.asarray(self.law.torque(q, qdot, ref), float).reshape(n)
+        self.times.append(time.perf_counter_ns() - began)
+        if not np.all(np.isfinite(tau)):
+            raise ValueError(f"{type(self.law).__name__} gives a torque that is no number at tick {tick}")
+        self.rate = float(np.clip(self.law.rate, 0.0, 1.0))
+        self._answer(tick, tau, ref, state, torque)
+
+    def _answer(self, tick, tau, ref, state, torque):
+        effort, n = self.law.arm.effort, self.dof
+        torque.tau[:n] = np.clip(tau, -effort, effort).tolist()
+        torque.saturation_mask = int(sum(1 << int(i) for i in np.flatnonzero(np.abs(tau) > effort)))
+        settled = 0.0 if self.ended is None else (tick - self.ended) * self.dt
+        torque.phase = wire.PHASE_RUNNING if self.ended is None else wire.PHASE_SETTLING if settled < self.settle else wire.PHASE_DONE
+        state.p_BE_d[:], state.R_BE_d[:], state.V_BE_d[:] = ref.p.tolist(), ref.R.T.flatten().tolist(), ref.V.tolist()
+        state.path_time_s, state.segment = min(self.path.time_s, self.path.duration_s), ref.leg
+        state.time_scale, state.null_scale, state.task_scale, state.beta[:] = self.rate, 1.0, 1.0, [1.0] * 4
+
+    def end(self):
+        file = os.environ.get("ARMPLANE_ARENA_COST")
+        if file and self.times:
+            # The first tick may compile.
+            micros = np.array(self.times[1:] or self.times) / 1e3
+            line = {"ticks": len(self.times), "median_us": float(np.median(micros)), "p99_us": float(np.quantile(micros, 0.99)), "first_ms": self.times[0] / 1e6}
+            with open(file, "a") as out:
+                out.write(json.dumps(line) + "\n")
+
+
+def main():
+    if "ARMPLANE_EXCHANGE" in os.environ:
+        Host.run()
+        return
+    try:
+        print(json.dumps(load(sys.argv[1]).trials))
+    except ImportError as error:
+        sys.exit(f"{error}: pip install 'armplane[arena]' for the Python {sys.executable} (docs/arena.md)")
+    except Exception as error:
+        sys.exit(f"{type(error).__name__}: {error}")
+
+
+if __name__ == "__main__":
+    main()

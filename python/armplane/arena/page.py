@@ -1,0 +1,166 @@
+"""The table of the arena: for the terminal and as one page of HTML, our losses first."""
+
+import html
+import math
+import statistics
+
+OURS = "armplane"
+SCEPTIC = (
+    "armplane plans the whole path before its first tick and computes with the plant's exact model; the others react, tick by tick.",
+    "The kinematic packages stop at joint velocities. The servo under them is ours, the same for all (docs/arena.md); its numbers are parameters: --law pin_pink:k_p=400:k_v=40.",
+    "Numbers are the authors' where their examples state them. Weights of metres against radians are not scaled to the arm.",
+    "In the group 'paper' some scenarios say which posture to take, which only armplane reads. All other groups are without such hints.",
+    "Plant, judge and tasks are armplane's. They are open, and every run repeats to the bit.",
+)
+
+
+def wilson(hits, all_, z=1.96):
+    """The 95 % interval of a share."""
+    if not all_:
+        return 0.0, 1.0
+    share, n = hits / all_, all_
+    middle, half = share + z * z / (2 * n), z * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
+    return (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
+
+
+def _number(value):
+    return "–" if value is None else f"{value:.3g}"
+
+
+def _middle(rows, name):
+    values = [row[name] for row in rows if row.get(name) is not None and row.get("completed")]
+    return statistics.median(values) if values else None
+
+
+def _most(rows, name):
+    values = [row[name] for row in rows if row.get(name) is not None]
+    return max(values) if values else None
+
+
+# What is compared pair by pair, smaller is better: heading, column.
+PAIRED = (
+    ("error orthogonal to ζ, mm", "orthogonal_max_mm"),
+    ("error orthogonal to ζ, °", "orthogonal_max_deg"),
+    ("error along ζ, mm", "along_max_mm"),
+    ("error along ζ, °", "along_max_deg"),
+    ("torque step, share of the limit", "torque_step_max_ratio"),
+    ("peak joint speed, share of the limit", "speed_max_ratio"),
+    ("peak torque, share of the limit", "torque_max_ratio"),
+    ("time, of the plan", "time_stretch"),
+)
+COLUMNS = (
+    ("S1", lambda rows: _share(rows, lambda row: row.get("s1"))),
+    ("S1, step within the drive's rate", lambda rows: _share(rows, clean)),
+    ("S2", lambda rows: f"{sum(bool(row.get('s2')) for row in rows)}"),
+    ("to the end", lambda rows: f"{sum(bool(row.get('completed')) for row in rows)}"),
+    ("refused", lambda rows: f"{sum(row['outcome'] == 'refused' for row in rows)}"),
+    ("failed, silent", lambda rows: f"{sum(row['outcome'] in ('failed', 'silent') for row in rows)}"),
+    ("⊥ ζ median, mm", lambda rows: _number(_middle(rows, "orthogonal_max_mm"))),
+    ("°", lambda rows: _number(_middle(rows, "orthogonal_max_deg"))),
+    ("∥ ζ median, mm", lambda rows: _number(_middle(rows, "along_max_mm"))),
+    ("°", lambda rows: _number(_middle(rows, "along_max_deg"))),
+    ("step median", lambda rows: _number(_middle(rows, "torque_step_max_ratio"))),
+    ("speed, most", lambda rows: _number(_most(rows, "speed_max_ratio"))),
+    ("torque, most", lambda rows: _number(_most(rows, "torque_max_ratio"))),
+    ("time median", lambda rows: _number(_middle(rows, "time_stretch"))),
+    ("µs a tick", lambda rows: _number(_middle(rows, "median_us"))),
+)
+
+
+def clean(row):
+    """S1, and no step of torque that the drives do not accept."""
+    return bool(row.get("s1") and row.get("within_rate"))
+
+
+def _share(rows, so):
+    hits = sum(bool(so(row)) for row in rows)
+    low, high = wilson(hits, len(rows))
+    return f"{hits} ({100 * low:.0f}–{100 * high:.0f} %)"
+
+
+class Summary:
+    """The rows of a table, law by law."""
+
+    def __init__(self, rows, skipped, versions, digest):
+        self.skipped, self.digest = skipped, digest
+        self.versions = ", ".join(f"{name} {version}" for name, version in versions.items())
+        self.laws, self.tasks, self.cells = {}, {}, {}
+        for row in rows:
+            self.laws.setdefault(row["law"], []).append(row)
+            self.tasks.setdefault(row["task"], row["group"])
+            self.cells[row["law"], row["task"]] = row
+
+    def losses(self):
+        """Where another law is ahead of ours: tasks that it alone does, and numbers by more than a tenth on the tasks that both do by S2."""
+        ours, lines = self.laws.get(OURS), []
+        for name, theirs in self.laws.items() if ours else ():
+            if name == OURS:
+                continue
+            pairs = [(self.cells[OURS, row["task"]], row) for row in theirs]
+            alone = [their["task"] for our, their in pairs if clean(their) and not clean(our)]
+            if alone:
+                lines.append(f"{name} does {len(alone)} that we do not (S1, step within the rate): {', '.join(alone)}")
+            both = [(our, their) for our, their in pairs if our.get("s2") and their.get("s2")]
+            for heading, column in PAIRED:
+                if not both:
+                    break
+                our, their = (statistics.median(row[column] for row in side) for side in zip(*both))
+                if our > 1.1 * their and our > 1e-6:
+                    lines.append(f"{heading}: {name} {_number(their)}, we {_number(our)}; medians of the {len(both)} tasks that both do by S2")
+        return lines
+
+    def text(self):
+        headings = ["law", *(heading for heading, _ in COLUMNS)]
+        body = [[name, *(of(rows) for _, of in COLUMNS)] for name, rows in self.laws.items()]
+        lines = [f"{len(self.tasks)} tasks, hash {self.digest}; our losses:", *(f"  {line}" for line in self.losses() or ["none"]), ""]
+        lines += ["| " + " | ".join(row) + " |" for row in [headings, ["---"] * len(headings), *body]]
+        groups = sorted(set(self.tasks.values()))
+        lines += ["", "S1 with the step within the rate, by group:", "| law | " + " | ".join(self._group(group) for group in groups) + " |", "|" + "---|" * (len(groups) + 1)]
+        for name, rows in self.laws.items():
+            counts = (sum(clean(row) for row in rows if row["group"] == group) for group in groups)
+            lines.append(f"| {name} | " + " | ".join(map(str, counts)) + " |")
+        return "\n".join([*lines, *(f"left out: {name}: {reason}" for name, reason in self.skipped.items())])
+
+    def _group(self, group):
+        return f"{group}, {sum(one == group for one in self.tasks.values())}"
+
+    def html(self):
+        """One page without anything from outside."""
+        cell = lambda text, tag="td": f"<{tag}>{html.escape(str(text))}</{tag}>"
+        listed = lambda lines: "<ul>" + "".join(f"<li>{html.escape(line)}" for line in lines) + "</ul>"
+        head = "<tr>" + cell("law", "th") + "".join(cell(heading, "th") for heading, _ in COLUMNS) + "</tr>"
+        body = "".join("<tr>" + cell(name) + "".join(cell(of(rows)) for _, of in COLUMNS) + "</tr>" for name, rows in self.laws.items())
+        map_head = "<tr><th>task<th>" + "<th>".join(html.escape(name) for name in self.laws) + "</tr>"
+        map_body = "".join(self._line(task, group) for task, group in sorted(self.tasks.items(), key=lambda one: (one[1], one[0])))
+        skipped = listed(f"{name}: {reason}" for name, reason in self.skipped.items()) if self.skipped else "<p>None."
+        return (
+            f"<!doctype html><meta charset=utf-8><title>armplane arena</title>{_STYLE}<h1>armplane arena</h1><p>{len(self.tasks)} tasks, table {self.digest}, with {html.escape(self.versions)}"
+            f"<h2>Where we lose</h2>{listed(self.losses() or ['Nowhere by more than a tenth.'])}<h2>What a sceptic will say</h2>{listed(SCEPTIC)}"
+            f"<h2>Table</h2><table>{head}{body}</table><p>S1, S2: armplane compare --help. Intervals: 95 %, Wilson. Medians: of the runs to the end. Step, speed, "
+            f"torque: share of the joint's limit.<h2>Task by task</h2><table class=map>{map_head}{map_body}</table><p>1: S1. /: S1 with torque steps that the "
+            f"drives do not accept. 2: S2. ·: missed. R: refused in words. ×: failed.<h2>Left out</h2>{skipped}"
+        )
+
+    def _line(self, task, group):
+        def one(name):
+            row = self.cells.get((name, task))
+            if row is None:
+                return "<td>"
+            why = html.escape(f"{row['outcome']}: {row.get('missed') or row.get('reason', '')}", quote=True)
+            sign, color = _mark(row)
+            return f'<td style="background:{color}" title="{why}">{sign}'
+
+        return f"<tr><td>{html.escape(f'{group}: {task}')}" + "".join(one(name) for name in self.laws) + "</tr>"
+
+
+def _mark(row):
+    """Sign and colour of a cell of the map."""
+    if row.get("s1"):
+        return ("1", "#7bc47f") if clean(row) else ("/", "#d7e4a0")
+    if row.get("s2"):
+        return "2", "#cfe8ff"
+    return {"refused": ("R", "#ddd"), "failed": ("×", "#d98880"), "silent": ("×", "#d98880")}.get(row["outcome"], ("·", "#f3b3ad"))
+
+
+_STYLE = """<style>body{font:14px sans-serif;margin:2em;max-width:80em}table{border-collapse:collapse}td,th{padding:2px 7px;text-align:right;border-bottom:1px solid #ddd}
+td:first-child,th:first-child{text-align:left}.map td+td{text-align:center}.map th{writing-mode:vertical-rl}</style>"""

@@ -1,0 +1,1 @@
+"""Controllers of others, a class each (docs/arena.md)."""

@@ -1,0 +1,23 @@
+"""robosuite 1.5.2: the functions of its operational-space controller, with its gains (osc_pose.json). The reference's twist and acceleration are fed forward,
+which robosuite does not do for its own targets: without them the hand lags."""
+
+import numpy as np
+from robosuite.utils.control_utils import nullspace_torques, opspace_matrices
+
+from armplane.arena import Torque
+
+
+class Osc(Torque):
+    k_p, damping_ratio, uncoupled = 150.0, 1.0, True
+    trials = [{"k_p": k_p, "uncoupled": uncoupled} for k_p in (150.0, 400.0, 1600.0) for uncoupled in (True, False)]
+
+    def torque(self, q, qdot, ref):
+        arm = self.arm
+        error = arm.error(q, ref)
+        arm.move_to(q, qdot)
+        J, A, bias = arm.jacobian().copy(), arm.mass_matrix(), arm.bias().copy()
+        k_d = 2 * np.sqrt(self.k_p) * self.damping_ratio
+        F = self.k_p * error + k_d * (ref.V - J @ qdot) + ref.a
+        whole, position, orientation, null = opspace_matrices(A, J, np.ascontiguousarray(J[:3]), np.ascontiguousarray(J[3:]))
+        wrench = np.concatenate([position @ F[:3], orientation @ F[3:]]) if self.uncoupled else whole @ F
+        return J.T @ wrench + bias + nullspace_torques(A, null, arm.start, q, qdot)

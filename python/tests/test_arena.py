@@ -1,0 +1,179 @@
+"""Controllers of others in the plant: an opponent of 20 lines from another folder, cheats, and the same bytes twice."""
+
+import json
+import pathlib
+import subprocess
+import sys
+
+import armplane
+import numpy as np
+import pytest
+from armplane.results import _program
+
+TASK = """name = "short"
+robot = "ur5"
+settle_s = 0.2
+[start]
+posture = "bent"
+[[segment]]
+by_m = [0.05, 0.0, -0.05]
+turn = { about = "z", by_deg = 10 }
+duration_s = 0.8
+"""
+HOME_MADE = """
+import numpy as np
+
+import armplane.arena
+
+
+class Mine(armplane.arena.Velocity):
+    damping = 0.001
+
+    def qdot(self, q, ref):
+        J = self.arm.J(q)
+        return J.T @ np.linalg.solve(J @ J.T + self.damping**2 * np.eye(6), ref.V + 10 * self.arm.error(q, ref))
+"""
+IDLE = """
+import armplane.arena
+
+
+class Idle(armplane.arena.Torque):
+    def torque(self, q, qdot, ref):
+        self.arm.move_to(q, 0 * qdot)
+        return self.arm.bias() - 5 * qdot
+"""
+# Processes of their own, which may say what they like; the judge takes their clock alone.
+CHEAT = """
+import armplane
+from armplane.arena import Arm
+
+
+class Cheat(armplane.Controller):
+    def setup(self):
+        self.arm, self.all = Arm(self.exchange.arm()), self.job["scenario"]["segment"][0]["duration_s"]
+
+    def control(self, tick, estimate, singularity, state, torque):
+        n = self.dof
+        self.arm.move_to(estimate.q[:n], estimate.qdot[:n])
+        torque.tau[:n] = (self.arm.bias() - 5 * self.arm.data.qvel).tolist()
+        torque.phase = armplane.wire.PHASE_DONE if tick > {end} else armplane.wire.PHASE_RUNNING
+        state.p_BE_d[:], state.R_BE_d[:] = self.arm.position.tolist(), self.arm.rotation.T.flatten().tolist()
+        state.path_time_s = min(tick * self.dt, self.all)
+        state.time_scale = 1.0
+
+
+Cheat.run()
+"""
+GRAPH = """extends = "armplane"
+[[process]]
+name = "controller"
+command = ["{python}", "cheat.py"]
+exchange = true
+reads = ["estimate", "singularity"]
+writes = ["control_state", "torque"]
+"""
+
+
+def compare(folder, *arguments):
+    done = subprocess.run([_program(), "compare", *arguments, "--out", folder, "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)["scenarios"][0]["laws"]
+
+
+@pytest.fixture
+def task(tmp_path):
+    pytest.importorskip("mujoco")
+    path = tmp_path / "short.toml"
+    path.write_text(TASK)
+    return str(path)
+
+
+def test_the_reference_is_that_of_the_law(tmp_path):
+    run = armplane.run("ur5-wrist", out=tmp_path / "run")
+    states, estimates, reports = (run.messages(topic) for topic in ("control_state", "estimate", "singularity"))
+    reference, came, worst = armplane.Reference((run.folder / "job.json").read_text()), 0.0, 0.0
+    for state, estimate, report in zip(states, estimates, reports):
+        by = max(state["path_time_s"] - came, 0.0)
+        came += by
+        reference.advance(by, 1.0, estimate["q"][:6], estimate["qdot"][:6], report.tobytes())
+        worst = max(worst, np.abs(reference.pose[:3, 3] - state["p_BE_d"]).max())
+        worst = max(worst, np.abs(reference.pose[:3, :3].T.flatten() - state["R_BE_d"]).max())
+    assert reference.done and reference.leg > 2 and worst < 1e-9
+    with pytest.raises(ValueError):
+        reference.advance(-1.0, 1.0, np.zeros(6), np.zeros(6), reports[0].tobytes())
+
+
+def test_a_home_made_opponent_enters_the_table_with_the_same_bytes_twice(tmp_path, task):
+    (tmp_path / "mine.py").write_text(HOME_MADE)
+    laws = compare(tmp_path / "a", task, "--law", f"blended,mine={tmp_path / 'mine.py'}")
+    assert [law["law"] for law in laws] == ["blended", "mine"]
+    assert laws[1]["s1"] and laws[1]["completed"] and laws[1]["orthogonal_max_mm"] < 1.0
+    assert compare(tmp_path / "b", task, "--law", f"mine={tmp_path / 'mine.py'}")[0]["hash"] == laws[1]["hash"]
+
+
+def test_one_that_does_nothing_gets_nothing(tmp_path, task):
+    (tmp_path / "idle.py").write_text(IDLE)
+    idle = compare(tmp_path / "out", task, "--law", f"idle={tmp_path / 'idle.py'}")[0]
+    assert not idle["s1"] and not idle["s2"] and "end" in idle["missed"]
+
+
+@pytest.mark.parametrize("end, missed", [(5000, "end"), (100, "task")])
+def test_a_cheat_is_caught(tmp_path, task, end, missed):
+    """The first calls the present pose its goal, to the end; the second ends early."""
+    (tmp_path / "cheat.py").write_text(CHEAT.replace("{end}", str(min(end, 1100))))
+    (tmp_path / "cheat.toml").write_text(GRAPH.replace("{python}", sys.executable))
+    cheat = compare(tmp_path / "out", task, "--law", f"cheat={tmp_path / 'cheat.toml'}")[0]
+    assert not cheat["s1"] and not cheat["s2"] and missed in cheat["missed"]
+
+
+def test_the_arena_runs_continues_and_repeats_itself(tmp_path):
+    pytest.importorskip("mujoco")
+    (tmp_path / "mine.py").write_text(HOME_MADE)
+    asked = ["--size", "short", "--robot", "ur5", "--law", "armplane", "--law", f"mine={tmp_path / 'mine.py'}", "--law", "absent=absent.py", "--jobs", "2"]
+
+    def arena(folder, *more):
+        command = [_program(), "arena", *asked, "--out", str(tmp_path / folder), *more]
+        return subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)
+
+    first = arena("a", "--again", "1")
+    assert first.returncode == 0, first.stderr
+    rows = [json.loads(line) for line in (tmp_path / "a" / "rows.jsonl").read_text().splitlines()]
+    assert len(rows) == 8 and {row["law"] for row in rows} == {"armplane", "mine"}
+    assert all(row["median_us"] > 0 for row in rows if row["law"] == "mine" and row["outcome"] != "failed")
+    digest = lambda done: done.stdout.split("hash ")[1].split(";")[0]
+    # Continued, nothing is run again; in another folder, everything is, to the same bits.
+    half = (tmp_path / "a" / "rows.jsonl").read_text().splitlines(keepends=True)
+    (tmp_path / "a" / "rows.jsonl").write_text("".join(half[:-2]) + half[-2][:20])
+    second = arena("a")
+    assert digest(second) == digest(first) and second.stderr.count(" of 2  ") == 2
+    assert "absent is left out" in second.stderr or "absent=absent.py is left out" in second.stderr
+    assert pathlib.Path(tmp_path / "a" / "arena.html").stat().st_size > 1000
+
+
+def test_the_arm_is_the_same_in_pinocchio(tmp_path):
+    pinocchio = pytest.importorskip("pinocchio")
+    from armplane.arena import Arm
+
+    arm = Arm(ARM)
+    model = arm.pinocchio()
+    data, frame = model.createData(), model.getFrameId("end_effector")
+    for q, qdot in np.random.default_rng(0).uniform(-1, 1, (5, 2, arm.n)):
+        pinocchio.computeAllTerms(model, data, q, qdot)
+        pinocchio.updateFramePlacements(model, data)
+        J = pinocchio.getFrameJacobian(model, data, frame, pinocchio.LOCAL_WORLD_ALIGNED)
+        assert np.abs(data.oMf[frame].translation - arm.pose(q)[1]).max() < 1e-12 and np.abs(J - arm.J(q)).max() < 1e-12
+        assert np.abs(np.triu(data.M) - np.triu(arm.A(q))).max() < 1e-10
+        arm.move_to(q, qdot)
+        assert np.abs(data.nle - arm.bias()).max() < 1e-10
+    assert model.nq == 3 and model.upperPositionLimit[1] == 2.0 and model.velocityLimit[0] == 3.0
+
+
+_BODY = (
+    '<body name="link{i}" pos="0.1 0.2 0.3" xyaxes="{x}"><joint name="joint{i}" axis="0.6 0 0.8" armature="0.1" user="3" {range}/>'
+    '<inertial pos="0.1 0.02 -0.03" mass="{i}" fullinertia="0.1 0.12 0.13 0.01 0.02 -0.01"/>'
+)
+ARM = (
+    '<mujoco><compiler angle="radian" autolimits="true"/><option gravity="0 0 -9.81"/><worldbody>'
+    + "".join(_BODY.format(i=i, x=x, range='range="-1 2"' if i == 2 else "") for i, x in ((1, "1 0 0 0 1 0"), (2, "0 1 0 0 0 1"), (3, "0 0.6 0.8 1 0 0")))
+    + '<site name="end_effector" pos="0.1 0.2 0.3" xyaxes="0 0 1 1 0 0"/></body></body></body></worldbody><keyframe><key name="start" qpos="0 0 0"/></keyframe></mujoco>'
+)

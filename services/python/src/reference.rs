@@ -1,0 +1,116 @@
+//! The commanded path of a run, followed by the judge's own code.
+
+use control::{GroundTruth, Progress, ground_truth};
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use pyo3::prelude::*;
+use shared_types::job::Job;
+use shared_types::{PlantState, SingularityReport};
+
+use crate::{numbers, refused};
+
+/// The commanded path of a run, `Reference(job)` with the text of its `job.json`: the code by which the judge follows it.
+///
+/// `advance` moves along it; then `pose` (4, 4), m, `twist` (6,) and `acceleration` (6,), `[linear; angular]` in the axes of B, `leg`, `time_s` and `done`
+/// are those of the place come to. `duration_s` is the time that the path takes by its own clock.
+#[pyclass(unsendable, module = "armplane")]
+pub(crate) struct Reference {
+    truth: Box<dyn GroundTruth>,
+    place: Progress,
+    state: PlantState,
+    dof: usize,
+    rate: f64,
+    #[pyo3(get)]
+    duration_s: f64,
+    #[pyo3(get)]
+    time_s: f64,
+}
+
+#[pymethods]
+impl Reference {
+    #[new]
+    fn new(job: &str) -> PyResult<Self> {
+        let job: Job = serde_json::from_str(job).map_err(refused)?;
+        let robot = model::Robot::from_source_at(&job.robot, job.scenario.frame());
+        let robot = robot.map_err(refused)?;
+        let truth = ground_truth(&robot, &job.scenario).map_err(refused)?;
+        let none = || refused("a steered run has no path");
+        Ok(Self {
+            place: truth.start().ok_or_else(none)?,
+            duration_s: truth.duration_s(),
+            dof: robot.dof(),
+            truth,
+            state: PlantState::default(),
+            rate: 0.0,
+            time_s: 0.0,
+        })
+    }
+
+    /// Moves on by `by_s` of the path's clock, which then runs at `rate`, 0 to 1.
+    ///
+    /// `q` (n,), rad, `qdot` (n,), rad/s, and `report`, the bytes of the message `singularity`: a leg that begins takes from them the singular direction that
+    /// it is stated by. The judge takes them from the truth.
+    fn advance(
+        &mut self,
+        by_s: f64,
+        rate: f64,
+        q: &Bound<'_, PyAny>,
+        qdot: &Bound<'_, PyAny>,
+        report: &[u8],
+    ) -> PyResult<()> {
+        let shape = [&[self.dof][..]];
+        let (q, qdot) = (
+            numbers("q", q, &[], &shape)?,
+            numbers("qdot", qdot, &[], &shape)?,
+        );
+        self.state.q[..self.dof].copy_from_slice(q.as_slice()?);
+        self.state.qdot[..self.dof].copy_from_slice(qdot.as_slice()?);
+        let report: SingularityReport =
+            bytemuck::try_pod_read_unaligned(report).map_err(refused)?;
+        if !(by_s >= 0.0 && by_s.is_finite()) {
+            return Err(refused(format!("by_s is {by_s}: a clock only runs on")));
+        }
+        self.truth.analyse(&self.state, &report);
+        self.truth.advance(&mut self.place, by_s);
+        self.time_s += by_s;
+        self.rate = rate;
+        Ok(())
+    }
+
+    #[getter]
+    fn leg(&self) -> usize {
+        self.place.leg
+    }
+
+    #[getter]
+    fn done(&self) -> bool {
+        self.time_s >= self.duration_s
+    }
+
+    #[getter]
+    fn pose<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let (R, p) = self
+            .truth
+            .desired(&self.place, self.rate)
+            .map_or_else(Default::default, |desired| (desired.R, desired.p));
+        let rows = (0..4).flat_map(|i| (0..4).map(move |j| (i, j)));
+        let of = |(i, j)| match (i, j) {
+            (3, 3) => 1.0,
+            (3, _) => 0.0,
+            (i, 3) => p[i],
+            (i, j) => R[(i, j)],
+        };
+        PyArray1::from_iter(py, rows.map(of)).reshape([4, 4])
+    }
+
+    #[getter]
+    fn twist<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        let desired = self.truth.desired(&self.place, self.rate);
+        PyArray1::from_iter(py, desired.into_iter().flat_map(|it| it.V.data.0[0]))
+    }
+
+    #[getter]
+    fn acceleration<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        let desired = self.truth.desired(&self.place, self.rate);
+        PyArray1::from_iter(py, desired.into_iter().flat_map(|it| it.a.data.0[0]))
+    }
+}

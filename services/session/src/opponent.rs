@@ -1,0 +1,104 @@
+//! A controller of others in the place of armplane's: a class in Python, or a process of a graph.
+
+use std::path::{Path, PathBuf};
+
+use model::Robot;
+use serde_json::json;
+use shared_types::graph::{Graph, Role};
+use shared_types::process::Restart;
+use shared_types::scenario::Scenario;
+
+use crate::failure::Failure;
+use crate::load::{self, Loaded};
+use crate::python::Python;
+use crate::robot;
+
+/// The module that runs a class of `armplane.arena`, and without an exchange page checks its file.
+const MODULE: &str = "armplane.arena.host";
+/// Compilers and large packages at work before the first answer; s.
+const LONGEST_S: u32 = 120;
+
+/// A controller of others: its file ends in `.py` or `.toml`.
+#[derive(Clone, Debug)]
+pub struct Controller {
+    file: PathBuf,
+    join_limit_s: u32,
+}
+
+impl Controller {
+    /// A controller that may take so long to join, s.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] where there is no such file, or it is neither Python nor a graph.
+    pub fn new(file: &Path, join_limit_s: u32) -> Result<Self, Failure> {
+        let refused = |reason: &str| Failure::Input(format!("{}: {reason}", file.display()));
+        if !["py", "toml"]
+            .iter()
+            .any(|known| file.extension().is_some_and(|it| it == *known))
+        {
+            return Err(refused(
+                "give a Python file with a class of armplane.arena (.py), or a graph (.toml)",
+            ));
+        }
+        Ok(Self {
+            file: file
+                .canonicalize()
+                .map_err(|error| refused(&error.to_string()))?,
+            join_limit_s,
+        })
+    }
+
+    /// Whether a Python file has a controller and all that it imports.
+    fn check(&self, graph: &Graph) -> Result<(), Failure> {
+        let process = graph
+            .process
+            .iter()
+            .find(|process| process.command.iter().any(|part| part == MODULE));
+        let Some(command) = process.and_then(|process| load::command(graph, &process.name)) else {
+            return Ok(());
+        };
+        Python::ask(command, &json!({}), "'armplane[arena]'")
+            .map_err(|reason| Failure::Input(format!("{}: {reason}", self.file.display())))
+    }
+}
+
+/// The graph of a run in lockstep under a controller of others, with `plant` in place of the simulated arm.
+///
+/// # Errors
+/// [`Failure`] where the controller or the plant cannot be had.
+pub fn opposed(
+    controller: &Controller,
+    plant: Option<&str>,
+    robot: &Robot,
+    scenario: &Scenario,
+) -> Result<Graph, Failure> {
+    let file = &controller.file;
+    let is_graph = file.extension().is_some_and(|it| it == "toml");
+    let mut loaded = Loaded {
+        scenario: scenario.clone(),
+        robot: robot.clone(),
+        graph: load::graph_of(scenario, is_graph.then_some(file))?,
+    };
+    let own = loaded
+        .graph
+        .process
+        .iter_mut()
+        .find(|process| process.writes.iter().any(|topic| topic == "torque"));
+    if let Some(own) = own.filter(|own| own.role() != Role::World) {
+        if !is_graph {
+            own.command = Python::command(MODULE, [file.display().to_string()]);
+            (own.exchange, own.answer_limit_s) = (true, LONGEST_S);
+        }
+        // A second one would begin in the middle.
+        own.restart = Restart::Never;
+        if own.is_exchanged() {
+            own.join_limit_s = controller.join_limit_s;
+        }
+    }
+    controller.check(&loaded.graph)?;
+    if let Some(plant) = plant {
+        robot::put_in(&mut loaded, plant)?;
+        robot::check_mode(&loaded.graph, shared_types::job::Mode::Lockstep)?;
+    }
+    Ok(loaded.graph)
+}
