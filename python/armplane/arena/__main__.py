@@ -103,12 +103,12 @@ def tuned(found, table, folder, jobs):
     return [Entry(f"{name} tuned", trial.argument, trial.own, **trial.settings) for name, trial in best.items()]
 
 
-def run(entry, task):
-    """One law on one task: its row."""
+def run(entry, task, more=()):
+    """One law on one task, with `more` arguments of `armplane compare`: its row."""
     arguments, environment = entry.options()
     with tempfile.TemporaryDirectory() as folder:
         cost = pathlib.Path(folder) / "cost"
-        command = [_program(), "compare", task.argument, *arguments, "--out", f"{folder}/out", "--json"]
+        command = [_program(), "compare", task.argument, *arguments, *more, "--out", f"{folder}/out", "--json"]
         row = {"law": entry.name, "task": task.name, "group": task.group, "task_hash": task.hash}
         try:
             environment = {**os.environ, **environment, "ARMPLANE_ARENA_COST": str(cost)}
@@ -173,8 +173,9 @@ def versions():
 class Table:
     """The rows of a folder: what is there is not run again."""
 
-    def __init__(self, folder, identity):
-        self.path, self.lock, self.rows, self.identity = folder / "rows.jsonl", threading.Lock(), {}, identity
+    def __init__(self, folder, more):
+        self.path, self.lock, self.rows, self.more = folder / "rows.jsonl", threading.Lock(), {}, more
+        self.identity = [identity(), *more]
         for line in self.path.read_text().splitlines() if self.path.is_file() else []:
             try:
                 row = json.loads(line)
@@ -197,7 +198,7 @@ class Table:
 
         def one(cell):
             nonlocal done
-            row = {**run(*cell), "key": self.key(*cell)}
+            row = {**run(*cell, self.more), "key": self.key(*cell)}
             with self.lock:
                 done += 1
                 self.rows[row["key"]] = row
@@ -211,11 +212,11 @@ class Table:
         return [self.rows[self.key(entry, task)] for entry, task in cells]
 
 
-def again(found, todo, rows, count):
+def again(found, todo, rows, count, more):
     """Runs the first `count` tasks of each law a second time; the cells whose torques differ."""
     known = {(row["law"], row["task"]): row for row in rows}
     cells = [(entry, task) for entry in found for task in todo[:count]]
-    return [f"{entry.name} on {task.name}" for entry, task in cells if run(entry, task).get("hash") != known[entry.name, task.name].get("hash")]
+    return [f"{entry.name} on {task.name}" for entry, task in cells if run(entry, task, more).get("hash") != known[entry.name, task.name].get("hash")]
 
 
 def save(folder, rows):
@@ -236,6 +237,8 @@ def arguments():
     parser.add_argument("--size", choices=tuple(tasks.SIZES), default="main", help="how many tasks [default: main]")
     parser.add_argument("--robot", action="append", help="only lines of these arms; repeatable")
     parser.add_argument("--seed", type=int, default=tasks.TEST, help=f"seed of the lines [default: {tasks.TEST}; tune on {tasks.TRAINING}]")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a value of every task: plant.mass_factor=1.1, plant.encoder_noise_counts=2; repeatable")
+    parser.add_argument("--plant", help="mujoco: the same tasks in MuJoCo")
     parser.add_argument("--out", default="runs/arena", help="folder, which the same command continues [default: runs/arena]")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="runs at once [default: a core each]")
     parser.add_argument("--tune", action="store_true", help="add a row of each law tuned: the best of at most six settings on lines of another seed")
@@ -246,6 +249,7 @@ def arguments():
 def main():
     asked = arguments()
     folder = pathlib.Path(asked.out)
+    more = [*(part for pair in asked.set for part in ("--set", pair)), *(["--plant", asked.plant] if asked.plant else [])]
     found, skipped = entries(asked.law)
     for name, reason in skipped.items():
         print(f"{name} is left out: {reason}", file=sys.stderr)
@@ -255,7 +259,7 @@ def main():
         todo = tasks.make(folder / "tasks", _armplane, asked.size, asked.seed, asked.robot or tasks.ARMS)
     except RuntimeError as error:
         sys.exit(str(error))
-    table = Table(folder, identity())
+    table = Table(folder, more)
     if asked.tune:
         found += tuned(found, table, folder, asked.jobs)
     rows = judged(table.fill([(entry, task) for task in todo for entry in found], asked.jobs))
@@ -265,7 +269,7 @@ def main():
     print(summary.text())
     print(f"{folder}/arena.html, {folder}/arena.parquet")
     if asked.again:
-        different = again(found, todo, rows, asked.again)
+        different = again(found, todo, rows, asked.again, more)
         print(f"a second time, every torque compared: {len(different)} differ" + "".join(f"\n  {cell}" for cell in different))
         sys.exit(bool(different))
 
