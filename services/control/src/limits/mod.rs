@@ -53,7 +53,7 @@ pub(crate) fn apply<const N: usize>(
     // A reference arm stops before its joints' limits, so its motion is not refused there.
     if control.strategy.is_ours()
         && is_path
-        && range::is_nearing(motion.planned.as_ref(), (now.q, now.qdot), model)
+        && range::is_nearing(motion.planned.as_ref(), (now.q, now.qdot), now.terms, model)
     {
         return Err(Refusal::Limit);
     }

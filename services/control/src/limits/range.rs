@@ -2,29 +2,45 @@
 
 use super::{Parts, shares};
 use crate::plan::Sample;
-use model::Model;
+use model::{Model, Terms};
 use nalgebra::SVector;
 
-/// Distance in which an arm refused before a limit comes to rest, per speed, s: 1/k_v, and a reserve for the torque rate, at which braking begins.
-const STOPPING_S: f64 = 0.06;
+/// Distance per speed in which an arm with torque to spare is brought to rest before a limit, s: 1/k_v.
+const DAMPED_S: f64 = 0.025;
+/// Time that the torque rate takes from pushing a joint to braking it, s.
+const REVERSING_S: f64 = 0.045;
+/// Share of what gravity leaves of a joint's torque with which it brakes.
+const BRAKING: f64 = 0.9;
 /// Joint speed below which a joint is at rest, rad/s.
 const RESTING: f64 = 0.02;
 /// Distance from the plan beyond which it leads nowhere, rad.
 const STRAYED: f64 = 0.02;
 
 /// Whether a joint could not be stopped before its limit later than now, and no plan leads it away from there.
+///
+/// `terms` are those of `q`: a joint brakes with the torque that gravity leaves it.
 #[must_use]
 #[inline]
 pub fn is_nearing<const N: usize>(
     planned: Option<&Sample<N>>,
     (q, qdot): (&SVector<f64, N>, &SVector<f64, N>),
+    terms: &Terms<N>,
     model: &Model<N>,
 ) -> bool {
+    let bias = terms.bias();
     (0..N).any(|i| {
-        let stop = q[i] + qdot[i] * STOPPING_S;
-        let beyond = qdot[i] > RESTING && stop > model.upper()[i]
-            || qdot[i] < -RESTING && stop < model.lower()[i];
-        beyond && planned.is_none_or(|plan| (plan.q[i] - q[i]).abs() > STRAYED)
+        let (speed, is_up) = (qdot[i].abs(), qdot[i] > 0.0);
+        let distance = if is_up {
+            model.upper()[i] - q[i]
+        } else {
+            q[i] - model.lower()[i]
+        };
+        let effort = BRAKING * model.effort()[i];
+        let torque = (effort - bias[i].abs()).max(0.1 * effort);
+        let braked = 0.5 * speed * speed * terms.A[(i, i)] / torque;
+        speed > RESTING
+            && speed * REVERSING_S + braked.max(speed * DAMPED_S) > distance
+            && planned.is_none_or(|plan| (plan.q[i] - q[i]).abs() > STRAYED)
     })
 }
 

@@ -74,13 +74,14 @@ pub(super) fn in_general_position<const N: usize, T: Copy>(
     found
 }
 
-/// A right-handed frame with x along `zeta` and y as near `towards` as it can be.
+/// A right-handed frame with x along `zeta`, a unit vector, and y as near `towards` as it can be.
 pub(super) fn frame(zeta: &Vector3<f64>, towards: &Vector3<f64>) -> Matrix3<f64> {
     let y = towards - zeta * zeta.dot(towards);
     let y = if y.norm() > 1e-9 {
         y.normalize()
     } else {
-        zeta.cross(&Vector3::x()).normalize()
+        let farthest = Vector3::ith(zeta.iamin(), 1.0);
+        zeta.cross(&farthest).normalize()
     };
     Matrix3::from_columns(&[*zeta, y, zeta.cross(&y)])
 }

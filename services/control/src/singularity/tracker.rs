@@ -50,6 +50,12 @@ pub(super) const SMALLEST: f64 = 1e-12;
 /// |s| over η_out below which a direction is classified, and beyond which its type is given up: a hysteresis outside of the neighbourhood.
 const LATCH: (f64, f64) = (1.3, 1.6);
 
+/// Length below which a half of u, or what [`apart`] leaves of u, has no direction.
+const NO_DIRECTION: f64 = 1e-9;
+
+/// Curvature below which a fold has no coordinate, 1/rad² on unit-scaled rows.
+const FLAT: f64 = 1e-9;
+
 /// Share of ∇s along v above which s is a coordinate of the fold.
 const SLOPE: f64 = 0.1;
 
@@ -447,15 +453,14 @@ impl<const N: usize> Tracker<N> {
         } else {
             curvature.abs() > 0.2 * entry.verdict.kappa_1
         };
-        let is_fold = class == Class::Type1 && entry.latched && leads;
+        let is_fold = class == Class::Type1 && entry.latched && leads && curvature.abs() > FLAT;
+        let along_fold = (is_fold && svd.is_square())
+            .then(|| half_of(&svd.along_fold(i, &gradient, slope), angular))
+            .filter(|half| half.norm() > NO_DIRECTION);
         SecondOrder {
             class,
             angular,
-            half: if is_fold && svd.is_square() {
-                half_of(&svd.along_fold(i, &gradient, slope), angular)
-            } else {
-                half
-            },
+            half: along_fold.unwrap_or(half),
             Q,
             a,
             m,
@@ -480,8 +485,8 @@ impl<const N: usize> Tracker<N> {
         let SecondOrder {
             class, angular, a, ..
         } = order;
-        let length = order.half.norm().max(1e-9);
         let outwards = if entry.flipped { -1.0 } else { 1.0 };
+        let length = order.half.norm();
         let axis = order.half / (outwards * length);
         let per_aux = outwards * if angular { 1.0 } else { self.length_m } / length;
         let (mut towards, mut kappa_2) = (towards(at, &axis), entry.verdict.kappa_2);
@@ -703,14 +708,15 @@ fn half_of(u: &Vector6<f64>, is_angular: bool) -> Vector3<f64> {
 /// Left null vector `u` without what has been given the directions ζ before it, each a pair of ζ and its own u, on scaled rows.
 ///
 /// Where two directions are lost any two vectors span them: both may be largest in the same half, along the same axis, and the rows that are kept then
-/// lack one. u − u_1·(ζ_1ᵀu)/(ζ_1ᵀu_1) is lost just as u is, and has nothing along ζ_1.
+/// lack one. u − u_1·(ζ_1ᵀu)/(ζ_1ᵀu_1) is lost just as u is, and has nothing along ζ_1. Where nothing would be left of u, it stays.
 fn apart(u: Vector6<f64>, before: &[(Vector6<f64>, Vector6<f64>)]) -> Vector6<f64> {
     before.iter().fold(u, |u, (zeta, other)| {
         let own = zeta.dot(other);
-        if own.abs() < 0.1 {
+        let left = u - other * (zeta.dot(&u) / own);
+        if own.abs() < 0.1 || left.norm() < NO_DIRECTION {
             u
         } else {
-            u - other * (zeta.dot(&u) / own)
+            left
         }
     })
 }
@@ -730,7 +736,16 @@ fn larger_half<const N: usize>(
         _ => ANGULAR[2],
     };
     let (linear, rotation) = (linear(u).norm_squared(), angular(u).norm_squared());
-    let share = rotation / (linear + rotation).max(1e-12);
+    let share = rotation / (linear + rotation);
     let is_angular = share > if entry.angular { below } else { above };
-    (is_angular, half_of(u, is_angular))
+    let half = half_of(u, is_angular);
+    // Nothing is lost along a u that has no length: any direction will do.
+    (
+        is_angular,
+        if half.norm() > NO_DIRECTION {
+            half
+        } else {
+            Vector3::x()
+        },
+    )
 }
