@@ -124,7 +124,7 @@ codes! {
         /// The arm is far from the reference arm of its steered run.
         REFUSAL_PARTED = 11 "the arm was held back or thrown",
         /// The checkpoint that it was restored from is damaged.
-        REFUSAL_CHECKPOINT = 12 "the checkpoint of the process before it is damaged: one of its codes has no meaning; start the run again",
+        REFUSAL_CHECKPOINT = 12 "the checkpoint of the process before it is damaged; start the run again",
     }
 
     /// The drive's state.

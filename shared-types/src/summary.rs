@@ -126,6 +126,12 @@ pub struct TaskSummary {
     pub final_orientation_deg: f64,
     /// Time the task took beyond its plan, as a ratio (the governor's stretch).
     pub time_stretch: f64,
+    /// Ticks in which the arm touched the floor, or itself.
+    #[serde(default)]
+    pub contact_ticks: u64,
+    /// Largest sum of contact forces on the arm.
+    #[serde(default)]
+    pub contact_max_n: f64,
     /// Success by the strict bar S1: end within 1 mm and 0.5°, error orthogonal to the singular directions too, no limit broken.
     #[serde(default)]
     pub s1: bool,

@@ -16,6 +16,9 @@ use shared_types::checkpoints::LoopCheckpoint;
 use shared_types::wire::Part;
 use shared_types::{ControllerCheckpoint, MAX_SINGULARITIES};
 
+/// Farther than any leg leads, m and rad.
+const FARTHEST: f64 = 1e6;
+
 /// The state from tick to tick: all of it survives a restart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct State<const N: usize> {
@@ -116,11 +119,27 @@ impl<const N: usize> State<N> {
         };
     }
 
-    /// The state that [`save`](Self::save) has written, its torque within the arm's `limits`, N·m. One with a number that is not finite, or a mode or a
-    /// refusal that does not exist, is damaged: it refuses to go on.
+    /// The state that [`save`](Self::save) has written, its torque within the arm's `limits`, N·m. One with a number that is not finite, a leg that starts
+    /// in no pose or leads farther than any, or a mode or a refusal that does not exist, is damaged: it refuses to go on.
     pub(crate) fn from_checkpoint(from: &ControllerCheckpoint, limits: &SVector<f64, N>) -> Self {
         let modes = from.loops.map(|one| Mode::from_code(one.mode));
+        let start = Pose {
+            R: Matrix3::from_column_slice(&from.R_BE_start),
+            p: from.p_BE_start.into(),
+        };
+        let servo = &from.servo;
+        let is_rotation = |R: &[f64; 9]| {
+            let R = Matrix3::from_column_slice(R);
+            (R.transpose() * R - Matrix3::identity()).amax() < 1e-6
+        };
+        let mut numbers = [from.p_BE_start, from.translation, from.rotation, servo.p_BE]
+            .into_iter()
+            .flatten()
+            .chain(servo.V)
+            .chain(servo.a);
         let is_damaged = !from.is_finite()
+            || ![from.R_BE_start, servo.R_BE].iter().all(is_rotation)
+            || numbers.any(|x| x.abs() > FARTHEST)
             || modes.contains(&None)
             || Refusal::from_code(from.servo.stop).is_none();
         let refusal = Refusal::from_code(from.refusal)
@@ -131,10 +150,7 @@ impl<const N: usize> State<N> {
                 leg: from.segment as usize,
                 time_s: from.segment_time_s,
                 begun: from.begun != 0,
-                start: Pose {
-                    R: Matrix3::from_column_slice(&from.R_BE_start),
-                    p: from.p_BE_start.into(),
-                },
+                start: if is_damaged { Pose::identity() } else { start },
                 by: from.translation.into(),
                 turn: from.rotation.into(),
             },

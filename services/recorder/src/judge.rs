@@ -187,6 +187,7 @@ impl Judge {
             .for_each(|state| self.steered.tick(state));
         let is_beyond = truth.is_beyond(&whole);
         self.task.tick(&error, is_beyond);
+        self.task.touch(tick.truth);
         let clock = Clock {
             tick: k,
             rate_hz: self.rate_hz,
@@ -227,7 +228,7 @@ impl Judge {
             None => Some("there is no truth to judge by".to_owned()),
         };
         let is_done = breach.is_none();
-        let along = self.task.along();
+        let (along, contact) = (self.task.along(), self.task.clause());
         let mut task = self.task.finish(self.ticks, self.planned_ticks);
         let has_broken_a_limit = self.joints.has_broken_a_limit();
         let (outcome, mut reason) = match self.phase {
@@ -255,6 +256,7 @@ impl Judge {
             .clauses()
             .chain(self.singularities.ends())
             .chain(self.joints.clauses())
+            .chain(contact)
             .chain(self.unasked)
         {
             reason.push_str("; ");

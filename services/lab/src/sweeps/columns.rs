@@ -41,7 +41,7 @@ pub(super) struct Column {
 }
 
 /// The meanings of the columns.
-const ABOUT: [(&str, &str); 37] = [
+const ABOUT: [(&str, &str); 39] = [
     (RUN, "number of the run, from 0"),
     (
         OUTCOME,
@@ -87,6 +87,11 @@ const ABOUT: [(&str, &str); 37] = [
     ),
     ("torque_step_p95_ratio", "95th percentile of that change"),
     ("torque_step_p99_ratio", "99th percentile of it"),
+    (
+        "contact_ticks",
+        "ticks in which the arm touched the floor, or itself",
+    ),
+    ("contact_max_n", "largest sum of contact forces on the arm"),
     ("saturated_ticks", "ticks with any torque at its limit"),
     (
         "rate_limited_ticks",

@@ -3,6 +3,7 @@
 use control::GroundTruth;
 use nalgebra::{Matrix3, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
+use shared_types::PlantState;
 use shared_types::bounds::larger;
 use shared_types::summary::TaskSummary;
 
@@ -67,6 +68,8 @@ pub(super) struct TaskMeter {
     summary: TaskSummary,
     position_square_sum: f64,
     ticks: u64,
+    /// The first tick of a contact.
+    contact_since: Option<u64>,
     /// Largest errors along the singular directions towards what is within reach; mm, °.
     along: [f64; 2],
 }
@@ -94,6 +97,28 @@ impl TaskMeter {
         (task.final_position_mm, task.final_orientation_deg) = (mm, deg);
         self.position_square_sum += mm * mm;
         self.ticks += 1;
+    }
+
+    /// Takes in whether the arm touches anything.
+    pub(super) fn touch(&mut self, truth: &PlantState) {
+        if truth.contacts > 0 {
+            let (force, task) = (Vector3::from(truth.contact_force_n), &mut self.summary);
+            task.contact_ticks += 1;
+            self.contact_since.get_or_insert(truth.header.tick);
+            task.contact_max_n = larger(task.contact_max_n, force.norm());
+        }
+    }
+
+    /// A contact that nobody asked for may explain an error.
+    pub(super) fn clause(&self) -> Option<String> {
+        let TaskSummary {
+            contact_ticks,
+            contact_max_n,
+            ..
+        } = self.summary;
+        self.contact_since.map(|since| {
+            format!("the arm touched the floor or itself for {contact_ticks} ticks from tick {since} on, with up to {contact_max_n:.0} N")
+        })
     }
 
     /// Largest errors along the singular directions towards what is within reach; mm, °.
