@@ -271,7 +271,7 @@ impl<'a, const N: usize> Route<'a, N> {
         let bounds = Bounds {
             lower: *model.lower(),
             upper: *model.upper(),
-            velocity: *model.velocity(),
+            velocity: request.velocity(),
             position_m: request.position_m,
             orientation_rad: request.orientation_rad,
         };

@@ -38,6 +38,17 @@ pub struct Request<'a, const N: usize> {
     pub orientation_rad: f64,
 }
 
+/// Fastest motion that is planned for a joint whose model states no speed limit, rad/s (m/s for prismatic joints): half a turn a second.
+const UNSTATED: f64 = std::f64::consts::PI;
+
+impl<const N: usize> Request<'_, N> {
+    /// Fastest joint motion that is planned, rad/s.
+    pub(super) fn velocity(&self) -> SVector<f64, N> {
+        let stated = |limit: f64| if limit.is_finite() { limit } else { UNSTATED };
+        self.model.velocity().map(stated)
+    }
+}
+
 /// C in the end-effector's axes, from the analysis of the start posture.
 pub(super) fn centre<const N: usize>(
     model: &Model<N>,

@@ -151,7 +151,7 @@ impl<const N: usize> PathPlan<N> {
     }
 
     fn limit_speed(&mut self, request: &Request<'_, N>, stops: &[usize]) {
-        let (velocity, effort) = (*request.model.velocity(), *request.model.effort());
+        let (velocity, effort) = (request.velocity(), *request.model.effort());
         let mut analyzer = request.analyzer.clone();
         for i in 0..self.points.len() {
             let Point { q, slope, u, .. } = self.points[i];
@@ -384,7 +384,7 @@ fn self_motion<const N: usize>(
     from: &Point<N>,
     way: &[SVector<f64, N>],
 ) -> Vec<(f64, SVector<f64, N>)> {
-    let velocity = request.model.velocity();
+    let velocity = request.velocity();
     let cap = |i: usize| (SPEED * velocity[i]).min(TURNING);
     let lengths: Vec<f64> = way
         .windows(2)
