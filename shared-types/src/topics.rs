@@ -28,45 +28,6 @@ macro_rules! for_each_topic {
     };
 }
 
-/// One type for each message: what a [`ByTopic`] holds of a topic.
-pub trait Family {
-    /// Its value for the topic of `M`.
-    type Of<M: Topic>;
-}
-
-/// A message that is in the list.
-pub trait Topic: Message {
-    /// Its place in [`TOPICS`].
-    const INDEX: usize;
-
-    /// A bundle's value for this topic.
-    fn of<F: Family>(all: &ByTopic<F>) -> &F::Of<Self>;
-
-    /// A bundle's value for this topic, mutable.
-    fn of_mut<F: Family>(all: &mut ByTopic<F>) -> &mut F::Of<Self>;
-}
-
-/// Makes a bundle, topic by topic.
-pub trait Build<F: Family> {
-    /// Why a part cannot be made.
-    type Error;
-
-    /// The part of one topic.
-    ///
-    /// # Errors
-    /// The first one ends the making of the bundle.
-    fn build<M: Topic>(&mut self) -> Result<F::Of<M>, Self::Error>;
-}
-
-/// Does something for each topic: a closure that is generic over the message.
-pub trait Each {
-    /// The result for one topic.
-    type Output;
-
-    /// Does it for the topic of `M`.
-    fn each<M: Topic>(&mut self) -> Self::Output;
-}
-
 macro_rules! derive {
     ($($topic:ident: $message:ident),* $(,)?) => {
         /// The names of all topics, in the order of the list.
@@ -146,6 +107,45 @@ macro_rules! derive {
 }
 
 for_each_topic!(derive);
+
+/// One type for each message: what a [`ByTopic`] holds of a topic.
+pub trait Family {
+    /// Its value for the topic of `M`.
+    type Of<M: Topic>;
+}
+
+/// A message that is in the list.
+pub trait Topic: Message {
+    /// Its place in [`TOPICS`].
+    const INDEX: usize;
+
+    /// A bundle's value for this topic.
+    fn of<F: Family>(all: &ByTopic<F>) -> &F::Of<Self>;
+
+    /// A bundle's value for this topic, mutable.
+    fn of_mut<F: Family>(all: &mut ByTopic<F>) -> &mut F::Of<Self>;
+}
+
+/// Makes a bundle, topic by topic.
+pub trait Build<F: Family> {
+    /// Why a part cannot be made.
+    type Error;
+
+    /// The part of one topic.
+    ///
+    /// # Errors
+    /// The first one ends the making of the bundle.
+    fn build<M: Topic>(&mut self) -> Result<F::Of<M>, Self::Error>;
+}
+
+/// Does something for each topic: a closure that is generic over the message.
+pub trait Each {
+    /// The result for one topic.
+    type Output;
+
+    /// Does it for the topic of `M`.
+    fn each<M: Topic>(&mut self) -> Self::Output;
+}
 
 /// The topics that only a steered run has.
 pub const STEERED: [&str; 2] = [Target::TOPIC, ServoState::TOPIC];

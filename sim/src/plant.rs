@@ -48,36 +48,11 @@ impl<const N: usize> Plant<N> {
         rate_hz: u32,
         q_start: &SVector<f64, N>,
     ) -> Result<Self, PlantError> {
-        let (factor, floor_m) = (options.mass_factor, options.floor_m.unwrap_or(0.0));
-        for (key, value, holds, range) in [
-            ("rate_hz", rate_hz.into(), rate_hz > 0, "at least 1"),
-            (
-                "plant.substeps",
-                options.substeps.into(),
-                options.substeps > 0,
-                "at least 1",
-            ),
-            (
-                "plant.mass_factor",
-                factor,
-                factor > 0.0 && factor.is_finite(),
-                "positive",
-            ),
-            (
-                "plant.floor_m",
-                floor_m,
-                floor_m.is_finite(),
-                "a height in m",
-            ),
-        ] {
-            if !holds {
-                return Err(PlantError::Range { key, value, range });
-            }
-        }
+        check(options, rate_hz)?;
         let mut robot = robot.clone();
         for joint in &mut robot.joints {
-            joint.mass *= factor;
-            joint.inertia *= factor;
+            joint.mass *= options.mass_factor;
+            joint.inertia *= options.mass_factor;
         }
         let model = Model::new(&robot, frame)?;
         robot.check_posture(&q_start.as_slice()[..robot.dof()])?;
@@ -177,11 +152,6 @@ impl<const N: usize> Plant<N> {
         self.motion.energy
     }
 
-    #[cfg(test)]
-    pub(crate) fn set_state(&mut self, state: State<N>) {
-        (self.state, self.motion) = (state, self.smooth.motion(&state));
-    }
-
     /// Makes the hybrid plant ask rapier3d at every sub-step.
     #[cfg(test)]
     pub(crate) fn always_ask(&mut self) {
@@ -207,4 +177,32 @@ impl<const N: usize> Plant<N> {
             0
         }
     }
+}
+
+/// The ranges of the plant's settings.
+fn check(options: &scenario::Plant, rate_hz: u32) -> Result<(), PlantError> {
+    let (factor, floor_m) = (options.mass_factor, options.floor_m.unwrap_or(0.0));
+    let is_factor = factor > 0.0 && factor.is_finite();
+    let substeps = options.substeps;
+    for (key, value, holds, range) in [
+        ("rate_hz", rate_hz.into(), rate_hz > 0, "at least 1"),
+        (
+            "plant.substeps",
+            substeps.into(),
+            substeps > 0,
+            "at least 1",
+        ),
+        ("plant.mass_factor", factor, is_factor, "positive"),
+        (
+            "plant.floor_m",
+            floor_m,
+            floor_m.is_finite(),
+            "a height in m",
+        ),
+    ] {
+        if !holds {
+            return Err(PlantError::Range { key, value, range });
+        }
+    }
+    Ok(())
 }

@@ -11,50 +11,6 @@ use shared_types::{
     Target, TorqueCommand,
 };
 
-/// The pure step of an arm of any number of joints.
-pub trait Step: Send + Sync {
-    /// The torque for an estimate and the report of the same tick, and what the law did to arrive at it, at that tick. No allocation; a report
-    /// that cannot be read is refused.
-    fn step(
-        &mut self,
-        estimate: &StateEstimate,
-        report: &SingularityReport,
-        state: &mut ControlState,
-        torque: &mut TorqueCommand,
-    );
-    /// The same with the [`Terms`](model::Terms) of this estimate and the [`Report`](control::Report) that the message has, where other steps in this
-    /// address space have computed them for the same arm and frame; those of another size are not used.
-    fn step_knowing(
-        &mut self,
-        known: [&dyn Any; 2],
-        inputs: (&StateEstimate, &SingularityReport),
-        state: &mut ControlState,
-        torque: &mut TorqueCommand,
-    );
-    /// The same towards the target of this tick, in a scenario that is steered; `None`: none has come.
-    fn steer(
-        &mut self,
-        inputs: (&StateEstimate, &SingularityReport),
-        target: Option<&Target>,
-        servo: &mut ServoState,
-        state: &mut ControlState,
-        torque: &mut TorqueCommand,
-    );
-    /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its inputs.
-    fn save(&self, out: &mut ControllerCheckpoint);
-    /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
-    fn restore(&mut self, from: &ControllerCheckpoint);
-    /// Begins a steered run with the arm at rest in another posture, one value per joint, rad: before the first tick, or [restored](Self::restore) to that.
-    /// No allocation.
-    fn begin(&mut self, q_start: &[f64]);
-    /// The same, with its memory.
-    fn copied(&self) -> Box<dyn Step>;
-    /// Why the path cannot be followed, found before the first tick, in words.
-    fn obstacle(&self) -> Option<&str>;
-    /// A goal beyond reach, found before the first tick, in words.
-    fn warning(&self) -> Option<String>;
-}
-
 /// One arm's control law, tick by tick.
 #[derive(Clone, Debug)]
 pub struct Cycle<const N: usize> {
@@ -121,6 +77,50 @@ impl<const N: usize> Cycle<N> {
         torque.tau[self.dof..].fill(0.0);
         command.session
     }
+}
+
+/// The pure step of an arm of any number of joints.
+pub trait Step: Send + Sync {
+    /// The torque for an estimate and the report of the same tick, and what the law did to arrive at it, at that tick. No allocation; a report
+    /// that cannot be read is refused.
+    fn step(
+        &mut self,
+        estimate: &StateEstimate,
+        report: &SingularityReport,
+        state: &mut ControlState,
+        torque: &mut TorqueCommand,
+    );
+    /// The same with the [`Terms`](model::Terms) of this estimate and the [`Report`](control::Report) that the message has, where other steps in this
+    /// address space have computed them for the same arm and frame; those of another size are not used.
+    fn step_knowing(
+        &mut self,
+        known: [&dyn Any; 2],
+        inputs: (&StateEstimate, &SingularityReport),
+        state: &mut ControlState,
+        torque: &mut TorqueCommand,
+    );
+    /// The same towards the target of this tick, in a scenario that is steered; `None`: none has come.
+    fn steer(
+        &mut self,
+        inputs: (&StateEstimate, &SingularityReport),
+        target: Option<&Target>,
+        servo: &mut ServoState,
+        state: &mut ControlState,
+        torque: &mut TorqueCommand,
+    );
+    /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its inputs.
+    fn save(&self, out: &mut ControllerCheckpoint);
+    /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
+    fn restore(&mut self, from: &ControllerCheckpoint);
+    /// Begins a steered run with the arm at rest in another posture, one value per joint, rad: before the first tick, or [restored](Self::restore) to that.
+    /// No allocation.
+    fn begin(&mut self, q_start: &[f64]);
+    /// The same, with its memory.
+    fn copied(&self) -> Box<dyn Step>;
+    /// Why the path cannot be followed, found before the first tick, in words.
+    fn obstacle(&self) -> Option<&str>;
+    /// A goal beyond reach, found before the first tick, in words.
+    fn warning(&self) -> Option<String>;
 }
 
 impl<const N: usize> Step for Cycle<N> {

@@ -9,20 +9,6 @@ use shared_types::codes::DRIVE_BRAKED;
 use shared_types::scenario::Scenario;
 use shared_types::{EstimatorCheckpoint, Header, SensorSample, StateEstimate};
 
-/// The pure step of an arm of any number of joints.
-pub trait Step {
-    /// The estimate at the sample's tick.
-    fn step(&mut self, sample: &SensorSample, out: &mut StateEstimate);
-    /// The [`Terms`] of the last estimate at the scenario's frame, for other steps in this address space.
-    fn terms(&self) -> &dyn Any;
-    /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its input.
-    fn save(&self, out: &mut EstimatorCheckpoint);
-    /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
-    fn restore(&mut self, from: &EstimatorCheckpoint);
-    /// Whether a reading of the last sample was set aside.
-    fn rejects(&self) -> bool;
-}
-
 /// A predictor–corrector observer per joint with the arm's own dynamics as its predictor.
 ///
 /// Between two samples the state follows the model under the torque that the drives report; the encoder then corrects
@@ -134,6 +120,20 @@ impl<const N: usize> Cycle<N> {
             state: None,
         })
     }
+}
+
+/// The pure step of an arm of any number of joints.
+pub trait Step {
+    /// The estimate at the sample's tick.
+    fn step(&mut self, sample: &SensorSample, out: &mut StateEstimate);
+    /// The [`Terms`] of the last estimate at the scenario's frame, for other steps in this address space.
+    fn terms(&self) -> &dyn Any;
+    /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its input.
+    fn save(&self, out: &mut EstimatorCheckpoint);
+    /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
+    fn restore(&mut self, from: &EstimatorCheckpoint);
+    /// Whether a reading of the last sample was set aside.
+    fn rejects(&self) -> bool;
 }
 
 impl<const N: usize> Step for Cycle<N> {

@@ -98,36 +98,17 @@ impl Page {
             run.join(format!("exchange-{process}")),
             run.join(format!("exchange-{process}.new")),
         );
-        let file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(true)
-            .mode(0o600)
-            .open(&unfinished)?;
+        let mut options = OpenOptions::new();
+        options.read(true).write(true).create(true).truncate(true);
+        let file = options.mode(0o600).open(&unfinished)?;
         std::io::Write::write_all(&mut &file, &image)?;
         std::fs::rename(&unfinished, &path)?;
-        // SAFETY: a fresh shared mapping of a file of this length; nothing else in this process lies there.
-        let start = unsafe {
-            mmap(
-                std::ptr::null_mut(),
-                end,
-                ProtFlags::READ | ProtFlags::WRITE,
-                MapFlags::SHARED,
-                &file,
-                0,
-            )?
-        };
-        let start = NonNull::new(start.cast())
-            .ok_or_else(|| std::io::Error::other("mapped at address 0"))?;
-        let messages = entries
-            .iter()
-            .map(|entry| (entry.at as usize, entry.bytes as usize))
-            .collect();
+        let places = entries.iter();
+        let places = places.map(|entry| (entry.at as usize, entry.bytes as usize));
         Ok(Self {
-            start,
+            start: map(&file, end)?,
             bytes: end,
-            messages,
+            messages: places.collect(),
             state_at,
             topics_at,
             asked: Cell::new(0),
@@ -301,6 +282,14 @@ impl Page {
             .map(|c| if c.is_control() { ' ' } else { c })
             .collect()
     }
+}
+
+/// A shared mapping of a file of so many bytes.
+fn map(file: &std::fs::File, bytes: usize) -> std::io::Result<NonNull<u8>> {
+    let (all, shared) = (ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED);
+    // SAFETY: a fresh mapping of a file of this length; nothing else in this process lies there.
+    let start = unsafe { mmap(std::ptr::null_mut(), bytes, all, shared, file, 0)? };
+    NonNull::new(start.cast()).ok_or_else(|| std::io::Error::other("mapped at address 0"))
 }
 
 impl Drop for Page {

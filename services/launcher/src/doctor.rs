@@ -106,80 +106,14 @@ pub struct Check {
 /// Judges the machine: one check a row, those that nothing runs without first.
 #[must_use]
 pub fn checks(health: &Health) -> Vec<Check> {
-    let mb = |bytes: u64| bytes / 1_000_000;
-    let (dead, alive): (Vec<_>, Vec<_>) = health.runs.iter().partition(|run| !run.alive);
-    let (is_enough, shm) = match &health.shm {
-        None => (false, "there is no /dev/shm".to_owned()),
-        Some(shm) => (
-            shm.writable && shm.free_bytes >= SHM_NEEDED,
-            format!(
-                "{}writable, {} MB free of {}",
-                if shm.writable { "" } else { "not " },
-                mb(shm.free_bytes),
-                mb(shm.total_bytes)
-            ),
-        ),
-    };
-    let (used, period) = health.realtime_budget.unwrap_or((1, 1));
-    let rights = &health.rights;
-    let check = |what, good, finding: String, remedy| Check {
-        what,
-        optional: true,
-        good,
-        finding,
-        remedy,
-    };
-    let either = |good, words: &str, otherwise: String| match good {
-        true => words.to_owned(),
-        false => otherwise,
-    };
-    vec![
-        Check {
-            optional: false,
-            ..check(
-                "shared memory",
-                is_enough,
-                shm,
-                "mount a writable tmpfs with at least 64 MB on /dev/shm (containers: --shm-size=256m)",
-            )
-        },
-        check(
+    let machine = [
+        (
             "cores",
             health.cores.len() >= 2,
             format!("{} usable: {:?}", health.cores.len(), health.cores),
             "with two or more cores, the recorder does not disturb the control chain",
         ),
-        check(
-            "FIFO scheduling",
-            rights.fifo(),
-            either(
-                rights.fifo(),
-                "allowed",
-                format!("not allowed (RLIMIT_RTPRIO {:?})", rights.rtprio_limit),
-            ),
-            "for --mode realtime: ulimit -r 90, or `@realtime - rtprio 90` in /etc/security/limits.conf",
-        ),
-        check(
-            "locked memory",
-            rights.lock_memory(),
-            either(
-                rights.lock_memory(),
-                "allowed",
-                format!("limited to {:?} bytes", rights.memlock_limit),
-            ),
-            "for --mode realtime: ulimit -l unlimited",
-        ),
-        check(
-            "real-time share",
-            used >= period,
-            either(
-                used >= period,
-                "unlimited",
-                format!("{used} of {period} µs"),
-            ),
-            "it affects only processes that spin under FIFO; those of armplane block instead",
-        ),
-        check(
+        (
             "kernel",
             health.preempt_rt,
             format!(
@@ -189,22 +123,100 @@ pub fn checks(health: &Health) -> Vec<Check> {
             ),
             "a PREEMPT_RT kernel bounds the worst latency; the median is the same without",
         ),
-        check(
+        (
             "clock source",
             health.clock_source == "tsc",
             health.clock_source.clone(),
             "with `tsc`, reading the time takes 20 ns instead of a system call",
         ),
-        check(
-            "leftovers",
-            dead.is_empty() && health.folders.is_empty(),
-            format!(
-                "{} of dead runs, {} temporary folders; {} runs alive",
-                dead.len(),
-                health.folders.len(),
-                alive.len()
-            ),
-            "armplane clean",
+    ];
+    let [cores, kernel, clock] = machine;
+    let [fifo, memory, share] = real_time(health);
+    let rows = [
+        shared_memory(health.shm.as_ref()),
+        cores,
+        fifo,
+        memory,
+        share,
+        kernel,
+        clock,
+        leftovers(health),
+    ];
+    rows.map(|(what, good, finding, remedy)| Check {
+        what,
+        optional: what != SHARED_MEMORY,
+        good,
+        finding,
+        remedy,
+    })
+    .into()
+}
+
+/// Subject, whether it is good, finding, remedy.
+type Row = (&'static str, bool, String, &'static str);
+
+/// The only check without which nothing runs.
+const SHARED_MEMORY: &str = "shared memory";
+
+fn shared_memory(shm: Option<&Shm>) -> Row {
+    let mb = |bytes: u64| bytes / 1_000_000;
+    let found = |shm: &Shm| {
+        let (not, free) = (if shm.writable { "" } else { "not " }, mb(shm.free_bytes));
+        let text = format!("{not}writable, {free} MB free of {}", mb(shm.total_bytes));
+        (shm.writable && shm.free_bytes >= SHM_NEEDED, text)
+    };
+    let (good, text) = shm.map_or((false, "there is no /dev/shm".to_owned()), found);
+    let remedy =
+        "mount a writable tmpfs with at least 64 MB on /dev/shm (containers: --shm-size=256m)";
+    (SHARED_MEMORY, good, text, remedy)
+}
+
+/// The rights of real time.
+fn real_time(health: &Health) -> [Row; 3] {
+    let rights = &health.rights;
+    let (used, period) = health.realtime_budget.unwrap_or((1, 1));
+    [
+        (
+            "FIFO scheduling",
+            rights.fifo(),
+            match rights.fifo() {
+                true => "allowed".to_owned(),
+                false => format!("not allowed (RLIMIT_RTPRIO {:?})", rights.rtprio_limit),
+            },
+            "for --mode realtime: ulimit -r 90, or `@realtime - rtprio 90` in /etc/security/limits.conf",
+        ),
+        (
+            "locked memory",
+            rights.lock_memory(),
+            match rights.lock_memory() {
+                true => "allowed".to_owned(),
+                false => format!("limited to {:?} bytes", rights.memlock_limit),
+            },
+            "for --mode realtime: ulimit -l unlimited",
+        ),
+        (
+            "real-time share",
+            used >= period,
+            match used >= period {
+                true => "unlimited".to_owned(),
+                false => format!("{used} of {period} µs"),
+            },
+            "it affects only processes that spin under FIFO; those of armplane block instead",
         ),
     ]
+}
+
+fn leftovers(health: &Health) -> Row {
+    let (dead, alive): (Vec<_>, Vec<_>) = health.runs.iter().partition(|run| !run.alive);
+    let folders = health.folders.len();
+    (
+        "leftovers",
+        dead.is_empty() && folders == 0,
+        format!(
+            "{} of dead runs, {folders} temporary folders; {} runs alive",
+            dead.len(),
+            alive.len()
+        ),
+        "armplane clean",
+    )
 }

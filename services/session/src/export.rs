@@ -69,50 +69,9 @@ pub fn export(
             vec![path]
         }
         ExportFormat::Numbers(format) => {
-            let parts = run.recording()?;
-            let mut messages = StoredMessages::open(run).inspect_err(|reason| {
-                observer(Progress::Line(&format!(
-                    "armplane: columns from the run's messages are missing: {reason}"
-                )));
-            });
-            let steered = messages.as_ref().is_ok_and(|stored| stored.steered);
-            let lent = messages
-                .as_mut()
-                .ok()
-                .map(|stored| stored as &mut dyn Messages);
-            let ticks = run.summary().map_or(0, |summary| summary.recorder.rows);
-            observer(Progress::Begin {
-                title: "export",
-                length: ticks,
-                unit: "rows",
-            });
-            let written = viz::export(
-                Exported {
-                    parts,
-                    messages: lent,
-                    steered,
-                },
-                format,
-                out,
-                &mut |news| {
-                    reading.add(news);
-                    if let ReadNews::Rows(_) = news {
-                        observer(Progress::Position(reading.rows()));
-                    }
-                },
-            );
-            observer(Progress::End);
-            let (summary, defect) = match run.summary_if_any() {
-                Ok(summary) => (summary, None),
-                Err(defect) => (None, Some(defect)),
-            };
-            damage = match messages {
-                Ok(stored) => stored.rows.damage(summary.as_ref()),
-                Err(Unread::Defect(reason)) => vec![reason],
-                Err(Unread::NotKept(_)) => Vec::new(),
-            };
-            damage.extend(defect);
-            written.map_err(Failure::work)?
+            let (files, found) = numbers(run, format, out, &mut reading, observer)?;
+            damage = found;
+            files
         }
     };
     let shortfall = reading
@@ -123,6 +82,60 @@ pub fn export(
         files,
         shortfall: (!lacks.is_empty()).then(|| run.with_remedy(&lacks.join("; "))),
     })
+}
+
+/// Writes the recording's numbers, and those of the messages that were kept; the files, and what the messages lack.
+fn numbers(
+    run: &Run,
+    format: viz::ExportFormat,
+    out: &Path,
+    reading: &mut Reading,
+    observer: Observer<'_>,
+) -> Result<(Vec<PathBuf>, Vec<String>), Failure> {
+    let parts = run.recording()?;
+    let mut messages = StoredMessages::open(run).inspect_err(|reason| {
+        observer(Progress::Line(&format!(
+            "armplane: columns from the run's messages are missing: {reason}"
+        )));
+    });
+    let steered = messages.as_ref().is_ok_and(|stored| stored.steered);
+    let lent = messages
+        .as_mut()
+        .ok()
+        .map(|stored| stored as &mut dyn Messages);
+    let ticks = run.summary().map_or(0, |summary| summary.recorder.rows);
+    observer(Progress::Begin {
+        title: "export",
+        length: ticks,
+        unit: "rows",
+    });
+    let written = viz::export(
+        Exported {
+            parts,
+            messages: lent,
+            steered,
+        },
+        format,
+        out,
+        &mut |news| {
+            reading.add(news);
+            if let ReadNews::Rows(_) = news {
+                observer(Progress::Position(reading.rows()));
+            }
+        },
+    );
+    observer(Progress::End);
+    let (summary, defect) = match run.summary_if_any() {
+        Ok(summary) => (summary, None),
+        Err(defect) => (None, Some(defect)),
+    };
+    let mut damage = match messages {
+        Ok(stored) => stored.rows.damage(summary.as_ref()),
+        Err(Unread::Defect(reason)) => vec![reason],
+        Err(Unread::NotKept(_)) => Vec::new(),
+    };
+    damage.extend(defect);
+    Ok((written.map_err(Failure::work)?, damage))
 }
 
 /// The messages in a run's folder.

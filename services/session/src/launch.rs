@@ -139,28 +139,10 @@ pub fn launch_watched(
             .into_owned(),
         ..job.clone()
     };
-    let (path, account_path) = (run_dir.join(JOB), run_dir.join(recorder::SUMMARY));
+    let account_path = run_dir.join(recorder::SUMMARY);
     runtime::reserve(&account_path, ACCOUNT_BYTES)
         .map_err(|error| Failure::Work(format!("no memory for the run's summary: {error}")))?;
-    let text = serde_json::to_vec(&job).map_err(Failure::work)?;
-    files::write(&path, text).map_err(Failure::cannot("write", &path))?;
-    if job.graph.process.iter().any(Process::is_exchanged) {
-        let (robot, path) = (Robot::from_source(&job.robot), run_dir.join(ARM));
-        let robot = robot.map_err(Failure::work)?;
-        let start = robot.start_posture(&job.scenario.start);
-        let arm = robot.to_mjcf(job.scenario.frame(), &start.map_err(Failure::work)?);
-        files::write(&path, arm).map_err(Failure::cannot("write", &path))?;
-    }
-    // In the results folder too, before anything happens: what a killed launcher leaves can be read and recovered.
-    if job.out.is_dir() {
-        let kept = serde_json::to_vec_pretty(&job).map_err(Failure::work)?;
-        write_whole(&job.out.join(JOB), &kept).map_err(|error| {
-            Failure::Work(format!(
-                "cannot write {}: {error}",
-                job.out.join(JOB).display()
-            ))
-        })?;
-    }
+    write_job(&job, &run_dir)?;
     begin(&RunDir::open(&run_dir).map_err(Failure::work)?)?;
     let has_programs = job
         .graph
@@ -204,6 +186,28 @@ pub fn launch_watched(
     });
     let outcome = outcome.map_err(Failure::work)?;
     Ok((Outcome { guards, ..outcome }, account))
+}
+
+/// Writes what the processes need to know, and the arm for programs; and the job into the results folder too, before anything happens: what a killed
+/// launcher leaves can be read and recovered.
+fn write_job(job: &Job, run_dir: &Path) -> Result<(), Failure> {
+    let path = run_dir.join(JOB);
+    let text = serde_json::to_vec(job).map_err(Failure::work)?;
+    files::write(&path, text).map_err(Failure::cannot("write", &path))?;
+    if job.graph.process.iter().any(Process::is_exchanged) {
+        let (robot, path) = (Robot::from_source(&job.robot), run_dir.join(ARM));
+        let robot = robot.map_err(Failure::work)?;
+        let start = robot.start_posture(&job.scenario.start);
+        let arm = robot.to_mjcf(job.scenario.frame(), &start.map_err(Failure::work)?);
+        files::write(&path, arm).map_err(Failure::cannot("write", &path))?;
+    }
+    if job.out.is_dir() {
+        let path = job.out.join(JOB);
+        let kept = serde_json::to_vec_pretty(job).map_err(Failure::work)?;
+        write_whole(&path, &kept)
+            .map_err(|error| Failure::Work(format!("cannot write {}: {error}", path.display())))?;
+    }
+    Ok(())
 }
 
 /// So often a guard is replaced: one that cannot live does not take the run's time.

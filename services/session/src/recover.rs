@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use model::Robot;
 use runtime::{ControlPage, MAX_PROCESSES, RunDir, SHM};
-use shared_types::job::{JOB, Mode};
+use shared_types::job::{JOB, Job, Mode};
 use shared_types::summary::{INTERRUPTED, Summary};
 
 use crate::export::{joined, seal};
@@ -50,66 +50,79 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
         )));
     }
     job.out.clone_from(&folder);
-    let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
-    let earlier = Earlier::set_aside(&folder)?;
-    let mut summary = match recorder::rebuild(&robot, &job) {
-        Ok(summary) => summary,
-        Err(error) => {
-            return Err(earlier
-                .put_back(&folder)
-                .map_or_else(|failure| failure, |()| Failure::work(error)));
-        }
-    };
-    seal(&folder, &mut summary.recorder);
-    let kept = earlier.compare(summary.recorder.rows)?;
+    let (mut summary, kept) = rebuilt(&folder, &job)?;
+    let page = left_in_shared_memory(&job.run);
     // A recorder that is killed has up to a block of each topic's messages in its memory, of ticks whose rows may be in the recording.
     let ordinary = !summary.completed
         && summary.recorder.error.is_empty()
         && kept.is_some_and(|rows| rows <= summary.recorder.rows + message_log::BLOCK as u64);
     let kept = kept
-        .map(|rows| format!("the run's own recording has {rows} rows, and stays in {EARLIER}/"));
+        .map(|rows| format!("the run's own recording has {rows} rows, and stays in {EARLIER}/"))
+        .unwrap_or_default();
     if !ordinary {
-        summary.recorder.error =
-            joined([&summary.recorder.error, kept.as_deref().unwrap_or_default()]);
+        summary.recorder.error = joined([&summary.recorder.error, &kept]);
     }
-    let page = left_in_shared_memory(&job.run);
     if !summary.completed {
         INTERRUPTED.clone_into(&mut summary.outcome);
-        summary.reason = match summary.ticks {
-            0 if !summary.recorder.error.is_empty() => {
-                "no tick in the message log is complete".to_owned()
-            }
-            0 => "the launcher was killed before the messages of a whole tick were kept".to_owned(),
-            // Of those that the run has done, where that is still known: the last of them were in no file.
-            ticks => match page.as_ref().map_or(0, ticks_done) {
-                done if done > ticks => {
-                    format!(
-                        "the launcher was killed; recovered from the messages of {ticks} ticks, of {done} that the run had done"
-                    )
-                }
-                _ => {
-                    format!("the launcher was killed; recovered from the messages of {ticks} ticks")
-                }
-            },
-        };
+        summary.reason = interrupted(&summary, page.as_ref().map_or(0, ticks_done));
         if ordinary {
-            summary.reason = joined([&summary.reason, kept.as_deref().unwrap_or_default()]);
+            summary.reason = joined([&summary.reason, &kept]);
         }
     }
     summary.machine = machine();
-    let account = page.as_ref().and_then(|page| {
+    add_shared_memory(&mut summary, &job, page.as_ref());
+    keep(&folder, &job, &summary)?;
+    Ok(summary)
+}
+
+/// The summary and the recording from the messages; the rows of the run's own recording, where it has more.
+fn rebuilt(folder: &Path, job: &Job) -> Result<(Summary, Option<u64>), Failure> {
+    let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
+    let earlier = Earlier::set_aside(folder)?;
+    let mut summary = match recorder::rebuild(&robot, job) {
+        Ok(summary) => summary,
+        Err(error) => {
+            let back = earlier.put_back(folder);
+            return Err(back.map_or_else(|failure| failure, |()| Failure::work(error)));
+        }
+    };
+    seal(folder, &mut summary.recorder);
+    let kept = earlier.compare(summary.recorder.rows)?;
+    Ok((summary, kept))
+}
+
+/// Why the run did not come to its end; `done`: the ticks that it has done, where that is still known.
+fn interrupted(summary: &Summary, done: u64) -> String {
+    match summary.ticks {
+        0 if !summary.recorder.error.is_empty() => {
+            "no tick in the message log is complete".to_owned()
+        }
+        0 => "the launcher was killed before the messages of a whole tick were kept".to_owned(),
+        // The last of them were in no file.
+        ticks if done > ticks => format!(
+            "the launcher was killed; recovered from the messages of {ticks} ticks, of {done} that the run had done"
+        ),
+        ticks => format!("the launcher was killed; recovered from the messages of {ticks} ticks"),
+    }
+}
+
+/// Adds what stands in no message: the account of deadlines, and the faults.
+fn add_shared_memory(summary: &mut Summary, job: &Job, page: Option<&ControlPage>) {
+    let account = page.and_then(|page| {
         let counts = (0..job.graph.process.len()).map(|process| page.process(process).counts());
-        deadlines(&job, ticks_done(page), &counts.collect::<Vec<_>>())
+        deadlines(job, ticks_done(page), &counts.collect::<Vec<_>>())
     });
-    // It stands in no message: of other ticks than the summary's it would not add up.
+    // Of other ticks than the summary's it would not add up.
     summary.deadlines = account.filter(|account| account.total == summary.ticks);
     if job.mode == Mode::Realtime && summary.deadlines.is_none() {
         let unknown = "which of these ticks had torque in time is not known: no message says it";
         summary.reason = joined([&summary.reason, unknown]);
     }
-    let faults = page.iter().flat_map(|page| page.fault_table().records());
+    let faults = page
+        .into_iter()
+        .flat_map(|page| page.fault_table().records());
     summary.faults = faults
-        .map(|(_, record)| fault_summary(&job, &record))
+        .map(|(_, record)| fault_summary(job, &record))
         .collect();
     if !summary.completed {
         let killed = "the launcher was killed".to_owned();
@@ -120,8 +133,6 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
         let gone = "faults and ends of processes before are not known: they stood in shared memory, which is gone";
         summary.reason = joined([&summary.reason, gone]);
     }
-    keep(&folder, &job, &summary)?;
-    Ok(summary)
 }
 
 /// The recording that a run left, out of the way of the one that is made from its messages: it may hold more than they do.

@@ -2,13 +2,15 @@
 
 use std::fmt;
 
-use model::Robot;
+use model::{Joint, Robot};
 use nalgebra::DMatrix;
-use session::table::{number, table};
+use session::table::Fitted;
 use shared_types::codes;
+use shared_types::messages::SingularityState;
 use viz::plot::digits;
 
 use super::posture::Posture;
+use crate::text::{Columns, optional};
 
 /// Tables of joints and singularities, matrices, singular values and remarks.
 pub struct PostureText<'a> {
@@ -20,118 +22,105 @@ pub struct PostureText<'a> {
 
 impl fmt::Display for PostureText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { posture, robot } = self;
         writeln!(
             f,
-            "{} at frame {}, base axes, SI units\n",
-            self.robot.name, self.posture.frame
+            "{} at frame {}, base axes, SI units\n\n{}",
+            robot.name,
+            posture.frame,
+            self.joints()
         )?;
-        let mut joints = table(&[
-            "joint", "q rad, m", "q", "lower", "upper", "gravity", "bias", "limit",
-        ]);
-        for (i, joint) in self.robot.joints.iter().enumerate() {
-            let [unit, load_unit] = joint.kind.units();
-            let finite =
-                |x: f64, text: String| number(if x.is_finite() { text } else { "–".into() });
-            let place = |q: f64| finite(q, format!("{:.2}{unit}", joint.kind.shown(q)));
-            let load = |x: f64| finite(x, format!("{} {load_unit}", digits(x)));
-            joints.add_row([
-                joint.name.clone().into(),
-                number(format!("{:.6}", self.posture.q[i])),
-                place(self.posture.q[i]),
-                place(joint.lower),
-                place(joint.upper),
-                load(self.posture.gravity[i]),
-                load(self.posture.bias[i]),
-                load(joint.effort),
-            ]);
-        }
-        writeln!(f, "{joints}")?;
-        matrix(
-            f,
-            "pose X_BE",
-            &DMatrix::from_fn(4, 4, |row, column| self.posture.pose[row][column]),
-        )?;
-        matrix(f, "J, rows [v; ω]", &self.posture.J)?;
-        matrix(f, "A, kg·m²", &self.posture.A)?;
-        let list = |values: &[f64]| {
-            values
-                .iter()
-                .map(|value| digits(*value))
-                .collect::<Vec<_>>()
-                .join("  ")
+        let pose = DMatrix::from_fn(4, 4, |row, column| posture.pose[row][column]);
+        matrix(f, "pose X_BE", &pose)?;
+        matrix(f, "J, rows [v; ω]", &posture.J)?;
+        matrix(f, "A, kg·m²", &posture.A)?;
+        self.measures(f)?;
+        writeln!(f, "{}", self.singularities())?;
+        let mut notes = robot.notes.iter();
+        notes.try_for_each(|note| writeln!(f, "note: {note}"))
+    }
+}
+
+impl PostureText<'_> {
+    fn joints(&self) -> Fitted {
+        type Row<'a> = (usize, &'a Joint);
+        let Posture {
+            q, gravity, bias, ..
+        } = self.posture;
+        let finite = |x: f64, text: String| optional(x.is_finite().then_some(text), |text| text);
+        let place = |joint: &Joint, q: f64| {
+            finite(
+                q,
+                format!("{:.2}{}", joint.kind.shown(q), joint.kind.units()[0]),
+            )
         };
-        if let Some(det) = self.posture.det {
+        let load =
+            |joint: &Joint, x: f64| finite(x, format!("{} {}", digits(x), joint.kind.units()[1]));
+        Columns::<Row<'_>>::new()
+            .text("joint", |(_, joint)| joint.name.clone())
+            .number("q rad, m", |(i, _)| format!("{:.6}", q[*i]))
+            .number("q", |(i, joint)| place(joint, q[*i]))
+            .number("lower", |(_, joint)| place(joint, joint.lower))
+            .number("upper", |(_, joint)| place(joint, joint.upper))
+            .number("gravity", |(i, joint)| load(joint, gravity[*i]))
+            .number("bias", |(i, joint)| load(joint, bias[*i]))
+            .number("limit", |(_, joint)| load(joint, joint.effort))
+            .print(self.robot.joints.iter().enumerate())
+    }
+
+    /// Determinant, singular values, rank.
+    fn measures(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (posture, report) = (self.posture, &self.posture.report);
+        let list = |values: &[f64]| {
+            let values = values.iter().map(|value| digits(*value));
+            values.collect::<Vec<_>>().join("  ")
+        };
+        if let Some(det) = posture.det {
             writeln!(f, "det J            {}", digits(det))?;
         }
-        writeln!(
-            f,
-            "singular values  {}",
-            list(&self.posture.singular_values)
-        )?;
+        writeln!(f, "singular values  {}", list(&posture.singular_values))?;
         writeln!(
             f,
             "unit-scaled      {}  (lengths / {} m, at the wrist centre)",
-            list(&self.posture.scaled_singular_values),
-            self.posture.report.length_m
+            list(&posture.scaled_singular_values),
+            report.length_m
         )?;
         writeln!(
             f,
             "rank {}, condition {}, manipulability {}\n",
-            self.posture.report.rank,
-            digits(self.posture.condition()),
-            digits(self.posture.report.manipulability)
-        )?;
-        let mut found = table(&[
-            "singularity",
-            "s",
-            "η in/out",
-            "inside",
-            "type",
-            "κ₁",
-            "κ₂",
-            "ζ (base axes)",
-        ]);
-        for (name, s) in self.posture.singularities() {
-            let half = if s.angular != 0 {
-                &s.zeta_B[3..]
-            } else {
-                &s.zeta_B[..3]
-            };
-            let kind = if s.angular != 0 { "ω" } else { "v" };
-            found.add_row([
-                name.into(),
-                number(digits(s.s)),
-                number(format!("{} / {}", s.eta_in, s.eta_out)),
-                if s.inside != 0 {
-                    "inside".into()
-                } else {
-                    "".into()
-                },
-                codes::name_of(codes::TYPES, s.class).into(),
-                number(digits(s.kappa_1)),
-                number(digits(s.kappa_2)),
-                format!("{kind} [{:.3}, {:.3}, {:.3}]", half[0], half[1], half[2]).into(),
-            ]);
-        }
-        writeln!(f, "{found}")?;
-        for note in &self.robot.notes {
-            writeln!(f, "note: {note}")?;
-        }
-        Ok(())
+            report.rank,
+            digits(posture.condition()),
+            digits(report.manipulability)
+        )
+    }
+
+    fn singularities(&self) -> Fitted {
+        type Row<'a> = (&'a str, &'a SingularityState);
+        let zeta = |s: &SingularityState| {
+            let (kind, at) = if s.angular != 0 { ("ω", 3) } else { ("v", 0) };
+            let z = &s.zeta_B[at..];
+            format!("{kind} [{:.3}, {:.3}, {:.3}]", z[0], z[1], z[2])
+        };
+        Columns::<Row<'_>>::new()
+            .text("singularity", |(name, _)| *name)
+            .number("s", |(_, s)| digits(s.s))
+            .number("η in/out", |(_, s)| {
+                format!("{} / {}", s.eta_in, s.eta_out)
+            })
+            .text("inside", |(_, s)| if s.inside != 0 { "inside" } else { "" })
+            .text("type", |(_, s)| codes::name_of(codes::TYPES, s.class))
+            .number("κ₁", |(_, s)| digits(s.kappa_1))
+            .number("κ₂", |(_, s)| digits(s.kappa_2))
+            .text("ζ (base axes)", |(_, s)| zeta(s))
+            .print(self.posture.singularities())
     }
 }
 
 fn matrix(f: &mut fmt::Formatter<'_>, title: &str, matrix: &DMatrix<f64>) -> fmt::Result {
     writeln!(f, "{title}")?;
     for row in matrix.row_iter() {
-        writeln!(
-            f,
-            "  {}",
-            row.iter()
-                .map(|value| format!("{value:>10.5}"))
-                .collect::<Vec<_>>()
-                .join(" ")
-        )?;
+        let values: Vec<_> = row.iter().map(|value| format!("{value:>10.5}")).collect();
+        writeln!(f, "  {}", values.join(" "))?;
     }
     writeln!(f)
 }

@@ -62,19 +62,6 @@ impl History {
         let steps = ticks * (outputs.iter().sum::<usize>() as u64 + count as u64) * 3;
         // The recorder comes after the processes of the graph.
         let victim = |what: u64| 1 + draw(what, count as u64) as usize;
-        let mut kills: Vec<(u64, usize)> = Vec::new();
-        for number in 0..draw(2, 6) {
-            // Every second one soon after the one before: while that is detected, or its replacement starts.
-            let near = kills
-                .last()
-                .filter(|_| draw(300 + number, 2) == 0)
-                .map(|last| last.0 + draw(310 + number, 12));
-            kills.push((
-                near.unwrap_or_else(|| draw(320 + number, steps)),
-                victim(330 + number),
-            ));
-        }
-        kills.sort_unstable();
         let planned = |place: u64| {
             let (at, process) = (draw(400 + place, ticks), victim(410 + place));
             let after_outputs = draw(
@@ -106,7 +93,7 @@ impl History {
                 outputs,
                 ticks,
             },
-            kills,
+            kills: kills(seed, steps, count as u64),
             planned,
             schedule: random(seed, 4),
             room,
@@ -164,6 +151,21 @@ impl History {
         let deaths = |one: &Process<_, _>| u64::from(one.progress.incarnation) - 1;
         Ok(live.processes.iter().map(deaths).sum())
     }
+}
+
+/// Deaths at random steps: of each the step and the process.
+fn kills(seed: u64, steps: u64, processes: u64) -> Vec<(u64, usize)> {
+    let draw = |what: u64, most: u64| random(seed, what) % most.max(1);
+    let mut kills: Vec<(u64, usize)> = Vec::new();
+    for number in 0..draw(2, 6) {
+        // Every second one soon after the one before: while that is detected, or its replacement starts.
+        let last = kills.last().filter(|_| draw(300 + number, 2) == 0);
+        let near = last.map(|last| last.0 + draw(310 + number, 12));
+        let step = near.unwrap_or_else(|| draw(320 + number, steps));
+        kills.push((step, 1 + draw(330 + number, processes) as usize));
+    }
+    kills.sort_unstable();
+    kills
 }
 
 #[test]
