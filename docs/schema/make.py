@@ -74,7 +74,7 @@ def schema_of(kind):
 
 def definitions():
     """The schema of every type in the files, by name."""
-    found = {}
+    found, flattened = {}, []
     files = [TYPES / "scenario.rs", TYPES / "fault.rs", TYPES / "fault" / "kind.rs", TYPES / "summary.rs", *sorted((TYPES / "scenario").glob("*.rs"))]
     for file in files:
         source = file.read_text().split("#[cfg(test)]")[0]
@@ -91,6 +91,9 @@ def definitions():
             all_default = "default)]" in attributes
             for words, of_field, item in split(body):
                 field, kind = re.fullmatch(r"pub (\w+): (.*)", item).groups()
+                if "serde(flatten)" in of_field:
+                    flattened.append((name, kind))
+                    continue
                 renamed = re.search(r'rename = "(\w+)"', of_field)
                 schema = schema_of(kind)
                 if 'with = "floor"' in of_field:
@@ -112,6 +115,10 @@ def definitions():
         for comments, name, body in re.findall(r"words! \{\n((?:    ///[^\n]*\n)*)    (\w+) \{\n(.*?)^    \}", source, re.S | re.M):
             options = [{"const": re.search(r'"([^"]+)"', item)[1], "description": words} for words, _, item in split(body)]
             found[name] = {"description": text_of(comments.splitlines()), "oneOf": options}
+    for name, kind in flattened:
+        for part, none in (("properties", {}), ("required", [])):
+            both = [found[of].get(part, none) for of in (kind, name)]
+            found[name][part] = both[0] | both[1] if part == "properties" else both[0] + both[1]
     return found
 
 

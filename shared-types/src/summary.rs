@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::fault::Fault;
+use crate::job::Job;
 
 /// The outcome of a run that a signal has ended, or whose launcher was killed.
 pub const INTERRUPTED: &str = "interrupted";
@@ -19,32 +20,20 @@ pub const MISSED: &str = "goal missed";
 /// `summary.json`, whole.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
-    /// Version of armplane that made it.
-    pub version: String,
-    /// The scenario's name.
-    pub scenario: String,
-    /// The robot's name.
-    pub robot: String,
-    /// `"lockstep"` or `"realtime"`.
-    pub mode: String,
-    /// Seed of every random number.
-    pub seed: u64,
-    /// Identifies the run.
-    pub run: String,
+    /// The run.
+    #[serde(flatten)]
+    pub of: RunOf,
     /// Ticks begun: the plant's samples, whether or not every process answered them.
     pub ticks: u64,
-    /// Control rate; 1/s.
-    pub rate_hz: u32,
     /// Whether the task ran to its end.
     pub completed: bool,
     /// `"goal reached"`, `"followed to the boundary"`, `"goal missed"`, `"stopped"`, `"interrupted"` or `"failed"`.
     pub outcome: String,
     /// Why, in one sentence.
     pub reason: String,
-    /// Wall-clock time from the first to the last tick; s.
-    pub wall_s: f64,
-    /// Ticks per second of wall-clock time.
-    pub ticks_per_s: f64,
+    /// Its pace.
+    #[serde(flatten)]
+    pub pace: Pace,
     /// Per topic: how many messages, and a hash over their contents (stamps left out).
     pub topics: BTreeMap<String, TopicSummary>,
     /// Task errors.
@@ -79,6 +68,48 @@ pub struct Summary {
     /// The machine.
     #[serde(default)]
     pub machine: Machine,
+}
+
+/// The run that a summary is of.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RunOf {
+    /// Version of armplane that made it.
+    pub version: String,
+    /// The scenario's name.
+    pub scenario: String,
+    /// The robot's name.
+    pub robot: String,
+    /// `"lockstep"` or `"realtime"`.
+    pub mode: String,
+    /// Seed of every random number.
+    pub seed: u64,
+    /// Identifies the run.
+    pub run: String,
+    /// Control rate; 1/s.
+    pub rate_hz: u32,
+}
+
+impl From<&Job> for RunOf {
+    fn from(job: &Job) -> Self {
+        Self {
+            version: job.version.clone(),
+            scenario: job.scenario.name.clone(),
+            robot: job.robot.name.clone(),
+            mode: job.mode.name().to_owned(),
+            seed: job.scenario.seed,
+            run: job.run.clone(),
+            rate_hz: job.scenario.rate_hz,
+        }
+    }
+}
+
+/// Ticks against the clock.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Pace {
+    /// Wall-clock time from the first to the last tick; s.
+    pub wall_s: f64,
+    /// Ticks per second of wall-clock time.
+    pub ticks_per_s: f64,
 }
 
 /// The machine of a run.

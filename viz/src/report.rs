@@ -103,7 +103,7 @@ pub fn report(
 /// The run's title, its outcome, and what is missing of it.
 fn head(page: &mut Html, summary: &Summary, job: &Job, lacks: &[String]) {
     let title = match job.scenario.title.as_str() {
-        "" => escaped(&summary.scenario),
+        "" => escaped(&summary.of.scenario),
         title => escaped(title),
     };
     page.add(format_args!(
@@ -327,19 +327,22 @@ fn joints(recorded: &Recorded, [speed_unit, load_unit]: [&'static str; 2]) -> [P
 
 /// The run's own description.
 fn facts(page: &mut Html, summary: &Summary) {
-    let simulated_s = summary.ticks as f64 / f64::from(summary.rate_hz.max(1));
+    let simulated_s = summary.ticks as f64 / f64::from(summary.of.rate_hz.max(1));
     page.facts(&[
-        ("scenario", summary.scenario.clone()),
-        ("robot", summary.robot.clone()),
-        ("mode", format!("{}, seed {}", summary.mode, summary.seed)),
+        ("scenario", summary.of.scenario.clone()),
+        ("robot", summary.of.robot.clone()),
+        (
+            "mode",
+            format!("{}, seed {}", summary.of.mode, summary.of.seed),
+        ),
         (
             "length",
             format!(
                 "{} ticks at {} Hz: {simulated_s:.3} s of the arm's time in {:.2} s",
-                summary.ticks, summary.rate_hz, summary.wall_s
+                summary.ticks, summary.of.rate_hz, summary.pace.wall_s
             ),
         ),
-        ("run", summary.run.clone()),
+        ("run", summary.of.run.clone()),
     ]);
 }
 
@@ -407,7 +410,7 @@ fn provenance(page: &mut Html, summary: &Summary) {
     };
     let messages = format!("{} received, {} lost", recorder.messages, recorder.lost);
     page.facts(&[
-        ("armplane", summary.version.clone()),
+        ("armplane", summary.of.version.clone()),
         ("machine", machine),
         ("recording", recording),
         ("messages", messages),

@@ -68,7 +68,7 @@ impl Reading {
                     "the recorder lost {} messages while the run lasted",
                     run.recorder.lost
                 ));
-            } else if is_short && run.completed && run.mode == "lockstep" && causes.is_empty() {
+            } else if is_short && run.completed && run.of.mode == "lockstep" && causes.is_empty() {
                 causes.push("a part of its bytes is passed over".to_owned());
             }
         }

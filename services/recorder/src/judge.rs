@@ -23,7 +23,7 @@ use shared_types::bounds::within;
 use shared_types::codes;
 use shared_types::graph::Graph;
 use shared_types::scenario::{Goal, Scenario};
-use shared_types::summary::{BOUNDARY, MISSED, REACHED, Summary, TaskSummary};
+use shared_types::summary::{BOUNDARY, MISSED, Pace, REACHED, Summary, TaskSummary};
 
 pub use bars::Bounds;
 use chatter::Clock;
@@ -272,10 +272,12 @@ impl Judge {
             completed,
             outcome: outcome.to_owned(),
             reason,
-            wall_s,
-            ticks_per_s: match wall_s > 0.0 {
-                true => self.ticks as f64 / wall_s,
-                false => 0.0,
+            pace: Pace {
+                wall_s,
+                ticks_per_s: match wall_s > 0.0 {
+                    true => self.ticks as f64 / wall_s,
+                    false => 0.0,
+                },
             },
             task,
             joints,

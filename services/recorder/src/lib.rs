@@ -98,7 +98,6 @@ fn written(summary: &Summary) -> serde_json::Result<Vec<u8>> {
 /// A recorder in its process.
 struct Recorder<'a> {
     shell: &'a Shell,
-    robot: &'a Robot,
     job: &'a Job,
     memory: Memory,
     assembler: Assembler,
@@ -163,7 +162,6 @@ impl<'a> Recorder<'a> {
         let topics = Topics::open(shell, &Contents::of(job), log, &progress, &mut assembler)?;
         Ok(Self {
             shell,
-            robot,
             job,
             memory,
             assembler,
@@ -232,7 +230,7 @@ impl<'a> Recorder<'a> {
         let received: u64 = account.iter().map(|(_, hash)| hash.count()).sum();
         recorded.lost = shell.sent_by_all().saturating_sub(received + refused);
         recorded.not_drawn = not_drawn;
-        summary(self.robot, self.job, self.judge, &account, recorded)
+        summary(self.job, self.judge, &account, recorded)
     }
 }
 
@@ -261,7 +259,6 @@ fn take(row: &Row, judge: &mut Judge, tape: &mut Tape) {
 
 /// The recorder's part of the summary; the launcher adds the processes.
 fn summary(
-    robot: &Robot,
     job: &Job,
     judge: Judge,
     account: &[(&str, TopicHash)],
@@ -269,13 +266,7 @@ fn summary(
 ) -> Summary {
     let hashes = account.iter();
     Summary {
-        version: job.version.clone(),
-        scenario: job.scenario.name.clone(),
-        robot: robot.name.clone(),
-        mode: job.mode.name().to_owned(),
-        seed: job.scenario.seed,
-        run: job.run.clone(),
-        rate_hz: job.scenario.rate_hz,
+        of: job.into(),
         topics: hashes
             .map(|(name, hash)| ((*name).to_owned(), hash.summary()))
             .collect(),

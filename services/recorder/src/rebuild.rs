@@ -51,5 +51,5 @@ pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
         }
         _ => {}
     }
-    Ok(summary(robot, job, judge, &account, recorded))
+    Ok(summary(job, judge, &account, recorded))
 }

@@ -24,27 +24,7 @@ const NO_ACCOUNT: &str = "the recorder left no account of the run, and its files
 /// The summary of a run: the recorder's part, completed by what only the launcher knows.
 #[must_use]
 pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summary {
-    let mut summary = account.unwrap_or_else(|| Summary {
-        version: job.version.clone(),
-        scenario: job.scenario.name.clone(),
-        robot: job.robot.name.clone(),
-        mode: job.mode.name().to_owned(),
-        seed: job.scenario.seed,
-        rate_hz: job.scenario.rate_hz,
-        ticks: outcome.ticks,
-        outcome: "failed".to_owned(),
-        reason: NO_ACCOUNT.to_owned(),
-        recorder: RecorderSummary {
-            file: if job.record {
-                viz::part_name(0)
-            } else {
-                String::new()
-            },
-            error: NO_ACCOUNT.to_owned(),
-            ..RecorderSummary::default()
-        },
-        ..Summary::default()
-    });
+    let mut summary = account.unwrap_or_else(|| without_account(job, outcome));
     // The recorder's are those that it has heard of. In real time a plant may be killed between its sample and its account of the tick.
     let samples = summary.topics.get(SensorSample::TOPIC);
     let samples = samples.filter(|_| job.mode == Mode::Realtime);
@@ -67,29 +47,10 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
         servo.after_end = session.after_end(job.scenario.rate_hz) as u64;
     }
     summary.machine = machine();
-    let mut faults: Vec<_> = outcome
-        .faults
-        .iter()
-        .map(|account| fault_summary(job, account))
-        .collect();
-    for (fault, account) in faults
-        .iter_mut()
-        .zip(&outcome.faults)
-        .filter(|(_, account)| account.exit.is_some())
-    {
-        let is_it = |(process, at, _): &&(usize, u64, String)| {
-            (*process, *at) == (account.scheduled.process as usize, account.scheduled.at)
-        };
-        if let Some((.., line)) = outcome.last_lines.iter().find(is_it) {
-            fault.detail = format!(
-                "{}; its last line: {}",
-                fault.detail,
-                line.trim_start_matches("armplane: ")
-            );
-        }
-    }
-    faults.extend(unlisted(outcome));
-    summary.faults = faults;
+    let faults = outcome.faults.iter();
+    let faults =
+        faults.map(|account| with_last_line(fault_summary(job, account), account, outcome));
+    summary.faults = faults.chain(unlisted(outcome)).collect();
     let counts: Vec<_> = outcome.processes.iter().map(|one| one.counts).collect();
     summary.deadlines = deadlines(job, ticks, &counts);
     let account = summary.deadlines.as_ref();
@@ -110,6 +71,39 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
         })
         .collect();
     summary
+}
+
+/// The summary of a run whose recorder has left none.
+fn without_account(job: &Job, outcome: &Outcome) -> Summary {
+    let file = job.record.then(|| viz::part_name(0));
+    Summary {
+        of: job.into(),
+        ticks: outcome.ticks,
+        outcome: "failed".to_owned(),
+        reason: NO_ACCOUNT.to_owned(),
+        recorder: RecorderSummary {
+            file: file.unwrap_or_default(),
+            error: NO_ACCOUNT.to_owned(),
+            ..RecorderSummary::default()
+        },
+        ..Summary::default()
+    }
+}
+
+/// The end of a process with the last line that it printed.
+fn with_last_line(
+    mut fault: FaultSummary,
+    account: &FaultRecord,
+    outcome: &Outcome,
+) -> FaultSummary {
+    let of = (account.scheduled.process as usize, account.scheduled.at);
+    let mut lines = outcome.last_lines.iter();
+    let line = lines.find(|(process, at, _)| account.exit.is_some() && (*process, *at) == of);
+    if let Some((.., line)) = line {
+        let line = line.trim_start_matches("armplane: ");
+        fault.detail += &format!("; its last line: {line}");
+    }
+    fault
 }
 
 /// A fault and its outcome.

@@ -24,7 +24,7 @@ impl fmt::Display for RunText<'_> {
         writeln!(
             f,
             "{}: {} — {}\n",
-            summary.scenario, summary.outcome, summary.reason
+            summary.of.scenario, summary.outcome, summary.reason
         )?;
         // A run without a tick has no numbers.
         if summary.ticks > 0 {
@@ -110,7 +110,7 @@ fn turns(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
             f,
             "           actual:  joints by {} in {:.2} s",
             joints(&turn.actual),
-            turn.actual_ticks as f64 / f64::from(summary.rate_hz.max(1))
+            turn.actual_ticks as f64 / f64::from(summary.of.rate_hz.max(1))
         )?;
     }
     Ok(())
@@ -154,16 +154,16 @@ fn loads(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
 }
 
 fn times(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
-    let simulated_s = summary.ticks as f64 / f64::from(summary.rate_hz.max(1));
+    let simulated_s = summary.ticks as f64 / f64::from(summary.of.rate_hz.max(1));
     writeln!(
         f,
         "time       {} ticks at {} Hz in {:.2} s: {:.0} ticks/s, {:.1} × real time, {}",
         summary.ticks,
-        summary.rate_hz,
-        summary.wall_s,
-        summary.ticks_per_s,
-        simulated_s / summary.wall_s.max(1e-9),
-        summary.mode
+        summary.of.rate_hz,
+        summary.pace.wall_s,
+        summary.pace.ticks_per_s,
+        simulated_s / summary.pace.wall_s.max(1e-9),
+        summary.of.mode
     )?;
     if let Some(chain) = summary.latency_us.get("chain") {
         writeln!(

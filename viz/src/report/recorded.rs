@@ -242,7 +242,7 @@ impl Recorded {
         let stride = summary.ticks.div_ceil(POINTS).max(1);
         let (mut recorded, mut gathered) = (Self::default(), Gathered::default());
         let mut names = Vec::new();
-        recorded.rate_hz = f64::from(summary.rate_hz.max(1));
+        recorded.rate_hz = f64::from(summary.of.rate_hz.max(1));
         read(parts, |piece| {
             match piece {
                 Piece::About(about) => {

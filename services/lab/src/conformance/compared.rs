@@ -82,7 +82,7 @@ pub(super) fn in_processes(
     let ran = Ran {
         condition,
         ticks: outcome.ticks,
-        ticks_per_s: summary.ticks_per_s,
+        ticks_per_s: summary.pace.ticks_per_s,
         failure,
         topics: Contents::of(job).layouts().iter().map(of).collect(),
         ended_by,
