@@ -2,7 +2,7 @@
 
 use std::convert::Infallible;
 
-use bytemuck::{bytes_of, pod_read_unaligned};
+use bytemuck::bytes_of;
 use lockstep::engine::{Carried, Ended, Engine, Limits, Part, World};
 use lockstep::{CHAIN_LAG, Fence, Outage, Role, Shaped, Shaper, first_not_finite, happens};
 use model::{Refused, Robot};
@@ -11,13 +11,11 @@ use shared_types::graph::{self, Graph};
 use shared_types::process::{MOST_RESTARTS, Process, Program, Restart};
 use shared_types::scenario::Scenario;
 use shared_types::topics::{self, Each, TOPICS, Topic};
-use shared_types::{
-    AnalyzerCheckpoint, Checkpoint, ControlState, ControllerCheckpoint, EstimatorCheckpoint,
-    Header, Message, PlantState, SensorSample, ServoState, SingularityReport, StateEstimate,
-    Target, TorqueCommand,
-};
+use shared_types::{Header, Message, Target};
 
-use crate::cycles::{Cycles, operator};
+use crate::Tick;
+use crate::cycles::Cycles;
+use crate::stage::Stage;
 
 /// Takes in every message that counts, in the order of its topic: the recorder's part.
 pub trait Sink {
@@ -118,7 +116,11 @@ struct UnderFaults<'a, O> {
     graph: Graph,
     faults: Vec<ScheduledFault>,
     is_shaped: bool,
+    parts: Vec<Part>,
+    /// Of each process but the plant.
+    stages: Vec<Option<Stage>>,
     cycles: Cycles,
+    tick: Tick,
     wires: Vec<Wire>,
 }
 
@@ -149,7 +151,8 @@ pub fn run_under_faults(
         ticks: u64::MAX,
         is_shaped,
     };
-    let parts = graph.process.iter().map(part).collect();
+    let parts: Vec<Part> = graph.process.iter().map(part).collect();
+    let stage = |process: &Process| Stage::new(process.program(), robot, scenario);
     let wire = |topic: &&str| {
         let writer = graph
             .process
@@ -167,10 +170,13 @@ pub fn run_under_faults(
         robot,
         scenario,
         wires: TOPICS.iter().map(wire).collect(),
+        stages: graph.process.iter().map(stage).collect::<Result<_, _>>()?,
+        parts: parts.clone(),
         graph,
         faults,
         is_shaped,
         cycles: Cycles::new(robot, scenario)?,
+        tick: Tick::default(),
     };
     let ended = Engine::new(world, parts, outages, has_faults, limits).run();
     Ok(ended.err().map(|ended| ended.to_string()))
@@ -202,32 +208,35 @@ fn place(topic: impl AsRef<str>) -> Option<usize> {
     TOPICS.iter().position(|one| *one == topic.as_ref())
 }
 
-/// A message of a tick, to be filled in.
-fn of_tick<M: Message>(tick: u64) -> M {
-    let mut message = M::zeroed();
-    message.header_mut().tick = tick;
-    message
+/// Takes a message into the tick.
+struct Put<'a>(&'a mut Tick, &'a Packed);
+
+impl Each for Put<'_> {
+    type Output = ();
+    fn each<M: Topic>(&mut self) {
+        *M::of_mut(self.0) = *self.1.read();
+    }
 }
 
-/// The outputs of a step.
-struct Outputs<'a> {
+/// The outputs of a step, topic by topic.
+struct Output<'a> {
     process: &'a str,
     incarnation: u32,
-    sent: Vec<Packed>,
+    tick: &'a mut Tick,
 }
 
-impl Outputs<'_> {
-    fn add<M: Message>(&mut self, mut message: M) -> Result<(), Ended> {
+impl Each for Output<'_> {
+    type Output = Result<Packed, Ended>;
+    fn each<M: Topic>(&mut self) -> Self::Output {
+        let message = M::of_mut(self.tick);
         let (process, topic, tick) = (self.process, M::TOPIC, message.header().tick);
         message.header_mut().incarnation = self.incarnation;
-        if let Some(field) = first_not_finite(&message) {
+        if let Some(field) = first_not_finite(message) {
             return Err(Ended::because(format_args!(
                 "the {process} refused its own `{topic}` of tick {tick}: {field} is not finite"
             )));
         }
-        self.sent
-            .push(Packed(bytemuck::cast_slice(bytes_of(&message)).to_vec()));
-        Ok(())
+        Ok(Packed(bytemuck::cast_slice(bytes_of(message)).to_vec()))
     }
 }
 
@@ -242,80 +251,39 @@ impl<O: Sink> World for UnderFaults<'_, O> {
         incarnation: u32,
         inputs: &[Option<Packed>],
     ) -> Result<Option<Vec<Packed>>, Ended> {
-        fn input<M: Message>(inputs: &[Option<Packed>], place: usize) -> Option<&M> {
-            inputs.get(place)?.as_ref().map(Packed::read)
-        }
-        let Self {
-            cycles,
-            graph,
-            faults,
-            ..
-        } = self;
-        let mut outputs = Outputs {
-            process: &graph.process[process].name,
-            incarnation,
-            sent: Vec::new(),
-        };
-        match graph.process[process].program() {
-            Some(Program::Plant) => {
-                cycles.apply_faults(tick, faults.iter());
-                let (mut sample, mut truth): (SensorSample, PlantState) =
-                    (of_tick(tick), of_tick(tick));
-                cycles.plant.sample(tick, &mut sample, &mut truth);
-                outputs.add(sample)?;
-                outputs.add(truth)?;
-            }
-            Some(Program::Estimator) => {
-                let (Some(sample), mut estimate) =
-                    (input(inputs, 0), of_tick::<StateEstimate>(tick))
-                else {
-                    return Ok(None);
-                };
-                cycles.estimator.step(sample, &mut estimate);
-                outputs.add(estimate)?;
-            }
-            Some(Program::Analyzer) => {
-                let (Some(estimate), mut report) =
-                    (input(inputs, 0), of_tick::<SingularityReport>(tick))
-                else {
-                    return Ok(None);
-                };
-                cycles.analyzer.step(estimate, &mut report);
-                outputs.add(report)?;
-            }
-            Some(Program::Operator) => {
-                let (Some(sample), Some(operator)) = (input(inputs, 0), &mut cycles.operator)
-                else {
-                    return Ok(None);
-                };
-                let mut target = of_tick::<Target>(tick);
-                operator.step(sample, &mut target);
-                outputs.add(target)?;
-            }
-            Some(Program::Controller) => {
-                let (Some(report), Some(estimate)) = (input(inputs, 0), input(inputs, 1)) else {
-                    return Ok(None);
-                };
-                let (mut state, mut torque): (ControlState, TorqueCommand) =
-                    (of_tick(tick), of_tick(tick));
-                if cycles.operator.is_some() {
-                    let mut servo = of_tick::<ServoState>(tick);
-                    let (inputs, target) = ((estimate, report), input(inputs, 2));
-                    cycles
-                        .controller
-                        .steer(inputs, target, &mut servo, &mut state, &mut torque);
-                    outputs.add(servo)?;
-                } else {
-                    cycles
-                        .controller
-                        .step(estimate, report, &mut state, &mut torque);
+        let mut has_target = false;
+        for (topic, input) in self.parts[process].reads.iter().zip(inputs) {
+            match input {
+                Some(input) => {
+                    has_target |= TOPICS[*topic] == Target::TOPIC;
+                    topics::named(TOPICS[*topic], &mut Put(&mut self.tick, input));
                 }
-                outputs.add(state)?;
-                outputs.add(torque)?;
+                None if TOPICS[*topic] == Target::TOPIC => {}
+                None => return Ok(None),
             }
-            _ => {}
         }
-        Ok(Some(outputs.sent))
+        let of = &self.graph.process[process];
+        match &mut self.stages[process] {
+            Some(stage) => stage.step(&mut self.tick, has_target),
+            None if of.program() == Some(Program::Plant) => {
+                let Tick {
+                    sensor,
+                    plant_state,
+                    ..
+                } = &mut self.tick;
+                self.cycles.apply_faults(tick, self.faults.iter());
+                self.cycles.plant.sample(tick, sensor, plant_state);
+            }
+            None => return Ok(Some(Vec::new())),
+        }
+        let mut output = Output {
+            process: &of.name,
+            incarnation,
+            tick: &mut self.tick,
+        };
+        let sent = self.parts[process].writes.iter();
+        let sent = sent.filter_map(|topic| topics::named(TOPICS[*topic], &mut output));
+        sent.collect::<Result<_, _>>().map(Some)
     }
 
     fn close_loop(&mut self, _tick: u64, message: Option<Packed>) -> bool {
@@ -325,55 +293,18 @@ impl<O: Sink> World for UnderFaults<'_, O> {
     }
 
     fn save(&mut self, process: usize) -> Vec<u8> {
-        fn saved<C: Checkpoint>(save: impl FnOnce(&mut C)) -> Vec<u8> {
-            let mut state = C::zeroed();
-            save(&mut state);
-            bytes_of(&state).to_vec()
-        }
-        let Cycles {
-            estimator,
-            analyzer,
-            controller,
-            ..
-        } = &mut self.cycles;
-        match self.graph.process[process].program() {
-            Some(Program::Estimator) => saved::<EstimatorCheckpoint>(|state| estimator.save(state)),
-            Some(Program::Analyzer) => saved::<AnalyzerCheckpoint>(|state| analyzer.save(state)),
-            Some(Program::Controller) => {
-                saved::<ControllerCheckpoint>(|state| controller.save(state))
-            }
-            _ => Vec::new(),
-        }
+        self.stages[process]
+            .as_ref()
+            .map_or_else(Vec::new, Stage::save)
     }
 
     fn restore(&mut self, process: usize, state: Option<Vec<u8>>) -> Result<(), Ended> {
-        fn read<C: Checkpoint>(state: Option<Vec<u8>>) -> Option<C> {
-            state.map(|state| pod_read_unaligned(&state))
+        let program = self.graph.process[process].program();
+        let mut stage = Stage::new(program, self.robot, self.scenario).map_err(Ended::because)?;
+        if let (Some(stage), Some(state)) = (&mut stage, state) {
+            stage.restore(&state);
         }
-        let (robot, scenario, cycles) = (self.robot, self.scenario, &mut self.cycles);
-        let refused = |error: Refused| Ended::because(error);
-        match self.graph.process[process].program() {
-            Some(Program::Estimator) => {
-                cycles.estimator = estimator::cycle(robot, scenario).map_err(refused)?;
-                read(state)
-                    .iter()
-                    .for_each(|state| cycles.estimator.restore(state));
-            }
-            Some(Program::Analyzer) => {
-                cycles.analyzer = analyzer::cycle(robot, scenario).map_err(refused)?;
-                read(state)
-                    .iter()
-                    .for_each(|state| cycles.analyzer.restore(state));
-            }
-            Some(Program::Controller) => {
-                cycles.controller = controller::cycle(robot, scenario).map_err(refused)?;
-                read(state)
-                    .iter()
-                    .for_each(|state| cycles.controller.restore(state));
-            }
-            Some(Program::Operator) => cycles.operator = operator(scenario),
-            _ => {}
-        }
+        self.stages[process] = stage;
         // What its predecessor held back is gone with it.
         let own = self
             .wires

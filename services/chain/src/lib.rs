@@ -5,6 +5,7 @@
 
 mod cycles;
 mod faults;
+mod stage;
 
 use model::{Refused, Robot};
 use shared_types::codes::{PHASE_REFUSED, REFUSALS, name_of};
@@ -15,6 +16,7 @@ use shared_types::topics::{self, ByTopic, Each, Topic, Whole};
 use cycles::Cycles;
 
 pub use faults::{Sink, graph, planned_faults, plans_faults_of_processes, run_under_faults};
+pub use stage::Stage;
 
 /// One tick of the whole chain: what each process would have published.
 pub type Tick = ByTopic<Whole>;

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::Path;
 
-use chain::Tick;
+use chain::{Stage, Tick};
 use message_log::{Contents, FieldDifference, Log, LogError};
 use model::{Refused, Robot};
 use runtime::apply_to_outgoing;
@@ -19,8 +19,7 @@ use shared_types::scenario::Scenario;
 use shared_types::summary::Summary;
 use shared_types::topics::{ByTopic, Each, Topic, named};
 use shared_types::{
-    AnalyzerCheckpoint, Checkpoint, ControllerCheckpoint, EstimatorCheckpoint, Header, Message,
-    SensorSample, SingularityReport, StateEstimate, Target, TorqueCommand,
+    Header, Message, SensorSample, SingularityReport, StateEstimate, Target, TorqueCommand,
 };
 use viz::plot::digits;
 
@@ -373,9 +372,6 @@ fn with_settings(scenario: &Scenario, settings: &[String]) -> Result<Scenario, F
     Ok(changed)
 }
 
-/// Computes a tick's outputs from its inputs, by a fresh step where the process was started again; the target is there or not.
-type Cycle<'a> = dyn FnMut(&mut Tick, Given) -> Result<(), Refused> + 'a;
-
 /// What a step is given besides its messages.
 #[derive(Clone, Copy, Default)]
 struct Given {
@@ -383,80 +379,41 @@ struct Given {
     is_fresh: bool,
 }
 
-/// The step of a process that is not the plant.
-fn cycle<'a>(
+/// The step of a process, which takes up the checkpoint of the last tick that was computed where its process was started again.
+struct Restarting<'a> {
     program: Program,
     robot: &'a Robot,
     scenario: &'a Scenario,
-) -> Result<Box<Cycle<'a>>, Refused> {
-    Ok(match program {
-        Program::Estimator => restarting::<_, EstimatorCheckpoint>(
-            || estimator::cycle(robot, scenario),
-            |step, m, _| step.step(&m.sensor, &mut m.estimate),
-            |step, out| step.save(out),
-            |step, last| step.restore(last),
-        )?,
-        Program::Analyzer => restarting::<_, AnalyzerCheckpoint>(
-            || analyzer::cycle(robot, scenario),
-            |step, m, _| step.step(&m.estimate, &mut m.singularity),
-            |step, out| step.save(out),
-            |step, last| step.restore(last),
-        )?,
-        _ => control(robot, scenario)?,
-    })
+    stage: Stage,
+    checkpoint: Option<Vec<u8>>,
 }
 
-/// The controller's step, steered or on its path.
-fn control<'a>(robot: &'a Robot, scenario: &'a Scenario) -> Result<Box<Cycle<'a>>, Refused> {
-    restarting::<_, ControllerCheckpoint>(
-        || controller::cycle(robot, scenario),
-        |step, m, has_target| {
-            let (inputs, out) = (
-                (&m.estimate, &m.singularity),
-                (&mut m.control_state, &mut m.torque),
-            );
-            match scenario.servo {
-                Some(_) => step.steer(
-                    inputs,
-                    has_target.then_some(&m.target),
-                    &mut m.servo_state,
-                    out.0,
-                    out.1,
-                ),
-                None => step.step(inputs.0, inputs.1, out.0, out.1),
-            }
-        },
-        |step, out| step.save(out),
-        |step, last| step.restore(last),
-    )
-}
+impl<'a> Restarting<'a> {
+    fn new(program: Program, robot: &'a Robot, scenario: &'a Scenario) -> Result<Self, Refused> {
+        Ok(Self {
+            program,
+            robot,
+            scenario,
+            stage: Self::fresh(program, robot, scenario)?,
+            checkpoint: None,
+        })
+    }
 
-/// A step that takes up the checkpoint of the last tick that was computed before, where its process was started again.
-fn restarting<'a, Step: 'a, C: Checkpoint + 'a>(
-    fresh: impl Fn() -> Result<Step, Refused> + 'a,
-    compute: impl Fn(&mut Step, &mut Tick, bool) + 'a,
-    save: impl Fn(&Step, &mut C) + 'a,
-    restore: impl Fn(&mut Step, &C) + 'a,
-) -> Result<Box<Cycle<'a>>, Refused> {
-    let (mut step, mut checkpoint, mut has_computed) = (fresh()?, C::zeroed(), false);
-    Ok(Box::new(
-        move |m,
-              Given {
-                  has_target,
-                  is_fresh,
-              }| {
-            if is_fresh {
-                step = fresh()?;
-                if has_computed {
-                    restore(&mut step, &checkpoint);
-                }
-            }
-            compute(&mut step, m, has_target);
-            save(&step, &mut checkpoint);
-            has_computed = true;
-            Ok(())
-        },
-    ))
+    fn fresh(program: Program, robot: &Robot, scenario: &Scenario) -> Result<Stage, Refused> {
+        let none = || Refused::because("its step is not known");
+        Stage::new(Some(program), robot, scenario)?.ok_or_else(none)
+    }
+
+    fn compute(&mut self, m: &mut Tick, given: Given) -> Result<(), Refused> {
+        if given.is_fresh {
+            self.stage = Self::fresh(self.program, self.robot, self.scenario)?;
+            let last = self.checkpoint.iter();
+            last.for_each(|state| self.stage.restore(state));
+        }
+        self.stage.step(m, given.has_target);
+        self.checkpoint = Some(self.stage.save());
+        Ok(())
+    }
 }
 
 /// The kept messages of a run, and the tick that is computed.
@@ -530,9 +487,9 @@ impl Player<'_> {
         });
         let ended = match program {
             Program::Plant => self.plant(robot, scenario),
-            _ => cycle(program, robot, scenario)
+            _ => Restarting::new(program, robot, scenario)
                 .map_err(Trouble::from)
-                .and_then(|mut cycle| self.cycle(reads, writes, &mut *cycle)),
+                .and_then(|mut step| self.cycle(reads, writes, &mut step)),
         };
         (self.observer)(Progress::End);
         ended
@@ -581,7 +538,7 @@ impl Player<'_> {
         &mut self,
         reads: &[&str],
         writes: &[&str],
-        cycle: &mut Cycle<'_>,
+        step: &mut Restarting<'_>,
     ) -> Result<String, Trouble> {
         // Faults shape this one, which also carries the incarnation that computed it.
         let shaped = writes
@@ -606,12 +563,12 @@ impl Player<'_> {
                 .filter(|one| *one < tick)
             {
                 if self.inputs(reads, earlier, &mut given)? && self.was_withheld(earlier) {
-                    cycle(&mut self.now, std::mem::take(&mut given))?;
+                    step.compute(&mut self.now, std::mem::take(&mut given))?;
                 }
             }
             given.is_fresh |= std::mem::replace(&mut incarnation, its) != its;
             if self.inputs(reads, tick, &mut given)? {
-                cycle(&mut self.now, std::mem::take(&mut given))?;
+                step.compute(&mut self.now, std::mem::take(&mut given))?;
                 for topic in writes {
                     let faults = if *topic == shaped {
                         &self.faults[..]
