@@ -238,7 +238,7 @@ const GROUPS: [(&str, &[&str], &[&str]); 5] = [
         &["run", "view", "report", "servo", "play"],
         &["top", "export", "fault", "recover"],
     ),
-    ("Arms and graphs", &["list", "inspect", "graph"], &[]),
+    ("Arms and graphs", &["list", "inspect"], &["graph"]),
     (
         "Compare",
         &["compare"],
