@@ -145,7 +145,7 @@ def test_the_arena_runs_continues_and_repeats_itself(tmp_path):
     half = (tmp_path / "a" / "rows.jsonl").read_text().splitlines(keepends=True)
     (tmp_path / "a" / "rows.jsonl").write_text("".join(half[:-2]) + half[-2][:20])
     second = arena("a")
-    assert digest(second) == digest(first) and second.stderr.count(" of 2  ") == 2
+    assert digest(second) == digest(first) and second.stderr.count(" of 2, ") == 2
     assert "absent is left out" in second.stderr or "absent=absent.py is left out" in second.stderr
     assert pathlib.Path(tmp_path / "a" / "arena.html").stat().st_size > 1000
 

@@ -2,14 +2,17 @@
 
 import argparse
 import concurrent.futures
+import functools
 import hashlib
 import json
 import os
 import pathlib
+import signal
 import subprocess
 import sys
 import tempfile
 import threading
+import time
 from importlib import metadata
 
 from ..results import _armplane, _program, _sentence
@@ -26,6 +29,8 @@ OPPONENTS = sorted(path for path in (pathlib.Path(__file__).parent.parent / "opp
 PACKAGES = ("daqp", "drake", "jparse-robotics", "mink", "mujoco", "numpy", "pin", "pin-pink", "placo", "robosuite")
 # Longest run of a law on a task, s.
 PATIENCE = 1800
+# Columns that differ from one time to the next, or say nothing of the arm.
+CLOCK = {"key", "median_us", "p99_us", "first_ms", "reason"}
 
 
 class Entry:
@@ -50,6 +55,8 @@ def entries(names):
         name, _, file = head.partition("=")
         known = {path.stem: path for path in OPPONENTS}
         if not file and name not in known:
+            if STRATEGY.get(name, name) not in strategies():
+                sys.exit(f"armplane arena: there is no law {name}: give NAME=FILE.py for a file of yours, or one of {', '.join([*OWN, *known, *strategies()])}")
             found.append(Entry(text, STRATEGY.get(name, name), True, **settings))
             continue
         file = pathlib.Path(file or known[name]).resolve()
@@ -59,6 +66,13 @@ def entries(names):
         else:
             found.append(Entry(name + "".join(f":{pair}" for pair in pairs), f"{name}={file}", **settings))
     return found, skipped
+
+
+@functools.cache
+def strategies():
+    """The control laws of armplane."""
+    schema = json.loads(subprocess.run([_program(), "generate", "schema", "scenario"], stdout=subprocess.PIPE, text=True, check=True).stdout)
+    return [one["const"] for one in schema["$defs"]["Strategy"]["oneOf"]]
 
 
 def _value(text):
@@ -103,6 +117,39 @@ def tuned(found, table, folder, jobs):
     return [Entry(f"{name} tuned", trial.argument, trial.own, **trial.settings) for name, trial in best.items()]
 
 
+class Children:
+    """The runs of now, each in a session of its own, so that Ctrl-C ends them in order: the arena first, then what it has started."""
+
+    def __init__(self):
+        self.lock, self.running, self.stopped = threading.Lock(), set(), False
+
+    def run(self, command, environment):
+        """Exit code, standard output and standard error of a program; `None` after [`stop`], or when it takes too long."""
+        with self.lock:
+            if self.stopped:
+                return None
+            child = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+            self.running.add(child)
+        try:
+            out, error = child.communicate(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
+            child.send_signal(signal.SIGINT)
+            child.communicate()
+            return None
+        finally:
+            self.running.discard(child)
+        return None if self.stopped else (child.returncode, out, error)
+
+    def stop(self):
+        with self.lock:
+            self.stopped = True
+            for child in self.running:
+                child.send_signal(signal.SIGINT)
+
+
+CHILDREN = Children()
+
+
 def run(entry, task, more=()):
     """One law on one task, with `more` arguments of `armplane compare`: its row."""
     arguments, environment = entry.options()
@@ -110,14 +157,13 @@ def run(entry, task, more=()):
         cost = pathlib.Path(folder) / "cost"
         command = [_program(), "compare", task.argument, *arguments, *more, "--out", f"{folder}/out", "--json"]
         row = {"law": entry.name, "task": task.name, "group": task.group, "task_hash": task.hash}
-        try:
-            environment = {**os.environ, **environment, "ARMPLANE_ARENA_COST": str(cost)}
-            done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=PATIENCE, check=False)
-        except subprocess.TimeoutExpired:
+        done = CHILDREN.run(command, {**os.environ, **environment, "ARMPLANE_ARENA_COST": str(cost)})
+        if done is None:
             return {**row, "outcome": "silent", "reason": f"no end within {PATIENCE} s"}
-        if done.returncode:
-            return {**row, "outcome": "refused" if done.returncode == 2 else "failed", "reason": _sentence(done.stderr)}
-        scenario = json.loads(done.stdout)["scenarios"][0]
+        code, out, error = done
+        if code:
+            return {**row, "outcome": "refused" if code == 2 else "failed", "reason": _sentence(error)}
+        scenario = json.loads(out)["scenarios"][0]
         score = scenario["laws"][0]
         score.pop("law")
         row.update(robot=scenario["robot"], hash=score["hash"].pop("torque"), **{key: value for key, value in score.items() if isinstance(value, (bool, int, float, str))})
@@ -147,9 +193,20 @@ def judged(rows):
 
 
 def digest(rows):
-    """The hash of a table: who did what, to the bit of every torque, without what this machine's clock says."""
-    lines = sorted(json.dumps([row["law"], row["task"], row["task_hash"], row["outcome"], row.get("hash", "")]) for row in rows)
+    """The hash of a table: every torque and every score, without what this machine's clock says."""
+    plain = lambda value: float(value) if isinstance(value, int) else value
+    scores = ({name: plain(value) for name, value in row.items() if name not in CLOCK and value is not None} for row in rows)
+    lines = sorted(json.dumps(score, sort_keys=True) for score in scores)
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
+
+
+def check(file):
+    """Whether a table is the one that its hash names; its sentence."""
+    from pyarrow import parquet
+
+    table = parquet.read_table(file)
+    found, stated = digest(table.to_pylist()), (table.schema.metadata or {}).get(b"hash", b"none").decode()
+    return found == stated, f"{file}: hash {found}" + ("" if found == stated else f", but it states {stated}: it was changed")
 
 
 def identity():
@@ -194,21 +251,33 @@ class Table:
     def fill(self, cells, jobs):
         """Runs the cells that are missing, on all cores; all rows in the order of the cells."""
         left = [(entry, task) for entry, task in cells if self.key(entry, task) not in self.rows]
-        done = 0
+        done, began = 0, time.monotonic()
 
         def one(cell):
             nonlocal done
             row = {**run(*cell, self.more), "key": self.key(*cell)}
+            if CHILDREN.stopped:
+                # It was ended with the arena.
+                return
             with self.lock:
                 done += 1
                 self.rows[row["key"]] = row
                 with open(self.path, "a") as out:
                     out.write(json.dumps(row) + "\n")
-                print(f"{done} of {len(left)}  {row['law']} on {row['task']}: {row['outcome']}", file=sys.stderr, flush=True)
+                minutes = (time.monotonic() - began) / done * (len(left) - done) / 60
+                why = f" ({row['reason']})" if row["outcome"] in ("failed", "refused", "silent") else ""
+                print(f"{done} of {len(left)}, {minutes:.0f} min left: {row['law']} on {row['task']}: {row['outcome']}{why}", file=sys.stderr, flush=True)
 
         with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
-            for future in [pool.submit(one, cell) for cell in left]:
-                future.result()
+            try:
+                for future in [pool.submit(one, cell) for cell in left]:
+                    future.result()
+            except KeyboardInterrupt:
+                CHILDREN.stop()
+                pool.shutdown(cancel_futures=True)
+                sys.exit("armplane arena: stopped; the same command goes on from here")
+        # An opponent may have written to the file.
+        self.path.write_text("".join(json.dumps(row) + "\n" for row in self.rows.values()))
         return [self.rows[self.key(entry, task)] for entry, task in cells]
 
 
@@ -228,7 +297,8 @@ def save(folder, rows):
         print(f"no arena.parquet: {error}: pip install 'armplane[arena]'", file=sys.stderr)
         return
     names = sorted({name for row in rows for name in row} - {"key"})
-    parquet.write_table(pyarrow.table({name: [row.get(name) for row in rows] for name in names}), folder / "arena.parquet")
+    table = pyarrow.table({name: [row.get(name) for row in rows] for name in names})
+    parquet.write_table(table.replace_schema_metadata({"hash": digest(table.to_pylist())}), folder / "arena.parquet")
 
 
 def arguments():
@@ -243,11 +313,25 @@ def arguments():
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="runs at once [default: a core each]")
     parser.add_argument("--tune", action="store_true", help="add a row of each law tuned: the best of at most six settings on lines of another seed")
     parser.add_argument("--again", type=int, default=0, metavar="N", help="then run N tasks of each law a second time, and compare every torque")
+    parser.add_argument("--check", metavar="FILE", help="compute the hash of an arena.parquet, and compare it with the one that it states")
     return parser.parse_args()
 
 
 def main():
     asked = arguments()
+    if asked.check:
+        holds, sentence = check(asked.check)
+        print(sentence)
+        sys.exit(not holds)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        compete(asked)
+    except KeyboardInterrupt:
+        CHILDREN.stop()
+        sys.exit("armplane arena: stopped; the same command goes on from here")
+
+
+def compete(asked):
     folder = pathlib.Path(asked.out)
     more = [*(part for pair in asked.set for part in ("--set", pair)), *(["--plant", asked.plant] if asked.plant else [])]
     found, skipped = entries(asked.law)

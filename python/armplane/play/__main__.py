@@ -1,11 +1,14 @@
 """`python -m armplane.play`: the arguments, and a guard that outlives the page and leaves nothing behind."""
 
 import argparse
+import contextlib
 import ctypes
 import os
+import pathlib
 import secrets
 import shutil
 import signal
+import socket
 import sys
 import tempfile
 import traceback
@@ -14,8 +17,8 @@ from importlib.util import find_spec
 
 _LIBC = ctypes.CDLL(None)
 _PDEATHSIG, _SUBREAPER = 1, 36
-# A page that is killed is started again so often.
-STARTS = 5
+# A page that is killed, or ends by a defect of its own, is started again so often.
+STARTS, DEFECT = 5, 70
 
 
 def arguments():
@@ -32,8 +35,11 @@ def show(given, folder, token, is_first):
     from .page import Page
 
     page = Page(given.subject, folder, given.host, given.port, token)
-    address = f"http://{'localhost' if token is None else given.host}:{page.server.get_port()}/" + (f"?token={token}" if token else "")
-    print(f"armplane play: {address}  (Ctrl-C ends it)", flush=True)
+    name = "localhost" if token is None else socket.gethostname() if given.host in ("0.0.0.0", "::") else given.host
+    address = f"http://{f'[{name}]' if ':' in name else name}:{page.server.get_port()}/" + (f"?token={token}" if token else "")
+    # Nobody may be there to read it.
+    with contextlib.suppress(OSError):
+        print(f"armplane play: {address}  (Ctrl-C ends it)", flush=True)
     if is_first and not given.no_open:
         webbrowser.open(address)
     page.run()
@@ -51,8 +57,19 @@ def child(given, folder, token, is_first):
         return 1 if end.code else 0
     except BaseException:
         traceback.print_exc()
-        return 1
+        return DEFECT
     return 0
+
+
+def sweep():
+    """Removes what guards that were killed have left."""
+    from .session import clean
+
+    for folder in pathlib.Path(tempfile.gettempdir()).glob("armplane-play-*-*"):
+        guard = folder.name.split("-")[2]
+        if folder.owner() == pathlib.Path.home().owner() and guard.isdecimal() and not os.path.exists(f"/proc/{guard}"):
+            shutil.rmtree(folder, ignore_errors=True)
+            clean()
 
 
 def main():
@@ -61,7 +78,13 @@ def main():
         print(f"armplane play: Python lacks {', '.join(missing)}: pip install the wheel that `python/build` makes, with its extra [play] (docs/play.md)", file=sys.stderr)
         return 2
     token = None if given.host in ("127.0.0.1", "localhost", "::1") else secrets.token_urlsafe(12)
-    folder, page = tempfile.mkdtemp(prefix="armplane-play-"), 0
+    try:
+        socket.create_server((given.host, 0), family=socket.AF_INET6 if ":" in given.host else socket.AF_INET).close()
+    except OSError as error:
+        print(f"armplane play: this machine cannot listen on --host {given.host} ({error.strerror}): give one of its own addresses, or 0.0.0.0 for all", file=sys.stderr)
+        return 2
+    sweep()
+    folder, page = tempfile.mkdtemp(prefix=f"armplane-play-{os.getpid()}-"), 0
     # The runs of a page that was killed become this process's children, and end by themselves.
     _LIBC.prctl(_SUBREAPER, 1)
     for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
@@ -70,13 +93,13 @@ def main():
         for start in range(STARTS):
             page = os.fork()
             if page == 0:
-                code = child(given, folder, token, start == 0)
-                sys.stdout.flush()
-                os._exit(code)
+                os._exit(child(given, folder, token, start == 0))
             _, status = os.waitpid(page, 0)
-            if not os.WIFSIGNALED(status):
-                return os.waitstatus_to_exitcode(status)
-            print(f"armplane play: the page was ended by signal {os.WTERMSIG(status)} and is started again", file=sys.stderr, flush=True)
+            code = os.waitstatus_to_exitcode(status)
+            if code >= 0 and code != DEFECT:
+                return code
+            why = f"was ended by signal {-code}" if code < 0 else "ended by a defect of its own"
+            print(f"armplane play: the page {why} and is started again", file=sys.stderr, flush=True)
         return 1
     finally:
         while True:

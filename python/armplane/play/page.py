@@ -7,6 +7,7 @@ import json
 import pathlib
 import queue
 import shutil
+import tempfile
 import threading
 import time
 
@@ -18,7 +19,7 @@ from .. import Arm, wire
 from ..results import _next_folder
 from . import door, panel
 from .scene import Scene, quaternion
-from .session import Session
+from .session import Session, clean
 
 RATE_HZ = 40
 # So long nobody touches the page before the arm goes on tour, s.
@@ -54,6 +55,7 @@ class Page:
         with door.guarded(token), contextlib.redirect_stdout(io.StringIO()):
             self.server = Server(host=host, port=port, verbose=False, label="armplane play")
         self.server.gui.configure_theme(dark_mode=True, control_width="large", show_logo=False, show_share_button=False, brand_color=(214, 51, 164))
+        self.server.on_client_connect(lambda client: client.camera.on_update(lambda _: self.actions.put(lambda: self._look(client.client_id))))
         self.server.on_client_disconnect(lambda client: self.actions.put(lambda: self._leave(client.client_id)))
         self.html = self.server.gui.add_html("")
         self._add_controls()
@@ -110,6 +112,13 @@ class Page:
 
     def _take(self, client):
         self.driver, self.touched, self.dragging = client, time.monotonic(), False
+
+    def _look(self, client):
+        """Whoever turns the camera wants to look for himself: no tour meanwhile."""
+        if self.driver in (None, client):
+            self.touched = time.monotonic()
+            if self.mode == "tour":
+                self._hold()
 
     def _leave(self, client):
         if self.driver == client:
@@ -185,7 +194,13 @@ class Page:
 
     def _save(self):
         if self.session.seen:
-            self.session.kept = _next_folder(f"play-{self.scene.robot.name}")
+            kept = _next_folder(f"play-{self.scene.robot.name}")
+            try:
+                kept.parent.mkdir(exist_ok=True)
+                tempfile.TemporaryFile(dir=kept.parent).close()
+            except OSError as error:
+                return self._tell(f"The run cannot be saved in {kept.parent.absolute()}: {error.strerror}. Start armplane play in a folder in which you may write.")
+            self.session.kept = kept
             self._tell("The run is being saved; the arm goes on in a new one.")
             self._begin(self._posture())
 
@@ -201,14 +216,10 @@ class Page:
         for session in [one for one in self.ending if one.ended()]:
             self.ending.remove(session)
             if kept := getattr(session, "kept", None):
-                kept.parent.mkdir(exist_ok=True)
-                shutil.move(session.folder / "run", kept)
-                # Without the page, which has only watched: the run repeats itself in the graph of every steered run.
-                scenario = kept / "scenario.toml"
-                text = scenario.read_text().splitlines(keepends=True)
-                scenario.write_text("".join(line for line in text if not line.startswith(("graph =", "checksums ="))))
-                (kept / "graph.toml").unlink()
-                self._tell(f"Saved. Look: armplane view {kept}. The same bytes again: armplane run {kept}/scenario.toml")
+                try:
+                    self._keep(session, kept)
+                except OSError as error:
+                    self._tell(f"The run could not be saved as {kept}: {error.strerror}.")
             shutil.rmtree(session.folder, ignore_errors=True)
         has_ended = self.session.process.poll() is not None
         if has_ended:
@@ -222,11 +233,22 @@ class Page:
         if has_ended:
             self._recover()
 
+    def _keep(self, session, kept):
+        shutil.move(session.folder / "run", kept)
+        # Without the page, which has only watched: the run repeats itself in the graph of every steered run.
+        scenario = kept / "scenario.toml"
+        text = scenario.read_text().splitlines(keepends=True)
+        scenario.write_text("".join(line for line in text if not line.startswith(("graph =", "checksums ="))))
+        (kept / "graph.toml").unlink()
+        self._tell(f"Saved. Look: armplane view {kept}. The same bytes again: armplane run {kept}/scenario.toml")
+
     def _recover(self):
         """The run has ended by itself: begins another one, in the posture in which the arm was left."""
         self.failures = self.failures + 1 if time.monotonic() - self.session.began < 10 else 1
         if self.session.seen is None and self.home is None or self.failures > 3:
-            raise SystemExit(f"armplane play: {self.story[-1]}")
+            raise SystemExit(f"armplane play: {self.story[-1].removeprefix('armplane: ')}")
+        if self.session.process.returncode < 0:
+            clean()
         self._tell("The run has ended; another one begins.")
         self._begin(self._posture() if self.session.seen and self.scene else self.home)
 
@@ -368,7 +390,7 @@ class Page:
             "peaks": session.peaks.max(axis=1).tolist(), "places": [*getattr(self, "postures", ())], "ghost": self.ghost is not None and self.ghost.seen is not None,
         }
         words = [{"tour": "on tour: touch anything to end it", "hand": "your hand", "posture": "goes to a posture", "hold": "holds"}[self.mode], f"{rate:.0f} updates/s"]
-        words += [f"target to arm {1000 * latency:.0f} ms"] if latency else []
+        words += [f"target to arm {1000 * latency:.0f} ms"] if latency and self.mode == "hand" else []
         words.append(f"{self.clients} watching, one steers" if self.clients > 1 else "")
         return f"<span class='state' data-state='{json.dumps(state)}'></span>{' · '.join(filter(None, words))}"
 

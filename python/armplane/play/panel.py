@@ -10,7 +10,7 @@ from .scene import name_of
 # What the law does inside a neighbourhood.
 DOES = {
     wire.MODE_BLEND: "motion along ζ is faded out",
-    wire.MODE_TRACK: "its null-space coordinate follows the target",
+    wire.MODE_TRACK: "the joints move in the null space, so that the hand can follow",
     wire.MODE_PASS: "passes straight through, ζ off the way",
     wire.MODE_HOLD: "ζ is held",
     wire.MODE_REORIENT: "ζ is turned first",
@@ -92,7 +92,7 @@ def page(robot, seen, ghost, story, foot):
     return (
         f'{STYLE}<div class="ap"><div class="say" style="border-color:{colour}"><span class="reason">{html.escape(text)}</span><small>{html.escape(detail) or "&nbsp;"}</small></div>'
         f"<h3>|s| of each singularity; line: η, where the law begins</h3>{_measures(robot, seen['singularity'])}"
-        f'<h3>Joints: speed and torque, as shares of their limits</h3>{"".join(rows)}{versus}'
+        f'<h3>Joints: speed (left) and torque (right), as shares of their limits</h3>{"".join(rows)}{versus}'
         f'<h3>What happened</h3><div class="log">{html.escape(story) or "nothing yet"}</div><div class="foot">{foot}</div></div>'
     )
 

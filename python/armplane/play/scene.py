@@ -94,7 +94,7 @@ class Scene:
             scene.add_cylinder("/pedestal", 0.07 * reach, -floor, JOINT, position=(0, 0, floor / 2))
         self.arm, self.ghost = Arm(scene, "/arm", robot), None
         self.target = scene.add_transform_controls("/target", scale=0.16 * reach, line_width=3.0, disable_sliders=True, depth_test=False, opacity=0.9)
-        self.grip = scene.add_icosphere("/target/grip", 0.032 * reach, HAND, opacity=0.9, cast_shadow=False)
+        self.grip = scene.add_icosphere("/target/grip", 0.048 * reach, HAND, cast_shadow=False)
         self.leash = scene.add_line_segments("/leash", np.zeros((1, 2, 3)), HAND, thickness=2.0, thickness_units="screen")
         self._add_zeta(scene, reach)
         self.ellipsoid = scene.add_icosphere("/ellipsoid", 1.0, ELLIPSOID, opacity=0.13, cast_shadow=False, receive_shadow=False)

@@ -37,6 +37,11 @@ def end_with_parent():
     _LIBC.prctl(_PDEATHSIG, signal.SIGINT)
 
 
+def clean():
+    """Removes what killed runs have left in shared memory."""
+    subprocess.run([_program(), "clean"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
+
+
 class Session:
     """One process graph. Make it on a thread that lives as long as the page: the graph ends with it."""
 

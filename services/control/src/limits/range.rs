@@ -107,7 +107,7 @@ const ADAPT_S: f64 = 0.025;
 /// Distance from the end of its range at which a joint stops, rad (m for prismatic joints): many times the arm's distance from the reference arm.
 const MARGIN: f64 = 0.003;
 /// Share of a joint's speed that it may take.
-const SPEED: f64 = 0.98;
+const SPEED: f64 = 0.97;
 /// Share of a joint's torque with which braking is planned.
 const BRAKE: f64 = 0.3;
 
@@ -115,7 +115,7 @@ const BRAKE: f64 = 0.3;
 /// whether that is the upper end.
 ///
 /// A joint at the distance d from its stop is never faster than v(d) = √(a²/K² + 2·a·d) − a/K: braking from v takes less than a, and the approach
-/// is exponential at the end. The acceleration that keeps it is (v(d) − q̇)/T, and v(d) is at most 0.98 of the joint's speed. The null-space motion is
+/// is exponential at the end. The acceleration that keeps it is (v(d) − q̇)/T, and v(d) is at most 0.97 of the joint's speed. The null-space motion is
 /// given up first, then the motion along the reference's path, then the joint's own.
 ///
 /// `inertia` is the diagonal of A. Shapes N · Units rad, rad/s, rad/s², kg·m² · Requires a state that keeps the limits · Ensures that the next state
