@@ -212,7 +212,7 @@ def check(file):
 def identity():
     """What decides over a row beside its law and task: the program, this package, and the versions of those of others."""
     here = pathlib.Path(__file__).parent
-    files = [pathlib.Path(_program()), *(here / name for name in ("arm.py", "host.py", "laws.py")), here.parent / "mujoco.py"]
+    files = [pathlib.Path(_program()), *(here / name for name in ("arm.py", "host.py", "laws.py")), *(here.parent / name for name in ("mujoco.py", "rotation.py"))]
     return [*(hashlib.sha256(file.read_bytes()).hexdigest() for file in files), versions()]
 
 
@@ -275,7 +275,7 @@ class Table:
             except KeyboardInterrupt:
                 CHILDREN.stop()
                 pool.shutdown(cancel_futures=True)
-                sys.exit("armplane arena: stopped; the same command goes on from here")
+                raise
         # An opponent may have written to the file.
         self.path.write_text("".join(json.dumps(row) + "\n" for row in self.rows.values()))
         return [self.rows[self.key(entry, task)] for entry, task in cells]
@@ -288,8 +288,8 @@ def again(found, todo, rows, count, more):
     return [f"{entry.name} on {task.name}" for entry, task in cells if run(entry, task, more).get("hash") != known[entry.name, task.name].get("hash")]
 
 
-def save(folder, rows):
-    """The table as Parquet."""
+def save(folder, rows, digest):
+    """The table as Parquet, with its hash."""
     try:
         import pyarrow
         from pyarrow import parquet
@@ -298,7 +298,7 @@ def save(folder, rows):
         return
     names = sorted({name for row in rows for name in row} - {"key"})
     table = pyarrow.table({name: [row.get(name) for row in rows] for name in names})
-    parquet.write_table(table.replace_schema_metadata({"hash": digest(table.to_pylist())}), folder / "arena.parquet")
+    parquet.write_table(table.replace_schema_metadata({"hash": digest}), folder / "arena.parquet")
 
 
 def arguments():
@@ -347,8 +347,9 @@ def compete(asked):
     if asked.tune:
         found += tuned(found, table, folder, asked.jobs)
     rows = judged(table.fill([(entry, task) for task in todo for entry in found], asked.jobs))
-    save(folder, rows)
-    summary = page.Summary(rows, skipped, versions(), digest(rows))
+    found_hash = digest(rows)
+    save(folder, rows, found_hash)
+    summary = page.Summary(rows, skipped, versions(), found_hash)
     (folder / "arena.html").write_text(summary.html())
     print(summary.text())
     print(f"{folder}/arena.html, {folder}/arena.parquet")

@@ -6,22 +6,10 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from .. import mujoco as plant
+from ..rotation import rotation_log
 
 # A joint without stops: far enough not to be felt, near enough for a QP.
 _FAR = 1e4
-
-
-def rotation_log(R):
-    """The rotation vector of a rotation matrix; rad."""
-    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
-    sine, cosine = np.linalg.norm(axis), (np.trace(R) - 1) / 2
-    if sine > 1e-9:
-        return axis * (np.arctan2(sine, cosine) / sine)
-    if cosine > 0:
-        return axis
-    # Half a turn: the axis is the eigenvector of 1.
-    values, vectors = np.linalg.eigh((R + R.T) / 2)
-    return np.pi * vectors[:, np.argmax(values)]
 
 
 class Arm(plant.Arm):

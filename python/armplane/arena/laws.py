@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from ..rotation import rotation_exp
+
 # How fast the own clock of a law returns to full speed, 1/s, and the share of a joint's speed limit that it leaves free.
 _RISE, _FREE = 4.0, 0.05
 
@@ -16,16 +18,6 @@ class Reference:
         """The pose that this motion leads to in `dt` seconds, as rotation and position."""
         step = self.V * dt + self.a * (dt * dt / 2)
         return rotation_exp(step[3:]) @ self.R, self.p + step[:3]
-
-
-def rotation_exp(turn):
-    """The rotation by a rotation vector; rad."""
-    angle = np.linalg.norm(turn)
-    if angle < 1e-12:
-        return np.eye(3)
-    x, y, z = turn / angle
-    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K)
 
 
 class Law:

@@ -37,7 +37,7 @@ def _most(rows, name):
     return max(values) if values else None
 
 
-# What is compared pair by pair, smaller is better: heading, column.
+# Columns compared pair by pair, smaller is better: heading, column.
 PAIRED = (
     ("error orthogonal to ζ, mm", "orthogonal_max_mm"),
     ("error orthogonal to ζ, °", "orthogonal_max_deg"),

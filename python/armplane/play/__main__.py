@@ -65,11 +65,15 @@ def sweep():
     """Removes what guards that were killed have left."""
     from .session import clean
 
-    for folder in pathlib.Path(tempfile.gettempdir()).glob("armplane-play-*-*"):
+    def is_left(folder):
         guard = folder.name.split("-")[2]
-        if folder.owner() == pathlib.Path.home().owner() and guard.isdecimal() and not os.path.exists(f"/proc/{guard}"):
-            shutil.rmtree(folder, ignore_errors=True)
-            clean()
+        return folder.owner() == pathlib.Path.home().owner() and guard.isdecimal() and not os.path.exists(f"/proc/{guard}")
+
+    left = [*filter(is_left, pathlib.Path(tempfile.gettempdir()).glob("armplane-play-*-*"))]
+    for folder in left:
+        shutil.rmtree(folder, ignore_errors=True)
+    if left:
+        clean()
 
 
 def main():

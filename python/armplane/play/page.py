@@ -105,10 +105,14 @@ class Page:
         if self.driver != event.client_id:
             event.client.add_notification("Somebody else steers", "You watch. Under “Joints and more” you can take the hand.", auto_close_seconds=4.0)
             return False
+        self._touch()
+        return True
+
+    def _touch(self):
+        """Ends the tour, and puts the next one off."""
         self.touched = time.monotonic()
         if self.mode == "tour":
             self._hold()
-        return True
 
     def _take(self, client):
         self.driver, self.touched, self.dragging = client, time.monotonic(), False
@@ -116,9 +120,7 @@ class Page:
     def _look(self, client):
         """Whoever turns the camera wants to look for himself: no tour meanwhile."""
         if self.driver in (None, client):
-            self.touched = time.monotonic()
-            if self.mode == "tour":
-                self._hold()
+            self._touch()
 
     def _leave(self, client):
         if self.driver == client:

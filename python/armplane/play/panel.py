@@ -7,7 +7,7 @@ import numpy as np
 from .. import wire
 from .scene import name_of
 
-# What the law does inside a neighbourhood.
+# The deed of the law inside a neighbourhood, by mode.
 DOES = {
     wire.MODE_BLEND: "motion along ζ is faded out",
     wire.MODE_TRACK: "the joints move in the null space, so that the hand can follow",

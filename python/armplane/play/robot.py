@@ -7,6 +7,7 @@ import xml.etree.ElementTree as xml
 import numpy as np
 
 from .. import Arm
+from ..rotation import rotation_exp
 
 # |s| of the postures near a singularity, as a share of the entry into its neighbourhood.
 NEAR = 0.2
@@ -22,13 +23,6 @@ def _frame(element):
     axes = _numbers(element, "xyaxes", "1 0 0 0 1 0")
     x, y = axes[:3], axes[3:]
     return np.column_stack([x, y, np.cross(x, y)]), _numbers(element, "pos", "0 0 0")
-
-
-def turn(axis, angle):
-    """Rotation about a unit axis."""
-    x, y, z = axis
-    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
 
 
 class Robot:
@@ -59,7 +53,7 @@ class Robot:
         R, p, found = np.eye(3), np.zeros(3), []
         for (R_0, p_0, axis, turns), value in zip(self.bodies, q):
             p, R = p + R @ p_0, R @ R_0
-            R, p = (R @ turn(axis, value), p) if turns else (R, p + R @ axis * value)
+            R, p = (R @ rotation_exp(axis * value), p) if turns else (R, p + R @ axis * value)
             found.append((R, p))
         return [*found, (R @ self.tip[0], p + R @ self.tip[1])]
 

@@ -7,7 +7,7 @@ import trimesh
 from viser.transforms import SO3
 
 from .. import wire
-from .robot import turn
+from ..rotation import rotation_exp
 
 SHELL, JOINT, HAND = (214, 220, 230), (62, 74, 98), (250, 204, 60)
 ZETA, GHOST, ALARM, TRAIL, ELLIPSOID = (255, 66, 200), (255, 160, 72), (255, 60, 60), (150, 190, 255), (90, 200, 190)
@@ -83,7 +83,7 @@ class Scene:
         scene.reset()
         # The panel covers the right: the arm stands left of the middle.
         x, y, _ = robot.frames(start)[-1][1]
-        around = turn((0, 0, 1), np.arctan2(y, x)) * reach
+        around = rotation_exp(np.array([0, 0, np.arctan2(y, x)])) * reach
         look_at, away = around @ [0.42, 0.25, 0.12], around @ [1.25, -1.9, 0.85]
         server.initial_camera.position, server.initial_camera.look_at, server.initial_camera.fov = look_at + away, look_at, 0.85
         for client in server.get_clients().values():
