@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Writes the JSON Schemas of scenario files and of summary.json from the types that read and write them.
+"""Writes the JSON Schemas of scenarios, graphs and summary.json from the types that read and write them.
 
-    python3 docs/schema/make.py            # writes docs/schema/scenario.json and summary.json
-    python3 docs/schema/make.py --check    # exit code 1 where they are not as they would be written
+    python3 docs/schema/make.py            # writes scenario.json, graph.json and summary.json beside this file
+    python3 docs/schema/make.py --check    # exit code 1 if a file is out of date
 
 The types are in shared-types/src; their comments, with units, become descriptions. `cargo test --test system schema` compares the keys with those that
 the program itself accepts, and validates every scenario of the repository and the summary of a run.
@@ -16,14 +16,14 @@ import sys
 HERE = pathlib.Path(__file__).resolve().parent
 TYPES = HERE.parents[1] / "shared-types" / "src"
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
-NUMBERS = {"f64": {"type": "number"}, "i32": {"type": "integer"}, "bool": {"type": "boolean"}, "String": {"type": "string"}}
+NUMBERS = {"f64": {"type": "number"}, "i32": {"type": "integer"}, "bool": {"type": "boolean"}, "String": {"type": "string"}, "PathBuf": {"type": "string"}}
 NUMBERS |= {name: {"type": "integer", "minimum": 0} for name in ("u32", "u64", "usize")}
 BY_SINGULARITY = {
-    "description": "One number for each singularity, by its name; those left out keep their defaults. An array is read as elbow, wrist, overhead.",
+    "description": "One number for each singularity, by its name. Names left out keep their defaults. An array is read as elbow, wrist, overhead.",
     "anyOf": [
         {
             "type": "object",
-            "properties": {name: {"type": "number"} for name in ("elbow", "wrist", "overhead", "numeric")},
+            "properties": {name: {"type": "number"} for name in ("elbow", "wrist", "overhead", "shoulder", "numeric")},
             "additionalProperties": False,
         },
         {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3},
@@ -32,8 +32,8 @@ BY_SINGULARITY = {
 
 
 def text_of(lines):
-    """The words of `///` comments; links keep their names."""
-    words = " ".join(line.strip().removeprefix("///").strip() for line in lines).strip()
+    """The words of `///` comments up to a code block; links keep their names."""
+    words = " ".join(line.strip().removeprefix("///").strip() for line in lines).split("```")[0].strip()
     return re.sub(r"\[`?([^\]`]+)`?\](\([^)]*\))?(?=[^\[]|$)", r"\1", words) if "](" in words or "[`" in words else words
 
 
@@ -75,7 +75,8 @@ def schema_of(kind):
 def definitions():
     """The schema of every type in the files, by name."""
     found, flattened = {}, []
-    files = [TYPES / "scenario.rs", TYPES / "fault.rs", TYPES / "fault" / "kind.rs", TYPES / "summary.rs", *sorted((TYPES / "scenario").glob("*.rs"))]
+    files = [TYPES / "scenario.rs", TYPES / "fault.rs", TYPES / "fault" / "kind.rs", TYPES / "summary.rs"]
+    files += [TYPES / "graph" / "topology.rs", TYPES / "process.rs", TYPES / "layout.rs", *sorted((TYPES / "scenario").glob("*.rs"))]
     for file in files:
         source = file.read_text().split("#[cfg(test)]")[0]
         head = r"((?:^///[^\n]*\n)*)((?:^#\[[^\n]*\n)*)^pub (struct|enum) (\w+) \{\n(.*?)^\}"
@@ -139,14 +140,17 @@ def schema(name, title):
 
 def main():
     stale = []
-    for file, name, title in (("scenario", "Scenario", "A scenario of armplane"), ("summary", "Summary", "summary.json of a run of armplane")):
+    titles = {"scenario": "A scenario of armplane", "graph": "A process graph of armplane", "summary": "summary.json of a run of armplane"}
+    for file, title in titles.items():
+        name = file.capitalize()
         path, text = HERE / f"{file}.json", json.dumps(schema(name, title), indent=2, ensure_ascii=False) + "\n"
         if "--check" in sys.argv:
             stale += [path.name] if not path.exists() or path.read_text() != text else []
         else:
             path.write_text(text)
     if stale:
-        sys.exit(f"{', '.join(stale)}: not as the types have it; run python3 docs/schema/make.py")
+        sys.exit(f"{', '.join(stale)}: out of date; run python3 docs/schema/make.py")
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -1,4 +1,5 @@
-//! Comparisons that decide an outcome. A NaN fails every one of them: it is within no bound, and it is the largest and the smallest value.
+//! Comparisons that decide an outcome. A NaN fails all of them: it is within no bound, and it is
+//! both the largest and the smallest value.
 
 /// Whether `value` is at most `bound`; false if either is NaN.
 #[inline]

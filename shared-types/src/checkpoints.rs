@@ -1,5 +1,6 @@
-//! Checkpoints: the state that a replacement takes over. Arrays of joints are zero beyond the arm's own joints. Frames: B base,
-//! C the wrist centre. A checkpoint is filled at every tick and taken up by the process's replacement, which then goes on bit for bit.
+//! Checkpoints: the state that a replacement takes over. Arrays of joints are zero beyond the arm's
+//! own joints. Frames: B base, C the wrist centre. A process fills its checkpoint at every tick,
+//! and its replacement continues from it, bit for bit.
 
 #![allow(non_snake_case)]
 

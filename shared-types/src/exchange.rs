@@ -1,9 +1,10 @@
 //! The exchange page: how a program in any language takes part in a run.
 //!
-//! A process with `exchange = true` in the graph runs armplane's own shell (topics, lockstep, faults, checkpoints), and the step of each tick is
-//! done by a program of the user's. The two share one file, the exchange page, and nothing else: an [`ExchangeHead`], one [`ExchangeTopic`] for
-//! each topic of the process, the messages themselves as they are on the wire, and room for the program's checkpoint. `docs/wire.md` has the
-//! state machine; `armplane generate wire` prints the layouts for other languages.
+//! A process with `exchange = true` in the graph runs armplane's own shell (topics, lockstep,
+//! faults, checkpoints); the user's program does the step of each tick. They share only one file,
+//! the exchange page: an [`ExchangeHead`], one [`ExchangeTopic`] for each topic of the process, the
+//! messages as on the wire, and room for the program's checkpoint. `docs/wire.md` has the state
+//! machine; `armplane generate wire` prints the layouts for other languages.
 //!
 //! Both sides write only their own fields. A side fills its fields, then stores its count with release order and wakes the other side by a futex
 //! on that count; the other side reads the count with acquire order before anything else.

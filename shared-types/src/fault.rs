@@ -1,4 +1,5 @@
-//! Faults: the one vocabulary, as people write it (`[[fault]]` in a scenario, `armplane fault`) and as the processes carry it out.
+//! Faults, as people write them (`[[fault]]` in a scenario, `armplane fault`) and as the processes
+//! carry them out.
 //!
 //! ```toml
 //! [[fault]]                 # the controller is killed at tick 1200; its replacement may answer 100 ticks later
@@ -16,8 +17,9 @@
 //! for_s = 0.5
 //! ```
 //!
-//! A fault is tied to ticks, so a run with planned faults has the same bytes every time. A [`Fault`] becomes a [`ScheduledFault`], the fixed-size form
-//! that all processes of a run share; a scheduled fault turns back into the fault that repeats it.
+//! A fault is tied to ticks, so a run with planned faults has the same bytes every time. A
+//! [`Fault`] becomes a [`ScheduledFault`], the fixed-size form that all processes of a run share. A
+//! scheduled fault can be turned back into the fault that repeats it.
 
 mod kind;
 mod scheduled;
@@ -37,54 +39,55 @@ pub use scheduled::ScheduledFault;
 /// The finest steps of an encoder that is at fault; rad. Finer ones are no steps in 64 bits.
 const FINEST_STEP: f64 = 1e-12;
 
-/// One fault, as people write it. Of each pair in ticks and in seconds at most one.
+/// One fault. Give each time either in ticks or in seconds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fault {
-    /// To which process.
+    /// Name of the process.
     pub process: String,
-    /// Its kind.
+    /// Kind of fault.
     pub kind: Kind,
-    /// In which way, for the kinds that have several.
+    /// Variant, for kinds that have several.
     #[serde(rename = "as", skip_serializing_if = "Option::is_none")]
     pub way: Option<Way>,
-    /// The first tick it concerns.
+    /// First tick of the fault.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub at_tick: Option<u64>,
-    /// The same, s.
+    /// The same; s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub at_s: Option<f64>,
-    /// How many ticks it lasts; for `kill` and `crash`: until the replacement may answer.
+    /// Duration; ticks. For `kill` and `crash`: ticks until the replacement may answer.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub for_ticks: Option<u64>,
-    /// The same, s.
+    /// The same; s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub for_s: Option<f64>,
-    /// The share of messages it concerns, 0 to 1.
+    /// Share of messages affected, 0 to 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub probability: Option<f64>,
-    /// `delay`: ticks by which a message is late.
+    /// `delay`: ticks by which each message is late.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub delay_ticks: Option<u64>,
-    /// `delay`: up to so many ticks more, evenly distributed.
+    /// `delay`: up to this many further ticks, evenly distributed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub jitter_ticks: Option<u64>,
-    /// `corrupt`: which field of the message, as `tau[2]`.
+    /// `corrupt`: the field of the message, such as `tau[2]`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub field: Option<String>,
-    /// `cut`: which of the topics that the process reads; by default the first.
+    /// `cut`: the topic that no longer arrives. Default: the first that the process reads.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub topic: Option<String>,
-    /// `sensor`, `drive`: which joint, from 1.
+    /// `sensor`, `drive`: the joint, counted from 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub joint: Option<u32>,
-    /// By how much; the unit is the way's, or ms where the kind has one way.
+    /// Size of the fault, in the unit of its variant; ms for kinds without variants.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub amount: Option<f64>,
-    /// `kill`: the process ends after so many of its messages of the first tick have left, not before the first of them; at most all but the last.
+    /// `kill`: how many messages of its first tick the process sends before it dies, at most all
+    /// but the last.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub after_outputs: Option<u32>,
-    /// Seed of its random numbers; from the scenario's where absent.
+    /// Seed of the fault's random numbers. Default: from the scenario's seed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
 }
@@ -127,7 +130,8 @@ pub fn corrupted_topic(writes: &[String]) -> Option<&str> {
         .find(|topic| shaped_topic(topic))
 }
 
-/// Whether faults of a process shape the messages of this topic; what is published for judging and showing only is never touched.
+/// Whether faults of a process change the messages of this topic. Messages for judging and showing
+/// only are never changed.
 #[must_use]
 pub fn shaped_topic(topic: &str) -> bool {
     topic != PlantState::TOPIC && topic != ControlState::TOPIC
@@ -217,7 +221,7 @@ impl Fault {
     /// The checks that do not need the graph.
     ///
     /// # Errors
-    /// As [`Fault::schedule`].
+    /// See [`Fault::schedule`].
     pub fn check(&self, rate_hz: u32) -> Result<(), Complaint> {
         self.timed(0, 0, rate_hz, 0).map(drop)
     }

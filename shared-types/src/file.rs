@@ -1,4 +1,4 @@
-//! Reading TOML that people wrote: every error names the place, what is wrong and what to do.
+//! Reads TOML written by people: every error names the place, the mistake and the remedy.
 
 mod words;
 
@@ -18,7 +18,7 @@ pub struct InvalidFile {
     pub file: String,
     /// Its text, for showing the line.
     pub text: String,
-    /// Where in the text, in bytes.
+    /// Place in the text, in bytes.
     pub span: Option<Range<usize>>,
     /// The defect.
     pub message: String,
@@ -287,7 +287,7 @@ pub(crate) fn within(
     require(range.contains(&value), path, what, remedy)
 }
 
-/// Where the value at `path` stands; the nearest enclosing value that exists, else nothing.
+/// Place of the value at `path`, or of the nearest enclosing value that exists.
 fn span_of(text: &str, path: &str) -> Option<Range<usize>> {
     let document = DeTable::parse(text).ok()?;
     let mut span = None;

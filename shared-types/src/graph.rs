@@ -1,7 +1,8 @@
 //! The processes of a run: the topics of each, its core, and the response to its end.
 //!
-//! A topic has one writer. Data flows one way; the one exception, the torque that closes the loop, is declared as `feedback`:
-//! the process that makes the ticks consumes torque k to get from tick k to tick k + 1.
+//! A topic has one writer. Data flows one way, except for the torque, which closes the loop and is
+//! declared as `feedback`: the process that makes the ticks uses torque k to get from tick k to
+//! tick k + 1.
 //!
 //! ```toml
 //! extends = "armplane"          # all processes of the built-in graph; one with the name of another takes its place
@@ -37,7 +38,7 @@ impl Graph {
     /// The built-in graph, of a steered run with an operator.
     ///
     /// # Errors
-    /// As [`Graph::parse`].
+    /// See [`Graph::parse`].
     pub fn built_in(is_steered: bool) -> Result<Self, InvalidFile> {
         let (name, text) = if is_steered {
             ("servo.toml", STEERED)
@@ -83,7 +84,8 @@ impl Graph {
         Ok(graph)
     }
 
-    /// Puts the processes of a built-in graph before its own, but for those that have the name of one of its own; returns how many.
+    /// Inserts the processes of a built-in graph before its own, except those with a name of its
+    /// own. Returns their number.
     fn extend(&mut self, text: &str) -> Result<usize, InvalidFile> {
         let mut base: Self = crate::file::parse("graph.toml", text, &[])?;
         base.process

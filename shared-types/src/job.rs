@@ -1,4 +1,5 @@
-//! All that a process needs to know to take part in a run: written once by the launcher, before anything starts.
+//! Everything that a process needs to know about its run. The launcher writes it once, before
+//! anything starts.
 
 use std::path::PathBuf;
 
@@ -56,7 +57,7 @@ pub struct Job {
     pub version: String,
     /// How time passes.
     pub mode: Mode,
-    /// Where the results go.
+    /// Folder of the results.
     pub out: PathBuf,
     /// Whether the recorder writes a recording; it judges and hashes either way.
     pub record: bool,

@@ -1,4 +1,4 @@
-//! The layout of a message as data: for programs that pass a message on without knowing its type.
+//! The layout of a message as data, for programs that pass messages on without knowing their type.
 
 use std::borrow::Cow;
 
@@ -53,15 +53,16 @@ impl MessageLayout {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DeclaredTopic {
-    /// Its name: lower-case letters, digits and `_`.
+    /// Name: lower-case letters, digits and `_`.
     pub name: String,
-    /// The message's versioned type name.
+    /// Versioned name of the message type, such as `armplane.Energy.v1`.
     #[serde(rename = "type")]
     pub type_name: String,
-    /// A sentence or two on it.
+    /// A sentence or two on the message.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub about: String,
-    /// `name: type` in the order of the bytes, the first `header: Header`; types `f64`, `u64`, `u32` and arrays of them, without padding.
+    /// `name: type` in memory order, the first `header: Header`. Types are `f64`, `u64`, `u32` and
+    /// arrays of them, without padding.
     pub fields: Vec<String>,
 }
 

@@ -1,21 +1,23 @@
 #![doc = include_str!("../README.md")]
 //!
 //! # In this crate
-//! Everything two processes of armplane, or a process and a person, agree on.
+//! The agreements between processes of armplane, and between armplane and people.
 //!
-//! * [`wire`]: what a message and a checkpoint are (fixed size, `repr(C)`, no padding, explicit versioned name), and their layout as data.
+//! * [`wire`]: messages and checkpoints (fixed size, `repr(C)`, no padding, versioned name), and
+//!   their layout as data.
 //! * [`messages`]: the messages, field by field with units and frames.
-//! * [`checkpoints`]: what a restarted process needs of its own past, field by field.
-//! * [`topics`]: THE list of topics, and what is derived from it.
+//! * [`checkpoints`]: the state from which a restarted process continues, field by field.
+//! * [`topics`]: the list of topics, and everything derived from it.
 //! * [`bounds`]: comparisons that decide an outcome; NaN fails them.
-//! * [`codes`]: the named integers that travel in them.
-//! * [`scenario`]: what a run does: robot, start, task, gains, noise, seed, judgement.
-//! * [`fault`]: what can be made to go wrong, in which process, when.
-//! * [`graph`]: the processes of a run, their topics and commands; [`process`]: one of them; [`layout`]: messages that only a graph knows.
+//! * [`codes`]: named integers in messages.
+//! * [`scenario`]: robot, start, task, gains, noise, seed and goal of a run.
+//! * [`fault`]: faults to inject, by process and tick.
+//! * [`graph`]: the processes of a run, their topics and commands; [`process`]: one process;
+//!   [`layout`]: messages declared by a graph.
 //! * [`exchange`]: the page through which a program in another language takes part.
-//! * [`file`]: how such files are read, and how their errors name the place and the remedy.
-//! * [`job`]: all of it together, as a starting process reads it.
-//! * [`summary`]: what a run left: the schema of `summary.json`.
+//! * [`file`]: reads such files; errors name the place and the remedy.
+//! * [`job`]: all of it together, for a starting process.
+//! * [`summary`]: the results of a run, `summary.json`.
 //!
 //! This crate imports no other crate of the workspace, knows no algebra and does no input or output.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]

@@ -1,8 +1,8 @@
-//! A process of a graph: its part in the run, the command that starts it, and the processes that this program contains.
+//! A process of a graph: its role, the command that starts it, and armplane's own processes.
 
 use serde::{Deserialize, Serialize};
 
-/// How often a process with `restart = "always"` is started again.
+/// Most restarts of a process with `restart = "always"`.
 pub const MOST_RESTARTS: u32 = 5;
 
 /// Most processes a run may have.
@@ -12,49 +12,55 @@ pub const MAX_PROCESSES: usize = 16;
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Process {
-    /// Its name; without a `command` and a `program` also the subcommand of `armplane` that it runs.
+    /// Name. Without `command` and `program`, armplane's own process of this name runs.
     pub name: String,
-    /// The subcommand of `armplane` that it runs under another name; empty: the one of its own name.
+    /// The process of armplane that runs under another name, such as `estimator`. Empty: the one
+    /// called `name`.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub program: String,
-    /// The program that it runs and its arguments, in the folder of the graph's file; empty: this program itself.
+    /// Program and arguments, started in the folder of the graph's file. A program without `/` is
+    /// looked for in `PATH`. Empty: armplane itself.
     ///
-    /// The environment names the process and its run: `ARMPLANE_PROCESS` and `ARMPLANE_RUN`.
+    /// The environment variables `ARMPLANE_PROCESS` and `ARMPLANE_RUN` name the process and its
+    /// run.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub command: Vec<String>,
-    /// The program does not know armplane's shell: it takes part by an exchange page, in any language (`docs/wire.md`). The environment gives the
-    /// page's path: `ARMPLANE_EXCHANGE`.
+    /// The program takes part through an exchange page, in any language (docs/wire.md).
+    /// `ARMPLANE_EXCHANGE` gives the path of the page.
     #[serde(default, skip_serializing_if = "is_false")]
     pub exchange: bool,
-    /// The program is started separately: the run says where its exchange page is, and waits for it. There is no `command` then.
+    /// You start the program yourself, without `command`: the run prints the path of its exchange
+    /// page and waits.
     #[serde(default, skip_serializing_if = "is_false")]
     pub external: bool,
-    /// The arm of this address takes the place of the simulated one, `fci://HOST`: only for the process that makes the ticks, in real time
-    /// (`docs/franka.md`). `armplane run --plant` sets it.
+    /// Address of a real arm instead of the simulated one, `fci://HOST` (docs/franka.md). Only for
+    /// the process with `feedback`, in real time. `armplane run --plant` sets it.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub robot: String,
-    /// The longest that an exchange page's program may take for an answer; s. 0: 10 s.
+    /// Longest time for an answer through the exchange page; s. 0: 10 s.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub answer_limit_s: u32,
-    /// The longest that it may take to join, from its start on; s. 0: 60 s.
+    /// Longest time from the start until the program joins; s. 0: 60 s, or 600 s if `external`.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub join_limit_s: u32,
-    /// Topics it reads at the tick it works on; `"*"`: all that others write.
+    /// Topics that it reads at each tick; `"*"`: all that others write.
     #[serde(default)]
     pub reads: Vec<String>,
-    /// Topics it reads to get to the next tick.
+    /// Topics of the last tick that it needs for the next one. The process with `feedback` makes
+    /// the ticks, and the run ends with it.
     #[serde(default)]
     pub feedback: Vec<String>,
-    /// Topics it alone writes.
+    /// Topics that only this process writes. It answers each tick with one message per topic; the
+    /// last one closes the tick.
     #[serde(default)]
     pub writes: Vec<String>,
-    /// The core it is pinned to in real time; modulo the cores there are.
+    /// Core to which it is pinned in real time, modulo the number of cores.
     #[serde(default)]
     pub core: usize,
-    /// SCHED_FIFO priority in real time, 1 to 99; 0: ordinary scheduling.
+    /// SCHED_FIFO priority in real time, 1 to 99. 0: ordinary scheduling.
     #[serde(default)]
     pub priority: u32,
-    /// The launcher's response to its unrequested end.
+    /// What the launcher does if the process ends unasked.
     #[serde(default)]
     pub restart: Restart,
 }
@@ -67,14 +73,14 @@ fn is_zero(value: &u32) -> bool {
     *value == 0
 }
 
-/// The launcher's response to the unrequested end of a process.
+/// What the launcher does if a process ends unasked.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Restart {
     /// Stop the whole graph.
     #[default]
     Never,
-    /// Start it again, within the budget.
+    /// Start it again, up to five times.
     Always,
 }
 

@@ -1,4 +1,4 @@
-//! A scenario, as TOML: robot, start posture, task, gains, noise, seed, judgement.
+//! A scenario as TOML: robot, start posture, task, gains, noise, seed, goal.
 //!
 //! ```toml
 //! name = "fig5-wrist-rotation"
@@ -40,65 +40,67 @@ pub use task::{Path, Reorient, Segment, Slide, Start, Turn};
 /// Most segments of a task: a route is looked for through each of them before the start.
 const MOST_SEGMENTS: usize = 10_000;
 
-/// A validated scenario file. Every field but `name`, `robot`, `start` and `segment` has a default that works.
+/// A scenario file. Every key has a default except `name`, `robot`, `start`, and `segment` or
+/// `servo`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scenario {
-    /// Short name, as given to `armplane run`.
+    /// Short name: letters, digits, `-`, `_` and `.`.
     pub name: String,
-    /// One line for people.
+    /// Title for lists and reports.
     #[serde(default)]
     pub title: String,
-    /// A few sentences for people: what to look at.
+    /// A few sentences on what to look at.
     #[serde(default)]
     pub about: String,
-    /// Built-in robot name, or a path to a URDF (with an optional description `.toml` beside it).
+    /// A built-in robot, or a URDF or MJCF file beside the scenario. A description file of the same
+    /// name (`arm.toml` beside `arm.urdf`) is read too.
     pub robot: String,
-    /// The file of the process graph, beside this one; the built-in graph where empty.
+    /// File of the process graph, beside the scenario. Empty: the built-in graph.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub graph: String,
-    /// End-effector frame; the robot's default where empty.
+    /// End-effector frame: a link of the robot. Empty: the robot's default.
     #[serde(default)]
     pub frame: String,
-    /// Control rate; 1/s.
+    /// Control rate, 50 to 20000; Hz.
     #[serde(default = "rate_hz")]
     pub rate_hz: u32,
-    /// Seed of every random number of the run.
+    /// Seed of all random numbers of the run.
     #[serde(default = "one")]
     pub seed: u64,
-    /// Where the arm starts, at rest.
+    /// Start posture. The arm starts at rest.
     pub start: Start,
-    /// The task, in order.
+    /// The pieces of the path, in order.
     #[serde(default)]
     pub segment: Vec<Segment>,
-    /// A steered run, in place of segments.
+    /// A steered run: the arm follows targets instead of segments.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub servo: Option<Servo>,
-    /// Time to hold the last pose before the run is judged; s.
+    /// Time to hold the last pose before the end is judged; s.
     #[serde(default = "settle_s")]
     pub settle_s: f64,
-    /// The simulated arm and its world.
+    /// The simulated arm and its surroundings.
     #[serde(default)]
     pub plant: Plant,
     /// The state estimator.
     #[serde(default)]
     pub estimator: Estimator,
-    /// Singularity analysis.
+    /// Detection of singularities.
     #[serde(default)]
     pub analysis: Analysis,
-    /// The control law.
+    /// The control law and its gains.
     #[serde(default)]
     pub control: Control,
-    /// When the goal counts as reached.
+    /// Errors within which the goal counts as reached.
     #[serde(default)]
     pub goal: Goal,
-    /// The layout that the recording opens with.
+    /// Layout of the recording in the viewer.
     #[serde(default)]
     pub view: View,
-    /// The planned faults.
+    /// Planned faults.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub fault: Vec<Fault>,
-    /// How the recording is kept.
+    /// Size of the recording's files.
     #[serde(default)]
     pub record: Record,
 }

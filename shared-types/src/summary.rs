@@ -1,4 +1,5 @@
-//! The result of a run: the schema of `summary.json`. Field names carry their units; everything is judged on the simulator's truth.
+//! The results of a run, `summary.json`. Names end with their units. The simulator's true state is
+//! judged.
 
 use std::collections::BTreeMap;
 
@@ -17,51 +18,55 @@ pub const BOUNDARY: &str = "followed to the boundary";
 /// The outcome of a task that was done, but not within its goal's bounds or the arm's limits.
 pub const MISSED: &str = "goal missed";
 
-/// `summary.json`, whole.
+/// The result of a run, `summary.json`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// The run.
     #[serde(flatten)]
     pub of: RunOf,
-    /// Ticks begun: the plant's samples, whether or not every process answered them.
+    /// Ticks begun, including those that a process did not answer.
     pub ticks: u64,
-    /// Whether the task ran to its end.
+    /// The task ran to its end.
     pub completed: bool,
-    /// `"goal reached"`, `"followed to the boundary"`, `"goal missed"`, `"stopped"`, `"interrupted"` or `"failed"`.
+    /// `"goal reached"`, `"followed to the boundary"`, `"goal missed"`, `"stopped"`,
+    /// `"interrupted"` or `"failed"`.
     pub outcome: String,
-    /// Why, in one sentence.
+    /// Reason for the outcome, in one sentence.
     pub reason: String,
-    /// Its pace.
+    /// The pace.
     #[serde(flatten)]
     pub pace: Pace,
-    /// Per topic: how many messages, and a hash over their contents (stamps left out).
+    /// Messages of each topic: their number, and a hash of their contents without time stamps.
     pub topics: BTreeMap<String, TopicSummary>,
-    /// Task errors.
+    /// Errors of the hand.
     pub task: TaskSummary,
-    /// Joint loads.
+    /// Loads of the joints.
     pub joints: JointSummary,
-    /// The events at each singularity.
+    /// Events at each singularity.
     pub singularities: Vec<SingularitySummary>,
-    /// Null-space turns of singular directions: the planned motion, announced before each began, and the actual one.
+    /// Null-space turns of singular directions: the motion planned before each began, and the
+    /// actual one.
     pub turns: Vec<TurnSummary>,
-    /// Mode changes, in order.
+    /// Changes of mode, in order.
     pub modes: Vec<ModeChange>,
-    /// How the arm followed its targets, of a steered run.
+    /// A steered run: how the arm followed its targets.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub servo: Option<ServoSummary>,
     /// Faults and refusals, in order.
     pub faults: Vec<FaultSummary>,
-    /// The plant's account of torque in time, late and absent; left out in lockstep, and where it is not known of every tick of a recovered run.
+    /// Ticks with torque in time, late, or without. Absent in lockstep, and in a recovered run that
+    /// lost some of these ticks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub deadlines: Option<Deadlines>,
-    /// Latency of each hop, and of the whole `chain` from the sensor sample to the torque in the plant's hands; µs. In real time the
-    /// chain's and the plant's own count from when the tick was due; ticks that never began or were never answered count too.
+    /// Latency of each hop, and of the `chain` from sensor sample to received torque; µs. In real
+    /// time, `chain` and `plant` count from the tick's due time, and include ticks that never began
+    /// or were never answered.
     pub latency_us: BTreeMap<String, Latency>,
-    /// Figures that are NaN or infinite, by their place in this file, as messages give them that a fault has corrupted: JSON has no such number, the
-    /// largest one stands there instead.
+    /// Keys of this file whose value was NaN or infinite, from messages that a fault corrupted.
+    /// JSON has no such numbers, so the largest one stands there instead.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub not_finite: Vec<String>,
-    /// The recorder's account.
+    /// The recording.
     pub recorder: RecorderSummary,
     /// The processes.
     pub processes: Vec<ProcessSummary>,
@@ -70,22 +75,22 @@ pub struct Summary {
     pub machine: Machine,
 }
 
-/// The run that a summary is of.
+/// The run that a summary describes.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RunOf {
-    /// Version of armplane that made it.
+    /// Version of armplane.
     pub version: String,
-    /// The scenario's name.
+    /// Name of the scenario.
     pub scenario: String,
-    /// The robot's name.
+    /// Name of the robot.
     pub robot: String,
     /// `"lockstep"` or `"realtime"`.
     pub mode: String,
-    /// Seed of every random number.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// Identifies the run.
+    /// Identifier of the run.
     pub run: String,
-    /// Control rate; 1/s.
+    /// Control rate; Hz.
     pub rate_hz: u32,
 }
 
@@ -103,7 +108,7 @@ impl From<&Job> for RunOf {
     }
 }
 
-/// Ticks against the clock.
+/// Pace of the ticks.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Pace {
     /// Wall-clock time from the first to the last tick; s.
@@ -115,29 +120,30 @@ pub struct Pace {
 /// The machine of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Machine {
-    /// The processor's name.
+    /// Name of the processor.
     pub cpu: String,
     /// Cores that the run could use.
     pub cores: usize,
-    /// Kernel name and version.
+    /// Name and version of the kernel.
     pub kernel: String,
 }
 
-/// One topic.
+/// The messages of one topic.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TopicSummary {
     /// Messages recorded.
     pub count: u64,
-    /// XXH3-64 over the contents in order, hexadecimal.
+    /// 64-bit XXH3 of all contents in order, hexadecimal.
     pub hash: String,
 }
 
-/// Task errors, desired against true pose. Orthogonal: with the singular directions left out while inside their neighbourhood.
+/// Errors of the hand: desired against true pose. *Orthogonal* leaves out the singular directions
+/// inside their neighbourhoods.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TaskSummary {
     /// Largest position error.
     pub position_max_mm: f64,
-    /// Root mean square position error.
+    /// Root mean square of the position error.
     pub position_rms_mm: f64,
     /// Largest orientation error.
     pub orientation_max_deg: f64,
@@ -148,28 +154,30 @@ pub struct TaskSummary {
     /// Largest position error along the singular directions.
     #[serde(default)]
     pub along_max_mm: f64,
-    /// Largest orientation error about them.
+    /// Largest orientation error about the singular directions.
     #[serde(default)]
     pub along_max_deg: f64,
     /// Position error at the end.
     pub final_position_mm: f64,
     /// Orientation error at the end.
     pub final_orientation_deg: f64,
-    /// Time the task took beyond its plan, as a ratio (the governor's stretch).
+    /// Actual duration of the task, as a ratio of the planned one.
     pub time_stretch: f64,
-    /// Ticks in which the arm touched the floor, or itself.
+    /// Ticks in which the arm touched the floor or itself.
     #[serde(default)]
     pub contact_ticks: u64,
     /// Largest sum of contact forces on the arm.
     #[serde(default)]
     pub contact_max_n: f64,
-    /// Success by the strict bar S1: end within 1 mm and 0.5°, error orthogonal to the singular directions too, no limit broken.
+    /// Success by the strict bar S1: within 1 mm and 0.5° at the end and orthogonal to ζ, and no
+    /// limit broken.
     #[serde(default)]
     pub s1: bool,
-    /// Success by the bar S2, for motions that are not along ζ: as S1, with 3° orthogonal, and 10 mm and 5° along ζ.
+    /// Success by the bar S2, for motions that are not along ζ: like S1, but 3° orthogonal to ζ,
+    /// and 10 mm and 5° along ζ.
     #[serde(default)]
     pub s2: bool,
-    /// The conditions of S2 that failed.
+    /// Conditions of S2 that failed.
     #[serde(default)]
     pub missed: Vec<String>,
 }
@@ -187,58 +195,63 @@ const fn limited() -> bool {
     true
 }
 
-/// Joint loads, each a ratio of the robot's own limit.
+/// Loads of the joints, as ratios of each joint's limit.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct JointSummary {
-    /// A joint's speed has a limit; without one the ratio says nothing.
+    /// Some joint has a speed limit. Otherwise `speed_max_ratio` means nothing.
     #[serde(default = "limited")]
     pub has_speed_limit: bool,
-    /// A joint's torque has a limit; without one its ratios say nothing.
+    /// Some joint has a torque limit. Otherwise the torque ratios mean nothing.
     #[serde(default = "limited")]
     pub has_torque_limit: bool,
     /// Largest speed.
     pub speed_max_ratio: f64,
-    /// Largest torque that the drives applied.
+    /// Largest torque applied by the drives.
     pub torque_max_ratio: f64,
-    /// Largest torque that was commanded.
+    /// Largest torque commanded.
     #[serde(default)]
     pub torque_commanded_max_ratio: f64,
     /// Largest change of torque in one tick.
     pub torque_step_max_ratio: f64,
     /// 95th percentile of the change of torque in one tick.
     pub torque_step_p95_ratio: f64,
-    /// 99th percentile of it.
+    /// 99th percentile of the change of torque in one tick.
     #[serde(default)]
     pub torque_step_p99_ratio: f64,
-    /// Ticks with any torque at its limit.
+    /// Ticks with a torque at its limit.
     pub saturated_ticks: u64,
-    /// Ticks at which the law asked for a faster change of any torque than its drive accepts.
+    /// Ticks in which the law asked for a faster change of torque than the drive accepts.
     #[serde(default)]
     pub rate_limited_ticks: u64,
-    /// Ticks for which the controller set the estimate aside, because no torque within the limits moves the arm so.
+    /// Ticks in which the controller ignored the estimate, because no torque within the limits can
+    /// move the arm like that.
     #[serde(default)]
     pub rejected_estimate_ticks: u64,
-    /// Steps of a torque by more than a tenth of its limit that the same joint had made the other way within 10 ms.
+    /// Torque steps of more than a tenth of the limit that reverse such a step of the same joint
+    /// within 10 ms.
     #[serde(default)]
     pub chatter: u64,
-    /// Σ ½ΔΓᵀA⁻¹ΔΓ/k_v² over the ticks with a step by more than a tenth: what each puts in until the loop has answered; J.
+    /// Σ ½ΔΓᵀA⁻¹ΔΓ/k_v² over all ticks with a torque step of more than a tenth of a limit: the
+    /// energy that the steps put in before the loop reacts; J.
     #[serde(default)]
     pub jump_energy_j: f64,
     /// Ticks with a joint against its stop, or with the drives not active.
     #[serde(default)]
     pub stopped_ticks: u64,
-    /// Changes of mode, all singularities together; each also stands in `modes`.
+    /// Changes of mode of all singularities, listed in `modes`.
     pub switches: u64,
-    /// Energy put in at them: the jump in commanded power, |Δτᵀq̇| of the tick of the change, over the 25 ms in which velocity feedback takes it back; J.
+    /// Energy put in by changes of mode: the jump |Δτᵀq̇| in commanded power, times the 25 ms in
+    /// which velocity feedback takes it back; J.
     pub switch_energy_j: f64,
-    /// Limits that joints reached: stops, speeds above the limit, torques at it; in the order in which they were first reached.
+    /// Limits that joints reached (stops, speeds, torques), in the order in which they were first
+    /// reached.
     #[serde(default)]
     pub limits: Vec<LimitSummary>,
-    /// Position at the start; rad.
+    /// Joint positions at the start, in `units`.
     pub q_start: Vec<f64>,
-    /// Position at the end; rad.
+    /// Joint positions at the end, in `units`.
     pub q_end: Vec<f64>,
-    /// Units of these: `rad`, or `m` of a joint that slides.
+    /// Units of the joint positions: `rad`, or `m` for a sliding joint.
     #[serde(default)]
     pub units: Vec<String>,
 }
@@ -246,44 +259,44 @@ pub struct JointSummary {
 /// A limit that a joint reached.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LimitSummary {
-    /// The joint's name.
+    /// Name of the joint.
     pub joint: String,
-    /// `"lower stop"`, `"upper stop"`, `"speed"` (above the limit), `"torque"` (at the limit), `"drive speed"` or `"drive rate"` (the drive cut or
-    /// delayed the torque because of that).
+    /// `"lower stop"`, `"upper stop"`, `"speed"` (above the limit), `"torque"` (at the limit), or
+    /// `"drive speed"` and `"drive rate"` (the drive cut or delayed the torque for that reason).
     pub limit: String,
-    /// The first tick at which it was reached.
+    /// First tick at the limit.
     pub first_tick: u64,
-    /// Ticks spent there.
+    /// Ticks at the limit.
     pub ticks: u64,
 }
 
-/// One singularity over the run.
+/// One singularity during the run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SingularitySummary {
-    /// Its name.
+    /// Name of the singularity.
     pub name: String,
-    /// Its type, as classified at the end.
+    /// Type of the singularity at the end.
     #[serde(rename = "type")]
     pub class: String,
-    /// Second-order motion along ζ per null motion.
+    /// κ₁: second-order motion along ζ per null motion.
     pub kappa_1: f64,
-    /// Turning rate of ζ along the null motion.
+    /// κ₂: turning rate of ζ per null motion.
     pub kappa_2: f64,
-    /// Smallest |s_i|.
+    /// Smallest |s|.
     pub s_min: f64,
     /// Ticks inside the neighbourhood.
     pub inside_ticks: u64,
-    /// Times it was entered.
+    /// Times that the arm entered the neighbourhood.
     pub entries: u64,
-    /// Largest angle between ζ and what it was when the neighbourhood was entered; degrees.
+    /// Largest angle between ζ and its value at the last entry; degrees.
     pub zeta_turned_deg: f64,
-    /// Ticks in mode hold or slide with an error along the singular directions beyond the goal's final bounds.
+    /// Ticks in mode hold or slide with a larger error along ζ than the goal allows at the end.
     #[serde(default)]
     pub hold_ticks: u64,
-    /// Largest position error along the singular directions in those ticks; mm.
+    /// Largest position error along ζ in those ticks; mm.
     #[serde(default)]
     pub hold_max_mm: f64,
-    /// Largest orientation error about the singular directions in those ticks; degrees.
+    /// Largest orientation error about ζ in those ticks; degrees.
     #[serde(default)]
     pub hold_max_deg: f64,
 }
@@ -291,153 +304,155 @@ pub struct SingularitySummary {
 /// A null-space turn of a singular direction.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TurnSummary {
-    /// When it was announced.
+    /// Tick of the announcement.
     pub tick: u64,
-    /// Which singularity.
+    /// Name of the singularity.
     pub singularity: String,
-    /// Planned motion of each joint; rad (m for prismatic joints).
+    /// Planned motion of each joint; rad (sliding joints: m).
     pub planned: Vec<f64>,
     /// Planned duration; s.
     pub planned_s: f64,
-    /// Actual motion of each joint; rad (m for prismatic joints).
+    /// Actual motion of each joint; rad (sliding joints: m).
     pub actual: Vec<f64>,
-    /// Actual duration, with the ticks in which the arm was brought to rest meanwhile; ticks.
+    /// Actual duration, including pauses at rest; ticks.
     pub actual_ticks: u64,
 }
 
-/// A steered session.
+/// A steered run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ServoSummary {
-    /// Seconds for each reason that the controller stated, in its words; of a joint limit, for each joint and side.
+    /// Seconds per reason, in the controller's words; joint limits by joint and side; s.
     pub seconds: BTreeMap<String, f64>,
-    /// Targets refused, for each reason.
+    /// Refused targets per reason.
     pub refused: BTreeMap<String, u64>,
-    /// How often the law stopped the arm for a moment, by reason.
+    /// Momentary stops by the law, per reason.
     pub stops: BTreeMap<String, u64>,
-    /// Targets of the file that follow its `end`: they have no effect.
+    /// Targets after the file's `end`, which have no effect.
     pub after_end: u64,
 }
 
-/// A change of the reported mode.
+/// A change of mode.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ModeChange {
-    /// When.
+    /// Tick of the change.
     pub tick: u64,
-    /// Which singularity.
+    /// Name of the singularity.
     pub singularity: String,
     /// The new mode.
     pub mode: String,
 }
 
-/// A fault, planned, live or detected, and its outcome; or a process's end that ended the run (`kind` `"exit"`).
+/// A fault with its outcome, or the death that ended the run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct FaultSummary {
-    /// The first tick it concerns.
+    /// First tick of the fault.
     pub tick: u64,
-    /// Which process.
+    /// Name of the process.
     pub process: String,
-    /// Its kind; `"exit"` of an end that ended the run.
+    /// Kind of the fault; `"exit"` for a death that ended the run.
     pub kind: String,
-    /// One sentence.
+    /// Description in one sentence.
     pub detail: String,
     /// `"planned"`, `"live"` or `"detected"`.
     pub origin: String,
-    /// Whether it came to pass: a run may end before a planned fault.
+    /// The fault happened. A run may end before a planned fault.
     #[serde(alias = "injected")]
     pub occurred: bool,
-    /// Time to detection, wall-clock; ms.
+    /// Wall-clock time until it was detected; ms.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub detected_ms: Option<f64>,
-    /// How long it took until a process that was down worked again, wall-clock time; ms.
+    /// Wall-clock time until the process worked again; ms.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recovered_ms: Option<f64>,
-    /// As a scenario plans it, so that a run repeats it: an end that nobody planned is planned as a `kill` at its tick.
+    /// The fault as a scenario plans it. A death that nobody planned becomes a `kill` at its tick.
     #[serde(alias = "fault", skip_serializing_if = "Option::is_none")]
     pub plan: Option<Fault>,
 }
 
-/// The plant's account of its ticks, each of which had torque in time, late, or none. A tick's deadline is a tenth of a period, at most 100 µs, before the
-/// next one.
+/// Ticks with torque in time, late, or without. The deadline is a tenth of a period, at most 100
+/// µs, before the next tick.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Deadlines {
-    /// Ticks: `in_time`, `late` and `none` together.
+    /// Sum of `in_time`, `late` and `none`.
     pub total: u64,
-    /// Ticks whose torque came by its deadline.
+    /// Ticks whose torque came by the deadline.
     pub in_time: u64,
-    /// Ticks whose torque came after it.
+    /// Ticks whose torque came after the deadline.
     pub late: u64,
     /// Ticks whose torque never came.
     pub none: u64,
-    /// `late` and `none` together.
+    /// Sum of `late` and `none`.
     pub missed: u64,
-    /// Those missed, by cause: the first process of the chain whose message of the tick had not come by the deadline.
+    /// Missed ticks by cause: the first process of the chain whose message was missing at the
+    /// deadline.
     pub by_cause: BTreeMap<String, u64>,
-    /// Periods in which the plant began no tick, by what the kernel counted of it meanwhile.
+    /// Periods in which the plant began no tick, by what the kernel reported about it.
     pub skipped: BTreeMap<String, u64>,
 }
 
-/// A latency distribution; µs, no sample left out.
+/// Distribution of a latency, without leaving out any sample.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Latency {
     /// Samples.
     pub count: u64,
-    /// Median.
+    /// Median; µs.
     pub p50: f64,
-    /// 99th percentile.
+    /// 99th percentile; µs.
     pub p99: f64,
-    /// 99.9th percentile.
+    /// 99.9th percentile; µs.
     pub p999: f64,
-    /// Largest.
+    /// Largest; µs.
     pub max: f64,
 }
 
-/// The recorder's account.
+/// The recording.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RecorderSummary {
     /// Messages received.
     pub messages: u64,
-    /// Messages known to be lost (gaps in the ticks).
+    /// Messages lost (gaps in the ticks).
     pub lost: u64,
-    /// Ticks given to the recording.
+    /// Ticks recorded.
     #[serde(default)]
     pub rows: u64,
-    /// Size of the recording, all parts; bytes.
+    /// Size of all parts of the recording; bytes.
     pub bytes: u64,
-    /// The recording's first part, relative to `summary.json`; empty without one.
+    /// First part of the recording, relative to `summary.json`. Empty without a recording.
     pub file: String,
-    /// Files it is spread over: `run.rrd`, `run-001.rrd`, …
+    /// Number of files: `run.rrd`, `run-001.rrd`, …
     #[serde(default)]
     pub parts: u32,
-    /// The checksum of each of these: XXH3 of 64 bits, in hexadecimal; none where they could not be read.
+    /// 64-bit XXH3 of each file, hexadecimal. Empty if they could not be read.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub checksums: Vec<String>,
-    /// Size of the messages kept beside it, which `armplane replay` reads; bytes, 0 where none were kept.
+    /// Size of the message log, which `armplane replay` reads; bytes. 0 without one.
     #[serde(default)]
     pub messages_bytes: u64,
-    /// Topics that only the graph knows: counted, hashed and kept as bytes, but not in the recording.
+    /// Topics declared by the graph: counted, hashed and kept in the message log, but not in the
+    /// recording.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub not_drawn: Vec<String>,
-    /// Processor time that the recorder used, start and end included; s.
+    /// Processor time of the recorder, including start and end; s.
     #[serde(default)]
     pub cpu_s: f64,
-    /// Why there is no (whole) recording; empty when there is.
+    /// Reason why the recording is missing or incomplete. Empty if it is complete.
     pub error: String,
 }
 
 /// One process.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ProcessSummary {
-    /// Its name.
+    /// Name of the process.
     pub name: String,
     /// Its last process id.
     pub pid: u32,
-    /// How often it was started again.
+    /// Number of restarts.
     pub restarts: u32,
     /// How it ended: `"0"`, `"1"`, `"signal 9"`.
     pub exit: String,
-    /// Lines of its standard error that were dropped, because they came faster than they were taken.
+    /// Lines of standard error that were dropped because they came too fast.
     #[serde(default)]
     pub lines_dropped: u64,
 }

@@ -1,4 +1,5 @@
-//! Targets as text: one line each, the format of `armplane servo --from FILE`, of what a session is fed while it lasts, and of what it saves.
+//! Targets as text, one line each: the format of `armplane servo --from FILE`, of live targets, and
+//! of saved sessions.
 //!
 //! ```csv
 //! # armplane targets 1, length m
@@ -9,12 +10,16 @@
 //! 3.00, end
 //! ```
 //!
-//! The first line is the head: it is required in a file and gives the unit of lengths, `m` or `mm`, for the lines after it, as does a head further down. A
-//! head that cannot be read is refused, and with it the lines after it, up to one that can.
-//! Lines that come without times, while a session lasts, are in metres unless a head comes before them. Times are in s, angles in rad, rotations are quaternions `w x y z`. A twist
-//! has six values, `[linear; angular]`, in the axes of base, hand or singular; a pose has seven (position, quaternion), and six more for the twist
-//! with which it moves; a posture has one per joint. `side` (keep, negative, positive) and `given_s`, the time at which the target was measured where
-//! it is not `time_s`, may be left out. `none` is what an operator that was started again gives until it hears a target. A frame may be a number: what another program may have sent. `NaN` is read, and refused by the controller.
+//! The first line of a file is its head. It gives the unit of lengths, `m` or `mm`, for the lines
+//! after it; so does any further head. An unreadable head is refused, and with it all lines up to
+//! the next readable head. Live lines have no times, and are in metres unless a head precedes them.
+//! Times are in s, angles in rad, rotations are quaternions `w x y z`. A twist has six values,
+//! `[linear; angular]`, in the axes of base, hand or singular; a pose has seven (position,
+//! quaternion), and six more for the twist with which it moves; a posture has one per joint. `side`
+//! (keep, negative, positive) and `given_s`, the time at which the target was measured where it is
+//! not `time_s`, may be left out. A restarted operator gives `none` until it receives a target. A
+//! frame may be a number, because another program may have sent it. `NaN` is read, and refused by
+//! the controller.
 
 use crate::MAX_DOF;
 use crate::codes::{

@@ -1,8 +1,9 @@
-//! The end of a task, as the process that makes the ticks sees it: by what the controller says, or by its length. PURE.
+//! The end of a task, for the process that makes the ticks: reported by the controller, or by a
+//! time limit. PURE.
 
 use crate::codes::{PHASE_DONE, PHASE_REFUSED, PHASE_RUNNING};
 
-/// How long after the controller refused to go on the run lasts: time to come to rest; s.
+/// Time for the arm to come to rest after the controller has refused to continue; s.
 const REFUSED_S: u64 = 2;
 
 /// Done; refused, and the arm has had 2 s to come to rest; or 20 times as long as planned.

@@ -1,4 +1,5 @@
-//! THE list of topics, and what is derived from it: a structure with one field per topic, a visitor, the hash of the wire.
+//! The list of topics, and everything derived from it: a structure with one field per topic, a
+//! visitor, the hash of the wire.
 //!
 //! A new topic is a message in [`messages`](crate::messages) and one line in [`for_each_topic`]; the graph names the process that writes it.
 
@@ -108,7 +109,7 @@ macro_rules! derive {
 
 for_each_topic!(derive);
 
-/// One type for each message: what a [`ByTopic`] holds of a topic.
+/// One type for each message: the entry of a topic in a [`ByTopic`].
 pub trait Family {
     /// Its value for the topic of `M`.
     type Of<M: Topic>;
@@ -296,7 +297,7 @@ impl From<&ByTopic<Whole>> for ByTopic<Received> {
     }
 }
 
-/// Hash over the layouts of all messages: what a reader requires of a writer before it opens a topic.
+/// Hash over the layouts of all messages. A reader requires it of a writer before it opens a topic.
 #[must_use]
 pub fn wire_hash() -> u64 {
     struct Hash;

@@ -1,4 +1,5 @@
-//! Properties of an arm that a URDF or MJCF has no element for, in TOML beside it. Every key is optional; unknown keys are refused.
+//! Properties of an arm for which URDF and MJCF have no element, in a TOML file beside it. Every key is optional; unknown
+//! keys are refused.
 //!
 //! ```toml
 //! default_frame = "flange"          # end-effector frame: a link of the URDF. Default: the chain's last link
@@ -6,7 +7,7 @@
 //! gravity = [0.0, 0.0, -9.81]       # m/s², base axes. Default as shown
 //! length_m = 0.43                   # makes radians and metres comparable. Default: half the sum of the link lengths
 //! encoder_bits = 16                 # per turn, 1 to 32. Default 16
-//! task = ["x", "y", "z", "rx", "ry", "rz"]   # task axes served. Default: those that move, in this order, at most one per joint
+//! task = ["x", "y", "z", "rx", "ry", "rz"]   # task axes. Default: those that can move, in this order, at most one per joint
 //!
 //! [factors]                         # analytic factors of det J. Default: none, singularities are found numerically
 //! kind = "puma"                     # the only kind; a2, a3, d4 in m, modified DH. Checked against the geometry
@@ -18,19 +19,18 @@
 //! armature = 1.14                   # reflected rotor inertia G²·J_m, kg·m². Default 0
 //! viscous_friction = 5.8            # N·m·s/rad. Default: the URDF's <dynamics damping>
 //! coulomb_friction = 6.3            # N·m. Default: the URDF's <dynamics friction>
-//! lower = -2.79                     # rad (inf allowed), instead of the URDF's, as are the next three
+//! lower = -2.79                     # rad (inf allowed). Default: the URDF's; so for the next three
 //! upper = 2.79
 //! effort = 97.6                     # N·m
 //! velocity = 1.92                   # rad/s
 //! torque_rate = 1000.0              # N·m/s that the drive accepts (inf allowed). Default: the torque limit in 20 ms
-//! locked = 0.5                      # rad: the joint is no joint of the arm but fixed there. Default: free. No other key beside it
+//! locked = 0.5                      # rad: fixes the joint there, without any other key beside it. Default: free
 //!
 //! [postures]                        # by name, rad, within the limits. Default: `middle` of the limits (0 where there are none)
 //! ready = [0.0, -1.57, 1.57, 0.0, 0.0, 0.0]
 //! ```
 //!
-//! A URDF without a description works with these defaults: no armature, no friction beyond its `<dynamics>`. What is said of a URDF here holds for
-//! MJCF: its links are bodies and sites, and armature and friction are its own where the description has none.
+//! MJCF works like URDF: links are its bodies and sites, and the defaults of armature and friction are its own.
 //! `continuous` joints without a `<limit>` have no limits of position, torque or speed.
 
 use crate::error::{Defect, list};

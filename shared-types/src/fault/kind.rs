@@ -1,4 +1,4 @@
-//! The vocabulary of faults: kinds, the ways in which they come, and what each applies to.
+//! Kinds of faults, their variants, and the processes that each applies to.
 
 use serde::{Deserialize, Serialize};
 
@@ -49,41 +49,41 @@ macro_rules! words {
 }
 
 words! {
-    /// The kind of fault.
+    /// Kinds of fault.
     Kind {
-        /// The process ends itself by SIGKILL at the tick; its replacement answers after `for`.
+        /// The process dies by SIGKILL at the tick; its replacement answers after the duration.
         Kill "kill",
-        /// It ends itself at the tick by an error of its own; its replacement answers after `for`.
+        /// The process crashes at the tick; its replacement answers after the duration.
         Crash "crash",
-        /// It is stopped (SIGSTOP) at the tick.
+        /// The process is stopped (SIGSTOP) at the tick.
         Hang "hang",
-        /// Its messages leave so many ticks late.
+        /// Its messages leave late by a number of ticks.
         Delay "delay",
         /// Its messages are lost.
         Drop "drop",
         /// Its messages are sent twice.
         Duplicate "duplicate",
-        /// Its messages change places with the next.
+        /// Each message changes places with the next one.
         Reorder "reorder",
-        /// Instead of a new message the last one from before the fault is sent again.
+        /// It sends its last message from before the fault again instead of each new one.
         Stale "stale",
-        /// A field of its messages is corrupted on the way.
+        /// One field of its messages is corrupted on the way.
         Corrupt "corrupt",
-        /// Behind each of its messages one of a dead incarnation leaves: old numbers under the next tick.
+        /// A dead predecessor keeps sending: after each message, an old one follows with the next tick's number.
         Zombie "zombie",
-        /// The messages of one of its topics do not reach it; all other readers have them.
+        /// Messages of one topic no longer reach it; all other readers get them.
         Cut "cut",
         /// An encoder reads wrong values.
         Sensor "sensor",
         /// A joint's drive does not follow its command.
         Drive "drive",
-        /// Its clock jumps or runs at another rate.
+        /// Its clock jumps, or runs at another rate.
         Clock "clock",
-        /// Another load runs on its core.
+        /// Another program loads its core.
         Starve "starve",
-        /// Each of its ticks takes it `amount` ms longer.
+        /// Each of its ticks takes `amount` ms longer.
         Slow "slow",
-        /// The kernel takes the pages of its program away at each tick, as it does where memory is short.
+        /// The kernel evicts its pages at each tick, as when memory is short.
         PageOut "page-out",
         /// The volume it writes to is full.
         DiskFull "disk-full",
@@ -93,43 +93,43 @@ words! {
 }
 
 words! {
-    /// In which way a value is wrong, for the kinds that have several.
+    /// Variants of a fault, for kinds that have several.
     Way {
-        /// crash: a panic.
+        /// crash: by a panic.
         Panic "panic",
-        /// crash: SIGBUS, by a read beyond the end of a mapped file.
+        /// crash: by SIGBUS, from a read beyond the end of a mapped file.
         BusError "bus-error",
-        /// hang: continued (SIGCONT) after `for`.
+        /// hang: the process continues (SIGCONT) after the duration.
         Paused "paused",
-        /// hang: until the launcher detects the silence and replaces it; the replacement answers after `for`.
+        /// hang: until the launcher notices the silence and replaces the process; the replacement answers after the duration.
         ForEver "for-ever",
-        /// corrupt: not a number.
+        /// corrupt: NaN.
         Nan "nan",
         /// corrupt: infinite.
         Inf "inf",
-        /// corrupt: one bit flipped, another one in each message.
+        /// corrupt: one flipped bit, a different one in each message.
         Flip "flip",
-        /// corrupt: far out of range, by the factor `amount` and at least by it.
+        /// corrupt: multiplied by `amount`, and changed by at least that.
         Huge "huge",
-        /// sensor: off by `amount` rad.
+        /// sensor: wrong by `amount` rad.
         Bias "bias",
-        /// sensor: off by `amount` rad/s times the time since the fault.
+        /// sensor: wrong by `amount` rad/s times the time since the fault began.
         Drift "drift",
-        /// sensor: noise of standard deviation `amount` rad.
+        /// sensor: noise with standard deviation `amount` rad.
         Noise "noise",
-        /// sensor: steps of `amount` rad.
+        /// sensor: resolution of `amount` rad.
         Quantise "quantise",
-        /// sensor: the first value of the fault again and again; drive: likewise its torque.
+        /// sensor: repeats its first value; drive: repeats its first torque.
         Stuck "stuck",
         /// drive: no torque.
         Lost "lost",
-        /// drive: no more than the fraction `amount` of its limit.
+        /// drive: at most the fraction `amount` of its limit.
         Saturated "saturated",
         /// drive: dry friction of the fraction `amount` of its limit.
         Friction "friction",
-        /// clock: by `amount` ms at once.
+        /// clock: jumps by `amount` ms.
         Jump "jump",
-        /// clock: faster by the fraction `amount`.
+        /// clock: runs faster by the fraction `amount`.
         Skew "skew",
     }
 }
@@ -151,7 +151,7 @@ pub(super) struct Rule {
 /// Delay of a message unless said otherwise; ticks.
 pub(super) const DELAY_TICKS: u64 = 2;
 
-/// Longest delay with jitter: what the chain's buffers hold; ticks.
+/// Longest delay with jitter, limited by the chain's buffers; ticks.
 pub const MOST_DELAY_TICKS: u64 = 50;
 
 /// Longest pause of a slow process or volume; ms.

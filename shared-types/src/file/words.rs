@@ -1,4 +1,5 @@
-//! The complaints of serde and the TOML reader about a file, in the words of the file's writer: what was found, and what is allowed there.
+//! Translates complaints of serde and the TOML reader into the terms of the file: the value found,
+//! and the values allowed.
 
 /// Lists and tables within each other that the TOML reader takes at most.
 const MOST_NESTED: usize = 80;

@@ -1,4 +1,4 @@
-//! The graphs that the program has with it, and the words by which other graphs refer to them.
+//! The built-in graphs, and their names for `extends`.
 
 /// The built-in graph.
 pub const BUILT_IN: &str = include_str!("../../graph.toml");

@@ -1,4 +1,4 @@
-//! The checks of a graph before anything starts: rules in order, the first that does not hold is the complaint.
+//! Checks a graph before anything starts. The first broken rule is the complaint.
 
 use super::built_in::{BUILT_IN, EVERYTHING, STEERED};
 use super::topology::Graph;

@@ -14,16 +14,17 @@ use crate::wire::{Field, MAX_HOPS};
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Graph {
-    /// `"armplane"`: the processes of the built-in graph come before those of this one. Empty in a graph that has been read.
+    /// `"armplane"` adds these processes to the built-in graph, `"servo"` to that of a steered run.
+    /// A process with a built-in name replaces the built-in one. Empty: the graph stands alone.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub extends: String,
-    /// Where the commands run: the folder of the graph's file.
+    /// Folder in which the commands run. Default: the folder of the graph's file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub folder: Option<PathBuf>,
-    /// Topics that only this graph knows.
+    /// Topics for messages of your own.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub topic: Vec<DeclaredTopic>,
-    /// The processes, in the order they are started.
+    /// The processes, in the order in which they start.
     #[serde(default)]
     pub process: Vec<Process>,
 }

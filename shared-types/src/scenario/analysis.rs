@@ -1,21 +1,21 @@
-//! Singularity analysis, and numbers that each singularity has.
+//! Detection of singularities, and numbers per singularity.
 
 use serde::{Deserialize, Serialize};
 
 use crate::codes;
 use crate::file::{Complaint, require};
 
-/// Singularity analysis.
+/// Detection of singularities.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Analysis {
-    /// Entry thresholds η_in on |s_i|.
+    /// Threshold η_in: the arm enters the neighbourhood of a singularity at |s| = η_in.
     #[serde(deserialize_with = "BySingularity::eta_in")]
     pub eta_in: BySingularity,
-    /// Exit thresholds η_out on |s_i|.
+    /// Threshold η_out > η_in: the arm leaves the neighbourhood at |s| = η_out.
     #[serde(deserialize_with = "BySingularity::eta_out")]
     pub eta_out: BySingularity,
-    /// Ignore the analytic factors even where the arm has them.
+    /// Find all singularities numerically, even on an arm with closed forms.
     pub numeric: bool,
 }
 
@@ -31,18 +31,19 @@ impl Default for Analysis {
 
 /// One number for each singularity, by its name.
 ///
-/// A file gives the names it means, `{ wrist = 0.12 }`; the others keep their defaults. An array of three is read as elbow, wrist, overhead.
+/// A table like `{ wrist = 0.12 }` changes only the names in it. An array of three is read as
+/// elbow, wrist, overhead.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct BySingularity {
-    /// Of an elbow.
+    /// For an elbow singularity.
     pub elbow: f64,
-    /// Of a wrist.
+    /// For a wrist singularity.
     pub wrist: f64,
-    /// Of an overhead singularity.
+    /// For an overhead singularity.
     pub overhead: f64,
-    /// Of a shoulder singularity: axes 1 and 3 of a seven-joint arm are parallel.
+    /// For a shoulder singularity: axes 1 and 3 of a seven-joint arm are parallel.
     pub shoulder: f64,
-    /// Of any singularity that is found by number and has no name.
+    /// For a singularity that was found numerically and has no name.
     pub numeric: f64,
 }
 

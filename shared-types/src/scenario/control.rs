@@ -9,28 +9,29 @@ use crate::file::{Complaint, positive, require};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Control {
-    /// Which law.
+    /// The control law.
     pub strategy: Strategy,
     /// Task stiffness; 1/s².
     pub k_p: f64,
     /// Task damping; 1/s.
     pub k_v: f64,
-    /// Damping of the null space, k_vq of Eq. 5 (k_v where absent); 1/s. With 0 a posture's potential is without dissipation, and the null space swings in it.
+    /// Null-space damping, k_vq of Eq. 5; 1/s. Default: k_v. At 0, a redundant arm swings in its
+    /// null space.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub k_vq: Option<f64>,
-    /// Auxiliary (null-space) position gain; 1/s.
+    /// Position gain of the null-space motion along or around ζ; 1/s.
     pub k_aux: f64,
-    /// Largest auxiliary rates; rad/s.
+    /// Largest speed of that null-space motion; rad/s.
     #[serde(deserialize_with = "BySingularity::rate_max")]
     pub aux_rate_max: BySingularity,
-    /// Largest changes of the auxiliary rates; rad/s².
+    /// Largest acceleration of that null-space motion; rad/s².
     #[serde(deserialize_with = "BySingularity::slew")]
     pub aux_slew: BySingularity,
-    /// Whether the governor may stretch time to respect limits.
+    /// Slow down the path's clock when joints reach their limits.
     pub governor: bool,
-    /// Whether the disturbance estimate is compensated, up to a share of each torque limit.
+    /// Cancel the estimated disturbance torque, up to a share of each torque limit.
     pub compensate_disturbance: bool,
-    /// The tuning of the baselines.
+    /// Settings of the baseline laws.
     pub baseline: Baseline,
 }
 
@@ -59,21 +60,23 @@ impl Default for Control {
     }
 }
 
-/// Parameters of the baselines, each at the best found: `armplane compare sweep --tune` searches them again.
+/// Settings of the baseline laws. The defaults are the best found; `armplane compare sweep --tune`
+/// searches again.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Baseline {
-    /// Of damped least squares.
+    /// Damping of `damped-least-squares`.
     pub damped_least_squares: Damping,
-    /// Of the inverse kinematics that joint-space PD follows.
+    /// Damping of the inverse kinematics that `joint-pd` follows.
     pub joint_pd: Damping,
-    /// Truncated SVD drops directions with a smaller singular value (unit-scaled).
+    /// `truncated-svd` drops directions with a smaller singular value (J scaled to unit length).
     pub truncated_svd_floor: f64,
-    /// Of hold-and-blend.
+    /// Settings of `hold-and-blend`.
     pub hold_and_blend: HoldAndBlend,
 }
 
-/// λ² = largest²·(1 − w/onset)² where the manipulability w (unit-scaled) is below the onset, else 0.
+/// λ² = largest² · (1 − w/onset)² if the manipulability w (J scaled to unit length) is below
+/// `onset`, otherwise 0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Damping {
@@ -83,19 +86,21 @@ pub struct Damping {
     pub largest: f64,
 }
 
-/// See [`Baseline::hold_and_blend`]. Published defaults: blend = [0.006, 0.06], hold_k_p = 50, hold_k_v = 14, push = 0.01, push_k_v = 5.
+/// Settings of `hold-and-blend`. Published values: blend 0.006 and 0.06, hold_k_p = 50, hold_k_v =
+/// 14, push = 0.01, push_k_v = 5.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct HoldAndBlend {
-    /// Singular value over the largest: below the first the joint strategy alone, above the second the task alone.
+    /// Two ratios of smallest to largest singular value. Below the first, only the joint strategy
+    /// acts; above the second, only the task.
     pub blend: [f64; 2],
-    /// Stiffness of holding the joints (Type 1); 1/s².
+    /// Stiffness of the held joints (Type 1); 1/s².
     pub hold_k_p: f64,
-    /// Damping of holding the joints (Type 1); 1/s.
+    /// Damping of the held joints (Type 1); 1/s.
     pub hold_k_v: f64,
     /// Open-loop torque (Type 2), as a share of the joint's limit.
     pub push: f64,
-    /// Damping of the open-loop torque's motion; 1/s.
+    /// Damping of the motion under the open-loop torque; 1/s.
     pub push_k_v: f64,
 }
 
@@ -135,9 +140,9 @@ pub enum Strategy {
     /// The paper's law as one continuous solve (the default).
     #[default]
     Blended,
-    /// The paper's own hard switching at η.
+    /// The paper's law with its own hard switching at η.
     ChangKhatib,
-    /// Operational space control that ignores singularities.
+    /// Operational-space control that ignores singularities.
     OperationalSpace,
     /// Damped least squares (Nakamura & Hanafusa 1986).
     DampedLeastSquares,
@@ -145,11 +150,11 @@ pub enum Strategy {
     TruncatedSvd,
     /// Hold-and-blend, as published for Stanford's SAI.
     HoldAndBlend,
-    /// Joint-space PD on inverse kinematics.
+    /// PD control in joint space, on top of inverse kinematics.
     JointPd,
     /// Posture control in the null space of the pseudo-inverse (Fig. 1).
     PseudoInverse,
-    /// The same in the dynamically consistent null space (Fig. 2).
+    /// Posture control in the dynamically consistent null space (Fig. 2).
     DynamicallyConsistent,
 }
 

@@ -1,32 +1,34 @@
-//! The simulated arm with its world, and the tuning of the state estimator.
+//! The simulated arm and its surroundings, and the state estimator.
 
 use serde::{Deserialize, Serialize};
 
 use crate::file::{Complaint, positive, require, within};
 
-/// The simulated arm and its world.
+/// The simulated arm and its surroundings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Plant {
-    /// `"rapier"` (hybrid, with contact) or `"reference"` (exact integrator, no world).
+    /// The simulator.
     pub model: PlantModel,
-    /// Sub-steps of a tick in which dry friction acts; half as many near contact and joint stops, and twice as many where their effect changes. Free motion
-    /// takes steps of 1 ms at most.
+    /// Steps per tick while dry friction acts, 1 to 64. Near contact and joint stops the plant
+    /// takes half as many. It takes twice as many where halving the step would change the result.
+    /// Free motion takes steps of at most 1 ms.
     pub substeps: u32,
-    /// Encoder resolution, bits per turn; 0: ideal.
+    /// Encoder resolution, 8 to 32 bits per turn. 0: ideal encoders.
     pub encoder_bits: u32,
-    /// Standard deviation of encoder noise, in counts.
+    /// Standard deviation of the encoder noise; counts.
     pub encoder_noise_counts: f64,
-    /// Whether the robot's own viscous and Coulomb friction acts.
+    /// Simulate the robot's viscous and Coulomb friction.
     pub friction: bool,
-    /// Factor on every mass and inertia of the simulated arm (the controller's model keeps the true ones).
+    /// Factor on all masses and inertias of the simulated arm. The controller's model does not
+    /// change.
     pub mass_factor: f64,
-    /// Height of the floor in B; m. `"none"`: no floor.
+    /// Height of the floor in the base frame; m. `"none"`: no floor.
     #[serde(with = "floor")]
     pub floor_m: Option<f64>,
-    /// Whether links that are not neighbours, and clear of each other at the start, may collide.
+    /// Links may collide with each other, if they are not neighbours and do not touch at the start.
     pub self_collision: bool,
-    /// Ticks for which the drive holds the last torque before it stops the arm by itself.
+    /// Ticks for which the drives hold the last torque when none arrives. Then they brake the arm.
     pub hold_ticks: u32,
 }
 
@@ -64,14 +66,14 @@ mod floor {
     }
 }
 
-/// See [`Plant::model`].
+/// The simulators.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PlantModel {
-    /// rapier3d for contact and limits, dry friction, exact Runge–Kutta for the smooth dynamics.
+    /// Exact Runge–Kutta for smooth motion; rapier3d for contact and joint stops; dry friction.
     #[default]
     Rapier,
-    /// Runge–Kutta alone.
+    /// Runge–Kutta only: no contact, no floor.
     Reference,
 }
 
@@ -91,13 +93,14 @@ impl Default for Plant {
     }
 }
 
-/// The state estimator's tuning.
+/// The state estimator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Estimator {
-    /// Bandwidth of the position/velocity observer; rad/s.
+    /// Bandwidth of the observer of position and velocity; rad/s.
     pub bandwidth: f64,
-    /// Bandwidth of the disturbance observer, which explains what exceeds the encoders' noise; rad/s. 0: off.
+    /// Bandwidth of the observer of disturbance torques; rad/s. It ignores motion within the
+    /// encoders' noise. 0: off.
     pub disturbance_bandwidth: f64,
 }
 

@@ -1,24 +1,24 @@
-//! Judgement, recording and layout of a run.
+//! Goal, recording and layout of a run.
 
 use serde::{Deserialize, Serialize};
 
 use crate::file::{Complaint, positive};
 
-/// When the goal counts as reached, judged on the simulator's truth at the end.
+/// Errors within which the goal counts as reached, judged on the simulator's true state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Goal {
-    /// Final position error; mm.
+    /// Position error at the end; mm.
     pub position_mm: f64,
-    /// Final orientation error; degrees.
+    /// Orientation error at the end; degrees.
     pub orientation_deg: f64,
-    /// Largest error orthogonal to the singular directions while moving; mm.
+    /// Largest position error orthogonal to ζ while moving; mm.
     pub orthogonal_mm: f64,
-    /// The same for orientation; degrees.
+    /// Largest orientation error orthogonal to ζ while moving; degrees.
     pub orthogonal_deg: f64,
-    /// How far the arm may leave the commanded path on purpose, to pass a singularity; mm.
+    /// Distance by which the planner may leave the path to pass a singularity; mm.
     pub path_mm: f64,
-    /// The same for orientation; degrees.
+    /// Angle by which the planner may leave the path to pass a singularity; degrees.
     pub path_deg: f64,
 }
 
@@ -35,15 +35,15 @@ impl Default for Goal {
     }
 }
 
-/// The layout that the recording opens with.
+/// Layout of the recording in the viewer.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct View {
-    /// Blueprint layout.
+    /// Layout with which the recording opens.
     pub layout: Layout,
 }
 
-/// Blueprint layouts.
+/// Layouts of the viewer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layout {
@@ -71,13 +71,13 @@ impl Layout {
     }
 }
 
-/// How the recording is kept: a long one goes on in further files, each of which opens alone, and all together.
+/// Size of the recording's files. A long recording continues in further files; each opens alone.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Record {
-    /// A file holds at most so much of the run; s.
+    /// Longest part of the run in one file; s.
     pub part_s: f64,
-    /// A file is at most so large, to within a chunk; MB (10⁶ bytes).
+    /// Largest file, within one chunk; MB (10⁶ bytes).
     pub part_mb: u64,
 }
 

@@ -1,4 +1,4 @@
-//! A steered run: where its targets come from, and the limits of the motion that follows them.
+//! A steered run: the source of its targets, and the limits of its motion.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,22 +6,25 @@ use crate::codes::TARGET_END;
 use crate::file::{Complaint, positive, require, within};
 use crate::target_file::{self, Row};
 
-/// In place of segments: the arm follows targets.
+/// A steered run: the arm follows targets instead of segments.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Servo {
-    /// The file of the targets, beside the scenario's ([`target_file`] has its format); empty: `targets`, or a process of the graph's own.
+    /// File of targets, beside the scenario (docs/servo.md describes the format). Empty: `targets`,
+    /// or a process of the graph.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub input: String,
-    /// Its text.
+    /// The targets themselves, in the file's format.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub targets: String,
-    /// The targets come while the run lasts, on the socket in the run's directory; ticks are paced by the clock.
+    /// Targets arrive during the run, on the socket in the run's directory. The clock paces the
+    /// ticks.
     #[serde(skip_serializing_if = "is_false")]
     pub live: bool,
-    /// Longest duration; s. 0: until the last target of the text has become too old.
+    /// Longest duration; s. 0: until the last target of the file has expired.
     pub duration_s: f64,
-    /// Ticks after which the run ends, wherever the arm is; 0: it ends with the session. An interrupted session is saved with those that it had.
+    /// Ticks after which the run ends, wherever the arm is. 0: no such limit. An interrupted
+    /// session is saved with the number of ticks that it had.
     #[serde(skip_serializing_if = "is_zero")]
     pub ticks: u64,
     /// Largest speed of the end-effector; m/s.
@@ -68,7 +71,7 @@ impl Servo {
     /// ... and the one that ends it when its last target is over, or after [`Self::LONGEST_REST_S`].
     pub const CLOSE: &str = "close";
 
-    /// Longest time for which a session goes on after its input has ended, s.
+    /// Longest time for which a session continues after its input has ended, s.
     pub const LONGEST_REST_S: f64 = 10.0;
 
     /// The targets of the text, for a run of `rate_hz`; none where there is no text.

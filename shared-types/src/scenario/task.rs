@@ -4,78 +4,81 @@ use serde::{Deserialize, Serialize};
 
 use crate::file::{Complaint, require};
 
-/// Start posture: exactly one of the fields.
+/// The start posture, by exactly one of these keys.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Start {
-    /// Joint positions of an arm whose joints all turn; degrees.
+    /// Joint positions, if all joints rotate; degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub q_deg: Option<Vec<f64>>,
-    /// Joint positions; rad (m for prismatic joints).
+    /// Joint positions; rad (sliding joints: m).
     #[serde(alias = "q_rad", skip_serializing_if = "Option::is_none")]
     pub q: Option<Vec<f64>>,
-    /// A posture that the robot's description names.
+    /// Name of a posture in the robot's description.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub posture: Option<String>,
 }
 
-/// One piece of the task. At most one of `reorient` and (`to`, `by`, `turn`, `rotation`) families; none of them: hold.
+/// One piece of the path: a goal position, a goal rotation, both, or a `reorient`. With none of
+/// them, the hand holds still.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Segment {
-    /// Duration; s.
+    /// Planned duration; s.
     pub duration_s: f64,
-    /// Goal position in B; m.
+    /// Goal position in the base frame; m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub to_m: Option<[f64; 3]>,
-    /// Goal position relative to the segment's start, base axes; m.
+    /// Displacement from the segment's start, in base axes; m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub by_m: Option<[f64; 3]>,
-    /// Goal position relative to the segment's start, along a named direction.
+    /// Displacement along a named direction.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub slide: Option<Slide>,
-    /// Goal rotation in B, matrix rows.
+    /// Goal rotation in the base frame, as matrix rows.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rotation: Option<[[f64; 3]; 3]>,
-    /// Goal rotation in B, quaternion `[w, x, y, z]`.
+    /// Goal rotation in the base frame, as a quaternion `[w, x, y, z]`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quaternion: Option<[f64; 4]>,
-    /// Goal rotation relative to the segment's start, about an axis.
+    /// Rotation from the segment's start about an axis.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub turn: Option<Turn>,
-    /// Turn a singular direction by null-space motion, end-effector held.
+    /// Turn a singular direction by null-space motion while the hand stands still.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reorient: Option<Reorient>,
-    /// Posture that the null space of a redundant arm is driven to meanwhile (the start posture where absent), of an arm whose joints all turn; degrees.
+    /// Posture to which a redundant arm's null space is drawn meanwhile, if all joints rotate;
+    /// degrees. Default: the start posture.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub posture_deg: Option<Vec<f64>>,
-    /// The same of any arm; rad (m for prismatic joints).
+    /// The same for any arm; rad (sliding joints: m).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub posture_q: Option<Vec<f64>>,
-    /// Shape of the path between start and goal.
+    /// Shape of the path from start to goal.
     #[serde(default)]
     pub path: Path,
-    /// Which posture to leave a Type 1 singularity in: −1, +1, or 0 to keep the present one.
+    /// Side on which to leave a Type 1 singularity: the sign of s, −1 or 1. 0: the present side.
     #[serde(default)]
     pub branch: i32,
 }
 
-/// The shape of a segment's path in space; quintic in time.
+/// Shapes of a path; the timing is a quintic polynomial.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Path {
-    /// Straight line with geodesic rotation.
+    /// Straight line with the shortest rotation.
     #[default]
     Line,
-    /// The same there and back again.
+    /// The same line to the goal and back.
     ThereAndBack,
 }
 
-/// A translation along a named direction.
+/// A displacement along a named direction.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Slide {
-    /// `"x"`, `"y"`, `"z"` (base), `"zeta:NAME@start"` (that singularity's ζ at the start of the run) or `"zeta:NAME"` (at the segment's start).
+    /// `"x"`, `"y"`, `"z"` (base axes), `"zeta:NAME"` (ζ of that singularity at the segment's
+    /// start) or `"zeta:NAME@start"` (at the start of the run).
     pub along: String,
     /// Distance; m.
     pub by_m: f64,
@@ -85,19 +88,20 @@ pub struct Slide {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Turn {
-    /// As [`Slide::along`].
+    /// The axis, named like the direction of a `slide`.
     pub about: String,
     /// Angle; degrees.
     pub by_deg: f64,
 }
 
-/// Turning a singular direction (Type 2).
+/// A turn of a singular direction (Type 2).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Reorient {
-    /// The singularity's name (`"wrist"`, `"overhead"`).
+    /// Name of the singularity, such as `"wrist"` or `"overhead"`.
     pub singularity: String,
-    /// Angle through which ζ turns; degrees. Its sign is a preference: the other way is taken where joint limits force it and the goal is the same line.
+    /// Angle by which ζ turns; degrees. If joint limits forbid this way round and the other one
+    /// ends at the same line, ζ turns the other way.
     pub by_deg: f64,
 }
 
