@@ -1,4 +1,4 @@
-//! The analyzer's pure step: where the estimated posture is singular, or nearly.
+//! The analyzer's pure step: finds singularities at or near the estimated posture.
 
 use std::any::Any;
 
@@ -35,9 +35,9 @@ pub trait Step: Send + Sync {
 pub struct Cycle<const N: usize> {
     model: Model<N>,
     analyzer: Analyzer<N>,
-    /// Of the last estimate that came without its own.
+    /// For the last estimate that came without a matching one.
     terms: Terms<N>,
-    /// Of the last estimate.
+    /// For the last estimate.
     report: Report<N>,
 }
 

@@ -1,4 +1,5 @@
-//! The analyzer process: where the arm is singular, or nearly; in which directions; of which type.
+//! The analyzer process: finds the singularities near the arm's posture, with their directions and
+//! types.
 #![allow(non_snake_case)]
 #![cfg_attr(not(test), deny(clippy::disallowed_methods, clippy::disallowed_types))]
 

@@ -1,4 +1,5 @@
-//! The chain under the faults that its scenario plans for processes and messages: the same steps, by the engine of the lockstep protocol.
+//! The chain under its scenario's faults of processes and messages: the same steps, ordered by the
+//! engine of the lockstep protocol.
 
 use std::convert::Infallible;
 
@@ -96,7 +97,7 @@ impl Shaped for Packed {
     }
 }
 
-/// What faults make of the messages of a topic.
+/// Faults applied to the messages of a topic.
 #[derive(Default)]
 struct Wire {
     writer: Option<usize>,

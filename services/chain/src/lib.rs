@@ -1,5 +1,6 @@
-//! The pure cycles of the chain on one thread, without shared memory: the same bytes as the processes give, only quicker to reach.
-//! Tests, comparisons and sweeps use it, and `armplane run` tries its first tick here before it starts anything.
+//! The pure cycles of the chain on one thread, without shared memory. It gives the same bytes as
+//! the processes, but faster. Tests, comparisons and sweeps use it, and `armplane run` tries the
+//! first tick here before it starts any process.
 #![allow(non_snake_case)]
 #![cfg_attr(not(test), deny(clippy::disallowed_methods, clippy::disallowed_types))]
 
@@ -32,8 +33,9 @@ impl Chain {
     /// All cycles at tick 0.
     ///
     /// # Errors
-    /// [`Refused`] by the first cycle that does not accept the robot or the scenario, or where the scenario plans faults other than those of the
-    /// arm's sensors and drives: [`run_under_faults`] has them, and [`without_faults`] takes all of them out.
+    /// [`Refused`] by the first cycle that does not accept the robot or the scenario, or if the
+    /// scenario plans faults other than those of the arm's sensors and drives: [`run_under_faults`]
+    /// has them, and [`without_faults`] takes all of them out.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
         Ok(Self {
             faults: hardware_faults(scenario)?,
@@ -147,7 +149,7 @@ pub fn without_faults(scenario: &Scenario) -> Scenario {
 /// Runs a scenario to its end, handing each tick to `each`.
 ///
 /// # Errors
-/// As [`Chain::new`].
+/// See [`Chain::new`].
 pub fn run(robot: &Robot, scenario: &Scenario, mut each: impl FnMut(&Tick)) -> Result<(), Refused> {
     let mut chain = Chain::new(robot, scenario)?;
     let mut tick = Tick::default();

@@ -1,4 +1,4 @@
-//! The step of one process that is not the plant, by its program: on a tick's messages in place.
+//! The step of any process but the plant: it works in place on a tick's messages.
 
 use bytemuck::{bytes_of, pod_read_unaligned};
 use model::{Refused, Robot};
@@ -11,15 +11,15 @@ use crate::cycles::operator;
 
 /// The step of a process.
 pub enum Stage {
-    /// Of the estimator.
+    /// The estimator.
     Estimator(Box<dyn estimator::Step>),
-    /// Of the analyzer.
+    /// The analyzer.
     Analyzer(Box<dyn analyzer::Step>),
-    /// Of the controller, on its path.
+    /// The controller on a path.
     Controller(Box<dyn controller::Step>),
-    /// Of the controller, steered.
+    /// The controller of a steered run.
     Steered(Box<dyn controller::Step>),
-    /// Of the operator.
+    /// The operator.
     Operator(Box<operator::Cycle>),
 }
 

@@ -19,7 +19,8 @@ use shared_types::{EstimatorCheckpoint, Header, SensorSample, StateEstimate};
 ///
 /// A difference of encoder readings would carry their noise times 1/T; this filter carries it times about bandwidth^1.5 √(T/4).
 ///
-/// [`Disturbance`] explains what the model leaves unexplained, where that is more than the encoders' noise.
+/// [`Disturbance`] covers motion that the model leaves unexplained, if it exceeds the encoders'
+/// noise.
 ///
 /// A few missing samples are predicted over. After a longer gap position and velocity begin anew, from two samples. A reading that no motion
 /// within the speed limits explains is set aside, for as long as it can be a disturbance of the line and not the arm; then its joint begins
@@ -34,7 +35,7 @@ pub struct Cycle<const N: usize> {
     /// The largest innovation accepted per tick; rad.
     gate: SVector<f64, N>,
     state: Option<State<N>>,
-    /// Of the state: the next prediction begins with them.
+    /// Of the state, with which the next prediction begins.
     terms: Terms<N>,
 }
 

@@ -1,12 +1,15 @@
-//! The acceleration that the model does not explain: a wrong mass, friction, a payload. PURE.
+//! The acceleration that the model does not explain, caused by a wrong mass, friction or a payload.
+//! PURE.
 //!
 //! Two low-pass filters of the residual acceleration a = innovation·h/T² + d_e, d_e the share of d that the prediction already contains:
 //!
 //! d ← d + ω T (a − d),   d_slow ← d_slow + ω_slow T (a − d_slow)
 //!
-//! d_slow decides whether there is a disturbance: within its noise d_e = 0, so that a model that is exact stays exact, and its runs are those without an
-//! observer. Beyond it d_e → d: then a − d = innovation·h/T², the integral action of a third-order fading-memory filter. A disturbance that was there
-//! stays explained for [`HELD_S`] after d_slow has come back into the noise: one of about that size must not be explained and dropped in turns.
+//! d_slow decides whether there is a disturbance. Within its noise, d_e = 0, so an exact model
+//! stays exact, and its runs equal those without an observer. Beyond the noise, d_e → d: then a − d
+//! = innovation·h/T², the integral action of a third-order fading-memory filter. After d_slow has
+//! returned into the noise, the disturbance stays compensated for [`HELD_S`], so that a small one
+//! does not switch on and off.
 //!
 //! Against white encoder noise of standard deviation σ and the observer's bandwidth b ≫ ω, ∫ of the filter's power gives σ_d = σ ω b^1.5 √T / 2.
 
@@ -14,13 +17,14 @@ use nalgebra::SVector;
 use shared_types::scenario::Scenario;
 use std::f64::consts::TAU;
 
-/// Bandwidth of d_slow as a share of that of d: the threshold goes with it, and what stays unexplained below.
+/// Bandwidth of d_slow as a share of d's. The threshold is proportional to it, and so is the
+/// disturbance that stays unexplained.
 const SLOW: f64 = 0.1;
 
 /// Multiples of d_slow's σ_d beyond which there is a disturbance.
 const NOISE: f64 = 5.5;
 
-/// The same where encoders are ideal, rad/s²: what the prediction's own step leaves.
+/// The same for ideal encoders, rad/s²: the residual of the prediction's own step.
 const EXACT: f64 = 0.01;
 
 /// Times in which the share of d that is explained rises to 1, and falls to 0 again, s: without a step in torque.
@@ -31,7 +35,7 @@ const FALL_S: f64 = 0.250;
 /// the observer's own delay. It is corrected for that, by this factor at most.
 const BEGUN: (f64, f64) = (0.2, 3.0);
 
-/// How long a disturbance counts after it was last seen, s.
+/// Time for which a disturbance counts after it was last seen, s.
 const HELD_S: f64 = 0.5;
 
 /// The filters' constants.
@@ -85,7 +89,7 @@ impl<const N: usize> Unexplained<N> {
 }
 
 impl Disturbance {
-    /// As `scenario` tunes it, with the threshold from the encoders' resolution and noise.
+    /// With the scenario's bandwidth, and the threshold from the encoders' resolution and noise.
     pub(crate) fn new(scenario: &Scenario) -> Self {
         let (bandwidth, plant, T) = (
             scenario.estimator.disturbance_bandwidth,

@@ -4,7 +4,7 @@ use shared_types::exchange::EXCHANGE_STATE;
 use shared_types::wire::wire;
 
 wire! {
-    /// The state that a program of an exchange page finds again after a death: bytes of its own meaning.
+    /// The program's state for a replacement: opaque bytes.
     ProgramCheckpoint checkpoint version 1 {
         /// How many bytes count.
         bytes: u64,

@@ -1,7 +1,8 @@
-//! The last line of a shell whose program has changed the length of its exchange page.
+//! Last words of a process whose program has truncated the exchange page.
 //!
-//! The kernel ends this process by SIGBUS when it touches a part of the page that is no longer in its file. That cannot be undone; the handler
-//! names the cause on standard error, where the launcher finds it.
+//! If this process touches a part of the page that its file no longer has, the kernel kills it by
+//! SIGBUS. The handler cannot prevent that, but prints the cause on standard error, where the
+//! launcher reads it.
 
 use std::ops::Range;
 use std::sync::OnceLock;

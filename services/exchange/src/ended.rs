@@ -4,7 +4,7 @@ use runtime::{Interrupted, ProcessError};
 
 use crate::failure::Failure;
 
-/// The end of a process before its time: of its own, or by its program.
+/// Early end of a process, by itself or by its program.
 pub(crate) enum Ended {
     Ours(ProcessError),
     Theirs(u64, Failure),

@@ -1,4 +1,5 @@
-//! The program's faults, each the end of a sentence that begins with "the program of PROCESS".
+//! Failures of the program. Each message completes a sentence that starts with "the program of
+//! PROCESS".
 
 use std::time::Duration;
 

@@ -1,8 +1,9 @@
-//! A process whose step is done by a program in any language.
+//! A process whose step runs in a program in any language.
 //!
-//! armplane's side of an exchange page ([`shared_types::exchange`]): topics, lockstep, faults and checkpoints as in every process, and at each tick
-//! one question to the program. A fault of the program (it dies, is silent, answers the wrong tick, writes a NaN) ends this process with a
-//! sentence and stands in the fault table as a death; the graph says whether both are started again.
+//! armplane's side of an exchange page ([`shared_types::exchange`]): it handles topics, lockstep,
+//! faults and checkpoints like every process, and asks the program once per tick. If the program
+//! dies, falls silent, answers the wrong tick or writes a NaN, this process exits with a message,
+//! and the death is entered in the fault table. The graph says whether both are started again.
 //!
 //! ```text
 //! page.rs       the page in memory            program.rs   the program: started or awaited, asked, ended

@@ -191,7 +191,7 @@ impl Page {
             .load(Ordering::Relaxed)
     }
 
-    /// How far the program is; with what it wrote before.
+    /// State of the program; with acquire order, so that everything it wrote before is visible.
     pub(crate) fn program(&self) -> u32 {
         self.word(offset_of!(ExchangeHead, program))
             .load(Ordering::Acquire)

@@ -1,4 +1,4 @@
-//! The topics of an exchange page: each message between shared memory and the page.
+//! The topics of an exchange page: copies each message between shared memory and the page.
 
 use std::collections::VecDeque;
 use std::marker::PhantomData;
@@ -35,7 +35,7 @@ pub(crate) trait Output {
 
 /// A topic of which an observer takes in every message.
 pub(crate) trait Gathered {
-    /// Takes in what is there.
+    /// Takes in the messages that have arrived.
     fn collect(&mut self) -> Result<(), Interrupted>;
     /// The tick of the oldest message not yet shown, and how many wait.
     fn oldest(&self) -> Option<(u64, usize)>;

@@ -1,4 +1,4 @@
-//! The program at the other side of an exchange page: started or awaited, asked, watched, ended.
+//! The program on the other side of an exchange page: starts or awaits, asks, watches and ends it.
 
 use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, Stdio};
@@ -18,7 +18,7 @@ use crate::failure::Failure;
 use crate::page::Page;
 use crate::reply::{self, Answer};
 
-/// How often an exit of the program, and a stop of the run, are looked at while an answer is waited for.
+/// Interval between checks for the program's exit and the run's stop while waiting for an answer.
 const LOOK: Duration = Duration::from_millis(5);
 
 /// The time that a program has to end by itself.
@@ -30,7 +30,7 @@ pub(crate) const LONGEST_START: Duration = Duration::from_secs(60);
 /// ... and where a person starts it.
 pub(crate) const LONGEST_EXTERNAL_START: Duration = Duration::from_secs(600);
 
-/// So long after its start a program that has not joined is reported.
+/// Time after the start at which a program that has not joined is reported.
 const SLOW_START: Duration = Duration::from_secs(5);
 
 /// A program and its page.
@@ -38,7 +38,7 @@ pub(crate) struct Program<'a> {
     shell: &'a Shell,
     process: String,
     child: Option<Child>,
-    /// The process group of the program and of what it starts.
+    /// The process group of the program and its children.
     group: Option<Pid>,
     pub(crate) page: Page,
     /// For its start, and for an answer.
@@ -186,7 +186,8 @@ impl<'a> Program<'a> {
     }
 }
 
-/// Starts the command in a process group of its own, so that it cannot outlive this process, which may be killed at any tick.
+/// Starts the command in its own process group, so that it cannot outlive this process, which may
+/// be killed at any tick.
 fn start(mut command: Command, page: &Page) -> std::io::Result<Child> {
     let parent = getpid();
     // Its output goes into the log of the run.

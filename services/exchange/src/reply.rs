@@ -1,5 +1,5 @@
-//! The program's part of an exchange page, judged: a foreign process may write anything there at any time, so each field is read once, checked, and
-//! used as it was read. It touches nothing but the page.
+//! Checks the program's part of an exchange page. A foreign process may write anything there at any
+//! time, so each field is read once, checked, and used as it was read.
 
 use std::sync::atomic::Ordering;
 

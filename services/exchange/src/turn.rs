@@ -1,4 +1,5 @@
-//! The turns of a process with an exchange page, by its role: inputs onto the page, a question, outputs off the page.
+//! One tick of a process with an exchange page, by its role: writes inputs to the page, asks the
+//! program, sends its outputs.
 
 use std::mem::offset_of;
 use std::time::Duration;
@@ -19,7 +20,8 @@ use crate::reply::{self, Answer};
 /// How often an observer looks for messages.
 const ROUND: Duration = Duration::from_millis(10);
 
-/// So many messages of one topic may wait for those of the others; then an observer sees incomplete ticks.
+/// Most messages of one topic that wait for those of the others. Beyond it, an observer sees
+/// incomplete ticks.
 const MOST_WAITING: usize = 4096;
 
 type Topics<'a> = &'a [(MessageLayout, u32)];
@@ -44,7 +46,7 @@ fn ends<E: End + ?Sized>(
         .collect()
 }
 
-/// One question; what the program wrote is checked as a whole before the first message leaves. The caller sends.
+/// Asks the program once, and checks its whole answer before the caller sends the first message.
 fn step(
     program: &mut Program<'_>,
     outputs: &mut [Box<dyn Output>],
@@ -166,7 +168,7 @@ pub(crate) fn observer(
     Ok(())
 }
 
-/// Shows the oldest tick; `false` where there is none, or where the program is not waited for any longer.
+/// Shows the oldest tick. `false` if there is none, or if the program is no longer waited for.
 fn show_oldest(
     program: &mut Program<'_>,
     gathered: &mut [Box<dyn Gathered>],

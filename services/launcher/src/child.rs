@@ -1,4 +1,5 @@
-//! One child process: started so that it cannot outlive the launcher, its exit and the end of its standard error recorded.
+//! One child process. It cannot outlive the launcher; its exit and the end of its standard error
+//! are recorded.
 
 use std::collections::VecDeque;
 use std::io::BufReader;

@@ -1,7 +1,8 @@
-//! The descendants of a run's programs: ended with the run, also when its launcher is killed.
+//! Ends the descendants of a run's programs with the run, even if its launcher is killed.
 //!
-//! A process of the run is a child of the launcher and cannot outlive it. A program of others may start more, in other process groups and sessions:
-//! these are known by their environment, which names the run. A descendant that has replaced its environment is not found.
+//! Each process of the run is a child of the launcher and cannot outlive it. A third-party program
+//! may start further processes in other groups and sessions. They are found by the run's name in
+//! their environment, so a descendant that has replaced its environment is not found.
 
 use std::io::Read;
 use std::os::unix::ffi::OsStrExt;
@@ -14,7 +15,8 @@ use rustix::process::{Pid, Signal, getpid, kill_process};
 /// A descendant that is being killed may start another one: so often its run is looked through.
 const ROUNDS: u32 = 50;
 
-/// Kills what a run has started and not ended, or one process of it: all that have the run in their environment. How many there were.
+/// Kills all processes that have the run, or one process of it, in their environment. Returns their
+/// number.
 ///
 /// Requires that the process, or all processes of the run, have ended: a process that lives has the run in its environment too.
 pub fn end_descendants(run: &Path, process: Option<&str>) -> usize {
@@ -120,7 +122,7 @@ impl Drop for Guard {
     }
 }
 
-/// Waits until the launcher of a run has ended, and ends what the run has left.
+/// Waits until the launcher of a run has ended, then ends the run's remaining processes.
 pub fn guard(run: &Path) {
     let mut nothing = [0; 64];
     while !matches!(std::io::stdin().read(&mut nothing), Ok(0) | Err(_)) {}

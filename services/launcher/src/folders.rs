@@ -1,4 +1,4 @@
-//! Temporary folders of experiments, each named after the process that made it.
+//! Temporary folders of experiments, each named after its process.
 
 use std::fs::DirEntry;
 use std::io;

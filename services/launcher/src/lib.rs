@@ -2,12 +2,15 @@
 //!
 //! The launcher knows names and process ids, never the contents of a message. Its guarantees:
 //!
-//! * Nothing half-started: when a process cannot be started or does not get ready, the others are stopped and everything is removed.
-//! * No child outlives it, whatever kills it (`PR_SET_PDEATHSIG`), nor what the programs of others have started ([`Guard`]); what is left in shared
-//!   memory then, [`RunDir::remove_stale`] finds.
-//! * Ctrl-C reaches it alone; it asks the children to stop, then tells them (SIGTERM), then makes them (SIGKILL), each with a limit. The
-//!   recorder is stopped last. A second Ctrl-C skips the asking.
-//! * A process that ends unasked ends the run, with one sentence that names it, unless its restart policy says otherwise.
+//! * Nothing stays half-started: if a process does not start or get ready, the others are stopped
+//!   and everything is removed.
+//! * No child outlives it, even if it is killed (`PR_SET_PDEATHSIG`), nor does any descendant
+//!   ([`Guard`]). [`RunDir::remove_stale`] removes leftovers in shared memory.
+//! * Ctrl-C reaches only the launcher. It asks the children to stop, then sends SIGTERM, then
+//!   SIGKILL, each after a time limit. The recorder is stopped last. A second Ctrl-C skips the
+//!   asking.
+//! * If a process ends unasked, the run ends with a sentence that names it, unless its restart
+//!   policy says otherwise.
 
 mod child;
 mod delay;

@@ -1,4 +1,4 @@
-//! Resource limits of the shell that this program was started from: those that are too small for a run are named before it begins.
+//! Resource limits of the shell: limits that are too small for a run are reported before it begins.
 
 use std::io;
 
@@ -29,7 +29,8 @@ const FILE_SIZE: u64 = 16 * MIB;
 /// one more of the launcher.
 const TASKS: (u64, u64) = (1, 3);
 
-/// Processes of the default graph: its need is that of every command, so that the remedy is enough for a run.
+/// Processes of the default graph. Every command demands as much as a run, so that the remedy
+/// suffices for a run.
 const USUAL_PROCESSES: usize = 5;
 
 /// An amount that each process may have begins with it.
@@ -247,7 +248,7 @@ pub(crate) fn suspected(exit: Exit) -> Option<String> {
 /// of files fail with an error instead of a signal.
 ///
 /// # Errors
-/// Where the shell allows less memory than any command needs, or the kernel refuses.
+/// If the shell allows less memory than any command needs, or the kernel refuses.
 pub fn with_room<T: Send + 'static>(main: impl FnOnce() -> T + Send + 'static) -> io::Result<T> {
     const STACK: usize = 8 << 20;
     memory_needs(USUAL_PROCESSES, &[])

@@ -28,7 +28,7 @@ pub enum LaunchError {
     /// A process.
     #[error("cannot start {process} ({command}): {source}{}", explain(source))]
     Spawn {
-        /// Which.
+        /// The process.
         process: String,
         /// The command.
         command: PathBuf,
@@ -38,7 +38,7 @@ pub enum LaunchError {
     /// More faults than a run can have.
     #[error("{count} faults are planned, but a run takes at most {MOST_FAULTS}: plan fewer")]
     TooManyFaults {
-        /// How many.
+        /// The count.
         count: usize,
     },
     /// Signals cannot be caught.
@@ -58,11 +58,11 @@ pub enum Failure {
     /// A process ended unasked.
     #[error("{process} (process {pid}) ended unexpectedly with {exit} at tick {tick}{}{}{}{}", spent(*restarts), stranger(*exit, *tick), hint(suspect), said(last_words))]
     Died {
-        /// Which.
+        /// The process.
         process: String,
         /// Its process id.
         pid: u32,
-        /// How.
+        /// The exit.
         exit: Exit,
         /// The first tick that it did not answer.
         tick: u64,
@@ -78,7 +78,7 @@ pub enum Failure {
         "{process} died at tick {tick}, and the fault table is full ({MOST_FAULTS} faults): plan fewer"
     )]
     NoRoom {
-        /// Which.
+        /// The process.
         process: String,
         /// The first tick without its messages.
         tick: u64,
@@ -88,7 +88,7 @@ pub enum Failure {
         "{process} was not ready for the first tick within {limit:?}: it must open its topics and ask for its first message"
     )]
     Slow {
-        /// Which.
+        /// The process.
         process: String,
         /// The limit.
         limit: Duration,
@@ -96,7 +96,7 @@ pub enum Failure {
     /// A process did not stop after the request and SIGTERM.
     #[error("{process} (process {pid}) did not stop within {limit:?} and was killed")]
     DidNotStop {
-        /// Which.
+        /// The process.
         process: String,
         /// Its process id.
         pid: u32,
@@ -193,7 +193,7 @@ pub struct Outcome {
     pub processes: Vec<ProcessOutcome>,
     /// Its faults, planned and live, in the order in which they were known.
     pub faults: Vec<FaultRecord>,
-    /// Ends of a guard before that of the run, each with the ticks done by then.
+    /// Deaths of a guard during the run, each with the ticks done by then.
     pub guards: Vec<(u64, Exit)>,
     /// By process and tick of its end: the last line that it wrote to its standard error.
     pub last_lines: Vec<(usize, u64, String)>,

@@ -35,7 +35,8 @@ pub struct Child {
     pub restart: Restart,
 }
 
-/// How long the launcher is patient. `None`: without limit, because in lockstep no clock decides about a process.
+/// The launcher's time limits. `None`: no limit, because in lockstep no clock decides about a
+/// process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Until all processes are ready.
@@ -135,21 +136,21 @@ pub struct Plan {
 pub enum Event<'a> {
     /// All processes are ready: the first tick begins.
     Go,
-    /// So many ticks are done; reported regularly.
+    /// Ticks done so far; reported regularly.
     Progress {
         /// Ticks that the process whose end ends the run has begun.
         ticks: u64,
     },
     /// A process wrote a line to its standard error.
     Line {
-        /// Which.
+        /// The process.
         process: &'a str,
         /// The line.
         line: &'a str,
     },
     /// A process did nothing more and has been killed for it.
     Silenced {
-        /// Which.
+        /// The process.
         process: &'a str,
         /// For how long it had done nothing.
         silent: Duration,
@@ -160,7 +161,7 @@ pub enum Event<'a> {
     },
     /// The run waits for a process, for a time that a person notices; reported once for each reason.
     Waiting {
-        /// Which.
+        /// The process.
         process: &'a str,
         /// The reason.
         reason: Delay,
@@ -171,7 +172,7 @@ pub enum Event<'a> {
     },
     /// A process ended unasked and has been started again.
     Restarted {
-        /// Which.
+        /// The process.
         process: &'a str,
         /// How it had ended.
         exit: Exit,

@@ -40,13 +40,14 @@ impl Drop for Urgency {
     }
 }
 
-/// The signals that would end this process and that it may catch, but for those that a fault of its own raises. SIGPIPE is ignored: a write into a
-/// broken pipe fails.
+/// All signals that would end this process and can be caught, except those raised by its own
+/// defects. SIGPIPE is ignored: a write into a broken pipe fails.
 const CAUGHT: [i32; 11] = [
     SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGXCPU, SIGIO,
 ];
 
-/// SIGINT, SIGTERM and the like to this process, counted as long as this value lives; otherwise they do what they always do.
+/// Counts SIGINT, SIGTERM and similar signals while this value lives. Otherwise they have their
+/// usual effect.
 ///
 /// A command holds one from its first act to its last, and each of its runs one more: every holder sees every signal since the first began.
 #[derive(Debug)]

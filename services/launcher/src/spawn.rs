@@ -1,4 +1,4 @@
-//! The processes of a run: started, listened to, and their exits taken in.
+//! Starts the processes of a run, reads their output, and collects their exits.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -15,10 +15,10 @@ use crate::outcome::{LaunchError, ProcessOutcome};
 use crate::plan::{Commands, Event, Plan, Report};
 use crate::unfinished::Sweeper;
 
-/// How often progress is reported, and signals are looked at; an exit is detected at once.
+/// Interval of progress reports and checks for signals. An exit is detected at once.
 pub(crate) const BEAT: Duration = Duration::from_millis(40);
 
-/// How often a replacement of the recorder that asks for what it has missed is looked at ...
+/// Interval of checks whether a replaced recorder asks for missed messages ...
 const BEAT_RECALLING: Duration = Duration::from_millis(1);
 
 /// ... until it has asked for nothing for so long.
@@ -35,7 +35,7 @@ pub(crate) struct Supervised {
     pub(crate) control_page: ControlPage,
     pub(crate) run: RunDir,
     pub(crate) plan: Plan,
-    /// A polled process recalls what it has missed, or did so a moment ago.
+    /// A polled process is fetching missed messages, or just was.
     pub(crate) recalls_until: Option<Instant>,
     /// The last lines of processes that have ended unasked, as in [`crate::Outcome`].
     pub(crate) last_lines: Vec<(usize, u64, String)>,
@@ -61,7 +61,7 @@ pub(crate) struct Slot {
     pub(crate) exit: Option<Exit>,
     /// The end of its standard error.
     pub(crate) last_words: Vec<String>,
-    /// The ears of those that have ended: what is heard later is given to nobody.
+    /// Listeners of ended processes: their later output goes nowhere.
     pub(crate) ears: Vec<Arc<child::Ear>>,
     /// When to start it again.
     pub(crate) due: Option<Instant>,
@@ -179,7 +179,7 @@ impl Supervised {
         }
     }
 
-    /// Which processes have ended since the last look.
+    /// Processes that have ended since the last check.
     pub(crate) fn take_in_exits(&mut self, report: Report<'_>) -> Vec<usize> {
         let (ticks, mut ended) = (self.ticks(), Vec::new());
         for (index, slot) in self.slots.0.iter_mut().enumerate() {

@@ -1,4 +1,5 @@
-//! The end of a run: processes are asked to stop, then get SIGTERM, then SIGKILL; the polled ones last.
+//! Ends a run: asks processes to stop, then sends SIGTERM, then SIGKILL; polled processes come
+//! last.
 
 use std::time::{Duration, Instant};
 

@@ -1,4 +1,5 @@
-//! A look from time to time for segments whose makers have been killed before they were finished: a process that waits for one goes on.
+//! Checks from time to time for segments whose makers were killed before they finished, so that
+//! processes waiting for them continue.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,10 +10,11 @@ use runtime::RunDir;
 
 use crate::outcome::LaunchError;
 
-/// How often shared memory is looked at.
+/// Interval between checks of shared memory.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Removes unfinished segments of a run until it is dropped. A thread of its own: the launcher itself may be one of those that wait.
+/// Removes unfinished segments of a run until it is dropped. It has its own thread, because the
+/// launcher itself may be waiting.
 #[derive(Debug)]
 pub(crate) struct Sweeper {
     is_over: Arc<AtomicBool>,

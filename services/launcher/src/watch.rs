@@ -18,8 +18,8 @@ const NOTICED: Duration = Duration::from_secs(1);
 /// The same for a process that is slow, which on a loaded machine is nothing unusual.
 const NOTICED_SLOW: Duration = Duration::from_secs(5);
 
-/// Whether a fault has stopped its process for a time, and it has not gone on yet. The kind is looked at too: a way is a number, 0 where a kind
-/// has none.
+/// Whether a fault has paused its process, and the process has not continued yet. The kind is
+/// looked at too: a way is a number, 0 where a kind has none.
 fn is_paused(account: &FaultRecord) -> bool {
     let FaultRecord {
         scheduled,
@@ -211,7 +211,8 @@ impl Supervised {
         }
     }
 
-    /// Where a death has left the outputs of a process: the first tick that is not whole, and how many messages of it have left.
+    /// State of a dead process's outputs: the first incomplete tick, and the number of its messages
+    /// that were sent.
     ///
     /// A process may die between sending and closing a tick, or between two messages of one tick. The retainers of its topics show which; the ticks
     /// that its readers have closed do not, because a tick closes without a message too. In real time no reader waits.

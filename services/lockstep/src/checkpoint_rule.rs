@@ -1,4 +1,4 @@
-//! How far apart the checkpoints of a process may be that takes in every message. PURE.
+//! The longest distance between checkpoints of a process that reads every message. PURE.
 
 /// The most ticks from one checkpoint of the recorder to the next, where the run may be `most_ahead` of it, and a block of a message log holds `block`
 /// messages; `usual` where the logs have all that a replacement needs.

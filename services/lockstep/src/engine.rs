@@ -1,9 +1,10 @@
-//! The processes of a graph on one thread, step by step under the lockstep protocol: what the ports and the launcher do between processes, without shared
-//! memory, waits and clocks.
+//! Runs the processes of a graph on one thread, step by step under the lockstep protocol. It does
+//! the work of ports and launcher without shared memory, waits or clocks.
 //!
-//! A message reaches the retainer of its topic first, then one reader after the other; a death may come between any two steps. The driver decides which
-//! process takes the next one: the chain lets each go on until it waits ([`Engine::run`]), the simulation tries every order. What a message holds, and who
-//! takes it in besides its readers, is the [`World`]'s.
+//! A message reaches the retainer of its topic first, then its readers in order; a death may come
+//! between any two steps. The driver chooses the process of the next step: the chain lets each run
+//! until it waits ([`Engine::run`]), and the simulation tries every order. The [`World`] decides
+//! about contents of messages and about further readers.
 
 use std::collections::VecDeque;
 use std::hash::Hash;
@@ -41,7 +42,7 @@ impl std::fmt::Display for Ended {
 pub trait World {
     /// Of any topic.
     type Message: Carried;
-    /// What a process keeps for its replacement.
+    /// State that a process keeps for its replacement.
     type State: Clone + Hash;
 
     /// The step of a process: its outputs in the order in which they leave. The first of its inputs is there; the source has none. `None`: nothing leaves,
@@ -63,18 +64,18 @@ pub trait World {
     /// The state of a process after its step.
     fn save(&mut self, process: usize) -> Self::State;
 
-    /// A replacement takes up its predecessor's state, or begins anew.
+    /// A replacement restores its predecessor's state, or starts anew.
     ///
     /// # Errors
     /// [`Ended`] where it cannot begin.
     fn restore(&mut self, process: usize, state: Option<Self::State>) -> Result<(), Ended>;
 
-    /// What leaves at a tick in place of a message.
+    /// Messages that leave at a tick in place of the original.
     fn leave(&mut self, _topic: usize, message: Self::Message, _tick: u64) -> Vec<Self::Message> {
         vec![message]
     }
 
-    /// What has been held back and is due when a tick is closed.
+    /// Messages held back that are due when a tick is closed.
     fn flush(&mut self, _topic: usize, _tick: u64) -> Vec<Self::Message> {
         Vec::new()
     }
@@ -98,7 +99,7 @@ pub trait World {
     /// A process has opened its topics while the observer had them open.
     fn connected(&mut self, _process: usize) {}
 
-    /// The launcher copies what the retainers hold.
+    /// The launcher copies the retained messages.
     fn hand_over(&mut self) {}
 
     /// The observer has died, or (`true`) its replacement takes over.
@@ -130,7 +131,7 @@ pub struct Observed {
 pub enum Step {
     /// There was nothing to do.
     Idle,
-    /// It goes on.
+    /// It continues.
     Done,
     /// It has ended a round in which everything of these ticks was taken in; whether the last one.
     Closed(u64, bool),
@@ -141,7 +142,7 @@ pub enum Step {
 pub struct Part {
     /// Its name.
     pub name: String,
-    /// What it is in the protocol.
+    /// Its role in the protocol.
     pub role: Role,
     /// The topics that it reads; a message of the first begins its step.
     pub reads: Vec<usize>,
@@ -168,11 +169,11 @@ pub struct Limits {
     pub retained: usize,
     /// The run ends before this tick, if not earlier.
     pub ticks: u64,
-    /// Several messages, or none, may leave in a tick: it is over when its inputs are.
+    /// Any number of messages may leave in a tick; it is over when its inputs are.
     pub is_shaped: bool,
 }
 
-/// Where a process is between two steps.
+/// State of a process between two steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum At {
     /// Dead; the launcher has not detected it.
@@ -202,7 +203,7 @@ pub(crate) struct Process<M, S> {
     pub(crate) tick: u64,
     /// Of the step in hand.
     outputs: Vec<M>,
-    /// What leaves of the output in hand.
+    /// Messages that leave for the current output.
     leaving: Vec<M>,
     /// The last two commits: tick and state.
     checkpoint: [Option<(u64, S)>; 2],
@@ -382,7 +383,8 @@ impl<W: World> Engine<W> {
         inboxes.iter_mut().find(|inbox| inbox.reader == me)
     }
 
-    /// The next message of a tick from `from` on for a reader: of its buffer, or what a dead writer had sent to the retainer alone. It stays there.
+    /// The next message from tick `from` on for a reader: from its buffer, or one that a dead
+    /// writer had sent only to the retainer. It is not removed.
     fn look(&mut self, me: usize, topic: usize, from: u64) -> Option<W::Message> {
         let before_death = self
             .protocol(me)

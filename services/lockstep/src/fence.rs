@@ -1,4 +1,5 @@
-//! Validation of messages: none of a dead incarnation enters a process, and no number that is not finite enters or leaves one.
+//! Validates messages: none from a dead incarnation enters a process, and no NaN or infinity enters
+//! or leaves one.
 
 use shared_types::Message;
 use shared_types::wire::Field;

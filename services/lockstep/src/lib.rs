@@ -1,4 +1,4 @@
-//! The lockstep protocol, without processes: pure decisions, and what they decide about.
+//! The lockstep protocol without processes: pure decisions and their data.
 //!
 //! ```text
 //! protocol          which ticks are closed, which process waits for which, and what a death changes

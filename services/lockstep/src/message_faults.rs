@@ -1,4 +1,4 @@
-//! Faults of messages: what becomes of a message that a process sends while a fault concerns it.
+//! Faults of messages: changes a message that is sent while a fault is in force.
 
 use std::collections::VecDeque;
 
@@ -28,7 +28,7 @@ impl<M: Message> Shaped for M {
     }
 }
 
-/// Room for what a delay can hold back.
+/// Room for delayed messages.
 const MOST_HELD: usize = 2 * MOST_DELAY_TICKS as usize + 4;
 
 /// The work of the faults of a process on the messages of one of its topics. Takes its memory at the beginning.
@@ -195,7 +195,7 @@ fn corrupt(message: &mut impl Shaped, scheduled: &ScheduledFault) {
     bytes.copy_from_slice(&corrupted.to_ne_bytes());
 }
 
-/// Does to a message what the faults in force on its process make of it when it leaves in its own tick: its fields, not whether and when.
+/// Applies the faults in force to the fields of a message, not to whether and when it leaves.
 pub fn apply_to_outgoing<M: Message>(message: &mut M, scheduled_faults: &[ScheduledFault]) {
     let tick = message.header().tick;
     let corrupts = |scheduled: &&ScheduledFault| {

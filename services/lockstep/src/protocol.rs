@@ -1,4 +1,5 @@
-//! The lockstep protocol: which ticks are closed, which process waits for which, and what a death changes. Pure decisions on a view of the run.
+//! The lockstep protocol, as pure decisions on a view of the run: closed ticks, waiting processes,
+//! and the effects of deaths.
 //!
 //! ```text
 //! tick k of a process     its messages of k are sent, or it is down at k; then k is closed and its tick count is k + 1
@@ -7,8 +8,9 @@
 //!                         every process has closed k − 1
 //! ```
 //!
-//! A fault anywhere in the chain is therefore a tick without torque at its end, and never a wait for a message that cannot come. All decisions
-//! follow from the outages in the fault table, the tick counts and the states of the processes; none depends on a clock.
+//! So a fault anywhere in the chain leads to a tick without torque, never to a wait for a message
+//! that cannot come. All decisions follow from the outages in the fault table, the tick counts and
+//! the states of the processes; none depends on a clock.
 
 use shared_types::fault::ScheduledFault;
 
@@ -21,7 +23,7 @@ pub struct Role {
     pub polled: bool,
 }
 
-/// How far a process has come.
+/// Progress of a process.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Progress {
     /// Ticks closed. The tick source counts a tick when its messages are sent, the others when they have answered.
@@ -47,11 +49,11 @@ pub struct Outage {
     pub until: u64,
     /// It has taken effect.
     pub has_struck: bool,
-    /// The process ends; otherwise it is stopped and goes on.
+    /// The process ends; otherwise it is paused and continues.
     pub is_death: bool,
     /// No plan had it: detected when it had happened.
     pub is_unplanned: bool,
-    /// So many outputs of the first tick leave before the process ends.
+    /// Outputs of the first tick that leave before the process ends.
     pub after_outputs: u32,
 }
 
@@ -95,7 +97,8 @@ pub trait View {
     fn role(&self, process: usize) -> Role;
     /// How far a process has come.
     fn progress(&self, process: usize) -> Progress;
-    /// Whether the run has faults of any kind. Without one, every decision is that of a run in which nothing goes wrong.
+    /// Whether the run has faults of any kind. Without faults, every decision is that of a normal
+    /// run.
     fn has_faults(&self) -> bool;
     /// All outages known, in the order of the fault table.
     fn outages(&self) -> impl Iterator<Item = Outage>;
@@ -288,8 +291,9 @@ impl<'a, V: View> Protocol<'a, V> {
             .map(|outage| outage.process)
     }
 
-    /// With faults: a process that is not through with the ticks before a tick. Where there is no torque to wait for, the source would run ahead, and
-    /// what it sends in a later tick would be taken for what is missing in this one.
+    /// With faults: a process that is not through with the ticks before a tick. Where there is no
+    /// torque to wait for, the source would run ahead, and a message of a later tick would be
+    /// mistaken for the missing one of this tick.
     fn straggler(&self, tick: u64) -> Option<usize> {
         if self.view.has_faults() {
             self.unfinished(tick)

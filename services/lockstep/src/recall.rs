@@ -1,4 +1,5 @@
-//! The messages of a topic that no living reader has received: delivered to none, or received by a process that has died since.
+//! Messages of a topic that no living reader has: undelivered, or received by a process that has
+//! died since.
 
 /// Messages in the order in which they were sent, numbered from 0; the last of them are there. The last [`length`](Ring::length) is about to be
 /// overwritten.
@@ -6,10 +7,10 @@ pub trait Ring {
     /// One of them.
     type Message: PartialEq;
 
-    /// How many have been put in.
+    /// Messages put in.
     fn count(&self) -> u64;
 
-    /// How many stay.
+    /// Messages kept.
     fn length(&self) -> u64;
 
     /// One of them; `None` where it has not come yet, or is no longer there.

@@ -5,7 +5,7 @@
 //!        times of the first and the last of them, topics; messages of each topic before the block; of each in it
 //! ```
 //!
-//! A block without a chunk is the end of a log whose writer was not killed.
+//! A block without a chunk ends a log whose writer was not killed.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -40,10 +40,10 @@ const MOST_BYTES: u64 = 64 << 20;
 /// A block in a file.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Block {
-    /// Where it begins, and its length.
+    /// Its start and its length.
     pub(crate) at: u64,
     pub(crate) bytes: u64,
-    /// Where its chunk begins, and the bytes of that; 0 without one.
+    /// Start and length of its chunk; 0 without one.
     pub(crate) chunk_at: u64,
     pub(crate) chunk: u64,
     /// Bytes of its messages, and the times of the first and the last; ns.
@@ -77,7 +77,7 @@ impl Block {
             .collect()
     }
 
-    /// Where the index of each channel that has one begins in the file, and the length of all.
+    /// Start of each channel's index in the file, and the length of all.
     pub(crate) fn indexes(&self) -> (Vec<(u16, u64)>, u64) {
         let begin = self.chunk_at + self.chunk;
         let (mut places, mut end) = (Vec::new(), begin);
@@ -94,7 +94,7 @@ pub(crate) struct Packer {
     chunk: Vec<u8>,
     /// Time and place of each message, by channel.
     indexes: Vec<Vec<[u64; 2]>>,
-    /// What comes behind the seal of a block, and the whole block.
+    /// The part after a block's seal, and the whole block.
     rest: Vec<u8>,
     block: Vec<u8>,
 }
@@ -211,7 +211,7 @@ fn compress(chunk: &[u8]) -> io::Result<Vec<u8>> {
     encoder.finish().map_err(io::Error::other)
 }
 
-/// What begins at a place of a file.
+/// The item that begins at a place of a file.
 pub(crate) enum Found {
     /// A block with a seal of the right length.
     Whole(Block),
@@ -326,12 +326,13 @@ impl Blocks {
 #[derive(Debug)]
 pub struct Chunk {
     bytes: Vec<u8>,
-    /// Where each message is, by channel.
+    /// Place of each message, by channel.
     places: Vec<Vec<(usize, usize)>>,
 }
 
 impl Chunk {
-    /// Of the bytes of a block; `None` where they are no messages of the layouts, though their checksum is right.
+    /// Reads a block's bytes; `None` if they are no messages of these layouts, although the
+    /// checksum is right.
     pub(crate) fn of(block: &Block, bytes: &[u8], contents: &Contents) -> Option<Self> {
         let begin = (block.chunk_at - block.at) as usize;
         let packed = bytes.get(begin..begin + block.chunk as usize)?;
@@ -376,7 +377,8 @@ impl Chunk {
     }
 }
 
-/// Gives every block in the bytes of a file its right checksum: what a file of any bytes cannot have by chance.
+/// Gives every block in a file's bytes the right checksum, which arbitrary bytes cannot have by
+/// chance.
 #[doc(hidden)]
 pub fn seal(file: &mut [u8]) {
     let mut at = if file.starts_with(&MAGIC) {

@@ -1,4 +1,4 @@
-//! What a log holds: the messages of which run, on which topics, in which layout.
+//! Contents of a log: its run, topics and layouts.
 
 use std::fmt::Write as _;
 use std::mem::offset_of;
@@ -22,7 +22,7 @@ pub struct Contents {
 }
 
 impl Contents {
-    /// Of the run with an identity, at so many ticks per second.
+    /// Contents for the run with this identity, at a tick rate.
     #[must_use]
     pub fn new(run: u64, rate_hz: u32, layouts: Vec<MessageLayout>) -> Self {
         let format = layouts.iter().fold(0, |format, layout| {
@@ -36,7 +36,8 @@ impl Contents {
         }
     }
 
-    /// Of a job's run: the topics that its graph writes, those that only the graph knows behind the others.
+    /// Contents for a job's run: the topics that its graph writes, with the graph's own topics
+    /// last.
     #[must_use]
     pub fn of(job: &Job) -> Self {
         let known = known()
@@ -49,7 +50,7 @@ impl Contents {
         )
     }
 
-    /// Of all topics that this program knows.
+    /// Contents with all topics that this program knows.
     #[must_use]
     pub fn of_all(run: u64, rate_hz: u32) -> Self {
         Self::new(run, rate_hz, known().into())
@@ -67,7 +68,7 @@ impl Contents {
         self.layouts.iter().position(|layout| layout.topic == topic)
     }
 
-    /// Run and format: what a block must agree on.
+    /// Run and format, which every block must match.
     pub(crate) fn identity(&self) -> [u64; 2] {
         [self.format, self.run]
     }

@@ -1,4 +1,5 @@
-//! Two messages that should be the same and are not: where they first differ, by name, and how far they do.
+//! Differences between two messages that should be the same: the first differing field, and how far
+//! it differs.
 
 use std::collections::BTreeMap;
 use std::marker::PhantomData;
@@ -21,7 +22,7 @@ pub struct Difference {
     pub found: String,
 }
 
-/// How far a field differs over many messages.
+/// Largest difference of a field over many messages.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct FieldDifference {
     /// The field, over all its elements: `singularities[0].zeta_B`.
@@ -124,7 +125,7 @@ fn compared(fields: &[Field]) -> Vec<Element> {
     all
 }
 
-/// Where the contents of two messages first differ; stamps are not compared.
+/// The first difference between the contents of two messages; stamps are not compared.
 #[must_use]
 pub fn first_difference<M: Message>(expected: &M, found: &M) -> Option<Difference> {
     let [expected, found] = [expected, found].map(bytemuck::bytes_of);
@@ -143,7 +144,7 @@ pub fn first_difference_in(fields: &[Field], expected: &[u8], found: &[u8]) -> O
     Some(first.difference(expected, found))
 }
 
-/// How far two series of messages differ, field by field.
+/// Differences between two series of messages, field by field.
 #[derive(Clone, Debug)]
 pub struct Differences<M> {
     elements: Vec<Element>,

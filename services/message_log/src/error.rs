@@ -1,4 +1,4 @@
-//! Why a message log cannot be written or read, and the ways in which it is not what was written.
+//! Reasons why a message log cannot be written or read, and kinds of damage.
 
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
@@ -63,7 +63,7 @@ pub enum LogError {
         /// The file.
         path: PathBuf,
     },
-    /// Messages of a topic are lost at a place; the reader goes on behind it.
+    /// Messages of a topic are lost at a place; the reader continues after it.
     #[error("{path} is damaged: {lost} messages of `{topic}` are lost ({defect:?})")]
     Lost {
         /// The file.

@@ -1,4 +1,4 @@
-//! The fingerprint of a topic: one hash over the reproducible bytes of all its messages, in order.
+//! The fingerprint of a topic: a hash over the reproducible bytes of all its messages in order.
 
 use serde::{Deserialize, Serialize};
 use shared_types::Message;

@@ -1,14 +1,17 @@
-//! The message log of a run, `messages.mcap`: its messages on disk, their fingerprints, and the differences between two series of messages.
+//! The message log of a run, `messages.mcap`: messages on disk, their fingerprints, and differences
+//! between two logs.
 //!
-//! The file is MCAP (<https://mcap.dev/spec>) of profile `ros2`: Foxglove, PlotJuggler, `mcap-ros2-support` and `rosbags` open it. A message is CDR, which
-//! its bytes are as they stand: naturally aligned, without padding, little endian. A record of our own, the [seal](block), a chunk of messages and its
-//! indices are a block. The seal has a checksum of the block, the run, and how many messages of each topic came before: no message is
-//! taken for another, and a block that is damaged, missing, repeated, displaced or foreign is found.
+//! The file is MCAP (<https://mcap.dev/spec>) of profile `ros2`: Foxglove, PlotJuggler,
+//! `mcap-ros2-support` and `rosbags` open it. A message's bytes are valid CDR as they are:
+//! naturally aligned, without padding, little endian. A block consists of an own record, the
+//! [seal](block), a chunk of messages and its indices. The seal has a checksum of the block, the
+//! run, and the number of earlier messages of each topic. So no message is mistaken for another,
+//! and damaged, missing, repeated, displaced or foreign blocks are found.
 //!
-//! The `mcap` crate's writer cannot go on with a file whose writer was killed, and leaves no summary where the volume is full; so the records are written
-//! here, and the crate reads them in the tests.
+//! The `mcap` crate's writer cannot continue a file whose writer was killed, and leaves no summary
+//! on a full volume. So this crate writes the records itself; in the tests, `mcap` reads them.
 //!
-//! This crate knows message layouts and files; it knows no process, no clock and no transport.
+//! This crate knows message layouts and files, but no process, clock or transport.
 
 mod block;
 mod contents;

@@ -1,4 +1,4 @@
-//! Reading a message log: its blocks in the order in which they were written, and every place that is not as it was written.
+//! Reads a message log: its blocks in their original order, and every damaged place.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -23,7 +23,7 @@ const CACHED: usize = 8;
 pub struct Flaw {
     /// The kind.
     pub defect: Defect,
-    /// The number of the block before which it lies; that of all blocks at the end.
+    /// Number of the following block; at the end, the number of all blocks.
     pub block: usize,
     /// Messages that are lost there, by channel, as far as the blocks around it tell.
     pub lost: Vec<u64>,
@@ -107,7 +107,7 @@ impl Log {
         })))
     }
 
-    /// What it holds.
+    /// Its contents.
     #[must_use]
     pub fn contents(&self) -> &Contents {
         &self.0.contents
@@ -223,7 +223,7 @@ impl Rows {
     /// The next message; `None` at the end.
     ///
     /// # Errors
-    /// When the file cannot be read, or messages are lost: the next call goes on behind that place.
+    /// If the file cannot be read, or messages are lost. The next call continues after that place.
     pub fn next_row(&mut self) -> Result<Option<&[u8]>, LogError> {
         let Inner { path, scan, .. } = &*self.log.0;
         loop {
@@ -269,10 +269,10 @@ pub struct Messages<M> {
 }
 
 impl<M: Message> Messages<M> {
-    /// As [`Rows::next_row`].
+    /// See [`Rows::next_row`].
     ///
     /// # Errors
-    /// As there.
+    /// See there.
     pub fn next_message(&mut self) -> Result<Option<M>, LogError> {
         let row = self.rows.next_row()?;
         Ok(row.and_then(|row| bytemuck::try_pod_read_unaligned(row).ok()))
@@ -285,7 +285,7 @@ struct Scan {
     /// In the order in which they were written.
     blocks: Vec<Block>,
     flaws: Vec<Flaw>,
-    /// Where the blocks end in the file, and the messages up to there, by channel.
+    /// End of the blocks in the file, and the messages up to there, by channel.
     end: u64,
     messages: Vec<u64>,
     is_ended: bool,

@@ -1,4 +1,4 @@
-//! Logs that are whole, torn, damaged, and put together from blocks of several.
+//! Tests of whole, truncated, damaged and mixed logs.
 
 use std::ops::Range;
 use std::path::Path;
@@ -63,7 +63,7 @@ fn written(path: &Path, contents: &Contents, ends: &[u64]) -> (Vec<u8>, Vec<usiz
     (std::fs::read(path).unwrap(), places)
 }
 
-/// The ticks of the samples, and what is wrong: the kind, the samples and the states that are lost.
+/// Ticks of the samples, and the defects: the kind, and the lost samples and states.
 fn read(path: &Path) -> (Vec<u64>, Vec<(Defect, u64, u64)>) {
     let log = Log::open(path, &contents()).unwrap();
     let (mut samples, mut ticks, mut gaps) = (log.messages::<SensorSample>(), Vec::new(), 0);

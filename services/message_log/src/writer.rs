@@ -1,4 +1,4 @@
-//! Writing a message log: every message of a run as it was on the wire.
+//! Writes a message log: every message of a run, byte for byte.
 
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -132,7 +132,7 @@ impl Writer {
     /// All messages that were there have been added, when so many ticks had begun: no topic keeps a block's messages in memory.
     ///
     /// # Errors
-    /// As [`Writer::add`].
+    /// See [`Writer::add`].
     pub fn end_round(&mut self, begun: u64) -> Result<(), LogError> {
         self.begun = begun;
         let has_block = |channel| self.packer.messages_of(channel) >= BLOCK as u64;
@@ -146,7 +146,7 @@ impl Writer {
     /// Writes what has not been written yet.
     ///
     /// # Errors
-    /// As [`Writer::add`].
+    /// See [`Writer::add`].
     pub fn flush(&mut self) -> Result<(), LogError> {
         if self.packer.bytes() == 0 {
             Ok(())
@@ -210,10 +210,10 @@ impl Writer {
             .map_err(LogError::file("write", &self.path))
     }
 
-    /// Ends the log: one with this end lacks nothing of what its writer was given. Returns the size of the file in bytes.
+    /// Ends the log. A log with this end is complete. Returns the size of the file in bytes.
     ///
     /// # Errors
-    /// As [`Writer::add`].
+    /// See [`Writer::add`].
     pub fn finish(mut self) -> Result<u64, LogError> {
         self.flush()?;
         self.write_block()?;

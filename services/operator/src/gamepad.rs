@@ -1,4 +1,5 @@
-//! The gamepad that is plugged in: its readings become lines for the operator's socket. Needs libudev, so it is built with the feature `gamepad` only.
+//! Turns the readings of a gamepad into lines for the operator's socket. It needs libudev, so it is
+//! behind the feature `gamepad`.
 
 use std::path::Path;
 
@@ -26,7 +27,7 @@ impl Gamepad {
         ))
     }
 
-    /// Sends what the gamepad gives to a session's socket, until its directory is gone.
+    /// Sends the gamepad's readings to a session's socket until its directory is gone.
     pub fn steer(self, _socket: &Path) {
         match self.0 {}
     }
@@ -58,7 +59,7 @@ impl Gamepad {
         Ok(Self { socket })
     }
 
-    /// Sends what the gamepad gives to a session's socket, until its directory is gone.
+    /// Sends the gamepad's readings to a session's socket until its directory is gone.
     pub fn steer(self, socket: &Path) {
         // A thread that has ended has lost its gamepad.
         let _ = self.socket.send(socket.to_owned());

@@ -3,12 +3,12 @@
 use crate::settings::Settings;
 use shared_types::scenario::Servo;
 
-/// How long a key holds, s: longer than a terminal waits before it repeats one.
+/// How long a key acts, s; longer than a terminal's delay before it repeats a key.
 const HOLDS_S: f64 = 0.6;
 /// Speed of a key at the start: m/s and rad/s.
 const SPEED: [f64; 2] = [0.05, 0.2];
 
-/// What the keys have set.
+/// State set by the keys.
 #[derive(Clone, Debug, Default)]
 pub struct Keys(Settings);
 
@@ -16,7 +16,7 @@ impl Keys {
     /// The keys, in one line.
     pub const HELP: &str = "w/s x  a/d y  r/f z   i/k turn x  j/l turn y  u/o turn z   + - speed   1 base 2 hand 3 singular   x side   space stop   q end";
 
-    /// The target of a key; `None` for one that only changes a setting, or none.
+    /// The target of a key; `None` if it only changes a setting, or means nothing.
     pub fn press(&mut self, key: u8) -> Option<String> {
         let axis = match key {
             b'w' | b's' => 0,

@@ -1,4 +1,5 @@
-//! The operator of a steered run: publishes the target of each tick, from the session's text or from what is sent to it while the run lasts.
+//! The operator of a steered run: publishes the target of each tick, from the session's text or
+//! from lines sent to it during the run.
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 mod cycle;
@@ -24,7 +25,8 @@ pub use pad::Pad;
 /// A message of this length is cut off, or may be; bytes.
 pub const LONGEST: usize = 2048;
 
-/// Delay behind the clock from which on it is not made up for: the session goes on from there.
+/// Largest delay behind the clock that is made up for. After a longer one, the session continues
+/// from there.
 const BEHIND: Duration = Duration::from_millis(20);
 
 /// Publishes targets until the run stops.
@@ -75,7 +77,7 @@ struct Live {
     ends: Option<u64>,
 }
 
-/// Lines that are no target, named one by one.
+/// Lines that are no targets.
 const COMPLAINTS: u32 = 5;
 
 impl Live {

@@ -48,7 +48,7 @@ pub enum Button {
     Start,
 }
 
-/// The state of a gamepad, and what its buttons have set.
+/// The state of a gamepad, and the settings made by its buttons.
 #[derive(Clone, Debug, Default)]
 pub struct Pad {
     sticks: [f64; 6],

@@ -1,4 +1,4 @@
-//! To the start posture: one joint-space motion, before the first tick. PURE.
+//! Moves to the start posture in joint space, before the first tick. PURE.
 
 use control::quintic;
 use model::Model;

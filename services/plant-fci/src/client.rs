@@ -1,4 +1,4 @@
-//! The robot at its address: the only code that knows the client of the interface.
+//! The robot at its address. Only this file uses the FCI client.
 
 use franka::{
     ActiveTorqueControl, FrankaError, RealtimeConfig, Robot, RobotMode, RobotOptions, RobotState,

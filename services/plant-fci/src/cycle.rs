@@ -1,4 +1,5 @@
-//! The pure step of the plant: the robot's state to messages, and the commanded torque to the torque sent. PURE.
+//! The pure step of the plant: turns the robot's state into messages, and the commanded torque into
+//! the torque sent. PURE.
 
 use model::{ArmMotion, Model, padded};
 use nalgebra::SVector;
@@ -44,7 +45,7 @@ pub(crate) struct Cycle {
     sent: Joints,
     /// Total torque over the tick before; N·m.
     acted: Joints,
-    /// Where the arm is held while braked; rad.
+    /// Posture in which the arm is held while braked; rad.
     held: Option<Joints>,
     flags: u32,
     saturation_mask: u32,
@@ -74,7 +75,8 @@ impl Cycle {
         }
     }
 
-    /// The messages of `tick`; stamps and incarnation are the caller's to fill. Without a simulator the truth is what the robot measures.
+    /// The messages of `tick`; the caller fills stamps and incarnation. Without a simulator, the
+    /// robot's measurements are the truth.
     pub(crate) fn sample(
         &self,
         tick: u64,
@@ -173,7 +175,7 @@ impl Cycle {
         self.sent.into()
     }
 
-    /// The robot has stopped the arm by itself: what the last messages of the run say.
+    /// Writes into the last messages of the run that the robot has stopped the arm by itself.
     pub(crate) fn stopped_by_robot(&mut self) {
         self.drive.brake(0);
     }

@@ -1,4 +1,4 @@
-//! Failures of the robot in words, each with its remedy.
+//! Failures of the robot, each with its remedy.
 
 use crate::address::Address;
 
@@ -15,7 +15,7 @@ pub enum RobotFailure {
         "no robot answers at {address} ({reason}): see that it is switched on, unlocked, in FCI mode and reachable, or start the simulator (docs/franka.md)"
     )]
     Unreachable {
-        /// Where.
+        /// The address.
         address: Address,
         /// The client's own words.
         reason: String,
@@ -25,7 +25,7 @@ pub enum RobotFailure {
         "the robot at {address} has version {theirs} of the interface; this program has 5 and 10: use a robot system that matches one of them"
     )]
     Version {
-        /// Where.
+        /// The address.
         address: Address,
         /// The robot's version.
         theirs: u16,
@@ -33,7 +33,7 @@ pub enum RobotFailure {
     /// It is not in a mode in which a motion can begin.
     #[error("the robot at {address} is in the mode \"{mode}\"{errors}: {remedy}")]
     NotReady {
-        /// Where.
+        /// The address.
         address: Address,
         /// Its mode.
         mode: String,
@@ -57,7 +57,7 @@ pub enum RobotFailure {
         "the robot at {address} is lost at tick {tick} ({reason}): it stops the arm by itself when commands cease; see to the network, or start the simulator again"
     )]
     Lost {
-        /// Where.
+        /// The address.
         address: Address,
         /// Tick of the run.
         tick: u64,
@@ -67,7 +67,7 @@ pub enum RobotFailure {
     /// It refused a request.
     #[error("the robot at {address} refuses to {action}: {reason}")]
     Refused {
-        /// Where.
+        /// The address.
         address: Address,
         /// The request.
         action: &'static str,

@@ -1,8 +1,10 @@
 //! A Franka arm as the plant: torques over Franka's control interface (FCI), its states as sensor samples.
 //!
-//! The robot's clock paces the run: each state of its 1 kHz stream is a tick, and the torque computed from it is the answer to it. The interface
-//! compensates gravity and friction itself, so the torque sent is the commanded one less g(q), and it changes by less than 1 N·m per tick, whatever
-//! is commanded. In front of the robot stand the drives of the simulated plant ([`sim::Drive`]): they hold, stop and refuse as they do there.
+//! The robot's clock paces the run: each state of its 1 kHz stream is a tick, answered by the
+//! torque computed from it. The interface compensates gravity and friction itself, so the torque
+//! sent is the commanded one minus g(q). It changes by less than 1 N·m per tick. The drives of the
+//! simulated plant ([`sim::Drive`]) stand in front of the robot, and hold, stop and refuse as they
+//! do there.
 //!
 //! ```text
 //! address.rs      fci://HOST[:PORT]              cycle.rs      from state and command to the torque sent
@@ -34,7 +36,8 @@ pub use address::{Address, SCHEME};
 pub use error::RobotFailure;
 pub use interface::{JOINTS, RATE_HZ};
 
-/// The robot at an address as it describes itself: its URDF, and what a URDF has no element for. `None`: it describes itself by no URDF (FCI version 5).
+/// The robot at an address by its own description: its URDF, and properties that a URDF cannot
+/// express. `None`: it has no URDF (FCI version 5).
 ///
 /// # Errors
 /// [`RobotFailure`] where there is no robot, it is not ready for a motion, or its URDF is no arm of seven joints.

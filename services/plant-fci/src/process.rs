@@ -1,4 +1,4 @@
-//! The process: the robot's states onto topics, torques to the robot.
+//! The process: publishes the robot's states, and sends torques to the robot.
 
 use model::{Model, Robot, embedded};
 use runtime::{ProcessError, Shell};

@@ -1,4 +1,4 @@
-//! The plant's pure step: applied torque to motion, motion to sensor readings.
+//! The plant's pure step: from torque to motion, and from motion to sensor readings.
 
 use model::{ArmMotion, Model, ModelError, PostureError, Robot, embedded, padded};
 use nalgebra::SVector;
@@ -32,7 +32,7 @@ pub struct Cycle<const N: usize> {
     plant: Plant<N>,
     drive: Drive<N>,
     encoders: Encoders<N>,
-    /// The arm's own joints; what a command has beyond them is not read.
+    /// Number of the arm's joints; further entries of a command are ignored.
     dof: usize,
     end: TaskEnd,
     ticks: u64,
@@ -40,7 +40,8 @@ pub struct Cycle<const N: usize> {
     hardware_faults: HardwareFaults<N>,
     /// The encoders report a position of this tick that the drives' own sensors contradict.
     contradicted: bool,
-    /// Torque that acted on the joints over the last tick: what the drives applied, where none of them failed; N·m.
+    /// Torque that acted on the joints over the last tick; the torque applied by the drives, unless
+    /// one failed; N·m.
     acted: SVector<f64, N>,
 }
 
@@ -92,9 +93,9 @@ pub trait Step {
     fn apply_faults(&mut self, tick: u64, scheduled_faults: &[ScheduledFault]);
     /// Whether the drives' own sensors contradict the encoders' readings of this tick: its torque will be refused.
     fn is_contradicted(&self) -> bool;
-    /// Whether there is nothing more to simulate: the task is done; or the controller refused to go on, and the arm has had
-    /// 2 s to come to rest; or the motion left the finite numbers; or the run is 20 times as long as planned, or as long as the interrupted one
-    /// that it repeats.
+    /// Whether the simulation is over: the task is done; or the controller refused to continue, 2 s
+    /// ago; or the motion is no longer finite; or the run is 20 times as long as planned, or as
+    /// long as the interrupted run that it repeats.
     fn is_over(&self) -> bool;
 }
 

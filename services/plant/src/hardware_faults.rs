@@ -1,4 +1,4 @@
-//! Faults that physics sees: encoders that read wrong, drives that do not follow their command. PURE.
+//! Faults of the hardware: wrong encoder readings, drives that do not follow their command. PURE.
 
 use nalgebra::SVector;
 use shared_types::fault::{Kind, ScheduledFault, Way};
@@ -28,7 +28,8 @@ impl<const N: usize> HardwareFaults<N> {
         }
     }
 
-    /// Takes up what concerns this tick; `reading` and `tau` are what a joint that gets stuck now is stuck at.
+    /// Applies the faults of this tick; a joint that gets stuck now keeps its values in `reading`
+    /// and `tau`.
     pub(crate) fn begin(
         &mut self,
         scheduled_faults: &[ScheduledFault],

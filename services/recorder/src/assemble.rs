@@ -1,4 +1,4 @@
-//! From streams of messages to whole ticks.
+//! Assembles streams of messages into whole ticks.
 
 use std::collections::VecDeque;
 
@@ -13,7 +13,7 @@ pub struct Set(u32);
 const _: () = assert!(COUNT <= 32);
 
 impl Set {
-    /// The topics of the list of which this is so.
+    /// The topics of the list with this property.
     pub fn of(mut is_in: impl FnMut(&str) -> bool) -> Self {
         (0..)
             .zip(topics::TOPICS)
@@ -159,7 +159,7 @@ impl Assembler {
         self.next
     }
 
-    /// What there is of the next tick to be given out and of those after it.
+    /// The messages of the next tick to be given out, and of later ones.
     pub(crate) fn pending(&self) -> Vec<StoredRow> {
         self.rows
             .iter()

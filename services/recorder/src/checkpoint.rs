@@ -1,4 +1,4 @@
-//! The recorder's checkpoint: the progress of its predecessor and its gathered results.
+//! The recorder's checkpoint: progress and intermediate results of its predecessor.
 
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -46,19 +46,19 @@ pub(crate) struct Checkpoint<J = Judge> {
     pub(crate) reported: Vec<u32>,
 }
 
-/// Where checkpoints are kept: in shared memory, so that they outlive the recorder and not the run.
+/// Place of the checkpoints: in shared memory, so that they outlive the recorder, but not the run.
 pub(crate) struct Memory {
     path: PathBuf,
     saved: Instant,
     saved_ticks: u64,
-    /// How far the recording has come; it changes too often to be a checkpoint's.
+    /// Progress of the recording; it changes too often to be part of a checkpoint.
     written: File,
     noted: Written,
 }
 
 impl Memory {
     /// # Errors
-    /// Where there is no room for it.
+    /// If there is no room for it.
     pub(crate) fn open(run_dir: &Path) -> io::Result<Self> {
         let written = OpenOptions::new()
             .read(true)
@@ -93,7 +93,7 @@ impl Memory {
         }
     }
 
-    /// How far the predecessor's recording had come; `None` where it has not come to note it.
+    /// Progress of the predecessor's recording; `None` if it had not noted any.
     pub(crate) fn written(&self) -> Option<Written> {
         let mut numbers = [0_u64; 3];
         self.written
@@ -107,7 +107,7 @@ impl Memory {
         })
     }
 
-    /// Whole or not at all.
+    /// Writes it completely or not at all.
     pub(crate) fn save(&mut self, checkpoint: &Checkpoint<&Judge>) {
         (self.saved, self.saved_ticks) = (Instant::now(), checkpoint.next);
         let mut bytes = Vec::new();

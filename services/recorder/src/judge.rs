@@ -1,4 +1,5 @@
-//! The recorder's pure step: whole ticks in, the summary out. Every figure is of the simulator's truth; the controller's own errors are not used.
+//! The recorder's pure step: whole ticks in, the summary out. Every figure comes from the
+//! simulator's true state, never from the controller's own errors.
 
 mod bars;
 mod chatter;
@@ -63,7 +64,8 @@ pub struct Judge {
     steered: SteeredMeter,
     latency: LatencyMeter,
     events: Vec<(u64, String)>,
-    /// Whether what is left at the newest tick lies beyond the boundary of reach, and the controller has said so.
+    /// Whether the remaining path at the newest tick is out of reach, and the controller has
+    /// reported it.
     beyond: bool,
     clipped: bool,
     phase: u32,
@@ -102,7 +104,7 @@ impl Judge {
     /// The same for a run in the processes of a graph, by which its latencies are named.
     ///
     /// # Errors
-    /// As [`Judge::new`].
+    /// See [`Judge::new`].
     pub fn in_processes(
         graph: &Graph,
         robot: &Robot,
@@ -117,7 +119,7 @@ impl Judge {
     /// A judge that a checkpoint has kept, of the same scenario and robot.
     ///
     /// # Errors
-    /// As [`Judge::new`].
+    /// See [`Judge::new`].
     pub fn resumed(self, robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
         Ok(Self {
             ground: self.ground.resumed(ground_truth(robot, scenario)?),
@@ -313,7 +315,7 @@ struct Bar {
     value: f64,
     bound: f64,
     unit: &'static str,
-    /// What no such error exceeds: a bound beyond it judges nothing.
+    /// Upper limit of such an error; a larger bound would judge nothing.
     most: f64,
 }
 

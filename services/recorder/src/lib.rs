@@ -122,7 +122,7 @@ fn record(
 }
 
 impl<'a> Recorder<'a> {
-    /// A replacement goes on from its predecessor's last checkpoint.
+    /// A replacement continues from its predecessor's last checkpoint.
     fn open(
         shell: &'a Shell,
         robot: &'a Robot,

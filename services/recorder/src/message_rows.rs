@@ -1,4 +1,5 @@
-//! The messages of a run, tick by tick, as the recorder kept them; and what is wrong with their log, in words.
+//! The messages of a run, tick by tick, as the recorder kept them; and the defects of their log, in
+//! words.
 
 use std::path::Path;
 

@@ -1,8 +1,9 @@
-//! The time from one round of the recorder to the next.
+//! Time between two rounds of the recorder.
 //!
-//! To wake up with cold caches costs more than a tick's messages do, so the recorder takes several at a time: in real time a quarter of what the buffers
-//! hold at 1 kHz, or what a viewer that watches sees as motion. In lockstep, where all processes run at full speed and wait for a recorder that is too far
-//! behind, half as many ticks as it may be behind.
+//! Waking up with a cold cache costs more than one tick's messages, so the recorder takes several
+//! ticks at once. In real time it takes a quarter of the buffers at 1 kHz, or less if a viewer
+//! shows motion. In lockstep, where all processes wait for a recorder that falls too far behind, it
+//! takes half of that distance.
 
 use std::time::{Duration, Instant};
 
@@ -53,7 +54,7 @@ impl Pace {
         }
     }
 
-    /// So many ticks have begun in a time.
+    /// Ticks begun in a span of time.
     fn note(&mut self, elapsed: Duration, ticks: u64) {
         let found = ticks as f64 / elapsed.as_secs_f64().max(1e-6);
         self.ticks_per_s = found.max(KEPT * self.ticks_per_s);

@@ -1,4 +1,4 @@
-//! A run's recording and account made again from the messages that it kept: for a run whose launcher was killed.
+//! Rebuilds recording and results from a run's message log, if its launcher was killed.
 
 use message_log::Contents;
 use model::Robot;

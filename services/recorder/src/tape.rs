@@ -1,4 +1,4 @@
-//! The recording as the recorder holds it: parts of bounded length, and an end at the first error.
+//! The recorder's recording: parts of bounded length, ended at the first error.
 
 use std::path::PathBuf;
 
@@ -16,7 +16,7 @@ pub struct Tape {
     recording: Option<Recording>,
     folder: PathBuf,
     limits: PartLimits,
-    /// Whether it takes up where a recorder before it ended, and has not yet said so.
+    /// Whether it continues a predecessor's recording, and has not yet reported it.
     is_replacement: bool,
     next_tick: u64,
     /// Its entry in the summary.
@@ -34,7 +34,7 @@ fn options(job: &Job) -> viz::Options {
     }
 }
 
-/// When a recording goes on in a further file.
+/// When a recording continues in another file.
 #[derive(Clone, Copy)]
 struct PartLimits {
     ticks: u64,
@@ -125,7 +125,7 @@ impl Tape {
         Ok(tape)
     }
 
-    /// Adds a tick; what is missing of it is left out.
+    /// Adds a tick, without its missing messages.
     pub fn tick(&mut self, row: &Row) {
         // Those for which there is no room any more count too: they are what the recording lacks.
         self.result.rows += 1;
@@ -177,12 +177,12 @@ impl Tape {
         }
     }
 
-    /// How far it has come; `None` where it has ended, or there is none.
+    /// Its progress; `None` if it has ended or does not exist.
     pub(crate) fn written(&self) -> Option<Written> {
         self.recording.as_ref().map(Recording::written)
     }
 
-    /// Writes out what is being gathered: from now on it outlives the recorder.
+    /// Writes out gathered data, so that it outlives the recorder.
     pub(crate) fn flush(&mut self) {
         if let Some(recording) = &mut self.recording {
             recording.flush();

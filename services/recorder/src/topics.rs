@@ -1,4 +1,5 @@
-//! The topics as the recorder reads them: every message counted, hashed, kept in the log, and put into the row of its tick.
+//! The recorder's topics: counts, hashes and logs every message, and adds it to the row of its
+//! tick.
 
 use std::path::Path;
 
@@ -11,7 +12,7 @@ use shared_types::wire::Stamps;
 
 use crate::assemble::{Assembler, Put, puts};
 
-/// How far one topic has been taken in.
+/// Progress in one topic.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Progress {
     hash: TopicHash,
@@ -21,7 +22,7 @@ pub(crate) struct Progress {
     message: ByteBuf,
 }
 
-/// How far the topics have been taken in, and the log been written.
+/// Progress in all topics and in the log.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Past {
     topics: Vec<Progress>,
@@ -73,7 +74,7 @@ impl Taken {
         (!self.last.is_empty()).then_some(&self.last)
     }
 
-    /// The tick behind that of the last message.
+    /// The tick after the last message's.
     pub(crate) fn next_tick(&self) -> u64 {
         self.last()
             .map_or(0, |last| tick_of(last).saturating_add(1))
@@ -259,7 +260,7 @@ impl Topics {
         self.result.clone()
     }
 
-    /// As [`account`].
+    /// See [`account`].
     pub(crate) fn account(&self) -> (Vec<(&str, TopicHash)>, Vec<String>) {
         account(self.readers.iter().map(|reader| &reader.taken))
     }

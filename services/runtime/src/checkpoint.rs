@@ -1,7 +1,9 @@
-//! Checkpoints: what a process needs of its own past when it is started again, in a file of the run that outlives its writer.
+//! Checkpoints: the state from which a restarted process continues, in a file that outlives its
+//! writer.
 //!
-//! Two slots take turns. The slot of a tick is committed before the tick's last message leaves, so whatever a reader has was computed from a
-//! state that a replacement finds; the slot of the tick before stays, for a death between the commit and the message.
+//! Two slots alternate. A tick's slot is committed before its last message leaves, so a replacement
+//! finds the state behind every message that a reader has. The previous slot stays, for a death
+//! between commit and message.
 
 use std::cell::Cell;
 use std::marker::PhantomData;
@@ -74,7 +76,8 @@ impl<C> Commit for Slots<C> {
     }
 }
 
-/// A process's checkpoint: what the incarnation before committed, and the slot to write now.
+/// A process's checkpoint: the state that the last incarnation committed, and the slot to write
+/// now.
 pub struct CheckpointSlots<C: Checkpoint> {
     mapped: Rc<Slots<C>>,
     previous: Option<C>,

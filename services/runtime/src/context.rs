@@ -1,4 +1,5 @@
-//! One process's view of its run: its place in the graph, the current tick, its faults, and the one wait.
+//! One process's view of its run: its place in the graph, the current tick, its faults, and its
+//! single way to wait.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
@@ -39,7 +40,7 @@ pub(crate) trait Connect {
 pub(crate) trait Outlet {
     /// Its topic.
     fn topic(&self) -> &'static str;
-    /// Sends what is due at `tick` or before.
+    /// Sends the messages due at `tick` or before.
     fn flush(&self, tick: u64);
     /// Wakes the readers.
     fn ring(&self);
@@ -71,7 +72,7 @@ enum Patience {
     Exhausted(Duration),
 }
 
-/// How often a process looks whether the launcher has handed over what it misses.
+/// Interval between checks whether the launcher has handed over missed messages.
 const HAND_OVER_LOOK: Duration = Duration::from_micros(200);
 
 /// Everything that takes part in the beginning or the end of a tick.
@@ -217,7 +218,7 @@ impl Context {
         }
     }
 
-    /// Whether, and how long, a wait that has found nothing goes on.
+    /// Whether a wait that has found nothing continues, and for how long.
     fn patience(&self, deadline_ns: Option<u64>, began_ns: &mut Option<u64>) -> Patience {
         let now = now_ns();
         let waited = Duration::from_nanos(now - *began_ns.get_or_insert(now));
@@ -271,7 +272,7 @@ impl Context {
 
     /// Waits until the launcher has handed over all that the retainers of the topics held at the call: for a process that misses messages of `topic`.
     ///
-    /// Not ended by a stop of the run: what is missing is taken in before the process ends.
+    /// A stop of the run does not end it: the process takes in missing messages before it ends.
     pub(crate) fn await_hand_over(&self, topic: &'static str) -> Result<(), Interrupted> {
         let (request, began_ns) = (self.control_page.request_hand_over(), now_ns());
         while !self.control_page.is_handed_over(request) {
@@ -500,7 +501,8 @@ impl Context {
         now.saturating_add_signed(self.clock_error_ns(now))
     }
 
-    /// How far this process's clock is ahead of the machine's at an instant of that; negative where it is behind.
+    /// Lead of this process's clock over the machine's at an instant of the latter; negative if it
+    /// lags.
     #[inline]
     pub(crate) fn clock_error_ns(&self, now: u64) -> i64 {
         if self.is_unharmed() {

@@ -1,4 +1,4 @@
-//! The disturbances of a process in a run of `verify`: a delay of its start, a nice value, deliberate pauses.
+//! Disturbances of a process in a run of `verify`: a late start, a nice value, deliberate pauses.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! The place of a program in the run that started it: for programs that a graph names as the command of a process.
+//! The run that started this program, for programs that a graph names as the command of a process.
 
 use std::path::{Path, PathBuf};
 
@@ -24,7 +24,7 @@ impl Shell {
     /// As [`Shell::from_environment`], with a run that is used instead of the environment's, and a name for a program that no graph started.
     ///
     /// # Errors
-    /// As [`Shell::from_environment`].
+    /// See [`Shell::from_environment`].
     pub fn started(run: Option<&Path>, process: Option<&str>) -> Result<Self, OpenError> {
         let variable = |name: &'static str| {
             std::env::var_os(name).ok_or(OpenError::NotStarted { variable: name })

@@ -7,9 +7,10 @@
 //! Reader, Writer, Collector   typed ends of a topic         TickSource    the rhythm of the process that makes the ticks
 //! ```
 //!
-//! Data travels on iceoryx2 publish-subscribe services that any iceoryx2 tool can open; wake-ups travel over a futex per process on the
-//! control page, which costs a system call only when its owner sleeps. Every wait has a limit. Beside `lab`'s baseline transports, which measure
-//! iceoryx2 bare, this is the only crate that knows it.
+//! Data travels on iceoryx2 publish-subscribe services, which any iceoryx2 tool can open. Wake-ups
+//! travel over a futex per process on the control page, which costs a system call only if its owner
+//! sleeps. Every wait has a limit. Apart from `lab`'s baseline transports, this is the only crate
+//! that uses iceoryx2.
 
 mod bus;
 mod checkpoint;

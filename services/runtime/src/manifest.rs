@@ -22,8 +22,9 @@ pub struct Disturbance {
     pub nice: i32,
     /// The seed of random short pauses before it looks for a message; `None` is no pauses.
     pub pauses: Option<u64>,
-    /// It is content with the message of the tick before where the right one has not come yet. That breaks lockstep: what it computes
-    /// depends on the quicker process. It is here to show that such a process is caught.
+    /// It accepts the previous tick's message if the right one has not arrived. That breaks
+    /// lockstep: what it computes depends on the quicker process. It is here to show that such a
+    /// process is caught.
     pub unordered: bool,
     /// It takes in messages of dead incarnations. It is here to show that the drill catches it.
     #[serde(default)]
@@ -92,7 +93,7 @@ pub enum ManifestError {
     /// The file cannot be read or written.
     #[error("cannot use {path}: {source}")]
     File {
-        /// Which.
+        /// The path.
         path: PathBuf,
         /// Why.
         source: std::io::Error,
@@ -100,7 +101,7 @@ pub enum ManifestError {
     /// It is not a manifest of this version.
     #[error("{path} is not a manifest that this version of armplane wrote: {source}")]
     Syntax {
-        /// Which.
+        /// The path.
         path: PathBuf,
         /// Why.
         source: serde_json::Error,
@@ -110,7 +111,7 @@ pub enum ManifestError {
         "the graph has {count} processes; at most {MAX_PROCESSES} have room on the control page"
     )]
     TooMany {
-        /// How many.
+        /// The count.
         count: usize,
     },
     /// No tick rate that a run can have.

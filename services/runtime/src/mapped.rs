@@ -1,4 +1,4 @@
-//! A file of the run in memory: shared by all processes that map it, and kept beyond the death of each.
+//! A file of the run in memory: shared by all processes that map it, and outliving each of them.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Error, Result};

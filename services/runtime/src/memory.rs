@@ -1,7 +1,8 @@
-//! Messages in files of the run, where no death of a process reaches them: what the retainer of a topic has handed over for a replacement of the
-//! recorder, and the last two messages made by a writer whose messages faults shape.
+//! Messages in files of the run, safe from any death of a process: retained messages for a
+//! replacement of the recorder, and the last two messages of a writer whose messages faults change.
 //!
-//! Neither lies on the path of a message in a run without faults. At every instant all slots but the one being written are whole.
+//! Neither lies on the path of a message in a run without faults. At any instant, all slots but the
+//! one being written are complete.
 
 use std::marker::PhantomData;
 use std::path::Path;
@@ -123,7 +124,8 @@ impl Ring for HandedOver {
     }
 }
 
-/// The last two messages that a writer has made while faults shape them: what is made is not what is delivered.
+/// A writer's last two messages while faults change them: the original differs from the message
+/// delivered.
 pub(crate) struct LastMade<M: Message>(Slots, PhantomData<M>);
 
 impl<M: Message> LastMade<M> {

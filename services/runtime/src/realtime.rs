@@ -74,7 +74,8 @@ pub enum Lock {
     AsTouched,
 }
 
-/// Locks memory, touches the stack and takes a `SCHED_FIFO` priority; what is not allowed is returned, not fatal.
+/// Locks memory, touches the stack and takes a `SCHED_FIFO` priority. Returns the steps that are
+/// not allowed; none is fatal.
 #[must_use]
 pub fn enter(priority: Option<u8>, lock: Lock) -> Vec<Missing> {
     let all = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE;

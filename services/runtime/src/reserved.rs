@@ -1,4 +1,5 @@
-//! A file whose memory is taken before the run begins: a memory file system that fills meanwhile does not cost its contents.
+//! A file whose memory is allocated before the run begins, so that a memory file system that fills
+//! up later cannot corrupt it.
 
 use std::fs::{self, OpenOptions};
 use std::io::{self, Write};

@@ -8,7 +8,7 @@ use crate::context::Context;
 use crate::control_page::{ANYTHING, PROGRESS, ProcessEntry};
 use crate::wait::{Interrupted, Waited};
 
-/// How a polled process stands with its rounds.
+/// State of a polled process's rounds.
 #[derive(Debug, Default)]
 pub(crate) struct Rounds {
     round: Cell<Round>,
@@ -18,7 +18,7 @@ pub(crate) struct Rounds {
     is_falling: Cell<bool>,
 }
 
-/// Where a polled process is between two rounds.
+/// State of a polled process between two rounds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Round {
     #[default]
@@ -30,7 +30,7 @@ enum Round {
 }
 
 impl Rounds {
-    /// As [`Shell::poll`](crate::Shell::poll).
+    /// See [`Shell::poll`](crate::Shell::poll).
     pub(crate) fn poll(&self, shared: &Context, every: Duration) -> Result<bool, Interrupted> {
         match self.round.get() {
             Round::Last => return Ok(false),
@@ -86,7 +86,7 @@ impl Rounds {
         Ok(true)
     }
 
-    /// As [`Shell::has_taken_in`](crate::Shell::has_taken_in).
+    /// See [`Shell::has_taken_in`](crate::Shell::has_taken_in).
     pub(crate) fn have_taken_in(&self, shared: &Context) {
         shared.learn();
         if let Round::From(ticks) = self.round.get()
@@ -105,7 +105,8 @@ impl Rounds {
         }
     }
 
-    /// Whether the process dies, or stands still, when it has said how far it is: what it has taken in must be safe before.
+    /// Whether the process will die or pause once it has reported its progress. Everything it has
+    /// taken in must be saved before.
     pub(crate) fn is_about_to_go_down(&self) -> bool {
         self.is_falling.get()
     }

@@ -5,9 +5,9 @@
 //! /dev/shm/armplane-<uid>-<pid>-<start>-<n>.*    iceoryx2's segments
 //! ```
 //!
-//! The name identifies its owner: the launcher's process id and its start time (field 22 of `/proc/PID/stat`), so that a process id
-//! used again is not mistaken for the old launcher. Besides, a living launcher holds a lock on the directory, which also holds
-//! where process ids mean different things (containers that share `/dev/shm`).
+//! The name identifies the launcher by its process id and start time (field 22 of
+//! `/proc/PID/stat`), so that a reused process id is not mistaken for the old launcher. A living
+//! launcher also locks the directory, which works even across containers that share `/dev/shm`.
 
 use std::fs;
 use std::hash::{BuildHasher, RandomState};
@@ -25,7 +25,7 @@ pub const SHM: &str = "/dev/shm";
 /// Free shared memory without which no run begins; bytes. The default graph takes 38 MB.
 const LEAST_FREE: u64 = 40 << 20;
 
-/// How often a name is drawn that is free.
+/// Most attempts to find a free name.
 const ATTEMPTS: u32 = 100;
 
 /// The directory of one run; its creator removes it, and everything of the run, when it drops it.
@@ -44,7 +44,7 @@ pub enum RunDirError {
         "cannot create {path} for the run: {source}; {SHM} must be a writable memory file system (see `armplane doctor`)"
     )]
     Create {
-        /// Which.
+        /// The path.
         path: PathBuf,
         /// Why.
         source: std::io::Error,
@@ -52,7 +52,7 @@ pub enum RunDirError {
     /// It is not a run directory of this user.
     #[error("{path} is not the directory of a run of yours: {reason}")]
     NotARun {
-        /// Which.
+        /// The path.
         path: PathBuf,
         /// The defect.
         reason: String,
@@ -60,7 +60,7 @@ pub enum RunDirError {
     /// Something of it cannot be removed.
     #[error("cannot remove {path}: {source}")]
     Remove {
-        /// Which.
+        /// The path.
         path: PathBuf,
         /// Why.
         source: std::io::Error,
@@ -70,7 +70,7 @@ pub enum RunDirError {
         "{SHM} is too full for a run: {missing} bytes are missing (`armplane doctor` shows its size, `armplane clean` removes leftovers)"
     )]
     Full {
-        /// How many.
+        /// The missing.
         missing: u64,
     },
     /// Its own process entry cannot be read.

@@ -155,7 +155,7 @@ pub struct Shell {
 impl Shell {
     /// Joins a run: catches SIGTERM and SIGINT, pins the process, takes its real-time settings, maps the control_page.
     ///
-    /// A right that is missing is one warning that names it, and the run goes on.
+    /// A missing right is reported in one warning, and the run continues.
     ///
     /// # Errors
     /// When the run, its files or the process's entry in its graph cannot be used.
@@ -248,7 +248,7 @@ impl Shell {
     /// Reads everything of a topic, in order, in rounds of [`Shell::poll`]: for the recorder.
     ///
     /// # Errors
-    /// As [`Shell::reader`].
+    /// See [`Shell::reader`].
     pub fn collector<M: Message>(&self) -> Result<Collector<M>, TopicError> {
         self.declared::<M>("read")?;
         Ok(Collector::new(
@@ -306,7 +306,8 @@ impl Shell {
         Ok(receiver)
     }
 
-    /// The checkpoint of this process: what the incarnation before committed, and the slot to fill at every tick before its last message.
+    /// The checkpoint of this process: the state that the last incarnation committed, and the slot
+    /// to fill at every tick before its last message.
     ///
     /// # Errors
     /// When there is no room for it, or the predecessor's has another layout.
@@ -360,7 +361,8 @@ impl Shell {
         self.rounds.ticks_begun()
     }
 
-    /// Whether this polled process dies, or stands still, when it has said how far it is: what it has taken in must be safe before.
+    /// Whether this polled process will die or pause once it has reported its progress. Everything
+    /// it has taken in must be saved before.
     #[must_use]
     pub fn is_about_to_go_down(&self) -> bool {
         self.rounds.is_about_to_go_down()
@@ -464,7 +466,7 @@ impl Shell {
         self.shared.is_stopping()
     }
 
-    /// Whether the run stops before its end: nobody waits for more than what is there.
+    /// Whether the run stops early: nobody waits for further messages.
     #[must_use]
     pub fn is_stopping_early(&self) -> bool {
         self.shared.control_page.stop() == Stop::Early
@@ -482,7 +484,8 @@ impl Shell {
         self.shared.run.path()
     }
 
-    /// Takes a place that one process of the run may have, besides that of its own name, for as long as the file is open.
+    /// Takes a place, besides the one of its own name, that only one process of the run may have,
+    /// while the file is open.
     ///
     /// # Errors
     /// When another process has it, or the file cannot be made.

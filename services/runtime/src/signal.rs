@@ -1,6 +1,7 @@
-//! A signal from outside that ends a process, or the program that it stands for, while its run goes on.
+//! A signal from outside that ends a process, or the program behind it, during a run.
 //!
-//! The launcher replaces a process that a signal has ended. One that ends by itself before the first tick has a reason against the run, and ends it.
+//! The launcher replaces a process that was killed by a signal. A process that exits by itself
+//! before the first tick rejects the run, and ends it.
 
 use std::fmt::Display;
 use std::sync::atomic::Ordering;

@@ -1,4 +1,5 @@
-//! Stamps: when each hop received and sent, and how long the steps take. For measuring only; no computation reads them.
+//! Time stamps: when each hop received and sent, and how long its step took. They are for
+//! measurements; no computation reads them.
 
 use std::cell::{Cell, RefCell};
 

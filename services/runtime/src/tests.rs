@@ -1,4 +1,4 @@
-//! Ports and waits between shells of one process: what they hand over, refuse and count.
+//! Tests of ports and waits between shells of one process: messages delivered, refused and counted.
 
 use std::time::Duration;
 

@@ -8,7 +8,8 @@ use crate::control_page::{Count, PROGRESS, Stop};
 use crate::realtime::Usage;
 use crate::wait::{Interrupted, Wait, Waited};
 
-/// Ticks between two looks at what the kernel counts: asking each tick would be a system call each tick.
+/// Ticks between two reads of the kernel's counters: reading them at each tick would cost a system
+/// call.
 const USAGE_EVERY: u64 = 64;
 
 /// Gives out one tick after the other.
@@ -158,8 +159,8 @@ impl TickSource {
         self.began_ns = self.by_machine(self.grid_ns);
     }
 
-    /// Counts the periods that have passed without a tick, with their cause as far as the kernel can tell of the last few ticks: what is rarer and costs
-    /// more is named first.
+    /// Counts the periods without a tick, with their cause as far as the kernel's counters of the
+    /// last few ticks show it: rarer and costlier causes first.
     fn count_skipped(&mut self, skipped: u64) {
         let (incarnations, tick) = (self.incarnations_of_all(), self.next_tick);
         if skipped > 0 || tick.is_multiple_of(USAGE_EVERY) {

@@ -1,4 +1,4 @@
-//! Turns: the processes of a chain that share a core give it to one another without a sleep.
+//! Turns: processes of a chain on one core hand it to each other without sleeping.
 
 use std::cell::Cell;
 
@@ -6,7 +6,7 @@ use crate::clock::now_ns;
 use crate::manifest::Manifest;
 use crate::realtime;
 
-/// How a process that waits for another one of its core gives that core away, in lockstep.
+/// In lockstep, a process that waits for another one on its core yields the core like this.
 ///
 /// One process of the chain works at a time there. One that waits stays ready to run behind the others: it is neither put to sleep nor woken, and its
 /// message is there when its turn comes, in a third of the time that a sleep and a wake take. Where it is not, the process sleeps.

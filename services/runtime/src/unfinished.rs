@@ -1,9 +1,11 @@
-//! Segments in shared memory that a killed process has begun and not finished.
+//! Segments in shared memory that a killed process left unfinished.
 //!
-//! iceoryx2 makes a segment in three steps: an empty file that may only be written, its length, its content; then the file may be read. A process
-//! that meets an unfinished one waits for its maker: where it has the right to open an empty one, as root has, without limit (iceoryx2-cal 0.10.0,
-//! `dynamic_storage/posix_shared_memory.rs`, `open_impl`). A maker keeps the file open until it is finished, so that one that no process has open has
-//! no maker any more. Once it is gone, the processes that wait for it make it anew.
+//! iceoryx2 creates a segment in steps: an empty write-only file, its length, its content; then the
+//! file becomes readable. A process that finds an unfinished segment waits for its creator. If it
+//! may open the empty file, as root may, it waits without limit (iceoryx2-cal 0.10.0,
+//! `dynamic_storage/posix_shared_memory.rs`, `open_impl`). A creator keeps the file open until it
+//! is finished, so a file that no process has open has lost its creator. Once it is removed, the
+//! waiting processes create it again.
 
 use std::collections::BTreeSet;
 use std::fs;

@@ -1,4 +1,4 @@
-//! How a wait ends: with its message, late, by a stop of the run, or without.
+//! Results of a wait: its message, too late, a stop of the run, or nothing.
 
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ pub enum Interrupted {
         what: String,
         /// The process that it was expected from.
         from: String,
-        /// How long.
+        /// The waited.
         waited: Duration,
     },
     /// In lockstep a tick was skipped; nothing may be lost there.
@@ -52,7 +52,7 @@ pub enum Interrupted {
         process: String,
         /// The topic that it has not sent.
         topic: String,
-        /// Of which tick.
+        /// Its tick.
         tick: u64,
     },
     /// iceoryx2 failed.

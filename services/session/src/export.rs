@@ -22,7 +22,7 @@ pub enum ExportFormat {
     Numbers(viz::ExportFormat),
     /// The recording in one file.
     Whole,
-    /// A layout for the viewer; of the scenario where none is named.
+    /// A layout for the viewer, by default the scenario's.
     Layout(Option<Layout>),
 }
 
@@ -84,7 +84,8 @@ pub fn export(
     })
 }
 
-/// Writes the recording's numbers, and those of the messages that were kept; the files, and what the messages lack.
+/// Writes the numbers of the recording and of the kept messages. Returns the files, and the defects
+/// of the message log.
 fn numbers(
     run: &Run,
     format: viz::ExportFormat,

@@ -1,4 +1,4 @@
-//! Starting the processes of a plan, and what is heard of them until they have ended.
+//! Starts the processes of a plan, and listens to them until they end.
 
 use std::path::Path;
 use std::process::Command;
@@ -23,7 +23,7 @@ const ARM: &str = "arm.xml";
 /// Runs the processes to the end of the task, or of one of them, and tells the observer what happens.
 ///
 /// # Errors
-/// As [`launch_watched`].
+/// See [`launch_watched`].
 pub fn launch(
     job: &Job,
     plan: Plan,
@@ -35,7 +35,7 @@ pub fn launch(
 /// As [`launch`]; `begin` sees the run before its first process starts.
 ///
 /// # Errors
-/// As [`launch_watched`].
+/// See [`launch_watched`].
 pub fn launch_begun(
     job: &Job,
     plan: Plan,
@@ -210,7 +210,7 @@ fn write_job(job: &Job, run_dir: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// So often a guard is replaced: one that cannot live does not take the run's time.
+/// Most replacements of a guard, so that a guard that keeps dying does not slow the run.
 const MOST_GUARDS: usize = 100;
 
 /// Makes a file that is there whole or not at all, whenever this process is killed.
@@ -241,7 +241,7 @@ fn command(job: &Job, name: &str, run: &Path) -> std::io::Result<Command> {
     load::command(&job.graph, name).map_or_else(|| launcher::reexec(program, run), Ok)
 }
 
-/// The subcommand that ends what the programs of a run have started when its launcher has ended.
+/// The subcommand that ends the descendants of a run's programs once its launcher has ended.
 pub const GUARD: &str = "guard";
 
 /// The subcommand that stands for a robot.

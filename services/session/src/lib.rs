@@ -1,7 +1,9 @@
-//! A run as a library: load its scenario, robot and graph, plan it, launch it, summarise it, keep its results, find it again, export it.
+//! A run as a library: loads scenario, robot and graph, plans and launches the run, summarises it,
+//! keeps its results, finds them again and exports them.
 //!
-//! [`run`] is one run in that order. Nothing starts before everything is validated. This crate prints nothing: what happens while a run lasts goes
-//! to an [`Observer`], and a summary can be shown ([`RunText`]).
+//! [`run`] is one run in that order. Nothing starts before everything is validated. This crate
+//! prints nothing: events of a run go to an [`Observer`], and [`RunText`] turns a summary into
+//! text.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod load;

@@ -1,4 +1,4 @@
-//! From names and files to validated values: nothing starts before everything here has passed.
+//! Reads names and files into validated values. Nothing starts before all of them are valid.
 
 use std::hash::{BuildHasher, RandomState};
 use std::path::{Path, PathBuf};
@@ -111,7 +111,7 @@ impl Source {
     /// Robot, targets and graph of a scenario from here, all checked.
     ///
     /// # Errors
-    /// As [`scenario_in`].
+    /// See [`scenario_in`].
     pub(crate) fn load(
         &self,
         mut scenario: Scenario,
@@ -302,7 +302,7 @@ pub fn on_base(robot: &Robot, base: &str) -> Result<Robot, Failure> {
 /// The process graph of a scenario: the user's, or the built-in one, which for a steered run has an operator.
 ///
 /// # Errors
-/// As [`graph`].
+/// See [`graph`].
 pub fn graph_of(scenario: &Scenario, file: Option<&Path>) -> Result<Graph, Failure> {
     match scenario.servo {
         Some(_) if file.is_none() => Ok(Graph::built_in(true)?),

@@ -1,4 +1,5 @@
-//! MuJoCo in place of the simulated arm: the program that holds it, in the package `armplane` of Python, and its words before a run.
+//! MuJoCo instead of the simulated arm: starts the program for it in the Python package `armplane`,
+//! and lets it check the arm before the run.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! A running graph, seen from its control page. It only reads: the run's processes are not affected.
+//! A running graph, read from its control page without affecting its processes.
 
 use std::path::Path;
 use std::time::Instant;
@@ -73,7 +73,7 @@ pub fn choose_to_change(wanted: Option<&str>) -> Result<String, Failure> {
     Ok(name)
 }
 
-/// Percentiles of times between two samples of a run, µs; the longest is that of the whole run.
+/// Percentiles of times between two samples of a run; the longest covers the whole run; µs.
 #[derive(Debug, Serialize)]
 pub struct Times {
     /// Times between the two samples.

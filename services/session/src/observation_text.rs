@@ -23,7 +23,7 @@ impl Paint {
         }
     }
 
-    /// Where something is so.
+    /// A condition, if it holds.
     fn when(self, so: bool, colour: u8, text: &str) -> String {
         if so {
             self.of(colour, text)

@@ -1,4 +1,4 @@
-//! A controller of others in the place of armplane's: a class in Python, or a process of a graph.
+//! A third-party controller instead of armplane's: a class in Python, or a process of a graph.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! From the graph, as people write it, to the launcher's plan.
+//! Turns a graph file into the launcher's plan.
 
 use std::time::Duration;
 

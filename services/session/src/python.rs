@@ -1,4 +1,4 @@
-//! The Python that has the package `armplane`.
+//! Finds the Python that has the package `armplane`.
 
 use std::ffi::OsString;
 use std::io::Write;
@@ -12,7 +12,8 @@ const NOT_FOUND: i32 = 127;
 /// Where a module of the package is run.
 #[derive(Debug)]
 pub struct Python {
-    /// The interpreter: of this program's own folder, where it has been installed together with the package; else that of PATH.
+    /// The interpreter: the one in this program's folder, if both were installed together,
+    /// otherwise the one in PATH.
     pub program: String,
     /// PYTHONPATH, where the package lies in the source tree of this program.
     pub path: Option<OsString>,
@@ -54,7 +55,8 @@ impl Python {
             .collect()
     }
 
-    /// Lets a program load what it needs, and end; the last line that it prints is the reason of a refusal. `packages`: what to install with Python.
+    /// Lets a program load its packages and exit. If it refuses, its last line is the reason.
+    /// `packages` are those to install with Python.
     ///
     /// # Errors
     /// The reason, with the remedy where Python or the package is missing.

@@ -1,4 +1,4 @@
-//! The results of a run whose launcher was killed, from what it left.
+//! Makes the results of a run whose launcher was killed, from the files it left.
 
 use std::path::{Path, PathBuf};
 
@@ -14,11 +14,13 @@ use crate::results::{EARLIER, Results, SUMMARY, keep};
 use crate::runs::Run;
 use crate::summary::{deadlines, detected, fault_summary};
 
-/// Makes the recording, the summary and the repeatable scenario of a run from the job and the messages in its folder, and its faults from what is
-/// still in shared memory. Where a message log is damaged or missing, the recorder's error in the summary says which, and what it costs.
+/// Makes recording, summary and repeatable scenario of a run from the job and the messages in its
+/// folder. Reads its faults from shared memory, if they are still there. If a message log is
+/// damaged or missing, the recorder's error in the summary names it and the loss.
 ///
 /// # Errors
-/// [`Failure::Input`] where the run goes on, or has ended by itself, or kept no messages; [`Failure::Work`] where something cannot be written.
+/// [`Failure::Input`] if the run still goes on, has ended by itself, or kept no messages;
+/// [`Failure::Work`] if a file cannot be written.
 pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     let folder = folder.canonicalize().map_err(|_| {
         Failure::Input(format!(

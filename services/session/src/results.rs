@@ -1,4 +1,4 @@
-//! The folder of a run: made before anything starts, filled when the run is over.
+//! The folder of a run: created before the run starts, filled when it is over.
 
 use std::cell::Cell;
 use std::fs::DirEntry;
@@ -194,7 +194,8 @@ impl Results {
         Ok(results)
     }
 
-    /// A link, pipe, device or folder in the folder that has the name of a result: what is written there would go elsewhere, or wait for a reader.
+    /// A link, pipe, device or folder with the name of a result. A result written there would end
+    /// up elsewhere, or wait for a reader.
     fn irregular(&self, is_read: &[&str]) -> Option<PathBuf> {
         let is_ours = |name: &str| is_result(name) && !is_read.contains(&name);
         let mut entries = entries(&self.folder);

@@ -1,4 +1,4 @@
-//! A run on a robot in place of the simulated arm.
+//! A run on a robot instead of the simulated arm.
 
 use model::Robot;
 use plant_fci::Address;
@@ -12,7 +12,7 @@ use crate::mujoco;
 use crate::progress::{Observer, Progress};
 use crate::results::ROBOT_URDF;
 
-/// How time passes for a plant, where nobody says: a robot has a clock of its own.
+/// Default pace for a plant: a robot has its own clock.
 #[must_use]
 pub fn mode_of(plant: Option<&str>) -> Mode {
     match plant {
@@ -78,7 +78,8 @@ pub(crate) fn check_mode(graph: &Graph, mode: Mode) -> Result<(), Failure> {
 /// The run as the robot of its graph needs it: the arm as the robot describes it, in real time. Without a robot nothing changes.
 ///
 /// # Errors
-/// [`Failure`] in words where the robot does not answer or is not ready, or where mode, rate, start or faults do not fit it.
+/// [`Failure`] if the robot does not answer or is not ready, or if mode, rate, start or faults do
+/// not fit it.
 pub(crate) fn settle(
     mut loaded: Loaded,
     mode: Mode,

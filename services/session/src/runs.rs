@@ -11,7 +11,7 @@ use viz::Reading;
 use crate::failure::Failure;
 use crate::results::{RUNS, SCENARIO, SUMMARY};
 
-/// A run's folder and what is in it.
+/// A run's folder and its files.
 pub struct Run {
     /// The results folder.
     pub folder: PathBuf,
@@ -111,7 +111,7 @@ impl Run {
         lack.map_or(Ok(()), |lack| Err(Failure::Input(self.with_remedy(&lack))))
     }
 
-    /// A sentence about what the recording lacks, with the way to a whole one.
+    /// A sentence on missing parts of the recording, and how to get them.
     #[must_use]
     pub fn with_remedy(&self, lack: &impl Display) -> String {
         let folder = self.folder.display();
@@ -195,7 +195,7 @@ impl Run {
         Ok(job)
     }
 
-    /// The message logs of the run that are not as they were written, or do not hold what its summary counts: a clause for each; none where it kept none.
+    /// One clause for each message log that is damaged or does not match the summary's counts.
     #[must_use]
     pub fn message_damage(&self, job: &Job, summary: Option<&Summary>) -> Vec<String> {
         match MessageRows::open_left(&self.folder.join(MESSAGES), job) {
@@ -205,7 +205,7 @@ impl Run {
         }
     }
 
-    /// Whether the recording is the one of the folder's run, and not one that has been given a name of its own.
+    /// Whether the recording belongs to the folder's run, and was not renamed.
     pub(crate) fn is_own(&self) -> bool {
         self.parts == viz::parts_in(&self.folder)
     }
@@ -230,7 +230,7 @@ impl Run {
     }
 }
 
-/// Whether a file is a recording that has been given a name of its own.
+/// Whether a file is a renamed recording.
 fn is_loose_recording(path: &Path) -> bool {
     let folder = path.parent().unwrap_or(Path::new(""));
     path.extension().is_some_and(|extension| extension == "rrd")

@@ -1,4 +1,4 @@
-//! The seal of the files that repeat a run: one that was damaged is named, not run.
+//! The seal of the files that repeat a run: armplane refuses to run a damaged file, and names it.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -7,7 +7,8 @@ use xxhash_rust::xxh3::xxh3_64;
 
 use crate::failure::Failure;
 
-/// How the first line of a sealed scenario begins; name and checksum of each file follow. It is TOML: parts of it are a key that no scenario has, or no TOML.
+/// Start of a sealed scenario's first line, before name and checksum of each file. The whole line
+/// is TOML; a truncated one is an unknown key or invalid.
 const MARK: &str =
     "checksums = \"This file repeats a run; delete this line before an edit. Checksums:";
 

@@ -1,4 +1,4 @@
-//! One run from the scenario's name to its results folder.
+//! One run, from the scenario's name to the results folder.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -77,7 +77,7 @@ pub fn run(request: &Request, observer: Observer<'_>) -> Result<Finished, Failur
 /// As [`run`] with a scenario that is loaded; `begin` sees the run before its first process starts.
 ///
 /// # Errors
-/// As [`run`].
+/// See [`run`].
 pub fn run_loaded(
     request: &Request,
     mut loaded: Loaded,

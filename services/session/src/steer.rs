@@ -1,4 +1,4 @@
-//! The scenario of a steered run: an arm or a scenario, and where its targets come from.
+//! The scenario of a steered run: an arm or a scenario, and the source of its targets.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,5 @@
-//! The account of a run: the recorder's part, completed by what only the launcher knows.
+//! The summary of a run: the recorder's part, completed with the launcher's knowledge of processes
+//! and deaths.
 
 use std::collections::BTreeMap;
 

@@ -131,7 +131,7 @@ fn cannot_start(error: std::io::Error) -> Failure {
     })
 }
 
-/// Whether a window can be opened: on Linux by what the desktop sets.
+/// Whether a window can be opened; on Linux, the desktop's environment variables tell.
 fn has_screen() -> bool {
     !cfg!(target_os = "linux")
         || ["DISPLAY", "WAYLAND_DISPLAY"]
@@ -139,7 +139,7 @@ fn has_screen() -> bool {
             .any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()))
 }
 
-/// Whether a viewer is open, which then shows what it is handed.
+/// Whether a viewer is open that can show a recording.
 fn is_running() -> bool {
     TcpStream::connect_timeout(
         &SocketAddr::from((Ipv4Addr::LOCALHOST, VIEWER_PORT)),
@@ -203,7 +203,8 @@ fn numbers(word: &str) -> Option<(u32, u32)> {
     Some((parts.next()?.parse().ok()?, parts.next()?.parse().ok()?))
 }
 
-/// A running run in the viewer: what the recorder writes into its files is passed on to `rerun -`, by a process that nobody waits for.
+/// A live run in the viewer: a process that nobody waits for passes the recorder's files on to
+/// `rerun -`.
 ///
 /// The recorder writes files as ever, and [`feed`] reads them. The files are the queue, so a slow viewer falls behind and loses nothing, also when the
 /// run is over; one that is closed ends the passing on, not the run.
@@ -229,7 +230,7 @@ impl Live {
     /// Starts the viewer for a run whose recording goes into `folder`.
     ///
     /// # Errors
-    /// [`Failure::Work`] where there is no viewer, or none that can be shown.
+    /// [`Failure::Work`] if no viewer is installed, or none can open a window.
     pub(crate) fn start(folder: &Path) -> Result<Self, Failure> {
         let version = Asked::ask()?;
         // Not this command's output: whoever reads that does not wait for the viewer's window to be closed.
@@ -274,7 +275,7 @@ impl Live {
 /// Passes the recording in a folder on to a viewer while it is made, until standard input ends and nothing is left.
 ///
 /// # Errors
-/// The viewer's, or that of a file.
+/// The viewer's own, or the one of a file.
 pub fn feed(folder: &Path, viewer: OwnedFd) -> std::io::Result<()> {
     let viewer = File::from(viewer);
     rustix::fs::fcntl_setfl(&viewer, OFlags::NONBLOCK)?;
@@ -314,7 +315,7 @@ fn await_part(folder: &Path, part: u32) -> std::io::Result<Option<File>> {
     }
 }
 
-/// Passes on what a part holds and what comes, until it has a successor or the run is over.
+/// Passes on a part, and everything added to it, until the next part exists or the run is over.
 fn pass_part(part: &mut File, next: &Path, viewer: &File) -> std::io::Result<()> {
     let mut buffer = vec![0; 1 << 16];
     loop {

@@ -1,4 +1,5 @@
-//! The wire as text, for programs in other languages: every structure from the same list that this program is compiled from.
+//! The wire as text, for programs in other languages. Every structure comes from the list from
+//! which this program is compiled.
 
 mod c;
 mod json;

@@ -1,5 +1,6 @@
-//! Every schedule of small graphs: no process waits for ever, no tick is lost or answered twice, messages do not depend on the schedule, and the plan
-//! that the launcher recovers from deaths at any moment repeats them.
+//! Tries every schedule of small graphs. No process may wait for ever, no tick may be lost or
+//! answered twice, messages must not depend on the schedule, and the plan that the launcher
+//! recovers after deaths at any moment must repeat them.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 

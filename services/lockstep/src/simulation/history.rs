@@ -1,4 +1,5 @@
-//! One random history: a graph, deaths at random steps and planned ones, processes that are slow to wake, and the repetition from the plan it leaves.
+//! One random history: a graph, planned and random deaths, slow wake-ups, and the repetition from
+//! the plan that it leaves.
 
 use shared_types::random::at as random;
 

@@ -1,8 +1,10 @@
-//! The recorder of a simulated run: rounds, message logs, checkpoints, its deaths and replacements, a volume that fills.
+//! The recorder of a simulated run, with rounds, message logs, checkpoints, deaths, replacements,
+//! and a volume that fills up.
 //!
-//! The retainers, the files of what they have handed over, and the recorder's buffers are as in [`crate::bus`], with [`Recall`] itself and small sizes. A
-//! message is a tick and a value that stands for its bytes. What the recorder has taken in of a topic is a count and a digest; at the end both must be
-//! those of what was sent, in its order.
+//! Retainers, their files and the recorder's buffers work as in `runtime::bus`, with the real
+//! [`Recall`] and small sizes. A message is a tick and a value that stands for its bytes. The
+//! recorder keeps a count and a digest per topic; at the end, both must equal those of the messages
+//! sent, in order.
 
 use std::collections::VecDeque;
 
@@ -17,10 +19,10 @@ pub(super) const LAG: u64 = 4;
 const HELD: usize = 4 * LAG as usize;
 /// Messages in a block of a log.
 const BLOCK: usize = 3;
-/// Ticks between checkpoints, where the logs have what a replacement needs.
+/// Ticks between checkpoints, if the logs have everything that a replacement needs.
 const USUAL: u64 = 24;
 
-/// The file of what the retainer of a topic has handed over.
+/// The file to which the retainer of a topic hands over messages.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 struct HandedOver(Vec<Sent>);
 
@@ -47,7 +49,7 @@ struct Taken {
     count: u64,
     digest: u64,
     last: Option<Sent>,
-    /// Messages that the log has: what a replacement reads from there on.
+    /// Messages in the log, from which a replacement continues.
     logged: usize,
     /// The volume has refused a block: no more messages are kept.
     is_log_over: bool,
@@ -155,7 +157,7 @@ impl Channel {
     }
 }
 
-/// Where the recorder is between two steps.
+/// State of the recorder between two steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum At {
     /// Between two rounds.
@@ -225,7 +227,7 @@ impl Recorder {
             .for_each(|channel| channel.is_connected = true);
     }
 
-    /// The launcher copies what the retainers hold.
+    /// The launcher copies the retained messages.
     pub(super) fn hand_over(&mut self) {
         self.channels.iter_mut().for_each(Channel::hand_over);
     }
@@ -240,7 +242,8 @@ impl Recorder {
         }
     }
 
-    /// A replacement goes on from the last checkpoint and the logs, and recalls what was on its way to its predecessor.
+    /// A replacement continues from the last checkpoint and the logs, and fetches the messages that
+    /// were under way to its predecessor.
     pub(super) fn resume(&mut self) {
         for channel in &mut self.channels {
             channel.taken = channel.saved;

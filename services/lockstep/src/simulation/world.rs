@@ -1,4 +1,4 @@
-//! Processes whose messages are digests of what they were computed from.
+//! Processes whose messages are digests of their inputs.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 

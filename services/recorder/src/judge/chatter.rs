@@ -1,4 +1,4 @@
-//! Torques that jump, and jump back.
+//! Torque steps that reverse shortly after.
 
 use control::GroundTruth;
 use serde::{Deserialize, Serialize};
@@ -16,7 +16,7 @@ pub(super) struct Clock {
     pub(super) k_v: f64,
 }
 
-/// Counts jumps back, and sums what the jumps put in.
+/// Counts reversed steps, and sums the energy that steps put in.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct ChatterMeter {
     pub(super) count: u64,

@@ -1,11 +1,12 @@
-//! The ground truth as a checkpoint of the recorder holds it: what the analysis remembers. The rest follows from the scenario.
+//! The ground truth in a recorder's checkpoint: the memory of the analysis. The rest follows from
+//! the scenario.
 
 use bytemuck::{Zeroable, bytes_of, pod_read_unaligned};
 use control::GroundTruth;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use shared_types::AnalyzerCheckpoint;
 
-/// The ground truth, or what a checkpoint has kept of it until the scenario is at hand again.
+/// The ground truth, or its part in a checkpoint until the scenario is available again.
 #[derive(Debug)]
 pub(super) enum Ground {
     Present(Box<dyn GroundTruth>),
@@ -21,7 +22,7 @@ impl Ground {
         }
     }
 
-    /// `truth`, with what a predecessor's has remembered.
+    /// `truth`, with the memory of a predecessor's.
     pub(super) fn resumed(self, mut truth: Box<dyn GroundTruth>) -> Self {
         if let Self::Stored(memory) = self {
             truth.restore(&memory);

@@ -22,7 +22,7 @@ const STEP_MOST: f64 = 1e3;
 const SWITCH_S: f64 = 0.025;
 /// Ticks at the torque rate that cost nothing worth a word: less than the velocity feedback takes to answer.
 const FREE_TICKS: u64 = 10;
-/// How far a stop gives way, rad (m).
+/// How far a stop yields, rad (m).
 const GIVE: f64 = 2e-3;
 /// Share of a limit by which a command at the limit may be beyond it by rounding.
 const ROUNDING: f64 = 1e-9;
@@ -34,7 +34,7 @@ pub struct Limits {
     pub served: [bool; 6],
     /// Names.
     pub names: Vec<String>,
-    /// How the joints move.
+    /// Motion of the joints.
     pub kinds: Vec<JointKind>,
     /// Lower position limits, rad (m for a sliding joint).
     pub lower: Vec<f64>,
@@ -80,7 +80,7 @@ pub(super) struct JointMeter {
     torque_steps: Histogram,
     last_tau: Option<Vec<f64>>,
     chatter: ChatterMeter,
-    /// Where the arm was when the controller refused to go on.
+    /// Posture of the arm when the controller refused to continue.
     refused: Option<String>,
 }
 

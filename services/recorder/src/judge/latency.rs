@@ -25,7 +25,7 @@ pub(super) enum Span {
 pub(super) struct Chain(Vec<(usize, String)>);
 
 impl Default for Chain {
-    /// That of the built-in graph.
+    /// The chain of the built-in graph.
     fn default() -> Self {
         Self::of(
             &Graph::parse("graph.toml", BUILT_IN)
@@ -75,7 +75,7 @@ impl Chain {
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct LatencyMeter {
     chain: Chain,
-    /// Of each span that is timed.
+    /// One for each measured span.
     latencies: Vec<Histogram>,
     /// Not stored: no latency is measured over a gap.
     #[serde(skip)]

@@ -1,5 +1,5 @@
-//! The commanded path, followed by the judge itself. Of the controller it takes the path's time alone, and holds it to
-//! the rules of a clock: it never goes back, runs no faster than the run, and comes to the path's end.
+//! The judge's own copy of the commanded path. From the controller it takes only the path's time.
+//! That clock must never go back, must not run faster than the run, and must reach the path's end.
 
 use control::{Asked, GroundTruth, Progress, SIDE_CHANGE};
 use model::Pose;
@@ -15,7 +15,7 @@ const TURN_MOST: f64 = 0.035;
 /// Share of the path that may pass in ticks without a whole account, such as messages that a fault has dropped.
 const MOST_UNSEEN: f64 = 0.25;
 
-/// Where the judge is on the path. What a replacement of the recorder goes on from.
+/// The judge's position on the path, from which a replacement of the recorder continues.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct PathMeter {
     place: Option<Place>,
@@ -109,7 +109,8 @@ impl PathMeter {
         Some(truth.error(&progress, state))
     }
 
-    /// What the controller did with its clock that no controller may; `is_done`: it has said that its task is done.
+    /// Violations of the clock's rules by the controller; `is_done`: it has reported the end of its
+    /// task.
     pub(super) fn breach(&self, truth: &dyn GroundTruth, is_done: bool) -> Option<String> {
         self.place?;
         let (came_s, all_s) = (self.clock.time_s, truth.duration_s());

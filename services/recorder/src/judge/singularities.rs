@@ -1,4 +1,4 @@
-//! Singularities over a run: how near, how long, in which mode, and at which cost.
+//! Singularities during a run: distance, duration, modes and errors.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! How a steered arm followed its targets: seconds for each stated reason, and targets refused.
+//! Following of targets in a steered run: seconds per reason, and refused targets.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use shared_types::ServoState;
 use shared_types::codes::{REFUSALS, TARGET_REFUSALS, name_of, reason_text};
 use shared_types::summary::ServoSummary;
 
-/// Counts ticks by reason, and events by what the controller counts.
+/// Counts ticks by reason, and events by the controller's own counters.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct SteeredMeter {
     /// By `ServoState`'s `[reason, joint, upper]`.

@@ -20,7 +20,7 @@ pub struct TaskError {
 }
 
 impl TaskError {
-    /// Where there is nothing to judge by. A NaN is in no bounds.
+    /// No error yet to judge. A NaN is within no bounds.
     pub const UNKNOWN: Self = Self {
         position: [f64::NAN; 3],
         orientation: [f64::NAN; 3],
@@ -70,12 +70,12 @@ pub(super) struct TaskMeter {
     ticks: u64,
     /// The first tick of a contact.
     contact_since: Option<u64>,
-    /// Largest errors along the singular directions towards what is within reach; mm, °.
+    /// Largest errors along the singular directions, towards reachable targets; mm, °.
     along: [f64; 2],
 }
 
 impl TaskMeter {
-    /// `beyond`: what the error has along ζ lies beyond the boundary of reach.
+    /// `beyond`: the error along ζ lies beyond the boundary of reach.
     pub(super) fn tick(&mut self, error: &TaskError, beyond: bool) {
         let TaskError {
             position: [mm, across_mm, along_mm],

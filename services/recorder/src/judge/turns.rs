@@ -1,4 +1,4 @@
-//! Null-space turns of singular directions: as planned, and as they went.
+//! Null-space turns of singular directions: planned and actual.
 
 use serde::{Deserialize, Serialize};
 use shared_types::codes;

@@ -1,4 +1,4 @@
-//! The end of a topic that the recorder reads: every message, in order, also after a death.
+//! The recorder's end of a topic: delivers every message in order, even after a death.
 
 use std::marker::PhantomData;
 use std::rc::Rc;

@@ -1,4 +1,4 @@
-//! How many messages of a topic may be unread, by their size.
+//! Most unread messages of a topic, by their size.
 
 use lockstep::CHAIN_LAG;
 use shared_types::Topic;

@@ -1,4 +1,4 @@
-//! Why a topic cannot be used.
+//! Reasons why a topic cannot be used.
 
 /// Why a topic cannot be made or opened.
 #[derive(Debug, thiserror::Error)]
@@ -57,7 +57,7 @@ pub enum TopicError {
         /// The hash of the layout in this program.
         ours: u64,
     },
-    /// No room for what a replacement must find.
+    /// No room for the messages that a replacement needs.
     #[error("cannot keep messages of topic {topic:?} for a replacement: {reason}")]
     Memory {
         /// Which topic.

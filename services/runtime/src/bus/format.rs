@@ -1,4 +1,5 @@
-//! A message as the transport sees it: plain bytes that begin with a header, under a versioned type name.
+//! The transport's view of a message: plain bytes that begin with a header, under a versioned type
+//! name.
 
 use bytemuck::{pod_read_unaligned, try_from_bytes};
 use shared_types::Message;
@@ -21,7 +22,7 @@ pub(crate) struct Format {
 }
 
 impl Format {
-    /// That of a message whose type this program knows.
+    /// The format of a message whose type this program knows.
     pub(crate) fn of<M: Message>() -> Self {
         let layout = if TOPICS.contains(&M::TOPIC) {
             wire_hash()
@@ -38,7 +39,8 @@ impl Format {
         }
     }
 
-    /// That of a message of which only the graph and other programs know the type. Its names stay for the life of the process: a run has few.
+    /// The format of a message whose type only the graph and other programs know. Its names are
+    /// leaked; a run has few.
     pub(crate) fn foreign(message: &ForeignMessage) -> Self {
         let stays = |name: &str| -> &'static str { Box::leak(name.to_owned().into_boxed_str()) };
         let (topic, type_name) = (stays(&message.topic), stays(&message.type_name));
@@ -75,7 +77,7 @@ fn read_copy<M: Message, T>(bytes: &[u8], read: impl FnOnce(&M) -> T) -> T {
     read(&pod_read_unaligned(bytes))
 }
 
-/// The header of a message; that of a message too short for one is empty.
+/// The header of a message; empty if the message is too short.
 pub(crate) fn header(message: &[u8]) -> Header {
     message
         .get(..size_of::<Header>())

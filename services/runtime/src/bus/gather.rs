@@ -1,4 +1,5 @@
-//! Gathers every message of a topic, in order, also after a death: the same for messages whose type is known and for those of other programs.
+//! Gathers every message of a topic in order, even after a death, whether or not this program knows
+//! the type.
 
 use std::rc::Rc;
 
@@ -12,7 +13,7 @@ use crate::control_page::Count;
 use crate::memory::HandedOver;
 use crate::wait::Interrupted;
 
-/// How often the retainer's messages are asked for again where they lack one that has come by its topic.
+/// Number of further requests to the retainer if it lacks a message that has arrived on the topic.
 const ATTEMPTS: u32 = 5;
 
 /// Gathers everything of a topic; never waits.

@@ -19,10 +19,12 @@ use crate::control_page::ControlPage;
 use crate::manifest::Manifest;
 use crate::run_dir::RunDir;
 
-/// How long to wait for a further thread of this process that clears away at the same time: iceoryx2 admits one.
+/// How long to wait for another thread of this process that cleans up at the same time: iceoryx2
+/// allows one.
 const CLEAR_LIMIT: Duration = Duration::from_millis(100);
 
-/// The launcher's side: makes every topic of the run, keeps the last messages of each, and clears away what a dead process left in them.
+/// The launcher's side: creates every topic of the run, retains its last messages, and removes
+/// leftovers of dead processes.
 pub struct Hub {
     // Dropped in this order: the services first.
     retainers: Vec<Retainer>,
@@ -158,7 +160,8 @@ impl Hub {
     }
 }
 
-/// Removes what a process was making in the folder of its node when it died: iceoryx2 lists only what is finished, and then cannot remove the folder.
+/// Removes unfinished files from a dead process's node folder. iceoryx2 lists only finished ones,
+/// and then cannot remove the folder.
 fn remove_unfinished_tags(config: &Config, id: &UniqueNodeId) {
     // Its text is hexadecimal, the folder's name is decimal.
     let Ok(number) = u128::from_str_radix(&id.to_string(), 16) else {

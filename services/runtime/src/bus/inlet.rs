@@ -1,4 +1,5 @@
-//! Where messages enter a process: connection, fence and validation, the same for all readers.
+//! The entrance for messages into a process: connection, fence and validation, the same for all
+//! readers.
 
 use std::rc::Rc;
 
@@ -16,11 +17,11 @@ use crate::wait::Interrupted;
 pub(crate) enum Admission {
     /// In real time those of the living: no process acts on messages of a dead one.
     OfTheLiving,
-    /// All, as long as they come in order: what the dead have sent is part of the record.
+    /// All, as long as they arrive in order: messages of dead processes belong into the record.
     InOrder,
 }
 
-/// Where messages enter the process.
+/// The entrance for messages into the process.
 pub(crate) struct Inlet {
     pub(crate) shared: Rc<Context>,
     receiver: Rc<Receiver>,
@@ -59,7 +60,8 @@ impl Inlet {
         self.missed.begin_at(tick);
     }
 
-    /// The next message in order, whether it counts or not: from the buffer, or what a dead writer had sent to the retainer alone.
+    /// The next message in order, valid or not: from the buffer, or one that a dead writer had sent
+    /// only to the retainer.
     #[inline(always)]
     pub(crate) fn receive_in_order(&mut self) -> Result<Option<Incoming>, Interrupted> {
         // Before the look: what a process known to be dead has sent is in the buffer by now, or in the retainer alone.
@@ -97,7 +99,8 @@ impl Inlet {
 
     /// The next message that counts, in shared memory still: of a living incarnation, and all its numbers finite.
     ///
-    /// Where the writer has sent nothing since the buffer was empty, iceoryx2 is not asked: a look in vain costs one load.
+    /// If the writer has sent nothing since the buffer was empty, iceoryx2 is not asked: this check
+    /// costs one load.
     // Inlined with all its parts: each call between the buffer and the loop that waits would move the message once more.
     #[inline(always)]
     pub(crate) fn receive(&mut self) -> Result<Option<Incoming>, Interrupted> {
@@ -119,7 +122,8 @@ impl Inlet {
         }
     }
 
-    /// Whether a message counts; one that does not is counted as what it is, but for one that a fault keeps from this reader alone.
+    /// Whether a message is valid. Invalid ones are counted by kind, except those that a fault
+    /// hides from this reader alone.
     #[inline]
     pub(crate) fn admits(&mut self, message: &[u8]) -> bool {
         let living = match (

@@ -1,10 +1,13 @@
-//! Messages that reached the retainer of a topic and not all of its readers, because their writer was killed while it sent them.
+//! Messages that reached the retainer of a topic, but not all readers, because their writer was
+//! killed while sending.
 //!
-//! A writer sends to the retainer first, and the launcher hands over what the retainers hold before it enters a death in the fault table. So a reader
-//! that knows of the death and finds nothing more in its buffer takes from the retainer's file what the dead writer had sent beyond that.
+//! A writer sends to the retainer first, and the launcher saves the retained messages before it
+//! enters a death in the fault table. So a reader that knows of the death and has emptied its
+//! buffer takes the dead writer's last messages from the retainer's file.
 //!
-//! A planned death kills between two ticks, when all readers have what was sent; but a reader connects to a writer when it next looks, and a writer that
-//! has lived for a few ticks may be gone by then. A gap in the ticks at a planned death is looked up in the retainer, too.
+//! A planned death comes between two ticks, when all readers have all messages. But a reader
+//! connects to a new writer only at its next check, and by then a short-lived writer may be gone.
+//! So readers fill a gap at a planned death from the retainer, too.
 
 use lockstep::{Ring, oldest_missed};
 
@@ -51,7 +54,8 @@ impl Missed {
         self.writer.is_some() && self.settled != context.control_page.fault_table().changes()
     }
 
-    /// The oldest missed message of a tick before `before`, the tick of what the buffer has next; `u64::MAX`: it is empty.
+    /// The oldest missed message of a tick before `before`, the tick of the next message in the
+    /// buffer (`u64::MAX` if empty).
     ///
     /// Requires that the buffer was looked at after the fault table was learnt.
     #[inline]

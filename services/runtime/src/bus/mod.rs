@@ -1,7 +1,8 @@
 //! Topics on iceoryx2: the services, and the ends that processes read and write.
 //!
-//! Below, a message is bytes (`format`, `topic`, `port`, `retainer`, `inlet`, `gather`), and iceoryx2 is compiled once; types begin at the ends
-//! that a process holds (`reader`, `writer`, `collector`).
+//! Inside, messages are bytes (`format`, `topic`, `port`, `retainer`, `inlet`, `gather`), so that
+//! iceoryx2 is compiled once. The ends that a process holds are typed (`reader`, `writer`,
+//! `collector`).
 
 pub(crate) mod collector;
 pub(crate) mod depth;

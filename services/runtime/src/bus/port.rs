@@ -1,4 +1,4 @@
-//! The two ends of a topic, as bytes: what iceoryx2 does, compiled once for all messages.
+//! The two ends of a topic, as bytes: iceoryx2's part, compiled once for all messages.
 
 use std::ops::Deref;
 use std::slice::from_raw_parts;
@@ -114,7 +114,8 @@ pub(crate) struct Outgoing {
 }
 
 impl Outgoing {
-    /// Where its bytes begin, aligned to 8; as many as the topic's messages have. Valid as long as it is on loan.
+    /// Start of its bytes, aligned to 8, as many as the topic's messages have. Valid while it is on
+    /// loan.
     #[inline]
     pub(crate) fn payload(&self) -> *mut u8 {
         self.payload
@@ -129,7 +130,7 @@ impl Outgoing {
 /// A received message, in shared memory still.
 pub(crate) struct Incoming {
     payload: *const u8,
-    /// As the topic has it: what a foreign writer says of its length does not count.
+    /// Length according to the topic; a foreign writer's own length does not count.
     bytes: usize,
     _held: Held,
 }

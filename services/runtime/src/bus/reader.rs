@@ -1,4 +1,4 @@
-//! The end of a topic that a process of the chain reads: one borrowed message per tick.
+//! The reading end of a topic for a process of the chain: one borrowed message per tick.
 
 use std::marker::PhantomData;
 use std::rc::Rc;
@@ -43,7 +43,7 @@ impl<M: Message> Reader<M> {
     /// `None` when the run stops, or when this message will not come: a later one is there, or in lockstep its writer has closed the tick.
     ///
     /// # Errors
-    /// As [`Reader::next`].
+    /// See [`Reader::next`].
     pub fn at(&mut self, tick: u64) -> Result<Option<&M>, Interrupted> {
         Ok(self.0.at(tick)?.and_then(typed))
     }
@@ -52,7 +52,7 @@ impl<M: Message> Reader<M> {
     /// input that the loop must not depend on.
     ///
     /// # Errors
-    /// As [`Reader::next`].
+    /// See [`Reader::next`].
     pub fn newest(&mut self, tick: u64) -> Result<Option<&M>, Interrupted> {
         Ok(self.0.newest(tick)?.and_then(typed))
     }
@@ -64,7 +64,7 @@ impl<M: Message> Reader<M> {
     /// is counted as in time, late or without, and a missed deadline also for the process that was silent.
     ///
     /// # Errors
-    /// As [`Reader::next`].
+    /// See [`Reader::next`].
     pub fn arriving(
         &mut self,
         tick: u64,

@@ -1,4 +1,4 @@
-//! The launcher's reader of a topic: it holds the last messages, so that no death of a process loses one.
+//! The launcher's reader of a topic: retains the last messages, so that no death loses one.
 
 use lockstep::Ring;
 
@@ -14,7 +14,8 @@ use crate::run_dir::RunDir;
 /// One more reader of a topic, in the launcher, that reads nothing: the last [`depth`] messages stay in shared memory, without a copy, whatever
 /// process of the run dies.
 ///
-/// When a reader of everything is replaced, what the retainer holds is copied to the file from which the replacement recalls it.
+/// When the recorder is replaced, the retained messages are copied to a file, from which the
+/// replacement fetches them.
 pub(crate) struct Retainer {
     format: Format,
     receiver: Receiver,
@@ -47,7 +48,8 @@ impl Retainer {
         })
     }
 
-    /// Connects to writers that are new: what a dead one has sent outlives the clearing away of its ports only in connected readers.
+    /// Connects to new writers: a dead writer's messages outlive the removal of its ports only in
+    /// connected readers.
     pub(crate) fn connect(&self) -> Result<(), TopicError> {
         self.receiver
             .update_connections()

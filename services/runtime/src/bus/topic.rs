@@ -1,4 +1,4 @@
-//! Topics as iceoryx2 services: the only place that knows how a message becomes a service.
+//! Topics as iceoryx2 services; only this file knows how a message becomes a service.
 
 use iceoryx2::prelude::*;
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
@@ -23,7 +23,8 @@ pub(crate) const MORE_READERS: usize = 3;
 const MAX_WRITERS: usize = 2;
 const WIRE_ATTRIBUTE: &str = "armplane.wire";
 
-/// Shared memory that a topic with one reader takes at most, for messages of so many bytes: what the reader and the retainer may leave unread and hold.
+/// Most shared memory of a topic with one reader, for messages of a size: as many as reader and
+/// retainer may leave unread and hold.
 #[must_use]
 pub const fn topic_bytes(message_bytes: usize) -> u64 {
     ((1 + MORE_READERS) * (depth(message_bytes) + MAX_BORROWED) * message_bytes

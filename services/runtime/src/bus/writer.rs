@@ -1,4 +1,4 @@
-//! The end of a topic that a process writes: messages are filled in place in loaned shared memory.
+//! The writing end of a topic: messages are filled in place, in loaned shared memory.
 
 use std::cell::RefCell;
 use std::ops::{Deref, DerefMut};
@@ -50,14 +50,14 @@ pub struct Writer<M: Message> {
     loaned: Option<Outgoing>,
 }
 
-/// Where messages leave the process, and where the faults that concern them are.
+/// The exit for messages of the process, with the faults that affect them.
 struct Sending<M: Message> {
     shared: Rc<Context>,
     /// Its place among the process's outputs.
     output: usize,
     /// A corruption of the process's messages concerns this topic.
     is_corruptible: bool,
-    /// Of messages `M`.
+    /// For messages `M`.
     sender: Rc<Sender>,
     bit: u32,
     /// The topic's line on the control page.
@@ -116,7 +116,7 @@ impl<M: Message> Writer<M> {
     /// Loans shared memory that holds what an earlier message left there: for large messages of which all that matters is overwritten anyway.
     ///
     /// # Errors
-    /// As [`Writer::loan`].
+    /// See [`Writer::loan`].
     pub fn loan_as_is(&mut self, tick: u64) -> Result<Loan<'_, M>, SendError> {
         let mut loan = self.loan_with(|_| {})?;
         *loan.header_mut() = Header {
@@ -144,7 +144,7 @@ impl<M: Message> Writer<M> {
     /// Sends a message that was made elsewhere, for which it is copied once into shared memory; otherwise as [`Loan::send`].
     ///
     /// # Errors
-    /// As [`Writer::loan`] and [`Loan::send`].
+    /// See [`Writer::loan`] and [`Loan::send`].
     pub fn send(&mut self, message: M) -> Result<(), SendError> {
         // SAFETY: the pointer is that of a loan of one message.
         self.loan_with(|payload| unsafe { payload.write(message) })?

@@ -1,4 +1,4 @@
-//! How a process begins: with all others, phase by phase.
+//! Start of a process, phase by phase, together with all others.
 
 use crate::clock::now_ns;
 use crate::context::Context;

@@ -1,4 +1,4 @@
-//! Faults of one edge of the graph: a reader that does not get what all others get.
+//! Faults of one edge of the graph: one reader does not get a topic's messages.
 
 use lockstep::happens;
 use shared_types::fault::Kind;

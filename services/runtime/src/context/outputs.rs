@@ -1,4 +1,4 @@
-//! The outputs that the graph declares for a process: the last one closes a tick.
+//! Outputs that the graph declares for a process. The last one closes a tick.
 
 use crate::context::Context;
 

@@ -1,4 +1,4 @@
-//! A process's run as the lockstep protocol sees it.
+//! The lockstep protocol's view of a process's run.
 
 use lockstep::{Outage, Progress, Role, View};
 

@@ -173,19 +173,22 @@ impl ProcessEntry {
         self.counts[count as usize].load(Ordering::Relaxed)
     }
 
-    /// How long it takes from its input in hand to its output sent; for the source of ticks in real time from the tick's due time.
+    /// Time from its input received to its output sent; for the tick source in real time, from the
+    /// tick's due time.
     #[must_use]
     pub fn step(&self) -> Distribution {
         self.step.read()
     }
 
-    /// How old the tick is when its output is sent, or for the source of ticks, when its answer is in hand; in real time since it was due.
+    /// Age of the tick when its output is sent, or, for the tick source, when its answer arrives;
+    /// in real time since it was due.
     #[must_use]
     pub fn age(&self) -> Distribution {
         self.age.read()
     }
 
-    /// How often it has polled its inputs: the count of a waiting process rises, that of a stuck or stopped one does not.
+    /// Number of polls of its inputs. It rises while a process waits, but not while it is stuck or
+    /// stopped.
     #[must_use]
     pub fn looks(&self) -> u32 {
         self.doorbell.sleeps()

@@ -1,6 +1,7 @@
 //! Live statistics of a running graph on the control page: distributions of times and latest values, each written by its owner.
 //!
-//! A reader (`armplane top`) costs the writers nothing: no port, no connection, no lock, no system call. Each number has one writer.
+//! Readers (`armplane top`) cost the writers nothing: no port, connection, lock or system call.
+//! Each number has one writer.
 
 use std::any::Any;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -90,7 +91,7 @@ impl Distribution {
             .fold(0, |sum: u64, count| sum.saturating_add(*count))
     }
 
-    /// The difference to an earlier snapshot; the longest stays that of the whole run.
+    /// The difference to an earlier snapshot; the longest time still covers the whole run.
     #[must_use]
     pub fn since(&self, earlier: &Self) -> Self {
         let counts = self
@@ -243,7 +244,7 @@ pub struct LiveState {
     pub drive: u32,
     /// Ticks since the last fresh torque.
     pub stale_ticks: u32,
-    /// Of a steered run, as far as a line of text needs it; zero elsewhere.
+    /// State of a steered run for one line of text; zero in other runs.
     pub servo: ServoState,
 }
 

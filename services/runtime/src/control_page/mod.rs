@@ -1,4 +1,4 @@
-//! The control page of a run: what all its processes must know without a message.
+//! The control page of a run: everything that its processes must know without a message.
 
 pub(crate) mod doorbell;
 pub(crate) mod entry;

@@ -1,7 +1,8 @@
 //! The control page of a run: one small shared-memory file with an entry per process.
 //!
-//! It carries what must be known without a message: doorbells, heartbeats, incarnations, counts, the stop flag. Everything in it is
-//! an atomic integer, so any process may read it at any time (`armplane top` does) and a dead one cannot leave it locked.
+//! It holds doorbells, heartbeats, incarnations, counts and the stop flag. Everything in it is an
+//! atomic integer, so any process may read it at any time (as `armplane top` does), and a dead one
+//! cannot leave it locked.
 
 use std::fs::OpenOptions;
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
@@ -20,7 +21,7 @@ use shared_types::topics::MAX_TOPICS;
 /// "armbrd" and the version of this layout.
 const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x05");
 
-/// How far a run has come in its beginning.
+/// Phase of a run's start.
 ///
 /// A message reaches the readers that are connected when it is sent, and survives its writer only in the buffers of the readers that were connected
 /// before the writer ended. So first all open their ports, then all connect them, and only then the first message is sent.
@@ -35,15 +36,15 @@ pub enum Phase {
     Work = 2,
 }
 
-/// How far a run has come to its end.
+/// Phase of a run's end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
 pub enum Stop {
-    /// It goes on.
+    /// It continues.
     No = 0,
     /// No tick begins any more; the tick in hand comes to its end.
     Ticks = 1,
-    /// All stop but the polled processes (the recorder), which take in what is still on the way.
+    /// All stop except polled processes (the recorder), which take in the messages still under way.
     Chain = 2,
     /// Everybody stops.
     Everything = 3,
@@ -58,7 +59,8 @@ struct Page {
     stop: AtomicU32,
     /// Origin of the real-time grid on `CLOCK_MONOTONIC`; 0 until the source of ticks has set it.
     grid_origin_ns: AtomicU64,
-    /// How often a process has asked for what the retainers hold, and which request the launcher has answered last.
+    /// Number of a process's requests for retained messages, and the last request that the launcher
+    /// has answered.
     hand_overs_requested: AtomicU64,
     hand_overs_done: AtomicU64,
     fault_table: FaultTable,
@@ -73,12 +75,13 @@ struct Page {
 pub(crate) struct TopicEntry {
     /// Messages sent; a writer adds each after it has been delivered. A new writer adds [`TopicEntry::INCARNATION`] first.
     sent: AtomicU64,
-    /// The tick after that of the newest message.
+    /// The tick after the newest message's.
     ticks: AtomicU64,
 }
 
 impl TopicEntry {
-    /// So far apart lie the counts of two writers: what a dead one has delivered and not counted is not mistaken for what its replacement sends.
+    /// Distance between the counts of two writers, so that messages that a dead writer delivered
+    /// but did not count are not mistaken for its replacement's.
     const INCARNATION: u64 = 1 << 32;
 
     /// A writer begins.
@@ -121,7 +124,7 @@ pub enum ControlPageError {
     /// The file cannot be made, opened or mapped.
     #[error("cannot map the control page {path}: {source}")]
     File {
-        /// Which.
+        /// The path.
         path: PathBuf,
         /// Why.
         source: std::io::Error,
@@ -131,7 +134,7 @@ pub enum ControlPageError {
         "the control page {path} is not of this version of armplane ({size} bytes, mark {magic:016x}): use the program that started the run"
     )]
     Version {
-        /// Which.
+        /// The path.
         path: PathBuf,
         /// Its size.
         size: u64,
@@ -231,7 +234,7 @@ impl ControlPage {
         self.page().phase.load(Ordering::Acquire) >= phase as u32
     }
 
-    /// How far the run has come to its end.
+    /// Phase of the run's end.
     #[must_use]
     #[inline]
     pub fn stop(&self) -> Stop {
@@ -264,7 +267,7 @@ impl ControlPage {
         }
     }
 
-    /// Asks the launcher for what the retainers of the topics hold; the answer is the request's number.
+    /// Asks the launcher for the retained messages of all topics; returns the request's number.
     pub(crate) fn request_hand_over(&self) -> u64 {
         self.page()
             .hand_overs_requested
@@ -289,7 +292,7 @@ impl ControlPage {
             .store(request, Ordering::Release);
     }
 
-    /// Where the real-time grid begins: the first caller decides, a replacement keeps the phase.
+    /// Start of the real-time grid. The first caller decides; a replacement keeps the phase.
     pub(crate) fn grid_origin(&self, proposal_ns: u64) -> u64 {
         match self.page().grid_origin_ns.compare_exchange(
             0,

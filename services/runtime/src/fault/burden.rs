@@ -1,4 +1,4 @@
-//! Faults that cost a process time: a load on its core, a step that takes longer, pages that the kernel takes away.
+//! Faults that cost a process time: a load on its core, slower steps, evicted pages.
 
 use std::time::Duration;
 

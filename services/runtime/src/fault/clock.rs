@@ -4,8 +4,8 @@ use shared_types::fault::{Kind, ScheduledFault, Way};
 
 use crate::fault::table::FaultTable;
 
-/// How far a process's clock is ahead of the machine's at the instant `now` of that, ns; negative where it is behind. `faults` are those that
-/// concern the process at its tick.
+/// Lead of a process's clock over the machine's at the machine's instant `now`, ns; negative if it
+/// lags. `faults` are those that concern the process at its tick.
 pub(crate) fn error_ns<'a>(
     faults: impl Iterator<Item = (usize, &'a ScheduledFault, Kind)>,
     table: &FaultTable,

@@ -1,4 +1,4 @@
-//! The end of a process, as the kernel reports it.
+//! Exit of a process, as the kernel reports it.
 
 use std::fmt;
 use std::os::unix::process::ExitStatusExt;

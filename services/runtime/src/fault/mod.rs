@@ -1,4 +1,4 @@
-//! Faults of a run: the table that all processes share, and what each kind does.
+//! Faults of a run: the table that all processes share, and the effect of each kind.
 
 pub(crate) mod burden;
 pub(crate) mod clock;

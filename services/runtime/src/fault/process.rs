@@ -1,4 +1,4 @@
-//! Faults of a process: it ends itself, stops itself, shares its core, or cannot write.
+//! Faults of a process: it kills or stops itself, shares its core, or cannot write.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

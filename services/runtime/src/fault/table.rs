@@ -1,9 +1,11 @@
-//! The fault table: every fault of a run, planned or live, in one place that all its processes read.
+//! The fault table: every planned and live fault of a run, in one place that all its processes
+//! read.
 //!
-//! The launcher enters the planned faults before anything starts and unplanned deaths when it detects them; any process may
-//! request one (`armplane fault`). The source of ticks adopts a request at the beginning of a tick, before it sends anything of that tick,
-//! so that all processes know of it when that tick reaches them: a live fault is a planned one from then on, and repeats itself as one.
-//! Every fault is decided by the fault table and a tick alone: a run with faults has the same bytes every time.
+//! The launcher enters planned faults before the start, and unplanned deaths when it detects them.
+//! Any process may request a fault (`armplane fault`). The tick source adopts a request at the
+//! beginning of a tick, before it sends any message of it, so that all processes know of the fault
+//! when the tick reaches them. From then on, a live fault is a planned one. Only the fault table
+//! and the tick decide about a fault, so a run with faults is reproducible.
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
@@ -19,13 +21,13 @@ pub const MOST_FAULTS: usize = 144;
 /// Most faults in the table when a live one may still be requested: the rest is for deaths that no plan has, five of each process.
 pub const MOST_WHEN_REQUESTED: usize = MOST_FAULTS - 5 * MAX_PROCESSES;
 
-/// So long after a fault what it has done to messages may still come to light: the longest delay, twice.
+/// Time after a fault in which its effect on messages may still show: twice the longest delay.
 const AFTERMATH_TICKS: u64 = 2 * MOST_DELAY_TICKS;
 
 /// 64-bit words of a scheduled fault.
 const WORDS: usize = size_of::<ScheduledFault>() / size_of::<u64>();
 
-/// Where a fault comes from.
+/// Origin of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Origin {
@@ -58,7 +60,7 @@ const IN_FORCE: u32 = 2;
 struct Entry {
     standing: AtomicU32,
     origin: AtomicU32,
-    /// How the process ended of it, as [`Exit`] writes it; 0: not known.
+    /// Exit of the process because of it, as [`Exit`] writes it; 0: unknown.
     exit: AtomicU32,
     words: [AtomicU64; WORDS],
     injected_ns: AtomicU64,
@@ -81,7 +83,7 @@ pub struct FaultTable {
 pub struct FaultRecord {
     /// Kind, process and ticks.
     pub scheduled: ScheduledFault,
-    /// Where it comes from.
+    /// Its origin.
     pub origin: Origin,
     /// When it took effect first.
     pub injected_ns: u64,
@@ -89,7 +91,7 @@ pub struct FaultRecord {
     pub detected_ns: u64,
     /// When the process sent again.
     pub recovered_ns: u64,
-    /// How the process ended, where no plan had the end.
+    /// Exit of the process, if it was not planned.
     pub exit: Option<Exit>,
 }
 
@@ -266,7 +268,7 @@ impl Entry {
             .for_each(|(place, word)| place.store(word, Ordering::Relaxed));
     }
 
-    /// Whether it is in force at a tick, or what it has done may still come to light.
+    /// Whether it is in force at a tick, or its effect may still show.
     fn is_at_work(&self, tick: u64) -> bool {
         let ScheduledFault { at, until, .. } = self.scheduled();
         (at..until.saturating_add(AFTERMATH_TICKS)).contains(&tick)

@@ -1,4 +1,4 @@
-//! A reader that keeps what it has read.
+//! A reader that keeps the messages it has read.
 
 use super::*;
 
