@@ -1,8 +1,8 @@
-//! A crate cannot use what its manifest does not name: the table "What each room must not know" of `docs/architecture.md`, checked on the manifests.
+//! A crate cannot use what its manifest does not name: the table "What each crate must not know" of `docs/architecture.md`, checked on the manifests.
 
 use crate::{Package, quoted, rust_files, table, workspace};
 
-const HEADING: &str = "## What each room must not know";
+const HEADING: &str = "## What each crate must not know";
 
 /// One crate stands between us and each large library, so that it can be replaced there. `re_` stands for all crates whose names begin so.
 fn seams(packages: &[Package], rows: &[Vec<String>]) -> Vec<String> {
