@@ -1,4 +1,32 @@
-//! `armplane`: one executable, many processes. The command line of a person, and that of the processes which the launcher starts.
+//! Drives robot arms through their kinematic singularities, by the strategy of Chang and Khatib (1995).
+//!
+//! `armplane` is one executable. `armplane run` starts itself once per process of the graph, and
+//! these processes exchange messages of fixed size in shared memory:
+//!
+//! ```text
+//! plant ──sensor──► estimator ──estimate──┬──► controller ──torque──► plant
+//!   │                                     └──► analyzer ──singularity──┘
+//!   └─plant_state (truth, for judging)        every topic ──► recorder ──► run.rrd, summary.json
+//! ```
+//!
+//! # Where to begin
+//!
+//! | to use or change | start at |
+//! |---|---|
+//! | the control law | [`control`](../control/index.html): one tick is five calls, in `tick.rs` |
+//! | kinematics and dynamics of an arm | [`model`](../model/index.html) |
+//! | scenarios, graphs, messages, results | [`shared_types`](../shared_types/index.html) |
+//! | one process | [`plant`](../plant/index.html), [`estimator`](../estimator/index.html), [`analyzer`](../analyzer/index.html), [`controller`](../controller/index.html), [`recorder`](../recorder/index.html): `cycle.rs` is the pure step, `lib.rs` connects it to topics |
+//! | topics, waits, faults | [`runtime`](../runtime/index.html) |
+//! | the order of ticks and deaths | [`lockstep`](../lockstep/index.html), and [`chain`](../chain/index.html) on one thread |
+//! | a run as a library | [`session`](../session/index.html), which plans it, and [`launcher`](../launcher/index.html), which starts it |
+//! | experiments | [`lab`](../lab/index.html) |
+//! | the simulated arm | [`sim`](../sim/index.html) |
+//! | recordings and reports | [`viz`](../viz/index.html) |
+//!
+//! Three crates are made for other programs: `armplane-types`, `armplane-model` and
+//! `armplane-control`. `docs/architecture.md` lists the rules between the crates, and
+//! `docs/tutorial.md` shows the program.
 
 fn main() -> std::process::ExitCode {
     cli::main()

@@ -29,7 +29,7 @@ STEERED = 'name = "steered"\nrobot = "puma560"\n[start]\nposture = "ready"\n[ser
 
 
 def program(*arguments, folder=None):
-    environment = {**os.environ, "COLUMNS": "100", "NO_COLOR": "1"}
+    environment = {**os.environ, "COLUMNS": "84", "NO_COLOR": "1"}
     done = subprocess.run([PROGRAM, *arguments], cwd=folder, env=environment, stdout=subprocess.PIPE, text=True, check=True)
     return done.stdout
 

@@ -302,8 +302,8 @@ fn tables_fit_into_a_hundred_columns_and_name_the_winner() {
         compared.out
     );
     assert!(
-        compared.out.contains("blended wins: at most 0.0")
-            && compared.out.contains("next damped-least-squares: "),
+        compared.out.contains(" wins: at most 0.0")
+            && compared.out.contains("next damped-least-squares (load "),
         "{}",
         compared.out
     );

@@ -1,4 +1,4 @@
-//! The JSON Schemas of scenario files and of `summary.json`, against what the program takes and writes.
+//! The JSON Schemas of scenarios, graphs and `summary.json`, against the program that reads and writes them.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -7,6 +7,8 @@ use std::process::Command;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 use shared_types::fault::Fault;
+use shared_types::graph::{Graph, Process};
+use shared_types::layout::DeclaredTopic;
 use shared_types::scenario as of;
 
 use crate::clients::python;
@@ -130,7 +132,7 @@ fn taken<T: DeserializeOwned>() -> BTreeSet<String> {
 }
 
 #[test]
-fn each_table_of_a_scenario_has_the_keys_that_the_program_takes() {
+fn each_table_of_a_scenario_or_graph_has_the_keys_that_the_program_takes() {
     let schema = schema(&Desk::new(), "scenario");
     let keys = |table: &Value| {
         table["properties"]
@@ -163,6 +165,13 @@ fn each_table_of_a_scenario_has_the_keys_that_the_program_takes() {
         Record
     );
     assert_eq!(keys(&schema["$defs"]["Fault"]), taken::<Fault>());
+    let graph = self::schema(&Desk::new(), "graph");
+    assert_eq!(keys(&graph), taken::<Graph>());
+    assert_eq!(keys(&graph["$defs"]["Process"]), taken::<Process>());
+    assert_eq!(
+        keys(&graph["$defs"]["DeclaredTopic"]),
+        taken::<DeclaredTopic>()
+    );
 }
 
 #[test]

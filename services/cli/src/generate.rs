@@ -31,10 +31,10 @@ pub(crate) enum Generate {
         #[arg(value_name = "DIR")]
         folder: PathBuf,
     },
-    /// Print the JSON Schema of a scenario file or of summary.json.
+    /// Print the JSON Schema of a scenario, a graph or summary.json.
     #[command(
-        long_about = "Prints the JSON Schema of a scenario file or of summary.json: every key with its meaning and unit. Put `#:schema FILE` in a \
-                      scenario's first line, and editors with a TOML language server (taplo, Even Better TOML) complete and check it.",
+        long_about = "Prints the JSON Schema of a scenario, a graph or summary.json: every key with its meaning and unit. Put `#:schema FILE` in the \
+                      first line of a TOML file, and editors with a TOML language server (taplo, Even Better TOML) complete and check it.",
         after_help = "Examples:\n  armplane generate schema scenario > scenario.json\n  armplane generate schema summary | jq '.properties | keys'"
     )]
     Schema {
@@ -59,6 +59,8 @@ pub(crate) enum Generate {
 pub(crate) enum Schema {
     /// A scenario, as given to `armplane run`.
     Scenario,
+    /// A process graph, as given to `armplane run --graph`.
+    Graph,
     /// summary.json of a run.
     Summary,
 }
@@ -95,6 +97,7 @@ pub(crate) fn generate(what: &Generate, mut command: Command) -> Result<ExitCode
         }
         Generate::Schema { file } => match file {
             Schema::Scenario => session::schema::SCENARIO.to_owned(),
+            Schema::Graph => session::schema::GRAPH.to_owned(),
             Schema::Summary => session::schema::SUMMARY.to_owned(),
         },
         Generate::Wire { lang } => match lang {

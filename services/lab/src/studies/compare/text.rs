@@ -61,7 +61,8 @@ impl Compared {
         let (s1, s2) = (Bounds::s1(), Bounds::s2());
         writeln!(
             f,
-            "⊥ ζ: largest error orthogonal to the singular directions, ∥ ζ: along them; speed, torque: of the joints' limits.\n\
+            "⊥ ζ: largest error orthogonal to the singular directions, ∥ ζ: along them; speed, torque: of the joints' limits, load: the larger of both.\n\
+             Laws within 10 % of the smallest error tie.\n\
              S1: less than {} mm and {}° orthogonal to ζ.\n\
              S2: less than {} mm and {}° orthogonal to ζ, less than {} mm and {}° along it.",
             s1.orthogonal_mm,

@@ -4,9 +4,10 @@ use recorder::Bounds;
 use viz::plot::digits;
 
 use crate::row::Row;
+use crate::text::percent;
 
-/// Errors that differ by less than this share are the same.
-const SAME: f64 = 1.01;
+/// Errors within this ratio of the best tie with it.
+const SAME: f64 = 1.1;
 
 /// The order of two laws: success by the strict bar, by the other one, to the end, not to the end; then the error orthogonal to ζ, as a multiple of
 /// what S1 allows.
@@ -18,7 +19,7 @@ fn rank(row: &Row) -> (usize, f64) {
     (class.into_iter().position(|so| so).unwrap_or(3), error)
 }
 
-/// The laws in order, the best first, and how many of them win: the best one, and those that cannot be told from it.
+/// The laws in order, the best first, and how many of them win: the best one, and those that tie with it.
 fn ranked(rows: &[Row]) -> (Vec<&Row>, usize) {
     let mut ranked: Vec<&Row> = rows.iter().collect();
     ranked.sort_by(|a, b| {
@@ -35,12 +36,23 @@ fn succeeds(row: &Row) -> bool {
     row.task.s1 || row.task.s2
 }
 
-/// Each law's verdict in a table: it wins, succeeds, or fails.
+/// The load that a law puts on the joints: the largest speed or torque, as a share of its limit.
+fn load(row: &Row) -> f64 {
+    let joints = &row.joints;
+    joints
+        .speed_max_ratio
+        .max(joints.torque_commanded_max_ratio)
+}
+
+/// Each law's verdict in a table: it wins, ties with others, succeeds, or fails.
 pub(super) fn verdicts(rows: &[Row]) -> Vec<String> {
     let (ranked, winners) = ranked(rows);
     let is_winner = |row: &Row| ranked[..winners].iter().any(|one| std::ptr::eq(*one, row));
     let of = |row: &Row| match (succeeds(row), is_winner(row)) {
-        (true, true) if rows.len() > winners => format!("wins, {}", row.success()),
+        (true, true) if rows.len() > winners => {
+            let word = if winners > 1 { "ties" } else { "wins" };
+            format!("{word}, {}", row.success())
+        }
         (true, _) => format!("succeeds, {}", row.success()),
         (false, _) => "fails".to_owned(),
     };
@@ -57,11 +69,14 @@ pub(super) fn findings(rows: &[Row]) -> Vec<String> {
 fn margin(rows: &[Row]) -> Option<String> {
     let (ranked, winners) = ranked(rows);
     let (best, next) = (ranked.first()?, ranked.get(winners)?);
-    let names: Vec<_> = ranked[..winners].iter().map(|one| &*one.law).collect();
-    let names = names.join(" and ");
-    let begin = match succeeds(best) {
-        true => format!("{names} win{}", if winners > 1 { "" } else { "s" }),
-        false => format!("no law succeeds; {names} comes closest"),
+    let winners = &ranked[..winners];
+    let with_load = |row: &&Row| format!("{} (load {})", row.law, percent(load(row)));
+    let names: Vec<_> = winners.iter().map(with_load).collect();
+    let names = names.join(", ");
+    let begin = match (succeeds(best), winners.len()) {
+        (true, 1) => format!("{names} wins"),
+        (true, _) => format!("{names} tie"),
+        (false, _) => format!("no law succeeds; {names} comes closest"),
     };
     let end = match succeeds(next) {
         true => "succeeds too",
@@ -74,11 +89,12 @@ fn margin(rows: &[Row]) -> Option<String> {
         }
         _ => format!("{}{unit}", digits(of(next))),
     };
+    let most = |of: fn(&Row) -> f64| digits(winners.iter().map(|row| of(row)).fold(0.0, f64::max));
     Some(format!(
         "{begin}: at most {} mm and {}° off, orthogonal to ζ; next {}: {} and {}, {end}",
-        digits(best.task.orthogonal_max_mm),
-        digits(best.task.orthogonal_max_deg),
-        next.law,
+        most(|row| row.task.orthogonal_max_mm),
+        most(|row| row.task.orthogonal_max_deg),
+        with_load(next),
         worse(|row| row.task.orthogonal_max_mm, " mm"),
         worse(|row| row.task.orthogonal_max_deg, "°"),
     ))
@@ -107,8 +123,8 @@ mod tests {
         let rows = [
             row("a", false, 0.001),
             row("b", true, 0.02),
-            row("c", true, 0.02),
-            row("d", true, 0.5),
+            row("c", true, 0.0219),
+            row("d", true, 0.0221),
         ];
         let (order, winners) = ranked(&rows);
         let order: Vec<_> = order.iter().map(|row| &*row.law).collect();
