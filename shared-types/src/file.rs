@@ -248,7 +248,7 @@ fn lay_over(table: &mut toml::Table, setting: &str) -> Result<(), (String, Strin
     Err(missing(path))
 }
 
-/// Refuses what does not hold.
+/// Refuses a value that breaks a condition.
 ///
 /// # Errors
 /// [`Complaint`] with this message and remedy about the value at `path`.

@@ -19,7 +19,8 @@ pub enum Mode {
     /// Tick by tick as fast as the machine allows; every process works on exactly tick k, and the same scenario gives the same bytes.
     #[default]
     Lockstep,
-    /// On absolute deadlines of a fixed grid; the newest message counts, and what is late is counted.
+    /// On absolute deadlines of a fixed grid; the newest message is used, and late ones are
+    /// counted.
     Realtime,
 }
 

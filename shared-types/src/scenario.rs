@@ -128,7 +128,7 @@ impl Scenario {
         Ok(scenario)
     }
 
-    /// The end-effector frame, where it is not the robot's own.
+    /// The end-effector frame, if it is not the robot's default.
     #[must_use]
     pub fn frame(&self) -> Option<&str> {
         Some(self.frame.as_str()).filter(|frame| !frame.is_empty())
@@ -158,7 +158,7 @@ impl Scenario {
         self.at_most((self.duration_s() * f64::from(self.rate_hz)).round() as u64)
     }
 
-    /// So many ticks, or those that the run of an interrupted session had, where they are fewer.
+    /// The smaller of `ticks` and the ticks of the interrupted session.
     #[must_use]
     pub fn at_most(&self, ticks: u64) -> u64 {
         let cut = self.servo.as_ref().map_or(0, |session| session.ticks);

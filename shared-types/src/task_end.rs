@@ -30,7 +30,8 @@ impl TaskEnd {
         }
     }
 
-    /// Takes in the phase of a tick's command, one of `codes::PHASES`; `None`: none came, and the one before goes on.
+    /// Takes in the phase of a tick's command, one of `codes::PHASES`; `None`: none came, and the
+    /// previous one stays in force.
     pub fn take(&mut self, phase: Option<u32>) {
         self.phase = phase.unwrap_or(self.phase);
         self.refused_ticks = if self.phase == PHASE_REFUSED {

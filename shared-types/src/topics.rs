@@ -92,12 +92,12 @@ macro_rules! derive {
             }
         } )*
 
-        /// Does something for each topic, in the order of the list; what came of each.
+        /// Does something for each topic, in the order of the list, and returns the results.
         pub fn each<E: Each>(work: &mut E) -> [E::Output; COUNT] {
             [$( work.each::<$message>() ),*]
         }
 
-        /// Does something for the topic of that name; `None` where there is none.
+        /// Does something for the topic of that name; `None` if there is none.
         pub fn named<E: Each>(topic: &str, work: &mut E) -> Option<E::Output> {
             match topic {
                 $( stringify!($topic) => Some(work.each::<$message>()), )*

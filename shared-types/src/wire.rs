@@ -9,7 +9,7 @@ pub const MAX_HOPS: usize = 8;
 
 /// When each hop before this message received its input and sent its output.
 ///
-/// `CLOCK_MONOTONIC` in ns, 0 where the data has not passed. Stamps are for measuring only: no computation reads them,
+/// `CLOCK_MONOTONIC` in ns, 0 if the data has not passed. Stamps are for measuring only: no computation reads them,
 /// and the content hash leaves them out, because wall-clock time is not reproducible.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]

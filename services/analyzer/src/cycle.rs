@@ -45,7 +45,7 @@ impl<const N: usize> Cycle<N> {
     /// An analyzer for `robot` with the scenario's end-effector frame and thresholds.
     ///
     /// # Errors
-    /// [`SetupError`] where the robot does not have `N` joints, or no such frame.
+    /// [`SetupError`] if the robot does not have `N` joints, or no such frame.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, SetupError> {
         let model = Model::new(robot, scenario.frame())?;
         let terms = model.evaluate(&SVector::zeros(), &SVector::zeros());

@@ -27,16 +27,18 @@ pub trait Sink {
 /// The process graph of a scenario on one thread: the built-in one.
 ///
 /// # Errors
-/// [`Refused`] where it cannot be read.
+/// [`Refused`] if it cannot be read.
 pub fn graph(scenario: &Scenario) -> Result<Graph, Refused> {
     Graph::built_in(scenario.servo.is_some()).map_err(Refused::because)
 }
 
-/// The faults that a scenario plans, where one thread can have them: those of sensors and drives, of messages, and deaths and pauses of all processes that
-/// are replaced. What costs a process time alone changes nothing in lockstep.
+/// The faults that a scenario plans, where one thread can have them: those of sensors and drives,
+/// of messages, and deaths and pauses of all processes that are replaced. Faults that only cost a
+/// process time change nothing in lockstep.
 ///
 /// # Errors
-/// [`Refused`] where a fault ends the run with the plant, or happens to the recorder, which one thread has not; or where it makes no sense.
+/// [`Refused`] if a fault ends the run with the plant, or affects the recorder, which one thread
+/// does not have; or if it makes no sense.
 pub fn planned_faults(scenario: &Scenario) -> Result<Vec<ScheduledFault>, Refused> {
     if scenario.fault.is_empty() {
         return Ok(Vec::new());

@@ -19,7 +19,7 @@ use cycles::Cycles;
 pub use faults::{Sink, graph, planned_faults, plans_faults_of_processes, run_under_faults};
 pub use stage::Stage;
 
-/// One tick of the whole chain: what each process would have published.
+/// One tick of the whole chain: the messages that the processes would have published.
 pub type Tick = ByTopic<Whole>;
 
 /// The cycles of the chain, one after the other.
@@ -163,18 +163,18 @@ pub fn run(robot: &Robot, scenario: &Scenario, mut each: impl FnMut(&Tick)) -> R
 /// A scenario's first tick, nothing gone wrong.
 ///
 /// # Errors
-/// [`Refused`] where a cycle does not accept the robot or the scenario.
+/// [`Refused`] if a cycle does not accept the robot or the scenario.
 pub fn first_tick(robot: &Robot, scenario: &Scenario) -> Result<Tick, Refused> {
     let mut first = Tick::default();
     Chain::new(robot, &without_faults(scenario))?.step(&mut first);
     Ok(first)
 }
 
-/// Tries a scenario's first tick, nothing gone wrong: what the control law refuses at once is refused before any process starts. Returns what
-/// it warns of, in words.
+/// Tries a scenario's first tick without faults, so that a scenario that the control law refuses at
+/// once is refused before any process starts. Returns what it warns of, in words.
 ///
 /// # Errors
-/// [`Refused`] where a cycle does not accept the robot or the scenario, or the control law refuses the first tick.
+/// [`Refused`] if a cycle does not accept the robot or the scenario, or the control law refuses the first tick.
 pub fn try_first_tick(robot: &Robot, scenario: &Scenario) -> Result<Option<String>, Refused> {
     let mut chain = Chain::new(robot, &without_faults(scenario))?;
     if let Some(obstacle) = chain.obstacle() {

@@ -27,7 +27,7 @@ impl Stage {
     /// At tick 0; `None` for a program whose step is none of these.
     ///
     /// # Errors
-    /// [`Refused`] where the step does not accept the robot or the scenario.
+    /// [`Refused`] if the step does not accept the robot or the scenario.
     pub fn new(
         program: Option<Program>,
         robot: &Robot,
@@ -75,7 +75,7 @@ impl Stage {
         }
     }
 
-    /// Its checkpoint; empty where it has none.
+    /// Its checkpoint; empty if it has none.
     #[must_use]
     pub fn save(&self) -> Vec<u8> {
         fn saved<C: Checkpoint>(save: impl FnOnce(&mut C)) -> Vec<u8> {

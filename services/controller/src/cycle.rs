@@ -23,7 +23,7 @@ impl<const N: usize> Cycle<N> {
     /// A controller at the start of the scenario's task.
     ///
     /// # Errors
-    /// [`SetupError`] where the scenario does not fit the robot.
+    /// [`SetupError`] if the scenario does not fit the robot.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, SetupError> {
         let q_start = start_posture(robot, scenario)?;
         Ok(Self {

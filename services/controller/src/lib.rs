@@ -17,7 +17,7 @@ pub use cycle::{Cycle, Step};
 /// The step for an arm of as many joints as `robot` has.
 ///
 /// # Errors
-/// [`Refused`] where robot and scenario do not fit, or the arm has more joints than the program is built for.
+/// [`Refused`] if robot and scenario do not fit, or the arm has more joints than the program is built for.
 pub fn cycle(robot: &Robot, scenario: &Scenario) -> Result<Box<dyn Step>, Refused> {
     model::boxed!(robot, N => Cycle::<N>::new(robot, scenario), dyn Step)
 }
@@ -25,7 +25,7 @@ pub fn cycle(robot: &Robot, scenario: &Scenario) -> Result<Box<dyn Step>, Refuse
 /// Controls until the run stops.
 ///
 /// # Errors
-/// [`ProcessError`] where the step cannot be built or the graph breaks.
+/// [`ProcessError`] if the step cannot be built or the graph breaks.
 pub fn run(shell: &Shell, robot: &Robot, scenario: &Scenario) -> Result<(), ProcessError> {
     let mut cycle = cycle(robot, scenario).map_err(ProcessError::setup)?;
     let mut reports = shell.reader::<SingularityReport>()?;

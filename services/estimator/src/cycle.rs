@@ -70,7 +70,7 @@ struct State<const N: usize> {
 }
 
 impl<const N: usize> State<N> {
-    /// Nothing is known but where it is.
+    /// Only the position is known.
     fn begin(tick: u64, q: SVector<f64, N>) -> Self {
         Self {
             tick,
@@ -105,7 +105,7 @@ impl<const N: usize> Cycle<N> {
     /// An estimator for `robot` as `scenario` tunes it; its first sample sets the state, at rest.
     ///
     /// # Errors
-    /// [`ModelError`] where the robot does not have `N` joints.
+    /// [`ModelError`] if the robot does not have `N` joints.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, ModelError> {
         let T = scenario.dt_s();
         let model = Model::<N>::new(robot, scenario.frame())?;

@@ -14,7 +14,7 @@ wire! {
 }
 
 impl ProgramCheckpoint {
-    /// The bytes that count; `None` where it counts more than it has.
+    /// The bytes that count; `None` if it counts more than it has.
     pub(crate) fn used(&self) -> Option<&[u8]> {
         self.state.get(..usize::try_from(self.bytes).ok()?)
     }

@@ -40,13 +40,13 @@ use reply::Answer;
 pub use failure::Failure;
 pub use page::{About, Page};
 
-/// The longest that a program may take for an answer, where its graph does not say.
+/// Default limit for a program's answer.
 const USUAL_LIMIT: Duration = Duration::from_secs(10);
 
 /// Takes part for a program. `command` starts it; without one it is awaited. `length` is the planned number of ticks of the run.
 ///
 /// # Errors
-/// [`ProcessError`] where the graph breaks or the program fails, in a sentence that names process, tick and reason.
+/// [`ProcessError`] if the graph breaks or the program fails, in a sentence that names process, tick and reason.
 pub fn run(
     shell: &Shell,
     graph: &Graph,

@@ -39,11 +39,11 @@ pub(crate) trait Gathered {
     fn collect(&mut self) -> Result<(), Interrupted>;
     /// The tick of the oldest message not yet shown, and how many wait.
     fn oldest(&self) -> Option<(u64, usize)>;
-    /// Puts the oldest message on the page, where it is of this tick.
+    /// Puts the oldest message on the page, if it belongs to this tick.
     fn show(&mut self, page: &Page, tick: u64);
 }
 
-/// Puts a message on the page, where there is one; whether there is.
+/// Puts a message on the page, if there is one. Returns whether there was.
 fn show<M: Topic>(page: &Page, place: usize, message: Option<&M>) -> bool {
     message
         .iter()

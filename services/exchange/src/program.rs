@@ -24,10 +24,10 @@ const LOOK: Duration = Duration::from_millis(5);
 /// The time that a program has to end by itself.
 const GRACE: Duration = Duration::from_secs(1);
 
-/// The time that a program has until it has joined, where its process starts it: an interpreter may have much to load ...
+/// Time for a program to join if its process starts it: an interpreter may have much to load ...
 pub(crate) const LONGEST_START: Duration = Duration::from_secs(60);
 
-/// ... and where a person starts it.
+/// ... and if a person starts it.
 pub(crate) const LONGEST_EXTERNAL_START: Duration = Duration::from_secs(600);
 
 /// Time after the start at which a program that has not joined is reported.
@@ -43,13 +43,14 @@ pub(crate) struct Program<'a> {
     pub(crate) page: Page,
     /// For its start, and for an answer.
     limits: (Duration, Duration),
-    /// Whether a stop of the run ends a wait at once: not for an observer, which takes in what is still there. A stop before the end of the run ends
-    /// every wait that has lasted for longer than [`GRACE`].
+    /// Whether a stop of the run ends a wait at once: not for an observer, which first takes in the
+    /// remaining messages. A stop before the end of the run ends every wait that has lasted for
+    /// longer than [`GRACE`].
     stops_at_once: bool,
 }
 
 impl<'a> Program<'a> {
-    /// Starts the program, where there is a command; else says where its page is.
+    /// Starts the program if there is a command; otherwise prints the path of its page.
     pub(crate) fn start(
         shell: &'a Shell,
         process: &str,
@@ -161,7 +162,8 @@ impl<'a> Program<'a> {
         }
     }
 
-    /// Asks the program to end, for a reason where there is one, and sees to it. What it has started in its process group ends with it.
+    /// Asks the program to end, with the reason if there is one, and makes sure that it does. Other
+    /// processes of its group end with it.
     pub(crate) fn end(mut self, reason: &str) {
         self.page.give_reason(reason);
         self.page.ask(REQUEST_STOP, 0);

@@ -29,7 +29,7 @@ pub enum Answer {
 /// Whether the program has joined: `false` while it is awaited.
 ///
 /// # Errors
-/// [`Failure`] where it refuses the page, or its version, its outputs or its layouts are others.
+/// [`Failure`] if it refuses the page, or its version, its outputs or its layouts are others.
 pub fn has_joined(page: &Page, topics: &[(MessageLayout, u32)]) -> Result<bool, Failure> {
     let program = page.program();
     if program == PROGRAM_AWAITED {
@@ -66,7 +66,7 @@ pub fn has_joined(page: &Page, topics: &[(MessageLayout, u32)]) -> Result<bool, 
 /// The answer to the request of this count and tick: `Err` of the count of answers while there is none.
 ///
 /// # Errors
-/// [`Failure`] where the program writes another count, tick or answer than can be, or cannot go on.
+/// [`Failure`] if the program writes another count, tick or answer than can be, or cannot go on.
 pub fn answer(page: &Page, expected: u32, tick: u64) -> Result<Result<Answer, u32>, Failure> {
     let found = page.answers().load(Ordering::Acquire);
     if found == expected.wrapping_sub(1) {
@@ -98,7 +98,7 @@ pub fn answer(page: &Page, expected: u32, tick: u64) -> Result<Result<Answer, u3
 /// The length of the checkpoint that the program has written; 0 for none.
 ///
 /// # Errors
-/// [`Failure::State`] where it is longer than its room.
+/// [`Failure::State`] if it is longer than its room.
 pub fn state_bytes(page: &Page, tick: u64) -> Result<usize, Failure> {
     let found = page.state_bytes();
     if found > EXCHANGE_STATE {

@@ -20,7 +20,8 @@ use crate::delay::Delay;
 const LAST_WORDS: usize = 20;
 /// How long to wait for the rest of a dead child's standard error.
 const LAST_WORDS_LIMIT: Duration = Duration::from_millis(200);
-/// Bytes of its lines that wait for the launcher; what comes beyond them is dropped, because the child must not wait for its reader.
+/// Bytes of its lines that wait for the launcher. Further lines are dropped, because the child must
+/// not wait for its reader.
 const WAITING: usize = 1 << 20;
 
 /// A child that has been started and whose exit has not been taken in yet.

@@ -88,7 +88,7 @@ impl Guard {
         self.child.id()
     }
 
-    /// Starts `command` in its place where it has ended, and gives how it ended.
+    /// If it has ended, starts `command` in its place and returns its exit.
     ///
     /// # Errors
     /// When it cannot be started.

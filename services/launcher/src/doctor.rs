@@ -20,7 +20,7 @@ pub struct Health {
     pub kernel: String,
     /// Whether the kernel is built with `PREEMPT_RT`.
     pub preempt_rt: bool,
-    /// The kernel's clock source ("tsc" is the fast one); empty where unknown.
+    /// The kernel's clock source ("tsc" is the fast one); empty if unknown.
     pub clock_source: String,
     /// The share of each period that real-time tasks may use, "950000 of 1000000 µs" on a stock kernel; `None` is no limit.
     pub realtime_budget: Option<(u64, u64)>,
@@ -88,7 +88,7 @@ fn read(path: impl AsRef<Path>) -> String {
 /// Shared memory that a run may need: iceoryx2's segments and the control page, generously.
 const SHM_NEEDED: u64 = 64 << 20;
 
-/// One finding about the machine, and the remedy where it is not good.
+/// One finding about the machine, with the remedy if it is bad.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Check {
     /// Subject of the check.

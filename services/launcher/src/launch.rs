@@ -147,7 +147,8 @@ impl Supervised {
         Ok(outcome)
     }
 
-    /// Until all processes have connected their ports; how the run ends where it does not come to that.
+    /// Waits until all processes have connected their ports. Returns the outcome if the run ends
+    /// before.
     fn await_beginning(
         &mut self,
         commands: Commands<'_>,

@@ -119,7 +119,7 @@ fn memory_needs(processes: usize, own_messages: &[usize]) -> [Need; 2] {
 /// in bytes; raises the limit on open files as far as a run needs it.
 ///
 /// # Errors
-/// [`Shortage`] where one is too small.
+/// [`Shortage`] if one is too small.
 pub fn check_limits(processes: usize, own_messages: &[usize]) -> Result<(), Shortage> {
     let largest = own_messages
         .iter()
@@ -214,7 +214,7 @@ fn tasks_of_user() -> u64 {
         .sum()
 }
 
-/// The limit that has probably kept a process or thread from being started, in brackets; nothing where no limit explains the error.
+/// The limit that has probably kept a process or thread from being started, in brackets; nothing if no limit explains the error.
 pub(crate) fn explain(error: &io::Error) -> String {
     match Errno::from_io_error(error) {
         Some(Errno::AGAIN) => " (the limits on processes and threads, `ulimit -u`, and on memory, `ulimit -v`, are too small)".to_owned(),

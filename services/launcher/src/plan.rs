@@ -53,7 +53,7 @@ pub struct Limits {
     pub wait: Option<Duration>,
     /// A process that makes no progress for so long, while it should, is killed ...
     pub silent: Option<Duration>,
-    /// ... sooner where the kernel reports it as stopped.
+    /// ... or sooner if the kernel reports it as stopped.
     pub stopped: Option<Duration>,
 }
 
@@ -183,7 +183,8 @@ pub enum Event<'a> {
     },
     /// The processes are asked to stop.
     Stopping,
-    /// All processes have ended; the run's directory is about to be removed: the last moment to read what they left there.
+    /// All processes have ended, and the run's directory is about to be removed: the last chance to
+    /// read it.
     Stopped,
 }
 

@@ -89,13 +89,13 @@ impl Interrupts {
         })
     }
 
-    /// Whether a signal has come to any holder.
+    /// Whether any holder has received a signal.
     #[must_use]
     pub fn has_come() -> bool {
         COUNT.load(Ordering::SeqCst) > 0
     }
 
-    /// The name of a signal that has come since the last look.
+    /// The name of a signal received since the last check.
     pub fn pending(&mut self) -> Option<&'static str> {
         if COUNT.load(Ordering::SeqCst) <= self.taken {
             return None;

@@ -133,8 +133,9 @@ impl Supervised {
         let _ = poll(&mut fds, Some(&limit));
     }
 
-    /// Connects the retainers of the topics to new writers, and hands over what they hold: at every look while a polled process is down, and
-    /// whenever a process asks. Whether the next look is to be soon.
+    /// Connects the retainers of the topics to new writers, and hands over their messages: at every
+    /// look while a polled process is down, and whenever a process asks. Whether the next look is
+    /// to be soon.
     fn keep_messages(&mut self) -> bool {
         let is_down = |index: usize| {
             let state = self.control_page.process(index).state();

@@ -30,8 +30,9 @@ struct Ending {
 impl Supervised {
     /// Stops the chain, then the polled processes; returns the first thing that went wrong meanwhile.
     ///
-    /// A complete run has all its messages: of the chain nothing more is missing. A polled process that has died, or dies now, is replaced as during the
-    /// run, however that ends, and its replacement takes in what is left.
+    /// A complete run has all its messages: of the chain nothing more is missing. A polled process
+    /// that has died, or dies now, is replaced as during the run, however that ends, and its
+    /// replacement takes in the remaining messages.
     pub(crate) fn stop(
         &mut self,
         is_complete: bool,
@@ -70,8 +71,10 @@ impl Supervised {
         chain.or(polled)
     }
 
-    /// Whether the unrequested end of a process at the end of a run costs nothing: it is replaced, or the run is complete and it had nothing more to do.
-    /// Of a run that is not complete a polled process is replaced where a signal has ended it that the launcher has not sent; `insists`: it has.
+    /// Whether the unrequested end of a process at the end of a run costs nothing: it is replaced,
+    /// or the run is complete and it had nothing more to do. In an incomplete run, a polled process
+    /// is replaced if it was killed by a signal that the launcher did not send; `insists`: the
+    /// launcher sent one.
     fn is_excused(&mut self, index: usize, is_complete: bool, insists: bool) -> bool {
         let exit = self.slots.0[index].exit;
         match self.plan.children[index].process.polled {

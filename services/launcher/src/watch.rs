@@ -19,7 +19,7 @@ const NOTICED: Duration = Duration::from_secs(1);
 const NOTICED_SLOW: Duration = Duration::from_secs(5);
 
 /// Whether a fault has paused its process, and the process has not continued yet. The kind is
-/// looked at too: a way is a number, 0 where a kind has none.
+/// looked at too: a way is a number, 0 if a kind has none.
 fn is_paused(account: &FaultRecord) -> bool {
     let FaultRecord {
         scheduled,
@@ -183,7 +183,7 @@ impl Supervised {
             .unwrap_or_else(|| self.left_off(index).0)
     }
 
-    /// The tick at which the fault table has the end of a process's last incarnation, where it has one.
+    /// The tick at which the fault table has the death of a process's last incarnation, if any.
     ///
     /// Each fault that ends its process has ended one incarnation. Where more have ended, the last one was killed from outside, perhaps before it could
     /// take the place of one that a fault had ended.
@@ -280,8 +280,9 @@ impl Supervised {
                 .any(|(_, record)| hangs(&record) && is_in_force(&record))
     }
 
-    /// Kills those that a fault has stopped for ever, and where there is a limit those that are silent for longer: stopped from outside, or stuck.
-    /// The others are waited for, and that is reported.
+    /// Kills processes that a fault has stopped for ever. If there is a time limit, also kills
+    /// those that are silent for longer, because they are stopped from outside or stuck. The others
+    /// are waited for, and that is reported.
     fn end_silence(&mut self, report: Report<'_>) {
         let source = self.ticks();
         let behind = self.stood_still();

@@ -38,7 +38,7 @@ impl std::fmt::Display for Ended {
     }
 }
 
-/// The steps of all processes, and what becomes of their messages.
+/// The steps of all processes, and the fate of their messages.
 pub trait World {
     /// Of any topic.
     type Message: Carried;
@@ -49,7 +49,7 @@ pub trait World {
     /// because an input is missing.
     ///
     /// # Errors
-    /// [`Ended`] where the process would end the run.
+    /// [`Ended`] if the process would end the run.
     fn answer(
         &mut self,
         process: usize,
@@ -58,7 +58,8 @@ pub trait World {
         inputs: &[Option<Self::Message>],
     ) -> Result<Option<Vec<Self::Message>>, Ended>;
 
-    /// The source takes what closes the loop of a tick, where it has come; whether the run is over.
+    /// The source takes the messages that close the loop of a tick, if they have arrived. Returns
+    /// whether the run is over.
     fn close_loop(&mut self, tick: u64, message: Option<Self::Message>) -> bool;
 
     /// The state of a process after its step.
@@ -67,7 +68,7 @@ pub trait World {
     /// A replacement restores its predecessor's state, or starts anew.
     ///
     /// # Errors
-    /// [`Ended`] where it cannot begin.
+    /// [`Ended`] if it cannot begin.
     fn restore(&mut self, process: usize, state: Option<Self::State>) -> Result<(), Ended>;
 
     /// Messages that leave at a tick in place of the original.
@@ -180,7 +181,7 @@ pub(crate) enum At {
     Dead,
     /// Detected; the launcher starts it again at some step.
     Detected,
-    /// Started, and not yet through with what comes before its first tick.
+    /// Started, and not yet ready for its first tick.
     Starting,
     /// At the beginning of its tick in hand.
     Tick,
@@ -188,7 +189,7 @@ pub(crate) enum At {
     Sending(usize, usize),
     /// All is sent, and the tick not closed.
     Closing,
-    /// The source, waiting for what closes the loop.
+    /// The source, waiting for the messages that close the loop.
     Torque,
     /// The source, waiting for the others at the end.
     Finish,
@@ -350,7 +351,7 @@ impl<W: World> Engine<W> {
     /// Lets each process in turn go on until it waits, to the end of the run.
     ///
     /// # Errors
-    /// [`Ended`] where it ends before.
+    /// [`Ended`] if it ends before.
     pub fn run(&mut self) -> Result<(), Ended> {
         while !self.is_over() {
             let mut has_moved = false;
@@ -369,7 +370,7 @@ impl<W: World> Engine<W> {
         Ok(())
     }
 
-    /// Whether every process has come to its end.
+    /// Whether every process has ended.
     pub(crate) fn is_over(&self) -> bool {
         self.has_failed || self.processes.iter().all(|one| one.at == At::Done)
     }
@@ -541,7 +542,7 @@ impl<W: World> Engine<W> {
     /// One step of a process, or of the launcher for it; whether there was one.
     ///
     /// # Errors
-    /// [`Ended`] where the run cannot go on.
+    /// [`Ended`] if the run cannot go on.
     pub fn step(&mut self, me: usize) -> Result<bool, Ended> {
         let role = self.role(me);
         match self.processes[me].at {
@@ -683,7 +684,7 @@ impl<W: World> Engine<W> {
         self.world.retained(topic, message, observer);
     }
 
-    /// Brings what leaves to the reader at a place, or behind the last of them to the observer.
+    /// Delivers leaving messages to the reader at a place, or after the last one to the observer.
     fn deliver(&mut self, me: usize, topic: usize, place: usize) {
         let Self {
             world,
@@ -711,7 +712,7 @@ impl<W: World> Engine<W> {
         }
     }
 
-    /// A process sends nothing more in its tick in hand but what has been held back until now.
+    /// A process sends nothing more in its current tick except messages held back until now.
     fn close(&mut self, me: usize) {
         let tick = self.processes[me].tick;
         if self.processes[me].progress.ticks != tick {

@@ -103,7 +103,7 @@ impl<M: Shaped> Shaper<M> {
         zombie.iter().try_for_each(deliver)
     }
 
-    /// Hands over what was held back and is due at `tick` or before.
+    /// Hands over messages held back and due at `tick` or before.
     pub fn flush(&mut self, tick: u64, mut deliver: impl FnMut(&M)) {
         let mut place = 0;
         while let Some((due, _)) = self.held.get(place) {

@@ -17,7 +17,7 @@ use shared_types::fault::ScheduledFault;
 /// The constants of a process in the protocol.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Role {
-    /// It makes the ticks: while it stands still there are none.
+    /// It makes the ticks: while it is stopped, there are none.
     pub makes_ticks: bool,
     /// It collects messages in rounds (the recorder); it closes no ticks for others.
     pub polled: bool,
@@ -252,7 +252,8 @@ impl<'a, V: View> Protocol<'a, V> {
         self.processes().find(lags)
     }
 
-    /// For the tick source, before it ends: a process that has not closed all ticks before a tick. A polled process takes in what is left afterwards.
+    /// For the tick source, before it ends: a process that has not closed all ticks before a tick.
+    /// A polled process takes in the remaining messages afterwards.
     pub fn unfinished(&self, tick: u64) -> Option<usize> {
         let is_behind = |process: &usize| {
             let closed = self.view.progress(*process).ticks;
@@ -368,7 +369,7 @@ impl<'a, V: View> Protocol<'a, V> {
         self.view.outages().find(is_it)
     }
 
-    /// The first tick of which a process has sent nothing more when it died without a plan: 0 where it has not. A message of an earlier tick may
+    /// The first tick of which a process has sent nothing more when it died without a plan: 0 if it has not. A message of an earlier tick may
     /// have reached the retainer of its topic and not all of its readers.
     pub fn sent_before_death(&self, process: usize) -> u64 {
         self.deaths(process)

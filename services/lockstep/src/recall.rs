@@ -13,7 +13,7 @@ pub trait Ring {
     /// Messages kept.
     fn length(&self) -> u64;
 
-    /// One of them; `None` where it has not come yet, or is no longer there.
+    /// One of them; `None` if it has not arrived yet, or is no longer there.
     fn get(&self, number: u64) -> Option<Self::Message>;
 
     /// Those that are there.
@@ -31,7 +31,8 @@ pub struct Recall {
     next: u64,
     /// Below it all are known to have come by their topic too.
     known: u64,
-    /// One that was taken from the file has come by its topic too: from then on its writer is connected, and all that follows it comes.
+    /// A message taken from the file has arrived on its topic, too. From then on its writer is
+    /// connected, and all later messages arrive.
     is_connected: bool,
 }
 
@@ -83,7 +84,7 @@ impl Recall {
         place_of(ring, self.next..ring.count(), is_it)
     }
 
-    /// Whether a message that has come by its topic has been taken from the file before.
+    /// Whether a message that arrived on its topic was taken from the file before.
     pub fn knows<R: Ring>(&mut self, ring: &R, is_it: impl Fn(&R::Message) -> bool) -> bool {
         let place = place_of(ring, self.known..self.next, is_it);
         self.known = place.map_or(self.known, |number| number + 1);
@@ -91,7 +92,8 @@ impl Recall {
         place.is_some()
     }
 
-    /// All that was taken from the file has come by its topic too: from here on nothing can be missed.
+    /// All messages taken from the file have arrived on the topic, too: from here on, none can be
+    /// missed.
     pub fn is_in_step(&self) -> bool {
         self.is_connected && self.known == self.next
     }

@@ -132,7 +132,7 @@ impl Packer {
         });
     }
 
-    /// The block of what has been gathered; the next one begins with nothing.
+    /// The block of the gathered messages; the next one starts empty.
     ///
     /// # Errors
     /// None that memory does not give.
@@ -293,7 +293,7 @@ impl Blocks {
         )
     }
 
-    /// The bytes of a block; `None` where they are not as they were written.
+    /// The bytes of a block; `None` if they are damaged.
     pub(crate) fn bytes(&self, block: &Block) -> io::Result<Option<Vec<u8>>> {
         let bytes = self.read(block.at, block.bytes)?;
         let is_whole = bytes.len() as u64 == block.bytes

@@ -29,7 +29,7 @@ pub struct FieldDifference {
     pub field: String,
     /// In how many messages it differs.
     pub messages: u64,
-    /// Largest |found − expected| of an element, in the field's own unit; infinite where one of them is not a number.
+    /// Largest |found − expected| of an element, in the field's own unit; infinite if one of them is not a number.
     pub largest: f64,
     /// The tick of the largest.
     pub tick: u64,
@@ -76,7 +76,7 @@ impl Element {
         }
     }
 
-    /// |found − expected|; infinite where one of them is not a number.
+    /// |found − expected|; infinite if one of them is not a number.
     fn distance(&self, expected: &[u8], found: &[u8]) -> f64 {
         let distance = (self.value(found) - self.value(expected)).abs();
         if distance.is_nan() {

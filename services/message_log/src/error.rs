@@ -94,7 +94,7 @@ impl LogError {
         }
     }
 
-    /// Whether the file is not what was written.
+    /// Whether the file is damaged.
     #[must_use]
     pub fn is_damage(&self) -> bool {
         matches!(

@@ -154,7 +154,7 @@ impl Log {
     /// The messages of a block.
     ///
     /// # Errors
-    /// When it cannot be read, or is no longer what was written.
+    /// If it cannot be read, or has changed.
     pub fn chunk(&self, number: usize) -> Result<Rc<Chunk>, LogError> {
         let Inner {
             path,
@@ -370,8 +370,8 @@ impl Scan {
         self.lose(&self.messages.clone(), &mut pending, false);
     }
 
-    /// Notes what is wrong before a block, and the messages that are missing there. A damaged or foreign block lies where they were, unless the block has
-    /// come from elsewhere.
+    /// Notes the damage before a block, and the messages missing there. A damaged or foreign block
+    /// lies where they were, unless the block has come from elsewhere.
     fn lose(&mut self, before: &[u64], pending: &mut Vec<Defect>, is_displaced: bool) {
         let behind = self.messages.iter().zip(before);
         let lost: Vec<u64> = behind.map(|(had, has)| has.saturating_sub(*had)).collect();
@@ -422,7 +422,7 @@ impl Scan {
         }
     }
 
-    /// Compares what lies behind the blocks of a file that is otherwise as it was written with what belongs there; whether it is there.
+    /// Checks whether the part after the blocks of an otherwise undamaged file is correct.
     fn check_tail(&mut self, file: &Blocks, contents: &Contents) -> io::Result<bool> {
         if !self.flaws.is_empty() {
             return Ok(false);

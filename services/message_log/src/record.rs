@@ -28,7 +28,7 @@ pub(crate) fn record(out: &mut Vec<u8>, op: u8, body: impl FnOnce(&mut Vec<u8>))
     out[at..at + size_of::<u64>()].copy_from_slice(&length.to_le_bytes());
 }
 
-/// Appends what has its length in 4 bytes before it: a text, a list, a map.
+/// Appends an item after its length in 4 bytes: a text, a list or a map.
 pub(crate) fn sized(out: &mut Vec<u8>, body: impl FnOnce(&mut Vec<u8>)) {
     let at = out.len();
     out.extend(0_u32.to_le_bytes());
@@ -45,7 +45,7 @@ pub(crate) fn numbers<const N: usize>(out: &mut Vec<u8>, numbers: [u64; N]) {
     out.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
 }
 
-/// The integer at a place; zero where there are no such bytes.
+/// The integer at a place; zero if there are no such bytes.
 pub(crate) fn u16_at(bytes: &[u8], at: usize) -> u16 {
     u64_of(bytes, at, size_of::<u16>()) as u16
 }

@@ -143,7 +143,7 @@ impl Writer {
         }
     }
 
-    /// Writes what has not been written yet.
+    /// Writes the pending messages.
     ///
     /// # Errors
     /// See [`Writer::add`].

@@ -15,7 +15,7 @@ pub struct Cycle {
 }
 
 impl Cycle {
-    /// At the start of a session whose text has been checked; no targets where it has none.
+    /// At the start of a session with checked text; without text, there are no targets.
     #[must_use]
     pub fn new(session: &Servo, rate_hz: u32) -> Self {
         Self {
@@ -30,7 +30,8 @@ impl Cycle {
         self.held = *target;
     }
 
-    /// The target at the tick of a sample: the last of those whose time has come. A fresh cycle gives the same at any tick. No allocation.
+    /// The target at the tick of a sample: the last one that is due. A fresh cycle gives the same
+    /// at any tick. No allocation.
     pub fn step(&mut self, sample: &SensorSample, out: &mut Target) {
         let tick = sample.header.tick;
         while let Some(row) = self.rows.get(self.next).filter(|row| row.tick <= tick) {

@@ -35,7 +35,7 @@ const BEHIND: Duration = Duration::from_millis(20);
 /// targets, kept with their ticks, repeat it byte for byte.
 ///
 /// # Errors
-/// [`ProcessError`] where the socket cannot be made or the graph breaks.
+/// [`ProcessError`] if the socket cannot be made or the graph breaks.
 pub fn run(shell: &Shell, scenario: &Scenario) -> Result<(), ProcessError> {
     let session = scenario.servo.clone().unwrap_or_default();
     let after_end = session.after_end(scenario.rate_hz);
@@ -100,7 +100,7 @@ impl Live {
         })
     }
 
-    /// Waits for the time of a tick, where nothing else paces the run.
+    /// Waits for the time of a tick, if nothing else paces the run.
     fn wait(&mut self, tick: u64) {
         if !self.is_paced {
             return;
@@ -150,7 +150,8 @@ impl Live {
         cycle.feed(&target);
     }
 
-    /// Takes in what has come, up to a line that is no target: it is published for a tick as one that cannot be read, so that the controller counts it.
+    /// Takes in received lines, up to one that is no target. That line is published for a tick as
+    /// unreadable, so that the controller counts it.
     fn receive(&mut self, tick: u64, cycle: &mut Cycle) {
         let mut message = [0; LONGEST];
         let before = self.complaints;

@@ -69,7 +69,8 @@ impl Pad {
         self.is_stopped &= !self.is_at_rest();
     }
 
-    /// Takes a button in that is pressed or let go; the line to send at once, where it is more than the sticks' next target.
+    /// Handles a pressed or released button. Returns the line to send at once, if it is more than
+    /// the sticks' next target.
     pub fn press(&mut self, button: Button, is_down: bool) -> Option<String> {
         match (button, is_down) {
             (Button::LeftShoulder, _) => self.shoulders[0] = is_down,

@@ -40,7 +40,7 @@ pub use interface::{JOINTS, RATE_HZ};
 /// express. `None`: it has no URDF (FCI version 5).
 ///
 /// # Errors
-/// [`RobotFailure`] where there is no robot, it is not ready for a motion, or its URDF is no arm of seven joints.
+/// [`RobotFailure`] if there is no robot, it is not ready for a motion, or its URDF is no arm of seven joints.
 #[cfg(feature = "fci")]
 pub fn describe(address: &Address, name: &str) -> Result<Option<RobotText>, RobotFailure> {
     let client = client::Client::connect(address)?;
@@ -54,7 +54,7 @@ pub fn describe(address: &Address, name: &str) -> Result<Option<RobotText>, Robo
 /// Takes part in the run as its plant until the task is over or the run stops.
 ///
 /// # Errors
-/// [`ProcessError`] where the robot is lost, stops by a reflex, or the graph breaks.
+/// [`ProcessError`] if the robot is lost, stops by a reflex, or the graph breaks.
 #[cfg(feature = "fci")]
 pub fn run(
     shell: &Shell,

@@ -109,7 +109,7 @@ pub(crate) fn run(
     Ok(())
 }
 
-/// Moves the arm to the start posture; `false` where the run is stopped meanwhile.
+/// Moves the arm to the start posture; `false` if the run is stopped meanwhile.
 fn approach(
     shell: &Shell,
     client: &Client,

@@ -49,7 +49,7 @@ impl<const N: usize> Cycle<N> {
     /// The simulated `robot` at rest at the scenario's start.
     ///
     /// # Errors
-    /// [`SetupError`] where the scenario and the robot do not fit, or cannot be simulated.
+    /// [`SetupError`] if the scenario and the robot do not fit, or cannot be simulated.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, SetupError> {
         let options = &scenario.plant;
         let start = robot.start_posture(&scenario.start)?;

@@ -126,9 +126,10 @@ pub struct Assembler {
 }
 
 impl Assembler {
-    /// An assembler of ticks that are whole with the messages of the topics `expected`. It waits `patience` ticks for what is missing. Ticks of
-    /// which nothing has come are given out empty; where there are more than `horizon` of them on end they are not, and what comes after them has to
-    /// wait for its time: the tick may be a wrong one.
+    /// An assembler of ticks that are whole with the messages of the topics `expected`. It waits
+    /// `patience` ticks for missing messages. Ticks of which nothing has come are given out empty;
+    /// where there are more than `horizon` of them on end they are not, and what comes after them
+    /// has to wait for its time: the tick may be a wrong one.
     #[must_use]
     pub fn new(expected: Set, patience: u64, horizon: u64) -> Self {
         Self {
@@ -140,7 +141,7 @@ impl Assembler {
         }
     }
 
-    /// Goes on where an earlier assembler had come to, with the rows that it had not given out.
+    /// Continues an earlier assembler's work, with the rows that it had not given out.
     pub(crate) fn resume(&mut self, next: u64, rows: Vec<StoredRow>) {
         self.next = next;
         let puts = puts();

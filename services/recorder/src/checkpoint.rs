@@ -42,7 +42,7 @@ pub(crate) struct Checkpoint<J = Judge> {
     pub(crate) next: u64,
     pub(crate) rows: Vec<StoredRow>,
     pub(crate) result: RecorderSummary,
-    /// Entries of the fault table that have been reported so far, with what was reported of each.
+    /// Entries of the fault table reported so far, with the facts reported for each.
     pub(crate) reported: Vec<u32>,
 }
 
@@ -81,7 +81,7 @@ impl Memory {
         self.saved.elapsed() >= EVERY || ticks >= self.saved_ticks + most_ticks
     }
 
-    /// Notes how far the recording has come.
+    /// Notes the progress of the recording.
     pub(crate) fn note(&mut self, written: Option<Written>) {
         if let Some(written) = written.filter(|written| *written != self.noted) {
             self.noted = written;
@@ -127,7 +127,7 @@ impl Memory {
         }
     }
 
-    /// The predecessor's last checkpoint; `None` where there is none that is complete.
+    /// The predecessor's last checkpoint; `None` if there is none that is complete.
     pub(crate) fn last(&self) -> Option<Checkpoint> {
         let bytes = std::fs::read(&self.path).ok()?;
         ciborium::from_reader(bytes.as_slice()).ok()

@@ -27,7 +27,7 @@ impl FaultReporter {
         self.reported.clone()
     }
 
-    /// Reports what has happened since the last time.
+    /// Reports all events since the last report.
     pub(crate) fn report(&mut self, shell: &Shell, graph: &Graph, tape: &mut Tape) {
         for (place, record) in shell.fault_table().records() {
             if self.reported.len() <= place {
@@ -52,7 +52,7 @@ impl FaultReporter {
     }
 }
 
-/// Tells of a fault what has not been told of it.
+/// Reports new facts about a fault.
 fn tell(reported: &mut u32, place: usize, record: &FaultRecord, fault: &Fault, tape: &mut Tape) {
     let FaultRecord {
         scheduled,

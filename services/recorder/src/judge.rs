@@ -82,7 +82,7 @@ impl Judge {
     /// A judge of a scenario on a robot.
     ///
     /// # Errors
-    /// [`Refused`] where the scenario does not fit the robot.
+    /// [`Refused`] if the scenario does not fit the robot.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
         let truth = ground_truth(robot, scenario)?;
         let rate_hz = f64::from(scenario.rate_hz);
@@ -336,8 +336,8 @@ impl Bar {
     }
 }
 
-/// Outcome and reason of a task that ran to its end; `along`: largest errors along the singular directions within reach,
-/// mm, °; `beyond`: what it left lies beyond reach.
+/// Outcome and reason of a task that ran to its end; `along`: largest errors along the singular
+/// directions within reach, mm, °; `beyond`: the rest of the path is out of reach.
 fn done(
     task: &TaskSummary,
     goal: &Goal,

@@ -46,7 +46,7 @@ pub const HORIZON: u64 = 60_000;
 /// Records and judges until the run has stopped and everything on the way has arrived, then leaves its part of the summary in `run_dir`.
 ///
 /// # Errors
-/// [`ProcessError`] where the recorder cannot begin, the graph breaks, or the summary cannot be written. A recording that fails
+/// [`ProcessError`] if the recorder cannot begin, the graph breaks, or the summary cannot be written. A recording that fails
 /// (a full disk) does not end the run: the summary names it.
 pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<(), ProcessError> {
     runtime::realtime::keep_memory();

@@ -53,7 +53,7 @@ impl MessageRows {
     /// The messages of a job's run in a file, of the topics that its graph's processes write.
     ///
     /// # Errors
-    /// [`LogError`] where the messages are not there, are of another run, or are not this program's.
+    /// [`LogError`] if the messages are not there, are of another run, or are not this program's.
     pub fn open(path: &Path, job: &Job) -> Result<Self, LogError> {
         let contents = Contents::of(job);
         let log = Log::open(path, &contents)?;
@@ -63,7 +63,7 @@ impl MessageRows {
     /// The same where there may be no log yet, or one that is damaged or of another run.
     ///
     /// # Errors
-    /// [`LogError`] where the file cannot be read or its messages are not this program's.
+    /// [`LogError`] if the file cannot be read or its messages are not this program's.
     pub fn open_left(path: &Path, job: &Job) -> Result<Self, LogError> {
         let contents = Contents::of(job);
         let words = match Log::open(path, &contents) {

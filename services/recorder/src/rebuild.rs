@@ -16,7 +16,7 @@ use crate::{MESSAGES, judge, summary, take};
 /// message has no tick. The damage of a message log stands in the recorder's part of the summary, as its error.
 ///
 /// # Errors
-/// [`ProcessError`] where the messages cannot be read, or the recording cannot be written.
+/// [`ProcessError`] if the messages cannot be read, or the recording cannot be written.
 pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
     let path = job.out.join(MESSAGES);
     let mut rows = MessageRows::open_left(&path, job).map_err(ProcessError::setup)?;

@@ -61,7 +61,7 @@ impl Tape {
         Self::begin(robot, job, None)
     }
 
-    /// A further file of the recording of a recorder that is dead, from where that one has noted that it had come.
+    /// Another file of a dead recorder's recording, from the progress that it had noted.
     ///
     /// # Errors
     /// When the file cannot be made, or the predecessor's not be cut there.

@@ -18,7 +18,7 @@ pub(crate) struct Progress {
     hash: TopicHash,
     last: Option<u64>,
     lost: u64,
-    /// The last message; empty where there is none.
+    /// The last message; empty if there is none.
     message: ByteBuf,
 }
 
@@ -40,7 +40,7 @@ pub(crate) struct LogResult {
 pub(crate) struct Taken {
     pub(crate) topic: String,
     pub(crate) hash: TopicHash,
-    /// The last message; empty where there is none.
+    /// The last message; empty if there is none.
     last: Vec<u8>,
     /// The way into a row; none of a topic that only the graph knows.
     put: Option<Put>,
@@ -107,8 +107,9 @@ pub(crate) struct Topics {
 }
 
 impl Topics {
-    /// A replacement goes on where its predecessor was killed: messages that the log has since the last checkpoint are taken in again, and the first
-    /// [`drain`](Self::drain) gives what was on its way. `log`: where messages are kept.
+    /// A replacement continues where its predecessor was killed: messages that the log has since
+    /// the last checkpoint are taken in again, and the first [`drain`](Self::drain) gives the
+    /// messages that were under way. `log`: where messages are kept.
     ///
     /// # Errors
     /// When a topic cannot be opened.
@@ -210,7 +211,7 @@ impl Topics {
         Ok(())
     }
 
-    /// Writes what waits for the end of a block.
+    /// Writes the messages that wait for the end of a block.
     pub(crate) fn flush(&mut self) {
         self.write(Writer::flush);
     }

@@ -35,7 +35,7 @@ struct Slots<C> {
 
 /// State that is committed when a tick closes.
 pub(crate) trait Commit {
-    /// Commits what was written for a tick; nothing where nothing was.
+    /// Commits the state written for a tick, if any.
     fn commit(&self, tick: u64);
 }
 

@@ -50,7 +50,7 @@ pub(crate) trait Outlet {
 pub(crate) struct StopFlag {
     /// The stage of the run's end that concerns it.
     pub(crate) at: Stop,
-    /// SIGTERM or SIGINT has come.
+    /// SIGTERM or SIGINT has arrived.
     pub(crate) signalled: Arc<AtomicBool>,
 }
 
@@ -360,8 +360,8 @@ impl Context {
         self.protocol().returns_at()
     }
 
-    /// Applies the faults of this process at a tick, with the tick's first input in hand. Returns the tick at which it goes on: `tick`, or a
-    /// later one if it was stopped.
+    /// Applies the faults of this process at a tick, with the tick's first input in hand. Returns
+    /// the tick at which it continues: `tick`, or a later one if it was stopped.
     #[inline]
     pub(crate) fn apply_process_faults(&self, tick: u64) -> u64 {
         self.learn();
@@ -537,7 +537,8 @@ impl Context {
         self.attached.outlets.borrow_mut().push(outlet);
     }
 
-    /// Tells those that wait for no message but for the others' progress that this process has closed a tick.
+    /// Wakes processes that wait for the progress of others rather than for a message, because this
+    /// process has closed a tick.
     #[inline]
     pub(crate) fn report_progress(&self) {
         // In real time without faults every process waits for messages alone.

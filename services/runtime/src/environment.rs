@@ -16,7 +16,7 @@ impl Shell {
     /// Joins the run that started this program, under the name that the graph gives it.
     ///
     /// # Errors
-    /// [`OpenError::NotStarted`] where no graph started this program; else as [`Shell::open`].
+    /// [`OpenError::NotStarted`] if no graph started this program; else as [`Shell::open`].
     pub fn from_environment() -> Result<Self, OpenError> {
         Self::started(None, None)
     }

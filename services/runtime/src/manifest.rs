@@ -10,7 +10,7 @@ use shared_types::{Message, Target};
 
 use crate::run_dir::RunDir;
 
-/// Beyond it a tick is no whole number of µs, far beyond what any process keeps up with.
+/// Beyond it, a tick is no whole number of µs, and no process can keep up.
 const FASTEST_HZ: u32 = 1_000_000;
 
 /// Seeded disturbances of the timing of one process: in a sound lockstep run they change no byte.
@@ -43,7 +43,7 @@ pub struct Process {
     /// It looks for messages by itself (the recorder): no process wakes it, it is stopped after all others, and in lockstep the
     /// source of ticks waits for it.
     pub polled: bool,
-    /// It makes the ticks (the plant): while it stands still there are none.
+    /// It makes the ticks (the plant): while it is stopped, there are none.
     #[serde(default)]
     pub makes_ticks: bool,
     /// Its place in the stamps of messages; the process that makes the ticks has place 0, and one that writes nothing has none.
@@ -151,7 +151,7 @@ impl Manifest {
         topics
     }
 
-    /// The topic's place in [`topics`](Self::topics), 0 where it has none.
+    /// The topic's place in [`topics`](Self::topics), 0 if it has none.
     pub(crate) fn topic_index(&self, topic: &str) -> usize {
         let topics = self.topics();
         topics.iter().position(|&one| one == topic).unwrap_or(0)

@@ -8,7 +8,7 @@ use std::ptr::NonNull;
 
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 
-/// The mapping; what lies there is its holder's to share safely.
+/// The mapping; its holder is responsible for sharing the contents safely.
 #[derive(Debug)]
 pub(crate) struct Mapped {
     start: NonNull<u8>,

@@ -70,7 +70,7 @@ impl Slots {
         self.count().store(count.wrapping_add(1), Ordering::Release);
     }
 
-    /// Message `number`, counted from 0; `None` where it has not come yet, or is no longer there.
+    /// Message `number`, counted from 0; `None` if it has not come yet, or is no longer there.
     fn get(&self, number: u64) -> Option<Vec<u8>> {
         if number >= self.written() {
             return None;

@@ -109,7 +109,7 @@ pub fn set_fifo_priority(priority: u8) -> Result<(), Missing> {
 /// Takes a `SCHED_RR` priority for this thread, and for the processes that it starts from now on: as `SCHED_FIFO`, but equals on a core take turns.
 ///
 /// # Errors
-/// [`Missing::Fifo`] where the kernel does not grant it.
+/// [`Missing::Fifo`] if the kernel does not grant it.
 pub fn set_round_robin_priority(priority: u8) -> Result<(), Missing> {
     schedule(libc::SCHED_RR, priority).map_err(|error| Missing::Fifo {
         priority,

@@ -219,7 +219,7 @@ impl RunDir {
         runs
     }
 
-    /// Removes what dead launchers left; living runs are not touched. Returns what was removed.
+    /// Removes the files of dead launchers, and returns them; living runs are not touched.
     ///
     /// # Errors
     /// When a file of a dead run cannot be removed.
@@ -318,7 +318,7 @@ impl Drop for RunDir {
     }
 }
 
-/// Bytes free in shared memory; none where there is no such file system, which the first file says better.
+/// Bytes free in shared memory; none if there is no such file system, which the first file says better.
 #[must_use]
 pub fn free_bytes() -> u64 {
     rustix::fs::statvfs(SHM).map_or(u64::MAX, |space| {
@@ -326,7 +326,7 @@ pub fn free_bytes() -> u64 {
     })
 }
 
-/// A regular file of this user, opened without following a link; `None` where it is anything else.
+/// A regular file of this user, opened without following a link; `None` if it is anything else.
 fn own_file(path: &Path) -> std::io::Result<Option<OwnedFd>> {
     let flags = OFlags::RDWR | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
     let file = match rustix::fs::open(path, flags, Mode::empty()) {

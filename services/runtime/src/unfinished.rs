@@ -17,7 +17,7 @@ use crate::run_dir::{RunDir, SHM};
 /// The device and the number of a file.
 type Identity = (u64, u64);
 
-/// The identity of an unfinished segment of this user; `None` where it is anything else.
+/// The identity of an unfinished segment of this user; `None` if it is anything else.
 fn unfinished(path: &Path) -> Option<Identity> {
     let metadata = fs::symlink_metadata(path).ok()?;
     let is_own = metadata.is_file() && metadata.uid() == rustix::process::geteuid().as_raw();

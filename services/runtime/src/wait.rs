@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-/// Why a wait ended without what was waited for. A stop of the run is not among them: waits return `None` then.
+/// Reasons why a wait ended without its message. A stop of the run is not among them: waits return
+/// `None` then.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Interrupted {
     /// Nothing came within the limit.

@@ -19,7 +19,7 @@ impl Catalogue {
     /// Reads them.
     ///
     /// # Errors
-    /// [`Failure`] where one of them cannot be read.
+    /// [`Failure`] if one of them cannot be read.
     pub fn load() -> Result<Self, Failure> {
         let scenarios = sim::scenarios::names()
             .map(|name| Scenario::parse(name, sim::scenarios::text(name).unwrap_or_default(), &[]))

@@ -38,7 +38,7 @@ pub struct Export {
 /// Writes a run in another form into a folder, as far as its recording can be read.
 ///
 /// # Errors
-/// [`Failure::Input`] where the run has no recording, or no row of it can be read: nothing is written then; [`Failure::Work`] where a file cannot be
+/// [`Failure::Input`] if the run has no recording, or no row of it can be read: nothing is written then; [`Failure::Work`] if a file cannot be
 /// written.
 pub fn export(
     run: &Run,

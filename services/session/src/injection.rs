@@ -19,7 +19,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 /// tick at which it is in force.
 ///
 /// # Errors
-/// [`Failure::Input`] where the run, the process or the fault does not exist; [`Failure::Work`] where the run has no room or no further tick.
+/// [`Failure::Input`] if the run, the process or the fault does not exist; [`Failure::Work`] if the run has no room or no further tick.
 pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(String, Fault), Failure> {
     let name = choose_to_change(wanted)?;
     let run = RunDir::open(&Path::new(SHM).join(&name)).map_err(Failure::input)?;

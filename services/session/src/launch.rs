@@ -95,7 +95,7 @@ pub fn launch_begun(
     launched
 }
 
-/// The messages that a process owes, in words; `None` where it writes none.
+/// Messages that are due from a process, in words; `None` if it writes none.
 fn due(tick: u64, writes: &[String]) -> Option<String> {
     let topics: Vec<String> = writes.iter().map(|topic| format!("`{topic}`")).collect();
     (!topics.is_empty()).then(|| format!("{} of tick {tick}", topics.join(", ")))
@@ -104,7 +104,7 @@ fn due(tick: u64, writes: &[String]) -> Option<String> {
 /// Takes in Ctrl-C and its like as long as the result is held: a command holds it until its results are written.
 ///
 /// # Errors
-/// [`Failure::Work`] where the kernel refuses.
+/// [`Failure::Work`] if the kernel refuses.
 pub fn interrupts() -> Result<Interrupts, Failure> {
     Interrupts::catch().map_err(|error| {
         Failure::Work(format!(
@@ -120,7 +120,7 @@ pub type Begin<'a> = &'a mut dyn FnMut(&RunDir) -> Result<(), Failure>;
 /// recorder's part of the summary.
 ///
 /// # Errors
-/// [`Failure::Work`] where the launcher cannot prepare or watch the run, and whatever `begin` returns.
+/// [`Failure::Work`] if the launcher cannot prepare or watch the run, and whatever `begin` returns.
 pub fn launch_watched(
     job: &Job,
     plan: Plan,

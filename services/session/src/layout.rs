@@ -13,7 +13,7 @@ use crate::runs::Run;
 /// The layout of a run as a `.rbl`: the first tick is computed again, which names the singularities and places the eye.
 ///
 /// # Errors
-/// [`Failure`] where the job cannot be read or computed, or the file not be written.
+/// [`Failure`] if the job cannot be read or computed, or the file not be written.
 pub fn save_blueprint(run: &Run, layout: Layout, path: &Path) -> Result<(), Failure> {
     let job = run.job()?;
     let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;

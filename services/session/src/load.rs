@@ -37,12 +37,12 @@ pub struct Loaded {
 /// A scenario by built-in name or path, with settings applied.
 ///
 /// # Errors
-/// [`Failure::Input`] or [`Failure::File`] where there is no such scenario, or it, its robot or its faults are invalid.
+/// [`Failure::Input`] or [`Failure::File`] if there is no such scenario, or it, its robot or its faults are invalid.
 pub fn scenario(name: &str, settings: &[String], seed: Option<u64>) -> Result<Loaded, Failure> {
     scenario_in(None, name, settings, seed)
 }
 
-/// A scenario in the processes of another graph than its own, where a file is given.
+/// A scenario with another graph's processes, if a file is given.
 ///
 /// # Errors
 /// As [`scenario`], and as [`graph`].
@@ -58,7 +58,7 @@ pub fn scenario_in(
     source.load(scenario, graph_file)
 }
 
-/// The text of a scenario, and where it comes from.
+/// The text of a scenario, and its source.
 #[derive(Clone, Debug)]
 pub struct Source {
     /// The file as the user gave it; of a built-in scenario `NAME.toml`.
@@ -73,7 +73,7 @@ impl Source {
     /// The text of a scenario by built-in name or path.
     ///
     /// # Errors
-    /// [`Failure::Input`] where there is no such scenario.
+    /// [`Failure::Input`] if there is no such scenario.
     pub fn read(name: &str) -> Result<Self, Failure> {
         if let Some(text) = scenarios::text(name) {
             return Ok(Self {
@@ -103,7 +103,7 @@ impl Source {
     /// The scenario with settings applied, not yet checked against robot and graph.
     ///
     /// # Errors
-    /// [`Failure::File`] where text or settings are invalid.
+    /// [`Failure::File`] if text or settings are invalid.
     pub fn parse(&self, settings: &[String]) -> Result<Scenario, Failure> {
         Ok(Scenario::parse(&self.file, &self.text, settings)?)
     }
@@ -134,7 +134,7 @@ impl Source {
     /// Reads the file of a steered run's targets, where the scenario names one.
     ///
     /// # Errors
-    /// [`Failure::Input`] where it cannot be read or is no list of targets.
+    /// [`Failure::Input`] if it cannot be read or is no list of targets.
     pub fn read_targets(&self, scenario: &mut Scenario) -> Result<(), Failure> {
         match self.targets_file(scenario) {
             Some(path) => self.give_targets(scenario, read_targets(&path)?),
@@ -155,7 +155,7 @@ impl Source {
     /// Gives a steered run the text of the file that its scenario names.
     ///
     /// # Errors
-    /// [`Failure::File`] where it is no list of targets.
+    /// [`Failure::File`] if it is no list of targets.
     pub fn give_targets(&self, scenario: &mut Scenario, text: String) -> Result<(), Failure> {
         let rate_hz = scenario.rate_hz;
         let Some(session) = &mut scenario.servo else {
@@ -178,7 +178,7 @@ impl Source {
     /// The robot that a scenario from here names.
     ///
     /// # Errors
-    /// [`Failure::File`] where there is no such robot, or its description is invalid.
+    /// [`Failure::File`] if there is no such robot, or its description is invalid.
     pub fn robot(&self, scenario: &Scenario) -> Result<Robot, Failure> {
         robot(&scenario.robot, self.folder.as_deref(), scenario.frame()).map_err(|failure| {
             match failure {
@@ -191,7 +191,7 @@ impl Source {
     /// Checks a scenario from here against its robot and graph.
     ///
     /// # Errors
-    /// [`Failure::File`] where its frame, its faults or its start posture do not fit.
+    /// [`Failure::File`] if its frame, its faults or its start posture do not fit.
     pub fn check(&self, scenario: &Scenario, robot: &Robot, graph: &Graph) -> Result<(), Failure> {
         let located = |complaint: Complaint| self.located(complaint);
         if let Some(frame) = scenario
@@ -250,7 +250,7 @@ impl Source {
 /// names none, it is the one that ends in `frame`.
 ///
 /// # Errors
-/// [`Failure::Input`] where there is no such robot, or its description is invalid.
+/// [`Failure::Input`] if there is no such robot, or its description is invalid.
 pub fn robot(name: &str, folder: Option<&Path>, frame: Option<&str>) -> Result<Robot, Failure> {
     if ![URDF, MJCF].iter().any(|ending| name.ends_with(ending)) {
         if folder
@@ -273,7 +273,7 @@ pub fn robot(name: &str, folder: Option<&Path>, frame: Option<&str>) -> Result<R
 /// (factors, length, task axes, postures) does not hold for the rest.
 ///
 /// # Errors
-/// [`Failure::Input`] where there is no such link, or no arm hangs on it.
+/// [`Failure::Input`] if there is no such link, or no arm hangs on it.
 pub fn on_base(robot: &Robot, base: &str) -> Result<Robot, Failure> {
     let refused = |error: RobotError| {
         Failure::Input(format!("{} from the base '{base}' on: {error}", robot.name))
@@ -313,7 +313,7 @@ pub fn graph_of(scenario: &Scenario, file: Option<&Path>) -> Result<Graph, Failu
 /// The process graph: the user's, or the built-in one.
 ///
 /// # Errors
-/// [`Failure::Input`] or [`Failure::File`] where the file cannot be read or is invalid.
+/// [`Failure::Input`] or [`Failure::File`] if the file cannot be read or is invalid.
 pub fn graph(file: Option<&Path>) -> Result<Graph, Failure> {
     let Some(path) = file else {
         return Ok(Graph::built_in(false)?);
@@ -365,7 +365,7 @@ pub fn program(command: &str, folder: Option<&Path>) -> PathBuf {
     }
 }
 
-/// The command that the graph gives a process, in the folder of the graph's file; `None` where it gives none.
+/// The command that the graph gives a process, in the folder of the graph's file; `None` if it gives none.
 #[must_use]
 pub fn command(graph: &Graph, process: &str) -> Option<Command> {
     let (first, arguments) = graph.process(process)?.command.split_first()?;
@@ -454,7 +454,7 @@ pub fn unknown<'a>(
 /// The text of a file that a person wrote: a scenario, a graph, a description of an arm.
 ///
 /// # Errors
-/// [`Failure::Input`] with the remedy, where it cannot be read or has more than 4 MiB.
+/// [`Failure::Input`] with the remedy, if it cannot be read or has more than 4 MiB.
 pub fn read(path: &Path) -> Result<String, Failure> {
     files::text(path, files::LARGEST_WRITTEN).map_err(Failure::Input)
 }
@@ -462,7 +462,7 @@ pub fn read(path: &Path) -> Result<String, Failure> {
 /// The text of a file of targets.
 ///
 /// # Errors
-/// [`Failure::Input`] with the remedy, where it cannot be read or has more than 256 MiB.
+/// [`Failure::Input`] with the remedy, if it cannot be read or has more than 256 MiB.
 pub fn read_targets(path: &Path) -> Result<String, Failure> {
     files::text(path, files::LARGEST).map_err(Failure::Input)
 }

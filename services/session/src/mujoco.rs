@@ -24,7 +24,7 @@ pub(crate) fn scene(plant: &str) -> Option<Option<&str>> {
 /// Makes a process of the graph MuJoCo.
 ///
 /// # Errors
-/// [`Failure::Input`] where there is no such scene.
+/// [`Failure::Input`] if there is no such scene.
 pub(crate) fn take_over(world: &mut Process, scene: Option<&str>) -> Result<(), Failure> {
     let scene = scene.map(|scene| {
         let found = Path::new(scene).canonicalize();
@@ -38,7 +38,7 @@ pub(crate) fn take_over(world: &mut Process, scene: Option<&str>) -> Result<(), 
 /// Asks MuJoCo, the process `name` of the graph, whether it can simulate the arm.
 ///
 /// # Errors
-/// [`Failure::Input`] where Python or MuJoCo is missing, or the scene does not fit the arm: the sentence says what to install or to mend.
+/// [`Failure::Input`] if Python or MuJoCo is missing, or the scene does not fit the arm: the sentence says what to install or to mend.
 pub(crate) fn check(loaded: &Loaded, name: &str) -> Result<(), Failure> {
     answer(loaded, name).map_err(|reason| Failure::Input(format!("--plant mujoco: {reason}")))
 }

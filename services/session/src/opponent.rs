@@ -29,7 +29,7 @@ impl Controller {
     /// A controller that may take so long to join, s.
     ///
     /// # Errors
-    /// [`Failure::Input`] where there is no such file, or it is neither Python nor a graph.
+    /// [`Failure::Input`] if there is no such file, or it is neither Python nor a graph.
     pub fn new(file: &Path, join_limit_s: u32) -> Result<Self, Failure> {
         let refused = |reason: &str| Failure::Input(format!("{}: {reason}", file.display()));
         if !["py", "toml"]
@@ -65,7 +65,7 @@ impl Controller {
 /// The graph of a run in lockstep under a controller of others, with `plant` in place of the simulated arm.
 ///
 /// # Errors
-/// [`Failure`] where the controller or the plant cannot be had.
+/// [`Failure`] if the controller or the plant cannot be had.
 pub fn opposed(
     controller: &Controller,
     plant: Option<&str>,

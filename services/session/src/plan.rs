@@ -16,7 +16,7 @@ use crate::robot;
 /// The launcher's plan of a job: a child process per process of the graph, and the scheduled faults.
 ///
 /// # Errors
-/// [`Failure::Input`] where a fault of the scenario does not fit the graph.
+/// [`Failure::Input`] if a fault of the scenario does not fit the graph.
 pub fn plan(job: &Job) -> Result<Plan, Failure> {
     robot::check_mode(&job.graph, job.mode)?;
     let faults = job

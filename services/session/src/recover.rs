@@ -77,7 +77,7 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     Ok(summary)
 }
 
-/// The summary and the recording from the messages; the rows of the run's own recording, where it has more.
+/// Summary and recording from the messages, or rows of the run's own recording, if that has more.
 fn rebuilt(folder: &Path, job: &Job) -> Result<(Summary, Option<u64>), Failure> {
     let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
     let earlier = Earlier::set_aside(folder)?;
@@ -108,7 +108,7 @@ fn interrupted(summary: &Summary, done: u64) -> String {
     }
 }
 
-/// Adds what stands in no message: the account of deadlines, and the faults.
+/// Adds the parts that no message contains: deadlines and faults.
 fn add_shared_memory(summary: &mut Summary, job: &Job, page: Option<&ControlPage>) {
     let account = page.and_then(|page| {
         let counts = (0..job.graph.process.len()).map(|process| page.process(process).counts());

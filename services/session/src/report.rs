@@ -10,14 +10,15 @@ use crate::runs::Run;
 pub struct Page {
     /// HTML.
     pub text: String,
-    /// One sentence, where the recording or the message logs hold less than the run: how much of it, why, and the remedy. The page says it, too.
+    /// One sentence if the recording or the message logs are incomplete: how much is missing, why,
+    /// and the remedy. The page shows it, too.
     pub shortfall: Option<String>,
 }
 
 /// The page of a run, as far as its recording can be read; `path` is where it shall go, for the errors.
 ///
 /// # Errors
-/// [`Failure::Input`] where the run's summary, its job or its recording cannot be read; [`Failure::Work`] where a plot cannot be drawn.
+/// [`Failure::Input`] if the run's summary, its job or its recording cannot be read; [`Failure::Work`] if a plot cannot be drawn.
 pub fn report(run: &Run, path: &Path) -> Result<Page, Failure> {
     let (summary, job) = (run.summary()?, run.job()?);
     // A recording with a name of its own may be of another run than the messages beside it.

@@ -208,7 +208,7 @@ impl Results {
     /// Writes a JSON file into the folder.
     ///
     /// # Errors
-    /// [`Failure::Work`] where it cannot be written.
+    /// [`Failure::Work`] if it cannot be written.
     pub fn save(&self, name: &str, value: &serde_json::Value) -> Result<(), Failure> {
         let path = self.folder.join(name);
         let text = serde_json::to_vec_pretty(value).map_err(Failure::work)?;
@@ -237,7 +237,7 @@ impl Results {
     /// Removes all that armplane has written of a former run, so that nothing is taken for the next one's. A folder without a run is left as it is.
     ///
     /// # Errors
-    /// [`Failure::Input`] where a file cannot be removed, or one with the name of a run's summary or job is not armplane's.
+    /// [`Failure::Input`] if a file cannot be removed, or one with the name of a run's summary or job is not armplane's.
     pub fn clear(&self) -> Result<(), Failure> {
         self.clear_but(&[])
     }
@@ -297,16 +297,17 @@ impl Results {
         Ok(())
     }
 
-    /// Writes what makes the run repeatable and readable: the summary, the job, and the scenario with every fault planned that came to pass.
+    /// Writes the files that make the run repeatable and readable: summary, job, and the scenario
+    /// with every fault that occurred.
     pub(crate) fn keep(&self, job: &Job, summary: &Summary) -> Result<(), Failure> {
         keep(&self.folder, job, summary)
     }
 }
 
-/// Writes into a run's folder what makes it repeatable and readable.
+/// Writes the files that make a run repeatable and readable into its folder.
 ///
 /// # Errors
-/// [`Failure::Work`] where a file cannot be written.
+/// [`Failure::Work`] if a file cannot be written.
 pub fn keep(folder: &Path, job: &Job, summary: &Summary) -> Result<(), Failure> {
     let cannot = |name: &str, error: std::io::Error| {
         Failure::Work(format!(
@@ -370,7 +371,7 @@ fn make(folder: &Path) -> io::Result<bool> {
     }
 }
 
-/// Takes the folder for this run; `None` where another run has it, or its owner has removed it meanwhile.
+/// Takes the folder for this run; `None` if another run has it, or its owner has removed it meanwhile.
 fn lock(folder: &Path) -> io::Result<Option<OwnedFd>> {
     use rustix::fs::{FlockOperation, Mode, OFlags, flock, fstat, open, stat};
     let held = open(
@@ -419,7 +420,8 @@ impl Drop for Results {
     }
 }
 
-/// The files of the scenario that gives the same bytes again; robot and graph beside it where they are not the built-in ones.
+/// The files of the scenario that repeats the run, with robot and graph beside it if they are not
+/// built in.
 fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>, Failure> {
     let fault = summary
         .faults

@@ -24,7 +24,7 @@ pub fn mode_of(plant: Option<&str>) -> Mode {
 /// Puts MuJoCo (`mujoco`, `mujoco:SCENE.xml`) or the robot at an address (`fci://HOST`) in place of the process that makes the ticks.
 ///
 /// # Errors
-/// [`Failure::Input`] where `plant` is neither, it cannot be had, or another program makes the ticks.
+/// [`Failure::Input`] if `plant` is neither, it cannot be had, or another program makes the ticks.
 pub(crate) fn put_in(loaded: &mut Loaded, plant: &str) -> Result<(), Failure> {
     let mut processes = loaded.graph.process.iter_mut();
     let world = processes.find(|process| process.role() == Role::World);
@@ -60,7 +60,7 @@ pub fn simulated(plant: &str, robot: &Robot, scenario: &Scenario) -> Result<Grap
 }
 
 /// # Errors
-/// [`Failure::Input`] where a robot of the graph is to run in lockstep.
+/// [`Failure::Input`] if a robot of the graph is to run in lockstep.
 pub(crate) fn check_mode(graph: &Graph, mode: Mode) -> Result<(), Failure> {
     match graph
         .process

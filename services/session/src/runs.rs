@@ -23,7 +23,7 @@ impl Run {
     /// The run that is meant: a folder, a file in it, the name of a folder under `runs`, or the latest of those.
     ///
     /// # Errors
-    /// [`Failure::Input`] where there is no such run.
+    /// [`Failure::Input`] if there is no such run.
     pub fn find(wanted: Option<&Path>) -> Result<Self, Failure> {
         if let Some(path) = wanted.filter(|path| path.is_file() && is_loose_recording(path)) {
             let folder = path
@@ -64,7 +64,7 @@ impl Run {
     /// The recording's files; the run may have been made without.
     ///
     /// # Errors
-    /// [`Failure::Input`] where it has none, or its files are empty or gone.
+    /// [`Failure::Input`] if it has none, or its files are empty or gone.
     pub fn recording(&self) -> Result<&[PathBuf], Failure> {
         if self.parts.is_empty() {
             let summary = self.summary().ok();
@@ -87,7 +87,7 @@ impl Run {
         Ok(&self.parts)
     }
 
-    /// A sentence, where the recording is not the one that the run's summary tells of, byte by byte.
+    /// A sentence, if the recording does not match the checksum in the run's summary.
     #[must_use]
     pub fn altered(&self) -> Option<String> {
         let summary = self.summary().ok().filter(|_| self.is_own())?;
@@ -98,7 +98,7 @@ impl Run {
     /// Whether the recording has anything to be read.
     ///
     /// # Errors
-    /// [`Failure::Input`] where it has no row, though its run has.
+    /// [`Failure::Input`] if it has no row, though its run has.
     pub(crate) fn check_readable(&self) -> Result<(), Failure> {
         let lack = match viz::has_rows(self.recording()?) {
             Ok(true) => return Ok(()),
@@ -140,7 +140,7 @@ impl Run {
     /// The run's summary.
     ///
     /// # Errors
-    /// [`Failure::Input`] where it cannot be read.
+    /// [`Failure::Input`] if it cannot be read.
     pub fn summary(&self) -> Result<Summary, Failure> {
         self.json(SUMMARY).map_err(|defect| {
             let path = self.folder.join(SUMMARY);
@@ -157,7 +157,7 @@ impl Run {
         })
     }
 
-    /// The run's summary, where there is one: the launcher may have been killed before.
+    /// The run's summary, if there is one: the launcher may have been killed before.
     ///
     /// # Errors
     /// A clause, where it is there and cannot be read.
@@ -172,7 +172,7 @@ impl Run {
     /// The run's job.
     ///
     /// # Errors
-    /// [`Failure::Input`] where it cannot be read or is invalid.
+    /// [`Failure::Input`] if it cannot be read or is invalid.
     pub fn job(&self) -> Result<Job, Failure> {
         let folder = self.folder.display();
         if ![JOB, SUMMARY, MESSAGES].iter().any(|name| self.has(name)) {

@@ -27,7 +27,7 @@ pub(crate) fn line(scenario: &str, others: &[(&str, Vec<u8>)]) -> String {
 /// Checks a scenario that is sealed, and the files that its seal names; any other text passes. The text without the seal, on the same lines.
 ///
 /// # Errors
-/// [`Failure::Input`] with the name of the file that is not what armplane wrote.
+/// [`Failure::Input`] with the name of the changed file.
 pub(crate) fn open(file: &str, text: String, folder: &Path) -> Result<String, Failure> {
     let changed = |name: &str| {
         Failure::Input(format!(

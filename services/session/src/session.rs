@@ -26,15 +26,15 @@ pub struct Request {
     pub scenario: String,
     /// Values that override those of the scenario: `control.k_p=900`.
     pub settings: Vec<String>,
-    /// Seed of every random number of the run; the scenario's where it is `None`.
+    /// Seed of all random numbers of the run; by default the scenario's.
     pub seed: Option<u64>,
-    /// The file of a process graph; where it is `None`, the scenario's, or the built-in graph.
+    /// The file of a process graph; by default the scenario's, or the built-in graph.
     pub graph: Option<PathBuf>,
     /// The plant in place of the simulated arm, `mujoco`, `mujoco:SCENE.xml` or the address of a robot; the graph's where it is `None`.
     pub plant: Option<String>,
     /// Lockstep or real time.
     pub mode: Mode,
-    /// The results folder; the next free `runs/NAME-NNN` where it is `None`.
+    /// The results folder; by default the next free `runs/NAME-NNN`.
     pub out: Option<PathBuf>,
     /// Whether a recording is written.
     pub record: bool,
@@ -67,7 +67,7 @@ pub struct Finished {
 ///
 /// # Errors
 /// [`Failure::Input`] or [`Failure::File`] before anything is started, where scenario, robot, graph or results folder cannot be used, or the
-/// control law refuses the start; [`Failure::Work`] where the processes cannot be started or watched. A run that fails is [`Finished`].
+/// control law refuses the start; [`Failure::Work`] if the processes cannot be started or watched. A run that fails is [`Finished`].
 pub fn run(request: &Request, observer: Observer<'_>) -> Result<Finished, Failure> {
     let graph = request.graph.as_deref();
     let loaded = load::scenario_in(graph, &request.scenario, &request.settings, request.seed)?;
@@ -151,7 +151,7 @@ pub fn run_loaded(
 /// Whether recording and message logs hold the whole run, as far as its summary knows.
 ///
 /// # Errors
-/// [`Failure::Work`] where they do not: a full volume, a damaged message log.
+/// [`Failure::Work`] if they do not: a full volume, a damaged message log.
 pub fn whole(summary: &Summary) -> Result<(), Failure> {
     match &summary.recorder.error {
         error if error.is_empty() => Ok(()),

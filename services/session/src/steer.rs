@@ -45,7 +45,7 @@ pub struct Steering {
     pub graph: Option<PathBuf>,
 }
 
-/// Postures in which a session begins where none is asked for, the first that the robot's description names.
+/// Default start postures of a session; the first one that the robot's description has is used.
 const STARTS: [&str; 3] = ["nominal", "bent", "ready"];
 
 /// Duration of a session without a stated end, s.
@@ -55,7 +55,7 @@ impl Steering {
     /// The scenario of the session, its robot and its graph.
     ///
     /// # Errors
-    /// [`Failure::Input`] or [`Failure::File`] where one of them cannot be used.
+    /// [`Failure::Input`] or [`Failure::File`] if one of them cannot be used.
     pub fn load(&self) -> Result<Loaded, Failure> {
         let is_scenario =
             scenarios::text(&self.subject).is_some() || self.subject.ends_with(".toml");

@@ -181,7 +181,7 @@ fn ended(
     )
 }
 
-/// The failure on one line: with the reason that the process itself gave, where it gave one.
+/// The failure on one line, with the reason that the process itself gave, if any.
 fn sentence(failure: &Failure) -> String {
     let text = failure.to_string();
     let first = text

@@ -19,7 +19,7 @@ const STYLE: TableStyle = TableStyle::new()
     .header_separator(LineStyle::none().fill('─').junction('─'))
     .bottom_border(LineStyle::none().fill('─').junction('─'));
 
-/// A table with these headings, in the width of the terminal, or in [`WIDTH`] columns where there is none.
+/// A table with these headings, as wide as the terminal, or [`WIDTH`] columns without a terminal.
 #[must_use]
 pub fn table(headings: &[&str]) -> Fitted {
     let mut table = Table::new();

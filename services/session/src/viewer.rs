@@ -32,7 +32,7 @@ const VIEWER_VERSION: (u32, u32) = (0, 36);
 /// through the viewer's input, the layout at the end.
 ///
 /// # Errors
-/// [`Failure::Work`] where a file cannot be read, there is no viewer, none that can be shown, or it ends with an error.
+/// [`Failure::Work`] if a file cannot be read, there is no viewer, none that can be shown, or it ends with an error.
 pub fn show(
     files: &[PathBuf],
     layout: Option<&Path>,
@@ -217,7 +217,7 @@ pub(crate) struct Live {
 /// The subcommand that passes a recording on to the viewer.
 pub const FEED: &str = "feed";
 
-/// How long the end of a run may wait for the news that the viewer has everything.
+/// How long the end of a run may wait until the viewer has everything.
 const PATIENCE: Duration = Duration::from_millis(300);
 /// A viewer that reads nothing for so long gets no more.
 const STUCK: Duration = Duration::from_secs(60);

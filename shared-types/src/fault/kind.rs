@@ -239,24 +239,24 @@ impl Kind {
         self.rule().ways.iter().find(|(one, ..)| *one == way)
     }
 
-    /// The ways it comes in; empty where there is only one.
+    /// Its variants; empty if there is only one.
     pub fn ways(self) -> impl Iterator<Item = Way> {
         self.rule().ways.iter().map(|(way, ..)| *way)
     }
 
-    /// By how much it comes in a way, unless said otherwise; 0 where there is no amount.
+    /// By how much it comes in a way, unless said otherwise; 0 if there is no amount.
     #[must_use]
     pub fn usual_amount(self, way: Way) -> f64 {
         self.way(way).map_or(0.0, |(_, amount, _)| *amount)
     }
 
-    /// The unit of the amount in a way; empty where there is none.
+    /// The unit of the amount in a way; empty if there is none.
     #[must_use]
     pub fn unit(self, way: Way) -> &'static str {
         self.way(way).map_or("", |(.., unit)| unit)
     }
 
-    /// By how much it comes unless said otherwise, ms, where it has one way; 0 where there is no amount.
+    /// By how much it comes unless said otherwise, ms, where it has one way; 0 if there is no amount.
     #[must_use]
     pub fn usual_ms(self) -> f64 {
         self.rule().usual_ms
@@ -293,7 +293,7 @@ impl Kind {
         matches!(self, Self::Sensor | Self::Drive)
     }
 
-    /// Whether the process is dead or stands still meanwhile.
+    /// Whether the process is dead or stopped meanwhile.
     #[must_use]
     pub fn takes_down(self) -> bool {
         matches!(self, Self::Kill | Self::Crash | Self::Hang)

@@ -253,7 +253,7 @@ fn uses(process: &Process) -> [(&'static str, &Vec<String>); 3] {
     ]
 }
 
-/// Whether its keys say of one kind what it is; the path is relative to the process.
+/// Whether its keys belong to one kind of process; the path is relative to the process.
 fn check_kind(process: &Process) -> Result<(), Complaint> {
     let (name, has_command) = (&process.name, !process.command.is_empty());
     require(

@@ -1,4 +1,5 @@
-//! A process graph as data, and what follows from it: writers, readers, layouts, the order of the data.
+//! A process graph as data, with everything that follows from it: writers, readers, layouts, the
+//! order of the data.
 
 use std::path::PathBuf;
 

@@ -74,7 +74,7 @@ impl Servo {
     /// Longest time for which a session continues after its input has ended, s.
     pub const LONGEST_REST_S: f64 = 10.0;
 
-    /// The targets of the text, for a run of `rate_hz`; none where there is no text.
+    /// The targets of the text, for a run of `rate_hz`; none if there is no text.
     #[must_use]
     pub fn rows(&self, rate_hz: u32) -> Vec<Row> {
         // The text has been checked with the scenario.

@@ -1,4 +1,4 @@
-//! The task: where the arm starts, and the segments it moves through.
+//! The task: the start posture, and the segments of the path.
 
 use serde::{Deserialize, Serialize};
 
@@ -139,7 +139,7 @@ impl Start {
 }
 
 impl Segment {
-    /// The posture that the null space is driven to, where the segment commands one.
+    /// The posture to which the null space is drawn, if the segment gives one.
     #[must_use]
     pub fn posture(&self) -> Option<Start> {
         let (q, q_deg) = (self.posture_q.clone(), self.posture_deg.clone());

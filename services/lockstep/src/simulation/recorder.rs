@@ -137,7 +137,8 @@ impl Channel {
         missed.flatten().or_else(|| self.buffer.pop_front())
     }
 
-    /// The second half of the catching up of `runtime`: what has come by the topic since the file was read.
+    /// The second half of catching up in `runtime`: messages that arrived on the topic since the
+    /// file was read.
     fn catch_up(&mut self, mut recall: Recall, room: &mut u64) -> Option<Recall> {
         while let Some(message) = self.buffer.pop_front() {
             if recall.knows(&self.handed_over, |one| *one == message) {
@@ -172,7 +173,7 @@ enum At {
     Ending { ticks: u64 },
 }
 
-/// The recorder, and what outlives it.
+/// The recorder, and the state that outlives it.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Recorder {
     channels: Vec<Channel>,
@@ -211,7 +212,7 @@ impl Recorder {
         put(&mut channel.held, message);
     }
 
-    /// A message that the retainer has reaches the recorder, where its writer knows of it.
+    /// A retained message reaches the recorder, if its writer knows the recorder.
     pub(super) fn deliver(&mut self, topic: usize, message: Sent) {
         let channel = &mut self.channels[topic];
         if channel.is_connected {

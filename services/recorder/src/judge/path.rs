@@ -155,7 +155,7 @@ impl PathMeter {
 struct PostureMeter {
     /// ζ when its turn began.
     zeta: [f64; 3],
-    /// Whether the present segment has come to the fold that it is to leave.
+    /// Whether the present segment has reached the fold that it has to leave.
     at_fold: bool,
     /// The first demand that was not met.
     untaken: Option<String>,

@@ -121,7 +121,7 @@ impl TaskMeter {
         })
     }
 
-    /// Largest errors along the singular directions towards what is within reach; mm, °.
+    /// Largest errors along the singular directions, towards reachable targets; mm, °.
     pub(super) fn along(&self) -> [f64; 2] {
         self.along
     }

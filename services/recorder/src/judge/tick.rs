@@ -27,7 +27,7 @@ pub struct Tick<'a> {
 }
 
 impl<'a> Tick<'a> {
-    /// The judge's part of a tick; `None` where a message of it is missing.
+    /// The judge's part of a tick; `None` if a message of it is missing.
     #[must_use]
     pub fn of(messages: &ByTopic<Lent<'a>>) -> Option<Self> {
         Some(Self {

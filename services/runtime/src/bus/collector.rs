@@ -20,7 +20,7 @@ impl<M: ?Sized> Collector<M> {
         Self(Gathering::new(shared, receiver), PhantomData)
     }
 
-    /// Goes on where an earlier reader of the topic had come to.
+    /// Continues where an earlier reader of the topic stopped.
     pub fn resume(&mut self, last: Option<u64>, lost: u64) {
         self.0.resume(last, lost);
     }
@@ -55,7 +55,8 @@ impl<M: Message> Collector<M> {
         self.0.count(message.header().tick);
     }
 
-    /// Goes on behind the last message that an earlier reader has left in its files: what was on its way to it comes first.
+    /// Continues after the last message in an earlier reader's files; messages that were under way
+    /// to it come first.
     ///
     /// # Errors
     /// When the launcher does not answer, or the file of the topic cannot be mapped.
@@ -78,7 +79,8 @@ impl Collector<[u8]> {
         self.0.count(header(message).tick);
     }
 
-    /// Goes on behind the last message that an earlier reader has left in its files: what was on its way to it comes first.
+    /// Continues after the last message in an earlier reader's files; messages that were under way
+    /// to it come first.
     ///
     /// # Errors
     /// When the launcher does not answer, or the file of the topic cannot be mapped.

@@ -59,7 +59,7 @@ impl Format {
     }
 }
 
-/// Reads a message in place, or a copy of it where the bytes are not aligned; `None` where they are not as many as the message has.
+/// Reads a message in place, or a copy of it where the bytes are not aligned; `None` if they are not as many as the message has.
 pub(crate) fn read<M: Message, T>(bytes: &[u8], read: impl FnOnce(&M) -> T) -> Option<T> {
     if bytes.len() != size_of::<M>() {
         return None;

@@ -75,7 +75,7 @@ impl Missed {
         }
     }
 
-    /// After a gap in the ticks: what an incarnation that fell by plan had sent in it.
+    /// After a gap in the ticks: messages sent in it by an incarnation whose death was planned.
     #[cold]
     fn look_back(&mut self, context: &Context, before: u64) -> Option<Vec<u8>> {
         let sent = context

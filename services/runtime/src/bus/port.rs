@@ -46,7 +46,7 @@ impl Sender {
         Ok(place.insert(self.loan()?).payload)
     }
 
-    /// Loans memory for one message, which holds what an earlier message left there.
+    /// Loans memory for one message, still filled with an earlier message.
     pub(crate) fn loan(&self) -> Result<Outgoing, LoanError> {
         // SAFETY: one element; the topic's type has a fixed size.
         let mut sample = unsafe { self.publisher.loan_custom_payload(1) }?;

@@ -14,9 +14,10 @@ use crate::wait::{Interrupted, Wait, Waited};
 
 /// Reads a topic, one message at a time.
 ///
-/// In lockstep a process works through tick after tick. A tick is over for a reader when its message has come, or when its writer has closed
-/// the tick and nothing of it is on the way: the writer is down, or what it sent was lost. Then this process closes the tick too, and
-/// so a fault anywhere in the chain is a tick without torque at its end, not a wait for what will never come.
+/// In lockstep a process works through tick after tick. A tick is over for a reader when its
+/// message has come, or when its writer has closed the tick and no message of it is under way: the
+/// writer is down, or its message was lost. Then this process closes the tick too, and so a fault
+/// anywhere in the chain is a tick without torque at its end, not a wait for what will never come.
 pub struct Reader<M: Message>(Ticks, PhantomData<fn(&M)>);
 
 impl<M: Message> Reader<M> {

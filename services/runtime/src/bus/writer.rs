@@ -100,7 +100,8 @@ impl<M: Message> Writer<M> {
         })
     }
 
-    /// Loans shared memory for the message of a tick: all zero but for the tick, to be filled in place.
+    /// Loans shared memory for the message of a tick, zero except for the tick, to be filled in
+    /// place.
     ///
     /// A loan that is dropped is not sent. One message of a topic is on loan at a time.
     ///
@@ -113,7 +114,8 @@ impl<M: Message> Writer<M> {
         Ok(loan)
     }
 
-    /// Loans shared memory that holds what an earlier message left there: for large messages of which all that matters is overwritten anyway.
+    /// Loans shared memory still filled with an earlier message, for large messages whose relevant
+    /// part is overwritten anyway.
     ///
     /// # Errors
     /// See [`Writer::loan`].
@@ -254,7 +256,8 @@ impl<M: Message> Sending<M> {
         Ok(())
     }
 
-    /// Sends what faults make of a message, in place of it. Apart from the path of a message without faults, for it takes room on the stack.
+    /// Sends the message as changed by faults. Kept off the fault-free path, because it needs room
+    /// on the stack.
     #[cold]
     #[inline(never)]
     fn send_shaped(&self, loaned: Outgoing) -> Result<(), SendError> {

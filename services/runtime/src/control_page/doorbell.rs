@@ -167,7 +167,7 @@ mod tests {
             is_over && self.owner == Owner::Sleeps && self.messages[0] > self.messages[1]
         }
 
-        /// The next step of a ringer (0, 1) or the owner (2); `None` where it has none. `counts_again`: as [`Doorbell::end_sleep`] does it.
+        /// The next step of a ringer (0, 1) or the owner (2); `None` if it has none. `counts_again`: as [`Doorbell::end_sleep`] does it.
         fn after(mut self, actor: usize, counts_again: bool) -> Option<Self> {
             let bell = Doorbell {
                 rings: self.rings.into(),

@@ -21,11 +21,11 @@ pub enum State {
     Running = 4,
     /// It has ended.
     Gone = 5,
-    /// It stands still (SIGSTOP).
+    /// It is stopped (SIGSTOP).
     Stopped = 6,
 }
 
-/// Declares what is counted: the variants, and the record of all of them.
+/// Declares the counters: their variants, and a record of all of them.
 macro_rules! counts {
     ($( $(#[$meta:meta])* $variant:ident $field:ident ),* $(,)?) => {
         /// The counters of a process.
@@ -211,7 +211,7 @@ impl ProcessEntry {
         count.store(count.load(Ordering::Relaxed) + n, Ordering::Relaxed);
     }
 
-    /// The torque of a tick has come that was counted as missing.
+    /// A torque counted as missing has arrived.
     pub(crate) fn came_late(&self) {
         self.add(Count::Late, 1);
         let none = &self.counts[Count::NoTorque as usize];

@@ -102,7 +102,7 @@ impl TopicEntry {
         self.sent() > 0 && self.ticks.load(Ordering::Relaxed) <= tick
     }
 
-    /// Changes with each message that is delivered; 0 where the writer, a program of others, does not count.
+    /// Changes with each message that is delivered; 0 if the writer, a program of others, does not count.
     #[inline]
     pub(crate) fn sent(&self) -> u64 {
         self.sent.load(Ordering::Acquire)

@@ -73,7 +73,7 @@ struct Entry {
 #[derive(Debug)]
 pub struct FaultTable {
     taken: AtomicU32,
-    /// Counts entries coming into force: what others compare to know whether their copy is current.
+    /// Counts entries coming into force, so that others know whether their copy is current.
     changes: AtomicU32,
     entries: [Entry; MOST_FAULTS],
 }
@@ -127,7 +127,8 @@ impl FaultTable {
         Some(place)
     }
 
-    /// The source of ticks, before it sends anything of `tick`: what has been requested is in force now.
+    /// Called by the tick source before it sends any message of `tick`: puts requested faults into
+    /// force.
     pub(crate) fn adopt(&self, tick: u64) {
         for entry in self.taken() {
             if entry.standing.load(Ordering::Acquire) != REQUESTED {
@@ -161,7 +162,7 @@ impl FaultTable {
         self.changes.load(Ordering::Acquire)
     }
 
-    /// Whether a requested fault has come into force.
+    /// Whether a requested fault is in force.
     #[must_use]
     pub fn is_in_force(&self, place: usize) -> bool {
         self.entries
