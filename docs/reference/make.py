@@ -235,6 +235,10 @@ def cli(folder):
         # Every command has these; the first block explains them.
         rest = re.sub(r"\n *--json\n? .*?(?=\n *-v)\n *-v, .*?\n *-h, --help[^\n]*(\n +Print help[^\n]*)?", "", rest, flags=re.S)
         rest = re.sub(r"\n{3,}", "\n\n", re.sub(r"\nOptions:\n*(?=\n\S|$)", "", rest))
+        # An example stands on one line, to be copied.
+        rest, header, examples = re.split(r"(\nExamples?:\n)", rest + "\nExamples:\n", maxsplit=1)[:3]
+        examples = re.sub(r"\n  (?=[^ a]|a(?!rmplane ))", " ", examples.removesuffix("\nExamples:\n"))
+        rest += header + examples if examples else ""
         text += f"\n## armplane {' '.join(command)}\n\n```text\n{about.strip()}\n\nUsage:{rest.rstrip()}\n```\n"
     return text
 
