@@ -29,8 +29,11 @@ STEERED = 'name = "steered"\nrobot = "puma560"\n[start]\nposture = "ready"\n[ser
 
 
 def program(*arguments, folder=None):
+    # Without a terminal on any stream, the help is as wide as COLUMNS.
     environment = {**os.environ, "COLUMNS": "84", "NO_COLOR": "1"}
-    done = subprocess.run([PROGRAM, *arguments], cwd=folder, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    done = subprocess.run([PROGRAM, *arguments], cwd=folder, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    if done.returncode:
+        sys.exit(f"{PROGRAM} {' '.join(arguments)}: {done.stderr}")
     return done.stdout
 
 
