@@ -68,6 +68,7 @@ class Host(armplane.Controller):
         if not np.all(np.isfinite(tau)):
             raise ValueError(f"{type(self.law).__name__} gives a torque that is no number at tick {tick}")
         self.rate = float(np.clip(self.law.rate, 0.0, 1.0))
+        state.path_time_s, state.segment = min(self.path.time_s, self.path.duration_s), ref.leg
         self._answer(tick, tau, ref, state, torque)
 
     def _answer(self, tick, tau, ref, state, torque):
@@ -77,7 +78,6 @@ class Host(armplane.Controller):
         settled = 0.0 if self.ended is None else (tick - self.ended) * self.dt
         torque.phase = wire.PHASE_RUNNING if self.ended is None else wire.PHASE_SETTLING if settled < self.settle else wire.PHASE_DONE
         state.p_BE_d[:], state.R_BE_d[:], state.V_BE_d[:] = ref.p.tolist(), ref.R.T.flatten().tolist(), ref.V.tolist()
-        state.path_time_s, state.segment = min(self.path.time_s, self.path.duration_s), ref.leg
         state.time_scale, state.null_scale, state.task_scale, state.beta[:] = self.rate, 1.0, 1.0, [1.0] * 4
 
     def end(self):

@@ -73,6 +73,10 @@ class Velocity(Law):
         wanted = np.asarray(self.qdot(q if self.measured else self.q_d, ref), float).reshape(self.arm.n)
         if self.own_clock:
             wanted = self._slowed(wanted)
+        return self.follow(q, qdot, wanted)
+
+    def follow(self, q, qdot, wanted):
+        """The servo's torques for joint velocities; N·m."""
         qddot = (wanted - self.qdot_d) / self.dt if self.feed_forward else 0.0
         self.arm.move_to(q, qdot)
         tau = self.arm.mass_matrix() @ (qddot + self.k_p * (self.q_d - q) + self.k_v * (wanted - qdot)) + self.arm.bias()

@@ -1,24 +1,17 @@
-"""`python -m armplane.play`: the arguments, and a guard that outlives the page and leaves nothing behind."""
+"""`python -m armplane.play`: the arguments, and a folder for the runs that disappears however the page ends."""
 
 import argparse
 import contextlib
-import ctypes
 import os
-import pathlib
 import secrets
-import shutil
 import signal
 import socket
+import subprocess
 import sys
 import tempfile
-import traceback
-import webbrowser
 from importlib.util import find_spec
 
-_LIBC = ctypes.CDLL(None)
-_PDEATHSIG, _SUBREAPER = 1, 36
-# A page that is killed, or ends by a defect of its own, is started again so often.
-STARTS, DEFECT = 5, 70
+from ..results import _program
 
 
 def arguments():
@@ -30,50 +23,20 @@ def arguments():
     return parser.parse_args()
 
 
-def show(given, folder, token, is_first):
-    """The page, until it is told to end."""
-    from .page import Page
-
-    page = Page(given.subject, folder, given.host, given.port, token)
-    name = "localhost" if token is None else socket.gethostname() if given.host in ("0.0.0.0", "::") else given.host
-    address = f"http://{f'[{name}]' if ':' in name else name}:{page.server.get_port()}/" + (f"?token={token}" if token else "")
-    # Nobody may be there to read it.
-    with contextlib.suppress(OSError):
-        print(f"armplane play: {address}  (Ctrl-C ends it)", flush=True)
-    if is_first and not given.no_open:
-        webbrowser.open(address)
-    page.run()
-
-
-def child(given, folder, token, is_first):
-    _LIBC.prctl(_PDEATHSIG, signal.SIGTERM)
-    for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
-        signal.signal(number, lambda *_: sys.exit(0))
+@contextlib.contextmanager
+def room():
+    """A folder, and an open file. When the last process that holds the file is gone, killed or not, a shell removes the folder and what is left in memory."""
+    folder = tempfile.mkdtemp(prefix="armplane-play-")
+    end, keeper = os.pipe()
+    command = ["sh", "-c", 'cat; "$1" clean; rm -rf "$0"', folder, _program()]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    shell = subprocess.Popen(command, stdin=end, start_new_session=True, cwd="/", **quiet)
+    os.close(end)
     try:
-        show(given, folder, token, is_first)
-    except SystemExit as end:
-        if end.code:
-            print(end.code, file=sys.stderr)
-        return 1 if end.code else 0
-    except BaseException:
-        traceback.print_exc()
-        return DEFECT
-    return 0
-
-
-def sweep():
-    """Removes what guards that were killed have left."""
-    from .session import clean
-
-    def is_left(folder):
-        guard = folder.name.split("-")[2]
-        return folder.owner() == pathlib.Path.home().owner() and guard.isdecimal() and not os.path.exists(f"/proc/{guard}")
-
-    left = [*filter(is_left, pathlib.Path(tempfile.gettempdir()).glob("armplane-play-*-*"))]
-    for folder in left:
-        shutil.rmtree(folder, ignore_errors=True)
-    if left:
-        clean()
+        yield folder, keeper
+    finally:
+        os.close(keeper)
+        shell.wait()
 
 
 def main():
@@ -81,37 +44,22 @@ def main():
     if missing := [name for name in ("viser", "numpy", "armplane._armplane") if find_spec(name) is None]:
         print(f"armplane play: Python lacks {', '.join(missing)}: pip install the wheel that `python/build` makes, with its extra [play] (docs/play.md)", file=sys.stderr)
         return 2
-    token = None if given.host in ("127.0.0.1", "localhost", "::1") else secrets.token_urlsafe(12)
     try:
         socket.create_server((given.host, 0), family=socket.AF_INET6 if ":" in given.host else socket.AF_INET).close()
     except OSError as error:
         print(f"armplane play: this machine cannot listen on --host {given.host} ({error.strerror}): give one of its own addresses, or 0.0.0.0 for all", file=sys.stderr)
         return 2
-    sweep()
-    folder, page = tempfile.mkdtemp(prefix=f"armplane-play-{os.getpid()}-"), 0
-    # The runs of a page that was killed become this process's children, and end by themselves.
-    _LIBC.prctl(_SUBREAPER, 1)
     for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
-        signal.signal(number, lambda number, _: page and os.kill(page, signal.SIGTERM))
+        signal.signal(number, lambda *_: sys.exit(0))
     try:
-        for start in range(STARTS):
-            page = os.fork()
-            if page == 0:
-                os._exit(child(given, folder, token, start == 0))
-            _, status = os.waitpid(page, 0)
-            code = os.waitstatus_to_exitcode(status)
-            if code >= 0 and code != DEFECT:
-                return code
-            why = f"was ended by signal {-code}" if code < 0 else "ended by a defect of its own"
-            print(f"armplane play: the page {why} and is started again", file=sys.stderr, flush=True)
+        with room() as (folder, keeper):
+            from .page import Page
+
+            token = None if given.host in ("127.0.0.1", "localhost", "::1") else secrets.token_urlsafe(12)
+            Page(given, folder, keeper, token).run()
+    except OSError as error:
+        print(f"armplane play: {error}", file=sys.stderr)
         return 1
-    finally:
-        while True:
-            try:
-                os.wait()
-            except ChildProcessError:
-                break
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 if __name__ == "__main__":

@@ -21,16 +21,15 @@ def refusal(request, token):
     if token is None:
         here = urllib.parse.urlsplit(f"//{host}").hostname in HERE
         return None if here else "this page is open to its own machine only: armplane play --host"
-    query = urllib.parse.parse_qs(urllib.parse.urlsplit(request.path).query).get("token", [""])[0]
-    cookies = [part.strip().partition("=") for part in request.headers.get("Cookie", "").split(";")]
-    given = [query, *(value for name, _, value in cookies if name == COOKIE)]
+    given = urllib.parse.parse_qs(urllib.parse.urlsplit(request.path).query).get("token", [])
+    given += [part.strip().removeprefix(f"{COOKIE}=") for part in request.headers.get("Cookie", "").split(";")]
     return None if any(secrets.compare_digest(one.encode(), token.encode()) for one in given) else "open the address with its token, as armplane play prints it"
 
 
 @contextlib.contextmanager
 def guarded(token):
     """viser has no door of its own: while its server is made, websockets' `serve` gets one."""
-    serve, used = websockets.asyncio.server.serve, []
+    serve = websockets.asyncio.server.serve
 
     def with_door(handler, *args, process_request, **options):
         def check(connection, request):
@@ -41,7 +40,7 @@ def guarded(token):
                 answer.headers["Set-Cookie"] = f"{COOKIE}={token}; HttpOnly; SameSite=Strict; Path=/"
             return answer
 
-        used.append(True)
+        with_door.used = True
         return serve(handler, *args, process_request=check, **options)
 
     websockets.asyncio.server.serve = with_door
@@ -49,5 +48,5 @@ def guarded(token):
         yield
     finally:
         websockets.asyncio.server.serve = serve
-    if not used:
+    if not hasattr(with_door, "used"):
         raise SystemExit("armplane play: this version of viser serves the page in another way, without a door: pip install 'viser<2'")

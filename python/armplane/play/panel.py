@@ -27,16 +27,13 @@ STYLE = """<style>
 .ap .row{display:grid;grid-template-columns:74px 1fr 48px;gap:8px;align-items:center;height:19px}.ap .two{grid-template-columns:22px 1fr 1fr}
 .ap .bar{position:relative;height:9px;border-radius:5px;background:rgba(128,140,160,.22);overflow:hidden}.ap .bar i{position:absolute;left:0;top:0;bottom:0;border-radius:5px}
 .ap .bar.thin{height:4px;margin-top:2px}.ap .bar b{position:absolute;top:0;bottom:0;width:2px;background:#ff42c8}.ap .num{text-align:right;font-variant-numeric:tabular-nums;opacity:.8}
-.ap .log{font-size:12px;opacity:.8;white-space:pre-wrap;overflow-wrap:anywhere}.ap .foot{font-size:11px;opacity:.55;margin-top:8px}</style>"""
+.ap .log{font-size:12px;opacity:.8;white-space:pre-wrap;overflow-wrap:anywhere}.ap .foot{font-size:11px;opacity:.55;margin-top:8px}
+@media (max-width:36em){[style*="width: 20em"]{width:100vw!important;max-height:45vh!important}[style*="width: 20em"] [style*="width: 20em"]{max-height:none!important}}</style>"""
 
 
 def _bar(share, colour, mark=None, thin=False):
     line = f'<b style="left:{100 * mark:.1f}%"></b>' if mark is not None else ""
     return f'<div class="bar{" thin" if thin else ""}"><i style="width:{100 * min(max(share, 0.0), 1.0):.1f}%;background:{colour}"></i>{line}</div>'
-
-
-def _heat(share):
-    return STOP if share > 1.0 else SLOW if share > 0.85 else "#5aa9ff"
 
 
 def reason(robot, seen):
@@ -51,7 +48,7 @@ def reason(robot, seen):
         words = [name_of(robot, place), wire.TYPES.get(report.singularities[place].class_, "")]
         does = DOES.get(control.mode[place])
         details.append("near " + ", ".join(words) + (f": {does}" if does else ""))
-    if servo.speed_scale < 0.97 and np.any(np.array(servo.V_target)):
+    if servo.reason not in (wire.REASON_FOLLOWING, wire.REASON_RESTING) and servo.speed_scale < 0.97 and max(map(abs, servo.V_target)) > 0.005:
         details.append(f"{100 * servo.speed_scale:.0f} % of the speed asked for")
     if seen["plant_state"].drive:
         details.append(f"the drives: {wire.DRIVES.get(seen['plant_state'].drive)}")
@@ -68,36 +65,31 @@ def _measures(robot, report):
     return "".join(rows)
 
 
-def ratios(robot, seen):
-    """Joint speeds and torques as shares of their limits."""
-    n, state = robot.dof, seen["plant_state"]
-    return np.abs(state.qdot[:n]) / robot.arm.velocity, np.abs(state.tau[:n]) / robot.arm.effort
-
-
-def page(robot, seen, ghost, story, foot):
-    """The panel. `ghost`: its session, or `None`; `story`: what happened last; `foot`: numbers of the page itself."""
-    text, detail = reason(robot, seen)
-    colour = COLOURS.get(seen["servo_state"].reason, SLOW)
-    ours, theirs = ratios(robot, seen), ghost and ghost.seen and ratios(robot, ghost.seen)
-    rows = []
-    for i in range(robot.dof):
-        cells = []
-        for kind in (0, 1):
-            cell = _bar(ours[kind][i], _heat(ours[kind][i]))
-            if theirs:
-                cell += _bar(theirs[kind][i], STOP if ghost.peaks[kind][i] >= AT_LIMIT else "#ffa048", thin=True)
-            cells.append(f"<div>{cell}</div>")
-        rows.append(f'<div class="row two"><span>{i + 1}</span>{"".join(cells)}</div>')
-    versus = f"<h3>Race</h3>{_race(ghost)}" if theirs else ""
-    return (
-        f'{STYLE}<div class="ap"><div class="say" style="border-color:{colour}"><span class="reason">{html.escape(text)}</span><small>{html.escape(detail) or "&nbsp;"}</small></div>'
-        f"<h3>|s| of each singularity; line: η, where the law begins</h3>{_measures(robot, seen['singularity'])}"
-        f'<h3>Joints: speed (left) and torque (right), as shares of their limits</h3>{"".join(rows)}{versus}'
-        f'<h3>What happened</h3><div class="log">{html.escape(story) or "nothing yet"}</div><div class="foot">{foot}</div></div>'
-    )
+def _joints(robot, seen, ghost):
+    """Speeds and torques as shares of their limits; thin below: the ghost's."""
+    rows, n = [], robot.dof
+    shares = lambda state: np.abs([state.qdot[:n] / robot.arm.velocity, state.tau[:n] / robot.arm.effort])
+    ours, theirs = shares(seen["plant_state"]), ghost and shares(ghost.seen["plant_state"])
+    for i in range(n):
+        cells = [_bar(one[i], STOP if one[i] > 1.0 else SLOW if one[i] > 0.85 else "#5aa9ff") for one in ours]
+        if ghost:
+            cells = [cell + _bar(one[i], STOP if peak[i] >= AT_LIMIT else "#ffa048", thin=True) for cell, one, peak in zip(cells, theirs, ghost.peaks)]
+        rows.append(f'<div class="row two"><span>{i + 1}</span><div>{cells[0]}</div><div>{cells[1]}</div></div>')
+    return "".join(rows)
 
 
 def _race(ghost):
     speed, torque = ghost.peaks.max(axis=1)
     alarm = f'style="color:{STOP}"' if max(speed, torque) >= AT_LIMIT else ""
-    return f'<span {alarm}>{html.escape(ghost.law)}: largest speed {100 * speed:.0f} %, torque {100 * torque:.0f} % of the limit</span>'
+    return f"<h3>Race</h3><span {alarm}>{html.escape(ghost.law)}: largest speed {100 * speed:.0f} %, torque {100 * torque:.0f} % of the limit</span>"
+
+
+def page(robot, seen, ghost, story, foot):
+    """The panel. `ghost`: its session, or `None`; `story`: what happened last; `foot`: who steers."""
+    text, detail = map(html.escape, reason(robot, seen))
+    return (
+        f'{STYLE}<div class="ap"><div class="say" style="border-color:{COLOURS.get(seen["servo_state"].reason, SLOW)}">{text}<small>{detail or "&nbsp;"}</small></div>'
+        f"<h3>|s| of each singularity; line: η, where the law begins</h3>{_measures(robot, seen['singularity'])}"
+        f"<h3>Joints: speed (left) and torque (right), as shares of their limits</h3>{_joints(robot, seen, ghost)}{_race(ghost) if ghost else ''}"
+        f'<h3>What happened</h3><div class="log">{html.escape(story)}</div><div class="foot">{foot}</div></div>'
+    )

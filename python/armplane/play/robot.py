@@ -9,10 +9,8 @@ import numpy as np
 from .. import Arm
 from ..rotation import rotation_exp
 
-# |s| of the postures near a singularity, as a share of the entry into its neighbourhood.
-NEAR = 0.2
-# Distance from joint limits kept there, rad.
-MARGIN = 0.05
+# Postures from which one near a singularity is looked for, and its distance from joint limits, rad.
+TRIES, MARGIN = 24, 0.1
 
 
 def _numbers(element, name, usual):
@@ -34,7 +32,7 @@ class Robot:
             path = pathlib.Path(folder) / ("arm.xml" if "<mujoco" in source["urdf"] else "arm.urdf")
             path.write_text(source["urdf"])
             path.with_suffix(".toml").write_text(source["description"])
-            self.arm = Arm.from_urdf(path, tip=job["scenario"]["frame"] or None, description=path.with_suffix(".toml"))
+            self.arm = Arm.from_urdf(path, tip=job["scenario"]["frame"] or None)
         self.name, self.dof = source["name"], self.arm.dof
         self.bodies, body = [], xml.fromstring(mjcf).find("worldbody")
         while (inner := body.find("body")) is not None:
@@ -43,10 +41,10 @@ class Robot:
         self.tip = _frame(body.find("site"))
         bounds = lambda values, usual: np.where(np.isfinite(values), values, usual)
         self.lower, self.upper = bounds(self.arm.lower, -np.pi), bounds(self.arm.upper, np.pi)
-        self.singular_names = [one.name for one in self.arm.singularities((self.lower + self.upper) / 2)]
-        frames = self.frames((self.lower + self.upper) / 2)
-        points = [np.zeros(3), *(p for _, p in frames)]
-        self.reach = sum(float(np.linalg.norm(b - a)) for a, b in zip(points, points[1:]))
+        middle = (self.lower + self.upper) / 2
+        self.singular_names = [one.name for one in self.arm.singularities(middle)]
+        points = np.array([np.zeros(3), *(p for _, p in self.frames(middle))])
+        self.reach = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
     def frames(self, q):
         """Rotation and origin of each joint's frame in base axes, and of the end-effector's at the end."""
@@ -57,31 +55,26 @@ class Robot:
             found.append((R, p))
         return [*found, (R @ self.tip[0], p + R @ self.tip[1])]
 
-    def near(self, place, q):
-        """A posture near one singularity and not far from `q`; `None` if none is found within the joint limits."""
-        tries, found = np.random.default_rng(1), []
-        for spread in np.linspace(0.0, 1.2, 16):
-            start = np.clip(q + spread * tries.uniform(-1, 1, self.dof), self.lower + MARGIN, self.upper - MARGIN)
-            if (at := self._descend(place, start)) is not None:
-                found.append(at)
-            if len(found) == 4:
-                break
-        return min(found, key=lambda at: np.abs(at - q).max(), default=None)
+    def _shares(self, q):
+        """Of each posture: s over η of each singularity."""
+        report = self.arm.step_many(q.reshape(-1, self.dof))["singularities"][:, : len(self.singular_names)]
+        return (report["s"] / report["eta_out"]).reshape(*q.shape[:-1], -1)
 
-    def _descend(self, place, q):
-        """Newton steps on the measure of a singularity, within the joint limits."""
-        low, high = self.lower + MARGIN, self.upper - MARGIN
-        for _ in range(40):
-            one = self.arm.singularities(q)[place]
-            missing = np.copysign(NEAR * one.entry, one.measure) - one.measure
-            if abs(missing) < 0.1 * one.entry:
-                break
-            moved = [self.arm.singularities(q + step)[place].measure for step in 1e-5 * np.eye(self.dof)]
-            slope = (np.array(moved) - one.measure) / 1e-5
-            # A joint at its limit cannot help.
-            slope[((q <= low) & (slope * missing < 0)) | ((q >= high) & (slope * missing > 0))] = 0
-            if not (size := slope @ slope) > 1e-8:
-                break
-            step = slope * missing / size
-            q = np.clip(q + step * min(1.0, 0.3 / np.abs(step).max()), low, high)
-        return q if abs(one.measure) < 0.6 * one.entry else None
+    def near(self, home):
+        """Of each singularity for which one is found: a posture near it, if possible near no other, and not far from `home`."""
+        starts = home + np.random.default_rng(1).uniform(-1, 1, (TRIES, self.dof)) * np.linspace(0, 2, TRIES)[:, None]
+        found, small = {}, 1e-5 * np.vstack([np.zeros(self.dof), np.eye(self.dof)])
+        for place, name in enumerate(self.singular_names):
+            q = np.clip(starts, self.lower + MARGIN, self.upper - MARGIN)
+            for _ in range(8):
+                # A Newton step towards |s| = 0.3 η.
+                share = self._shares(q[:, None] + small)[..., place]
+                slope, missing = (share[:, 1:] - share[:, :1]) / 1e-5, np.copysign(0.3, share[:, 0]) - share[:, 0]
+                step = slope * (missing / np.maximum((slope**2).sum(axis=1), 1e-9))[:, None]
+                step *= np.minimum(1, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
+                q = np.clip(q + step, self.lower + MARGIN, self.upper - MARGIN)
+            share = np.abs(self._shares(q))
+            worth = 3 * (share < 1.5).sum(axis=1) + np.abs(q - home).max(axis=1) - 2 * np.array([np.linalg.norm(self.frames(one)[-1][1]) for one in q]) / self.reach
+            if (share[:, place] < 0.7).any():
+                found[name] = q[np.argmin(np.where(share[:, place] < 0.7, worth, np.inf))]
+        return found
