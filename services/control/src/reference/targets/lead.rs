@@ -1,9 +1,8 @@
 //! Anti-windup: the lead of the reference over the reference arm is bounded, so that it does not grow while the arm cannot follow.
 //!
-//! Along a singular direction inside its neighbourhood the reference leads: its lead is what a fold opens by, and what it slides along. Orthogonal to
-//! the singular directions it is never further away than the accuracy asked for.
+//! Along a singular direction inside its neighbourhood D_si the reference leads: its lead is what a fold opens by, and what it slides along. Elsewhere,
+//! and orthogonal to the singular directions, it is never further away than the accuracy asked for.
 
-use crate::law::auxiliary::Loop;
 use crate::linear::{angular, linear, rotation_exp, rotation_log, smoothstep, stack};
 use crate::types::Report;
 use model::Pose;
@@ -28,19 +27,14 @@ pub struct Lead {
 }
 
 impl Lead {
-    /// Between the reference and the arm, whose singularities are those of `report` and whose law is in the state `loops`.
+    /// Between the reference and the arm, whose singularities are those of `report`.
     #[must_use]
-    pub fn between<const N: usize>(
-        reference: &Pose,
-        arm: &Pose,
-        report: &Report<N>,
-        loops: &[Loop],
-    ) -> Self {
+    pub fn between<const N: usize>(reference: &Pose, arm: &Pose, report: &Report<N>) -> Self {
         let error = reference.p - arm.p;
         let (mut across, mut length) = (error, ACROSS_M);
-        for (s, one) in report.listed().iter().zip(loops) {
+        for s in report.listed().iter().filter(|s| s.inside) {
             let axis = linear(&s.zeta_B);
-            if !(one.engaged() || s.inside) || axis.norm() < 0.5 {
+            if axis.norm() < 0.5 {
                 continue;
             }
             across -= axis * (axis.dot(&across) / axis.norm_squared());
@@ -176,12 +170,17 @@ mod tests {
             report.singularities[0].eta_out,
         ) = (true, 0.1, 0.2);
         let far = Pose::translation(Vector3::new(0.05, 0.05, 0.0));
-        let (held, _) = Lead::between(&far, &Pose::identity(), &report, &[Loop::default()])
-            .hold(&far, &Pose::identity());
+        let (held, _) =
+            Lead::between(&far, &Pose::identity(), &report).hold(&far, &Pose::identity());
         assert!(
             (held.p - Vector3::new(ALONG_M, ACROSS_M, 0.0)).norm() < 1e-12,
             "{}",
             held.p
         );
+        // Beyond D_si nothing opens: there the judge counts all of it.
+        report.singularities[0].inside = false;
+        let (held, _) =
+            Lead::between(&far, &Pose::identity(), &report).hold(&far, &Pose::identity());
+        assert!((held.p.norm() - ACROSS_M).abs() < 1e-12, "{}", held.p);
     }
 }

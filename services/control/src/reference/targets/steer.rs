@@ -220,7 +220,7 @@ impl<const N: usize> State<N> {
             (self.loops, self.qdot_planned) = (Default::default(), SVector::zeros());
         }
         let age_s = targets.tick.saturating_sub(targets.held.given_tick) as f64 * dt;
-        let lead = Lead::between(&targets.X, arm, report, &self.loops);
+        let lead = Lead::between(&targets.X, arm, report);
         let wish = match targets.over {
             Some(_) => Wish::rest(&targets.X),
             None => intake::wish(&targets.held, age_s, &targets.X, report, session),
