@@ -24,6 +24,8 @@ pub(crate) const WORLD: &str = "/world";
 pub(crate) const PATH_ACTUAL: &str = "/world/path/actual";
 /// The way it should have gone.
 pub(crate) const PATH_DESIRED: &str = "/world/path/desired";
+/// The way of the elbow of an arm whose joints can move while its hand stands still.
+pub(crate) const PATH_ELBOW: &str = "/world/path/elbow";
 /// The way of the other law's hand, in a race.
 pub(crate) const PATH_RIVAL: &str = "/world/path/rival";
 /// The way of a hand that should stand still, off its place, 50 times as large.
@@ -38,8 +40,11 @@ pub(crate) const LINK: &str = "/world/arm/link";
 pub(crate) const TURNED: &str = "/world/null_motion/turned";
 /// The frame of each singularity; its name follows.
 pub(crate) const SINGULARITY: &str = "/world/singularity/";
-/// The mark's words, above it; the singularity's name follows.
-pub(crate) const LABEL: &str = "/world/label/";
+/// The part of the mark whose hidden words name what is lost, while the arm is inside.
+pub(crate) const AXES: &str = "axes";
+/// The two captions; their number follows.
+pub(crate) const CAPTION: &str = "/world/caption/";
+pub(crate) const CAPTIONS: &str = "/world/caption/**";
 
 /// One of several links: the arm's, a ghost's, the other law's in a race.
 pub(crate) fn link(of: &str, index: usize) -> String {

@@ -154,36 +154,28 @@ pub(crate) struct Moment<'a, 'm> {
 }
 
 impl Moment<'_, '_> {
-    /// Markdown: the singularity that the arm is in, the motion that is lost there, and the arm's response.
+    /// Markdown, a headline and at most three lines: the singularity that the arm is in, the motion that is lost there, the arm's response.
     pub(crate) fn markdown(&self) -> String {
         let mut text = String::new();
         if self.tell_fault(&mut text) {
             return text;
         }
-        let (command, is_steered) = (self.row.control_state, self.row.servo_state.is_some());
-        let mark = if self.fault.is_some() { "###" } else { "##" };
-        let (locks, mut notes) = (self.inside().count(), 0);
+        let locks = self.inside().count();
         if locks > 0 {
-            self.tell_locks(&mut text, mark, locks);
-            self.tell_reason(&mut text);
-            notes += usize::from(is_steered);
-        } else if self.tell_free(&mut text, mark) {
-            return text;
+            self.tell_locks(&mut text, locks);
+        } else {
+            self.tell_free(&mut text);
         }
-        if command.is_some_and(|state| state.clipped == 1) && !is_steered {
-            text += "\nThe goal is beyond reach: the hand slides along the boundary.\n";
-            notes += 1;
+        let command = self.row.control_state;
+        if let Some(state) = self.row.servo_state {
+            let reason = reason_text(state.reason, state.joint, state.upper);
+            text += &format!("Steered: **{reason}**.  \n");
+        } else if command.is_some_and(|state| state.clipped == 1) {
+            text += "The goal is out of reach: the hand slides along the boundary.  \n";
         }
-        if self
-            .row
-            .torque
-            .is_some_and(|torque| torque.phase == PHASE_REFUSED)
-        {
-            text += "\n**The controller refused to go on** and brings the arm to rest.\n";
-            notes += 1;
-        }
-        if locks + NOTE * notes <= ROOM {
-            text += &format!("\n*{COLOURS}*\n");
+        let torque = self.row.torque;
+        if torque.is_some_and(|torque| torque.phase == PHASE_REFUSED) {
+            text += "**The controller refused to go on** and brings the arm to rest.  \n";
         }
         text
     }
@@ -206,53 +198,53 @@ impl Moment<'_, '_> {
         let is_undriven = self.row.torque.is_none();
         if is_undriven || self.fault.is_some() {
             let fault = self.fault.unwrap_or("No torque comes");
-            *text += &format!("## {fault}: {does}\n\n");
+            *text += &format!("**{fault}: {does}**  \n");
         }
         if is_undriven {
-            *text += "The drives do this by themselves until fresh torque comes. Grey lanes wait for the process that is silent.\n";
+            *text += "The drives do this by themselves until fresh torque comes. In the lanes of the processes, those that wait for another one are grey.\n";
         }
         is_undriven
     }
 
-    /// No singularity is in the way; whether there is no room for more.
-    fn tell_free(&self, text: &mut String, mark: &str) -> bool {
+    /// No singularity is in the way: those that the arm has been in, the last of them at the end.
+    fn tell_free(&self, text: &mut String) {
         let title = self.title;
         if let Some(off_mm) = self.history.off_mm() {
             *text += &format!(
-                "{mark} The joints move; the hand should stand still\n\n{title}\n\nIt has been **{off_mm} mm** off its place at most.\n\n\
-                 *Amber: its way off its place, 50 times as large. Blue body: speeds the hand can reach. Net: accelerations.*\n",
+                "**{title}**  \nThe hand should stand still. It has been **{off_mm} mm** off its place at most. Amber: its way, \
+                 50 times as large.  \n",
             );
-            return true;
+            return;
         }
         let mut all = self.row.singularities().iter().enumerate();
-        let (head, second) = match all.find(|(i, _)| mode(self.row, *i) != MODE_REGULAR) {
-            Some((i, one)) => (
+        *text += &match all.find(|(i, _)| mode(self.row, *i) != MODE_REGULAR) {
+            Some((i, one)) => {
+                let doing = doing(mode(self.row, i));
                 format!(
-                    "Near the {} singularity, free to move",
+                    "**Near the {} singularity: {doing}**  \n",
                     singularity_name(one.kind, i)
-                ),
-                capital(doing(mode(self.row, i))) + ".",
-            ),
-            None => (
-                "Free: the hand can move in every direction".to_owned(),
-                title.to_owned(),
-            ),
+                )
+            }
+            None => "**Free: the hand can move in every direction**  \n".to_owned(),
         };
-        *text += &format!("{mark} {head}\n\n");
-        // A headline of one line: a title may take two, and the table below needs the room, of more than two locks all of it.
-        let past = self.history.past.iter().flatten().count();
-        if past + usize::from(self.row.servo_state.is_some()) <= ROOM {
-            *text += &format!("{second}\n\n");
-        } else {
-            text.push('\n');
+        let all = self.row.singularities().iter().zip(&self.history.past);
+        let past = all.enumerate();
+        let past = past.filter_map(|(i, (one, stay))| Some((i, one, (*stay)?)));
+        let mut past: Vec<_> = past.collect();
+        past.sort_by_key(|(_, _, stay)| stay.first);
+        let rate_hz = f64::from(self.rate_hz.max(1));
+        for (i, one, stay) in &past[past.len().saturating_sub(2)..] {
+            let [first, end] = [stay.first, stay.end].map(|tick| tick as f64 / rate_hz);
+            let doing = doing(stay.mode);
+            *text += &format!(
+                "{}, {first:.2} to {end:.2} s: {doing}.  \n",
+                coloured(*i, one)
+            );
         }
-        self.tell_reason(text);
-        // The table takes the room of the legend.
-        self.tell_past(text)
     }
 
     /// The singularities that the arm is in.
-    fn tell_locks(&self, text: &mut String, mark: &str, locks: usize) {
+    fn tell_locks(&self, text: &mut String, locks: usize) {
         let all = self.directions;
         let rank = format!("rank {} of {all}", all.saturating_sub(locks));
         *text += &match self.inside().next() {
@@ -263,80 +255,22 @@ impl Moment<'_, '_> {
                     kind => capital(singularity_name(kind, i)) + " lock",
                 };
                 let lost = lost(one.angular == 1);
-                format!("{mark} {name}: the hand cannot {lost} · {rank}\n\n")
+                format!("**{name}: the hand cannot {lost}** · {rank}  \n")
             }
-            _ => format!("{mark} {locks} locks at once: {locks} directions lost · {rank}\n\n"),
+            _ => format!("**{locks} directions are lost** · {rank}  \n"),
         };
-        *text += &head();
         for (i, one) in self.inside() {
             let (class, why) = (name_of(TYPES, one.class), reason(one.kind, self.joints));
-            *text += &line(i, one, &format!(", {class}): {why}"), mode(self.row, i));
+            let (name, doing) = (coloured(i, one), doing(mode(self.row, i)));
+            *text += &format!("{name}, {class}: {why}; {doing}.  \n");
         }
-    }
-
-    /// Of a steered arm: what it does and why.
-    fn tell_reason(&self, text: &mut String) {
-        if let Some(state) = self.row.servo_state {
-            let reason = reason_text(state.reason, state.joint, state.upper);
-            *text += &format!("\nSteered: **{reason}**.\n\n");
-        }
-    }
-
-    /// The singularities that the arm has been in: when, the motion that was lost, the arm's response. Whether there are any.
-    fn tell_past(&self, text: &mut String) -> bool {
-        let all = self
-            .row
-            .singularities()
-            .iter()
-            .zip(&self.history.past)
-            .enumerate();
-        let past = all.filter_map(|(i, (one, stay))| Some((i, one, (*stay)?)));
-        let mut past: Vec<_> = past.collect();
-        past.sort_by_key(|(_, _, stay)| stay.first);
-        if past.is_empty() {
-            return false;
-        }
-        *text += &head();
-        let rate_hz = f64::from(self.rate_hz.max(1));
-        for (i, one, stay) in past {
-            let [first, end] = [stay.first, stay.end].map(|tick| tick as f64 / rate_hz);
-            *text += &line(i, one, &format!("), {first:.2} to {end:.2} s"), stay.mode);
-        }
-        true
     }
 }
 
-/// A line of a table of singularities.
-fn line(i: usize, one: &SingularityState, more: &str, mode: u32) -> String {
+/// The name of a singularity with its colour.
+fn coloured(i: usize, one: &SingularityState) -> String {
     let (name, (colour, _)) = (singularity_name(one.kind, i), named_colour(one.kind, i));
-    let (lost, doing) = (lost(one.angular == 1), doing(mode));
-    format!("| **{name}** ({colour}{more} | {lost} | {doing} |\n")
-}
-
-/// Rows of the table that leave room for the line on colours.
-const ROOM: usize = 2;
-/// Rows whose room a note below the table takes.
-const NOTE: usize = 2;
-/// One line.
-const COLOURS: &str = "Green: desired. White: actual. Blue: speeds the hand can reach. Pale arms: null-space motion so far.";
-/// Spaces that make the heads of the first and the last column wider than any entry. The viewer lays a table out by the widths that it
-/// had in the frame before: with the heads as the widest cells they are the same in every table, and no entry is drawn over the next.
-const PADDING: [usize; 2] = [77, 55];
-
-/// The head of a table of singularities.
-fn head() -> String {
-    let [first, last] = PADDING.map(|count| "\u{a0}".repeat(count));
-    format!("| singularity{first} | the hand cannot | the arm{last} |\n|---|---|---|\n")
-}
-
-/// The label at the mark, as short as can be: of several marks each has one.
-pub(crate) fn label(one: &SingularityState, index: usize) -> String {
-    let verb = if one.angular == 1 {
-        "cannot turn"
-    } else {
-        "cannot move"
-    };
-    format!("{}: {verb}", singularity_name(one.kind, index))
+    format!("**{name}** ({colour})")
 }
 
 /// With a capital letter.

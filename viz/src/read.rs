@@ -95,8 +95,8 @@ pub enum Piece<'a> {
         /// Its rotation, a unit quaternion.
         xyzw: [f32; 4],
     },
-    /// The words at a mark, from the tick at which the arm enters the neighbourhood.
-    Label {
+    /// What is lost at a mark, from the tick at which the arm enters the neighbourhood; empty from the one at which it leaves.
+    Lost {
         /// When.
         tick: u64,
         /// Its path.
@@ -325,8 +325,8 @@ fn changes<E>(chunk: &Chunk, each: &mut impl FnMut(Piece) -> Result<(), E>) -> R
             each(Piece::Place { tick, of, p, xyzw })?;
         }
     }
-    for (tick, text) in told(chunk, "Points3D:labels") {
-        each(Piece::Label { tick, of, text })?;
+    for (tick, text) in told(chunk, "Arrows3D:labels") {
+        each(Piece::Lost { tick, of, text })?;
     }
     Ok(())
 }

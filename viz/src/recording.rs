@@ -127,7 +127,7 @@ pub struct Recording {
     /// Places since the last chunk.
     tracks: BTreeMap<String, Track>,
     /// Lines that grow: the last point of a chunk is the first of the next.
-    ways: [Vec<(u64, glam::Vec3)>; 4],
+    ways: [Vec<(u64, glam::Vec3)>; 5],
     /// The last tick taken in.
     last: Option<u64>,
     /// The first tick of which nothing is on file.
@@ -164,8 +164,8 @@ struct Part {
     drawn: BTreeSet<String>,
     /// The words last written, to be written again when a fault comes or goes.
     told: String,
-    /// Of a steered arm: the reason last written at the hand, and the way down from there, in the hand's axes.
-    reason: Option<([u32; 3], glam::Vec3)>,
+    /// The captions in the picture.
+    captions: [String; 2],
     lanes: [&'static str; LANES],
     fault: Option<String>,
     /// Until when each process with a lane counts as restarted.
@@ -178,8 +178,6 @@ struct Story {
     room: Room,
     motion: NullMotion,
     history: History,
-    /// On which side of its axis each label is.
-    sides: [f32; MAX_SINGULARITIES],
     /// Faults in force.
     faults: Vec<Fault>,
     /// All that the lane of faults has said.
@@ -265,7 +263,7 @@ impl Recording {
             story: Story::new(run),
             rival: None,
             signals: Table::of(
-                |kept| matches!(kept, Kept::F64 | Kept::F32 | Kept::Log(_)),
+                |kept| matches!(kept, Kept::F64 | Kept::F32 | Kept::Short | Kept::Log(_)),
                 false,
             ),
             drawn: Table::of(is_seldom, options.is_live),
@@ -575,7 +573,7 @@ impl Recording {
             let hand =
                 |q: &[f64; MAX_DOF]| vec3(&self.run.arm.forward_kinematics(&SVector::from(*q)).p);
             let hand = row.q().map_or(glam::Vec3::X, hand);
-            let away = (main.position - main.look_at).normalize_or(glam::Vec3::Z) * (3.4 * unit);
+            let away = (main.position - main.look_at).normalize_or(glam::Vec3::Z) * (5.5 * unit);
             return Eye {
                 position: hand + away,
                 look_at: hand,
@@ -627,11 +625,7 @@ impl Recording {
 
     /// Lines that never move, as often as a plot needs to draw them.
     fn write_guides(&self, tick: u64) {
-        let goal = self
-            .subject
-            .goal
-            .map(|goal| goal.map(f64::log10).into_iter().collect());
-        let [position, orientation] = goal;
+        let [position, orientation] = self.subject.goal.map(|goal| goal.into_iter().collect());
         let band = |k: usize| -3.1 * k as f64 / BAND_LINES as f64;
         let guides = [
             ("guide:zero", vec![0.0]),
@@ -708,7 +702,6 @@ impl Story {
             room: Room::default(),
             motion: NullMotion::new(run.robot.length_m),
             history: History::new(stands_still(run.scenario)),
-            sides: [1.0; MAX_SINGULARITIES],
             faults: Vec::new(),
             fault_states: Vec::new(),
             unheard: 0,

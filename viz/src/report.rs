@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use model::Robot;
 use shared_types::codes::MODE_REGULAR;
 use shared_types::job::Job;
-use shared_types::summary::{Machine, Summary};
+use shared_types::summary::{BOUNDARY, Machine, Summary};
 
 use crate::blueprint::{ACROSS, ALONG, JOINTS};
 use crate::plot::{Axis, Color, Panel, PlotError, RED, digits, numbered};
@@ -113,7 +113,11 @@ fn head(page: &mut Html, summary: &Summary, job: &Job, lacks: &[String]) {
         include_str!("report/report.css")
     ));
     let (outcome, reason) = (escaped(&summary.outcome), escaped(&summary.reason));
-    let class = if summary.is_success() { "good" } else { "bad" };
+    let class = match summary.outcome.as_str() {
+        BOUNDARY => "fair",
+        _ if summary.is_success() => "good",
+        _ => "bad",
+    };
     page.add(format_args!(
         "<p class=\"outcome {class}\">{outcome} — {reason}</p>"
     ));

@@ -146,7 +146,7 @@ type Reason = (usize, Vec<[Vec3; 2]>, bool);
 /// Lines that show why the arm is singular.
 pub(crate) fn reasons(kind: u32, figure: &Figure, dependent: &[usize]) -> Vec<Reason> {
     let n = figure.links.len();
-    let half = 0.42 * figure.reach;
+    let half = 0.2 * figure.reach;
     let axis = |(phase, link): (usize, usize)| {
         let axis = figure.rings.get(link).copied().flatten()?.axis;
         let dashes = dashed(-half * axis, half * axis, 21, phase);
@@ -226,30 +226,6 @@ pub(crate) fn sector(centre: Vec3, directions: &[Vec3], radius: f32) -> Mesh {
     mesh.triangles
         .extend((1..directions.len() as u32).map(|k| [0, k, k + 1]));
     mesh
-}
-
-/// On which side of its axis each label goes: as far from the labels before it as can be, else upwards.
-pub(crate) fn label_sides(marks: &[Mark]) -> Vec<f32> {
-    let mut taken: Vec<Vec3> = Vec::new();
-    let mut sides = Vec::new();
-    for mark in marks {
-        if mark.look.presence != Presence::Inside {
-            sides.push(1.0);
-            continue;
-        }
-        let room = |side: f32| {
-            let at = mark.X_BS.p + side * mark.zeta();
-            let nearest = taken
-                .iter()
-                .map(|other| other.distance(at))
-                .fold(4.0f32, f32::min);
-            nearest + 0.1 * (side * mark.zeta()).z
-        };
-        let side = if room(1.0) >= room(-1.0) { 1.0 } else { -1.0 };
-        taken.push(mark.X_BS.p + side * mark.zeta());
-        sides.push(side);
-    }
-    sides
 }
 
 /// The edge of the neighbourhood: two rings at ±`edge` on the axis, through which the mark's ends pass as the arm enters it.
@@ -361,18 +337,33 @@ impl NullMotion {
         false
     }
 
-    /// How far each joint has moved in the present null-space motion, where that has changed enough to be drawn; rad.
-    pub(crate) fn turned(&mut self, anyhow: bool) -> Option<[f64; MAX_DOF]> {
-        let changed = self
+    /// Whether the joints have moved enough in the present null-space motion to be drawn anew.
+    pub(crate) fn has_turned(&mut self, anyhow: bool) -> bool {
+        let mut pairs = self.turned.iter().zip(&self.asked);
+        let changed = pairs.any(|(now, before)| (now - before).abs() > TURN_STEP);
+        let ended = self.start.is_none() && self.asked != [0.0; MAX_DOF];
+        let due = changed || ended || anyhow;
+        if due {
+            self.asked = self.turned;
+        }
+        due
+    }
+
+    /// The joints that move most in it, and how far; rad.
+    pub(crate) fn most(&self) -> impl Iterator<Item = (usize, f64)> {
+        let most = self
             .turned
             .iter()
-            .zip(&self.asked)
-            .any(|(now, before)| (now - before).abs() > TURN_STEP);
-        let ended = self.start.is_none() && self.asked != [0.0; MAX_DOF];
-        (changed || ended || anyhow).then(|| {
-            self.asked = self.turned;
-            self.turned
-        })
+            .fold(0.0f64, |most, angle| most.max(angle.abs()));
+        let all = self.turned.iter().copied().enumerate();
+        all.filter(move |(_, angle)| angle.abs() > (0.5 * most).max(TURN_STEP))
+    }
+
+    /// The same in words.
+    pub(crate) fn words(&self) -> String {
+        let one = |(i, angle): (usize, f64)| format!("q{} {:+.0}°", i + 1, angle.to_degrees());
+        let words = self.most().map(one).collect::<Vec<_>>().join(", ");
+        words.replace('-', "−")
     }
 }
 
@@ -427,8 +418,6 @@ mod tests {
         );
         assert!((marks[0].zeta() - Vec3::new(0.0, 0.6, 0.8)).length() < 1e-6);
         assert!((marks[0].X_BS.R.determinant() - 1.0).abs() < 1e-5);
-        // Labels of marks on one axis go to both sides.
-        assert_eq!(label_sides(&marks[2..]), [1.0, -1.0]);
     }
 
     #[test]
@@ -472,9 +461,9 @@ mod tests {
             (state.q[3], state.q[5]) = (0.01 * f64::from(k), -0.01 * f64::from(k));
             update(&mut motion, &state, &command);
         }
-        let turned = motion.turned(false).expect("they have turned");
-        assert!(motion.postures.len() == 5 && (turned[3] - 0.99).abs() < 1e-9 && turned[0] == 0.0);
-        assert_eq!(motion.turned(false), None, "nothing new to draw");
+        assert!(motion.has_turned(false) && motion.postures.len() == 5);
+        assert_eq!(motion.words(), "q4 +57°, q6 −57°");
+        assert!(!motion.has_turned(false), "nothing new to draw");
         // The same speeds with the hand moving are no null-space motion, unless the null space takes the hand out of a Type 1 lock.
         (state.V_BE[0], state.q[3]) = (0.2, 2.0);
         assert!(!update(&mut motion, &state, &command));
@@ -483,6 +472,6 @@ mod tests {
         // The hand has left: ghosts and arcs go.
         state.p_BE[0] = 0.1;
         assert!(update(&mut motion, &state, &command) && motion.postures.is_empty());
-        assert_eq!(motion.turned(false), Some([0.0; MAX_DOF]));
+        assert!(motion.has_turned(false) && motion.most().next().is_none());
     }
 }

@@ -69,6 +69,8 @@ pub(crate) enum Kept {
     F64,
     /// At the control rate, with 32 bits.
     F32,
+    /// The same, with the first four digits: what is left packs better.
+    Short,
     /// At the control rate as its logarithm to base 10, in steps of 1 / [`SHARES`], because plots have no logarithmic axis. A value that is not
     /// above [`LEAST`] counts as 0.
     Log(&'static str),
@@ -100,6 +102,11 @@ pub(crate) fn share(value: f64) -> f32 {
     // A number of this size has no digits behind the point, so what is added to it is rounded: without a call for each of the numbers of a tick.
     const WHOLE: f64 = 1.5 * (1_u64 << 52) as f64;
     ((value * SHARES + WHOLE - WHOLE) / SHARES) as f32
+}
+
+/// With the first 12 bits of its 24.
+pub(crate) fn short(value: f64) -> f32 {
+    f32::from_bits(((value as f32).to_bits() + 0x800) & !0xfff)
 }
 
 /// The value of a recorded logarithm.
@@ -258,7 +265,7 @@ macro_rules! signals {
 }
 
 use Elements::{Directions, Hops, Joints, One, Quaternion, Sigmas, Singularities};
-use Kept::{Derived, Drawn, F32, F64, Log, Message, Slow};
+use Kept::{Derived, Drawn, F32, F64, Log, Message, Short, Slow};
 
 signals! {
     /// Joint positions; rad.
@@ -287,10 +294,10 @@ signals! {
     Beta "singularity:beta" "1" Slow, Singularities, |t| t.command(|m| &m.beta);
     /// Singular values of the unit-scaled Jacobian in the estimated posture. Every 8 ms.
     SingularValues "jacobian:sigma" "1" Slow, Sigmas, |t| t.sigma.map(|sigma| sigma.into_iter().take(t.limits.speed.len()));
-    /// True position error [orthogonal to, along] the singular directions the arm is inside of; mm. Recorded as `error:position_log10_mm`.
-    PositionError "error:position_mm" "mm" Log("error:position_log10_mm"), PARTS, |t| t.error(0).map(|e| e.map(|m| 1e3 * m));
-    /// True orientation error [orthogonal to, along] the singular directions the arm is inside of; degrees. Recorded as `error:orientation_log10_deg`.
-    OrientationError "error:orientation_deg" "deg" Log("error:orientation_log10_deg"), PARTS, |t| t.error(1).map(|e| e.map(f64::to_degrees));
+    /// True position error [orthogonal to, along] the singular directions the arm is inside of; mm.
+    PositionError "error:position_mm" "mm" Short, PARTS, |t| t.error(0).map(|e| e.map(|m| 1e3 * m));
+    /// True orientation error [orthogonal to, along] the singular directions the arm is inside of; degrees.
+    OrientationError "error:orientation_deg" "deg" Short, PARTS, |t| t.error(1).map(|e| e.map(f64::to_degrees));
     /// [time scale, task scale, null scale]: what governor and limits let through, 0 to 1. Every 8 ms.
     Scale "control:scale" "1" Slow, SCALES, control_state |t, m| [m.time_scale, m.task_scale, m.null_scale];
     /// Contact force on the arm; N.

@@ -12,8 +12,7 @@ use crate::solid::Rgba;
 use crate::tint::faded;
 
 const TOLERANCE: Rgba = 0xff4054ff;
-/// Powers of ten of errors, mm and degrees, and of latencies, µs.
-const ERRORS: Option<[f64; 2]> = Some([-4.3, 2.3]);
+/// Powers of ten of latencies, µs.
 const LATENCIES: Option<[f64; 2]> = Some([-0.6, 4.3]);
 
 /// Joints that a plot's legend names.
@@ -34,8 +33,8 @@ impl Sheet<'_> {
     }
 
     fn arrange_control(&mut self) -> EntityPath {
-        let views = vec![(1.35, self.arm(None)), (1.0, self.close_up())];
-        let left = vec![(2.45, self.row("", views)), (1.15, self.now())];
+        let views = vec![(1.4, self.close_up()), (1.0, self.whole_arm())];
+        let left = vec![(5.6, self.row("", views)), (1.15, self.now())];
         let torques = self.torques();
         let (errors, joints, measure) = (self.errors(), self.joints(), self.measure());
         let others = [
@@ -45,7 +44,7 @@ impl Sheet<'_> {
             self.singular_values(),
             self.latency(Named::Last),
         ];
-        let modes = [self.modes(), self.log_lines()];
+        let modes = [self.modes(), self.lives(), self.log_lines()];
         // Three rows: fewer and taller plots have ticks that can be read, and room for a legend of six names.
         let right = if self.subject.stands_still {
             // No singularity is in play: the error first, the joints that move, and the rest in tabs.
@@ -68,7 +67,7 @@ impl Sheet<'_> {
     }
 
     fn arrange_timing(&mut self) -> EntityPath {
-        let upper = vec![(2.2, self.latency(Named::All)), (1.0, self.small_arm())];
+        let upper = vec![(2.2, self.latency(Named::All)), (1.0, self.arm(None))];
         // Each lane takes 40 points: the processes' stand in a column of their own.
         let lives = self.lives();
         let modes = [self.modes(), self.log_lines()].map(|view| (1.0, view));
@@ -83,7 +82,7 @@ impl Sheet<'_> {
     fn arrange_faults(&mut self) -> EntityPath {
         let below = [self.log_lines(), self.modes()];
         let below = self.tabs(below.into());
-        let left = vec![(1.3, self.small_arm()), (0.95, self.now()), (1.1, below)];
+        let left = vec![(1.3, self.arm(None)), (0.95, self.now()), (1.1, below)];
         let more = vec![
             self.errors(),
             self.torques(),
@@ -140,24 +139,21 @@ impl Sheet<'_> {
     }
 
     fn arm(&mut self, without: Option<&str>) -> EntityPath {
-        let name = match self.subject.stands_still {
-            true => "Arm: its joints move",
-            false => "Arm: the coloured mark is the lost direction ζ",
-        };
-        self.world(name, &self.subject.eye, without)
+        self.world("Arm", &self.subject.eye, without)
     }
 
-    /// The same, small: without the angles of joints, whose labels would hide each other.
-    fn small_arm(&mut self) -> EntityPath {
-        self.arm(Some(entity::TURNED))
+    /// The same beside a close-up: only one of them has the captions.
+    fn whole_arm(&mut self) -> EntityPath {
+        let is_beside = !self.subject.stands_still;
+        self.arm(is_beside.then_some(entity::CAPTIONS))
     }
 
     fn close_up(&mut self) -> EntityPath {
-        let name = match self.subject.stands_still {
-            true => "The hand's way, × 50",
-            false => "Close-up, across ζ",
+        let (name, without) = match self.subject.stands_still {
+            true => ("The hand's way, × 50", Some(entity::CAPTIONS)),
+            false => ("Close-up: ζ, the lost direction", None),
         };
-        self.world(name, &self.subject.close_up, None)
+        self.world(name, &self.subject.close_up, without)
     }
 
     fn now(&mut self) -> EntityPath {
@@ -193,7 +189,7 @@ impl Sheet<'_> {
         self.plot(name, lines, Some([-3.1, 1.4]), Some(RightBottom))
     }
 
-    /// The errors, each with what the goal allows, in powers of ten.
+    /// The errors, each with what the goal allows.
     fn errors(&mut self) -> EntityPath {
         // Where no direction is lost there is one error.
         let names = match self.subject.stands_still {
@@ -203,13 +199,13 @@ impl Sheet<'_> {
         let [position, orientation] = self.subject.goal;
         let all = [
             (
-                "Position error, log10 mm",
+                "Position error, mm",
                 Signal::PositionError,
                 "guide:goal_position",
                 position,
             ),
             (
-                "Orientation error, log10 °",
+                "Orientation error, °",
                 Signal::OrientationError,
                 "guide:goal_orientation",
                 orientation,
@@ -224,10 +220,10 @@ impl Sheet<'_> {
         for (i, (name, signal, guide, goal)) in all.into_iter().take(count).enumerate() {
             let names = names.map(str::to_owned).into_iter();
             let mut lines = vec![Lines::of(signal, names.zip([ACROSS, ALONG]))];
-            lines.extend(goal.map(|_| Lines::guide(guide, "goal", 1, TOLERANCE, 1.0)));
+            lines.extend(goal.map(|_| Lines::guide(guide, "allowed", 1, TOLERANCE, 1.5)));
             // Of two plots side by side the second has the legend of both, and the room for it.
             let legend = (i + 1 == count).then_some(RightTop);
-            panes.push((1.0 + 0.2 * i as f32, self.plot(name, lines, ERRORS, legend)));
+            panes.push((1.0 + 0.2 * i as f32, self.plot(name, lines, None, legend)));
         }
         self.row("Task errors", panes)
     }

@@ -306,6 +306,7 @@ impl<'a> Sheet<'a> {
             entity::PATH_ACTUAL,
             entity::PATH_DESIRED,
             entity::PATH_RIVAL,
+            entity::PATH_ELBOW,
         ];
         paths.extend(self.subject.stands_still.then_some(entity::PATH_MAGNIFIED));
         for of in paths {

@@ -98,7 +98,7 @@ impl Panel {
         self.marks.push(Mark::Line {
             points: points.to_vec(),
             color,
-            width: 1.2,
+            width: 1.6,
             dashed: true,
         });
     }
@@ -166,6 +166,17 @@ impl Panel {
         self.name(name, color, false);
         let y = [f64::NEG_INFINITY, self.y.place(to)];
         self.block(WHOLE, y, color, None);
+    }
+
+    /// Lines by their names.
+    pub(crate) fn named(&self) -> impl Iterator<Item = (&str, Color)> {
+        let all = self.legend.iter().filter(|(_, colour, _)| colour.3 == 1.0);
+        all.map(|(name, colour, _)| (name.as_str(), *colour))
+    }
+
+    /// What the vertical axis shows: values, or their logarithms.
+    pub(crate) fn span(&self) -> Range<f64> {
+        self.data().1
     }
 
     /// The data's range, each axis by its own scale.

@@ -43,41 +43,45 @@ impl Room {
         } else {
             subject.floor_m.min(0.0)
         };
-        // Above the mark are its words; seen from above, beside it.
-        let words = match planar && !subject.stands_still {
-            true => Vec3::X * (2.2 * mark),
-            false => Vec3::Z * (1.8 * mark),
-        };
-        let around =
-            |hand: Vec3| [Vec3::splat(mark), Vec3::splat(-mark), words].map(|by| hand + by);
         let ends = subject.ways.iter().scan(hand, |hand, way| {
             *hand = way.after(*hand);
             Some(*hand)
         });
         let hands = ends.chain([hand]).chain(self.hand.into_iter().flatten());
-        let all = hands.flat_map(around).chain([Vec3::Z * foot]);
-        let all = all
-            .chain(self.links.into_iter().flatten())
-            .chain(self.places.iter().copied());
-        let (low, high) = all.fold((Vec3::ZERO, Vec3::ZERO), |(low, high), p| {
-            (low.min(p), high.max(p))
-        });
+        let around = |hand: Vec3| [mark, -mark].map(|by| hand + Vec3::splat(by));
+        let all = hands.flat_map(around).chain([Vec3::ZERO, Vec3::Z * foot]);
+        let links = self.links.into_iter().flatten();
+        let all: Vec<Vec3> = all
+            .chain(links)
+            .chain(self.places.iter().copied())
+            .collect();
+        let low = all.iter().copied().fold(all[0], Vec3::min);
+        let high = all.iter().copied().fold(all[0], Vec3::max);
         let look_at = (low + high) / 2.0;
         let heading = hand.with_z(0.0).normalize_or(Vec3::X);
         let side = Vec3::new(heading.y, -heading.x, 0.0);
         let (away, up) = match planar {
             true => (Vec3::new(0.0, -0.25, 1.0), Vec3::Y),
-            false => (heading * 0.7 + side + Vec3::Z * 0.38, Vec3::Z),
+            false => (heading * 0.5 + side + Vec3::Z * 0.3, Vec3::Z),
         };
-        // Half of Rerun's field of view; the sphere is roomier than the arm in it.
-        let distance = 0.88 * (high - low).length() / 2.0 / 27.5f32.to_radians().sin();
+        let away = away.normalize();
+        let right = up.cross(away).normalize_or(Vec3::X);
+        let far = |p: &Vec3| {
+            let v = *p - look_at;
+            let [across, upwards] = [right, away.cross(right)].map(|axis| v.dot(axis).abs());
+            v.dot(away) + (across / TANGENTS[0]).max(upwards / TANGENTS[1])
+        };
+        let distance = all.iter().map(far).fold(0.0, f32::max);
         Eye {
-            position: look_at + away.normalize() * distance,
+            position: look_at + away * distance,
             look_at,
             up,
         }
     }
 }
+
+/// What of half of Rerun's field of view is used, in a pane half as wide as high.
+const TANGENTS: [f32; 2] = [0.25, 0.48];
 
 /// A stretch of time in which the arm was inside some neighbourhood throughout, or nearest to one.
 #[derive(Clone, Copy, Debug)]
@@ -88,8 +92,9 @@ struct Stretch {
     which: usize,
     zeta: [Vec3; 2],
     centre: Vec3,
-    /// The hand at the beginning and now.
-    hand: [Vec3; 2],
+    /// The hand at the beginning, and the corners of the box it has been in since.
+    hand: Vec3,
+    corners: [Vec3; 2],
 }
 
 /// The stretches of a run so far.
@@ -117,12 +122,14 @@ impl Stretches {
             which,
             zeta: [marks[which].zeta(); 2],
             centre: marks[which].X_BS.p,
-            hand: [hand; 2],
+            hand,
+            corners: [hand; 2],
         };
         let inside = marks.iter().position(Mark::is_inside);
         self.now = inside.map(|which| self.now.unwrap_or_else(|| at(which)));
         if let Some(now) = &mut self.now {
-            (now.last, now.hand[1]) = (tick, hand);
+            let [low, high] = now.corners;
+            (now.last, now.corners) = (tick, [low.min(hand), high.max(hand)]);
             if marks[now.which].is_inside() {
                 now.zeta[1] = marks[now.which].zeta();
             }
@@ -159,16 +166,15 @@ impl Stretches {
             stretch.first.saturating_sub(rate / 2),
             (stretch.last + rate).min(last),
         );
-        let way = stretch.hand[1] - stretch.hand[0];
-        Some((
-            ticks,
-            close_up(stretch.centre, stretch.zeta, way, unit, main),
-        ))
+        let [low, high] = stretch.corners;
+        let centre = stretch.centre + (low + high) / 2.0 - stretch.hand;
+        let eye = close_up(centre, stretch.zeta, high - low, unit, main);
+        Some((ticks, eye))
     }
 }
 
-/// The close-up's distance, in half lengths of the mark: its label has room beside it.
-const CLOSE: f32 = 5.8;
+/// The close-up's distance, in half lengths of the mark: the hand fills a third of the picture.
+const CLOSE: f32 = 3.3;
 
 /// An eye near C that looks across ζ: onto the sector that ζ sweeps, else onto the plane of ζ and the hand's way; from the main eye's side.
 pub(super) fn close_up(centre: Vec3, zeta: [Vec3; 2], way: Vec3, unit: f32, main: &Eye) -> Eye {
@@ -185,16 +191,15 @@ pub(super) fn close_up(centre: Vec3, zeta: [Vec3; 2], way: Vec3, unit: f32, main
     } else {
         aside
     };
-    // A little of the main view's direction: nothing is seen exactly edge-on.
-    let direction = (aside + 0.25 * towards_main + 0.12 * main.up).normalize_or(aside);
-    let up = match direction.dot(main.up).abs() > 0.93 {
-        true => zeta[0].cross(direction).normalize_or(Vec3::X),
-        false => main.up,
-    };
+    // A little of the main view's direction: nothing is seen exactly edge-on. Never from straight above: captions stand above and below.
+    let direction = (aside + 0.5 * towards_main + 0.12 * main.up).normalize_or(aside);
+    let height = direction.dot(main.up).clamp(-0.5, 0.5);
+    let level = direction.reject_from(main.up).normalize_or(towards_main);
+    let direction = level * (1.0 - height * height).sqrt() + height * main.up;
     Eye {
-        position: centre + direction * (CLOSE * unit),
+        position: centre + direction * (CLOSE * unit + way.length()),
         look_at: centre,
-        up,
+        up: main.up,
     }
 }
 

@@ -1,14 +1,14 @@
-//! The marks of singularities: the lost direction ζ, what it has swept, and the lines that show why the arm is singular.
+//! The marks of singularities: the lost direction ζ, what it has swept, the lines that show why the arm is singular, and two captions.
 
 use glam::Vec3;
 use nalgebra::SVector;
 use re_sdk_types::archetypes::Transform3D;
 use shared_types::MAX_DOF;
-use shared_types::codes::{KIND_NUMERIC, MODE_REORIENT};
+use shared_types::codes::{KIND_NUMERIC, MODE_REORIENT, reason_text, singularity_name};
 
 use super::Recording;
 use super::picture::UNSEEN;
-use super::shapes::{arrows, ghost3d, lettered, lines, mesh3d, tinted, words};
+use super::shapes::{arrows, ghost3d, lines, mesh3d, tinted, words};
 use crate::scene::{self, Look, Mark, Presence, dashed, glyph};
 use crate::signals::TickRow;
 use crate::solid::{Placement, Rgba};
@@ -19,10 +19,10 @@ use crate::{entity, narration};
 const SWEEP_STEP: f32 = 0.9903;
 /// So many directions of ζ, a few degrees, are worth no picture.
 const FEW: usize = 2;
-/// Degrees between two pictures of the rotation about the old ζ.
-const TELL_STEP_DEG: f32 = 5.0;
 /// Colour of a direction that is free again.
 const FREE: Rgba = 0x5adc78ff;
+/// How far above and below the centre of the marks the captions stand, in half lengths of a mark.
+const CAPTION: f32 = 1.25;
 
 /// The mark of a singularity as the present part has it.
 #[derive(Default)]
@@ -37,12 +37,12 @@ pub(super) struct Shown {
 struct Swept {
     /// ζ at successive steps, from entry on.
     directions: Vec<Vec3>,
-    /// The hand when ζ had been turned.
+    is_turning: bool,
+    /// The hand when ζ had been turned, and the segment that turns it about the old ζ.
     freed: Option<glam::Mat3>,
-    /// Degrees of the rotation about the old ζ when last told.
-    told_deg: f32,
-    /// Whether the arm has left the singularity behind.
-    is_over: bool,
+    segment: Option<usize>,
+    /// The words on it.
+    text: String,
 }
 
 /// A singularity's mark at a tick, and what the task does there.
@@ -52,7 +52,6 @@ struct Named<'a> {
     tint: Rgba,
     look: Look,
     centre: Vec3,
-    /// On the other side than the mark's label.
     zeta: Vec3,
     segment: usize,
     is_turning: bool,
@@ -64,25 +63,21 @@ impl Named<'_> {
         format!("{}{}/{part}", entity::SINGULARITY, self.name)
     }
 
-    /// A picture of ζ: `sector` swept, its angle in `words`, ζ as it was at the `entry`.
+    /// A picture of ζ: the `sector` swept, and ζ as it was at the `entry`.
     fn zeta(&self, part: &str) -> String {
         format!("/world/zeta/{}/{part}", self.name)
-    }
-
-    fn label(&self) -> String {
-        format!("{}{}", entity::LABEL, self.name)
     }
 }
 
 impl Recording {
     /// Half the length of the mark of a singularity the arm is in; m.
     pub(super) fn mark_size(&self) -> f32 {
-        0.2 * self.run.figure.reach
+        0.12 * self.run.figure.reach
     }
 
     /// Lines of marks and of turned joints; m.
     pub(super) fn fine(&self) -> f32 {
-        0.004 * self.run.figure.reach
+        0.003 * self.run.figure.reach
     }
 
     /// Marks change their looks rarely; their places go with the picture.
@@ -93,19 +88,6 @@ impl Recording {
         marks: &[Mark],
         hand: &Placement,
     ) {
-        let is_inside = |shown: &Shown| shown.look.presence == Presence::Inside;
-        let shown = self.part.marks.iter().map(is_inside);
-        if marks
-            .iter()
-            .zip(shown.clone())
-            .any(|(mark, shown)| mark.is_inside() && !shown)
-        {
-            // Labels that stand keep their sides.
-            let sides = self.story.sides.iter_mut().zip(scene::label_sides(marks));
-            for ((known, side), _) in sides.zip(shown).filter(|(_, shown)| !shown) {
-                *known = side;
-            }
-        }
         let singularities = self.subject.singularities.clone();
         let all = row.singularities().iter().zip(marks).zip(&singularities);
         for (i, ((one, mark), (name, tint))) in all.enumerate() {
@@ -116,7 +98,7 @@ impl Recording {
                 tint: *tint,
                 look: mark.look,
                 centre: mark.X_BS.p,
-                zeta: -self.story.sides[i] * mark.zeta(),
+                zeta: mark.zeta(),
                 segment: command.map_or(0, |state| state.segment as usize),
                 is_turning: command.is_some_and(|state| state.mode[i] == MODE_REORIENT),
             };
@@ -124,7 +106,7 @@ impl Recording {
             let mut shown = std::mem::take(&mut self.part.marks[i]);
             if shown.look != mark.look {
                 shown.look = mark.look;
-                self.write_look(&mut shown, &named, mark.edge, &narration::label(one, i));
+                self.write_look(&mut shown, &named, mark.edge);
                 self.write_why(&named, one.kind, q);
             }
             shown.swept = self.write_swept(shown.swept.take(), &named, hand);
@@ -132,8 +114,8 @@ impl Recording {
         }
     }
 
-    /// The mark's solid, the rings where it is entered and, inside, the other axes of the singular frame and the words.
-    fn write_look(&mut self, shown: &mut Shown, mark: &Named, edge: f32, text: &str) {
+    /// The mark's solid, the rings where it is entered and, inside, the other axes of the singular frame.
+    fn write_look(&mut self, shown: &mut Shown, mark: &Named, edge: f32) {
         let (tick, unit) = (mark.tick, self.mark_size());
         let Look { presence, angular } = mark.look;
         let [solid, rings] = ["glyph", "edge"].map(|part| mark.part(part));
@@ -158,14 +140,15 @@ impl Recording {
             self.log(tick, &solid, &scale(UNSEEN));
             self.log(tick, &rings, &scale(UNSEEN));
         }
-        if presence == Presence::Inside {
-            let axes = [Vec3::Y, Vec3::Z].map(|axis| 0.5 * unit * axis);
-            let axes = arrows(Vec3::ZERO, axes, 0xc8d0dcff, 0.012 * unit);
-            self.draw(tick, mark.part("axes"), &axes);
-            self.draw(tick, mark.label(), &words(Vec3::ZERO, mark.tint, text));
-        } else {
-            self.clear(tick, [mark.part("axes"), mark.label()]);
-        }
+        // Hidden words: readers see by them whether the arm is inside, and what is lost.
+        let (axes, lost) = match presence {
+            Presence::Inside => (&[Vec3::Y, Vec3::Z][..], narration::lost(angular)),
+            _ => (&[][..], ""),
+        };
+        let axes = axes.iter().map(|axis| 0.5 * unit * *axis);
+        let axes = arrows(Vec3::ZERO, axes, 0xc8d0dcff, 0.012 * unit);
+        let axes = axes.with_labels([lost]).with_show_labels(false);
+        self.log(tick, mark.part(entity::AXES), &axes);
     }
 
     /// Axes and bones that fall into one line, on the links they belong to: they move with the arm and cost nothing per tick.
@@ -187,12 +170,12 @@ impl Recording {
         };
         for (link, strips, is_second) in scene::reasons(kind, &self.run.figure, &dependent) {
             let drawn = if is_second { 0xf5f5faff } else { mark.tint };
-            let strips = lines(strips, drawn, 0.0045 * reach);
+            let strips = lines(strips, drawn, 0.0025 * reach);
             self.draw(mark.tick, path(link), &strips);
         }
     }
 
-    /// The sector that ζ has swept since the arm entered, with its angle; the old ζ, green and with its own angle once it is free again.
+    /// The sector that ζ has swept since the arm entered; the old ζ, green once it is free again; and their words.
     fn write_swept(
         &mut self,
         swept: Option<Swept>,
@@ -202,38 +185,54 @@ impl Recording {
         let is_inside = mark.look.presence == Presence::Inside;
         let begin = || Swept {
             directions: vec![mark.zeta],
+            is_turning: false,
             freed: None,
-            told_deg: 0.0,
-            is_over: false,
+            segment: None,
+            text: String::new(),
         };
         let mut swept = swept.or_else(|| is_inside.then(begin))?;
-        if !is_inside && swept.freed.is_none() {
-            // It left as it came.
-            self.clear(
-                mark.tick,
-                ["sector", "words", "entry"].map(|part| mark.zeta(part)),
-            );
-            return None;
+        let (first, last) = (swept.directions[0], *swept.directions.last()?);
+        // ζ is a line: its sign may be either.
+        let zeta = mark.zeta * last.dot(mark.zeta).signum();
+        let segment = self.run.segments.get(mark.segment);
+        let about = segment.and_then(|one| Some(one.turn.as_ref()?.by_deg));
+        let goal = segment.and_then(|one| one.reorient.as_ref());
+        let goal = goal.filter(|turn| turn.singularity == mark.name);
+        let goal = goal.map(|turn| turn.by_deg);
+        let is_over = segment.is_some() && swept.segment.is_some_and(|of| of != mark.segment);
+        if is_over || (!is_inside && swept.freed.is_none()) {
+            // It left as it came, or the task has gone on to something else.
+            self.clear(mark.tick, ["sector", "entry"].map(|part| mark.zeta(part)));
+            return is_inside.then(begin);
         }
-        let last = *swept.directions.last()?;
-        if is_inside && swept.freed.is_none() && last.dot(mark.zeta) < SWEEP_STEP {
-            // ζ is a line: its sign may be either.
-            let sign = if last.dot(mark.zeta) < -0.5 {
-                -1.0
-            } else {
-                1.0
-            };
-            swept.directions.push(sign * mark.zeta);
+        if let Some(R_0) = swept.freed {
+            let (axis, angle) = glam::Quat::from_mat3(&(hand.R * R_0.transpose())).to_axis_angle();
+            let turned = (angle * axis.dot(first)).to_degrees().abs();
+            if about.is_some() {
+                swept.segment = Some(mark.segment);
+                swept.text = format!("free again: {turned:.0}°{}", of(about));
+            }
+            if mark.look.presence == Presence::Hidden {
+                self.clear(mark.tick, [mark.zeta("sector")]);
+            }
+            return Some(swept);
+        }
+        let has_ended = swept.is_turning && !mark.is_turning;
+        swept.is_turning = mark.is_turning;
+        if last.dot(zeta) < SWEEP_STEP || has_ended {
+            swept.directions.push(zeta);
             self.write_sector(mark, &swept.directions);
-        } else if swept.directions.len() > FEW {
-            self.write_freed(mark, &mut swept, hand);
-            if mark.look.presence == Presence::Hidden && !swept.is_over {
-                // The old ζ stays to be seen until the arm enters again.
-                swept.is_over = true;
-                self.clear(mark.tick, ["sector", "words"].map(|part| mark.zeta(part)));
-            } else if is_inside && swept.is_over {
-                self.clear(mark.tick, [mark.zeta("entry")]);
-                return None;
+        }
+        if swept.directions.len() > FEW {
+            let steps = swept.directions.windows(2);
+            let turned: f32 = steps.map(|pair| pair[0].angle_between(pair[1])).sum();
+            let turned = (turned + swept.directions.last()?.angle_between(zeta)).to_degrees();
+            swept.text = format!("ζ turned {turned:.0}°{}", of(goal));
+            if first.dot(zeta).abs() < 0.72 && !mark.is_turning {
+                // Turned far enough, and the task goes on with another segment: the hand may rotate about the old ζ.
+                swept.freed = Some(hand.R);
+                swept.text = "the old ζ is free again".to_owned();
+                self.write_old_zeta(mark, first, FREE);
             }
         }
         Some(swept)
@@ -244,102 +243,97 @@ impl Recording {
         if directions.len() <= FEW {
             return;
         }
-        let unit = self.mark_size();
-        let steps = directions.windows(2);
-        let turned: f32 = steps.map(|pair| pair[0].angle_between(pair[1])).sum();
-        let goal = self.run.segments.get(mark.segment);
-        let goal = goal.and_then(|one| one.reorient.as_ref());
-        let goal = goal.filter(|turn| turn.singularity == mark.name);
-        let goal = of(goal.map(|turn| turn.by_deg));
-        let text = format!("ζ turned {:.0}°{goal}", turned.to_degrees());
-        let arc = directions
-            .iter()
-            .map(|zeta| mark.centre + *zeta * 0.97 * unit);
-        let arc = lettered(vec![(arc.collect(), mark.tint, text)], self.fine());
-        let sector = scene::sector(mark.centre, directions, 0.95 * unit);
-        self.draw(
-            mark.tick,
-            mark.zeta("sector"),
-            &ghost3d(&sector, faded(mark.tint, 90)),
-        );
-        self.draw(mark.tick, mark.zeta("words"), &arc);
+        let sector = scene::sector(mark.centre, directions, 0.95 * self.mark_size());
+        let sector = ghost3d(&sector, faded(mark.tint, 90));
+        self.draw(mark.tick, mark.zeta("sector"), &sector);
         if directions.len() == FEW + 1 {
-            self.write_old_zeta(mark, directions[0], faded(mark.tint, 200), String::new());
+            self.write_old_zeta(mark, directions[0], faded(mark.tint, 200));
         }
     }
 
-    /// Turned far enough, and the task goes on with another segment: what was lost is free, and the hand may rotate about it.
-    fn write_freed(&mut self, mark: &Named, swept: &mut Swept, hand: &Placement) {
-        let first = swept.directions[0];
-        let Some(R_0) = swept.freed else {
-            if first.dot(mark.zeta).abs() < 0.72 && !mark.is_turning {
-                swept.freed = Some(hand.R);
-                self.write_old_zeta(mark, first, FREE, "old ζ: free again".to_owned());
-            }
-            return;
-        };
-        let (axis, angle) = glam::Quat::from_mat3(&(hand.R * R_0.transpose())).to_axis_angle();
-        let about_deg = (angle * axis.dot(first)).to_degrees().abs();
-        if about_deg <= swept.told_deg + TELL_STEP_DEG {
-            return;
-        }
-        swept.told_deg = about_deg;
-        let wanted = self.run.segments.get(mark.segment);
-        let wanted = wanted.and_then(|one| one.turn.as_ref());
-        let wanted = of(wanted.map(|turn| turn.by_deg));
-        let text = format!("free again: {about_deg:.0}°{wanted}");
-        self.write_old_zeta(mark, first, FREE, text);
-        if mark.look.presence == Presence::Inside {
-            self.clear(mark.tick, [mark.zeta("words")]);
-        }
+    /// ζ as it was when the arm entered, dashed.
+    fn write_old_zeta(&mut self, mark: &Named, zeta: Vec3, colour: Rgba) {
+        let end = 1.15 * self.mark_size() * zeta;
+        let dashes = dashed(mark.centre - end, mark.centre + end, 15, 0);
+        let dashes = lines(dashes, colour, self.fine());
+        self.draw(mark.tick, mark.zeta("entry"), &dashes);
     }
 
-    /// ζ as it was when the arm entered, dashed, with words at its upper end.
-    fn write_old_zeta(&mut self, mark: &Named, zeta: Vec3, colour: Rgba, text: String) {
-        let unit = self.mark_size();
-        let end = 1.15 * unit * zeta;
-        let dashes = dashed(mark.centre - end, mark.centre + end, 15, 0).into_iter();
-        let up = if zeta.z < 0.0 { -zeta } else { zeta };
-        let tip = mark.centre + 1.2 * unit * up;
-        let tip = vec![tip, tip + 0.02 * unit * up];
-        let dashes = dashes.map(|dash| (dash.to_vec(), colour, String::new()));
-        let all = dashes.chain([(tip, colour, text)]).collect();
-        self.draw(mark.tick, mark.zeta("entry"), &lettered(all, self.fine()));
-    }
-
-    /// Where the marks are, how large, and where their words stand.
+    /// Where the marks are, and how large.
     pub(super) fn place_marks(&mut self, tick: u64, marks: &[Mark]) {
-        let (unit, mut labels) = (self.mark_size(), 0.0);
-        for (i, mark) in marks
-            .iter()
-            .enumerate()
-            .take(self.subject.singularities.len())
-        {
+        let unit = self.mark_size();
+        let names = self.subject.singularities.clone();
+        for (mark, (name, _)) in marks.iter().zip(&names) {
             // Hidden entities need no pose.
-            if mark.look.presence == Presence::Hidden {
-                continue;
+            if mark.look.presence != Presence::Hidden {
+                let path = format!("{}{name}", entity::SINGULARITY);
+                let sizes = &mut self.track(format!("{path}/glyph"), tick).sizes;
+                sizes.push([unit * mark.size; 3]);
+                self.place(path, tick, mark.X_BS);
             }
-            let name = self.subject.singularities[i].0.clone();
-            let path = format!("{}{name}", entity::SINGULARITY);
-            let sizes = &mut self.track(format!("{path}/glyph"), tick).sizes;
-            sizes.push([unit * mark.size; 3]);
-            self.place(path, tick, mark.X_BS);
-            if !mark.is_inside() {
-                continue;
+        }
+    }
+
+    /// Two captions, so that none is ever drawn over another: what is lost, above the marks, and what happens, below them.
+    pub(super) fn write_captions(&mut self, row: &TickRow, marks: &[Mark], hand: Vec3) {
+        let inside = row.singularities().iter().enumerate();
+        let inside: Vec<_> = inside.filter(|(_, one)| one.inside == 1).collect();
+        let name = |(i, one): &(usize, &shared_types::SingularityState)| {
+            singularity_name(one.kind, *i).to_owned()
+        };
+        let tint = inside
+            .first()
+            .map(|(i, one)| narration::colour_of(one.kind, *i));
+        let lost = match &inside[..] {
+            [] => String::new(),
+            [only] => format!(
+                "{}: cannot {}",
+                name(only),
+                narration::lost(only.1.angular == 1)
+            ),
+            all => all.iter().map(name).collect::<Vec<_>>().join(", ") + ": locked",
+        };
+        let swept = self
+            .part
+            .marks
+            .iter()
+            .filter_map(|shown| shown.swept.as_ref());
+        let swept = swept.filter(|swept| !swept.text.is_empty());
+        let swept = swept.max_by_key(|swept| swept.freed.is_some());
+        let now = match (row.servo_state, swept) {
+            (Some(state), _) => reason_text(state.reason, state.joint, state.upper).to_string(),
+            (None, Some(swept)) if swept.freed.is_some() => swept.text.clone(),
+            (None, swept) => {
+                let swept = swept.map(|swept| swept.text.clone());
+                let parts = [self.story.motion.words(), swept.unwrap_or_default()];
+                let parts = parts.into_iter().filter(|part| !part.is_empty());
+                parts.collect::<Vec<_>>().join(": ")
             }
-            // Beside the end of its axis: above it, or below where the axis points down; nearer to C, and higher, the more it lies: words
-            // are wide, and hang from their place. Each below the one before: seen from far they would overlap.
-            let up = mark.zeta().z.abs();
-            let end = mark.zeta() * (self.story.sides[i] * (0.85 + 0.2 * up) * unit);
-            let above = if end.z < -0.3 * unit {
-                -0.25
+        };
+        let up = self.subject.eye.up.normalize_or(Vec3::Z) * (CAPTION * self.mark_size());
+        let centre = marks.first().map_or(hand, |mark| mark.X_BS.p);
+        let all = [
+            (lost, tint.unwrap_or(FREE), centre + up),
+            (now, 0xffffffff, centre - up),
+        ];
+        for (k, (text, colour, p)) in all.into_iter().enumerate() {
+            let path = format!("{}{k}", entity::CAPTION);
+            if text.is_empty() {
+                self.clear(row.tick, [path]);
             } else {
-                0.25 + 0.45 * (1.0 - up)
-            };
-            let R = glam::Mat3::IDENTITY;
-            let p = mark.X_BS.p + end + Vec3::Z * (unit * (above - 0.75 * labels));
-            labels += 1.0;
-            self.place(format!("{}{name}", entity::LABEL), tick, Placement { R, p });
+                if self.part.captions[k] != text {
+                    self.draw(row.tick, path.clone(), &words(Vec3::ZERO, colour, &text));
+                }
+                self.place(
+                    path,
+                    row.tick,
+                    Placement {
+                        p,
+                        ..Placement::IDENTITY
+                    },
+                );
+            }
+            self.part.captions[k] = text;
         }
     }
 }

@@ -8,7 +8,7 @@ use re_sdk_types::components::Radius;
 use re_sdk_types::datatypes::Quaternion;
 use shared_types::MAX_DOF;
 
-use super::shapes::{arrows, ghost3d, lettered, lines, mesh3d, middle};
+use super::shapes::{arrows, coloured, ghost3d, lines, mesh3d};
 use super::{Recording, Track};
 use crate::arm::{placement, pose, vec3};
 use crate::blueprint::{JOINTS, MAGNIFIED};
@@ -30,13 +30,14 @@ const ABILITIES: [&str; 2] = [
 const GHOST: &str = "/world/null_motion/link";
 /// A link of the other law's arm, in a race.
 const RIVAL: &str = "/world/rival/link";
-const PALE: Rgba = 0x96cdffa0;
+const PALE: Rgba = 0xaadcffff;
 /// The lines that grow: path, colour, radius over the arm's reach.
-const WAYS: [(&str, Rgba, f32); 4] = [
+const WAYS: [(&str, Rgba, f32); 5] = [
     (entity::PATH_RIVAL, 0xff5a50ff, 0.0045),
     (entity::PATH_MAGNIFIED, 0xffb02eff, 0.006),
     (entity::PATH_ACTUAL, 0xf0f0f5ff, 0.0035),
     (entity::PATH_DESIRED, 0x6eeb96ff, 0.006),
+    (entity::PATH_ELBOW, PALE, 0.004),
 ];
 
 impl Recording {
@@ -100,6 +101,10 @@ impl Recording {
         for (i, link) in links[..self.run.figure.links.len()].iter().enumerate() {
             self.place(entity::link(entity::LINK, i), tick, *link);
         }
+        let joints = self.subject.joints;
+        if joints > self.run.task.iter().filter(|served| **served).count() {
+            self.ways[4].push((tick, links[joints / 2].p));
+        }
         self.place(entity::HAND.to_owned(), tick, hand);
         self.ways[2].push((tick, hand.p));
         if let Some(desired) = desired {
@@ -110,6 +115,7 @@ impl Recording {
             }
         }
         self.place_marks(tick, &marks);
+        self.write_captions(row, &marks, hand.p);
         if let Some(report) = row.singularity {
             self.see_abilities(row, q, report.p_BC, &marks);
         }
@@ -207,42 +213,22 @@ impl Recording {
             steps.any(|pair| pair[0].distance(pair[1]) > 0.005)
         };
         let strips = (0..self.run.figure.links.len()).map(trail).filter(moved);
-        let trail = lines(strips, PALE, 0.002 * self.run.figure.reach);
+        let trail = lines(strips, PALE, 0.005 * self.run.figure.reach);
         self.log(tick, "/world/null_motion/trail", &trail);
     }
 
     /// How far each joint has turned in the present null-space motion, in the colours that the plots have for them.
     pub(super) fn write_turned(&mut self, tick: u64, links: &[Placement], anyhow: bool) {
-        let Some(turned) = self.story.motion.turned(anyhow) else {
+        if !self.story.motion.has_turned(anyhow) {
             return;
-        };
-        let most = turned
-            .iter()
-            .fold(0.0f64, |most, angle| most.max(angle.abs()));
-        // Words of arcs next to each other would lie over each other: they share a place.
-        let near = 0.8 * self.mark_size();
-        let mut arcs: Vec<(Vec<Vec3>, Rgba, String)> = Vec::new();
-        for (i, ring) in self.run.figure.rings.iter().enumerate() {
-            // Those that move most, each with its words: an arc without any is a hook that belongs to nothing.
-            let angle = turned[i];
-            let Some(ring) = ring
-                .as_ref()
-                .filter(|_| angle.abs() > (0.5 * most).max(0.06))
-            else {
-                continue;
-            };
-            let strip = scene::turning(ring, &links[i], angle as f32);
-            let mut word = format!("q{} {:+.0}°", i + 1, angle.to_degrees());
-            let is_beside = |other: &&mut (Vec<Vec3>, Rgba, String)| {
-                !other.2.is_empty() && middle(&other.0).distance(middle(&strip)) < near
-            };
-            if let Some(other) = arcs.iter_mut().find(is_beside) {
-                other.2 += &format!(", {word}");
-                word.clear();
-            }
-            arcs.push((strip, JOINTS[i], word));
         }
-        self.log(tick, entity::TURNED, &lettered(arcs, self.fine()));
+        let arc = |(i, angle): (usize, f64)| {
+            let ring = self.run.figure.rings.get(i)?.as_ref()?;
+            Some((scene::turning(ring, &links[i], angle as f32), JOINTS[i]))
+        };
+        let arcs = self.story.motion.most().filter_map(arc);
+        let arcs = coloured(arcs, self.fine());
+        self.log(tick, entity::TURNED, &arcs);
     }
 
     pub(super) fn write_picture(&mut self) {

@@ -10,7 +10,7 @@ use re_sdk_types::datatypes::Quaternion;
 use re_sdk_types::{ComponentDescriptor, SerializedComponentColumn};
 
 use crate::scene::rotation;
-use crate::signals::{Kept, Now, Signal, logarithm, share};
+use crate::signals::{Kept, Now, Signal, logarithm, share, short};
 use crate::solid::Placement;
 
 /// Rows of numbers, gathered.
@@ -88,6 +88,7 @@ impl Column {
             Kept::F64 => Arc::new(Float64Array::from(values)),
             Kept::Log(_) => narrow(logarithm),
             Kept::Drawn => narrow(share),
+            Kept::Short => narrow(short),
             _ => narrow(|value| value as f32),
         };
         let field = Arc::new(Field::new_list_field(values.data_type().clone(), true));

@@ -67,27 +67,13 @@ pub(super) fn words(at: Vec3, colour: Rgba, text: &str) -> Points3D {
         .with_show_labels(true)
 }
 
-/// Lines of one width, some with words at their middle. Words have the colour of their line, which the viewer's light theme hides, so each
-/// belongs to a line of its own, too short to be seen.
-pub(super) fn lettered(lines: Vec<(Vec<Vec3>, Rgba, String)>, radius: f32) -> LineStrips3D {
-    let words = lines.iter().filter(|(.., word)| !word.is_empty());
-    let words = words.map(|(strip, colour, word)| {
-        let at = middle(strip);
-        let strip = array([at, at + Vec3::splat(1e-4)]);
-        (strip, of_words(*colour), 1e-5, word.clone())
-    });
-    let plain = lines.iter();
-    let plain = plain
-        .map(|(strip, colour, _)| (array(strip.iter().copied()), *colour, radius, String::new()));
-    let all: Vec<_> = plain.chain(words).collect();
-    LineStrips3D::new(all.iter().map(|one| one.0.clone()))
-        .with_colors(all.iter().map(|one| one.1))
-        .with_radii(all.iter().map(|one| one.2))
-        .with_labels(all.into_iter().map(|one| one.3))
-        .with_show_labels(true)
-}
-
-/// The middle of a line's points.
-pub(super) fn middle(strip: &[Vec3]) -> Vec3 {
-    strip.iter().sum::<Vec3>() / strip.len().max(1) as f32
+/// Lines of one width, each with its colour.
+pub(super) fn coloured(
+    lines: impl Iterator<Item = (Vec<Vec3>, Rgba)>,
+    radius: f32,
+) -> LineStrips3D {
+    let (strips, colours): (Vec<_>, Vec<_>) = lines.unzip();
+    LineStrips3D::new(strips.into_iter().map(array))
+        .with_colors(colours)
+        .with_radii([radius])
 }

@@ -1,10 +1,9 @@
 //! A steered arm: the twist that its target asks for, the motion of the next half second, and why it is no faster.
 
 use glam::{Quat, Vec3};
-use shared_types::codes::reason_text;
 
 use super::Recording;
-use super::shapes::{arrows, lines, words};
+use super::shapes::{arrows, lines};
 use crate::arm::vec3;
 use crate::signals::{TickRow, halves};
 use crate::solid::{Placement, Rgba};
@@ -16,10 +15,6 @@ const ASKED: Rgba = 0xfff078ff;
 const GHOST: Rgba = 0x96ebbec8;
 /// Twist that is drawn; m/s, rad/s.
 const LEAST: f32 = 1e-3;
-/// How far below the hand its words are, in half lengths of a mark.
-const BELOW: f32 = 1.5;
-/// Cosine of the angle by which the hand may turn before they are put below it again.
-const STILL_BELOW: f32 = 0.94;
 /// Lines of a curve.
 const PIECES: usize = 16;
 
@@ -42,20 +37,6 @@ impl Recording {
         );
         let V = row.control_state.map_or([0.0; 6], |command| command.V_BE_d);
         self.write_ahead(row.tick, &V, desired.unwrap_or(hand), unit);
-        let reason = [state.reason, state.joint, state.upper];
-        // Below the hand in base axes, in which it stays where the hand only moves: the labels of marks are beside it or above.
-        let below = hand.R.transpose() * Vec3::NEG_Z;
-        let stands =
-            |(before, at): ([u32; 3], Vec3)| before == reason && at.dot(below) > STILL_BELOW;
-        if !self.part.reason.is_some_and(stands) {
-            self.part.reason = Some((reason, below));
-            let text = reason_text(state.reason, state.joint, state.upper).to_string();
-            self.log(
-                row.tick,
-                "/world/hand/reason",
-                &words(below * BELOW * unit, ASKED, &text),
-            );
-        }
     }
 
     /// The twist asked for: an arrow as long as its way in half a second and an arc as wide as its turn; and the line to the place that is asked for.

@@ -169,9 +169,13 @@ impl<'a> Drawing<'a> {
         );
         let hand = between(&self.recorded.hand, 0, tick);
         out.put(stroke(ACTUAL, 4.0, ""), self.way(hand, WAY));
-        for one in &self.recorded.singularities {
+        // Several locks share a centre: each mark is smaller than the one before, and none is drawn that is only near.
+        let all = self.recorded.singularities.iter();
+        let (inside, near): (Vec<_>, Vec<_>) = all.partition(|one| one.entered(tick).is_some());
+        let shown = if inside.is_empty() { near } else { inside };
+        for (one, unit) in shown.into_iter().zip([1.0, 0.62, 0.38, 0.24]) {
             if let Some(frame) = self.recorded.fresh(&one.frame, tick) {
-                self.mark(one, frame, tick, &bodies[1..], out);
+                self.mark(one, frame, tick, unit * self.unit, &bodies[1..], out);
             }
         }
     }
@@ -181,17 +185,19 @@ impl<'a> Drawing<'a> {
         one: &Named,
         frame: &Placement,
         tick: u64,
+        unit: f32,
         links: &[Placement],
         out: &mut Picture,
     ) {
         let colour = hex(on_paper(one.colour));
-        let is_inside = self.recorded.fresh(&one.label, tick).is_some();
+        let is_inside = one.entered(tick).is_some();
         let [faint, pale] = match is_inside {
             true => [""; 2],
             false => [" stroke-opacity=\".35\"", " fill-opacity=\".35\""],
         };
         // The lines on links that show why the arm is singular.
-        for (link, strips, is_second) in reasons(one.kind, &self.figure, &[]) {
+        let reasons = reasons(one.kind, &self.figure, &[]).into_iter();
+        for (link, strips, is_second) in reasons.filter(|_| unit == self.unit) {
             let Some(at) = links.get(link) else { continue };
             let strips = strips.iter();
             let strips = strips.map(|strip| self.line(strip.map(|p| at.of(p))));
@@ -199,14 +205,13 @@ impl<'a> Drawing<'a> {
             out.put(stroke(colour, 5.0, faint), strips.collect());
         }
         if is_inside {
-            self.sector(one, &colour, tick, frame.p, out);
+            self.sector(one, &colour, tick, (frame.p, unit), out);
         }
         let (line, solid) = (
             stroke(&colour, 9.0, faint),
             format!("fill=\"{colour}\"{pale}"),
         );
-        let point =
-            |x: f32, y: f32, z: f32| self.camera.place(frame.of(self.unit * Vec3::new(x, y, z)));
+        let point = |x: f32, y: f32, z: f32| self.camera.place(frame.of(unit * Vec3::new(x, y, z)));
         let ends = [1.0, -1.0].map(|side| point(side, 0.0, 0.0));
         out.put(line.clone(), path(ends));
         if one.is_angular(tick) {
@@ -231,20 +236,25 @@ impl<'a> Drawing<'a> {
     }
 
     /// The sector that ζ has swept since the arm entered.
-    fn sector(&self, one: &Named, colour: &str, tick: u64, centre: Vec3, out: &mut Picture) {
+    fn sector(
+        &self,
+        one: &Named,
+        colour: &str,
+        tick: u64,
+        (centre, unit): (Vec3, f32),
+        out: &mut Picture,
+    ) {
         let (directions, turned) = self.recorded.swept(one, tick);
         let Some(first) = directions.first().copied().filter(|_| turned > 5.0) else {
             return;
         };
-        let rim = directions
-            .iter()
-            .map(|zeta| centre + 0.9 * self.unit * *zeta);
+        let rim = directions.iter().map(|zeta| centre + 0.9 * unit * *zeta);
         let outline = std::iter::once(centre).chain(rim);
         out.put(
             format!("fill=\"{colour}\" fill-opacity=\".3\""),
             self.line(outline) + "z",
         );
-        let entry = [1.05, -1.05].map(|side| centre + side * self.unit * first);
+        let entry = [1.05, -1.05].map(|side| centre + side * unit * first);
         out.put(
             stroke(colour, 5.0, " stroke-dasharray=\"22 16\""),
             self.line(entry),

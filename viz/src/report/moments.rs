@@ -27,6 +27,10 @@ pub(super) fn swept(frames: &[(u64, Placement)]) -> (Vec<Vec3>, f32) {
             directions.push(zeta);
         }
     }
+    // The last, smaller step.
+    if let (Some(last), Some((_, frame))) = (directions.last(), frames.last()) {
+        turned += last.dot(frame.R.x_axis).abs().min(1.0).acos().to_degrees();
+    }
     (directions, turned)
 }
 
@@ -43,18 +47,15 @@ impl Recorded {
 
     /// The directions of ζ since the arm entered the neighbourhood it is in at a tick.
     pub(super) fn swept(&self, one: &Named, tick: u64) -> (Vec<Vec3>, f32) {
-        let before = between(&one.label, 0, tick);
-        let mut pairs = before.windows(2);
-        let begin = pairs.rposition(|pair| pair[1].0 - pair[0].0 > self.hold());
-        let begin = before.get(begin.map_or(0, |place| place + 1));
-        swept(begin.map_or(&[], |(from, _)| between(&one.frame, *from, tick)))
+        let entered = one.entered(tick);
+        swept(entered.map_or(&[], |from| between(&one.frame, from, tick)))
     }
 
     /// The singularities that control treats as such at a tick, each with what it does there; none where the arm is free.
     pub(super) fn told(&self, tick: u64) -> Vec<(&Named, String)> {
         let of = |one| {
             let (mode, mut words) = (Named::mode(one, tick), String::new());
-            if self.fresh(&one.label, tick).is_some() {
+            if one.entered(tick).is_some() {
                 words = format!("the hand cannot {}; ", lost(one.is_angular(tick)));
                 let (_, turned) = self.swept(one, tick);
                 if turned > 5.0 {
@@ -84,10 +85,7 @@ impl Recorded {
 
     /// How far ζ of any singularity turns in a stretch; degrees.
     fn turned(&self, stretch: &Range<u64>) -> f32 {
-        let of = |one: &Named| match between(&one.label, stretch.start, stretch.end) {
-            [(first, _), .., (last, _)] => swept(between(&one.frame, *first, *last)).1,
-            _ => 0.0,
-        };
+        let of = |one: &Named| swept(one.inside(stretch.start, stretch.end)).1;
         self.singularities.iter().map(of).fold(0.0, f32::max)
     }
 
@@ -153,10 +151,7 @@ impl Recorded {
             let end = one.modes.get(begin + 1).map_or(to, |next| next.0);
             Some((one.modes[begin].0, end))
         });
-        let inside = self
-            .singularities
-            .iter()
-            .map(|one| between(&one.label, from, to));
+        let inside = self.singularities.iter().map(|one| one.inside(from, to));
         let entered = inside
             .clone()
             .filter_map(|rows| Some(rows.first()?.0))
@@ -198,13 +193,16 @@ mod tests {
                 },
             )
         };
+        let lost = vec![
+            (inside.start, (!inside.is_empty()).then_some(true)),
+            (inside.end, None),
+        ];
         let frame: Vec<_> = inside.step_by(20).map(at).collect();
-        let label = frame.clone();
         let modes = modes.to_vec();
         let one = Named {
             modes,
             frame,
-            label,
+            lost,
             ..Named::default()
         };
         Recorded {

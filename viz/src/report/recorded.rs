@@ -9,7 +9,7 @@ use shared_types::codes::{KIND_NUMERIC, KINDS, MODE_REGULAR, MODES};
 use shared_types::job::Job;
 use shared_types::summary::Summary;
 
-use crate::entity::{HAND, LABEL, LINK, SINGULARITY, TARGET, link};
+use crate::entity::{AXES, HAND, LINK, SINGULARITY, TARGET, link};
 use crate::narration::{NO_FAULT, colour_of};
 use crate::plot::{Axis, Color, GREY, Panel, RED};
 use crate::read::{Piece, ReadError, ReadNews, Rows, read};
@@ -80,17 +80,30 @@ pub(super) struct Named {
     pub(super) modes: Track<u32>,
     /// The singular frame, x along ζ, where |s_i| is below twice η_out.
     pub(super) frame: Track<Placement>,
-    /// The mark's words, where the arm is inside the neighbourhood.
-    pub(super) label: Track<Placement>,
-    /// Whether ζ is a rotation, since when.
-    pub(super) angular: Track<bool>,
+    /// Since when the arm is inside the neighbourhood or outside; inside, whether ζ is a rotation.
+    pub(super) lost: Track<Option<bool>>,
 }
 
 impl Named {
     /// Whether ζ is a rotation at a tick.
     pub(super) fn is_angular(&self, tick: u64) -> bool {
-        let known = at(&self.angular, tick).or(self.angular.first());
-        known.is_some_and(|(_, is_angular)| *is_angular)
+        let known = between(&self.lost, 0, tick).iter().rev().chain(&self.lost);
+        known.filter_map(|(_, lost)| *lost).next().unwrap_or(false)
+    }
+
+    /// Since when the arm is inside the neighbourhood; none where it is outside.
+    pub(super) fn entered(&self, tick: u64) -> Option<u64> {
+        let (since, lost) = at(&self.lost, tick)?;
+        lost.map(|_| *since)
+    }
+
+    /// The frames in a stretch from the first tick inside the neighbourhood to the last one.
+    pub(super) fn inside(&self, from: u64, to: u64) -> &[(u64, Placement)] {
+        let frames = between(&self.frame, from, to);
+        let is_inside = |(tick, _): &(u64, Placement)| self.entered(*tick).is_some();
+        let first = frames.iter().position(is_inside).unwrap_or(frames.len());
+        let last = frames.iter().rposition(is_inside);
+        &frames[first..last.map_or(first, |last| last + 1)]
     }
 
     pub(super) fn mode(&self, tick: u64) -> u32 {
@@ -184,7 +197,7 @@ impl Line {
 #[derive(Default)]
 struct Gathered {
     places: BTreeMap<String, Track<Placement>>,
-    angular: BTreeMap<String, Track<bool>>,
+    lost: BTreeMap<String, Track<Option<bool>>>,
     states: BTreeMap<String, Track<String>>,
 }
 
@@ -192,7 +205,7 @@ impl Gathered {
     fn place(&mut self, tick: u64, of: &str, p: [f32; 3], xyzw: [f32; 4]) {
         let R = Mat3::from_quat(Quat::from_array(xyzw).normalize());
         let p = Vec3::from_array(p);
-        let is_shown = [HAND, TARGET, LINK, LABEL, SINGULARITY]
+        let is_shown = [HAND, TARGET, LINK, SINGULARITY]
             .iter()
             .any(|path| of.starts_with(path));
         if is_shown && p.is_finite() && R.is_finite() {
@@ -214,7 +227,7 @@ impl Gathered {
             let known = MODES.iter().find(|(_, known)| *known == state);
             known.map_or(u32::MAX, |(code, _)| *code)
         };
-        let label = format!("{LABEL}{name}");
+        let mark = format!("{SINGULARITY}{name}");
         let mut track = |path: &str| self.places.remove(path).unwrap_or_default();
         Named {
             kind,
@@ -224,9 +237,11 @@ impl Gathered {
                 .into_iter()
                 .map(|(tick, state)| (tick, code(state)))
                 .collect(),
-            frame: track(&format!("{SINGULARITY}{name}")),
-            label: track(&label),
-            angular: self.angular.remove(&label).unwrap_or_default(),
+            frame: track(&mark),
+            lost: self
+                .lost
+                .remove(&format!("{mark}/{AXES}"))
+                .unwrap_or_default(),
             name,
         }
     }
@@ -267,9 +282,9 @@ impl Recorded {
                     gathered.states.entry(lane).or_default().push((tick, state));
                 }
                 Piece::Place { tick, of, p, xyzw } => gathered.place(tick, of, p, xyzw),
-                Piece::Label { tick, of, text } => {
-                    let known = gathered.angular.entry(of.to_owned()).or_default();
-                    known.push((tick, text.ends_with("turn")));
+                Piece::Lost { tick, of, text } => {
+                    let known = gathered.lost.entry(of.to_owned()).or_default();
+                    known.push((tick, (!text.is_empty()).then(|| text.starts_with("turn"))));
                 }
                 Piece::Damaged(damage) => reading.add(ReadNews::Damaged(&damage)),
             }

@@ -8,6 +8,36 @@
     const [from, to] = svg.dataset.x.split(" ").map(Number);
     return {svg, from, to, cursor: svg.querySelector(".cursor")};
   });
+  const tip = document.body.appendChild(document.createElement("div"));
+  tip.className = "tip"; tip.hidden = true;
+  // What the lines of a plot show at a place: their last points before it, by the scale of its axis.
+  const values = (svg, x) => {
+    const [bottom, top] = svg.dataset.y.split(" ").map(Number).slice(0, 2).sort((a, b) => b - a);
+    const [low, high, log] = svg.dataset.y.split(" ").map(Number).slice(2);
+    return JSON.parse(svg.dataset.names).flatMap(([name, colour]) => {
+      const near = [...svg.querySelectorAll(`polyline[stroke="${colour}"]`)].map(line => {
+        const points = line.getAttribute("points").trim().split(/\s+/).map(point => point.split(",").map(Number)).filter(([, y]) => y >= top && y <= bottom);
+        const before = points.filter(point => point[0] <= x + 12).at(-1), after = points.find(point => point[0] >= x - 12);
+        return before && after ? before[1] : undefined;
+      }).find(y => y !== undefined);
+      if (near === undefined) return [];
+      const value = low + (bottom - near) / (bottom - top) * (high - low);
+      return [[name, colour, Number((log ? 10 ** value : value).toPrecision(2))]];
+    });
+  };
+  const readout = (event, svg, x, t) => {
+    const lines = values(svg, x).map(([name, colour, value]) => {
+      const line = document.createElement("span"), mark = document.createElement("i"), bold = document.createElement("b");
+      mark.style.background = colour; bold.textContent = String(value).replace("-", "\u2212");
+      line.append(mark, name, " ", bold);
+      return line;
+    });
+    tip.replaceChildren(`${t.toFixed(3)} s`, ...lines);
+    tip.hidden = false;
+    const {width, height} = tip.getBoundingClientRect();
+    tip.style.left = `${event.clientX + (event.clientX + width + 24 > innerWidth ? -width - 14 : 14)}px`;
+    tip.style.top = `${Math.max(4, Math.min(event.clientY - height / 2, innerHeight - height - 4))}px`;
+  };
   let now = 0, frame = -1, told = -1, playing = 0;
 
   const show = t => {
@@ -41,13 +71,18 @@
   at.addEventListener("input", () => { stop(); show(Number(at.value)); });
   all(".pose").forEach(pose => pose.addEventListener("click", () => { stop(); show(Number(pose.dataset.t)); }));
   plots.forEach(({svg, from, to}) => {
-    const point = event => {
+    const place = event => {
       const box = svg.getBoundingClientRect(), x = (event.clientX - box.left) / box.width * svg.viewBox.baseVal.width;
-      stop();
-      show((x - from) / (to - from) * end);
+      return [x, (x - from) / (to - from) * end];
     };
+    const point = event => { stop(); show(place(event)[1]); };
     svg.addEventListener("pointerdown", point);
-    svg.addEventListener("pointermove", event => { if (event.buttons) point(event); });
+    svg.addEventListener("pointermove", event => {
+      const [x, t] = place(event);
+      if (event.buttons) point(event);
+      if (t >= 0 && t <= end) readout(event, svg, x, t); else tip.hidden = true;
+    });
+    svg.addEventListener("pointerleave", () => { tip.hidden = true; });
   });
   all(".stage").forEach(one => { one.hidden = false; });
   document.body.classList.add("live");

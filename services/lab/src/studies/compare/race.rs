@@ -153,16 +153,12 @@ pub fn race(
 
 /// Both laws' numbers so far, as Markdown.
 fn counters([law, rival]: [&str; 2], racers: [&Racer; 2]) -> String {
-    let row = |what: &str, of: fn(&Racer) -> String| {
-        let [law, rival] = racers.map(of);
-        format!("| {what} | **{law}** | {rival} |\n")
-    };
-    [
-        format!("## Solid: {law}. Red: {rival}\n\n| so far, at most | {law} | {rival} |\n|---|---|---|\n"),
-        row("largest orientation error", |racer| digits(racer.orientation_max_deg) + "°"),
-        row("largest position error", |racer| digits(racer.position_max_mm) + " mm"),
-        row("peak joint speed, share of the limit", |racer| percent(racer.speed_max_ratio)),
-        "\n*The same plant, seed and task. Green: the reference of the solid arm.*\n".to_owned(),
-    ]
-    .concat()
+    let [ours, theirs] = racers.map(|racer| {
+        let [turn, way] = [racer.orientation_max_deg, racer.position_max_mm].map(digits);
+        let speed = percent(racer.speed_max_ratio);
+        format!("off by at most **{turn}°** and **{way} mm**, joints at most at **{speed}** of their speed")
+    });
+    format!(
+        "Solid: **{law}**, {ours}.  \nRed: **{rival}**, {theirs}.  \nThe same plant, seed and task.\n"
+    )
 }
