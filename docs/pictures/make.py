@@ -50,6 +50,9 @@ EVERY = {
 # The arm, the close-up and the words of the layout for control; size of one on the sheet, and how many are in a row.
 LEFT, CELL, COLUMNS = (0, 28, 676, 690), (452, 442), 5
 
+# A whole window without its title bar, which names the machine's driver.
+BODY = (0, 28, 1280, 720)
+
 # Frames per second, the window, width of a frame.
 RATE, WINDOW, WIDTH = 10, "1280x860", 676
 COLOURS = 200
@@ -67,9 +70,13 @@ def blueprint(command, folder, layout):
     return path
 
 
-def small(png):
+def cropped(png, part):
+    return Image.open(io.BytesIO(png)).convert("RGB").crop(part)
+
+
+def small(png, part=None):
     """A picture of few colours, which is as good to the eye and a third of the size."""
-    return Image.open(io.BytesIO(png)).convert("RGB").quantize(255, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    return cropped(png, part).quantize(255, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
 
 
 def picture(command, name, scratch):
@@ -80,7 +87,7 @@ def picture(command, name, scratch):
     with Viewer(files, piped=layout is not None) as viewer:
         if seconds is not None:
             viewer.at(seconds)
-        small(viewer.picture()).save(DOCS / f"{name}.png", optimize=True)
+        small(viewer.picture(), BODY).save(DOCS / f"{name}.png", optimize=True)
 
 
 def animation(command, name, scratch):
@@ -91,7 +98,7 @@ def animation(command, name, scratch):
     with Viewer([folder / "run.rrd"], WINDOW) as viewer:
         for k in range(int((end - begin) / speed * RATE)):
             viewer.at(begin + k * speed / RATE)
-            frame = Image.open(io.BytesIO(viewer.picture())).convert("RGB").crop(part)
+            frame = cropped(viewer.picture(), part)
             frames.append(frame.resize((WIDTH, WIDTH * frame.height // frame.width), Image.Resampling.LANCZOS))
     # One palette for all, made of several: the background stays as it is from frame to frame and packs well.
     some = frames[:: max(1, len(frames) // 6)]
@@ -121,7 +128,7 @@ def still(command, scratch):
         armplane(command, ["run", name], scratch / name)
         with Viewer([scratch / name / "run.rrd"]) as viewer:
             viewer.at(1.9)
-            parts.append(Image.open(io.BytesIO(viewer.picture())).convert("RGB").crop(LEFT))
+            parts.append(cropped(viewer.picture(), LEFT))
     sheet = Image.new("RGB", (2 * 676, 662))
     for k, part in enumerate(parts):
         sheet.paste(part, (676 * k, 0))
@@ -136,7 +143,7 @@ def every(command, scratch):
         armplane(command, ["servo" if name.startswith("servo") else "run", name], scratch / name)
         with Viewer([scratch / name / "run.rrd"]) as viewer:
             viewer.at(seconds)
-            part = Image.open(io.BytesIO(viewer.picture())).convert("RGB").crop(LEFT)
+            part = cropped(viewer.picture(), LEFT)
         sheet.paste(part.resize(CELL, Image.Resampling.LANCZOS), (k % COLUMNS * CELL[0], k // COLUMNS * CELL[1]))
     sheet.quantize(128, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(DOCS / "every.png", optimize=True)
 
@@ -147,7 +154,7 @@ def light(command, scratch):
     with Viewer([scratch / "light" / "run.rrd"]) as viewer:
         viewer.light()
         viewer.at(1.0)
-        small(viewer.picture()).save(DOCS / "light.png", optimize=True)
+        small(viewer.picture(), BODY).save(DOCS / "light.png", optimize=True)
 
 
 def drill(command, scratch):

@@ -116,6 +116,8 @@ class Viewer:
             _, state, _ = self.call("viewer_state")
             timelines = [one["timelines"] for one in json.loads(state).get("recordings", [])] if state.startswith("{") else []
             if any(timelines) and timelines == before:
+                # Its notes about files and drivers are gone after some seconds.
+                time.sleep(6.0)
                 return
             before = timelines
             time.sleep(1.0)
