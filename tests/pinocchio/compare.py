@@ -30,6 +30,7 @@ ROOT = HERE.parents[1]
 ROBOTS = ROOT / "services" / "model" / "robots"
 ARMS = ["puma560", "ur5", "panda"]
 TURNS = 5
+OURS = ["cargo", "run", "--release", "--locked", "--quiet", f"--manifest-path={ROOT / 'services/model/Cargo.toml'}", "--example", "terms", "--"]
 # Ours, pinocchio's, and the goal for ours over pinocchio's.
 PAIRS = [
     ("A, bias and J in one pass", "computeAllTerms", 0.25),
@@ -114,15 +115,11 @@ def main():
             check_same_arm(armplane, model, name)
             model.saveToText(f"{folder}/{name}")
         for _ in range(TURNS):
-            for row in json.loads(output(armplane, "bench", "model", "--json"))["rows"]:
-                mechanism, _, arm = row["mechanism"].rpartition(", ")
-                if arm not in ARMS:  # The scenario's arm, whose rows have no name.
-                    mechanism, arm = row["mechanism"], "puma560"
-                ours.setdefault((arm, mechanism), []).append(row["p50_us"])
             for name in ARMS:
-                for line in output(terms, f"{folder}/{name}").splitlines():
-                    algorithm, _, nanoseconds = line.rpartition(" ")
-                    theirs.setdefault((name, algorithm), []).append(float(nanoseconds) / 1e3)
+                for times, command in [(ours, [*OURS, name]), (theirs, [terms, f"{folder}/{name}"])]:
+                    for line in output(*command).splitlines():
+                        algorithm, _, nanoseconds = line.rpartition(" ")
+                        times.setdefault((name, algorithm), []).append(float(nanoseconds) / 1e3)
     print(f"µs, median of {TURNS} turns of 5000 samples each, pinocchio {pin.__version__}\n")
     print("| arm | armplane | µs | pinocchio | µs | ratio | goal |\n|---|---|---|---|---|---|---|")
     for name in ARMS:

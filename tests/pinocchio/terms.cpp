@@ -1,4 +1,4 @@
-// Times of pinocchio's algorithms on the model in argv[1], at the states of `armplane bench model`: one line per algorithm, its name and its median in ns.
+// Times of pinocchio's algorithms on the model in argv[1], at the states of terms.rs: one line per algorithm, its name and its median in ns.
 // The wheel's headers need the four definitions that compare.py passes; multibody.hpp and serialization.hpp avoid the URDF parser, which they do not have.
 #include "pinocchio/multibody.hpp"
 #include "pinocchio/serialization.hpp"

@@ -8,7 +8,7 @@
 //! * How it is read back without a viewer: [`read`]; as tables of other formats: [`export`]; as one HTML page: [`report`], with the pictures
 //!   of [`plot`].
 //!
-//! The cost (`armplane bench record`) grows with the number of chunks, each of which carries its schema, hence one wide table of numbers
+//! The cost (`recorder.cpu_s` in `summary.json`) grows with the number of chunks, each of which carries its schema, hence one wide table of numbers
 //! and a signal per component rather than per entity.
 //!
 //! docs/recording.md reads a recording back in Python.

@@ -4,9 +4,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
-use lab::benchmarks::{self, Lockstep, Only, Recorded, Row, Rows};
+use lab::benchmarks::{self, Lockstep, Only, Row, Rows};
 use serde_json::json;
-use session::load::{self, Loaded};
 use session::{Failure, Results};
 
 use crate::out::{say, show};
@@ -50,14 +49,8 @@ pub(crate) enum Bench {
     Hop,
     /// Once around four processes: sensor, estimate, singularities, torque.
     Cycle,
-    /// The arm's dynamics.
-    Model,
-    /// One step of estimator, analyzer and controller.
-    Control,
-    /// One step of the simulated arm.
-    Plant,
-    /// The recorder's work per tick, and its output.
-    Record,
+    /// One step of each process, on one thread.
+    Steps,
     /// Ticks per second of the whole graph in lockstep, recording on (only on request).
     Lockstep,
 }
@@ -66,7 +59,6 @@ pub(crate) enum Bench {
 #[derive(Default)]
 struct Measured {
     rows: Vec<Row>,
-    record: Option<Recorded>,
     lockstep: Option<Lockstep>,
 }
 
@@ -77,7 +69,6 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
                 .to_owned(),
         ));
     }
-    let loaded = load::scenario(load::DEFAULT_SCENARIO, &[], None)?;
     let out = args.out.as_deref();
     let out = out
         .map(|out| Results::create(Some(out), "bench"))
@@ -89,7 +80,7 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
             || args.what.contains(bench)
             || *bench == Bench::Lockstep && args.against.is_some()
         {
-            measured.measure(*bench, args, &loaded)?;
+            measured.measure(*bench, args)?;
         }
         if *bench == Bench::Cycle && measured.rows.is_empty() && !args.only.is_empty() {
             return Err(Failure::Input(format!(
@@ -101,7 +92,7 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
     let machine = benchmarks::machine();
     let line = benchmarks::machine_line(&machine);
     let whole = json!({
-        "machine": machine, "rows": measured.rows, "record": measured.record, "lockstep": measured.lockstep,
+        "machine": machine, "rows": measured.rows, "lockstep": measured.lockstep,
     });
     let saved = match &out {
         Some(out) => save(out, &whole, &benchmarks::pictures(&measured.rows, &line))?,
@@ -114,7 +105,6 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
     if !measured.rows.is_empty() {
         show(&Rows(&measured.rows));
     }
-    measured.record.iter().for_each(show);
     measured.lockstep.iter().for_each(show);
     say!("{line}");
     saved.iter().for_each(|path| say!("{}", path.display()));
@@ -122,26 +112,12 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
 }
 
 impl Measured {
-    fn measure(
-        &mut self,
-        bench: Bench,
-        args: &BenchArgs,
-        Loaded {
-            robot, scenario, ..
-        }: &Loaded,
-    ) -> Result<(), Failure> {
+    fn measure(&mut self, bench: Bench, args: &BenchArgs) -> Result<(), Failure> {
         let (samples, only) = (args.samples, Only(&args.only));
         self.rows.extend(match bench {
             Bench::Hop => benchmarks::hop(samples, &only, &observe)?,
             Bench::Cycle => benchmarks::cycle(samples, &only, &observe)?,
-            Bench::Model => benchmarks::model(robot)?,
-            Bench::Control => benchmarks::control(robot, scenario)?,
-            Bench::Plant => benchmarks::plant(robot, scenario)?,
-            Bench::Record => {
-                let (rows, recorded) = benchmarks::record(robot, scenario, &observe)?;
-                self.record = Some(recorded);
-                rows
-            }
+            Bench::Steps => benchmarks::steps()?,
             Bench::Lockstep => {
                 let against = args.against.as_deref();
                 self.lockstep = Some(benchmarks::lockstep(args.runs, against, &observe)?);

@@ -20,7 +20,7 @@ use viz::plot::{Axis, BLUE, Color, GREY, Page, Panel, digits};
 pub use hop::{Only, cycle, hop};
 pub use lockstep::{Lockstep, lockstep};
 pub use ring::peer;
-pub use steps::{Recorded, control, model, plant, record};
+pub use steps::steps;
 
 /// Quantiles of the samples of one thing, µs.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
