@@ -4,19 +4,13 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Args;
-use lab::studies::compare::{
-    self, ArmSweep, Compared, Ranked, Request, SWEEP, SweepSize, missed, worth,
-};
+use lab::studies::compare::{self, ArmSweep, Compared, Request, SWEEP, SweepSize};
 use serde_json::json;
 use session::{Failure, load};
 use shared_types::scenario::Strategy;
 
 use crate::out::{say, say_json, show};
 use crate::progress::observe;
-use session::table::{number, table};
-
-/// How many of the best settings are shown.
-const SHOWN: usize = 5;
 
 /// Seed of an arm's lines where none is given.
 const SEED: u64 = 1;
@@ -49,23 +43,20 @@ pub(crate) struct CompareArgs {
     #[arg(long, value_name = "ROBOT|FILE.urdf|FILE.xml")]
     robot: Option<String>,
     /// In place of the simulated arm: MuJoCo (docs/python.md). Each run then takes its processes.
-    #[arg(long, value_name = "mujoco|mujoco:SCENE.xml", conflicts_with_all = ["tune", "race"])]
+    #[arg(long, value_name = "mujoco|mujoco:SCENE.xml", conflicts_with = "race")]
     plant: Option<String>,
     /// Seconds that a controller of others may take to load and join a run.
     #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..=3600))]
     join_limit: u32,
     /// Of the sweep: save each line as a scenario file in this new folder, and run none.
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["tune", "race", "out"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["race", "out"])]
     save_lines: Option<PathBuf>,
     /// With --robot: lines through two singularities at once, --count per pair.
     #[arg(long, requires = "robot")]
     pairs: bool,
     /// Record one scenario under two laws: its own solid, the one of --law translucent (default: damped-least-squares).
-    #[arg(long, conflicts_with_all = ["tune", "robot"])]
+    #[arg(long, conflicts_with = "robot")]
     race: bool,
-    /// Tune the baselines' parameters on the sweep, with a separate seed.
-    #[arg(long)]
-    tune: bool,
 }
 
 pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
@@ -112,10 +103,6 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
         }
         let count = compare::save_lines(folder, &args.set, args.seed, size)?;
         return saved(folder, count, as_json);
-    }
-    if args.tune {
-        let laws = laws.iter().map(|law| law.own("--tune"));
-        return tune(args, &laws.collect::<Result<Vec<_>, _>>()?, as_json);
     }
     let request = Request {
         scenarios: &args.scenarios,
@@ -207,52 +194,5 @@ fn race(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
         race.folder.display(),
         race.folder.display()
     );
-    Ok(ExitCode::SUCCESS)
-}
-
-/// Searches each law's parameters and prints the best.
-fn tune(args: &CompareArgs, laws: &[Strategy], as_json: bool) -> Result<ExitCode, Failure> {
-    if args.scenarios != [SWEEP] {
-        return Err(Failure::Input(
-            "--tune needs the sweep: armplane compare sweep --tune".to_owned(),
-        ));
-    }
-    let size = SweepSize {
-        count: args.count,
-        speed: args.speed,
-    };
-    let mut searched = Vec::new();
-    let mut each = |law: Strategy, seed: u64, ranked: &Ranked<'_>| {
-        searched.push(
-            json!({"law": law.name(), "points": ranked.iter().map(|(point, scores)| {
-            let [s2, s1, ends] = worth(scores);
-            json!({"settings": point.join(" "), "s2": s2, "s1": s1, "ends": ends})
-        }).collect::<Vec<_>>()}),
-        );
-        if as_json {
-            return;
-        }
-        let lines = ranked.first().map_or(0, |(_, scores)| scores.len());
-        say!(
-            "{}: {} settings on {lines} lines at {} m/s (seed {seed})",
-            law.name(),
-            ranked.len(),
-            args.speed
-        );
-        let mut rows = table(&["S2", "S1", "ends", "settings", "S2 missed by"]);
-        for (point, scores) in ranked.iter().take(SHOWN) {
-            let mut row = worth(scores).map(number).to_vec();
-            row.extend([point.join(" ").into(), missed(scores).into()]);
-            rows.add_row(row);
-        }
-        say!("{rows}");
-    };
-    let (seed, lines) = compare::tune(&args.set, args.seed, size, laws, &observe, &mut each)?;
-    if as_json {
-        say!(
-            "{}",
-            json!({"lines": lines, "seed": seed, "speed_m_s": args.speed, "laws": searched})
-        );
-    }
     Ok(ExitCode::SUCCESS)
 }

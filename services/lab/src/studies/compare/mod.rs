@@ -5,14 +5,11 @@ mod law;
 mod picture;
 mod race;
 mod text;
-mod tune;
 mod verdict;
 
 pub use arm_lines::{ArmLines, ArmSweep, Line, Outcome};
 pub use law::{Law, laws};
 pub use race::{Race, Racer, race};
-pub use text::missed;
-pub use tune::{Point, Ranked, tune, worth};
 
 use control::Kind;
 use lines::KINDS;
@@ -113,7 +110,7 @@ pub fn save_lines(
     size: SweepSize,
 ) -> Result<usize, Failure> {
     let loaded = load::scenario(SWEEP, settings, seed)?;
-    let lines = draw(&loaded, loaded.scenario.seed, size)?;
+    let lines = draw(&loaded, size)?;
     arm_lines::save_scenarios(folder, lines.iter().map(|line| &line.scenario))
 }
 
@@ -121,12 +118,12 @@ pub fn save_lines(
 ///
 /// # Errors
 /// [`Failure::Input`] for an arm without a PUMA's factors.
-fn draw(loaded: &load::Loaded, seed: u64, size: SweepSize) -> Result<Vec<lines::Line>, Failure> {
+fn draw(loaded: &load::Loaded, size: SweepSize) -> Result<Vec<lines::Line>, Failure> {
     let (robot, count) = (&loaded.robot, size.count as usize);
     let mut template = loaded.scenario.clone();
     // The lines fill the arm's whole reach: where a floor would be, too.
     template.plant.floor_m = None;
-    let lines = lines::lines(robot, &template, seed, count, size.speed);
+    let lines = lines::lines(robot, &template, template.seed, count, size.speed);
     if lines.is_empty() {
         return Err(Failure::Input(format!(
             "the sweep's lines are drawn for a PUMA, and '{}' has no such factors: compare scenarios of your own instead",
@@ -167,7 +164,7 @@ impl Compared {
         let name = scenario.name.as_str();
         let robot: &Robot = &loaded.robot;
         let (near, tasks) = if name == SWEEP {
-            let lines = draw(loaded, scenario.seed, request.size)?;
+            let lines = draw(loaded, request.size)?;
             let parts = |line: lines::Line| (line.near, chain::without_faults(&line.scenario));
             lines.into_iter().map(parts).unzip()
         } else {
