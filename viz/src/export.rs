@@ -13,6 +13,7 @@ use crate::read::{Piece, ReadError, ReadNews, read};
 use crate::signals::TickRow;
 use columns::Columns;
 use table::Table;
+pub use table::parquet_properties;
 
 /// A format of [`export`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -37,7 +37,7 @@ mod solid;
 mod tint;
 
 pub use entity::Lives;
-pub use export::{ExportError, ExportFormat, Exported, Messages, export};
+pub use export::{ExportError, ExportFormat, Exported, Messages, export, parquet_properties};
 pub use parts::{
     MergeError, bytes_in, checksums, complete, cut_behind, is_part, merge, part_name, parts_in,
 };

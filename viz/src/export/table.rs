@@ -44,13 +44,8 @@ impl Writer {
             writer.write_record(schema.fields().iter().map(|field| field.name()))?;
             return Ok(Self::Csv(Box::new(writer)));
         }
-        let properties = WriterProperties::builder()
-            .set_compression(Compression::ZSTD(ZstdLevel::default()))
-            .set_created_by(format!("armplane {}", env!("CARGO_PKG_VERSION")))
-            .set_max_row_group_row_count(Some(GROUP))
-            .set_key_value_metadata(Some(about(schema)))
-            .build();
-        let writer = ArrowWriter::try_new(file, Arc::clone(schema), Some(properties))?;
+        let properties = Some(parquet_properties(about(schema)));
+        let writer = ArrowWriter::try_new(file, Arc::clone(schema), properties)?;
         Ok(Self::Parquet(Box::new(writer)))
     }
 
@@ -128,8 +123,21 @@ fn text(column: &ArrayRef, row: usize) -> String {
     }
 }
 
+/// How every table of armplane is written: compressed, with these values as the file's metadata.
+#[must_use]
+pub fn parquet_properties(metadata: Vec<(String, String)>) -> WriterProperties {
+    let pairs = metadata.into_iter();
+    let pairs = pairs.map(|(key, value)| KeyValue::new(key, value));
+    WriterProperties::builder()
+        .set_compression(Compression::ZSTD(ZstdLevel::default()))
+        .set_created_by(format!("armplane {}", env!("CARGO_PKG_VERSION")))
+        .set_max_row_group_row_count(Some(GROUP))
+        .set_key_value_metadata(Some(pairs.collect()))
+        .build()
+}
+
 /// What the file's own metadata says of columns that have a meaning, and of the run.
-fn about(schema: &Schema) -> Vec<KeyValue> {
+fn about(schema: &Schema) -> Vec<(String, String)> {
     let sorted = |of: &HashMap<String, String>| -> BTreeMap<String, String> {
         of.clone().into_iter().collect()
     };
@@ -138,8 +146,8 @@ fn about(schema: &Schema) -> Vec<KeyValue> {
     let columns: BTreeMap<_, _> = columns.collect();
     let columns = serde_json::json!(columns).to_string();
     let run = sorted(schema.metadata()).into_iter();
-    let run = run.map(|(key, value)| KeyValue::new(format!("armplane:{key}"), value));
-    let columns = KeyValue::new("armplane:columns".to_owned(), columns);
+    let run = run.map(|(key, value)| (format!("armplane:{key}"), value));
+    let columns = ("armplane:columns".to_owned(), columns);
     match schema.metadata().is_empty() {
         true => Vec::new(),
         false => [columns].into_iter().chain(run).collect(),

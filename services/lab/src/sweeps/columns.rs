@@ -3,14 +3,11 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, StringArray};
 use bytes::Bytes;
-use parquet::basic::{Compression, ConvertedType, Repetition, Type as Physical, ZstdLevel};
-use parquet::data_type::{BoolType, ByteArrayType, DataType, DoubleType, Int64Type};
+use parquet::arrow::ArrowWriter;
 use parquet::errors::ParquetError;
-use parquet::file::metadata::KeyValue;
-use parquet::file::properties::WriterProperties;
 use parquet::file::reader::{FileReader, SerializedFileReader};
-use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::record::Field;
 use parquet::schema::types::Type;
 use shared_types::topics::TOPICS;
@@ -191,64 +188,27 @@ pub(super) fn write(
     rows: &[Table],
     metadata: Vec<(String, String)>,
 ) -> Result<Vec<u8>, ParquetError> {
-    let field = |column: &Column| {
-        let (physical, converted) = match column.example {
-            Value::Boolean(_) => (Physical::BOOLEAN, ConvertedType::NONE),
-            Value::Integer(_) => (Physical::INT64, ConvertedType::NONE),
-            Value::Float(_) => (Physical::DOUBLE, ConvertedType::NONE),
-            _ => (Physical::BYTE_ARRAY, ConvertedType::UTF8),
-        };
-        Type::primitive_type_builder(&column.name, physical)
-            .with_repetition(Repetition::OPTIONAL)
-            .with_converted_type(converted)
-            .build()
-            .map(Arc::new)
-    };
-    let fields = columns.iter().map(field).collect::<Result<_, _>>()?;
-    let schema = Type::group_type_builder("sweep").with_fields(fields);
-    let pairs = metadata
-        .into_iter()
-        .map(|(key, value)| KeyValue::new(key, value));
-    let properties = WriterProperties::builder()
-        .set_compression(Compression::ZSTD(ZstdLevel::default()))
-        .set_created_by(format!("armplane {}", env!("CARGO_PKG_VERSION")))
-        .set_key_value_metadata(Some(pairs.collect()));
-    let (schema, properties) = (Arc::new(schema.build()?), Arc::new(properties.build()));
-    let mut writer = SerializedFileWriter::new(Vec::new(), schema, properties)?;
-    let mut group = writer.next_row_group()?;
-    for Column { name, example, .. } in columns {
-        match example {
-            Value::Boolean(_) => write_column::<BoolType>(&mut group, rows, name, Value::as_bool)?,
+    let array = |Column { name, example, .. }: &Column| {
+        let cells = rows.iter().map(|row| row.get(name));
+        let array: ArrayRef = match example {
+            Value::Boolean(_) => {
+                Arc::new(BooleanArray::from_iter(cells.map(|cell| cell?.as_bool())))
+            }
             Value::Integer(_) => {
-                write_column::<Int64Type>(&mut group, rows, name, Value::as_integer)?
+                Arc::new(Int64Array::from_iter(cells.map(|cell| cell?.as_integer())))
             }
-            Value::Float(_) => {
-                write_column::<DoubleType>(&mut group, rows, name, |value| number(Some(value)))?
-            }
-            _ => write_column::<ByteArrayType>(&mut group, rows, name, |value| {
-                Some(shown(Some(value)).as_str().into())
-            })?,
-        }
-    }
-    group.close()?;
+            Value::Float(_) => Arc::new(Float64Array::from_iter(cells.map(number))),
+            _ => Arc::new(StringArray::from_iter(
+                cells.map(|cell| cell.map(|_| shown(cell))),
+            )),
+        };
+        (name.clone(), array, true)
+    };
+    let batch = RecordBatch::try_from_iter_with_nullable(columns.iter().map(array))?;
+    let properties = Some(viz::parquet_properties(metadata));
+    let mut writer = ArrowWriter::try_new(Vec::new(), batch.schema(), properties)?;
+    writer.write(&batch)?;
     writer.into_inner()
-}
-
-fn write_column<T: DataType>(
-    group: &mut SerializedRowGroupWriter<'_, Vec<u8>>,
-    rows: &[Table],
-    name: &str,
-    of: impl Fn(&Value) -> Option<T::T>,
-) -> Result<(), ParquetError> {
-    let cells: Vec<_> = rows.iter().map(|row| row.get(name).and_then(&of)).collect();
-    let present: Vec<i16> = cells.iter().map(|cell| i16::from(cell.is_some())).collect();
-    let values: Vec<T::T> = cells.into_iter().flatten().collect();
-    let no_column = || ParquetError::General(format!("there is no column `{name}`"));
-    let mut writer = group.next_column()?.ok_or_else(no_column)?;
-    writer
-        .typed::<T>()
-        .write_batch(&values, Some(&present), None)?;
-    writer.close()
 }
 
 /// A Parquet file that is read back.
