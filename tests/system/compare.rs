@@ -152,7 +152,7 @@ fn a_race_has_the_marks_of_a_steered_run_only_where_one_is_steered() {
     );
 }
 
-// covers: CK95 Figures 3 and 4
+// covers: CK95 Figures 1, 2, 3 and 4
 #[test]
 fn the_papers_figures_are_drawn_with_their_numbers() {
     let desk = Desk::new();

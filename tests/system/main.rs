@@ -20,6 +20,7 @@ mod histories;
 mod honesty;
 mod hostile;
 mod inspect;
+mod law;
 mod library;
 mod life;
 mod limits;

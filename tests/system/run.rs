@@ -72,6 +72,7 @@ fn an_arm_in_mjcf_is_run_and_its_saved_scenario_repeats_it() {
     assert!(desk.path().join("two/robot.xml").exists());
 }
 
+// covers: CK95 Figure 5
 /// The paper's Figure 5: ζ turned by 90° while the end-effector is held, then a rotation of 45° about the original ζ.
 #[test]
 fn figure_5_turns_the_singular_direction_and_then_moves_along_it() {
