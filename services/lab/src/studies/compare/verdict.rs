@@ -68,7 +68,12 @@ pub(super) fn findings(rows: &[Row]) -> Vec<String> {
 
 fn margin(rows: &[Row]) -> Option<String> {
     let (ranked, winners) = ranked(rows);
-    let (best, next) = (ranked.first()?, ranked.get(winners)?);
+    let best = ranked.first()?;
+    // A law that ended early has no error that could be compared.
+    if rows.len() > 1 && !best.completed {
+        return Some("no law succeeds, and none ran to its end".to_owned());
+    }
+    let next = ranked.get(winners)?;
     let winners = &ranked[..winners];
     let with_load = |row: &&Row| format!("{} (load {})", row.law, percent(load(row)));
     let names: Vec<_> = winners.iter().map(with_load).collect();
@@ -89,14 +94,19 @@ fn margin(rows: &[Row]) -> Option<String> {
         }
         _ => format!("{}{unit}", digits(of(next))),
     };
-    let most = |of: fn(&Row) -> f64| digits(winners.iter().map(|row| of(row)).fold(0.0, f64::max));
-    Some(format!(
-        "{begin}: at most {} mm and {}° off, orthogonal to ζ; next {}: {} and {}, {end}",
-        most(|row| row.task.orthogonal_max_mm),
-        most(|row| row.task.orthogonal_max_deg),
-        with_load(next),
+    let [mm, deg] = [
         worse(|row| row.task.orthogonal_max_mm, " mm"),
         worse(|row| row.task.orthogonal_max_deg, "°"),
+    ];
+    let next = match next.completed {
+        true => format!("{}: {mm} and {deg}, {end}", with_load(next)),
+        false => format!("{}, which ended early", next.law),
+    };
+    let most = |of: fn(&Row) -> f64| digits(winners.iter().map(|row| of(row)).fold(0.0, f64::max));
+    Some(format!(
+        "{begin}: at most {} mm and {}° off, orthogonal to ζ; next {next}",
+        most(|row| row.task.orthogonal_max_mm),
+        most(|row| row.task.orthogonal_max_deg),
     ))
 }
 
@@ -130,5 +140,11 @@ mod tests {
         let order: Vec<_> = order.iter().map(|row| &*row.law).collect();
         assert_eq!((order, winners), (vec!["b", "c", "d", "a"], 2));
         assert_eq!((margin(&rows[..1]), findings(&rows).len()), (None, 2));
+        let early = |law: &str| Row {
+            completed: false,
+            ..row(law, false, 0.0)
+        };
+        let none = margin(&[early("e"), early("f")]).unwrap();
+        assert!(!none.contains("mm"), "no error to compare: {none}");
     }
 }
