@@ -1,5 +1,6 @@
 //! The commanded path of a run, followed by the judge's own code.
 
+use control::centre::PoseMotion;
 use control::{GroundTruth, Progress, ground_truth};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
@@ -18,7 +19,8 @@ pub(crate) struct Reference {
     place: Progress,
     state: PlantState,
     dof: usize,
-    rate: f64,
+    /// The motion at the place; `None` where there is none.
+    desired: Option<PoseMotion>,
     #[pyo3(get)]
     duration_s: f64,
     #[pyo3(get)]
@@ -34,13 +36,14 @@ impl Reference {
         let robot = robot.map_err(refused)?;
         let truth = ground_truth(&robot, &job.scenario).map_err(refused)?;
         let none = || refused("a steered run has no path");
+        let place = truth.start().ok_or_else(none)?;
         Ok(Self {
-            place: truth.start().ok_or_else(none)?,
+            desired: truth.desired(&place, 0.0),
+            place,
             duration_s: truth.duration_s(),
             dof: robot.dof(),
             truth,
             state: PlantState::default(),
-            rate: 0.0,
             time_s: 0.0,
         })
     }
@@ -72,7 +75,7 @@ impl Reference {
         self.truth.analyse(&self.state, &report);
         self.truth.advance(&mut self.place, by_s);
         self.time_s += by_s;
-        self.rate = rate;
+        self.desired = self.truth.desired(&self.place, rate);
         Ok(())
     }
 
@@ -89,8 +92,7 @@ impl Reference {
     #[getter]
     fn pose<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let (R, p) = self
-            .truth
-            .desired(&self.place, self.rate)
+            .desired
             .map_or_else(Default::default, |desired| (desired.R, desired.p));
         let rows = (0..4).flat_map(|i| (0..4).map(move |j| (i, j)));
         let of = |(i, j)| match (i, j) {
@@ -104,13 +106,11 @@ impl Reference {
 
     #[getter]
     fn twist<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        let desired = self.truth.desired(&self.place, self.rate);
-        PyArray1::from_iter(py, desired.into_iter().flat_map(|it| it.V.data.0[0]))
+        PyArray1::from_iter(py, self.desired.into_iter().flat_map(|it| it.V.data.0[0]))
     }
 
     #[getter]
     fn acceleration<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        let desired = self.truth.desired(&self.place, self.rate);
-        PyArray1::from_iter(py, desired.into_iter().flat_map(|it| it.a.data.0[0]))
+        PyArray1::from_iter(py, self.desired.into_iter().flat_map(|it| it.a.data.0[0]))
     }
 }
