@@ -128,10 +128,7 @@ impl<const N: usize> State<N> {
             p: from.p_BE_start.into(),
         };
         let servo = &from.servo;
-        let is_rotation = |R: &[f64; 9]| {
-            let R = Matrix3::from_column_slice(R);
-            (R.transpose() * R - Matrix3::identity()).amax() < 1e-6
-        };
+        let is_rotation = |R: &[f64; 9]| Matrix3::from_column_slice(R).is_orthogonal(1e-6);
         let mut numbers = [from.p_BE_start, from.translation, from.rotation, servo.p_BE]
             .into_iter()
             .flatten()

@@ -29,12 +29,7 @@ pub fn is_nearing<const N: usize>(
 ) -> bool {
     let bias = terms.bias();
     (0..N).any(|i| {
-        let (speed, is_up) = (qdot[i].abs(), qdot[i] > 0.0);
-        let distance = if is_up {
-            model.upper()[i] - q[i]
-        } else {
-            q[i] - model.lower()[i]
-        };
+        let (speed, _, distance) = ahead(q, qdot, model, i);
         let effort = BRAKING * model.effort()[i];
         let torque = (effort - bias[i].abs()).max(0.1 * effort);
         let braked = 0.5 * speed * speed * terms.A[(i, i)] / torque;
@@ -42,6 +37,19 @@ pub fn is_nearing<const N: usize>(
             && speed * REVERSING_S + braked.max(speed * DAMPED_S) > distance
             && planned.is_none_or(|plan| (plan.q[i] - q[i]).abs() > STRAYED)
     })
+}
+
+/// The speed of joint `i`, whether it moves up, and the distance to the limit ahead of it.
+#[inline]
+fn ahead<const N: usize>(
+    q: &SVector<f64, N>,
+    qdot: &SVector<f64, N>,
+    model: &Model<N>,
+    i: usize,
+) -> (f64, bool, f64) {
+    let (speed, is_up) = (qdot[i].abs(), qdot[i] > 0.0);
+    let [below, above] = [q[i] - model.lower()[i], model.upper()[i] - q[i]];
+    (speed, is_up, if is_up { above } else { below })
 }
 
 /// Speed towards a limit per distance to it, 1/s: slower than the governor's clock changes.
@@ -83,12 +91,7 @@ pub fn fastest<const N: usize>(
 ) -> Fastest {
     let mut fastest = Fastest::default();
     for i in (0..N).filter(|i| qdot[*i].abs() >= STILL) {
-        let (speed, is_up) = (qdot[i].abs(), qdot[i] > 0.0);
-        let distance = if is_up {
-            model.upper()[i] - q[i]
-        } else {
-            q[i] - model.lower()[i]
-        };
+        let (speed, is_up, distance) = ahead(q, qdot, model, i);
         let at_limit = TOWARDS * (distance - STANDING).max(0.0) / speed;
         let at_speed = REFERENCE_SPEED * model.velocity()[i] / speed;
         for (clock, joint) in [(at_limit, Some((i, is_up))), (at_speed, None)] {

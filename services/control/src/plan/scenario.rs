@@ -60,7 +60,7 @@ pub(crate) fn route_ahead<const N: usize>(
     }
     let plan = plan(&request)
         .map_err(|error| words(robot, &error) + &help(robot, scenario, remedy(&request)))?;
-    let (segment, fastest) = plan.fastest(model.velocity());
+    let (segment, fastest) = plan.fastest(&request.velocity());
     if fastest < SLOWEST {
         return Err(format!(
             "segment {segment} is too short: at the speeds of the joints it takes at least {:.0} times its duration",
