@@ -59,6 +59,14 @@ pub struct PoseMotion {
 }
 
 impl PoseMotion {
+    /// Its pose.
+    #[must_use]
+    #[inline]
+    pub fn pose(&self) -> Pose {
+        let (R, p) = (self.R, self.p);
+        Pose { R, p }
+    }
+
     /// At rest in `X`.
     #[must_use]
     pub fn rest(X: &Pose) -> Self {

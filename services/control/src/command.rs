@@ -25,13 +25,11 @@ pub(crate) fn running<const N: usize>(
         .and_then(|leg| leg.reorient)
         .filter(|_| state.turn.duration_s > 0.0);
     Command {
-        R_BE_d: desired_E.R,
-        p_BE_d: desired_E.p,
+        X_BE_d: desired_E.pose(),
         V_BE_d: desired_E.V,
         error: stack(&(desired_E.p - now.terms.X_BE.p), &angular(&motion.error)),
         time_scale: motion.clock * motion.planned.map_or(1.0, |plan| plan.time_rate),
-        null_scale: limited.null_scale,
-        task_scale: limited.task_scale,
+        limited: *limited,
         beta: rows.beta,
         aux_d: rows.aux_d,
         aux_rate_d: rows.aux_rate_d,
@@ -55,19 +53,20 @@ pub(crate) fn running<const N: usize>(
 
 /// The command of a tick in which the arm is brought to rest, its torque already in `state`.
 pub(crate) fn resting<const N: usize>(state: &State<N>, limited: &Limited) -> Command<N> {
-    let start = state.progress.start;
     Command {
         tau: state.sent.tau,
         tau_task: state.sent.tau - state.sent.null,
         tau_null: state.sent.null,
-        R_BE_d: start.R,
-        p_BE_d: start.p,
+        X_BE_d: state.progress.start,
         V_BE_d: Vector6::zeros(),
         error: Vector6::zeros(),
         path_time_s: state.clock.path_s,
         time_scale: 0.0,
-        null_scale: 0.0,
-        task_scale: 0.0,
+        limited: Limited {
+            null_scale: 0.0,
+            task_scale: 0.0,
+            ..*limited
+        },
         beta: [1.0; MAX_SINGULARITIES],
         aux_d: [0.0; MAX_SINGULARITIES],
         aux_rate_d: [0.0; MAX_SINGULARITIES],
@@ -75,8 +74,6 @@ pub(crate) fn resting<const N: usize>(state: &State<N>, limited: &Limited) -> Co
         mode: [Mode::Regular; MAX_SINGULARITIES],
         segment: state.progress.leg as u32,
         phase: Phase::Refused,
-        saturation_mask: limited.saturation_mask,
-        rate_mask: limited.rate_mask,
         rejected_ticks: state.plausible.rejected_ticks,
         clipped: false,
         refusal: state.refusal,

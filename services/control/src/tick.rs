@@ -225,8 +225,7 @@ impl<const N: usize> Controller<N> {
             clock::pass(&self.setup, &mut self.state, rate);
         }
         Command {
-            R_BE_d: desired.R,
-            p_BE_d: desired.p,
+            X_BE_d: desired.pose(),
             V_BE_d: desired.V,
             time_scale: rate,
             mode: self.state.loops.map(|one| one.mode),

@@ -1,6 +1,8 @@
 //! The analyzer's report and the controller's command, sized by the arm; `wire` turns both into messages.
 
+use crate::limits::torque::Limited;
 use crate::paper::neighborhood::Neighborhood;
+use model::Pose;
 use nalgebra::{Matrix3, SVector, Vector3, Vector6};
 use shared_types::{MAX_SINGULARITIES, ServoState, codes};
 
@@ -264,10 +266,8 @@ pub struct Command<const N: usize> {
     pub tau_task: SVector<f64, N>,
     /// The part in the null space, N_T Γ₀, N·m.
     pub tau_null: SVector<f64, N>,
-    /// Desired pose of E: rotation.
-    pub R_BE_d: Matrix3<f64>,
-    /// Desired pose of E: position, m.
-    pub p_BE_d: Vector3<f64>,
+    /// Desired pose of E.
+    pub X_BE_d: Pose,
     /// Desired twist of E.
     pub V_BE_d: Vector6<f64>,
     /// Pose error of E, `[p_d − p; log(R_d Rᵀ)]`.
@@ -276,10 +276,8 @@ pub struct Command<const N: usize> {
     pub path_time_s: f64,
     /// Its speed against real time.
     pub time_scale: f64,
-    /// Fraction of the null-space torque that the limits allow.
-    pub null_scale: f64,
-    /// Fraction of the task torque that the limits allow.
-    pub task_scale: f64,
+    /// What the drives left of the torque.
+    pub limited: Limited,
     /// β_i per singularity.
     pub beta: [f64; MAX_SINGULARITIES],
     /// Auxiliary reference per singularity, rad.
@@ -294,10 +292,6 @@ pub struct Command<const N: usize> {
     pub segment: u32,
     /// Where the task is.
     pub phase: Phase,
-    /// Bit i: torque i is at its limit.
-    pub saturation_mask: u32,
-    /// Bit i: torque i would have changed faster than its drive accepts.
-    pub rate_mask: u32,
     /// Ticks in a row for which the estimate has been set aside.
     pub rejected_ticks: u32,
     /// The goal was beyond reach and has been clipped to the boundary.

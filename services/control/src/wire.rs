@@ -165,14 +165,14 @@ pub fn command_messages<const N: usize>(
         header,
         tau_task: padded(&command.tau_task),
         tau_null: padded(&command.tau_null),
-        p_BE_d: command.p_BE_d.into(),
-        R_BE_d: column_major(&command.R_BE_d),
+        p_BE_d: command.X_BE_d.p.into(),
+        R_BE_d: column_major(&command.X_BE_d.R),
         V_BE_d: command.V_BE_d.into(),
         error: command.error.into(),
         path_time_s: command.path_time_s,
         time_scale: command.time_scale,
-        null_scale: command.null_scale,
-        task_scale: command.task_scale,
+        null_scale: command.limited.null_scale,
+        task_scale: command.limited.task_scale,
         beta: command.beta,
         aux_d: command.aux_d,
         aux_rate_d: command.aux_rate_d,
@@ -183,14 +183,14 @@ pub fn command_messages<const N: usize>(
         clipped: u32::from(command.clipped),
         planned: command.plan.map_or(0, |plan| plan.place as u32 + 1),
         refusal: command.refusal.code(),
-        rate_mask: command.rate_mask,
+        rate_mask: command.limited.rate_mask,
         rejected_ticks: command.rejected_ticks,
     };
     *torque = TorqueCommand {
         header,
         tau: padded(&command.tau),
         phase: command.phase.code(),
-        saturation_mask: command.saturation_mask,
+        saturation_mask: command.limited.saturation_mask,
     };
 }
 

@@ -48,7 +48,7 @@ impl<const N: usize> TargetState<N> {
             |ended: &Ended| ended.asked.dot(&asked) > SAME * ended.asked.norm() * asked.norm();
         self.ended = self.ended.filter(|ended| asks && is_same(ended));
         let is_idle = !asks && f64::from(self.idle_ticks) * now.setup.scenario.dt_s() >= ASKED_S;
-        self.resting = !self.stopping && (self.ended.is_some() || is_idle);
+        self.resting = !self.stops.now && (self.ended.is_some() || is_idle);
     }
 
     /// Counts at the end of a tick for how long nothing has been asked for, and for how long a joint limit has kept the hand from it.
@@ -59,7 +59,7 @@ impl<const N: usize> TargetState<N> {
             && !self.is_posture()
             && self.is_held(&now.scaled(now.asked), &now.scaled(now.V), now.setup);
         let count = |ticks: u32, goes_on: bool| {
-            if goes_on && !self.stopping {
+            if goes_on && !self.stops.now {
                 ticks.saturating_add(1)
             } else {
                 0

@@ -29,6 +29,28 @@ pub struct Ended {
     pub joint: (usize, bool),
 }
 
+/// The targets refused.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Refused {
+    /// Given tick of the last one.
+    pub tick: Option<u64>,
+    /// How many.
+    pub count: u32,
+    /// Why the last one was: one of `codes::TARGET_REFUSALS`.
+    pub why: u32,
+}
+
+/// The times that the arm was brought to rest.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stops {
+    /// Whether it is being so.
+    pub now: bool,
+    /// How often.
+    pub count: u32,
+    /// Why, the last time.
+    pub why: Refusal,
+}
+
 /// The state of a steered run's reference; all of it but `fastest` and `resting`, which each tick makes anew, survives a restart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TargetState<const N: usize> {
@@ -38,8 +60,6 @@ pub struct TargetState<const N: usize> {
     pub tick: u64,
     /// Tick at which the session ended.
     pub over: Option<u64>,
-    /// Given tick of the last refused target.
-    pub refused_tick: Option<u64>,
     /// Pose in B.
     pub X: Pose,
     /// Twist at full clock speed.
@@ -54,16 +74,10 @@ pub struct TargetState<const N: usize> {
     pub sent: Sent<N>,
     /// Distance that reach has taken away since the target began, m.
     pub behind_m: f64,
-    /// Targets refused.
-    pub refused: u32,
-    /// Why the last of them was: one of `codes::TARGET_REFUSALS`.
-    pub refusal: u32,
-    /// Why the arm was brought to rest.
-    pub stop: Refusal,
-    /// How often it was.
-    pub stops: u32,
-    /// Whether it is being so.
-    pub stopping: bool,
+    /// The targets refused.
+    pub refused: Refused,
+    /// The times that the arm was brought to rest.
+    pub stops: Stops,
     /// The tick before was at the boundary of reach.
     pub clipped: bool,
     /// The reference arm begins anew at the arm, from which it has parted.
@@ -99,7 +113,6 @@ impl<const N: usize> TargetState<N> {
             held: TargetContent::default(),
             tick: 0,
             over: None,
-            refused_tick: None,
             X,
             V: Vector6::zeros(),
             a: Vector6::zeros(),
@@ -107,11 +120,8 @@ impl<const N: usize> TargetState<N> {
             qdot: SVector::zeros(),
             sent,
             behind_m: 0.0,
-            refused: 0,
-            refusal: 0,
-            stop: Refusal::None,
-            stops: 0,
-            stopping: false,
+            refused: Refused::default(),
+            stops: Stops::default(),
             clipped: false,
             parted: false,
             idle_ticks: 0,
@@ -131,7 +141,7 @@ impl<const N: usize> TargetState<N> {
     /// Whether the reference arm moves joint by joint at this tick, and the law has no part in it.
     #[must_use]
     pub fn goes_by_joints(&self) -> bool {
-        !self.stopping && (self.resting || self.is_posture())
+        !self.stops.now && (self.resting || self.is_posture())
     }
 
     /// The posture nearest to the one asked for in which every joint can stand, rad; and the first joint whose range it exceeds, and whether upwards.
@@ -216,7 +226,7 @@ impl<const N: usize> TargetState<N> {
             held: self.held,
             tick: self.tick,
             over_tick: plus_one(self.over),
-            refused_tick: plus_one(self.refused_tick),
+            refused_tick: plus_one(self.refused.tick),
             p_BE: self.X.p.into(),
             R_BE: std::array::from_fn(|i| self.X.R[i]),
             V: self.V.into(),
@@ -228,11 +238,11 @@ impl<const N: usize> TargetState<N> {
             tau_null: padded(&self.sent.null),
             analysis: AnalyzerCheckpoint::default(),
             behind_m: self.behind_m,
-            refused: self.refused,
-            refusal: self.refusal,
-            stop: self.stop.code(),
-            stops: self.stops,
-            stopping: u32::from(self.stopping),
+            refused: self.refused.count,
+            refusal: self.refused.why,
+            stop: self.stops.why.code(),
+            stops: self.stops.count,
+            stopping: u32::from(self.stops.now),
             clipped: u32::from(self.clipped),
             parted: u32::from(self.parted),
             idle_ticks: self.idle_ticks,
@@ -251,7 +261,6 @@ impl<const N: usize> TargetState<N> {
             held: from.held,
             tick: from.tick,
             over: from.over_tick.checked_sub(1),
-            refused_tick: from.refused_tick.checked_sub(1),
             X: Pose {
                 R: Matrix3::from_column_slice(&from.R_BE),
                 p: from.p_BE.into(),
@@ -265,11 +274,16 @@ impl<const N: usize> TargetState<N> {
                 limits,
             ),
             behind_m: from.behind_m,
-            refused: from.refused,
-            refusal: from.refusal,
-            stop: Refusal::from_code(from.stop).unwrap_or(Refusal::Checkpoint),
-            stops: from.stops,
-            stopping: from.stopping != 0,
+            refused: Refused {
+                tick: from.refused_tick.checked_sub(1),
+                count: from.refused,
+                why: from.refusal,
+            },
+            stops: Stops {
+                now: from.stopping != 0,
+                count: from.stops,
+                why: Refusal::from_code(from.stop).unwrap_or(Refusal::Checkpoint),
+            },
             clipped: from.clipped != 0,
             parted: from.parted != 0,
             idle_ticks: from.idle_ticks,

@@ -4,7 +4,7 @@ use super::goes_on;
 use super::intake::{self, Wish};
 use super::lead::Lead;
 use super::rest;
-use super::state::TargetState;
+use super::state::{Refused, Stops, TargetState};
 use crate::command;
 use crate::controller::{Controller, Setup};
 use crate::law::auxiliary::Loop;
@@ -93,7 +93,10 @@ impl<const N: usize> Controller<N> {
                 phase: Phase::Running,
                 V_BE_d: self.state.targets.V,
                 time_scale: 1.0,
-                task_scale: limited.task_scale,
+                limited: Limited {
+                    null_scale: 0.0,
+                    ..limited
+                },
                 ..command::resting(&self.state, &limited)
             }
         } else {
@@ -117,7 +120,7 @@ impl<const N: usize> Controller<N> {
             V: &(reference.J * qdot_r),
             setup: &self.setup,
         });
-        if self.state.targets.stopping {
+        if self.state.targets.stops.now {
             (command.phase, command.refusal) = (Phase::Running, Refusal::None);
         }
         if let (Some(over), Phase::Running) = (self.state.targets.over, command.phase) {
@@ -152,7 +155,7 @@ impl<const N: usize> Controller<N> {
         if targets.parted || !is_near || !is_an_arms {
             (targets.q, targets.qdot, targets.sent, targets.parted) = (*q, *qdot, *sent, false);
             targets.stop(Refusal::Parted, *X);
-            targets.stop = Refusal::Parted;
+            targets.stops.why = Refusal::Parted;
             *refusal = Refusal::Parted;
         }
     }
@@ -181,10 +184,11 @@ impl<const N: usize> Controller<N> {
         let limited = targets.drives.send(&mut self.state.sent, &bias, &parts);
         (command.tau, command.tau_null) = (self.state.sent.tau, self.state.sent.null);
         command.tau_task = command.tau - command.tau_null;
-        command.saturation_mask |= limited.saturation_mask;
-        command.rate_mask |= limited.rate_mask;
-        let turn = rotation_log(&(command.R_BE_d * terms.X_BE.R.transpose()));
-        command.error = stack(&(command.p_BE_d - terms.X_BE.p), &turn);
+        command.limited.saturation_mask |= limited.saturation_mask;
+        command.limited.rate_mask |= limited.rate_mask;
+        let desired = &command.X_BE_d;
+        let turn = rotation_log(&(desired.R * terms.X_BE.R.transpose()));
+        command.error = stack(&(desired.p - terms.X_BE.p), &turn);
     }
 
     /// After the law: the reference moves on with the clock, or is stopped by what the law refuses for a moment.
@@ -213,8 +217,8 @@ impl<const N: usize> State<N> {
         let (arm, dt) = (&reference.X_BE, setup.scenario.dt_s());
         let clock = self.clock.rate;
         let targets = &mut self.targets;
-        if targets.stopping && targets.qdot.amax() < AT_REST {
-            (targets.stopping, self.refusal) = (false, Refusal::None);
+        if targets.stops.now && targets.qdot.amax() < AT_REST {
+            (targets.stops.now, self.refusal) = (false, Refusal::None);
             targets.rest_at(*arm);
             self.clock.begin_anew();
             (self.loops, self.qdot_planned) = (Default::default(), SVector::zeros());
@@ -246,7 +250,7 @@ impl<const N: usize> State<N> {
             } else {
                 Default::default()
             };
-        } else if !targets.stopping {
+        } else if !targets.stops.now {
             let back;
             (targets.X, back) = lead.hold(&targets.X, arm);
             // A target 1e300 m away is one, too: what leaves stays finite.
@@ -326,9 +330,12 @@ impl<const N: usize> TargetState<N> {
 
     /// Begins to bring the arm to rest, unless it is being so; the reference rests in `X`.
     fn stop(&mut self, why: Refusal, X: Pose) {
-        if !self.stopping {
-            self.stops = self.stops.saturating_add(1);
-            (self.stopping, self.stop) = (true, why);
+        if !self.stops.now {
+            self.stops = Stops {
+                now: true,
+                count: self.stops.count.saturating_add(1),
+                why,
+            };
         }
         self.rest_at(X);
     }
@@ -355,9 +362,12 @@ impl<const N: usize> TargetState<N> {
                     }
                     self.held = *target;
                 }
-                Err(refusal) if self.refused_tick != given => {
-                    self.refused = self.refused.saturating_add(1);
-                    (self.refusal, self.refused_tick) = (refusal, given);
+                Err(why) if self.refused.tick != given => {
+                    self.refused = Refused {
+                        tick: given,
+                        count: self.refused.count.saturating_add(1),
+                        why,
+                    };
                 }
                 Err(_) => {}
             }
@@ -379,7 +389,7 @@ impl<const N: usize> TargetState<N> {
         // The first that holds.
         let reasons = [
             (self.over.is_some(), REASON_OVER),
-            (self.stopping, REASON_STOPPED),
+            (self.stops.now, REASON_STOPPED),
             (wish.stale, REASON_STALE),
             (
                 wish.asked == Vector6::zeros() && !is_posture,
@@ -409,10 +419,10 @@ impl<const N: usize> TargetState<N> {
             joint: joint.map_or(0, |(i, _)| i as u32 + 1),
             upper: joint.map_or(0, |(_, is_upper)| u32::from(is_upper)),
             singularity: nearest.map_or(0, |(place, _)| place as u32 + 1),
-            refused: self.refused,
-            refusal: self.refusal,
-            stop: self.stop.code(),
-            stops: self.stops,
+            refused: self.refused.count,
+            refusal: self.refused.why,
+            stop: self.stops.why.code(),
+            stops: self.stops.count,
             ..ServoState::default()
         }
     }
