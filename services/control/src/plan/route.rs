@@ -471,14 +471,7 @@ impl<'a, const N: usize> Search<'a, N> {
         if way.damping > 0.0 {
             let X = (leg.pose)(end.t - leg.from_s);
             let e = self.arm.error(&X, &self.arm.pose(&end.q));
-            cost += 0.02
-                + 0.1
-                    * self.arm.excess(
-                        &e,
-                        &X.R,
-                        self.bounds.position_m,
-                        self.bounds.orientation_rad,
-                    );
+            cost += 0.02 + 0.1 * self.excess(&e, &X);
         }
         if leg.fan {
             let spectrum = self.arm.spectrum(&end.q);
@@ -573,92 +566,53 @@ impl<'a, const N: usize> Search<'a, N> {
         way: &Way<N>,
     ) -> Result<Vec<Knot<N>>, Furthest<N>> {
         let (mut t, mut q, mut heading, mut h) = (t0, *q, *heading, t1 - t0);
-        let mut knots = vec![];
+        let (mut knots, mut block) = (vec![], Block::End);
         let lax = way.damping > 0.0;
         // Off the path a route has kinks: there the spline needs points that lie closer.
         let longest = if lax { STEP / 3.0 } else { STEP };
-        let zero = SVector::zeros();
-        let mut block = Block::End;
+        let knot = |t: f64, q: SVector<f64, N>| {
+            let waits = false;
+            Knot { t, q, waits }
+        };
         while t != t1 {
             self.spent.set(self.spent.get() + 1);
-            if self.is_spent(if lax { BESIDE } else { 1.0 }) {
-                return Err(Furthest { t, q, block });
-            }
             if (t + h - t1) * h.signum() > -1e-12 {
                 h = t1 - t;
             }
-            if knots.len() >= KNOTS {
+            let is_long = knots.len() >= KNOTS;
+            if is_long {
                 self.cut();
-                return Err(Furthest { t, q, block });
             }
-            if h.abs() < SHORTEST * leg.duration_s && t + h != t1 {
+            let is_short = h.abs() < SHORTEST * leg.duration_s && t + h != t1;
+            if self.is_spent(if lax { BESIDE } else { 1.0 }) || is_long || is_short {
                 return Err(Furthest { t, q, block });
             }
             let X = (leg.pose)(t + h);
-            let mut drift = way.drift * (h / (t1 - t0));
-            if let Some(posture) = leg.posture {
-                drift = posture(t + h) - q;
-            }
+            let drift = match leg.posture {
+                Some(posture) => posture(t + h) - q,
+                None => way.drift * (h / (t1 - t0)),
+            };
             let ahead = heading * h;
             let guess = if ahead.amax() < STEP { q + ahead } else { q };
             let (next, e) = self.arm.solve(&X, &guess, &drift, way.damping, SOLVED);
             let dq = next - q;
-            let solved = if lax {
-                self.arm.excess(
-                    &e,
-                    &X.R,
-                    self.bounds.position_m,
-                    self.bounds.orientation_rad,
-                ) < LEFT.0
+            let is_solved = if lax {
+                self.excess(&e, &X) < LEFT.0
             } else {
                 e.norm() < 1e-7
             };
-            // A jump to another branch shows half-way: there the posture is elsewhere, or there is none.
-            let middle = || {
-                let (X, mean) = ((leg.pose)(t + 0.5 * h), q + dq * 0.5);
-                let e = self.arm.error(&X, &self.arm.pose(&mean));
-                if lax {
-                    return (self.arm.excess(
-                        &e,
-                        &X.R,
-                        self.bounds.position_m,
-                        self.bounds.orientation_rad,
-                    ) < LEFT.1)
-                        .then_some(mean);
-                }
-                let (there, e_left) = self.arm.solve(&X, &mean, &zero, 0.0, SOLVED);
-                (e.norm() < STRAIGHT
-                    || e_left.norm() < 1e-7 && (there - mean).norm() < BEND * dq.norm() + 1e-6)
-                    .then_some(there)
-            };
-            let outside = if solved && dq.amax() < longest {
+            let is_near = is_solved && dq.amax() < longest;
+            let outside = if is_near {
                 self.outside(&next, &q)
             } else {
                 None
             };
-            let half = if solved && dq.amax() < longest && outside.is_none() {
-                middle()
+            let half = if is_near && outside.is_none() {
+                self.half_way(&(leg.pose)(t + 0.5 * h), &q, &dq, lax)
             } else {
                 None
             };
-            if let Some(half) = half {
-                if dq.amax() > 0.3 * STEP {
-                    knots.push(Knot {
-                        t: leg.from_s + t + 0.5 * h,
-                        q: half,
-                        waits: false,
-                    });
-                }
-                t = if h == t1 - t { t1 } else { t + h };
-                heading = dq / h;
-                q = next;
-                knots.push(Knot {
-                    t: leg.from_s + t,
-                    q,
-                    waits: false,
-                });
-                h *= 2.0;
-            } else {
+            let Some(half) = half else {
                 // A limit in the way is reached as nearly as the shortest step allows: its place is worth knowing.
                 block = outside.unwrap_or(Block::End);
                 if outside.is_some() && h.abs() < 1e-3 * leg.duration_s {
@@ -668,9 +622,48 @@ impl<'a, const N: usize> Search<'a, N> {
                     return Err(Furthest { t, q, block });
                 }
                 h *= 0.5;
+                continue;
+            };
+            if dq.amax() > 0.3 * STEP {
+                knots.push(knot(leg.from_s + t + 0.5 * h, half));
             }
+            t = if h == t1 - t { t1 } else { t + h };
+            heading = dq / h;
+            q = next;
+            knots.push(knot(leg.from_s + t, q));
+            h *= 2.0;
         }
         Ok(knots)
+    }
+
+    /// By how much an error leaves the path, over what is allowed.
+    fn excess(&self, e: &Vector6<f64>, X: &Pose) -> f64 {
+        let Bounds {
+            position_m,
+            orientation_rad,
+            ..
+        } = self.bounds;
+        self.arm.excess(e, &X.R, position_m, orientation_rad)
+    }
+
+    /// The posture half-way of a motion `dq` from `q`, at the pose `X`. A jump to another branch shows there: the posture is elsewhere, or there is none.
+    fn half_way(
+        &self,
+        X: &Pose,
+        q: &SVector<f64, N>,
+        dq: &SVector<f64, N>,
+        lax: bool,
+    ) -> Option<SVector<f64, N>> {
+        let mean = q + dq * 0.5;
+        let e = self.arm.error(X, &self.arm.pose(&mean));
+        if lax {
+            return (self.excess(&e, X) < LEFT.1).then_some(mean);
+        }
+        let zero = SVector::zeros();
+        let (there, e_left) = self.arm.solve(X, &mean, &zero, 0.0, SOLVED);
+        (e.norm() < STRAIGHT
+            || e_left.norm() < 1e-7 && (there - mean).norm() < BEND * dq.norm() + 1e-6)
+            .then_some(there)
     }
 
     /// Ways out of a fold: the solutions beside the lock, followed back to it.

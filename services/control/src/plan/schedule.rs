@@ -69,75 +69,7 @@ impl<const N: usize> PathPlan<N> {
         cost: f64,
         is_short: bool,
     ) -> Self {
-        let mut points: Vec<Point<N>> = Vec::with_capacity(knots.len());
-        let point = |u: f64, t: f64, q: SVector<f64, N>| Point {
-            u,
-            t,
-            q,
-            slope: SVector::zeros(),
-            speed: 1.0,
-        };
-        let at_end = |t: f64| t < 1e-9 || ends.iter().any(|end| (end - t).abs() < 1e-9);
-        // Points at which the motion rests, and those at which the path itself has to rest though it is on its way.
-        let (mut rests, mut stops) = (vec![0], vec![]);
-        let mut k = 0;
-        while k < knots.len() {
-            let knot = &knots[k];
-            let Some(last) = points.last().copied() else {
-                points.push(point(0.0, knot.t, knot.q));
-                k += 1;
-                continue;
-            };
-            if !knot.waits {
-                if knot.t - last.t > SHORTEST_S {
-                    points.push(point(last.u + knot.t - last.t, knot.t, knot.q));
-                    if at_end(knot.t) {
-                        rests.push(points.len() - 1);
-                    }
-                }
-                k += 1;
-                continue;
-            }
-            let mut way = vec![last.q];
-            while k < knots.len() && knots[k].waits {
-                way.push(knots[k].q);
-                k += 1;
-            }
-            rests.push(points.len() - 1);
-            if !at_end(last.t) {
-                stops.push(points.len() - 1);
-            }
-            points.extend(
-                self_motion(request, arm, &last, &way)
-                    .into_iter()
-                    .map(|(u, q)| point(u, last.t, q)),
-            );
-            rests.push(points.len() - 1);
-            if !at_end(last.t) {
-                stops.push(points.len() - 1);
-            }
-        }
-        for i in 1..points.len().saturating_sub(1) {
-            if !rests.contains(&i) {
-                let (a, b) = (points[i].u - points[i - 1].u, points[i + 1].u - points[i].u);
-                let (before, after) = (
-                    (points[i].q - points[i - 1].q) / a,
-                    (points[i + 1].q - points[i].q) / b,
-                );
-                let mean = (before * b + after * a) / (a + b);
-                // Between a quick stretch and a slow one the spline must not overshoot.
-                let (lower, upper) = (request.model.lower(), request.model.upper());
-                points[i].slope = SVector::from_fn(|j, _| {
-                    let bound = 2.0 * before[j].abs().min(after[j].abs()) + 0.1;
-                    // A cubic lies within its control points, a third of the slope away: they stay within the limits.
-                    let q = points[i].q[j];
-                    let (up, down) = (3.0 * (upper[j] - q).max(0.0), 3.0 * (q - lower[j]).max(0.0));
-                    mean[j]
-                        .clamp(-bound, bound)
-                        .clamp(-(down / b).min(up / a), (up / b).min(down / a))
-                });
-            }
-        }
+        let (points, rests, stops) = timed(request, arm, knots, ends);
         let duration_s = points.last().map_or(0.0, |last| last.u);
         let mut plan = Self {
             points,
@@ -146,8 +78,33 @@ impl<const N: usize> PathPlan<N> {
             cost,
             duration_s,
         };
+        plan.slope(request, &rests);
         plan.limit_speed(request, &stops);
         plan
+    }
+
+    /// Gives every point at which the motion does not rest its slope: the mean of both sides, bounded.
+    fn slope(&mut self, request: &Request<'_, N>, rests: &[usize]) {
+        let points = &mut self.points;
+        let (lower, upper) = (request.model.lower(), request.model.upper());
+        for i in (1..points.len().saturating_sub(1)).filter(|i| !rests.contains(i)) {
+            let (a, b) = (points[i].u - points[i - 1].u, points[i + 1].u - points[i].u);
+            let (before, after) = (
+                (points[i].q - points[i - 1].q) / a,
+                (points[i + 1].q - points[i].q) / b,
+            );
+            let mean = (before * b + after * a) / (a + b);
+            points[i].slope = SVector::from_fn(|j, _| {
+                // Between a quick stretch and a slow one the spline must not overshoot.
+                let bound = 2.0 * before[j].abs().min(after[j].abs()) + 0.1;
+                // A cubic lies within its control points, a third of the slope away: they stay within the limits.
+                let q = points[i].q[j];
+                let (up, down) = (3.0 * (upper[j] - q).max(0.0), 3.0 * (q - lower[j]).max(0.0));
+                mean[j]
+                    .clamp(-bound, bound)
+                    .clamp(-(down / b).min(up / a), (up / b).min(down / a))
+            });
+        }
     }
 
     fn limit_speed(&mut self, request: &Request<'_, N>, stops: &[usize]) {
@@ -363,6 +320,52 @@ impl<const N: usize> PathPlan<N> {
             dq,
         }
     }
+}
+
+/// The points of a route on its own clock; those at which the motion rests, and those at which the path itself has to rest though it is on its way.
+fn timed<const N: usize>(
+    request: &Request<'_, N>,
+    arm: &Kinematics<'_, N>,
+    knots: &[Knot<N>],
+    ends: &[f64],
+) -> (Vec<Point<N>>, Vec<usize>, Vec<usize>) {
+    let point = |u: f64, t: f64, q: SVector<f64, N>| Point {
+        u,
+        t,
+        q,
+        slope: SVector::zeros(),
+        speed: 1.0,
+    };
+    let at_end = |t: f64| t < 1e-9 || ends.iter().any(|end| (end - t).abs() < 1e-9);
+    let mut points: Vec<Point<N>> = Vec::with_capacity(knots.len());
+    let (mut rests, mut stops) = (vec![0], vec![]);
+    for stretch in knots.chunk_by(|a, b| a.waits && b.waits) {
+        let knot = &stretch[0];
+        let Some(last) = points.last().copied() else {
+            // The route begins at its first knot, which waits for nothing.
+            points.push(point(0.0, knot.t, knot.q));
+            continue;
+        };
+        if !knot.waits {
+            if knot.t - last.t > SHORTEST_S {
+                points.push(point(last.u + knot.t - last.t, knot.t, knot.q));
+                if at_end(knot.t) {
+                    rests.push(points.len() - 1);
+                }
+            }
+            continue;
+        }
+        let mut way = vec![last.q];
+        way.extend(stretch.iter().map(|knot| knot.q));
+        let moved = self_motion(request, arm, &last, &way);
+        let here = [points.len() - 1, points.len() - 1 + moved.len()];
+        points.extend(moved.into_iter().map(|(u, q)| point(u, last.t, q)));
+        rests.extend(here);
+        if !at_end(last.t) {
+            stops.extend(here);
+        }
+    }
+    (points, rests, stops)
 }
 
 /// Time on the path's clock at a share `x` of the way between two points, s.

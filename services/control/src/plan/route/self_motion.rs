@@ -97,21 +97,15 @@ impl<const N: usize> Search<'_, N> {
         let AtRest {
             X, onwards, every, ..
         } = *from;
-        let zero = SVector::zeros();
         let mut knots: Vec<Knot<N>> = vec![];
         let (mut at, mut v) = (self.nodes[from.node].q, from.v / from.v.amax());
         let mut undone = self.undone(&at, onwards);
         let mut out = vec![];
-        // A second direction may be lost on the way: where the rank falls further, a fold may open.
-        let second = |q: &SVector<f64, N>| {
-            let spectrum = self.arm.spectrum(q);
-            spectrum
-                .sigma
-                .get(spectrum.free + 1)
-                .copied()
-                .unwrap_or(1.0)
+        let knot = |q: SVector<f64, N>| {
+            let waits = true;
+            Knot { t, q, waits }
         };
-        let mut ranks = [f64::INFINITY, second(&at)];
+        let mut ranks = [f64::INFINITY, self.second(&at)];
         let (mut gaps, mut crossed) = ([f64::INFINITY, undone.norm()], false);
         for k in 1.. {
             self.spent.set(self.spent.get() + 2);
@@ -122,22 +116,20 @@ impl<const N: usize> Search<'_, N> {
                 self.cut();
                 break;
             }
+            let zero = SVector::zeros();
             let (next, e) = self.arm.solve(X, &(at + v * STRIDE), &zero, 0.0, SOLVED);
             let dq = next - at;
-            if e.norm() > 1e-5
-                || dq.amax() < 0.5 * STRIDE
-                || dq.amax() > 2.0 * STRIDE
-                || self.outside(&next, &at).is_some()
-            {
+            let is_stride = (0.5 * STRIDE..=2.0 * STRIDE).contains(&dq.amax());
+            if e.norm() > 1e-5 || !is_stride || self.outside(&next, &at).is_some() {
                 break;
             }
             let rest = self.undone(&next, onwards);
-            let chosen = if every {
+            let mut chosen = if every {
                 (k % 2 == 0).then_some(next)
             } else {
                 turned(&rest, &undone).map(|half| self.between(from, (&at, &dq), (&undone, half)))
             };
-            let (rank, gap) = (second(&next), rest.norm());
+            let (rank, gap) = (self.second(&next), rest.norm());
             let falls = k > 1 && ranks[1] < ranks[0] && ranks[1] <= rank && ranks[1] < 0.1;
             // Where the lost direction touches what the path needs and turns back, a fold opens, too.
             let least = gaps[1] < gaps[0]
@@ -146,45 +138,50 @@ impl<const N: usize> Search<'_, N> {
                 && gaps[0].max(gap) > TOUCHING.1;
             let touches = k > 1 && !crossed && least;
             crossed = chosen.is_some();
-            let chosen = if !crossed && !every && (falls || touches) {
-                self.spent.set(self.spent.get() + 80);
-                let there = |x: f64| {
-                    self.arm
-                        .solve(
-                            X,
-                            &(at + if x < 0.0 { v * (x * STRIDE) } else { dq * x }),
-                            &zero,
-                            0.0,
-                            SOLVED,
-                        )
-                        .0
-                };
-                let left = |q: &SVector<f64, N>| self.undone(q, onwards).norm();
-                let q = there(lowest(|x| {
-                    if falls {
-                        second(&there(x))
-                    } else {
-                        left(&there(x))
-                    }
-                }));
-                (falls || left(&q) < TOUCHING.2).then_some(q)
-            } else {
-                chosen
-            };
+            if !crossed && !every && (falls || touches) {
+                chosen = self.opening(from, &at, [&v, &dq], falls);
+            }
             (ranks, gaps) = ([ranks[1], rank], [gaps[1], gap]);
             if let Some(q) = chosen {
                 let mut knots = knots.clone();
-                knots.push(Knot { t, q, waits: true });
+                knots.push(knot(q));
                 out.push((q, knots));
             }
-            knots.push(Knot {
-                t,
-                q: next,
-                waits: true,
-            });
+            knots.push(knot(next));
             (at, v, undone) = (next, dq / dq.amax(), rest);
         }
         out
+    }
+
+    /// The measure of a second direction, which may be lost on the way: where the rank falls further, a fold may open.
+    fn second(&self, q: &SVector<f64, N>) -> f64 {
+        let Spectrum { sigma, free, .. } = self.arm.spectrum(q);
+        sigma.get(free + 1).copied().unwrap_or(1.0)
+    }
+
+    /// The posture near `at`, along the direction it was reached in and the motion that leaves it, in which a second direction is lost (`falls`) or nothing of what the path needs.
+    fn opening(
+        &self,
+        from: &AtRest<'_, N>,
+        at: &SVector<f64, N>,
+        [before, after]: [&SVector<f64, N>; 2],
+        falls: bool,
+    ) -> Option<SVector<f64, N>> {
+        self.spent.set(self.spent.get() + 80);
+        let there = |x: f64| {
+            let by = if x < 0.0 {
+                before * (x * STRIDE)
+            } else {
+                after * x
+            };
+            self.arm
+                .solve(from.X, &(at + by), &SVector::zeros(), 0.0, SOLVED)
+                .0
+        };
+        let left = |q: &SVector<f64, N>| self.undone(q, from.onwards).norm();
+        let measure = |q: &SVector<f64, N>| if falls { self.second(q) } else { left(q) };
+        let q = there(lowest(|x| measure(&there(x))));
+        (falls || left(&q) < TOUCHING.2).then_some(q)
     }
 
     /// Whether a self-motion is back where it began after `k` strides: a full turn is another posture where a joint has limits.
