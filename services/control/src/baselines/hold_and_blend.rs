@@ -15,7 +15,7 @@ use crate::limits::Parts;
 use crate::linear::{rotation_log, stack, symmetric_eigen};
 use crate::reference::bounded;
 use crate::types::Refusal;
-use model::Model;
+use model::{Model, Pose};
 use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector6};
 use shared_types::scenario::Damping;
 
@@ -54,6 +54,53 @@ fn operational<const N: usize>(
     Some((Lambda, Ainv_Jt * Lambda))
 }
 
+/// The directions of the task by their singular values, largest first.
+struct Split<const N: usize> {
+    J: SMatrix<f64, 6, N>,
+    values: Vector6<f64>,
+    U: SMatrix<f64, 6, 6>,
+    V: SMatrix<f64, N, N>,
+    /// How many are regular, and how many there are.
+    regular: usize,
+    axes: usize,
+}
+
+impl<const N: usize> Split<N> {
+    /// Those whose value is less than the share `bound` of the largest are singular.
+    fn new(J: SMatrix<f64, 6, N>, axes: usize, bound: f64) -> Self {
+        let (values, U) = sorted(&(J * J.transpose()));
+        let (_, V) = sorted(&(J.transpose() * J));
+        let mut split = Self {
+            J,
+            values,
+            U,
+            V,
+            regular: axes,
+            axes,
+        };
+        let is_singular = |k: &usize| split.ratio(*k) < bound;
+        split.regular = (1..axes).find(is_singular).unwrap_or(axes);
+        split
+    }
+
+    fn ratio(&self, k: usize) -> f64 {
+        (self.values[k].max(0.0) / self.values[0].max(1e-30)).sqrt()
+    }
+
+    fn is_regular(&self, i: usize) -> bool {
+        i < self.regular
+    }
+
+    fn is_singular(&self, i: usize) -> bool {
+        (self.regular..self.axes).contains(&i)
+    }
+
+    /// The directions that are used, as rows.
+    fn rows(&self, used: impl Fn(usize) -> bool) -> SMatrix<f64, 6, 6> {
+        SMatrix::from_fn(|i, j| if used(i) { self.U[(j, i)] } else { 0.0 })
+    }
+}
+
 /// Torques by hold-and-blend.
 ///
 /// Γ = J_nsᵀΛ_ns U_nsᵀ(a − J̇q̇) + α·J_sᵀΛ_s U_sᵀ(a − J̇q̇) + (1 − α)·Γ_joint, α = the place of σ_s/σ_1 between the two bounds of `blend`.
@@ -67,92 +114,34 @@ pub(crate) fn torques<const N: usize>(
     let Arm {
         setup, now, motion, ..
     } = *arm;
-    let (terms, model, control) = (now.terms, &setup.model, &setup.scenario.control);
-    let (task, tuned) = (&setup.task, &control.baseline.hold_and_blend);
-    let J = scale(&terms.J, task, 1.0);
+    let (terms, task) = (now.terms, &setup.task);
+    let [low, high] = setup.scenario.control.baseline.hold_and_blend.blend;
     let axes = task.iter().filter(|axis| **axis).count().min(N);
-    let (values, U) = sorted(&(J * J.transpose()));
-    let (_, V) = sorted(&(J.transpose() * J));
-    let ratio = |k: usize| (values[k].max(0.0) / values[0].max(1e-30)).sqrt();
-    let regular = (1..axes)
-        .find(|k| ratio(*k) < tuned.blend[1])
-        .unwrap_or(axes);
-    let (is_regular, is_singular) = (
-        |i: usize| i < regular,
-        |i: usize| (regular..axes).contains(&i),
-    );
-
-    let desired = motion.desired.at(&-now.p_EC);
-    let error = stack(
-        &(desired.p - terms.X_BE.p),
-        &rotation_log(&(desired.R * terms.X_BE.R.transpose())),
-    );
-    let a =
-        desired.a + (desired.V - terms.J * now.qdot) * control.k_v + bounded(&error) * control.k_p;
-    let relative = scale(&(a - terms.Jdot_qdot), task, 1.0);
-
+    let split = Split::new(scale(&terms.J, task, 1.0), axes, high);
+    let relative = relative(arm);
     let A = Cholesky::new(terms.A).ok_or(Refusal::Singular)?;
-    let rows = |used: &dyn Fn(usize) -> bool| {
-        SMatrix::<f64, 6, 6>::from_fn(|i, j| if used(i) { U[(j, i)] } else { 0.0 })
-    };
-    let T_ns = rows(&is_regular);
-    let J_ns = T_ns * J;
-    let (Lambda_ns, Jbar_ns) = operational(&A, &J_ns, is_regular).ok_or(Refusal::Singular)?;
+    let T_ns = split.rows(|i| split.is_regular(i));
+    let J_ns = T_ns * split.J;
+    let (Lambda_ns, Jbar_ns) =
+        operational(&A, &J_ns, |i| split.is_regular(i)).ok_or(Refusal::Singular)?;
     let mut rest = J_ns.transpose() * (Lambda_ns * (T_ns * relative));
     let mut null = SVector::zeros();
-    if regular == axes {
-        *memory = JointMemory {
-            holding: false,
-            votes: 0.0,
-            ..*memory
-        };
+    if split.regular == axes {
+        (memory.holding, memory.votes) = (false, 0.0);
     } else {
-        let alpha =
-            ((ratio(regular) - tuned.blend[0]) / (tuned.blend[1] - tuned.blend[0])).clamp(0.0, 1.0);
-        if !memory.holding || memory.votes < 0.0 {
-            *memory = JointMemory {
-                holding: true,
-                q: *now.q,
-                ..*memory
-            };
-        }
-        let is_type_1 = (regular..axes).any(|k| {
-            let there = model.forward_kinematics(&(now.q + V.column(k) * JUMP));
-            let moved = stack(
-                &(there.p - terms.X_BE.p),
-                &rotation_log(&(there.R * terms.X_BE.R.transpose())),
-            );
-            moved.dot(&U.column(k)).abs() > MOVED
-        });
-        memory.votes = (memory.votes + if is_type_1 { 1.0 } else { -1.0 }).clamp(-VOTERS, VOTERS);
-
-        // The joint strategy, along the right singular vectors and in the regular part's null space.
-        let V_t =
-            SMatrix::<f64, 6, N>::from_fn(|i, j| if is_singular(i) { V[(j, i)] } else { 0.0 });
-        let J_joint = V_t * (SMatrix::<f64, N, N>::identity() - Jbar_ns * J_ns);
-        if let Some((Lambda_joint, _)) = operational(&A, &J_joint, is_singular) {
-            let through = |x: Vector6<f64>| J_joint.transpose() * x;
-            null = if memory.votes > 0.0 {
-                through(
-                    Lambda_joint
-                        * (V_t * ((memory.q - now.q) * tuned.hold_k_p - now.qdot * tuned.hold_k_v)),
-                )
-            } else {
-                let asked = relative.dot(&U.column(regular)).abs() / relative.norm().max(1e-12);
-                let push =
-                    SVector::from_fn(|i, _| push(memory, now.q, model, i) * tuned.push * asked);
-                through(V_t * push - Lambda_joint * (V_t * now.qdot) * tuned.push_k_v)
-            } * (1.0 - alpha);
-        }
+        let alpha = ((split.ratio(split.regular) - low) / (high - low)).clamp(0.0, 1.0);
+        vote(arm, &split, memory);
+        let free = SMatrix::<f64, N, N>::identity() - Jbar_ns * J_ns;
+        null = joint_strategy(arm, &split, memory, &A, &free, &relative) * (1.0 - alpha);
         // At the lock itself Λ_s has no bound, and α is zero.
-        let T_s = rows(&is_singular);
-        let J_s = T_s * J;
+        let T_s = split.rows(|i| split.is_singular(i));
+        let J_s = T_s * split.J;
         if alpha > 0.0
-            && let Some((Lambda_s, _)) = operational(&A, &J_s, is_singular)
+            && let Some((Lambda_s, _)) = operational(&A, &J_s, |i| split.is_singular(i))
         {
             let torque = J_s.transpose() * (Lambda_s * (T_s * relative));
-            rest += SVector::from_fn(|i, _| torque[i].clamp(-model.effort()[i], model.effort()[i]))
-                * alpha;
+            let effort = setup.model.effort();
+            rest += SVector::from_fn(|i, _| torque[i].clamp(-effort[i], effort[i])) * alpha;
         }
     }
     let sharp = Inverse::Damped(Damping {
@@ -170,6 +159,66 @@ pub(crate) fn torques<const N: usize>(
         qdot_nominal: sharp * scaled(&motion.V_nominal),
         qddot_path: sharp * scaled(&(motion.a_feed - now.at.Jdot_qdot)),
     })
+}
+
+/// The pose error from the end-effector to a pose, `[p − p_E; log(R R_Eᵀ)]`.
+fn error_to(X_BE: &Pose, X: &Pose) -> Vector6<f64> {
+    stack(&(X.p - X_BE.p), &rotation_log(&(X.R * X_BE.R.transpose())))
+}
+
+/// a − J̇q̇ on the task's axes.
+fn relative<const N: usize>(arm: &Arm<'_, N>) -> Vector6<f64> {
+    let (setup, now, control) = (arm.setup, arm.now, &arm.setup.scenario.control);
+    let terms = now.terms;
+    let desired = arm.motion.desired.at(&-now.p_EC);
+    let error = error_to(&terms.X_BE, &desired.pose());
+    let a =
+        desired.a + (desired.V - terms.J * now.qdot) * control.k_v + bounded(&error) * control.k_p;
+    scale(&(a - terms.Jdot_qdot), &setup.task, 1.0)
+}
+
+/// Votes on the type of the singularity; the joints are held where they were at entry, or when the votes for Type 2 were last more.
+fn vote<const N: usize>(arm: &Arm<'_, N>, split: &Split<N>, memory: &mut JointMemory<N>) {
+    let (model, now) = (&arm.setup.model, arm.now);
+    if !memory.holding || memory.votes < 0.0 {
+        (memory.holding, memory.q) = (true, *now.q);
+    }
+    let is_type_1 = (split.regular..split.axes).any(|k| {
+        let there = model.forward_kinematics(&(now.q + split.V.column(k) * JUMP));
+        let moved = error_to(&now.terms.X_BE, &there);
+        moved.dot(&split.U.column(k)).abs() > MOVED
+    });
+    memory.votes = (memory.votes + if is_type_1 { 1.0 } else { -1.0 }).clamp(-VOTERS, VOTERS);
+}
+
+/// The joint strategy, along the right singular vectors and in the regular part's null space, `free`; nothing where that has no room.
+fn joint_strategy<const N: usize>(
+    arm: &Arm<'_, N>,
+    split: &Split<N>,
+    memory: &mut JointMemory<N>,
+    A: &Cholesky<f64, Const<N>>,
+    free: &SMatrix<f64, N, N>,
+    relative: &Vector6<f64>,
+) -> SVector<f64, N> {
+    let (model, now) = (&arm.setup.model, arm.now);
+    let tuned = &arm.setup.scenario.control.baseline.hold_and_blend;
+    let V_t = SMatrix::<f64, 6, N>::from_fn(|i, j| match split.is_singular(i) {
+        true => split.V[(j, i)],
+        false => 0.0,
+    });
+    let J_joint = V_t * free;
+    let Some((Lambda_joint, _)) = operational(A, &J_joint, |i| split.is_singular(i)) else {
+        return SVector::zeros();
+    };
+    let wanted = if memory.votes > 0.0 {
+        let hold = (memory.q - now.q) * tuned.hold_k_p - now.qdot * tuned.hold_k_v;
+        Lambda_joint * (V_t * hold)
+    } else {
+        let asked = relative.dot(&split.U.column(split.regular)).abs() / relative.norm().max(1e-12);
+        let push = SVector::from_fn(|i, _| push(memory, now.q, model, i) * tuned.push * asked);
+        V_t * push - Lambda_joint * (V_t * now.qdot) * tuned.push_k_v
+    };
+    J_joint.transpose() * wanted
 }
 
 /// Torque limit of joint `i` with the sign of the open-loop torque, which turns round near a joint limit and stays so.
