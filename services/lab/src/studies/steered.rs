@@ -5,6 +5,7 @@ use std::fmt;
 use chain::Tick;
 use control::singularity::family::Family;
 use model::{Robot, with_dof};
+use recorder::TaskError;
 use serde::Serialize;
 use session::load::Loaded;
 use session::table::{number, table};
@@ -220,19 +221,8 @@ fn score(
     };
     let verdict = trial.watch(|tick, error| {
         let state = &tick.servo_state;
-        let stated = [
-            REASON_LIMIT,
-            REASON_REACH,
-            REASON_RESTING,
-            REASON_STALE,
-            REASON_OVER,
-            REASON_HELD,
-        ]
-        .contains(&state.reason);
-        let stands = !stated
-            && state.V_target.iter().any(|x| x.abs() > MOVES)
-            && state.speed_scale < STILL.0;
-        still = if stands { still + dt } else { 0.0 };
+        still = if stands(state) { still + dt } else { 0.0 };
+        let stalled = if still > STILL.1 { still } else { 0.0 };
         let seconds = tick.torque.header.tick as f64 * dt;
         let kind = |place: usize| {
             tick.singularity
@@ -240,32 +230,15 @@ fn score(
                 .get(place)
                 .map(|one| one.kind)
         };
-        if still > STILL.1 {
+        if stalled > 0.0 {
             score.stalled_s += dt;
         }
         let (speed, beyond) = score.take(robot, tick, before, dt);
         before = Some(tick.torque.tau);
-        // Beyond a range by so much is no worse than twice the bar of a degree.
-        let excesses = [
-            (
-                error.position[1] / ORTHOGONAL_MM,
-                format!("{:.3} mm orthogonal to ζ", error.position[1]),
-            ),
-            (
-                error.orientation[1] / ORTHOGONAL_DEG,
-                format!("{:.3}° orthogonal to ζ", error.orientation[1]),
-            ),
-            (
-                if beyond > 0.0 { 1.0 + beyond } else { 0.0 },
-                format!("a joint {:.4} rad beyond its range", beyond),
-            ),
-            (speed, format!("a joint at {speed:.3} of its speed")),
-            (
-                if still > STILL.1 { 1.0 + still } else { 0.0 },
-                format!("stalled for {still:.2} s"),
-            ),
-        ];
-        for (worst, (times, what)) in worst.iter_mut().zip(excesses) {
+        for (worst, (times, what)) in worst
+            .iter_mut()
+            .zip(excesses(error, speed, beyond, stalled))
+        {
             if times > 1.0 && worst.as_ref().is_none_or(|worst| times > worst.times) {
                 *worst = Some(Event {
                     times,
@@ -287,6 +260,38 @@ fn score(
     );
     score.events = worst.into_iter().flatten().collect();
     Ok(score)
+}
+
+/// Whether an arm stands though it is asked to move, and says nothing of why.
+fn stands(state: &ServoState) -> bool {
+    let stated = [
+        REASON_LIMIT,
+        REASON_REACH,
+        REASON_RESTING,
+        REASON_STALE,
+        REASON_OVER,
+        REASON_HELD,
+    ];
+    !stated.contains(&state.reason)
+        && state.V_target.iter().any(|x| x.abs() > MOVES)
+        && state.speed_scale < STILL.0
+}
+
+/// How many times the bar each measure of a tick is, in words: the largest share of a joint's speed, the distance beyond a range, rad, and the time stalled, s.
+fn excesses(error: TaskError, speed: f64, beyond: f64, stalled: f64) -> [(f64, String); 5] {
+    let (mm, deg) = (error.position[1], error.orientation[1]);
+    // Beyond a range by so much is no worse than twice the bar of a degree.
+    let any = |by: f64| if by > 0.0 { 1.0 + by } else { 0.0 };
+    [
+        (mm / ORTHOGONAL_MM, format!("{mm:.3} mm orthogonal to ζ")),
+        (deg / ORTHOGONAL_DEG, format!("{deg:.3}° orthogonal to ζ")),
+        (
+            any(beyond),
+            format!("a joint {beyond:.4} rad beyond its range"),
+        ),
+        (speed, format!("a joint at {speed:.3} of its speed")),
+        (any(stalled), format!("stalled for {stalled:.2} s")),
+    ]
 }
 
 impl Score {

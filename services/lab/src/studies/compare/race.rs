@@ -7,6 +7,7 @@ use model::Robot;
 use recorder::TaskError;
 use serde::Serialize;
 use session::{Failure, Observer, Progress, Results, load};
+use shared_types::MAX_DOF;
 use shared_types::bounds::larger;
 use shared_types::scenario::Strategy;
 use viz::plot::digits;
@@ -88,38 +89,71 @@ pub fn race(
         length: 2,
         unit: "laws",
     });
-    // Where the rival's joints are at each picture, and how it has done by then.
-    let (mut places, mut theirs) = (Vec::new(), Racer::default());
-    let other = Trial::under(rival, &robot, &scenario);
-    let ended = other.watch(|tick, error| {
-        theirs.add(tick, error, &robot);
+    let theirs = run(&Trial::under(rival, &robot, &scenario), every)?;
+    observer(Progress::Step);
+    let own = Trial::under(law, &robot, &scenario);
+    let ours = record(&own, names, &theirs, every, &results.folder)?;
+    observer(Progress::End);
+    let rival = theirs
+        .last()
+        .map_or_else(Racer::default, |(_, racer)| *racer);
+    let race = Race {
+        scenario: scenario.name.clone(),
+        seed: scenario.seed,
+        law: (names[0].to_owned(), ours),
+        rival: (names[1].to_owned(), rival),
+        folder: results.folder.clone(),
+    };
+    let json = serde_json::to_value(&race).map_err(Failure::work)?;
+    results.save("race.json", &json)?;
+    Ok(race)
+}
+
+/// Where a law's joints are at each picture, and how it has done by then; once more at its end.
+fn run(trial: &Trial<'_>, every: u64) -> Result<Vec<([f64; MAX_DOF], Racer)>, Failure> {
+    let (mut places, mut racer, mut q) = (Vec::new(), Racer::default(), [0.0; MAX_DOF]);
+    let ended = trial.watch(|tick, error| {
+        racer.add(tick, error, trial.robot);
+        q = tick.plant_state.q;
         if tick.sensor.header.tick % every == 0 {
-            places.push((tick.plant_state.q, theirs));
+            places.push((q, racer));
         }
     });
     ended.map_err(Failure::input)?;
-    observer(Progress::Step);
+    places.push((q, racer));
+    Ok(places)
+}
 
+/// Records a law's run with the rival of these places beside it; how the law did.
+fn record(
+    trial: &Trial<'_>,
+    names: [&str; 2],
+    rival: &[([f64; MAX_DOF], Racer)],
+    every: u64,
+    folder: &Path,
+) -> Result<Racer, Failure> {
+    let Trial {
+        robot, scenario, ..
+    } = trial;
     let run = format!("race-{}-{}", scenario.name, scenario.seed);
     let info = RunInfo {
-        scenario: &scenario,
-        robot: &robot,
+        scenario,
+        robot,
         run: &run,
         version: env!("CARGO_PKG_VERSION"),
         seed: scenario.seed,
         hops: None,
         lives: viz::Lives::default(),
     };
-    let mut recording = Recording::create(&results.folder, &info).map_err(Failure::work)?;
+    let mut recording = Recording::create(folder, &info).map_err(Failure::work)?;
     let (mut ours, mut words, mut failed) = (Racer::default(), String::new(), None);
-    let own = Trial::under(law, &robot, &scenario);
-    let ended = own.watch(|tick, error| {
+    let ended = trial.watch(|tick, error| {
         let number = tick.sensor.header.tick;
-        ours.add(tick, error, &robot);
+        ours.add(tick, error, robot);
         // A rival that is done stays where it is.
         let picture = (number / every) as usize;
         if number % every == 0
-            && let Some((q, theirs)) = places.get(picture).or(places.last())
+            && let Some((q, theirs)) = rival.get(picture).or(rival.last())
         {
             if (number / every).is_multiple_of(COUNTERS_EVERY) {
                 words = counters(names, [&ours, theirs]);
@@ -137,18 +171,7 @@ pub fn race(
     ended.map_err(Failure::input)?;
     failed.map_or(Ok(()), |error| Err(Failure::work(error)))?;
     recording.finish().map_err(Failure::work)?;
-    observer(Progress::End);
-    let [law, rival] = [(names[0], ours), (names[1], theirs)];
-    let race = Race {
-        scenario: scenario.name.clone(),
-        seed: scenario.seed,
-        law: (law.0.to_owned(), law.1),
-        rival: (rival.0.to_owned(), rival.1),
-        folder: results.folder.clone(),
-    };
-    let json = serde_json::to_value(&race).map_err(Failure::work)?;
-    results.save("race.json", &json)?;
-    Ok(race)
+    Ok(ours)
 }
 
 /// Both laws' numbers so far, as Markdown.
