@@ -128,7 +128,6 @@ mod tests {
             &Pose::translation(Vector3::new(x, 0.0, 0.0)),
             &Pose::identity(),
             &empty_report::<6>(),
-            &[],
         )
     }
 
