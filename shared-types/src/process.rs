@@ -113,9 +113,9 @@ impl Role {
     #[must_use]
     pub fn about(self) -> &'static str {
         match self {
-            Self::World => "the process that makes the ticks",
-            Self::Stage => "the processes that write messages",
-            Self::Observer => "the processes that only read",
+            Self::World => "the plant",
+            Self::Stage => "processes that send messages",
+            Self::Observer => "processes that only read",
         }
     }
 }

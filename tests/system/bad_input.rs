@@ -55,7 +55,7 @@ fn every_wrong_input_is_refused_with_its_reason() {
         ("run syntax.toml", "syntax.toml:3"),
         (
             "run robot.toml",
-            "robot.toml:2: there is no robot 'puma650'",
+            "robot.toml:2: there is no robot `puma650`",
         ),
         ("run posture.toml", "posture.toml:"),
         ("run joints.toml", "joints.toml:"),
@@ -75,7 +75,7 @@ fn every_wrong_input_is_refused_with_its_reason() {
             "inspect --robot hand.urdf",
             "moving link 'arm' has no inertia",
         ),
-        ("inspect --robot r2d2 --q 0", "there is no robot 'r2d2'"),
+        ("inspect --robot r2d2 --q 0", "there is no robot `r2d2`"),
         ("inspect --q 0,0,0", "joint"),
     ];
     for (args, expected) in cases {

@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io::Write;
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
-use std::os::unix::process::ExitStatusExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
@@ -181,9 +181,19 @@ fn results_that_standard_output_does_not_take_are_in_the_exit_code() {
         "run --help",
     ] {
         let full = File::options().write(true).open("/dev/full");
-        for output in [full.expect("a device"), read_only()] {
+        let outputs = [full.expect("a device"), read_only(), read_only()];
+        for (number, output) in outputs.into_iter().enumerate() {
             let mut command = desk.command(args);
             command.stdout(output);
+            if number == 2 {
+                // SAFETY: close(2) may be called between fork and exec.
+                unsafe {
+                    command.pre_exec(|| {
+                        libc::close(1);
+                        Ok(())
+                    });
+                }
+            }
             let said = finish(command.spawn().expect("armplane starts"));
             assert!(
                 said.code == 1 && !said.err.is_empty(),

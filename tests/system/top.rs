@@ -57,6 +57,10 @@ fn a_run_is_seen_from_outside() {
             );
         }
     }
+    // Nobody reads on: it ends.
+    let mut unread = desk.start(&format!("top --run {name} --every-ms 10"));
+    drop(unread.stdout.take());
+    assert!(unread.wait().is_ok_and(|status| status.success()));
     let wrist = after["singularities"]
         .list()
         .iter()

@@ -11,6 +11,7 @@ use shared_types::scenario::Strategy;
 
 use crate::out::{say, say_json, show};
 use crate::progress::observe;
+use session::table::count as plural;
 
 /// Seed of an arm's lines where none is given.
 const SEED: u64 = 1;
@@ -135,7 +136,11 @@ fn saved(folder: &Path, count: usize, as_json: bool) -> Result<ExitCode, Failure
     if as_json {
         say_json(&json!({"folder": folder, "lines": count}))?;
     } else {
-        say!("{}: {count} lines, a scenario file each", folder.display());
+        say!(
+            "{}: {}, a scenario file each",
+            folder.display(),
+            plural(count as u64, "line")
+        );
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -190,7 +195,7 @@ fn race(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
     }
     show(&race);
     say!(
-        "{}\n  run.rrd  both arms; open it with: armplane view {}",
+        "{}\n  run.rrd  both arms; open it with `armplane view {}`",
         race.folder.display(),
         race.folder.display()
     );

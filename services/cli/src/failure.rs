@@ -57,18 +57,14 @@ pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
         // The file's own colours are escaped before ours are added, so its places move.
         let moved = |at| error.text.get(..at).map_or(at, |text| plain(text).len());
         let span = moved(span.start)..moved(span.end);
-        let label = LabeledSpan::new_with_span(
-            (!error.remedy.is_empty()).then(|| plain(&error.remedy).into_owned()),
-            span,
+        let report = Report::from(
+            MietteDiagnostic::new("").with_label(LabeledSpan::new_with_span(None, span)),
         );
-        let diagnostic = MietteDiagnostic::new(one_line(&error.message)).with_label(label);
-        tell_painted(&format_args!(
-            "{:?}",
-            Report::from(diagnostic).with_source_code(NamedSource::new(
-                plain(&error.file),
-                plain(&error.text).into_owned()
-            ))
-        ));
+        let source = NamedSource::new(plain(&error.file), plain(&error.text).into_owned());
+        let shown = format!("{:?}", report.with_source_code(source));
+        // The sentence stands above the file's lines, which begin with a frame.
+        let frame = shown.lines().skip_while(|line| !line.contains('╭'));
+        tell_painted(&frame.collect::<Vec<_>>().join("\n"));
     }
     ExitCode::from(code)
 }

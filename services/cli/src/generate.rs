@@ -9,7 +9,7 @@ use clap_mangen::Man;
 use exchange::describe;
 use session::Failure;
 
-use crate::out::say;
+use crate::out::show_painted;
 
 #[derive(Subcommand)]
 pub(crate) enum Generate {
@@ -106,7 +106,7 @@ pub(crate) fn generate(what: &Generate, mut command: Command) -> Result<ExitCode
             Language::Python => describe::python(),
         },
     };
-    say!("{}", text.trim_end());
+    show_painted(&format_args!("{}\n", text.trim_end()));
     Ok(ExitCode::SUCCESS)
 }
 

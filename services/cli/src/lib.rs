@@ -5,6 +5,7 @@ mod arena;
 mod bench;
 mod clean;
 mod compare;
+mod diff;
 mod doctor;
 mod drill;
 mod export;
@@ -17,10 +18,12 @@ mod inspect;
 mod layout;
 mod list;
 mod live;
+mod new;
 mod out;
 mod play;
 mod process;
 mod progress;
+mod ps;
 mod recover;
 mod replay;
 mod report;
@@ -63,6 +66,12 @@ enum Command {
         after_help = "Examples:\n  armplane run\n  armplane run fig5-wrist-rotation --out /tmp/fig5 --seed 3\n  armplane run my.toml --set control.k_p=900 --set plant.friction=true"
     )]
     Run(run::RunArgs),
+    /// Write a scenario to start from.
+    #[command(
+        long_about = "Writes NAME.toml, a scenario with comments: a straight line that the arm follows, and back. It refuses to overwrite a file.",
+        after_help = "Examples:\n  armplane new mine && armplane run mine.toml\n  armplane new mine --robot my-arm.urdf"
+    )]
+    New(new::NewArgs),
     /// Steer an arm by keyboard, gamepad, file or program.
     #[command(
         long_about = "Moves an arm to targets as they arrive: twists, poses or joint positions. The arm keeps its limits, passes \
@@ -81,6 +90,13 @@ enum Command {
         after_help = "Examples:\n  armplane play\n  armplane play panda\n  armplane play my-arm.urdf --no-open\n  armplane play ur5 --host 0.0.0.0"
     )]
     Play(play::PlayArgs),
+    /// Show what differs between two runs.
+    #[command(
+        long_about = "Compares the folders of two runs: the keys of their scenarios, robot, graph and version, outcome and numbers, and the first \
+                      tick, topic and field whose messages differ. What the clock gives, such as speed and latency, is left out.",
+        after_help = "Examples:\n  armplane diff runs/fig5-wrist-rotation-001 runs/fig5-wrist-rotation-002\n  armplane diff before after --json\n\nExit code 0: they are the same; 1: they differ; 2: wrong input."
+    )]
+    Diff(diff::DiffArgs),
     /// Check that runs under different conditions give the same bytes.
     #[command(
         long_about = "Runs a scenario in lockstep several times, each time under other conditions: other cores and nice values, random \
@@ -153,6 +169,9 @@ enum Command {
         after_help = "Examples:\n  armplane figures\n  armplane figures --out figures --set plant.encoder_bits=0"
     )]
     Figures(figures::FiguresArgs),
+    /// List the runs that are alive: scenario, folder, tick.
+    #[command(after_help = "Examples:\n  armplane ps\n  armplane ps --json")]
+    Ps,
     /// Watch a running graph: processes, ticks, rates, misses.
     #[command(after_help = "Examples:\n  armplane top\n  armplane top --once --json")]
     Top(top::TopArgs),
@@ -235,14 +254,14 @@ enum Command {
 const GROUPS: [(&str, &[&str], &[&str]); 5] = [
     (
         "Run and look",
-        &["run", "view", "report", "servo", "play"],
-        &["top", "export", "fault", "recover"],
+        &["new", "run", "view", "report", "play"],
+        &["servo", "ps", "top", "export", "fault", "recover"],
     ),
     ("Arms and graphs", &["list", "inspect"], &["graph"]),
     (
         "Compare",
         &["compare"],
-        &["sweep", "arena", "figures", "replay"],
+        &["diff", "sweep", "arena", "figures", "replay"],
     ),
     ("Prove", &["verify"], &["drill"]),
     ("Machine", &["doctor"], &["clean", "bench", "generate"]),
@@ -354,16 +373,16 @@ fn execute(cli: Cli) -> Result<ExitCode, session::Failure> {
     let json = cli.json;
     match cli
         .command
-        .unwrap_or_else(|| Command::Run(run::RunArgs::default()))
+        .unwrap_or_else(|| Command::Run(run::RunArgs::parse_from([""])))
     {
         Command::Run(args) => run::run(&args, json),
         Command::Servo(args) => servo::servo(&args, json),
-        Command::Play(args) => play::play(&args),
+        Command::Play(args) => Err(play::play(args)),
         Command::Verify(args) => verify::verify(&args, json),
         Command::Replay(args) => replay::replay(&args, json),
         Command::Bench(args) => bench::bench(&args, json),
         Command::Compare(args) => compare::compare(&args, json),
-        Command::Arena(args) => arena::arena(&args),
+        Command::Arena(args) => Err(arena::arena(args)),
         Command::Sweep(args) => sweep::sweep(&args, json),
         Command::Figures(args) => figures::figures(&args, json),
         Command::Top(args) => top::top(&args, json),
@@ -375,6 +394,9 @@ fn execute(cli: Cli) -> Result<ExitCode, session::Failure> {
         Command::Recover(args) => recover::recover(&args, json),
         Command::Fault(args) => fault::fault(&args, json),
         Command::List => list::list(json),
+        Command::New(args) => new::new(&args, json),
+        Command::Diff(args) => diff::diff(&args, json),
+        Command::Ps => ps::ps(json),
         Command::Inspect(args) => inspect::inspect(&args, json),
         Command::Graph(args) => graph::graph(&args, json),
         Command::Generate(what) => generate::generate(&what, command()),

@@ -13,6 +13,7 @@ use lab::studies::steered;
 use operator::{Gamepad, Keys, LONGEST, Pad};
 use runtime::{ControlPage, RunDir};
 use session::Failure;
+use session::table::count;
 use shared_types::scenario::Servo;
 use shared_types::target_file::{is_head, live};
 
@@ -123,7 +124,7 @@ impl Lines {
             .get()
             .map(|lack| format!("standard input {lack}"));
         let wrong = self.0.wrong.load(Ordering::Relaxed);
-        let wrong = (wrong > 0).then(|| format!("{wrong} lines of standard input were refused, because they are not targets; the messages above show the first ones"));
+        let wrong = (wrong > 0).then(|| format!("{} of standard input refused, because not a target; the messages above show the first", count(wrong, "line")));
         lack.or(wrong)
             .map_or(Ok(()), |reason| Err(Failure::Work(reason)))
     }

@@ -11,14 +11,18 @@ use std::borrow::Cow;
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt::Write as _;
 use std::io::{ErrorKind, IsTerminal, Read, Write, stderr, stdout};
-use std::os::fd::AsFd;
+use std::os::fd::{AsFd, BorrowedFd};
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use icu_properties::CodePointSetData;
 use icu_properties::props::DefaultIgnorableCodePoint;
 use session::Failure;
+use session::table::count;
+use textwrap::core::{Word, display_width};
+use textwrap::{Options, WordSeparator, WrapAlgorithm};
 
 /// Bytes that may wait for a reader of standard error ...
 const MOST_TOLD: usize = 1 << 20;
@@ -34,6 +38,8 @@ const STUCK: Duration = Duration::from_secs(1);
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Pause between two pictures of the status line.
 const EVERY: Duration = Duration::from_millis(100);
+/// Columns within which the text of a line may begin, after its label.
+const LABEL: usize = 30;
 /// A write is so short that each one shows whether the reader reads; bytes.
 const PIECE: usize = 4096;
 
@@ -173,7 +179,10 @@ impl State {
         }
         let dropped = std::mem::take(&mut self.queue(stream).dropped);
         if dropped > 0 {
-            let sentence = format!("armplane: {dropped} lines dropped, because nobody read them\n");
+            let sentence = format!(
+                "armplane: {} dropped, because nobody read the output\n",
+                count(dropped, "line")
+            );
             self.push(Stream::Err, sentence);
         }
     }
@@ -188,8 +197,9 @@ impl State {
             Stream::Err => &self.out,
         };
         let before = other.oldest().filter(|_| !other.is_stuck(SLOW));
-        // The status line goes before results come.
-        let is_covered = stream == Stream::Out && self.is_stale && !self.err.is_stuck(SLOW);
+        // The status line goes before results come: it may be about to be removed.
+        let is_busy = self.is_stale || self.err.writing.is_some();
+        let is_covered = stream == Stream::Out && is_busy && !self.err.is_stuck(SLOW);
         let is_next =
             |text: &mut (u64, String)| !is_covered && before.is_none_or(|before| text.0 < before);
         let text = self.queue(stream).texts.pop_front_if(is_next);
@@ -221,6 +231,24 @@ static STATE: OnceLock<Mutex<State>> = OnceLock::new();
 /// Why results are missing.
 static LOST: OnceLock<String> = OnceLock::new();
 const UNREAD: &str = "nobody reads standard output";
+
+/// Whether standard output was closed before the program began; the standard library has put another file in its place since.
+static IS_CLOSED: AtomicBool = AtomicBool::new(false);
+
+#[used]
+#[unsafe(link_section = ".init_array")]
+static LOOK: extern "C" fn() = look;
+
+extern "C" fn look() {
+    // SAFETY: nobody closes it meanwhile, for there is one thread.
+    let out = unsafe { BorrowedFd::borrow_raw(1) };
+    IS_CLOSED.store(rustix::io::fcntl_getfd(out).is_err(), Ordering::Relaxed);
+}
+
+/// Whether nothing more reaches the reader of standard output.
+pub(crate) fn is_gone() -> bool {
+    LOST.get().is_some() || STATE.get().is_some_and(|state| locked(state).out.is_gone)
+}
 
 fn lose(stream: Stream, reason: &str) {
     if stream == Stream::Out {
@@ -296,13 +324,10 @@ fn print(shared: &Mutex<State>, stream: Stream, mut to: impl Write) {
         whole += job.text.as_deref().unwrap_or_default();
         is_drawn = (is_drawn || job.is_status) && job.status.is_some();
         if is_drawn {
-            let columns = crossterm::terminal::size().map_or(80, |size| usize::from(size.0).max(1));
-            whole.extend(
-                job.status
-                    .iter()
-                    .flat_map(|line| line.chars())
-                    .take(columns - 1),
-            );
+            whole += &beginning(job.status.as_deref().unwrap_or_default(), columns() - 1);
+        }
+        if is_raw() {
+            whole = whole.replace('\n', "\r\n");
         }
         let is_written = write_whole(stream, &whole, &mut to, || {
             locked(shared).queue(stream).moved = Instant::now();
@@ -393,6 +418,9 @@ fn speaker(text: &str) -> String {
 }
 
 fn push(stream: Stream, text: &str) {
+    if stream == Stream::Out && IS_CLOSED.load(Ordering::Relaxed) {
+        return lose(stream, "standard output is closed");
+    }
     if let Some(state) = STATE.get() {
         locked(state).push(stream, text.to_owned());
         CHANGED.notify_all();
@@ -409,8 +437,9 @@ pub(crate) fn set_status(line: Option<String>) {
     if let Some(state) = STATE.get() {
         let mut state = locked(state);
         let is_over = line.is_none();
-        state.is_stale =
-            state.has_status && !state.err.is_gone && !(is_over && state.status.is_none());
+        // Whoever removes it a second time leaves the first removal to be done.
+        let is_new = !(is_over && state.status.is_none());
+        state.is_stale = state.has_status && !state.err.is_gone && (state.is_stale || is_new);
         state.status = line.map(|line| plain(&line).into_owned());
         if is_over {
             CHANGED.notify_all();
@@ -456,22 +485,89 @@ pub(crate) fn whole(lack: Option<String>) -> Result<ExitCode, Failure> {
 
 /// Prints what ends its own lines.
 pub(crate) fn show(text: &impl std::fmt::Display) {
-    push(Stream::Out, &plain(&text.to_string()));
+    push(Stream::Out, &wrapped(&plain(&text.to_string()), &stdout()));
 }
 
-/// The same of a text that is painted.
+/// The same of a text that is painted, or is none for people: as it is.
 pub(crate) fn show_painted(text: &impl std::fmt::Display) {
     push(Stream::Out, &painted(&text.to_string()));
 }
 
 /// Prints a line on standard error.
 pub(crate) fn tell(line: &impl std::fmt::Display) {
-    push(Stream::Err, &plain(&format!("{line}\n")));
+    push(
+        Stream::Err,
+        &wrapped(&plain(&format!("{line}\n")), &stderr()),
+    );
 }
 
 /// The same of a line that is painted.
 pub(crate) fn tell_painted(line: &impl std::fmt::Display) {
     push(Stream::Err, &painted(&format!("{line}\n")));
+}
+
+/// Columns of the terminal.
+fn columns() -> usize {
+    crossterm::terminal::size().map_or(80, |size| usize::from(size.0).max(2))
+}
+
+/// Words between blanks; a command in backticks is one, so that it can be copied.
+fn words(line: &str) -> Box<dyn Iterator<Item = Word<'_>> + '_> {
+    let (mut is_command, mut was_blank) = (false, false);
+    let ends = line.char_indices().filter_map(move |(at, letter)| {
+        is_command ^= letter == '`';
+        let is_end = was_blank && letter != ' ';
+        was_blank = letter == ' ' && !is_command;
+        is_end.then_some(at)
+    });
+    let mut begin = 0;
+    let ends = ends.chain([line.len()]);
+    Box::new(ends.map(move |end| Word::from(&line[std::mem::replace(&mut begin, end)..end])))
+}
+
+/// A text for people in lines that fit their terminal, where they have one; a line goes on under the place where its text begins.
+fn wrapped<'a>(text: &'a str, to: &impl IsTerminal) -> Cow<'a, str> {
+    if !to.is_terminal() || crate::failure::wants_json() {
+        return Cow::Borrowed(text);
+    }
+    let columns = columns();
+    let line = |line: &'a str| {
+        let blanks = |at: &usize| line[..*at].ends_with("  ") && !line[*at..].starts_with(' ');
+        let begins = line
+            .char_indices()
+            .map(|(at, _)| at)
+            .take(LABEL)
+            .filter(blanks);
+        let indent = " ".repeat(begins.last().map_or(0, |at| display_width(&line[..at])));
+        match display_width(line) <= columns {
+            true => line.to_owned(),
+            false => textwrap::fill(line, folded(columns).subsequent_indent(&indent)),
+        }
+    };
+    Cow::Owned(text.split('\n').map(line).collect::<Vec<_>>().join("\n"))
+}
+
+fn folded(columns: usize) -> Options<'static> {
+    Options::new(columns)
+        .break_words(false)
+        .word_separator(WordSeparator::Custom(words))
+        .word_splitter(textwrap::WordSplitter::NoHyphenation)
+        .wrap_algorithm(WrapAlgorithm::FirstFit)
+}
+
+/// As many words of a line as so many columns have room for.
+fn beginning(line: &str, columns: usize) -> String {
+    let mut lines = textwrap::wrap(line, folded(columns)).into_iter();
+    let first = lines.next().unwrap_or_default().into_owned();
+    match lines.next() {
+        None => first,
+        Some(_) => textwrap::wrap(&first, folded(columns - 2))[0].to_string() + " …",
+    }
+}
+
+/// Whether the terminal begins no line by itself, because a command reads its keys one by one.
+fn is_raw() -> bool {
+    crossterm::terminal::is_raw_mode_enabled().unwrap_or_default()
 }
 
 /// Takes the log of this program.

@@ -1,9 +1,5 @@
 //! `armplane play`: the page in the browser, which is a module of the Python package.
 
-use std::io::ErrorKind;
-use std::os::unix::process::CommandExt;
-use std::process::{Command, ExitCode};
-
 use clap::Args;
 use session::{Failure, Python};
 
@@ -23,27 +19,21 @@ pub(crate) struct PlayArgs {
     no_open: bool,
 }
 
-/// The module, and a sentence where the package is missing.
-const PAGE: &str = "import sys
-try:
-    from armplane.play.__main__ import main
-except ModuleNotFoundError:
-    print('armplane play: Python lacks the package armplane: pip install the wheel that `python/build` makes, with its extra [play]', file=sys.stderr)
-    sys.exit(2)
-sys.exit(main())";
-
 /// Becomes the page.
-pub(crate) fn play(args: &PlayArgs) -> Result<ExitCode, Failure> {
-    let Python { program, path } = Python::find();
-    let mut page = Command::new(program);
-    page.args(["-c", PAGE, &args.subject, "--host", &args.host, "--port"]);
-    page.arg(args.port.to_string());
-    page.args(args.no_open.then_some("--no-open"));
-    page.env("ARMPLANE", std::env::current_exe().map_err(Failure::work)?);
-    page.envs(path.map(|path| ("PYTHONPATH", path)));
-    let error = page.exec();
-    Err(match error.kind() {
-        ErrorKind::NotFound => Failure::Input(format!("{} viser", Python::MISSING)),
-        _ => Failure::work(format!("cannot start Python: {error}")),
-    })
+pub(crate) fn play(args: PlayArgs) -> Failure {
+    let PlayArgs {
+        subject,
+        host,
+        port,
+        no_open,
+    } = args;
+    let options = [
+        subject,
+        "--host".to_owned(),
+        host,
+        "--port".to_owned(),
+        port.to_string(),
+    ];
+    let no_open = no_open.then(|| "--no-open".to_owned());
+    Python::exec("play", options.into_iter().chain(no_open))
 }

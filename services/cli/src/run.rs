@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use clap::{Args, ValueEnum};
+use clap::{Parser, ValueEnum};
 use launcher::End;
 use session::{Failure, Finished, Request, RunText, load};
 use shared_types::job::Mode;
@@ -12,7 +12,7 @@ use shared_types::job::Mode;
 use crate::out::{passed, say, say_json, show};
 use crate::progress::observe;
 
-#[derive(Args)]
+#[derive(Parser)]
 pub(crate) struct RunArgs {
     /// A built-in scenario, or a scenario file.
     #[arg(value_name = "SCENARIO|FILE.toml", default_value = load::DEFAULT_SCENARIO)]
@@ -58,24 +58,6 @@ fn seconds(text: &str) -> Result<Duration, String> {
     parsed
         .map(Duration::from_secs_f64)
         .ok_or_else(|| format!("`{text}` is not a time: seconds from 0.001 to 1000000"))
-}
-
-impl Default for RunArgs {
-    fn default() -> Self {
-        Self {
-            scenario: load::DEFAULT_SCENARIO.to_owned(),
-            out: None,
-            mode: None,
-            plant: None,
-            seed: None,
-            set: Vec::new(),
-            graph: None,
-            no_record: false,
-            live: false,
-            no_messages: false,
-            silence_limit: None,
-        }
-    }
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -135,7 +117,7 @@ pub(crate) fn conclude(finished: Finished, as_json: bool) -> Result<ExitCode, Fa
         });
         if summary.servo.is_some() {
             say!(
-                "  scenario.toml, targets.csv  run it again with: armplane run {}/scenario.toml",
+                "  scenario.toml, targets.csv  run it again with `armplane run {}/scenario.toml`",
                 folder.display()
             );
         }

@@ -6,15 +6,15 @@ use std::time::Duration;
 
 use clap::Args;
 use session::Failure;
-use session::observation::{Observer, choose};
+use session::observation::{Living, Observer};
 use session::observation_lines;
 
-use crate::out::{is_coloured, say};
+use crate::out::{is_coloured, is_gone, say};
 use crate::screen::Screen;
 
 #[derive(Args)]
 pub(crate) struct TopArgs {
-    /// Name of the run, if several are alive (`armplane doctor --json` lists them).
+    /// The run's folder or scenario, if several are alive (`armplane ps` lists them).
     #[arg(long, value_name = "RUN")]
     run: Option<String>,
     /// Print one sample and exit.
@@ -26,7 +26,7 @@ pub(crate) struct TopArgs {
 }
 
 pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let mut observer = Observer::open(&choose(args.run.as_deref())?)?;
+    let mut observer = Observer::open(&Living::find(args.run.as_deref())?.run)?;
     let every = Duration::from_millis(args.every_ms);
     let mut screen = if as_json || args.once {
         None
@@ -70,11 +70,11 @@ pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
                 Screen::size(),
             ));
         } else {
-            observation_lines(&observation, false, (100, usize::MAX))
+            observation_lines(&observation, false, (Screen::size().0, usize::MAX))
                 .iter()
                 .for_each(|line| say!("{line}"));
         }
-        if args.once || is_over {
+        if args.once || is_over || is_gone() {
             if is_over && !as_json {
                 say!("the run has ended");
             }

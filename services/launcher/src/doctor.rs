@@ -110,7 +110,11 @@ pub fn checks(health: &Health) -> Vec<Check> {
         (
             "cores",
             health.cores.len() >= 2,
-            format!("{} usable: {:?}", health.cores.len(), health.cores),
+            {
+                let cores = health.cores.iter().map(ToString::to_string);
+                let cores: Vec<_> = cores.collect();
+                format!("{} usable: {}", cores.len(), cores.join(", "))
+            },
             "with two or more cores, the recorder does not disturb the control chain",
         ),
         (
@@ -181,7 +185,8 @@ fn real_time(health: &Health) -> [Row; 3] {
             rights.fifo(),
             match rights.fifo() {
                 true => "allowed".to_owned(),
-                false => format!("not allowed (RLIMIT_RTPRIO {:?})", rights.rtprio_limit),
+                // A limit above 0 would allow it.
+                false => "not allowed (RLIMIT_RTPRIO is 0)".to_owned(),
             },
             "for --mode realtime: ulimit -r 90, or `@realtime - rtprio 90` in /etc/security/limits.conf",
         ),
@@ -190,7 +195,10 @@ fn real_time(health: &Health) -> [Row; 3] {
             rights.lock_memory(),
             match rights.lock_memory() {
                 true => "allowed".to_owned(),
-                false => format!("limited to {:?} bytes", rights.memlock_limit),
+                false => format!(
+                    "limited to {} bytes",
+                    rights.memlock_limit.unwrap_or_default()
+                ),
             },
             "for --mode realtime: ulimit -l unlimited",
         ),
@@ -213,7 +221,7 @@ fn leftovers(health: &Health) -> Row {
         "leftovers",
         dead.is_empty() && folders == 0,
         format!(
-            "{} of dead runs, {folders} temporary folders; {} runs alive",
+            "of dead runs: {}; temporary folders: {folders}; runs alive: {}",
             dead.len(),
             alive.len()
         ),

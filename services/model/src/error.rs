@@ -11,7 +11,7 @@ use std::fmt;
 )]
 pub enum RobotError {
     #[error(
-        "there is no robot '{name}'; the built-in ones are {known}, or give the path of a URDF file"
+        "there is no robot '{name}'; the built-in ones are {known}, or give the path of a URDF or MJCF file"
     )]
     Unknown { name: String, known: String },
     #[error("robot '{robot}': {defect}")]

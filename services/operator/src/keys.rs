@@ -13,8 +13,8 @@ const SPEED: [f64; 2] = [0.05, 0.2];
 pub struct Keys(Settings);
 
 impl Keys {
-    /// The keys, in one line.
-    pub const HELP: &str = "w/s x  a/d y  r/f z   i/k turn x  j/l turn y  u/o turn z   + - speed   1 base 2 hand 3 singular   x side   space stop   q end";
+    /// The keys, in two lines.
+    pub const HELP: &str = "w/s x  a/d y  r/f z   i/k turn x  j/l turn y  u/o turn z\n+ - speed   1 base 2 hand 3 singular   x side   space stop   q end";
 
     /// The target of a key; `None` if it only changes a setting, or means nothing.
     pub fn press(&mut self, key: u8) -> Option<String> {

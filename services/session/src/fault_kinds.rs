@@ -35,9 +35,9 @@ impl fmt::Display for FaultKinds {
         let mut rows = table(&[
             "kind",
             "what happens",
-            "to",
-            "usually for",
-            "as (usual amount)",
+            "can happen to",
+            "usual time",
+            "--as (usual amount)",
         ]);
         for &kind in Kind::ALL {
             let ways = kind.ways().map(|way| match kind.usual_amount(way) {
@@ -58,7 +58,7 @@ impl fmt::Display for FaultKinds {
             let length = if length_s.is_finite() {
                 format!("{length_s} s")
             } else {
-                "ever".to_owned()
+                "to the end".to_owned()
             };
             rows.add_row([
                 kind.name().to_owned(),
@@ -71,7 +71,7 @@ impl fmt::Display for FaultKinds {
         writeln!(f, "{rows}")?;
         writeln!(
             f,
-            "To plan a fault, use the same words in a scenario under [[fault]], with at_tick or at_s:\nit then takes effect at that tick of every run."
+            "To plan a fault, use the same words in a scenario under [[fault]], with at_tick or at_s.\nIt then happens at that tick of every run."
         )
     }
 }

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use serde::Serialize;
 use serde_json::{Value, json};
 use shared_types::graph::Graph;
 use shared_types::topics::TOPICS;
@@ -102,19 +103,7 @@ impl Topics<'_> {
     /// An array of one object a topic.
     #[must_use]
     pub fn json(&self) -> Value {
-        let row = |Topic {
-                       name,
-                       type_name,
-                       layout,
-                       bytes,
-                       writer,
-                       readers,
-                   }: Topic<'_>| {
-            json!({
-                "topic": name, "type": type_name, "layout": layout, "bytes": bytes, "writer": writer, "readers": readers, "messages_per_tick": 1,
-            })
-        };
-        self.rows().map(row).collect()
+        self.rows().map(|row| json!(row)).collect()
     }
 
     fn rows(&self) -> impl Iterator<Item = Topic<'_>> {
@@ -128,55 +117,50 @@ impl Topics<'_> {
                 .readers(name)
                 .map(|process| process.name.as_str())
                 .collect();
-            let hash = format!("{:016x}", layout.hash);
             Some(Topic {
-                name,
+                topic: name,
                 type_name: layout.type_name,
-                layout: hash,
+                layout: format!("{:016x}", layout.hash),
                 bytes: layout.bytes,
                 writer: &writer.name,
                 readers,
+                messages_per_tick: 1,
             })
         })
     }
 }
 
+#[derive(Serialize)]
 struct Topic<'a> {
-    name: &'a str,
+    topic: &'a str,
+    #[serde(rename = "type")]
     type_name: String,
     layout: String,
     bytes: usize,
     writer: &'a str,
     readers: Vec<&'a str>,
+    messages_per_tick: u32,
 }
 
 impl fmt::Display for Topics<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut rows = table(&["topic", "type", "layout", "bytes", "writer", "readers"]);
-        for Topic {
-            name,
-            type_name,
-            layout,
-            bytes,
-            writer,
-            readers,
-        } in self.rows()
-        {
+        for row in self.rows() {
             rows.add_row([
-                name.into(),
-                type_name.into(),
-                layout.into(),
-                number(bytes),
-                writer.into(),
-                readers.join("\n").into(),
+                row.topic.into(),
+                row.type_name.into(),
+                row.layout.into(),
+                number(row.bytes),
+                row.writer.into(),
+                row.readers.join("\n").into(),
             ]);
         }
         writeln!(f, "{rows}")?;
         writeln!(
             f,
-            "Each topic has one message per tick, and is an iceoryx2 publish-subscribe service with that name and type;\n\
-             a run's services live under its own directory and prefix, /dev/shm/armplane-… : docs/wire.md.\n\
-             Fields: armplane generate wire"
+            "Each topic has one message per tick, and is an iceoryx2 publish-subscribe service with that name and type; \
+             a run's services live under its own directory and prefix, /dev/shm/armplane-… (docs/wire.md).\n\
+             Fields: `armplane generate wire`"
         )
     }
 }

@@ -7,9 +7,8 @@ use model::Robot;
 use runtime::{ControlPage, Manifest, RunDir, SHM, random};
 use shared_types::fault::{Fault, Target};
 use shared_types::graph::Role;
-use shared_types::job::{JOB, Job};
 
-use crate::observation::choose_to_change;
+use crate::observation::{Living, job};
 use crate::{Failure, arm_faults};
 
 /// How long to wait for the next tick of a run.
@@ -21,7 +20,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 /// # Errors
 /// [`Failure::Input`] if the run, the process or the fault does not exist; [`Failure::Work`] if the run has no room or no further tick.
 pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(String, Fault), Failure> {
-    let name = choose_to_change(wanted)?;
+    let name = Living::find_to_change(wanted)?.run;
     let run = RunDir::open(&Path::new(SHM).join(&name)).map_err(Failure::input)?;
     let manifest = Manifest::read(&run).map_err(Failure::work)?;
     let control_page = ControlPage::open(&run).map_err(Failure::work)?;
@@ -84,9 +83,4 @@ pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(String, Fault), Fa
         )));
     };
     Ok((name, in_force))
-}
-
-/// The job of a run; `None` for a graph without one (a bench).
-fn job(run: &RunDir) -> Option<Job> {
-    serde_json::from_slice(&std::fs::read(run.path().join(JOB)).ok()?).ok()
 }

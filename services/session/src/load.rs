@@ -15,6 +15,7 @@ use sim::scenarios;
 
 use crate::arm_faults;
 use crate::failure::Failure;
+use crate::results::SCENARIO;
 use crate::seal;
 
 /// The scenario of `armplane` without arguments.
@@ -83,6 +84,11 @@ impl Source {
             });
         }
         let path = Path::new(name);
+        if let Some(remedy) = instead(path) {
+            return Err(Failure::Input(format!(
+                "{name} is not a scenario: {remedy}"
+            )));
+        }
         if !name.ends_with(".toml") && !path.exists() {
             return Err(Failure::Input(unknown(
                 "scenario",
@@ -246,6 +252,35 @@ impl Source {
     }
 }
 
+/// What to do with a file or folder that is no scenario.
+fn instead(path: &Path) -> Option<String> {
+    let name = path.display();
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty());
+    let folder = folder.unwrap_or(Path::new(".")).display();
+    if path.is_dir() {
+        return Some(match path.join(SCENARIO).exists() {
+            true => format!(
+                "it is the folder of a run, which `armplane run {name}/{SCENARIO}` makes again"
+            ),
+            false => "it is a folder; give the path of a scenario file (.toml)".to_owned(),
+        });
+    }
+    match path.extension().filter(|_| path.exists())?.to_str()? {
+        "urdf" | "xml" => Some(format!(
+            "it is an arm; `armplane new NAME --robot {name}` writes a scenario for it"
+        )),
+        "rrd" => Some(format!(
+            "it is a recording; `armplane view {name}` shows it"
+        )),
+        "mcap" => Some(format!(
+            "it has the messages of a run, which `armplane replay {folder}` takes"
+        )),
+        _ => None,
+    }
+}
+
 /// A robot by built-in name, or a URDF or MJCF with an optional description beside it (`arm.urdf`, `arm.toml`). Of a URDF with several arms, whose description
 /// names none, it is the one that ends in `frame`.
 ///
@@ -259,6 +294,16 @@ pub fn robot(name: &str, folder: Option<&Path>, frame: Option<&str>) -> Result<R
         {
             return Err(Failure::Input(format!(
                 "{name} is not an arm: give a file that ends in {URDF}, or {MJCF} for MuJoCo's format"
+            )));
+        }
+        let names = Robot::builtin_names();
+        if !names.contains(&name) {
+            let more = format!("or give the path of a URDF or MJCF file ({URDF}, {MJCF})");
+            return Err(Failure::Input(unknown(
+                "robot",
+                name,
+                names.iter().copied(),
+                &more,
             )));
         }
         return Robot::builtin(name).map_err(Failure::input);
@@ -443,10 +488,10 @@ pub fn unknown<'a>(
         Some(near) if distance(near) <= 1 + near.len() / 3 => format!("did you mean `{near}`?"),
         _ => format!("there are {}", known.join(", ")),
     };
-    let more = if more.is_empty() {
-        String::new()
-    } else {
-        format!("; {more}")
+    let more = match (hint.ends_with('?'), more) {
+        (_, "") => String::new(),
+        (true, more) => format!(" ({more})"),
+        (false, more) => format!("; {more}"),
     };
     format!("there is no {what} `{name}`: {hint}{more}")
 }

@@ -1,76 +1,145 @@
 //! A running graph, read from its control page without affecting its processes.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use runtime::{
-    ControlPage, ControlPageError, Counts, Distribution, FaultRecord, LiveSingularity, LiveState,
-    Manifest, RunDir, SHM, State, Stop,
+    ControlPage, ControlPageError, Counts, Distribution, FaultRecord, FoundRun, LiveSingularity,
+    LiveState, Manifest, RunDir, SHM, State, Stop,
 };
 use serde::Serialize;
 use shared_types::codes::{self, name_of, singularity_name};
 use shared_types::fault::Kind;
+use shared_types::job::{JOB, Job};
 
 use crate::Failure;
+use crate::table::{number, table};
 
-/// The run of this name, or the only living one.
-///
-/// # Errors
-/// [`Failure::Input`] with the names of the living runs.
-pub fn choose(wanted: Option<&str>) -> Result<String, Failure> {
-    let alive: Vec<String> = RunDir::list()
-        .into_iter()
-        .filter(|run| run.alive)
-        .map(|run| run.name)
-        .collect();
-    let listed = || {
-        if alive.is_empty() {
-            "none".to_owned()
-        } else {
-            alive.join(", ")
+/// A run that is alive.
+#[derive(Clone, Debug, Serialize)]
+pub struct Living {
+    /// Its name in shared memory.
+    pub run: String,
+    /// Its scenario; empty of a bench.
+    pub scenario: String,
+    /// Its results folder.
+    pub folder: PathBuf,
+    /// `"lockstep"` or `"realtime"`.
+    pub mode: &'static str,
+    /// Ticks begun.
+    pub tick: u64,
+    /// The process that watches over it.
+    pub launcher_pid: u32,
+}
+
+impl Living {
+    /// All of this user's.
+    #[must_use]
+    pub fn all() -> Vec<Self> {
+        let alive = RunDir::list().into_iter().filter(|run| run.alive);
+        // One may end meanwhile.
+        alive.filter_map(|found| Self::of(&found)).collect()
+    }
+
+    fn of(found: &FoundRun) -> Option<Self> {
+        let run = RunDir::open(&Path::new(SHM).join(&found.name)).ok()?;
+        let (manifest, page) = (Manifest::read(&run).ok()?, ControlPage::open(&run).ok()?);
+        let ticks = (0..manifest.processes.len()).map(|index| page.process(index).ticks());
+        let job = job(&run);
+        Some(Self {
+            run: found.name.clone(),
+            scenario: job
+                .as_ref()
+                .map(|job| job.scenario.name.clone())
+                .unwrap_or_default(),
+            folder: job.map(|job| job.out).unwrap_or_default(),
+            mode: manifest.mode.name(),
+            tick: ticks.max().unwrap_or_default(),
+            launcher_pid: found.launcher_pid,
+        })
+    }
+
+    /// The run that is meant, by its folder, its scenario or its name in shared memory; the only living one where none is.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] with the living runs.
+    pub fn find(wanted: Option<&str>) -> Result<Self, Failure> {
+        let all = Self::all();
+        let folder = wanted.and_then(|wanted| Path::new(wanted).canonicalize().ok());
+        let is_meant = |run: &&Self| {
+            wanted.is_none_or(|wanted| run.run == wanted || run.scenario == wanted)
+                || folder.as_ref() == Some(&run.folder)
+        };
+        let meant: Vec<&Self> = all.iter().filter(is_meant).collect();
+        if let [only] = meant[..] {
+            return Ok(only.clone());
         }
-    };
-    match (wanted, &alive[..]) {
-        (Some(wanted), _) if alive.iter().any(|name| name == wanted) => Ok(wanted.to_owned()),
-        (Some(wanted), _) => Err(Failure::Input(format!(
-            "no run {wanted} is alive; alive: {}",
-            listed()
-        ))),
-        (None, [only]) => Ok(only.clone()),
-        (None, []) => Err(Failure::Input(
-            "no run is alive; start one with `armplane run`".to_owned(),
-        )),
-        (None, _) => Err(Failure::Input(format!(
-            "several runs are alive; choose one with --run: {}",
-            listed()
-        ))),
+        let listed = |runs: &mut dyn Iterator<Item = &Self>| {
+            let names: Vec<_> = runs
+                .map(|run| format!("{} in {}", run.scenario, run.folder.display()))
+                .collect();
+            names.join(", ")
+        };
+        Err(Failure::Input(match wanted {
+            _ if all.is_empty() => "no run is alive; start one with `armplane run`".to_owned(),
+            Some(wanted) if meant.is_empty() => {
+                format!(
+                    "no run {wanted} is alive; alive: {}",
+                    listed(&mut all.iter())
+                )
+            }
+            _ => format!(
+                "several runs are alive; choose one with --run FOLDER: {}",
+                listed(&mut meant.into_iter())
+            ),
+        }))
+    }
+
+    /// The run that a command is about to change: where it is not named, it must have been started from this folder.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] with the living runs.
+    pub fn find_to_change(wanted: Option<&str>) -> Result<Self, Failure> {
+        let run = Self::find(wanted)?;
+        let there = std::fs::read_link(format!("/proc/{}/cwd", run.launcher_pid)).ok();
+        if wanted.is_some() || there.is_some() && there == std::env::current_dir().ok() {
+            return Ok(run);
+        }
+        let from = there.map_or("another folder".to_owned(), |folder| {
+            folder.display().to_string()
+        });
+        Err(Failure::Input(format!(
+            "the only run alive is {}, started from {from}; if you mean it, give --run {}",
+            run.scenario,
+            run.folder.display()
+        )))
+    }
+
+    /// A row for each.
+    #[must_use]
+    pub fn table(all: &[Self]) -> String {
+        if all.is_empty() {
+            return "no run is alive; start one with `armplane run`\n".to_owned();
+        }
+        let here = std::env::current_dir().unwrap_or_default();
+        let mut rows = table(&["folder", "scenario", "mode", "tick", "launcher"]);
+        for run in all {
+            let folder = run.folder.strip_prefix(&here).unwrap_or(&run.folder);
+            rows.add_row([
+                folder.display().to_string().into(),
+                run.scenario.as_str().into(),
+                run.mode.into(),
+                number(run.tick),
+                number(run.launcher_pid),
+            ]);
+        }
+        format!("{rows}\n`armplane top` and `armplane fault` find a run by --run FOLDER.\n")
     }
 }
 
-/// The run that a command is about to change: the one of this name, or the only living one where it was started from this folder.
-///
-/// # Errors
-/// [`Failure::Input`] with the names of the living runs.
-pub fn choose_to_change(wanted: Option<&str>) -> Result<String, Failure> {
-    let name = choose(wanted)?;
-    let launcher = RunDir::list()
-        .into_iter()
-        .find(|run| run.name == name)
-        .map(|run| run.launcher_pid)
-        .unwrap_or_default();
-    let (here, there) = (
-        std::env::current_dir().ok(),
-        std::fs::read_link(format!("/proc/{launcher}/cwd")).ok(),
-    );
-    if wanted.is_none() && (here.is_none() || here != there) {
-        let folder = there.map_or("another folder".to_owned(), |folder| {
-            folder.display().to_string()
-        });
-        return Err(Failure::Input(format!(
-            "the only run alive is {name}, started from {folder}; if you mean it, give --run {name}"
-        )));
-    }
-    Ok(name)
+/// The job of a run; `None` for a graph without one (a bench).
+pub(crate) fn job(run: &RunDir) -> Option<Job> {
+    serde_json::from_slice(&std::fs::read(run.path().join(JOB)).ok()?).ok()
 }
 
 /// Percentiles of times between two samples of a run; the longest covers the whole run; µs.

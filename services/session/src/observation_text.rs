@@ -2,7 +2,8 @@
 
 use runtime::Counts;
 
-use crate::observation::{Observation, ObservedFault, ObservedProcess, Times};
+use crate::observation::{Observation, ObservedFault, Times};
+use crate::table::{Cell, Color, count, number, table};
 
 /// Colours, where they are wanted.
 #[derive(Clone, Copy)]
@@ -11,7 +12,6 @@ struct Paint(bool);
 impl Paint {
     const BOLD: u8 = 1;
     const RED: u8 = 31;
-    const GREEN: u8 = 32;
     const YELLOW: u8 = 33;
     const MAGENTA: u8 = 35;
 
@@ -31,20 +31,6 @@ impl Paint {
             text.to_owned()
         }
     }
-}
-
-/// Text in a column of that width, at least one space before it.
-fn right(text: &str, width: usize) -> String {
-    format!(" {text:>0$}", width - 1)
-}
-
-/// Text in a column of that width, one space behind it; cut where it is longer.
-fn left(text: &str, width: usize) -> String {
-    format!(
-        "{:<1$} ",
-        text.chars().take(width - 1).collect::<String>(),
-        width - 1
-    )
 }
 
 /// A time in µs, in at most five characters up to ten seconds: thousands as `12k`, tenths below ten.
@@ -71,73 +57,51 @@ fn in_words(times: &Times) -> String {
     }
 }
 
-/// Columns of words, before those of numbers; and columns for which 80 characters have room.
-const WORDS: usize = 2;
-const NARROW: usize = 9;
-
-/// A process's cells: heading, width, text, and the text's colour.
-fn cells(one: &ObservedProcess) -> [(&'static str, usize, String, Option<u8>); 11] {
-    let state = match one.state {
-        "running" => Paint::GREEN,
-        "gone" | "stopped" | "absent" => Paint::RED,
-        _ => Paint::YELLOW,
+/// The table of the processes in so many columns of a terminal, and the headings of what has no room.
+fn processes(run: &Observation, paint: Paint, columns: usize) -> (Vec<String>, Vec<String>) {
+    let mut rows = table(&[
+        "process", "state", "start", "tick", "ticks/s", "step µs", "age µs", "missed", "lost",
+        "pid", "core",
+    ]);
+    let counted = |count: u64, colour: Color| match count {
+        0 => number(0),
+        _ => number(count).fg(colour),
     };
-    let age = match one.age_us.in_all {
-        0 => String::new(),
-        _ => one.age_us.p99.map_or("–".to_owned(), short),
-    };
-    let core = one.core.map_or("any".to_owned(), |core| core.to_string());
-    let (missed, lost) = (one.missed, one.counts.lost);
-    [
-        ("process", 11, one.name.clone(), None),
-        ("state", 10, one.state.to_owned(), Some(state)),
-        ("start", 6, one.starts.to_string(), None),
-        ("tick", 9, one.ticks.to_string(), None),
-        ("ticks/s", 8, format!("{:.0}", one.ticks_per_s), None),
-        ("step µs", 17, in_words(&one.step_us), None),
-        ("age µs", 7, age, None),
-        (
-            "missed",
-            7,
-            missed.to_string(),
-            (missed > 0).then_some(Paint::YELLOW),
-        ),
-        (
-            "lost",
-            5,
-            lost.to_string(),
-            (lost > 0).then_some(Paint::RED),
-        ),
-        ("pid", 9, one.pid.to_string(), None),
-        ("core", 6, core, None),
-    ]
-}
-
-/// The table of the processes, of which there is one at least.
-fn processes(run: &Observation, paint: Paint, shown: usize) -> Vec<String> {
-    let aligned = |place: usize, text: &str, width| match place < WORDS {
-        true => left(text, width),
-        false => right(text, width),
-    };
-    let mut lines = vec![String::new()];
     for one in &run.processes {
-        let (mut heading, mut line) = (String::new(), String::new());
-        for (place, (title, width, text, colour)) in cells(one).iter().take(shown).enumerate() {
-            heading += &aligned(place, title, *width);
-            let text = aligned(place, text, *width);
-            line += &colour.map_or(text.clone(), |colour| paint.of(colour, &text));
-        }
-        lines[0] = paint.of(Paint::BOLD, &heading);
-        lines.push(line);
+        let state = match one.state {
+            "running" => Color::Green,
+            "gone" | "stopped" | "absent" => Color::Red,
+            _ => Color::Yellow,
+        };
+        let age = match one.age_us.in_all {
+            0 => String::new(),
+            _ => one.age_us.p99.map_or("–".to_owned(), short),
+        };
+        rows.add_row([
+            one.name.as_str().into(),
+            Cell::new(one.state).fg(state),
+            number(one.starts),
+            number(one.ticks),
+            number(format!("{:.0}", one.ticks_per_s)),
+            number(in_words(&one.step_us)),
+            number(age),
+            counted(one.missed, Color::Yellow),
+            counted(one.counts.lost, Color::Red),
+            number(one.pid),
+            number(one.core.map_or("any".to_owned(), |core| core.to_string())),
+        ]);
     }
-    lines
+    rows.lines(columns, paint.0)
 }
 
 /// The last faults, as many as there is room for.
 fn faults(run: &Observation, paint: Paint, room: usize) -> Vec<String> {
     let (hidden, shown) = run.faults.split_at(run.faults.len().saturating_sub(room));
     let active = hidden.iter().filter(|fault| fault.active).count();
-    let earlier = format!("{} earlier faults, {active} of them active", hidden.len());
+    let earlier = format!(
+        "{}, {active} of them active",
+        count(hidden.len() as u64, "earlier fault")
+    );
     let line = |fault: &ObservedFault| {
         let ObservedFault {
             process,
@@ -154,7 +118,7 @@ fn faults(run: &Observation, paint: Paint, room: usize) -> Vec<String> {
     earlier.into_iter().chain(shown.iter().map(line)).collect()
 }
 
-/// A running graph in lines that fit a terminal of so many columns and rows: 80 and 24 for up to eight processes, four singularities and five faults.
+/// A running graph in lines that fit a terminal of so many columns and rows, for up to eight processes, four singularities and five faults.
 #[must_use]
 pub fn observation_lines(
     run: &Observation,
@@ -164,8 +128,8 @@ pub fn observation_lines(
     let paint = Paint(is_coloured);
     let title = format!("{}: {}, {} Hz", run.run, run.mode, run.rate_hz);
     let mut lines = vec![paint.of(Paint::BOLD, &title)];
-    let shown = if columns >= 96 { usize::MAX } else { NARROW };
-    lines.extend(processes(run, paint, shown));
+    let (table, hidden) = processes(run, paint, columns);
+    lines.extend(table);
     lines.push(
         "step: input to output, p50/p99/longest; age: since the tick's sample, p99".to_owned(),
     );
@@ -180,7 +144,7 @@ pub fn observation_lines(
     }
     let stale = match run.stale_ticks {
         0 => String::new(),
-        ticks => format!(", no fresh torque for {ticks} ticks"),
+        ticks => format!(", no fresh torque for {}", count(ticks, "tick")),
     };
     let drive = paint.when(run.drive != "active", Paint::RED, run.drive);
     // Of the process that makes the ticks; the others count none.
@@ -200,19 +164,24 @@ pub fn observation_lines(
     lines.extend(run.singularities.iter().map(|one| {
         let place = if one.inside { "inside " } else { "outside" };
         let text = format!(
-            "  {}s = {:+.4}  {place}  {}, {}",
-            left(&one.name, 11),
-            one.s,
-            one.class,
-            one.mode
+            "  {:<10} s = {:+.4}  {place}  {}, {}",
+            one.name, one.s, one.class, one.mode
         );
         paint.when(one.inside, Paint::MAGENTA, &text)
     }));
     let room = rows.saturating_sub(lines.len() + 2).max(1);
     lines.extend(faults(run, paint, room));
+    let mut keys = Vec::new();
     if rows < usize::MAX {
-        lines.push("q quits".to_owned());
+        keys.push("q quits".to_owned());
     }
+    if !hidden.is_empty() {
+        keys.push(format!(
+            "no room for {}: widen the terminal, or use --json",
+            hidden.join(", ")
+        ));
+    }
+    lines.extend((!keys.is_empty()).then(|| keys.join("; ")));
     lines
 }
 
@@ -285,6 +254,7 @@ mod tests {
             lines.iter().any(|line| line.contains("from tick 800000")),
             "the last fault is shown: {lines:#?}"
         );
-        assert_eq!(lines.last().map(String::as_str), Some("q quits"));
+        let last = lines.last().expect("a line");
+        assert!(last.contains("pid") && last.contains("--json"), "{last}");
     }
 }

@@ -1,31 +1,61 @@
 //! Finds the Python that has the package `armplane`.
 
 use std::ffi::OsString;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
+use std::os::unix::process::CommandExt;
 use std::process::{Command, Stdio};
 
 use serde_json::Value;
 
+use crate::failure::Failure;
+
 /// The exit code of `env` for a program that is not there.
 const NOT_FOUND: i32 = 127;
 
+/// What to install where there is no interpreter; the extra packages follow.
+const MISSING: &str = "there is no Python: install Python 3.9 or newer, then pip install";
+/// ... and where there is one without the package.
+const LACK: &str = "Python lacks the package armplane: pip install the wheel that `python/build` makes (docs/python.md)";
+
+/// Runs a module of the package as the command `armplane NAME`.
+const COMMAND: &str = "import importlib.util, runpy, sys
+name, lack = sys.argv[1:3]
+sys.argv[1:3] = []
+try:
+    found = importlib.util.find_spec('armplane.' + name)
+except ModuleNotFoundError:
+    found = None
+if found is None:
+    print(f'armplane: {lack} with its extra [{name}]', file=sys.stderr)
+    sys.exit(2)
+runpy.run_module('armplane.' + name, run_name='__main__', alter_sys=True)";
+
 /// Where a module of the package is run.
-#[derive(Debug)]
 pub struct Python {
     /// The interpreter: the one in this program's folder, if both were installed together,
     /// otherwise the one in PATH.
-    pub program: String,
+    program: String,
     /// PYTHONPATH, where the package lies in the source tree of this program.
-    pub path: Option<OsString>,
+    path: Option<OsString>,
 }
 
 impl Python {
-    /// What to install where there is no interpreter; the extra packages follow.
-    pub const MISSING: &str = "there is no Python: install Python 3.9 or newer, then pip install";
+    /// Becomes a command of the package, which finds this program by the variable ARMPLANE; returns the reason where that cannot be.
+    pub fn exec(name: &str, arguments: impl IntoIterator<Item = String>) -> Failure {
+        let Self { program, path } = Self::find();
+        let mut python = Command::new(program);
+        python.args(["-c", COMMAND, name, LACK]).args(arguments);
+        python.envs(path.map(|path| ("PYTHONPATH", path)));
+        python.envs(std::env::current_exe().map(|own| ("ARMPLANE", own)));
+        let error = python.exec();
+        match error.kind() {
+            ErrorKind::NotFound => Failure::Input(format!("{MISSING} 'armplane[{name}]'")),
+            _ => Failure::work(format!("cannot start Python: {error}")),
+        }
+    }
 
     /// Looks for it beside this program and in the folders above.
-    #[must_use]
-    pub fn find() -> Self {
+    fn find() -> Self {
         let program = std::env::current_exe().unwrap_or_default();
         let beside = program.with_file_name("python3");
         let mut packages = program.ancestors().map(|folder| folder.join("python"));
@@ -43,6 +73,7 @@ impl Python {
         };
         Self { program, path }
     }
+
     /// The command that runs a module.
     #[must_use]
     pub fn command(module: &str, arguments: impl IntoIterator<Item = String>) -> Vec<String> {
@@ -65,7 +96,7 @@ impl Python {
         question: &Value,
         packages: &str,
     ) -> Result<(), String> {
-        let missing = |error: String| format!("{} {packages} ({error})", Self::MISSING);
+        let missing = |error: String| format!("{} {packages} ({error})", MISSING);
         let failed = |error: std::io::Error| missing(format!("python3: {error}"));
         command.stdin(Stdio::piped()).stdout(Stdio::null());
         let mut child = command.stderr(Stdio::piped()).spawn().map_err(failed)?;
@@ -79,10 +110,7 @@ impl Python {
         match last.unwrap_or("the program ended without a word") {
             _ if said.status.success() => Ok(()),
             line if said.status.code() == Some(NOT_FOUND) => Err(missing(line.to_owned())),
-            line if line.contains("No module named 'armplane'") => Err(
-                "Python lacks the package armplane: pip install the wheel that `python/build` makes (docs/python.md)"
-                    .to_owned(),
-            ),
+            line if line.contains("No module named 'armplane'") => Err(LACK.to_owned()),
             line => Err(line.to_owned()),
         }
     }

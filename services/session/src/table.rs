@@ -1,6 +1,7 @@
 //! Tables for people: in the terminal's width, or 100 columns.
 
-pub use comfy_table::Cell;
+pub use comfy_table::{Cell, Color};
+use std::collections::HashSet;
 use std::fmt;
 
 use comfy_table::{
@@ -9,9 +10,10 @@ use comfy_table::{
 
 /// Columns of text that goes into a file or to another program.
 const WIDTH: u16 = 100;
-
-/// Columns left and right of a cell, together.
-const PADDING: u16 = 2;
+/// A text is wrapped to no less than this, unless it has shorter lines.
+const TEXT: u16 = 20;
+/// Blanks between two columns.
+const GAP: u16 = 2;
 
 /// Lines above, below, and under the headings; none between rows.
 const STYLE: TableStyle = TableStyle::new()
@@ -19,72 +21,142 @@ const STYLE: TableStyle = TableStyle::new()
     .header_separator(LineStyle::none().fill('─').junction('─'))
     .bottom_border(LineStyle::none().fill('─').junction('─'));
 
-/// A table with these headings, as wide as the terminal, or [`WIDTH`] columns without a terminal.
+/// A table with these headings.
 #[must_use]
 pub fn table(headings: &[&str]) -> Fitted {
-    let mut table = Table::new();
-    table
-        .load_style(STYLE)
-        .set_content_arrangement(ContentArrangement::Dynamic);
-    if table.width().is_none() {
-        table.set_width(WIDTH);
+    Fitted {
+        headings: headings.iter().map(Cell::new).collect(),
+        rows: Vec::new(),
     }
-    let mut fitted = Fitted {
-        table,
-        widest: vec![0; headings.len()],
-    };
-    let headings: Vec<Cell> = headings.iter().map(Cell::new).collect();
-    fitted.note(&headings);
-    fitted.table.set_header(headings);
-    fitted
 }
 
-/// A table whose cells break between words only.
+/// A table whose cells break between words only. Columns for which the terminal has no room follow below the others, beside those that name the rows.
 pub struct Fitted {
-    table: Table,
-    /// The longest word of each column, in characters.
-    widest: Vec<usize>,
+    headings: Vec<Cell>,
+    rows: Vec<Vec<Cell>>,
 }
 
 impl Fitted {
     /// Adds a row.
     pub fn add_row(&mut self, cells: impl IntoIterator<Item = impl Into<Cell>>) {
-        let cells: Vec<Cell> = cells.into_iter().map(Into::into).collect();
-        self.note(&cells);
-        self.table.add_row(cells);
+        self.rows.push(cells.into_iter().map(Into::into).collect());
     }
 
-    fn note(&mut self, cells: &[Cell]) {
-        for (widest, cell) in self.widest.iter_mut().zip(cells) {
-            let longest = |text: String| text.split(' ').map(|word| word.chars().count()).max();
-            *widest = (*widest).max(longest(cell.content()).unwrap_or(0));
+    /// Whether it has no row.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
+    /// The lines of a table without rules, which fit so many columns of a terminal, and the headings of those for which there is no room.
+    #[must_use]
+    pub fn lines(&self, width: usize, is_coloured: bool) -> (Vec<String>, Vec<String>) {
+        let width = u16::try_from(width).unwrap_or(u16::MAX);
+        let mut bands = self.bands(width).into_iter();
+        let first = bands.next().unwrap_or_default();
+        let mut table = self.part(&first, width);
+        if is_coloured {
+            table.enforce_styling();
+        } else {
+            table.force_no_tty();
         }
+        let rest = bands.flatten().filter(|column| !first.contains(column));
+        let rest = rest.map(|column| self.headings[column].content());
+        let lines = table.lines().filter(|line| !line.starts_with('─'));
+        (lines.collect(), rest.collect())
+    }
+
+    /// The least width of each column.
+    fn needs(&self, width: u16) -> Vec<u16> {
+        let widths = |rows: Vec<Vec<Cell>>| {
+            let mut table = Table::new();
+            table.add_rows(rows).column_max_content_widths()
+        };
+        let one_a_line = |cell: &Cell| Cell::new(cell.content().replace(' ', "\n"));
+        let words = self.rows.iter().chain([&self.headings]);
+        let words = words.map(|row| row.iter().map(one_a_line).collect());
+        let mut texts = widths(self.rows.clone());
+        texts.resize(self.headings.len(), 0);
+        let both = widths(words.collect()).into_iter().zip(texts);
+        both.map(|(word, text)| word.max(text.min(TEXT)).min(width / 4 * 3))
+            .collect()
+    }
+
+    /// How many of the first columns tell the rows apart.
+    fn names(&self) -> usize {
+        let apart = |columns: &usize| {
+            let names = self.rows.iter().map(|row| &row[..*columns]);
+            names.collect::<HashSet<_>>().len() == self.rows.len()
+        };
+        (1..self.headings.len()).find(apart).unwrap_or(1)
+    }
+
+    /// The columns of each part of the table that fits so many columns of a terminal.
+    fn bands(&self, width: u16) -> Vec<Vec<usize>> {
+        let (needs, names) = (self.needs(width), self.names());
+        let names: Vec<usize> = (0..names).collect();
+        let room = names
+            .iter()
+            .fold(width, |room, name| room.saturating_sub(needs[*name] + GAP));
+        let (mut bands, mut left) = (Vec::new(), room);
+        let mut band = names.clone();
+        for (column, need) in needs.iter().enumerate().skip(names.len()) {
+            if *need > left && left < room {
+                bands.push(std::mem::replace(&mut band, names.clone()));
+                left = room;
+            }
+            left = left.saturating_sub(*need + GAP);
+            band.push(column);
+        }
+        bands.push(band);
+        bands
+    }
+
+    fn part(&self, columns: &[usize], width: u16) -> Table {
+        let of = |row: &Vec<Cell>| columns.iter().map(|i| row[*i].clone()).collect::<Vec<_>>();
+        let mut table = Table::new();
+        table
+            .load_style(STYLE)
+            .set_content_arrangement(ContentArrangement::Dynamic)
+            .set_width(width)
+            .set_header(of(&self.headings))
+            .add_rows(self.rows.iter().map(of));
+        let widths = table.column_max_content_widths();
+        let is_wide = widths.iter().map(|text| text + GAP).sum::<u16>() > width + GAP;
+        let needs = self.needs(width);
+        for (column, place) in table.column_iter_mut().zip(columns) {
+            // Between columns there is one blank without any.
+            let padding = u16::from(Some(place) != columns.last());
+            column.set_padding((0, padding));
+            if is_wide {
+                let need = Width::Fixed(needs[*place] + padding);
+                column.set_constraint(ColumnConstraint::LowerBoundary(need));
+            }
+        }
+        table
     }
 }
 
 impl fmt::Display for Fitted {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut table = self.table.clone();
-        let natural: u16 = table
-            .column_max_content_widths()
-            .iter()
-            .map(|width| width + PADDING)
-            .sum();
-        if table.width().is_none_or(|width| natural <= width) {
-            return table.fmt(f);
-        }
-        for (column, widest) in table.column_iter_mut().zip(&self.widest) {
-            // A path or a name that is as wide as the table breaks all the same.
-            let least = u16::try_from(*widest).unwrap_or(WIDTH).min(WIDTH / 3) + PADDING;
-            column.set_constraint(ColumnConstraint::LowerBoundary(Width::Fixed(least)));
-        }
-        table.fmt(f)
+        let width = Table::new().width().unwrap_or(WIDTH);
+        let parts = self.bands(width).into_iter();
+        let parts: Vec<_> = parts
+            .map(|band| self.part(&band, width).trim_fmt())
+            .collect();
+        f.write_str(&parts.join("\n"))
     }
 }
 
 /// A right-aligned cell, for numbers: unbroken, with its sign and unit.
 pub fn number(text: impl ToString) -> Cell {
     Cell::new(text.to_string().replace(' ', "\u{a0}")).set_alignment(CellAlignment::Right)
+}
+
+/// A number of things: `1 line`, `2 lines`.
+#[must_use]
+pub fn count(number: u64, thing: &str) -> String {
+    format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
 }
 
 /// A file's size.

@@ -7,7 +7,7 @@ use shared_types::summary::{ServoSummary, Summary};
 use viz::plot::digits;
 
 use crate::results::SUMMARY;
-use crate::table::{number, table};
+use crate::table::{count, number, table};
 
 /// The outcome of a run, its errors, singularities, limits, times and faults, and the files in its folder.
 #[derive(Debug)]
@@ -42,7 +42,8 @@ impl fmt::Display for RunText<'_> {
             let (name, lines) = (&process.name, process.lines_dropped);
             writeln!(
                 f,
-                "dropped    {lines} lines of {name}: they came too fast, or nobody read them"
+                "dropped    {} of {name}: too fast, or not read",
+                count(lines, "line")
             )?;
         }
         files(f, summary, folder)
@@ -183,8 +184,12 @@ fn times(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
     for (process, count) in &deadlines.by_cause {
         writeln!(f, "           {process} silent at {count}")?;
     }
-    for (cause, count) in &deadlines.skipped {
-        writeln!(f, "skipped    {count} periods without a tick: {cause}")?;
+    for (cause, periods) in &deadlines.skipped {
+        writeln!(
+            f,
+            "skipped    {} without a tick: {cause}",
+            count(*periods, "period")
+        )?;
     }
     Ok(())
 }
@@ -234,8 +239,8 @@ fn steered(f: &mut fmt::Formatter<'_>, servo: &ServoSummary) -> fmt::Result {
     if servo.after_end > 0 {
         writeln!(
             f,
-            "ignored    {} targets after the `end` of the session",
-            servo.after_end
+            "ignored    {} after the `end` of the session",
+            count(servo.after_end, "target")
         )?;
     }
     Ok(())
@@ -252,7 +257,7 @@ fn files(f: &mut fmt::Formatter<'_>, summary: &Summary, folder: &Path) -> fmt::R
     if !summary.recorder.file.is_empty() && summary.recorder.parts > 0 {
         writeln!(
             f,
-            "  {:<13}  {:.1} MB{}; open it with: armplane view {}",
+            "  {:<13}  {:.1} MB{}; open it with `armplane view {}`",
             summary.recorder.file,
             summary.recorder.bytes as f64 / 1e6,
             if summary.recorder.parts > 1 {
@@ -270,7 +275,7 @@ fn files(f: &mut fmt::Formatter<'_>, summary: &Summary, folder: &Path) -> fmt::R
         );
         writeln!(
             f,
-            "  {messages}  {megabytes:.1} MB; compare with this build by: armplane replay {}",
+            "  {messages}  {megabytes:.1} MB; compare with this build by `armplane replay {}`",
             folder.display()
         )?;
     }

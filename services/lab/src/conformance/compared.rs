@@ -1,6 +1,7 @@
 //! Runs in processes and on one thread, and the first place where the messages of two of them differ.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::time::Instant;
 
 use chain::Sink;
@@ -94,9 +95,9 @@ pub(super) fn in_processes(
     })
 }
 
-/// The messages that a run has kept.
-pub(super) fn log_of(job: &Job) -> Result<Log, Failure> {
-    Log::open(&job.out.join(recorder::MESSAGES), &Contents::of(job)).map_err(Failure::work)
+/// The messages that a run has kept in its folder.
+pub(super) fn log_of(folder: &Path, job: &Job) -> Result<Log, Failure> {
+    Log::open(&folder.join(recorder::MESSAGES), &Contents::of(job)).map_err(Failure::work)
 }
 
 /// What a scenario gives without processes, shared memory and a clock.

@@ -138,8 +138,9 @@ impl Killed {
             folders.iter().try_for_each(Results::clear)?;
             return Ok(None);
         };
-        let place = log_of(&live)
-            .and_then(|one| first_place(&Reference::Run(one), &log_of(&again)?, number));
+        let place = log_of(&live.out, &live).and_then(|one| {
+            first_place(&Reference::Run(one), &log_of(&again.out, &again)?, number)
+        });
         Ok(Some(Unrepeated {
             run: number,
             deaths: first

@@ -6,7 +6,7 @@ use std::path::Path;
 use model::Robot;
 use runtime::random;
 use serde::Serialize;
-use session::table::{number, table};
+use session::table::{count, number, table};
 use session::{Failure, Observer, Results, load};
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
@@ -92,10 +92,10 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
         let first = first.get_or_insert_with(|| job.clone());
         if ran.topics != reference.topics && difference.is_none() {
             let expected = match needs_processes {
-                Some(_) => Reference::Run(log_of(first)?),
+                Some(_) => Reference::Run(log_of(&first.out, first)?),
                 None => Reference::OneThread(robot, scenario),
             };
-            difference = first_place(&expected, &log_of(&job)?, index + 1)?;
+            difference = first_place(&expected, &log_of(&job.out, &job)?, index + 1)?;
         }
         if request.out.is_none() && (index > 0 || needs_processes.is_none()) {
             // The rest is removed with the whole folder.
@@ -253,7 +253,7 @@ impl fmt::Display for Verified {
         if self.reference_run.is_some() {
             writeln!(
                 f,
-                "one thread cannot compute the death of the plant, a fault of the recorder, or a program of the graph's own:\n\
+                "one thread cannot compute the death of the plant, a fault of the recorder, or a program of the graph's own: \
                  run 1 is the reference of the others"
             )?;
         }
@@ -264,9 +264,9 @@ impl fmt::Display for Verified {
         };
         writeln!(
             f,
-            "{scenario}, seed {seed}, {} ticks, {} runs: {verdict}",
-            reference.ticks,
-            runs.len()
+            "{scenario}, seed {seed}, {}, {}: {verdict}",
+            count(reference.ticks, "tick"),
+            count(runs.len() as u64, "run")
         )
     }
 }

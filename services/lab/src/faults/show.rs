@@ -6,7 +6,7 @@ use std::path::Path;
 
 use serde::Serialize;
 use session::Failure;
-use session::table::{Cell as TableCell, number, table};
+use session::table::{Cell as TableCell, count as plural, number, table};
 use shared_types::summary::FaultSummary;
 use viz::plot::{Axis, BLUE, Color, Page, Panel, RED, Row, digits};
 
@@ -127,8 +127,8 @@ impl fmt::Display for Drilled {
         let goal = count(&|cell| cell.goal_reached);
         writeln!(
             f,
-            "{} runs with faults: {goal} reached the goal, {} came to rest or ended, {} broke a guarantee",
-            self.cells.len(),
+            "{} with faults: {goal} reached the goal, {} came to rest or ended, {} broke a guarantee",
+            plural(self.cells.len() as u64, "run"),
             self.cells.len() - goal,
             count(&|cell| !cell.broken.is_empty())
         )
@@ -171,7 +171,7 @@ impl Drilled {
         }
         writeln!(
             f,
-            "{rows}\ndetected, settled: in ms; stale: age of the torque in force, in ticks; torque, step, speed: largest share of the limit;\n\
+            "{rows}\ndetected, settled: in ms; stale: age of the torque in force, in ticks; torque, step, speed: largest share of the limit; \
              mrad, mm: off the path, joints and end-effector, in lockstep; --json has more"
         )
     }

@@ -6,4 +6,8 @@ pub mod posture;
 pub mod posture_text;
 pub mod steered;
 
+pub use first::begin;
+
 pub(crate) mod singular_lines;
+
+mod first;

@@ -332,30 +332,22 @@ impl Score {
 pub fn describe(state: &ServoState, kind: impl Fn(usize) -> Option<u32>) -> String {
     let mut text = reason_text(state.reason, state.joint, state.upper).to_string();
     if ![REASON_RESTING, REASON_STALE, REASON_OVER].contains(&state.reason) {
-        text += &format!(
-            "; hand at {:.0} % of the speed asked for",
-            state.speed_scale * 100.0
-        );
+        text += &format!("; speed {:.0} %", state.speed_scale * 100.0);
     }
     let place = (state.singularity as usize).checked_sub(1);
     if let Some((place, kind)) = place
         .and_then(|place| Some((place, kind(place)?)))
         .filter(|_| state.nearest < 1e8)
     {
-        let near = if state.nearest < 1.0 {
-            "inside the neighbourhood of"
-        } else {
-            "nearest singularity:"
-        };
         text += &format!(
-            "; {near} {} (|s| {:.2} of its bound)",
+            "; {} at {:.2} of its bound",
             singularity_name(kind, place),
             state.nearest
         );
     }
     if state.stops > 0 {
         text += &format!(
-            "; stopped {} ×: {}",
+            "; {} × stopped: {}",
             state.stops,
             name_of(REFUSALS, state.stop)
         );
@@ -403,11 +395,10 @@ impl fmt::Display for ScoresText<'_> {
         writeln!(f, "{rows}")?;
         writeln!(
             f,
-            "speed, torque: largest share of a limit; step: largest change of torque in a tick over what the\n\
-             drive accepts; limits: sessions in which a joint left its range; ⊥ ζ: largest error orthogonal to ζ\n\
-             (asked for: 0.5 mm, 1.5°);\n\
-             stalled: seconds at less than 2 % of the speed asked for, for longer than 0.5 s, neither reach nor a\n\
-             joint limit the reason; limit, reach: seconds slowed there; stop: stops; --json has more"
+            "speed, torque: largest share of a limit; step: largest change of torque in a tick over what the drive accepts; limits: sessions in \
+             which a joint left its range; ⊥ ζ: largest error orthogonal to ζ (asked for: 0.5 mm, 1.5°)\n\
+             stalled: seconds at less than 2 % of the speed asked for, for longer than 0.5 s, neither reach nor a joint limit the reason; limit, \
+             reach: seconds slowed there; stop: stops; --json has more"
         )?;
         let events = self
             .0

@@ -4,6 +4,7 @@ use std::fmt;
 
 use lines::KINDS;
 use recorder::Bounds;
+use session::table::count as plural;
 use viz::plot::digits;
 
 use super::verdict::{findings, verdicts};
@@ -34,10 +35,10 @@ pub(super) fn with_errors<'a, R>(
 ) -> Columns<'a, R> {
     let error = move |of: fn(&Row) -> f64| move |one: &R| optional(row(one), |row| digits(of(row)));
     columns
-        .number("⊥ ζ, mm", error(|row| row.task.orthogonal_max_mm))
-        .number("⊥ ζ, °", error(|row| row.task.orthogonal_max_deg))
-        .number("∥ ζ, mm", error(|row| row.task.along_max_mm))
-        .number("∥ ζ, °", error(|row| row.task.along_max_deg))
+        .number("⊥\u{a0}ζ, mm", error(|row| row.task.orthogonal_max_mm))
+        .number("⊥\u{a0}ζ, °", error(|row| row.task.orthogonal_max_deg))
+        .number("∥\u{a0}ζ, mm", error(|row| row.task.along_max_mm))
+        .number("∥\u{a0}ζ, °", error(|row| row.task.along_max_deg))
 }
 
 impl Compared {
@@ -79,7 +80,8 @@ impl Compared {
         let (count, seed) = (self.near.len(), self.scenario.seed);
         writeln!(
             f,
-            "sweep: {count} lines at {} m/s (seed {seed})",
+            "sweep: {} at {} m/s (seed {seed})",
+            plural(count as u64, "line"),
             self.speed
         )?;
         let share = |near, so: fn(&Row) -> bool| {

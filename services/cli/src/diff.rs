@@ -1,0 +1,26 @@
+//! `armplane diff`: what differs between two runs.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use serde_json::json;
+use session::Failure;
+
+use crate::out::{answer, passed};
+
+#[derive(Args)]
+pub(crate) struct DiffArgs {
+    /// The first run's folder, or its name under runs/.
+    #[arg(value_name = "RUN")]
+    first: PathBuf,
+    /// The second run's.
+    #[arg(value_name = "RUN")]
+    second: PathBuf,
+}
+
+pub(crate) fn diff(args: &DiffArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    let differing = lab::conformance::diff([&args.first, &args.second])?;
+    answer(as_json, &json!(differing), &differing);
+    passed(differing.same)
+}

@@ -1,0 +1,35 @@
+//! `armplane new`: a scenario to start from.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use serde_json::json;
+use session::Failure;
+
+use crate::out::say;
+
+#[derive(Args)]
+pub(crate) struct NewArgs {
+    /// Name of the scenario, and of its file.
+    #[arg(value_name = "NAME")]
+    name: PathBuf,
+    /// A built-in robot, or a URDF or MJCF file.
+    #[arg(
+        long,
+        value_name = "NAME|FILE.urdf|FILE.xml",
+        default_value = "puma560"
+    )]
+    robot: String,
+}
+
+pub(crate) fn new(args: &NewArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    let path = lab::studies::begin(&args.name, &args.robot)?;
+    let path = path.display();
+    if as_json {
+        say!("{}", json!({"file": path.to_string()}));
+    } else {
+        say!("{path}\n  run it with `armplane run {path}`");
+    }
+    Ok(ExitCode::SUCCESS)
+}

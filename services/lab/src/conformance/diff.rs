@@ -1,0 +1,193 @@
+//! Two runs beside each other: how their scenarios, programs, results and messages differ.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+use session::table::{count, number, table};
+use session::{Failure, Run};
+use shared_types::job::Job;
+use shared_types::summary::Summary;
+use viz::plot::digits;
+
+use super::compared::{Place, Reference, first_place, log_of};
+
+/// Most values that are shown to people, and most characters of each.
+const SHOWN: usize = 40;
+const LONGEST: usize = 200;
+
+/// A value that two runs do not share; null in the one that lacks it.
+#[derive(Serialize)]
+pub struct Change {
+    /// Its path: `scenario.` with the keys of `--set`, `program.` or `results.`.
+    pub key: String,
+    /// Of both runs.
+    pub values: [Value; 2],
+}
+
+/// The differences between two runs.
+#[derive(Serialize)]
+pub struct Differing {
+    /// Their folders.
+    pub runs: [PathBuf; 2],
+    /// Whether there is none.
+    pub same: bool,
+    /// Of scenario, program and results, but for what depends on the machine.
+    pub changes: Vec<Change>,
+    /// Topics whose messages differ.
+    pub topics: Vec<String>,
+    /// The first message that differs.
+    pub difference: Option<Place>,
+    /// Why that is not known.
+    pub remark: Option<String>,
+}
+
+/// Compares what two runs have left in their folders.
+///
+/// # Errors
+/// [`Failure::Input`] where one of them is not the folder of a run that has ended.
+pub fn diff(folders: [&Path; 2]) -> Result<Differing, Failure> {
+    let read = |folder: &Path| {
+        let run = Run::find(Some(folder))?;
+        Ok::<_, Failure>((run.job()?, run.summary()?, run.folder))
+    };
+    let [first, second] = folders.map(read);
+    let both = [first?, second?];
+    let changes = changes(
+        &both
+            .each_ref()
+            .map(|(job, summary, _)| values(job, summary)),
+    );
+    let [a, b] = both.each_ref().map(|(_, summary, _)| &summary.topics);
+    let topics: BTreeSet<_> = a.keys().chain(b.keys()).collect();
+    let topics = topics.into_iter();
+    let topics = topics.filter(|topic| a.get(*topic) != b.get(*topic));
+    let topics: Vec<_> = topics.cloned().collect();
+    let place = match topics.is_empty() {
+        true => Ok(None),
+        false => place(&both),
+    };
+    Ok(Differing {
+        same: changes.is_empty() && topics.is_empty(),
+        changes,
+        topics,
+        remark: place.as_ref().err().map(ToString::to_string),
+        difference: place.ok().flatten(),
+        runs: both.map(|(_, _, folder)| folder),
+    })
+}
+
+fn place(runs: &[(Job, Summary, PathBuf); 2]) -> Result<Option<Place>, Failure> {
+    let log = |(job, _, folder): &(Job, _, PathBuf)| match job.messages {
+        true => log_of(folder, job),
+        false => Err(Failure::Input(format!(
+            "{} kept no messages",
+            folder.display()
+        ))),
+    };
+    let [first, second] = runs.each_ref().map(log);
+    let (first, second) = (first?, second?);
+    if first.contents().layouts() != second.contents().layouts() {
+        return Err(Failure::input("their messages have different layouts"));
+    }
+    first_place(&Reference::Run(first), &second, 2)
+}
+
+/// All that does not depend on the machine.
+fn values(job: &Job, summary: &Summary) -> Value {
+    let singularities = summary.singularities.iter();
+    let singularities = singularities.map(|one| (one.name.clone(), json!(one)));
+    let faults = summary.faults.iter();
+    let faults = faults.map(|fault| (&fault.detail, fault.tick, fault.occurred));
+    json!({
+        "scenario": job.scenario,
+        "program": {"version": job.version, "mode": job.mode, "graph": job.graph, "robot": job.robot},
+        "results": {
+            "outcome": summary.outcome, "reason": summary.reason, "ticks": summary.ticks, "task": summary.task, "joints": summary.joints,
+            "singularities": singularities.collect::<Map<_, _>>(), "turns": summary.turns, "servo": summary.servo,
+            "faults": faults.collect::<Vec<_>>(),
+        },
+    })
+}
+
+/// The leaves of two trees that differ.
+fn changes(trees: &[Value; 2]) -> Vec<Change> {
+    fn leaves(path: &str, tree: &Value, run: usize, found: &mut BTreeMap<String, [Value; 2]>) {
+        let mut below = |key: &dyn fmt::Display, tree| {
+            let dot = if path.is_empty() { "" } else { "." };
+            leaves(&format!("{path}{dot}{key}"), tree, run, found);
+        };
+        match tree {
+            Value::Object(map) => map.iter().for_each(|(key, tree)| below(key, tree)),
+            Value::Array(list) => list
+                .iter()
+                .enumerate()
+                .for_each(|(i, tree)| below(&i, tree)),
+            leaf => found.entry(path.to_owned()).or_default()[run] = leaf.clone(),
+        }
+    }
+    let mut found = BTreeMap::new();
+    for (run, tree) in trees.iter().enumerate() {
+        leaves("", tree, run, &mut found);
+    }
+    found.retain(|_, [first, second]| first != second);
+    let change = |(key, values)| Change { key, values };
+    found.into_iter().map(change).collect()
+}
+
+impl fmt::Display for Differing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [first, second] = self.runs.each_ref().map(|folder| folder.display());
+        let mut rows = table(&["value", "first", "second", "by"]);
+        let mut words = String::new();
+        for Change { key, values } in self.changes.iter().take(SHOWN) {
+            if let [Some(before), Some(after)] = values.each_ref().map(Value::as_f64) {
+                let numbers = [before, after, after - before].map(|value| number(digits(value)));
+                rows.add_row([key.into()].into_iter().chain(numbers));
+            } else {
+                let [before, after] = values.each_ref().map(shown);
+                words += &format!("{key}: {before} → {after}\n");
+            }
+        }
+        if !rows.is_empty() {
+            writeln!(f, "{rows}")?;
+        }
+        f.write_str(&words)?;
+        if self.changes.len() > SHOWN {
+            writeln!(f, "{} more: --json has all", self.changes.len() - SHOWN)?;
+        }
+        if let Some(place) = &self.difference {
+            writeln!(f, "{place}")?;
+        }
+        if let Some(remark) = &self.remark {
+            writeln!(f, "the first message that differs is not known: {remark}")?;
+        }
+        if self.same {
+            return writeln!(
+                f,
+                "{first} and {second}: the same scenario, program, results and messages"
+            );
+        }
+        let [values, topics] = [self.changes.len(), self.topics.len()].map(|all| all as u64);
+        let (values, topics) = (count(values, "value"), count(topics, "topic"));
+        writeln!(
+            f,
+            "{first} and {second} DIFFER: {values}, messages of {topics}"
+        )
+    }
+}
+
+/// A value in a few words.
+fn shown(value: &Value) -> String {
+    let text = match value {
+        Value::Null => "–".to_owned(),
+        Value::String(text) => text.replace('\n', " "),
+        other => other.to_string(),
+    };
+    match text.char_indices().nth(LONGEST) {
+        Some((at, _)) => format!("{} …", &text[..at]),
+        None => text,
+    }
+}

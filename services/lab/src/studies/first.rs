@@ -1,0 +1,109 @@
+//! A first scenario for any arm, as a file with comments.
+
+use std::path::{Path, PathBuf};
+
+use model::Robot;
+use session::{Failure, load};
+use shared_types::scenario::Scenario;
+use shared_types::summary::REACHED;
+
+use crate::trial::Trial;
+
+const TEMPLATE: &str = include_str!("first.toml");
+/// Lengths of a line that may suit the arm, the first that does is taken; m.
+const LENGTHS: [f64; 2] = [0.1, 0.01];
+
+/// Writes `NAME.toml`, and returns its path: a straight line that the arm follows within the goal's bounds, and back.
+///
+/// # Errors
+/// [`Failure`] where the file exists or cannot be written, there is no such robot, or no line is found that it can follow.
+pub fn begin(name: &Path, robot: &str) -> Result<PathBuf, Failure> {
+    let mut path = name.as_os_str().to_owned();
+    path.push(if name.extension().is_some_and(|it| it == "toml") {
+        ""
+    } else {
+        ".toml"
+    });
+    let path = PathBuf::from(path);
+    if path.symlink_metadata().is_ok() {
+        return Err(Failure::Input(format!(
+            "{} exists already: choose another name",
+            path.display()
+        )));
+    }
+    let arm = load::robot(robot, None, None)?;
+    let text = text(&path, robot, &arm)?;
+    files::write(&path, text).map_err(|error| {
+        Failure::Input(format!(
+            "cannot write {}: {error}; choose another folder",
+            path.display()
+        ))
+    })?;
+    Ok(path)
+}
+
+/// The text of the first line that the arm can follow.
+fn text(path: &Path, robot: &str, arm: &Robot) -> Result<String, Failure> {
+    let quoted = |text: &str| toml::Value::from(text).to_string();
+    // A path in a scenario counts from its folder.
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty());
+    let beside = folder.and_then(|_| Path::new(robot).canonicalize().ok());
+    let beside = beside.map_or_else(|| robot.to_owned(), |file| file.display().to_string());
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let file = path.display().to_string();
+    let whole = TEMPLATE
+        .replace("NAME", &quoted(&stem))
+        .replace("ROBOT", &quoted(&beside))
+        .replace("FILE", &file);
+    for start in starts(arm) {
+        for (axis, length) in LENGTHS
+            .iter()
+            .flat_map(|length| ["z", "x", "y"].map(|axis| (axis, length)))
+        {
+            for sign in [1.0, -1.0] {
+                let lengths = [length * sign, -length * sign].map(|length| length.to_string());
+                let text = whole
+                    .replace("START", &start)
+                    .replace("AXIS", axis)
+                    .replace("-LENGTH", &lengths[1])
+                    .replace("LENGTH", &lengths[0]);
+                let scenario = Scenario::parse(&file, &text, &[])?;
+                let trial = Trial {
+                    robot: arm,
+                    scenario,
+                    graph: None,
+                };
+                if trial.run().is_ok_and(|row| row.outcome == REACHED) {
+                    return Ok(text);
+                }
+            }
+        }
+    }
+    Err(Failure::Work(format!(
+        "no straight line was found that {} can follow: name a bent posture in its description (docs/tutorial.md), and try again",
+        arm.name
+    )))
+}
+
+/// Postures to start in: those that the description names, and one bent and the one in the middle of all ranges.
+fn starts(arm: &Robot) -> Vec<String> {
+    // A posture in the middle of all ranges is often singular, which takes long to find.
+    let named = arm.postures.keys().filter(|name| *name != "middle");
+    let mut named: Vec<_> = named.collect();
+    named.sort_by_key(|name| !["nominal", "bent", "ready"].contains(&name.as_str()));
+    let bent = arm.middle().into_iter().zip(&arm.joints);
+    let bent: Vec<_> = bent
+        .map(|(q, joint)| (q + 0.4).min(0.5 * (q + joint.upper)))
+        .collect();
+    let numbers = [bent, arm.middle()].map(|q| {
+        let q: Vec<_> = q.iter().map(|q| format!("{q:.3}")).collect();
+        format!("q = [{}]", q.join(", "))
+    });
+    named
+        .into_iter()
+        .map(|name| format!("posture = \"{name}\""))
+        .chain(numbers)
+        .collect()
+}

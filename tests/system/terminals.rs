@@ -1,0 +1,206 @@
+//! Tables, sentences and live lines in terminals of several sizes.
+
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::{Read, Write};
+use std::os::fd::{FromRawFd, OwnedFd};
+use std::os::unix::process::CommandExt;
+use std::process::Stdio;
+
+use crate::command::{Desk, interrupt};
+
+/// Columns and rows; the last is wide enough for every line as it is.
+const SIZES: [[u16; 2]; 4] = [[80, 24], [100, 30], [120, 40], [2000, 40]];
+
+/// The streams of a command that go to the terminal.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Shows {
+    /// Standard output.
+    Results,
+    /// Standard error, too.
+    All,
+}
+
+/// What a command writes on a terminal of its own; as soon as it has written `until`, `keys` are pressed.
+fn on_terminal(
+    desk: &Desk,
+    args: &str,
+    [columns, rows]: [u16; 2],
+    [until, keys]: [&str; 2],
+    shows: Shows,
+) -> String {
+    let (mut terminal, mut end) = (0, 0);
+    let size = libc::winsize {
+        ws_row: rows,
+        ws_col: columns,
+        ws_xpixel: 0,
+        ws_ypixel: 0,
+    };
+    let none = std::ptr::null_mut();
+    // SAFETY: two descriptors are written, which nobody else has.
+    let (mut terminal, end) = unsafe {
+        let opened = libc::openpty(&mut terminal, &mut end, none, none.cast(), &raw const size);
+        assert_eq!(opened, 0, "a pseudo-terminal");
+        (File::from_raw_fd(terminal), OwnedFd::from_raw_fd(end))
+    };
+    let mut command = desk.command(args);
+    let stream = || end.try_clone().expect("a descriptor");
+    command.stdin(stream()).stdout(stream());
+    if shows == Shows::All {
+        command.stderr(stream());
+    } else {
+        command.stderr(Stdio::null());
+    }
+    // Its size is asked of the terminal of the session.
+    // SAFETY: both may be called between fork and exec.
+    unsafe {
+        command.pre_exec(|| {
+            libc::setsid();
+            libc::ioctl(0, libc::TIOCSCTTY, 0);
+            Ok(())
+        });
+    }
+    let mut child = command.spawn().expect("armplane starts");
+    drop((command, end));
+    let (mut written, mut part, mut is_pressed) = (Vec::new(), [0; 4096], false);
+    // The terminal is gone when the last program has closed it.
+    while let Ok(bytes @ 1..) = terminal.read(&mut part) {
+        written.extend_from_slice(&part[..bytes]);
+        let is_there = !is_pressed && String::from_utf8_lossy(&written).contains(until);
+        if is_there && !keys.is_empty() {
+            terminal.write_all(keys.as_bytes()).expect("keys");
+            is_pressed = true;
+        }
+    }
+    assert!(child.wait().is_ok(), "{args}");
+    String::from_utf8(written).expect("UTF-8")
+}
+
+/// Lines as they stand on a terminal, without colours.
+fn lines(written: &str) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    let mut letters = written.chars();
+    while let Some(letter) = letters.next() {
+        match letter {
+            '\r' | '\n' => lines.push(String::new()),
+            '\x1b' => {
+                let code = letters
+                    .by_ref()
+                    .skip(1)
+                    .find(|letter| !matches!(letter, ' '..='?'));
+                if matches!(code, Some('H' | 'J')) {
+                    lines.push(String::new());
+                }
+            }
+            letter => lines.last_mut().expect("a line").push(letter),
+        }
+    }
+    lines
+}
+
+/// The words that have no number: those of a clock are others each time.
+fn words(lines: &[String]) -> BTreeSet<&str> {
+    let words = lines.iter().flat_map(|line| line.split_whitespace());
+    words
+        .filter(|word| word.chars().all(char::is_alphabetic))
+        .collect()
+}
+
+/// Every line fits each size. Of results alone: each word of a narrow terminal stands on the widest as well.
+fn fits(desk: &Desk, args: &str, keys: [&str; 2], shows: Shows) {
+    let mut all = Vec::new();
+    for (number, size) in SIZES.iter().enumerate() {
+        let args = args.replace("OUT", &format!("out-{number}-{}", args.len()));
+        let written = on_terminal(desk, &args, *size, keys, shows);
+        let bare = written.bytes().zip(written.bytes().skip(1));
+        assert!(
+            bare.clone()
+                .all(|(before, byte)| byte != b'\n' || before == b'\r'),
+            "{args}: a line begins in mid-screen"
+        );
+        all.push(lines(&written));
+    }
+    let wide = words(&all[SIZES.len() - 1]);
+    assert!(wide.len() > 2, "{args}: {wide:?}");
+    for ([columns, _], lines) in SIZES.iter().zip(&all) {
+        let too_wide: Vec<_> = lines
+            .iter()
+            .filter(|line| line.chars().count() > usize::from(*columns))
+            .collect();
+        assert!(
+            too_wide.is_empty(),
+            "{args} at {columns} columns: {too_wide:#?}"
+        );
+        let narrow = words(lines);
+        let broken: Vec<_> = narrow
+            .difference(&wide)
+            .filter(|_| shows == Shows::Results)
+            .collect();
+        assert!(broken.is_empty(), "{args} at {columns} columns: {broken:?}");
+    }
+}
+
+#[test]
+fn every_table_and_live_line_fits_the_terminal() {
+    let desk = Desk::new();
+    let sweep = "name = \"gains\"\nscenario = \"fig5-wrist-rotation\"\n[[key]]\nkey = \"control.k_p\"\nvalues = [300, 400]\n";
+    desk.file("sweep.toml", sweep);
+    for args in [
+        "run --out OUT",
+        "sweep sweep.toml --out OUT",
+        "servo panda --random 1 --duration 1 --out OUT",
+        "verify --runs 1",
+        "run nonsense",
+        "new nothing --robot nonsense",
+    ] {
+        fits(&desk, args, ["", ""], Shows::All);
+    }
+    let keyboard = "servo ur5 --from keyboard --out OUT";
+    fits(&desk, keyboard, ["of its bound", "q"], Shows::All);
+    for args in [
+        "list",
+        "doctor",
+        "--help",
+        "graph",
+        "graph --format topics",
+        "fault --list",
+        "inspect --robot panda",
+        "inspect --robot puma560 --q ready",
+        "diff out-0-13 out-1-13",
+        "replay out-0-13 --set control.k_p=300",
+        "compare fig5-wrist-rotation --out OUT",
+        "compare sweep --count 6 --out OUT",
+        "compare sweep --robot ur5 --count 1 --out OUT",
+        "sweep report out-0-26",
+        "servo --seeds 1 --duration 1",
+        "bench steps",
+        "bench hop --samples 1000 --only 4096",
+    ] {
+        fits(&desk, args, ["", ""], Shows::Results);
+    }
+}
+
+#[test]
+fn a_run_is_found_by_its_folder_and_seen_at_every_size() {
+    let desk = Desk::new();
+    let run = desk.begin("run --set segment.1.duration_s=500 --no-record --out mine");
+    let listed = desk.armplane("ps --json").json();
+    let own = listed
+        .as_array()
+        .into_iter()
+        .flatten()
+        .find(|one| one["launcher_pid"] == run.id());
+    let own = own.unwrap_or_else(|| panic!("{listed}"));
+    let folder = desk.path().join("mine").canonicalize().expect("a folder");
+    assert_eq!(own["scenario"], "fig5-wrist-rotation");
+    assert_eq!(own["folder"], folder.display().to_string());
+    fits(&desk, "ps", ["", ""], Shows::All);
+    fits(&desk, "top --once --run mine", ["", ""], Shows::All);
+    fits(
+        &desk,
+        "top --every-ms 50 --run mine",
+        ["q quits", "q"],
+        Shows::All,
+    );
+    interrupt(run);
+}
