@@ -16,10 +16,13 @@ import time
 from importlib import metadata
 
 from ..results import _armplane, _program, _sentence
-from . import page, tasks
+from . import page, picture, tasks
 
-OWN = ("armplane", "damped-least-squares", "operational-space")
-STRATEGY = {"armplane": "blended"}
+BASE = page.GIVEN_CLOCK
+OWN = ("armplane", "damped-least-squares", "operational-space", "sai-handler")
+STRATEGY = {"armplane": "blended", "sai-handler": "hold-and-blend"}
+# Stanford's SAI publishes these numbers for its singularity handler, which armplane has in its own words; its scenarios have others.
+PUBLISHED = {"sai-handler": {f"control.baseline.hold_and_blend.{key}": value for key, value in (("blend", [0.006, 0.06]), ("hold_k_p", 50), ("hold_k_v", 14), ("push", 0.01), ("push_k_v", 5))}}
 # Trials of a law that is tuned; those of an opponent are in its class.
 TRIALS = {"armplane": [{}, *({"control.k_p": k_v * k_v / 4, "control.k_v": k_v} for k_v in (20, 30, 60, 80))], "damped-least-squares": []}
 TRIALS["damped-least-squares"] = [
@@ -27,23 +30,56 @@ TRIALS["damped-least-squares"] = [
 ]
 OPPONENTS = sorted(path for path in (pathlib.Path(__file__).parent.parent / "opponents").glob("[!_]*.py"))
 PACKAGES = ("daqp", "drake", "jparse-robotics", "mink", "mujoco", "numpy", "pin", "pin-pink", "placo", "robosuite")
-# Longest run of a law on a task, s.
-PATIENCE = 1800
+# Longest run of a law on a task, and longest time in which an opponent loads and joins it (--join-limit); s.
+LONGEST = {"run": 1800, "join": 120}
+# The graph of a run under an opponent: compilers and large packages are at work before its first answer.
+GRAPH = """extends = "armplane"
+[[process]]
+name = "controller"
+command = {command}
+exchange = true
+restart = "never"
+answer_limit_s = {join}
+join_limit_s = {join}
+reads = ["estimate", "singularity"]
+writes = ["control_state", "torque"]
+"""
+HOST = "from armplane.arena.host import main; main()"
+# What is varied, one at a time: arguments beside those of the table; delay: ticks by which each estimate is late.
+DELAY = 2
+VARIED = {
+    "payload +10 %": ("--set", "plant.mass_factor=1.1"),
+    "payload -10 %": ("--set", "plant.mass_factor=0.9"),
+    "noise x 4": ("--set", "plant.encoder_noise_counts=2.0"),
+    f"delay {DELAY} ticks": (),
+}
 # Columns that differ from one time to the next, or say nothing of the arm.
 CLOCK = {"key", "median_us", "p99_us", "first_ms", "reason"}
 
 
 class Entry:
-    """A row of the table: a law under a name, with attributes (of a class) or settings (of a scenario) laid over its own."""
+    """A row of the table: a law of armplane, or the file of an opponent, with settings (of a scenario) or attributes (of a class) laid over its own.
 
-    def __init__(self, name, argument, own=False, **settings):
-        self.name, self.argument, self.own, self.settings = name, argument, own, settings
+    `about`: what the file says of its class: trials for tuning, and whether it has a clock of its own to switch on.
+    """
+
+    def __init__(self, name, argument, own=False, about=None, **settings):
+        self.name, self.argument, self.own, self.about, self.settings = name, argument, own, about or {}, settings
+
+    def with_settings(self, name, **settings):
+        return Entry(name, self.argument, self.own, self.about, **{**self.settings, **settings})
 
     def options(self):
         """Arguments and environment of its runs."""
         text = lambda value: value if isinstance(value, str) else json.dumps(value)
         arguments = [part for key, value in self.settings.items() for part in ("--set", f"{key}={text(value)}")] if self.own else []
-        return ["--law", self.argument, *arguments], {"ARMPLANE_ARENA": "" if self.own else json.dumps(self.settings, sort_keys=True)}
+        return arguments, {"ARMPLANE_ARENA": "" if self.own else json.dumps(self.settings, sort_keys=True)}
+
+    def graph(self, folder):
+        """The file of the graph of an opponent's run. It was loaded once before the table, and is not loaded only to be checked before each run."""
+        path = pathlib.Path(folder) / "graph.toml"
+        path.write_text(GRAPH.format(command=json.dumps([sys.executable, "-c", HOST, self.argument]), join=LONGEST["join"]))
+        return str(path)
 
 
 def entries(names):
@@ -57,14 +93,14 @@ def entries(names):
         if not file and name not in known:
             if STRATEGY.get(name, name) not in strategies():
                 sys.exit(f"armplane arena: there is no law {name}: give NAME=FILE.py for a file of yours, or one of {', '.join([*OWN, *known, *strategies()])}")
-            found.append(Entry(text, STRATEGY.get(name, name), True, **settings))
+            found.append(Entry(text, STRATEGY.get(name, name), True, **{**PUBLISHED.get(name, {}), **settings}))
             continue
         file = pathlib.Path(file or known[name]).resolve()
-        reason = missing(file, settings)
+        reason, about = asked_file(file, settings)
         if reason:
             skipped[text] = reason
         else:
-            found.append(Entry(name + "".join(f":{pair}" for pair in pairs), f"{name}={file}", **settings))
+            found.append(Entry(name + "".join(f":{pair}" for pair in pairs), str(file), about=about, **settings))
     return found, skipped
 
 
@@ -82,26 +118,22 @@ def _value(text):
         return text
 
 
-def missing(file, settings):
-    """Why an opponent cannot run here; empty: it can."""
+def asked_file(file, settings):
+    """Why an opponent cannot run here (empty: it can), and what it says of its class."""
     environment = {**os.environ, "ARMPLANE_ARENA": json.dumps(settings)}
-    done = subprocess.run([sys.executable, "-m", "armplane.arena.host", str(file)], env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
-    return "" if done.returncode == 0 else (done.stderr.strip().splitlines() or ["it ended without a word"])[-1]
-
-
-def trials(entry):
-    """The numbers that are tried when a law is tuned: at most six settings."""
-    if entry.own:
-        return TRIALS.get(entry.name, [])
-    command = [sys.executable, "-m", "armplane.arena.host", entry.argument.partition("=")[2]]
-    return json.loads(subprocess.run(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, check=True).stdout)
+    command = [sys.executable, "-m", "armplane.arena.host", str(file)]
+    done = subprocess.run(command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)
+    if done.returncode:
+        return (done.stderr.strip().splitlines() or ["it ended without a word"])[-1], {}
+    return "", json.loads(done.stdout.splitlines()[-1])
 
 
 def tuned(found, table, folder, jobs):
     """Of each law that has trials its best on the training lines, as a row of its own: by S1 with clean torque, S1, S2, then the error orthogonal to ζ."""
-    todo = tasks.make(folder / "training", _armplane, "short", tasks.TRAINING, tasks.TRAINED)
-    entries = [(entry, Entry(f"{entry.name} {json.dumps(one)}", entry.argument, entry.own, **one)) for entry in found if not entry.settings for one in trials(entry)]
-    rows = judged(table.fill([(trial, task) for _, trial in entries for task in todo], jobs))
+    todo, _ = tasks.make(folder / "training", _armplane, "short", tasks.TRAINING, tasks.TRAINED)
+    trials = lambda entry: TRIALS.get(entry.name, []) if entry.own else entry.about["trials"]
+    entries = [(entry, entry.with_settings(f"{entry.name} {json.dumps(one)}", **one)) for entry in found if ":" not in entry.name for one in trials(entry)]
+    rows = judged(table.fill([(trial, task, BASE) for _, trial in entries for task in todo], jobs))
 
     def worth(trial):
         mine = [row for row in rows if row["law"] == trial.name]
@@ -114,7 +146,7 @@ def tuned(found, table, folder, jobs):
             best[entry.name] = trial
     for name, trial in best.items():
         print(f"{name} tuned: {json.dumps(trial.settings)}, {worth(trial)[0]} of {len(todo)} training lines", file=sys.stderr)
-    return [Entry(f"{name} tuned", trial.argument, trial.own, **trial.settings) for name, trial in best.items()]
+    return [trial.with_settings(f"{name} tuned") for name, trial in best.items()]
 
 
 class Children:
@@ -131,7 +163,7 @@ class Children:
             child = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
             self.running.add(child)
         try:
-            out, error = child.communicate(timeout=PATIENCE)
+            out, error = child.communicate(timeout=LONGEST["run"])
         except subprocess.TimeoutExpired:
             child.send_signal(signal.SIGINT)
             child.communicate()
@@ -150,27 +182,85 @@ class Children:
 CHILDREN = Children()
 
 
-def run(entry, task, more=()):
-    """One law on one task, with `more` arguments of `armplane compare`: its row."""
-    arguments, environment = entry.options()
+def run(entry, task, condition, more=()):
+    """One law on one task under a condition, with `more` arguments of `armplane compare`: its row."""
+    row = {"law": entry.name, "task": task.name, "group": task.group, "condition": condition, "task_hash": task.hash}
+    more = [*more, *VARIED.get(condition, ())]
     with tempfile.TemporaryDirectory() as folder:
+        if condition == f"delay {DELAY} ticks":
+            found = after_delay(one_run(entry, tasks.delayed(folder, task, DELAY), folder, more))
+        else:
+            found = compared(entry, task, folder, more)
         cost = pathlib.Path(folder) / "cost"
-        command = [_program(), "compare", task.argument, *arguments, *more, "--out", f"{folder}/out", "--json"]
-        row = {"law": entry.name, "task": task.name, "group": task.group, "task_hash": task.hash}
-        done = CHILDREN.run(command, {**os.environ, **environment, "ARMPLANE_ARENA_COST": str(cost)})
-        if done is None:
-            return {**row, "outcome": "silent", "reason": f"no end within {PATIENCE} s"}
-        code, out, error = done
-        if code:
-            return {**row, "outcome": "refused" if code == 2 else "failed", "reason": _sentence(error)}
-        scenario = json.loads(out)["scenarios"][0]
-        score = scenario["laws"][0]
-        score.pop("law")
-        row.update(robot=scenario["robot"], hash=score["hash"].pop("torque"), **{key: value for key, value in score.items() if isinstance(value, (bool, int, float, str))})
-        row["missed"] = ", ".join(score["missed"])
         if cost.is_file():
-            row.update(json.loads(cost.read_text().splitlines()[-1]))
-        return row
+            found.update(json.loads(cost.read_text().splitlines()[-1]))
+        if entry.own and task.is_varied and condition == BASE:
+            found["median_us"] = own_cost(entry, task, folder, more)
+        return {**row, **found}
+
+
+def _environment(entry, folder):
+    return {**os.environ, **entry.options()[1], "ARMPLANE_ARENA_COST": f"{folder}/cost"}
+
+
+def _ended(done, codes):
+    """What there is to say of a run that gave no numbers; `None`: it gave them."""
+    if done is None:
+        return {"outcome": "silent", "reason": f"no end within {LONGEST['run']} s"}
+    code, _, error = done
+    return None if code in codes else {"outcome": "refused" if code == 2 else "failed", "reason": _sentence(error)}
+
+
+def _scalars(values):
+    return {key: value for key, value in values.items() if isinstance(value, (bool, int, float, str))}
+
+
+def compared(entry, task, folder, more):
+    """The numbers of `armplane compare`."""
+    law = entry.argument if entry.own else f"{entry.name.partition(':')[0]}={entry.graph(folder)}"
+    command = [_program(), "compare", task.argument, "--law", law, *entry.options()[0], *more, "--join-limit", str(LONGEST["join"]), "--out", f"{folder}/out", "--json"]
+    done = CHILDREN.run(command, _environment(entry, folder))
+    nothing = _ended(done, (0,))
+    if nothing:
+        return nothing
+    scenario = json.loads(done[1])["scenarios"][0]
+    score = scenario["laws"][0]
+    score.pop("law")
+    return {"robot": scenario["robot"], **_scalars(score), "hash": score["hash"]["torque"], "missed": ", ".join(score["missed"])}
+
+
+def one_run(entry, scenario, folder, more, *kept):
+    """The same numbers from `armplane run`, in which faults act and which can be recorded, in `folder`/run. `kept`: arguments that say what it leaves."""
+    law = ["--set", f"control.strategy={entry.argument}"] if entry.own else ["--graph", entry.graph(folder)]
+    keep = kept or ("--no-record", "--no-messages")
+    done = CHILDREN.run([_program(), "run", str(scenario), *law, *entry.options()[0], *more, *keep, "--out", f"{folder}/run", "--json"], _environment(entry, folder))
+    file = pathlib.Path(folder) / "run" / "summary.json"
+    nothing = _ended(done, (0, 1) if file.is_file() else ())
+    if nothing:
+        return nothing
+    summary = json.loads(file.read_text())
+    numbers = {**_scalars(summary["task"]), **_scalars(summary["joints"]), "missed": ", ".join(summary["task"]["missed"])}
+    whole = {key: summary[key] for key in ("robot", "ticks", "completed", "outcome", "reason")}
+    return {**numbers, **whole, "hash": summary["topics"].get("torque", {}).get("hash", "")}
+
+
+def after_delay(row):
+    """The row without the ticks in which the delay begins: the drive holds the last torque, which counts as a stop."""
+    if "joint stop" in row.get("missed", "") and row["stopped_ticks"] <= DELAY:
+        missed = [one for one in row["missed"].split(", ") if one != "joint stop"]
+        row["missed"], row["s2"] = ", ".join(missed), not missed
+        # S1: as narrow as S2 but for the orientation, and free along ζ.
+        row["s1"] = not set(missed) - {"along"} and row["orthogonal_max_deg"] <= 0.5
+    return row
+
+
+def own_cost(entry, task, folder, more):
+    """Microseconds that a law of armplane takes for a tick: the medians of analysis and law, in processes of their own like those of others."""
+    found = one_run(entry, task.argument, folder, more)
+    if "ticks" not in found:
+        return None
+    latency = json.loads((pathlib.Path(folder) / "run" / "summary.json").read_text())["latency_us"]
+    return sum(latency[name]["p50"] for name in ("analyzer", "controller") if name in latency)
 
 
 def rates():
@@ -243,14 +333,14 @@ class Table:
         with open(self.path, "w") as out:
             out.writelines(json.dumps(row) + "\n" for row in self.rows.values())
 
-    def key(self, entry, task):
-        source = pathlib.Path(entry.argument.partition("=")[2]).read_bytes() if not entry.own else b""
-        parts = [self.identity, entry.name, entry.argument.partition("=")[0], entry.options()[1], hashlib.sha256(source).hexdigest(), task.name, task.hash]
+    def key(self, entry, task, condition):
+        source = "" if entry.own else hashlib.sha256(pathlib.Path(entry.argument).read_bytes()).hexdigest()
+        parts = [self.identity, entry.name, entry.argument if entry.own else "", entry.options(), source, task.name, task.hash, condition]
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:24]
 
     def fill(self, cells, jobs):
         """Runs the cells that are missing, on all cores; all rows in the order of the cells."""
-        left = [(entry, task) for entry, task in cells if self.key(entry, task) not in self.rows]
+        left = [cell for cell in cells if self.key(*cell) not in self.rows]
         done, began = 0, time.monotonic()
 
         def one(cell):
@@ -266,7 +356,7 @@ class Table:
                     out.write(json.dumps(row) + "\n")
                 minutes = (time.monotonic() - began) / done * (len(left) - done) / 60
                 why = f" ({row['reason']})" if row["outcome"] in ("failed", "refused", "silent") else ""
-                print(f"{done} of {len(left)}, {minutes:.0f} min left: {row['law']} on {row['task']}: {row['outcome']}{why}", file=sys.stderr, flush=True)
+                print(f"{done} of {len(left)}, {minutes:.0f} min left: {row['law']} on {row['task']}, {row['condition']}: {row['outcome']}{why}", file=sys.stderr, flush=True)
 
         with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
             try:
@@ -278,14 +368,14 @@ class Table:
                 raise
         # An opponent may have written to the file.
         self.path.write_text("".join(json.dumps(row) + "\n" for row in self.rows.values()))
-        return [self.rows[self.key(entry, task)] for entry, task in cells]
+        return [self.rows[self.key(*cell)] for cell in cells]
 
 
 def again(found, todo, rows, count, more):
     """Runs the first `count` tasks of each law a second time; the cells whose torques differ."""
-    known = {(row["law"], row["task"]): row for row in rows}
+    known = {(row["law"], row["task"]): row for row in rows if row["condition"] == BASE}
     cells = [(entry, task) for entry in found for task in todo[:count]]
-    return [f"{entry.name} on {task.name}" for entry, task in cells if run(entry, task, more).get("hash") != known[entry.name, task.name].get("hash")]
+    return [f"{entry.name} on {task.name}" for entry, task in cells if run(entry, task, BASE, more).get("hash") != known[entry.name, task.name].get("hash")]
 
 
 def save(folder, rows, digest):
@@ -304,13 +394,18 @@ def save(folder, rows, digest):
 def arguments():
     parser = argparse.ArgumentParser("armplane arena", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, epilog=tasks.__doc__)
     parser.add_argument("--law", action="append", metavar="NAME[=FILE.py][:KEY=VALUE]", help="a law of armplane, an opponent, or a file of yours; repeatable [default: all that are installed]")
-    parser.add_argument("--size", choices=tuple(tasks.SIZES), default="main", help="how many tasks [default: main]")
+    parser.add_argument("--size", choices=tuple(tasks.SIZES), default="short", help="how many tasks [default: short]")
     parser.add_argument("--robot", action="append", help="only lines of these arms; repeatable")
+    parser.add_argument("--lines", type=int, default=sys.maxsize, metavar="N", help="at most N lines of each kind an arm")
     parser.add_argument("--seed", type=int, default=tasks.TEST, help=f"seed of the lines [default: {tasks.TEST}; tune on {tasks.TRAINING}]")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a value of every task: plant.mass_factor=1.1, plant.encoder_noise_counts=2; repeatable")
     parser.add_argument("--plant", help="mujoco: the same tasks in MuJoCo")
     parser.add_argument("--out", default="runs/arena", help="folder, which the same command continues [default: runs/arena]")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="runs at once [default: a core each]")
+    parser.add_argument("--join-limit", type=int, default=LONGEST["join"], metavar="SECONDS", help=f"longest time in which an opponent loads and joins a run [default: {LONGEST['join']}]")
+    parser.add_argument("--tracks", action="store_true", help="add the tracks: each opponent's own clock, which slows where a limit demands it, and the paper's tasks without hints")
+    parser.add_argument("--varied", action="store_true", help=f"add payload +-10 %%, encoder noise x 4, and estimates {DELAY} ticks late, on the first lines of each arm")
+    parser.add_argument("--race", metavar="LAW,LAW", help="the two laws of the page's curves [default: armplane and the best of the others]")
     parser.add_argument("--tune", action="store_true", help="add a row of each law tuned: the best of at most six settings on lines of another seed")
     parser.add_argument("--again", type=int, default=0, metavar="N", help="then run N tasks of each law a second time, and compare every torque")
     parser.add_argument("--check", metavar="FILE", help="compute the hash of an arena.parquet, and compare it with the one that it states")
@@ -323,12 +418,46 @@ def main():
         holds, sentence = check(asked.check)
         print(sentence)
         sys.exit(not holds)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    LONGEST["join"] = asked.join_limit
+    for number in (signal.SIGTERM, signal.SIGINT):
+        # A shell lets what it runs in the background ignore Ctrl-C.
+        signal.signal(number, signal.default_int_handler)
     try:
         compete(asked)
     except KeyboardInterrupt:
         CHILDREN.stop()
         sys.exit("armplane arena: stopped; the same command goes on from here")
+
+
+def conditions(asked, found, todo, folder):
+    """The runs of the other tracks, and of what is varied. A law without a clock to switch on, and a task without a hint, keep the rows that they have."""
+    cells = []
+    if asked.tracks:
+        slowing = [entry.with_settings(entry.name, own_clock=True) for entry in found if entry.about.get("has_clock") and not entry.settings.get("own_clock")]
+        cells += [(entry, task, page.OWN_CLOCK) for task in todo for entry in slowing]
+        cells += [(entry, task, page.NO_HINTS) for task in tasks.unhinted(folder / "tasks", todo, _armplane) for entry in found]
+    if asked.varied:
+        cells += [(entry, task, condition) for task in todo if task.is_varied for condition in VARIED for entry in found]
+    return cells
+
+
+def races(asked, summary, found, todo, more):
+    """Two laws on up to three tasks, tick by tick: a task that only the other does, one that only the first does, one that both do."""
+    names = asked.race.split(",") if asked.race else summary.rivals()
+    known, places = {entry.name: entry for entry in found}, {task.name: task for task in todo}
+    if len(names) != 2 or not all(name in known for name in names):
+        if asked.race:
+            sys.exit(f"armplane arena: --race takes two laws of this table: {', '.join(known)}")
+        return []
+    out = []
+    for heading, name in summary.contests(*names):
+        curves = {}
+        for law in names:
+            with tempfile.TemporaryDirectory() as folder:
+                ended = one_run(known[law], places[name].argument, folder, more, "--no-messages")
+                curves[law] = picture.curves(folder) if "ticks" in ended else {}
+        out.append((heading, name, curves))
+    return out
 
 
 def compete(asked):
@@ -340,18 +469,20 @@ def compete(asked):
     if not found:
         sys.exit("no law is left to run")
     try:
-        todo = tasks.make(folder / "tasks", _armplane, asked.size, asked.seed, asked.robot or tasks.ARMS)
+        todo, arms_out = tasks.make(folder / "tasks", _armplane, asked.size, asked.seed, asked.robot, asked.lines)
     except RuntimeError as error:
         sys.exit(str(error))
+    skipped.update(arms_out)
     table = Table(folder, more)
     if asked.tune:
         found += tuned(found, table, folder, asked.jobs)
-    rows = judged(table.fill([(entry, task) for task in todo for entry in found], asked.jobs))
+    cells = [(entry, task, BASE) for task in todo for entry in found] + conditions(asked, found, todo, folder)
+    rows = judged(table.fill(cells, asked.jobs))
     found_hash = digest(rows)
     save(folder, rows, found_hash)
     summary = page.Summary(rows, skipped, versions(), found_hash)
-    (folder / "arena.html").write_text(summary.html())
     print(summary.text())
+    (folder / "arena.html").write_text(summary.html(races(asked, summary, found, todo, more)))
     print(f"{folder}/arena.html, {folder}/arena.parquet")
     if asked.again:
         different = again(found, todo, rows, asked.again, more)

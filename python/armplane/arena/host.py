@@ -95,7 +95,8 @@ def main():
         Host.run()
         return
     try:
-        print(json.dumps(load(sys.argv[1]).trials))
+        law = load(sys.argv[1])
+        print(json.dumps({"trials": law.trials, "has_clock": hasattr(law, "own_clock")}))
     except ImportError as error:
         sys.exit(f"{error}: pip install 'armplane[arena]' for the Python {sys.executable} (docs/arena.md)")
     except Exception as error:

@@ -1,15 +1,22 @@
 """The table of the arena: for the terminal and as one page of HTML, our losses first."""
 
+import collections
 import html
 import math
 import statistics
 
+from . import picture
+
 OURS = "armplane"
+GIVEN_CLOCK, OWN_CLOCK, NO_HINTS = "given clock", "own clock", "no hints"
+# Up to this time stretch a run keeps the given clock.
+ON_TIME = 1.01
 SCEPTIC = (
     "armplane plans the whole path before its first tick and computes with the plant's exact model; the others react, tick by tick.",
     "The kinematic packages stop at joint velocities. The servo under them is ours, the same for all (docs/arena.md); its numbers are parameters: --law pin_pink:k_p=400:k_v=40.",
     "Numbers are the authors' where their examples state them. Weights of metres against radians are not scaled to the arm.",
-    "In the group 'paper' some scenarios say which posture to take, which only armplane reads. All other groups are without such hints.",
+    "In the group 'paper' seven scenarios say which posture to take, which only armplane reads. --tracks runs them without these hints, and the others with a clock of their own.",
+    "The model is exact, the encoders are quiet, nothing is late. --varied changes the payload, the noise and the delay.",
     "Plant, judge and tasks are armplane's. They are open, and every run repeats to the bit.",
 )
 
@@ -53,8 +60,7 @@ COLUMNS = (
     ("S1, step within the drive's rate", lambda rows: _share(rows, clean)),
     ("S2", lambda rows: f"{sum(bool(row.get('s2')) for row in rows)}"),
     ("to the end", lambda rows: f"{sum(bool(row.get('completed')) for row in rows)}"),
-    ("refused", lambda rows: f"{sum(row['outcome'] == 'refused' for row in rows)}"),
-    ("failed, silent", lambda rows: f"{sum(row['outcome'] in ('failed', 'silent') for row in rows)}"),
+    ("no run", lambda rows: f"{sum(row['outcome'] in ('refused', 'failed', 'silent') for row in rows)}"),
     ("⊥ ζ median, mm", lambda rows: _number(_middle(rows, "orthogonal_max_mm"))),
     ("°", lambda rows: _number(_middle(rows, "orthogonal_max_deg"))),
     ("∥ ζ median, mm", lambda rows: _number(_middle(rows, "along_max_mm"))),
@@ -72,10 +78,29 @@ def clean(row):
     return bool(row.get("s1") and row.get("within_rate"))
 
 
+def on_time(row):
+    """The same without taking longer than the path's own time."""
+    return clean(row) and row.get("time_stretch", math.inf) <= ON_TIME
+
+
 def _share(rows, so):
     hits = sum(bool(so(row)) for row in rows)
     low, high = wilson(hits, len(rows))
-    return f"{hits} ({100 * low:.0f}–{100 * high:.0f} %)"
+    return f"{hits} ({100 * low:.0f}–{100 * high:.0f}\u00a0%)"
+
+
+def why(rows):
+    """What the runs without S1 and clean torque missed, most frequent first: "orthogonal 20, torque 7"."""
+    found = collections.Counter()
+    for row in rows:
+        if row["outcome"] in ("refused", "failed", "silent"):
+            found[row["outcome"]] += 1
+        elif not row.get("s1"):
+            # S1 has a narrower limit of orientation than what `missed` names, that of S2.
+            found.update(row.get("missed", "").split(", ") if row.get("missed") else ["orientation"])
+        elif not clean(row):
+            found["torque step"] += 1
+    return ", ".join(f"{name} {count}" for name, count in found.most_common()) or "–"
 
 
 class Summary:
@@ -84,11 +109,47 @@ class Summary:
     def __init__(self, rows, skipped, versions, digest):
         self.skipped, self.digest = skipped, digest
         self.versions = ", ".join(f"{name} {version}" for name, version in versions.items())
-        self.laws, self.tasks, self.cells = {}, {}, {}
+        self.laws, self.tasks, self.cells, self.others = {}, {}, {}, {}
         for row in rows:
+            if row["condition"] != GIVEN_CLOCK:
+                self.others.setdefault(row["condition"], {}).setdefault(row["law"], []).append(row)
+                continue
             self.laws.setdefault(row["law"], []).append(row)
             self.tasks.setdefault(row["task"], row["group"])
             self.cells[row["law"], row["task"]] = row
+
+    def rivals(self):
+        """Ours and the best of the others, by S1 with clean torque."""
+        theirs = [name for name in self.laws if name != OURS]
+        return [OURS, max(theirs, key=lambda name: sum(map(clean, self.laws[name])))] if theirs and OURS in self.laws else []
+
+    def contests(self, first, second):
+        """Up to three tasks of two laws, with a heading each: one that only the second does, one that only the first does, one that both do."""
+        out = []
+        for heading, wanted in ((f"only {second} does it", (False, True)), (f"only {first} does it", (True, False)), ("both do it", (True, True))):
+            found = (task for task in self.tasks if (clean(self.cells[first, task]), clean(self.cells[second, task])) == wanted)
+            out += [(heading, task) for task in [next(found, None)] if task]
+        return out
+
+    def conditions(self):
+        """The second table: headings and rows, each cell S1 with clean torque of so many. A track counts all tasks, with the rows that it does not change."""
+        tracks = {name: rows for name, rows in self.others.items() if name in (OWN_CLOCK, NO_HINTS)}
+        varied = {name: rows for name, rows in self.others.items() if name not in tracks}
+        body = []
+        for law, base in self.laws.items():
+            of = lambda rows: f"{sum(map(clean, rows))} of {len(rows)}" if rows else "–"
+            line = [law, f"{sum(map(on_time, base))} of {len(base)}"]
+            for name, found in tracks.items():
+                changed = {row["task"]: row for row in found.get(law, ())}
+                rows = [changed.get(row["task"], row) for row in base]
+                stretch = _middle(rows, "time_stretch") if name == OWN_CLOCK else None
+                line.append(of(rows) + (f", × {stretch:.3g}" if stretch else ""))
+            some = next((rows[law] for rows in varied.values() if law in rows), [])
+            if varied:
+                line.append(of([self.cells[law, row["task"]] for row in some]))
+            body.append(line + [of(found.get(law)) for found in varied.values()])
+        headings = ["law", f"given clock, up to × {ON_TIME}", *(f"{name}, median time" if name == OWN_CLOCK else name for name in tracks)]
+        return [*headings, *(["nothing varied", *varied] if varied else [])], body
 
     def losses(self):
         """Where another law is ahead of ours: tasks that it alone does, and numbers by more than a tenth on the tasks that both do by S2."""
@@ -110,10 +171,11 @@ class Summary:
         return lines
 
     def text(self):
-        headings = ["law", *(heading for heading, _ in COLUMNS)]
-        body = [[name, *(of(rows) for _, of in COLUMNS)] for name, rows in self.laws.items()]
+        table = lambda headings, body: ["| " + " | ".join(row) + " |" for row in [headings, ["---"] * len(headings), *body]]
         lines = [f"{len(self.tasks)} tasks, hash {self.digest}; our losses:", *(f"  {line}" for line in self.losses() or ["none"]), ""]
-        lines += ["| " + " | ".join(row) + " |" for row in [headings, ["---"] * len(headings), *body]]
+        lines += table(["law", *(heading for heading, _ in COLUMNS)], [[name, *(of(rows) for _, of in COLUMNS)] for name, rows in self.laws.items()])
+        lines += ["", "Why not S1 with the step within the rate (runs; one may miss several):", *(f"  {name}: {why(rows)}" for name, rows in self.laws.items())]
+        lines += ["", "S1 with the step within the rate, by track and with one thing varied:", *table(*self.conditions())]
         groups = sorted(set(self.tasks.values()))
         lines += ["", "S1 with the step within the rate, by group:", "| law | " + " | ".join(self._group(group) for group in groups) + " |", "|" + "---|" * (len(groups) + 1)]
         for name, rows in self.laws.items():
@@ -124,21 +186,24 @@ class Summary:
     def _group(self, group):
         return f"{group}, {sum(one == group for one in self.tasks.values())}"
 
-    def html(self):
-        """One page without anything from outside."""
+    def html(self, races=()):
+        """One page without anything from outside. `races`: what [`picture.races`] draws."""
         cell = lambda text, tag="td": f"<{tag}>{html.escape(str(text))}</{tag}>"
+        table = lambda head, body: "<table><tr>" + "".join(cell(one, "th") for one in head) + "".join("<tr>" + "".join(map(cell, line)) for line in body) + "</table>"
         listed = lambda lines: "<ul>" + "".join(f"<li>{html.escape(line)}" for line in lines) + "</ul>"
-        head = "<tr>" + cell("law", "th") + "".join(cell(heading, "th") for heading, _ in COLUMNS) + "</tr>"
-        body = "".join("<tr>" + cell(name) + "".join(cell(of(rows)) for _, of in COLUMNS) + "</tr>" for name, rows in self.laws.items())
-        map_head = "<tr><th>task<th>" + "<th>".join(html.escape(name) for name in self.laws) + "</tr>"
+        map_head = "<tr><th>task" + "".join(f"<th><div>{html.escape(name)}</div>" for name in self.laws)
         map_body = "".join(self._line(task, group) for task, group in sorted(self.tasks.items(), key=lambda one: (one[1], one[0])))
         skipped = listed(f"{name}: {reason}" for name, reason in self.skipped.items()) if self.skipped else "<p>None."
+        main = table(["law", *(heading for heading, _ in COLUMNS)], [[name, *(of(rows) for _, of in COLUMNS)] for name, rows in self.laws.items()])
+        reasons = table(["law", "missed, in so many runs"], [[name, why(rows)] for name, rows in self.laws.items()])
         return (
             f"<!doctype html><meta charset=utf-8><title>armplane arena</title>{_STYLE}<h1>armplane arena</h1><p>{len(self.tasks)} tasks, table {self.digest}, with {html.escape(self.versions)}"
             f"<h2>Where we lose</h2>{listed(self.losses() or ['Nowhere by more than a tenth.'])}<h2>What a sceptic will say</h2>{listed(SCEPTIC)}"
-            f"<h2>Table</h2><table>{head}{body}</table><p>S1, S2: armplane compare --help. Intervals: 95 %, Wilson. Medians: of the runs to the end. Step, speed, "
-            f"torque: share of the joint's limit.<h2>Task by task</h2><table class=map>{map_head}{map_body}</table><p>1: S1. /: S1 with torque steps that the "
-            f"drives do not accept. 2: S2. ·: missed. R: refused in words. ×: failed.<h2>Left out</h2>{skipped}"
+            f"<h2>Table</h2><div class=wide>{main}</div><p>S1, S2: armplane compare --help. Intervals: 95 %, Wilson. Medians: of the runs to the end. Step, speed, "
+            f"torque: share of the joint's limit. No run: refused in words, failed, or silent.<h2>Why not</h2>{reasons}<p>Of the runs without S1 and torque steps "
+            f"that the drives accept; a run may miss several.<h2>Tracks, and one thing varied</h2><div class=wide>{table(*self.conditions())}</div><p>S1 with torque "
+            f"steps that the drives accept.<h2>Races</h2>{picture.races(races) or '<p>None.'}<h2>Task by task</h2><table class=map>{map_head}{map_body}</table><p>1: S1. "
+            f"/: S1 with torque steps that the drives do not accept. 2: S2. ·: missed. R: refused in words. ×: failed.<h2>Left out</h2>{skipped}"
         )
 
     def _line(self, task, group):
@@ -162,5 +227,7 @@ def _mark(row):
     return {"refused": ("R", "#ddd"), "failed": ("×", "#d98880"), "silent": ("×", "#d98880")}.get(row["outcome"], ("·", "#f3b3ad"))
 
 
-_STYLE = """<style>body{font:14px sans-serif;margin:2em;max-width:80em}table{border-collapse:collapse}td,th{padding:2px 7px;text-align:right;border-bottom:1px solid #ddd}
-td:first-child,th:first-child{text-align:left}.map td+td{text-align:center}.map th{writing-mode:vertical-rl}</style>"""
+_STYLE = """<style>body{font:14px sans-serif;margin:2em;max-width:84em}table{border-collapse:collapse}td,th{padding:2px 7px;text-align:right;border-bottom:1px solid #ddd}
+td:first-child,th:first-child{text-align:left;white-space:nowrap}th{vertical-align:bottom}.wide{overflow-x:auto;font-size:12px}.wide td,.wide th{padding:2px 5px}
+.wide td{white-space:nowrap}.words td,.words th{text-align:left}.map td+td{text-align:center}.map th div{writing-mode:vertical-rl;transform:rotate(180deg);margin:auto}.map th{height:13em}
+figure{display:inline-block;margin:0 1em 1em 0}figcaption{font-weight:bold}svg text{font-size:11px}h3{margin-bottom:0}</style>"""

@@ -1,72 +1,173 @@
-"""The arena's tasks: the paper's, lines that others have published, and seeded lines through singular postures of eight arms, none with a hint."""
+"""The arena's tasks: the paper's, lines that others have published, and seeded lines through singular postures of eight arms, none with a hint.
+
+Four of the arms are armplane's own, four are files of the package robosuite 1.5.2. A full table has 25 lines an arm, of seven kinds: through a singularity at the
+usual, a slow and a fast speed, beginning in it, ending in it, past it (each joint of the start moved by up to 50 mrad), and through two at once. Where a lock
+bounds what can be reached, a line through it begins or ends there. An arm that has no two singularities at once within its limits gets more lines past one.
+"""
 
 import hashlib
+import importlib.util
+import math
 import pathlib
 import random
 import re
 
-ARMS = ("puma560", "ur5", "iiwa14", "panda", "ur10", "fr3", "xarm7", "gen3")
+# Arms, and how many singularities lines are drawn for.
+ARMS = {"puma560": 3, "ur5": 3, "iiwa14": 3, "panda": 3, "robosuite:ur5e": 3, "robosuite:jaco": 1, "robosuite:sawyer": 1, "robosuite:kinova3": 1}
 # Lines of the table, and lines on which numbers may be tuned.
 TEST, TRAINING, TRAINED = 1, 101, ("puma560", "ur5")
 # `branch` and `reorient` in these scenarios say which posture to take: hints that no other law reads.
 PAPER = ("fig4-elbow-and-wrist", "fig5-wrist-rotation", "elbow-in-and-out", "overhead-pass", "straight-up", "wrist-near-miss", "ur5-wrist", "ur5-elbow", "iiwa-elbow")
-# Starts and lines of others: J-PARSE's line over the base axis (0.5 m at 0.05 Hz), and 0.1 m along x from the posture of MoveIt Servo's test of a halt.
+# Starts and ways of others, as segments (goal or way in m, duration in s). J-PARSE: its line over the base axis (0.5 m at 0.05 Hz) and its key points about that
+# axis; MoveIt Servo: 0.1 m along x from the posture of its test of a halt; isaac-sim/IsaacLab#7063: a UR10 from its posture at rest, in wrist lock, to each
+# goal of run_osc.py, without its wall, the hand not turned, and turned by 180° about z, because this base's x axis points backwards.
+_KEY_POINTS = ((0.4, 0, 0.7), (0.15, 0, 0.7), (0, 0, 0.7), (0, 0.15, 0.7), (0, 0, 0.7), (-0.15, 0, 0.7), (0, 0, 0.7), (0, -0.15, 0.7), (0, 0, 0.7))
+_REST = "q = [0.0, -1.712, 1.712, 0.0, 0.0, 0.0]"
 PUBLISHED = {
-    "j-parse-panda": ("panda", 'posture = "ready"', [([0.5, 0.0, 0.7], 3.0), ([0.05, 0.0, 0.7], 10.0), ([0.5, 0.0, 0.7], 10.0)], True),
-    "servo-halt-panda": ("panda", "q = [-0.0001, 0.569, 0.0005, -0.7782, 0.0, 1.3453, 0.7845]", [([0.1, 0.0, 0.0], 4.0)], False),
+    "j-parse-panda": ("panda", 'posture = "ready"', [("to_m", (0.5, 0.0, 0.7), 3.0), ("to_m", (0.05, 0.0, 0.7), 10.0), ("to_m", (0.5, 0.0, 0.7), 10.0)]),
+    "j-parse-key-points-panda": ("panda", 'posture = "ready"', [("to_m", point, 4.0) for point in _KEY_POINTS]),
+    "servo-halt-panda": ("panda", "q = [-0.0001, 0.569, 0.0005, -0.7782, 0.0, 1.3453, 0.7845]", [("by_m", (0.1, 0.0, 0.0), 4.0)]),
+    "isaac-lab-ur10-1": ("ur10", _REST, [("to_m", (-0.6, -0.15, 0.3), 5.0)]),
+    "isaac-lab-ur10-2": ("ur10", _REST, [("to_m", (-0.6, 0.3, 0.3), 5.0)]),
+    "isaac-lab-ur10-3": ("ur10", _REST, [("to_m", (-0.8, 0.0, 0.5), 5.0)]),
+}
+# open-planning/roboplan#239, example_singularity.py: postures of a UR5 between which its OInK moves in 5 s each, in multiples of π/8. Here the hand goes straight
+# from the pose of one to that of the next; there, along the joints' straight line.
+TRAVERSES = {
+    "oink-ur5-wrist": ((0, -4, 4, -4, -4, 0), (0, -4, 4, -4, -2, 2), (0, -4, 4, -4, 0, 4), (0, -4, 4, -4, 2, 2), (0, -4, 4, -4, 4, 0)),
+    "oink-ur5-elbow": ((0, -2, 4, -2, -4, 0), (0, -1, 2, -1, -4, 0), (0, -0.4 / math.pi, 0.8 / math.pi, -0.4 / math.pi, -4, 0), (0, -1, 2, -1, -4, 0), (0, -2, 4, -2, -4, 0)),
+    "oink-ur5-shoulder": ((2, -4, 4, -4, -4, 0), (1, -16 / 3, 8 / 3, 8 / 3, -4, 0), (0, -6, 2, 4, -4, 0), (-1, -16 / 3, 8 / 3, 8 / 3, -4, 0), (-2, -4, 4, -4, -4, 0)),
 }
 # Peak speed at which lines are drawn, m/s.
 DRAWN = 0.28
-# Of each kind of line: peak speed, whether two singularities hold at once, and by how much a start is moved off them, rad.
-KINDS = {"usual": (0.28, False, 0.0), "near": (0.28, False, 0.05), "fast": (0.84, False, 0.0), "double": (0.28, True, 0.0), "slow": (0.056, False, 0.0)}
-# Of each size: kinds of lines, how many a singularity, and the scenarios beside them.
-SIZES = {
-    "short": (("usual",), 1, PAPER[1:2]),
-    "main": (("usual", "near", "fast", "double"), 1, (*PAPER, *PUBLISHED)),
-    "full": (tuple(KINDS), 4, (*PAPER, *PUBLISHED)),
+# Of each kind of line: peak speed; the numbers within four (of one singularity) that it takes; whether two singularities hold at once; by how much the start is
+# moved, rad.
+KINDS = {
+    "usual": (0.28, (0, 2), False, 0.0),
+    "slow": (0.056, (0, 2), False, 0.0),
+    "fast": (0.84, (0, 2), False, 0.0),
+    "start": (0.28, (1,), False, 0.0),
+    "end": (0.28, (3,), False, 0.0),
+    "near": (0.28, (0, 2), False, 0.05),
+    "double": (0.28, (0, 1, 2, 3), True, 0.0),
 }
+# Of each size: lines an arm of each kind, the arms, and the scenarios beside them.
+SIZES = {
+    "short": ({"usual": 3}, tuple(ARMS)[:4], PAPER[1:2]),
+    "main": ({"usual": 3, "near": 3, "fast": 3, "double": 3}, tuple(ARMS)[:4], (*PAPER, *PUBLISHED, *TRAVERSES)),
+    "full": ({"usual": 5, "slow": 3, "fast": 5, "start": 3, "end": 3, "near": 3, "double": 3}, tuple(ARMS), (*PAPER, *PUBLISHED, *TRAVERSES)),
+}
+# Lines an arm on which payload, noise and delay are varied: the first of the usual ones.
+VARIED = 3
 
 
 class Task:
-    """A scenario: its name, group, robot, and `argument`, a built-in name or a file."""
+    """A scenario: its name, group, and `argument`, a built-in name or a file. `is_varied`: whether payload, noise and delay are varied on it."""
 
-    def __init__(self, name, group, robot, argument, text):
-        self.name, self.group, self.robot, self.argument = name, group, robot, str(argument)
+    def __init__(self, name, group, argument, text, is_varied=False):
+        self.name, self.group, self.argument, self.is_varied = name, group, str(argument), is_varied
         self.hash = hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def make(folder, armplane, size="main", seed=TEST, arms=ARMS):
-    """The tasks of a size as files in `folder`; only the lines of another seed than that of the table. `armplane(*arguments)` runs the program."""
+def make(folder, armplane, size="short", seed=TEST, arms=None, most=math.inf):
+    """The tasks of a size as files in `folder`, `most` lines of a kind and arm, and the arms left out; only the lines of another seed than that of the table.
+    `armplane(*arguments)` runs the program."""
     folder = pathlib.Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    kinds, count, scenarios = SIZES[size]
+    kinds, known, scenarios = SIZES[size]
     tasks = []
     for name in scenarios if seed == TEST else ():
-        tasks.append(_published(folder, name) if name in PUBLISHED else Task(name, "paper", "", name, name))
-    for arm in arms:
-        for kind in kinds:
-            tasks += _lines(folder, armplane, arm, kind, count, seed)
-    return tasks
+        tasks.append(Task(name, "paper", name, name) if name in PAPER else _published(folder, name))
+    skipped = {}
+    for arm in arms or known:
+        file = _file(arm)
+        if file is None:
+            skipped[arm] = "the package robosuite is missing"
+        else:
+            tasks += [task for kind in _lines(folder, armplane, arm, file, kinds, seed) for task in kind[: min(most, len(kind))]]
+    return tasks, skipped
+
+
+def unhinted(folder, tasks, armplane):
+    """The tasks with hints, without them, under the same names: the hand goes the same way, and no word says in which posture."""
+    folder = pathlib.Path(folder) / "no-hints"
+    folder.mkdir(parents=True, exist_ok=True)
+    out = []
+    for task in tasks:
+        kept = folder / f"{task.name}-hinted"
+        if task.group != "paper":
+            continue
+        if not kept.is_dir():
+            armplane("run", task.argument, "--no-record", "--no-messages", "--out", kept)
+        # Without the comment of its first line, which refuses a changed file.
+        text = (kept / "scenario.toml").read_text().partition("\n")[2]
+        bare = re.sub(r"^branch = .*$", "branch = 0", text, flags=re.MULTILINE)
+        # A hand that stands still meanwhile, for as long.
+        bare = re.sub(r"^(duration_s = .*\n(?:\w.*\n)*)\n\[segment.reorient\]\n(?:\w.*\n)+", r"\1by_m = [0.0, 0.0, 0.0]\n", bare, flags=re.MULTILINE)
+        if bare != text:
+            path = folder / f"{task.name}.toml"
+            path.write_text(bare)
+            out.append(Task(task.name, task.group, path, bare))
+    return out
+
+
+def delayed(folder, task, ticks):
+    """The task with every estimate late by so many ticks, after the first ten: a drive that has never had a torque stops the arm at once."""
+    text = pathlib.Path(task.argument).read_text()
+    fault = f'\n[[fault]]\nat_tick = 10\nkind = "delay"\nprocess = "estimator"\ndelay_ticks = {ticks}\nfor_s = 1000.0\n'
+    path = pathlib.Path(folder) / f"{task.name}-delayed.toml"
+    path.write_text(text + fault)
+    return path
+
+
+def _file(arm):
+    """What the program takes for an arm; `None` where it is of a package that is missing."""
+    package, _, name = arm.rpartition(":")
+    if not package:
+        return arm
+    found = importlib.util.find_spec(package)
+    return str(pathlib.Path(found.origin).parent / "models" / "assets" / "robots" / name / "robot.xml") if found else None
 
 
 def _published(folder, name):
-    robot, start, ways, is_absolute = PUBLISHED[name]
-    goal = "to_m" if is_absolute else "by_m"
-    segments = "".join(f"\n[[segment]]\n{goal} = {list(way)}\nduration_s = {time}\n" for way, time in ways)
+    if name in TRAVERSES:
+        from armplane import Arm
+
+        robot, arm = "ur5", Arm.builtin("ur5")
+        postures = [[angle * math.pi / 8 for angle in posture] for posture in TRAVERSES[name]]
+        poses = [arm.at(q).pose for q in postures[1:]]
+        rounded = lambda values: [round(float(value), 12) for value in values]
+        ways = [("to_m", rounded(pose[:3, 3]), 5.0, f"rotation = {[rounded(row) for row in pose[:3, :3]]}\n") for pose in poses]
+        start = f"q = {postures[0]}"
+    else:
+        robot, start, ways = PUBLISHED[name]
+    segments = "".join(f"\n[[segment]]\n{goal} = {list(way)}\nduration_s = {time}\n{''.join(turned)}" for goal, way, time, *turned in ways)
     return _task(folder, name, "published", robot, f'name = "{name}"\nrobot = "{robot}"\n[start]\n{start}\n{segments}')
 
 
-def _lines(folder, armplane, arm, kind, count, seed):
-    speed, pairs, off = KINDS[kind]
-    short = pathlib.Path(arm).stem
-    tasks = []
-    for path in _drawn(folder / f"{short}-{'pairs' if pairs else 'lines'}-{seed}-{count}", armplane, arm, count, seed, pairs):
-        text = _set(path.read_text(), "duration_s", lambda value: value * DRAWN / speed)
-        if off:
-            draw = random.Random(f"{seed} {short} {path.stem}")
-            text = _set(text, "q", lambda value: value + draw.uniform(-off, off))
-        tasks.append(_task(folder, f"{short}-{kind}-{path.stem[5:]}", kind, arm, text))
-    return tasks
+def _lines(folder, armplane, arm, file, kinds, seed):
+    """The lines of an arm, kind by kind."""
+    short, found = arm.rpartition(":")[2], ARMS.get(arm, 1)
+    # Twelve lines through one singularity each, four of a kind of place; of a short table the first of each singularity.
+    is_short = set(kinds) <= {"usual", "near", "fast", "double"} and max(kinds.values()) <= found
+    count = 1 if is_short else math.ceil(12 / found)
+    single = _drawn(folder / f"{short}-lines-{seed}-{count}", armplane, file, count, seed, False)
+    of = len(single) // count
+    double = _drawn(folder / f"{short}-pairs-{seed}", armplane, file, 1 if found > 2 else 3, seed, True) if "double" in kinds else []
+    out = []
+    for kind, wanted in kinds.items():
+        speed, numbers, pairs, off = KINDS[kind]
+        if kind == "near":
+            wanted += max(kinds.get("double", 0) - len(double), 0)
+        fitting = double if pairs else [path for number, path in enumerate(single) if number // of % 4 in numbers]
+        out.append([])
+        for place, path in enumerate(fitting[:wanted]):
+            text = _set(path.read_text(), "duration_s", lambda value: value * DRAWN / speed)
+            if off:
+                draw = random.Random(f"{seed} {short} {path.stem}")
+                text = _set(text, "q", lambda value: value + draw.uniform(-off, off))
+            out[-1].append(_task(folder, f"{short}-{kind}-{path.stem[5:]}", kind, file, text, kind == "usual" and place < VARIED))
+    return out
 
 
 def _drawn(drawn, armplane, arm, count, seed, pairs):
@@ -95,7 +196,10 @@ def _set(text, key, change):
     return text
 
 
-def _task(folder, name, group, robot, text):
+def _task(folder, name, group, robot, text, is_varied=False):
     path = folder / f"{name}.toml"
     path.write_text(text)
-    return Task(name, group, robot, path, text)
+    arm = pathlib.Path(robot)
+    # The place of an arm's file is this machine's; its text is the task's.
+    known = text.replace(robot, hashlib.sha256(arm.read_bytes()).hexdigest()) if arm.is_file() else text
+    return Task(name, group, path, known, is_varied)
