@@ -188,7 +188,7 @@ pub fn observation_lines(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::observation::ObservedSingularity;
+    use crate::observation::{ObservedProcess, ObservedSingularity};
 
     fn times() -> Times {
         Times {
