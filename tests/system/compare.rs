@@ -136,7 +136,7 @@ fn a_race_has_the_marks_of_a_steered_run_only_where_one_is_steered() {
         [
             "/world/rival/link",
             "/world/asked/motion",
-            "/world/hand/reason",
+            "/world/ahead/way",
         ]
         .map(has)
     };
@@ -148,7 +148,7 @@ fn a_race_has_the_marks_of_a_steered_run_only_where_one_is_steered() {
     assert_eq!(
         marks("servo-line-panda"),
         [true; 3],
-        "the other arm, the twist that is asked for and the reason why it is no faster"
+        "the other arm, the twist that is asked for and the way that the present twist leads"
     );
 }
 

@@ -359,7 +359,7 @@ fn a_run_of_another_folder_is_named_before_anything_happens_to_it() {
     elsewhere.refuses(
         2,
         "fault controller kill",
-        &[&crate::command::run_of(child.id()).unwrap(), "--run"],
+        &[desk.path().join("r").to_str().unwrap(), "--run"],
     );
     let said = interrupt(child);
     let summary = said.json();
