@@ -25,6 +25,12 @@ pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failu
         .out
         .clone()
         .unwrap_or_else(|| run.folder.join(session::REPORT));
+    if path.extension().is_none_or(|it| it != "html") {
+        return Err(Failure::Input(format!(
+            "{} is no name of a page: end it with .html",
+            path.display()
+        )));
+    }
     let session::Page { text, shortfall } = session::report(&run, &path)?;
     files::write(&path, &text).map_err(|error| {
         Failure::Work(format!(

@@ -16,7 +16,7 @@ use super::compared::{Place, Reference, first_place, log_of};
 
 /// Most values that are shown to people, and most characters of each.
 const SHOWN: usize = 40;
-const LONGEST: usize = 200;
+const LONGEST: usize = 80;
 
 /// A value that two runs do not share; null in the one that lacks it.
 #[derive(Serialize)]
@@ -40,7 +40,9 @@ pub struct Differing {
     pub topics: Vec<String>,
     /// The first message that differs.
     pub difference: Option<Place>,
-    /// Why that is not known.
+    /// The run that kept no messages, so that hashes alone were compared.
+    pub without: Option<PathBuf>,
+    /// Why the messages could not be compared.
     pub remark: Option<String>,
 }
 
@@ -65,14 +67,19 @@ pub fn diff(folders: [&Path; 2]) -> Result<Differing, Failure> {
     let topics = topics.into_iter();
     let topics = topics.filter(|topic| a.get(*topic) != b.get(*topic));
     let topics: Vec<_> = topics.cloned().collect();
-    let place = match topics.is_empty() {
-        true => Ok(None),
-        false => place(&both),
+    let without = both.iter().find(|(job, ..)| !job.messages);
+    let without = without.map(|(_, _, folder)| folder.clone());
+    // What the logs hold now counts, not what they held when the hashes were written.
+    let place = match without {
+        Some(_) => Ok(None),
+        None => place(&both),
     };
+    let is_same_log = matches!(place, Ok(None));
     Ok(Differing {
-        same: changes.is_empty() && topics.is_empty(),
+        same: changes.is_empty() && topics.is_empty() && is_same_log,
         changes,
         topics,
+        without,
         remark: place.as_ref().err().map(ToString::to_string),
         difference: place.ok().flatten(),
         runs: both.map(|(_, _, folder)| folder),
@@ -80,14 +87,7 @@ pub fn diff(folders: [&Path; 2]) -> Result<Differing, Failure> {
 }
 
 fn place(runs: &[(Job, Summary, PathBuf); 2]) -> Result<Option<Place>, Failure> {
-    let log = |(job, _, folder): &(Job, _, PathBuf)| match job.messages {
-        true => log_of(folder, job),
-        false => Err(Failure::Input(format!(
-            "{} kept no messages",
-            folder.display()
-        ))),
-    };
-    let [first, second] = runs.each_ref().map(log);
+    let [first, second] = runs.each_ref().map(|(job, _, folder)| log_of(folder, job));
     let (first, second) = (first?, second?);
     if first.contents().layouts() != second.contents().layouts() {
         return Err(Failure::input("their messages have different layouts"));
@@ -134,7 +134,33 @@ fn changes(trees: &[Value; 2]) -> Vec<Change> {
     }
     found.retain(|_, [first, second]| first != second);
     let change = |(key, values)| Change { key, values };
-    found.into_iter().map(change).collect()
+    let mut changes: Vec<_> = found.into_iter().map(change).collect();
+    changes.sort_by(|a, b| {
+        let by = |change: &Change| (change.rank(), -change.share());
+        let ((rank, share), (other, than)) = (by(a), by(b));
+        rank.cmp(&other).then(share.total_cmp(&than))
+    });
+    changes
+}
+
+impl Change {
+    /// Causes come before effects: scenario, program, verdict, numbers.
+    fn rank(&self) -> usize {
+        let groups = ["scenario.", "program.", "results.outcome", "results.reason"];
+        let group = groups.iter().position(|group| self.key.starts_with(group));
+        group.unwrap_or(groups.len())
+    }
+
+    /// A change of a number as a share of the larger one; 1 for anything else. Where the cause is asked for, all count alike.
+    fn share(&self) -> f64 {
+        let numbers = self.values.each_ref().map(Value::as_f64);
+        match numbers {
+            [Some(before), Some(after)] if self.rank() > 3 => {
+                (after - before).abs() / before.abs().max(after.abs())
+            }
+            _ => 1.0,
+        }
+    }
 }
 
 impl fmt::Display for Differing {
@@ -142,7 +168,9 @@ impl fmt::Display for Differing {
         let [first, second] = self.runs.each_ref().map(|folder| folder.display());
         let mut rows = table(&["value", "first", "second", "by"]);
         let mut words = String::new();
-        for Change { key, values } in self.changes.iter().take(SHOWN) {
+        let causes = self.changes.iter().filter(|change| change.rank() < 4);
+        let shown_count = SHOWN.max(causes.count());
+        for Change { key, values } in self.changes.iter().take(shown_count) {
             if let [Some(before), Some(after)] = values.each_ref().map(Value::as_f64) {
                 let numbers = [before, after, after - before].map(|value| number(digits(value)));
                 rows.add_row([key.into()].into_iter().chain(numbers));
@@ -151,23 +179,28 @@ impl fmt::Display for Differing {
                 words += &format!("{key}: {before} → {after}\n");
             }
         }
+        f.write_str(&words)?;
         if !rows.is_empty() {
             writeln!(f, "{rows}")?;
         }
-        f.write_str(&words)?;
-        if self.changes.len() > SHOWN {
-            writeln!(f, "{} more: --json has all", self.changes.len() - SHOWN)?;
+        if self.changes.len() > shown_count {
+            let more = self.changes.len() - shown_count;
+            writeln!(f, "{more} more: --json has all")?;
         }
         if let Some(place) = &self.difference {
             writeln!(f, "{place}")?;
         }
         if let Some(remark) = &self.remark {
-            writeln!(f, "the first message that differs is not known: {remark}")?;
+            writeln!(f, "the messages could not be compared: {remark}")?;
         }
+        let hashes = self.without.as_ref().map_or(String::new(), |folder| {
+            let folder = folder.display();
+            format!(", by their recorded hashes: {folder} kept no messages")
+        });
         if self.same {
             return writeln!(
                 f,
-                "{first} and {second}: the same scenario, program, results and messages"
+                "{first} and {second}: the same scenario, program, results and messages{hashes}"
             );
         }
         let [values, topics] = [self.changes.len(), self.topics.len()].map(|all| all as u64);

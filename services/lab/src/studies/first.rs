@@ -25,6 +25,15 @@ pub fn begin(name: &Path, robot: &str) -> Result<PathBuf, Failure> {
         ".toml"
     });
     let path = PathBuf::from(path);
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let is_part = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+    // It names folders and stands in commands.
+    if !stem.starts_with(|c: char| c.is_ascii_alphanumeric()) || !stem.chars().all(is_part) {
+        return Err(Failure::Input(format!(
+            "{} cannot name a scenario: begin with a letter or a digit, and go on with these, `-`, `_` and `.`",
+            name.display()
+        )));
+    }
     if path.symlink_metadata().is_ok() {
         return Err(Failure::Input(format!(
             "{} exists already: choose another name",
@@ -49,7 +58,14 @@ fn text(path: &Path, robot: &str, arm: &Robot) -> Result<String, Failure> {
     let folder = path
         .parent()
         .filter(|folder| !folder.as_os_str().is_empty());
-    let beside = folder.and_then(|_| Path::new(robot).canonicalize().ok());
+    let whole = |path: &Path| path.canonicalize().ok();
+    let beside = folder.and_then(|folder| {
+        let (file, folder) = (whole(Path::new(robot))?, whole(folder)?);
+        Some(
+            file.strip_prefix(folder)
+                .map_or(file.clone(), Path::to_owned),
+        )
+    });
     let beside = beside.map_or_else(|| robot.to_owned(), |file| file.display().to_string());
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let file = path.display().to_string();
