@@ -25,9 +25,10 @@ pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failu
         .out
         .clone()
         .unwrap_or_else(|| run.folder.join(session::REPORT));
-    if path.extension().is_none_or(|it| it != "html") {
+    let is_file = path.symlink_metadata().is_ok_and(|it| it.is_file());
+    if is_file && path.extension().is_none_or(|it| it != "html") {
         return Err(Failure::Input(format!(
-            "{} is no name of a page: end it with .html",
+            "{} exists and is no page: choose a name that ends with .html",
             path.display()
         )));
     }
