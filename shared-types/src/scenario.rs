@@ -115,6 +115,13 @@ fn settle_s() -> f64 {
     0.5
 }
 
+/// Whether a text can name a scenario or a sweep: ASCII letters, digits, `-`, `_` and `.`.
+#[must_use]
+pub fn is_name(text: &str) -> bool {
+    let is_part = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+    !text.is_empty() && text.chars().all(is_part)
+}
+
 impl Scenario {
     /// Reads and validates a scenario, with `settings` (`key=value`) applied.
     ///
@@ -167,9 +174,8 @@ impl Scenario {
 
     /// The checks that do not need the robot.
     pub(crate) fn check(&self) -> Result<(), Complaint> {
-        let is_part = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
         require(
-            !self.name.is_empty() && self.name.chars().all(is_part),
+            is_name(&self.name),
             "name",
             format!("`{}` cannot be a name", self.name),
             "letters, digits, `-`, `_` and `.`",

@@ -9,6 +9,8 @@ from . import picture
 
 OURS = "armplane"
 GIVEN_CLOCK, OWN_CLOCK, NO_HINTS = "given clock", "own clock", "no hints"
+# Outcomes without a run.
+NO_RUN = ("refused", "failed", "silent")
 # Up to this time stretch a run keeps the given clock.
 ON_TIME = 1.01
 SCEPTIC = (
@@ -60,7 +62,7 @@ COLUMNS = (
     ("S1, step within the drive's rate", lambda rows: _share(rows, clean)),
     ("S2", lambda rows: f"{sum(bool(row.get('s2')) for row in rows)}"),
     ("to the end", lambda rows: f"{sum(bool(row.get('completed')) for row in rows)}"),
-    ("no run", lambda rows: f"{sum(row['outcome'] in ('refused', 'failed', 'silent') for row in rows)}"),
+    ("no run", lambda rows: f"{sum(row['outcome'] in NO_RUN for row in rows)}"),
     ("⊥ ζ median, mm", lambda rows: _number(_middle(rows, "orthogonal_max_mm"))),
     ("°", lambda rows: _number(_middle(rows, "orthogonal_max_deg"))),
     ("∥ ζ median, mm", lambda rows: _number(_middle(rows, "along_max_mm"))),
@@ -90,10 +92,10 @@ def _share(rows, so):
 
 
 def why(rows):
-    """What the runs without S1 and clean torque missed, most frequent first: "orthogonal 20, torque 7"."""
+    """The measures that runs without S1 and clean torque missed, most frequent first: "orthogonal 20, torque 7"."""
     found = collections.Counter()
     for row in rows:
-        if row["outcome"] in ("refused", "failed", "silent"):
+        if row["outcome"] in NO_RUN:
             found[row["outcome"]] += 1
         elif not row.get("s1"):
             # S1 has a narrower limit of orientation than what `missed` names, that of S2.

@@ -17,6 +17,8 @@ use super::compared::{Place, Reference, first_place, log_of};
 /// Most values that are shown to people, and most characters of each.
 const SHOWN: usize = 40;
 const LONGEST: usize = 80;
+/// Groups of values that are shown first and never cut: causes come before effects.
+const FIRST: [&str; 4] = ["scenario.", "program.", "results.outcome", "results.reason"];
 
 /// A value that two runs do not share; null in the one that lacks it.
 #[derive(Serialize)]
@@ -69,7 +71,7 @@ pub fn diff(folders: [&Path; 2]) -> Result<Differing, Failure> {
     let topics: Vec<_> = topics.cloned().collect();
     let without = both.iter().find(|(job, ..)| !job.messages);
     let without = without.map(|(_, _, folder)| folder.clone());
-    // What the logs hold now counts, not what they held when the hashes were written.
+    // The logs of now are compared: the hashes are of the logs as they were written.
     let place = match without {
         Some(_) => Ok(None),
         None => place(&both),
@@ -144,18 +146,21 @@ fn changes(trees: &[Value; 2]) -> Vec<Change> {
 }
 
 impl Change {
-    /// Causes come before effects: scenario, program, verdict, numbers.
+    /// The place of its group in [`FIRST`]; the numbers of the results come behind them.
     fn rank(&self) -> usize {
-        let groups = ["scenario.", "program.", "results.outcome", "results.reason"];
-        let group = groups.iter().position(|group| self.key.starts_with(group));
-        group.unwrap_or(groups.len())
+        let group = FIRST.iter().position(|group| self.key.starts_with(group));
+        group.unwrap_or(FIRST.len())
+    }
+
+    fn is_first(&self) -> bool {
+        self.rank() < FIRST.len()
     }
 
     /// A change of a number as a share of the larger one; 1 for anything else. Where the cause is asked for, all count alike.
     fn share(&self) -> f64 {
         let numbers = self.values.each_ref().map(Value::as_f64);
         match numbers {
-            [Some(before), Some(after)] if self.rank() > 3 => {
+            [Some(before), Some(after)] if !self.is_first() => {
                 (after - before).abs() / before.abs().max(after.abs())
             }
             _ => 1.0,
@@ -168,7 +173,7 @@ impl fmt::Display for Differing {
         let [first, second] = self.runs.each_ref().map(|folder| folder.display());
         let mut rows = table(&["value", "first", "second", "by"]);
         let mut words = String::new();
-        let causes = self.changes.iter().filter(|change| change.rank() < 4);
+        let causes = self.changes.iter().filter(|change| change.is_first());
         let shown_count = SHOWN.max(causes.count());
         for Change { key, values } in self.changes.iter().take(shown_count) {
             if let [Some(before), Some(after)] = values.each_ref().map(Value::as_f64) {

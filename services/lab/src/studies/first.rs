@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use model::Robot;
 use session::{Failure, load};
-use shared_types::scenario::Scenario;
+use shared_types::scenario::{Scenario, is_name};
 use shared_types::summary::REACHED;
 
 use crate::trial::Trial;
@@ -26,9 +26,8 @@ pub fn begin(name: &Path, robot: &str) -> Result<PathBuf, Failure> {
     });
     let path = PathBuf::from(path);
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let is_part = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
     // It names folders and stands in commands.
-    if !stem.starts_with(|c: char| c.is_ascii_alphanumeric()) || !stem.chars().all(is_part) {
+    if !stem.starts_with(|c: char| c.is_ascii_alphanumeric()) || !is_name(&stem) {
         return Err(Failure::Input(format!(
             "{} cannot name a scenario: begin with a letter or a digit, and go on with these, `-`, `_` and `.`",
             name.display()

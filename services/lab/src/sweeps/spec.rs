@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use shared_types::file::Complaint;
+use shared_types::scenario::is_name;
 
 use super::units::{is_within, spelt, unit_of};
 
@@ -232,10 +233,7 @@ impl Key {
 impl Spec {
     /// The checks that do not need the scenario.
     pub(super) fn check(&self) -> Result<(), Complaint> {
-        let is_letter = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
-        let is_name = !self.name.is_empty()
-            && self.name.chars().all(is_letter)
-            && !self.name.starts_with('.');
+        let is_name = is_name(&self.name) && !self.name.starts_with('.');
         first([
             (
                 !is_name,

@@ -1,6 +1,7 @@
 //! The law that wins a comparison, and by how much. PURE.
 
 use recorder::Bounds;
+use shared_types::bounds::larger;
 use viz::plot::digits;
 
 use crate::row::Row;
@@ -39,9 +40,7 @@ fn succeeds(row: &Row) -> bool {
 /// The load that a law puts on the joints: the largest speed or torque, as a share of its limit.
 fn load(row: &Row) -> f64 {
     let joints = &row.joints;
-    joints
-        .speed_max_ratio
-        .max(joints.torque_commanded_max_ratio)
+    larger(joints.speed_max_ratio, joints.torque_commanded_max_ratio)
 }
 
 /// Each law's verdict in a table: it wins, ties with others, succeeds, or fails.
@@ -102,7 +101,7 @@ fn margin(rows: &[Row]) -> Option<String> {
         true => format!("{}: {mm} and {deg}, {end}", with_load(next)),
         false => format!("{}, which ended early", next.law),
     };
-    let most = |of: fn(&Row) -> f64| digits(winners.iter().map(|row| of(row)).fold(0.0, f64::max));
+    let most = |of: fn(&Row) -> f64| digits(winners.iter().map(|row| of(row)).fold(0.0, larger));
     Some(format!(
         "{begin}: at most {} mm and {}° off, orthogonal to ζ; next {next}",
         most(|row| row.task.orthogonal_max_mm),
