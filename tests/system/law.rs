@@ -1,4 +1,4 @@
-//! What the law does with whole paths, as a table: how a run ends, how far the hand leaves its path orthogonal to ζ, and where joints go.
+//! The law on whole paths, as a table: how a run ends, how far the hand leaves its path orthogonal to ζ, and where joints go.
 
 use model::Robot;
 use shared_types::MAX_DOF;

@@ -71,7 +71,7 @@ fn two_runs_are_compared() {
     for args in ["diff a nothere", "diff a .", "diff a"] {
         desk.refuses(2, args, &[]);
     }
-    // What the log holds counts, not what the summary says of it.
+    // The log itself is read: its hash in the summary may be older than the damage.
     for log in [&b"damaged"[..], &[]] {
         std::fs::write(desk.path().join("b/messages.mcap"), log).unwrap();
         let differing = desk.refuses(1, "diff a b --json", &[]).json();

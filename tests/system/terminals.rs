@@ -21,7 +21,7 @@ enum Shows {
     All,
 }
 
-/// What a command writes on a terminal of its own; as soon as it has written `until`, `keys` are pressed.
+/// The output of a command on a terminal of its own; as soon as it has written `until`, `keys` are pressed.
 fn on_terminal(
     desk: &Desk,
     args: &str,

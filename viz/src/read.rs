@@ -95,7 +95,7 @@ pub enum Piece<'a> {
         /// Its rotation, a unit quaternion.
         xyzw: [f32; 4],
     },
-    /// What is lost at a mark, from the tick at which the arm enters the neighbourhood; empty from the one at which it leaves.
+    /// The lost motion at a mark, from the tick at which the arm enters the neighbourhood; empty from the one at which it leaves.
     Lost {
         /// When.
         tick: u64,

@@ -204,7 +204,7 @@ def _environment(entry, folder):
 
 
 def _ended(done, codes):
-    """What there is to say of a run that gave no numbers; `None`: it gave them."""
+    """Outcome and reason of a run that gave no numbers; `None`: it gave them."""
     if done is None:
         return {"outcome": "silent", "reason": f"no end within {LONGEST['run']} s"}
     code, _, error = done

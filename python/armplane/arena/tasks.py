@@ -121,7 +121,7 @@ def delayed(folder, task, ticks):
 
 
 def _file(arm):
-    """What the program takes for an arm; `None` where it is of a package that is missing."""
+    """The program's argument for an arm; `None` where it is of a package that is missing."""
     package, _, name = arm.rpartition(":")
     if not package:
         return arm

@@ -101,7 +101,7 @@ class Page:
         client.camera.on_update(lambda _: self.actions.put(lambda: self._look(client.client_id)))
 
     def _may(self, event):
-        """Who steers keeps the hand until it has not been touched for a while."""
+        """Whether a browser may steer: one keeps the hand until it has not touched it for a while."""
         if self.driver not in self.server.get_clients() or time.monotonic() - self.touched > KEEPS_S:
             self.driver = event.client_id
         if self.driver != event.client_id:

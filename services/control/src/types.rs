@@ -276,7 +276,7 @@ pub struct Command<const N: usize> {
     pub path_time_s: f64,
     /// Its speed against real time.
     pub time_scale: f64,
-    /// What the drives left of the torque.
+    /// The torque within the drives' limits.
     pub limited: Limited,
     /// β_i per singularity.
     pub beta: [f64; MAX_SINGULARITIES],

@@ -252,7 +252,7 @@ impl Source {
     }
 }
 
-/// What to do with a file or folder that is no scenario.
+/// The remedy for a file or folder that is no scenario.
 fn instead(path: &Path) -> Option<String> {
     let name = path.display();
     let folder = path

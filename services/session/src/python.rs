@@ -12,7 +12,7 @@ use crate::failure::Failure;
 /// The exit code of `env` for a program that is not there.
 const NOT_FOUND: i32 = 127;
 
-/// What to install where there is no interpreter; the extra packages follow.
+/// Remedy where there is no interpreter; the extra packages to install follow.
 const MISSING: &str = "there is no Python: install Python 3.9 or newer, then pip install";
 /// ... and where there is one without the package.
 const LACK: &str = "Python lacks the package armplane: pip install the wheel that `python/build` makes (docs/python.md)";
@@ -96,7 +96,7 @@ impl Python {
         question: &Value,
         packages: &str,
     ) -> Result<(), String> {
-        let missing = |error: String| format!("{} {packages} ({error})", MISSING);
+        let missing = |error: String| format!("{MISSING} {packages} ({error})");
         let failed = |error: std::io::Error| missing(format!("python3: {error}"));
         command.stdin(Stdio::piped()).stdout(Stdio::null());
         let mut child = command.stderr(Stdio::piped()).spawn().map_err(failed)?;

@@ -174,7 +174,7 @@ impl Panel {
         all.map(|(name, colour, _)| (name.as_str(), *colour))
     }
 
-    /// What the vertical axis shows: values, or their logarithms.
+    /// The scale of the vertical axis: values, or their logarithms.
     pub(crate) fn span(&self) -> Range<f64> {
         self.data().1
     }

@@ -80,7 +80,7 @@ impl Room {
     }
 }
 
-/// What of half of Rerun's field of view is used, in a pane half as wide as high.
+/// The part of half of Rerun's field of view that is used, in a pane half as wide as high.
 const TANGENTS: [f32; 2] = [0.25, 0.48];
 
 /// A stretch of time in which the arm was inside some neighbourhood throughout, or nearest to one.

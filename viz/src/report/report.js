@@ -10,7 +10,7 @@
   });
   const tip = document.body.appendChild(document.createElement("div"));
   tip.className = "tip"; tip.hidden = true;
-  // What the lines of a plot show at a place: their last points before it, by the scale of its axis.
+  // Values of a plot's lines at a place: their last points before it, by the scale of its axis.
   const values = (svg, x) => {
     const [bottom, top] = svg.dataset.y.split(" ").map(Number).slice(0, 2).sort((a, b) => b - a);
     const [low, high, log] = svg.dataset.y.split(" ").map(Number).slice(2);
