@@ -81,7 +81,10 @@ impl Living {
             names.join(", ")
         };
         Err(Failure::Input(match wanted {
-            _ if all.is_empty() => "no run is alive; start one with `armplane run`".to_owned(),
+            None if all.is_empty() => "no run is alive; start one with `armplane run`".to_owned(),
+            Some(wanted) if all.is_empty() => {
+                format!("no run {wanted} is alive, nor any other; start one with `armplane run`")
+            }
             Some(wanted) if meant.is_empty() => {
                 format!(
                     "no run {wanted} is alive; alive: {}",
