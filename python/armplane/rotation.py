@@ -1,4 +1,4 @@
-"""Rotation matrices and rotation vectors (axis times angle, rad)."""
+"""Rotation matrices, rotation vectors (axis times angle, rad) and quaternions."""
 
 import numpy as np
 
@@ -11,6 +11,13 @@ def rotation_exp(turn):
     x, y, z = turn / angle
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K)
+
+
+def rotation_of(quaternion):
+    """The rotation matrix of a quaternion `w, x, y, z`, of any length but zero."""
+    w, v = quaternion[0], np.array(quaternion[1:])
+    size = np.linalg.norm(v)
+    return rotation_exp(v * (2 * np.arctan2(size, w) / size)) if size > 1e-12 else np.eye(3)
 
 
 def rotation_log(R):

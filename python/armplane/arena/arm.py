@@ -6,7 +6,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from .. import mujoco as plant
-from ..rotation import rotation_log
+from ..rotation import rotation_log, rotation_of
 
 # A joint without stops: far enough not to be felt, near enough for a QP.
 _FAR = 1e4
@@ -62,16 +62,16 @@ class Arm(plant.Arm):
             return f"<{tag} {' '.join(f'{name}={quoteattr(_words(value))}' for name, value in values.items())}/>"
 
         for b in range(1, m.nbody):
-            j, link, R = m.body_jntadr[b], quoteattr(m.body(b).name), _matrix(m.body_iquat[b])
+            j, link, R = m.body_jntadr[b], quoteattr(m.body(b).name), rotation_of(m.body_iquat[b])
             inertia = (R @ np.diag(m.body_inertia[b]) @ R.T)[np.triu_indices(3)]
             inertia = element("inertia", **dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), inertia)))
             text.append(f"<link name={link}><inertial>{element('mass', value=m.body_mass[b])}{_origin(m.body_ipos[b], np.eye(3))}{inertia}</inertial></link>")
             kind = "revolute" if self.turns[j] else "prismatic"
             lower, upper, velocity, effort = np.clip([self.lower[j], self.upper[j], self.velocity[j], self.effort[j]], -_FAR, _FAR)
             limit = element("limit", lower=lower, upper=upper, velocity=velocity, effort=effort)
-            place = _origin(m.body_pos[b], _matrix(m.body_quat[b])) + element("axis", xyz=m.jnt_axis[j]) + limit
+            place = _origin(m.body_pos[b], rotation_of(m.body_quat[b])) + element("axis", xyz=m.jnt_axis[j]) + limit
             text.append(f'<joint name={quoteattr(m.joint(j).name)} type="{kind}">{self._parent(m.body_parentid[b])}<child link={link}/>{place}</joint>')
-        place = _origin(m.site_pos[self.frame], _matrix(m.site_quat[self.frame]))
+        place = _origin(m.site_pos[self.frame], rotation_of(m.site_quat[self.frame]))
         end = f'{self._parent(m.site_bodyid[self.frame])}<child link="end_effector"/>{place}'
         text.append(f'<link name="end_effector"/><joint name="end_effector_fixed" type="fixed">{end}</joint></robot>')
         return "".join(text)
@@ -95,12 +95,6 @@ class Arm(plant.Arm):
         model.rotorInertia[:] = 0.0
         model.gravity.linear[:] = self.model.opt.gravity
         return model
-
-
-def _matrix(quaternion):
-    out = np.zeros(9)
-    plant.mujoco.mju_quat2Mat(out, quaternion)
-    return out.reshape(3, 3)
 
 
 def _words(values):

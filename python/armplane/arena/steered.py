@@ -5,7 +5,7 @@ import sys
 import numpy as np
 
 from .. import wire
-from ..rotation import rotation_exp, rotation_log
+from ..rotation import rotation_exp, rotation_log, rotation_of
 from .arm import Arm
 from .host import Host, load
 from .laws import Reference, Velocity
@@ -60,8 +60,7 @@ class Steered(Host):
         V, error = np.zeros(6), np.zeros(6)
         if kind == wire.TARGET_POSE:
             V = np.array(target.twist)
-            w, x, y, z = target.quaternion
-            R = rotation_exp(V[3:] * age) @ _rotation(w, np.array([x, y, z]))
+            R = rotation_exp(V[3:] * age) @ rotation_of(target.quaternion)
             error = np.concatenate([np.array(target.position) + V[:3] * age - self.p, rotation_log(R @ self.R.T)])
         elif kind == wire.TARGET_TWIST:
             V = np.kron(np.eye(2), self._axes(target.frame, singularity)) @ np.array(target.twist)
@@ -76,11 +75,6 @@ class Steered(Host):
             nearest = min(report.singularities[: report.count], key=lambda one: abs(one.s) / one.eta_out)
             return np.array(nearest.R_BS).reshape(3, 3).T
         return self.R if frame == wire.FRAME_HAND else np.eye(3)
-
-
-def _rotation(w, v):
-    size = np.linalg.norm(v)
-    return rotation_exp(v * (2 * np.arctan2(size, w) / size if size > 1e-12 else 2.0))
 
 
 def _pose(R, p):
