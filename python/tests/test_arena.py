@@ -2,13 +2,14 @@
 
 import json
 import pathlib
+import re
 import subprocess
 import sys
 
 import armplane
 import numpy as np
 import pytest
-from armplane.arena import tasks
+from armplane.arena import picture, tasks
 from armplane.arena.__main__ import after_delay
 from armplane.results import _program
 
@@ -212,3 +213,10 @@ ARM = (
     + "".join(_BODY.format(i=i, x=x, range='range="-1 2"' if i == 2 else "") for i, x in ((1, "1 0 0 0 1 0"), (2, "0 1 0 0 0 1"), (3, "0 0.6 0.8 1 0 0")))
     + '<site name="end_effector" pos="0.1 0.2 0.3" xyaxes="0 0 1 1 0 0"/></body></body></body></worldbody><keyframe><key name="start" qpos="0 0 0"/></keyframe></mujoco>'
 )
+
+
+def test_a_curve_has_a_gap_where_there_is_no_error():
+    curve = {"t": [0.0, 0.1, 0.2, 0.3, 0.4], "mm": [1.0, 2.0, None, 0.0, 3.0], "deg": [None] * 5, "speed": [0.1] * 5}
+    found = picture.races([("both", "task", {"one": curve})])
+    lines = [points.split() for points in re.findall('<polyline[^>]*points="([^"]*)"', found)]
+    assert [len(points) for points in lines] == [2, 2, 5]

@@ -1,6 +1,7 @@
 """Two laws on one task as curves: error and joint speed over time, as SVG in a page."""
 
 import html
+import itertools
 import math
 import pathlib
 
@@ -12,20 +13,21 @@ PANELS = (("error orthogonal to ζ, mm", "mm", True), ("error orthogonal to ζ, 
 
 
 def curves(folder):
-    """The curves of the recorded run in `folder`/run: names to values, `t` in s; the largest of each stretch of time."""
+    """The curves of the recorded run in `folder`/run: names to values, `t` in s; the largest of each stretch of time, `None` where there is none."""
     from armplane import Run
 
     table = Run(pathlib.Path(folder) / "run").arrow()
-    column = lambda name: [value or 0.0 for value in table.column(name).to_pylist()]
+    column = lambda name: table.column(name).to_pylist()
+    largest = lambda values: max((value for value in values if value is not None), key=abs, default=None)
     speeds = [column(name) for name in table.schema.names if name.startswith("joint.qdot_ratio.")]
     whole = {
         "t": column("t_s"),
         "mm": column("error.position_mm.orthogonal"),
         "deg": column("error.orientation_deg.orthogonal"),
-        "speed": [max(map(abs, tick)) for tick in zip(*speeds)] if speeds else [0.0] * table.num_rows,
+        "speed": [largest(tick) for tick in zip(*speeds)] if speeds else [None] * table.num_rows,
     }
     stretch = max(math.ceil(table.num_rows / POINTS), 1)
-    return {name: [max(values[k : k + stretch], key=abs) for k in range(0, len(values), stretch)] for name, values in whole.items()}
+    return {name: [largest(values[k : k + stretch]) for k in range(0, len(values), stretch)] for name, values in whole.items()}
 
 
 def races(found):
@@ -41,7 +43,7 @@ def races(found):
 
 def _panel(title, name, is_log, laws):
     scale = (lambda value: math.log10(max(abs(value), FLOOR))) if is_log else abs
-    values = [scale(value) for curve in laws.values() for value in curve.get(name, ())]
+    values = [scale(value) for curve in laws.values() for value in curve.get(name, ()) if value is not None]
     end = max((curve["t"][-1] for curve in laws.values() if curve), default=0.0)
     if not values or not end:
         return ""
@@ -49,9 +51,10 @@ def _panel(title, name, is_log, laws):
     x = lambda t: 44 + (WIDTH - 54) * t / end
     y = lambda value: 10 + (HEIGHT - 30) * (1 - (value - low) / (high - low))
     lines = "".join(
-        f'<polyline fill="none" stroke="{color}" stroke-width="1.4" points="{" ".join(f"{x(t):.1f},{y(scale(v)):.1f}" for t, v in zip(curve["t"], curve[name]))}"/>'
+        f'<polyline fill="none" stroke="{color}" stroke-width="1.4" points="{" ".join(f"{x(t):.1f},{y(scale(v)):.1f}" for t, v in points)}"/>'
         for color, curve in zip(COLORS, laws.values())
-        if curve
+        for is_gap, points in itertools.groupby(zip(curve.get("t", ()), curve.get(name, ())), lambda point: point[1] is None)
+        if not is_gap
     )
     marks = range(int(low), int(high) + 1) if is_log else (0.0, 0.5, 1.0)
     grid = "".join(
