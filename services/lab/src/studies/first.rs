@@ -97,7 +97,7 @@ fn text(path: &Path, robot: &str, arm: &Robot) -> Result<String, Failure> {
         }
     }
     Err(Failure::Work(format!(
-        "no straight line was found that {} can follow: name a bent posture in its description (docs/tutorial.md), and try again",
+        "no straight line was found that {} can follow: name a bent posture in its description (docs/reference/arm.md), and try again",
         arm.name
     )))
 }
