@@ -35,6 +35,7 @@ class Arm:
 @final
 class Posture:
     pose: _Doubles
+    links: _Doubles
     J: _Doubles
     A: _Doubles
     bias: _Doubles

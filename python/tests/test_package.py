@@ -85,6 +85,15 @@ def test_a_law_follows_a_pose_through_a_wrist_lock():
     assert law.state.refusal == "" and {name for name, mode in modes if mode != "regular"}
 
 
+@pytest.mark.parametrize("name", ["puma560", "ur5", "panda"])
+def test_the_jacobian_turns_the_hand_about_the_links_axes(name):
+    arm = armplane.Arm.builtin(name)
+    at = arm.at(np.linspace(-0.4, -0.1, arm.dof))
+    # Each joint of these arms turns about the third axis of its link.
+    axes, ways = at.links[:, :3, 2], at.pose[:3, 3] - at.links[:, :3, 3]
+    np.testing.assert_allclose(at.J.T, np.hstack([np.cross(axes, ways), axes]), atol=1e-12)
+
+
 def test_a_number_is_refused_in_words_and_never_raises():
     arm = armplane.Arm.builtin("puma560")
     q, zero, pose = np.array(arm.postures["nominal"]), np.zeros(6), arm.at(arm.postures["nominal"]).pose

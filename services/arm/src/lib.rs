@@ -8,7 +8,7 @@ mod law;
 use std::path::Path;
 use std::sync::Arc;
 
-use model::{Model, Refused, Robot, RobotText, embedded, with_dof};
+use model::{Model, Pose, Refused, Robot, RobotText, embedded, with_dof};
 use shared_types::scenario::Scenario;
 use shared_types::{AnalyzerCheckpoint, MAX_DOF, SingularityReport, StateEstimate};
 
@@ -35,6 +35,8 @@ pub struct Arm {
 pub struct Posture {
     /// Pose of E in B, homogeneous, 4 × 4, m.
     pub pose: [f64; 16],
+    /// Poses of the links in B, the frames of their joints in the arm's file, n times 4 × 4, m.
+    pub links: [[f64; 16]; MAX_DOF],
     /// Jacobian at E, 6 × n, m and rad per rad.
     pub J: [f64; 6 * MAX_DOF],
     /// Mass matrix, armature included, n × n, kg·m².
@@ -177,16 +179,22 @@ fn scenario(robot: &Robot, tip: &str, settings: &[String]) -> Result<Scenario, R
 fn evaluation<const N: usize>(model: Model<N>, n: usize) -> Evaluation {
     Box::new(move |q, qdot| {
         let terms = model.evaluate(&embedded(q), &embedded(qdot));
-        let (X, bias) = (terms.X_BE.to_homogeneous(), terms.bias());
+        let (links, bias) = (model.link_poses(&embedded(q)), terms.bias());
         let first = |values: &[f64]| std::array::from_fn(|i| if i < n { values[i] } else { 0.0 });
         Posture {
-            pose: std::array::from_fn(|i| X[(i / 4, i % 4)]),
+            pose: homogeneous(&terms.X_BE),
+            links: std::array::from_fn(|i| links.get(i).map_or([0.0; 16], homogeneous)),
             J: rows(6, n, |at| terms.J[at]),
             A: rows(n, n, |at| terms.A[at]),
             bias: first(bias.as_slice()),
             gravity: first(terms.gravity.as_slice()),
         }
     })
+}
+
+fn homogeneous(pose: &Pose) -> [f64; 16] {
+    let X = pose.to_homogeneous();
+    rows(4, 4, |at| X[at])
 }
 
 /// The numbers of a matrix row by row, zero behind them.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use model::{Joint, Refused, Robot, RobotText};
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use shared_types::{SingularityReport, SingularityState, codes};
 
@@ -162,6 +162,9 @@ impl Arm {
         let at = self.inner.at(&q, &qdot);
         Ok(Posture {
             pose: matrix(py, [4, 4], &at.pose)?,
+            links: PyArray1::from_slice(py, at.links[..n].as_flattened())
+                .reshape([n, 4, 4])?
+                .unbind(),
             J: matrix(py, [6, n], &at.J)?,
             A: matrix(py, [n, n], &at.A)?,
             bias: PyArray1::from_slice(py, &at.bias[..n]).unbind(),
@@ -225,6 +228,8 @@ fn matrix(
 pub(crate) struct Posture {
     /// Pose of E in B, homogeneous, shape (4, 4), m.
     pose: Py<PyArray2<f64>>,
+    /// Poses of the links in B, the frames of their joints in the arm's file, homogeneous, shape (n, 4, 4), m.
+    links: Py<PyArray3<f64>>,
     /// Jacobian at E, shape (6, n), m and rad per rad.
     J: Py<PyArray2<f64>>,
     /// Mass matrix, armature included, shape (n, n), kg·m².
