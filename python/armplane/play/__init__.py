@@ -1,1 +1,1 @@
-"""`armplane play`: a page in the browser on which a person takes the hand of an arm. Needs `pip install 'armplane[play]'`."""
+"""`armplane play`: a page on which a person takes the hand of an arm (extra `[play]`)."""

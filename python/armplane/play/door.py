@@ -1,4 +1,4 @@
-"""Who may open the page: this machine alone, or whoever has the token. No other web page may speak to it."""
+"""Who may open the page: this machine alone, or whoever has the token; no other web page."""
 
 import contextlib
 import http
@@ -20,27 +20,32 @@ def refusal(request, token):
         return "this page speaks to no other web page"
     if token is None:
         here = urllib.parse.urlsplit(f"//{host}").hostname in HERE
-        return None if here else "this page is open to its own machine only: armplane play --host"
-    given = urllib.parse.parse_qs(urllib.parse.urlsplit(request.path).query).get("token", [])
-    given += [part.strip().removeprefix(f"{COOKIE}=") for part in request.headers.get("Cookie", "").split(";")]
-    return None if any(secrets.compare_digest(one.encode(), token.encode()) for one in given) else "open the address with its token, as armplane play prints it"
+        return None if here else "this page is for its own machine only: armplane play --host"
+    query = urllib.parse.parse_qs(urllib.parse.urlsplit(request.path).query)
+    cookies = [part.strip() for part in request.headers.get("Cookie", "").split(";")]
+    given = query.get("token", []) + [one.removeprefix(f"{COOKIE}=") for one in cookies]
+    if any(secrets.compare_digest(one.encode(), token.encode()) for one in given):
+        return None
+    return "open the address with its token, as armplane play prints it"
 
 
 @contextlib.contextmanager
 def guarded(token):
-    """viser has no door of its own: while its server is made, websockets' `serve` gets one."""
-    serve = websockets.asyncio.server.serve
+    """viser has no door: while its server is made, websockets' `serve` gets one."""
+    serve, used = websockets.asyncio.server.serve, []
 
     def with_door(handler, *args, process_request, **options):
         def check(connection, request):
             if why := refusal(request, token):
-                return Response(http.HTTPStatus.FORBIDDEN, "Forbidden", Headers({"Content-Type": "text/plain"}), f"{why}\n".encode())
+                plain = Headers({"Content-Type": "text/plain"})
+                return Response(http.HTTPStatus.FORBIDDEN, "Forbidden", plain, f"{why}\n".encode())
             answer = process_request(connection, request)
             if answer is not None and token is not None and "token=" in request.path:
-                answer.headers["Set-Cookie"] = f"{COOKIE}={token}; HttpOnly; SameSite=Strict; Path=/"
+                cookie = f"{COOKIE}={token}; HttpOnly; SameSite=Strict; Path=/"
+                answer.headers["Set-Cookie"] = cookie
             return answer
 
-        with_door.used = True
+        used.append(True)
         return serve(handler, *args, process_request=check, **options)
 
     websockets.asyncio.server.serve = with_door
@@ -48,5 +53,6 @@ def guarded(token):
         yield
     finally:
         websockets.asyncio.server.serve = serve
-    if not hasattr(with_door, "used"):
-        raise SystemExit("armplane play: this version of viser serves the page in another way, without a door: pip install 'viser<2'")
+    if not used:
+        sentence = "this version of viser serves pages without a door: pip install 'viser<2'"
+        raise SystemExit(f"armplane play: {sentence}")

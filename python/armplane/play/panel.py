@@ -1,6 +1,8 @@
-"""What the page says beside the picture, as HTML: the reason in words, |s| against η, speeds and torques against their limits."""
+"""The panel beside the picture: the reason in words, |s| against η, joints against limits."""
 
 import html
+import json
+import pathlib
 
 import numpy as np
 
@@ -19,77 +21,94 @@ DOES = {
 }
 # A share of a joint's limit from which on it counts as reached.
 AT_LIMIT = 0.999
-GOOD, SLOW, STOP = "#3ecf8e", "#f5b942", "#ff5c5c"
-COLOURS = {wire.REASON_FOLLOWING: GOOD, wire.REASON_RESTING: "#8a94a6", wire.REASON_OVER: "#8a94a6", wire.REASON_STOPPED: STOP, wire.REASON_HELD: STOP}
-STYLE = """<style>
-.ap{font:13px/1.45 system-ui,sans-serif;padding:2px 14px 8px}.ap h3{margin:10px 0 4px;font-size:11.5px;font-weight:600;opacity:.6}
-.ap .say{border-left:4px solid;padding:6px 10px;border-radius:4px;background:rgba(128,140,160,.13);font-size:15px;min-height:44px}.ap .say small{display:block;opacity:.75;font-size:12px}
-.ap .row{display:grid;grid-template-columns:74px 1fr 48px;gap:8px;align-items:center;height:19px}.ap .two{grid-template-columns:22px 1fr 1fr}
-.ap .bar{position:relative;height:9px;border-radius:5px;background:rgba(128,140,160,.22);overflow:hidden}.ap .bar i{position:absolute;left:0;top:0;bottom:0;border-radius:5px}
-.ap .bar.thin{height:4px;margin-top:2px}.ap .bar b{position:absolute;top:0;bottom:0;width:2px;background:#ff42c8}.ap .num{text-align:right;font-variant-numeric:tabular-nums;opacity:.8}
-.ap .log{font-size:12px;opacity:.8;white-space:pre-wrap;overflow-wrap:anywhere}.ap .foot{font-size:11px;opacity:.55;margin-top:8px}
-@media (max-width:36em){[style*="width: 20em"]{width:100vw!important;max-height:45vh!important}[style*="width: 20em"] [style*="width: 20em"]{max-height:none!important}}</style>"""
+GOOD, SLOW, STOP, GREY = "#3ecf8e", "#f5b942", "#ff5c5c", "#8a94a6"
+PLAIN, RIVAL, INSIDE, OUTSIDE = "#5aa9ff", "#ffa048", "#ff42c8", "#a88bd8"
+COLOURS = {
+    wire.REASON_FOLLOWING: GOOD,
+    wire.REASON_RESTING: GREY,
+    wire.REASON_OVER: GREY,
+    wire.REASON_STOPPED: STOP,
+    wire.REASON_HELD: STOP,
+}
+STYLE = f"<style>{pathlib.Path(__file__).with_suffix('.css').read_text()}</style>"
 
 
-def _bar(share, colour, mark=None, thin=False):
+def _bar(share, colour, mark=None, kind="bar"):
     line = f'<b style="left:{100 * mark:.1f}%"></b>' if mark is not None else ""
-    return f'<div class="bar{" thin" if thin else ""}"><i style="width:{100 * min(max(share, 0.0), 1.0):.1f}%;background:{colour}"></i>{line}</div>'
+    width = 100 * min(max(share, 0.0), 1.0)
+    return f'<div class="{kind}"><i style="width:{width:.1f}%;background:{colour}"></i>{line}</div>'
 
 
 def reason(robot, seen):
-    """Why the hand moves as it does: a sentence, and what the law does about the nearest singularity."""
-    servo, report, control = seen["servo_state"], seen["singularity"], seen["control_state"]
-    text = wire.REASONS.get(servo.reason, "unknown")
+    """Why the hand moves as it does, and what the law does about the nearest singularity."""
+    servo, plant = seen["servo_state"], seen["plant_state"]
+    text, details = wire.REASONS.get(servo.reason, "unknown"), []
     if servo.joint:
-        text += f" (joint {servo.joint}" + (f", {'upper' if servo.upper else 'lower'} side)" if servo.reason == wire.REASON_LIMIT else ")")
-    details = []
+        side = f", {'upper' if servo.upper else 'lower'} side"
+        text += f" (joint {servo.joint}{side if servo.reason == wire.REASON_LIMIT else ''})"
     if servo.singularity and servo.nearest < 1.0:
         place = servo.singularity - 1
-        words = [name_of(robot, place), wire.TYPES.get(report.singularities[place].class_, "")]
-        does = DOES.get(control.mode[place])
-        details.append("near " + ", ".join(words) + (f": {does}" if does else ""))
-    if servo.reason not in (wire.REASON_FOLLOWING, wire.REASON_RESTING) and servo.speed_scale < 0.97 and max(map(abs, servo.V_target)) > 0.005:
+        kind = wire.TYPES.get(seen["singularity"].singularities[place].class_, "")
+        does = DOES.get(seen["control_state"].mode[place])
+        details.append(f"near {name_of(robot, place)}, {kind}" + (f": {does}" if does else ""))
+    is_slowed = servo.reason not in (wire.REASON_FOLLOWING, wire.REASON_RESTING)
+    if is_slowed and servo.speed_scale < 0.97 and max(map(abs, servo.V_target)) > 0.005:
         details.append(f"{100 * servo.speed_scale:.0f} % of the speed asked for")
-    if seen["plant_state"].drive:
-        details.append(f"the drives: {wire.DRIVES.get(seen['plant_state'].drive)}")
+    if plant.drive:
+        details.append(f"the drives: {wire.DRIVES.get(plant.drive)}")
     return text, "; ".join(details)
 
 
 def _measures(robot, report):
-    rows = []
     for place, one in enumerate(report.singularities[: report.count]):
-        full = 5 * one.eta_out
-        colour = "#ff42c8" if one.inside else "#a88bd8"
-        bar = _bar(abs(one.s) / full, colour, mark=one.eta_out / full)
-        rows.append(f'<div class="row" title="{wire.TYPES.get(one.class_, "")}"><span>{name_of(robot, place)}</span>{bar}<span class="num">{abs(one.s):.3f}</span></div>')
-    return "".join(rows)
+        bar = _bar(abs(one.s) / one.eta_out / 5, INSIDE if one.inside else OUTSIDE, mark=0.2)
+        kind, name = wire.TYPES.get(one.class_, ""), name_of(robot, place)
+        number = f'<span class="num">{abs(one.s):.3f}</span>'
+        yield f'<div class="row" title="{kind}"><span>{name}</span>{bar}{number}</div>'
 
 
 def _joints(robot, seen, ghost):
     """Speeds and torques as shares of their limits; thin below: the ghost's."""
-    rows, n = [], robot.dof
-    shares = lambda state: np.abs([state.qdot[:n] / robot.arm.velocity, state.tau[:n] / robot.arm.effort])
-    ours, theirs = shares(seen["plant_state"]), ghost and shares(ghost.seen["plant_state"])
-    for i in range(n):
-        cells = [_bar(one[i], STOP if one[i] > 1.0 else SLOW if one[i] > 0.85 else "#5aa9ff") for one in ours]
-        if ghost:
-            cells = [cell + _bar(one[i], STOP if peak[i] >= AT_LIMIT else "#ffa048", thin=True) for cell, one, peak in zip(cells, theirs, ghost.peaks)]
-        rows.append(f'<div class="row two"><span>{i + 1}</span><div>{cells[0]}</div><div>{cells[1]}</div></div>')
-    return "".join(rows)
+
+    def shares(state):
+        n, arm = robot.dof, robot.arm
+        return np.abs([state.qdot[:n] / arm.velocity, state.tau[:n] / arm.effort]).T
+
+    ours = shares(seen["plant_state"])
+    theirs = ghost and shares(ghost.seen["plant_state"])
+    for i, joint in enumerate(ours):
+        cells = [_bar(x, STOP if x > 1.0 else SLOW if x > 0.85 else PLAIN) for x in joint]
+        for k in range(2 if ghost else 0):
+            colour = STOP if ghost.peaks[k, i] >= AT_LIMIT else RIVAL
+            cells[k] += _bar(theirs[i, k], colour, kind="bar thin")
+        yield f'<div class="row two"><span>{i + 1}</span>' + "".join(
+            f"<div>{cell}</div>" for cell in cells
+        ) + "</div>"
 
 
 def _race(ghost):
-    speed, torque = ghost.peaks.max(axis=1)
-    alarm = f'style="color:{STOP}"' if max(speed, torque) >= AT_LIMIT else ""
-    return f"<h3>Race</h3><span {alarm}>{html.escape(ghost.law)}: largest speed {100 * speed:.0f} %, torque {100 * torque:.0f} % of the limit</span>"
+    speed, torque = 100 * ghost.peaks.max(axis=1)
+    alarm = f'style="color:{STOP}"' if ghost.peaks.max() >= AT_LIMIT else ""
+    text = f"largest speed {speed:.0f} %, torque {torque:.0f} % of the limit"
+    return f"<h3>Race</h3><span {alarm}>{html.escape(ghost.law)}: {text}</span>"
 
 
-def page(robot, seen, ghost, story, foot):
-    """The panel. `ghost`: its session, or `None`; `story`: what happened last; `foot`: who steers."""
+def page(robot, seen, ghost, story, foot, state):
+    """The panel. `ghost`: its session, or `None`; `story`: what happened last; `state`: for
+    programs that look at the page."""
     text, detail = map(html.escape, reason(robot, seen))
-    return (
-        f'{STYLE}<div class="ap"><div class="say" style="border-color:{COLOURS.get(seen["servo_state"].reason, SLOW)}">{text}<small>{detail or "&nbsp;"}</small></div>'
-        f"<h3>|s| of each singularity; line: η, where the law begins</h3>{_measures(robot, seen['singularity'])}"
-        f"<h3>Joints: speed (left) and torque (right), as shares of their limits</h3>{_joints(robot, seen, ghost)}{_race(ghost) if ghost else ''}"
-        f'<h3>What happened</h3><div class="log">{html.escape(story)}</div><div class="foot">{foot}</div></div>'
+    colour = COLOURS.get(seen["servo_state"].reason, SLOW)
+    return "".join(
+        [
+            f'<div class="ap" data-state="{html.escape(json.dumps(state))}">',
+            f'<div class="say" style="border-color:{colour}">{text}',
+            f"<small>{detail or '&nbsp;'}</small></div>",
+            "<h3>|s| of each singularity; line: η, where the law begins</h3>",
+            *_measures(robot, seen["singularity"]),
+            "<h3>Joints: speed (left) and torque (right), as shares of their limits</h3>",
+            *_joints(robot, seen, ghost),
+            _race(ghost) if ghost else "",
+            f'<h3>What happened</h3><div class="log">{html.escape(story)}</div>',
+            f'<div class="foot">{foot}</div></div>',
+        ]
     )

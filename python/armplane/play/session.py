@@ -1,4 +1,4 @@
-"""A run that the page steers: `armplane servo` with the page as an observer of its graph, fed with targets line by line."""
+"""A run that the page steers: `armplane servo`, fed with targets line by line, and observed."""
 
 import collections
 import contextlib
@@ -26,7 +26,7 @@ GRAPH = """extends = "servo"
 [[process]]
 name = "page"
 external = true
-reads = ["plant_state", "estimate", "singularity", "target", "servo_state", "control_state", "torque"]
+reads = ["plant_state", "singularity", "servo_state", "control_state"]
 """
 # A law of others takes the controller's place.
 FOREIGN = """[[process]]
@@ -41,27 +41,32 @@ FILES = {path.stem: str(path) for path in OPPONENTS}
 LONGEST_S = 600
 
 
-def clean():
-    """Removes what killed runs have left in shared memory."""
-    subprocess.run([_program(), "clean"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
-
-
 class Session:
-    """One process graph. `keeper`: a file that its processes hold open, so that somebody outside can tell when they are gone."""
+    """One process graph. Its processes hold the file `keeper` open: while one of them lives,
+    nobody removes what they use."""
 
     def __init__(self, subject, folder, keeper, start=None, law=None, settings=()):
-        self.folder, self.law, self.began = pathlib.Path(tempfile.mkdtemp(dir=folder)), law, time.monotonic()
-        graph = self.folder / "graph.toml"
-        graph.write_text(GRAPH + (FOREIGN.format(json.dumps([sys.executable, "-m", "armplane.arena.steered", FILES[law]])) if law in FILES else ""))
-        command = [_program(), "servo", subject, "--from", "-", "--graph", graph, "--out", self.folder / "run", "--duration", LONGEST_S]
+        self.folder = pathlib.Path(tempfile.mkdtemp(dir=folder))
+        self.law, self.began, self.lines = law, time.monotonic(), collections.deque(maxlen=50)
+        # Of the arm; and of the last tick, by topic: `None` until there has been one.
+        self.robot, self.job, self.run, self.seen = None, None, None, None
+        graph, settings = self.folder / "graph.toml", [*settings]
+        if law in FILES:
+            program = [sys.executable, "-m", "armplane.arena.steered", FILES[law]]
+            graph.write_text(GRAPH + FOREIGN.format(json.dumps(program)))
+        else:
+            graph.write_text(GRAPH)
+            settings += [f"control.strategy={law}"] if law else []
+        command = [_program(), "servo", subject, "--from=-", f"--graph={graph}"]
+        command += [f"--out={self.folder / 'run'}", f"--duration={LONGEST_S}"]
         if start is not None:
             command.append("--start=" + ",".join(f"{x:.9g}" for x in np.degrees(start)))
-        for setting in [*settings, *([f"control.strategy={law}"] if law and law not in FILES else [])]:
-            command += ["--set", setting]
+        command += [f"--set={one}" for one in settings]
         pipes = {"stdin": subprocess.PIPE, "stderr": subprocess.PIPE, "stdout": subprocess.DEVNULL}
-        # In a session of its own: Ctrl-C in the terminal is the page's. A page that is killed ends it, too: its targets come to their end.
-        self.process = subprocess.Popen(list(map(str, command)), text=True, start_new_session=True, pass_fds=[keeper], **pipes)
-        self.lines, self.seen, self.robot, self.run, self.ending = collections.deque(maxlen=50), None, None, None, None
+        # In a session of its own: Ctrl-C in the terminal is for the page. If the page is killed,
+        # the targets end, and so does the run.
+        pipes |= {"start_new_session": True, "pass_fds": [keeper]}
+        self.process = subprocess.Popen(command, text=True, **pipes)
         self._lock = threading.Lock()
         self.listener = threading.Thread(target=self._listen, daemon=True)
         self.listener.start()
@@ -74,25 +79,29 @@ class Session:
                 self.lines.append(line.strip())
 
     def _observe(self, path):
+        """The page's part in the graph: it copies every tick."""
         try:
             exchange = Exchange(path)
-            self.job = exchange.job()
-            robot = self.robot = Robot(self.job, exchange.arm())
+            self.job, self.run = exchange.job(), os.path.basename(os.path.dirname(path))
+            robot = self.robot = Robot(self.job)
         except Exception as error:
             self.lines.append(f"{type(error).__name__}: {error}")
             self.process.send_signal(signal.SIGINT)
             return
         exchange.ready()
-        self.run, n = os.path.basename(os.path.dirname(path)), robot.dof
-        topics, state = exchange.topics, exchange.topics["plant_state"].message
-        view = lambda field: np.frombuffer(field, count=n)
-        parts = ((view(state.qdot), robot.arm.velocity), (view(state.tau), robot.arm.effort))
+        self.rate_hz, self._paces = exchange.head.rate_hz, collections.deque(maxlen=10)
+        n, arm = robot.dof, robot.arm
+        topics = {name: topic.message for name, topic in exchange.topics.items()}
+        plant = topics["plant_state"]
+        qdot, tau = (np.frombuffer(field, count=n) for field in (plant.qdot, plant.tau))
+        # Largest speed and torque so far, as shares of their limits.
         self.peaks = np.zeros((2, n))
         while (request := exchange.next()) != wire.REQUEST_STOP:
             if request == wire.REQUEST_TICK:
-                for peak, (values, limits) in zip(self.peaks, parts):
-                    np.maximum(peak, np.abs(values) / limits, out=peak)
-                self.seen = {name: type(one.message).from_buffer_copy(one.message) for name, one in topics.items()}
+                shares = np.abs([qdot / arm.velocity, tau / arm.effort])
+                np.maximum(self.peaks, shares, out=self.peaks)
+                copies = {name: type(one).from_buffer_copy(one) for name, one in topics.items()}
+                self.seen = copies
             exchange.answer()
 
     def say(self, line):
@@ -105,10 +114,17 @@ class Session:
     @property
     def q(self):
         """Joint positions of the arm now, `None` before its first tick."""
-        return None if self.seen is None else np.array(self.seen["plant_state"].q[: self.robot.dof])
+        return self.seen and np.array(self.seen["plant_state"].q[: self.robot.dof])
+
+    def pace(self):
+        """Simulated by real time, over the last ten calls."""
+        now = time.monotonic(), self.seen["plant_state"].header.tick / self.rate_hz
+        self._paces.append(now)
+        real, simulated = np.subtract(now, self._paces[0])
+        return simulated / real if real > 0.5 else 1.0
 
     def end(self, kept=None, tell=None):
-        """Ends it at rest. A thread waits for that, moves the run to `kept`, tells so, and removes the rest."""
+        """Ends it at rest. A thread waits for that, moves the run to `kept`, and tells so."""
         self.say("end")
         with self._lock, contextlib.suppress(BrokenPipeError):
             self.process.stdin.close()
@@ -122,26 +138,32 @@ class Session:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self.process.wait(5)
                 break
-        if self.process.poll() is None or self.process.returncode < 0:
-            clean()
+        if self.process.returncode is None or self.process.returncode < 0:
+            # What a killed run has left in shared memory.
+            quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+            subprocess.run([_program(), "clean"], **quiet, check=False)
         if kept:
             try:
                 self._keep(kept)
-                tell(f"Saved. Look: armplane view {kept}. The same bytes again: armplane run {kept}/scenario.toml")
+                again = f"The same bytes again: armplane run {kept}/scenario.toml"
+                tell(f"Saved. Look: armplane view {kept}. {again}")
             except OSError as error:
-                tell(f"The run cannot be saved as {kept.absolute()}: {error.strerror or error}. Start armplane play in a folder in which you may write.")
+                remedy = "Start armplane play in a folder in which you may write."
+                tell(f"Cannot save {kept.absolute()}: {error.strerror or error}. {remedy}")
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _keep(self, kept):
         kept.parent.mkdir(exist_ok=True)
         shutil.move(self.folder / "run", kept)
-        # Without the page, which has only watched: the run repeats itself in the graph of every steered run.
+        # Without the page, which has only watched: the run repeats in the graph of any session.
         scenario = kept / "scenario.toml"
         text = scenario.read_text().splitlines(keepends=True)
-        scenario.write_text("".join(line for line in text if not line.startswith(("graph =", "checksums ="))))
+        others = [line for line in text if not line.startswith(("graph =", "checksums ="))]
+        scenario.write_text("".join(others))
         (kept / "graph.toml").unlink()
 
     def fault(self, *words):
-        """`armplane fault` into this run; what it says."""
-        done = subprocess.run([_program(), "fault", *words, "--run", self.run], capture_output=True, text=True, check=False)
+        """`armplane fault` into this run; its last line."""
+        command = [_program(), "fault", *words, "--run", self.run]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
         return (done.stdout + done.stderr).strip().splitlines()[-1]
