@@ -79,7 +79,7 @@ class Play:
     def open(self):
         page = self.browser.new_page(viewport={"width": 1000, "height": 600}, device_scale_factor=SCALE)
         page.add_init_script(WATCH)
-        page.goto(self.address)
+        page.goto(self.address, timeout=180_000)
         # viser's warning of the software renderer lies over the picture.
         page.add_style_tag(content=".mantine-Notifications-root { display: none }")
         self.until(page, lambda state: len(state["places"]) > 1)
@@ -125,7 +125,7 @@ class Play:
         """The page's state, as soon as it is as wanted."""
         end = time.monotonic() + seconds
         while True:
-            state = json.loads(page.locator(".ap").get_attribute("data-state", timeout=60_000))
+            state = json.loads(page.locator(".ap").get_attribute("data-state", timeout=180_000))
             self.runs.add(state["run"])
             if wanted(state):
                 return state
@@ -351,6 +351,17 @@ def test_a_killed_launcher_is_followed_by_another_run(tmp_path):
     first = one.launcher()
     os.kill(first, signal.SIGKILL)
     one.launcher(but=first)
+    one.nothing_is_left()
+
+
+@needs_viser
+def test_a_page_killed_with_its_run_leaves_nothing_behind(tmp_path):
+    one = Play(tmp_path, "puma560")
+    launcher = one.launcher()
+    time.sleep(1)
+    one.runs.update(path.name for path in pathlib.Path("/dev/shm").glob(f"armplane-*-{launcher}-*") if path.is_dir())
+    os.kill(launcher, signal.SIGKILL)
+    one.process.kill()
     one.nothing_is_left()
 
 

@@ -34,13 +34,16 @@ def room():
     not, a shell removes the folder and what is left in memory."""
     folder = tempfile.mkdtemp(prefix="armplane-play-")
     end, keeper = os.pipe()
-    command = ["sh", "-c", 'cat; "$1" clean; rm -rf "$0"', folder, _program()]
+    # At an orderly end the page says so. A killed launcher counts as alive until it is reaped.
+    script = 'read end || { sleep 2; "$1" clean; }; rm -rf "$0"'
+    command = ["sh", "-c", script, folder, _program()]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     shell = subprocess.Popen(command, stdin=end, start_new_session=True, cwd="/", **quiet)
     os.close(end)
     try:
         yield folder, keeper
     finally:
+        os.write(keeper, b"\n")
         os.close(keeper)
         shell.wait()
 
