@@ -44,6 +44,9 @@ pub struct RobotText {
     pub description: String,
     /// The URDF.
     pub urdf: String,
+    /// Where its file is: the paths of its meshes start there. Empty for an arm out of no file.
+    #[serde(default)]
+    pub folder: PathBuf,
 }
 
 /// The job of a run: scenario, graph and settings.

@@ -51,15 +51,16 @@ pub(crate) fn floor(z: f64) -> Solid {
     }
 }
 
-/// The robot's own shapes, or, where it has none, capsules from joint to joint.
+/// The robot's own shapes but meshes, or, where it has none, capsules from joint to joint.
 pub(crate) fn solids(robot: &Robot) -> Vec<Solid> {
-    if robot.shapes.is_empty() {
+    let described: Vec<Solid> = robot.shapes.iter().filter_map(described).collect();
+    if described.is_empty() {
         return guessed(robot);
     }
-    robot.shapes.iter().map(described).collect()
+    described
 }
 
-fn described(shape: &model::Shape) -> Solid {
+fn described(shape: &model::Shape) -> Option<Solid> {
     let (solid, radius) = match shape.geometry {
         Geometry::Box { size } => {
             let half = size / 2.0;
@@ -71,7 +72,8 @@ fn described(shape: &model::Shape) -> Solid {
             let reach = libm::hypot(half, radius);
             let X_LS = shape.X_LS * y_to_z();
             let cylinder = SharedShape::cylinder(half, radius);
-            return Solid::on(shape.joint, X_LS, cylinder, X_LS.p.norm() + reach);
+            let reach = X_LS.p.norm() + reach;
+            return Some(Solid::on(shape.joint, X_LS, cylinder, reach));
         }
         Geometry::Sphere { radius } => (SharedShape::ball(radius), radius),
         Geometry::Capsule { radius, length } => {
@@ -79,9 +81,10 @@ fn described(shape: &model::Shape) -> Solid {
             let capsule = SharedShape::capsule(-half, half, radius);
             (capsule, length / 2.0 + radius)
         }
+        Geometry::Mesh { .. } => return None,
     };
     let reach = shape.X_LS.p.norm() + radius;
-    Solid::on(shape.joint, shape.X_LS, solid, reach)
+    Some(Solid::on(shape.joint, shape.X_LS, solid, reach))
 }
 
 /// A rotation that takes y to z.

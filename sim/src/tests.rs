@@ -170,8 +170,8 @@ fn rod() -> Robot {
         <joint name="turn" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 -1 0"/></joint></robot>"#;
     Robot::from_source(&model::RobotText {
         name: "rod".to_owned(),
-        description: String::new(),
         urdf: urdf.to_owned(),
+        ..Default::default()
     })
     .unwrap()
 }

@@ -18,7 +18,7 @@ const ROOMS: [&str; 5] = [
 ];
 /// Libraries that compute or read text, and crates of ours that pure code may name; of a process, its step, and of the recorder its judge's bounds.
 const DEPENDENCIES: &str = "bytemuck control glam hdrhistogram libm lockstep model nalgebra quick_xml rapier3d recorder serde serde_json shared_types sim thiserror \
-    toml roxmltree urdf_rs wide analyzer controller estimator operator plant plotters viz";
+    toml roxmltree urdf_rs wide analyzer controller estimator operator plant plotters viz mesh_loader";
 const PROCESSES: &str = "analyzer controller estimator operator plant plant_fci recorder exchange";
 const STEP: &str = "Bounds Cycle Step cycle";
 /// Modules of the standard library without clock, thread, file, environment and process; the three instructions compute, load and store.
@@ -106,6 +106,7 @@ fn is_impure(path: &[String], dependencies: &[String]) -> bool {
         || is_dependency && !has(DEPENDENCIES, first)
         || is_dependency && first == "viz" && !rest.starts_with("plot::digits")
         || is_dependency && first == "plotters" && !rest.starts_with("style")
+        || is_dependency && first == "mesh_loader" && rest != "Mesh"
         || is_dependency && has(PROCESSES, first) && !has(STEP, second)
         || path.iter().any(is_state)
 }

@@ -376,6 +376,7 @@ fn lines_through_locks_reach_their_goal_or_are_refused_as_they_should() {
         name: "stanford".to_owned(),
         urdf,
         description,
+        ..RobotText::default()
     });
     wrong.extend(lines(&desk, "stanford.urdf", &robot.unwrap(), 1, 4));
     for name in ["ur10", "puma560"] {

@@ -1,9 +1,12 @@
 //! An arm's shape: one mesh per link, in the link's frame. PURE.
 
+use std::collections::BTreeSet;
+
 use glam::{Mat3, Vec3};
-use model::{Factors, Geometry, Joint, JointKind, Pose, Robot};
+use model::{Factors, Geometry, Joint, JointKind, Pose, Robot, Shape};
 use nalgebra::Vector3;
 
+use crate::meshes::Meshes;
 use crate::solid::{Mesh, Placement, Rgba, disc};
 
 const UPRIGHT: Placement = Placement::IDENTITY;
@@ -71,23 +74,23 @@ impl Ring {
 }
 
 impl Figure {
-    /// A PUMA with the proportions of its joints, else the robot's own shapes, else capsules; `floor_m` is the floor's height in the base frame.
-    pub(crate) fn new(robot: &Robot, floor_m: f32) -> Self {
+    /// The robot's own meshes; else a PUMA with the proportions of its joints, its own shapes, or capsules; `floor_m` is the floor's height in the base frame.
+    pub(crate) fn new(robot: &Robot, floor_m: f32, meshes: &Meshes) -> Self {
         let joints: f64 = robot.joints.iter().map(|joint| joint.X_PJ.p.norm()).sum();
         let tool = robot
             .frame(&robot.default_frame)
             .map_or(0.0, |frame| frame.X_LF.p.norm());
         let reach = ((joints + tool) as f32).max(0.1);
         let (base, links) = match robot.factors {
-            Factors::Puma { .. } => puma(robot, floor_m),
-            Factors::Numeric if !robot.shapes.is_empty() => {
-                let (mut base, links) = shapes(robot, reach);
+            Factors::Puma { .. } if meshes.0.is_empty() => puma(robot, floor_m),
+            _ if robot.shapes.iter().any(|shape| is_drawn(shape, meshes)) => {
+                let (mut base, links) = shapes(robot, reach, meshes);
                 if robot.task.0[2] && floor_m < -0.05 {
                     pedestal(&mut base, floor_m, 0.075 * reach);
                 }
                 (base, links)
             }
-            Factors::Numeric => capsules(robot, reach),
+            _ => capsules(robot, reach),
         };
         let rings = robot
             .joints
@@ -261,7 +264,15 @@ fn pedestal(base: &mut Mesh, floor: f32, radius: f32) {
     base.add_drum(UPRIGHT, 1.35 * radius, [-0.025, -0.001], 0.004, DARK);
 }
 
-/// The longest side; m.
+/// Whether a shape can be drawn.
+fn is_drawn(shape: &Shape, meshes: &Meshes) -> bool {
+    match &shape.geometry {
+        Geometry::Mesh { file, .. } => meshes.0.contains_key(file),
+        _ => true,
+    }
+}
+
+/// The longest side, of a mesh that has been read without end; m.
 fn extent(geometry: &Geometry) -> f64 {
     match geometry {
         Geometry::Box { size } => size.amax(),
@@ -269,18 +280,22 @@ fn extent(geometry: &Geometry) -> f64 {
             length.max(2.0 * radius)
         }
         Geometry::Sphere { radius } => 2.0 * radius,
+        Geometry::Mesh { .. } => f64::INFINITY,
     }
 }
 
 /// The robot's own visual geometry; a capsule for a link that has none, and a hand where the arm ends in a flange.
-fn shapes(robot: &Robot, reach: f32) -> (Mesh, Vec<Mesh>) {
+fn shapes(robot: &Robot, reach: f32, meshes: &Meshes) -> (Mesh, Vec<Mesh>) {
     let mut base = Mesh::default();
     let mut links = vec![Mesh::default(); robot.joints.len()];
+    let lacking = robot.shapes.iter().filter(|shape| !is_drawn(shape, meshes));
+    let lacking: BTreeSet<Option<usize>> = lacking.map(|shape| shape.joint).collect();
     // A shape without extent is none: its link would not be seen.
     for shape in robot
         .shapes
         .iter()
         .filter(|shape| extent(&shape.geometry) > 1e-4 * f64::from(reach))
+        .filter(|shape| !shape.stands_in || lacking.contains(&shape.joint))
     {
         let (mesh, colour) = match shape.joint {
             None => (&mut base, DARK),
@@ -288,18 +303,29 @@ fn shapes(robot: &Robot, reach: f32) -> (Mesh, Vec<Mesh>) {
         };
         let bytes = |rgba: [f64; 4]| rgba.map(|part| (255.0 * part).round() as u8);
         let own = shape.colour.map(|rgba| u32::from_be_bytes(bytes(rgba)));
-        let colour = own.unwrap_or(colour);
+        let painted = own.unwrap_or(colour);
         let at = placement(&shape.X_LS);
-        match shape.geometry {
-            Geometry::Box { size } => mesh.add_box(at, vec3(&size), colour),
-            Geometry::Cylinder { radius, length } => {
-                let (radius, half) = (radius as f32, length as f32 / 2.0);
-                let bevel = (0.16 * radius).min(0.5 * half);
-                mesh.add_drum(at, radius, [-half, half], bevel, colour);
+        match &shape.geometry {
+            Geometry::Mesh { file, scale } => {
+                let Some(scene) = meshes.0.get(file) else {
+                    continue;
+                };
+                for (part, material) in scene.meshes.iter().zip(&scene.materials) {
+                    let theirs = material.color.diffuse.map(|rgba| rgba.map(f64::from));
+                    let theirs = theirs.map(|rgba| u32::from_be_bytes(bytes(rgba)));
+                    let colour = own.or(theirs).unwrap_or(colour);
+                    mesh.add_triangles(at, vec3(scale), part, colour);
+                }
             }
-            Geometry::Sphere { radius } => mesh.add_sphere(at, radius as f32, colour),
+            Geometry::Box { size } => mesh.add_box(at, vec3(size), painted),
+            Geometry::Cylinder { radius, length } => {
+                let (radius, half) = (*radius as f32, *length as f32 / 2.0);
+                let bevel = (0.16 * radius).min(0.5 * half);
+                mesh.add_drum(at, radius, [-half, half], bevel, painted);
+            }
+            Geometry::Sphere { radius } => mesh.add_sphere(at, *radius as f32, painted),
             Geometry::Capsule { radius, length } => {
-                mesh.add_capsule(at, radius as f32, length as f32, colour)
+                mesh.add_capsule(at, *radius as f32, *length as f32, painted)
             }
         }
     }
@@ -395,7 +421,7 @@ mod tests {
                     size: Vector3::zeros(),
                 };
             }
-            let figure = Figure::new(&robot, -0.6);
+            let figure = Figure::new(&robot, -0.6, &Meshes::default());
             assert_eq!(figure.links.len(), robot.dof());
             for mesh in figure.links.iter().chain([&figure.base]) {
                 let vertices = mesh.positions.len() as u32;

@@ -23,6 +23,7 @@ mod entity;
 mod export;
 mod frames;
 mod manipulability;
+mod meshes;
 mod narration;
 mod parts;
 pub mod plot;

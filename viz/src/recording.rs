@@ -26,6 +26,7 @@ use crate::arm::{Figure, placement, vec3};
 use crate::blueprint::{self, BAND_LINES, Eye, Subject, Way};
 use crate::entity::{self, Lives};
 use crate::manipulability::{at_point, singular_values};
+use crate::meshes::Meshes;
 use crate::narration::{History, colour_of};
 use crate::parts::{create, part_name};
 use crate::scene::{Mark, NullMotion};
@@ -144,6 +145,8 @@ struct Facts {
     properties: [(&'static str, String); 7],
     arm: Model<MAX_DOF>,
     figure: Figure,
+    /// About meshes that could not be read.
+    lacking: Option<String>,
     /// The axes of the hand's twist that the task has.
     task: [bool; 6],
     limits: Limits,
@@ -336,6 +339,12 @@ impl Recording {
             self.flush();
         }
         self.sink.check()
+    }
+
+    /// A sentence about meshes of the arm that could not be read.
+    #[must_use]
+    pub fn lacking(&self) -> Option<&str> {
+        self.run.lacking.as_deref()
     }
 
     /// The numbers of a tick.
@@ -667,6 +676,7 @@ impl Facts {
             robot: robot.name.clone(),
             reason: error.to_string(),
         })?;
+        let (meshes, lacking) = Meshes::of(robot);
         let title = match scenario.title.as_str() {
             "" => &scenario.name,
             _ => &scenario.title,
@@ -687,7 +697,8 @@ impl Facts {
                 ("joint_units", joint_units(robot).join(" ")),
             ],
             arm,
-            figure: Figure::new(robot, floor_m(scenario)),
+            figure: Figure::new(robot, floor_m(scenario), &meshes),
+            lacking,
             task: robot.task.0,
             limits: Limits::new(robot),
             hops: run.hops,

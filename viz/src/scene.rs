@@ -423,7 +423,11 @@ mod tests {
     #[test]
     fn the_wrist_lock_shows_axes_4_and_6_that_become_one() {
         let robot = model::Robot::builtin("puma560").expect("built in");
-        let lines = reasons(KIND_WRIST, &Figure::new(&robot, -0.6), &[]);
+        let lines = reasons(
+            KIND_WRIST,
+            &Figure::new(&robot, -0.6, &crate::meshes::Meshes::default()),
+            &[],
+        );
         let links: Vec<_> = lines
             .iter()
             .map(|(link, _, second)| (*link, *second))

@@ -167,6 +167,37 @@ impl Mesh {
         self.add_extrusion(at, &discs, -size.z / 2.0, size.z / 2.0, bevel, colour);
     }
 
+    /// Triangles out of a file, whose lengths `scale` makes metres. Their normals turn with the scene's nodes only where they fit their face.
+    pub(crate) fn add_triangles(
+        &mut self,
+        at: Placement,
+        scale: Vec3,
+        mesh: &mesh_loader::Mesh,
+        colour: Rgba,
+    ) {
+        let place = |p: &[f32; 3]| at.of(Vec3::from(*p) * scale);
+        for face in &mesh.faces {
+            let [a, mut b, mut c] = face.map(|corner| corner as usize);
+            if scale.element_product() < 0.0 {
+                (b, c) = (c, b);
+            }
+            let corners = [a, b, c].map(|corner| mesh.vertices.get(corner).map(place));
+            let [Some(p), Some(q), Some(r)] = corners else {
+                continue;
+            };
+            let Some(flat) = (q - p).cross(r - p).try_normalize() else {
+                continue;
+            };
+            let first = self.positions.len() as u32;
+            for (corner, p) in [(a, p), (b, q), (c, r)] {
+                let own = mesh.normals.get(corner).map(|n| Vec3::from(*n) / scale);
+                let own = own.map(|n| at.R * n.normalize_or_zero());
+                self.push(p, own.filter(|n| n.dot(flat) > 0.7).unwrap_or(flat), colour);
+            }
+            self.triangles.push([first, first + 1, first + 2]);
+        }
+    }
+
     /// A tube along a polyline, open at its ends.
     pub(crate) fn add_tube(&mut self, path: &[Vec3], radius: f32, colour: Rgba) {
         const AROUND: usize = 8;

@@ -278,6 +278,7 @@ pub unsafe extern "C" fn armplane_arm_create_from_text(
                 description: text("description", description)?
                     .unwrap_or_default()
                     .to_owned(),
+                ..RobotText::default()
             };
             let arm = Arm::parse(&source, text("tip", tip)?);
             arm.map(handle).map_err(|error| error.to_string())

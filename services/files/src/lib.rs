@@ -85,7 +85,10 @@ pub fn robot(path: &Path, description: Option<&Path>) -> Result<RobotText, Strin
     let beside = Some(beside.as_path()).filter(|beside| beside.exists());
     let description = description.or(beside);
     let description = description.map(|file| text(file, LARGEST_WRITTEN));
+    let folder = path.canonicalize().ok();
+    let folder = folder.as_deref().and_then(Path::parent);
     Ok(RobotText {
+        folder: folder.map(Path::to_owned).unwrap_or_default(),
         name: path
             .file_stem()
             .unwrap_or_default()

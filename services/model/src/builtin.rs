@@ -40,6 +40,7 @@ impl Robot {
             name: name.to_owned(),
             description,
             urdf,
+            ..RobotText::default()
         })
     }
 }

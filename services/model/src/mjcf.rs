@@ -17,6 +17,7 @@ use nalgebra::Vector3;
 use pose::Angles;
 use roxmltree::{Document, Node};
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 use urdf_rs::{JointType, Vec3};
 
 /// Elements that stand for others, or for bodies that are not rigid.
@@ -176,6 +177,16 @@ struct Reader<'a> {
     auto_limits: bool,
     /// `inertiafromgeom`: always, never, or where a body has no `<inertial>`.
     from_geoms: &'a str,
+    assets: Assets<'a>,
+}
+
+/// What geoms name.
+#[derive(Default)]
+struct Assets<'a> {
+    /// The file of a mesh, and its scale.
+    meshes: BTreeMap<String, (String, Option<Vec3>)>,
+    /// The colour of a material.
+    materials: BTreeMap<&'a str, Vec<f64>>,
 }
 
 impl<'a> Reader<'a> {
@@ -198,7 +209,9 @@ impl<'a> Reader<'a> {
             },
             auto_limits: true,
             from_geoms: "auto",
+            assets: Assets::default(),
         };
+        let mut folder = None;
         for compiler in children(root, "compiler") {
             reader.angles.in_degrees &= compiler.attribute("angle") != Some("radian");
             reader.angles.sequence = compiler
@@ -208,6 +221,8 @@ impl<'a> Reader<'a> {
             reader.from_geoms = compiler
                 .attribute("inertiafromgeom")
                 .unwrap_or(reader.from_geoms);
+            let named = ["meshdir", "assetdir"].map(|name| compiler.attribute(name));
+            folder = named[0].or(named[1]).or(folder);
             let is_set = |name: &&str| {
                 let stated = compiler.attribute(*name).unwrap_or("0");
                 !["0", "false", "-1"].contains(&stated)
@@ -219,7 +234,32 @@ impl<'a> Reader<'a> {
         for default in children(root, "default") {
             reader.class(default, &Class::new());
         }
+        for asset in children(root, "asset").flat_map(|asset| asset.children()) {
+            reader.asset(asset, folder.unwrap_or_default())?;
+        }
         Ok(reader)
+    }
+
+    /// Takes in a mesh, whose file is in `folder`, or a material.
+    fn asset(&mut self, node: Node<'a, 'a>, folder: &str) -> Result<(), Defect> {
+        let element = self.element(node, None);
+        let (name, file) = (element.text("name"), element.text("file"));
+        match (node.tag_name().name(), file) {
+            ("mesh", Some(file)) => {
+                let path = Path::new(file);
+                let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+                let name = name.map_or(stem.into_owned(), str::to_owned);
+                let file = Path::new(folder).join(file).display().to_string();
+                let scale = element.vector("scale")?.map(|scale| Vec3(scale.into()));
+                self.assets.meshes.insert(name, (file, scale));
+            }
+            ("material", _) => {
+                let rgba = element.numbers("rgba")?;
+                self.assets.materials.insert(name.unwrap_or_default(), rgba);
+            }
+            _ => {}
+        }
+        Ok(())
     }
 
     /// Takes in a default class, which inherits from the one around it.
@@ -306,7 +346,7 @@ impl<'a> Reader<'a> {
                 }
                 "geom" if link != "world" => {
                     let geom = inertia::Geom::read(&element, &self.angles, X_LF)?;
-                    geom.draw(&mut self.tree.links[place]);
+                    geom.draw(&mut self.tree.links[place], &self.assets);
                     body.geoms.push(geom);
                 }
                 _ => {}

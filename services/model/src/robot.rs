@@ -19,7 +19,7 @@ pub struct Robot {
     pub joints: Vec<Joint>,
     /// Every link of the URDF on or fixed to the chain, as a frame.
     pub frames: Vec<Frame>,
-    /// Visual geometry, where the URDF has it in closed form (mesh files are skipped, and noted).
+    /// Visual geometry; mesh files are named, and not read.
     pub shapes: Vec<Shape>,
     /// Acceleration of gravity, base axes, m/s².
     pub gravity: Vector3<f64>,

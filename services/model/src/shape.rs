@@ -4,7 +4,7 @@ use crate::pose::Pose;
 use nalgebra::Vector3;
 
 /// The form of a shape, m, centred at its frame, with its long axis along z.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Geometry {
     /// A box of full side lengths `size`.
     Box {
@@ -30,10 +30,17 @@ pub enum Geometry {
         /// Length along z between the centres of the caps.
         length: f64,
     },
+    /// A mesh in a file of its own.
+    Mesh {
+        /// As the robot's file names it: a path from its folder, or a URL.
+        file: String,
+        /// Factors of the file's lengths, which give metres.
+        scale: Vector3<f64>,
+    },
 }
 
 /// A piece of visual geometry fixed to a link.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Shape {
     /// Index of the joint whose link carries it; `None` for the base.
     pub joint: Option<usize>,
@@ -43,4 +50,6 @@ pub struct Shape {
     pub geometry: Geometry,
     /// Red, green, blue, opacity in 0..=1, where the URDF gives the material a colour.
     pub colour: Option<[f64; 4]>,
+    /// Whether it is collision geometry, for the eye only where the link's own meshes cannot be read.
+    pub stands_in: bool,
 }

@@ -11,6 +11,7 @@ fn load(urdf: &str, description: &str) -> Result<Robot, RobotError> {
         name: "r".to_owned(),
         description: description.to_owned(),
         urdf: urdf.to_owned(),
+        ..RobotText::default()
     })
 }
 

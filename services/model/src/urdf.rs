@@ -340,29 +340,24 @@ impl<'a> Tree<'a> {
                 X_LF,
             });
             let link = self.links[name];
-            let before = chain.shapes.len();
-            let shape = |geometry, origin, colour| Shape {
+            let shape = |form, origin, colour, stands_in| Shape {
                 joint,
                 X_LS: X_LF * pose(origin),
-                geometry,
+                geometry: geometry(form),
                 colour,
+                stands_in,
             };
-            for visual in &link.visual {
+            chain.shapes.extend(link.visual.iter().map(|visual| {
                 let colour = self.colour(visual.material.as_ref());
-                match geometry(&visual.geometry) {
-                    Ok(geometry) => chain.shapes.push(shape(geometry, &visual.origin, colour)),
-                    Err(file) => chain.notes.push(format!(
-                        "the mesh '{file}' of link '{name}' is not shown: meshes are not read"
-                    )),
-                }
-            }
-            if chain.shapes.len() == before {
-                // Collision geometry is often simpler than visual geometry.
-                let closed = link.collision.iter().filter_map(|collision| {
-                    let geometry = geometry(&collision.geometry).ok()?;
-                    Some(shape(geometry, &collision.origin, None))
-                });
-                chain.shapes.extend(closed);
+                shape(&visual.geometry, &visual.origin, colour, false)
+            }));
+            let is_mesh = |form: &_| matches!(form, urdf_rs::Geometry::Mesh { .. });
+            if link.visual.iter().all(|visual| is_mesh(&visual.geometry)) {
+                let closed = link.collision.iter().filter(|one| !is_mesh(&one.geometry));
+                let instead = !link.visual.is_empty();
+                chain
+                    .shapes
+                    .extend(closed.map(|one| shape(&one.geometry, &one.origin, None, instead)));
             }
             for child in self.joints_of(name) {
                 let is_held = rigid.iter().any(|(link, _)| *link == child.child.link);
@@ -543,15 +538,20 @@ fn check_finite(X: &Pose, what: impl Fn() -> String) -> Result<(), Defect> {
     Err(Defect::NotFinite(what()))
 }
 
-/// The shape, or the name of the mesh file it is in.
-fn geometry(geometry: &urdf_rs::Geometry) -> Result<Geometry, &str> {
-    Ok(match *geometry {
+fn geometry(geometry: &urdf_rs::Geometry) -> Geometry {
+    match *geometry {
         urdf_rs::Geometry::Box { size } => Geometry::Box {
             size: size.0.into(),
         },
         urdf_rs::Geometry::Cylinder { radius, length } => Geometry::Cylinder { radius, length },
         urdf_rs::Geometry::Sphere { radius } => Geometry::Sphere { radius },
         urdf_rs::Geometry::Capsule { radius, length } => Geometry::Capsule { radius, length },
-        urdf_rs::Geometry::Mesh { ref filename, .. } => return Err(filename),
-    })
+        urdf_rs::Geometry::Mesh {
+            ref filename,
+            scale,
+        } => Geometry::Mesh {
+            file: filename.clone(),
+            scale: scale.map_or(Vector3::repeat(1.0), |scale| scale.0.into()),
+        },
+    }
 }

@@ -22,8 +22,8 @@ pub(crate) fn source(name: &str, urdf: String) -> Result<RobotText, RobotFailure
     let wrong = |error: &dyn std::fmt::Display| RobotFailure::Description(error.to_string());
     let bare = RobotText {
         name: name.to_owned(),
-        description: String::new(),
         urdf,
+        ..RobotText::default()
     };
     let robot = Robot::from_source(&bare).map_err(|error| wrong(&error))?;
     let frame = robot

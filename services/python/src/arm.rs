@@ -119,6 +119,7 @@ impl Arm {
             name: "mujoco".to_owned(),
             description: description.map_err(refused)?.unwrap_or_default(),
             urdf: urdf.extract()?,
+            ..RobotText::default()
         };
         Self::new(py, arm::Arm::parse(&source, site.as_deref()))
     }

@@ -115,6 +115,9 @@ impl Tape {
         };
         match Recording::create_part(&job.out, part, &info, options(job)) {
             Ok(mut recording) => {
+                if let Some(sentence) = recording.lacking().filter(|_| part == 0) {
+                    runtime::complain(&sentence);
+                }
                 recording.go_on_after(noted.unwrap_or_default());
                 tape.recording = Some(recording);
             }

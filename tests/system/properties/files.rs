@@ -35,8 +35,8 @@ pub fn graph(text: &str) {
 pub fn urdf(text: &str) {
     let source = RobotText {
         name: "fuzz".to_owned(),
-        description: String::new(),
         urdf: text.to_owned(),
+        ..RobotText::default()
     };
     match Robot::from_source(&source) {
         Ok(robot) => assert!(

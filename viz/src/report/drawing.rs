@@ -10,6 +10,7 @@ use super::recorded::{Named, Recorded, at, between};
 use super::solids;
 use crate::arm::Figure;
 use crate::blueprint::Subject;
+use crate::meshes::Meshes;
 use crate::recording::Room;
 use crate::scene::reasons;
 use crate::solid::{Placement, Rgba};
@@ -98,7 +99,7 @@ fn bodies(recorded: &Recorded, tick: u64) -> Option<Vec<Placement>> {
 impl<'a> Drawing<'a> {
     /// `None` where the recording has no picture.
     pub(super) fn new(robot: &Robot, floor_m: f32, recorded: &'a Recorded) -> Option<Self> {
-        let figure = Figure::new(robot, floor_m);
+        let figure = Figure::new(robot, floor_m, &Meshes::default());
         let pictures = recorded.links.first()?;
         let first = bodies(recorded, pictures.first()?.0)?;
         if recorded.links.len() != figure.links.len() {

@@ -179,7 +179,7 @@ mod tests {
         let figure = Figure {
             base,
             links: Vec::new(),
-            ..Figure::new(&robot, 0.0)
+            ..Figure::new(&robot, 0.0, &crate::meshes::Meshes::default())
         };
         for (height, last) in [(2.0, 20), (-2.0, 0)] {
             let position = Vec3::new(0.0, -3.0, height);

@@ -8,7 +8,7 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 use session::table::{count, number, table};
 use session::{Failure, Run};
-use shared_types::job::Job;
+use shared_types::job::{Job, RobotText};
 use shared_types::summary::Summary;
 use viz::plot::digits;
 
@@ -103,9 +103,14 @@ fn values(job: &Job, summary: &Summary) -> Value {
     let singularities = singularities.map(|one| (one.name.clone(), json!(one)));
     let faults = summary.faults.iter();
     let faults = faults.map(|fault| (&fault.detail, fault.tick, fault.occurred));
+    // Where its file was says nothing about the arm.
+    let robot = RobotText {
+        folder: PathBuf::new(),
+        ..job.robot.clone()
+    };
     json!({
         "scenario": job.scenario,
-        "program": {"version": job.version, "mode": job.mode, "graph": job.graph, "robot": job.robot},
+        "program": {"version": job.version, "mode": job.mode, "graph": job.graph, "robot": robot},
         "results": {
             "outcome": summary.outcome, "reason": summary.reason, "ticks": summary.ticks, "task": summary.task, "joints": summary.joints,
             "singularities": singularities.collect::<Map<_, _>>(), "turns": summary.turns, "servo": summary.servo,

@@ -1,7 +1,7 @@
 //! Mass and inertia of a body: as stated, or of its geoms.
 
 use super::pose::{along, to_urdf};
-use super::{Angles, Element};
+use super::{Angles, Assets, Element};
 use crate::error::Defect;
 use crate::pose::Pose;
 use nalgebra::{Matrix3, Vector3};
@@ -16,6 +16,8 @@ pub(super) struct Geom {
     X_BG: Pose,
     mass: f64,
     colour: Option<[f64; 4]>,
+    material: Option<String>,
+    /// Whether it is there for collisions, not for the eye.
     collides: bool,
 }
 
@@ -69,17 +71,21 @@ impl Geom {
         let mass = element.number("mass", density * shape.volume())?;
         let colour = element.numbers("rgba")?.try_into().ok();
         let touches = |name| Ok::<_, Defect>(element.number(name, 1.0)? != 0.0);
+        let collides = touches("contype")? || touches("conaffinity")?;
+        // MuJoCo's viewer shows the groups 0 to 2, and a mesh is seldom drawn for collisions alone.
+        let is_seen = matches!(shape, Shape::Mesh(_)) && element.number("group", 0.0)? < 3.0;
         Ok(Self {
             shape,
             X_BG: *X_BF * X,
             mass,
             colour,
-            collides: touches("contype")? || touches("conaffinity")?,
+            material: element.text("material").map(str::to_owned),
+            collides: collides && !is_seen,
         })
     }
 
     /// Adds the shape to its link.
-    pub(super) fn draw(&self, link: &mut urdf_rs::Link) {
+    pub(super) fn draw(&self, link: &mut urdf_rs::Link, assets: &Assets<'_>) {
         let geometry = match self.shape {
             Shape::Ellipsoid(radii) if radii == Vector3::repeat(radii.x) => {
                 urdf_rs::Geometry::Sphere { radius: radii.x }
@@ -95,9 +101,12 @@ impl Geom {
             Shape::Box(half) => urdf_rs::Geometry::Box {
                 size: urdf_rs::Vec3((half * 2.0).into()),
             },
-            Shape::Mesh(ref filename) => urdf_rs::Geometry::Mesh {
-                filename: filename.clone(),
-                scale: None,
+            Shape::Mesh(ref name) => match assets.meshes.get(name) {
+                Some((file, scale)) => urdf_rs::Geometry::Mesh {
+                    filename: file.clone(),
+                    scale: *scale,
+                },
+                None => return,
             },
             Shape::Ellipsoid(_) | Shape::None => return,
         };
@@ -109,7 +118,10 @@ impl Geom {
                 geometry,
             });
         } else {
-            let color = self.colour.map(|rgba| urdf_rs::Color {
+            let material = self.material.as_deref();
+            let material = material.and_then(|name| assets.materials.get(name));
+            let material = material.and_then(|rgba| rgba.as_slice().try_into().ok());
+            let color = self.colour.or(material).map(|rgba| urdf_rs::Color {
                 rgba: urdf_rs::Vec4(rgba),
             });
             let material = urdf_rs::Material {

@@ -86,7 +86,7 @@ fn an_arm_in_mjcf_agrees_with_mujoco() {
     let robot = Robot::from_source(&RobotText {
         name: "odd".to_owned(),
         urdf: include_str!("../../../../tests/golden/odd.xml").to_owned(),
-        description: String::new(),
+        ..RobotText::default()
     })
     .unwrap();
     let limits = robot.joints.iter().map(|joint| joint.effort);

@@ -265,9 +265,9 @@ fn foreign_elements_are_read_over_and_macros_refused() {
     assert_refused! { row().replace("</robot>", "<xacro:arm/></robot>"), "" => Defect::Urdf(_), }
 }
 
-/// Visual geometry in closed form is shown in its colour; a mesh is noted, and shown as the shape it collides as.
+/// Visual geometry keeps its colour; a mesh is named, and the shape that collides stands in for it.
 #[test]
-fn shapes_are_read_with_their_colours_and_meshes_noted() {
+fn shapes_are_read_with_their_colours_and_meshes_named() {
     let blue = r#"<material name="blue"><color rgba="0 0 1 1"/></material>"#;
     let solid =
         |tag: &str, content: &str| format!(r#"<{tag}><origin xyz="0 0 1"/>{content}</{tag}>"#);
@@ -286,17 +286,26 @@ fn shapes_are_read_with_their_colours_and_meshes_noted() {
             None,
         ),
     ] {
-        let shape = arm(&solid("visual", &format!("{ball}{material}"))).shapes[0];
+        let shape = arm(&solid("visual", &format!("{ball}{material}"))).shapes[0].clone();
         assert_eq!(
             (shape.geometry, shape.colour),
             (Geometry::Sphere { radius: 1.0 }, colour)
         );
         assert_eq!((shape.joint, shape.X_LS.p), (Some(0), Vector3::z()));
     }
-    let mesh = solid("visual", "<geometry><mesh filename=\"a.stl\"/></geometry>");
-    for (collision, shapes) in [("", 0), (solid("collision", ball).as_str(), 1)] {
-        let arm = arm(&format!("{mesh}{collision}"));
-        assert_eq!((arm.shapes.len(), arm.notes.len()), (shapes, 1));
+    let mesh = "<geometry><mesh filename=\"a.stl\" scale=\"2 2 2\"/></geometry>";
+    let mesh = solid("visual", mesh);
+    for (collision, stand_ins) in [("", 0), (solid("collision", ball).as_str(), 1)] {
+        let shapes = arm(&format!("{mesh}{collision}")).shapes;
+        assert_eq!(
+            shapes[0].geometry,
+            Geometry::Mesh {
+                file: "a.stl".to_owned(),
+                scale: Vector3::repeat(2.0),
+            }
+        );
+        assert!(shapes[1..].iter().all(|shape| shape.stands_in));
+        assert_eq!(shapes.len(), 1 + stand_ins);
     }
 }
 

@@ -1,0 +1,189 @@
+//! The meshes that an arm's file names, out of their files: STL, OBJ and COLLADA.
+
+use std::collections::BTreeMap;
+use std::env::{split_paths, var_os};
+use std::path::{Path, PathBuf};
+
+use mesh_loader::{Loader, Scene};
+use model::{Geometry, Robot};
+
+use crate::frames::guarded;
+
+/// Where ROS looks for packages, and where in each of these folders.
+const PACKAGES: [(&str, &str); 2] = [("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")];
+
+/// What could be read, by the name in the robot's file.
+#[derive(Debug, Default)]
+pub(crate) struct Meshes(pub(crate) BTreeMap<String, Scene>);
+
+impl Meshes {
+    /// Those of an arm; and a sentence about those that are lacking.
+    pub(crate) fn of(robot: &Robot) -> (Self, Option<String>) {
+        let files = robot
+            .shapes
+            .iter()
+            .filter_map(|shape| match &shape.geometry {
+                Geometry::Mesh { file, .. } => Some(file),
+                _ => None,
+            });
+        let read: BTreeMap<_, _> = files.map(|file| (file, read(robot, file))).collect();
+        let count = read.len();
+        let (mut meshes, mut lacking) = (Self::default(), Vec::new());
+        for (file, scene) in read {
+            match scene {
+                Ok(scene) => drop(meshes.0.insert(file.clone(), scene)),
+                Err(reason) => lacking.push(format!("{file}: {reason}")),
+            }
+        }
+        let sentence = lacking.first().map(|first| {
+            let number = lacking.len();
+            let arm = &robot.name;
+            format!("{arm}: {number} of {count} meshes cannot be read, so simpler shapes are drawn; {first}")
+        });
+        (meshes, sentence)
+    }
+}
+
+fn read(robot: &Robot, file: &str) -> Result<Scene, String> {
+    let folder = &robot.source.folder;
+    let path = find(folder, file).ok_or_else(|| match file.split_once("://") {
+        Some(_) => "it is in no folder above the robot's file: add its package to ROS_PACKAGE_PATH",
+        None => "there is no such file in the folder of the robot's file",
+    })?;
+    let bytes = files::read(&path).map_err(|error| error.to_string())?;
+    let loader = Loader::default().custom_reader(files::read);
+    match guarded(|| loader.load_from_slice(&bytes, &path)) {
+        Ok(Ok(scene)) if scene.meshes.iter().any(|mesh| !mesh.faces.is_empty()) => Ok(scene),
+        Ok(Err(error)) => Err(error.to_string()),
+        _ => Err("it is no STL, OBJ or COLLADA file with triangles".to_owned()),
+    }
+}
+
+/// The file that a path from a folder, or a URL, names: a package is a folder of its name above the robot's file, beside one of those, or where ROS has it.
+fn find(folder: &Path, file: &str) -> Option<PathBuf> {
+    let Some((scheme, rest)) = file.split_once("://") else {
+        return Some(folder.join(file)).filter(|path| path.is_absolute() && path.is_file());
+    };
+    if scheme == "file" {
+        return Some(PathBuf::from(rest)).filter(|path| path.is_file());
+    }
+    let (package, rest) = rest.split_once('/')?;
+    let listed = PACKAGES.into_iter().flat_map(|(variable, inside)| {
+        let folders = var_os(variable).unwrap_or_default();
+        let folders: Vec<_> = split_paths(&folders)
+            .map(|path| path.join(inside))
+            .collect();
+        folders
+    });
+    let homes = folder.ancestors().map(Path::to_owned).chain(listed);
+    let mut places = homes.flat_map(|home| {
+        let itself = Some(home.clone()).filter(|home| home.ends_with(package));
+        itself.into_iter().chain([home.join(package)])
+    });
+    places.find_map(|place| Some(place.join(rest)).filter(|path| path.is_file()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arm::Figure;
+    use glam::Vec3;
+    use std::fs::{create_dir_all, write};
+
+    const STL: &str = "solid t
+facet normal 0 0 1
+outer loop
+vertex 0 0 0
+vertex 1000 0 0
+vertex 0 1000 0
+endloop
+endfacet
+endsolid t
+";
+    const OBJ: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    const DAE: &str = r##"<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset><unit meter="0.001"/></asset>
+<library_geometries><geometry id="g"><mesh><source id="p"><float_array id="a" count="9">0 0 0 1000 0 0 0 1000 0</float_array>
+<technique_common><accessor source="#a" count="3" stride="3"><param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/></accessor>
+</technique_common></source><vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p></triangles></mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="s"><node id="n"><instance_geometry url="#g"/></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>"##;
+    const INERTIAL: &str = r#"<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>"#;
+
+    fn urdf(mesh: &str) -> String {
+        format!(
+            r#"<robot name="r"><link name="base"/><link name="a">{INERTIAL}<visual><origin xyz="0 0 1" rpy="0 0 1.5707963"/>
+<geometry><mesh {mesh}/></geometry><material name="m"><color rgba="1 0 0 1"/></material></visual>
+<collision><geometry><sphere radius="0.1"/></geometry></collision></link>
+<joint name="j" type="continuous"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/><limit effort="1" velocity="1"/></joint></robot>"#
+        )
+    }
+
+    /// Corners and colour of the first triangle of the only link, and the sentence about what is lacking.
+    fn drawn(path: &Path, text: &str) -> (Vec<Vec3>, u32, Option<String>) {
+        write(path, text).expect("room");
+        let source = files::robot(path, None).expect("there");
+        let robot = Robot::from_source(&source).expect("an arm");
+        let (meshes, lacking) = Meshes::of(&robot);
+        let link = Figure::new(&robot, 0.0, &meshes).links.remove(0);
+        let first = link.triangles[0].map(|corner| link.positions[corner as usize]);
+        (first.to_vec(), link.colours[0], lacking)
+    }
+
+    #[test]
+    fn meshes_are_found_scaled_placed_and_coloured_and_the_sphere_stands_in_for_those_that_are_lacking()
+     {
+        let folder = tempfile::tempdir().expect("room");
+        let package = folder.path().join("my_arm");
+        let (texts, meshes) = (package.join("urdf"), package.join("meshes"));
+        create_dir_all(&texts).expect("room");
+        create_dir_all(&meshes).expect("room");
+        for (name, text) in [
+            ("a.stl", STL),
+            ("a.obj", OBJ),
+            ("a.dae", DAE),
+            ("b.stl", "solid"),
+        ] {
+            write(meshes.join(name), text).expect("room");
+        }
+        let placed = [Vec3::Z, Vec3::new(0.0, 1.0, 1.0), Vec3::new(-1.0, 0.0, 1.0)];
+        for (mesh, is_read) in [
+            (
+                r#"filename="../meshes/a.stl" scale="0.001 0.001 0.001""#,
+                true,
+            ),
+            (r#"filename="package://my_arm/meshes/a.obj""#, true),
+            (r#"filename="package://my_arm/meshes/a.dae""#, true),
+            (r#"filename="package://my_arm/meshes/b.stl""#, false),
+            (r#"filename="package://other/meshes/a.stl""#, false),
+            (r#"filename="none.stl""#, false),
+        ] {
+            let (corners, colour, lacking) = drawn(&texts.join("arm.urdf"), &urdf(mesh));
+            assert_eq!(lacking.is_none(), is_read, "{mesh}: {lacking:?}");
+            let near = |(a, b): (&Vec3, &Vec3)| a.distance(*b) < 1e-5;
+            assert_eq!(
+                corners.iter().zip(&placed).all(near),
+                is_read,
+                "{mesh}: {corners:?}"
+            );
+            assert_eq!(colour == 0xff0000ff, is_read, "{mesh}");
+            let stands_in = corners.iter().all(|p| p.length() < 0.11);
+            assert_eq!(stands_in, !is_read, "{mesh}");
+        }
+    }
+
+    #[test]
+    fn a_mesh_of_mjcf_has_its_folder_scale_and_material() {
+        let folder = tempfile::tempdir().expect("room");
+        create_dir_all(folder.path().join("assets")).expect("room");
+        write(folder.path().join("assets/a.obj"), OBJ).expect("room");
+        let text = r#"<mujoco><compiler meshdir="assets"/><asset><mesh file="a.obj" scale="2 -2 2"/><material name="m" rgba="0 0 1 1"/></asset>
+<worldbody><body name="a"><joint name="j" axis="0 0 1"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+<geom type="mesh" mesh="a" material="m" pos="0 0 1"/></body></worldbody></mujoco>"#;
+        let (corners, colour, lacking) = drawn(&folder.path().join("arm.xml"), text);
+        assert_eq!((lacking, colour), (None, 0x0000ffff));
+        // Mirrored, its corners go round the other way.
+        let placed = [Vec3::Z, Vec3::new(0.0, -2.0, 1.0), Vec3::new(2.0, 0.0, 1.0)];
+        assert_eq!(corners, placed);
+    }
+}
