@@ -9,8 +9,8 @@ use std::process::Stdio;
 
 use crate::command::{Desk, interrupt};
 
-/// Columns and rows; the last is wide enough for every line as it is.
-const SIZES: [[u16; 2]; 4] = [[80, 24], [100, 30], [120, 40], [2000, 40]];
+/// Columns and rows; the first is for live lines only, the last is wide enough for every line as it is.
+const SIZES: [[u16; 2]; 5] = [[60, 24], [80, 24], [100, 30], [120, 40], [2000, 40]];
 
 /// The streams of a command that go to the terminal.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -109,7 +109,8 @@ fn words(lines: &[String]) -> BTreeSet<&str> {
 /// Every line fits each size. Of results alone: each word of a narrow terminal stands on the widest as well.
 fn fits(desk: &Desk, args: &str, keys: [&str; 2], shows: Shows) {
     let mut all = Vec::new();
-    for (number, size) in SIZES.iter().enumerate() {
+    let sizes = &SIZES[usize::from(shows == Shows::Results)..];
+    for (number, size) in sizes.iter().enumerate() {
         let args = args.replace("OUT", &format!("out-{number}-{}", args.len()));
         let written = on_terminal(desk, &args, *size, keys, shows);
         let bare = written.bytes().zip(written.bytes().skip(1));
@@ -120,9 +121,9 @@ fn fits(desk: &Desk, args: &str, keys: [&str; 2], shows: Shows) {
         );
         all.push(lines(&written));
     }
-    let wide = words(&all[SIZES.len() - 1]);
+    let wide = words(&all[sizes.len() - 1]);
     assert!(wide.len() > 2, "{args}: {wide:?}");
-    for ([columns, _], lines) in SIZES.iter().zip(&all) {
+    for ([columns, _], lines) in sizes.iter().zip(&all) {
         let too_wide: Vec<_> = lines
             .iter()
             .filter(|line| line.chars().count() > usize::from(*columns))

@@ -157,10 +157,14 @@ fn lines_of_an_arm(
         say!("{}", lines.json());
     } else {
         show(&lines);
-        say!(
-            "{}\n  compare.json, and a scenario for each line that missed its goal",
-            folder.display()
-        );
+        let missed = match lines.missed() {
+            0 => String::new(),
+            missed => format!(
+                ", and {} that missed, as scenarios",
+                plural(missed as u64, "line")
+            ),
+        };
+        say!("{}\n  compare.json{missed}", folder.display());
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -113,14 +113,14 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
         amount: args.amount,
         ..Fault::new(process, kind)
     };
-    let (name, in_force) = inject(args.run.as_deref(), &fault)?;
+    let (living, in_force) = inject(args.run.as_deref(), &fault)?;
     if as_json {
         say!(
             "{}",
-            json!({ "run": name, "tick": in_force.at_tick, "fault": in_force })
+            json!({ "run": living.run, "tick": in_force.at_tick, "fault": in_force })
         );
     } else {
-        say!("{in_force} ({name})");
+        say!("{in_force} ({living})");
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -46,7 +46,7 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
     about = "Robot arms through kinematic singularities: five processes, shared memory, one recording",
     long_about = "Drives a robot arm through kinematic singularities by the strategy of Chang & Khatib (1995). Plant, estimator, analyzer, \
                   controller and recorder are processes that share memory. Without a command, armplane runs the default scenario.",
-    after_help = "Examples:\n  armplane                                    run and record the default scenario\n  armplane run fig5-wrist-rotation --seed 7   the same with other noise\n  armplane list                               list scenarios and robots\n  armplane inspect --robot puma560 --q ready  show the arm at a posture\n\nExit code 0: success; 1: the run missed its goal or was stopped; 2: wrong input."
+    after_help = "Examples:\n  armplane                                    run and record the default scenario\n  armplane run fig5-wrist-rotation --seed 7   the same with other noise\n  armplane list                               list scenarios and robots\n  armplane inspect --robot puma560 --q ready  show the arm at a posture\n\nExit code 0: success; 1: the run missed its goal, was stopped, or its results could not be written; 2: wrong input."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -94,7 +94,7 @@ enum Command {
     #[command(
         long_about = "Compares the folders of two runs: the keys of their scenarios, robot, graph and version, outcome and numbers, and the first \
                       tick, topic and field whose messages differ. What the clock gives, such as speed and latency, is left out.",
-        after_help = "Examples:\n  armplane diff runs/fig5-wrist-rotation-001 runs/fig5-wrist-rotation-002\n  armplane diff before after --json\n\nExit code 0: they are the same; 1: they differ; 2: wrong input."
+        after_help = "Examples:\n  armplane diff runs/fig5-wrist-rotation-001 runs/fig5-wrist-rotation-002\n  armplane diff before after --json\n\nExit code 0: they are the same; 1: they differ, or the answer could not be written; 2: wrong input."
     )]
     Diff(diff::DiffArgs),
     /// Check that runs under different conditions give the same bytes.

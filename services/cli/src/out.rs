@@ -507,7 +507,7 @@ pub(crate) fn tell_painted(line: &impl std::fmt::Display) {
 }
 
 /// Columns of the terminal.
-fn columns() -> usize {
+pub(crate) fn columns() -> usize {
     crossterm::terminal::size().map_or(80, |size| usize::from(size.0).max(2))
 }
 

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use session::Progress;
 
-use crate::out::{set_status, tell};
+use crate::out::{columns, set_status, tell};
 
 static BAR: Mutex<Option<Bar>> = Mutex::new(None);
 
@@ -49,26 +49,22 @@ pub(crate) fn observe(progress: Progress<'_>) {
 
 impl std::fmt::Display for Bar {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        const CELLS: u64 = 30;
         let seconds = self.began.elapsed().as_secs_f64();
         // A run may take longer than its path: the governor slows the path's clock.
         let length = self.length.max(self.position).max(1);
-        let full = (self.position * CELLS / length) as usize;
         let rate = self.position as f64 / seconds.max(1e-3);
         let digits = usize::from(rate < 10.0);
-        write!(
-            f,
-            "{} {}{} {}/{length} {}  {rate:.digits$}/s",
-            self.title,
-            "█".repeat(full),
-            "░".repeat(CELLS as usize - full),
-            self.position,
-            self.unit
-        )?;
-        if self.position > 0 {
-            let left = (length - self.position) as f64 / rate;
-            write!(f, "  {left:.0} s left")?;
+        let (title, position, unit) = (&self.title, self.position, self.unit);
+        let mut numbers = format!("{position}/{length} {unit}  {rate:.digits$}/s");
+        if position > 0 {
+            let left = (length - position) as f64 / rate;
+            numbers += &format!("  {left:.0} s left");
         }
-        Ok(())
+        // The numbers come first where there is little room.
+        let words = title.chars().count() + numbers.chars().count() + 3;
+        let cells = columns().saturating_sub(words).min(30) as u64;
+        let full = (position * cells / length) as usize;
+        let (full, empty) = ("█".repeat(full), "░".repeat(cells as usize - full));
+        write!(f, "{title} {full}{empty} {numbers}")
     }
 }

@@ -26,7 +26,7 @@ pub(crate) struct TopArgs {
 }
 
 pub(crate) fn top(args: &TopArgs, as_json: bool) -> Result<ExitCode, Failure> {
-    let mut observer = Observer::open(&Living::find(args.run.as_deref())?.run)?;
+    let mut observer = Observer::open(Living::find(args.run.as_deref())?)?;
     let every = Duration::from_millis(args.every_ms);
     let mut screen = if as_json || args.once {
         None

@@ -147,6 +147,14 @@ fn writable(path: &Path, how: OFlags) -> io::Result<File> {
     }
 }
 
+/// Makes a file that is not there yet, and writes it whole.
+///
+/// # Errors
+/// As [`create`], and [`io::ErrorKind::AlreadyExists`].
+pub fn write_new(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
+    writable(path, OFlags::CREATE | OFlags::EXCL)?.write_all(bytes.as_ref())
+}
+
 /// Writes a file whole.
 ///
 /// # Errors

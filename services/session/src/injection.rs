@@ -14,14 +14,14 @@ use crate::{Failure, arm_faults};
 /// How long to wait for the next tick of a run.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Injects a fault into the run of that name, or the only one that was started from this folder; returns the run's name and the fault with the
+/// Injects a fault into the run of that name, or the only one that was started from this folder; returns the run and the fault with the
 /// tick at which it is in force.
 ///
 /// # Errors
 /// [`Failure::Input`] if the run, the process or the fault does not exist; [`Failure::Work`] if the run has no room or no further tick.
-pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(String, Fault), Failure> {
-    let name = Living::find_to_change(wanted)?.run;
-    let run = RunDir::open(&Path::new(SHM).join(&name)).map_err(Failure::input)?;
+pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(Living, Fault), Failure> {
+    let living = Living::find_to_change(wanted)?;
+    let run = RunDir::open(&Path::new(SHM).join(&living.run)).map_err(Failure::input)?;
     let manifest = Manifest::read(&run).map_err(Failure::work)?;
     let control_page = ControlPage::open(&run).map_err(Failure::work)?;
     let job = job(&run);
@@ -60,7 +60,7 @@ pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(String, Fault), Fa
         .map_err(|complaint| Failure::Input(complaint.to_string()))?;
     let Some(place) = control_page.fault_table().request(&scheduled) else {
         return Err(Failure::Work(format!(
-            "the run {name} has had {} faults, the most that fit into a run",
+            "{living} has had {} faults, the most that fit into a run",
             runtime::MOST_WHEN_REQUESTED
         )));
     };
@@ -68,7 +68,7 @@ pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(String, Fault), Fa
     while !control_page.fault_table().is_in_force(place) {
         if asked.elapsed() > PATIENCE || !run.path().exists() {
             return Err(Failure::Work(format!(
-                "the run {name} has not begun a tick since: the fault takes effect at its next tick"
+                "{living} has not begun a tick since: the fault takes effect at its next tick"
             )));
         }
         std::thread::sleep(Duration::from_micros(200));
@@ -78,9 +78,7 @@ pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(String, Fault), Fa
         .record(place)
         .and_then(|account| account.scheduled.fault(&fault.process, &target));
     let Some(in_force) = in_force else {
-        return Err(Failure::Work(format!(
-            "the run {name} does not know this fault"
-        )));
+        return Err(Failure::Work(format!("{living} does not know this fault")));
     };
-    Ok((name, in_force))
+    Ok((living, in_force))
 }

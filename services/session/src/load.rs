@@ -89,7 +89,8 @@ impl Source {
                 "{name} is not a scenario: {remedy}"
             )));
         }
-        if !name.ends_with(".toml") && !path.exists() {
+        let is_path = name.contains('/') || path.extension().is_some();
+        if !is_path && !path.exists() {
             return Err(Failure::Input(unknown(
                 "scenario",
                 name,

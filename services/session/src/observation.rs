@@ -1,5 +1,6 @@
 //! A running graph, read from its control page without affecting its processes.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -75,9 +76,7 @@ impl Living {
             return Ok(only.clone());
         }
         let listed = |runs: &mut dyn Iterator<Item = &Self>| {
-            let names: Vec<_> = runs
-                .map(|run| format!("{} in {}", run.scenario, run.folder.display()))
-                .collect();
+            let names: Vec<_> = runs.map(Self::to_string).collect();
             names.join(", ")
         };
         Err(Failure::Input(match wanted {
@@ -114,8 +113,15 @@ impl Living {
         Err(Failure::Input(format!(
             "the only run alive is {}, started from {from}; if you mean it, give --run {}",
             run.scenario,
-            run.folder.display()
+            run.place().display()
         )))
+    }
+
+    /// Its folder, from here where it is below.
+    fn place(&self) -> PathBuf {
+        let here = std::env::current_dir().unwrap_or_default();
+        let below = self.folder.strip_prefix(here);
+        below.unwrap_or(&self.folder).to_owned()
     }
 
     /// A row for each.
@@ -124,19 +130,25 @@ impl Living {
         if all.is_empty() {
             return "no run is alive; start one with `armplane run`\n".to_owned();
         }
-        let here = std::env::current_dir().unwrap_or_default();
-        let mut rows = table(&["folder", "scenario", "mode", "tick", "launcher"]);
+        let mut rows = table(&["folder", "scenario", "tick"]);
         for run in all {
-            let folder = run.folder.strip_prefix(&here).unwrap_or(&run.folder);
             rows.add_row([
-                folder.display().to_string().into(),
+                run.place().display().to_string().into(),
                 run.scenario.as_str().into(),
-                run.mode.into(),
                 number(run.tick),
-                number(run.launcher_pid),
             ]);
         }
         format!("{rows}\n`armplane top` and `armplane fault` find a run by --run FOLDER.\n")
+    }
+}
+
+/// As people name it; a bench has no more than its name in shared memory.
+impl fmt::Display for Living {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.scenario.as_str() {
+            "" => f.write_str(&self.run),
+            scenario => write!(f, "{scenario} in {}", self.place().display()),
+        }
     }
 }
 
@@ -224,8 +236,11 @@ pub struct ObservedFault {
 /// A run between two samples of its control page; serialises to the JSON of `armplane top --json`.
 #[derive(Debug, Serialize)]
 pub struct Observation {
-    /// The run's name.
+    /// The run's name in shared memory.
     pub run: String,
+    /// The run as people name it.
+    #[serde(skip)]
+    pub title: String,
     /// `"lockstep"` or `"realtime"`.
     pub mode: &'static str,
     /// Ticks per second of the arm's time.
@@ -264,7 +279,7 @@ struct Sample {
 /// Samples the control page of one run.
 pub struct Observer {
     run: RunDir,
-    name: String,
+    living: Living,
     manifest: Manifest,
     control_page: ControlPage,
     before: Sample,
@@ -275,15 +290,15 @@ impl Observer {
     ///
     /// # Errors
     /// The run has ended, or its files cannot be read.
-    pub fn open(name: &str) -> Result<Self, Failure> {
-        let run = RunDir::open(&Path::new(SHM).join(name)).map_err(Failure::input)?;
+    pub fn open(living: Living) -> Result<Self, Failure> {
+        let run = RunDir::open(&Path::new(SHM).join(&living.run)).map_err(Failure::input)?;
         let manifest = Manifest::read(&run).map_err(Failure::work)?;
         let control_page =
             ControlPage::open(&run).map_err(|error: ControlPageError| Failure::work(error))?;
         let before = sample(&control_page, &manifest);
         Ok(Self {
             run,
-            name: name.to_owned(),
+            living,
             manifest,
             control_page,
             before,
@@ -338,7 +353,8 @@ impl Observer {
             active: record.scheduled.concerns(tick),
         };
         let observation = Observation {
-            run: self.name.clone(),
+            run: self.living.run.clone(),
+            title: self.living.to_string(),
             mode: self.manifest.mode.name(),
             rate_hz: self.manifest.rate_hz,
             processes: (0..now.processes.len()).map(process).collect(),

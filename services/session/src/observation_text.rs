@@ -95,7 +95,12 @@ fn processes(run: &Observation, paint: Paint, columns: usize) -> (Vec<String>, V
 }
 
 /// The last faults, as many as there is room for.
-fn faults(run: &Observation, paint: Paint, room: usize) -> Vec<String> {
+fn faults(
+    run: &Observation,
+    paint: Paint,
+    room: usize,
+    fitted: &dyn Fn(&str) -> String,
+) -> Vec<String> {
     let (hidden, shown) = run.faults.split_at(run.faults.len().saturating_sub(room));
     let active = hidden.iter().filter(|fault| fault.active).count();
     let earlier = format!(
@@ -112,7 +117,7 @@ fn faults(run: &Observation, paint: Paint, room: usize) -> Vec<String> {
         } = fault;
         let force = if *active { "active" } else { "inactive" };
         let text = format!("fault {kind} of {process} from tick {tick}, {origin}, {force}");
-        paint.when(*active, Paint::RED, &text)
+        paint.when(*active, Paint::RED, &fitted(&text))
     };
     let earlier = (!hidden.is_empty()).then_some(earlier);
     earlier.into_iter().chain(shown.iter().map(line)).collect()
@@ -126,13 +131,18 @@ pub fn observation_lines(
     (columns, rows): (usize, usize),
 ) -> Vec<String> {
     let paint = Paint(is_coloured);
-    let title = format!("{}: {}, {} Hz", run.run, run.mode, run.rate_hz);
-    let mut lines = vec![paint.of(Paint::BOLD, &title)];
+    // On a screen no line may be longer; a pipe takes all.
+    let fitted = |line: &str| match line.char_indices().nth(columns - 1) {
+        Some((at, last)) if rows < usize::MAX && line.len() > at + last.len_utf8() => {
+            format!("{}…", &line[..at])
+        }
+        _ => line.to_owned(),
+    };
+    let title = format!("{}, {} Hz: {}", run.mode, run.rate_hz, run.title);
+    let mut lines = vec![paint.of(Paint::BOLD, &fitted(&title))];
     let (table, hidden) = processes(run, paint, columns);
     lines.extend(table);
-    lines.push(
-        "step: input to output, p50/p99/longest; age: since the tick's sample, p99".to_owned(),
-    );
+    lines.push("step: p50/p99/longest; age: since the tick's sample, p99".to_owned());
     let refusals = run.processes.iter().filter_map(|one| {
         let count = one.counts.not_finite + one.counts.fenced;
         (count > 0).then(|| format!("{} {count}", one.name))
@@ -170,18 +180,15 @@ pub fn observation_lines(
         paint.when(one.inside, Paint::MAGENTA, &text)
     }));
     let room = rows.saturating_sub(lines.len() + 2).max(1);
-    lines.extend(faults(run, paint, room));
+    lines.extend(faults(run, paint, room, &fitted));
     let mut keys = Vec::new();
     if rows < usize::MAX {
         keys.push("q quits".to_owned());
     }
     if !hidden.is_empty() {
-        keys.push(format!(
-            "no room for {}: widen the terminal, or use --json",
-            hidden.join(", ")
-        ));
+        keys.push(format!("--json has {}", hidden.join(", ")));
     }
-    lines.extend((!keys.is_empty()).then(|| keys.join("; ")));
+    lines.extend((!keys.is_empty()).then(|| fitted(&keys.join("; "))));
     lines
 }
 
@@ -231,6 +238,7 @@ mod tests {
         };
         Observation {
             run: "armplane-0-28845-364045-82d8".to_owned(),
+            title: "fig5-wrist-rotation in runs/fig5-wrist-rotation-001".to_owned(),
             mode: "realtime",
             rate_hz: 1000,
             processes: (0..8).map(process).collect(),
@@ -244,17 +252,19 @@ mod tests {
 
     #[test]
     fn a_full_graph_fits_the_smallest_terminal() {
-        let lines = observation_lines(&full(), false, (80, 24));
-        assert!(lines.len() <= 24, "{}", lines.len());
-        assert!(
-            lines.iter().all(|line| line.chars().count() <= 80),
-            "{lines:#?}"
-        );
-        assert!(
-            lines.iter().any(|line| line.contains("from tick 800000")),
-            "the last fault is shown: {lines:#?}"
-        );
-        let last = lines.last().expect("a line");
-        assert!(last.contains("pid") && last.contains("--json"), "{last}");
+        for columns in [60, 80] {
+            let lines = observation_lines(&full(), false, (columns, 24));
+            assert!(lines.len() <= 24, "{}", lines.len());
+            assert!(
+                lines.iter().all(|line| line.chars().count() <= columns),
+                "{lines:#?}"
+            );
+            assert!(
+                lines.iter().any(|line| line.contains("from tick 800000")),
+                "the last fault is shown: {lines:#?}"
+            );
+            let last = lines.last().expect("a line");
+            assert!(last.contains("missed") && last.contains("--json"), "{last}");
+        }
     }
 }

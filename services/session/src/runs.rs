@@ -9,7 +9,11 @@ use shared_types::summary::Summary;
 use viz::Reading;
 
 use crate::failure::Failure;
+use crate::observation::Living;
 use crate::results::{RUNS, SCENARIO, SUMMARY};
+
+/// The remedy where a run has not written its results yet.
+const ALIVE: &str = "the run is still alive: wait until it has ended";
 
 /// A run's folder and its files.
 pub struct Run {
@@ -117,6 +121,8 @@ impl Run {
         let folder = self.folder.display();
         let remedy = if !self.parts.is_empty() && !self.is_own() {
             "its run's folder may have the complete one".to_owned()
+        } else if self.is_alive() {
+            ALIVE.to_owned()
         } else if self.folder.join(SCENARIO).exists() {
             self.again()
         } else {
@@ -143,6 +149,9 @@ impl Run {
     /// [`Failure::Input`] if it cannot be read.
     pub fn summary(&self) -> Result<Summary, Failure> {
         self.json(SUMMARY).map_err(|defect| {
+            if self.is_alive() {
+                return Failure::Input(format!("{defect}; {ALIVE}"));
+            }
             let path = self.folder.join(SUMMARY);
             let first = if self.has(SUMMARY) && !path.is_file() {
                 format!("remove {}, and ", path.display())
@@ -203,6 +212,14 @@ impl Run {
             Ok(rows) => rows.damage(summary),
             Err(error) => vec![error.to_string()],
         }
+    }
+
+    /// Whether it still goes on.
+    fn is_alive(&self) -> bool {
+        let folder = self.folder.canonicalize().ok();
+        Living::all()
+            .into_iter()
+            .any(|run| Some(run.folder) == folder)
     }
 
     /// Whether the recording belongs to the folder's run, and was not renamed.

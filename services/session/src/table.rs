@@ -52,9 +52,10 @@ impl Fitted {
     #[must_use]
     pub fn lines(&self, width: usize, is_coloured: bool) -> (Vec<String>, Vec<String>) {
         let width = u16::try_from(width).unwrap_or(u16::MAX);
-        let mut bands = self.bands(width).into_iter();
+        let needs = self.needs(width);
+        let mut bands = self.bands(width, &needs).into_iter();
         let first = bands.next().unwrap_or_default();
-        let mut table = self.part(&first, width);
+        let mut table = self.part(&first, width, &needs);
         if is_coloured {
             table.enforce_styling();
         } else {
@@ -78,8 +79,12 @@ impl Fitted {
         let mut texts = widths(self.rows.clone());
         texts.resize(self.headings.len(), 0);
         let both = widths(words.collect()).into_iter().zip(texts);
-        both.map(|(word, text)| word.max(text.min(TEXT)).min(width / 4 * 3))
-            .collect()
+        // Two columns have room in any terminal.
+        both.map(|(word, text)| {
+            word.max(text.min(TEXT))
+                .min((width / 2).saturating_sub(GAP))
+        })
+        .collect()
     }
 
     /// How many of the first columns tell the rows apart.
@@ -92,9 +97,8 @@ impl Fitted {
     }
 
     /// The columns of each part of the table that fits so many columns of a terminal.
-    fn bands(&self, width: u16) -> Vec<Vec<usize>> {
-        let (needs, names) = (self.needs(width), self.names());
-        let names: Vec<usize> = (0..names).collect();
+    fn bands(&self, width: u16, needs: &[u16]) -> Vec<Vec<usize>> {
+        let names: Vec<usize> = (0..self.names()).collect();
         let room = names
             .iter()
             .fold(width, |room, name| room.saturating_sub(needs[*name] + GAP));
@@ -112,7 +116,7 @@ impl Fitted {
         bands
     }
 
-    fn part(&self, columns: &[usize], width: u16) -> Table {
+    fn part(&self, columns: &[usize], width: u16, needs: &[u16]) -> Table {
         let of = |row: &Vec<Cell>| columns.iter().map(|i| row[*i].clone()).collect::<Vec<_>>();
         let mut table = Table::new();
         table
@@ -123,7 +127,6 @@ impl Fitted {
             .add_rows(self.rows.iter().map(of));
         let widths = table.column_max_content_widths();
         let is_wide = widths.iter().map(|text| text + GAP).sum::<u16>() > width + GAP;
-        let needs = self.needs(width);
         for (column, place) in table.column_iter_mut().zip(columns) {
             // Between columns there is one blank without any.
             let padding = u16::from(Some(place) != columns.last());
@@ -140,9 +143,10 @@ impl Fitted {
 impl fmt::Display for Fitted {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let width = Table::new().width().unwrap_or(WIDTH);
-        let parts = self.bands(width).into_iter();
+        let needs = self.needs(width);
+        let parts = self.bands(width, &needs).into_iter();
         let parts: Vec<_> = parts
-            .map(|band| self.part(&band, width).trim_fmt())
+            .map(|band| self.part(&band, width, &needs).trim_fmt())
             .collect();
         f.write_str(&parts.join("\n"))
     }

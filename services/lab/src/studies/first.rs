@@ -1,5 +1,6 @@
 //! A first scenario for any arm, as a file with comments.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use model::Robot;
@@ -33,19 +34,24 @@ pub fn begin(name: &Path, robot: &str) -> Result<PathBuf, Failure> {
             name.display()
         )));
     }
+    let taken = || {
+        let path = path.display();
+        Failure::Input(format!("{path} exists already: choose another name"))
+    };
     if path.symlink_metadata().is_ok() {
-        return Err(Failure::Input(format!(
-            "{} exists already: choose another name",
-            path.display()
-        )));
+        return Err(taken());
     }
     let arm = load::robot(robot, None, None)?;
     let text = text(&path, robot, &arm)?;
-    files::write(&path, text).map_err(|error| {
-        Failure::Input(format!(
-            "cannot write {}: {error}; choose another folder",
-            path.display()
-        ))
+    // Another shell may have made it meanwhile.
+    files::write_new(&path, text).map_err(|error| match error.kind() {
+        ErrorKind::AlreadyExists => taken(),
+        _ => {
+            let path = path.display();
+            Failure::Input(format!(
+                "cannot write {path}: {error}; choose another folder"
+            ))
+        }
     })?;
     Ok(path)
 }

@@ -97,6 +97,12 @@ impl ArmLines {
         numbered.filter(|(_, line)| line.outcome != Outcome::Reached)
     }
 
+    /// How many did not reach their goal.
+    #[must_use]
+    pub fn missed(&self) -> usize {
+        self.short().count()
+    }
+
     /// As one JSON object.
     #[must_use]
     pub fn json(&self) -> Value {

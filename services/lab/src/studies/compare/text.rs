@@ -47,14 +47,15 @@ impl Compared {
         let (name, title, seed) = (&scenario.name, &scenario.title, scenario.seed);
         writeln!(f, "{name}: {title} (seed {seed})")?;
         let rows: Vec<Row> = self.laws.iter().flat_map(|law| law.1.clone()).collect();
-        let columns = Columns::<(&Row, String)>::new().text("law", |(row, _)| row.law.clone());
+        let columns = Columns::<(&Row, String)>::new()
+            .text("law", |(row, _)| row.law.clone())
+            .text("verdict", |(_, verdict)| verdict.clone());
         let columns = with_errors(columns, |(row, _)| row.completed.then_some(*row))
             .number("speed", |(row, _)| percent(row.joints.speed_max_ratio))
             .number("torque", |(row, _)| {
                 percent(row.joints.torque_commanded_max_ratio)
             })
-            .number("time", |(row, _)| format!("× {:.2}", row.task.time_stretch))
-            .text("verdict", |(_, verdict)| verdict.clone());
+            .number("time", |(row, _)| format!("× {:.2}", row.task.time_stretch));
         writeln!(f, "{}", columns.print(rows.iter().zip(verdicts(&rows))))?;
         findings(&rows)
             .iter()
