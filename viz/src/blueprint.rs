@@ -56,6 +56,8 @@ pub(crate) struct Subject {
     pub(crate) unlimited_speed: bool,
     /// Where each segment of the task takes the hand, as far as the scenario itself says it.
     pub(crate) ways: Vec<Way>,
+    /// Width over height of the pane that shows the whole arm.
+    pub(crate) pane: f32,
     pub(crate) eye: Eye,
     /// Near the singular frame, across ζ.
     pub(crate) close_up: Eye,
@@ -101,6 +103,8 @@ pub(crate) struct Eye {
     pub(crate) look_at: Vec3,
     pub(crate) up: Vec3,
 }
+
+pub(crate) use desk::pane;
 
 /// The chunks of a layout. `repeated`: the stretch of time to play again, ns, once the run is over; before, the viewer would not follow a live one.
 pub(crate) fn layout(

@@ -19,7 +19,7 @@ use re_log_types::{ApplicationId, StoreId, StoreKind, TimeCell};
 use re_sdk_types::archetypes::{RecordingInfo, TextDocument, TextLog};
 use re_sdk_types::components::{TextLogLevel, Timestamp};
 use re_sdk_types::{AnyValues, AsComponents, DynamicArchetype, SerializedComponentColumn};
-use shared_types::scenario::{Layout, Scenario, Segment};
+use shared_types::scenario::{Layout, Scenario, Segment, View};
 use shared_types::{MAX_DOF, MAX_SINGULARITIES};
 
 use crate::arm::{Figure, placement, vec3};
@@ -202,7 +202,15 @@ pub fn save_blueprint(
     first: &TickRow,
     layout: Layout,
 ) -> Result<(), RecordError> {
-    let mut recording = Recording::with_storage(std::io::sink(), 0, run, Options::default())?;
+    let scenario = Scenario {
+        view: View { layout },
+        ..run.scenario.clone()
+    };
+    let run = RunInfo {
+        scenario: &scenario,
+        ..run.clone()
+    };
+    let mut recording = Recording::with_storage(std::io::sink(), 0, &run, Options::default())?;
     recording.tick(first)?;
     let mut sink = Sink::new(Box::new(create(path)?), &recording.blueprint())?;
     sink.send_blueprint(
@@ -771,6 +779,7 @@ fn subject(run: &RunInfo, options: Options) -> Subject {
         joints: robot.joints.len(),
         units: axis_units(robot),
         floor_m: floor_m(scenario),
+        pane: blueprint::pane(scenario.view.layout),
         goal: [
             judged(goal.position_mm, 1000.0),
             judged(goal.orientation_deg, 180.0),

@@ -16,7 +16,7 @@ use shared_types::job::Job;
 use shared_types::summary::{BOUNDARY, Machine, Summary};
 
 use crate::blueprint::{ACROSS, ALONG, JOINTS};
-use crate::plot::{Axis, Color, Panel, PlotError, RED, digits, numbered};
+use crate::plot::{Axis, BLUE, Color, Panel, PlotError, RED, digits, numbered};
 use crate::read::ReadError;
 use crate::recording::axis_units;
 use crate::shortfall::Reading;
@@ -286,7 +286,7 @@ fn errors(job: &Job, recorded: &Recorded, turns: bool) -> impl Iterator<Item = P
 fn nearness(recorded: &Recorded, own: &[Color]) -> Panel {
     let axis = Axis::default().logarithmic().within(1e-3..30.0);
     let mut near = recorded.blank("|s|/η: how near to each singularity", axis);
-    near.floor("treated as singular", Color { 3: 0.13, ..RED }, 1.0);
+    near.floor("treated as singular", Color { 3: 0.13, ..BLUE }, 1.0);
     let all = &recorded.singularities;
     for (one, colour) in all.iter().zip(own) {
         for stretch in stretches(&one.modes, recorded.last, |mode| *mode == MODE_REGULAR) {

@@ -21,19 +21,6 @@ pub(crate) fn on_paper(colour: Rgba) -> Rgba {
     shaded(colour, light)
 }
 
-/// The least luminance of words in the viewer's 3-D views. Their ground is dark or, in the viewer's light theme, of a middle grey.
-const PALEST: f32 = 0.85;
-
-/// A colour for words that read in both themes of the viewer: with as much white as that takes.
-pub(crate) fn of_words(colour: Rgba) -> Rgba {
-    let (luminance, [r, g, b, _]) = (luminance(colour), colour.to_be_bytes());
-    let white = ((PALEST - luminance) / (1.0 - luminance).max(1e-6)).clamp(0.0, 1.0);
-    let [r, g, b] = [r, g, b].map(|byte| {
-        (255.0 * (linear(byte) + white * (1.0 - linear(byte))).powf(1.0 / 2.2)).round() as u8
-    });
-    u32::from_be_bytes([r, g, b, 255])
-}
-
 /// Darker by a factor.
 pub(crate) fn shaded(colour: Rgba, light: f32) -> Rgba {
     let [r, g, b, a] = colour.to_be_bytes();
@@ -67,12 +54,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bright_colours_are_darkened_for_paper_and_dark_ones_lightened_for_words() {
+    fn bright_colours_are_darkened_for_paper() {
         let [r, g, b, _] = on_paper(0xfad63cff).to_be_bytes();
         assert!(r > g && g > b && g < 160, "still yellow: {r} {g} {b}");
         assert_eq!(on_paper(0x283c78ff), 0x283c78ff);
-        for colour in [0xf03cd25a, 0x5adc78ff, 0x000000ff, 0xffffff00] {
-            assert!(luminance(of_words(colour)) > 0.84 && of_words(colour) & 0xff == 0xff);
-        }
     }
 }

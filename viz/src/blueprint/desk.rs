@@ -15,6 +15,15 @@ const TOLERANCE: Rgba = 0xff4054ff;
 /// Powers of ten of latencies, µs.
 const LATENCIES: Option<[f64; 2]> = Some([-0.6, 4.3]);
 
+/// Width over height of the pane in which a layout shows the whole arm, in a window of 1280 × 720.
+pub(crate) fn pane(layout: Layout) -> f32 {
+    match layout {
+        Layout::Control => 0.52,
+        Layout::Timing => 1.9,
+        Layout::Faults => 2.2,
+    }
+}
+
 /// Joints that a plot's legend names.
 #[derive(Clone, Copy, PartialEq)]
 enum Named {
@@ -67,7 +76,7 @@ impl Sheet<'_> {
     }
 
     fn arrange_timing(&mut self) -> EntityPath {
-        let upper = vec![(2.2, self.latency(Named::All)), (1.0, self.arm(None))];
+        let upper = vec![(2.0, self.latency(Named::All)), (1.25, self.arm(None))];
         // Each lane takes 40 points: the processes' stand in a column of their own.
         let lives = self.lives();
         let modes = [self.modes(), self.log_lines()].map(|view| (1.0, view));
@@ -75,14 +84,14 @@ impl Sheet<'_> {
         let plots = vec![self.errors(), self.governor()];
         let rows = vec![(1.0, self.row("", modes.into())), (1.2, self.tabs(plots))];
         let lower = vec![(1.0, lives), (2.2, self.column(rows))];
-        let cells = [(1.6, upper), (2.4, lower)].map(|(share, row)| (share, self.row("", row)));
+        let cells = [(1.9, upper), (2.4, lower)].map(|(share, row)| (share, self.row("", row)));
         self.column(cells.into())
     }
 
     fn arrange_faults(&mut self) -> EntityPath {
         let below = [self.log_lines(), self.modes()];
         let below = self.tabs(below.into());
-        let left = vec![(1.3, self.arm(None)), (0.95, self.now()), (1.1, below)];
+        let left = vec![(1.8, self.arm(None)), (0.8, self.now()), (0.9, below)];
         let more = vec![
             self.errors(),
             self.torques(),

@@ -69,7 +69,7 @@ impl Room {
         let far = |p: &Vec3| {
             let v = *p - look_at;
             let [across, upwards] = [right, away.cross(right)].map(|axis| v.dot(axis).abs());
-            v.dot(away) + (across / TANGENTS[0]).max(upwards / TANGENTS[1])
+            v.dot(away) + (across / subject.pane.max(SLIM)).max(upwards) / TANGENT
         };
         let distance = all.iter().map(far).fold(0.0, f32::max);
         Eye {
@@ -80,8 +80,10 @@ impl Room {
     }
 }
 
-/// The part of half of Rerun's field of view that is used, in a pane half as wide as high.
-const TANGENTS: [f32; 2] = [0.25, 0.48];
+/// The part of half of Rerun's upright field of view that is used.
+const TANGENT: f32 = 0.44;
+/// Width over height of the slimmest pane.
+const SLIM: f32 = 0.57;
 
 /// A stretch of time in which the arm was inside some neighbourhood throughout, or nearest to one.
 #[derive(Clone, Copy, Debug)]

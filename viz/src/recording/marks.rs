@@ -281,9 +281,6 @@ impl Recording {
         let name = |(i, one): &(usize, &shared_types::SingularityState)| {
             singularity_name(one.kind, *i).to_owned()
         };
-        let tint = inside
-            .first()
-            .map(|(i, one)| narration::colour_of(one.kind, *i));
         let lost = match &inside[..] {
             [] => String::new(),
             [only] => format!(
@@ -312,17 +309,14 @@ impl Recording {
         };
         let up = self.subject.eye.up.normalize_or(Vec3::Z) * (CAPTION * self.mark_size());
         let centre = marks.first().map_or(hand, |mark| mark.X_BS.p);
-        let all = [
-            (lost, tint.unwrap_or(FREE), centre + up),
-            (now, 0xffffffff, centre - up),
-        ];
-        for (k, (text, colour, p)) in all.into_iter().enumerate() {
+        let all = [(lost, centre + up), (now, centre - up)];
+        for (k, (text, p)) in all.into_iter().enumerate() {
             let path = format!("{}{k}", entity::CAPTION);
             if text.is_empty() {
                 self.clear(row.tick, [path]);
             } else {
                 if self.part.captions[k] != text {
-                    self.draw(row.tick, path.clone(), &words(Vec3::ZERO, colour, &text));
+                    self.draw(row.tick, path.clone(), &words(&text));
                 }
                 self.place(
                     path,

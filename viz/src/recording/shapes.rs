@@ -5,7 +5,6 @@ use re_sdk_types::archetypes::{Arrows3D, LineStrips3D, Mesh3D, Points3D};
 use re_sdk_types::components::Radius;
 
 use crate::solid::{Mesh, Rgba};
-use crate::tint::of_words;
 
 /// A mesh of one colour that lets through what is behind it.
 pub(super) fn ghost3d(mesh: &Mesh, tint: Rgba) -> Mesh3D {
@@ -58,11 +57,11 @@ pub(super) fn arrows(
         .with_radii([radius])
 }
 
-/// Words at a place.
-pub(super) fn words(at: Vec3, colour: Rgba, text: &str) -> Points3D {
-    Points3D::new([at.to_array()])
+/// Words at the origin, white: their ground is dark or, in the viewer's light theme, of a middle grey.
+pub(super) fn words(text: &str) -> Points3D {
+    Points3D::new([[0.0; 3]])
         .with_radii([Radius::new_ui_points(0.5)])
-        .with_colors([of_words(colour)])
+        .with_colors([0xffffffff])
         .with_labels([text])
         .with_show_labels(true)
 }

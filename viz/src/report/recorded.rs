@@ -337,15 +337,15 @@ impl Recorded {
             Axis::named("time, s").within(0.0..end_s.max(1e-3)),
             axis,
         );
-        // A fault of one tick is seen, too.
-        let least = 0.004 * end_s;
+        // Hatched, whatever else is red. A fault of one tick is seen, too.
+        let step = 0.008 * end_s.max(1e-3);
         for fault in stretches(&self.faults, self.last, |state| state == NO_FAULT.0) {
             let [from, to] = [fault.start, fault.end].map(|tick| self.seconds(tick));
-            panel.band(
-                "fault in force",
-                Color { 3: 0.16, ..RED },
-                from..to.max(from + least),
-            );
+            let count = ((to - from) / step).ceil().max(1.0) as u32;
+            for begin in (0..count).map(|k| from + step * f64::from(k)) {
+                let stripe = begin..begin + 0.5 * step;
+                panel.band("fault in force", Color { 3: 0.45, ..RED }, stripe);
+            }
         }
         panel
     }
