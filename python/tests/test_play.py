@@ -366,6 +366,21 @@ def test_a_page_killed_with_its_run_leaves_nothing_behind(tmp_path):
 
 
 @needs_viser
+def test_a_full_disk_is_told_in_a_sentence_and_keeps_no_half_run(tmp_path, monkeypatch):
+    from armplane.play import session
+
+    def full(source, target):
+        target.mkdir()
+        raise session.shutil.Error([(source, target, f"[Errno 28] No space left on device: '{source}' -> '{target}'")])
+
+    monkeypatch.setattr(session.shutil, "move", full)
+    one, told, kept = object.__new__(session.Session), [], tmp_path / "runs" / "one"
+    one.process, one.folder = subprocess.Popen(["true"]), tmp_path / "room"
+    one._finish(kept, told.append)
+    assert not kept.exists() and "No space left on device. Start" in told[0]
+
+
+@needs_viser
 def test_strangers_are_refused_on_every_address(tmp_path):
     one = Play(tmp_path, "puma560", None, "--host", "0.0.0.0")
     port, token = re.search(r":(\d+)/\?token=(\S+)", one.address).groups()

@@ -257,7 +257,7 @@ class Page:
 
     def run(self):
         """Until the process is told to end."""
-        # The run waits at every tick for the thread that observes it: it must not wait for this one.
+        # At every tick the run waits for the thread that observes it: that must not wait for this.
         sys.setswitchinterval(1e-4)
         due, number = time.monotonic(), 0
         try:

@@ -148,8 +148,11 @@ class Session:
                 again = f"The same bytes again: armplane run {kept}/scenario.toml"
                 tell(f"Saved. Look: armplane view {kept}. {again}")
             except OSError as error:
-                remedy = "Start armplane play in a folder in which you may write."
-                tell(f"Cannot save {kept.absolute()}: {error.strerror or error}. {remedy}")
+                shutil.rmtree(kept, ignore_errors=True)
+                # Of a folder on another disk, the first file's.
+                why = error.strerror or str(error.args[0][0][2]).split(": '")[0]
+                remedy = "Start armplane play in a folder that you may write and that has room."
+                tell(f"Cannot save {kept.absolute()}: {why}. {remedy}")
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _keep(self, kept):
