@@ -26,3 +26,4 @@ pub use color::{BLUE, Color, FAINT, GREY, INK, RED, numbered};
 pub use digits::digits;
 pub use page::{Page, PlotError, Row};
 pub use panel::Panel;
+pub(crate) use pen::thinned;

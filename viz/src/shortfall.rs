@@ -147,24 +147,14 @@ pub fn rows_in(parts: &[PathBuf]) -> u64 {
 /// # Errors
 /// [`ReadError`] where a file before it cannot be opened or holds no recording.
 pub fn has_rows(parts: &[PathBuf]) -> Result<bool, ReadError> {
-    enum Stop {
-        Found,
-        Unreadable(ReadError),
-    }
-    impl From<ReadError> for Stop {
-        fn from(error: ReadError) -> Self {
-            Self::Unreadable(error)
-        }
-    }
-    match read(parts, |piece| {
-        if matches!(piece, Piece::Rows(_)) {
-            Err(Stop::Found)
-        } else {
-            Ok(())
-        }
-    }) {
+    // The first row ends the reading without an error.
+    let read = read(parts, |piece| match piece {
+        Piece::Rows(_) => Err(None),
+        _ => Ok(()),
+    });
+    match read {
         Ok(()) => Ok(false),
-        Err(Stop::Found) => Ok(true),
-        Err(Stop::Unreadable(error)) => Err(error),
+        Err(None) => Ok(true),
+        Err(Some(error)) => Err(error),
     }
 }

@@ -15,7 +15,7 @@ pub(super) const FONT: &str = "DejaVu Sans, Verdana, sans-serif";
 pub(super) const CHARACTER: f64 = 0.53;
 
 /// Of several points within a width the first, the least, the largest and the last are drawn.
-pub(super) fn thinned(places: &[(f64, f64)], width: f64) -> Vec<(f64, f64)> {
+pub(crate) fn thinned(places: &[(f64, f64)], width: f64) -> Vec<(f64, f64)> {
     let mut out = Vec::new();
     let mut rest = places;
     while let Some(first) = rest.first() {
@@ -29,8 +29,10 @@ pub(super) fn thinned(places: &[(f64, f64)], width: f64) -> Vec<(f64, f64)> {
         let by_y = |a: &usize, b: &usize| column[*a].1.total_cmp(&column[*b].1);
         let least = (0..column.len()).min_by(by_y).unwrap_or(0);
         let largest = (0..column.len()).max_by(by_y).unwrap_or(0);
-        let kept = [0, least.min(largest), least.max(largest), column.len() - 1];
-        out.extend(kept.map(|i| column[i]));
+        let ends = [least.min(largest), least.max(largest)];
+        let mut kept = vec![0, ends[0], ends[1], column.len() - 1];
+        kept.dedup();
+        out.extend(kept.iter().map(|i| column[*i]));
     }
     out
 }

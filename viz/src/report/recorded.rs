@@ -11,14 +11,14 @@ use shared_types::summary::Summary;
 
 use crate::entity::{AXES, HAND, LINK, SINGULARITY, TARGET, link};
 use crate::narration::{NO_FAULT, colour_of};
-use crate::plot::{Axis, Color, GREY, Panel, RED};
+use crate::plot::{Axis, Color, GREY, Panel, RED, thinned};
 use crate::read::{Piece, ReadError, ReadNews, Rows, read};
 use crate::shortfall::Reading;
 use crate::signals::{Kept, Signal};
 use crate::solid::{Placement, Rgba};
 
-/// Times at which a plotted line has points: more would not be seen.
-const POINTS: u64 = 3000;
+/// Stretches of a plotted line, each of at most four points: more would not be seen.
+const POINTS: u64 = 1500;
 /// Ticks without a value that are no gap: values of a lower rate begin anew with each chunk.
 fn patience(signal: Signal) -> f64 {
     if signal.of().kept == Kept::Slow {
@@ -128,36 +128,31 @@ pub(super) struct Recorded {
     pub(super) target: Track<Placement>,
 }
 
-/// A line of a plot: of so many successive values the least and the largest.
+/// A line of a plot: of so many successive values the first, the least, the largest and the last.
 #[derive(Clone)]
 pub(super) struct Line {
     pub(super) name: String,
     pub(super) points: Vec<(f64, f64)>,
     /// Where values are missing; s.
     gaps: Vec<Range<f64>>,
-    stride: u64,
-    gathered: u64,
+    /// The next values, at most `stride` of them.
+    gathered: Vec<(f64, f64)>,
+    stride: usize,
     /// The time of the last value, and how much later the next may be without a gap; s.
     last_s: f64,
     patience_s: f64,
-    /// The least and the largest of the values gathered.
-    extremes: [(f64, f64); 2],
 }
 
-/// The least and the largest of no values.
-const NOTHING: [(f64, f64); 2] = [(0.0, f64::INFINITY), (0.0, f64::NEG_INFINITY)];
-
 impl Line {
-    fn new(name: String, stride: u64, patience_s: f64) -> Self {
+    fn new(name: String, stride: usize, patience_s: f64) -> Self {
         Self {
             name,
             points: Vec::new(),
             gaps: Vec::new(),
+            gathered: Vec::new(),
             stride,
-            gathered: 0,
             last_s: f64::INFINITY,
             patience_s,
-            extremes: NOTHING,
         }
     }
 
@@ -169,27 +164,15 @@ impl Line {
             self.gaps.push(self.last_s..t_s);
         }
         self.last_s = t_s;
-        let [least, largest] = &mut self.extremes;
-        if value < least.1 {
-            *least = (t_s, value);
-        }
-        if value > largest.1 {
-            *largest = (t_s, value);
-        }
-        self.gathered += 1;
-        if self.gathered >= self.stride {
+        self.gathered.push((t_s, value));
+        if self.gathered.len() >= self.stride {
             self.flush();
         }
     }
 
     fn flush(&mut self) {
-        self.extremes.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let [a, b] = std::mem::replace(&mut self.extremes, NOTHING);
-        if self.gathered > 0 && a.1.is_finite() {
-            self.points.push(a);
-            self.points.extend((a != b).then_some(b));
-        }
-        self.gathered = 0;
+        self.points.extend(thinned(&self.gathered, f64::INFINITY));
+        self.gathered.clear();
     }
 }
 
@@ -254,7 +237,7 @@ impl Recorded {
         job: &Job,
         reading: &mut Reading,
     ) -> Result<Self, ReadError> {
-        let stride = summary.ticks.div_ceil(POINTS).max(1);
+        let stride = summary.ticks.div_ceil(POINTS).max(1) as usize;
         let (mut recorded, mut gathered) = (Self::default(), Gathered::default());
         let mut names = Vec::new();
         recorded.rate_hz = f64::from(summary.of.rate_hz.max(1));
@@ -407,7 +390,7 @@ mod tests {
         let value = |k| if k == 555 { 9.0 } else { f64::from(k % 7) };
         (0..1000).for_each(|k| line.push(f64::from(k), value(k)));
         line.push(1009.0, 1.0);
-        assert!(line.points.len() <= 21 && line.points.contains(&(555.0, 9.0)));
+        assert!(line.points.len() <= 42 && line.points.contains(&(555.0, 9.0)));
         let is_sorted = line.points.is_sorted_by(|a, b| a.0 < b.0);
         assert!(is_sorted && line.points.last().is_some_and(|last| last.1.is_nan()));
     }
