@@ -1,5 +1,6 @@
 //! How a run ends: by Ctrl-C, by the death of a process, by the death of the launcher. Nothing is left of any of them.
 
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
@@ -51,6 +52,34 @@ fn ctrl_c_stops_cleanly_and_keeps_the_recording() {
         "{}",
         summary["recorder"]
     );
+}
+
+/// A process that dies while it makes something leaves its node half-made.
+#[test]
+fn what_a_process_was_making_when_it_died_is_cleared_away() {
+    let desk = Desk::new();
+    let child = desk.begin(LONG);
+    let run = Path::new("/dev/shm").join(run_of(child.id()).unwrap());
+    let files = |folder: &Path| {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        entries.map(|entry| entry.path()).collect::<Vec<_>>()
+    };
+    let names_it = |file: &PathBuf| {
+        let text = std::fs::read(file).unwrap_or_default();
+        file.extension().is_some_and(|end| end == "details")
+            && String::from_utf8_lossy(&text).contains("controller")
+    };
+    let mut nodes = files(&run.join("nodes")).into_iter();
+    let node = nodes.find(|node| files(node).iter().any(names_it)).unwrap();
+    std::fs::write(node.join("unfinished.service_tag"), "").unwrap();
+    let killed = pid_of(child.id(), "controller");
+    kill(&child, "controller");
+    until("a replacement", || {
+        ![None, killed].contains(&pid_of(child.id(), "controller"))
+    });
+    assert!(!node.exists(), "{}", node.display());
+    let summary = interrupt(child).json();
+    assert_eq!(restarts(&summary, "controller"), 1, "{}", summary["faults"]);
 }
 
 fn kill(child: &std::process::Child, process: &str) {

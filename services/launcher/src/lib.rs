@@ -24,8 +24,6 @@ mod plan;
 mod signals;
 mod spawn;
 mod stop;
-#[cfg(test)]
-mod tests;
 mod unfinished;
 mod watch;
 

@@ -202,3 +202,25 @@ pub fn reexec(process: &str, run: &Path) -> io::Result<Command> {
     command.arg(process).arg("--run").arg(run);
     Ok(command)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_limit_on_silence_limits_the_start_too_but_where_a_person_starts_a_program() {
+        let start = |awaits_person, limit_s| {
+            let limits = Limits {
+                awaits_person,
+                ..Limits::of(Mode::Lockstep)
+            };
+            let limited = limits.with_silence(Some(Duration::from_secs(limit_s)));
+            limited.start.map(|limit| limit.as_secs())
+        };
+        assert_eq!(Limits::of(Mode::Lockstep).start, None);
+        assert_eq!(
+            [start(false, 1), start(false, 60), start(true, 1)],
+            [Some(20), Some(60), None]
+        );
+    }
+}
