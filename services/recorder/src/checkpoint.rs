@@ -136,52 +136,7 @@ impl Memory {
 
 #[cfg(test)]
 mod tests {
-    use shared_types::random::at as random;
-
     use super::*;
-
-    /// The most messages of a topic that are in the retainer alone, whenever the recorder is killed: a run at random speeds, with as many messages as the
-    /// retainer holds, and as far ahead of the recorder as [`runtime::Shell::most_ahead`] lets it be.
-    fn most_unsafe(held: u64, are_kept: bool, most_ticks: fn(bool, u64) -> u64) -> u64 {
-        let most_ahead = (held / 4).min(256);
-        let (mut sent, mut taken_in, mut closed, mut in_log, mut saved) = (0_u64, 0, 0, 0, 0);
-        let mut most = 0;
-        for step in 0..100_000 {
-            // In bursts: now the run is far ahead, now the recorder takes in a message at a time.
-            if sent <= closed + most_ahead && random(7, step / 300) % 5 < 1 + random(8, step) % 5 {
-                sent += 1;
-            } else if random(9, step).is_multiple_of(3) {
-                // A round: what was there when it began is closed with it.
-                closed = taken_in;
-                taken_in = sent;
-                in_log += (taken_in - in_log) / BLOCK as u64 * BLOCK as u64;
-                if taken_in >= saved + most_ticks(are_kept, most_ahead) {
-                    (saved, in_log) = (taken_in, taken_in);
-                }
-            }
-            most = most.max(sent - if are_kept { in_log } else { saved });
-        }
-        most
-    }
-
-    #[test]
-    fn a_message_that_no_file_has_is_in_the_retainer_whenever_the_recorder_is_killed() {
-        for (held, are_kept) in [16, 64, 256, 512, 1024]
-            .into_iter()
-            .flat_map(|held| [(held, true), (held, false)])
-        {
-            let most = most_unsafe(held, are_kept, most_ticks);
-            assert!(
-                most <= held,
-                "{most} messages are in the retainer alone, which holds {held}; a log is kept: {are_kept}"
-            );
-        }
-        let seldom = |_, _| EVERY_TICKS;
-        assert!(
-            most_unsafe(1024, false, seldom) > 1024 && most_unsafe(64, true, seldom) > 64,
-            "the rule is needed"
-        );
-    }
 
     #[test]
     fn checkpoints_are_rare_where_the_logs_have_what_they_need() {

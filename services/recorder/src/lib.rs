@@ -7,12 +7,12 @@ mod checkpoint;
 mod fault_reporter;
 mod judge;
 mod message_rows;
-mod pace;
 mod rebuild;
 mod tape;
 mod topics;
 
 use std::path::Path;
+use std::time::Duration;
 
 use message_log::{Contents, TopicHash};
 use model::Robot;
@@ -24,7 +24,6 @@ use viz::Level;
 
 use checkpoint::{Checkpoint, Memory, most_ticks};
 use fault_reporter::FaultReporter;
-use pace::Pace;
 use topics::{Past, Topics};
 
 pub use assemble::{Assembler, Row, Set};
@@ -114,11 +113,21 @@ fn record(
     run_dir: &Path,
 ) -> Result<Summary, ProcessError> {
     let mut recorder = Recorder::open(shell, robot, job, run_dir)?;
-    let mut pace = Pace::new(shell.mode(), job.live, shell.most_ahead());
-    while shell.poll(pace.next(shell.ticks_begun()))? {
+    while shell.poll(pace(shell.mode(), job.live))? {
         recorder.round()?;
     }
     Ok(recorder.finish())
+}
+
+/// Time from one round to the next. To wake up with a cold cache costs more than one tick's messages, so a round takes several ticks in: in real time a
+/// quarter of the buffers at 1 kHz, or less where a viewer shows motion; in lockstep, where all processes wait for a recorder that is too far behind, half of
+/// that distance at 50,000 ticks per second.
+fn pace(mode: Mode, is_watched: bool) -> Duration {
+    Duration::from_micros(match mode {
+        Mode::Realtime if is_watched => 100_000,
+        Mode::Realtime => 250_000,
+        Mode::Lockstep => 2_500,
+    })
 }
 
 impl<'a> Recorder<'a> {
