@@ -12,8 +12,7 @@ use crate::bus::node::join;
 use crate::bus::topic::Topic;
 use crate::{
     CHAIN_DEPTH, Collector, ControlPage, Count, Hub, Interrupted, Manifest, Mode, OpenError,
-    Origin, Phase, Process, RECORDER_DEPTH, Reader, RunDir, SendError, Shell, State, Stop, Writer,
-    now_ns,
+    Origin, Phase, Process, RECORDER_DEPTH, Reader, RunDir, SendError, Shell, Stop, Writer, now_ns,
 };
 
 mod declared;
@@ -232,36 +231,6 @@ fn every_wait_ends_by_deadline_limit_or_stop() {
 }
 
 #[test]
-fn a_death_between_sending_and_noting_it_is_not_repeated() {
-    let stage = stage(Mode::Realtime);
-    let line = stage.control_page.process(1);
-    // Ticks 0 to 4 are closed and 5 was sent: by its readers the first tick missed is 6.
-    line.set_ticks(5);
-    stage.strike(stage.death(1, 6, 20, Origin::Planned));
-    line.begin_incarnation();
-    let (_estimator, mut sensors, mut inlet) = stage.pair();
-    for tick in [7, 25] {
-        send(&mut sensors, [tick]);
-        assert!(next(&mut inlet).is_err(), "it is not back before tick 26");
-    }
-    send(&mut sensors, [26]);
-    assert_eq!(next(&mut inlet), Ok(Some(26)));
-}
-
-#[test]
-fn a_dead_incarnation_is_fenced_off() {
-    let stage = stage(Mode::Realtime);
-    let (estimator, mut sensors, mut inlet) = stage.pair();
-    send(&mut sensors, [0]);
-    // The plant dies with its message on the way; the launcher begins the next incarnation.
-    stage.control_page.process(0).begin_incarnation();
-    send(&mut sensors, [1]);
-    let got = inlet.next().unwrap().unwrap();
-    assert_eq!((got.header.tick, got.header.incarnation), (1, 2));
-    assert_eq!(estimator.count(Count::Fenced), 1);
-}
-
-#[test]
 fn a_message_that_is_not_finite_does_not_leave() {
     let stage = stage(Mode::Lockstep);
     let (_estimator, mut sensors, mut inlet) = stage.pair();
@@ -349,25 +318,6 @@ fn in_lockstep_the_source_waits_for_the_recorder() {
 }
 
 #[test]
-fn in_lockstep_the_source_waits_at_the_end_of_a_death_for_who_has_not_died_yet() {
-    let stage = stage(Mode::Lockstep);
-    let (plant, line) = (stage.shell("plant"), stage.control_page.process(1));
-    stage.death(1, 1, 2, Origin::Planned);
-    // It is through with tick 0 and it has had no core since.
-    line.set_state(State::Running);
-    line.set_ticks(1);
-    drop(plant.writer::<SensorSample>().unwrap());
-    let mut tick_source = plant.tick_source(0);
-    for tick in 0..3 {
-        // No process waits for a dead one.
-        assert_eq!(tick_source.next().unwrap(), Some(tick));
-    }
-    assert_eq!(late(&tick_source.next().unwrap_err()), Some("estimator"));
-    line.set_ticks(3);
-    assert_eq!(tick_source.next().unwrap(), Some(3));
-}
-
-#[test]
 fn a_polled_process_gets_one_more_round_after_the_stop() {
     let stage = stage(Mode::Lockstep);
     let recorder = stage.shell("recorder");
@@ -393,54 +343,6 @@ fn another_wire_format_is_refused_with_both_versions() {
         ),
         other => panic!("{other:?}"),
     }
-}
-
-#[test]
-fn a_reader_of_everything_that_comes_back_gets_what_it_missed_and_nothing_twice() {
-    let stage = stage(Mode::Realtime);
-    let (_estimator, mut sensors, _inlet) = stage.pair();
-    let (first, mut taken) = (stage.shell("recorder"), Vec::new());
-    let mut drain = first.collector::<SensorSample>().unwrap();
-    first.poll(Duration::ZERO).unwrap();
-    send(&mut sensors, 0..100);
-    drain.collect(|message| taken.push(*message)).unwrap();
-    assert_eq!(taken.len(), 100);
-    // It dies and has to have been at tick 80; meanwhile others come, one of them poisoned, and the writer dies with its last word on the way.
-    drop((drain, first));
-    send(&mut sensors, 100..200);
-    stage.control_page.process(2).begin_incarnation();
-    let (page, run) = (&stage.control_page, stage.run.path());
-    std::thread::scope(|scope| {
-        let recorder = scope.spawn(|| {
-            let second = Shell::open(run, "recorder").unwrap();
-            let mut drain = second.collector::<SensorSample>().unwrap();
-            drain.resume(Some(80), 0);
-            drain.recall(Some(&taken[80])).unwrap();
-            second.poll(Duration::ZERO).unwrap();
-            let mut ticks = Vec::new();
-            while ticks.last() != Some(&210) {
-                ticks.extend(collected(&mut drain));
-            }
-            let counts = [Count::Lost, Count::Repeated, Count::Fenced];
-            (ticks, counts.map(|count| second.count(count)))
-        });
-        // The launcher's part, while messages go on: those before the recorder is connected come from the retainer, then from both.
-        let mut next = 200;
-        while !recorder.is_finished() {
-            stage.hub.answer(page).unwrap();
-            if next <= 210 && (next < 205 || page.process(2).state() == State::Running) {
-                send(&mut sensors, [next]);
-                next += 1;
-            }
-            if next == 205 {
-                page.process(0).begin_incarnation();
-            }
-            std::thread::sleep(Duration::from_micros(300));
-        }
-        let (ticks, counts) = recorder.join().unwrap();
-        assert_eq!(ticks, (81..=210).collect::<Vec<_>>());
-        assert_eq!(counts, [0, 0, 0]);
-    });
 }
 
 #[test]
