@@ -216,12 +216,6 @@ fn blocks_that_are_missing_repeated_exchanged_or_of_another_run_are_named_by_eac
     for (bytes, clause, is_known) in [
         (of(&without(2)), lost("lacks blocks", 100, EACH), true),
         (
-            of(&without(last)),
-            lost("lacks blocks", ticks - rest, rest),
-            true,
-        ),
-        (of(&[]), lost("lacks blocks", 0, ticks), true),
-        (
             of(&[&all[..2], &all[1..]].concat()),
             harmless("holds blocks twice", 50),
             true,
@@ -235,11 +229,6 @@ fn blocks_that_are_missing_repeated_exchanged_or_of_another_run_are_named_by_eac
         (
             flipped((places[3] + places[4]) / 2),
             lost("is damaged", 150, EACH),
-            true,
-        ),
-        (
-            flipped(places[last] + 4),
-            lost("is damaged", ticks - rest, rest),
             true,
         ),
         (

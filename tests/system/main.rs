@@ -8,7 +8,6 @@ mod command;
 mod compare;
 mod corpus;
 mod damage;
-mod determinism;
 mod door;
 mod exchange;
 mod faults;

@@ -3,7 +3,7 @@
 use serde_json::Value;
 use shared_types::topics::ALWAYS;
 
-use crate::command::{Desk, Known, assert_nothing_left};
+use crate::command::{Desk, Known, assert_nothing_left, finish};
 
 /// A short task in which a process dies and another one's messages are lost half the time.
 const FAULTS: &str = r#"
@@ -199,4 +199,19 @@ fn an_end_that_a_fault_plans_is_the_end_of_every_run() {
         "{json}"
     );
     assert_eq!(json["runs"][1]["topics"]["sensor"]["count"], 300, "{json}");
+}
+
+#[test]
+fn the_features_of_the_processor_change_no_byte() {
+    let desk = Desk::new();
+    let run = |masked: &str| {
+        let mut command = desk.command("run ur5-wrist --no-record --json --out run");
+        command.env("GLIBC_TUNABLES", format!("glibc.cpu.hwcaps={masked}"));
+        let ran = finish(command.spawn().expect("armplane starts"));
+        ran.json()["topics"].clone()
+    };
+    let all = run("");
+    for masked in ["-AVX512F,-AVX512VL", "-AVX2,-FMA,-AVX2_Usable,-FMA_Usable"] {
+        assert_eq!(run(masked), all, "{masked}");
+    }
 }
