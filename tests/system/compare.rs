@@ -273,25 +273,3 @@ fn wrong_input_is_said() {
         "nothing is left of what did not begin"
     );
 }
-
-#[test]
-fn the_winner_is_named() {
-    let desk = Desk::new();
-    let compared =
-        desk.armplane("compare fig5-wrist-rotation --law blended,damped-least-squares --out out");
-    assert_eq!(compared.code, 0, "{}", compared.err);
-    assert!(
-        compared.out.contains("wins, S1")
-            && compared
-                .out
-                .contains("damped-least-squares misses task, speed"),
-        "{}",
-        compared.out
-    );
-    assert!(
-        compared.out.contains(" wins: at most 0.0")
-            && compared.out.contains("next damped-least-squares (load "),
-        "{}",
-        compared.out
-    );
-}

@@ -105,11 +105,6 @@ fn begin(corpus: &Corpus) -> Done {
             |part: fn(&Tick) -> Vec<u8>| ticks.iter().take(8).flat_map(part).collect::<Vec<u8>>();
         let inputs = each(|tick| [bytes_of(&tick.estimate), bytes_of(&tick.singularity)].concat());
         corpus.seed("controller", name, &[&[place, 0, 0], &inputs[..]].concat())?;
-        corpus.seed(
-            "drive",
-            name,
-            &[&[place], &each(|tick| bytes_of(&tick.torque).to_vec())[..]].concat(),
-        )?;
     }
     corpus.seed("target_file", "targets", crate::hostile::TARGETS.as_bytes())?;
     corpus.seed(
@@ -178,7 +173,6 @@ fn holds(target: &str, bytes: &[u8]) -> bool {
     match target {
         "control_page" => properties::control_page(bytes),
         "controller" => properties::controller(bytes),
-        "drive" => properties::drive(bytes),
         "exchange_page" => properties::exchange_page(bytes),
         "fingers" => properties::fingers(bytes),
         "graph" => on_text(properties::graph),

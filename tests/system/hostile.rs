@@ -136,11 +136,6 @@ proptest! {
     }
 
     #[test]
-    fn no_command_makes_the_drive_unsafe(bytes in bytes(1500)) {
-        properties::drive(&bytes);
-    }
-
-    #[test]
     fn no_finger_in_the_chain_makes_it_unsafe(bytes in prop::collection::vec(any::<u8>(), 0..1500)) {
         properties::fingers(&bytes);
     }

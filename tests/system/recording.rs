@@ -294,16 +294,6 @@ fn csv_has_a_row_for_every_tick_of_every_part() {
 }
 
 #[test]
-fn every_format_of_an_export_is_written() {
-    let desk = Desk::new();
-    desk.run(&format!("{SHORT} --out results"));
-    desk.succeeds("export results --format parquet");
-    let file = desk.path().join("results/signals.parquet");
-    assert_eq!(std::fs::read(file).expect("a file")[..4], *b"PAR1");
-    desk.refuses(2, "export results --layout timing", &["rbl"]);
-}
-
-#[test]
 fn a_report_stands_alone() {
     let desk = Desk::new();
     let summary = desk.run(&format!("{SHORT} --out results"));

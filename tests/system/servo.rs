@@ -3,7 +3,6 @@
 use std::fs::File;
 use std::io::Write;
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
 
 use serde_json::Value;
 use shared_types::target_file;
@@ -160,30 +159,6 @@ fn steered_by_lines(desk: &Desk) -> Child {
         .stderr(Stdio::piped())
         .spawn()
         .expect("armplane starts")
-}
-
-#[test]
-fn targets_sent_while_the_run_lasts_are_saved_and_give_the_same_bytes() {
-    let desk = Desk::new();
-    let mut child = steered_by_lines(&desk);
-    let mut lines = child.stdin.take().expect("a pipe");
-    for line in [
-        "twist, base, 0.2, 0.05 0 0 0 0 0",
-        "nonsense",
-        "twist, hand, 0.2, 0 0 0.05 0 0 0",
-        "twist, base, 0.1, 0 0 NaN 0 0 0",
-        "end",
-    ] {
-        writeln!(lines, "{line}").expect("the run reads");
-        std::thread::sleep(Duration::from_millis(150));
-    }
-    drop(lines);
-    let said = finish(child);
-    // The verdict is of the arm; that two lines were no targets is in the exit code.
-    assert_eq!(said.code, 1, "{}", said.err);
-    let first = summary(&said);
-    assert_eq!(first["completed"], true, "{}", first["reason"]);
-    same_bytes(&first, &desk.run(&["one/scenario.toml", "--out", "two"]));
 }
 
 #[test]

@@ -432,14 +432,9 @@ fn a_sweep_that_cannot_be_is_refused_in_a_sentence() {
         );
         assert!(!desk.path().join("runs/bad").exists());
     };
-    refused("", "the grid is empty");
     refused(
         "[[key]]\nkey = \"control.kp\"\nvalues = [1.0]\n",
         "did you mean `k_p`?",
-    );
-    refused(
-        "[[key]]\nkey = \"start.q_deg.4\"\nunit = \"rad\"\nvalues = [1.0]\n",
-        "is in °, not in rad",
     );
     refused(
         "[[key]]\nkey = \"start.q\"\nvalues = [[0.0]]\n",
@@ -449,32 +444,12 @@ fn a_sweep_that_cannot_be_is_refused_in_a_sentence() {
     for (more, expected) in [
         ("fault = 1\n".to_owned(), "unknown field `fault`"),
         (
-            format!("{seed}values = [99999999999999999999]\n"),
-            "bad.toml:5: `key.0.values.0`: the whole number `99999999999999999999` does not",
-        ),
-        (
             format!("{seed}from = 0\nto = 1e300\nsteps = 3\n"),
             "it takes whole numbers only (both ends must be whole, and within",
         ),
         (
-            format!("{seed}from = 1\nto = 4\nsteps = 3\n"),
-            "`seed` takes whole numbers only, and 3 steps from 1 to 4 are no",
-        ),
-        (
-            format!("{seed}values = [{}1{}]\n", "[".repeat(200), "]".repeat(200)),
-            "nested too deeply (at most 80 are within each other)",
-        ),
-        (
-            "[[key]]\nkey = \"fault\"\nvalues = [[1]]\n".to_owned(),
-            "`fault = [1]`: the whole number `1` does not fit here (it must be a table)",
-        ),
-        (
             "[[key]]\nkey = \"fault.0.process\"\nvalues = [\"plant\"]\n".to_owned(),
             "`fault.0.process = \"plant\"`: `fault.0.process` does not name a place in the file",
-        ),
-        (
-            "[[key]]\nkey = \"rate_hz\"\nvalues = [5000000000]\n".to_owned(),
-            "`rate_hz = 5000000000`: the whole number `5000000000` does not fit here (it must be a whole number from 0 to 4294967295)",
         ),
         (
             format!("set = [\"seed2=1\"]\n{seed}values = [1]\n"),

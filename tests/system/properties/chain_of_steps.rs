@@ -9,8 +9,7 @@ use shared_types::scenario::{Scenario, Strategy};
 use shared_types::wire::Part;
 use shared_types::{
     AnalyzerCheckpoint, Checkpoint, ControlState, ControllerCheckpoint, EstimatorCheckpoint,
-    Layout, Message, PlantState, SensorSample, ServoState, SingularityReport, StateEstimate,
-    Target, TorqueCommand,
+    Layout, Message, ServoState, SingularityReport, StateEstimate, Target, TorqueCommand,
 };
 
 use super::input::{Bytes, Hand, numbers};
@@ -165,31 +164,6 @@ pub fn controller(bytes: &[u8]) {
         (&mut servo, &mut state, &mut command),
     );
     is_safe(&command.tau, robot, "restored controller");
-}
-
-/// For any command, the torque that acts on the arm is finite and within the limits, and the sensors' readings are finite.
-pub fn drive(bytes: &[u8]) {
-    let mut hand = Hand(bytes);
-    let Some(case) = case(hand.byte(), 0, false) else {
-        return;
-    };
-    let Case {
-        robot, scenario, ..
-    } = &*case;
-    let mut cycle = plant::cycle(robot, scenario).expect("it was accepted before");
-    let mut bytes = Bytes(hand.0);
-    for tick in 0..8 {
-        let mut command: TorqueCommand = bytes.next();
-        command.phase %= 2;
-        cycle.step(Some(&command));
-        let (mut sample, mut truth) = <(SensorSample, PlantState)>::default();
-        cycle.sample(tick, &mut sample, &mut truth);
-        assert!(
-            sample.is_finite() && truth.is_finite(),
-            "{sample:?} {truth:?}"
-        );
-        is_safe(&sample.tau_drive, robot, "drive");
-    }
 }
 
 /// Numbers within what a fault's amount may be: what is larger no process need have an answer to.

@@ -12,7 +12,7 @@ mod input;
 mod messages;
 mod run_folder;
 
-pub use chain_of_steps::{controller, drive, fingers};
+pub use chain_of_steps::{controller, fingers};
 pub use exchange_page::exchange_page;
 pub use files::{graph, job, results, scenario, target_file, urdf};
 pub use messages::validation;
