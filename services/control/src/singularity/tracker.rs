@@ -30,7 +30,7 @@ use super::family::Posture;
 use super::geometry::{Geometry, Span};
 use super::screws::Screws;
 use super::tracked_svd::{SQUARED_GAP, TrackedSvd};
-use crate::linear::{angular, linear, stack};
+use crate::linear::{angular, linear, smoothstep, stack};
 use crate::paper::type_2::TURNS;
 use crate::types::{Class, Kind, Singularity};
 use model::{joints, padded};
@@ -58,6 +58,9 @@ const FLAT: f64 = 1e-9;
 
 /// Share of ∇s along v above which s is a coordinate of the fold.
 const SLOPE: f64 = 0.1;
+
+/// Shares of the strongest curvature along a, of a vector measure, from and to which the fold's coordinate takes the place of a's own.
+const LEADS: [f64; 2] = [0.3, 0.7];
 
 /// Postures sampled for σ_ref, and singular ones per name for the type that is most frequent.
 const SAMPLES: (usize, u32) = (256, 6);
@@ -415,6 +418,24 @@ impl<const N: usize> Tracker<N> {
         }
     }
 
+    /// How far entry `k` is singular alone, 0 to 1: a fold's curvature tells nothing of the motions that a second lost direction leaves free.
+    fn alone(&self, k: usize) -> f64 {
+        let block = self.entries[k].block;
+        (0..self.count)
+            .filter(|j| *j != k && self.entries[*j].block == block)
+            .map(|j| self.openness(j))
+            .product()
+    }
+
+    /// 0 within η_in of entry `k`, 1 beyond η_out.
+    fn openness(&self, k: usize) -> f64 {
+        let entry = &self.entries[k];
+        let [eta_in, eta_out] = self
+            .eta
+            .map(|eta| eta.of(self.places[entry.place].0.code()));
+        smoothstep((self.size(entry.block, entry.index) - eta_in) / (eta_out - eta_in))
+    }
+
     /// The second order of entry `k`, its auxiliary row turned; `before` are ζ and u of the latched entries before it.
     fn second_order(
         &self,
@@ -446,15 +467,18 @@ impl<const N: usize> Tracker<N> {
         let others = entry.latched.then(|| self.others(k));
         let (a, curvature_b) = turn.of(entry.a, others, |y| self.half_rate(k, arm, y, angular));
         let curvature = a.dot(&(Q * a));
-        // Of a signed fold ∇s must have a share along v, of a vector measure's a must have one of the strongest curvature.
+        // Of a signed fold ∇s must have a share along v, of a vector measure's a must have much of the strongest curvature.
         let (gradient, slope) = (Q.tr_mul(&svd.v[i]), svd.v[i].dot(&(Q * svd.v[i])));
-        let leads = if svd.is_square() {
-            slope.abs() > SLOPE * gradient.norm()
+        let fold = if class != Class::Type1 || !entry.latched || curvature.abs() <= FLAT {
+            0.0
+        } else if svd.is_square() {
+            f64::from(u8::from(slope.abs() > SLOPE * gradient.norm()))
         } else {
-            curvature.abs() > 0.2 * entry.verdict.kappa_1
+            let [few, most] = LEADS;
+            let share = curvature.abs() / entry.verdict.kappa_1;
+            smoothstep((share - few) / (most - few)) * self.alone(k)
         };
-        let is_fold = class == Class::Type1 && entry.latched && leads && curvature.abs() > FLAT;
-        let along_fold = (is_fold && svd.is_square())
+        let along_fold = (fold > 0.0 && svd.is_square())
             .then(|| half_of(&svd.along_fold(i, &gradient, slope), angular))
             .filter(|half| half.norm() > NO_DIRECTION);
         SecondOrder {
@@ -466,7 +490,7 @@ impl<const N: usize> Tracker<N> {
             m,
             curvature,
             curvature_b,
-            is_fold,
+            fold,
         }
     }
 
@@ -520,13 +544,13 @@ impl<const N: usize> Tracker<N> {
                 .copysign(per_aux * if order.m.dot(&a) < 0.0 { -1.0 } else { 1.0 }),
             aux,
             aux_rate: aux_row.dot(at.qdot),
-            aux_bias: if order.is_fold {
-                0.0
+            aux_bias: if order.fold < 1.0 {
+                (1.0 - order.fold) * self.bias(svd, entry.index, &a, &arm.0, at)
             } else {
-                self.bias(svd, entry.index, &a, &arm.0, at)
+                0.0
             },
             aux_row,
-            kappa_1: if order.is_fold {
+            kappa_1: if order.fold > 0.0 {
                 (order.curvature * per_aux).abs()
             } else {
                 entry.verdict.kappa_1
@@ -661,18 +685,24 @@ struct SecondOrder<const N: usize> {
     /// aᵀQa, and what is mixed with the rest of Π.
     curvature: f64,
     curvature_b: SVector<f64, N>,
-    /// The coordinate is that of a fold.
-    is_fold: bool,
+    /// How far the coordinate is that of a fold: 0 where it is a's own, 1 where the fold's curvature leads.
+    fold: f64,
 }
 
 impl<const N: usize> SecondOrder<N> {
     /// The auxiliary coordinate and its gradient.
     fn coordinate(&self) -> (f64, SVector<f64, N>) {
         let Self {
-            Q, a, m, curvature, ..
+            Q,
+            a,
+            m,
+            curvature,
+            fold,
+            ..
         } = self;
-        if self.is_fold {
-            return (m.dot(a) / curvature, Q.tr_mul(a) / *curvature);
+        if *fold > 0.0 {
+            let along_fold = Q.tr_mul(a) / *curvature;
+            return (m.dot(a) / curvature * fold, a + (along_fold - a) * *fold);
         }
         let leads = a * *curvature + self.curvature_b;
         let aux = m.dot(&leads) / leads.norm_squared().max(1e-4);
