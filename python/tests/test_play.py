@@ -37,10 +37,11 @@ self.WebSocket = class extends WebSocket {
 self.postMessage = (data, more) => post(data.type === "message_batch" ? {...data, at: arrived.shift()} : data, more)\n`
 window.moves = []; window.updates = []; window.all = []
 window.addEventListener("pointermove", event => moves.push([event.timeStamp, performance.now()].map(ms => performance.timeOrigin + ms)), true)
+const script = text => URL.createObjectURL(new Blob([text], {type: "text/javascript"})), first = script(ours)
 window.Worker = class extends Worker {
     constructor(url, options) {
-        const theirs = options?.type === "module" ? `await import("${url}")` : `importScripts("${url}")`
-        super(URL.createObjectURL(new Blob([ours, theirs], {type: "text/javascript"})), options)
+        // Without `await`, for a message that comes meanwhile would be lost.
+        super(script(options?.type === "module" ? `import "${first}"; import "${url}"` : `importScripts("${first}", "${url}")`), options)
         this.addEventListener("message", ({data}) => {
             const links = data.messages?.filter(one => one.position && /^.arm.[0-9]+$/.test(one.name)).map(one => [one.name, one.position])
             if (links) for (const list of [updates, all]) list.push([data.at, Object.fromEntries(links)])
@@ -48,6 +49,8 @@ window.Worker = class extends Worker {
     }
 }"""
 
+# Ten pictures a second at most: a software renderer that draws all it can takes the cores on which the run lives.
+FEWER_PICTURES = "const draw = requestAnimationFrame.bind(window); window.requestAnimationFrame = then => setTimeout(() => draw(then), 100)"
 
 # Whether no link has moved by 0.05 mm in the last 0.3 s and more.
 RESTS = """updates.length > 11 && [1, 2, 3, 4, 5].every(link => [0, 1, 2].every(axis => {
@@ -79,6 +82,8 @@ class Play:
     def open(self):
         page = self.browser.new_page(viewport={"width": 1000, "height": 600}, device_scale_factor=SCALE)
         page.add_init_script(WATCH)
+        if os.environ.get("ARMPLANE_TIMES"):
+            page.add_init_script(FEWER_PICTURES)
         page.goto(self.address, timeout=180_000)
         # viser's warning of the software renderer lies over the picture.
         page.add_style_tag(content=".mantine-Notifications-root { display: none }")
@@ -252,7 +257,7 @@ def test_a_hand_is_dragged_through_locks(play, robot):
             rate, seen, known = one.measure(page)
             load = os.getloadavg()[0] / os.cpu_count()
             print(f"{robot}, {lock}: {rate:.0f} updates/s; {seen:.0f} ms from mouse to arm, {known:.0f} ms of them after the page learnt of it; load {load:.1f} a core")
-            assert load > 1 or rate >= 30 and known < 100
+            assert rate >= 30 and seen < 100
             one.go(page, lock)
         one.drag(page, _circle(130))
         _judge(one.save(page), lock)
