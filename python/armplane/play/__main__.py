@@ -18,7 +18,7 @@ INSTALL = "pip install the wheel that `python/build` makes, with its extra [play
 
 
 def arguments():
-    about = "Opens a page in the browser on which you take the hand of an arm and drag it."
+    about = "Opens a page in the browser where you drag an arm by its hand."
     parser = argparse.ArgumentParser(prog="armplane play", description=about)
     add = parser.add_argument
     add("subject", nargs="?", default="puma560", metavar="ROBOT|SCENARIO|FILE")

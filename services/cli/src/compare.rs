@@ -43,19 +43,19 @@ pub(crate) struct CompareArgs {
     /// Sweep lines through exactly singular postures of this arm, and print every line. Uses the first law of --law.
     #[arg(long, value_name = "ROBOT|FILE.urdf|FILE.xml")]
     robot: Option<String>,
-    /// In place of the simulated arm: MuJoCo (docs/python.md). Each run then takes its processes.
+    /// In place of the simulated arm: MuJoCo (docs/python.md). Each run then starts its own processes.
     #[arg(long, value_name = "mujoco|mujoco:SCENE.xml", conflicts_with = "race")]
     plant: Option<String>,
     /// Seconds that a controller of others may take to load and join a run.
     #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..=3600))]
     join_limit: u32,
-    /// Of the sweep: save each line as a scenario file in this new folder, and run none.
+    /// Save each line of the sweep as a scenario file in this new folder, without running it.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["race", "out"])]
     save_lines: Option<PathBuf>,
     /// With --robot: lines through two singularities at once, --count per pair.
     #[arg(long, requires = "robot")]
     pairs: bool,
-    /// Record one scenario under two laws: its own solid, the one of --law translucent (default: damped-least-squares).
+    /// Record one scenario under two laws: its own (solid) and --law's (translucent) (default: damped-least-squares).
     #[arg(long, conflicts_with = "robot")]
     race: bool,
 }

@@ -30,10 +30,10 @@ pub(crate) struct DrillArgs {
     /// Override a value of the scenario, for example control.k_p=900 (repeatable).
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Run in real time for so long instead, with random faults.
+    /// Run in real time for this long instead, with random faults.
     #[arg(long, value_name = "SECONDS", conflicts_with_all = ["only", "pairs", "graph", "without"], value_parser = clap::value_parser!(u64).range(1..=86_400))]
     soak: Option<u64>,
-    /// Switch a protection off, to see the drill fail.
+    /// Switch a protection off, to show that the drill then fails.
     #[arg(long, value_name = "PROTECTION")]
     without: Option<Protection>,
     /// Save drill.json, a heat map (SVG and PNG), and the files of broken soak rounds here.

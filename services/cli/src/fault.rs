@@ -76,7 +76,7 @@ pub(crate) struct FaultArgs {
     /// Amount, in the unit that --list shows.
     #[arg(long, value_name = "X", allow_negative_numbers = true)]
     amount: Option<f64>,
-    /// The run's folder or scenario, if several are alive or it was started from another folder (`armplane ps` lists them).
+    /// The run's folder or scenario; needed if several are alive, or the run was started from another folder (`armplane ps` lists them).
     #[arg(long, value_name = "RUN")]
     run: Option<String>,
 }

@@ -68,23 +68,23 @@ enum Command {
     Run(run::RunArgs),
     /// Write a scenario to start from.
     #[command(
-        long_about = "Writes NAME.toml, a scenario with comments: a straight line that the arm follows, and back. It refuses to overwrite a file.",
+        long_about = "Writes NAME.toml, a commented scenario: a straight line that the arm follows, and back. It refuses to overwrite a file.",
         after_help = "Examples:\n  armplane new mine && armplane run mine.toml\n  armplane new mine --robot my-arm.urdf"
     )]
     New(new::NewArgs),
     /// Steer an arm by keyboard, gamepad, file or program.
     #[command(
         long_about = "Moves an arm to targets as they arrive: twists, poses or joint positions. The arm keeps its limits, passes \
-                      singularities, and reports at each tick what it does and why. It comes to rest when a target grows too old. Invalid \
+                      singularities, and reports at each tick what it does and why. It comes to rest when no new target arrives in time. Invalid \
                       targets are refused and counted.\n\n\
                       The targets are saved beside the run: `armplane run` of its scenario.toml gives the same bytes again. docs/servo.md \
                       describes the format.",
-        after_help = "Examples:\n  armplane servo servo-panda                    a built-in session\n  armplane servo panda --random 7               60 s of random twists\n  armplane servo ur5 --from my-targets.csv --start bent\n  armplane servo --from topic --graph examples/steer/graph.toml panda --duration 10\n  armplane servo --seeds 20                     judge four arms on 20 seeds each\n\nExit code 1: the session did not end at rest at its reference, or --seeds found a broken bar."
+        after_help = "Examples:\n  armplane servo servo-panda                    a built-in session\n  armplane servo panda --random 7               60 s of random twists\n  armplane servo ur5 --from my-targets.csv --start bent\n  armplane servo --from topic --graph examples/steer/graph.toml panda --duration 10\n  armplane servo --seeds 20                     judge four arms on 20 seeds each\n\nExit code 1: the session did not end at rest at its reference, or --seeds found a session beyond its limits."
     )]
     Servo(servo::ServoArgs),
     /// Drag the hand of an arm in the browser.
     #[command(
-        long_about = "Opens a page in the browser on which you take the hand of an arm and drag it through its singularities. The arm is a \
+        long_about = "Opens a browser page where you drag an arm by its hand through its singularities. The arm is a \
                       steered run (`armplane servo`). The page shows the singular direction ζ, measures and limits, and the reason for \
                       each slowing. Several browsers may watch, one steers.\n\nNeeds Python and its packages armplane and viser (docs/play.md).",
         after_help = "Examples:\n  armplane play\n  armplane play panda\n  armplane play my-arm.urdf --no-open\n  armplane play ur5 --host 0.0.0.0"
@@ -93,7 +93,7 @@ enum Command {
     /// Show what differs between two runs.
     #[command(
         long_about = "Compares the folders of two runs: the keys of their scenarios, robot, graph and version, outcome and numbers, and the first \
-                      tick, topic and field whose messages differ. What the clock gives, such as speed and latency, is left out.",
+                      tick, topic and field whose messages differ. Timing, such as speed and latency, is left out.",
         after_help = "Examples:\n  armplane diff runs/fig5-wrist-rotation-001 runs/fig5-wrist-rotation-002\n  armplane diff before after --json\n\nExit code 0: they are the same; 1: they differ, or the answer could not be written; 2: wrong input."
     )]
     Diff(diff::DiffArgs),
@@ -102,7 +102,7 @@ enum Command {
         long_about = "Runs a scenario in lockstep several times, each time under other conditions: other cores and nice values, random \
                       delays and pauses, a busy thread on every core, with and without a recording.\n\n\
                       Compares every message with a run on one thread. If a single thread cannot compute the scenario (death of the \
-                      plant, recorder faults, foreign programs), it compares with the first run. It prints the first tick, topic and \
+                      plant, recorder faults, programs of your own), it compares with the first run. It prints the first tick, topic and \
                       field that differ.",
         after_help = "Examples:\n  armplane verify fig5-wrist-rotation\n  armplane verify my.toml --runs 12 --json\n  armplane verify --kills 100\n\nExit code 1: some bytes differ."
     )]
@@ -141,9 +141,9 @@ enum Command {
         after_help = "Examples:\n  armplane compare fig5-wrist-rotation elbow-in-and-out\n  armplane compare sweep --count 90 --speed 0.5 --json\n  armplane compare my.toml --law blended,damped-least-squares --set control.baseline.damped_least_squares.largest=0.1\n  armplane compare fig5-wrist-rotation --law blended,mine=mine.py"
     )]
     Compare(compare::CompareArgs),
-    /// Run controllers of others beside armplane's laws.
+    /// Run third-party controllers beside armplane's laws.
     #[command(
-        long_about = "Runs armplane's laws and controllers of others on the same tasks, in the same plant, under the same judge, and writes one page, a \
+        long_about = "Runs armplane's laws and third-party controllers on the same tasks, in the same plant, under the same judge, and writes one page, a \
                       Parquet file and a hash. Needs the Python package with its opponents: pip install 'armplane[arena]'. The same command \
                       continues an arena that was stopped.",
         after_help = "Examples:\n  armplane arena --size short\n  armplane arena --law armplane --law mine=mine.py --robot ur5\n  armplane arena --law pin_pink:k_p=400:k_v=40 --out runs/soft\n  armplane arena -- --help"
@@ -157,7 +157,7 @@ enum Command {
                       SWEEP.toml:\n\n  \
                       name = \"gains\"\n  scenario = \"fig5-wrist-rotation\"   # or a file beside this one\n\n  \
                       [[key]]\n  key = \"control.k_p\"\n  values = [100, 400, 900]\n\n  \
-                      [[key]]\n  key = \"plant.mass_factor\"\n  from = 0.8\n  to = 1.2\n  steps = 5                          # evenly; add scale = \"log\" for the logarithm\n\n  \
+                      [[key]]\n  key = \"plant.mass_factor\"\n  from = 0.8\n  to = 1.2\n  steps = 5                          # evenly spaced; or scale = \"log\"\n\n  \
                       [sample]                           # random, instead of steps\n  runs = 1000\n  seed = 1",
         after_help = "Examples:\n  armplane sweep gains.toml\n  armplane sweep report runs/gains --by orientation_max_deg --map control.k_p,plant.mass_factor\n  armplane sweep gains.toml --shard 3/16 --out shards/3\n  armplane sweep --merge shards/* --out gains\n\nExit code 1: stopped before its end; the same command continues."
     )]
@@ -208,7 +208,7 @@ enum Command {
         long_about = "Runs a scenario in lockstep once for every kind of fault in every process, and for a seeded sample of pairs. Each \
                       fault is injected live in mid-motion. The run is then repeated from its plan, which must give the same bytes.\n\n\
                       The simulator's true state is judged: torque and speed against their limits, age of the torque in force, largest \
-                      torque step, distance from the fault-free path, the end. So are lost messages and leftovers.\n\n\
+                      torque step, distance from the fault-free path, and the final error. Lost messages and leftovers count too.\n\n\
                       --soak runs the graph in real time instead, in rounds of a minute with random faults. A round that breaks a \
                       guarantee keeps its files, with a scenario.toml of its faults.",
         after_help = "Examples:\n  armplane drill\n  armplane drill --only controller:kill\n  armplane drill elbow-in-and-out --out drill\n  armplane drill --soak 1800 --out soak\n\nExit code 1: a guarantee was broken."
@@ -224,7 +224,7 @@ enum Command {
     Inspect(inspect::InspectArgs),
     /// Finish a run whose launcher was killed.
     #[command(
-        long_about = "Makes recording, summary.json and scenario.toml from job.json and the messages in the run's folder. Its faults are \
+        long_about = "Rebuilds the recording, summary.json and scenario.toml from job.json and the messages in the run's folder. Its faults are \
                       read from shared memory, so run this before `armplane clean`.",
         after_help = "Example:\n  armplane recover runs/fig5-wrist-rotation-001"
     )]
@@ -288,7 +288,7 @@ fn command() -> clap::Command {
         template.push('\n');
     }
     command.help_template(
-        template + "`armplane COMMAND --help` has examples.\n\nOptions:\n{options}{after-help}",
+        template + "`armplane COMMAND --help` shows options and examples.\n\nOptions:\n{options}{after-help}",
     )
 }
 

@@ -8,7 +8,7 @@ pub(crate) struct PlayArgs {
     /// A built-in robot or scenario, a URDF, MJCF or scenario file.
     #[arg(value_name = "ROBOT|SCENARIO|FILE", default_value = "puma560")]
     subject: String,
-    /// Address to listen on; for another than this machine's own, the address of the page has a token.
+    /// Address to listen on; any address but this machine's own adds a token to the page's address.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
     host: String,
     /// Port of the page; the next free one if it is taken.

@@ -35,16 +35,16 @@ pub(crate) struct RunArgs {
     /// Your own process graph.
     #[arg(long, value_name = "FILE.toml")]
     graph: Option<PathBuf>,
-    /// Write no recording; still judge and hash.
+    /// Write no recording; the run is still judged and hashed.
     #[arg(long)]
     no_record: bool,
     /// Show the run live in the Rerun viewer; the run does not wait for it.
     #[arg(long, conflicts_with = "no_record")]
     live: bool,
-    /// Keep no message log; `armplane replay` needs it.
+    /// Keep no message log, without which `armplane replay` cannot use the run.
     #[arg(long)]
     no_messages: bool,
-    /// Replace a process that makes no progress for so long [default: 2 in real time, none in lockstep].
+    /// Replace a process that makes no progress for this long [default: 2 in real time, none in lockstep].
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     silence_limit: Option<Duration>,
 }

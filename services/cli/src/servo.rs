@@ -32,7 +32,7 @@ pub(crate) struct ServoArgs {
     /// Random twists with this seed.
     #[arg(long, value_name = "SEED")]
     random: Option<u64>,
-    /// Judge random twists with N seeds per robot, and print a table; keeps no run.
+    /// Judge random twists with N seeds per robot, and print a table; no run is kept.
     #[arg(long, value_name = "N", conflicts_with_all = ["from", "random", "out"], value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: Option<u64>,
     /// Start posture: a name, or joint positions in degrees [default: nominal, bent or ready].

@@ -14,7 +14,7 @@ use crate::screen::Screen;
 
 #[derive(Args)]
 pub(crate) struct TopArgs {
-    /// The run's folder or scenario, if several are alive (`armplane ps` lists them).
+    /// The run's folder or scenario; needed if several are alive (`armplane ps` lists them).
     #[arg(long, value_name = "RUN")]
     run: Option<String>,
     /// Print one sample and exit.
