@@ -25,7 +25,10 @@ def arguments():
     add("--host", default="127.0.0.1", help="address to listen on [default: 127.0.0.1]")
     add("--port", type=int, default=8080, help="the next free one if it is taken [default: 8080]")
     add("--no-open", action="store_true", help="print the address, open no browser")
-    return parser.parse_args()
+    given = parser.parse_args()
+    if not 0 < given.port < 65536:
+        parser.error(f"there is no port {given.port}: give one from 1 to 65535")
+    return given
 
 
 @contextlib.contextmanager
