@@ -10,7 +10,8 @@
 //! | zero | 2 | what turns ζ fastest | ζ is turned until what is left of the path is orthogonal to it |
 
 use super::geometry::Span;
-use crate::linear::{smoothstep, wrap_line};
+use crate::linear::wrap_line;
+use crate::paper::neighborhood::Neighborhood;
 use crate::types::Class;
 use nalgebra::{SMatrix, SVector, Vector3};
 use shared_types::bounds::within;
@@ -28,8 +29,7 @@ const FOUND: f64 = 0.02;
 pub(super) struct Turn<'a, const N: usize> {
     pub(super) class: Class,
     pub(super) s: f64,
-    /// η_in and η_out.
-    pub(super) eta: [f64; 2],
+    pub(super) near: Neighborhood,
     /// σ·v, the direction in which the posture is off the singular one.
     pub(super) m: SVector<f64, N>,
     pub(super) v: SVector<f64, N>,
@@ -56,10 +56,10 @@ impl<const N: usize> Turn<'_, N> {
             let mut basis = others;
             basis.push(a);
             let b = basis.any();
-            if self.s < self.eta[1] {
+            if self.s < self.near.eta_out {
                 let in_plane = |[x, y]: [f64; 2]| a * x + b * y;
                 let target = match self.class {
-                    _ if self.s > self.eta[0] => Some(others.residual(self.m)),
+                    _ if self.s > self.near.eta_in => Some(others.residual(self.m)),
                     // m has grown along the self-motion: what is orthogonal to it leaves x alone exactly.
                     Class::Mixed if self.s > FOUND => Some(b * self.m.dot(&a) - a * self.m.dot(&b)),
                     Class::Type2 => strongest([&a, &b].map(&zeta_rate)).map(in_plane),
@@ -74,7 +74,7 @@ impl<const N: usize> Turn<'_, N> {
                     .map(in_plane),
                 };
                 if let Some(target) = target {
-                    let openness = smoothstep((self.s - self.eta[0]) / (self.eta[1] - self.eta[0]));
+                    let openness = self.near.openness(self.s);
                     a = towards(
                         &a,
                         &target,

@@ -31,6 +31,7 @@ use super::geometry::{Geometry, Span};
 use super::screws::Screws;
 use super::tracked_svd::{SQUARED_GAP, TrackedSvd};
 use crate::linear::{angular, linear, smoothstep, stack};
+use crate::paper::neighborhood::Neighborhood;
 use crate::paper::type_2::TURNS;
 use crate::types::{Class, Kind, Singularity};
 use model::{joints, padded};
@@ -315,7 +316,7 @@ impl<const N: usize> Tracker<N> {
             latched,
             ..
         } = self.entries[k];
-        let eta_out = self.eta[1].of(self.places[place].0.code());
+        let eta_out = self.neighborhood(self.places[place].0).eta_out;
         let within = |share: f64| self.size(block, index) <= share * eta_out;
         let stays = within(if latched { LATCH.1 } else { LATCH.0 });
         if self.begins || !latched && stays {
@@ -389,7 +390,8 @@ impl<const N: usize> Tracker<N> {
             span.push(svd.v[j]);
         }
         let near = self.entries.map(|entry| {
-            self.size(entry.block, entry.index) < self.eta[1].of(self.places[entry.place].0.code())
+            self.size(entry.block, entry.index)
+                < self.neighborhood(self.places[entry.place].0).eta_out
         });
         for inside in [false, true] {
             for k in (0..self.count).filter(|k| near[*k] == inside) {
@@ -430,10 +432,14 @@ impl<const N: usize> Tracker<N> {
     /// 0 within η_in of entry `k`, 1 beyond η_out.
     fn openness(&self, k: usize) -> f64 {
         let entry = &self.entries[k];
-        let [eta_in, eta_out] = self
-            .eta
-            .map(|eta| eta.of(self.places[entry.place].0.code()));
-        smoothstep((self.size(entry.block, entry.index) - eta_in) / (eta_out - eta_in))
+        let near = self.neighborhood(self.places[entry.place].0);
+        near.openness(self.size(entry.block, entry.index))
+    }
+
+    /// The neighbourhood of singularities of this name.
+    fn neighborhood(&self, kind: Kind) -> Neighborhood {
+        let [eta_in, eta_out] = self.eta.map(|eta| eta.of(kind.code()));
+        Neighborhood { eta_in, eta_out }
     }
 
     /// The second order of entry `k`, its auxiliary row turned; `before` are ζ and u of the latched entries before it.
@@ -458,7 +464,7 @@ impl<const N: usize> Tracker<N> {
         let turn = Turn {
             class,
             s: self.size(entry.block, i).max(SMALLEST),
-            eta: self.eta.map(|eta| eta.of(kind.code())),
+            near: self.neighborhood(kind),
             m,
             v: svd.v[i],
             Q: &Q,
