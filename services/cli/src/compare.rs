@@ -157,14 +157,14 @@ fn lines_of_an_arm(
         say!("{}", lines.json());
     } else {
         show(&lines);
-        let missed = match lines.missed() {
+        let others = match lines.unreached() {
             0 => String::new(),
-            missed => format!(
-                ", and {} that missed, as scenarios",
-                plural(missed as u64, "line")
+            count => format!(
+                ", and {} that did not reach the goal, as scenarios",
+                plural(count as u64, "line")
             ),
         };
-        say!("{}\n  compare.json{missed}", folder.display());
+        say!("{}\n  compare.json{others}", folder.display());
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -97,9 +97,9 @@ impl ArmLines {
         numbered.filter(|(_, line)| line.outcome != Outcome::Reached)
     }
 
-    /// How many did not reach their goal.
+    /// How many did not reach their goal, refused ones too.
     #[must_use]
-    pub fn missed(&self) -> usize {
+    pub fn unreached(&self) -> usize {
         self.short().count()
     }
 
