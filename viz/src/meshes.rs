@@ -12,7 +12,7 @@ use crate::frames::guarded;
 /// Where ROS looks for packages, and where in each of these folders.
 const PACKAGES: [(&str, &str); 2] = [("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")];
 
-/// What could be read, by the name in the robot's file.
+/// The readable meshes, by the name in the robot's file.
 #[derive(Debug, Default)]
 pub(crate) struct Meshes(pub(crate) BTreeMap<String, Scene>);
 

@@ -1,4 +1,4 @@
-"""Who may open the page: this machine alone, or whoever has the token; no other web page."""
+"""The page's door: open to this machine, or to whoever has the token; to no other web page."""
 
 import contextlib
 import http

@@ -1,4 +1,4 @@
-"""What the arm is asked for at each moment: a person's hand, a posture, or a tour."""
+"""The target of the arm at each moment: of a person's hand, a posture, or a tour."""
 
 import itertools
 import time

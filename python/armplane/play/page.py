@@ -56,7 +56,7 @@ class Page:
     def __init__(self, given, folder, keeper, token):
         self.given, self.token, self.room = given, token, (folder, keeper)
         self.actions, self.story = queue.Queue(), collections.deque(["Drag the yellow ball."], 4)
-        # Who steers, since when nobody has touched anything; clicks of others; notices by browser.
+        # The steering browser, since when nobody has touched anything; clicks of others; notices by browser.
         self.driver, self.touched, self.refused, self.notices = None, time.monotonic(), 0, {}
         self.subject, self.settings, self.law, self.home = given.subject, [], None, None
         self.session, self.ghost, self.hand, self.scene = None, None, None, None

@@ -139,7 +139,7 @@ class Session:
                 self.process.wait(5)
                 break
         if self.process.returncode is None or self.process.returncode < 0:
-            # What a killed run has left in shared memory.
+            # Leftovers of a killed run in shared memory.
             quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
             subprocess.run([_program(), "clean"], **quiet, check=False)
         if kept:

@@ -180,7 +180,7 @@ struct Reader<'a> {
     assets: Assets<'a>,
 }
 
-/// What geoms name.
+/// Meshes and materials, which geoms name.
 #[derive(Default)]
 struct Assets<'a> {
     /// The file of a mesh, and its scale.
