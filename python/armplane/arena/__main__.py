@@ -28,6 +28,8 @@ TRIALS = {"armplane": [{}, *({"control.k_p": k_v * k_v / 4, "control.k_v": k_v} 
 TRIALS["damped-least-squares"] = [
     {"control.baseline.damped_least_squares.largest": largest, "control.baseline.damped_least_squares.onset": onset} for largest in (0.005, 0.02, 0.08) for onset in (0.02, 0.16)
 ]
+# What the name of a law's tuned row ends with.
+TUNED = " tuned"
 OPPONENTS = sorted(path for path in (pathlib.Path(__file__).parent.parent / "opponents").glob("[!_]*.py"))
 PACKAGES = ("daqp", "drake", "jparse-robotics", "mink", "mujoco", "numpy", "pin", "pin-pink", "placo", "robosuite")
 # Longest run of a law on a task, and longest time in which an opponent loads and joins it (--join-limit); s.
@@ -146,7 +148,7 @@ def tuned(found, table, folder, jobs):
             best[entry.name] = trial
     for name, trial in best.items():
         print(f"{name} tuned: {json.dumps(trial.settings)}, {worth(trial)[0]} of {len(todo)} training lines", file=sys.stderr)
-    return [trial.with_settings(f"{name} tuned") for name, trial in best.items()]
+    return [trial.with_settings(name + TUNED) for name, trial in best.items()]
 
 
 class Children:
@@ -430,14 +432,15 @@ def main():
 
 
 def conditions(asked, found, todo, folder):
-    """The runs of the other tracks, and of what is varied. A law without a clock to switch on, and a task without a hint, keep the rows that they have."""
+    """The runs of the other tracks, and, but for tuned rows, of what is varied. A law without a clock to switch on, and a task without a hint, keep the rows that they have."""
     cells = []
     if asked.tracks:
         slowing = [entry.with_settings(entry.name, own_clock=True) for entry in found if entry.about.get("has_clock") and not entry.settings.get("own_clock")]
         cells += [(entry, task, page.OWN_CLOCK) for task in todo for entry in slowing]
         cells += [(entry, task, page.NO_HINTS) for task in tasks.unhinted(folder / "tasks", todo, _armplane) for entry in found]
     if asked.varied:
-        cells += [(entry, task, condition) for task in todo if task.is_varied for condition in VARIED for entry in found]
+        own = [entry for entry in found if not entry.name.endswith(TUNED)]
+        cells += [(entry, task, condition) for task in todo if task.is_varied for condition in VARIED for entry in own]
     return cells
 
 

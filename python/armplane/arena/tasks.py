@@ -1,4 +1,5 @@
-"""The arena's tasks: the paper's, lines that others have published, and seeded lines through singular postures of eight arms without a hint.
+"""The arena's tasks: the paper's, lines that others have published, and seeded lines through singular postures of eight arms. Only the paper's
+tasks have hints that say which posture to take.
 
 Four of the arms are armplane's own, four are files of the package robosuite 1.5.2. A full table has 25 lines an arm, of seven kinds: through a singularity at the
 usual, a slow and a fast speed, beginning in it, ending in it, past it (each joint of the start moved by up to 50 mrad), and through two at once. Where a lock
