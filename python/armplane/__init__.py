@@ -1,4 +1,4 @@
-"""Robot arms through kinematic singularities: arms and the law as a library, runs and their results, and processes of a run in Python.
+"""Drives robot arms through kinematic singularities: a library of arms and the law, runs with their results, and processes of a run.
 
     arm = armplane.Arm.builtin("ur5")            # or Arm.from_urdf("ur5e.urdf", tip="tool0")
     arm.singularities(q)                         # each with name, type, measure, direction
@@ -25,7 +25,7 @@ __all__ = ["Controller", "Exchange", "Observer", "Operator", "Plant", "Process",
 
 
 def subscribe(topic, run=None):
-    """Messages of a topic of a living run, from outside: `for torque in armplane.subscribe("torque"): ...` (needs iceoryx2)."""
+    """Listens to a topic of a run in progress, from outside: `for torque in armplane.subscribe("torque"): ...` (needs iceoryx2)."""
     from .live import Subscriber
 
     return Subscriber(topic, run)

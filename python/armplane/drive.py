@@ -1,4 +1,4 @@
-"""Joint drives for a plant: the last to touch a torque, and able to stop the arm by themselves."""
+"""Joint drives of a plant: they limit each torque, and can stop the arm by themselves."""
 
 import numpy as np
 
@@ -6,9 +6,9 @@ from . import wire
 
 
 class Drive:
-    """Applies commands within the effort limits and a bounded step a tick; without a fresh command it holds, then stops, then brakes.
+    """Applies commands within the effort limits, with a bounded step per tick. Without a fresh command it holds, then stops, then brakes.
 
-    The states and limits are those of armplane's own plant (its speed limiter and the slow return from a stop are left out).
+    States and limits are those of armplane's own plant, without its speed limiter and its slow return from a stop.
     """
 
     TORQUE_RATE = 500.0  # of the effort limit per second
@@ -29,7 +29,7 @@ class Drive:
         return self.state == wire.DRIVE_BRAKED
 
     def answer(self, command, age, qdot, gravity, inertia):
-        """The torque for a tick; `command` is `None` where none came, `age` its age in ticks, `inertia` the diagonal of A(q)."""
+        """The torque for a tick. `command` is `None` if none arrived, `age` its age in ticks, `inertia` the diagonal of A(q)."""
         self.flags = 0
         if command is None:
             self.flags = wire.DRIVE_ABSENT

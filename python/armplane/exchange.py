@@ -1,4 +1,4 @@
-"""The exchange page: a program's side of it. Standard library only; the page's contract is docs/wire.md."""
+"""A program's side of the exchange page, by the standard library alone. docs/wire.md describes the page."""
 
 import ctypes
 import errno
@@ -23,11 +23,11 @@ _HALF_A_SECOND = _Timespec(0, 500_000_000)
 
 
 class WireError(Exception):
-    """The page or its topics are not what this package was written for."""
+    """The page or its topics do not fit this package."""
 
 
 def _words():
-    """Loads and stores with the order that the page demands: plain ones where the processor keeps it, those of libatomic elsewhere."""
+    """Loads and stores in the order that the page demands: plain ones if the processor keeps that order, otherwise libatomic's."""
     if platform.machine() == "x86_64":
         # Stores leave this processor in order and loads are not taken before earlier loads; an aligned word is one access in ctypes.
         return (lambda word: word.value), (lambda word, value: setattr(word, "value", value))
@@ -52,7 +52,7 @@ def _text(field):
 
 
 class Topic:
-    """One topic of the page: its message in shared memory, and whether that belongs to the request in hand."""
+    """One topic of the page: its message in shared memory, and whether it belongs to the current request."""
 
     def __init__(self, entry, message):
         self._entry = entry
@@ -119,11 +119,11 @@ class Exchange:
         raise WireError(why)
 
     def ready(self):
-        """Says that the program waits for requests."""
+        """Tells armplane that the program waits for requests."""
         self._store(self._program, wire.PROGRAM_JOINED)
 
     def next(self):
-        """Waits for the next request and returns its code; `REQUEST_STOP` also where armplane is gone."""
+        """Waits for the next request and returns its code, which is `REQUEST_STOP` if armplane is gone."""
         while True:
             requests = self._load(self._requests)
             if requests != self._seen:
@@ -138,14 +138,14 @@ class Exchange:
                     return wire.REQUEST_STOP
 
     def answer(self, code=wire.ANSWER_DONE):
-        """Answers the request in hand."""
+        """Answers the current request."""
         self.head.answer_tick = self.head.tick
         self.head.answer = code
         self._store(self._answers, self._seen)
         _LIBC.syscall(_FUTEX, ctypes.c_void_p(self._answers_at), _WAKE, 1, None, None, 0)
 
     def fail(self, why):
-        """Answers that the program cannot go on, and why."""
+        """Tells armplane that the program cannot continue, and why."""
         _put(self.head.complaint, why)
         self.answer(wire.ANSWER_FAILED)
 
@@ -174,6 +174,6 @@ class Exchange:
             return json.load(file)
 
     def arm(self):
-        """The arm of the run in MJCF: base axes, the end-effector as the site `end_effector`, the start as a key; a joint's `user` is its speed limit."""
+        """The arm of the run in MJCF, in base axes. The site `end_effector` is the end-effector, a key the start, a joint's `user` its speed limit."""
         with open(os.path.join(os.path.dirname(self.path), "arm.xml")) as file:
             return file.read()

@@ -1,4 +1,4 @@
-"""A living run listened to from outside: its topics are plain iceoryx2 services. Needs `pip install iceoryx2==0.10.0`."""
+"""Listens to a run in progress from outside: its topics are iceoryx2 services. Needs `pip install iceoryx2==0.10.0`."""
 
 import glob
 import json
@@ -11,13 +11,13 @@ from . import wire
 
 
 def runs():
-    """The living runs of this user: their directories, the latest last."""
+    """The folders of this user's runs in progress, the latest last."""
     found = [path for path in glob.glob("/dev/shm/armplane-*") if os.path.isfile(os.path.join(path, "manifest.json"))]
     return sorted(found, key=os.path.getmtime)
 
 
 class Subscriber:
-    """Messages of one topic of a living run, newest run by default. It takes one of the two places that a topic has for tools from outside."""
+    """The messages of one topic of a run in progress, by default the newest. Each topic has room for two such listeners."""
 
     def __init__(self, topic, run=None, depth=64):
         if run is None:
@@ -43,12 +43,12 @@ class Subscriber:
         self._subscriber = service.subscriber_builder().buffer_size(depth).create()
 
     def receive(self):
-        """The oldest message not yet seen, `None` where there is none; it is valid until the next call."""
+        """The oldest message not yet seen, or `None`. It is valid until the next call."""
         self._sample = self._subscriber.receive()
         return None if self._sample is None else self._sample.payload().contents
 
     def __iter__(self):
-        """All messages until the run ends; looks for them every millisecond."""
+        """All messages until the run ends, polled every millisecond."""
         while True:
             message = self.receive()
             if message is not None:

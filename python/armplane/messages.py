@@ -1,4 +1,4 @@
-"""The message log of a run, `messages.mcap`: every message as it was on the wire, as a numpy array. Needs the package `mcap`."""
+"""The message log of a run, `messages.mcap`: every message, as a numpy array. Needs the package `mcap`."""
 
 import numpy as np
 from mcap.reader import make_reader

@@ -1,4 +1,4 @@
-"""A MuJoCo model as MJCF with every number in full: what MuJoCo's own writer rounds."""
+"""Writes a MuJoCo model as MJCF with all digits, which MuJoCo's own writer rounds."""
 
 from xml.sax.saxutils import quoteattr
 

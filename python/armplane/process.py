@@ -1,4 +1,4 @@
-"""Processes of a run: base classes. A subclass says what happens at a tick; `run()` does the rest."""
+"""Base classes for processes of a run. A subclass defines one tick; `run()` does the rest."""
 
 import sys
 import traceback
@@ -8,10 +8,10 @@ from .exchange import Exchange, WireError
 
 
 class Process:
-    """A program's part in a run.
+    """A process of a run.
 
-    `topics` has the messages of the process by topic, `job` scenario, robot and graph, `dof` the arm's joints, `dt` the length of a tick in s,
-    `incarnation` how often the process has been started in this run.
+    `topics`: its messages by topic. `job`: scenario, robot and graph. `dof`: number of joints. `dt`: length of a tick, s. `incarnation`: number of
+    starts of this process in this run.
     """
 
     def __init__(self, exchange):
@@ -25,26 +25,26 @@ class Process:
         self._topics = list(exchange.topics.values())
 
     def setup(self):
-        """Called once, before the program says that it is ready: loads models, reads `self.job`."""
+        """Called once before the first tick: load models, read `self.job`."""
 
     def tick(self, tick):
-        """One tick; the messages are in `self.topics`. Returns true to end the run (only the process that makes the ticks can)."""
+        """Called at each tick, with the messages in `self.topics`. The process that makes the ticks returns true to end the run."""
         raise NotImplementedError
 
     def is_fresh(self, topic):
-        """Whether the message of a topic belongs to this tick; where not, the bytes are those of an earlier one."""
+        """Whether the message of a topic belongs to this tick. If not, it is an earlier one."""
         return self.exchange.topics[topic].fresh
 
     def save(self):
-        """The state that a replacement needs, as bytes (at most 4096); `None`: nothing. Called after each tick."""
+        """Called after each tick. Returns the state that a replacement needs, at most 4096 bytes, or `None`."""
         return None
 
     def restore(self, state):
-        """Takes up what a predecessor's `save` returned."""
+        """Continues from the bytes that a predecessor's `save` returned."""
 
     @classmethod
     def run(cls):
-        """Takes part in the run that started this program, to its end."""
+        """Joins the run that started this program, and returns at its end."""
         # A line printed is a line in the log of the run, at once.
         sys.stdout.reconfigure(line_buffering=True)
         try:
@@ -93,11 +93,11 @@ class Plant(Process):
     """Makes the ticks: moves the arm and reads its sensors. The graph gives it `feedback = ["torque"]`, `writes = ["sensor", "plant_state"]`."""
 
     def step(self, torque):
-        """Moves the arm by one tick. `torque` is the command (`wire.TorqueCommand`), `None` where none has come in this tick."""
+        """Moves the arm by one tick. `torque` is the command (`wire.TorqueCommand`), or `None` if none arrived for this tick."""
         raise NotImplementedError
 
     def sample(self, tick, sensor, truth):
-        """Fills the sensors' readings (`wire.SensorSample`) and the truth (`wire.PlantState`), which only judges and pictures see."""
+        """Fills in the sensors' readings (`wire.SensorSample`) and the truth (`wire.PlantState`), which only the judge and the pictures see."""
         raise NotImplementedError
 
     def tick(self, tick):
@@ -110,8 +110,8 @@ class Controller(Process):
     """Computes the torque. The graph gives it `reads = ["estimate", "singularity"]`, `writes = ["control_state", "torque"]`."""
 
     def control(self, tick, estimate, singularity, state, torque):
-        """Fills `torque` (`wire.TorqueCommand`) and `state` (`wire.ControlState`). Of `state` the judge takes `path_time_s` alone, the time come to on the
-        scenario's path: it may wait, but neither jump nor go back, and must reach the end before the phase is `PHASE_DONE`."""
+        """Fills in `torque` (`wire.TorqueCommand`) and `state` (`wire.ControlState`). From `state`, the judge takes only `path_time_s`, the time reached on the
+        scenario's path. It may pause, but must not jump or go back, and must reach the end before the phase is `PHASE_DONE`."""
         raise NotImplementedError
 
     def tick(self, tick):
@@ -122,7 +122,7 @@ class Operator(Process):
     """Steers the arm. The graph (`extends = "servo"`) gives it `reads = ["sensor"]`, `writes = ["target"]`, or other topics to read."""
 
     def steer(self, tick, target, **messages):
-        """Fills `target` (`wire.TargetContent`): kind, frame, validity, values. It holds what was asked for at the tick before."""
+        """Fills in `target` (`wire.TargetContent`): kind, frame, validity, values. It still holds the target of the previous tick."""
         raise NotImplementedError
 
     def tick(self, tick):
@@ -133,10 +133,10 @@ class Operator(Process):
 
 
 class Observer(Process):
-    """Sees every tick; nobody waits for it in real time. The graph gives it `reads = [...]`, any topics."""
+    """Sees every tick. In real time, no process waits for it. The graph gives it `reads = [...]`, any topics."""
 
     def see(self, tick, **messages):
-        """One tick: the message of each topic that has one."""
+        """Called at each tick, with the message of each topic that has a new one."""
         raise NotImplementedError
 
     def tick(self, tick):

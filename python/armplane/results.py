@@ -1,4 +1,4 @@
-"""Runs started from Python, and their results as tables, without the Rerun viewer."""
+"""Starts runs from Python, and reads their results as tables, without the Rerun viewer."""
 
 import functools
 import html
@@ -12,7 +12,7 @@ from importlib import metadata
 
 
 def _program():
-    """The program `armplane`: from the environment variable ARMPLANE, of this package's wheel, from PATH, or as cargo has built it in a folder above."""
+    """The program `armplane`: named by the environment variable ARMPLANE, from this package's wheel, from PATH, or built by cargo in a folder above."""
     named = os.environ.get("ARMPLANE") or _installed() or shutil.which("armplane")
     if named:
         return named
@@ -25,7 +25,7 @@ def _program():
 
 
 def _installed():
-    """The program that was installed with this package; `None` where it is read from its source tree."""
+    """The program installed with this package, or `None` if the package runs from its source tree."""
     try:
         files = metadata.files("armplane") or []
     except metadata.PackageNotFoundError:
@@ -35,7 +35,7 @@ def _installed():
 
 
 def _sentence(stderr):
-    """The sentence of an error: with --json it is an object on the last line."""
+    """The message of an error; with --json, it is an object on the last line."""
     last = (stderr.strip().splitlines() or [""])[-1]
     try:
         return json.loads(last)["error"]["message"]
@@ -67,13 +67,13 @@ class Run:
         return self.summary["outcome"] == "goal reached"
 
     def messages(self, topic):
-        """Every message of a topic as it was on the wire: a structured `numpy` array, `run.messages("torque")["tau"]`."""
+        """Every message of a topic, as a structured `numpy` array: `run.messages("torque")["tau"]`."""
         from . import messages
 
         return messages.read(self.folder / "messages.mcap", topic)
 
     def arrow(self, table="signals"):
-        """The signals, a row a tick (or "events"), as a `pyarrow.Table`; `unit` and `description` are in each field's metadata."""
+        """The signals, one row per tick (or "events"), as a `pyarrow.Table`. Each field's metadata has `unit` and `description`."""
         import io
 
         try:
@@ -85,22 +85,22 @@ class Run:
             return parquet.read_table(io.BytesIO((pathlib.Path(folder) / f"{table}.parquet").read_bytes()))
 
     def pandas(self, table="signals"):
-        """The same as a `pandas.DataFrame`; `polars.from_arrow(run.arrow())` gives that of polars."""
+        """The same as a `pandas.DataFrame`. For polars, call `polars.from_arrow(run.arrow())`."""
         return self.arrow(table).to_pandas()
 
     @functools.cached_property
     def signals(self):
-        """The signals, a row a tick, as a `pandas.DataFrame` (needs `armplane[notebook]`); the names of its columns are in docs/recording.md."""
+        """The signals, one row per tick, as a `pandas.DataFrame` (needs the extra `[notebook]`). docs/recording.md explains the columns' names."""
         return self.pandas()
 
     def view(self):
-        """Opens the recording in the Rerun viewer (needs `rerun-sdk==0.36.3`). Raises RuntimeError where there is none."""
+        """Opens the recording in the Rerun viewer. Raises RuntimeError if it is missing (`pip install rerun-sdk==0.36.3`)."""
         done = subprocess.run([_program(), "view", str(self.folder)], stderr=subprocess.PIPE, text=True, check=False)
         if done.returncode:
             raise RuntimeError(_sentence(done.stderr))
 
     def report(self):
-        """The run as one HTML page, `report.html` in its folder, shown where a notebook's cell ends with it: the arm under a slider, plots, tables, log."""
+        """Writes `report.html` into the run's folder: the arm under a slider, plots, tables, log. A notebook shows the page if its cell ends with this call."""
         _armplane("report", self.folder, "--json")
         return Page(self.folder / "report.html")
 
@@ -119,7 +119,7 @@ class Run:
 
 
 class Page:
-    """An HTML page: its `path`, and in a notebook the page itself."""
+    """An HTML page at `path`, which a notebook shows."""
 
     def __init__(self, path):
         self.path = path
@@ -137,10 +137,10 @@ def load(folder):
 
 
 def run(scenario, *, graph=None, plant=None, mode=None, seed=None, out=None, settings=None, record=True):
-    """Runs a scenario (built-in name, or path of a file) to its end; the `Run`.
+    """Runs a scenario (built-in name, or path of a file) to its end, and returns the `Run`.
 
-    `settings` lays values over the scenario's: `{"control.k_p": 900}`; `plant="mujoco"` takes MuJoCo for the simulated arm. Raises `RuntimeError` with armplane's own sentence where the run cannot be
-    made; a run that misses its goal is a result.
+    `settings` overrides values of the scenario: `{"control.k_p": 900}`. `plant="mujoco"` simulates the arm in MuJoCo. Raises `RuntimeError` with armplane's
+    message if the run cannot start. A run that misses its goal raises nothing.
     """
     arguments = ["run", scenario, "--json"]
     for option, value in (("--graph", graph), ("--plant", plant), ("--mode", mode), ("--seed", seed)):

@@ -1,4 +1,4 @@
-"""Controllers of others in armplane's plant, in lockstep, under its judge. An opponent is a class in a file:
+"""Runs controllers of others in lockstep with armplane's plant and judge. An opponent is a class in a file:
 
     import armplane.arena, numpy
 

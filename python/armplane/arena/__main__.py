@@ -1,4 +1,4 @@
-"""`armplane arena`: laws and controllers of others on the same tasks, in one plant, under one judge; a page, a Parquet file, and a hash."""
+"""`armplane arena`: runs laws and controllers of others on the same tasks, in one plant, under one judge. Writes a page, a Parquet file, and a hash."""
 
 import argparse
 import concurrent.futures
@@ -60,9 +60,9 @@ CLOCK = {"key", "median_us", "p99_us", "first_ms", "reason"}
 
 
 class Entry:
-    """A row of the table: a law of armplane, or the file of an opponent, with settings (of a scenario) or attributes (of a class) laid over its own.
+    """A row of the table: a law of armplane with scenario settings, or the file of an opponent with attributes of its class.
 
-    `about`: what the file says of its class: trials for tuning, and whether it has a clock of its own to switch on.
+    `about`: trials for tuning, and whether the class has a clock of its own to switch on.
     """
 
     def __init__(self, name, argument, own=False, about=None, **settings):
@@ -78,14 +78,14 @@ class Entry:
         return arguments, {"ARMPLANE_ARENA": "" if self.own else json.dumps(self.settings, sort_keys=True)}
 
     def graph(self, folder):
-        """The file of the graph of an opponent's run. It was loaded once before the table, and is not loaded only to be checked before each run."""
+        """Writes the graph of an opponent's run. The opponent was loaded once before the table, so it need not be checked before each run."""
         path = pathlib.Path(folder) / "graph.toml"
         path.write_text(GRAPH.format(command=json.dumps([sys.executable, "-c", HOST, self.argument]), join=LONGEST["join"]))
         return str(path)
 
 
 def entries(names):
-    """The rows that are asked for: `NAME`, `NAME=FILE.py`, each with `:key=value` for another number; and what is left out, with the reason."""
+    """The requested rows (`NAME` or `NAME=FILE.py`, each with `:key=value` for another number), and the reason for each one left out."""
     found, skipped = [], {}
     for text in names or [*OWN, *(path.stem for path in OPPONENTS)]:
         head, *pairs = text.split(":")
@@ -121,7 +121,7 @@ def _value(text):
 
 
 def asked_file(file, settings):
-    """Why an opponent cannot run here (empty: it can), and what it says of its class."""
+    """The reason why an opponent cannot run here (empty if it can), and the facts about its class."""
     environment = {**os.environ, "ARMPLANE_ARENA": json.dumps(settings)}
     command = [sys.executable, "-m", "armplane.arena.host", str(file)]
     done = subprocess.run(command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)
@@ -131,7 +131,7 @@ def asked_file(file, settings):
 
 
 def tuned(found, table, folder, jobs):
-    """Of each law that has trials its best on the training lines, as a row of its own: by S1 with clean torque, S1, S2, then the error orthogonal to ζ."""
+    """For each law with trials, a row with the best of them on the training lines: by S1 with clean torque, S1, S2, then the error orthogonal to ζ."""
     todo, _ = tasks.make(folder / "training", _armplane, "short", tasks.TRAINING, tasks.TRAINED)
     trials = lambda entry: TRIALS.get(entry.name, []) if entry.own else entry.about["trials"]
     entries = [(entry, entry.with_settings(f"{entry.name} {json.dumps(one)}", **one)) for entry in found if ":" not in entry.name for one in trials(entry)]
@@ -152,13 +152,13 @@ def tuned(found, table, folder, jobs):
 
 
 class Children:
-    """The runs of now, each in a session of its own, so that Ctrl-C ends them in order: the arena first, then what it has started."""
+    """The current runs, each in its own session, so that Ctrl-C ends them in order: first the arena, then its runs."""
 
     def __init__(self):
         self.lock, self.running, self.stopped = threading.Lock(), set(), False
 
     def run(self, command, environment):
-        """Exit code, standard output and standard error of a program; `None` after [`stop`], or when it takes too long."""
+        """Exit code, standard output and standard error of a program, or `None` after [`stop`] or a timeout."""
         with self.lock:
             if self.stopped:
                 return None
@@ -185,7 +185,7 @@ CHILDREN = Children()
 
 
 def run(entry, task, condition, more=()):
-    """One law on one task under a condition, with `more` arguments of `armplane compare`: its row."""
+    """The row of one law on one task under a condition, with `more` arguments of `armplane compare`."""
     row = {"law": entry.name, "task": task.name, "group": task.group, "condition": condition, "task_hash": task.hash}
     more = [*more, *VARIED.get(condition, ())]
     with tempfile.TemporaryDirectory() as folder:
@@ -206,7 +206,7 @@ def _environment(entry, folder):
 
 
 def _ended(done, codes):
-    """Outcome and reason of a run that gave no numbers; `None`: it gave them."""
+    """Outcome and reason of a run without numbers, or `None` if it has numbers."""
     if done is None:
         return {"outcome": "silent", "reason": f"no end within {LONGEST['run']} s"}
     code, _, error = done
@@ -232,7 +232,7 @@ def compared(entry, task, folder, more):
 
 
 def one_run(entry, scenario, folder, more, *kept):
-    """The same numbers from `armplane run`, in which faults act and which can be recorded, in `folder`/run. `kept`: arguments that say what it leaves."""
+    """The same numbers from `armplane run` in `folder`/run, which can inject faults and record. `kept`: arguments that choose the files it leaves."""
     law = ["--set", f"control.strategy={entry.argument}"] if entry.own else ["--graph", entry.graph(folder)]
     keep = kept or ("--no-record", "--no-messages")
     done = CHILDREN.run([_program(), "run", str(scenario), *law, *entry.options()[0], *more, *keep, "--out", f"{folder}/run", "--json"], _environment(entry, folder))
@@ -266,7 +266,7 @@ def own_cost(entry, task, folder, more):
 
 
 def rates():
-    """Of each arm the largest step of torque in a tick that a drive accepts, as a share of that joint's limit."""
+    """For each arm, the largest torque step per tick that a drive accepts, as a share of that joint's limit."""
     from armplane import Arm
 
     def rate(name):
@@ -277,7 +277,7 @@ def rates():
 
 
 def judged(rows):
-    """The rows with the word whether no step of torque was beyond what the drives accept."""
+    """The rows, marked whether the drives accept all their torque steps."""
     limits = rates()
     for row in rows:
         row["within_rate"] = row.get("torque_step_max_ratio", float("inf")) <= 1.001 * limits.get(row.get("robot"), 0.05)
@@ -285,7 +285,7 @@ def judged(rows):
 
 
 def digest(rows):
-    """The hash of a table: every torque and every score, without what this machine's clock says."""
+    """The hash of a table: every torque and score, but no measured time."""
     plain = lambda value: float(value) if isinstance(value, int) else value
     scores = ({name: plain(value) for name, value in row.items() if name not in CLOCK and value is not None} for row in rows)
     lines = sorted(json.dumps(score, sort_keys=True) for score in scores)
@@ -293,7 +293,7 @@ def digest(rows):
 
 
 def check(file):
-    """Whether a table is the one that its hash names; its sentence."""
+    """Whether a table fits its hash, and the sentence that says so."""
     from pyarrow import parquet
 
     table = parquet.read_table(file)
@@ -302,14 +302,14 @@ def check(file):
 
 
 def identity():
-    """What decides over a row beside its law and task: the program, this package, and the versions of those of others."""
+    """Everything that a row depends on besides its law and task: the program, this package, and the versions of the others' packages."""
     here = pathlib.Path(__file__).parent
     files = [pathlib.Path(_program()), *(here / name for name in ("arm.py", "host.py", "laws.py")), *(here.parent / name for name in ("mujoco.py", "rotation.py"))]
     return [*(hashlib.sha256(file.read_bytes()).hexdigest() for file in files), versions()]
 
 
 def versions():
-    """The packages of others that are installed here, with their versions."""
+    """The installed packages of others, with their versions."""
     found = {}
     for name in PACKAGES:
         try:
@@ -320,7 +320,7 @@ def versions():
 
 
 class Table:
-    """The rows of a folder: what is there is not run again."""
+    """The rows of a folder, which are not run again."""
 
     def __init__(self, folder, more):
         self.path, self.lock, self.rows, self.more = folder / "rows.jsonl", threading.Lock(), {}, more
@@ -374,7 +374,7 @@ class Table:
 
 
 def again(found, todo, rows, count, more):
-    """Runs the first `count` tasks of each law a second time; the cells whose torques differ."""
+    """Runs the first `count` tasks of each law a second time, and returns the cells whose torques differ."""
     known = {(row["law"], row["task"]): row for row in rows if row["condition"] == BASE}
     cells = [(entry, task) for entry in found for task in todo[:count]]
     return [f"{entry.name} on {task.name}" for entry, task in cells if run(entry, task, BASE, more).get("hash") != known[entry.name, task.name].get("hash")]
@@ -432,7 +432,7 @@ def main():
 
 
 def conditions(asked, found, todo, folder):
-    """The runs of the other tracks, and, but for tuned rows, of what is varied. A law without a clock to switch on, and a task without a hint, keep the rows that they have."""
+    """The runs of the other tracks, and the varied ones, which tuned rows do without. A law without its own clock, or a task without a hint, keeps its rows."""
     cells = []
     if asked.tracks:
         slowing = [entry.with_settings(entry.name, own_clock=True) for entry in found if entry.about.get("has_clock") and not entry.settings.get("own_clock")]

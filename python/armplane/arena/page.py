@@ -76,7 +76,7 @@ COLUMNS = (
 
 
 def clean(row):
-    """S1, and no step of torque that the drives do not accept."""
+    """S1, and the drives accept every torque step."""
     return bool(row.get("s1") and row.get("within_rate"))
 
 
@@ -154,7 +154,7 @@ class Summary:
         return [*headings, *(["nothing varied", *varied] if varied else [])], body
 
     def losses(self):
-        """Where another law is ahead of ours: tasks that it alone does, and numbers by more than a tenth on the tasks that both do by S2."""
+        """Where another law beats ours: the tasks that only it does, and numbers better by more than a tenth on tasks that both do by S2."""
         ours, lines = self.laws.get(OURS), []
         for name, theirs in self.laws.items() if ours else ():
             if name == OURS:
@@ -189,7 +189,7 @@ class Summary:
         return f"{group}, {sum(one == group for one in self.tasks.values())}"
 
     def html(self, races=()):
-        """One page without anything from outside. `races`: what [`picture.races`] draws."""
+        """One self-contained page. `races`: the input of [`picture.races`]."""
         cell = lambda text, tag="td": f"<{tag}>{html.escape(str(text))}</{tag}>"
         table = lambda head, body: "<table><tr>" + "".join(cell(one, "th") for one in head) + "".join("<tr>" + "".join(map(cell, line)) for line in body) + "</table>"
         listed = lambda lines: "<ul>" + "".join(f"<li>{html.escape(line)}" for line in lines) + "</ul>"
