@@ -16,33 +16,44 @@ const INERTIA_WITHOUT_MASS: &str = r#"<link name="arm"><inertial><mass value="0"
 #[test]
 fn every_wrong_input_is_refused_with_its_reason() {
     let desk = Desk::new();
-    let scenario = |name: &str, from: &str, to: &str| {
+    let fault = "[[fault]]\nprocess = \"recorder\"\nkind = \"drop\"\n[start]";
+    for (name, from, to) in [
+        ("good", "mine", "good"),
+        ("typo", "duration_s", "duration"),
+        ("robot", "puma560", "puma650"),
+        ("bare", "puma560", "bare.urdf"),
+        (
+            "posture",
+            "posture = \"nominal\"",
+            "q_deg = [0, 0, 0, 0, 170, 0]",
+        ),
+        ("joints", "posture = \"nominal\"", "q_deg = [0, 0, 0]"),
+        ("syntax", "[start]", "[start"),
+        ("fault", "[start]", fault),
+        (
+            "joint",
+            "[start]",
+            &fault.replace(
+                "recorder\"\nkind = \"drop",
+                "plant\"\njoint = 9\nkind = \"sensor",
+            ),
+        ),
+    ] {
         assert!(SCENARIO.contains(from));
-        desk.file(name, &SCENARIO.replace(from, to));
-    };
-    desk.file("good.toml", SCENARIO);
-    scenario("typo.toml", "duration_s", "duration");
-    scenario("robot.toml", "puma560", "puma650");
-    scenario(
-        "posture.toml",
-        "posture = \"nominal\"",
-        "q_deg = [0, 0, 0, 0, 170, 0]",
-    );
-    scenario("joints.toml", "posture = \"nominal\"", "q_deg = [0, 0, 0]");
-    scenario("syntax.toml", "[start]", "[start");
+        desk.file(format!("{name}.toml"), SCENARIO.replace(from, to));
+    }
     desk.file("bare.urdf", URDF_WITHOUT_INERTIA);
-    scenario("bare.toml", "puma560", "bare.urdf");
-
-    desk.file(
-        "macro.urdf",
-        &URDF_WITHOUT_INERTIA.replace("</robot>", "<xacro:arm/></robot>"),
-    );
+    let urdf = |from: &str, to: &str| URDF_WITHOUT_INERTIA.replace(from, to);
+    desk.file("macro.urdf", urdf("</robot>", "<xacro:arm/></robot>"));
     desk.file(
         "hand.urdf",
-        &URDF_WITHOUT_INERTIA.replace("<link name=\"arm\"/>", INERTIA_WITHOUT_MASS),
+        urdf("<link name=\"arm\"/>", INERTIA_WITHOUT_MASS),
     );
-
-    let cases: [(&str, &str); 16] = [
+    desk.file("arm.urdf", "<robot/>");
+    desk.file("arm.xml", "<mujoco/>");
+    desk.file("empty/notes", "mine");
+    desk.refuses_each(&[
+        ("view", "there is no run under runs/"),
         (
             "run fig5-wrist-rotatoin",
             "did you mean `fig5-wrist-rotation`?",
@@ -60,6 +71,8 @@ fn every_wrong_input_is_refused_with_its_reason() {
         ("run posture.toml", "posture.toml:"),
         ("run joints.toml", "joints.toml:"),
         ("run bare.toml", "arm"),
+        ("run fault.toml", "cannot happen to the recorder"),
+        ("run joint.toml", "has 6 joints"),
         ("run good.toml --set control.kp=1", "unknown field `kp`"),
         ("run good.toml --set rate_hz=7", "rate 7 Hz is out of range"),
         (
@@ -77,30 +90,74 @@ fn every_wrong_input_is_refused_with_its_reason() {
         ),
         ("inspect --robot r2d2 --q 0", "there is no robot `r2d2`"),
         ("inspect --q 0,0,0", "joint"),
-    ];
-    for (args, expected) in cases {
-        desk.refuses(2, args, &[expected]);
+        ("inspect --robot ur5 --base wheel", "wheel"),
+        ("fault controller kill --run nowhere", "nowhere"),
+        ("report nowhere", "there is no run nowhere"),
+        ("replay nowhere", "is not the folder of a run"),
+        ("export empty", "not the folder of a run"),
+        ("run .", "."),
+        (
+            "compare fig5 --law blendet",
+            "there is no control law `blendet`: did you mean `blended`?",
+        ),
+        (
+            "compare fig5-wrist-rotatoin",
+            "did you mean `fig5-wrist-rotation`?",
+        ),
+        (
+            "compare sweep --speed 0",
+            "--speed is 0: it must be a positive number",
+        ),
+        (
+            "compare sweep --set control.baseline.truncated_svd_floor=-1",
+            "it must be a positive number",
+        ),
+        ("compare sweep --robot ur6 --out out", "ur5"),
+        ("compare --robot ur5", "armplane compare sweep --robot"),
+        (
+            "figures --out /proc/nowhere",
+            "choose another folder with --out",
+        ),
+        ("generate man /proc/nowhere", "/proc/nowhere"),
+    ]);
+    // Of runs without a recording or messages.
+    desk.run("good.toml --out run");
+    desk.run("good.toml --out bare --no-record --no-messages");
+    desk.refuses_each(&[
+        ("export bare", "without --no-record"),
+        ("view bare", "without --no-record"),
+        ("view bare --layout pretty", "control, timing and faults"),
+        ("replay bare", "without --no-messages"),
+        ("replay run --set control.kp=1", "unknown field `kp`"),
+        ("replay run --set robot=ur5", "keeps the robot of its run"),
+    ]);
+    desk.file("bare/run.rrd", "not a recording");
+    desk.refuses_each(&[("export bare", "is not a recording of armplane")]);
+    // No scenario: in one line.
+    for file in [
+        "arm.urdf",
+        "arm.xml",
+        "run/run.rrd",
+        "run/messages.mcap",
+        "run",
+    ] {
+        let said = desk.refuses(2, &format!("run {file}"), &[file]);
+        assert_eq!(said.err.lines().count(), 1, "{}", said.err);
     }
-    assert!(
-        !desk.path().join("runs").exists(),
-        "no results of a run that did not begin"
-    );
+    // The sentence and the lines of the file do not say the same.
+    let said = desk.refuses(2, "run robot.toml", &["`puma560`", "MJCF"]);
+    assert_eq!(said.err.matches("MJCF").count(), 1, "{}", said.err);
 }
 
 #[test]
 fn usage_errors_have_exit_code_2_and_help_an_example() {
     let desk = Desk::new();
-    assert_eq!(desk.armplane("run --no-such-flag").code, 2);
-    let not_utf_8 = std::ffi::OsStr::from_bytes(b"\xff\xfe");
     let mut command = desk.command("run --no-such-flag");
-    let said = command.arg(not_utf_8).output().unwrap();
-    assert_eq!(said.status.code(), Some(2), "{said:?}");
+    assert_eq!(command.status().unwrap().code(), Some(2));
+    let not_utf_8 = std::ffi::OsStr::from_bytes(b"\xff\xfe");
+    assert_eq!(command.arg(not_utf_8).status().unwrap().code(), Some(2));
     for command in ["run", "list", "inspect", "graph", "doctor", "clean"] {
-        let said = desk.armplane(&format!("{command} --help"));
-        assert!(
-            said.code == 0 && said.out.contains("Example"),
-            "{command}: {}",
-            said.out
-        );
+        let said = desk.succeeds(&format!("{command} --help"));
+        assert!(said.out.contains("Example"), "{command}: {}", said.out);
     }
 }

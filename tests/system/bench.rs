@@ -3,102 +3,89 @@
 use serde_json::Value;
 use shared_types::{PlantState, SensorSample};
 
-use crate::command::{
-    Args, Desk, Known, assert_nothing_left, finish, in_shared_memory, interrupt, until,
-};
-use crate::life::signal;
+use crate::command::{Desk, Known, Running, in_shared_memory, until};
+
+/// The files begin as their kind does.
+pub(crate) fn assert_kinds(desk: &Desk, files: &[&str]) {
+    for file in files {
+        let begins = match file.rsplit_once('.') {
+            Some((_, "svg")) => &b"<svg"[..],
+            Some((_, "png")) => b"\x89PNG",
+            Some((_, "rrd" | "rbl")) => b"RRF2",
+            _ => b"{",
+        };
+        assert!(desk.bytes(file).starts_with(begins), "{file}");
+    }
+}
 
 #[test]
 fn hops_and_cycles_are_measured_beside_their_floors() {
     let desk = Desk::new();
     let said = desk.succeeds("bench hop cycle steps --samples 1000 --json --out bench");
-    assert_nothing_left(said.launcher);
     let json = said.json();
-    assert!(
-        json["machine"]["cores"]
-            .as_u64()
-            .is_some_and(|cores| cores > 0)
-    );
+    assert!(json["machine"]["cores"].count() > 0);
     let rows = json["rows"].list();
-    let has = |bench: &str, mechanism: &str, bytes: Option<u64>| {
-        let is_it = |row: &&Value| row["bench"] == bench && row["mechanism"] == mechanism;
-        assert!(
-            rows.iter()
-                .filter(is_it)
-                .any(|row| bytes.is_none_or(|bytes| row["payload_bytes"] == bytes)),
-            "{bench}: {mechanism}"
-        );
+    let has = |bench: &str, mechanisms: &[&str], sizes: &[Value]| {
+        for (mechanism, bytes) in mechanisms
+            .iter()
+            .flat_map(|one| sizes.iter().map(move |size| (one, size)))
+        {
+            let is_it = |row: &Value| {
+                row["bench"] == bench
+                    && row["mechanism"] == **mechanism
+                    && (bytes.is_null() || row["payload_bytes"] == *bytes)
+            };
+            assert!(rows.iter().any(is_it), "{bench}: {mechanism}, {bytes}");
+        }
     };
-    ["futex", "topic + doorbell", "pipe"]
-        .iter()
-        .for_each(|mechanism| has("cycle", mechanism, None));
+    let all = ["futex", "pipe", "iceoryx2 + doorbell", "topic + doorbell"];
+    has(
+        "cycle",
+        &["futex", "topic + doorbell", "pipe"],
+        &[Value::Null],
+    );
     // The real topic beside the same messages bare.
-    let messages = size_of::<SensorSample>().midpoint(size_of::<PlantState>()) as u64;
-    ["futex", "pipe", "topic + doorbell", "iceoryx2 + doorbell"]
-        .iter()
-        .for_each(|mechanism| has("hop", mechanism, Some(messages)));
-    for mechanism in ["futex", "pipe", "topic + doorbell", "iceoryx2 + doorbell"] {
-        [64, 1024, 4096]
-            .iter()
-            .for_each(|bytes| has("hop", mechanism, Some(*bytes)));
-    }
-    for mechanism in ["futex", "pipe", "iceoryx2 + doorbell"]
-        .into_iter()
-        .chain((!said.err.contains("left out")).then_some("topic + doorbell"))
-    {
-        [16_384, 262_144, 4_194_304]
-            .iter()
-            .for_each(|bytes| has("hop", mechanism, Some(*bytes)));
-    }
-    ["controller, seven-joints", "whole tick, seven-joints"]
-        .iter()
-        .for_each(|step| has("steps", step, None));
+    let messages = size_of::<SensorSample>().midpoint(size_of::<PlantState>());
+    has("hop", &all, &[messages, 64, 1024, 4096].map(Value::from));
+    let large = if said.err.contains("left out") {
+        &all[..3]
+    } else {
+        &all
+    };
+    has("hop", large, &[16_384, 262_144, 4_194_304].map(Value::from));
+    let steps = ["controller, seven-joints", "whole tick, seven-joints"];
+    has("steps", &steps, &[Value::Null]);
     for row in rows {
-        let number = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key}: {row}"));
-        assert!(
-            number("samples") >= 1000.0 && number("p50_us") > 0.0,
-            "{row}"
-        );
-        assert!(
-            number("p50_us") <= number("p99_us")
-                && number("p99_us") <= number("p999_us")
-                && number("p999_us") <= number("max_us") * 1.001
-        );
+        let [samples, p50, p99, p999, max] =
+            ["samples", "p50_us", "p99_us", "p999_us", "max_us"].map(|key| row[key].number());
+        assert!(samples >= 1000.0 && p50 > 0.0, "{row}");
+        assert!([p50, p99, p999, max * 1.001].is_sorted(), "{row}");
         if row["mechanism"] == "futex" {
-            assert_eq!(
-                (number("ratio_p50"), number("ratio_p99")),
-                (1.0, 1.0),
-                "{row}"
-            );
+            row.holds(r#"{"ratio_p50": 1.0, "ratio_p99": 1.0}"#);
         }
     }
-    for (file, begins) in [
-        ("bench.json", &b"{"[..]),
-        ("bench-hop.svg", b"<svg"),
-        ("bench-hop.png", b"\x89PNG"),
-        ("bench-steps.svg", b"<svg"),
-    ] {
-        assert!(
-            std::fs::read(desk.path().join("bench").join(file))
-                .unwrap()
-                .starts_with(begins),
-            "{file}"
-        );
-    }
+    let files = [
+        "bench.json",
+        "bench-hop.svg",
+        "bench-hop.png",
+        "bench-steps.svg",
+    ];
+    assert_kinds(
+        &desk,
+        &files
+            .map(|file| format!("bench/{file}"))
+            .each_ref()
+            .map(String::as_str),
+    );
 }
 
 #[test]
 fn only_the_rows_asked_for_are_measured_with_their_floor() {
     let desk = Desk::new();
-    let only = |bytes: &str| {
-        let first = "bench hop cycle --samples 1000 --json --only topic --only".words();
-        [
-            first,
-            ["same core", "--only", bytes].map(str::to_owned).to_vec(),
-        ]
-        .concat()
+    let only = |bytes| {
+        format!("bench hop cycle --samples 1000 --only topic --only 'same core' --only {bytes}")
     };
-    let json = desk.succeeds(&only("4096")).json();
+    let json = desk.json(&only("4096"));
     let rows = json["rows"].list().iter();
     let rows: Vec<_> = rows
         .map(|row| (row["mechanism"].text(), row["payload_bytes"].count()))
@@ -109,9 +96,7 @@ fn only_the_rows_asked_for_are_measured_with_their_floor() {
 
 /// A recorder that this machine leaves without a processor for seconds loses messages, and the soak must report it; nothing else may break.
 fn is_of_time(broken: &Value) -> bool {
-    ["lost", "rows", "files"]
-        .iter()
-        .any(|check| broken["check"] == *check)
+    ["lost", "rows", "files"].contains(&broken["check"].text())
 }
 
 #[test]
@@ -121,35 +106,30 @@ fn a_short_soak_strikes_and_judges_and_leaves_nothing() {
     let soak = said.json();
     let passed = soak["passed"] == true;
     assert_eq!(said.code, i32::from(!passed), "{}", said.err);
-    assert_nothing_left(said.launcher);
     let round = &soak["cells"][0];
     assert!(round["ticks"].count() > 500, "{round}");
     assert!(round["broken"].list().iter().all(is_of_time), "{round}");
-    let faults = round["faults"].list();
-    let occurred = faults.iter().filter(|fault| fault["occurred"] == true);
     let number = |key: &str| round["messages"][key].count();
-    assert_eq!(
-        number("sent"),
-        number("taken_in") + number("refused") + number("fenced") + number("lost"),
-        "{}",
-        round["messages"]
-    );
+    let arrived: u64 = ["taken_in", "refused", "fenced", "lost"]
+        .map(number)
+        .iter()
+        .sum();
+    assert_eq!(number("sent"), arrived, "{}", round["messages"]);
     let kinds = soak["kinds"].list().iter();
     let times: u64 = kinds.map(|kind| kind["times"].count()).sum();
-    assert!(times > 0 && times == occurred.count() as u64, "{round}");
+    assert!(
+        times > 0 && times == crate::command::occurred(round) as u64,
+        "{round}"
+    );
     assert_eq!(
-        desk.path().join("soak/round-001").exists(),
+        desk.has("soak/round-001"),
         !passed,
         "what kept every guarantee is not kept"
     );
-    for (file, begins) in [
-        ("drill.json", &b"{"[..]),
-        ("drill.svg", b"<svg"),
-        ("drill.png", b"\x89PNG"),
-    ] {
-        let text = std::fs::read(desk.path().join("soak").join(file)).unwrap();
-        assert!(text.starts_with(begins), "{file}");
-    }
+    assert_kinds(
+        &desk,
+        &["soak/drill.json", "soak/drill.svg", "soak/drill.png"],
+    );
 }
 
 #[test]
@@ -157,10 +137,10 @@ fn an_interrupted_soak_ends_cleanly() {
     let desk = Desk::new();
     let child = desk.begin("drill --soak 60 --json");
     std::thread::sleep(std::time::Duration::from_secs(2));
-    let said = interrupt(child);
+    let said = child.interrupt();
     assert_eq!(said.code, 1, "{}", said.err);
     let soak = said.json();
-    assert_eq!(soak["interrupted"], "SIGINT", "{soak}");
+    soak.holds(r#"{"interrupted": "SIGINT"}"#);
     let cells = soak["cells"].list().iter();
     let mut broken = cells.flat_map(|round| round["broken"].list());
     assert!(broken.all(is_of_time), "{soak}");
@@ -169,26 +149,19 @@ fn an_interrupted_soak_ends_cleanly() {
 #[test]
 fn an_interrupted_bench_leaves_nothing() {
     let desk = Desk::new();
-    let temporary = desk.path().join("temporary");
+    let temporary = desk.at("temporary");
     std::fs::create_dir(&temporary).unwrap();
-    let left = || std::fs::read_dir(&temporary).unwrap().count();
     for attempt in 0..8 {
         let what = ["hop", "lockstep"][attempt as usize % 2];
         let mut command = desk.command(&format!("bench {what}"));
         let child = command.env("TMPDIR", &temporary).spawn().unwrap();
         until("it to begin", || {
-            left() > 0 || !in_shared_memory(child.id()).is_empty()
+            !desk.names("temporary").is_empty() || !in_shared_memory(child.id()).is_empty()
         });
-        std::thread::sleep(std::time::Duration::from_millis(
-            runtime::random(attempt, 0) % 300,
-        ));
-        signal(
-            child.id().cast_signed(),
-            if attempt < 4 { "INT" } else { "TERM" },
-        );
-        let said = finish(child);
-        assert_ne!(said.code, 0, "{what}");
-        assert_nothing_left(said.launcher);
-        assert_eq!(left(), 0, "{what}");
+        let pause_ms = runtime::random(attempt, 0) % 300;
+        std::thread::sleep(std::time::Duration::from_millis(pause_ms));
+        child.signal(if attempt < 4 { "INT" } else { "TERM" });
+        assert_ne!(child.finish().code, 0, "{what}");
+        assert!(desk.names("temporary").is_empty(), "{what}");
     }
 }

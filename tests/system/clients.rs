@@ -1,38 +1,25 @@
 //! A run as other programs read it: pyarrow, polars, DuckDB, mcap, Rerun. Each part is skipped, and says so, where Python has no such module.
 
-use std::path::PathBuf;
-use std::process::Command;
+use crate::command::{Desk, Known, has_python, lacks, skipped, source};
 
-use crate::command::{Desk, skipped};
-use crate::exchange::{has_python, lacks, root};
-
-const SHORT: [&str; 6] = [
-    "--set",
-    "segment.0.duration_s=1",
-    "--set",
-    "segment.1.duration_s=1.5",
-    "--out",
-    "results",
-];
+const SHORT: &str = "--set segment.0.duration_s=1 --set segment.1.duration_s=1.5 --out results";
 
 /// Runs Python in the desk's folder, where it must print `good`.
 pub(crate) fn python(desk: &Desk, code: &str) {
-    let mut command = Command::new("python3");
-    command
-        .args(["-c", code])
-        .current_dir(desk.path())
-        .env("PYTHONDONTWRITEBYTECODE", "1")
-        .env("RUST_LOG", "error");
-    let said = command
-        .env("ARMPLANE", env!("CARGO_BIN_EXE_armplane"))
-        .env("PYTHONPATH", root().join("python"))
-        .output()
-        .expect("python3 runs");
-    let (out, err) = (
-        String::from_utf8_lossy(&said.stdout),
-        String::from_utf8_lossy(&said.stderr),
-    );
+    let mut python = desk.program("python3");
+    let said = python.args(["-c", code]).env("RUST_LOG", "error").output();
+    let said = said.expect("python3 runs");
+    let [out, err] = [&said.stdout, &said.stderr].map(|text| String::from_utf8_lossy(text));
     assert!(out.ends_with("good\n"), "{out}\n{err}");
+}
+
+/// The same where it has a module.
+fn python_with(module: &str, desk: &Desk, code: &str) {
+    if has_python(module) {
+        python(desk, code);
+    } else {
+        skipped(format!("python3 has no {module}"));
+    }
 }
 
 fn export(desk: &Desk, format: &str) {
@@ -46,7 +33,7 @@ fn tables_have_units_and_what_researchers_ask_for() {
         return;
     }
     let desk = Desk::new();
-    desk.run(&SHORT);
+    desk.run(SHORT);
     export(&desk, "parquet");
     export(&desk, "csv");
     python(
@@ -96,28 +83,20 @@ for name in table.column_names:
 print("good")
 "#,
     );
-    if has_python("polars") {
-        let code = "import polars as pl\nt = pl.read_parquet('results/signals.parquet')\nassert t['tick'].is_sorted() and t['hand.position.z'].null_count() == 0\n\
-                    e = pl.read_parquet('results/events.parquet')\nassert len(e.filter(pl.col('subject') == 'mode/wrist')) >= 2\nprint('good')";
-        python(&desk, code);
-    } else {
-        skipped("python3 has no polars");
-    }
-    if has_python("duckdb") {
-        let code = "import duckdb, json\nn, z = duckdb.sql(\"select count(*), max(\\\"hand.position.z\\\") from 'results/signals.parquet'\").fetchall()[0]\n\
-                    assert n == json.load(open('results/summary.json'))['ticks'] and 0 < z < 2\n\
-                    q = \"select decode(value) from parquet_kv_metadata('results/signals.parquet') where decode(key) = 'armplane:columns'\"\n\
-                    assert json.loads(duckdb.sql(q).fetchall()[0][0])['joint.qdot.1'] == {'unit': 'rad/s', 'description': 'Joint velocities; rad/s.'}\nprint('good')";
-        python(&desk, code);
-    } else {
-        skipped("python3 has no duckdb");
-    }
+    let code = "import polars as pl\nt = pl.read_parquet('results/signals.parquet')\nassert t['tick'].is_sorted() and t['hand.position.z'].null_count() == 0\n\
+                e = pl.read_parquet('results/events.parquet')\nassert len(e.filter(pl.col('subject') == 'mode/wrist')) >= 2\nprint('good')";
+    python_with("polars", &desk, code);
+    let code = "import duckdb, json\nn, z = duckdb.sql(\"select count(*), max(\\\"hand.position.z\\\") from 'results/signals.parquet'\").fetchall()[0]\n\
+                assert n == json.load(open('results/summary.json'))['ticks'] and 0 < z < 2\n\
+                q = \"select decode(value) from parquet_kv_metadata('results/signals.parquet') where decode(key) = 'armplane:columns'\"\n\
+                assert json.loads(duckdb.sql(q).fetchall()[0][0])['joint.qdot.1'] == {'unit': 'rad/s', 'description': 'Joint velocities; rad/s.'}\nprint('good')";
+    python_with("duckdb", &desk, code);
 }
 
 #[test]
 fn messages_are_read_as_ros_2_reads_them() {
     let desk = Desk::new();
-    desk.run(&SHORT);
+    desk.run(SHORT);
     export(&desk, "csv");
     let table = r#"
 import csv, json
@@ -135,31 +114,19 @@ def check(found):
     zeta = [float(row[f"singularity.zeta.wrist.{kind}"]) for kind in kinds]
     assert zeta in [list(one.zeta_b) for one in report.singularities]
 "#;
-    if has_python("mcap_ros2") {
-        python(
-            &desk,
-            &format!(
-                r#"{table}
+    let mcap = r#"
 from mcap_ros2.reader import read_ros2_messages
-found = {{}}
+found = {}
 for one in read_ros2_messages("results/messages.mcap"):
     found.setdefault(one.channel.topic, []).append((one.log_time_ns, one.ros_msg))
 check(found)
-print("good")"#
-            ),
-        );
-    } else {
-        skipped("python3 has no mcap_ros2, or there is none");
-    }
-    if has_python("rosbags.highlevel") {
-        python(
-            &desk,
-            &format!(
-                r#"{table}
+print("good")"#;
+    python_with("mcap_ros2", &desk, &[table, mcap].concat());
+    let rosbags = r#"
 from pathlib import Path
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-store, found = get_typestore(Stores.EMPTY), {{}}
+store, found = get_typestore(Stores.EMPTY), {}
 bag = McapReader(Path("results/messages.mcap"))
 bag.open()
 for one in bag.connections:
@@ -167,28 +134,8 @@ for one in bag.connections:
 for one, time, data in bag.messages(bag.connections, None, None):
     found.setdefault(one.topic, []).append((time, store.deserialize_cdr(data, one.msgtype)))
 check(found)
-print("good")"#
-            ),
-        );
-    } else {
-        skipped("python3 has no rosbags, or there is none");
-    }
-}
-
-/// The first Python program of a page.
-fn program(page: &str) -> String {
-    let text = std::fs::read_to_string(root().join("docs").join(page)).expect("the page");
-    let (_, from) = text.split_once("```python\n").expect("a program");
-    from.split_once("```").expect("its end").0.to_owned()
-}
-
-/// `rerun`, where Python's package brings it.
-fn rerun() -> Option<PathBuf> {
-    let found = Command::new("python3")
-        .args(["-c", "import shutil; print(shutil.which('rerun') or '')"])
-        .output()
-        .ok()?;
-    Some(PathBuf::from(String::from_utf8_lossy(&found.stdout).trim())).filter(|path| path.is_file())
+print("good")"#;
+    python_with("rosbags.highlevel", &desk, &[table, rosbags].concat());
 }
 
 #[test]
@@ -203,18 +150,19 @@ fn a_recording_of_several_parts_reads_as_one() {
         "name = \"killed\"\nrobot = \"puma560\"\n[record]\npart_s = 0.8\n[start]\nq_deg = [20, -60, 170, 0, 30, 0]\n[[segment]]\nby_m = [0.1, 0, 0]\n\
          duration_s = 1.5\n[[fault]]\nprocess = \"recorder\"\nkind = \"kill\"\nat_s = 1.2\n",
     );
-    let summary = desk.run("killed.toml --out results");
-    assert_eq!(summary["recorder"]["parts"], 4);
+    desk.run("killed.toml --out results")
+        .holds(r#"{"recorder/parts": 4}"#);
     export(&desk, "rrd");
     let check = "import json\nticks = json.load(open('results/summary.json'))['ticks']\ntable = load('results')\n\
                  assert list(table['tick']) == list(range(ticks)), len(table)\nassert (table['/signals:joint:q'].str.len() == 6).all()\n\
                  import os\nos.mkdir('one')\nos.rename('results/whole.rrd', 'one/run.rrd')\none = load('one')\n\
                  assert list(one['tick']) == list(range(ticks)) and set(one.columns) == set(table.columns)\n\
                  assert (one['/signals:joint:q'].map(list) == table['/signals:joint:q'].map(list)).all()\nprint('good')";
-    python(&desk, &format!("{}\n{check}", program("recording.md")));
-    let Some(rerun) = rerun() else {
-        return skipped("there is no `rerun` beside python3");
-    };
+    // Behind the first program of the page.
+    let page = source("docs/recording.md");
+    let (_, program) = page.split_once("```python\n").expect("a program");
+    let (program, _) = program.split_once("```").expect("its end");
+    python(&desk, &[program, "\n", check].concat());
     for file in [
         "results/run.rrd",
         "results/run-001.rrd",
@@ -222,11 +170,10 @@ fn a_recording_of_several_parts_reads_as_one() {
         "results/run-003.rrd",
         "one/run.rrd",
     ] {
-        let said = Command::new(&rerun)
-            .args(["rrd", "verify", file])
-            .current_dir(desk.path())
-            .output()
-            .expect("rerun starts");
+        let mut verify = desk.program("rerun");
+        let Ok(said) = verify.args(["rrd", "verify", file]).output() else {
+            return skipped("there is no `rerun`");
+        };
         assert!(
             said.status.success(),
             "{file}: {}",

@@ -1,5 +1,8 @@
 //! Running `armplane` in a folder of its own, and looking at what it leaves.
 
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::fmt::Display;
 use std::io::Write;
 use std::os::unix::process::CommandExt;
@@ -8,11 +11,9 @@ use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
+use runtime::{ControlPage, RunDir};
 use serde_json::Value;
 use tempfile::TempDir;
-
-use crate::life::signal;
-use crate::patience::ticks;
 
 /// An empty folder to run in; gone at the end.
 pub(crate) struct Desk {
@@ -38,16 +39,27 @@ impl Desk {
         self.folder.path()
     }
 
-    pub(crate) fn file(&self, name: &str, text: &str) -> PathBuf {
-        let path = self.path().join(name);
-        std::fs::write(&path, text).expect("a file in the temporary folder");
+    /// The path of a file in the folder.
+    pub(crate) fn at(&self, name: impl AsRef<Path>) -> PathBuf {
+        self.path().join(name)
+    }
+
+    /// Writes a file, in a folder that is made where it is not there.
+    pub(crate) fn file(&self, name: impl AsRef<Path>, content: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.at(name);
+        std::fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
+        std::fs::write(&path, content).expect("a file in the temporary folder");
         path
     }
 
+    pub(crate) fn bytes(&self, name: impl AsRef<Path>) -> Vec<u8> {
+        let path = self.at(name);
+        std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+    }
+
     /// The text of a file in the folder.
-    pub(crate) fn read(&self, name: &str) -> String {
-        std::fs::read_to_string(self.path().join(name))
-            .unwrap_or_else(|error| panic!("{name}: {error}"))
+    pub(crate) fn read(&self, name: impl AsRef<Path>) -> String {
+        String::from_utf8(self.bytes(name)).expect("UTF-8")
     }
 
     /// The JSON of a file in the folder.
@@ -55,15 +67,53 @@ impl Desk {
         serde_json::from_str(&self.read(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
     }
 
-    /// `armplane` in this folder, with its output in pipes.
-    pub(crate) fn command(&self, args: impl Args) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_armplane"));
+    pub(crate) fn has(&self, name: impl AsRef<Path>) -> bool {
+        self.at(name).symlink_metadata().is_ok()
+    }
+
+    pub(crate) fn remove(&self, name: impl AsRef<Path>) {
+        std::fs::remove_file(self.at(name)).expect("a file in the temporary folder");
+    }
+
+    /// Makes a link to another file or folder in the folder.
+    pub(crate) fn link(&self, name: &str, target: &str) {
+        std::os::unix::fs::symlink(self.at(target), self.at(name)).expect("a link");
+    }
+
+    /// Puts a named pipe in the place of a file.
+    pub(crate) fn pipe(&self, name: &str) {
+        let _ = std::fs::remove_file(self.at(name));
+        let made = Command::new("mkfifo").arg(self.at(name)).status();
+        assert!(made.expect("mkfifo").success());
+    }
+
+    /// The names in a folder of the folder, sorted.
+    pub(crate) fn names(&self, folder: &str) -> Vec<String> {
+        let entries = std::fs::read_dir(self.at(folder)).into_iter().flatten();
+        let name = |entry: std::fs::DirEntry| entry.file_name().to_string_lossy().into_owned();
+        let mut names: Vec<_> = entries.flatten().map(name).collect();
+        names.sort();
+        names
+    }
+
+    /// A program in this folder, with its output in pipes, and the Python package of the repository in the path of Python.
+    pub(crate) fn program(&self, name: impl AsRef<OsStr>) -> Command {
+        let mut command = Command::new(name);
         command
-            .args(args.words())
             .current_dir(self.path())
+            .env("PYTHONPATH", root().join("python"))
+            .env("PYTHONDONTWRITEBYTECODE", "1")
+            .env("ARMPLANE", env!("CARGO_BIN_EXE_armplane"))
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
+        command
+    }
+
+    /// `armplane` in this folder.
+    pub(crate) fn command(&self, args: &str) -> Command {
+        let mut command = self.program(env!("CARGO_BIN_EXE_armplane"));
+        command.args(words(args));
         // A shell without job control starts the tests with SIGINT and SIGQUIT ignored, `nohup` with SIGHUP: until the program catches them, or for good,
         // they would do nothing.
         // SAFETY: signal(2) may be called between fork and exec.
@@ -78,55 +128,55 @@ impl Desk {
         command
     }
 
-    pub(crate) fn start(&self, args: impl Args) -> Child {
+    pub(crate) fn start(&self, args: &str) -> Child {
         self.command(args).spawn().expect("armplane starts")
     }
 
-    /// Starts a run and waits for its first tick.
-    pub(crate) fn begin(&self, args: impl Args) -> Child {
+    /// Starts a run and waits for its first ticks.
+    pub(crate) fn begin(&self, args: &str) -> Child {
         let run = self.start(args);
-        until("the first tick", || ticks(&run) > 0);
+        until("the first ticks", || run.ticks() > 100);
         run
     }
 
-    pub(crate) fn armplane(&self, args: impl Args) -> Said {
-        finish(self.start(args))
+    pub(crate) fn armplane(&self, args: &str) -> Said {
+        self.start(args).finish()
     }
 
     /// A command that succeeds.
-    pub(crate) fn succeeds(&self, args: impl Args) -> Said {
-        let words = args.words();
-        let said = self.armplane(&words);
-        assert_eq!(said.code, 0, "{words:?}: {}{}", said.out, said.err);
-        said
+    pub(crate) fn succeeds(&self, args: &str) -> Said {
+        self.refuses(0, args, &[])
     }
 
     /// The JSON of a command that succeeds.
-    pub(crate) fn json(&self, args: impl Args) -> Value {
-        let words = [args.words(), vec!["--json".to_owned()]].concat();
-        let said = self.succeeds(&words);
-        assert_nothing_left(said.launcher);
-        said.json()
+    pub(crate) fn json(&self, args: &str) -> Value {
+        self.succeeds(&format!("{args} --json")).json()
     }
 
     /// Runs a scenario to a success and reads its summary.
-    pub(crate) fn run(&self, args: impl Args) -> Value {
-        self.json(&[vec!["run".to_owned()], args.words()].concat())
+    pub(crate) fn run(&self, args: &str) -> Value {
+        self.json(&format!("run {args}"))
     }
 
     /// A command that ends with this exit code, in one sentence that holds each of these names and numbers.
-    pub(crate) fn refuses(&self, code: i32, args: impl Args, names: &[&str]) -> Said {
-        let words = args.words();
-        let said = self.armplane(&words);
-        assert_nothing_left(said.launcher);
+    pub(crate) fn refuses(&self, code: i32, args: &str, names: &[&str]) -> Said {
+        let said = self.armplane(args);
         assert!(
             said.code == code && names.iter().all(|name| said.err.contains(name)),
-            "{words:?}: {} without one of {names:?}: {}{}",
+            "{args}: {} without one of {names:?}: {}{}",
             said.code,
             said.out,
             said.err
         );
         said
+    }
+
+    /// Commands that are refused, each with its words, and make no folder for results.
+    pub(crate) fn refuses_each(&self, cases: &[(&str, &str)]) {
+        for (args, words) in cases {
+            self.refuses(2, args, &[words]);
+        }
+        assert!(!self.has("runs"));
     }
 }
 
@@ -138,39 +188,13 @@ impl Said {
     }
 }
 
-/// The arguments of a command: words between spaces, or a list where one of them holds a space.
-pub(crate) trait Args {
-    fn words(&self) -> Vec<String>;
-}
-
-impl Args for &str {
-    fn words(&self) -> Vec<String> {
-        self.split_whitespace().map(str::to_owned).collect()
-    }
-}
-
-impl Args for &String {
-    fn words(&self) -> Vec<String> {
-        self.as_str().words()
-    }
-}
-
-impl<T: AsRef<str>> Args for &[T] {
-    fn words(&self) -> Vec<String> {
-        self.iter().map(|word| word.as_ref().to_owned()).collect()
-    }
-}
-
-impl<T: AsRef<str>, const N: usize> Args for &[T; N] {
-    fn words(&self) -> Vec<String> {
-        self.as_slice().words()
-    }
-}
-
-impl<T: AsRef<str>> Args for &Vec<T> {
-    fn words(&self) -> Vec<String> {
-        self.as_slice().words()
-    }
+/// The arguments of a command: words between spaces, or between two of `'`.
+fn words(args: &str) -> impl Iterator<Item = &str> {
+    let parts = args.split('\'').enumerate();
+    parts.flat_map(|(place, part)| match place % 2 {
+        0 => part.split_whitespace().collect::<Vec<_>>(),
+        _ => vec![part],
+    })
 }
 
 /// A part of the program's JSON whose kind is known.
@@ -179,6 +203,9 @@ pub(crate) trait Known {
     fn count(&self) -> u64;
     fn number(&self) -> f64;
     fn text(&self) -> &str;
+
+    /// Asserts that it has each value of an expected JSON object; a key is a path, `faults/0/process`, and `faults/#` is the length of a list.
+    fn holds(&self, expected: &str);
 }
 
 impl Known for Value {
@@ -197,31 +224,89 @@ impl Known for Value {
     fn text(&self) -> &str {
         self.as_str().unwrap_or_else(|| panic!("{self}"))
     }
-}
 
-/// Waits for a command to end.
-pub(crate) fn finish(child: Child) -> Said {
-    let launcher = child.id();
-    let Output {
-        status,
-        stdout,
-        stderr,
-    } = child.wait_with_output().expect("armplane ends");
-    let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
-    Said {
-        code: status.code().unwrap_or(-1),
-        out: text(stdout),
-        err: text(stderr),
-        launcher,
+    fn holds(&self, expected: &str) {
+        let expected: BTreeMap<String, Value> = serde_json::from_str(expected).expect("JSON");
+        for (path, value) in expected {
+            let of = |path: &str| self.pointer(&format!("/{path}")).unwrap_or(&Value::Null);
+            let found = match path.strip_suffix("/#") {
+                Some(list) => of(list).list().len().into(),
+                None => of(&path).clone(),
+            };
+            assert_eq!(found, value, "{path}: {self}");
+        }
     }
 }
 
-/// Ends a run by Ctrl-C; nothing is left of it.
-pub(crate) fn interrupt(run: Child) -> Said {
-    signal(run.id() as i32, "INT");
-    let said = finish(run);
-    assert_nothing_left(said.launcher);
-    said
+/// A command that goes on.
+pub(crate) trait Running {
+    /// Ticks that its run has begun.
+    fn ticks(&self) -> u64;
+    /// The process of its run by its name.
+    fn pid(&self, process: &str) -> Option<i32>;
+    fn signal(&self, name: &str);
+    /// Sends a signal to a process of its run.
+    fn strike(&self, process: &str, name: &str);
+    /// Waits for its end. One that was not killed leaves nothing.
+    fn finish(self) -> Said;
+    /// Ends it by Ctrl-C.
+    fn interrupt(self) -> Said;
+}
+
+impl Running for Child {
+    fn ticks(&self) -> u64 {
+        let Some(run) =
+            run_of(self.id()).and_then(|name| RunDir::open(&Path::new("/dev/shm").join(name)).ok())
+        else {
+            return 0;
+        };
+        ControlPage::open(&run).map_or(0, |page| page.process(0).ticks())
+    }
+
+    fn pid(&self, process: &str) -> Option<i32> {
+        let mut children = children_of_run(self.id()).into_iter();
+        Some(children.find(|(name, _)| name == process)?.1)
+    }
+
+    fn signal(&self, name: &str) {
+        signal(self.id().cast_signed(), name);
+    }
+
+    fn strike(&self, process: &str, name: &str) {
+        signal(self.pid(process).expect("it lives"), name);
+    }
+
+    fn finish(self) -> Said {
+        let launcher = self.id();
+        let Output {
+            status,
+            stdout,
+            stderr,
+        } = self.wait_with_output().expect("armplane ends");
+        if status.code().is_some() {
+            assert_nothing_left(launcher);
+        }
+        let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
+        Said {
+            code: status.code().unwrap_or(-1),
+            out: text(stdout),
+            err: text(stderr),
+            launcher,
+        }
+    }
+
+    fn interrupt(self) -> Said {
+        self.signal("INT");
+        self.finish()
+    }
+}
+
+/// Sends a signal to a process.
+pub(crate) fn signal(pid: i32, name: &str) {
+    let sent = Command::new("kill")
+        .args([format!("-{name}"), pid.to_string()])
+        .status();
+    assert!(sent.expect("kill").success());
 }
 
 /// The names of what a launcher has in shared memory.
@@ -243,61 +328,90 @@ pub(crate) fn run_of(launcher: u32) -> Option<String> {
         .find(|name| !name.contains('.'))
 }
 
-/// No file of the run in shared memory, no child of the launcher alive.
+/// No file of the run in shared memory, no child of the launcher alive, and no program of its graph.
 pub(crate) fn assert_nothing_left(launcher: u32) {
-    assert_eq!(
+    let left = (
         in_shared_memory(launcher),
-        Vec::<String>::new(),
-        "left in shared memory"
+        children_of_run(launcher),
+        programs_of(launcher),
     );
-    let children = children_of_run(launcher);
-    assert!(children.is_empty(), "processes left: {children:?}");
+    assert_eq!(left, Default::default(), "files, processes, programs");
+}
+
+/// Of the processes of this machine, what is found in a file of `/proc`: words that end with zero.
+fn processes<T>(file: &str, found: impl Fn(i32, &[Cow<'_, str>]) -> Option<T>) -> Vec<T> {
+    let entries = std::fs::read_dir("/proc").expect("proc").flatten();
+    let pids = entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
+    let of = |pid: i32| {
+        let text = std::fs::read(format!("/proc/{pid}/{file}")).ok()?;
+        let words = text.split(|byte| *byte == 0).map(String::from_utf8_lossy);
+        found(pid, &words.collect::<Vec<_>>())
+    };
+    pids.filter_map(of).collect()
 }
 
 /// Processes started for a launcher's run, by the run directory in their arguments: name and process id.
 pub(crate) fn children_of_run(launcher: u32) -> Vec<(String, i32)> {
     let marker = format!("-{launcher}-");
-    let mut children = Vec::new();
-    for entry in std::fs::read_dir("/proc").expect("proc").flatten() {
-        let Some(pid) = entry
-            .file_name()
-            .to_str()
-            .and_then(|name| name.parse::<i32>().ok())
-        else {
-            continue;
-        };
-        let Ok(text) = std::fs::read(entry.path().join("cmdline")) else {
-            continue;
-        };
-        let words: Vec<String> = text
-            .split(|byte| *byte == 0)
-            .map(|word| String::from_utf8_lossy(word).into_owned())
-            .collect();
-        if words.len() > 3
-            && words[2] == "--run"
-            && words[3].contains("/armplane-")
-            && words[3].contains(&marker)
-        {
-            children.push((words[1].clone(), pid));
+    let is_of_run = |run: &str| run.contains("/armplane-") && run.contains(&marker);
+    processes("cmdline", |pid, words| match words {
+        [_, name, option, run, ..] if option == "--run" && is_of_run(run) => {
+            Some((name.to_string(), pid))
         }
-    }
-    children
+        _ => None,
+    })
 }
 
-/// The process of a run by its name.
-pub(crate) fn pid_of(launcher: u32, process: &str) -> Option<i32> {
-    let children = children_of_run(launcher);
-    let found = children.into_iter().find(|(name, _)| name == process);
-    found.map(|(_, pid)| pid)
+/// Programs that have an exchange page of a launcher's run in their environment.
+pub(crate) fn programs_of(launcher: u32) -> Vec<i32> {
+    let marker = format!("-{launcher}-");
+    let is_page =
+        |word: &Cow<'_, str>| word.starts_with("ARMPLANE_EXCHANGE=") && word.contains(&marker);
+    processes("environ", |pid, words| {
+        words.iter().any(is_page).then_some(pid)
+    })
 }
 
 /// How often a process was replaced in a run.
 pub(crate) fn restarts(summary: &Value, process: &str) -> u64 {
-    let processes = summary["processes"].as_array().expect("processes");
-    let found = processes.iter().find(|one| one["name"] == process);
-    found
-        .and_then(|one| one["restarts"].as_u64())
-        .expect("a process of the run")
+    let mut processes = summary["processes"].list().iter();
+    let found = processes.find(|one| one["name"] == process);
+    found.expect("a process of the run")["restarts"].count()
+}
+
+/// How many faults of a run have occurred.
+pub(crate) fn occurred(summary: &Value) -> usize {
+    let faults = summary["faults"].list().iter();
+    faults.filter(|fault| fault["occurred"] == true).count()
+}
+
+/// The folder of the repository.
+pub(crate) fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The text of a file of the repository.
+pub(crate) fn source(path: &str) -> String {
+    std::fs::read_to_string(root().join(path)).unwrap_or_else(|error| panic!("{path}: {error}"))
+}
+
+/// Whether Python is there, with these modules.
+pub(crate) fn has_python(modules: &str) -> bool {
+    let code = format!(
+        "{}{modules}",
+        if modules.is_empty() { "" } else { "import " }
+    );
+    let output = Command::new("python3").args(["-c", &code]).output();
+    output.is_ok_and(|output| output.status.success())
+}
+
+/// Reports that a test is skipped where Python is not there with these modules.
+pub(crate) fn lacks(modules: &str) -> bool {
+    let lacks = !has_python(modules);
+    if lacks {
+        skipped(format!("there is no python3 with [{modules}]"));
+    }
+    lacks
 }
 
 /// Waits until something is so.

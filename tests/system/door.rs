@@ -1,8 +1,5 @@
 //! One door for files: nothing is written through a link or into a pipe, and a saved run that was damaged is not run.
 
-use std::os::unix::fs::symlink;
-use std::process::Command;
-
 use crate::command::Desk;
 
 const SHORT: &str = "name = \"short\"\nrobot = \"arm.urdf\"\nsettle_s = 0.1\n[start]\nq_deg = [10, 40]\n[[segment]]\nby_m = [-0.01, 0.0, 0.0]\nduration_s = 0.3\n";
@@ -21,57 +18,55 @@ fn desk() -> Desk {
     desk.file("arm.toml", "task = [\"x\", \"y\"]\n");
     desk.file("short.toml", SHORT);
     desk.run("short.toml --out r");
+    desk.file("victim", "mine");
     desk
 }
 
 #[test]
 fn no_result_is_written_behind_a_link_or_into_a_pipe() {
     let desk = desk();
-    let at = |name: &str| desk.path().join(name);
-    let victim = desk.file("victim", "mine");
-    std::fs::create_dir(at("out")).unwrap();
-    for name in [
-        "page.html",
-        "out/signals.csv",
-        "out/signals.parquet",
-        "out/whole.rrd",
-    ] {
-        symlink(&victim, at(name)).unwrap();
+    for folder in ["out", "drawn", "all/run-1", "pages", "manual"] {
+        std::fs::create_dir_all(desk.at(folder)).unwrap();
     }
-    let formats =
-        ["csv", "parquet", "rrd"].map(|format| format!("export r --format {format} --out out"));
-    for command in formats
-        .iter()
-        .map(String::as_str)
-        .chain(["report r --out page.html"])
-    {
-        let said = desk.armplane(command);
-        assert!([1, 2].contains(&said.code), "{command}: {}", said.err);
+    for (link, command, code) in [
+        ("out/signals.csv", "export r --format csv --out out", 1),
+        (
+            "out/signals.parquet",
+            "export r --format parquet --out out",
+            1,
+        ),
+        ("out/whole.rrd", "export r --format rrd --out out", 1),
+        ("page.html", "report r --out page.html", 1),
+        ("drawn/figures.json", "figures --out drawn", 1),
+        (
+            "all/run-1/messages.mcap",
+            "verify short.toml --runs 1 --out all",
+            2,
+        ),
+        (
+            "all/run-1/run.rrd",
+            "verify short.toml --runs 1 --out all",
+            2,
+        ),
+        (
+            "all/run-1/job.json",
+            "verify short.toml --runs 1 --out all",
+            2,
+        ),
+        ("pages/armplane-run.1", "generate man pages", 2),
+        ("manual/armplane.1", "generate man manual", 2),
+    ] {
+        desk.link(link, "victim");
+        let (_, name) = link.rsplit_once('/').unwrap_or(("", link));
+        let said = desk.refuses(code, command, &[name]);
         assert_eq!(said.err.lines().count(), 1, "{command}: {}", said.err);
         assert_eq!(desk.read("victim"), "mine", "{command}");
+        desk.remove(link);
     }
-    std::fs::create_dir(at("drawn")).unwrap();
-    symlink(&victim, at("drawn/figures.json")).unwrap();
-    desk.refuses(1, "figures --out drawn", &["figures.json"]);
-    assert_eq!(desk.read("victim"), "mine");
-    let made = Command::new("mkfifo").arg(at("pipe")).status().unwrap();
-    assert!(made.success());
+    desk.pipe("pipe");
     desk.refuses(1, "report r --out pipe", &["pipe"]);
-    std::fs::create_dir_all(at("all/run-1")).unwrap();
-    for name in ["messages.mcap", "run.rrd", "job.json"] {
-        symlink(&victim, at("all/run-1").join(name)).unwrap();
-        desk.refuses(2, "verify short.toml --runs 1 --out all", &[name]);
-        std::fs::remove_file(at("all/run-1").join(name)).unwrap();
-    }
-    symlink(at("out"), at("all/history-1")).unwrap();
+    desk.link("all/history-1", "out");
     desk.refuses(2, "verify short.toml --kills 1 --out all", &["history-1"]);
-    assert_eq!(desk.read("victim"), "mine");
-    for (folder, name) in [("pages", "armplane-run.1"), ("manual", "armplane.1")] {
-        std::fs::create_dir(at(folder)).unwrap();
-        symlink(&victim, at(folder).join(name)).unwrap();
-        desk.refuses(2, &format!("generate man {folder}"), &[name]);
-        assert_eq!(desk.read("victim"), "mine");
-    }
     // What the user holds is written to.
     let page = desk.succeeds("report r --out /dev/stdout");
     assert!(page.out.contains("</html>"));
@@ -81,22 +76,21 @@ fn no_result_is_written_behind_a_link_or_into_a_pipe() {
 fn a_saved_run_that_was_damaged_is_named_and_one_that_was_edited_runs() {
     let desk = desk();
     let whole = desk.run("r/scenario.toml --out again");
-    let (scenario, robot) = (desk.read("r/scenario.toml"), desk.read("r/robot.urdf"));
+    let [scenario, robot] = ["r/scenario.toml", "r/robot.urdf"].map(|name| desk.read(name));
     let (seal, text) = scenario.split_once('\n').unwrap();
-    for at in (0..text.len()).step_by(text.len() / 20) {
-        let mut bytes = text.as_bytes().to_vec();
+    for at in (seal.len() + 1..scenario.len()).step_by(text.len() / 20) {
+        let mut bytes = scenario.clone().into_bytes();
         bytes[at] ^= 1;
-        let bytes = [seal.as_bytes(), b"\n", &bytes].concat();
-        std::fs::write(desk.path().join("r/scenario.toml"), bytes).unwrap();
+        desk.file("r/scenario.toml", bytes);
         desk.refuses(2, "run r/scenario.toml --out none", &["r/scenario.toml"]);
     }
     desk.file("r/scenario.toml", &scenario);
     desk.file(
         "r/robot.urdf",
-        &robot.replace("mass value=\"1\"", "mass value=\"2\""),
+        robot.replace("mass value=\"1\"", "mass value=\"2\""),
     );
     desk.refuses(2, "run r/scenario.toml --out none", &["r/robot.urdf"]);
-    assert!(!desk.path().join("none").exists());
+    assert!(!desk.has("none"));
     desk.file("r/scenario.toml", text);
     let heavier = desk.run("r/scenario.toml --out heavier");
     assert_ne!(heavier["topics"]["torque"], whole["topics"]["torque"]);
@@ -104,38 +98,35 @@ fn a_saved_run_that_was_damaged_is_named_and_one_that_was_edited_runs() {
 
 #[test]
 fn a_file_that_nobody_wrote_by_hand_is_not_taken_in_and_a_long_word_is_cut() {
-    let desk = desk();
-    desk.file("large.toml", &format!("{SHORT}#{}\n", "x".repeat(5 << 20)));
+    let desk = Desk::new();
+    let with = |more: String| desk.file("large.toml", SHORT.to_owned() + &more);
+    with(format!("#{}\n", "x".repeat(5 << 20)));
     desk.refuses(2, "run large.toml", &["large.toml"]);
-    desk.file(
-        "word.toml",
-        &format!("{SHORT}{} = 1\n", "x".repeat(1 << 20)),
-    );
-    let said = desk.armplane("run word.toml");
-    assert_eq!(said.code, 2);
+    with(format!("{} = 1\n", "x".repeat(1 << 20)));
+    let said = desk.refuses(2, "run large.toml", &[]);
     assert!(said.err.len() < 10_000, "{} bytes", said.err.len());
 }
 
 /// The output of a command on a terminal, as `script` has caught it, and in pipes.
-fn shown(desk: &Desk, args: &str, no_color: &str) -> [Vec<u8>; 2] {
+fn shown(desk: &Desk, args: &str, no_color: &str) -> [String; 2] {
     let line = format!("{} {args}", env!("CARGO_BIN_EXE_armplane"));
     let on_terminal = ["script", "-qec", &line, "/dev/null"];
     let in_pipes = ["bash", "-c", &line];
     [&on_terminal[..], &in_pipes].map(|words| {
-        let mut command = Command::new(words[0]);
-        command.args(&words[1..]).current_dir(desk.path());
-        command.env("SHELL", "/bin/bash").env("TERM", "xterm");
+        let mut command = desk.program(words[0]);
+        command
+            .args(&words[1..])
+            .env("SHELL", "/bin/bash")
+            .env("TERM", "xterm");
         command.env_remove("NO_COLOR");
         command.envs((!no_color.is_empty()).then_some(("NO_COLOR", no_color)));
-        let said = command.stdin(std::process::Stdio::null()).output().unwrap();
-        [said.stdout, said.stderr].concat()
+        let said = command.output().unwrap();
+        String::from_utf8_lossy(&[said.stdout, said.stderr].concat()).into_owned()
     })
 }
 
 #[test]
 fn codes_from_outside_are_shown_and_colours_go_to_terminals_only() {
-    const RED: &[u8] = b"\x1b[31;7m";
-    let has = |text: &[u8], part: &[u8]| text.windows(part.len()).any(|at| at == part);
     let desk = Desk::new();
     desk.file("red.toml", "\"\x1b[31;7m\u{202e}\" = 1\n[task\n");
     for args in [
@@ -144,60 +135,47 @@ fn codes_from_outside_are_shown_and_colours_go_to_terminals_only() {
         "run $'\\e[31;7m\\u202e.toml'",
         "run --json $'--\\e[31;7m\\u202e'",
     ] {
-        for said in shown(&desk, args, "") {
-            let text = String::from_utf8_lossy(&said);
-            assert!(
-                !has(&said, RED) && !text.contains('\u{202e}'),
-                "{args}: {text:?}"
-            );
-            assert!(
-                text.contains("u001b[31;7m") && text.contains("u202e"),
-                "{args}: {text:?}"
-            );
+        for text in shown(&desk, args, "") {
+            let has = |part: &str| text.contains(part);
+            assert!(!has("\x1b[31;7m") && !has("\u{202e}"), "{args}: {text:?}");
+            assert!(has("u001b[31;7m") && has("u202e"), "{args}: {text:?}");
         }
     }
     for args in ["--help", "run --unknown", "run red.toml"] {
-        let [terminal, pipe] = shown(&desk, args, "");
-        assert!(has(&terminal, b"\x1b[") && !has(&pipe, b"\x1b["), "{args}");
-        let [terminal, pipe] = shown(&desk, args, "1");
-        assert!(!has(&terminal, b"\x1b[") && !has(&pipe, b"\x1b["), "{args}");
+        for (no_color, colours) in [("", [true, false]), ("1", [false, false])] {
+            let found = shown(&desk, args, no_color).map(|text| text.contains("\x1b["));
+            assert_eq!(found, colours, "{args}");
+        }
     }
 }
 
 #[test]
 fn an_experiment_removes_files_of_runs_only() {
     let desk = desk();
-    let at = |name: &str| desk.path().join(name);
-    for folder in ["d/run/sub", "v/run-1", "v/history-1/live", "foreign"] {
-        std::fs::create_dir_all(at(folder)).unwrap();
-    }
     let own = [
         "d/run/sub/x",
         "d/run/report.html",
         "v/run-1/notes",
         "v/history-1/live/notes",
     ];
-    own.iter().for_each(|name| drop(desk.file(name, "mine")));
+    for name in own {
+        desk.file(name, "mine");
+    }
     desk.succeeds("drill short.toml --only controller:kill --out d");
     desk.succeeds("verify short.toml --runs 1 --out v");
     desk.succeeds("verify short.toml --kills 1 --out v");
     for name in own {
         assert_eq!(desk.read(name), "mine", "{name}");
     }
-    assert!(!at("v/history-1/live/messages.mcap").exists());
+    assert!(!desk.has("v/history-1/live/messages.mcap"));
     // Another program's summary makes no folder of a run, and is not replaced.
     desk.file("foreign/summary.json", "{}");
     desk.file("foreign/report.html", "mine");
     desk.refuses(2, "run short.toml --out foreign", &["summary.json"]);
-    assert_eq!(
-        (
-            desk.read("foreign/summary.json"),
-            desk.read("foreign/report.html")
-        ),
-        ("{}".to_owned(), "mine".to_owned())
-    );
-    std::fs::rename(at("d/run"), at("d/kept")).unwrap();
-    symlink(at("d/kept"), at("d/run")).unwrap();
+    let foreign = ["foreign/summary.json", "foreign/report.html"].map(|name| desk.read(name));
+    assert_eq!(foreign, ["{}", "mine"]);
+    std::fs::rename(desk.at("d/run"), desk.at("d/kept")).unwrap();
+    desk.link("d/run", "d/kept");
     desk.refuses(
         2,
         "drill short.toml --only controller:kill --out d",

@@ -5,39 +5,22 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::command::{
-    Desk, Known, assert_nothing_left, finish, in_shared_memory, interrupt, until,
-};
-use crate::life::signal;
+use crate::command::{Desk, Known, Running, in_shared_memory, until};
 
 #[test]
 fn six_runs_at_once_take_six_folders() {
     let desk = Desk::new();
-    let runs: Vec<_> = (0..6)
-        .map(|seed| desk.start(&["run", "--json", "--no-record", "--seed", &seed.to_string()]))
-        .collect();
-    let hashes: BTreeSet<String> = runs
-        .into_iter()
-        .map(|run| {
-            let said = finish(run);
-            assert_eq!(said.code, 0, "{}", said.err);
-            let summary = said.json();
-            summary["topics"]["sensor"]["hash"].text().to_owned()
-        })
-        .collect();
-    let folders = std::fs::read_dir(desk.path().join("runs"))
-        .unwrap()
-        .flatten()
-        .map(|entry| entry.path());
-    let kept = |folder: std::path::PathBuf| {
-        let summary: Value =
-            serde_json::from_slice(&std::fs::read(folder.join("summary.json")).unwrap()).unwrap();
-        summary["topics"]["sensor"]["hash"].text().to_owned()
-    };
+    let run = |seed: u32| desk.start(&format!("run --json --no-record --seed {seed}"));
+    let runs = [0, 1, 2, 3, 4, 5].map(run);
+    let hash = |summary: Value| summary["topics"]["sensor"]["hash"].text().to_owned();
+    let said: BTreeSet<_> = runs.map(|run| hash(run.finish().json())).into();
+    let folders = desk.names("runs").into_iter();
+    let kept = folders.map(|folder| hash(desk.read_json(&format!("runs/{folder}/summary.json"))));
+    assert_eq!(said.len(), 6);
     assert_eq!(
-        folders.map(kept).collect::<BTreeSet<_>>(),
-        hashes,
-        "each run's own summary in a folder of its own"
+        kept.collect::<BTreeSet<_>>(),
+        said,
+        "each run's own summary"
     );
 }
 
@@ -50,20 +33,14 @@ fn a_folder_into_which_a_run_writes_is_refused_to_another() {
         "run --out same",
         &["another run writes its results into"],
     );
-    let said = interrupt(first);
-    let summary = said.json();
-    assert_eq!(
-        (
-            &summary["outcome"],
-            desk.path().join("same/summary.json").exists()
-        ),
-        (&"interrupted".into(), true)
-    );
-    assert_eq!(
-        desk.run("--out same")["outcome"],
-        "goal reached",
-        "the folder is free again"
-    );
+    first
+        .interrupt()
+        .json()
+        .holds(r#"{"outcome": "interrupted"}"#);
+    assert!(desk.has("same/summary.json"));
+    // The folder is free again.
+    desk.run("--out same")
+        .holds(r#"{"outcome": "goal reached"}"#);
 }
 
 #[test]
@@ -74,11 +51,9 @@ fn ctrl_c_at_any_moment_of_the_start_leaves_nothing() {
         let pauses_ms = [0, 1].map(|k| runtime::random(attempt, k) % 80);
         for pause_ms in pauses_ms {
             std::thread::sleep(Duration::from_millis(pause_ms));
-            signal(run.id() as i32, "INT");
+            run.signal("INT");
         }
-        let said = finish(run);
-        assert!(said.code != 0, "after {pauses_ms:?} ms");
-        assert_nothing_left(said.launcher);
+        assert!(run.finish().code != 0, "after {pauses_ms:?} ms");
     }
 }
 
@@ -86,18 +61,16 @@ fn ctrl_c_at_any_moment_of_the_start_leaves_nothing() {
 fn ctrl_c_at_the_end_costs_no_summary() {
     let desk = Desk::new();
     for attempt in 0..12 {
-        let out = format!("r{attempt}");
-        let run = desk.start(&format!("run --no-record --out {out}"));
-        until("the run to begin", || {
-            !in_shared_memory(run.id()).is_empty()
-        });
+        let run = desk.start(&format!("run --no-record --out r{attempt}"));
+        let is_there = || !in_shared_memory(run.id()).is_empty();
+        until("the run to begin", is_there);
         // Removed by the launcher when all processes have ended: the summary is written after it.
-        until("the run to end", || in_shared_memory(run.id()).is_empty());
+        until("the run to end", || !is_there());
         std::thread::sleep(Duration::from_micros(runtime::random(attempt, 0) % 1_000));
-        signal(run.id() as i32, "INT");
-        finish(run);
+        run.signal("INT");
+        run.finish();
         assert!(
-            desk.path().join(&out).join("summary.json").exists(),
+            desk.has(format!("r{attempt}/summary.json")),
             "attempt {attempt}"
         );
     }

@@ -1,7 +1,8 @@
 //! Success is what the arm has done: controllers that only say so, and tasks that the arm cannot do.
 
-use crate::command::{Desk, skipped};
-use crate::exchange::{has_python, root, run, summary};
+use serde_json::Value;
+
+use crate::command::{Desk, Known, lacks, source};
 
 /// Three links in a horizontal plane, so that an arm without torque stays where it is.
 const ARM: &str = r#"
@@ -78,180 +79,141 @@ Follower.run()
 
 #[test]
 fn only_the_controller_that_follows_the_path_has_reached_the_goal() {
-    if !has_python("") {
-        return skipped("there is no python3");
+    if lacks("") {
+        return;
     }
     let (bent, stretched) = ("[20, 40, 50]", "[0, 0, 0]");
-    let (line, inwards) = (
-        "by_m = [0.03, -0.04, 0.0]",
-        "by_m = [-0.05, 0.0, 0.0]\npath = \"there-and-back\"",
-    );
-    let cases = [
-        ("follows", bent, line, 0),
-        ("holds still", bent, line, 1),
-        ("holds still", stretched, inwards, 1),
-        ("ends at once", bent, line, 1),
-        ("does not settle", bent, line, 1),
-        ("is stuck", bent, line, 1),
-        ("waits for ever", bent, line, 1),
-        ("jumps", bent, line, 1),
-        ("goes back", bent, line, 1),
-        ("no number", bent, line, 1),
-    ];
+    let line = "by_m = [0.03, -0.04, 0.0]";
+    let inwards = "by_m = [-0.05, 0.0, 0.0]\npath = \"there-and-back\"";
     let desk = Desk::new();
     desk.file("arm.urdf", ARM);
-    desk.file(
-        "arm.toml",
-        "default_frame = \"tip\"\nlength_m = 0.4\ntask = [\"x\", \"y\"]\n",
-    );
+    let task = "default_frame = \"tip\"\nlength_m = 0.4\ntask = [\"x\", \"y\"]\n";
+    desk.file("arm.toml", task);
     desk.file("controller.py", CONTROLLER);
-    for (how, start, segment, code) in cases {
+    let lies = [
+        "holds still",
+        "ends at once",
+        "does not settle",
+        "is stuck",
+        "waits for ever",
+        "jumps",
+        "goes back",
+        "no number",
+    ];
+    let cases = lies.map(|how| (how, bent, line));
+    for (how, start, segment) in cases
+        .into_iter()
+        .chain([("holds still", stretched, inwards), ("follows", bent, line)])
+    {
         desk.file(
             "line.toml",
-            &format!(
+            format!(
                 "name = \"line\"\nrobot = \"arm.urdf\"\ngraph = \"graph.toml\"\nsettle_s = 0.1\n\
                  [start]\nq_deg = {start}\n[[segment]]\n{segment}\nduration_s = 0.4\n"
             ),
         );
         desk.file(
             "graph.toml",
-            &format!(
+            format!(
                 "extends = \"armplane\"\n[[process]]\nname = \"controller\"\ncommand = [\"python3\", \"controller.py\", \"{how}\"]\n\
                  exchange = true\nreads = [\"estimate\", \"singularity\"]\nwrites = [\"control_state\", \"torque\"]\n"
             ),
         );
-        let said = run(&desk, &["run", "line.toml", "--json"]);
-        let outcome = summary(&said)["outcome"].clone();
+        let said = desk.armplane("run line.toml --json");
+        let is_reached = said.json()["outcome"] == "goal reached";
+        let code = i32::from(how != "follows");
         assert_eq!(
-            (said.code, outcome == "goal reached"),
+            (said.code, is_reached),
             (code, code == 0),
-            "{how}: {outcome}\n{}",
+            "{how}: {}",
             said.err
         );
     }
 }
 
+/// Runs a task of one segment, or of several; it ends with this exit code, and a sentence that has this word.
+fn ends(desk: &Desk, [robot, start, segments]: [&str; 3], code: i32, word: &str) -> Option<Value> {
+    let text = format!(
+        "name = \"task\"\nrobot = \"{robot}\"\n[start]\n{start}\n[[segment]]\n{segments}\n"
+    );
+    desk.file("task.toml", text);
+    let said = desk.refuses(code, "run task.toml --json", &[word]);
+    (code == 0).then(|| said.json())
+}
+
+const PUMA: &str = "q = [0.3, -0.8, 2.9, 0.2, 0.5, 0.1]";
+
 /// What no motion of the arm can do is refused before the start, with the axis or the reason named; what it can, is done.
 #[test]
 fn a_goal_that_the_task_does_not_serve_is_refused() {
-    let cases = [
+    let desk = Desk::new();
+    let (bent, lock) = (
+        "posture = \"bent\"",
+        "reorient = { singularity = \"wrist\", by_deg = 30 }",
+    );
+    for (robot, start, segment, code, word) in [
         (
             "planar3r",
-            "posture = \"bent\"",
+            bent,
             "turn = { about = \"z\", by_deg = 60 }",
             2,
             "about z",
         ),
-        (
-            "planar3r",
-            "posture = \"bent\"",
-            "by_m = [0.1, 0.0, 0.3]",
-            2,
-            "along z",
-        ),
-        (
-            "planar3r",
-            "posture = \"bent\"",
-            "by_m = [0.1, 0.1, 0.0]",
-            0,
-            "",
-        ),
-        (
-            "puma560",
-            "q = [0.3, -0.8, 2.9, 0.2, 0.5, 0.1]",
-            "reorient = { singularity = \"wrist\", by_deg = 30 }",
-            2,
-            "neighbourhood",
-        ),
-    ];
-    let desk = Desk::new();
-    for (robot, start, segment, code, word) in cases {
-        desk.file(
-            "task.toml",
-            &format!("name = \"task\"\nrobot = \"{robot}\"\n[start]\n{start}\n[[segment]]\n{segment}\nduration_s = 1.0\n"),
-        );
-        let said = run(&desk, &["run", "task.toml"]);
-        assert_eq!(
-            (said.code, said.err.contains(word)),
-            (code, true),
-            "{segment}: {}",
-            said.err
-        );
+        ("planar3r", bent, "by_m = [0.1, 0.0, 0.3]", 2, "along z"),
+        ("planar3r", bent, "by_m = [0.1, 0.1, 0.0]", 0, ""),
+        ("puma560", PUMA, lock, 2, "neighbourhood"),
+    ] {
+        let segment = format!("{segment}\nduration_s = 1.0");
+        ends(&desk, [robot, start, &segment], code, word);
     }
 }
 
 /// The position of a frame far from the wrist centre, of a task that leaves the rotations free: the arms of the case that was 30 mm off.
 #[test]
 fn a_task_of_positions_alone_moves_the_point_that_it_names() {
-    let cases = [
-        (
-            "puma560",
-            "frame = \"flange\"\n",
-            "q = [0.3, -0.8, 2.9, 0.2, 0.5, 0.1]",
-        ),
-        ("ur5", "", "q_deg = [20, -70, 80, -40, -90, 0]"),
-        ("iiwa14", "", "q_deg = [0, 30, 0, -80, 0, 60, 0]"),
-    ];
     let desk = Desk::new();
-    for (robot, frame, start) in cases {
-        let folder = root().join("services/model/robots").join(robot);
-        for ending in ["urdf", "toml"] {
-            let text = std::fs::read_to_string(folder.with_extension(ending)).expect(robot);
-            let free: String = text
-                .lines()
-                .filter(|line| !line.starts_with("task"))
-                .map(|line| format!("{line}\n"))
-                .collect();
-            let task = if ending == "toml" {
-                "task = [\"x\", \"y\", \"z\"]\n"
-            } else {
-                ""
-            };
-            desk.file(&format!("arm.{ending}"), &format!("{task}{free}"));
-        }
+    let flange = format!("frame = \"flange\"\n[start]\n{PUMA}");
+    for (robot, start) in [
+        ("puma560", &*flange),
+        ("ur5", "[start]\nq_deg = [20, -70, 80, -40, -90, 0]"),
+        ("iiwa14", "[start]\nq_deg = [0, 30, 0, -80, 0, 60, 0]"),
+    ] {
+        let [urdf, toml] =
+            ["urdf", "toml"].map(|end| source(&format!("services/model/robots/{robot}.{end}")));
+        let free = toml
+            .lines()
+            .filter(|line| !line.starts_with("task"))
+            .collect::<Vec<_>>();
+        desk.file("arm.urdf", urdf);
+        desk.file(
+            "arm.toml",
+            format!("task = [\"x\", \"y\", \"z\"]\n{}", free.join("\n")),
+        );
         desk.file(
             "point.toml",
-            &format!("name = \"point\"\nrobot = \"arm.urdf\"\n{frame}[start]\n{start}\n[[segment]]\nby_m = [0.1, 0.1, 0.1]\nduration_s = 2.0\n"),
+            format!("name = \"point\"\nrobot = \"arm.urdf\"\n{start}\n[[segment]]\nby_m = [0.1, 0.1, 0.1]\nduration_s = 2.0\n"),
         );
-        let said = run(&desk, &["run", "point.toml", "--json"]);
-        let result = summary(&said);
-        let off_mm = result["task"]["final_position_mm"]
-            .as_f64()
-            .expect("a number");
-        assert!(
-            said.code == 0 && off_mm < 1.0,
-            "{robot}: {off_mm} mm, {}",
-            result["reason"]
-        );
+        let off_mm = desk.run("point.toml")["task"]["final_position_mm"].number();
+        assert!(off_mm < 1.0, "{robot}: {off_mm} mm");
     }
 }
 
 /// A leg in less time than the arm needs is followed as slowly as it must be, at the start and after another leg; one of a tick is refused.
 #[test]
 fn a_leg_that_is_too_short_is_stretched_or_refused() {
-    let leg = |by: &str, duration_s: f64| {
-        format!("[[segment]]\nby_m = {by}\nduration_s = {duration_s}\n")
-    };
-    let there = "[0.1, 0.1, 0.05]";
-    let cases = [
-        (leg(there, 0.001), 2),
-        (leg(there, 0.01), 0),
-        (leg(there, 0.05), 0),
-        (leg("[-0.05, -0.05, -0.05]", 1.0) + &leg(there, 0.02), 0),
-    ];
     let desk = Desk::new();
-    for (legs, code) in cases {
-        desk.file(
-            "short.toml",
-            &format!("name = \"short\"\nrobot = \"puma560\"\n[start]\nq = [0.3, -0.8, 2.9, 0.2, 0.5, 0.1]\n{legs}"),
-        );
-        let said = run(&desk, &["run", "short.toml", "--json"]);
-        assert_eq!(said.code, code, "{legs}: {}", said.err);
-        if code == 0 {
-            let task = &summary(&said)["task"];
+    let there = "by_m = [0.1, 0.1, 0.05]\nduration_s = ";
+    let first = "by_m = [-0.05, -0.05, -0.05]\nduration_s = 1.0\n[[segment]]\n";
+    for (legs, code) in [
+        (format!("{there}0.001"), 2),
+        (format!("{there}0.01"), 0),
+        (format!("{there}0.05"), 0),
+        (format!("{first}{there}0.02"), 0),
+    ] {
+        if let Some(summary) = ends(&desk, ["puma560", PUMA, &legs], code, "") {
             let [off_mm, stretch] =
-                ["position_max_mm", "time_stretch"].map(|key| task[key].as_f64().expect(key));
-            assert!(off_mm < 0.2 && stretch > 1.2, "{legs}: {task}");
+                ["position_max_mm", "time_stretch"].map(|key| summary["task"][key].number());
+            assert!(off_mm < 0.2 && stretch > 1.2, "{legs}: {off_mm} {stretch}");
         }
     }
 }
@@ -259,20 +221,13 @@ fn a_leg_that_is_too_short_is_stretched_or_refused() {
 /// A hold where two directions are lost: noise neither slows its clock nor changes its modes.
 #[test]
 fn a_hold_in_a_double_lock_is_calm() {
-    let desk = Desk::new();
-    desk.file(
-        "hold.toml",
-        "name = \"hold\"\nrobot = \"ur5\"\n[start]\nq = [0.3, -1.2, 0.0, -1.0, 0.0, 0.2]\n[[segment]]\nduration_s = 3.0\n\
-         [plant]\nencoder_noise_counts = 2.0\n",
-    );
-    let result = desk.run("hold.toml");
-    let (switches, stretch) = (
-        result["joints"]["switches"].as_u64(),
-        result["task"]["time_stretch"].as_f64(),
-    );
+    let start = "q = [0.3, -1.2, 0.0, -1.0, 0.0, 0.2]";
+    let noisy = "duration_s = 3.0\n[plant]\nencoder_noise_counts = 2.0";
+    let summary = ends(&Desk::new(), ["ur5", start, noisy], 0, "").unwrap();
     assert!(
-        switches.is_some_and(|count| count < 10) && stretch.is_some_and(|stretch| stretch < 1.05),
-        "{switches:?} {stretch:?}"
+        summary["joints"]["switches"].count() < 10
+            && summary["task"]["time_stretch"].number() < 1.05,
+        "{summary}"
     );
 }
 
@@ -283,20 +238,13 @@ fn legs_before_one_without_a_route_stay_planned() {
                 [0.53793751911, 0.15968108681, -0.82772288602], [-0.71437822313, 0.60763337758, -0.34705249281]]\nduration_s = 2.0\n";
     let far = "to_m = [-0.5597983321, -0.3667661003, 0.5100648165]\nrotation = [[0.67310839583, 0.73227363540, 0.10344278786], \
                [-0.19128210001, 0.30750122169, -0.93212346654], [-0.71437822313, 0.60763337758, 0.34705249281]]\nduration_s = 2.0\n";
-    let desk = Desk::new();
-    desk.file(
-        "passes.toml",
-        &format!(
-            "name = \"passes\"\nrobot = \"ur5\"\nframe = \"tool0\"\n[start]\nq = [0.3, -1.2, 1.1, -1.0, 0.4, 0.2]\n\
-             [[segment]]\n{near}[[segment]]\n{far}[[segment]]\n{near}"
-        ),
-    );
-    let said = run(&desk, &["run", "passes.toml", "--json"]);
-    let off_mm = summary(&said)["task"]["orthogonal_max_mm"].as_f64();
+    let robot = "ur5\"\nframe = \"tool0";
+    let start = "q = [0.3, -1.2, 1.1, -1.0, 0.4, 0.2]";
+    let legs = [near, far, near].join("[[segment]]\n");
+    let summary = ends(&Desk::new(), [robot, start, &legs], 0, "").unwrap();
     assert!(
-        said.code == 0 && off_mm.is_some_and(|off_mm| off_mm < 1.0),
-        "{off_mm:?} {}",
-        said.err
+        summary["task"]["orthogonal_max_mm"].number() < 1.0,
+        "{summary}"
     );
 }
 
@@ -312,21 +260,21 @@ fn a_joint_that_slides_has_no_degrees() {
     };
     let turns = "lower=\"-2.6\" upper=\"2.6\" effort=\"80\" velocity=\"5\"";
     let slides = "lower=\"0\" upper=\"0.3\" effort=\"150\" velocity=\"1\"";
-    let arm: String = [
+    let arm = [
         joint("j1", "revolute", ["base", "l1"], "0 0 0.5", "1", turns),
         joint("j2", "revolute", ["l1", "l2"], "0.4 0 0", "1", turns),
         joint("j3", "prismatic", ["l2", "l3"], "0.3 0 0", "-1", slides),
         joint("j4", "revolute", ["l3", "l4"], "0 0 0", "-1", turns),
-    ]
-    .concat();
+    ];
     let desk = Desk::new();
-    desk.file(
-        "arm.urdf",
-        &format!("<robot name=\"scara\"><link name=\"base\"/>{arm}</robot>"),
+    let urdf = format!(
+        "<robot name=\"scara\"><link name=\"base\"/>{}</robot>",
+        arm.concat()
     );
+    desk.file("arm.urdf", urdf);
     desk.file("arm.toml", "task = [\"x\", \"y\", \"z\", \"rz\"]\n");
     let start = "q = [0.3, 0.8, 0.1, 0.5]";
-    let cases = [
+    for (start, down, code, word) in [
         (start, -0.25, 2, "300.0 mm"),
         ("q_deg = [20, 40, 5, 30]", -0.1, 2, "'j3'"),
         (
@@ -336,48 +284,27 @@ fn a_joint_that_slides_has_no_degrees() {
             "2 times",
         ),
         (start, -0.1, 0, ""),
-    ];
-    for (start, down, code, word) in cases {
-        desk.file(
-            "down.toml",
-            &format!("name = \"down\"\nrobot = \"arm.urdf\"\n[start]\n{start}\n[[segment]]\nby_m = [0, 0, {down}]\nduration_s = 1.0\n"),
-        );
-        let said = run(&desk, &["run", "down.toml", "--json"]);
-        assert_eq!(
-            (said.code, said.err.contains(word)),
-            (code, true),
-            "{start}: {}",
-            said.err
-        );
-        if code == 0 {
-            assert_eq!(summary(&said)["joints"]["units"][2], "m");
+    ] {
+        let segment = format!("by_m = [0, 0, {down}]\nduration_s = 1.0");
+        if let Some(summary) = ends(&desk, ["arm.urdf", start, &segment], code, word) {
+            summary.holds(r#"{"joints/units/2": "m"}"#);
         }
     }
-    let shown = desk.armplane(&["inspect", "--robot", "arm.urdf", "--q=0.3,0.8,0.1,0.5"]);
+    let shown = desk.succeeds("inspect --robot arm.urdf --q=0.3,0.8,0.1,0.5");
     let table = shown.out.replace('\u{a0}', " ");
-    assert!(
-        table.contains("100.00 mm") && table.contains("-39.2 N "),
-        "{table}"
-    );
+    for cell in ["100.00 mm", "-39.2 N "] {
+        assert!(table.contains(cell), "{table}");
+    }
 }
 
 #[test]
 fn a_wrong_mass_leaves_the_path_by_less_than_a_millimetre() {
     let desk = Desk::new();
     for scenario in ["ur5-wrist", "seven-joints", "iiwa-posture", "fr3-wrist"] {
-        for mass in ["plant.mass_factor=0.7", "plant.mass_factor=1.3"] {
-            let said = desk.succeeds(&[
-                "run",
-                scenario,
-                "--no-record",
-                "--no-messages",
-                "--json",
-                "--set",
-                mass,
-            ]);
-            let off_mm = summary(&said)["task"]["orthogonal_max_mm"]
-                .as_f64()
-                .unwrap();
+        for mass in ["0.7", "1.3"] {
+            let set = format!("--no-record --no-messages --set plant.mass_factor={mass}");
+            let summary = desk.run(&format!("{scenario} {set}"));
+            let off_mm = summary["task"]["orthogonal_max_mm"].number();
             assert!(off_mm <= 1.0, "{scenario} with {mass}: {off_mm} mm");
         }
     }

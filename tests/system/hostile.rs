@@ -7,9 +7,8 @@ use std::process::Command;
 
 use proptest::prelude::*;
 
-use crate::command::{
-    Desk, assert_nothing_left, finish, in_shared_memory, interrupt, run_of, until,
-};
+use crate::command::{Desk, Known, Running, in_shared_memory, root, run_of, until};
+use crate::neighbours::is_root;
 use crate::properties;
 
 /// A valid text with pieces cut out, doubled, moved and replaced.
@@ -47,12 +46,11 @@ fn broken(valid: Vec<String>) -> impl Strategy<Value = String> {
         })
 }
 
-fn files(folder: &str, extension: &str) -> Vec<String> {
-    let listing = std::fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)).unwrap();
-    let paths = listing
-        .flatten()
-        .map(|entry| entry.path())
-        .filter(|path| path.extension().is_some_and(|found| found == extension));
+/// The texts of a folder's files of one kind.
+fn files(folder: &str, kind: &str) -> Vec<String> {
+    let entries = std::fs::read_dir(root().join(folder)).unwrap().flatten();
+    let paths = entries.map(|entry| entry.path());
+    let paths = paths.filter(|path| path.extension().is_some_and(|end| end == kind));
     paths
         .map(|path| std::fs::read_to_string(path).unwrap())
         .collect()
@@ -173,62 +171,44 @@ fn a_runs_memory_is_its_users_alone() {
     let names = || in_shared_memory(run.id());
     // The directory, the node counter, and a data segment for each of five topics.
     until("all segments", || names().len() >= 7);
+    let inside = run_of(run.id()).unwrap();
     for name in names() {
-        let path = Path::new("/dev/shm").join(&name);
         // A file of a passing moment may be gone.
-        let Ok(metadata) = std::fs::metadata(&path) else {
-            continue;
-        };
-        assert_eq!(
-            metadata.mode() & 0o077,
-            0,
-            "{} has mode {:o}",
-            path.display(),
-            metadata.mode()
-        );
-    }
-    let inside = names()
-        .into_iter()
-        .find(|name| !name.contains('.'))
-        .unwrap();
-    for secret in ["control_page", "manifest.json", "job.json"] {
-        assert!(
-            Path::new("/dev/shm").join(&inside).join(secret).exists(),
-            "behind a door that only the user opens: {secret}"
-        );
-    }
-    let is_root = std::fs::metadata("/proc/self").is_ok_and(|own| own.uid() == 0);
-    if is_root {
-        // Only root can act as another user.
-        let paths = names().into_iter().map(|name| format!("/dev/shm/{name}"));
-        let insides = ["", "/control_page", "/job.json", "/nodes"]
-            .map(|name| format!("/dev/shm/{inside}{name}"));
-        for path in paths.chain(insides).filter(|path| Path::new(path).exists()) {
-            for attempt in [
-                "cat \"$1\"",
-                "ls \"$1/\"",
-                "echo x >> \"$1\"",
-                "touch \"$1/x\"",
-                "rm -rf \"$1\"",
-                "mv \"$1\" /dev/shm/mine",
-            ] {
-                let mut somebody = Command::new("sh");
-                let said = somebody
-                    .args(["-c", attempt, "sh", &path])
-                    .uid(65534)
-                    .gid(65534)
-                    .current_dir("/")
-                    .output()
-                    .unwrap();
-                assert!(
-                    !said.status.success() && said.stdout.is_empty(),
-                    "{attempt}: {path}: {said:?}"
-                );
-            }
-            assert!(Path::new(&path).exists(), "{path}");
+        if let Ok(metadata) = std::fs::metadata(format!("/dev/shm/{name}")) {
+            let mode = metadata.mode();
+            assert_eq!(mode & 0o077, 0, "{name} has mode {mode:o}");
         }
     }
-    interrupt(run);
+    let inside = ["", "/control_page", "/manifest.json", "/job.json", "/nodes"]
+        .map(|name| format!("/dev/shm/{inside}{name}"));
+    let exists = |path: &String| Path::new(path).exists();
+    assert!(
+        inside.iter().all(exists),
+        "behind a door that only the user opens"
+    );
+    let segments = names().into_iter().map(|name| format!("/dev/shm/{name}"));
+    // Only root can act as another user.
+    for path in segments
+        .chain(inside.clone())
+        .filter(|path| is_root() && exists(path))
+    {
+        for attempt in [
+            "cat \"$1\"",
+            "ls \"$1/\"",
+            "echo x >> \"$1\"",
+            "touch \"$1/x\"",
+            "rm -rf \"$1\"",
+            "mv \"$1\" /dev/shm/mine",
+        ] {
+            let mut somebody = Command::new("sh");
+            somebody.args(["-c", attempt, "sh", &path]).current_dir("/");
+            let said = somebody.uid(65534).gid(65534).output().unwrap();
+            let has_failed = !said.status.success() && said.stdout.is_empty();
+            assert!(has_failed, "{attempt}: {path}: {said:?}");
+        }
+        assert!(exists(&path), "{path}");
+    }
+    run.interrupt();
 }
 
 /// Does something with all that it starts on one core.
@@ -240,10 +220,8 @@ fn on_one_core<T>(act: impl FnOnce() -> T) -> T {
     unsafe {
         let mut set: libc::cpu_set_t = std::mem::zeroed();
         all.iter().for_each(|core| libc::CPU_SET(*core, &mut set));
-        assert_eq!(
-            libc::sched_setaffinity(0, size_of::<libc::cpu_set_t>(), &raw const set),
-            0
-        );
+        let size = size_of::<libc::cpu_set_t>();
+        assert_eq!(libc::sched_setaffinity(0, size, &raw const set), 0);
     }
     done
 }
@@ -251,31 +229,22 @@ fn on_one_core<T>(act: impl FnOnce() -> T) -> T {
 #[test]
 fn two_graphs_that_compete_for_one_core_come_to_their_ends() {
     let desk = Desk::new();
-    let verify = |scenario: &str| desk.start(&format!("verify {scenario} --runs 2 --json"));
-    for said in
-        on_one_core(|| ["fig5-wrist-rotation", "fig1-pseudo-inverse"].map(verify)).map(finish)
-    {
-        let json = said.json();
-        assert_eq!((said.code, &json["identical"]), (0, &true.into()), "{json}");
-        assert_nothing_left(said.launcher);
-    }
-    let pace = |out: &str| {
-        desk.start(&format!(
-            "run --mode realtime --json --no-record --out {out}"
-        ))
+    let both = |args: [&str; 2]| {
+        let runs = on_one_core(|| args.map(|args| desk.start(args)));
+        runs.map(|run| run.finish().json())
     };
-    for said in on_one_core(|| ["a", "b"].map(pace)).map(finish) {
-        let summary = said.json();
-        let held = summary["joints"]["torque_max_ratio"]
-            .as_f64()
-            .is_some_and(|ratio| ratio <= 1.0);
-        assert!(
-            held && summary["outcome"] != "failed",
-            "{}: {}",
-            summary["reason"],
-            said.err
-        );
-        assert_nothing_left(said.launcher);
+    for json in both([
+        "verify fig5-wrist-rotation --runs 2 --json",
+        "verify fig1-pseudo-inverse --runs 2 --json",
+    ]) {
+        json.holds(r#"{"identical": true}"#);
+    }
+    for summary in both([
+        "run --mode realtime --json --no-record --out a",
+        "run --mode realtime --json --no-record --out b",
+    ]) {
+        let ratio = summary["joints"]["torque_max_ratio"].number();
+        assert!(ratio <= 1.0 && summary["outcome"] != "failed", "{summary}");
     }
 }
 
@@ -284,16 +253,10 @@ fn a_live_fault_of_a_joint_that_the_arm_does_not_have_is_refused() {
     let desk = Desk::new();
     let run = desk.begin("run --set segment.1.duration_s=500 --no-record --json");
     let name = run_of(run.id()).unwrap();
-    let fault =
-        |joint: &str| desk.armplane(&format!("fault plant sensor --joint {joint} --run {name}"));
-    let said = fault("7");
-    assert!(
-        said.code == 2
-            && said.err.contains("there is no joint 7")
-            && said.err.contains("has 6 joints"),
-        "{}",
-        said.err
-    );
-    until("the run to take a fault", || fault("6").code == 0);
-    interrupt(run);
+    let fault = |joint: &str| format!("fault plant sensor --joint {joint} --run {name}");
+    desk.refuses(2, &fault("7"), &["there is no joint 7", "has 6 joints"]);
+    until("the run to take a fault", || {
+        desk.armplane(&fault("6")).code == 0
+    });
+    run.interrupt();
 }

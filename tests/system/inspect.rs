@@ -11,12 +11,12 @@ fn numbers(value: &Value) -> Vec<f64> {
     }
 }
 
-fn list(value: &Value) -> String {
-    numbers(value)
-        .iter()
-        .map(|x| format!("{x:e}"))
-        .collect::<Vec<_>>()
-        .join(",")
+/// Asserts that two lists are equal, to a share of their values or of 1.
+fn assert_close(what: &str, ours: &[f64], theirs: &[f64], share: f64) {
+    assert_eq!(ours.len(), theirs.len(), "{what}");
+    for (a, b) in ours.iter().zip(theirs) {
+        assert!((a - b).abs() <= share * (1.0 + b.abs()), "{what}: {a} {b}");
+    }
 }
 
 #[test]
@@ -25,9 +25,16 @@ fn inspect_agrees_with_the_golden_states() {
     let golden: Value =
         serde_json::from_str(include_str!("../golden/reference_planar3.json")).unwrap();
     for state in &golden["states"].list()[..3] {
-        let [q, qdot] = [("q", "q"), ("qdot", "qd")]
-            .map(|(option, key)| format!("--{option}={}", list(&state[key])));
-        let found = desk.json(&["inspect", "--robot", "planar3r", &q, &qdot]);
+        let list = |key: &str| {
+            let texts = numbers(&state[key]).into_iter().map(|x| format!("{x:e}"));
+            texts.collect::<Vec<_>>().join(",")
+        };
+        let args = format!(
+            "inspect --robot planar3r --q={} --qdot={}",
+            list("q"),
+            list("qd")
+        );
+        let found = desk.json(&args);
         for (ours, theirs) in [
             ("J", "J"),
             ("A", "M"),
@@ -35,97 +42,77 @@ fn inspect_agrees_with_the_golden_states() {
             ("bias", "nle"),
             ("Jdot_qdot", "Jdot_qd"),
         ] {
-            let (ours_all, theirs_all) = (numbers(&found[ours]), numbers(&state[theirs]));
-            assert_eq!(ours_all.len(), theirs_all.len(), "{ours}");
-            for (a, b) in ours_all.iter().zip(&theirs_all) {
-                assert!((a - b).abs() <= 1e-11 * (1.0 + b.abs()), "{ours}: {a} {b}");
-            }
+            assert_close(
+                ours,
+                &numbers(&found[ours]),
+                &numbers(&state[theirs]),
+                1e-11,
+            );
         }
     }
 }
 
 #[test]
 fn wrist_lock_is_named_and_classified() {
-    let said = Desk::new().armplane("inspect --q-deg=20,-60,170,0,0,0 --json");
-    let found = said.json();
-    let wrist = found["singularities"]
-        .list()
-        .iter()
-        .find(|s| s["name"] == "wrist")
-        .unwrap();
-    assert_eq!(
-        (&wrist["inside"], &wrist["type"]),
-        (&true.into(), &"type 2".into())
-    );
+    let found = Desk::new().json("inspect --q-deg=20,-60,170,0,0,0");
+    for (name, inside, class) in [("wrist", true, "type 2"), ("elbow", false, "type 1")] {
+        let mut listed = found["singularities"].list().iter();
+        let one = listed.find(|one| one["name"] == name).unwrap();
+        assert!(one["inside"] == inside && one["type"] == class, "{one}");
+    }
     assert_eq!(found["rank"], 5);
-    assert!(numbers(&found["det"])[0].abs() < 1e-12);
-    let elbow = found["singularities"]
-        .list()
-        .iter()
-        .find(|s| s["name"] == "elbow")
-        .unwrap();
-    assert_eq!(
-        (&elbow["inside"], &elbow["type"]),
-        (&false.into(), &"type 1".into())
-    );
+    assert!(found["det"].number().abs() < 1e-12);
 }
 
 #[test]
 fn list_and_graph_speak_json_and_drawings() {
     let desk = Desk::new();
-    let listed = desk.armplane("list --json").json();
-    assert!(
-        listed["scenarios"]
-            .list()
-            .iter()
-            .any(|s| s["name"] == "fig5-wrist-rotation")
-    );
-    assert!(
-        listed["robots"]
-            .list()
-            .iter()
-            .any(|r| r["name"] == "puma560")
-    );
-    let dot = desk.armplane("graph --format dot").out;
-    assert!(
-        dot.contains("controller -> plant [label=\"torque\", style=dashed]"),
-        "{dot}"
-    );
-    assert!(
-        desk.armplane("graph --format mermaid")
-            .out
-            .contains("plant -->|sensor| estimator")
-    );
-    let graph = desk.armplane("graph --json").json();
-    assert_eq!(graph["process"].list().len(), 5);
+    let listed = desk.json("list");
+    for (kind, name) in [("scenarios", "fig5-wrist-rotation"), ("robots", "puma560")] {
+        let mut names = listed[kind].list().iter();
+        assert!(names.any(|one| one["name"] == name), "{name}");
+    }
+    for (format, line) in [
+        (
+            "dot",
+            "controller -> plant [label=\"torque\", style=dashed]",
+        ),
+        ("mermaid", "plant -->|sensor| estimator"),
+    ] {
+        let drawn = desk.succeeds(&format!("graph --format {format}")).out;
+        assert!(drawn.contains(line), "{drawn}");
+    }
+    desk.json("graph").holds(r#"{"process/#": 5}"#);
+}
+
+/// A body with its joint to the one before.
+fn link(name: &str, parent: &str, at: &str, axis: &str) -> String {
+    format!(
+        r#"<link name="{name}"><inertial><origin xyz="0.1 0 0.1"/><mass value="1"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
+        <joint name="to_{name}" type="revolute"><parent link="{parent}"/><child link="{name}"/>
+        <origin xyz="{at}"/><axis xyz="{axis}"/><limit lower="-1" upper="1.5" effort="10" velocity="2"/></joint>"#
+    )
 }
 
 /// Arms of 2, 5 and 8 joints, without `--q`: the middle of each range, and matrices of the arm's own size.
 #[test]
 fn arms_of_any_size_are_inspected_in_the_middle_of_their_ranges() {
     let desk = Desk::new();
+    let axes = [
+        "0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "0 0 1", "1 0 0", "0 1 0",
+    ];
     for joints in [2, 5, 8] {
-        let axes = [
-            "0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "0 0 1", "1 0 0", "0 1 0",
-        ];
-        let body = r#"<inertial><origin xyz="0.1 0 0.1"/><mass value="1"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial>"#;
-        let mut urdf =
-            r#"<robot name="arm"><link name="l0"/><drake:ignored><deep/></drake:ignored>"#
-                .to_owned();
-        for (i, axis) in axes[..joints].iter().enumerate() {
-            let (parent, child) = (i, i + 1);
-            urdf += &format!(
-                r#"<link name="l{child}">{body}</link><joint name="j{child}" type="revolute"><parent link="l{parent}"/><child link="l{child}"/>
-                <origin xyz="0.1 0 0.2"/><axis xyz="{axis}"/><limit lower="-1" upper="1.5" effort="10" velocity="2"/></joint>"#
-            );
-        }
-        desk.file("arm.urdf", &(urdf + "</robot>"));
+        let names: Vec<_> = (0..=joints).map(|i| format!("l{i}")).collect();
+        let links = names.windows(2).zip(axes);
+        let links: String = links
+            .map(|(pair, axis)| link(&pair[1], &pair[0], "0.1 0 0.2", axis))
+            .collect();
+        let head = r#"<robot name="arm"><link name="l0"/><drake:ignored><deep/></drake:ignored>"#;
+        desk.file("arm.urdf", format!("{head}{links}</robot>"));
         let found = desk.json("inspect --robot arm.urdf");
         assert_eq!(numbers(&found["q"]), vec![0.25; joints]);
-        assert_eq!(
-            (numbers(&found["A"]).len(), numbers(&found["J"]).len()),
-            (joints * joints, 6 * joints)
-        );
+        let sizes = ["A", "J"].map(|matrix| numbers(&found[matrix]).len());
+        assert_eq!(sizes, [joints * joints, 6 * joints]);
         assert_eq!(found["rank"], joints.min(6));
     }
 }
@@ -133,82 +120,49 @@ fn arms_of_any_size_are_inspected_in_the_middle_of_their_ranges() {
 #[test]
 fn an_arm_from_another_base_on_is_the_rest_of_the_chain() {
     let desk = Desk::new();
-    let said = |arguments: &str| {
-        let said = desk.succeeds(&format!("inspect --robot ur5 --json {arguments}"));
-        said.json()
-    };
-    let whole = said("--q=0,-1.2,1.6,-1.0,0.9,0.2");
-    let rest = said("--base shoulder_link --q=-1.2,1.6,-1.0,0.9,0.2");
+    let [whole, rest] = [
+        "--q=0,-1.2,1.6,-1.0,0.9,0.2",
+        "--base shoulder_link --q=-1.2,1.6,-1.0,0.9,0.2",
+    ]
+    .map(|args| desk.json(&format!("inspect --robot ur5 {args}")));
     // The first joint at rest, the others carry what they carried.
-    let (all, part) = (numbers(&whole["A"]), numbers(&rest["A"]));
-    assert_eq!((all.len(), part.len()), (36, 25));
-    for row in 0..5 {
-        for column in 0..5 {
-            let (a, b) = (all[6 * (row + 1) + column + 1], part[5 * row + column]);
-            assert!((a - b).abs() < 1e-12, "A[{row}, {column}]: {a} against {b}");
-        }
-    }
-    for (a, b) in numbers(&whole["gravity"])[1..]
-        .iter()
-        .zip(numbers(&rest["gravity"]))
-    {
-        assert!((a - b).abs() < 1e-12, "gravity: {a} against {b}");
-    }
-    let none = desk.armplane("inspect --robot ur5 --base wheel");
-    assert_eq!(none.code, 2, "{}", none.out);
-    assert!(none.err.contains("wheel"), "{}", none.err);
+    let all = numbers(&whole["A"]);
+    let rows = all.chunks(6).skip(1).flat_map(|row| row[1..].to_vec());
+    assert_close("A", &rows.collect::<Vec<_>>(), &numbers(&rest["A"]), 1e-12);
+    let gravity = numbers(&whole["gravity"]);
+    assert_close("gravity", &gravity[1..], &numbers(&rest["gravity"]), 1e-12);
 }
 
 #[test]
 fn a_frame_chooses_one_of_several_arms() {
     let desk = Desk::new();
-    let joint = |name: &str, parent: &str, child: &str, y: f64| {
-        format!(
-            "<joint name=\"{name}\" type=\"revolute\"><parent link=\"{parent}\"/><child link=\"{child}\"/><origin xyz=\"0.3 {y} 0\"/><axis xyz=\"0 0 1\"/>\
-             <limit lower=\"-2\" upper=\"2\" effort=\"10\" velocity=\"2\"/></joint>"
-        )
-    };
-    let link = |name: &str| {
-        format!(
-            "<link name=\"{name}\"><inertial><mass value=\"1\"/><inertia ixx=\"0.1\" iyy=\"0.1\" izz=\"0.1\" ixy=\"0\" ixz=\"0\" iyz=\"0\"/></inertial></link>"
-        )
-    };
     let arms = [("left", 0.2), ("right", -0.2)];
     let parts = arms.map(|(side, y)| {
-        let (upper, fore) = (format!("{side}_upper"), format!("{side}_fore"));
-        [
-            link(&upper),
-            link(&fore),
-            joint(&format!("{side}_1"), "base", &upper, y),
-            joint(&format!("{side}_2"), &upper, &fore, 0.0),
-        ]
-        .concat()
+        let upper = link(
+            &format!("{side}_upper"),
+            "base",
+            &format!("0.3 {y} 0"),
+            "0 0 1",
+        );
+        upper
+            + &link(
+                &format!("{side}_fore"),
+                &format!("{side}_upper"),
+                "0.3 0 0",
+                "0 0 1",
+            )
     });
-    desk.file(
-        "two.urdf",
-        &format!(
-            "<robot name=\"two\"><link name=\"base\"/>{}</robot>",
-            parts.concat()
-        ),
+    let urdf = format!(
+        "<robot name=\"two\"><link name=\"base\"/>{}</robot>",
+        parts.concat()
     );
-    let said = desk.armplane("inspect --robot two.urdf");
-    assert!(
-        said.code == 2 && said.err.contains("branches at link 'base'"),
-        "{}",
-        said.err
-    );
+    desk.file("two.urdf", urdf);
+    desk.refuses(2, "inspect --robot two.urdf", &["branches at link 'base'"]);
     for (side, y) in arms {
-        let said = desk.armplane(&[
-            "inspect",
-            "--robot",
-            "two.urdf",
-            "--frame",
-            &format!("{side}_fore"),
-            "--q=0,0",
-            "--json",
-        ]);
-        let seen = said.json();
-        let position: Vec<f64> = (0..3).map(|row| seen["pose"][row][3].number()).collect();
+        let seen = desk.json(&format!(
+            "inspect --robot two.urdf --frame {side}_fore --q=0,0"
+        ));
+        let position = [0, 1, 2].map(|row| seen["pose"][row][3].number());
         assert_eq!(position, [0.6, y, 0.0], "{seen}");
     }
 }

@@ -3,8 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::command::{Desk, skipped};
-use crate::exchange::{lacks, root};
+use crate::command::{Desk, lacks, root, skipped};
 use crate::wire::wire;
 
 /// The library that cargo has built for the tests, laid out as `services/capi/install` does it.
@@ -12,7 +11,7 @@ fn library(desk: &Desk) -> PathBuf {
     let tests = std::env::current_exe().expect("this test");
     let built = tests.with_file_name("libarmplane.so");
     assert!(built.is_file(), "{}: not built", built.display());
-    let folder = desk.path().join("lib");
+    let folder = desk.at("lib");
     std::fs::create_dir(&folder).expect("a folder");
     for name in ["libarmplane.so", "libarmplane.so.1"] {
         std::os::unix::fs::symlink(&built, folder.join(name)).expect("a link");
@@ -22,7 +21,7 @@ fn library(desk: &Desk) -> PathBuf {
 
 /// Compiles an example and gives the program; `None` where there is no compiler.
 fn compiled(desk: &Desk, compiler: &str, example: &str, options: &[&str]) -> Option<PathBuf> {
-    let (folder, program) = (library(desk), desk.path().join("program"));
+    let (folder, program) = (library(desk), desk.at("program"));
     // A program of a run may use both headers.
     let wire = desk.file("wire.h", &wire(desk, "c"));
     let built = Command::new(compiler)
@@ -65,8 +64,12 @@ fn a_program_in_cpp_leads_mujocos_arm_through_its_wrist_lock() {
     }
     let desk = Desk::new();
     let code = "import glob, mujoco, os; f = os.path.dirname(mujoco.__file__); print(f, *glob.glob(f + '/libmujoco.so*'))";
-    let python = Command::new("python3").args(["-c", code]).output();
-    let said = String::from_utf8(python.expect("python3 runs").stdout).expect("paths");
+    let said = desk
+        .program("python3")
+        .args(["-c", code])
+        .output()
+        .expect("python3 runs");
+    let said = String::from_utf8_lossy(&said.stdout);
     let [folder, library] = said.split_whitespace().collect::<Vec<_>>()[..] else {
         return skipped(format!("MuJoCo's folder has not one library: {said}"));
     };

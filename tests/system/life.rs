@@ -1,56 +1,57 @@
 //! How a run ends: by Ctrl-C, by the death of a process, by the death of the launcher. Nothing is left of any of them.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::Child;
 
 use serde_json::Value;
 
 use crate::command::{
-    Desk, Known, assert_nothing_left, children_of_run, finish, in_shared_memory, interrupt, pid_of,
-    restarts, run_of, until,
+    Desk, Known, Running, assert_nothing_left, children_of_run, in_shared_memory, restarts, run_of,
+    signal, source, until,
 };
+use crate::faults::recorded_ticks;
 
 /// Long enough to be interrupted.
 const LONG: &str = "run --set segment.1.duration_s=500 --json --out results";
 
-pub(crate) fn signal(pid: i32, name: &str) {
-    let status = Command::new("kill")
-        .args([format!("-{name}"), pid.to_string()])
-        .status()
-        .unwrap();
-    assert!(status.success());
+/// Starts a long run and waits until its recording grows.
+fn recording(desk: &Desk, more: &str) -> Child {
+    let run = desk.start(&format!("{LONG} {more}"));
+    // The pictures of the arm come first; what grows beyond them are ticks.
+    until("the recording to grow", || bytes(desk) > 2_000_000);
+    run
 }
 
-fn has_recorded_ticks(desk: &Desk) -> bool {
-    // The pictures of the arm come first; what grows beyond them are ticks.
-    std::fs::metadata(desk.path().join("results/run.rrd")).is_ok_and(|file| file.len() > 2_000_000)
+/// Bytes of the recording.
+fn bytes(desk: &Desk) -> u64 {
+    std::fs::metadata(desk.at("results/run.rrd")).map_or(0, |file| file.len())
+}
+
+/// Waits until a process is replaced by another one.
+fn replaced(run: &Child, process: &str, act: impl FnOnce(i32)) {
+    let before = run.pid(process).unwrap();
+    act(before);
+    until("a replacement", || {
+        run.pid(process).is_some_and(|pid| pid != before)
+    });
 }
 
 #[test]
 fn ctrl_c_stops_cleanly_and_keeps_the_recording() {
     let desk = Desk::new();
-    let child = desk.start(LONG);
-    until("the recording to grow", || has_recorded_ticks(&desk));
-    let said = interrupt(child);
+    let said = recording(&desk, "").interrupt();
     assert_eq!(said.code, 1, "{}", said.err);
     let summary = said.json();
-    assert_eq!(
-        (&summary["outcome"], &summary["completed"]),
-        (&"interrupted".into(), &false.into()),
+    summary.holds(r#"{"outcome": "interrupted", "completed": false, "recorder/lost": 0}"#);
+    assert!(
+        summary["recorder"]["bytes"].count() > 2_000_000,
         "{summary}"
     );
-    let sentence: Value =
-        serde_json::from_str(&said.err).unwrap_or_else(|error| panic!("{error}: {}", said.err));
+    let sentence: Value = serde_json::from_str(&said.err).expect(&said.err);
+    let message = sentence["error"]["message"].text();
     assert!(
-        sentence["error"]["message"]
-            .text()
-            .contains(": the run was stopped by SIGINT after "),
-        "{sentence}"
-    );
-    assert!(
-        summary["recorder"]["bytes"].count() > 2_000_000 && summary["recorder"]["lost"] == 0,
-        "{}",
-        summary["recorder"]
+        message.contains(": the run was stopped by SIGINT after "),
+        "{message}"
     );
 }
 
@@ -58,48 +59,33 @@ fn ctrl_c_stops_cleanly_and_keeps_the_recording() {
 #[test]
 fn what_a_process_was_making_when_it_died_is_cleared_away() {
     let desk = Desk::new();
-    let child = desk.begin(LONG);
-    let run = Path::new("/dev/shm").join(run_of(child.id()).unwrap());
-    let files = |folder: &Path| {
+    let run = desk.begin(LONG);
+    let folder = Path::new("/dev/shm").join(run_of(run.id()).unwrap());
+    let files = |folder: &Path| -> Vec<PathBuf> {
         let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-        entries.map(|entry| entry.path()).collect::<Vec<_>>()
+        entries.map(|entry| entry.path()).collect()
     };
     let names_it = |file: &PathBuf| {
         let text = std::fs::read(file).unwrap_or_default();
         file.extension().is_some_and(|end| end == "details")
             && String::from_utf8_lossy(&text).contains("controller")
     };
-    let mut nodes = files(&run.join("nodes")).into_iter();
+    let mut nodes = files(&folder.join("nodes")).into_iter();
     let node = nodes.find(|node| files(node).iter().any(names_it)).unwrap();
     std::fs::write(node.join("unfinished.service_tag"), "").unwrap();
-    let killed = pid_of(child.id(), "controller");
-    kill(&child, "controller");
-    until("a replacement", || {
-        ![None, killed].contains(&pid_of(child.id(), "controller"))
-    });
+    replaced(&run, "controller", |pid| signal(pid, "KILL"));
     assert!(!node.exists(), "{}", node.display());
-    let summary = interrupt(child).json();
+    let summary = run.interrupt().json();
     assert_eq!(restarts(&summary, "controller"), 1, "{}", summary["faults"]);
 }
 
-fn kill(child: &std::process::Child, process: &str) {
-    let victim = pid_of(child.id(), process).unwrap();
-    signal(victim, "KILL");
-}
-
 /// A run in real time with something done to it, until it is interrupted.
-fn in_real_time(act: impl Fn(&Desk, &std::process::Child)) -> Value {
+fn in_real_time(act: impl Fn(&Desk, &Child)) -> Value {
     let desk = Desk::new();
-    let child = desk.start(&format!("{LONG} --mode realtime"));
-    until("the recording to grow", || has_recorded_ticks(&desk));
-    act(&desk, &child);
-    let said = interrupt(child);
-    let summary = said.json();
-    assert_eq!(
-        summary["outcome"], "interrupted",
-        "{}\n{}",
-        summary["reason"], said.err
-    );
+    let run = recording(&desk, "--mode realtime");
+    act(&desk, &run);
+    let summary = run.interrupt().json();
+    summary.holds(r#"{"outcome": "interrupted"}"#);
     summary
 }
 
@@ -110,67 +96,42 @@ fn pause_ms(ms: u64) {
 #[test]
 fn in_real_time_a_death_costs_one_restart_and_no_message() {
     for process in ["estimator", "controller", "recorder"] {
-        let summary = in_real_time(|_, child| {
-            kill(child, process);
+        let summary = in_real_time(|_, run| {
+            run.strike(process, "KILL");
             pause_ms(1_000);
         });
-        assert_eq!(
-            restarts(&summary, process),
-            1,
-            "{process}: {}",
-            summary["faults"]
-        );
+        assert_eq!(restarts(&summary, process), 1, "{process}: {summary}");
         // A process that is away for longer than the writers' buffers, a second, may lose messages; this machine may be that busy.
-        let away_ms = summary["faults"][0]["recovered_ms"].number();
+        let was_long_away = summary["faults"][0]["recovered_ms"].number() > 600.0;
+        let is_whole = summary["recorder"]["lost"] == 0;
         assert!(
-            summary["recorder"]["lost"] == 0 || process == "recorder" && away_ms > 600.0,
-            "{process}: {}",
-            summary["recorder"]
+            is_whole || process == "recorder" && was_long_away,
+            "{process}: {summary}"
         );
         let ticks = summary["topics"]["plant_state"]["count"].count();
         assert!(
-            away_ms > 600.0 || ticks + 1 >= summary["ticks"].count(),
-            "{process}: {}",
-            summary["topics"]
+            was_long_away || ticks + 1 >= summary["ticks"].count(),
+            "{process}: {summary}"
         );
     }
 }
 
 #[test]
-fn in_real_time_a_stopped_process_is_replaced_whatever_befell_it_before() {
-    let summary = in_real_time(|desk, child| {
-        desk.succeeds(&[
-            "fault",
-            "analyzer",
-            "delay",
-            "--for",
-            "20ms",
-            "--run",
-            &run_of(child.id()).unwrap(),
-        ]);
+fn in_real_time_a_stopped_process_is_replaced_whatever_befell_it_before_and_who_waits_for_it_is_not()
+ {
+    let fault = |desk: &Desk, run: &Child, what: &str| {
+        let name = run_of(run.id()).unwrap();
+        desk.succeeds(&format!("fault analyzer {what} --run {name}"));
+    };
+    let summary = in_real_time(|desk, run| {
+        fault(desk, run, "delay --for 20ms");
         pause_ms(100);
-        let analyzer = || pid_of(child.id(), "analyzer");
-        let stopped = analyzer().unwrap();
-        signal(stopped, "STOP");
-        until("a replacement", || {
-            analyzer().is_some_and(|pid| pid != stopped)
-        });
+        replaced(run, "analyzer", |pid| signal(pid, "STOP"));
     });
     assert_eq!(restarts(&summary, "analyzer"), 1, "{}", summary["faults"]);
-}
-
-#[test]
-fn in_real_time_who_waits_for_a_silent_one_is_not_killed() {
-    let summary = in_real_time(|desk, child| {
-        desk.succeeds(&[
-            "fault",
-            "analyzer",
-            "drop",
-            "--for",
-            "3s",
-            "--run",
-            &run_of(child.id()).unwrap(),
-        ]);
+    // It is silent, and the controller waits for it.
+    let summary = in_real_time(|desk, run| {
+        fault(desk, run, "drop --for 3s");
         pause_ms(3_200);
     });
     assert_eq!(restarts(&summary, "controller"), 0, "{}", summary["faults"]);
@@ -178,93 +139,64 @@ fn in_real_time_who_waits_for_a_silent_one_is_not_killed() {
 
 #[test]
 fn the_death_of_the_plant_or_of_a_process_without_a_budget_ends_the_run_and_is_named() {
-    let graph = include_str!("../../shared-types/graph.toml")
-        .replace("restart = \"always\"", "restart = \"never\"");
+    let graph = source("shared-types/graph.toml");
+    let graph = graph.replace("restart = \"always\"", "restart = \"never\"");
     for process in ["plant", "controller"] {
         let desk = Desk::new();
         desk.file("graph.toml", &graph);
-        let child = desk.start(&format!("{LONG} --graph graph.toml"));
-        until("the recording to grow", || has_recorded_ticks(&desk));
-        kill(&child, process);
-        let said = finish(child);
+        let run = recording(&desk, "--graph graph.toml");
+        run.strike(process, "KILL");
+        let said = run.finish();
         assert_eq!(said.code, 1, "{}", said.err);
-        assert!(
-            said.err.contains(process) && said.err.contains("signal 9"),
-            "{process}: {}",
-            said.err
-        );
-        let summary = said.json();
-        assert_eq!(summary["outcome"], "failed");
-        assert_nothing_left(said.launcher);
+        for words in [process, "signal 9"] {
+            assert!(said.err.contains(words), "{process}: {}", said.err);
+        }
+        said.json().holds(r#"{"outcome": "failed"}"#);
     }
 }
 
 #[test]
 fn no_process_outlives_a_killed_launcher_and_clean_removes_what_it_left() {
     let desk = Desk::new();
-    let child = desk.start(LONG);
-    until("the recording to grow", || has_recorded_ticks(&desk));
-    signal(child.id() as i32, "KILL");
-    let said = finish(child);
+    let run = recording(&desk, "");
+    run.signal("KILL");
+    let launcher = run.finish().launcher;
     until("the processes to go", || {
-        children_of_run(said.launcher).is_empty()
+        children_of_run(launcher).is_empty()
     });
-    assert!(
-        !in_shared_memory(said.launcher).is_empty(),
-        "a killed launcher cannot clean up"
-    );
-    let doctor = desk.armplane("doctor --json").json();
-    let recovered = desk.succeeds("recover results --json");
-    let summary = recovered.json();
+    let left = in_shared_memory(launcher);
+    assert!(!left.is_empty(), "a killed launcher cannot clean up");
+    let doctor = desk.json("doctor");
+    let summary = desk.json("recover results");
+    summary.holds(r#"{"outcome": "interrupted"}"#);
     let ticks = summary["ticks"].count();
-    assert!(
-        ticks > 100 && summary["topics"]["torque"]["count"].count().abs_diff(ticks) <= 512,
-        "{summary}"
-    );
-    assert_eq!(summary["outcome"], "interrupted");
-    let mut rows = 0;
-    let count = |piece: viz::Piece| {
-        if let viz::Piece::Rows(read) = piece {
-            rows += read.ticks.len() as u64;
-        }
-        Ok::<(), viz::ReadError>(())
-    };
-    viz::read(&viz::parts_in(&desk.path().join("results")), count).unwrap();
-    assert_eq!(rows, ticks, "every tick once in the recording");
-    for command in ["report results", "replay results"] {
-        desk.succeeds(command);
-    }
+    let torques = summary["topics"]["torque"]["count"].count();
+    assert!(ticks > 100 && torques.abs_diff(ticks) <= 512, "{summary}");
+    let recorded = recorded_ticks(&desk, "results").len() as u64;
+    assert_eq!(recorded, ticks, "every tick once in the recording");
+    desk.succeeds("report results");
+    desk.succeeds("replay results");
     desk.refuses(2, "recover results", &["nothing to recover"]);
-    let ours = format!("-{}-", said.launcher);
-    let found = doctor["runs"]
-        .list()
-        .iter()
-        .any(|run| run["run"].text().contains(&ours) && run["alive"] == false);
+    let ours = format!("-{launcher}-");
+    let mut runs = doctor["runs"].list().iter();
+    let found = runs.any(|run| run["run"].text().contains(&ours) && run["alive"] == false);
     assert!(found, "{doctor}");
     desk.succeeds("clean");
-    assert_nothing_left(said.launcher);
+    assert_nothing_left(launcher);
 }
 
 #[test]
 fn a_launcher_that_stood_still_goes_on_and_its_run_did_not_notice() {
     let desk = Desk::new();
-    let child = desk.start("run --set segment.1.duration_s=20 --json --out results");
-    until("the recording to grow", || has_recorded_ticks(&desk));
-    signal(child.id() as i32, "STOP");
-    let size =
-        || std::fs::metadata(desk.path().join("results/run.rrd")).map_or(0, |file| file.len());
-    let before = size();
-    until("the run to go on without it", || size() > before);
-    signal(child.id() as i32, "CONT");
-    let said = finish(child);
-    let summary = said.json();
-    assert_eq!(
-        (said.code, &summary["outcome"], &summary["faults"]),
-        (0, &"goal reached".into(), &Value::Array(vec![])),
-        "{}",
-        said.err
-    );
-    assert_nothing_left(said.launcher);
+    let run = recording(&desk, "--set segment.1.duration_s=20");
+    run.signal("STOP");
+    let before = bytes(&desk);
+    until("the run to go on without it", || bytes(&desk) > before);
+    run.signal("CONT");
+    let said = run.finish();
+    assert_eq!(said.code, 0, "{}", said.err);
+    said.json()
+        .holds(r#"{"outcome": "goal reached", "faults": []}"#);
 }
 
 #[test]
@@ -273,42 +205,32 @@ fn every_signal_that_would_end_the_launcher_ends_the_run_and_leaves_nothing() {
         "QUIT", "HUP", "USR1", "USR2", "ALRM", "VTALRM", "PROF", "XCPU", "IO",
     ] {
         let desk = Desk::new();
-        let child = desk.begin(LONG);
+        let run = desk.begin(LONG);
         // It changes nothing: a write into a broken pipe fails.
-        signal(child.id() as i32, "PIPE");
-        signal(child.id() as i32, name);
-        let said = finish(child);
+        run.signal("PIPE");
+        run.signal(name);
+        let said = run.finish();
         let summary = said.json();
-        let reason = summary["reason"].as_str().unwrap_or_default();
+        assert_eq!(said.code, 1, "{summary}");
+        summary.holds(r#"{"outcome": "interrupted"}"#);
+        let reason = summary["reason"].text();
         assert!(
-            said.code == 1
-                && summary["outcome"] == "interrupted"
-                && reason.starts_with(&format!("stopped by SIG{name} ")),
-            "{summary}"
+            reason.starts_with(&format!("stopped by SIG{name} ")),
+            "{reason}"
         );
-        assert_nothing_left(said.launcher);
     }
 }
 
 #[test]
 fn a_terminal_that_goes_away_costs_the_run_nothing() {
     let desk = Desk::new();
-    let mut child = desk.begin("run --set segment.1.duration_s=10 --no-record --out results");
-    drop((child.stdout.take(), child.stderr.take()));
+    let mut run = desk.begin("run --set segment.1.duration_s=10 --no-record --out results");
+    drop((run.stdout.take(), run.stderr.take()));
     // The launcher reports the death on standard error.
-    kill(&child, "controller");
-    let said = finish(child);
-    let summary: Value = desk.read_json("results/summary.json");
-    assert_eq!(
-        (
-            said.code,
-            &summary["completed"],
-            summary["faults"].as_array().map(Vec::len)
-        ),
-        (0, &true.into(), Some(1)),
-        "{summary}"
-    );
-    assert_nothing_left(said.launcher);
+    run.strike("controller", "KILL");
+    assert_eq!(run.finish().code, 0);
+    desk.read_json("results/summary.json")
+        .holds(r#"{"completed": true, "faults/#": 1}"#);
 }
 
 #[test]
@@ -316,63 +238,49 @@ fn a_run_that_is_killed_at_any_moment_of_its_start_is_recovered_or_its_folder_is
     let desk = Desk::new();
     for attempt in 0..18 {
         let out = format!("r{attempt}");
-        let child = desk.start(&LONG.replace("results", &out));
+        let run = desk.start(&LONG.replace("results", &out));
         // Every third one before its first process; the others at any moment after that.
-        let sign = desk.path().join(&out).join(if attempt % 3 == 0 {
+        let is_early = attempt % 3 == 0;
+        let sign = if is_early {
             "summary.json.reserved"
         } else {
             "job.json"
-        });
-        while !sign.exists() {
+        };
+        while !desk.has(format!("{out}/{sign}")) {
             std::hint::spin_loop();
         }
-        std::thread::sleep(std::time::Duration::from_millis(if attempt % 3 == 0 {
-            0
-        } else {
-            runtime::random(attempt, 0) % 100
-        }));
-        signal(child.id() as i32, "KILL");
-        let said = finish(child);
+        if !is_early {
+            pause_ms(runtime::random(attempt, 0) % 100);
+        }
+        run.signal("KILL");
+        let launcher = run.finish().launcher;
         until("the processes to go", || {
-            children_of_run(said.launcher).is_empty()
+            children_of_run(launcher).is_empty()
         });
         desk.succeeds("clean");
-        let folder = desk.path().join(&out);
-        let names = || {
-            let entries = std::fs::read_dir(&folder).into_iter().flatten().flatten();
-            entries
-                .map(|entry| entry.file_name())
-                .collect::<std::collections::BTreeSet<_>>()
-        };
-        let before = names();
+        let before = desk.names(&out);
         let again = desk.armplane(&format!("recover {out} --json"));
         if again.code == 0 {
             let summary = again.json();
-            let (ticks, reason) = (summary["ticks"].count(), summary["reason"].text());
-            assert_eq!(
-                (
-                    &summary["outcome"],
-                    reason.contains("before the messages of a whole tick")
-                ),
-                (&"interrupted".into(), ticks == 0)
-            );
-            let reported = desk.armplane(&format!("report {out}"));
-            assert_eq!(reported.code, 0, "{ticks} ticks: {}", reported.err);
+            summary.holds(r#"{"outcome": "interrupted"}"#);
+            let is_empty = summary["reason"]
+                .text()
+                .contains("before the messages of a whole tick");
+            assert_eq!(is_empty, summary["ticks"] == 0, "{summary}");
+            desk.succeeds(&format!("report {out}"));
         } else {
             assert_eq!(
-                (attempt % 3, again.code, again.err.lines().count()),
-                (0, 2, 1),
+                (is_early, again.code, again.err.lines().count()),
+                (true, 2, 1),
                 "{}",
                 again.err
             );
             assert!(again.err.contains("makes the run in it"), "{}", again.err);
-            assert_eq!(names(), before);
+            assert_eq!(desk.names(&out), before);
         }
     }
     // As a launcher leaves it that is killed before its first process, which the attempts above need not have met.
-    let folder = desk.path().join("early");
-    std::fs::create_dir(&folder).unwrap();
     desk.file("early/summary.json.reserved", "");
     desk.refuses(2, "recover early", &["makes the run in it"]);
-    assert!(folder.join("summary.json.reserved").exists());
+    assert!(desk.has("early/summary.json.reserved"));
 }

@@ -2,13 +2,9 @@
 
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
-use std::path::Path;
-use std::process::Command;
 
-use serde_json::Value;
-
-use crate::command::{Desk, Said, assert_nothing_left, finish, skipped};
-use crate::neighbours::{is_root, text};
+use crate::command::{Desk, Known, Running, Said, skipped};
+use crate::neighbours::{is_root, on_volume, text};
 
 /// A short motion.
 const SHORT: &str = "name = \"short\"\nrobot = \"puma560\"\nsettle_s = 0.1\n[start]\nq_deg = [20, -60, 170, 0, 30, 0]\n\
@@ -36,45 +32,31 @@ fn run_within(desk: &Desk, resource: libc::__rlimit_resource_t, limit: u64, opti
             }
         });
     }
-    finish(command.spawn().expect("armplane starts"))
+    command.spawn().expect("armplane starts").finish()
 }
 
 /// Whether a run under a limit went to its end; otherwise it was refused, before it made anything, in a sentence with this option of `ulimit`.
 fn ends(desk: &Desk, resource: libc::__rlimit_resource_t, option: &str, limit: u64) -> bool {
     let said = run_within(desk, resource, limit, "");
     let case = format!(
-        "ulimit {option}, limit {limit}: exit code {}: {}",
+        "ulimit {option}, limit {limit}: {}: {}",
         said.code, said.err
     );
-    assert_nothing_left(said.launcher);
-    let results = desk.path().join("r");
     if said.code == 0 {
-        let summary: Value =
-            serde_json::from_slice(&std::fs::read(results.join("summary.json")).expect(&case))
-                .expect(&case);
-        assert!(
-            summary["outcome"] == "goal reached"
-                && summary["recorder"]["error"]
-                    .as_str()
-                    .unwrap_or_default()
-                    .is_empty(),
-            "{case}"
-        );
-        std::fs::remove_dir_all(&results).expect("the results");
+        desk.read_json("r/summary.json")
+            .holds(r#"{"outcome": "goal reached", "recorder/error": ""}"#);
+        std::fs::remove_dir_all(desk.at("r")).expect("the results");
         return true;
     }
+    let remedy = format!("raise the limit with `ulimit {option} ");
     assert!(
         said.code == 1
             && said.err.lines().count() == 1
-            && said.err.starts_with("armplane: this shell allows "),
+            && said.err.starts_with("armplane: this shell allows ")
+            && said.err.contains(&remedy),
         "{case}"
     );
-    assert!(
-        said.err
-            .contains(&format!("raise the limit with `ulimit {option} ")),
-        "{case}"
-    );
-    assert!(!results.exists(), "{case}");
+    assert!(!desk.has("r"), "{case}");
     false
 }
 
@@ -85,44 +67,28 @@ fn each_limit_of_the_shell_is_enough_or_is_named_with_its_value_and_the_remedy()
     std::fs::set_permissions(desk.path(), std::fs::Permissions::from_mode(0o777))
         .expect("the folder is ours");
     let said = run_within(&desk, libc::RLIMIT_AS, 96 * MIB, "--json");
-    let error: Value =
-        serde_json::from_str(&said.err).unwrap_or_else(|error| panic!("{error}: {}", said.err));
-    assert!(
-        said.code == 1
-            && error["error"]["message"]
-                .as_str()
-                .is_some_and(|text| text.contains("`ulimit -v ")),
-        "{}",
-        said.err
-    );
+    let error: serde_json::Value = serde_json::from_str(&said.err).expect(&said.err);
+    let message = error["error"]["message"].text();
+    assert!(said.code == 1 && message.contains("`ulimit -v "), "{error}");
+    const KIB: u64 = 1 << 10;
+    let of = |unit: u64, limits: [u64; 6]| limits.map(|limit| limit * unit);
     let cases = [
         (
             libc::RLIMIT_FSIZE,
             "-f",
-            [0, 1, 64 << 10, 4 * MIB, 16 * MIB, 1024 * MIB],
+            [0, 1, 64 * KIB, 4 * MIB, 16 * MIB, 1024 * MIB],
         ),
         (
             libc::RLIMIT_AS,
             "-v",
-            [
-                80 * MIB,
-                96 * MIB,
-                112 * MIB,
-                130 * MIB,
-                144 * MIB,
-                4096 * MIB,
-            ],
+            of(MIB, [80, 96, 112, 130, 144, 4096]),
         ),
-        (
-            libc::RLIMIT_DATA,
-            "-d",
-            [4 * MIB, 8 * MIB, 16 * MIB, 32 * MIB, 48 * MIB, 256 * MIB],
-        ),
+        (libc::RLIMIT_DATA, "-d", of(MIB, [4, 8, 16, 32, 48, 256])),
         (libc::RLIMIT_NOFILE, "-n", [4, 10, 40, 100, 128, 1024]),
         (
             libc::RLIMIT_STACK,
             "-s",
-            [64 << 10, 128 << 10, 256 << 10, MIB, 8 * MIB, 64 * MIB],
+            of(KIB, [64, 128, 256, 1024, 8192, 65536]),
         ),
         (libc::RLIMIT_NPROC, "-u", [1, 4, 8, 16, 64, 512]),
     ];
@@ -138,86 +104,50 @@ fn each_limit_of_the_shell_is_enough_or_is_named_with_its_value_and_the_remedy()
     }
 }
 
-/// The names in a folder, hidden ones included.
-fn names(folder: &Path) -> Vec<String> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    entries
-        .map(|entry| entry.file_name().to_string_lossy().into_owned())
-        .collect()
-}
-
 #[test]
 fn a_small_volume_costs_the_recording_and_not_the_run() {
     let desk = Desk::new();
     desk.file("short.toml", SHORT);
+    std::fs::create_dir(desk.at("v")).expect("a folder");
     for kib in [16, 200, 300, 400, 600, 1024, 2048] {
-        let script = format!(
-            "mkdir -p v && mount -t tmpfs -o size={kib}k tmpfs v || exit 77; \"$0\" run short.toml --out v/o; code=$?
-             cp -r v kept; exit $code"
-        );
-        let ran = Command::new("unshare")
-            .args(["-m", "sh", "-c", &script, env!("CARGO_BIN_EXE_armplane")])
-            .current_dir(desk.path())
-            .output()
-            .expect("unshare");
-        let (code, said) = (ran.status.code(), text(&ran.stderr) + &text(&ran.stdout));
-        if code == Some(77) || said.contains("unshare") {
+        let script = "\"$0\" run short.toml --out v/o; code=$?\ncp -r v kept; exit $code";
+        let Some(ran) = on_volume(&desk, "v", &format!("{kib}k"), script) else {
             return skipped("this machine lets no test mount a file system");
-        }
-        let (kept, case) = (
-            desk.path().join("kept"),
-            format!("{kib} KiB: {code:?}: {said}"),
-        );
+        };
+        let (code, said) = (ran.status.code(), text(&ran.stderr) + &text(&ran.stdout));
+        let case = format!("{kib} KiB: {code:?}: {said}");
         if code == Some(2) {
-            assert!(
-                said.contains("No space left on device")
-                    && said.contains("--out")
-                    && said.lines().count() == 1,
-                "{case}"
-            );
-            assert_eq!(names(&kept), Vec::<String>::new(), "{case}");
+            let words = ["No space left on device", "--out"];
+            let is_said = words.iter().all(|words| said.contains(words));
+            assert!(is_said && said.lines().count() == 1, "{case}");
+            assert!(desk.names("kept").is_empty(), "{case}");
         } else {
-            let summary: Value =
-                serde_json::from_slice(&std::fs::read(kept.join("o/summary.json")).expect(&case))
-                    .expect(&case);
-            assert_eq!(
-                (&summary["outcome"], &summary["recorder"]["lost"]),
-                (&"goal reached".into(), &0.into()),
-                "{case}"
-            );
-            let (error, bytes) = (
-                summary["recorder"]["error"].as_str().unwrap_or_default(),
-                summary["recorder"]["bytes"].as_u64(),
-            );
-            let end = bytes
-                .filter(|bytes| *bytes > 0)
-                .map_or("cannot begin".to_owned(), |bytes| {
-                    format!("the recording has {bytes} bytes")
-                });
+            let summary = desk.read_json("kept/o/summary.json");
+            summary.holds(r#"{"outcome": "goal reached", "recorder/lost": 0}"#);
+            let recorder = &summary["recorder"];
+            let error = recorder["error"].as_str().unwrap_or_default();
+            let end = match recorder["bytes"].as_u64() {
+                None | Some(0) => "cannot begin".to_owned(),
+                Some(bytes) => format!("the recording has {bytes} bytes"),
+            };
+            let is_whole = error.is_empty();
             assert!(
-                error.is_empty() || error.contains(&end) || error.contains("messages.mcap"),
+                is_whole || error.contains(&end) || error.contains("messages.mcap"),
                 "{case}"
             );
-            assert!(!error.is_empty() || kib >= 1024, "{case}");
+            assert!(!is_whole || kib >= 1024, "{case}");
             let is_said = said.contains(&format!("armplane: the results are not whole: {error}"));
             assert_eq!(
                 (code, is_said),
-                if error.is_empty() {
-                    (Some(0), false)
-                } else {
-                    (Some(1), true)
-                },
+                (Some(i32::from(!is_whole)), !is_whole),
                 "{case}"
             );
             let is_left = |name: &String| {
                 name.starts_with('.') || [".reserved", ".tmp"].iter().any(|end| name.ends_with(end))
             };
-            assert!(
-                !names(&kept.join("o")).iter().any(is_left),
-                "{case}: {:?}",
-                names(&kept.join("o"))
-            );
+            let names = desk.names("kept/o");
+            assert!(!names.iter().any(is_left), "{case}: {names:?}");
         }
-        std::fs::remove_dir_all(kept).expect("the copy of the volume");
+        std::fs::remove_dir_all(desk.at("kept")).expect("the copy of the volume");
     }
 }

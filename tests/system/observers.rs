@@ -2,17 +2,20 @@
 
 use std::io::{BufRead, BufReader};
 
-use crate::command::{Desk, Known, assert_nothing_left, finish};
-use crate::exchange::{armplane, lacks, programs_of, run, scenario};
-use crate::life::signal;
+use crate::command::{Desk, Known, Running, lacks};
+use crate::exchange::graph;
 
 /// An observer that at tick 100 does this.
-fn watch(desk: &Desk, at_100: &str) {
+fn watch(at_100: &str) -> Desk {
+    let desk = Desk::new();
     let program = "import armplane, os, time\nclass W(armplane.Observer):\n    def see(self, tick, plant_state=None):\n        if tick == 100:\n            ";
-    desk.file("watch.py", &format!("{program}{at_100}\nW.run()\n"));
-    let process = "[[process]]\nname = \"watch\"\ncommand = [\"python3\", \"watch.py\"]\nexchange = true\nreads = [\"plant_state\"]\n";
-    desk.file("graph.toml", &format!("extends = \"armplane\"\n{process}"));
-    scenario(desk, "");
+    desk.file("watch.py", format!("{program}{at_100}\nW.run()\n"));
+    graph(
+        &desk,
+        "name = \"watch\"\ncommand = [\"python3\", \"watch.py\"]\nexchange = true\nreads = [\"plant_state\"]\n",
+        "",
+    );
+    desk
 }
 
 #[test]
@@ -24,22 +27,15 @@ fn the_end_of_an_observer_has_one_tick() {
         ("os.kill(os.getpid(), 9)", "exit"),
         ("os.kill(os.getppid(), 9)", "kill"),
     ] {
-        let desk = Desk::new();
-        watch(&desk, at_100);
-        let said = run(&desk, "run short.toml --no-record --json");
+        let said = watch(at_100).refuses(1, "run short.toml --no-record --json", &[]);
         let summary = said.json();
         let (fault, reason) = (&summary["faults"][0], summary["reason"].text());
         let at = format!(" at tick {}", fault["tick"]);
-        assert_eq!(
-            (said.code, &fault["kind"], &fault["plan"]["at_tick"]),
-            (1, &kind.into(), &fault["tick"]),
-            "{}",
-            said.err
-        );
-        assert!(
-            reason.contains(&at) && fault["detail"].text().contains(&at),
-            "{reason}: {fault}"
-        );
+        assert_eq!(fault["kind"], kind, "{fault}");
+        assert_eq!(fault["plan"]["at_tick"], fault["tick"], "{fault}");
+        for text in [reason, fault["detail"].text()] {
+            assert!(text.contains(&at), "{text}: {fault}");
+        }
         assert!(kind == "kill" || fault["tick"] == 100, "{fault}");
     }
 }
@@ -49,34 +45,17 @@ fn a_program_that_hangs_ends_quietly_with_an_interrupted_run() {
     if lacks("") {
         return;
     }
-    let desk = Desk::new();
-    watch(&desk, "print('hangs', flush=True); time.sleep(600)");
-    let mut launcher = armplane(&desk, "run short.toml --no-record --json")
-        .spawn()
-        .expect("armplane starts");
-    let mut lines = BufReader::new(launcher.stderr.take().expect("piped"))
-        .lines()
-        .map_while(Result::ok);
-    assert!(
-        lines.by_ref().any(|line| line.contains("hangs")),
-        "it does not come to tick 100"
-    );
-    signal(launcher.id().cast_signed(), "INT");
+    let desk = watch("print('hangs', flush=True); time.sleep(600)");
+    let mut run = desk.start("run short.toml --no-record --json");
+    let stderr = BufReader::new(run.stderr.take().expect("piped"));
+    let mut lines = stderr.lines().map_while(Result::ok);
+    let has_come = lines.by_ref().any(|line| line.contains("hangs"));
+    assert!(has_come, "it does not come to tick 100");
+    run.signal("INT");
     let rest: Vec<String> = lines.collect();
-    let said = finish(launcher);
-    let summary = said.json();
-    assert_eq!(
-        (
-            &summary["outcome"],
-            summary["faults"].as_array().map(Vec::len)
-        ),
-        (&"interrupted".into(), Some(0)),
-        "{summary}"
-    );
-    assert!(
-        !rest.iter().any(|line| line.contains("has not answered")),
-        "{rest:?}"
-    );
-    assert_nothing_left(said.launcher);
-    assert_eq!(programs_of(said.launcher), Vec::<i32>::new());
+    run.finish()
+        .json()
+        .holds(r#"{"outcome": "interrupted", "faults": []}"#);
+    let is_loud = rest.iter().any(|line| line.contains("has not answered"));
+    assert!(!is_loud, "{rest:?}");
 }

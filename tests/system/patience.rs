@@ -3,77 +3,50 @@
 use std::process::Child;
 use std::time::Duration;
 
-use serde_json::Value;
-
-use crate::command::{Desk, Said, assert_nothing_left, finish, pid_of, run_of, skipped, until};
-use crate::life::signal;
+use crate::command::{Desk, Known, Running, Said, skipped, until};
 
 const PROCESSES: [&str; 5] = ["plant", "estimator", "analyzer", "controller", "recorder"];
 
-const RUN: &str = "run --set segment.1.duration_s=8 --json --out";
-
-/// Ticks that a run has begun.
-pub(crate) fn ticks(run: &Child) -> u64 {
-    let Some(run) = run_of(run.id())
-        .and_then(|name| runtime::RunDir::open(&std::path::Path::new("/dev/shm").join(name)).ok())
-    else {
-        return 0;
-    };
-    runtime::ControlPage::open(&run).map_or(0, |page| page.process(0).ticks())
-}
-
 /// A run, and what is done to it when it has begun.
-fn run_with(desk: &Desk, out: &str, more: &str, act: impl FnOnce(&Child)) -> (Value, Said) {
-    let run = desk.start(&format!("{RUN} {out} {more}"));
-    until("the first ticks", || ticks(&run) > 500);
+fn run_with(desk: &Desk, more: &str, act: impl FnOnce(&Child)) -> Said {
+    let run = desk.start(&format!(
+        "run --set segment.1.duration_s=8 --json --out r {more}"
+    ));
+    until("the first ticks", || run.ticks() > 500);
     act(&run);
-    let said = finish(run);
-    assert_nothing_left(said.launcher);
-    (said.json(), said)
+    run.finish()
 }
 
 #[test]
 fn stopped_and_traced_processes_are_waited_for_and_no_byte_changes() {
     let desk = Desk::new();
-    let (calm, _) = run_with(&desk, "calm", "", |_| {});
-    let (stopped, said) = run_with(&desk, "stopped", "", |run| {
+    let calm = run_with(&desk, "", |_| {}).json();
+    let stopped = run_with(&desk, "", |run| {
         for (step, process) in PROCESSES.iter().enumerate() {
-            let pid = pid_of(run.id(), process).unwrap();
-            signal(pid, "STOP");
+            run.strike(process, "STOP");
             // The last one for longer than any process was ever given.
             std::thread::sleep(Duration::from_millis(if step == 1 { 3_000 } else { 250 }));
-            signal(pid, "CONT");
+            run.strike(process, "CONT");
         }
     });
-    assert_eq!(
-        (&stopped["topics"], &stopped["faults"]),
-        (&calm["topics"], &Value::Array(vec![])),
-        "{}",
-        said.err
-    );
-    assert!(
-        said.err.contains("estimator is stopped (SIGSTOP): waiting"),
-        "{}",
-        said.err
-    );
     let mut is_traced = true;
-    let (traced, said) = run_with(&desk, "traced", "", |run| {
-        is_traced = trace(pid_of(run.id(), "controller").unwrap())
+    let traced = run_with(&desk, "", |run| {
+        is_traced = trace(run.pid("controller").unwrap())
     });
-    assert_eq!(
-        (&traced["topics"], &traced["faults"]),
-        (&calm["topics"], &Value::Array(vec![])),
-        "{}",
-        said.err
-    );
-    if is_traced {
-        assert!(
-            said.err
-                .contains("controller is held by a debugger: waiting"),
-            "{}",
-            said.err
-        );
-    } else {
+    for (said, is_held, waiting) in [
+        (stopped, true, "estimator is stopped (SIGSTOP): waiting"),
+        (
+            traced,
+            is_traced,
+            "controller is held by a debugger: waiting",
+        ),
+    ] {
+        let summary = said.json();
+        summary.holds(r#"{"faults": []}"#);
+        assert_eq!(summary["topics"], calm["topics"], "{}", said.err);
+        assert!(!is_held || said.err.contains(waiting), "{}", said.err);
+    }
+    if !is_traced {
         skipped("this machine lets no process trace another one");
     }
 }
@@ -98,21 +71,13 @@ fn trace(pid: i32) -> bool {
 #[test]
 fn a_user_may_set_a_limit_after_which_a_stopped_process_is_replaced() {
     let desk = Desk::new();
-    let (summary, said) = run_with(&desk, "r", "--silence-limit 0.2", |run| {
-        signal(pid_of(run.id(), "analyzer").unwrap(), "STOP")
+    let said = run_with(&desk, "--silence-limit 0.2", |run| {
+        run.strike("analyzer", "STOP")
     });
-    assert_eq!(
-        (
-            said.code,
-            &summary["faults"][0]["process"],
-            &summary["faults"][0]["kind"]
-        ),
-        (0, &"analyzer".into(), &"kill".into())
-    );
-    assert!(
-        said.err.contains("analyzer has done nothing for"),
-        "{}",
-        said.err
-    );
+    assert_eq!(said.code, 0, "{}", said.err);
+    said.json()
+        .holds(r#"{"faults/0/process": "analyzer", "faults/0/kind": "kill"}"#);
+    let sentence = "analyzer has done nothing for";
+    assert!(said.err.contains(sentence), "{}", said.err);
     desk.refuses(2, "run --silence-limit=-1", &["--silence-limit"]);
 }

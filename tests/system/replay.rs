@@ -2,21 +2,14 @@
 
 use serde_json::Value;
 
-use crate::command::{Desk, Known, finish, run_of, until};
+use crate::command::{Desk, Known, restarts};
 
-fn replay(desk: &Desk, args: &str) -> (i32, Value) {
-    let said = desk.armplane(&format!("replay --json {args}"));
-    (said.code, said.json())
-}
+const PROCESSES: [&str; 4] = ["plant", "estimator", "analyzer", "controller"];
 
-/// A replay that gives the same bytes to the end of the run.
-fn same(desk: &Desk, args: &str) -> Value {
-    let (code, json) = replay(desk, args);
-    assert_eq!(
-        (code, &json["identical"], &json["ended"]),
-        (0, &true.into(), &"".into()),
-        "{args}: {json}"
-    );
+/// A replay of a process that gives the same bytes to the end of the run.
+fn same(desk: &Desk, process: &str) -> Value {
+    let json = desk.json(&format!("replay run --process {process}"));
+    json.holds(r#"{"identical": true, "ended": ""}"#);
     json
 }
 
@@ -26,33 +19,26 @@ fn every_process_computes_again_what_it_computed_in_the_run() {
     let summary = desk.run("--seed 3 --out run");
     assert!(
         summary["recorder"]["messages_bytes"].count() > 0,
-        "{}",
-        summary["recorder"]
+        "{summary}"
     );
-    for (process, topics) in [
-        ("plant", vec!["sensor", "plant_state"]),
-        ("estimator", vec!["estimate"]),
-        ("analyzer", vec!["singularity"]),
-        ("controller", vec!["control_state", "torque"]),
-    ] {
-        let json = same(&desk, &format!("run --process {process}"));
-        assert_eq!(
-            (&json["difference"], &json["without_input"]),
-            (&Value::Null, &0.into())
-        );
-        let replayed: Vec<_> = json["topics"]
-            .list()
-            .iter()
+    let topics = [
+        "sensor plant_state",
+        "estimate",
+        "singularity",
+        "control_state torque",
+    ];
+    for (process, topics) in PROCESSES.iter().zip(topics) {
+        let json = same(&desk, process);
+        json.holds(r#"{"difference": null, "without_input": 0}"#);
+        let replayed = json["topics"].list().iter();
+        let names: Vec<_> = replayed
+            .clone()
             .map(|topic| topic["topic"].text())
             .collect();
-        assert_eq!(replayed, topics);
-        assert!(
-            json["topics"]
-                .list()
-                .iter()
-                .all(|topic| topic["messages"] == summary["ticks"]),
-            "{json}"
-        );
+        assert_eq!(names.join(" "), topics);
+        for topic in replayed {
+            assert_eq!(topic["messages"], summary["ticks"], "{json}");
+        }
     }
 }
 
@@ -61,56 +47,37 @@ fn a_changed_controller_is_told_where_it_first_differs_and_by_how_much() {
     let desk = Desk::new();
     desk.run("--out run");
     // The second segment only: until it begins the torques are the recorded ones.
-    let (code, json) = replay(&desk, "run --set segment.1.turn.by_deg=44");
-    assert_eq!((code, &json["identical"]), (1, &false.into()), "{json}");
-    let difference = &json["difference"];
-    assert!(
-        difference["tick"].count() > 1000 && difference["topic"] == "control_state",
-        "{difference}"
-    );
-    let value = |of: &Value| of.as_str().unwrap().parse::<f64>().unwrap();
-    assert_ne!(value(&difference["expected"]), value(&difference["found"]));
-    let torque = json["topics"]
-        .list()
-        .iter()
-        .find(|topic| topic["topic"] == "torque")
-        .unwrap();
-    let fields = torque["fields"].list();
-    let of = |name: &str| {
-        fields
-            .iter()
-            .find(|field| field["field"] == name)
-            .unwrap_or_else(|| panic!("{name}: {json}"))
+    let args = "replay run --set segment.1.turn.by_deg=44";
+    let json = desk.refuses(1, &format!("{args} --json"), &[]).json();
+    json.holds(r#"{"identical": false, "difference/topic": "control_state"}"#);
+    let first = &json["difference"];
+    assert!(first["tick"].count() > 1000, "{first}");
+    let values =
+        |of: &Value| ["expected", "found"].map(|key| of[key].text().parse::<f64>().unwrap());
+    let [expected, found] = values(first);
+    assert_ne!(expected, found);
+    let named = |all: &Value, key: &str, name: &str| -> Value {
+        let mut all = all.list().iter();
+        all.find(|one| one[key] == name).expect(name).clone()
     };
-    let tau = of("tau");
-    let (recorded, replayed) = (value(&tau["at"]["expected"]), value(&tau["at"]["found"]));
+    let tau = named(
+        &named(&json["topics"], "topic", "torque")["fields"],
+        "field",
+        "tau",
+    );
+    let [recorded, replayed] = values(&tau["at"]);
     assert!(
         (tau["largest"].number() - (recorded - replayed).abs()).abs() < 1e-12
-            && recorded != replayed,
+            && recorded != replayed
+            && tau["tick"].count() >= first["tick"].count(),
         "{tau}"
     );
-    assert!(tau["tick"].count() >= difference["tick"].count());
-    let said = desk.armplane("replay run --set segment.1.turn.by_deg=44");
+    let said = desk.refuses(1, args, &[]);
     assert!(
-        said.code == 1 && said.out.contains("controller first differs at tick"),
+        said.out.contains("controller first differs at tick"),
         "{}",
         said.out
     );
-}
-
-#[test]
-fn a_process_that_cannot_be_replayed_says_why() {
-    let desk = Desk::new();
-    desk.run("--out bare --no-messages");
-    desk.run("--out run");
-    for (args, expected) in [
-        ("replay nowhere", "is not the folder of a run"),
-        ("replay bare", "without --no-messages"),
-        ("replay run --set control.kp=1", "unknown field `kp`"),
-        ("replay run --set robot=ur5", "keeps the robot of its run"),
-    ] {
-        desk.refuses(2, args, &[expected]);
-    }
 }
 
 #[test]
@@ -122,92 +89,49 @@ fn a_death_and_a_return_are_replayed_too() {
             "\n[[fault]]\nprocess = \"{process}\"\nkind = \"kill\"\nat_tick = {tick}\nfor_ticks = 20\n"
         )
     };
-    desk.file(
-        "deaths.toml",
-        &[
-            scenario,
-            &fault("controller", 1000),
-            &fault("estimator", 2500),
-        ]
-        .concat(),
+    let deaths = [
+        scenario,
+        &fault("controller", 1000),
+        &fault("estimator", 2500),
+    ];
+    desk.file("deaths.toml", deaths.concat());
+    let summary = desk.armplane("run deaths.toml --out run --json").json();
+    assert_eq!(
+        ["controller", "estimator"].map(|process| restarts(&summary, process)),
+        [1, 1]
     );
-    let said = desk.armplane("run deaths.toml --out run --json");
-    let summary = said.json();
-    let restarted = summary["processes"]
-        .list()
-        .iter()
-        .filter(|process| process["restarts"] == 1)
-        .count();
-    assert_eq!(restarted, 2, "{summary}");
-    for process in ["plant", "estimator", "analyzer", "controller"] {
-        same(&desk, &format!("run --process {process}"));
+    for process in PROCESSES {
+        same(&desk, process);
     }
-}
-
-/// A short task with a fault.
-fn short(fault: &str) -> String {
-    let task = "name = \"short\"\nrobot = \"puma560\"\nstart.posture = \"nominal\"\nsettle_s = 0.2\n[[segment]]\nby_m = [0.05, 0.0, 0.05]\nduration_s = 0.8\n";
-    format!("{task}[[fault]]\nat_tick = 300\n{fault}\n")
 }
 
 #[test]
 fn a_message_that_a_fault_kept_from_leaving_is_computed_too() {
     let desk = Desk::new();
+    let task = "name = \"short\"\nrobot = \"puma560\"\nstart.posture = \"nominal\"\nsettle_s = 0.2\n[[segment]]\nby_m = [0.05, 0.0, 0.05]\nduration_s = 0.8\n";
     for (process, fault) in [
         // The filter's state goes on from samples whose estimates were not recorded.
+        ("estimator", "kind = \"drop\"\nprobability = 0.5"),
         (
             "estimator",
-            "process = \"estimator\"\nkind = \"drop\"\nprobability = 0.5",
+            "kind = \"corrupt\"\nas = \"nan\"\nprobability = 0.3",
         ),
+        ("controller", "kind = \"stale\"\nprobability = 0.5"),
         (
-            "estimator",
-            "process = \"estimator\"\nkind = \"corrupt\"\nas = \"nan\"\nprobability = 0.3",
+            "controller",
+            "kind = \"corrupt\"\nas = \"flip\"\nfield = \"tau[2]\"",
         ),
         (
             "controller",
-            "process = \"controller\"\nkind = \"stale\"\nprobability = 0.5",
+            "kind = \"delay\"\ndelay_ticks = 2\njitter_ticks = 3",
         ),
-        (
-            "controller",
-            "process = \"controller\"\nkind = \"corrupt\"\nas = \"flip\"\nfield = \"tau[2]\"",
-        ),
-        (
-            "controller",
-            "process = \"controller\"\nkind = \"delay\"\ndelay_ticks = 2\njitter_ticks = 3",
-        ),
-        (
-            "plant",
-            "process = \"plant\"\nkind = \"corrupt\"\nas = \"huge\"",
-        ),
-        ("plant", "process = \"plant\"\nkind = \"duplicate\""),
+        ("plant", "kind = \"corrupt\"\nas = \"huge\""),
+        ("plant", "kind = \"duplicate\""),
     ] {
-        desk.file("short.toml", &short(fault));
+        let fault = format!("[[fault]]\nprocess = \"{process}\"\nat_tick = 300\n{fault}\n");
+        desk.file("short.toml", [task, &fault].concat());
         desk.armplane("run short.toml --out run --json");
-        let json = same(&desk, &format!("run --process {process}"));
-        assert!(
-            json["topics"][0]["messages"].count() > 800,
-            "{fault}: {json}"
-        );
+        let messages = same(&desk, process)["topics"][0]["messages"].count();
+        assert!(messages > 800, "{fault}: {messages}");
     }
-}
-
-#[test]
-fn a_fault_that_nobody_planned_is_known_to_the_replay() {
-    let desk = Desk::new();
-    let child = desk.start("run --set segment.1.duration_s=12 --json --out run");
-    let lie = "fault plant sensor --as bias --joint 2 --run";
-    until("the run to take a fault", || {
-        run_of(child.id()).is_some_and(|name| desk.armplane(&format!("{lie} {name}")).code == 0)
-    });
-    let said = finish(child);
-    let summary = said.json();
-    assert_eq!(
-        (
-            &summary["faults"][0]["origin"],
-            &summary["faults"][0]["occurred"]
-        ),
-        (&"live".into(), &true.into()),
-        "{summary}"
-    );
-    same(&desk, "run --process plant");
 }

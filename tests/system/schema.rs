@@ -1,8 +1,6 @@
 //! The JSON Schemas of scenarios, graphs and `summary.json`, against the program that reads and writes them.
 
 use std::collections::BTreeSet;
-use std::path::PathBuf;
-use std::process::Command;
 
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
@@ -12,8 +10,7 @@ use shared_types::layout::DeclaredTopic;
 use shared_types::scenario as of;
 
 use crate::clients::python;
-use crate::command::Desk;
-use crate::exchange::{lacks, root};
+use crate::command::{Desk, lacks, root, source};
 
 fn schema(desk: &Desk, file: &str) -> Value {
     let said = desk.succeeds(&format!("generate schema {file}"));
@@ -37,26 +34,22 @@ def errors(schema, document):
 "#;
 
 /// The scenarios of the repository.
-fn scenarios() -> Vec<PathBuf> {
+fn scenarios() -> Vec<String> {
     let folders = [
         "sim/scenarios",
         "examples/python",
         "examples/c",
         "examples/energy",
     ];
-    let files = folders
-        .iter()
-        .flat_map(|folder| {
-            std::fs::read_dir(root().join(folder))
-                .expect("a folder")
-                .flatten()
-        })
-        .map(|file| file.path());
-    let is_scenario = |path: &PathBuf| {
-        path.extension()
-            .is_some_and(|extension| extension == "toml")
-            && std::fs::read_to_string(path)
-                .expect("text")
+    let files = folders.iter().flat_map(|folder| {
+        let entries = std::fs::read_dir(root().join(folder))
+            .expect("a folder")
+            .flatten();
+        entries.map(move |file| format!("{folder}/{}", file.file_name().to_string_lossy()))
+    });
+    let is_scenario = |file: &String| {
+        file.ends_with(".toml")
+            && source(file)
                 .lines()
                 .any(|line| line.starts_with("robot = "))
     };
@@ -67,17 +60,21 @@ fn scenarios() -> Vec<PathBuf> {
 fn every_scenario_of_the_repository_names_and_keeps_its_schema() {
     let (desk, all) = (Desk::new(), scenarios());
     assert!(all.len() >= 16, "{all:?}");
-    for path in &all {
-        let text = std::fs::read_to_string(path).expect("text");
-        let named = text.lines().next().unwrap_or_default();
-        let named = named.strip_prefix("#:schema ").unwrap_or_default();
-        assert!(path.with_file_name(named).is_file(), "{}", path.display());
+    for file in &all {
+        let text = source(file);
+        let named = text
+            .lines()
+            .next()
+            .and_then(|line| line.strip_prefix("#:schema "));
+        let path = root().join(file).with_file_name(named.unwrap_or_default());
+        assert!(path.is_file(), "{file}");
     }
     if lacks("jsonschema, tomllib") {
         return;
     }
-    desk.file("schema.json", &schema(&desk, "scenario").to_string());
-    desk.file("files.json", &json!(all).to_string());
+    let all: Vec<_> = all.iter().map(|file| root().join(file)).collect();
+    desk.file("schema.json", schema(&desk, "scenario").to_string());
+    desk.file("files.json", json!(all).to_string());
     let code = r#"
 schema = json.load(open("schema.json"))
 for path in json.load(open("files.json")):
@@ -101,7 +98,7 @@ fn a_summary_keeps_its_schema_and_has_no_other_key() {
         "name = \"s\"\nrobot = \"puma560\"\n[start]\nq_deg = [20, -60, 170, 0, 0, 0]\n[[segment]]\nreorient = { singularity = \"wrist\", by_deg = 20 }\n\
          duration_s = 0.6\n[[fault]]\nprocess = \"controller\"\nkind = \"kill\"\nat_s = 0.2\n",
     );
-    desk.file("schema.json", &schema(&desk, "summary").to_string());
+    desk.file("schema.json", schema(&desk, "summary").to_string());
     desk.armplane("run s.toml --out r");
     let code = r#"
 summary = json.load(open("r/summary.json"))
@@ -115,14 +112,8 @@ print("good")
 
 /// The keys that serde names when it is given another one.
 fn taken<T: DeserializeOwned>() -> BTreeSet<String> {
-    let error = toml::from_str::<T>("zz = 1")
-        .err()
-        .expect("zz is no key")
-        .message()
-        .to_owned();
-    let (_, listed) = error
-        .split_once("expected")
-        .unwrap_or_else(|| panic!("{error}"));
+    let error = toml::from_str::<T>("zz = 1").err().expect("zz is no key");
+    let (_, listed) = error.message().split_once("expected").expect("a list");
     listed
         .split('`')
         .skip(1)
@@ -135,12 +126,8 @@ fn taken<T: DeserializeOwned>() -> BTreeSet<String> {
 fn each_table_of_a_scenario_or_graph_has_the_keys_that_the_program_takes() {
     let schema = schema(&Desk::new(), "scenario");
     let keys = |table: &Value| {
-        table["properties"]
-            .as_object()
-            .expect("a table")
-            .keys()
-            .cloned()
-            .collect::<BTreeSet<_>>()
+        let table = table["properties"].as_object().expect("a table");
+        table.keys().cloned().collect::<BTreeSet<_>>()
     };
     assert_eq!(keys(&schema), taken::<of::Scenario>());
     macro_rules! check {
@@ -179,14 +166,10 @@ fn the_schemas_are_those_of_the_types() {
     if lacks("") {
         return;
     }
-    let said = Command::new("python3")
-        .arg(root().join("docs/schema/make.py"))
+    let mut make = Desk::new().program("python3");
+    make.arg(root().join("docs/schema/make.py"))
         .arg("--check")
-        .output()
-        .expect("python3 runs");
-    assert!(
-        said.status.success(),
-        "{}",
-        String::from_utf8_lossy(&said.stderr)
-    );
+        .current_dir(root());
+    let said = make.output().expect("python3 runs");
+    assert!(said.status.success(), "{said:?}");
 }

@@ -7,7 +7,7 @@ use std::os::fd::{FromRawFd, OwnedFd};
 use std::os::unix::process::CommandExt;
 use std::process::Stdio;
 
-use crate::command::{Desk, interrupt};
+use crate::command::{Desk, Known, Running};
 
 /// Columns and rows; the first is for live lines only, the last is wide enough for every line as it is.
 const SIZES: [[u16; 2]; 5] = [[60, 24], [80, 24], [100, 30], [120, 40], [2000, 40]];
@@ -185,23 +185,17 @@ fn every_table_and_live_line_fits_the_terminal() {
 fn a_run_is_found_by_its_folder_and_seen_at_every_size() {
     let desk = Desk::new();
     let run = desk.begin("run --set segment.1.duration_s=500 --no-record --out mine");
-    let listed = desk.armplane("ps --json").json();
-    let own = listed
-        .as_array()
-        .into_iter()
-        .flatten()
-        .find(|one| one["launcher_pid"] == run.id());
-    let own = own.unwrap_or_else(|| panic!("{listed}"));
-    let folder = desk.path().join("mine").canonicalize().expect("a folder");
-    assert_eq!(own["scenario"], "fig5-wrist-rotation");
+    let listed = desk.json("ps");
+    let mut all = listed.list().iter();
+    let own = all
+        .find(|one| one["launcher_pid"] == run.id())
+        .expect("it is listed");
+    let folder = desk.at("mine").canonicalize().expect("a folder");
+    own.holds(r#"{"scenario": "fig5-wrist-rotation"}"#);
     assert_eq!(own["folder"], folder.display().to_string());
     fits(&desk, "ps", ["", ""], Shows::All);
     fits(&desk, "top --once --run mine", ["", ""], Shows::All);
-    fits(
-        &desk,
-        "top --every-ms 50 --run mine",
-        ["q quits", "q"],
-        Shows::All,
-    );
-    interrupt(run);
+    let live = "top --every-ms 50 --run mine";
+    fits(&desk, live, ["q quits", "q"], Shows::All);
+    run.interrupt();
 }

@@ -1,91 +1,56 @@
 //! `docs/tutorial.md`, followed to the letter: its files are written, its commands run, in the order of the page.
 
 use std::path::Path;
-use std::process::Command;
 
-use crate::command::{Desk, skipped};
+use crate::command::{Desk, has_python, skipped, source};
 
-/// A block of the page.
-enum Step {
-    /// A file's name and text.
-    File(String, String),
-    /// Commands.
-    Shell(String),
-}
-
-/// The fenced blocks: "sh" is run, one with a name behind its language is written.
-fn steps(page: &str) -> Vec<Step> {
-    let mut steps = Vec::new();
+/// The fenced blocks: what stands behind the language of each, and its text. "sh" is run, one with a name behind its language is written.
+fn blocks(page: &str) -> impl Iterator<Item = (&str, String)> {
     let mut lines = page.lines();
-    while let Some(line) = lines.next() {
-        let Some(head) = line.strip_prefix("```") else {
-            continue;
-        };
-        let text: Vec<&str> = lines.by_ref().take_while(|line| *line != "```").collect();
-        let text = text.join("\n") + "\n";
-        match head.split_once(' ') {
-            Some((_, name)) => steps.push(Step::File(name.to_owned(), text)),
-            None if head == "sh" => steps.push(Step::Shell(text)),
-            None => {}
-        }
-    }
-    steps
+    std::iter::from_fn(move || {
+        let head = lines.find_map(|line| line.strip_prefix("```"))?;
+        let text = lines.by_ref().take_while(|line| *line != "```");
+        Some((head, text.map(|line| format!("{line}\n")).collect()))
+    })
 }
 
 #[test]
 fn every_file_and_command_of_the_tutorial_works() {
-    let page = include_str!("../../docs/tutorial.md");
     let desk = Desk::new();
-    let armplane = Path::new(env!("CARGO_BIN_EXE_armplane"));
-    let programs = armplane.parent().expect("a folder");
+    let programs = Path::new(env!("CARGO_BIN_EXE_armplane"))
+        .parent()
+        .expect("a folder");
     let profile = programs
         .file_name()
         .and_then(|name| name.to_str())
-        .unwrap_or_default();
-    let path = format!(
-        "{}:{}",
-        programs.display(),
-        std::env::var("PATH").unwrap_or_default()
-    );
-    let python = Command::new("python3")
-        .arg("--version")
-        .output()
-        .is_ok_and(|output| output.status.success());
+        .expect("a profile");
+    let path = std::env::var("PATH").unwrap_or_default();
+    let path = format!("{}:{path}", programs.display());
+    let has_python = has_python("");
     let (mut files, mut commands) = (0, 0);
-    for step in steps(page) {
-        match step {
-            Step::File(name, text) => {
-                desk.file(&name, &text);
-                files += 1;
+    for (head, text) in blocks(&source("docs/tutorial.md")) {
+        if let Some((_, name)) = head.split_once(' ') {
+            desk.file(name, text);
+            files += 1;
+            continue;
+        }
+        for line in text.lines().filter(|_| head == "sh") {
+            if line.starts_with("python3") && !has_python {
+                skipped(format!("`{line}`: there is no python3 here"));
+                continue;
             }
-            Step::Shell(text) => {
-                for line in text.lines() {
-                    if line.starts_with("python3") && !python {
-                        skipped(format!("`{line}`: there is no python3 here"));
-                        continue;
-                    }
-                    // Another profile than the page's would compile everything a second time.
-                    let line = line.replace("--release", &format!("--offline --profile {profile}"));
-                    let line = line.replace("target/release", &format!("target/{profile}"));
-                    let done = Command::new("sh")
-                        .args(["-c", &line])
-                        .current_dir(desk.path())
-                        .env("PATH", &path)
-                        .env("ARMPLANE", env!("CARGO_MANIFEST_DIR"))
-                        // Stands in for the viewer.
-                        .env("ARMPLANE_RERUN", "true")
-                        .output()
-                        .expect("a shell");
-                    let [out, err] = [done.stdout, done.stderr]
-                        .map(|text| String::from_utf8_lossy(&text).into_owned());
-                    assert!(
-                        done.status.success(),
-                        "`{line}` ended with {}:\n{out}\n{err}",
-                        done.status
-                    );
-                    commands += 1;
-                }
-            }
+            // Another profile than the page's would compile everything a second time.
+            let line = line.replace("--release", &format!("--offline --profile {profile}"));
+            let line = line.replace("target/release", &format!("target/{profile}"));
+            let mut shell = desk.program("sh");
+            shell.args(["-c", &line]).env("PATH", &path);
+            // It stands in for the viewer.
+            shell
+                .env("ARMPLANE", env!("CARGO_MANIFEST_DIR"))
+                .env("ARMPLANE_RERUN", "true");
+            let done = shell.output().expect("a shell");
+            assert!(done.status.success(), "`{line}`: {done:?}");
+            commands += 1;
         }
     }
     assert!(
@@ -98,13 +63,10 @@ fn every_file_and_command_of_the_tutorial_works() {
         ("s1.svg", "polyline"),
         ("straight/summary.json", "goal reached"),
     ] {
-        if left != "s1.svg" || python {
-            assert!(
-                std::fs::read_to_string(desk.path().join(left))
-                    .expect(left)
-                    .contains(said),
-                "{left} lacks `{said}`"
-            );
-        }
+        let is_made = left != "s1.svg" || has_python;
+        assert!(
+            !is_made || desk.read(left).contains(said),
+            "{left} lacks `{said}`"
+        );
     }
 }

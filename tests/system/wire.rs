@@ -4,12 +4,10 @@ use std::process::Command;
 
 use serde_json::Value;
 
-use crate::command::{Desk, Known, skipped};
-use crate::exchange::{lacks, root};
+use crate::command::{Desk, Known, lacks, skipped, source};
 
 pub(crate) fn wire(desk: &Desk, lang: &str) -> String {
-    let said = desk.succeeds(&format!("generate wire --lang {lang}"));
-    said.out
+    desk.succeeds(&format!("generate wire --lang {lang}")).out
 }
 
 /// Name, size and offset of every field of every structure, one to a line, as `armplane generate wire` says.
@@ -69,38 +67,35 @@ fn the_c_header_compiles_in_c_and_cpp_and_has_the_layouts_of_the_wire() {
         ("c++", "layouts.cpp", &cpp),
     ] {
         desk.file(file, &code);
-        let built = Command::new(compiler)
+        let mut command = desk.program(compiler);
+        command
             .args(options)
-            .args(["-Wall", "-Wextra", "-Werror", "-o", "layouts", file])
-            .current_dir(desk.path())
-            .output();
-        let Ok(built) = built else {
+            .args(["-Wall", "-Wextra", "-Werror", "-o", "layouts", file]);
+        let Ok(built) = command.output() else {
             skipped(format!("there is no {compiler}"));
             continue;
         };
-        assert!(
-            built.status.success(),
-            "{compiler}: {}",
-            String::from_utf8_lossy(&built.stderr)
+        assert!(built.status.success(), "{compiler}: {built:?}");
+        assert_eq!(
+            printed(desk.program(desk.at("layouts"))),
+            expected,
+            "{compiler}"
         );
-        let said = Command::new(desk.path().join("layouts"))
-            .output()
-            .expect("it runs");
-        let found: Vec<String> = String::from_utf8_lossy(&said.stdout)
-            .lines()
-            .map(str::to_owned)
-            .collect();
-        assert_eq!(found, expected, "{compiler}");
     }
+}
+
+/// The lines that a program prints.
+fn printed(mut program: Command) -> Vec<String> {
+    let said = program.output().expect("it runs");
+    let text = String::from_utf8(said.stdout).expect("UTF-8");
+    text.lines().map(str::to_owned).collect()
 }
 
 #[test]
 fn the_python_module_is_that_of_this_program_and_has_the_layouts_of_the_wire() {
     let desk = Desk::new();
-    let kept = std::fs::read_to_string(root().join("python/armplane/wire.py"))
-        .expect("the module in the repository");
     assert_eq!(
-        kept.trim_end(),
+        source("python/armplane/wire.py").trim_end(),
         wire(&desk, "python").trim_end(),
         "run: armplane generate wire --lang python > python/armplane/wire.py"
     );
@@ -109,19 +104,7 @@ fn the_python_module_is_that_of_this_program_and_has_the_layouts_of_the_wire() {
     }
     let code = "import ctypes, armplane.wire as w\nfor s in [v for v in vars(w).values() if isinstance(v, type)]:\n    for f in s._fields_:\n        \
                 d = getattr(s, f[0])\n        print(s.__name__, f[0], d.offset, d.size)";
-    let said = Command::new("python3")
-        .args(["-c", code])
-        .env("PYTHONPATH", root().join("python"))
-        .output()
-        .expect("python3 runs");
-    let found: Vec<String> = String::from_utf8_lossy(&said.stdout)
-        .lines()
-        .map(str::to_owned)
-        .collect();
-    assert_eq!(
-        found,
-        layouts(&wire(&desk, "json")),
-        "{}",
-        String::from_utf8_lossy(&said.stderr)
-    );
+    let mut python = desk.program("python3");
+    python.args(["-c", code]);
+    assert_eq!(printed(python), layouts(&wire(&desk, "json")));
 }
