@@ -30,7 +30,7 @@ pub fn begin(name: &Path, robot: &str) -> Result<PathBuf, Failure> {
     // It names folders and stands in commands.
     if !stem.starts_with(|c: char| c.is_ascii_alphanumeric()) || !is_name(&stem) {
         return Err(Failure::Input(format!(
-            "{} cannot name a scenario: begin with a letter or a digit, and go on with these, `-`, `_` and `.`",
+            "{} is not a name for a scenario: use letters, digits, `-`, `_` and `.`, beginning with a letter or a digit",
             name.display()
         )));
     }
@@ -96,7 +96,10 @@ fn text(path: &Path, robot: &str, arm: &Robot) -> Result<String, Failure> {
                     scenario,
                     graph: None,
                 };
-                if trial.run().is_ok_and(|row| row.outcome == REACHED) {
+                if trial
+                    .run()
+                    .is_ok_and(|row| row.outcome == REACHED && row.task.s2)
+                {
                     return Ok(text);
                 }
             }
