@@ -141,7 +141,8 @@ def rows_of(folder):
 def test_the_arena_runs_continues_and_repeats_itself(tmp_path):
     pytest.importorskip("mujoco")
     (tmp_path / "mine.py").write_text(HOME_MADE)
-    laws = ["--law", "armplane", "--law", f"mine={tmp_path / 'mine.py'}", "--law", "absent=absent.py"]
+    laws = ["--law", "armplane", "--law", f"mine={tmp_path / 'mine.py'}", "--law", f"absent={tmp_path / 'absent.py'}"]
+    (tmp_path / "absent.py").write_text("import no_such_package\n")
     first = arena(tmp_path / "a", *laws, "--again", "1")
     assert first.returncode == 0, first.stderr
     rows = rows_of(tmp_path / "a")
@@ -154,7 +155,9 @@ def test_the_arena_runs_continues_and_repeats_itself(tmp_path):
     (tmp_path / "a" / "rows.jsonl").write_text("".join(half[:-2]) + half[-2][:20])
     second = arena(tmp_path / "a", *laws)
     assert digest(second) == digest(first) and second.stderr.count(" of 2, ") == 2
-    assert "absent is left out" in second.stderr or "absent=absent.py is left out" in second.stderr
+    assert "left out" in second.stderr and "no_such_package" in second.stderr
+    for wrong in (["--law", "mine=nowhere.py"], ["--law", "nothing"], ["--check", str(tmp_path / "mine.py")], ["--robot", "nobody"]):
+        assert arena(tmp_path / "b", *wrong).returncode == 2, wrong
     assert pathlib.Path(tmp_path / "a" / "arena.html").stat().st_size > 1000
 
 

@@ -94,10 +94,12 @@ def entries(names):
         known = {path.stem: path for path in OPPONENTS}
         if not file and name not in known:
             if STRATEGY.get(name, name) not in strategies():
-                sys.exit(f"armplane arena: there is no law {name}: give NAME=FILE.py for a file of yours, or one of {', '.join([*OWN, *known, *strategies()])}")
+                refuse(f"there is no law {name}: give NAME=FILE.py for a file of yours, or one of {', '.join([*OWN, *known, *strategies()])}")
             found.append(Entry(text, STRATEGY.get(name, name), True, **{**PUBLISHED.get(name, {}), **settings}))
             continue
         file = pathlib.Path(file or known[name]).resolve()
+        if not file.is_file():
+            refuse(f"there is no file {file}: give the path of an opponent that exists")
         reason, about = asked_file(file, settings)
         if reason:
             skipped[text] = reason
@@ -292,11 +294,21 @@ def digest(rows):
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
 
+def refuse(reason):
+    """Ends the program, which has not begun."""
+    print(f"armplane arena: {reason}", file=sys.stderr)
+    sys.exit(2)
+
+
 def check(file):
     """Whether a table fits its hash, and the sentence that says so."""
+    import pyarrow
     from pyarrow import parquet
 
-    table = parquet.read_table(file)
+    try:
+        table = parquet.read_table(file)
+    except (OSError, pyarrow.ArrowException) as error:
+        refuse(f"{file} is not a table of the arena: give the arena.parquet that it wrote ({_sentence(str(error))})")
     found, stated = digest(table.to_pylist()), (table.schema.metadata or {}).get(b"hash", b"none").decode()
     return found == stated, f"{file}: hash {found}" + ("" if found == stated else f", but it states {stated}: it was changed")
 
@@ -450,7 +462,7 @@ def races(asked, summary, found, todo, more):
     known, places = {entry.name: entry for entry in found}, {task.name: task for task in todo}
     if len(names) != 2 or not all(name in known for name in names):
         if asked.race:
-            sys.exit(f"armplane arena: --race takes two laws of this table: {', '.join(known)}")
+            refuse(f"--race takes two laws of this table: {', '.join(known)}")
         return []
     out = []
     for heading, name in summary.contests(*names):
@@ -470,11 +482,11 @@ def compete(asked):
     for name, reason in skipped.items():
         print(f"{name} is left out: {reason}", file=sys.stderr)
     if not found:
-        sys.exit("no law is left to run")
+        refuse("no law is left to run")
     try:
         todo, arms_out = tasks.make(folder / "tasks", _armplane, asked.size, asked.seed, asked.robot, asked.lines)
     except RuntimeError as error:
-        sys.exit(str(error))
+        refuse(error)
     skipped.update(arms_out)
     table = Table(folder, more)
     if asked.tune:

@@ -31,7 +31,7 @@ def load(path):
     spec.loader.exec_module(module)
     found = [one for one in vars(module).values() if isinstance(one, type) and issubclass(one, Law) and one.__module__ == "opponent"]
     if len(found) != 1:
-        raise ValueError(f"{path} defines {len(found)} classes of armplane.arena; one opponent a file")
+        raise ValueError(f"{path} defines {len(found)} opponents: define one class derived from Velocity, Torque or Position")
     for name, value in json.loads(os.environ.get("ARMPLANE_ARENA") or "{}").items():
         if not hasattr(found[0], name):
             raise ValueError(f"{path}: {found[0].__name__} has no attribute {name!r} to set")
