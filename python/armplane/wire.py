@@ -139,6 +139,7 @@ USES = {USE_READS: "reads", USE_FEEDBACK: "feedback", USE_WRITES: "writes"}
 class Header(ctypes.Structure):
     """The first field of every message."""
 
+    __slots__ = ()
     _fields_ = [
         ("received_ns", ctypes.c_uint64 * 8),  # When hop i had its input in hand [ns on CLOCK_MONOTONIC]
         ("sent_ns", ctypes.c_uint64 * 8),  # When hop i sent its output [ns on CLOCK_MONOTONIC]
@@ -155,6 +156,7 @@ assert ctypes.sizeof(Header) == 152
 class SingularityState(ctypes.Structure):
     """One singularity at one posture, as Chang & Khatib 1995 describe it."""
 
+    __slots__ = ()
     _fields_ = [
         ("kind", ctypes.c_uint32),  # One of `KINDS`
         ("class_", ctypes.c_uint32),  # One of `TYPES`, latched while inside
@@ -182,6 +184,7 @@ assert ctypes.sizeof(SingularityState) == 280
 class TargetContent(ctypes.Structure):
     """The motion that a person or another program asks for, without its header: also what the controller keeps of it."""
 
+    __slots__ = ()
     _fields_ = [
         ("given_tick", ctypes.c_uint64),  # Tick at which it was given: its age counts from there
         ("valid_s", ctypes.c_double),  # How long it is valid from then on; the arm comes to rest after that [s]
@@ -202,6 +205,7 @@ assert ctypes.sizeof(TargetContent) == 200
 class ExchangeHead(ctypes.Structure):
     """The beginning of an exchange page. *armplane* or *program* says which of the two writes the field. The fields up to `program` keep their places in every version, so that two versions can name each other."""
 
+    __slots__ = ()
     _fields_ = [
         ("mark", ctypes.c_uint64),  # armplane: `EXCHANGE_MARK`, written last when the page is made
         ("version", ctypes.c_uint32),  # armplane: the version of the contract, `EXCHANGE_VERSION`
@@ -237,6 +241,7 @@ assert ctypes.sizeof(ExchangeHead) == 616
 class ExchangeTopic(ctypes.Structure):
     """One topic of an exchange page."""
 
+    __slots__ = ()
     _fields_ = [
         ("name", ctypes.c_uint8 * 40),  # armplane: its name, ended by 0
         ("type_name", ctypes.c_uint8 * 136),  # armplane: the versioned name of its message's type, ended by 0
@@ -256,6 +261,7 @@ assert ctypes.sizeof(ExchangeTopic) == 344
 class SensorSample(ctypes.Structure):
     """The readings of the arm's own sensors at a tick: plant → estimator."""
 
+    __slots__ = ()
     _fields_ = [
         ("header", Header),  # Tick, incarnation, stamps
         ("q_encoder", ctypes.c_double * 8),  # Encoder positions, quantised and noisy [rad (m for prismatic joints)]
@@ -271,6 +277,7 @@ assert ctypes.sizeof(SensorSample) == 288
 class PlantState(ctypes.Structure):
     """The simulator's truth at a tick, for judging and showing only: no process of the control chain reads it."""
 
+    __slots__ = ()
     _fields_ = [
         ("header", Header),  # Tick, incarnation, stamps
         ("q", ctypes.c_double * 8),  # Joint positions [rad]
@@ -296,6 +303,7 @@ assert ctypes.sizeof(PlantState) == 544
 class StateEstimate(ctypes.Structure):
     """The estimated state: estimator → analyzer, controller."""
 
+    __slots__ = ()
     _fields_ = [
         ("header", Header),  # Tick, incarnation, stamps
         ("q", ctypes.c_double * 8),  # Joint positions [rad]
@@ -313,6 +321,7 @@ assert ctypes.sizeof(StateEstimate) == 416
 class SingularityReport(ctypes.Structure):
     """Where the arm is singular, or nearly: analyzer → controller."""
 
+    __slots__ = ()
     _fields_ = [
         ("header", Header),  # Tick, incarnation, stamps
         ("count", ctypes.c_uint32),  # How many entries of `singularities` are meant
@@ -331,6 +340,7 @@ assert ctypes.sizeof(SingularityReport) == 1328
 class Target(ctypes.Structure):
     """The motion asked for at a tick: operator → controller. Only runs that are steered have it."""
 
+    __slots__ = ()
     _fields_ = [
         ("header", Header),  # Tick, incarnation, stamps
         ("target", TargetContent),  # The motion
@@ -343,6 +353,7 @@ assert ctypes.sizeof(Target) == 352
 class ServoState(ctypes.Structure):
     """How the controller follows its target, and why not faster: controller → recorder, operator. Only runs that are steered have it."""
 
+    __slots__ = ()
     _fields_ = [
         ("header", Header),  # Tick, incarnation, stamps
         ("V_target", ctypes.c_double * 6),  # Twist of E that the target asks for, base axes, before any limit [m/s, rad/s]
@@ -368,6 +379,7 @@ assert ctypes.sizeof(ServoState) == 288
 class ControlState(ctypes.Structure):
     """The control law's intermediate results and its reference: controller → recorder, for judging and showing."""
 
+    __slots__ = ()
     _fields_ = [
         ("header", Header),  # Tick, incarnation, stamps
         ("tau_task", ctypes.c_double * 8),  # The part of the torque that acts at the end-effector, J_rᵀF_r with compensation of gravity and Coriolis [N·m]
@@ -401,6 +413,7 @@ assert ctypes.sizeof(ControlState) == 712
 class TorqueCommand(ctypes.Structure):
     """Commanded torque: controller → plant."""
 
+    __slots__ = ()
     _fields_ = [
         ("header", Header),  # Tick, incarnation, stamps
         ("tau", ctypes.c_double * 8),  # Commanded torque Γ [N·m]

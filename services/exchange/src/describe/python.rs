@@ -55,7 +55,7 @@ fn print_structure(text: &mut String, structure: &Structure) {
     } = structure;
     let _ = writeln!(
         text,
-        "\n\nclass {name}(ctypes.Structure):\n    \"\"\"{about}\"\"\"\n\n    _fields_ = ["
+        "\n\nclass {name}(ctypes.Structure):\n    \"\"\"{about}\"\"\"\n\n    __slots__ = ()\n    _fields_ = ["
     );
     for field in fields {
         let element = match &*field.element {
