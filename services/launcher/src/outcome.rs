@@ -143,12 +143,12 @@ fn hint(suspect: &Option<String>) -> String {
         .unwrap_or_default()
 }
 
+/// What it said of its end: its lines have been shown, this one tells most.
 fn said(last_words: &[String]) -> String {
-    if last_words.is_empty() {
-        String::new()
-    } else {
-        format!("; its last lines:\n  {}", last_words.join("\n  "))
-    }
+    let own = |line: &String| line.strip_prefix("armplane: ").map(str::to_owned);
+    let line = last_words.iter().rev().find_map(own);
+    line.or_else(|| last_words.last().cloned())
+        .map_or_else(String::new, |line| format!(": {line}"))
 }
 
 /// How a run ended.

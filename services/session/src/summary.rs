@@ -41,7 +41,7 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
         End::Failed(failure) => {
             summary.completed = false;
             summary.outcome = "failed".to_owned();
-            summary.reason = sentence(failure);
+            summary.reason = failure.to_string();
         }
     }
     if let (Some(servo), Some(session)) = (&mut summary.servo, &job.scenario.servo) {
@@ -181,24 +181,6 @@ fn ended(
     )
 }
 
-/// The failure on one line, with the reason that the process itself gave, if any.
-fn sentence(failure: &Failure) -> String {
-    let text = failure.to_string();
-    let first = text
-        .lines()
-        .next()
-        .unwrap_or_default()
-        .trim_end_matches("; its last lines:");
-    let own = match failure {
-        Failure::Died { last_words, .. } => last_words
-            .iter()
-            .rev()
-            .find_map(|line| line.strip_prefix("armplane: ")),
-        _ => None,
-    };
-    own.map_or_else(|| first.to_owned(), |own| format!("{first}: {own}"))
-}
-
 /// The plant's account of a run's ticks, by what each process has on the control page, in the order of the graph; none in lockstep, which has no deadlines.
 #[must_use]
 pub fn deadlines(job: &Job, ticks: u64, counts: &[Counts]) -> Option<Deadlines> {
@@ -272,7 +254,12 @@ fn unlisted(outcome: &Outcome) -> Vec<FaultSummary> {
             None => (outcome.ticks, kind_of(*exit)),
         };
         let ended = || format!("{name} ended with {exit} at the end of the run");
-        detected(name, tick, kind, own.map_or_else(ended, sentence))
+        detected(
+            name,
+            tick,
+            kind,
+            own.map_or_else(ended, ToString::to_string),
+        )
     };
     let guards = outcome.guards.iter().map(|(tick, exit)| {
         let detail = format!("{GUARD} ended with {exit} at tick {tick} and was started again");
