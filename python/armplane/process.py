@@ -57,7 +57,7 @@ class Process:
         except Exception as error:
             traceback.print_exc()
             try:
-                exchange.refuse(f"{type(error).__name__}: {error}")
+                exchange.refuse(f"setup failed: {type(error).__name__}: {error}; the log has the traceback")
             except WireError:
                 sys.exit(1)
         exchange.ready()

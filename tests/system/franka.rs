@@ -138,7 +138,7 @@ fn a_robot_that_does_not_answer_is_refused_before_anything_starts() {
     let desk = Desk::new();
     for (address, expected) in [
         ("fci://127.0.0.1:9", "fci"),
-        ("127.0.0.1", "is no address of a robot"),
+        ("127.0.0.1", "is not a robot's address"),
     ] {
         let said = desk.armplane(&format!("run fr3-wrist --plant {address}"));
         assert!(

@@ -240,7 +240,7 @@ fn a_scenario_that_cannot_be_steered_says_why() {
         ("servo fig5-wrist-rotation", "is not steered"),
         (
             "servo panda --from keyboard",
-            "standard input is no terminal",
+            "standard input is not a terminal",
         ),
         // With the feature: there is none to be found.
         ("servo panda --from gamepad", "gamepad"),

@@ -108,7 +108,7 @@ def page(robot, seen, ghost, story, foot, state):
             "<h3>Joints: speed (left) and torque (right), as shares of their limits</h3>",
             *_joints(robot, seen, ghost),
             _race(ghost) if ghost else "",
-            f'<h3>What happened</h3><div class="log">{html.escape(story)}</div>',
+            f'<h3>Messages</h3><div class="log">{html.escape(story)}</div>',
             f'<div class="foot">{foot}</div></div>',
         ]
     )

@@ -79,7 +79,7 @@ enum Command {
                       targets are refused and counted.\n\n\
                       The targets are saved beside the run: `armplane run` of its scenario.toml gives the same bytes again. docs/servo.md \
                       describes the format.",
-        after_help = "Examples:\n  armplane servo servo-panda                    a built-in session\n  armplane servo panda --random 7               60 s of random twists\n  armplane servo ur5 --from my-targets.csv --start bent\n  armplane servo --from topic --graph examples/steer/graph.toml panda --duration 10\n  armplane servo --seeds 20                     judge four arms on 20 seeds each\n\nExit code 1: the session did not end at rest at its reference, or --seeds found a session beyond its limits."
+        after_help = "Examples:\n  armplane servo servo-panda                    a built-in session\n  armplane servo ur5 --random 7                 60 s of random twists\n  armplane servo ur5 --from my-targets.csv --start bent\n  armplane servo --from topic --graph examples/steer/graph.toml panda --duration 10\n  armplane servo --seeds 20                     judge four arms on 20 seeds each\n\nExit code 1: the session did not end at rest at its reference, or --seeds found a session beyond its limits."
     )]
     Servo(servo::ServoArgs),
     /// Drag the hand of an arm in the browser.
@@ -237,7 +237,7 @@ enum Command {
     /// Check shared memory, real-time rights, cores and leftovers.
     #[command(after_help = "Example:\n  armplane doctor")]
     Doctor,
-    /// Remove leftovers of dead runs from shared memory; living runs stay.
+    /// Remove leftovers of dead runs from shared memory; runs in progress stay.
     #[command(after_help = "Example:\n  armplane clean")]
     Clean,
     /// Generate completions, manual pages, JSON Schemas, or the wire for other languages.

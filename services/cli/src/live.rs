@@ -124,7 +124,12 @@ impl Lines {
             .get()
             .map(|lack| format!("standard input {lack}"));
         let wrong = self.0.wrong.load(Ordering::Relaxed);
-        let wrong = (wrong > 0).then(|| format!("{} of standard input refused, because not a target; the messages above show the first", count(wrong, "line")));
+        let wrong = (wrong > 0).then(|| {
+            format!(
+                "{} of standard input not understood as targets: see the warnings above",
+                count(wrong, "line")
+            )
+        });
         lack.or(wrong)
             .map_or(Ok(()), |reason| Err(Failure::Work(reason)))
     }

@@ -104,7 +104,7 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
     // Before anything is made for the run.
     if from == Some(KEYBOARD) && !std::io::stdin().is_terminal() {
         return Err(Failure::Input(
-            "standard input is no terminal: use --from FILE, or --from - for lines".to_owned(),
+            "standard input is not a terminal: use --from FILE, or --from - for lines".to_owned(),
         ));
     }
     let gamepad = (from == Some(GAMEPAD)).then(Gamepad::open);

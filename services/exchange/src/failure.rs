@@ -21,7 +21,7 @@ pub enum Failure {
     Ended { exit: Exit, at: String },
     #[error("has not joined within {} s: it has to store `program` = joined in its exchange page (docs/wire.md)", .0.as_secs())]
     Absent(Duration),
-    #[error("refuses the exchange page: {0}; compare it with `armplane generate wire`")]
+    #[error("cannot take part: {0}")]
     Refused(String),
     #[error(
         "speaks version {theirs} of the exchange page, armplane speaks version {ours}: make its messages again by `armplane generate wire`"
@@ -64,7 +64,7 @@ pub enum Failure {
     )]
     State { tick: u64, found: usize },
     #[error(
-        "was to go on from a damaged checkpoint: it counts {0} bytes, and has room for {EXCHANGE_STATE}; run again"
+        "was to continue from a damaged checkpoint: it counts {0} bytes, and has room for {EXCHANGE_STATE}; run again"
     )]
     Damaged(u64),
     #[error(
@@ -75,6 +75,6 @@ pub enum Failure {
         topic: &'static str,
         field: String,
     },
-    #[error("cannot go on at tick {tick}: {complaint}")]
+    #[error("cannot continue at tick {tick}: {complaint}")]
     Failed { tick: u64, complaint: String },
 }

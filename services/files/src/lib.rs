@@ -36,6 +36,19 @@ pub fn open(path: &Path) -> io::Result<File> {
     }
 }
 
+/// Makes a folder, and those above it, where they are not there yet.
+///
+/// # Errors
+/// The system's; [`io::ErrorKind::NotADirectory`] where a file stands there.
+pub fn make_folder(path: &Path) -> io::Result<()> {
+    std::fs::create_dir_all(path).map_err(|error| match error.kind() {
+        io::ErrorKind::AlreadyExists => {
+            io::Error::new(io::ErrorKind::NotADirectory, "a file stands there")
+        }
+        _ => error,
+    })
+}
+
 /// The largest file that is read whole: an hour of targets at 1 kHz has 200 MB.
 pub const LARGEST: u64 = 256 << 20;
 
@@ -69,7 +82,7 @@ pub fn text(path: &Path, most: u64) -> Result<String, String> {
         match error.kind() {
             io::ErrorKind::InvalidInput => format!("cannot read {path}: {error}; give the path of a file, or a pipe as /dev/stdin or <(…)"),
             io::ErrorKind::NotFound => format!("there is no file {path}: give the path of one that exists"),
-            io::ErrorKind::InvalidData => format!("{path} is no text: save it as UTF-8"),
+            io::ErrorKind::InvalidData => format!("{path} is not text: save it as UTF-8"),
             io::ErrorKind::IsADirectory => format!("{path} is a folder: give the path of a file"),
             _ => format!("cannot read {path}: {error}"),
         }

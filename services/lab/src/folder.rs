@@ -42,7 +42,7 @@ impl Folder {
     pub(crate) fn create(wanted: Option<&Path>) -> Result<Self, Failure> {
         match wanted {
             None => scratch().map(Self::Passing),
-            Some(folder) => std::fs::create_dir_all(folder)
+            Some(folder) => files::make_folder(folder)
                 .and_then(|()| folder.canonicalize())
                 .map(Self::Kept)
                 .map_err(|error| {

@@ -25,9 +25,9 @@ pub enum RobotError {
     reason = "each variant is its sentence, with its numbers"
 )]
 pub enum Defect {
-    #[error("not a readable URDF: {0}")]
+    #[error("not a URDF: {0}")]
     Urdf(String),
-    #[error("not a readable MJCF: {0}")]
+    #[error("not an MJCF: {0}")]
     Mjcf(String),
     /// The file, the line and the defect.
     #[error("bad description: {0}")]
@@ -133,7 +133,7 @@ pub enum PostureError {
     },
     #[error("joint '{joint}' is {value}: give a finite number")]
     NotFinite { joint: String, value: f64 },
-    #[error("joint '{joint}' = {value} is outside its limits [{lower}, {upper}]")]
+    #[error("joint '{joint}' = {value:.4} is outside its limits [{lower:.4}, {upper:.4}]")]
     OutsideLimits {
         joint: String,
         value: f64,

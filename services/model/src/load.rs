@@ -115,7 +115,7 @@ fn unlimited(joints: &[Joint]) -> impl Iterator<Item = String> {
         let names: Vec<_> = names.map(|joint| &joint.name).collect();
         (!names.is_empty()).then(|| {
             format!(
-                "no limit of {what} is known of {}: state `{key}` under `[joints.NAME]` in the description",
+                "the {what} limits of {} are unknown: state `{key}` under `[joints.NAME]` in the description",
                 list(names)
             )
         })

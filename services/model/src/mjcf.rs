@@ -86,7 +86,7 @@ pub(crate) fn read(text: &str, cut: &Cut<'_>) -> Result<Chain, Defect> {
 /// A file that MuJoCo has to compile first.
 fn compiled(what: &str) -> Defect {
     Defect::Mjcf(format!(
-        "{what} is not read: give the file that MuJoCo makes of it (`mujoco.mj_saveLastXML`)"
+        "armplane does not read {what}: give the file that MuJoCo makes of it (`mujoco.mj_saveLastXML`)"
     ))
 }
 

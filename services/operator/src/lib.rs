@@ -127,11 +127,11 @@ impl Live {
         if earlier < COMPLAINTS {
             let line: String = line.chars().take(60).collect();
             let last = if earlier + 1 == COMPLAINTS {
-                "; further lines that are no target are only counted"
+                "; more such lines are only counted"
             } else {
                 ""
             };
-            tracing::warn!("no target: `{}`: {defect}{last}", line.escape_debug());
+            tracing::warn!("not a target: `{}`: {defect}{last}", line.escape_debug());
         }
     }
 

@@ -19,7 +19,7 @@ impl FromStr for Address {
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = || {
             format!(
-                "`{text}` is no address of a robot: give {SCHEME}HOST, for example {SCHEME}172.16.0.2"
+                "`{text}` is not a robot's address: give {SCHEME}HOST, for example {SCHEME}172.16.0.2"
             )
         };
         let host = text

@@ -65,7 +65,7 @@ fn numbers<'py>(
     let expected = expected.collect::<Vec<_>>().join(" or ");
     let given = text(shape.iter().map(usize::to_string).collect());
     Err(refused(format!(
-        "{name} has the shape {given}; expected is {expected}"
+        "{name} has the shape {given}; it must be {expected}"
     )))
 }
 

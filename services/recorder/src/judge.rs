@@ -248,7 +248,7 @@ impl Judge {
             _ => (
                 "stopped",
                 format!(
-                    "the run ended after {} ticks, before the task did",
+                    "the run ended after {} ticks, but the controller never set `phase` to done",
                     self.ticks
                 ),
             ),

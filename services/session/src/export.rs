@@ -49,7 +49,7 @@ pub fn export(
     if !matches!(format, ExportFormat::Layout(_)) {
         run.check_readable()?;
     }
-    std::fs::create_dir_all(out)
+    files::make_folder(out)
         .map_err(|error| Failure::Input(format!("cannot write to {}: {error}", out.display())))?;
     let (mut reading, mut damage) = (Reading::default(), Vec::new());
     let files = match format {

@@ -366,8 +366,7 @@ fn make_parents(folder: &Path) -> io::Result<()> {
 fn make(folder: &Path) -> io::Result<bool> {
     match std::fs::create_dir(folder) {
         Ok(()) => Ok(true),
-        Err(error) if error.kind() == io::ErrorKind::AlreadyExists && folder.is_dir() => Ok(false),
-        Err(error) => Err(error),
+        Err(_) => files::make_folder(folder).map(|()| false),
     }
 }
 

@@ -106,7 +106,7 @@ pub(crate) fn settle(
     if loaded.robot.dof() != plant_fci::JOINTS {
         let (name, dof) = (&loaded.robot.name, loaded.robot.dof());
         return refuse(format!(
-            "the scenario is for {name} with {dof} joints; a Franka arm has {}",
+            "the scenario's arm, {name}, has {dof} joints, a Franka arm {}: use a scenario of the FR3, such as fr3-wrist",
             plant_fci::JOINTS
         ));
     }

@@ -58,8 +58,8 @@ impl Run {
         let run = Self { folder, parts };
         if run.parts.is_empty() && !run.folder.join(SUMMARY).exists() {
             return Err(Failure::Input(format!(
-                "{} is not the folder of a run: it has neither run.rrd nor summary.json",
-                run.folder.display()
+                "{} is not a run: its folder has neither run.rrd nor summary.json",
+                wanted.unwrap_or(&run.folder).display()
             )));
         }
         Ok(run)

@@ -181,8 +181,12 @@ fn times(f: &mut fmt::Formatter<'_>, summary: &Summary) -> fmt::Result {
         "deadlines  {} of {} ticks had torque in time, {} late, {} none",
         deadlines.in_time, deadlines.total, deadlines.late, deadlines.none
     )?;
-    for (process, count) in &deadlines.by_cause {
-        writeln!(f, "           {process} silent at {count}")?;
+    for (process, ticks) in &deadlines.by_cause {
+        writeln!(
+            f,
+            "           {process} was silent in {}",
+            count(*ticks, "tick")
+        )?;
     }
     for (cause, periods) in &deadlines.skipped {
         writeln!(

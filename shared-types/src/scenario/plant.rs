@@ -133,7 +133,7 @@ impl Plant {
         )?;
         let message = format!("noise of {counts} counts");
         within("plant.encoder_noise_counts", *counts, 0.0..=1e3, message)?;
-        let message = format!("a mass factor of {mass_factor}");
+        let message = format!("mass_factor = {mass_factor}");
         within("plant.mass_factor", *mass_factor, 0.1..=10.0, message)?;
         require(
             floor_m.is_none_or(f64::is_finite),

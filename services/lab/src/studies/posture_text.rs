@@ -83,7 +83,7 @@ impl PostureText<'_> {
             f,
             "unit-scaled      {}  (lengths / {} m, at the wrist centre)",
             list(&posture.scaled_singular_values),
-            report.length_m
+            digits(report.length_m)
         )?;
         writeln!(
             f,

@@ -130,7 +130,7 @@ impl PathMeter {
         }
         if is_done && came_s < all_s - ROUNDING_S {
             return Some(format!(
-                "the controller ended at {came_s:.3} s of a path that takes {all_s:.3} s"
+                "the controller's last `path_time_s` is {came_s:.3} s; the path takes {all_s:.3} s"
             ));
         }
         // The tick of the end and the one in which it is said may round.

@@ -45,7 +45,8 @@ impl Compared {
     fn one_path(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let scenario = &self.scenario;
         let (name, title, seed) = (&scenario.name, &scenario.title, scenario.seed);
-        writeln!(f, "{name}: {title} (seed {seed})")?;
+        let colon = if title.is_empty() { "" } else { ": " };
+        writeln!(f, "{name}{colon}{title} (seed {seed})")?;
         let rows: Vec<Row> = self.laws.iter().flat_map(|law| law.1.clone()).collect();
         let columns = Columns::<(&Row, String)>::new()
             .text("law", |(row, _)| row.law.clone())

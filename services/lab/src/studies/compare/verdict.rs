@@ -61,7 +61,7 @@ pub(super) fn verdicts(rows: &[Row]) -> Vec<String> {
 /// The bars that each law that fails has missed, a line each; then the margin by which the best law wins, where there is another.
 pub(super) fn findings(rows: &[Row]) -> Vec<String> {
     let failed = rows.iter().filter(|row| !succeeds(row));
-    let missed = |row: &Row| format!("{} misses {}", row.law, row.task.missed.join(", "));
+    let missed = |row: &Row| format!("{} fails: {}", row.law, row.task.missed.join(", "));
     failed.map(missed).chain(margin(rows)).collect()
 }
 
