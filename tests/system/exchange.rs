@@ -157,7 +157,10 @@ fn bad_programs_are_named_in_the_log_and_among_the_faults() {
             "uses armplane.SensorSample.v2 (0000000000000123) for `sensor`, armplane uses armplane.SensorSample.v",
         ),
         ("absent", "ended with exit code 0 before it joined"),
-        ("refuses", "RuntimeError: no licence"),
+        (
+            "refuses",
+            "cannot take part: setup failed: RuntimeError: no licence",
+        ),
     ];
     for (how, expected) in cases {
         let desk = Desk::new();
