@@ -44,9 +44,9 @@ impl Meshes {
     }
 }
 
+/// COLLADA's `up_axis` is left out, as by RViz and FCL: the coordinates in the file are those of the link.
 fn read(robot: &Robot, file: &str) -> Result<Scene, String> {
-    let folder = &robot.source.folder;
-    let path = find(folder, file).ok_or_else(|| match file.split_once("://") {
+    let path = find(&robot.meshes, file).ok_or_else(|| match file.split_once("://") {
         Some(_) => "it is in no folder above the robot's file: add its package to ROS_PACKAGE_PATH",
         None => "there is no such file in the folder of the robot's file",
     })?;
@@ -101,7 +101,7 @@ endfacet
 endsolid t
 ";
     const OBJ: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
-    const DAE: &str = r##"<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset><unit meter="0.001"/></asset>
+    const DAE: &str = r##"<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset><unit meter="0.001"/><up_axis>Y_UP</up_axis></asset>
 <library_geometries><geometry id="g"><mesh><source id="p"><float_array id="a" count="9">0 0 0 1000 0 0 0 1000 0</float_array>
 <technique_common><accessor source="#a" count="3" stride="3"><param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/></accessor>
 </technique_common></source><vertices id="v"><input semantic="POSITION" source="#p"/></vertices>

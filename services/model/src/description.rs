@@ -8,6 +8,7 @@
 //! length_m = 0.43                   # makes radians and metres comparable. Default: half the sum of the link lengths
 //! encoder_bits = 16                 # per turn, 1 to 32. Default 16
 //! task = ["x", "y", "z", "rx", "ry", "rz"]   # task axes. Default: those that can move, in this order, at most one per joint
+//! meshes = "."                      # folder from which the paths of meshes start. Default: that of the URDF
 //!
 //! [factors]                         # analytic factors of det J. Default: none, singularities are found numerically
 //! kind = "puma"                     # the only kind; a2, a3, d4 in m, modified DH. Checked against the geometry
@@ -42,6 +43,7 @@ use crate::urdf::Cut;
 use serde::Deserialize;
 use shared_types::file;
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -52,6 +54,7 @@ pub(crate) struct Description {
     length_m: Option<f64>,
     encoder_bits: Option<u32>,
     task: Option<Vec<TaskAxis>>,
+    pub(crate) meshes: PathBuf,
     factors: Factors,
     joints: BTreeMap<String, JointTable>,
     postures: BTreeMap<String, Vec<f64>>,

@@ -98,6 +98,7 @@ fn read(source: &RobotText) -> Result<Robot, Defect> {
         postures: BTreeMap::new(),
         encoder_bits: 16,
         notes: chain.notes,
+        meshes: source.folder.join(&description.meshes),
         source: source.clone(),
     };
     robot.task = geometry::served_axes(&robot);

@@ -9,6 +9,7 @@ use nalgebra::Vector3;
 use shared_types::job::RobotText;
 use shared_types::scenario::Start;
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 /// A serial arm as data: valid by construction, whatever it was read from.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,6 +38,8 @@ pub struct Robot {
     pub encoder_bits: u32,
     /// Assumptions and omissions of the reading, one sentence each, for display.
     pub notes: Vec<String>,
+    /// The folder from which the paths of mesh files start.
+    pub meshes: PathBuf,
     /// The text it was made of.
     pub source: RobotText,
 }

@@ -438,8 +438,14 @@ fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>
     if let Some((_, name)) = named {
         name.clone_into(&mut scenario.robot);
         files.push((name, job.robot.urdf.clone().into_bytes()));
-        if !job.robot.description.is_empty() {
-            files.push((ROBOT_TOML, job.robot.description.clone().into_bytes()));
+        let mut description: toml::Table = job.robot.description.parse().map_err(Failure::work)?;
+        if job.robot.urdf.contains("<mesh") {
+            let from = description.get("meshes").and_then(toml::Value::as_str);
+            let folder = job.robot.folder.join(from.unwrap_or_default());
+            description.insert("meshes".to_owned(), folder.display().to_string().into());
+        }
+        if !description.is_empty() {
+            files.push((ROBOT_TOML, description.to_string().into_bytes()));
         }
     }
     let built_in = load::graph_of(&scenario, None)?;

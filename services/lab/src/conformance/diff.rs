@@ -103,11 +103,11 @@ fn values(job: &Job, summary: &Summary) -> Value {
     let singularities = singularities.map(|one| (one.name.clone(), json!(one)));
     let faults = summary.faults.iter();
     let faults = faults.map(|fault| (&fault.detail, fault.tick, fault.occurred));
-    // Where its file was says nothing about the arm.
-    let robot = RobotText {
-        folder: PathBuf::new(),
-        ..job.robot.clone()
-    };
+    // Where its file and its meshes were says nothing about the arm.
+    let RobotText { name, urdf, .. } = &job.robot;
+    let mut description: toml::Table = job.robot.description.parse().unwrap_or_default();
+    description.remove("meshes");
+    let robot = json!({"name": name, "urdf": urdf, "description": description});
     json!({
         "scenario": job.scenario,
         "program": {"version": job.version, "mode": job.mode, "graph": job.graph, "robot": robot},

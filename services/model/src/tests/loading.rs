@@ -293,6 +293,8 @@ fn shapes_are_read_with_their_colours_and_meshes_named() {
         );
         assert_eq!((shape.joint, shape.X_LS.p), (Some(0), Vector3::z()));
     }
+    let moved = load(&pendulum(&shaped("a", ""), LIMIT), "meshes = \"/far\"").unwrap();
+    assert_eq!(moved.meshes.to_str(), Some("/far"));
     let mesh = "<geometry><mesh filename=\"a.stl\" scale=\"2 2 2\"/></geometry>";
     let mesh = solid("visual", mesh);
     for (collision, stand_ins) in [("", 0), (solid("collision", ball).as_str(), 1)] {
