@@ -87,13 +87,18 @@ struct State {
     status: Option<String>,
     /// Standard error is a terminal ...
     has_status: bool,
-    /// ... which shows an older status line.
+    /// ... which shows an older status line ...
     is_stale: bool,
+    /// ... or the latest one, which results on the same terminal remove first.
+    is_drawn: bool,
+    is_same: bool,
 }
 
 /// What a thread writes next.
 struct Job {
     text: Option<String>,
+    /// A status line is on the terminal.
+    was_drawn: bool,
     /// The status line is drawn, or removed.
     is_status: bool,
     status: Option<String>,
@@ -118,6 +123,8 @@ impl State {
             status: None,
             has_status,
             is_stale: false,
+            is_drawn: false,
+            is_same: has_status && stdout().is_terminal(),
         }
     }
 
@@ -213,6 +220,9 @@ impl State {
             None if is_status => self.place(),
             None => return None,
         };
+        let removes = stream == Stream::Err || self.is_same;
+        let was_drawn = removes && std::mem::take(&mut self.is_drawn);
+        self.is_stale |= was_drawn && stream == Stream::Out;
         let queue = self.queue(stream);
         (queue.writing, queue.moved) = (Some(place), Instant::now());
         queue.speaker = text
@@ -221,6 +231,7 @@ impl State {
             .unwrap_or_default();
         Some(Job {
             text: text.map(|text| text.1),
+            was_drawn,
             is_status,
             status,
         })
@@ -311,7 +322,6 @@ impl<S: AsFd> Write for Direct<S> {
 
 /// Writes what comes for a stream, until the program ends.
 fn print(shared: &Mutex<State>, stream: Stream, mut to: impl Write) {
-    let mut is_drawn = false;
     let mut state = locked(shared);
     loop {
         let Some(job) = state.take(stream) else {
@@ -320,9 +330,9 @@ fn print(shared: &Mutex<State>, stream: Stream, mut to: impl Write) {
             continue;
         };
         drop(state);
-        let mut whole = if is_drawn { "\r\x1b[K" } else { "" }.to_owned();
+        let mut whole = if job.was_drawn { "\r\x1b[K" } else { "" }.to_owned();
         whole += job.text.as_deref().unwrap_or_default();
-        is_drawn = (is_drawn || job.is_status) && job.status.is_some();
+        let is_drawn = (job.was_drawn || job.is_status) && job.status.is_some();
         if is_drawn {
             whole += &beginning(job.status.as_deref().unwrap_or_default(), columns() - 1);
         }
@@ -333,6 +343,7 @@ fn print(shared: &Mutex<State>, stream: Stream, mut to: impl Write) {
             locked(shared).queue(stream).moved = Instant::now();
         });
         state = locked(shared);
+        state.is_drawn |= is_drawn;
         if !is_written && stream == Stream::Err {
             state.give_up();
         }
@@ -677,6 +688,19 @@ mod tests {
         );
         assert!(written[4].contains(" 7 lines dropped"), "{}", written[4]);
         assert_eq!(state.lost.values().sum::<u64>(), 7);
+    }
+
+    #[test]
+    fn results_remove_the_status_line_and_it_is_drawn_again_below_them() {
+        let mut state = State::new(true);
+        (state.is_same, state.is_drawn) = (true, true);
+        state.status = Some("bar".to_owned());
+        state.push(Stream::Out, "result".to_owned());
+        assert!(state.take(Stream::Out).is_some_and(|job| job.was_drawn));
+        state.out.writing = None;
+        let redrawn = state.take(Stream::Err).expect("a status line");
+        assert!(redrawn.is_status && !redrawn.was_drawn);
+        assert_eq!(redrawn.status.as_deref(), Some("bar"));
     }
 
     #[test]
