@@ -16,7 +16,7 @@ pub(crate) struct DrillArgs {
     #[arg(value_name = "SCENARIO|FILE.toml", default_value = load::DEFAULT_SCENARIO)]
     scenario: Vec<String>,
     /// Only this fault.
-    #[arg(long, value_name = "PROCESS:KIND[:WAY]")]
+    #[arg(long, value_name = "PROCESS:KIND[:VARIANT]")]
     only: Option<String>,
     /// Number of fault pairs to try as well.
     #[arg(long, value_name = "N", default_value_t = 12)]

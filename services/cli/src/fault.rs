@@ -50,7 +50,7 @@ pub(crate) struct FaultArgs {
     #[arg(long)]
     list: bool,
     /// Variant of the fault, if its kind has several.
-    #[arg(long = "as", value_name = "WAY")]
+    #[arg(long = "as", value_name = "VARIANT")]
     way: Option<Way>,
     /// Duration: 100ms, 0.5s, or a number of ticks [default: the kind's].
     #[arg(long = "for", value_name = "LENGTH")]

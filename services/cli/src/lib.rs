@@ -78,7 +78,14 @@ enum Command {
                       singularities, and reports at each tick what it does and why. It comes to rest when no new target arrives in time. Invalid \
                       targets are refused and counted.\n\n\
                       The targets are saved beside the run: `armplane run` of its scenario.toml gives the same bytes again. docs/servo.md \
-                      describes the format.",
+                      describes the format.\n\n\
+                      Keys of --from keyboard:\n\n  \
+                      w s, a d, r f    move along x, y, z\n  \
+                      i k, j l, u o    turn about x, y, z\n  \
+                      1, 2, 3          axes of the base, the hand, the nearest singularity\n  \
+                      + -              faster, slower\n  \
+                      x                side on which to leave a singularity\n  \
+                      space, q         stop, end",
         after_help = "Examples:\n  armplane servo servo-panda                    a built-in session\n  armplane servo ur5 --random 7                 60 s of random twists\n  armplane servo ur5 --from my-targets.csv --start bent\n  armplane servo --from topic --graph examples/steer/graph.toml panda --duration 10\n  armplane servo --seeds 20                     judge four arms on 20 seeds each\n\nExit code 1: the session did not end at rest at its reference, or --seeds found a session beyond its limits."
     )]
     Servo(servo::ServoArgs),
@@ -134,7 +141,7 @@ enum Command {
                       straight lines through and near each singularity of a PUMA.\n\n\
                       Errors are desired against true pose, split along and orthogonal to the singular directions ζ inside their \
                       neighbourhood. A jump is a tick in which a torque changes by more than a tenth of its limit. Chatter counts jumps \
-                      back within 10 ms; energy sums ½ΔΓᵀA⁻¹ΔΓ/k_v² over all jumps.\n\n\
+                      back within 10 ms; energy sums the kinetic energy that each jump would leave in the arm before the velocity gain damps it.\n\n\
                       S1: orthogonal to ζ and at the end within 1 mm and 0.5°, no joint beyond its speed or position limit, no torque at \
                       its limit for more than 10 ms. S2: orthogonal to ζ within 1 mm and 3°, along ζ within 10 mm and 5°, otherwise the \
                       same.",

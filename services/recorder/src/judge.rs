@@ -332,7 +332,7 @@ impl Bar {
             unit,
             ..
         } = self;
-        format!("{what} off by {value:.3} {unit}{word} {bound} {unit}")
+        format!("{what} off by {value:.3}{unit}{word} {bound}{unit}")
     }
 }
 
@@ -389,7 +389,7 @@ fn bars(task: &TaskSummary, goal: &Goal, [along_mm, along_deg]: [f64; 2]) -> [[B
             unit,
             most,
         };
-        [bar(0, mm, "mm", 1000.0), bar(1, deg, "°", 180.0)]
+        [bar(0, mm, " mm", 1000.0), bar(1, deg, "°", 180.0)]
     };
     [
         pair(

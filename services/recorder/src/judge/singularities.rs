@@ -70,7 +70,7 @@ impl SingularityMeter {
             let SingularitySummary { name, hold_ticks, hold_max_mm, hold_max_deg, .. } = &watched.summary;
             let from = watched.held_from?;
             Some(format!(
-                "held at the {name} singularity for {hold_ticks} ticks from tick {from} on, up to {hold_max_mm:.3} mm and {hold_max_deg:.3} ° \
+                "held at the {name} singularity for {hold_ticks} ticks from tick {from} on, up to {hold_max_mm:.3} mm and {hold_max_deg:.3}° \
                  off along the singular directions"
             ))
         })
@@ -82,7 +82,7 @@ impl SingularityMeter {
             let [mm, deg] = watched.left?;
             let name = &watched.summary.name;
             Some(format!(
-                "the run ended inside the {name} singularity's neighbourhood, {mm:.3} mm and {deg:.3} ° off along the singular directions"
+                "the run ended inside the {name} singularity's neighbourhood, {mm:.3} mm and {deg:.3}° off along the singular directions"
             ))
         })
     }
