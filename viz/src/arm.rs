@@ -28,6 +28,8 @@ pub(crate) struct Figure {
     pub(crate) tip: Option<Vec3>,
     /// Sum of the links' lengths, for framing the view and scaling marks; m.
     pub(crate) reach: f32,
+    /// The outermost corners of the links, in their frames.
+    pub(crate) ends: Vec<Vec<Vec3>>,
 }
 
 /// A circle about a joint's axis, in the link's frame; m.
@@ -85,13 +87,16 @@ impl Figure {
             Factors::Puma { .. } if meshes.0.is_empty() => puma(robot, floor_m),
             _ if robot.shapes.iter().any(|shape| is_drawn(shape, meshes)) => {
                 let (mut base, links) = shapes(robot, reach, meshes);
-                if robot.task.0[2] && floor_m < -0.05 {
+                // Some arms stand on a body of their own.
+                let is_low = base.positions.iter().any(|p| p.z < -0.2 * reach);
+                if robot.task.0[2] && floor_m < -0.05 && !is_low {
                     pedestal(&mut base, floor_m, 0.075 * reach);
                 }
                 (base, links)
             }
             _ => capsules(robot, reach),
         };
+        let ends = links.iter().map(Mesh::ends).collect();
         let rings = robot
             .joints
             .iter()
@@ -113,7 +118,14 @@ impl Figure {
             joints,
             tip,
             reach,
+            ends,
         }
+    }
+
+    /// The outermost corners of its links; base axes, m.
+    pub(crate) fn corners(&self, links: &[Placement]) -> impl Iterator<Item = Vec3> {
+        let places = self.ends.iter().zip(links);
+        places.flat_map(|(ends, at)| ends.iter().map(|p| at.of(*p)))
     }
 }
 
@@ -165,10 +177,7 @@ fn puma_base(floor: f32) -> Mesh {
     base.add_drum(UPRIGHT, 0.1, [floor + 0.06, -0.175], 0.004, SHELL);
     base.add_drum(UPRIGHT, 0.112, [-0.2, -0.165], 0.006, JOINT);
     // The cable box at the back of the column.
-    let behind = Placement {
-        p: Vec3::new(-0.1, 0.0, floor + 0.2),
-        ..UPRIGHT
-    };
+    let behind = Placement::at(Vec3::new(-0.1, 0.0, floor + 0.2));
     base.add_box(behind, Vec3::new(0.09, 0.13, 0.26), DARK);
     base
 }
@@ -249,11 +258,7 @@ fn puma_wrist() -> [Mesh; 3] {
     hub.add_drum(UPRIGHT, 0.03, [-0.0245, 0.0245], 0.003, DARK);
     hub.add_drum(across(-Vec3::Y), 0.022, [0.0, 0.036], 0.002, DARK);
     flange.add_drum(UPRIGHT, 0.034, [0.036, 0.05625], 0.003, METAL);
-    let tip = Placement {
-        p: Vec3::Z * 0.05625,
-        ..UPRIGHT
-    };
-    hand(&mut flange, tip);
+    hand(&mut flange, Placement::at(Vec3::Z * 0.05625), 1.0);
     [fork, hub, flange]
 }
 
@@ -345,25 +350,24 @@ fn shapes(robot: &Robot, reach: f32, meshes: &Meshes) -> (Mesh, Vec<Mesh>) {
         let E = placement(&frame.X_LF);
         let beyond = |p: &Vec3| (*p - E.p).dot(E.R.z_axis);
         if last.positions.iter().all(|p| beyond(p) < 0.02) {
-            hand(last, E);
+            hand(last, E, reach.min(1.0));
         }
     }
     (base, links)
 }
 
-/// A two-finger hand on a flange, drawn only: it shows how the flange is turned.
-fn hand(mesh: &mut Mesh, flange: Placement) {
-    let at = |x: f32, z: f32| Placement {
-        R: flange.R,
-        p: flange.R * Vec3::new(x, 0.0, z) + flange.p,
+/// A two-finger hand on a flange, drawn only: it shows how the flange is turned. `size`: 1 for an arm of a metre.
+fn hand(mesh: &mut Mesh, flange: Placement, size: f32) {
+    let mut part = |x: f32, z: f32, sides: [f32; 3], colour| {
+        let at = Placement {
+            R: flange.R,
+            p: flange.of(size * Vec3::new(x, 0.0, z)),
+        };
+        mesh.add_box(at, size * Vec3::from(sides), colour);
     };
-    mesh.add_box(at(0.0, 0.014), Vec3::new(0.085, 0.034, 0.028), DARK);
-    for side in [-1.0, 1.0] {
-        mesh.add_box(
-            at(side * 0.032, 0.052),
-            Vec3::new(0.012, 0.024, 0.055),
-            METAL,
-        );
+    part(0.0, 0.014, [0.085, 0.034, 0.028], DARK);
+    for x in [-0.032, 0.032] {
+        part(x, 0.052, [0.012, 0.024, 0.055], METAL);
     }
 }
 
@@ -373,6 +377,7 @@ fn capsules(robot: &Robot, reach: f32) -> (Mesh, Vec<Mesh>) {
     let mut base = Mesh::default();
     let heights = [-1.5 * radius, -0.9 * radius];
     base.add_drum(UPRIGHT, 2.2 * radius, heights, 0.1 * radius, DARK);
+    bone(&mut base, vec3(&robot.joints[0].X_PJ.p), radius);
     let links = (0..robot.joints.len()).map(|i| {
         let mut mesh = Mesh::default();
         capsule(&mut mesh, robot, i, radius);
@@ -393,13 +398,15 @@ fn capsule(mesh: &mut Mesh, robot: &Robot, i: usize, radius: f32) {
     let axis = Placement::along(Vec3::ZERO, vec3(&robot.joints[i].axis), Vec3::X);
     let heights = [-1.25 * radius, 1.25 * radius];
     mesh.add_drum(axis, 1.3 * radius, heights, 0.15 * radius, JOINT);
-    if end.length() > radius {
-        mesh.add_capsule(
-            Placement::along(end / 2.0, end, Vec3::X),
-            radius,
-            end.length(),
-            SHELL,
-        );
+    bone(mesh, end, radius);
+}
+
+/// A capsule from the origin to a place beyond its radius.
+fn bone(mesh: &mut Mesh, end: Vec3, radius: f32) {
+    let length = end.length();
+    if length > radius {
+        let at = Placement::along(end / 2.0, end, Vec3::X);
+        mesh.add_capsule(at, radius, length, SHELL);
     }
 }
 

@@ -13,7 +13,13 @@ type Tint = (&'static str, Rgba);
 const ORANGE: Tint = ("orange", 0xff8018ff);
 const MAGENTA: Tint = ("magenta", 0xf046dcff);
 const YELLOW: Tint = ("yellow", 0xfad63cff);
-const BLUE: Tint = ("blue", 0x78beebff);
+/// Of those that are found by number.
+const OTHERS: [Tint; 4] = [
+    ("violet", 0xb48cffff),
+    ("turquoise", 0x40c8b4ff),
+    ("salmon", 0xff8a80ff),
+    ("blue", 0x78beebff),
+];
 
 /// A singularity's colour, the same in marks, plots and words: by kind, for one found by number by its place.
 fn named_colour(kind: u32, index: usize) -> Tint {
@@ -21,7 +27,7 @@ fn named_colour(kind: u32, index: usize) -> Tint {
         KIND_ELBOW => ORANGE,
         KIND_WRIST => MAGENTA,
         KIND_OVERHEAD | KIND_SHOULDER => YELLOW,
-        _ => [ORANGE, MAGENTA, YELLOW, BLUE][index % 4],
+        _ => OTHERS[index % OTHERS.len()],
     }
 }
 

@@ -159,7 +159,6 @@ struct Part {
     ticks: u64,
     /// The blueprint waits for the first report, which names the singularities.
     blueprint_sent: bool,
-    guides_due: u64,
     marks: [Shown; MAX_SINGULARITIES],
     /// How many ghosts each link has.
     ghosts: [usize; MAX_DOF],
@@ -303,6 +302,9 @@ impl Recording {
     /// As [`create`](Self::create); the recording has then ended, its parts are whole.
     pub fn next_part(&mut self, folder: &Path) -> Result<(), RecordError> {
         let storage = create(&folder.join(part_name(self.number + 1)))?;
+        self.last
+            .into_iter()
+            .for_each(|last| self.write_guides(last));
         self.flush();
         // The part's end comes first: who follows the files goes on as soon as the next one holds something.
         self.sink.finish()?;
@@ -339,8 +341,9 @@ impl Recording {
         if self.is_pictured(row.tick) {
             self.see(row);
         }
-        if row.tick >= self.part.guides_due {
-            self.part.guides_due = row.tick + self.every(5.0);
+        // Pieces of a line that lets through what is behind it are darker where they meet: as few as can be.
+        let is_followed = self.run.options.is_live && row.tick.is_multiple_of(self.every(5.0));
+        if self.part.ticks == 1 || is_followed {
             self.write_guides(row.tick);
         }
         if self.signals.ticks.len() as u64 >= self.every(self.run.options.chunk_s) {
@@ -454,10 +457,11 @@ impl Recording {
         }
         self.flush();
         if let Some(last) = self.last {
-            self.write_guides(last);
+            let is_live = self.run.options.is_live;
+            let beyond = if is_live { 0.0 } else { LEGEND };
+            self.write_guides(last + (beyond * self.part.ticks as f64) as u64);
             // A viewer that follows a live run must not loop.
-            if !self.run.options.is_live {
-                self.write_guides(last + (LEGEND * self.part.ticks as f64) as u64);
+            if !is_live {
                 self.write_ending(last);
             }
         }
@@ -564,13 +568,9 @@ impl Recording {
                 self.subject.outer.push(outer);
             }
         }
-        let places = row.q().map_or(vec![glam::Vec3::X], |q| {
-            self.links(q)[..self.subject.joints]
-                .iter()
-                .map(|link| link.p)
-                .collect()
-        });
-        self.story.room = Room::of(places);
+        let corners = |q| self.run.figure.corners(&self.links(q)).collect();
+        let corners: Vec<_> = row.q().map_or_else(Vec::new, corners);
+        self.story.room = Room::of(&corners);
         self.subject.eye = self.eye();
         self.subject.close_up = self.near_by(row);
     }
@@ -614,14 +614,16 @@ impl Recording {
         if main.position.distance(planned.position) > 0.05 * main.position.distance(main.look_at) {
             self.subject.eye = main;
         }
-        let (stretches, rate_hz) = (&self.story.stretches, self.run.rate_hz);
-        let stretch = match self.run.layout {
+        let (story, unit) = (&self.story, self.mark_size());
+        let ending = match self.run.layout {
             Layout::Control if !self.subject.stands_still => {
-                stretches.ending(rate_hz, last, self.mark_size(), &main)
+                let stretch = story.stretches.ending(self.run.rate_hz, last, unit, &main);
+                let hand = || Some(((0, last), story.room.close_up(unit, &main)?));
+                stretch.or_else(hand)
             }
             _ => None,
         };
-        let ((first, last), close_up) = stretch.unwrap_or(((0, last), self.subject.close_up));
+        let ((first, last), close_up) = ending.unwrap_or(((0, last), self.subject.close_up));
         self.subject.close_up = close_up;
         self.subject.faults |= !self.story.fault_states.is_empty();
         let repeated = (self.nanoseconds(first), self.nanoseconds(last));

@@ -33,6 +33,14 @@ impl Placement {
         p: Vec3::ZERO,
     };
 
+    /// At `p`, not turned.
+    pub(crate) const fn at(p: Vec3) -> Self {
+        Self {
+            p,
+            ..Self::IDENTITY
+        }
+    }
+
     /// A place of the solid in the frame it is drawn in.
     pub(crate) fn of(&self, place: Vec3) -> Vec3 {
         self.R * place + self.p
@@ -52,6 +60,12 @@ impl Placement {
     }
 }
 
+/// Two corners of the box about places.
+pub(crate) fn span(mut places: impl Iterator<Item = Vec3>) -> Option<[Vec3; 2]> {
+    let first = places.next()?;
+    Some(places.fold([first; 2], |[low, high], p| [low.min(p), high.max(p)]))
+}
+
 /// A coloured triangle mesh with smooth normals; m.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Mesh {
@@ -67,6 +81,16 @@ pub(crate) struct Mesh {
 pub(crate) const FACETS: usize = 24;
 
 impl Mesh {
+    /// Its outermost corners, towards each corner, edge and side of a cube.
+    pub(crate) fn ends(&self) -> Vec<Vec3> {
+        let towards = (0..27).map(|k| Vec3::from([1, 3, 9].map(|step| (k / step % 3 - 1) as f32)));
+        let far = |way: Vec3| {
+            let places = self.positions.iter().copied();
+            places.max_by(|a, b| a.dot(way).total_cmp(&b.dot(way)))
+        };
+        towards.filter_map(far).collect()
+    }
+
     /// The convex hull of discs, extruded from `z0` to `z1` with edges rounded by `bevel`: a cylinder, a slab, a tapered arm.
     pub(crate) fn add_extrusion(
         &mut self,

@@ -64,13 +64,7 @@ impl Sheet<'_> {
             let more = [errors, torques, joints].into_iter().chain(others);
             let more = self.tabs(more.collect());
             let modes = self.tabs(modes.into());
-            // A lane for each singularity.
-            let lanes = if self.subject.singularities.len() > 3 {
-                1.6
-            } else {
-                1.35
-            };
-            vec![(1.4, measure), (1.6, more), (lanes, modes)]
+            vec![(1.4, measure), (1.6, more), (self.lanes(1.35), modes)]
         };
         self.halves(left, right)
     }
@@ -82,10 +76,19 @@ impl Sheet<'_> {
         let modes = [self.modes(), self.log_lines()].map(|view| (1.0, view));
         // Three plots side by side have no room for their titles.
         let plots = vec![self.errors(), self.governor()];
-        let rows = vec![(1.0, self.row("", modes.into())), (1.2, self.tabs(plots))];
+        let modes = self.row("", modes.into());
+        let rows = vec![(self.lanes(1.0), modes), (1.2, self.tabs(plots))];
         let lower = vec![(1.0, lives), (2.2, self.column(rows))];
         let cells = [(1.9, upper), (2.4, lower)].map(|(share, row)| (share, self.row("", row)));
         self.column(cells.into())
+    }
+
+    /// The share of a pane with a lane for each singularity; `usual`: of up to three.
+    fn lanes(&self, usual: f32) -> f32 {
+        match self.subject.singularities.len() {
+            0..=3 => usual,
+            _ => 1.7,
+        }
     }
 
     fn arrange_faults(&mut self) -> EntityPath {
@@ -187,23 +190,24 @@ impl Sheet<'_> {
 
     /// log₁₀(|s_i| / η_i), the band below 1 hatched.
     fn measure(&mut self) -> EntityPath {
+        // The legend has the colour of the first line: the band's would not be seen there.
+        let zero = Lines::guide("guide:zero", "singular", 1, TOLERANCE, 1.0);
         let band = Lines::guide("guide:band", "singular", BAND_LINES, 0xff40541e, 5.0);
-        // In the legend with the band: it has room for few names.
         let edges = self.subject.outer.len();
         let edges = Lines::guide("guide:edge", "singular", edges, 0xbec3cd96, 1.0);
         let mut nearness = self.per_singularity(Signal::Nearness);
         nearness.width = 2.5;
         let name = "How near: |s|/η in powers of ten. Below 0: treated as singular";
-        let lines = vec![band, edges, nearness];
+        let lines = vec![zero, band, edges, nearness];
         self.plot(name, lines, Some([-3.1, 1.4]), Some(RightBottom))
     }
 
     /// The errors, each with what the goal allows.
     fn errors(&mut self) -> EntityPath {
-        // Where no direction is lost there is one error.
-        let names = match self.subject.stands_still {
-            true => ["error"; 2],
-            false => ["orthogonal", "along ζ"],
+        // Where no direction is lost there is one error, and the other line is not seen.
+        let (names, along) = match self.subject.stands_still {
+            true => (["error"; 2], 0),
+            false => (["orthogonal", "along ζ"], ALONG),
         };
         let [position, orientation] = self.subject.goal;
         let all = [
@@ -228,7 +232,7 @@ impl Sheet<'_> {
         let mut panes = Vec::new();
         for (i, (name, signal, guide, goal)) in all.into_iter().take(count).enumerate() {
             let names = names.map(str::to_owned).into_iter();
-            let mut lines = vec![Lines::of(signal, names.zip([ACROSS, ALONG]))];
+            let mut lines = vec![Lines::of(signal, names.zip([ACROSS, along]))];
             lines.extend(goal.map(|_| Lines::guide(guide, "allowed", 1, TOLERANCE, 1.5)));
             // Of two plots side by side the second has the legend of both, and the room for it.
             let legend = (i + 1 == count).then_some(RightTop);

@@ -320,9 +320,15 @@ impl Panel {
             }
             let (x, y) = (left + right, top + 26.0 + down);
             let ends = [fine((x, y)), fine((x + 14.0, y))];
+            // Of a shade, a patch that can be told from the paper.
+            let patch = Color {
+                3: color.3.sqrt(),
+                ..*color
+            };
+            let width = if color.3 < 1.0 { 9.0 } else { 3.0 };
             let drawn = match is_dashed {
                 true => pen.area.draw(&dashed(ends.to_vec(), stroke(*color, 1.4))),
-                false => pen.area.draw(&PathElement::new(ends, stroke(*color, 3.0))),
+                false => pen.area.draw(&PathElement::new(ends, stroke(patch, width))),
             };
             drawn.map_err(said)?;
             pen.text((x + 19.0, y), name, 11.0, false, INK, HPos::Left)?;

@@ -5,43 +5,55 @@ use shared_types::messages::SingularityState;
 
 use crate::blueprint::{Eye, Subject};
 use crate::scene::{Mark, Presence};
+use crate::solid::span;
 
 /// The room that an arm takes.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Room {
-    /// Origins of its links, the hand last, at the beginning.
-    places: Vec<Vec3>,
-    /// Corners of the box of all of them, from then on, and of the hand's.
-    links: Option<[Vec3; 2]>,
+    /// Its last link at the beginning.
+    first: Option<Vec3>,
+    /// Corners of the box of all that it has filled, and of the hand's, from then on.
+    all: Option<[Vec3; 2]>,
     hand: Option<[Vec3; 2]>,
 }
 
 impl Room {
-    pub(crate) fn of(places: Vec<Vec3>) -> Self {
+    /// Of an arm with these corners, the last of which is one of its last link.
+    pub(crate) fn of(corners: &[Vec3]) -> Self {
         Self {
-            places,
-            ..Self::default()
+            first: corners.last().copied(),
+            all: span(corners.iter().copied()),
+            hand: None,
         }
     }
 
     /// Takes a posture in.
-    pub(super) fn push(&mut self, places: impl Iterator<Item = Vec3>, hand: Vec3) {
-        let grow = |corners: &mut Option<[Vec3; 2]>, p: Vec3| {
-            let [low, high] = corners.get_or_insert([p, p]);
-            (*low, *high) = (low.min(p), high.max(p));
-        };
-        places.for_each(|p| grow(&mut self.links, p));
-        grow(&mut self.hand, hand);
+    pub(super) fn push(&mut self, corners: impl Iterator<Item = Vec3>, hand: Vec3) {
+        self.all = span(self.all.into_iter().flatten().chain(corners));
+        self.hand = span(self.hand.into_iter().flatten().chain([hand]));
+    }
+
+    /// An eye near the hand that sees all of its way, from the main eye's side.
+    pub(super) fn close_up(&self, unit: f32, main: &Eye) -> Option<Eye> {
+        let [low, high] = self.hand?;
+        Some(close_up(
+            (low + high) / 2.0,
+            [main.up; 2],
+            high - low,
+            unit,
+            main,
+        ))
     }
 
     /// An eye that sees the arm from floor to hand wherever it has been so far, and where the task takes the hand, with room for a mark of that
     /// size there: off to the side of the plane in which the arm reaches out, a little above; a planar arm from above.
     pub(crate) fn eye(&self, mark: f32, subject: &Subject, planar: bool) -> Eye {
-        let hand = self.places.last().copied().unwrap_or(Vec3::X);
+        let hand = self.first.unwrap_or(Vec3::X);
         let foot = if planar {
             0.0
         } else {
-            subject.floor_m.min(0.0)
+            // Of a small arm on a high pedestal, not all of the pedestal.
+            subject.floor_m.min(0.0).max(-5.0 * mark)
         };
         let ends = subject.ways.iter().scan(hand, |hand, way| {
             *hand = way.after(*hand);
@@ -50,13 +62,8 @@ impl Room {
         let hands = ends.chain([hand]).chain(self.hand.into_iter().flatten());
         let around = |hand: Vec3| [mark, -mark].map(|by| hand + Vec3::splat(by));
         let all = hands.flat_map(around).chain([Vec3::ZERO, Vec3::Z * foot]);
-        let links = self.links.into_iter().flatten();
-        let all: Vec<Vec3> = all
-            .chain(links)
-            .chain(self.places.iter().copied())
-            .collect();
-        let low = all.iter().copied().fold(all[0], Vec3::min);
-        let high = all.iter().copied().fold(all[0], Vec3::max);
+        let all: Vec<Vec3> = all.chain(self.all.into_iter().flatten()).collect();
+        let [low, high] = span(all.iter().copied()).unwrap_or_default();
         let look_at = (low + high) / 2.0;
         let heading = hand.with_z(0.0).normalize_or(Vec3::X);
         let side = Vec3::new(heading.y, -heading.x, 0.0);

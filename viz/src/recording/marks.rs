@@ -318,14 +318,7 @@ impl Recording {
                 if self.part.captions[k] != text {
                     self.draw(row.tick, path.clone(), &words(&text));
                 }
-                self.place(
-                    path,
-                    row.tick,
-                    Placement {
-                        p,
-                        ..Placement::IDENTITY
-                    },
-                );
+                self.place(path, row.tick, Placement::at(p));
             }
             self.part.captions[k] = text;
         }

@@ -93,8 +93,8 @@ impl Recording {
             self.write_ghosts(tick);
         }
         self.write_turned(tick, &links, false);
-        let origins = links[..self.subject.joints].iter().map(|X_BL| X_BL.p);
-        self.story.room.push(origins, hand.p);
+        let corners = self.run.figure.corners(&links);
+        self.story.room.push(corners, hand.p);
         self.story
             .stretches
             .push(tick, row.singularities(), &marks, hand.p);

@@ -60,7 +60,7 @@ pub(super) fn arrows(
 /// Words at the origin, white: their ground is dark or, in the viewer's light theme, of a middle grey.
 pub(super) fn words(text: &str) -> Points3D {
     Points3D::new([[0.0; 3]])
-        .with_radii([Radius::new_ui_points(0.5)])
+        .with_radii([Radius::new_ui_points(0.0)])
         .with_colors([0xffffffff])
         .with_labels([text])
         .with_show_labels(true)

@@ -110,8 +110,8 @@ impl<'a> Drawing<'a> {
             floor_m,
             ..Subject::default()
         };
-        let places = first[1..].iter().map(|at| at.p).collect();
-        let from = Room::of(places).eye(unit, &subject, !robot.task.0[2]);
+        let places: Vec<Vec3> = first[1..].iter().map(|at| at.p).collect();
+        let from = Room::of(&places).eye(unit, &subject, !robot.task.0[2]);
         // The whole arm in some ticks, with room for a mark at the hand.
         let mut points: Vec<Vec3> = Vec::new();
         for (tick, _) in pictures.iter().step_by((pictures.len() / 40).max(1)) {

@@ -129,7 +129,7 @@ fn words(recorded: &Recorded, ticks: &[u64]) -> Vec<Value> {
     let of = |tick: u64| {
         let fault = recorded
             .fault(tick)
-            .map(|fault| json!(["#cb3234", "fault", fault]));
+            .map(|fault| json!(["var(--bad)", "fault", fault]));
         let told = recorded.told(tick).into_iter();
         let told = told.map(|(one, words)| json!([hex(on_paper(one.colour)), one.name, words]));
         (
