@@ -318,25 +318,15 @@ mod tests {
     use crate::wire::Stamps;
 
     #[test]
-    fn every_message_covers_every_byte_and_knows_its_place() {
+    fn every_message_knows_its_place_and_its_content_is_all_but_the_stamps() {
         struct Check;
         impl Each for Check {
             type Output = usize;
             fn each<M: Topic>(&mut self) -> usize {
-                let mut end = 0;
-                for field in M::FIELDS {
-                    assert_eq!(
-                        field.offset,
-                        end,
-                        "{}.{}: padding",
-                        M::TYPE_NAME,
-                        field.name
-                    );
-                    end += field.size;
-                }
-                assert_eq!((end, TOPICS[M::INDEX]), (size_of::<M>(), M::TOPIC));
-                assert_eq!(M::zeroed().content().len(), end - size_of::<Stamps>());
-                end
+                assert_eq!(TOPICS[M::INDEX], M::TOPIC);
+                let bytes = size_of::<M>();
+                assert_eq!(M::zeroed().content().len(), bytes - size_of::<Stamps>());
+                bytes
             }
         }
         let all = each(&mut Check).map(Some);

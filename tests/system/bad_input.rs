@@ -28,6 +28,12 @@ fn every_wrong_input_is_refused_with_its_reason() {
             "q_deg = [0, 0, 0, 0, 170, 0]",
         ),
         ("joints", "posture = \"nominal\"", "q_deg = [0, 0, 0]"),
+        ("leg", "duration_s", "posture_deg = [0]\nduration_s"),
+        (
+            "turn",
+            "duration_s",
+            "turn = { about = \"zeta:wrst\", by_deg = 1 }\nduration_s",
+        ),
         ("syntax", "[start]", "[start"),
         ("fault", "[start]", fault),
         (
@@ -70,6 +76,16 @@ fn every_wrong_input_is_refused_with_its_reason() {
         ),
         ("run posture.toml", "posture.toml:"),
         ("run joints.toml", "joints.toml:"),
+        ("run leg.toml", "segment 0: 1 joint values given"),
+        ("run turn.toml", "segment 0: there is no singularity 'wrst'"),
+        (
+            "run good.toml --set plant.floor_m=1",
+            "link1 starts in the floor",
+        ),
+        (
+            "run good.toml --set frame=nowhere",
+            "there is no frame `nowhere`",
+        ),
         ("run bare.toml", "arm"),
         ("run fault.toml", "cannot happen to the recorder"),
         ("run joint.toml", "has 6 joints"),

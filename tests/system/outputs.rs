@@ -16,19 +16,31 @@ struct Unread {
     is_terminal: bool,
 }
 
+/// A terminal of so many columns and rows: its keyboard and screen, and the end that a program gets.
+pub(crate) fn pseudo_terminal([columns, rows]: [u16; 2]) -> (File, OwnedFd) {
+    let (mut terminal, mut end) = (0, 0);
+    let size = libc::winsize {
+        ws_row: rows,
+        ws_col: columns,
+        ws_xpixel: 0,
+        ws_ypixel: 0,
+    };
+    let none = std::ptr::null_mut();
+    // SAFETY: two descriptors are written, which nobody else has.
+    unsafe {
+        let opened = libc::openpty(&mut terminal, &mut end, none, none.cast(), &raw const size);
+        assert_eq!(opened, 0, "a pseudo-terminal");
+        (File::from_raw_fd(terminal), OwnedFd::from_raw_fd(end))
+    }
+}
+
 impl Unread {
     fn terminal() -> Self {
-        let (mut kept, mut output) = (0, 0);
-        let none = std::ptr::null_mut();
-        // SAFETY: two descriptors are written, which nobody else has.
-        unsafe {
-            let opened = libc::openpty(&mut kept, &mut output, none, none.cast(), none.cast());
-            assert_eq!(opened, 0, "a pseudo-terminal");
-            Self {
-                kept: File::from_raw_fd(kept),
-                output: OwnedFd::from_raw_fd(output),
-                is_terminal: true,
-            }
+        let (kept, output) = pseudo_terminal([80, 24]);
+        Self {
+            kept,
+            output,
+            is_terminal: true,
         }
     }
 

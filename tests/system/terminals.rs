@@ -1,13 +1,12 @@
 //! Tables, sentences and live lines in terminals of several sizes.
 
 use std::collections::BTreeSet;
-use std::fs::File;
 use std::io::{Read, Write};
-use std::os::fd::{FromRawFd, OwnedFd};
 use std::os::unix::process::CommandExt;
 use std::process::Stdio;
 
 use crate::command::{Desk, Known, Running};
+use crate::outputs::pseudo_terminal;
 
 /// Columns and rows; the first is for live lines only, the last is wide enough for every line as it is.
 const SIZES: [[u16; 2]; 5] = [[60, 24], [80, 24], [100, 30], [120, 40], [2000, 40]];
@@ -25,24 +24,11 @@ enum Shows {
 fn on_terminal(
     desk: &Desk,
     args: &str,
-    [columns, rows]: [u16; 2],
+    size: [u16; 2],
     [until, keys]: [&str; 2],
     shows: Shows,
 ) -> String {
-    let (mut terminal, mut end) = (0, 0);
-    let size = libc::winsize {
-        ws_row: rows,
-        ws_col: columns,
-        ws_xpixel: 0,
-        ws_ypixel: 0,
-    };
-    let none = std::ptr::null_mut();
-    // SAFETY: two descriptors are written, which nobody else has.
-    let (mut terminal, end) = unsafe {
-        let opened = libc::openpty(&mut terminal, &mut end, none, none.cast(), &raw const size);
-        assert_eq!(opened, 0, "a pseudo-terminal");
-        (File::from_raw_fd(terminal), OwnedFd::from_raw_fd(end))
-    };
+    let (mut terminal, end) = pseudo_terminal(size);
     let mut command = desk.command(args);
     let stream = || end.try_clone().expect("a descriptor");
     command.stdin(stream()).stdout(stream());

@@ -11,6 +11,7 @@ use armplane::armplane_status::*;
 use armplane::*;
 
 use counting::ALLOCATIONS;
+use shared_types::random::Uniform;
 
 const N: usize = ARMPLANE_JOINTS_MAX;
 const ABI: u32 = ARMPLANE_ABI_VERSION;
@@ -50,44 +51,28 @@ fn law(arm: *const armplane_arm, settings: *const c_char) -> Result<*mut armplan
     (status == ARMPLANE_OK).then_some(law).ok_or(said(&why))
 }
 
-/// Numbers for a test: a linear congruence, as in Knuth's MMIX.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, end: u64) -> u64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) % end
-    }
-
-    fn number(&mut self) -> f64 {
-        self.below(1 << 30) as f64 / f64::from(1 << 29) - 1.0
-    }
-
-    /// In one of `odds` cases a number that no sensor should give.
-    fn hostile(&mut self, odds: u64) -> f64 {
-        const BAD: [f64; 8] = [
-            f64::NAN,
-            f64::INFINITY,
-            f64::NEG_INFINITY,
-            f64::MAX,
-            f64::MIN,
-            1e300,
-            f64::MIN_POSITIVE,
-            1e9,
-        ];
-        match self.below(odds) {
-            0 => BAD[self.below(8) as usize],
-            _ => self.number(),
-        }
+/// A number within ±1; in one of `odds` cases one that no sensor should give.
+fn hostile(random: &mut Uniform, odds: f64) -> f64 {
+    const BAD: [f64; 8] = [
+        f64::NAN,
+        f64::INFINITY,
+        f64::NEG_INFINITY,
+        f64::MAX,
+        f64::MIN,
+        1e300,
+        f64::MIN_POSITIVE,
+        1e9,
+    ];
+    if random.within(0.0, odds) < 1.0 {
+        BAD[random.within(0.0, 8.0) as usize]
+    } else {
+        random.within(-1.0, 1.0)
     }
 }
 
 #[test]
 fn no_input_makes_it_panic_allocate_or_give_a_number_that_is_not_finite() {
-    let mut random = Random(7);
+    let mut random = Uniform(7);
     for (name, numeric) in [
         ("puma560", false),
         ("ur5", true),
@@ -120,9 +105,9 @@ fn no_input_makes_it_panic_allocate_or_give_a_number_that_is_not_finite() {
             let before = ALLOCATIONS.get();
             for round in 0..25_000 {
                 // Arms that stand and follow, among states of any kind.
-                let odds = [100_000, 300, 4][round / 50 % 3];
+                let odds = [1e5, 300.0, 4.0][round / 50 % 3];
                 let mut any = |size: f64| -> [f64; N] {
-                    std::array::from_fn(|_| size * random.hostile(odds))
+                    std::array::from_fn(|_| size * hostile(&mut random, odds))
                 };
                 let (off, qdot, pose, twist, torque) =
                     (any(1e-4), any(1e-3), any(0.7), any(0.3), any(3.0));
@@ -297,10 +282,10 @@ fn a_null_pointer_is_an_error_and_the_wrong_argument_is_named() {
 fn a_law_that_is_reset_gives_the_bits_of_a_new_one() {
     let arm = arm("panda");
     let torques = |law: *mut armplane_law| -> Vec<[f64; N]> {
-        let mut random = Random(3);
+        let mut random = Uniform(3);
         let steps = (0..400).map(|_| {
             let (mut tau, q) = ([0.0; N], [0.1, -0.8, 0.0, -2.3, 0.0, 1.5, 0.8, 0.0]);
-            let twist: [f64; N] = std::array::from_fn(|_| 0.2 * random.number());
+            let twist: [f64; N] = std::array::from_fn(|_| random.within(-0.2, 0.2));
             let zero = [0.0; N];
             // SAFETY: handles from `create`, and arrays that are large enough.
             unsafe {

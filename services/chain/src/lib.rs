@@ -214,23 +214,13 @@ mod tests {
 
     #[test]
     fn a_target_is_in_the_torque_of_its_own_tick() {
-        let [one, other] = [
-            "twist, base, 1, 0.2 0 0 0 0 0",
+        let twist = torques("twist, base, 1, 0.2 0 0 0 0 0");
+        for other in [
             "posture, joints, 1, 0 -1 1 -1 1 0",
-        ]
-        .map(torques);
-        assert_eq!(
-            one.iter().zip(&other).position(|(one, other)| one != other),
-            Some(100)
-        );
-        let [one, other] = [
-            "twist, base, 1, 0.2 0 0 0 0 0",
             "twist, base, 1, -0.2 0 0 0 0 0",
-        ]
-        .map(torques);
-        assert_eq!(
-            one.iter().zip(&other).position(|(one, other)| one != other),
-            Some(100)
-        );
+        ] {
+            let mut pairs = twist.iter().zip(torques(other));
+            assert_eq!(pairs.position(|(one, other)| *one != other), Some(100));
+        }
     }
 }

@@ -332,14 +332,6 @@ mod tests {
                 prop_assert!((V * SMatrix::<f64, 8, 8>::from_diagonal(&values) * V.transpose() - S).amax() < 1e-12 * S.amax().max(1.0));
             }
         }
-
-        #[test]
-        fn log_undoes_exp(rho in prop::array::uniform3(-1.0..1.0_f64), angle in 0.0..PI) {
-            let rho = Vector3::from(rho);
-            prop_assume!(rho.norm() > 1e-3);
-            let R = rotation_exp(&(rho.normalize() * angle));
-            prop_assert!((rotation_exp(&rotation_log(&R)) - R).norm() < 1e-9);
-        }
     }
 
     #[test]

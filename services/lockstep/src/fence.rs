@@ -59,7 +59,6 @@ pub fn first_not_finite<M: Message>(message: &M) -> Option<&'static str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::{SingularityReport, TorqueCommand};
 
     #[test]
     fn the_dead_are_refused_as_soon_as_the_control_page_or_a_successor_says_so() {
@@ -79,16 +78,5 @@ mod tests {
             admitted(&[(0, None), (1, None), (2, None), (1, None)]),
             [false, true, true, false]
         );
-    }
-
-    #[test]
-    fn the_guilty_field_is_named() {
-        let mut command = TorqueCommand::default();
-        assert_eq!(first_not_finite(&command), None);
-        command.tau[7] = f64::NEG_INFINITY;
-        assert_eq!(first_not_finite(&command), Some("tau"));
-        let mut report = SingularityReport::default();
-        report.singularities[1].zeta_B[2] = f64::NAN;
-        assert_eq!(first_not_finite(&report), Some("singularities"));
     }
 }

@@ -1,7 +1,7 @@
 //! Tests of whole, truncated, damaged and mixed logs.
 
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use shared_types::layout::MessageLayout;
 use shared_types::{PlantState, SensorSample, Target};
@@ -18,6 +18,13 @@ fn contents_of(run: u64) -> Contents {
         MessageLayout::of::<PlantState>(),
     ];
     Contents::new(run, 1000, layouts)
+}
+
+/// A place for a log, and the folder that it is in.
+fn place() -> (TempDir, PathBuf) {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join(FILE);
+    (folder, path)
 }
 
 fn contents() -> Contents {
@@ -89,8 +96,7 @@ fn all_but(end: u64, lost: Range<u64>) -> Vec<u64> {
 
 #[test]
 fn messages_come_back_byte_for_byte_and_other_readers_find_them() {
-    let folder = TempDir::new().unwrap();
-    let path = folder.path().join(FILE);
+    let (_folder, path) = place();
     let n = 3000;
     let mut log = Writer::create(&path, &contents()).unwrap();
     add(&mut log, 0..n);
@@ -160,8 +166,7 @@ fn a_schema_has_the_fields_of_the_message_in_their_order() {
 
 #[test]
 fn a_torn_end_is_the_end_and_a_new_writer_goes_on_behind_it() {
-    let folder = TempDir::new().unwrap();
-    let path = folder.path().join(FILE);
+    let (_folder, path) = place();
     let (whole, places) = written(&path, &contents(), &[100, 200]);
     for torn in (places[1]..whole.len()).step_by(7) {
         std::fs::write(&path, &whole[..torn]).unwrap();
@@ -211,8 +216,7 @@ fn a_torn_end_is_the_end_and_a_new_writer_goes_on_behind_it() {
 
 #[test]
 fn a_writer_killed_before_it_has_made_its_file_costs_nothing() {
-    let folder = TempDir::new().unwrap();
-    let path = folder.path().join(FILE);
+    let (_folder, path) = place();
     let head = contents().head();
     for torn in [None, Some(&head[..3]), Some(&head[..])] {
         torn.into_iter()
@@ -233,8 +237,7 @@ fn a_writer_killed_before_it_has_made_its_file_costs_nothing() {
 
 #[test]
 fn files_that_are_not_the_runs_are_refused() {
-    let folder = TempDir::new().unwrap();
-    let path = folder.path().join(FILE);
+    let (_folder, path) = place();
     let error = || Log::open(&path, &contents()).err().unwrap();
     assert!(error().is_before_the_first_message());
     std::fs::write(&path, b"other bytes").unwrap();
@@ -252,8 +255,7 @@ fn files_that_are_not_the_runs_are_refused() {
 
 #[test]
 fn a_bit_that_is_flipped_makes_no_message_wrong_and_costs_only_those_of_its_block() {
-    let folder = TempDir::new().unwrap();
-    let path = folder.path().join(FILE);
+    let (_folder, path) = place();
     let ends = [0, 10, 24, 40_u64];
     let (whole, places) = written(&path, &contents(), &ends[1..]);
     for (at, bit) in (0..whole.len()).step_by(3).map(|at| (at, 1 << (at % 8))) {
@@ -281,8 +283,7 @@ fn a_bit_that_is_flipped_makes_no_message_wrong_and_costs_only_those_of_its_bloc
 #[test]
 fn blocks_that_are_missing_repeated_exchanged_or_foreign_are_named_and_the_others_come_in_order() {
     use Defect::{Displaced, Missing, OtherRun, Repeated};
-    let folder = TempDir::new().unwrap();
-    let path = folder.path().join(FILE);
+    let (_folder, path) = place();
     let ends = [10, 24, 40, 50_u64];
     let (theirs, _) = written(&path, &contents_of(8), &ends);
     let (whole, places) = written(&path, &contents(), &ends);
@@ -332,8 +333,7 @@ fn blocks_that_are_missing_repeated_exchanged_or_foreign_are_named_and_the_other
 
 #[test]
 fn a_topic_alone_does_not_wait_for_a_full_chunk() {
-    let folder = TempDir::new().unwrap();
-    let path = folder.path().join(FILE);
+    let (_folder, path) = place();
     let mut log = Writer::create(&path, &contents()).unwrap();
     let begin = log.place().bytes;
     add(&mut log, 0..BLOCK as u64 - 1);
@@ -348,8 +348,7 @@ fn a_topic_alone_does_not_wait_for_a_full_chunk() {
 
 #[test]
 fn blocks_of_any_bytes_under_a_right_checksum_are_refused() {
-    let folder = TempDir::new().unwrap();
-    let path = folder.path().join(FILE);
+    let (_folder, path) = place();
     let (whole, places) = written(&path, &contents(), &[10]);
     for at in places[0]..places[1] {
         let mut other = whole.clone();

@@ -146,6 +146,7 @@ mod tests {
     };
     use shared_types::target_file::live;
 
+    /// A line as the operator reads it.
     fn target(line: &str) -> shared_types::TargetContent {
         live(line, 0, 1000).next().unwrap().unwrap()
     }
@@ -187,42 +188,44 @@ mod tests {
     fn buttons_choose_frame_side_and_speed_and_the_operator_reads_every_line() {
         let mut pad = Pad::default();
         pad.tilt(Axis::LeftStickY, 1.0);
+        // What is pressed, and then the target: its frame, its side, its speed.
+        let no_side = target(&pad.line()).side;
+        for (buttons, frame, side, speed) in [
+            (&[][..], FRAME_BASE, no_side, 0.1),
+            (
+                &[Button::North, Button::West, Button::Up],
+                FRAME_HAND,
+                SIDE_POSITIVE,
+                0.125,
+            ),
+            (&[Button::North], FRAME_SINGULAR, SIDE_POSITIVE, 0.125),
+            // The speed has a least value.
+            (
+                &[&[Button::North][..], &[Button::Down; 100]].concat(),
+                FRAME_BASE,
+                SIDE_POSITIVE,
+                0.005,
+            ),
+        ] {
+            for button in buttons {
+                assert_eq!(
+                    [true, false].map(|down| pad.press(*button, down)),
+                    [None, None]
+                );
+            }
+            let found = target(&pad.line());
+            assert_eq!(
+                (found.kind, found.frame, found.side),
+                (TARGET_TWIST, frame, side)
+            );
+            assert!((found.twist[0] - speed).abs() < 1e-12, "{found:?}");
+        }
+        let mut pad = Pad::default();
+        pad.tilt(Axis::LeftStickY, 1.0);
         pad.press(Button::RightShoulder, true);
-        assert_eq!(
-            (
-                target(&pad.line()).kind,
-                target(&pad.line()).frame,
-                target(&pad.line()).twist[3]
-            ),
-            (TARGET_TWIST, FRAME_BASE, 0.4)
-        );
-        assert_eq!(
-            (
-                pad.press(Button::North, true),
-                pad.press(Button::North, false)
-            ),
-            (None, None)
-        );
-        pad.press(Button::West, true);
-        pad.press(Button::Up, true);
-        let line = target(&pad.line());
-        assert_eq!(
-            (line.frame, line.side, line.twist[0]),
-            (FRAME_HAND, SIDE_POSITIVE, 0.125)
-        );
-        pad.press(Button::North, true);
-        assert_eq!(target(&pad.line()).frame, FRAME_SINGULAR);
-        pad.press(Button::North, true);
-        assert_eq!(target(&pad.line()).frame, FRAME_BASE);
-        (0..100).for_each(|_| drop(pad.press(Button::Down, true)));
-        assert!(
-            (target(&pad.line()).twist[0] - 0.005).abs() < 1e-12,
-            "the speed has a least value"
-        );
-        assert_eq!(
-            target(&pad.press(Button::Start, true).unwrap()).kind,
-            TARGET_END
-        );
+        assert_eq!(target(&pad.line()).twist[3], 0.4);
+        let end = pad.press(Button::Start, true).unwrap();
+        assert_eq!(target(&end).kind, TARGET_END);
     }
 
     #[test]

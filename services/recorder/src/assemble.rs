@@ -230,15 +230,19 @@ mod tests {
         Assembler::new(Set::of(|_| true), patience, horizon)
     }
 
+    /// The ticks that are given out now.
+    fn given(assembler: &mut Assembler, now: u64, flush: bool) -> Vec<u64> {
+        std::iter::from_fn(|| assembler.pop(now, flush).map(|row| row.tick)).collect()
+    }
+
     #[test]
     fn rows_come_whole_and_in_order() {
         let mut assembler = assembler(10, 20);
         fill(&mut assembler, 1);
-        assert!(assembler.pop(0, false).is_none(), "tick 0 is still missing");
+        // Tick 0 is still missing.
+        assert!(given(&mut assembler, 0, false).is_empty());
         fill(&mut assembler, 0);
-        let popped = [(); 2].map(|()| assembler.pop(0, false).unwrap().tick);
-        assert_eq!(popped, [0, 1]);
-        assert!(assembler.pop(0, false).is_none());
+        assert_eq!(given(&mut assembler, 0, false), [0, 1]);
         assert!(assembler.row(0).is_none(), "given out already");
     }
 
@@ -247,33 +251,29 @@ mod tests {
         let mut assembler = assembler(3, 6);
         assembler.row(0).unwrap().put(&SensorSample::default());
         (1..=3).for_each(|tick| fill(&mut assembler, tick));
-        assert!(
-            assembler.pop(3, false).is_none(),
-            "the rest of tick 0 may still be in a buffer"
-        );
+        // The rest of tick 0 may still be in a buffer.
+        assert!(given(&mut assembler, 3, false).is_empty());
         let torn = assembler.pop(4, false).unwrap();
         assert!(torn.tick == 0 && torn.messages().plant_state.is_none());
-        assert_eq!(assembler.pop(4, false).unwrap().tick, 1);
+        assert_eq!(given(&mut assembler, 4, false)[0], 1);
     }
 
     #[test]
     fn ticks_of_which_nothing_came_are_given_out_empty() {
         let mut assembler = assembler(3, 6);
-        (0..8)
-            .filter(|tick| !(2..4).contains(tick))
-            .for_each(|tick| fill(&mut assembler, tick));
-        let mut rows = Vec::new();
-        while let Some(row) = assembler.pop(7, false) {
-            rows.push((
-                row.tick,
-                row.come == Set::of(|_| true),
-                row.messages().sensor.is_some(),
-            ));
+        let has_come = |tick: u64| !(2..4).contains(&tick);
+        let come = (0..8).filter(|tick| has_come(*tick));
+        come.for_each(|tick| fill(&mut assembler, tick));
+        for tick in 0..8 {
+            let row = assembler.pop(7, false).unwrap();
+            let is_whole = row.come == Set::of(|_| true);
+            let has_sensor = row.messages().sensor.is_some();
+            assert_eq!(
+                (row.tick, is_whole, has_sensor),
+                (tick, has_come(tick), has_come(tick))
+            );
         }
-        let expected: Vec<_> = (0..8)
-            .map(|tick| (tick, !(2..4).contains(&tick), !(2..4).contains(&tick)))
-            .collect();
-        assert_eq!(rows, expected);
+        assert!(assembler.pop(7, false).is_none());
     }
 
     #[test]
@@ -307,28 +307,24 @@ mod tests {
     fn the_end_gives_out_everything() {
         let mut assembler = assembler(3, 6);
         assembler.row(1).unwrap().put(&SensorSample::default());
-        let popped = [(); 2].map(|()| assembler.pop(0, true).unwrap().tick);
-        assert_eq!(popped, [0, 1]);
-        assert!(assembler.pop(0, true).is_none());
+        assert_eq!(given(&mut assembler, 0, true), [0, 1]);
     }
 
     #[test]
     fn a_tick_from_nowhere_costs_nothing_but_itself() {
         let mut assembler = assembler(3, 6);
+        let far = 1_000_000_000;
         fill(&mut assembler, 0);
-        assembler
-            .row(1_000_000_000)
-            .unwrap()
-            .put(&SensorSample::default());
+        assembler.row(far).unwrap().put(&SensorSample::default());
         fill(&mut assembler, 1);
         assembler.row(2).unwrap().put(&SensorSample::default());
-        let mut ticks = |now: u64, flush| {
-            std::iter::from_fn(|| assembler.pop(now, flush).map(|row| row.tick)).collect::<Vec<_>>()
-        };
-        assert_eq!(ticks(3, false), [0, 1]);
-        assert_eq!(
-            (ticks(6, false), ticks(500, false), ticks(6, true)),
-            (vec![2], vec![], vec![1_000_000_000])
-        );
+        for (now, flush, ticks) in [
+            (3, false, &[0, 1][..]),
+            (6, false, &[2]),
+            (500, false, &[]),
+            (6, true, &[far]),
+        ] {
+            assert_eq!(given(&mut assembler, now, flush), ticks);
+        }
     }
 }

@@ -133,18 +133,3 @@ impl Memory {
         ciborium::from_reader(bytes.as_slice()).ok()
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn checkpoints_are_rare_where_the_logs_have_what_they_need() {
-        assert_eq!(most_ticks(true, 256), EVERY_TICKS);
-        assert_eq!(
-            (most_ticks(false, 256), most_ticks(true, 4)),
-            (256, 4),
-            "nothing is kept; a block is more than the retainers hold"
-        );
-    }
-}

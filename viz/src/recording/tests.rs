@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
 use chain::{Chain, Tick as Messages};
+use tempfile::TempDir;
 
 use super::*;
 use crate::parts::is_complete;
@@ -19,6 +20,7 @@ const OFTEN: Options = Options {
 
 /// Wrist lock: the joints turn ζ by 90°, then the hand rotates about the direction that was lost.
 struct Fixture {
+    folder: TempDir,
     robot: Robot,
     scenario: Scenario,
     messages: Vec<Messages>,
@@ -40,6 +42,7 @@ impl Fixture {
         };
         let messages = (0..ticks).map(&mut step).collect();
         Self {
+            folder: tempfile::tempdir().expect("a folder"),
             robot,
             scenario,
             messages,
@@ -58,8 +61,21 @@ impl Fixture {
         }
     }
 
-    fn part(&self, folder: &Path, part: u32) -> Recording {
-        Recording::create_part(folder, part, &self.info("test"), OFTEN).expect("room")
+    fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    fn part(&self, part: u32) -> Recording {
+        Recording::create_part(self.path(), part, &self.info("test"), OFTEN).expect("room")
+    }
+
+    fn next_part(&self, recording: &mut Recording) {
+        recording.next_part(self.path()).expect("room");
+    }
+
+    /// What was recorded.
+    fn content(&self) -> Content {
+        Content::of(&parts_in(self.path()))
     }
 
     fn row(&self, tick: usize) -> TickRow<'_> {
@@ -129,12 +145,11 @@ fn rows_at(part: &Path, path: &str) -> usize {
 
 #[test]
 fn every_number_is_read_back_from_every_part() {
-    let folder = tempfile::tempdir().expect("a folder");
     let run = Fixture::new(600);
-    let mut recording = run.part(folder.path(), 0);
+    let mut recording = run.part(0);
     // Between two of the ticks at which signals of a lower rate are drawn.
     run.record(&mut recording, 0..123);
-    recording.next_part(folder.path()).expect("room");
+    run.next_part(&mut recording);
     // A message that is late by one tick leaves its row empty.
     let row = |tick: usize| {
         let mut row = run.row(tick);
@@ -146,7 +161,7 @@ fn every_number_is_read_back_from_every_part() {
     recording.finish().expect("room");
     let limits = Limits::new(&run.robot);
     let mut next = 0;
-    let parts = parts_in(folder.path());
+    let parts = parts_in(run.path());
     read(&parts, |piece| {
         if let Piece::About(about) = &piece {
             let known = (about.joints, &*about.properties["seed"], about.rate_hz());
@@ -205,12 +220,11 @@ fn every_number_is_read_back_from_every_part() {
 
 #[test]
 fn a_recording_shows_what_happened() {
-    let folder = tempfile::tempdir().expect("a folder");
     let run = Fixture::new(4400);
-    let mut recording = run.part(folder.path(), 0);
+    let mut recording = run.part(0);
     run.record(&mut recording, 0..4400);
     recording.finish().expect("room");
-    let content = Content::of(&parts_in(folder.path()));
+    let content = run.content();
     let modes = ["reorient", "track", "recover", "regular"];
     assert_eq!(content.lane("mode/wrist"), modes);
     assert_eq!((content.log.len(), content.log[0].0), (3, 2001));
@@ -235,19 +249,18 @@ fn a_recording_shows_what_happened() {
         ("/world/arm/link4/why_wrist", 1..5),
         (entity::NOW, 3..20),
     ] {
-        let rows = rows_at(&folder.path().join("run.rrd"), path);
+        let rows = rows_at(&run.path().join("run.rrd"), path);
         assert!(expected.contains(&rows), "{path}: {rows}");
     }
 }
 
 #[test]
 fn missing_messages_leave_gaps_and_are_told() {
-    let folder = tempfile::tempdir().expect("a folder");
     let mut run = Fixture::new(100);
     let late = &mut run.messages[60..];
     late.iter_mut()
         .for_each(|m| m.singularity.header.incarnation = 2);
-    let mut recording = run.part(folder.path(), 0);
+    let mut recording = run.part(0);
     for tick in 0..100 {
         let mut row = run.row(tick);
         if (20..60).contains(&tick) {
@@ -256,7 +269,7 @@ fn missing_messages_leave_gaps_and_are_told() {
         recording.tick(&row).expect("room");
     }
     recording.finish().expect("room");
-    let content = Content::of(&parts_in(folder.path()));
+    let content = run.content();
     for (process, states) in [
         ("analyzer", &["up", "silent", "restarted"][..]),
         ("estimator", &["up"]),
@@ -306,9 +319,8 @@ impl Storage for Volume {
 
 #[test]
 fn a_full_volume_ends_the_recording_at_a_whole_message() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let kept = folder.path().join("kept.rrd");
     let run = Fixture::new(400);
+    let kept = run.path().join("kept.rrd");
     let mut refused_at_once = 0;
     for room in (0..24).map(|k| 22_000 * k + 7_919) {
         let volume = Volume {
@@ -351,14 +363,13 @@ fn a_full_volume_ends_the_recording_at_a_whole_message() {
 
 #[test]
 fn a_killed_recorder_loses_at_most_a_chunk_and_its_files_are_completed_and_merged() {
-    let folder = tempfile::tempdir().expect("a folder");
     let run = Fixture::new(1200);
-    let mut recording = run.part(folder.path(), 0);
+    let mut recording = run.part(0);
     run.record(&mut recording, 0..600);
-    recording.next_part(folder.path()).expect("room");
+    run.next_part(&mut recording);
     run.record(&mut recording, 600..1199);
     std::mem::forget(recording);
-    let parts = parts_in(folder.path());
+    let parts = parts_in(run.path());
     let count = |part: &PathBuf| Content::one(part).ticks.len();
     let [first, last] = &parts[..] else {
         panic!("{parts:?}")
@@ -367,7 +378,7 @@ fn a_killed_recorder_loses_at_most_a_chunk_and_its_files_are_completed_and_merge
     assert_eq!((count(first), count(last)), (600, 500));
     let bytes = std::fs::read(last).expect("bytes");
     // Killed while it wrote: at worst a message cut in two.
-    let torn = folder.path().join("torn.rrd");
+    let torn = run.path().join("torn.rrd");
     for end in (bytes.len() / 20..bytes.len()).step_by(bytes.len() / 40) {
         std::fs::write(&torn, &bytes[..end]).expect("a file");
         let content = Content::one(&torn);
@@ -386,10 +397,10 @@ fn a_killed_recorder_loses_at_most_a_chunk_and_its_files_are_completed_and_merge
     parts.iter().for_each(|part| complete(part).expect("room"));
     assert!(is_complete(last).expect("the file") && count(last) == 500);
     assert_eq!(std::fs::read(first).expect("bytes"), whole_before);
-    let files = std::fs::read_dir(folder.path()).expect("the folder");
+    let files = std::fs::read_dir(run.path()).expect("the folder");
     assert_eq!(files.count(), 2, "no draft is left");
 
-    let whole = folder.path().join("whole.rrd");
+    let whole = run.path().join("whole.rrd");
     let mut reading = crate::Reading::default();
     merge(&parts, &whole, |news| reading.add(news)).expect("room");
     assert!(reading.rows() == 1100 && is_complete(&whole).expect("the file"));
@@ -417,46 +428,44 @@ fn a_killed_recorder_loses_at_most_a_chunk_and_its_files_are_completed_and_merge
 
 #[test]
 fn rows_behind_the_place_that_a_killed_recorder_noted_are_written_once() {
-    let folder = tempfile::tempdir().expect("a folder");
     let run = Fixture::new(900);
-    let mut killed = run.part(folder.path(), 0);
+    let mut killed = run.part(0);
     run.record(&mut killed, 0..300);
-    killed.next_part(folder.path()).expect("room");
+    run.next_part(&mut killed);
     run.record(&mut killed, 300..600);
     let noted = killed.written();
     assert_eq!((noted.part, noted.next), (1, 550));
     run.record(&mut killed, 600..700);
-    killed.next_part(folder.path()).expect("room");
+    run.next_part(&mut killed);
     run.record(&mut killed, 700..900);
     killed.flush();
     std::mem::forget(killed);
 
-    cut_behind(folder.path(), Some(&noted)).expect("files of ours");
-    let mut replacement = run.part(folder.path(), noted.part + 1);
+    cut_behind(run.path(), Some(&noted)).expect("files of ours");
+    let mut replacement = run.part(noted.part + 1);
     replacement.go_on_after(noted);
     // From its last checkpoint on.
     run.record(&mut replacement, 400..900);
     replacement.finish().expect("room");
-    let parts = parts_in(folder.path());
+    let parts = parts_in(run.path());
     assert_eq!(
         (parts.len(), Content::of(&parts).ticks),
         (3, (0..900).collect())
     );
 
     // Where no place is known.
-    cut_behind(folder.path(), None).expect("files of ours");
-    assert!(parts_in(folder.path()).is_empty());
+    cut_behind(run.path(), None).expect("files of ours");
+    assert!(parts_in(run.path()).is_empty());
 }
 
 #[test]
 fn a_flipped_bit_anywhere_is_read_or_told_and_nothing_panics() {
-    let folder = tempfile::tempdir().expect("a folder");
     let run = Fixture::new(260);
-    let mut recording = run.part(folder.path(), 0);
+    let mut recording = run.part(0);
     run.record(&mut recording, 0..260);
     recording.finish().expect("room");
-    let whole = std::fs::read(folder.path().join("run.rrd")).expect("bytes");
-    let damaged = folder.path().join("damaged.rrd");
+    let whole = std::fs::read(run.path().join("run.rrd")).expect("bytes");
+    let damaged = run.path().join("damaged.rrd");
     let mut damages = 0;
     for place in (0..whole.len()).step_by(whole.len() / 200) {
         let mut bytes = whole.clone();

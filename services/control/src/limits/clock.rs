@@ -196,6 +196,19 @@ mod tests {
     }
 
     #[test]
+    fn a_feasible_path_runs_at_full_clock_speed() {
+        // The demand has been there before: a rising one is extrapolated.
+        let mut clock = Clock {
+            demand: 0.94,
+            ..Clock::default()
+        };
+        for _ in 0..1000 {
+            clock.govern(&load(0.94, 7.0), &Vector1::new(10.0), 1e-3);
+            assert_eq!((clock.rate, clock.rate_dot), (1.0, 0.0));
+        }
+    }
+
+    #[test]
     fn the_clock_never_brakes_harder_than_the_torque_allows() {
         let (limits, heavy) = (
             Vector1::new(10.0),

@@ -5,16 +5,21 @@ use crate::reference::path::Path;
 use crate::singularity::analyzer::Analyzer;
 use crate::testing::robot;
 use model::Robot;
-use shared_types::scenario::{Analysis, Scenario};
+use shared_types::scenario::Scenario;
 
-fn plan_of<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<PathPlan<N>, Infeasible> {
-    let model = Model::<N>::new(robot, None).unwrap();
-    let q_start = crate::start_posture::<N>(robot, scenario).unwrap();
-    let mut analyzer = Analyzer::new(robot, &scenario.analysis);
+/// A line from a posture to a pose is one leg; the postures of its route have the path's poses, within the limits, and do not jump.
+fn assert_planned<const N: usize>(name: &str, [q_rad, to_m, rotation]: [&str; 3], duration_s: f64) {
+    let text = format!(
+        "name = \"line\"\nrobot = \"{name}\"\n[start]\nq = {q_rad}\n[[segment]]\nto_m = {to_m}\nrotation = {rotation}\nduration_s = {duration_s}\n"
+    );
+    let scenario = Scenario::parse("line.toml", &text, &[]).unwrap();
+    let robot = Robot::builtin(name).unwrap();
+    let model = Model::<N>::new(&robot, None).unwrap();
+    let q_start = crate::start_posture::<N>(&robot, &scenario).unwrap();
+    let analyzer = Analyzer::new(&robot, &scenario.analysis);
     let report = analyse(&mut analyzer.clone(), &model, &q_start);
-    let path = Path::new(scenario, &report).unwrap();
-    let _ = &mut analyzer;
-    plan(&Request {
+    let path = Path::new(&scenario, &report).unwrap();
+    let plan = plan(&Request {
         model: &model,
         path: &path,
         q_start,
@@ -27,95 +32,58 @@ fn plan_of<const N: usize>(robot: &Robot, scenario: &Scenario) -> Result<PathPla
         position_m: 1e-3,
         orientation_rad: 0.5_f64.to_radians(),
     })
-}
-
-/// Whether the route's postures have the path's poses, within the limits, and do not jump.
-fn holds<const N: usize>(robot: &Robot, scenario: &Scenario, plan: &PathPlan<N>) -> bool {
-    let model = Model::<N>::new(robot, None).unwrap();
-    let q_start = crate::start_posture::<N>(robot, scenario).unwrap();
-    let report = analyse(
-        &mut Analyzer::new(robot, &Analysis::default()),
-        &model,
-        &q_start,
-    );
-    let path = Path::new(scenario, &report).unwrap();
+    .unwrap();
+    assert_eq!(plan.legs(), 1);
     let mut progress = Progress::at(model.forward_kinematics(&q_start));
     path.advance(&mut progress, 0.0, &report);
     let (mut last, mut worst) = (plan.at(0.0), [0.0_f64; 3]);
     for k in 1..=4000 {
         let now = plan.at(plan.duration_s() * f64::from(k) / 4000.0);
-        let X_d = path.desired(
-            &Progress {
-                time_s: now.t.min(scenario.segment[0].duration_s - 1e-9),
-                ..progress
-            },
-            1.0,
-            0.0,
-        );
+        progress.time_s = now.t.min(duration_s - 1e-9);
+        let desired = path.desired(&progress, 1.0, 0.0);
         let X = model.forward_kinematics(&now.q);
-        let (mm, deg) = (
-            (X.p - X_d.p).norm() * 1e3,
-            crate::linear::rotation_log(&(X.R * X_d.R.transpose()))
-                .norm()
-                .to_degrees(),
-        );
-        worst = [
-            worst[0].max(mm),
-            worst[1].max(deg),
-            worst[2].max((now.q - last.q).amax()),
+        let turn = crate::linear::rotation_log(&(X.R * desired.R.transpose()));
+        let errors = [
+            (X.p - desired.p).norm() * 1e3,
+            turn.norm().to_degrees(),
+            (now.q - last.q).amax(),
         ];
-        assert!(
-            (0..N).all(|i| now.q[i] > model.lower()[i] && now.q[i] < model.upper()[i]),
-            "{}",
-            now.q
-        );
-        assert!(now.t >= last.t);
+        worst = [0, 1, 2].map(|i| worst[i].max(errors[i]));
+        let is_within = |i: usize| now.q[i] > model.lower()[i] && now.q[i] < model.upper()[i];
+        assert!((0..N).all(is_within) && now.t >= last.t, "{}", now.q);
         last = now;
     }
     // 1 mm and 0.5° are allowed at C; between the points the spline adds to it, and E lies beside C.
-    println!("{worst:.3?}");
-    worst[0] < 2.5 && worst[1] < 0.8 && worst[2] < 0.5
-}
-
-/// A scenario of one line, from a posture to a pose.
-fn line_to(robot: &str, q_rad: &str, to_m: &str, rotation: &str, duration_s: f64) -> Scenario {
-    let text = format!(
-        "name = \"line\"\nrobot = \"{robot}\"\n[start]\nq = {q_rad}\n[[segment]]\nto_m = {to_m}\nrotation = {rotation}\nduration_s = {duration_s}\n"
+    assert!(
+        worst[0] < 2.5 && worst[1] < 0.8 && worst[2] < 0.5,
+        "{worst:?}"
     );
-    Scenario::parse("line.toml", &text, &[]).unwrap()
 }
 
 /// Elbow and wrist are locked at the start, with one direction lost: the self-motion folds the arm and stretches it again, and there the lost direction
 /// touches what the path needs.
 #[test]
 fn a_self_motion_leads_to_the_posture_in_which_a_fold_opens() {
-    let scenario = line_to(
-        "ur5",
+    let line = [
         "[2.3358562273126307, -0.4808617754356229, 0.0, -0.5809155455306835, 0.0, 2.0515414539299233]",
         "[0.42696022709707954, -0.291693307110614, 0.2811488474230306]",
         "[[-0.42046401599940536, 0.5962321875655425, 0.68389852299918], [0.3437960545647685, -0.5928603861522544, 0.7282313062462356], \
          [0.8396512872111557, 0.5413166735305757, 0.04429418519898062]]",
-        2.3,
-    );
-    let plan = plan_of::<6>(robot("ur5"), &scenario).unwrap();
-    assert!(plan.legs() == 1 && holds(robot("ur5"), &scenario, &plan));
+    ];
+    assert_planned::<6>("ur5", line, 2.3);
 }
 
 /// The cheap routes of spare joints end in a fold; one that first moves them far goes on.
 #[test]
 fn a_dear_route_is_kept_where_the_cheap_ones_end() {
-    let scenario = line_to(
-        "fr3",
+    let line = [
         "[-0.4714209084614231, -1.1759497327954163, 0.6529140976927561, -1.0106071293870083, 1.7862306633989768, 3.5843310451252584, \
          -2.619045879997899]",
         "[-0.5151235244169481, 0.37014794405986967, 0.8000669507653935]",
         "[[-0.624254133192405, -0.7161674244212864, -0.31210734914445676], [0.5628271777488643, -0.689356403806157, 0.45608476900537964], \
          [-0.5417862541440555, 0.10905030366405749, 0.8334120746013519]]",
-        1.891,
-    );
-    let fr3 = Robot::builtin("fr3").unwrap();
-    let plan = plan_of::<7>(&fr3, &scenario).unwrap();
-    assert!(plan.legs() == 1 && holds(&fr3, &scenario, &plan));
+    ];
+    assert_planned::<7>("fr3", line, 1.891);
 }
 
 /// A chain is compiled for six joints, and an arm of three is embedded in it: what moves nothing is no spare joint.

@@ -130,12 +130,3 @@ fn a_damaged_checkpoint_is_refused_and_the_arm_held() {
         assert!(command.tau.iter().all(|x| x.is_finite()));
     }
 }
-
-#[test]
-fn scenarios_that_do_not_fit_say_why() {
-    let (mut scenario, ..) = figure_5();
-    scenario.segment[0].posture_deg = Some(vec![0.0]);
-    let q = start_posture::<6>(robot("puma560"), &scenario).unwrap();
-    let error = Controller::new(puma().clone(), robot("puma560"), &scenario, q).unwrap_err();
-    assert!(error.to_string().starts_with("segment 0: "), "{error}");
-}

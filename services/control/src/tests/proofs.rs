@@ -1,18 +1,15 @@
 //! The additions to the paper reduce to the paper's law inside D_si and to operational-space control outside.
 
 use crate::centre::AtCentre;
-use crate::law::auxiliary::{Demand, Gains, LEFT, Loop};
-use crate::law::{self, Engaged, Problem, Rows, Torques};
-use crate::limits::clock::{Clock, Load};
-use crate::paper::operational_space::null_torque;
-use crate::paper::reference::Target;
+use crate::law::auxiliary::LEFT;
+use crate::law::{self, Engaged, Problem, Rows};
 use crate::paper::singular_frame::orthogonal_rows;
 use crate::singularity::analyzer::Analyzer;
 use crate::singularity::puma_inverse::PumaLengths;
 use crate::testing::{posture, puma, puma_lengths, robot};
-use crate::types::{Mode, Report, Singularity};
+use crate::types::Report;
 use model::{Model, Terms};
-use nalgebra::{DMatrix, DVector, Matrix1, Vector1, Vector6};
+use nalgebra::{DMatrix, DVector, Vector6};
 use proptest::prelude::*;
 use shared_types::random::Uniform;
 use shared_types::scenario::Analysis;
@@ -69,23 +66,53 @@ fn engaged(report: &Report<6>, beta: f64) -> Vec<Engaged<6>> {
     .collect()
 }
 
-fn sum(torques: &Torques<6>) -> Vector6<f64> {
-    torques.parts.sum()
+/// A posture as the law meets it.
+struct Met {
+    report: Report<6>,
+    terms: Terms<6>,
+    at: AtCentre<6>,
+    qdot: Vector6<f64>,
 }
 
-fn problem<'a>(terms: &'a Terms<6>, at: &'a AtCentre<6>, qdot: &'a Vector6<f64>) -> Problem<'a, 6> {
-    Problem {
-        A: &terms.A,
-        at,
-        qdot,
-        task: [true; 6],
-        a: Vector6::new(0.3, -0.5, 0.2, 0.4, -0.1, 0.6),
-        a_path: Vector6::zeros(),
-        V: Vector6::zeros(),
-        a_feed: Vector6::zeros(),
-        grad_V_0: Vector6::zeros(),
-        k_vq: 40.0,
+impl Met {
+    fn new(q: &Vector6<f64>, qdot: Vector6<f64>) -> Self {
+        let (report, terms) = analysed(puma(), "puma560", q, &qdot);
+        let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
+        Self {
+            report,
+            terms,
+            at,
+            qdot,
+        }
     }
+
+    fn problem(&self) -> Problem<'_, 6> {
+        Problem {
+            A: &self.terms.A,
+            at: &self.at,
+            qdot: &self.qdot,
+            task: [true; 6],
+            a: Vector6::new(0.3, -0.5, 0.2, 0.4, -0.1, 0.6),
+            a_path: Vector6::zeros(),
+            V: Vector6::zeros(),
+            a_feed: Vector6::zeros(),
+            grad_V_0: Vector6::zeros(),
+            k_vq: 40.0,
+        }
+    }
+
+    fn rows(&self, beta: f64) -> Rows<6> {
+        Rows::of(&self.problem(), &engaged(&self.report, beta)).unwrap()
+    }
+
+    /// Whether a measure is nearer to its lock than this.
+    fn is_within(&self, s: f64) -> bool {
+        self.report.listed().iter().any(|one| one.s.abs() < s)
+    }
+}
+
+fn moving(random: &mut Uniform) -> Vector6<f64> {
+    Vector6::from_fn(|_, _| random.within(-0.5, 0.5))
 }
 
 proptest! {
@@ -111,36 +138,24 @@ proptest! {
             prop_assert!((x.zeta_B - y.zeta_B).norm() < 1e-13 && (x.gain - y.gain).abs() < 1e-13);
         }
     }
-
 }
 
 #[test]
 fn the_auxiliary_motion_moves_zeta_by_the_gain_and_nothing_else() {
     let (mut random, mut lone) = (Uniform(1), 0);
     for k in 0..2000 {
-        let q = at_locks(&mut random, k % 8);
-        let (report, terms) = analysed(puma(), "puma560", &q, &Vector6::zeros());
-        let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
-        let (engaged, zero) = (engaged(&report, 0.0), Vector6::zeros());
-        lone += usize::from(engaged.len() == 1);
-        let rows = Rows::of(&problem(&terms, &at, &zero), &engaged).unwrap();
+        let met = Met::new(&at_locks(&mut random, k % 8), Vector6::zeros());
+        let rows = met.rows(0.0);
         let lu = rows.J_T.transpose().lu();
-        for (i, active) in engaged.iter().enumerate() {
-            let w = lu
-                .solve(&Vector6::from_fn(|j, _| {
-                    if j == rows.kept + i { 1.0 } else { 0.0 }
-                }))
-                .unwrap();
-            let moved = active.zeta_B.dot(&(at.J * w));
-            // With other locks active, ζ of this one is not orthogonal to theirs: only a lone one moves by its own gain alone.
-            if engaged.len() == 1 {
-                assert!(
-                    (moved - active.gain).abs() < 1e-9,
-                    "{:?}: {moved} against {}",
-                    report.singularities[i].kind,
-                    active.gain
-                );
-            }
+        // With other locks active, ζ of this one is not orthogonal to theirs: only a lone one moves by its own gain alone.
+        if let [active] = &engaged(&met.report, 0.0)[..] {
+            lone += 1;
+            let row = Vector6::from_fn(|j, _| f64::from(u8::from(j == rows.kept)));
+            let moved = active.zeta_B.dot(&(met.at.J * lu.solve(&row).unwrap()));
+            let gain = active.gain;
+            assert!((moved - gain).abs() < 1e-9, "{moved} against {gain}");
+        } else {
+            assert!(lu.is_invertible(), "{k}");
         }
     }
     assert!(lone > 200, "one direction alone is lost at {lone} postures");
@@ -155,18 +170,14 @@ fn the_augmented_matrix_is_regular_everywhere() {
         if (0..6).any(|i| q[i] < puma().lower()[i] || q[i] > puma().upper()[i]) {
             continue;
         }
-        let (report, terms) = analysed(puma(), "puma560", &q, &Vector6::zeros());
-        let mut at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
-        (0..3).for_each(|i| at.J.row_mut(i).scale_mut(1.0 / report.length_m));
+        let mut met = Met::new(&q, Vector6::zeros());
+        let length_m = met.report.length_m;
+        (0..3).for_each(|i| met.at.J.row_mut(i).scale_mut(1.0 / length_m));
         // Engaged as long as the law keeps it so on the way out.
-        let mut near = report;
-        near.singularities
-            .iter_mut()
-            .for_each(|s| s.eta_out *= LEFT);
-        let zero = Vector6::zeros();
-        let rows = Rows::of(&problem(&terms, &at, &zero), &engaged(&near, 0.0)).unwrap();
-        smallest = smallest.min(rows.J_T.singular_values()[5]);
-        of_J = of_J.min(at.J.singular_values()[5]);
+        let listed = met.report.singularities.iter_mut();
+        listed.for_each(|s| s.eta_out *= LEFT);
+        smallest = smallest.min(met.rows(0.0).J_T.singular_values()[5]);
+        of_J = of_J.min(met.at.J.singular_values()[5]);
     }
     println!("smallest singular value: augmented {smallest}, J {of_J}");
     assert!(smallest > 0.03 && of_J < 1e-6, "{smallest} {of_J}");
@@ -208,25 +219,20 @@ fn one_solve_gives_the_papers_torque() {
     let mut random = Uniform(3);
     for k in 0..4000 {
         let q = at_locks(&mut random, 1 + k % 7);
-        let qdot = Vector6::from_fn(|_, _| random.within(-0.5, 0.5));
-        let (report, terms) = analysed(puma(), "puma560", &q, &qdot);
-        let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
-        let (engaged, problem) = (engaged(&report, 0.0), problem(&terms, &at, &qdot));
+        let met = Met::new(&q, moving(&mut random));
+        let (engaged, problem) = (engaged(&met.report, 0.0), met.problem());
         if engaged.is_empty() {
             continue;
         }
-        let one = law::solve(&problem, &engaged).unwrap();
+        let parts = law::solve(&problem, &engaged).unwrap().parts;
         let [Gamma, null] = papers_torque(&problem, &engaged);
-        let scale = Gamma.amax().max(1.0);
+        let (sum, scale) = (parts.sum(), Gamma.amax().max(1.0));
         assert!(
-            (sum(&one) - Gamma).amax() < 1e-9 * scale,
-            "{k}: {} against {Gamma}",
-            sum(&one)
+            (sum - Gamma).amax() < 1e-9 * scale,
+            "{k}: {sum} against {Gamma}"
         );
-        assert!(
-            (one.parts.null - null).amax() < 1e-8 * scale,
-            "{k}: the same split"
-        );
+        let split = (parts.null - null).amax();
+        assert!(split < 1e-8 * scale, "{k}: the same split");
     }
 }
 
@@ -235,24 +241,15 @@ fn the_blend_is_a_convex_weight_with_the_right_sign() {
     // With a wrong sign of the gain some β between 0 and 1 makes the matrix singular.
     let mut random = Uniform(4);
     for k in 0..2000 {
-        let q = at_locks(&mut random, [1, 2, 4][k % 3]);
-        let (report, terms) = analysed(puma(), "puma560", &q, &Vector6::zeros());
-        let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
-        if report.listed().iter().any(|s| s.s.abs() < 1e-3) {
+        let met = Met::new(&at_locks(&mut random, [1, 2, 4][k % 3]), Vector6::zeros());
+        if met.is_within(1e-3) {
             continue;
         }
-        let zero = Vector6::zeros();
-        let det = |beta: f64| {
-            let rows = Rows::of(&problem(&terms, &at, &zero), &engaged(&report, beta)).unwrap();
-            rows.J_T.determinant()
-        };
-        let (one, other) = (det(0.0), det(1.0));
+        let det = |beta: f64| met.rows(beta).J_T.determinant();
         for beta in [0.25, 0.5, 0.75] {
-            assert!(
-                (det(beta) / one - 1.0).abs() < 1e-6,
-                "the row is the same modulo the others: {one}, {}, {other}",
-                det(beta)
-            );
+            // The row is the same modulo the others.
+            let ratio = det(beta) / det(0.0);
+            assert!((ratio - 1.0).abs() < 1e-6, "{k}: {ratio} at {beta}");
         }
     }
 }
@@ -282,119 +279,31 @@ fn straight_up_the_ideal_arm_has_rank_three_and_the_measured_one_four() {
 /// β = 1 everywhere: the rows span those of J.
 #[test]
 fn outside_every_neighbourhood_one_solve_is_operational_space_control() {
-    let mut random = Uniform(5);
-    let mut checked = 0;
+    let (mut random, mut checked) = (Uniform(5), 0);
     for k in 0..3000 {
         let q = at_locks(&mut random, k % 8);
-        let qdot = Vector6::from_fn(|_, _| random.within(-0.5, 0.5));
-        let (report, terms) = analysed(puma(), "puma560", &q, &qdot);
-        if report.listed().iter().any(|s| s.s.abs() < 0.02) {
+        let met = Met::new(&q, moving(&mut random));
+        if met.is_within(0.02) {
             continue;
         }
-        let at = AtCentre::new(&terms, &report.p_BC, &terms.omega[5]);
-        let problem = problem(&terms, &at, &qdot);
-        let one = law::solve(&problem, &engaged(&report, 1.0)).unwrap();
-        let Gamma = terms.A * at.J.lu().solve(&(problem.a - at.Jdot_qdot)).unwrap();
+        let problem = met.problem();
+        let sum = law::solve(&problem, &engaged(&met.report, 1.0))
+            .unwrap()
+            .parts
+            .sum();
+        let qddot = met
+            .at
+            .J
+            .lu()
+            .solve(&(problem.a - met.at.Jdot_qdot))
+            .unwrap();
+        let Gamma = met.terms.A * qddot;
+        let scale = Gamma.amax().max(1.0);
         assert!(
-            (sum(&one) - Gamma).amax() < 1e-8 * Gamma.amax().max(1.0),
-            "k {k}: {} against {Gamma}",
-            sum(&one)
+            (sum - Gamma).amax() < 1e-8 * scale,
+            "{k}: {sum} against {Gamma}"
         );
         checked += 1;
     }
     assert!(checked > 900, "{checked} postures");
-}
-
-const GAINS: Gains = Gains {
-    k: 12.0,
-    k_v: 40.0,
-    rate_max: 3.0,
-    slew: 50.0,
-};
-
-/// One singularity at a fixed place, with an auxiliary rate.
-fn still(s: f64, inside: bool, aux_rate: f64) -> Singularity<6> {
-    Singularity {
-        s,
-        inside,
-        eta_in: 0.1,
-        eta_out: 0.2,
-        aux_rate,
-        ..Singularity::none()
-    }
-}
-
-#[test]
-fn inside_a_neighbourhood_the_loop_is_a_damped_potential() {
-    for (s, error, rate) in [(0.0, 0.05, 0.1), (0.03, -0.2, 0.4), (-0.1, 0.01, -1.0)] {
-        let target = Target {
-            error,
-            weight: 1.0,
-            mode: Mode::Track,
-            ..Target::default()
-        };
-        let mut state = Loop::default();
-        let demand = (0..2000)
-            .map(|_| state.step(&still(s, true, rate), &target, &GAINS, false, (1.0, 1e-3)))
-            .last()
-            .unwrap();
-        assert_eq!(demand.beta, 0.0, "the strategy alone acts along ζ");
-        // V₀ = ½ k_v K e² in the auxiliary coordinate, of which one is worth one: its gradient is −k_v K e.
-        let gradient = Vector1::new(-GAINS.k_v * GAINS.k * error);
-        let Gamma_0 = null_torque(
-            &Matrix1::identity(),
-            &gradient,
-            GAINS.k_v,
-            &Vector1::new(rate),
-        );
-        assert!(
-            (demand.acceleration - Gamma_0.x).abs() < 1e-9,
-            "{} against {}",
-            demand.acceleration,
-            Gamma_0.x
-        );
-    }
-}
-
-#[test]
-fn outside_a_neighbourhood_the_loop_is_not_used() {
-    let target = Target {
-        error: 0.3,
-        weight: 1.0,
-        mode: Mode::Track,
-        ..Target::default()
-    };
-    let mut state = Loop::default();
-    for s in [0.2, -0.25, 0.9] {
-        assert_eq!(
-            state.step(&still(s, false, 0.1), &target, &GAINS, false, (1.0, 1e-3)),
-            Demand::none()
-        );
-        assert!(!state.engaged(), "at {s}");
-    }
-}
-
-#[test]
-fn a_feasible_path_runs_at_full_clock_speed() {
-    let limits = Vector1::new(10.0);
-    let load = Load {
-        speed: 0.94,
-        holding: Vector1::new(5.0),
-        following: Vector1::new(4.0),
-        braking: Vector1::new(0.1),
-        planned: 1.0,
-    };
-    // The demand has been there before: a rising one is extrapolated.
-    let mut clock = Clock {
-        demand: 0.94,
-        ..Clock::default()
-    };
-    for _ in 0..1000 {
-        clock.govern(&load, &limits, 1e-3);
-        assert_eq!(
-            (clock.rate, clock.rate_dot),
-            (1.0, 0.0),
-            "the desired motion is the path's own"
-        );
-    }
 }

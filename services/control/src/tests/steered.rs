@@ -98,36 +98,25 @@ fn steer<const N: usize>(
             );
             let A = model.mass_matrix(&reference.q);
             for i in 0..N {
-                let (place, position, speed) = (
-                    || format!("tick {tick}, joint {}: {state:?}", i + 1),
-                    reference.q[i],
-                    reference.qdot[i],
-                );
+                let place = || format!("tick {tick}, joint {}: {state:?}", i + 1);
+                let (position, speed, torque) = (reference.q[i], reference.qdot[i], command.tau[i]);
+                let range = model.lower()[i]..=model.upper()[i];
                 prop_assert!(
-                    position >= model.lower()[i] && position <= model.upper()[i],
+                    range.contains(&position),
                     "{position} is out of range: {}",
                     place()
                 );
-                prop_assert!(
-                    speed.abs() <= model.velocity()[i],
-                    "{speed} is too fast: {}",
-                    place()
-                );
-                let (torque, step) = (
-                    command.tau[i],
-                    (command.tau[i] - tau[i]).abs() / (model.torque_rate()[i] * dt),
-                );
-                prop_assert!(
-                    torque.abs() <= model.effort()[i] && step <= 1.0 + 1e-9,
-                    "torque {torque}, step {step}: {}",
-                    place()
-                );
                 // From one full torque to the other, of all joints at once.
-                let (acceleration, most) = (
-                    (speed - qdot[i]).abs() / dt,
-                    2.0 * N as f64 * model.effort()[i] / A[(i, i)],
-                );
-                prop_assert!(acceleration <= most, "{acceleration} rad/s²: {}", place());
+                let (effort, rate) = (model.effort()[i], model.torque_rate()[i]);
+                let most = 2.0 * N as f64 * effort / A[(i, i)];
+                for (what, found, most) in [
+                    ("rad/s", speed, model.velocity()[i]),
+                    ("N·m", torque, effort),
+                    ("N·m in a tick", torque - tau[i], rate * dt * (1.0 + 1e-9)),
+                    ("rad/s in a tick", speed - qdot[i], most * dt),
+                ] {
+                    prop_assert!(found.abs() <= most, "{found} of {most} {what}: {}", place());
+                }
             }
             (q, qdot, tau) = (reference.q, reference.qdot, command.tau);
             tick += 1;

@@ -410,11 +410,3 @@ impl fmt::Display for ScoresText<'_> {
         Ok(())
     }
 }
-
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn the_arms_of_the_study_are_one_of_each_family_with_formulas_and_one_without() {
-        assert_eq!(super::robots(), ["puma560", "ur5", "iiwa14", "panda"]);
-    }
-}

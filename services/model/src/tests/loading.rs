@@ -248,23 +248,6 @@ fn inertia_without_mass_counts_or_is_refused() {
     assert_refused! { alone, "" => Defect::NoInertia { link, .. } if link == "hand", }
 }
 
-#[test]
-fn foreign_elements_are_read_over_and_macros_refused() {
-    let spring = r#"<drake:linear_spring drake:x="1"><drake:deep/></drake:linear_spring></robot>"#;
-    let declared = row().replace("<robot", "<robot xmlns:drake=\"http://drake.mit.edu\"");
-    let undeclared = r#"<drake:rotor_inertia value="1"/><axis drake:note="x""#;
-    for foreign in [
-        declared.replace("</robot>", spring),
-        row().replace("<axis", undeclared),
-    ] {
-        assert_eq!(
-            load(&foreign, "").unwrap().joints,
-            load(&row(), "").unwrap().joints
-        );
-    }
-    assert_refused! { row().replace("</robot>", "<xacro:arm/></robot>"), "" => Defect::Urdf(_), }
-}
-
 /// Visual geometry keeps its colour; a mesh is named, and the shape that collides stands in for it.
 #[test]
 fn shapes_are_read_with_their_colours_and_meshes_named() {

@@ -206,76 +206,34 @@ mod tests {
     #[test]
     fn a_target_that_cannot_be_followed_is_refused_by_its_reason() {
         assert_eq!(check(&pose(), 0, 6), Ok(()));
-        let cases = [
+        let cases: [(fn(&mut TargetContent), u32); 11] = [
             (
-                TargetContent {
-                    position: [f64::NAN, 0.0, 0.0],
-                    ..pose()
-                },
+                |target| target.position[0] = f64::NAN,
                 TARGET_REFUSAL_NUMBER,
             ),
             (
-                TargetContent {
-                    valid_s: f64::INFINITY,
-                    ..pose()
-                },
+                |target| target.valid_s = f64::INFINITY,
                 TARGET_REFUSAL_NUMBER,
             ),
+            (|target| target.frame = FRAME_HAND, TARGET_REFUSAL_FRAME),
             (
-                TargetContent {
-                    frame: FRAME_HAND,
-                    ..pose()
-                },
+                |target| (target.kind, target.frame) = (TARGET_TWIST, 7),
                 TARGET_REFUSAL_FRAME,
             ),
             (
-                TargetContent {
-                    kind: TARGET_TWIST,
-                    frame: 7,
-                    ..pose()
-                },
-                TARGET_REFUSAL_FRAME,
-            ),
-            (
-                TargetContent {
-                    kind: TARGET_POSTURE,
-                    joints: 5,
-                    ..pose()
-                },
+                |target| (target.kind, target.joints) = (TARGET_POSTURE, 5),
                 TARGET_REFUSAL_JOINTS,
             ),
-            (TargetContent { kind: 77, ..pose() }, TARGET_REFUSAL_KIND),
-            (TargetContent { side: 3, ..pose() }, TARGET_REFUSAL_KIND),
-            (
-                TargetContent {
-                    quaternion: [1.0, 1.0, 0.0, 0.0],
-                    ..pose()
-                },
-                TARGET_REFUSAL_ROTATION,
-            ),
-            (
-                TargetContent {
-                    given_tick: 4,
-                    ..pose()
-                },
-                TARGET_REFUSAL_TIME,
-            ),
-            (
-                TargetContent {
-                    valid_s: -1.0,
-                    ..pose()
-                },
-                TARGET_REFUSAL_TIME,
-            ),
-            (
-                TargetContent {
-                    twist: [1e6; 6],
-                    ..pose()
-                },
-                TARGET_REFUSAL_RANGE,
-            ),
+            (|target| target.kind = 77, TARGET_REFUSAL_KIND),
+            (|target| target.side = 3, TARGET_REFUSAL_KIND),
+            (|target| target.quaternion[1] = 1.0, TARGET_REFUSAL_ROTATION),
+            (|target| target.given_tick = 4, TARGET_REFUSAL_TIME),
+            (|target| target.valid_s = -1.0, TARGET_REFUSAL_TIME),
+            (|target| target.twist = [1e6; 6], TARGET_REFUSAL_RANGE),
         ];
-        for (target, refusal) in cases {
+        for (spoil, refusal) in cases {
+            let mut target = pose();
+            spoil(&mut target);
             assert_eq!(check(&target, 3, 6), Err(refusal), "{target:?}");
         }
     }
