@@ -117,7 +117,10 @@ fn recover_keeps_a_recording_that_holds_more_than_the_messages() {
     let summary = desk.json("recover r");
     summary.holds(r#"{"recorder/error": ""}"#);
     let ticks = summary["ticks"].count();
-    assert!(ticks < rows && ticks % EACH == 0, "{ticks} of {rows}");
+    assert!(
+        ticks < rows && ticks.is_multiple_of(EACH),
+        "{ticks} of {rows}"
+    );
     assert!(summary["reason"].text().contains(&stays), "{summary}");
     assert!(desk.has("r/earlier/run.rrd"));
 }

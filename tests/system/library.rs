@@ -23,7 +23,7 @@ fn library(desk: &Desk) -> PathBuf {
 fn compiled(desk: &Desk, compiler: &str, example: &str, options: &[&str]) -> Option<PathBuf> {
     let (folder, program) = (library(desk), desk.at("program"));
     // A program of a run may use both headers.
-    let wire = desk.file("wire.h", &wire(desk, "c"));
+    let wire = desk.file("wire.h", wire(desk, "c"));
     let built = Command::new(compiler)
         .arg(root().join("examples/cpp").join(example))
         .args(["-O2", "-Wall", "-Wextra", "-Werror", "-larmplane", "-I"])

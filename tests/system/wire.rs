@@ -47,7 +47,7 @@ fn the_c_header_compiles_in_c_and_cpp_and_has_the_layouts_of_the_wire() {
     let desk = Desk::new();
     let expected = layouts(&wire(&desk, "json"));
     assert!(expected.len() > 100, "{expected:?}");
-    desk.file("armplane.h", &wire(&desk, "c"));
+    desk.file("armplane.h", wire(&desk, "c"));
     let print = |line: &String| {
         let words: Vec<&str> = line.split(' ').collect();
         let (name, field) = (snake(words[0]), words[1]);

@@ -341,20 +341,4 @@ mod tests {
         let longest = f64::from(TaskEnd::LONGEST) * scenario().duration_s() * 1000.0;
         assert_eq!(ticks(PHASE_RUNNING, 4000), Some(longest.round() as u64));
     }
-
-    #[test]
-    fn a_start_that_does_not_fit_is_refused() {
-        let refused = |scenario: &Scenario| Cycle::<6>::new(&ROBOT, scenario).err();
-        let (mut sunk, mut lost) = (scenario(), scenario());
-        sunk.plant.floor_m = Some(1.0);
-        lost.frame = "nowhere".into();
-        let in_floor = refused(&sunk);
-        assert!(matches!(
-            in_floor,
-            Some(SetupError::Plant(PlantError::StartInFloor { .. }))
-        ));
-        assert!(matches!(refused(&lost), Some(SetupError::Model(_))));
-        let small = Cycle::<3>::new(&ROBOT, &scenario()).err();
-        assert!(matches!(small, Some(SetupError::Model(_))));
-    }
 }

@@ -578,23 +578,4 @@ mod tests {
         assert_eq!(progress.leg, 1);
         assert!(path.desired(&progress, 1.0, 0.0).p.norm() < 1e-12);
     }
-
-    #[test]
-    fn an_unknown_singularity_is_named_with_those_there_are() {
-        let segment = scenario::Segment {
-            duration_s: 1.0,
-            turn: Some(scenario::Turn {
-                about: "zeta:wrst".into(),
-                by_deg: 1.0,
-            }),
-            ..Default::default()
-        };
-        let error = leg::<6>(3, &segment, &crate::testing::empty_report()).unwrap_err();
-        assert!(
-            error
-                .to_string()
-                .contains("segment 3: there is no singularity 'wrst'"),
-            "{error}"
-        );
-    }
 }

@@ -205,8 +205,9 @@ mod tests {
 
     #[test]
     fn a_target_that_cannot_be_followed_is_refused_by_its_reason() {
+        type Spoil = fn(&mut TargetContent);
         assert_eq!(check(&pose(), 0, 6), Ok(()));
-        let cases: [(fn(&mut TargetContent), u32); 11] = [
+        let cases: [(Spoil, u32); 11] = [
             (
                 |target| target.position[0] = f64::NAN,
                 TARGET_REFUSAL_NUMBER,
