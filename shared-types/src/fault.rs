@@ -142,8 +142,7 @@ impl ScheduledFault {
     #[must_use]
     pub fn fault(&self, process: &str, on: &Target) -> Option<Fault> {
         let kind = self.kind()?;
-        let rule = kind.rule();
-        let way = self.way().filter(|_| !rule.ways.is_empty());
+        let way = self.way().filter(|_| !kind.known_ways().is_empty());
         let at = self.target as usize;
         let field = on
             .fields
@@ -274,6 +273,31 @@ impl Fault {
         self.timed(on.index, target, rate_hz, seed)
     }
 
+    /// The amount given, or the usual one of its kind in this way.
+    fn checked_amount(&self, way: Option<Way>) -> Result<f64, Complaint> {
+        let usual_ms = self.kind.rule().usual_ms;
+        let (usual, most) = if usual_ms > 0.0 {
+            (Some(usual_ms), 0.0..=LONGEST_MS)
+        } else {
+            let usual = way.map(|way| self.kind.usual_amount(way));
+            (usual, -1e12..=1e12)
+        };
+        let amount = self.amount.or(usual).unwrap_or(0.0);
+        require(
+            most.contains(&amount),
+            "amount",
+            format!("an amount of {amount}"),
+            "a number in the unit of the fault's way; `armplane fault --list`",
+        )?;
+        require(
+            way != Some(Way::Quantise) || amount >= FINEST_STEP,
+            "amount",
+            format!("steps of {amount:e} rad"),
+            format!("at least {FINEST_STEP:e}"),
+        )?;
+        Ok(amount)
+    }
+
     fn timed(
         &self,
         index: u32,
@@ -299,29 +323,8 @@ impl Fault {
         let delay = self.delay_ticks.unwrap_or(DELAY_TICKS);
         let amount = match kind {
             Kind::Delay => delay as f64,
-            _ if rule.usual_ms > 0.0 => self.amount.unwrap_or(rule.usual_ms),
-            _ => self
-                .amount
-                .or(way.map(|way| kind.usual_amount(way)))
-                .unwrap_or(0.0),
+            _ => self.checked_amount(way)?,
         };
-        let most = if rule.usual_ms > 0.0 {
-            0.0..=LONGEST_MS
-        } else {
-            -1e12..=1e12
-        };
-        require(
-            kind == Kind::Delay || most.contains(&amount),
-            "amount",
-            format!("an amount of {amount}"),
-            "a number in the unit of the fault's way; `armplane fault --list`",
-        )?;
-        require(
-            way != Some(Way::Quantise) || amount >= FINEST_STEP,
-            "amount",
-            format!("steps of {amount:e} rad"),
-            format!("at least {FINEST_STEP:e}"),
-        )?;
         let jitter = self.jitter_ticks.unwrap_or(0);
         require(
             kind != Kind::Delay || delay.saturating_add(jitter) <= MOST_DELAY_TICKS,
@@ -356,7 +359,7 @@ impl Fault {
             let message = format!("`{kind}` does not come as `{way}`");
             require(kind.ways().any(|one| one == way), "as", message, remedy)?;
         }
-        let has_amount = rule.usual_ms > 0.0 || rule.ways.iter().any(|way| way.1 != 0.0);
+        let has_amount = rule.usual_ms > 0.0 || kind.known_ways().iter().any(|way| way.1 != 0.0);
         let given = [
             ("probability", self.probability.is_some()),
             ("field", self.field.is_some()),

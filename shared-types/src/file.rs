@@ -252,7 +252,7 @@ fn lay_over(table: &mut toml::Table, setting: &str) -> Result<(), (String, Strin
 ///
 /// # Errors
 /// [`Complaint`] with this message and remedy about the value at `path`.
-pub(crate) fn require(
+pub fn require(
     holds: bool,
     path: impl Into<String>,
     message: impl Into<String>,

@@ -233,6 +233,20 @@ fn numbered(text: &str, rate_hz: u32) -> Result<Vec<(usize, Row)>, InvalidRow> {
     }
 }
 
+fn miscounted(kind: u32, count: usize) -> String {
+    match kind {
+        TARGET_TWIST => format!("a twist has 6 values, not {count}: vx vy vz wx wy wz"),
+        TARGET_POSE => {
+            format!("a pose has 7 values, or 13 with its twist, not {count}: x y z qw qx qy qz")
+        }
+        TARGET_POSTURE => format!("a posture has one value per joint, not {count}"),
+        _ => format!(
+            "a target of kind `{}` cannot be given",
+            name_of(TARGETS, kind)
+        ),
+    }
+}
+
 /// The target of a line without its time, published from `tick` on; `per_metre` units of length are a metre.
 fn content(line: &str, per_metre: f64, tick: u64, rate_hz: u32) -> Result<TargetContent, String> {
     let mut parts = line.split(',').map(str::trim);
@@ -272,25 +286,7 @@ fn content(line: &str, per_metre: f64, tick: u64, rate_hz: u32) -> Result<Target
             target.q[..count].copy_from_slice(&values[..count]);
             target.joints = count as u32;
         }
-        (TARGET_TWIST, _) => {
-            return Err(format!(
-                "a twist has 6 values, not {count}: vx vy vz wx wy wz"
-            ));
-        }
-        (TARGET_POSE, _) => {
-            return Err(format!(
-                "a pose has 7 values, or 13 with its twist, not {count}: x y z qw qx qy qz"
-            ));
-        }
-        (TARGET_POSTURE, _) => {
-            return Err(format!("a posture has one value per joint, not {count}"));
-        }
-        (kind, _) => {
-            return Err(format!(
-                "a target of kind `{}` cannot be given",
-                name_of(TARGETS, kind)
-            ));
-        }
+        (kind, count) => return Err(miscounted(kind, count)),
     }
     target.side = next().map_or(Ok(SIDE_KEEP), |side| code(side, SIDES, "side"))?;
     target.given_tick = next().map_or(Ok(tick), |given| ticks(given, rate_hz))?;

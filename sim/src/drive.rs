@@ -95,7 +95,6 @@ impl<const N: usize> Drive<N> {
     /// Drives that hold the arm at `q_start`, active, `rate_hz` ticks a second.
     ///
     /// Requires rate_hz > 0. An arm at rest is carried by its drives, so the torque before the first is g(q_start).
-    #[must_use]
     pub fn new(model: Model<N>, rate_hz: u32, hold_ticks: u32, q_start: &SVector<f64, N>) -> Self {
         let carried = model
             .gravity(q_start)
@@ -130,13 +129,11 @@ impl<const N: usize> Drive<N> {
     }
 
     /// The drives' actions over the last tick.
-    #[must_use]
     pub fn applied(&self) -> &Applied<N> {
         &self.applied
     }
 
     /// Commands refused so far.
-    #[must_use]
     pub fn refused(&self) -> u32 {
         self.refused
     }
@@ -184,19 +181,17 @@ impl<const N: usize> Drive<N> {
         age: u32,
         mut flags: u32,
     ) -> &Applied<N> {
-        self.refused = self.refused.saturating_add(u32::from(
-            flags & (DRIVE_STALE | DRIVE_REFUSED | DRIVE_ENCODER) != 0,
-        ));
+        let is_refused = flags & (DRIVE_STALE | DRIVE_REFUSED | DRIVE_ENCODER) != 0;
+        self.refused = self.refused.saturating_add(u32::from(is_refused));
         let stale_ticks = if fresh.is_some() {
             age
         } else {
             self.applied.stale_ticks.saturating_add(1)
         };
         let drive = self.next(fresh.is_some(), stale_ticks, qdot);
-        self.stopping_ticks = if drive == DRIVE_STOPPING {
-            self.stopping_ticks + 1
-        } else {
-            0
+        self.stopping_ticks = match drive {
+            DRIVE_STOPPING => self.stopping_ticks + 1,
+            _ => 0,
         };
         self.returning = match (fresh, drive) {
             (Some(_), DRIVE_BRAKED) => true,
@@ -218,10 +213,8 @@ impl<const N: usize> Drive<N> {
         };
         let (tau, limited) = self.limit(q, qdot, &wanted, rate * self.dt);
         flags |= limited;
-        let saturation_mask = (0..N)
-            .filter(|i| tau[*i] != wanted[*i])
-            .fold(0, |mask, i| mask | 1 << i);
-
+        let limited = (0..N).filter(|i| tau[*i] != wanted[*i]);
+        let saturation_mask = limited.fold(0, |mask, i| mask | 1 << i);
         // The return is over, and the brakes release, when the applied torque is what the command comes to.
         let mut state = drive;
         if fresh.is_some() && self.returning && flags & DRIVE_RATE == 0 {
@@ -305,7 +298,8 @@ impl<const N: usize> Drive<N> {
         let speed_gain = SPEED_GAIN.min(SPEED_SHARE / self.dt).max(STOP_GAIN);
         let mut tau = *wanted;
         for i in 0..N {
-            let effort = self.model.effort()[i];
+            let (effort, last) = (self.model.effort()[i], self.applied.tau[i]);
+            let slack = step * effort;
             bound(&mut tau[i], -effort, effort, DRIVE_EFFORT);
             let (excess, sign) = (qdot[i].abs() - speed[i], qdot[i].signum());
             // The most torque in the direction of motion.
@@ -317,10 +311,8 @@ impl<const N: usize> Drive<N> {
                 // Without a model of the arm there is no more than what carries the joint.
                 let ahead = mobility.map_or(sign * carried[i], |mobility| {
                     let room = (-excess).max(0.0);
-                    let allowed =
-                        most_acceleration(room, step * effort * mobility[i] / self.dt, self.dt);
-                    sign * self.applied.tau[i]
-                        + (allowed - sign * gained[i] / self.dt) / mobility[i]
+                    let allowed = most_acceleration(room, slack * mobility[i] / self.dt, self.dt);
+                    sign * last + (allowed - sign * gained[i] / self.dt) / mobility[i]
                 });
                 most = most.min(ahead);
             }
@@ -332,13 +324,7 @@ impl<const N: usize> Drive<N> {
                 (-most, f64::INFINITY)
             };
             bound(&mut tau[i], low, high, DRIVE_SPEED);
-            let last = self.applied.tau[i];
-            bound(
-                &mut tau[i],
-                last - step * effort,
-                last + step * effort,
-                DRIVE_RATE,
-            );
+            bound(&mut tau[i], last - slack, last + slack, DRIVE_RATE);
         }
         (tau, flags)
     }

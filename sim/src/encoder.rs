@@ -31,7 +31,6 @@ impl<const N: usize> Encoders<N> {
     /// Encoders of `bits` per turn with noise of standard deviation `noise_counts`.
     ///
     /// Requires robot.dof() ≤ N and bits < 53; the places of absent joints are ideal.
-    #[must_use]
     pub fn new(robot: &Robot, bits: u32, noise_counts: f64, seed: u64) -> Self {
         let slides = |i: usize| robot.joints.get(i).map(|j| j.kind == JointKind::Prismatic);
         let resolution = SVector::from_fn(|i, _| match slides(i) {
@@ -58,20 +57,17 @@ impl<const N: usize> Encoders<N> {
     }
 
     /// The farthest that a reading may be from the drives' own sensors; rad (m for a sliding joint).
-    #[must_use]
     pub fn tolerance(&self) -> &SVector<f64, N> {
         &self.tolerance
     }
 
     /// Whether a reading is that of joints at `q`, as far as the drives can tell by their own sensors: |reading − q| within 0.03 rad (0.01 m for a sliding
     /// joint), or within a count and eight standard deviations of the noise where that is more.
-    #[must_use]
     pub fn agrees(&self, reading: &SVector<f64, N>, q: &SVector<f64, N>) -> bool {
         (0..N).all(|i| (reading[i] - q[i]).abs() <= self.tolerance[i])
     }
 
     /// The encoders' readings at `tick` with the joints at `q`; rad. A pure function of both.
-    #[must_use]
     pub fn read(&self, tick: u64, q: &SVector<f64, N>) -> SVector<f64, N> {
         let noise = match self.noise_counts {
             0.0 => [0.0; N],

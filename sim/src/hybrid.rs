@@ -20,7 +20,7 @@ pub(crate) const STOP_DEPTH: f64 = 1e-6;
 const STEADY: f64 = 0.02;
 
 /// The effect of constraints over the last tick.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Touch {
     /// Mean force from the world on the arm over the tick, base axes; N.
     pub force: Vector3<f64>,
@@ -28,16 +28,6 @@ pub struct Touch {
     pub contacts: u32,
     /// Bit i: joint i was at a stop during the tick.
     pub limits: u32,
-}
-
-impl Default for Touch {
-    fn default() -> Self {
-        Self {
-            force: Vector3::zeros(),
-            contacts: 0,
-            limits: 0,
-        }
-    }
 }
 
 /// The state of the constraints between two sub-steps.
@@ -271,17 +261,12 @@ impl<const N: usize> Hybrid<N> {
                         correction *= kept(depth - STOP_DEPTH, correction[i] * inwards);
                     }
                 }
-                next = if pushing > self.constraints.pushing {
-                    State {
-                        q: x.q + moved + correction,
-                        qdot: response.state.qdot,
-                    }
-                } else {
-                    State {
-                        q: next.q + dv * (h / 2.0) + correction,
-                        qdot: next.qdot + dv,
-                    }
-                };
+                next = kicked(next, &dv, h);
+                next.q += correction;
+                if pushing > self.constraints.pushing {
+                    next.q = x.q + moved + correction;
+                    next.qdot = response.state.qdot;
+                }
             }
             self.constraints.pushing = pushing;
             self.constraints.touching = response.candidates > 0;
@@ -290,20 +275,14 @@ impl<const N: usize> Hybrid<N> {
         } else {
             self.set_idle();
             if let Some(coulomb) = &self.dry_friction {
-                let dv =
-                    velocity_change(&smooth.model.mass_matrix(&x.q), &next.qdot, &(coulomb * h));
-                next = State {
-                    q: next.q + dv * (h / 2.0),
-                    qdot: next.qdot + dv,
-                };
+                let A = smooth.model.mass_matrix(&x.q);
+                let dv = velocity_change(&A, &next.qdot, &(coulomb * h));
+                next = kicked(next, &dv, h);
             }
         }
-        self.constraints.clearance -= self
-            .reach
-            .iter()
-            .zip((next.q - x.q).iter())
-            .map(|(r, d)| r * d.abs())
-            .sum::<f64>();
+        let moved = next.q - x.q;
+        let swept = self.reach.iter().zip(&moved).map(|(r, d)| r * d.abs());
+        self.constraints.clearance -= swept.sum::<f64>();
         next
     }
 
@@ -349,5 +328,13 @@ fn kept(room: f64, correction: f64) -> f64 {
         room.max(0.0) / correction
     } else {
         1.0
+    }
+}
+
+/// The state after a step of `h` in which contact or dry friction has changed the velocity by `dv`, in the middle of the step.
+fn kicked<const N: usize>(x: State<N>, dv: &SVector<f64, N>, h: f64) -> State<N> {
+    State {
+        q: x.q + dv * (h / 2.0),
+        qdot: x.qdot + dv,
     }
 }

@@ -14,7 +14,6 @@ fn unit(bits: u64) -> f64 {
 /// z = √(−2 ln u₁)·cos 2πu₂                     [Box & Muller 1958]
 ///
 /// Ensures finite, |z| < 8.6; the same on every machine. Independent between any two different arguments, for all that matters to a simulation.
-#[must_use]
 pub fn gaussians<const K: usize>(seed: u64, tick: u64) -> [f64; K] {
     let of_tick = mix(mix(seed) ^ tick);
     let keys: [u64; K] = std::array::from_fn(|channel| mix(of_tick ^ channel as u64));

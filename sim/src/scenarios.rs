@@ -9,7 +9,6 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 }
 
 /// The text of a built-in scenario.
-#[must_use]
 pub fn text(name: &str) -> Option<&'static str> {
     BUILT_IN
         .iter()

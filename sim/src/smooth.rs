@@ -14,7 +14,6 @@ pub struct State<const N: usize> {
 
 impl<const N: usize> State<N> {
     /// At rest at `q`.
-    #[must_use]
     pub fn at_rest(q: SVector<f64, N>) -> Self {
         Self {
             q,
@@ -23,7 +22,6 @@ impl<const N: usize> State<N> {
     }
 
     /// Whether every number is finite, and the energy is one too.
-    #[must_use]
     pub fn is_finite(&self) -> bool {
         self.q.iter().all(|x| x.is_finite()) && self.qdot.iter().all(|x| x.abs() < FASTEST)
     }

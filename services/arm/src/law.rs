@@ -59,7 +59,6 @@ pub struct Given<'a>(pub [Option<&'a [f64]>; 5]);
 
 impl Given<'_> {
     /// Row `i` of `count`.
-    #[must_use]
     pub fn row(&self, i: usize, count: usize) -> Self {
         Self(self.0.map(|all| {
             let all = all?;
@@ -141,7 +140,6 @@ impl Task {
     }
 
     /// The arm.
-    #[must_use]
     pub fn robot(&self) -> &Robot {
         &self.robot
     }
@@ -149,7 +147,6 @@ impl Task {
 
 impl Row {
     /// An arm before its first tick. The only one that allocates.
-    #[must_use]
     pub fn new(task: &Task) -> Self {
         Self {
             steps: Steps {
@@ -220,13 +217,11 @@ impl Row {
     }
 
     /// The torque of the last tick, N·m, one value per joint: zero before the law has begun.
-    #[must_use]
     pub fn tau(&self, task: &Task) -> &[f64] {
         &self.torque.tau[..task.robot.dof()]
     }
 
     /// Why the law gives no motion any more, or none yet.
-    #[must_use]
     pub fn refusal<'a>(&self, task: &'a Task) -> Option<Reason<'a>> {
         match (self.start, self.control.refusal) {
             (Start::Refused, _) => {
@@ -239,7 +234,6 @@ impl Row {
     }
 
     /// The law's answer to the last tick. No allocation.
-    #[must_use]
     pub fn state<'a>(&'a self, task: &'a Task) -> State<'a> {
         let (servo, control) = (&self.servo, &self.control);
         let listed = self.report.listed();

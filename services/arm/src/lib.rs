@@ -136,25 +136,21 @@ impl Arm {
     }
 
     /// Its description.
-    #[must_use]
     pub fn robot(&self) -> &Robot {
         &self.robot
     }
 
     /// The link that is the end-effector E.
-    #[must_use]
     pub fn tip(&self) -> &str {
         &self.tip
     }
 
     /// Kinematics and dynamics at `q`, rad, and `qdot`, rad/s, one value per joint. No allocation.
-    #[must_use]
     pub fn at(&self, q: &[f64], qdot: &[f64]) -> Posture {
         (self.at)(q, qdot)
     }
 
     /// Its singularities, posture by posture.
-    #[must_use]
     pub fn analysis(&self) -> Analysis {
         self.analysis.clone()
     }
@@ -210,7 +206,6 @@ fn rows<const SIZE: usize>(
 }
 
 /// Whether no value is a NaN or an infinity.
-#[must_use]
 pub fn is_finite(values: &[f64]) -> bool {
     values.iter().all(|x| x.is_finite())
 }

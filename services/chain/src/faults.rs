@@ -60,7 +60,6 @@ pub fn planned_faults(scenario: &Scenario) -> Result<Vec<ScheduledFault>, Refuse
 }
 
 /// Whether a scenario plans faults of processes or of their messages, besides those of the arm's own sensors and drives.
-#[must_use]
 pub fn plans_faults_of_processes(scenario: &Scenario) -> bool {
     scenario
         .fault

@@ -93,19 +93,16 @@ impl Chain {
     }
 
     /// Why the path cannot be followed, found before the first tick, in words.
-    #[must_use]
     pub fn obstacle(&self) -> Option<&str> {
         self.cycles.controller.obstacle()
     }
 
     /// A goal beyond reach, found before the first tick, in words.
-    #[must_use]
     pub fn warning(&self) -> Option<String> {
         self.cycles.controller.warning()
     }
 
     /// Whether the task is over.
-    #[must_use]
     pub fn is_over(&self) -> bool {
         self.cycles.plant.is_over()
     }
@@ -138,7 +135,6 @@ impl Each for First<'_> {
 }
 
 /// A scenario as one thread can compute it: nothing goes wrong in it.
-#[must_use]
 pub fn without_faults(scenario: &Scenario) -> Scenario {
     Scenario {
         fault: Vec::new(),

@@ -76,7 +76,6 @@ impl Stage {
     }
 
     /// Its checkpoint; empty if it has none.
-    #[must_use]
     pub fn save(&self) -> Vec<u8> {
         fn saved<C: Checkpoint>(save: impl FnOnce(&mut C)) -> Vec<u8> {
             let mut state = C::zeroed();

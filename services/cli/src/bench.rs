@@ -64,9 +64,8 @@ struct Measured {
 
 pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure> {
     if args.only.iter().any(|word| word.trim().is_empty()) {
-        return Err(Failure::Input(
-            "--only needs a word or a number of bytes, as in --only \"same core\" --only 4096"
-                .to_owned(),
+        return Err(Failure::input(
+            "--only needs a word or a number of bytes, as in --only \"same core\" --only 4096",
         ));
     }
     let out = args.out.as_deref();

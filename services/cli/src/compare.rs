@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Args;
-use lab::studies::compare::{self, ArmSweep, Compared, Request, SWEEP, SweepSize};
+use lab::studies::compare::{self, ArmSweep, Compared, Law, Request, SWEEP, SweepSize};
 use serde_json::json;
 use session::{Failure, load};
 use shared_types::scenario::Strategy;
@@ -71,37 +71,24 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
     if args.race {
         return race(args, as_json);
     }
+    let of_the_sweep = [
+        ("--robot ROBOT", args.robot.is_some()),
+        ("--save-lines DIR", args.save_lines.is_some()),
+    ];
+    let mut given = of_the_sweep.iter().filter(|(_, is_given)| *is_given);
+    if let Some((option, _)) = given.find(|_| args.scenarios != [SWEEP]) {
+        return Err(Failure::Input(format!(
+            "{option} needs the sweep: armplane compare sweep {option}"
+        )));
+    }
     if let Some(robot) = &args.robot {
-        if args.scenarios != [SWEEP] {
-            return Err(Failure::Input(
-                "--robot needs the sweep: armplane compare sweep --robot ROBOT".to_owned(),
-            ));
-        }
-        let sweep = ArmSweep {
-            robot,
-            law: &laws[0],
-            settings: &args.set,
-            seed: args.seed.unwrap_or(SEED),
-            count: args.count,
-            pairs: args.pairs,
-            speed: args.speed,
-            plant: args.plant.as_deref(),
-        };
-        if let Some(folder) = &args.save_lines {
-            return saved(folder, sweep.save_lines(folder, &observe)?, as_json);
-        }
-        return lines_of_an_arm(&sweep, args.out.as_deref(), as_json);
+        return lines_of_an_arm(args, robot, &laws[0], as_json);
     }
     let size = SweepSize {
         count: args.count,
         speed: args.speed,
     };
     if let Some(folder) = &args.save_lines {
-        if args.scenarios != [SWEEP] {
-            return Err(Failure::Input(
-                "--save-lines needs the sweep: armplane compare sweep --save-lines DIR".to_owned(),
-            ));
-        }
         let count = compare::save_lines(folder, &args.set, args.seed, size)?;
         return saved(folder, count, as_json);
     }
@@ -147,12 +134,26 @@ fn saved(folder: &Path, count: usize, as_json: bool) -> Result<ExitCode, Failure
 
 /// Lines through exactly singular postures of one arm.
 fn lines_of_an_arm(
-    sweep: &ArmSweep<'_>,
-    out: Option<&Path>,
+    args: &CompareArgs,
+    robot: &str,
+    law: &Law,
     as_json: bool,
 ) -> Result<ExitCode, Failure> {
+    let sweep = ArmSweep {
+        robot,
+        law,
+        settings: &args.set,
+        seed: args.seed.unwrap_or(SEED),
+        count: args.count,
+        pairs: args.pairs,
+        speed: args.speed,
+        plant: args.plant.as_deref(),
+    };
+    if let Some(folder) = &args.save_lines {
+        return saved(folder, sweep.save_lines(folder, &observe)?, as_json);
+    }
     let lines = sweep.run(&observe)?;
-    let folder = lines.save(out)?;
+    let folder = lines.save(args.out.as_deref())?;
     if as_json {
         say!("{}", lines.json());
     } else {
@@ -172,13 +173,13 @@ fn lines_of_an_arm(
 /// Two laws in one recording.
 fn race(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let ([scenario], [] | [_]) = (&args.scenarios[..], &args.law[..]) else {
-        return Err(Failure::Input(
-            "--race takes one scenario and at most one --law".to_owned(),
+        return Err(Failure::input(
+            "--race takes one scenario and at most one --law",
         ));
     };
     if scenario == SWEEP {
-        return Err(Failure::Input(
-            "--race takes a scenario with one path, not the sweep".to_owned(),
+        return Err(Failure::input(
+            "--race takes a scenario with one path, not the sweep",
         ));
     }
     let rival = match &compare::laws(&args.law, args.join_limit)?[..] {

@@ -46,7 +46,7 @@ pub(crate) fn export(args: &ExportArgs, as_json: bool) -> Result<ExitCode, Failu
     let form = match args.format {
         ExportFormat::Rbl => Form::Layout(args.layout),
         _ if args.layout.is_some() => {
-            return Err(Failure::Input("--layout needs --format rbl".to_owned()));
+            return Err(Failure::input("--layout needs --format rbl"));
         }
         ExportFormat::Csv => Form::Numbers(viz::ExportFormat::Csv),
         ExportFormat::Parquet => Form::Numbers(viz::ExportFormat::Parquet),

@@ -91,8 +91,8 @@ pub(crate) fn fault(args: &FaultArgs, as_json: bool) -> Result<ExitCode, Failure
             }
             return Ok(ExitCode::SUCCESS);
         }
-        return Err(Failure::Input(
-            "name a process and a kind: armplane fault PROCESS KIND; `armplane fault --list` shows the kinds".to_owned(),
+        return Err(Failure::input(
+            "name a process and a kind: armplane fault PROCESS KIND; `armplane fault --list` shows the kinds",
         ));
     };
     let (for_ticks, for_s) = match args.length {

@@ -300,7 +300,6 @@ fn command() -> clap::Command {
 }
 
 /// Parses the arguments of the process and executes the command; the exit code of the program.
-#[must_use]
 pub fn main() -> ExitCode {
     launcher::with_room(work).unwrap_or_else(|error| {
         failure::report(session::Failure::work(error), failure::wants_json())

@@ -8,7 +8,7 @@ use clap::Args;
 use lab::studies::steered::{self, Score, ScoresText};
 use operator::Gamepad;
 use runtime::RunDir;
-use session::{Failure, Progress, Request, Steering, Targets};
+use session::{Failure, Observer, Progress, Request, Steering, Targets};
 use shared_types::job::Mode;
 
 use crate::live::{Lines, Panel};
@@ -88,8 +88,8 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
         return judge(args, seeds, as_json);
     }
     let [subject] = args.subject.as_slice() else {
-        return Err(Failure::Input(
-            "give one robot or scenario; several need --seeds N".to_owned(),
+        return Err(Failure::input(
+            "give one robot or scenario; several need --seeds N",
         ));
     };
     let from = args.from.as_deref();
@@ -103,8 +103,8 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
     let loaded = steering(args, subject, targets).load()?;
     // Before anything is made for the run.
     if from == Some(KEYBOARD) && !std::io::stdin().is_terminal() {
-        return Err(Failure::Input(
-            "standard input is not a terminal: use --from FILE, or --from - for lines".to_owned(),
+        return Err(Failure::input(
+            "standard input is not a terminal: use --from FILE, or --from - for lines",
         ));
     }
     let gamepad = (from == Some(GAMEPAD)).then(Gamepad::open);
@@ -136,12 +136,9 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
     };
     // The panel has the terminal's last line.
     let has_panel = matches!(from, Some(KEYBOARD | GAMEPAD));
-    let shown = |progress: Progress<'_>| {
-        if !has_panel {
-            observe(progress);
-        }
-    };
-    let finished = session::run_loaded(&request, loaded, &mut begin, &shown);
+    let silent = |_: Progress<'_>| {};
+    let shown: Observer<'_> = if has_panel { &silent } else { &observe };
+    let finished = session::run_loaded(&request, loaded, &mut begin, shown);
     drop(panel);
     let code = run::conclude(finished?, as_json)?;
     lines.verdict().map(|()| code)

@@ -1,6 +1,6 @@
 //! Kinematics carried from the end-effector frame E to another point of the same link: the wrist centre C.
 
-use crate::linear::{angular, linear, stack};
+use crate::linear::{angular, displaced, linear, stack};
 use model::{Pose, Terms};
 use nalgebra::{Matrix3, SMatrix, Vector3, Vector6};
 
@@ -23,16 +23,9 @@ impl<const N: usize> AtCentre<N> {
     #[inline]
     pub fn new(terms: &Terms<N>, p_BC: &Vector3<f64>, omega: &Vector3<f64>) -> Self {
         let r = p_BC - terms.X_BE.p;
-        let mut J = terms.J;
-        let mut Jdot_qdot = terms.Jdot_qdot;
+        let (mut J, mut Jdot_qdot) = (terms.J, terms.Jdot_qdot);
         if r != Vector3::zeros() {
-            for mut column in J.column_iter_mut() {
-                let w = Vector3::new(column[3], column[4], column[5]);
-                let v = w.cross(&r);
-                for k in 0..3 {
-                    column[k] += v[k];
-                }
-            }
+            J = displaced(J, &r);
             let a =
                 linear(&Jdot_qdot) + angular(&Jdot_qdot).cross(&r) + omega.cross(&omega.cross(&r));
             Jdot_qdot = stack(&a, &angular(&Jdot_qdot));

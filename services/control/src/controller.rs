@@ -98,18 +98,9 @@ impl<const N: usize> Controller<N> {
         }
         let mut postures = Postures::new(robot, scenario, q_start)?;
         let fresh = Analyzer::new(robot, &scenario.analysis);
-        let (plan, obstacle) = match route_ahead(
-            &model,
-            robot,
-            scenario,
-            &path,
-            &fresh,
-            &q_start,
-            postures.goals(),
-        ) {
-            Ok(plan) => (plan, None),
-            Err(obstacle) => (None, Some(obstacle)),
-        };
+        let goals = postures.goals();
+        let (plan, obstacle) = route_ahead(&model, robot, scenario, &path, &fresh, &q_start, goals)
+            .map_or_else(|obstacle| (None, Some(obstacle)), |plan| (plan, None));
         let guide = Guide::new(plan, (0..).take_while(|i| path.leg(*i).is_some()).count());
         postures.stay(guide.beyond_reach());
         let targets = scenario

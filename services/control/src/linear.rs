@@ -1,7 +1,14 @@
 //! Small dense algebra of static size, with a bounded number of iterations and the same bits on every machine.
 
-pub use model::{rotation_exp, rotation_log, rotation_twist};
+pub use model::{rotation_exp, rotation_log, rotation_twist, stack};
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
+
+/// +1 or −1.
+#[must_use]
+#[inline]
+pub fn sign(is_positive: bool) -> f64 {
+    if is_positive { 1.0 } else { -1.0 }
+}
 
 /// How many singular values of an `R`×`C` matrix are above `tolerance` of its norm ‖M‖ = √Σσ².
 ///
@@ -220,13 +227,18 @@ pub fn is_finite<const N: usize>(v: &SVector<f64, N>) -> bool {
     v.iter().all(|x| x.is_finite())
 }
 
-/// Stacks a linear and an angular part: `[v; ω]`.
+/// The Jacobian of the point that lies at `r` from that of `J`, on the same link: v + ω×r.
 #[must_use]
 #[inline]
-pub fn stack(linear: &Vector3<f64>, angular: &Vector3<f64>) -> Vector6<f64> {
-    Vector6::new(
-        linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
-    )
+pub fn displaced<const N: usize>(
+    mut J: SMatrix<f64, 6, N>,
+    r: &Vector3<f64>,
+) -> SMatrix<f64, 6, N> {
+    for mut column in J.column_iter_mut() {
+        let v = Vector3::new(column[3], column[4], column[5]).cross(r);
+        (0..3).for_each(|k| column[k] += v[k]);
+    }
+    J
 }
 
 /// The linear half of a twist.

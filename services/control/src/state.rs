@@ -5,14 +5,12 @@ use crate::law::auxiliary::Loop;
 use crate::limits::clock::Clock;
 use crate::limits::plausible::Plausible;
 use crate::limits::torque::Sent;
-use crate::paper::reference::Memory;
 use crate::paper::type_2::Turn;
 use crate::reference::path::Progress;
 use crate::reference::targets::TargetState;
 use crate::types::{Mode, Refusal};
 use model::{Pose, Terms, joints, padded};
 use nalgebra::{Matrix3, SVector};
-use shared_types::checkpoints::LoopCheckpoint;
 use shared_types::wire::Part;
 use shared_types::{ControllerCheckpoint, MAX_SINGULARITIES};
 
@@ -104,17 +102,7 @@ impl<const N: usize> State<N> {
             qdot_planned: padded(qdot_planned),
             q_plausible: padded(&plausible.q),
             qdot_plausible: padded(&plausible.qdot),
-            loops: loops.map(|one| LoopCheckpoint {
-                mode: one.mode.code(),
-                passing: u32::from(one.memory.passing),
-                holding: u32::from(one.memory.holding),
-                reserved: 0,
-                side: one.memory.side,
-                rate: one.rate,
-                feed_forward: one.feed_forward,
-                trust: one.trust,
-                passage: one.memory.passage,
-            }),
+            loops: loops.map(|one| one.checkpoint()),
             servo: targets.checkpoint(),
         };
     }
@@ -122,23 +110,7 @@ impl<const N: usize> State<N> {
     /// The state that [`save`](Self::save) has written, its torque within the arm's `limits`, N·m. One with a number that is not finite, a leg that starts
     /// in no pose or leads farther than any, or a mode or a refusal that does not exist, is damaged: it refuses to go on.
     pub(crate) fn from_checkpoint(from: &ControllerCheckpoint, limits: &SVector<f64, N>) -> Self {
-        let modes = from.loops.map(|one| Mode::from_code(one.mode));
-        let start = Pose {
-            R: Matrix3::from_column_slice(&from.R_BE_start),
-            p: from.p_BE_start.into(),
-        };
-        let servo = &from.servo;
-        let is_rotation = |R: &[f64; 9]| Matrix3::from_column_slice(R).is_orthogonal(1e-6);
-        let mut numbers = [from.p_BE_start, from.translation, from.rotation, servo.p_BE]
-            .into_iter()
-            .flatten()
-            .chain(servo.V)
-            .chain(servo.a);
-        let is_damaged = !from.is_finite()
-            || ![from.R_BE_start, servo.R_BE].iter().all(is_rotation)
-            || numbers.any(|x| x.abs() > FARTHEST)
-            || modes.contains(&None)
-            || Refusal::from_code(from.servo.stop).is_none();
+        let is_damaged = is_damaged(from);
         let refusal = Refusal::from_code(from.refusal)
             .filter(|_| !is_damaged)
             .unwrap_or(Refusal::Checkpoint);
@@ -147,7 +119,11 @@ impl<const N: usize> State<N> {
                 leg: from.segment as usize,
                 time_s: from.segment_time_s,
                 begun: from.begun != 0,
-                start: if is_damaged { Pose::identity() } else { start },
+                start: if is_damaged {
+                    Pose::identity()
+                } else {
+                    pose(&from.R_BE_start, from.p_BE_start)
+                },
                 by: from.translation.into(),
                 turn: from.rotation.into(),
             },
@@ -158,18 +134,7 @@ impl<const N: usize> State<N> {
                 rate_dot: from.governor_rate_dot,
                 demand: from.governor_demand,
             },
-            loops: from.loops.map(|one| Loop {
-                mode: Mode::from_code(one.mode).unwrap_or(Mode::Regular),
-                rate: one.rate,
-                feed_forward: one.feed_forward,
-                trust: one.trust,
-                memory: Memory {
-                    passing: one.passing != 0,
-                    holding: one.holding != 0,
-                    side: one.side,
-                    passage: one.passage,
-                },
-            }),
+            loops: from.loops.map(|one| Loop::restored(&one)),
             turn: Turn {
                 from: from.turn_from.into(),
                 angle: from.turn_angle,
@@ -196,5 +161,33 @@ impl<const N: usize> State<N> {
             },
             targets: TargetState::restored(&from.servo, limits),
         }
+    }
+}
+
+/// A number that is not finite, a leg that starts in no pose or leads farther than any, or a mode or a refusal that does not exist.
+fn is_damaged(from: &ControllerCheckpoint) -> bool {
+    let servo = &from.servo;
+    let is_rotation = |R: &[f64; 9]| Matrix3::from_column_slice(R).is_orthogonal(1e-6);
+    let vectors = [from.p_BE_start, from.translation, from.rotation, servo.p_BE];
+    let mut numbers = vectors
+        .as_flattened()
+        .iter()
+        .chain(&servo.V)
+        .chain(&servo.a);
+    !from.is_finite()
+        || ![from.R_BE_start, servo.R_BE].iter().all(is_rotation)
+        || numbers.any(|x| x.abs() > FARTHEST)
+        || from
+            .loops
+            .iter()
+            .any(|one| Mode::from_code(one.mode).is_none())
+        || Refusal::from_code(servo.stop).is_none()
+}
+
+/// A pose of a checkpoint.
+pub(crate) fn pose(R: &[f64; 9], p: [f64; 3]) -> Pose {
+    Pose {
+        R: Matrix3::from_column_slice(R),
+        p: p.into(),
     }
 }

@@ -216,12 +216,10 @@ impl<const N: usize> Step for Cycle<N> {
         if d.amax() != 0.0 {
             tau_disturbance = self.terms.A * d;
         }
-        let is_finite = |values: &SVector<f64, N>| values.iter().all(|x| x.is_finite());
+        let numbers = [&state.q, &innovation, &tau_disturbance];
         let is_an_arms = state.qdot.iter().all(|x| x.abs() <= ABSURD)
             && state.unexplained.is_finite()
-            && [&state.q, &innovation, &tau_disturbance]
-                .into_iter()
-                .all(is_finite);
+            && numbers.into_iter().flatten().all(|x| x.is_finite());
         if !is_an_arms {
             state = State {
                 samples: 1,
@@ -235,7 +233,7 @@ impl<const N: usize> Step for Cycle<N> {
         *out = StateEstimate {
             header: Header {
                 stamps: sample.header.stamps,
-                tick: sample.header.tick,
+                tick,
                 ..Header::default()
             },
             q: padded(&state.q),

@@ -86,8 +86,7 @@ pub fn run(
         Ok(program) => program,
         Err(failure) => return died(0, failure),
     };
-    let done = take_part(shell, process, &topics, &mut program, length);
-    match done {
+    match take_part(shell, process, &topics, &mut program, length) {
         Ok(()) => {
             program.end("");
             Ok(())

@@ -1,7 +1,7 @@
 //! The exchange page in memory: armplane's side of it.
 
 use std::cell::Cell;
-use std::fs::OpenOptions;
+use std::fs::{File, OpenOptions};
 use std::mem::offset_of;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
@@ -93,16 +93,8 @@ impl Page {
             let at = topics_at + i * size_of::<ExchangeTopic>();
             image[at..at + size_of::<ExchangeTopic>()].copy_from_slice(bytes_of(entry));
         }
-        // Under another name until it is whole: a program that waits for the file never sees half of it.
-        let (path, unfinished) = (
-            run.join(format!("exchange-{process}")),
-            run.join(format!("exchange-{process}.new")),
-        );
-        let mut options = OpenOptions::new();
-        options.read(true).write(true).create(true).truncate(true);
-        let file = options.mode(0o600).open(&unfinished)?;
-        std::io::Write::write_all(&mut &file, &image)?;
-        std::fs::rename(&unfinished, &path)?;
+        let path = run.join(format!("exchange-{process}"));
+        let file = publish(&path, &image)?;
         let places = entries.iter();
         let places = places.map(|entry| (entry.at as usize, entry.bytes as usize));
         Ok(Self {
@@ -123,7 +115,6 @@ impl Page {
     }
 
     /// Its file.
-    #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -247,7 +238,6 @@ impl Page {
     }
 
     /// A number of a message on the page.
-    #[must_use]
     pub fn number(&self, topic: usize, offset: usize) -> u32 {
         self.word(self.messages[topic].0 + offset)
             .load(Ordering::Relaxed)
@@ -313,3 +303,14 @@ const _: () = assert!(
     EXCHANGE_NAME > 32 && EXCHANGE_TYPE > 128,
     "the longest names that a graph may have"
 );
+
+/// Writes the file, under another name until it is whole: a program that waits for it never sees half of it.
+fn publish(path: &Path, image: &[u8]) -> std::io::Result<File> {
+    let unfinished = path.with_added_extension("new");
+    let mut options = OpenOptions::new();
+    options.read(true).write(true).create(true).truncate(true);
+    let file = options.mode(0o600).open(&unfinished)?;
+    std::io::Write::write_all(&mut &file, image)?;
+    std::fs::rename(&unfinished, path)?;
+    Ok(file)
+}

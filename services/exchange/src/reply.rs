@@ -4,13 +4,14 @@
 use std::sync::atomic::Ordering;
 
 use bytemuck::bytes_of_mut;
+use runtime::first_not_finite;
 use shared_types::codes::{
     ANSWER_DONE, ANSWER_FAILED, ANSWER_OVER, PROGRAM_AWAITED, PROGRAM_JOINED, USE_WRITES,
 };
 use shared_types::exchange::{EXCHANGE_STATE, EXCHANGE_VERSION};
 use shared_types::layout::MessageLayout;
 use shared_types::topics::Topic;
-use shared_types::wire::{Field, Header};
+use shared_types::wire::Header;
 
 use crate::failure::Failure;
 use crate::page::Page;
@@ -115,7 +116,6 @@ pub struct Draft<M: Topic> {
 
 impl<M: Topic> Draft<M> {
     /// Of the topic at a place of the page.
-    #[must_use]
     pub fn of(place: usize) -> Self {
         Self {
             place,
@@ -130,29 +130,11 @@ impl<M: Topic> Draft<M> {
             size_of::<Header>(),
             &mut bytes_of_mut(&mut self.message)[size_of::<Header>()..],
         );
-        if self.message.is_finite() {
-            return None;
-        }
-        let bytes = bytemuck::bytes_of(&self.message);
-        let is_bad = |field: &&Field| {
-            let numbers =
-                bytes[field.offset..field.offset + field.size].chunks_exact(size_of::<f64>());
-            field.is_number()
-                && numbers
-                    .map(bytemuck::pod_read_unaligned::<f64>)
-                    .any(|number| !number.is_finite())
-        };
-        Some((
-            M::TOPIC,
-            M::FIELDS.iter().find(is_bad).map_or_else(
-                || "a nested field".to_owned(),
-                |field| field.name.to_string(),
-            ),
-        ))
+        let field = first_not_finite(&self.message)?;
+        Some((M::TOPIC, field.to_owned()))
     }
 
     /// The message that [`Draft::not_finite`] has copied last, as one of a tick.
-    #[must_use]
     pub fn message(&mut self, tick: u64) -> M {
         *self.message.header_mut() = Header {
             tick,

@@ -39,7 +39,6 @@ pub struct Row {
 
 impl Row {
     /// The row of a run on one thread.
-    #[must_use]
     pub fn of(law: Strategy, verdict: Verdict) -> Self {
         Self {
             law: law.name().to_owned(),
@@ -64,7 +63,6 @@ impl Row {
     }
 
     /// S1, S2, or the bars of S2 that were missed.
-    #[must_use]
     pub fn success(&self) -> String {
         match (self.task.s1, self.task.s2) {
             (true, _) => "S1".to_owned(),
@@ -74,7 +72,6 @@ impl Row {
     }
 
     /// Whether the goal pose was reached, by the bounds of a scenario that states none.
-    #[must_use]
     pub fn ended(&self) -> bool {
         let goal = Goal::default();
         self.completed

@@ -46,7 +46,6 @@ pub(crate) fn bare(name: &str, robot: &str, settings: &[String]) -> Result<Scena
 
 impl<'a> Trial<'a> {
     /// A scenario under another law than its own.
-    #[must_use]
     pub fn under(law: Strategy, robot: &'a Robot, scenario: &Scenario) -> Self {
         let mut scenario = scenario.clone();
         scenario.control.strategy = law;
@@ -58,7 +57,6 @@ impl<'a> Trial<'a> {
     }
 
     /// The same with a plant that is another program's.
-    #[must_use]
     pub fn on(self, graph: Option<&'a Graph>) -> Self {
         Self { graph, ..self }
     }

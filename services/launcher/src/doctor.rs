@@ -42,7 +42,6 @@ pub struct Shm {
 }
 
 /// Looks at the machine; changes nothing.
-#[must_use]
 pub fn examine() -> Health {
     let uname = rustix::system::uname();
     let version = uname.version().to_string_lossy();
@@ -104,7 +103,6 @@ pub struct Check {
 }
 
 /// Judges the machine: one check a row, those that nothing runs without first.
-#[must_use]
 pub fn checks(health: &Health) -> Vec<Check> {
     let machine = [
         (

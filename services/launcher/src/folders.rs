@@ -12,7 +12,6 @@ pub const PREFIX: &str = "armplane-";
 pub const KEPT: &str = ".kept";
 
 /// Temporary folders of this user's experiments that were killed: their processes are gone, and they were not kept for inspection.
-#[must_use]
 pub fn abandoned() -> Vec<PathBuf> {
     let entries = std::fs::read_dir(std::env::temp_dir())
         .into_iter()

@@ -70,7 +70,6 @@ impl Launcher {
     }
 
     /// The run's directory, for files that the processes shall find there (the scenario).
-    #[must_use]
     pub fn run_dir(&self) -> &Path {
         self.0.run.path()
     }

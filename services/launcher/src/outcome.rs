@@ -107,7 +107,6 @@ pub enum Failure {
 
 impl Failure {
     /// The process that has failed.
-    #[must_use]
     pub fn process(&self) -> &str {
         match self {
             Self::Died { process, .. }

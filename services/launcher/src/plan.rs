@@ -63,7 +63,6 @@ const START: Duration = Duration::from_secs(20);
 impl Limits {
     /// In lockstep a process is killed for an exit, a fault or a request of the user, never for the time it takes: it may be stopped, traced, or
     /// share its core with others. In real time a silent process is replaced.
-    #[must_use]
     pub fn of(mode: Mode) -> Self {
         let seconds = Duration::from_secs;
         let (stop, stop_polled, awaits_person) = (seconds(2), seconds(30), false);
@@ -92,7 +91,6 @@ impl Limits {
     }
 
     /// With the user's own limit on how long a process may be silent or stopped; until its first tick it has at least [`START`].
-    #[must_use]
     pub fn with_silence(self, limit: Option<Duration>) -> Self {
         match limit {
             Some(limit) => {

@@ -90,7 +90,6 @@ impl Interrupts {
     }
 
     /// Whether any holder has received a signal.
-    #[must_use]
     pub fn has_come() -> bool {
         COUNT.load(Ordering::SeqCst) > 0
     }

@@ -121,32 +121,22 @@ impl Supervised {
             .collect();
         // Ends that came with the one which ended the run, or between two of these stops.
         let ended = |slot: &Slot| slot.child.is_none() && slot.due.is_none() && slot.exit.is_some();
-        let before = concerned
-            .iter()
-            .copied()
-            .filter(|&index| ended(&self.slots.0[index]))
-            .collect::<Vec<_>>();
-        for index in before {
-            self.judge_end(index, (is_complete, false), &mut failure);
-        }
-        // A stopped process cannot end.
-        self.signal(&concerned, Signal::CONT);
-        for insist in [None, Some(Signal::TERM)] {
-            if let Some(signal) = insist {
-                self.signal(&concerned, signal);
+        for &index in &concerned {
+            if ended(&self.slots.0[index]) {
+                self.judge_end(index, (is_complete, false), &mut failure);
             }
-            let begun = Instant::now();
-            let until = begun + limit;
-            let is_last = insist.is_some();
+        }
+        // A stopped process cannot end: first it goes on.
+        for signal in [Signal::CONT, Signal::TERM] {
+            self.signal(&concerned, signal);
+            let (begun, is_last) = (Instant::now(), signal == Signal::TERM);
             while (self.any_lives(&concerned) || polled && self.any_is_due(&concerned))
-                && (Instant::now() < until || is_patient && is_last)
+                && (begun.elapsed() < limit || is_patient && is_last)
                 && !(begun.elapsed() > TO_JOIN && self.only_strangers_live(&concerned))
             {
                 for &index in concerned.iter().filter(|_| is_last) {
-                    let halted = self.slots.0[index]
-                        .child
-                        .as_ref()
-                        .map(|child| child.halted().unwrap_or(Delay::NotStopped));
+                    let child = self.slots.0[index].child.as_ref();
+                    let halted = child.map(|child| child.halted().unwrap_or(Delay::NotStopped));
                     self.note_delay(index, halted, report);
                 }
                 self.rest(BEAT);
@@ -167,18 +157,25 @@ impl Supervised {
             if polled && self.slots.0[index].due.is_some() && failure.is_none() {
                 failure = Some(self.died(index));
             }
-            if let Some(child) = self.slots.0[index].child.as_mut() {
-                child.kill_and_wait();
-                let did_not_stop = Failure::DidNotStop {
-                    process: self.name(index).to_owned(),
-                    pid: self.slots.0[index].pid,
-                    limit,
-                };
-                failure.get_or_insert(did_not_stop);
-            }
+            self.end_by_force(index, limit, &mut failure);
         }
         self.take_in_exits(report);
         failure
+    }
+
+    /// Kills a process that has not stopped within `limit`.
+    fn end_by_force(&mut self, index: usize, limit: Duration, failure: &mut Option<Failure>) {
+        let slot = &mut self.slots.0[index];
+        let pid = slot.pid;
+        if let Some(child) = slot.child.as_mut() {
+            child.kill_and_wait();
+            let process = self.name(index).to_owned();
+            failure.get_or_insert(Failure::DidNotStop {
+                process,
+                pid,
+                limit,
+            });
+        }
     }
 
     fn signal(&self, concerned: &[usize], signal: Signal) {

@@ -304,18 +304,13 @@ impl Supervised {
             };
             let (silent, halted) = (now - since, child.halted());
             let is_stopped = halted == Some(Delay::Stopped);
+            let faults = self.control_page.fault_table();
             if is_stopped {
-                self.control_page
-                    .fault_table()
-                    .mark_detected(index, source, now_ns());
+                faults.mark_detected(index, source, now_ns());
             }
-            let is_paused = self
-                .control_page
-                .fault_table()
-                .records()
-                .any(|(_, account)| {
-                    account.scheduled.process as usize == index && is_paused(&account)
-                });
+            let is_paused = faults.records().any(|(_, account)| {
+                account.scheduled.process as usize == index && is_paused(&account)
+            });
             let is_late = is_stopped
                 || (ticks < source && !plan.process.polled && line.state() == State::Running);
             let is_replaced = plan.process.makes_ticks || plan.restart != Restart::Never;
@@ -332,9 +327,7 @@ impl Supervised {
                     .iter()
                     .for_each(|child| child.signal(Signal::KILL));
                 slot.seen = None;
-                self.control_page
-                    .fault_table()
-                    .mark_detected(index, source, now_ns());
+                faults.mark_detected(index, source, now_ns());
                 let process = &self.plan.children[index].process;
                 report(Event::Silenced {
                     process: &process.name,

@@ -39,7 +39,6 @@ pub struct Line {
 /// `count` lines for a PUMA, in turn near elbow, wrist and overhead singularity, with a peak speed of `speed` m/s.
 ///
 /// `template` gives everything but start and task. Empty for an arm without the PUMA's factors.
-#[must_use]
 pub fn lines(robot: &Robot, template: &Scenario, seed: u64, count: usize, speed: f64) -> Vec<Line> {
     let (Factors::Puma { a2, a3, d4 }, Ok(model)) = (robot.factors, Model::<6>::new(robot, None))
     else {
@@ -151,31 +150,36 @@ impl Through {
         for k in 1..=STEPS {
             last = next(inverse, &pose(f64::from(k) / f64::from(STEPS)), &last)?;
         }
-        let goal = pose(1.0);
         // A turn that dominates sets the duration too: 1 rad/s at its peak.
         let peak = 1.875 * (self.length_m / speed).max(self.turn.norm() / (speed / 0.28));
-        let rotation = std::array::from_fn(|i| std::array::from_fn(|j| goal.R[(i, j)]));
+        let q_start = q_start.iter().copied().collect();
+        let mut line = straight(template, q_start, &pose(1.0), peak);
         // A line that starts at the elbow's singularity can leave it on either side: on the one that has been checked.
-        let branch = if inverse.lengths.theta(last[2]) < 0.0 {
+        line.segment[0].branch = if inverse.lengths.theta(last[2]) < 0.0 {
             -1
         } else {
             1
         };
-        let segment = Segment {
-            duration_s: peak,
-            to_m: Some(goal.p.into()),
-            rotation: Some(rotation),
-            branch,
-            ..Segment::default()
-        };
-        Some(Scenario {
-            start: Start {
-                q: Some(q_start.iter().copied().collect()),
-                ..Start::default()
-            },
-            segment: vec![segment],
-            ..template.clone()
-        })
+        Some(line)
+    }
+}
+
+/// A scenario of one straight line, from a posture to a pose.
+pub fn straight(template: &Scenario, q: Vec<f64>, goal: &Pose, duration_s: f64) -> Scenario {
+    let rotation = std::array::from_fn(|i| std::array::from_fn(|j| goal.R[(i, j)]));
+    let segment = Segment {
+        duration_s,
+        to_m: Some(goal.p.into()),
+        rotation: Some(rotation),
+        ..Segment::default()
+    };
+    Scenario {
+        start: Start {
+            q: Some(q),
+            ..Start::default()
+        },
+        segment: vec![segment],
+        ..template.clone()
     }
 }
 
@@ -189,7 +193,7 @@ fn next(inverse: &PumaInverse<'_>, X: &Pose, near: &SVector<f64, 6>) -> Option<S
 }
 
 /// A unit vector, uniform on the sphere.
-fn direction(random: &mut Uniform) -> Vector3<f64> {
+pub fn direction(random: &mut Uniform) -> Vector3<f64> {
     loop {
         let v = Vector3::from_fn(|_, _| random.within(-1.0, 1.0));
         if (0.1..1.0).contains(&v.norm()) {

@@ -6,7 +6,6 @@
 /// A replacement finds messages in the message logs or in the retainers. Those that are in no log, because none is kept, or because a block of large
 /// messages is more than the retainers hold, are in the retainers alone: a checkpoint comes before those have let go of them. They hold four times
 /// `most_ahead`; the recorder may take in as much in one round, and the run be as much ahead of it when that ends.
-#[must_use]
 pub const fn most_ticks_unsaved(are_kept: bool, most_ahead: u64, block: u64, usual: u64) -> u64 {
     if are_kept && most_ahead >= block {
         usual

@@ -294,12 +294,8 @@ impl<W: World> Engine<W> {
     ) -> Self {
         let topics = parts.iter().flat_map(|part| &part.writes).max();
         let reads = |part: &Part, topic| {
-            !part.role.polled
-                && part
-                    .reads
-                    .iter()
-                    .chain(&part.feedback)
-                    .any(|one| *one == topic)
+            let mut inputs = part.reads.iter().chain(&part.feedback);
+            !part.role.polled && inputs.any(|one| *one == topic)
         };
         let of_all = |is: &dyn Fn(&Part) -> bool| {
             let all = parts.iter().enumerate().filter(|(_, part)| is(part));

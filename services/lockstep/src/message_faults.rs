@@ -168,7 +168,6 @@ fn shape<'a, M: Shaped>(
 }
 
 /// Whether a fault concerns the message of a tick: the same answer every time.
-#[must_use]
 pub fn happens(scheduled: &ScheduledFault, tick: u64) -> bool {
     // 53 bits make a number in [0, 1) exactly; another draw than the delay's.
     scheduled.probability >= 1.0

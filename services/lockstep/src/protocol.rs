@@ -59,7 +59,6 @@ pub struct Outage {
 
 impl Outage {
     /// The one that a fault at a place of the table means; `None` for a fault that takes no process down.
-    #[must_use]
     pub fn of(
         fault: &ScheduledFault,
         place: usize,
@@ -128,7 +127,6 @@ pub const CHAIN_LAG: u64 = 32;
 /// The end of a process that no plan had, from a tick on of which so many messages have left.
 ///
 /// It lasts longer than the source may be ahead of the process: when the replacement returns, none of its messages has been sent before it was connected.
-#[must_use]
 pub fn unplanned_death(
     process: usize,
     at: u64,

@@ -23,7 +23,6 @@ pub struct Contents {
 
 impl Contents {
     /// Contents for the run with this identity, at a tick rate.
-    #[must_use]
     pub fn new(run: u64, rate_hz: u32, layouts: Vec<MessageLayout>) -> Self {
         let format = layouts.iter().fold(0, |format, layout| {
             xxh3_64_with_seed(layout.topic.as_bytes(), format) ^ layout.hash
@@ -38,7 +37,6 @@ impl Contents {
 
     /// Contents for a job's run: the topics that its graph writes, with the graph's own topics
     /// last.
-    #[must_use]
     pub fn of(job: &Job) -> Self {
         let known = known()
             .into_iter()
@@ -51,19 +49,16 @@ impl Contents {
     }
 
     /// Contents with all topics that this program knows.
-    #[must_use]
     pub fn of_all(run: u64, rate_hz: u32) -> Self {
         Self::new(run, rate_hz, known().into())
     }
 
     /// The layouts of the messages, by channel.
-    #[must_use]
     pub fn layouts(&self) -> &[MessageLayout] {
         &self.layouts
     }
 
     /// The channel of a topic.
-    #[must_use]
     pub fn channel(&self, topic: &str) -> Option<usize> {
         self.layouts.iter().position(|layout| layout.topic == topic)
     }
@@ -129,7 +124,6 @@ fn known() -> [MessageLayout; topics::COUNT] {
 }
 
 /// The tick of a message.
-#[must_use]
 pub fn tick_of(message: &[u8]) -> u64 {
     crate::record::u64_at(message, offset_of!(Header, tick))
 }

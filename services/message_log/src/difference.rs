@@ -126,14 +126,12 @@ fn compared(fields: &[Field]) -> Vec<Element> {
 }
 
 /// The first difference between the contents of two messages; stamps are not compared.
-#[must_use]
 pub fn first_difference<M: Message>(expected: &M, found: &M) -> Option<Difference> {
     let [expected, found] = [expected, found].map(bytemuck::bytes_of);
     first_difference_in(M::FIELDS, expected, found)
 }
 
 /// The same of two messages whose layout alone is known.
-#[must_use]
 pub fn first_difference_in(fields: &[Field], expected: &[u8], found: &[u8]) -> Option<Difference> {
     let [old, new] = [expected, found].map(|message| message.get(size_of::<Stamps>()..));
     if old == new {
@@ -197,7 +195,6 @@ impl<M: Message> Differences<M> {
     }
 
     /// The fields that differ, in the order of the message.
-    #[must_use]
     pub fn fields(self) -> Vec<FieldDifference> {
         self.fields.into_values().collect()
     }

@@ -95,7 +95,6 @@ impl LogError {
     }
 
     /// Whether the file is damaged.
-    #[must_use]
     pub fn is_damage(&self) -> bool {
         matches!(
             self,
@@ -104,7 +103,6 @@ impl LogError {
     }
 
     /// Whether no message can have been written: there is no log, or only the beginning of its head.
-    #[must_use]
     pub fn is_before_the_first_message(&self) -> bool {
         match self {
             Self::File { source, .. } => source.kind() == ErrorKind::NotFound,

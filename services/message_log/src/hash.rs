@@ -26,13 +26,11 @@ impl TopicHash {
     }
 
     /// How many messages it covers.
-    #[must_use]
     pub fn count(&self) -> u64 {
         self.count
     }
 
     /// The topic's line in a run's summary.
-    #[must_use]
     pub fn summary(&self) -> TopicSummary {
         TopicSummary {
             count: self.count,
@@ -41,7 +39,6 @@ impl TopicHash {
     }
 
     /// The hash so far.
-    #[must_use]
     pub fn digest(&self) -> u64 {
         self.digest
     }

@@ -108,31 +108,26 @@ impl Log {
     }
 
     /// Its contents.
-    #[must_use]
     pub fn contents(&self) -> &Contents {
         &self.0.contents
     }
 
     /// How many blocks of messages it has.
-    #[must_use]
     pub fn blocks(&self) -> usize {
         self.0.scan.blocks.len()
     }
 
     /// Ticks that had begun when the recorder had last taken in everything, before it wrote a block.
-    #[must_use]
     pub fn begun(&self, block: usize) -> u64 {
         self.0.scan.blocks.get(block).map_or(0, |block| block.begun)
     }
 
     /// The places that are not as they were written, in order.
-    #[must_use]
     pub fn flaws(&self) -> &[Flaw] {
         &self.0.scan.flaws
     }
 
     /// Whether its writer has ended it: it lacks nothing of what that was given.
-    #[must_use]
     pub fn is_ended(&self) -> bool {
         self.0.scan.is_ended
     }
@@ -185,7 +180,6 @@ impl Log {
     }
 
     /// The messages of a type, in order.
-    #[must_use]
     pub fn messages<M: Message>(&self) -> Messages<M> {
         Messages {
             rows: self.rows(M::TOPIC),
@@ -194,7 +188,6 @@ impl Log {
     }
 
     /// The messages of a topic as bytes, in order; none of a topic that the run does not have.
-    #[must_use]
     pub fn rows(&self, topic: &str) -> Rows {
         Rows {
             log: self.clone(),

@@ -222,7 +222,6 @@ impl Writer {
     }
 
     /// The place behind the last block.
-    #[must_use]
     pub fn place(&self) -> &Place {
         &self.place
     }

@@ -137,49 +137,7 @@ impl Description {
             Factors::Puma { a2, a3, d4 } => [a2, a3, d4],
             Factors::Numeric => [0.0; 3],
         };
-        let are_finite = |values: &[f64]| values.iter().all(|x| x.is_finite());
-        let (gravity, length_m, bits) = (robot.gravity, robot.length_m, robot.encoder_bits);
-        for (what, value, holds, remedy) in [
-            (
-                "gravity",
-                format!("{:?}", gravity.as_slice()),
-                are_finite(gravity.as_slice()),
-                "give three finite numbers, m/s²",
-            ),
-            (
-                "length_m",
-                length_m.to_string(),
-                length_m > 0.0 && length_m.is_finite(),
-                "give a positive length in metres",
-            ),
-            (
-                "encoder_bits",
-                bits.to_string(),
-                (1..=32).contains(&bits),
-                "give 1 to 32 bits per turn",
-            ),
-            (
-                "task",
-                format!("{task:?}"),
-                (1..=robot.dof()).contains(&task.len()) && robot.task.count() == task.len(),
-                "name each axis once, and at most as many as there are joints",
-            ),
-            (
-                "factors",
-                format!("{lengths:?}"),
-                are_finite(&lengths),
-                "give finite lengths in metres",
-            ),
-        ] {
-            if !holds {
-                let what = what.to_owned();
-                return Err(Defect::Value {
-                    what,
-                    value,
-                    remedy,
-                });
-            }
-        }
+        check_values(robot, &task, lengths)?;
         robot.postures = self.postures;
         if robot.postures.is_empty() {
             robot.postures.insert("middle".to_owned(), robot.middle());
@@ -193,4 +151,52 @@ impl Description {
         }
         Ok(())
     }
+}
+
+/// Whether every value is one of an arm; `lengths` are those of its factors.
+fn check_values(robot: &Robot, task: &[TaskAxis], lengths: [f64; 3]) -> Result<(), Defect> {
+    let are_finite = |values: &[f64]| values.iter().all(|x| x.is_finite());
+    let (gravity, length_m, bits) = (robot.gravity, robot.length_m, robot.encoder_bits);
+    for (what, value, holds, remedy) in [
+        (
+            "gravity",
+            format!("{:?}", gravity.as_slice()),
+            are_finite(gravity.as_slice()),
+            "give three finite numbers, m/s²",
+        ),
+        (
+            "length_m",
+            length_m.to_string(),
+            length_m > 0.0 && length_m.is_finite(),
+            "give a positive length in metres",
+        ),
+        (
+            "encoder_bits",
+            bits.to_string(),
+            (1..=32).contains(&bits),
+            "give 1 to 32 bits per turn",
+        ),
+        (
+            "task",
+            format!("{task:?}"),
+            (1..=robot.dof()).contains(&task.len()) && robot.task.count() == task.len(),
+            "name each axis once, and at most as many as there are joints",
+        ),
+        (
+            "factors",
+            format!("{lengths:?}"),
+            are_finite(&lengths),
+            "give finite lengths in metres",
+        ),
+    ] {
+        if !holds {
+            let what = what.to_owned();
+            return Err(Defect::Value {
+                what,
+                value,
+                remedy,
+            });
+        }
+    }
+    Ok(())
 }

@@ -88,8 +88,10 @@ impl<const N: usize> Model<N> {
     }
 }
 
+/// Stacks a linear and an angular part: `[v; ω]`.
+#[must_use]
 #[inline(always)]
-pub(crate) fn stack(linear: &Vector3<f64>, angular: &Vector3<f64>) -> Vector6<f64> {
+pub fn stack(linear: &Vector3<f64>, angular: &Vector3<f64>) -> Vector6<f64> {
     Vector6::new(
         linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
     )

@@ -50,6 +50,7 @@ pub use dynamics::ArmMotion;
 pub use error::{Defect, PostureError, RobotError};
 pub use factors::Factors;
 pub use joint::{Frame, Joint, JointKind};
+pub use kinematics::stack;
 pub use pose::Pose;
 pub use robot::Robot;
 pub use rotation::{rotation_exp, rotation_log, rotation_twist};

@@ -377,28 +377,7 @@ impl<'a> Reader<'a> {
             .filter(|child| ["joint", "freejoint"].contains(&child.tag_name().name()));
         match joints.collect::<Vec<_>>()[..] {
             [] => self.fix(parent, &name, &X_PB),
-            [one] => {
-                let stated = one.attribute("name").map(str::to_owned);
-                let joint = stated.unwrap_or_else(|| format!("joint of {name}"));
-                // The joint's frame is a link of its own where it lies beside the body's.
-                let anchor = self.element(one, class).vector("pos")?.unwrap_or_default();
-                let is_body = anchor == Vector3::zeros();
-                let link = if is_body {
-                    name.clone()
-                } else {
-                    format!("{joint} of {name}")
-                };
-                self.joint(
-                    one,
-                    class,
-                    (&joint, [parent, &link]),
-                    &(X_PB * Pose::translation(anchor)),
-                )?;
-                if !is_body {
-                    self.link(&link);
-                    self.fix(&link, &name, &Pose::translation(-anchor));
-                }
-            }
+            [one] => self.hinge(one, class, [parent, &name], &X_PB)?,
             ref several => {
                 return Err(Defect::Mjcf(format!(
                     "body '{name}' has {} joints: give each a body of its own, with inertia",
@@ -421,6 +400,28 @@ impl<'a> Reader<'a> {
                 "the gravity compensation of body '{name}' is left out"
             ));
         }
+        Ok(())
+    }
+
+    /// The joint of a body: the joint's frame is a link of its own where it lies beside the body's.
+    fn hinge(
+        &mut self,
+        node: Node<'a, 'a>,
+        class: Option<&'a str>,
+        [parent, body]: [&str; 2],
+        X_PB: &Pose,
+    ) -> Result<(), Defect> {
+        let stated = node.attribute("name").map(str::to_owned);
+        let joint = stated.unwrap_or_else(|| format!("joint of {body}"));
+        let anchor = self.element(node, class).vector("pos")?.unwrap_or_default();
+        let X_PJ = *X_PB * Pose::translation(anchor);
+        if anchor == Vector3::zeros() {
+            return self.joint(node, class, (&joint, [parent, body]), &X_PJ);
+        }
+        let link = format!("{joint} of {body}");
+        self.joint(node, class, (&joint, [parent, &link]), &X_PJ)?;
+        self.link(&link);
+        self.fix(&link, body, &Pose::translation(-anchor));
         Ok(())
     }
 

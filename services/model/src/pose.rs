@@ -15,6 +15,12 @@ pub struct Pose {
     pub p: Vector3<f64>,
 }
 
+impl Default for Pose {
+    fn default() -> Self {
+        Self::identity()
+    }
+}
+
 impl Pose {
     /// The identity: B coincides with A.
     #[inline(always)]

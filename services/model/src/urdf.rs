@@ -136,28 +136,7 @@ impl<'a> Tree<'a> {
             let mimic = joint.mimic.iter();
             tree.leaders.extend(mimic.map(|mimic| &*mimic.joint));
         }
-        if tree.links.is_empty() {
-            let sentence = "it has no <link>: give a URDF (<robot>) or MuJoCo's MJCF (<mujoco>)";
-            return Err(Defect::Urdf(sentence.to_owned()));
-        }
-        let roots = tree.links.keys().copied();
-        let roots: Vec<&str> = roots
-            .filter(|link| !tree.parent.contains_key(link))
-            .collect();
-        let [root] = roots[..] else {
-            return refuse(format!(
-                "one link without a parent joint is needed as the base, and there are {}: {}",
-                roots.len(),
-                list(roots)
-            ));
-        };
-        let reached = tree.rigid(root, |_| true).len();
-        if reached != tree.links.len() {
-            return refuse(format!(
-                "only {reached} of {} links hang on the base '{root}': the others form a loop",
-                tree.links.len()
-            ));
-        }
+        let root = tree.only_root()?;
         tree.root = match cut.base {
             Some(base) => tree.known(base)?,
             None => root,
@@ -167,6 +146,32 @@ impl<'a> Tree<'a> {
             tree.locked.insert(name, displacement);
         }
         Ok(tree)
+    }
+
+    /// The one link without a parent, on which all the others hang.
+    fn only_root(&self) -> Result<&'a str, Defect> {
+        if self.links.is_empty() {
+            let sentence = "it has no <link>: give a URDF (<robot>) or MuJoCo's MJCF (<mujoco>)";
+            return Err(Defect::Urdf(sentence.to_owned()));
+        }
+        let roots = self.links.keys().copied();
+        let roots: Vec<&str> = roots
+            .filter(|link| !self.parent.contains_key(link))
+            .collect();
+        let [root] = roots[..] else {
+            return Err(Defect::NotATree(format!(
+                "one link without a parent joint is needed as the base, and there are {}: {}",
+                roots.len(),
+                list(roots)
+            )));
+        };
+        let (reached, all) = (self.rigid(root, |_| true).len(), self.links.len());
+        if reached != all {
+            return Err(Defect::NotATree(format!(
+                "only {reached} of {all} links hang on the base '{root}': the others form a loop"
+            )));
+        }
+        Ok(root)
     }
 
     fn has(&self, link: &str) -> bool {
@@ -396,11 +401,8 @@ impl<'a> Tree<'a> {
     ) -> Result<Joint, Defect> {
         let name = joint.name.clone();
         if let Some(mimic) = &joint.mimic {
-            let leader = mimic.joint.clone();
-            return Err(Defect::Mimic {
-                joint: name,
-                leader,
-            });
+            let (joint, leader) = (name, mimic.joint.clone());
+            return Err(Defect::Mimic { joint, leader });
         }
         let kind = match joint.joint_type {
             JointType::Revolute => JointKind::Revolute,
@@ -412,14 +414,10 @@ impl<'a> Tree<'a> {
             }
         };
         let axis = joint.axis.xyz.0;
-        let Some(unit) = Vector3::from(axis)
-            .try_normalize(1e-9)
-            .filter(|unit| unit.norm() > 0.5)
-        else {
-            let (value, remedy) = (
-                format!("{axis:?}"),
-                "give a direction, such as xyz=\"0 0 1\"",
-            );
+        let unit = Vector3::from(axis).try_normalize(1e-9);
+        let Some(unit) = unit.filter(|unit| unit.norm() > 0.5) else {
+            let remedy = "give a direction, such as xyz=\"0 0 1\"";
+            let value = format!("{axis:?}");
             return Err(Defect::of_joint(&name, "axis", value, remedy));
         };
         check_finite(&X_PJ, || format!("the pose of joint '{name}'"))?;

@@ -16,7 +16,6 @@ pub struct Cycle {
 
 impl Cycle {
     /// At the start of a session with checked text; without text, there are no targets.
-    #[must_use]
     pub fn new(session: &Servo, rate_hz: u32) -> Self {
         Self {
             rows: session.rows(rate_hz),

@@ -96,13 +96,11 @@ impl Pad {
     }
 
     /// Whether nothing is tilted, pulled or held.
-    #[must_use]
     pub fn is_at_rest(&self) -> bool {
         self.sticks == [0.0; 6] && self.shoulders == [false; 2]
     }
 
     /// The twist that is asked for, in the axes of the frame; m/s, rad/s.
-    #[must_use]
     pub fn twist(&self) -> [f64; 6] {
         if self.is_stopped {
             return [0.0; 6];
@@ -123,7 +121,6 @@ impl Pad {
     }
 
     /// The target of this moment.
-    #[must_use]
     pub fn line(&self) -> String {
         self.settings.line(VALID_S, self.twist())
     }

@@ -93,3 +93,9 @@ pub enum RobotFailure {
     #[error("{0}")]
     Scenario(String),
 }
+
+impl From<RobotFailure> for runtime::ProcessError {
+    fn from(failure: RobotFailure) -> Self {
+        Self::setup(failure)
+    }
+}

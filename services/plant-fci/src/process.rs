@@ -9,7 +9,7 @@ use shared_types::{PlantState, SensorSample, TorqueCommand};
 use crate::address::Address;
 use crate::approach::Approach;
 use crate::client::{Client, Rates};
-use crate::cycle::Cycle;
+use crate::cycle::{Cycle, Measured};
 use crate::error::RobotFailure;
 use crate::interface::{JOINTS, RATE_HZ};
 
@@ -26,21 +26,12 @@ pub(crate) fn run(
     address: &Address,
 ) -> Result<(), ProcessError> {
     let model = Model::<JOINTS>::new(robot, scenario.frame()).map_err(ProcessError::setup)?;
-    let start = embedded::<JOINTS>(
-        &robot
-            .start_posture(&scenario.start)
-            .map_err(ProcessError::setup)?,
-    );
-    if scenario.rate_hz != RATE_HZ {
-        let sentence = format!(
-            "{} runs at {} Hz, the robot at {RATE_HZ}: leave `rate_hz` out",
-            scenario.name, scenario.rate_hz
-        );
-        return Err(ProcessError::setup(RobotFailure::Scenario(sentence)));
-    }
-    let client = Client::connect(address).map_err(ProcessError::setup)?;
-    client.check_ready().map_err(ProcessError::setup)?;
-    if !approach(shell, &client, &model, start).map_err(ProcessError::setup)? {
+    let start = robot.start_posture(&scenario.start);
+    let start = embedded::<JOINTS>(&start.map_err(ProcessError::setup)?);
+    check_rate(scenario)?;
+    let client = Client::connect(address)?;
+    client.check_ready()?;
+    if !approach(shell, &client, &model, start)? {
         return Ok(());
     }
     let mut sensors = shell.writer::<SensorSample>()?;
@@ -51,62 +42,63 @@ pub(crate) fn run(
     if !source.begin()? {
         return Ok(());
     }
-    let mut control = client.control().map_err(ProcessError::setup)?;
-    let (mut now, mut passed) = control.next(0).map_err(ProcessError::setup)?;
-    let mut cycle = Cycle::new(
-        model,
-        scenario.plant.hold_ticks,
-        scenario.planned_ticks(),
-        &now,
-    );
-    let mut drive = cycle.drive();
-    while let Some(tick) = source.next_by(passed)? {
+    let mut control = client.control()?;
+    let (mut now, mut passed) = control.next(0)?;
+    let (hold, planned) = (scenario.plant.hold_ticks, scenario.planned_ticks());
+    let mut cycle = Cycle::new(model, hold, planned, &now);
+    let mut publish = |cycle: &Cycle, tick: u64, now: &Measured| -> Result<(), ProcessError> {
         let (mut sample, mut truth) = (sensors.loan_as_is(tick)?, truths.loan_as_is(tick)?);
-        cycle.sample(tick, &now, &mut sample, &mut truth);
+        cycle.sample(tick, now, &mut sample, &mut truth);
         sample.send()?;
-        truth.send()?;
+        Ok(truth.send()?)
+    };
+    while let Some(tick) = source.next_by(passed)? {
+        publish(&cycle, tick, &now)?;
+        let before = cycle.drive();
         let tau = cycle.step(&now, torques.arriving(tick, source.deadline_ns())?);
-        if cycle.drive() != drive {
-            // Not each tick that is held: the log has the stops, and the way back from them.
-            if cycle.drive() >= DRIVE_STOPPING {
-                tracing::warn!(
-                    "tick {tick}: no torque comes in time, the arm is {}",
-                    name_of(DRIVES, cycle.drive())
-                );
-            } else if drive >= DRIVE_STOPPING {
-                tracing::warn!("tick {tick}: torque comes in time again, the arm goes on");
-            }
-            drive = cycle.drive();
-        }
+        log_drive(tick, before, cycle.drive());
         if cycle.is_over() {
             source.finish()?;
-            let rates = control.finish(tick, tau).map_err(ProcessError::setup)?;
-            report(&rates);
-            return Ok(());
+            return Ok(report(&control.finish(tick, tau)?));
         }
-        let answered = control
-            .send(tick, tau)
-            .and_then(|()| control.next(tick + 1));
-        (now, passed) = match answered {
+        let sent = control.send(tick, tau);
+        (now, passed) = match sent.and_then(|()| control.next(tick + 1)) {
             Ok(next) => next,
             Err(failure) => {
                 report(&control.rates());
                 // The last messages of the run say that the arm has been stopped, and how it was last seen.
                 cycle.stopped_by_robot();
                 if let Some(tick) = source.next_by(1)? {
-                    let (mut sample, mut truth) =
-                        (sensors.loan_as_is(tick)?, truths.loan_as_is(tick)?);
-                    cycle.sample(tick, &now, &mut sample, &mut truth);
-                    sample.send()?;
-                    truth.send()?;
+                    publish(&cycle, tick, &now)?;
                 }
-                return Err(ProcessError::setup(failure));
+                return Err(failure.into());
             }
         };
     }
     // Stopped in the middle of the task: the arm may be moving, so the robot itself brings it to rest, as `control` is dropped.
     report(&control.rates());
     Ok(())
+}
+
+/// Logs the stops of the drive and the way back from them, not each tick that is held.
+fn log_drive(tick: u64, before: u32, now: u32) {
+    if now == before {
+    } else if now >= DRIVE_STOPPING {
+        let drive = name_of(DRIVES, now);
+        tracing::warn!("tick {tick}: no torque comes in time, the arm is {drive}");
+    } else if before >= DRIVE_STOPPING {
+        tracing::warn!("tick {tick}: torque comes in time again, the arm goes on");
+    }
+}
+
+fn check_rate(scenario: &Scenario) -> Result<(), RobotFailure> {
+    let Scenario { name, rate_hz, .. } = scenario;
+    if *rate_hz == RATE_HZ {
+        return Ok(());
+    }
+    Err(RobotFailure::Scenario(format!(
+        "{name} runs at {rate_hz} Hz, the robot at {RATE_HZ}: leave `rate_hz` out"
+    )))
 }
 
 /// Moves the arm to the start posture; `false` if the run is stopped meanwhile.

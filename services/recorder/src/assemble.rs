@@ -44,7 +44,6 @@ pub struct Row {
 
 impl Row {
     /// The row of a tick, with all messages of it.
-    #[must_use]
     pub fn new(tick: u64, whole: &ByTopic<Whole>) -> Self {
         struct Fill<'a>(&'a mut Row, &'a ByTopic<Whole>);
         impl Each for Fill<'_> {
@@ -66,7 +65,6 @@ impl Row {
     }
 
     /// The messages received.
-    #[must_use]
     pub fn messages(&self) -> &ByTopic<Received> {
         &self.messages
     }
@@ -130,7 +128,6 @@ impl Assembler {
     /// `patience` ticks for missing messages. Ticks of which nothing has come are given out empty;
     /// where there are more than `horizon` of them on end they are not, and what comes after them
     /// has to wait for its time: the tick may be a wrong one.
-    #[must_use]
     pub fn new(expected: Set, patience: u64, horizon: u64) -> Self {
         Self {
             rows: VecDeque::new(),
@@ -155,7 +152,6 @@ impl Assembler {
     }
 
     /// The next tick to be given out.
-    #[must_use]
     pub fn next_tick(&self) -> u64 {
         self.next
     }

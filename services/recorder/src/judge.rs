@@ -154,7 +154,6 @@ impl Judge {
     }
 
     /// The same for a run on a grid in time: a grid point at which no tick began, because the one before took too long, is a sample too.
-    #[must_use]
     pub fn on_grid(self, period_ns: u64) -> Self {
         Self {
             latency: self.latency.on_grid(period_ns),
@@ -221,46 +220,42 @@ impl Judge {
         self.events.drain(..)
     }
 
+    /// Why the task has not come to its end.
+    fn stopped(&self) -> String {
+        match self.phase {
+            codes::PHASE_REFUSED => format!(
+                "the controller refused to go on and brought the arm to rest: {}",
+                codes::name_of(codes::REFUSALS, self.refusal)
+            ),
+            _ => format!(
+                "the run ended after {} ticks, but the controller never set `phase` to done",
+                self.ticks
+            ),
+        }
+    }
+
     /// The findings.
-    #[must_use]
     pub fn verdict(mut self) -> Verdict {
         let completed = self.phase == codes::PHASE_DONE;
         let breach = match self.ground.truth() {
             Some(truth) => self.path.breach(truth, completed),
             None => Some("there is no truth to judge by".to_owned()),
         };
-        let is_done = breach.is_none();
+        let (is_done, stopped) = (breach.is_none(), self.stopped());
         let (along, contact) = (self.task.along(), self.task.clause());
         let mut task = self.task.finish(self.ticks, self.planned_ticks);
-        let has_broken_a_limit = self.joints.has_broken_a_limit();
-        let (outcome, mut reason) = match self.phase {
-            codes::PHASE_REFUSED => {
-                let why = codes::name_of(codes::REFUSALS, self.refusal);
-                (
-                    "stopped",
-                    format!("the controller refused to go on and brought the arm to rest: {why}"),
-                )
+        let (outcome, mut reason) = match (self.phase, breach) {
+            (codes::PHASE_DONE, Some(breach)) => (MISSED, breach),
+            (codes::PHASE_DONE, None) => {
+                let has_broken_a_limit = self.joints.has_broken_a_limit();
+                done(&task, &self.goal, along, self.beyond, has_broken_a_limit)
             }
-            codes::PHASE_DONE => match breach {
-                Some(breach) => (MISSED, breach),
-                None => done(&task, &self.goal, along, self.beyond, has_broken_a_limit),
-            },
-            _ => (
-                "stopped",
-                format!(
-                    "the run ended after {} ticks, but the controller never set `phase` to done",
-                    self.ticks
-                ),
-            ),
+            _ => ("stopped", stopped),
         };
-        for clause in self
-            .singularities
-            .clauses()
-            .chain(self.singularities.ends())
-            .chain(self.joints.clauses())
-            .chain(contact)
-            .chain(self.unasked)
-        {
+        let singularities = &self.singularities;
+        let clauses = singularities.clauses().chain(singularities.ends());
+        let others = self.joints.clauses().chain(contact).chain(self.unasked);
+        for clause in clauses.chain(others) {
             reason.push_str("; ");
             reason.push_str(&clause);
         }

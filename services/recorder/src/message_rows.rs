@@ -172,7 +172,6 @@ impl MessageRows {
 
     /// The ways in which the log, read to its end, is not as it was written or does not hold what a run's summary counts, where there is one: a clause
     /// for each. A topic that the summary does not name is left out of the comparison.
-    #[must_use]
     pub fn damage(mut self, summary: Option<&Summary>) -> Vec<String> {
         while self.next_row().is_some() {}
         let Some(summary) = summary else {

@@ -131,7 +131,6 @@ impl<C: Checkpoint> CheckpointSlots<C> {
     }
 
     /// The checkpoint of the incarnation before, of the last tick that it sent completely; `None` in a first incarnation.
-    #[must_use]
     pub fn previous(&self) -> Option<&C> {
         self.previous.as_ref()
     }

@@ -6,7 +6,6 @@ use rustix::time::Timespec;
 const NS_PER_S: u64 = 1_000_000_000;
 
 /// Nanoseconds of `CLOCK_MONOTONIC`.
-#[must_use]
 #[inline]
 pub fn now_ns() -> u64 {
     // By libc, so that a process of a run can be measured under valgrind: rustix looks for the kernel's own functions in memory that valgrind does not map.

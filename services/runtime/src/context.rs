@@ -31,27 +31,27 @@ mod outputs;
 mod view;
 mod volume;
 
-/// A port that can connect to its counterparts at a time of the shell's choosing, not in the first tick.
-pub(crate) trait Connect {
-    fn connect(&self, context: &Context) -> Result<(), Interrupted>;
-}
-
-/// An end of the process that a closing tick concerns: messages held back for it are sent, and its readers are woken.
-pub(crate) trait Outlet {
-    /// Its topic.
-    fn topic(&self) -> &'static str;
-    /// Sends the messages due at `tick` or before.
-    fn flush(&self, tick: u64);
-    /// Wakes the readers.
-    fn ring(&self);
-}
-
 /// Why this process is to stop.
 pub(crate) struct StopFlag {
     /// The stage of the run's end that concerns it.
     pub(crate) at: Stop,
     /// SIGTERM or SIGINT has arrived.
     pub(crate) signalled: Arc<AtomicBool>,
+}
+
+impl StopFlag {
+    /// Catches SIGTERM and SIGINT.
+    pub(crate) fn new(is_polled: bool) -> std::io::Result<Self> {
+        let signalled = Arc::new(AtomicBool::new(false));
+        for signal in [libc::SIGTERM, libc::SIGINT] {
+            signal_hook::flag::register(signal, Arc::clone(&signalled))?;
+        }
+        let at = match is_polled {
+            true => Stop::Everything,
+            false => Stop::Chain,
+        };
+        Ok(Self { at, signalled })
+    }
 }
 
 /// The faults of the run as read by this process, and their present effect on it.
@@ -551,4 +551,19 @@ impl Context {
             Report::Unneeded => {}
         }
     }
+}
+
+/// A port that can connect to its counterparts at a time of the shell's choosing, not in the first tick.
+pub(crate) trait Connect {
+    fn connect(&self, context: &Context) -> Result<(), Interrupted>;
+}
+
+/// An end of the process that a closing tick concerns: messages held back for it are sent, and its readers are woken.
+pub(crate) trait Outlet {
+    /// Its topic.
+    fn topic(&self) -> &'static str;
+    /// Sends the messages due at `tick` or before.
+    fn flush(&self, tick: u64);
+    /// Wakes the readers.
+    fn ring(&self);
 }

@@ -20,7 +20,6 @@ pub struct DoorbellPort {
 
 impl DoorbellPort {
     /// The doorbell of the process that a shell belongs to.
-    #[must_use]
     pub fn of(shell: &Shell) -> Self {
         Self {
             shared: shell.shared(),
@@ -28,7 +27,6 @@ impl DoorbellPort {
     }
 
     /// The process's iceoryx2 node; its services are in the run's directory.
-    #[must_use]
     pub fn node(&self) -> &Node<ipc::Service> {
         &self.shared.bus
     }
@@ -62,7 +60,6 @@ impl DoorbellPort {
     }
 
     /// Whether the run is to stop.
-    #[must_use]
     pub fn is_stopping(&self) -> bool {
         self.shared.is_stopping()
     }

@@ -58,7 +58,7 @@ pub use doorbell::DoorbellPort;
 pub use environment::{PROCESS_VARIABLE, RUN_VARIABLE};
 pub use fault::exit::Exit;
 pub use fault::table::{FaultRecord, FaultTable, MOST_FAULTS, MOST_WHEN_REQUESTED, Origin};
-pub use lockstep::{apply_to_outgoing, most_ticks_unsaved, unplanned_death};
+pub use lockstep::{apply_to_outgoing, first_not_finite, most_ticks_unsaved, unplanned_death};
 pub use manifest::{Disturbance, ForeignMessage, Manifest, ManifestError, Process};
 pub use reserved::{release_reserve, reserve, write_reserved};
 pub use run_dir::{FoundRun, RunDir, RunDirError, SHM, free_bytes};

@@ -132,13 +132,11 @@ pub enum ManifestError {
 
 impl Manifest {
     /// Whether time passes tick by tick.
-    #[must_use]
     pub fn is_lockstep(&self) -> bool {
         self.mode == Mode::Lockstep
     }
 
     /// All topics of the run, sorted: the index is the topic's bit on every doorbell.
-    #[must_use]
     pub fn topics(&self) -> Vec<&str> {
         let mut topics: Vec<&str> = self
             .processes
@@ -157,20 +155,23 @@ impl Manifest {
         topics.iter().position(|&one| one == topic).unwrap_or(0)
     }
 
+    /// The names of all processes, for a message.
+    pub fn names(&self) -> String {
+        let names: Vec<_> = self.processes.iter().map(|p| p.name.as_str()).collect();
+        names.join(", ")
+    }
+
     /// The process's line on the control_page.
-    #[must_use]
     pub fn index_of(&self, process: &str) -> Option<usize> {
         self.processes.iter().position(|p| p.name == process)
     }
 
     /// The message of a topic that only the graph of this run knows.
-    #[must_use]
     pub fn message(&self, topic: &str) -> Option<&ForeignMessage> {
         self.messages.iter().find(|message| message.topic == topic)
     }
 
     /// The one process that writes a topic.
-    #[must_use]
     pub fn writer_of(&self, topic: &str) -> Option<usize> {
         self.processes
             .iter()
@@ -219,7 +220,6 @@ impl Manifest {
     }
 
     /// One tick of the arm's time; ns.
-    #[must_use]
     pub fn period_ns(&self) -> u64 {
         1_000_000_000 / u64::from(self.rate_hz)
     }

@@ -37,7 +37,6 @@ pub enum Missing {
 }
 
 /// The cores this process may use.
-#[must_use]
 pub fn allowed_cores() -> Vec<usize> {
     sched_getaffinity(None).map_or_else(
         |_| Vec::new(),
@@ -76,7 +75,6 @@ pub enum Lock {
 
 /// Locks memory, touches the stack and takes a `SCHED_FIFO` priority. Returns the steps that are
 /// not allowed; none is fatal.
-#[must_use]
 pub fn enter(priority: Option<u8>, lock: Lock) -> Vec<Missing> {
     let all = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE;
     let memory = if lock == Lock::AtOnce {
@@ -118,7 +116,6 @@ pub fn set_round_robin_priority(priority: u8) -> Result<(), Missing> {
 }
 
 /// Whether this thread has ordinary scheduling, no real-time priority.
-#[must_use]
 pub fn is_ordinary() -> bool {
     // SAFETY: a plain system call on this thread.
     !matches!(
@@ -164,7 +161,6 @@ pub struct Rights {
 
 impl Rights {
     /// Asks the kernel.
-    #[must_use]
     pub fn query() -> Self {
         let effective = capabilities(None).map_or(CapabilitySet::empty(), |sets| sets.effective);
         Self {
@@ -176,13 +172,11 @@ impl Rights {
     }
 
     /// Whether `SCHED_FIFO` will be granted.
-    #[must_use]
     pub fn fifo(&self) -> bool {
         self.cap_sys_nice || self.rtprio_limit.is_none_or(|limit| limit > 0)
     }
 
     /// Whether all memory may be locked.
-    #[must_use]
     pub fn lock_memory(&self) -> bool {
         self.cap_ipc_lock || self.memlock_limit.is_none()
     }
@@ -209,7 +203,6 @@ impl Usage {
 }
 
 /// Processor time that this process has used so far, all threads, user and system; s.
-#[must_use]
 pub fn cpu_time_s() -> f64 {
     // By libc: rustix looks for the kernel's own functions in memory that valgrind does not map, and the recorder is measured under it.
     let mut time = libc::timespec {

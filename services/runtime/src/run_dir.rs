@@ -162,13 +162,11 @@ impl RunDir {
     }
 
     /// The directory.
-    #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
     /// Its name, which tells the run from every other one on this machine.
-    #[must_use]
     pub fn name(&self) -> &str {
         self.path
             .file_name()
@@ -193,7 +191,6 @@ impl RunDir {
     }
 
     /// All runs of this user in shared memory, living and dead, by name.
-    #[must_use]
     pub fn list() -> Vec<FoundRun> {
         let mut runs: Vec<FoundRun> = Vec::new();
         for (name, path) in entries() {
@@ -319,7 +316,6 @@ impl Drop for RunDir {
 }
 
 /// Bytes free in shared memory; none if there is no such file system, which the first file says better.
-#[must_use]
 pub fn free_bytes() -> u64 {
     rustix::fs::statvfs(SHM).map_or(u64::MAX, |space| {
         space.f_bavail.saturating_mul(space.f_frsize)

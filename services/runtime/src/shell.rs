@@ -4,7 +4,6 @@ use std::cell::{Cell, RefCell};
 use std::path::Path;
 use std::rc::Rc;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use lockstep::RECORDER_LAG;
@@ -163,16 +162,10 @@ impl Shell {
         let run = RunDir::open(run)?;
         let manifest = Manifest::read(&run)?;
         let Some(me) = manifest.index_of(process) else {
-            let known = manifest
-                .processes
-                .iter()
-                .map(|p| p.name.as_str())
-                .collect::<Vec<_>>()
-                .join(", ");
             return Err(OpenError::NotInGraph {
                 process: process.into(),
                 run: run.path().display().to_string(),
-                known,
+                known: manifest.names(),
             });
         };
         let control_page = Arc::new(ControlPage::open(&run)?);
@@ -185,26 +178,18 @@ impl Shell {
             .occupy(process)
             .map_err(OpenError::Occupancy)?
             .ok_or_else(occupied)?;
-        let signalled = Arc::new(AtomicBool::new(false));
-        for signal in [libc::SIGTERM, libc::SIGINT] {
-            signal_hook::flag::register(signal, Arc::clone(&signalled))
-                .map_err(OpenError::Signals)?;
-        }
+        let stop = StopFlag::new(manifest.processes[me].polled).map_err(OpenError::Signals)?;
         // Before the process is pinned: the watchdog may run on any core.
         Watchdog::start(&control_page, me).map_err(OpenError::Watchdog)?;
         settle(&manifest, me);
-        let disturbance = manifest.processes[me].disturbance;
+        let own = &manifest.processes[me];
+        let (hop, disturbance) = (own.hop, own.disturbance);
         disturbance::begin(disturbance);
         let bus = join(&run, process, false)?;
-        let stops_at = if manifest.processes[me].polled {
-            Stop::Everything
-        } else {
-            Stop::Chain
-        };
         let foreign = manifest.messages.iter().map(|message| depth(message.bytes));
         let least = foreign.fold(least_depth(&manifest.topics()), usize::min);
         let shared = Context {
-            stamping: Stamping::at(manifest.processes[me].hop),
+            stamping: Stamping::at(hop),
             turns: Turns::of(&manifest, me),
             // A quarter of what is kept: faults make several messages of one tick, and a block of a message log is not in its file yet.
             recorder_lag: RECORDER_LAG.min(least as u64 / 4),
@@ -213,10 +198,7 @@ impl Shell {
             control_page,
             bus,
             me,
-            stop: StopFlag {
-                at: stops_at,
-                signalled,
-            },
+            stop,
             has_started: Cell::new(false),
             tick: Cell::new(0),
             pauses: RefCell::new(disturbance.pauses.map(Pauses::new)),
@@ -225,9 +207,8 @@ impl Shell {
         };
         shared.learn();
         shared.tick.set(shared.returns_at());
-        let shared = Rc::new(shared);
         Ok(Self {
-            shared,
+            shared: Rc::new(shared),
             rounds: Rounds::default(),
             _occupancy: occupancy,
         })
@@ -333,7 +314,6 @@ impl Shell {
     }
 
     /// Gives out ticks from `first` on: on the grid in real time, as fast as the recorder follows in lockstep.
-    #[must_use]
     pub fn tick_source(&self, first: u64) -> TickSource {
         TickSource::new(Rc::clone(&self.shared), first)
     }
@@ -356,26 +336,22 @@ impl Shell {
     }
 
     /// For a polled process: ticks that had begun before the round in hand.
-    #[must_use]
     pub fn ticks_begun(&self) -> u64 {
         self.rounds.ticks_begun()
     }
 
     /// Whether this polled process will die or pause once it has reported its progress. Everything
     /// it has taken in must be saved before.
-    #[must_use]
     pub fn is_about_to_go_down(&self) -> bool {
         self.rounds.is_about_to_go_down()
     }
 
     /// How time passes in this run.
-    #[must_use]
     pub fn mode(&self) -> Mode {
         self.shared.manifest.mode
     }
 
     /// Whether the graph lets this process read a topic.
-    #[must_use]
     pub fn reads(&self, topic: &str) -> bool {
         self.shared.manifest.processes[self.shared.me]
             .reads
@@ -384,13 +360,11 @@ impl Shell {
     }
 
     /// The run as all its processes know it.
-    #[must_use]
     pub fn manifest(&self) -> &Manifest {
         &self.shared.manifest
     }
 
     /// How often this process has been started in this run, from 1.
-    #[must_use]
     pub fn incarnation(&self) -> u32 {
         self.shared.entry().incarnation()
     }
@@ -411,7 +385,6 @@ impl Shell {
     }
 
     /// Ticks that the run may be ahead of a polled process in lockstep: at most a quarter of the messages that the retainers of the topics hold.
-    #[must_use]
     pub fn most_ahead(&self) -> u64 {
         self.shared.recorder_lag
     }
@@ -425,7 +398,6 @@ impl Shell {
     }
 
     /// Messages that all processes of the run have sent.
-    #[must_use]
     pub fn sent_by_all(&self) -> u64 {
         (0..self.shared.manifest.processes.len())
             .map(|index| self.shared.control_page.process(index).count(Count::Sent))
@@ -455,31 +427,26 @@ impl Shell {
     }
 
     /// All faults of the run so far.
-    #[must_use]
     pub fn fault_table(&self) -> &FaultTable {
         self.shared.control_page.fault_table()
     }
 
     /// Whether the run is to stop.
-    #[must_use]
     pub fn is_stopping(&self) -> bool {
         self.shared.is_stopping()
     }
 
     /// Whether the run stops early: nobody waits for further messages.
-    #[must_use]
     pub fn is_stopping_early(&self) -> bool {
         self.shared.control_page.stop() == Stop::Early
     }
 
     /// One of this process's counts so far.
-    #[must_use]
     pub fn count(&self, count: Count) -> u64 {
         self.shared.entry().count(count)
     }
 
     /// The directory of the run.
-    #[must_use]
     pub fn run_dir(&self) -> &Path {
         self.shared.run.path()
     }
@@ -503,7 +470,6 @@ impl Shell {
     }
 
     /// The name of this process in the graph.
-    #[must_use]
     pub fn name(&self) -> &str {
         self.shared.name()
     }

@@ -132,7 +132,6 @@ impl TickSource {
     /// Until when a tick's torque is waited for, on `CLOCK_MONOTONIC`; in lockstep without limit.
     ///
     /// A tenth of a period, at most 100 µs, before the next tick: a wait without a message still ends in time for the next grid point.
-    #[must_use]
     pub fn deadline_ns(&self) -> Option<u64> {
         let period = self.context.manifest.period_ns();
         (!self.context.is_lockstep()).then(|| self.began_ns + period - (period / 10).min(100_000))

@@ -44,7 +44,6 @@ impl RunDir {
     /// Removes the segments of the run whose makers have been killed before they were finished. Returns how many.
     ///
     /// Costs one look at the names in shared memory where there is none.
-    #[must_use]
     pub fn remove_unfinished(&self) -> usize {
         let prefix = format!("{}.", self.name());
         let listing = fs::read_dir(SHM).into_iter().flatten().flatten();

@@ -5,7 +5,6 @@ use shared_types::fault::{Fault, Kind, Way};
 use shared_types::file::Complaint;
 
 /// Whether the amount of a fault is a share of a torque limit that its joint has not.
-#[must_use]
 pub fn lacks_limit(fault: &Fault, robot: &Robot) -> bool {
     let place = fault.joint.map_or(0, |joint| joint.saturating_sub(1)) as usize;
     let is_share =

@@ -33,7 +33,6 @@ impl Catalogue {
     }
 
     /// As one JSON object.
-    #[must_use]
     pub fn json(&self) -> Value {
         let scenarios: Vec<_> = self.scenarios
             .iter()

@@ -13,7 +13,6 @@ pub struct FaultKinds;
 
 impl FaultKinds {
     /// An array of one object a kind.
-    #[must_use]
     pub fn json(&self) -> Value {
         let kinds = Kind::ALL.iter().map(|&kind| {
             let length_s = kind.usual_length_s();

@@ -101,7 +101,6 @@ pub struct Topics<'a>(pub &'a Graph);
 
 impl Topics<'_> {
     /// An array of one object a topic.
-    #[must_use]
     pub fn json(&self) -> Value {
         self.rows().map(|row| json!(row)).collect()
     }

@@ -1,10 +1,9 @@
 //! Faults in a running graph.
 
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 use model::Robot;
-use runtime::{ControlPage, Manifest, RunDir, SHM, random};
+use runtime::random;
 use shared_types::fault::{Fault, Target};
 use shared_types::graph::Role;
 
@@ -21,20 +20,13 @@ const PATIENCE: Duration = Duration::from_secs(2);
 /// [`Failure::Input`] if the run, the process or the fault does not exist; [`Failure::Work`] if the run has no room or no further tick.
 pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(Living, Fault), Failure> {
     let living = Living::find_to_change(wanted)?;
-    let run = RunDir::open(&Path::new(SHM).join(&living.run)).map_err(Failure::input)?;
-    let manifest = Manifest::read(&run).map_err(Failure::work)?;
-    let control_page = ControlPage::open(&run).map_err(Failure::work)?;
+    let (run, manifest, control_page) = living.open()?;
     let job = job(&run);
     let Some(index) = manifest.index_of(&fault.process) else {
-        let known: Vec<_> = manifest
-            .processes
-            .iter()
-            .map(|process| process.name.as_str())
-            .collect();
         return Err(Failure::Input(format!(
             "the run has no process `{}`; it has {}",
             fault.process,
-            known.join(", ")
+            manifest.names()
         )));
     };
     if let Some(robot) = job

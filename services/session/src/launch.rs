@@ -131,12 +131,9 @@ pub fn launch_watched(
     let _signals = interrupts()?;
     let launcher = Launcher::prepare(plan).map_err(Failure::work)?;
     let run_dir = launcher.run_dir().to_owned();
+    let name = run_dir.file_name().unwrap_or_default();
     let job = Job {
-        run: run_dir
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned(),
+        run: name.to_string_lossy().into_owned(),
         ..job.clone()
     };
     let account_path = run_dir.join(recorder::SUMMARY);
@@ -144,11 +141,8 @@ pub fn launch_watched(
         .map_err(|error| Failure::Work(format!("no memory for the run's summary: {error}")))?;
     write_job(&job, &run_dir)?;
     begin(&RunDir::open(&run_dir).map_err(Failure::work)?)?;
-    let has_programs = job
-        .graph
-        .process
-        .iter()
-        .any(|process| !process.command.is_empty());
+    let mut programs = job.graph.process.iter().map(|process| &process.command);
+    let has_programs = programs.any(|command| !command.is_empty());
     let guard = || launcher::reexec(GUARD, &run_dir);
     let start_guard = || launcher::Guard::start(guard()?, &run_dir);
     let mut held = has_programs

@@ -150,7 +150,6 @@ impl Source {
     }
 
     /// The file of a steered run's targets, where the scenario names one that has not been read.
-    #[must_use]
     pub fn targets_file(&self, scenario: &Scenario) -> Option<PathBuf> {
         let session = scenario
             .servo
@@ -241,7 +240,6 @@ impl Source {
     }
 
     /// The path of a file that a scenario from here names.
-    #[must_use]
     pub fn beside(&self, file: &str) -> PathBuf {
         self.folder
             .as_deref()
@@ -403,7 +401,6 @@ pub fn graph(file: Option<&Path>) -> Result<Graph, Failure> {
 }
 
 /// The program of a command: a name is looked for in PATH, a path counts from the graph's folder.
-#[must_use]
 pub fn program(command: &str, folder: Option<&Path>) -> PathBuf {
     match folder.filter(|_| command.contains('/')) {
         Some(folder) => folder.join(command),
@@ -412,7 +409,6 @@ pub fn program(command: &str, folder: Option<&Path>) -> PathBuf {
 }
 
 /// The command that the graph gives a process, in the folder of the graph's file; `None` if it gives none.
-#[must_use]
 pub fn command(graph: &Graph, process: &str) -> Option<Command> {
     let (first, arguments) = graph.process(process)?.command.split_first()?;
     let folder = graph.folder.as_deref();

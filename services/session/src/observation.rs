@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use runtime::{
-    ControlPage, ControlPageError, Counts, Distribution, FaultRecord, FoundRun, LiveSingularity,
-    LiveState, Manifest, RunDir, SHM, State, Stop,
+    ControlPage, Counts, Distribution, FaultRecord, FoundRun, LiveSingularity, LiveState, Manifest,
+    RunDir, SHM, State, Stop,
 };
 use serde::Serialize;
 use shared_types::codes::{self, name_of, singularity_name};
@@ -35,7 +35,6 @@ pub struct Living {
 
 impl Living {
     /// All of this user's.
-    #[must_use]
     pub fn all() -> Vec<Self> {
         let alive = RunDir::list().into_iter().filter(|run| run.alive);
         // One may end meanwhile.
@@ -97,6 +96,14 @@ impl Living {
         }))
     }
 
+    /// Its files in shared memory.
+    pub(crate) fn open(&self) -> Result<(RunDir, Manifest, ControlPage), Failure> {
+        let run = RunDir::open(&Path::new(SHM).join(&self.run)).map_err(Failure::input)?;
+        let manifest = Manifest::read(&run).map_err(Failure::work)?;
+        let control_page = ControlPage::open(&run).map_err(Failure::work)?;
+        Ok((run, manifest, control_page))
+    }
+
     /// The run that a command is about to change: where it is not named, it must have been started from this folder.
     ///
     /// # Errors
@@ -125,7 +132,6 @@ impl Living {
     }
 
     /// A row for each.
-    #[must_use]
     pub fn table(all: &[Self]) -> String {
         if all.is_empty() {
             return "no run is alive; start one with `armplane run`\n".to_owned();
@@ -291,10 +297,7 @@ impl Observer {
     /// # Errors
     /// The run has ended, or its files cannot be read.
     pub fn open(living: Living) -> Result<Self, Failure> {
-        let run = RunDir::open(&Path::new(SHM).join(&living.run)).map_err(Failure::input)?;
-        let manifest = Manifest::read(&run).map_err(Failure::work)?;
-        let control_page =
-            ControlPage::open(&run).map_err(|error: ControlPageError| Failure::work(error))?;
+        let (run, manifest, control_page) = living.open()?;
         let before = sample(&control_page, &manifest);
         Ok(Self {
             run,
@@ -334,19 +337,12 @@ impl Observer {
                 age_us: times(&before.age, &now.age),
             }
         };
-        let tick = now
-            .processes
-            .iter()
-            .map(|sample| sample.ticks)
-            .max()
-            .unwrap_or(0);
+        let ticks = now.processes.iter().map(|sample| sample.ticks);
+        let tick = ticks.max().unwrap_or(0);
+        let processes = &self.manifest.processes;
+        let name = |place: u32| processes.get(place as usize).map(|one| one.name.clone());
         let fault = |record: &FaultRecord| ObservedFault {
-            process: self
-                .manifest
-                .processes
-                .get(record.scheduled.process as usize)
-                .map(|one| one.name.clone())
-                .unwrap_or_default(),
+            process: name(record.scheduled.process).unwrap_or_default(),
             kind: record.scheduled.kind().map_or("unknown", Kind::name),
             origin: record.origin.name(),
             tick: record.scheduled.at,

@@ -1,8 +1,6 @@
 //! A running graph in words.
 
-use runtime::Counts;
-
-use crate::observation::{Observation, ObservedFault, Times};
+use crate::observation::{Observation, ObservedFault, ObservedProcess, Times};
 use crate::table::{Cell, Color, count, number, table};
 
 /// Colours, where they are wanted.
@@ -124,7 +122,6 @@ fn faults(
 }
 
 /// A running graph in lines that fit a terminal of so many columns and rows, for up to eight processes, four singularities and five faults.
-#[must_use]
 pub fn observation_lines(
     run: &Observation,
     is_coloured: bool,
@@ -158,15 +155,9 @@ pub fn observation_lines(
     };
     let drive = paint.when(run.drive != "active", Paint::RED, run.drive);
     // Of the process that makes the ticks; the others count none.
-    let all = |count: fn(&Counts) -> u64| -> u64 {
-        run.processes.iter().map(|one| count(&one.counts)).sum()
-    };
-    let torque = [
-        all(|one| one.in_time),
-        all(|one| one.late),
-        all(|one| one.none),
-    ];
-    let [in_time, late, none] = torque;
+    let counts = |one: &ObservedProcess| [one.counts.in_time, one.counts.late, one.counts.none];
+    let of = run.processes.iter().map(counts);
+    let [in_time, late, none] = of.fold([0; 3], |all, one| [0, 1, 2].map(|i| all[i] + one[i]));
     lines.push(format!(
         "torque in time {in_time}, late {late}, none {none}"
     ));
@@ -181,13 +172,9 @@ pub fn observation_lines(
     }));
     let room = rows.saturating_sub(lines.len() + 2).max(1);
     lines.extend(faults(run, paint, room, &fitted));
-    let mut keys = Vec::new();
-    if rows < usize::MAX {
-        keys.push("q quits".to_owned());
-    }
-    if !hidden.is_empty() {
-        keys.push(format!("--json has {}", hidden.join(", ")));
-    }
+    let quits = (rows < usize::MAX).then(|| "q quits".to_owned());
+    let more = (!hidden.is_empty()).then(|| format!("--json has {}", hidden.join(", ")));
+    let keys: Vec<_> = quits.into_iter().chain(more).collect();
     lines.extend((!keys.is_empty()).then(|| fitted(&keys.join("; "))));
     lines
 }

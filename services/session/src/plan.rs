@@ -8,7 +8,7 @@ use runtime::realtime::allowed_cores;
 use shared_types::graph::{self, Role};
 use shared_types::job::{Job, Mode};
 use shared_types::layout::MessageLayout;
-use shared_types::process::MOST_RESTARTS;
+use shared_types::process::{MOST_RESTARTS, Process};
 
 use crate::failure::Failure;
 use crate::robot;
@@ -19,27 +19,23 @@ use crate::robot;
 /// [`Failure::Input`] if a fault of the scenario does not fit the graph.
 pub fn plan(job: &Job) -> Result<Plan, Failure> {
     robot::check_mode(&job.graph, job.mode)?;
+    let (mode, graph) = (job.mode, &job.graph);
     let faults = job
         .scenario
-        .scheduled_faults(&job.graph)
+        .scheduled_faults(graph)
         .map_err(|complaint| Failure::Input(format!("{}: {complaint}", job.scenario.name)))?;
     let cores = allowed_cores();
     // Lockstep runs side by side shall not all crowd the same core: which one is "core 0" turns with the process id.
-    let turn = if job.mode == Mode::Lockstep {
+    let turn = if mode == Mode::Lockstep {
         std::process::id() as usize
     } else {
         0
     };
-    let hops = job.graph.hops();
-    let children = job.graph.process.iter().map(|process| Child {
+    let hops = graph.hops();
+    let children = graph.process.iter().map(|process| Child {
         process: runtime::Process {
             name: process.name.clone(),
-            reads: process
-                .reads
-                .iter()
-                .chain(&process.feedback)
-                .cloned()
-                .collect(),
+            reads: [&process.reads[..], &process.feedback].concat(),
             writes: process.writes.clone(),
             polled: process.role() == Role::Observer,
             makes_ticks: process.role() == Role::World,
@@ -57,14 +53,9 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
             },
         },
     });
-    let mode = job.mode;
-    let messages = job.graph.own_messages().map(foreign).collect();
-    let limits = match job
-        .graph
-        .process
-        .iter()
-        .any(|process| process.external || !process.robot.is_empty())
-    {
+    let messages = graph.own_messages().map(foreign).collect();
+    let is_external = |process: &Process| process.external || !process.robot.is_empty();
+    let limits = match graph.process.iter().any(is_external) {
         true => Limits {
             start: None,
             wait: None,

@@ -75,7 +75,6 @@ impl Python {
     }
 
     /// The command that runs a module.
-    #[must_use]
     pub fn command(module: &str, arguments: impl IntoIterator<Item = String>) -> Vec<String> {
         let Self { program, path } = Self::find();
         let path = path.map(|path| ["env".to_owned(), format!("PYTHONPATH={}", path.display())]);

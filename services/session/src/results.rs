@@ -455,26 +455,16 @@ fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>
         (session.input, session.live) = (TARGETS.to_owned(), false);
         session.targets.clear();
         // An interrupted session ends where it did.
-        session.ticks = if summary.outcome == INTERRUPTED {
-            summary.ticks
-        } else {
-            session.ticks
-        };
-        // The file takes the place of the program that gave the targets.
-        let operator =
-            |process: &&Process| process.writes.iter().any(|topic| topic == Target::TOPIC);
-        if let Some(ours) = built_in.process.iter().find(operator) {
-            graph
-                .process
-                .iter_mut()
-                .filter(|process| operator(&&**process))
-                .for_each(|process| process.clone_from(ours));
+        if summary.outcome == INTERRUPTED {
+            session.ticks = summary.ticks;
         }
-        if graph
-            .process
-            .iter()
-            .all(|process| process.command.is_empty())
-        {
+        // The file takes the place of the program that gave the targets.
+        let operates = |one: &Process| one.writes.iter().any(|topic| topic == Target::TOPIC);
+        if let Some(ours) = built_in.process.iter().find(|one| operates(one)) {
+            let theirs = graph.process.iter_mut().filter(|one| operates(one));
+            theirs.for_each(|one| one.clone_from(ours));
+        }
+        if graph.process.iter().all(|one| one.command.is_empty()) {
             graph.folder = None;
         }
     }

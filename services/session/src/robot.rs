@@ -13,7 +13,6 @@ use crate::progress::{Observer, Progress};
 use crate::results::ROBOT_URDF;
 
 /// Default pace for a plant: a robot has its own clock.
-#[must_use]
 pub fn mode_of(plant: Option<&str>) -> Mode {
     match plant {
         Some(plant) if mujoco::scene(plant).is_none() => Mode::Realtime,

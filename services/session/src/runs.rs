@@ -92,7 +92,6 @@ impl Run {
     }
 
     /// A sentence, if the recording does not match the checksum in the run's summary.
-    #[must_use]
     pub fn altered(&self) -> Option<String> {
         let summary = self.summary().ok().filter(|_| self.is_own())?;
         viz::altered(&self.parts, &summary.recorder.checksums)
@@ -116,7 +115,6 @@ impl Run {
     }
 
     /// A sentence on missing parts of the recording, and how to get them.
-    #[must_use]
     pub fn with_remedy(&self, lack: &impl Display) -> String {
         let folder = self.folder.display();
         let remedy = if !self.parts.is_empty() && !self.is_own() {
@@ -132,7 +130,6 @@ impl Run {
     }
 
     /// The way to the same run with all its results.
-    #[must_use]
     pub fn again(&self) -> String {
         match self.folder.join(SCENARIO).exists() {
             true => format!(
@@ -205,7 +202,6 @@ impl Run {
     }
 
     /// One clause for each message log that is damaged or does not match the summary's counts.
-    #[must_use]
     pub fn message_damage(&self, job: &Job, summary: Option<&Summary>) -> Vec<String> {
         match MessageRows::open_left(&self.folder.join(MESSAGES), job) {
             _ if !job.messages => Vec::new(),

@@ -92,56 +92,45 @@ pub fn run_loaded(
         robot,
         graph,
     } = robot::settle(loaded, request.mode, observer)?;
-    let warning = chain::try_first_tick(&robot, &scenario)
-        .map_err(|error| Failure::Input(format!("{}: {error}", request.scenario)))?;
+    let named = |sentence: &dyn std::fmt::Display| format!("{}: {sentence}", request.scenario);
+    let say = |sentence: &str| observer(Progress::Line(&format!("armplane: {sentence}")));
+    let warning =
+        chain::try_first_tick(&robot, &scenario).map_err(|error| Failure::Input(named(&error)))?;
     if let Some(warning) = warning {
-        observer(Progress::Line(&format!(
-            "armplane: {}: {warning}",
-            request.scenario
-        )));
+        say(&named(&warning));
     }
     // Before the first file is made; until then a signal ends the program at once.
     let signals = interrupts()?;
     let own: Vec<usize> = graph.own_messages().map(|layout| layout.bytes).collect();
     launcher::check_limits(graph.process.len(), &own).map_err(Failure::work)?;
     let results = Results::create(request.out.as_deref(), &scenario.name)?;
+    let folder = results.folder.clone();
     let job = Job {
         record: request.record,
         messages: request.record && request.messages,
         live: request.live,
-        ..load::job(
-            &robot,
-            scenario,
-            graph,
-            request.mode,
-            results.folder.clone(),
-        )
+        ..load::job(&robot, scenario, graph, request.mode, folder.clone())
     };
     results.reserve(&job)?;
     results.remove_old(&job)?;
     let mut plan = plan(&job)?;
     plan.limits = plan.limits.with_silence(request.silence_limit);
-    let live = if request.live {
-        Some(Live::start(&results.folder)?)
-    } else {
-        None
-    };
-    let launched = launch_begun(&job, plan, begin, observer);
-    let (outcome, account) = launched?;
+    let live = request.live.then(|| Live::start(&folder)).transpose()?;
+    let (outcome, account) = launch_begun(&job, plan, begin, observer)?;
     let mut summary = summarise(&job, &outcome, account);
     let unread = (request.unread)();
     for process in &mut summary.processes {
         process.lines_dropped += unread.get(&process.name).copied().unwrap_or_default();
     }
-    complete(&results.folder, &mut summary, observer);
-    seal(&results.folder, &mut summary.recorder);
+    complete(&folder, &mut summary, observer);
+    seal(&folder, &mut summary.recorder);
     let saved = results.keep(&job, &summary).and_then(|()| whole(&summary));
     for sentence in live.into_iter().flat_map(Live::finish) {
-        observer(Progress::Line(&format!("armplane: {sentence}")));
+        say(&sentence);
     }
     Ok(Finished {
         summary,
-        folder: results.folder.clone(),
+        folder,
         end: outcome.end,
         saved,
         signals,

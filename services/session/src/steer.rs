@@ -57,10 +57,10 @@ impl Steering {
     /// # Errors
     /// [`Failure::Input`] or [`Failure::File`] if one of them cannot be used.
     pub fn load(&self) -> Result<Loaded, Failure> {
-        let is_scenario =
-            scenarios::text(&self.subject).is_some() || self.subject.ends_with(".toml");
+        let subject = &self.subject;
+        let is_scenario = scenarios::text(subject).is_some() || subject.ends_with(".toml");
         let source = if is_scenario {
-            Source::read(&self.subject)?
+            Source::read(subject)?
         } else {
             self.source()?
         };
@@ -70,38 +70,31 @@ impl Steering {
         if is_scenario && !was_steered {
             // Its words are those of its path.
             scenario.name = format!("servo-{}", scenario.name);
-            (scenario.title, scenario.about) =
-                (format!("{}, steered", self.subject), String::new());
+            scenario.title = format!("{subject}, steered");
+            scenario.about.clear();
         }
         let session = scenario.servo.get_or_insert_default();
         scenario.segment.clear();
         let targets = match &self.targets {
             Targets::Scenario if was_steered => None,
             Targets::Scenario => {
-                let sentence = format!(
-                    "{} is not steered: it has no [servo]; give targets with --from FILE, or --random SEED",
-                    self.subject
-                );
-                return Err(Failure::Input(sentence));
+                return Err(Failure::Input(format!(
+                    "{subject} is not steered: it has no [servo]; give targets with --from FILE, or --random SEED"
+                )));
             }
             Targets::File(file) => Some(text(file, scenario.rate_hz)?),
             Targets::Text(text) => Some(text.clone()),
             Targets::Live | Targets::Process => Some(String::new()),
         };
+        let is_live = matches!(self.targets, Targets::Live);
+        let is_others = matches!(self.targets, Targets::Process);
         if let Some(targets) = targets {
-            (session.targets, session.input, session.live) = (
-                targets,
-                String::new(),
-                matches!(self.targets, Targets::Live),
-            );
+            (session.targets, session.live) = (targets, is_live);
+            session.input.clear();
         }
-        let has_end = session.duration_s > 0.0;
-        if matches!(self.targets, Targets::Live)
-            || matches!(self.targets, Targets::Process) && !has_end
-        {
-            session.duration_s = OPEN_S;
-        }
-        session.duration_s = self.duration_s.unwrap_or(session.duration_s);
+        let is_open = is_live || is_others && session.duration_s <= 0.0;
+        let usual_s = if is_open { OPEN_S } else { session.duration_s };
+        session.duration_s = self.duration_s.unwrap_or(usual_s);
         let loaded = source.load(scenario, self.graph.as_deref())?;
         let Loaded {
             scenario,
@@ -109,7 +102,7 @@ impl Steering {
             graph,
         } = &loaded;
         let writer = graph.writer("target").and_then(Process::program);
-        if matches!(self.targets, Targets::Process) && writer == Some(Program::Operator) {
+        if is_others && writer == Some(Program::Operator) {
             return Err(Failure::Input(
                 "no process of the graph gives targets but armplane's operator, which has none: name a graph with a process of yours that writes `target`, \
                  as in --graph examples/steer/graph.toml"
@@ -117,13 +110,9 @@ impl Steering {
             ));
         }
         if let (Targets::File(file), Some(session)) = (&self.targets, &scenario.servo) {
-            let located = |error: InvalidRow| {
-                Failure::File(
-                    error
-                        .in_file(&file.display().to_string(), &session.targets)
-                        .into(),
-                )
-            };
+            let name = file.display().to_string();
+            let located = |error: InvalidRow| error.in_file(&name, &session.targets).into();
+            let located = |error| Failure::File(located(error));
             target_file::check(&session.targets, scenario.rate_hz, robot.dof()).map_err(located)?;
         }
         Ok(loaded)

@@ -23,7 +23,6 @@ const SIGKILL: i32 = rustix::process::Signal::KILL.as_raw();
 const NO_ACCOUNT: &str = "the recorder left no account of the run, and its files end before it";
 
 /// The summary of a run: the recorder's part, completed by what only the launcher knows.
-#[must_use]
 pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summary {
     let mut summary = account.unwrap_or_else(|| without_account(job, outcome));
     // The recorder's are those that it has heard of. In real time a plant may be killed between its sample and its account of the tick.
@@ -182,7 +181,6 @@ fn ended(
 }
 
 /// The plant's account of a run's ticks, by what each process has on the control page, in the order of the graph; none in lockstep, which has no deadlines.
-#[must_use]
 pub fn deadlines(job: &Job, ticks: u64, counts: &[Counts]) -> Option<Deadlines> {
     if job.mode == Mode::Lockstep {
         return None;

@@ -22,7 +22,6 @@ const STYLE: TableStyle = TableStyle::new()
     .bottom_border(LineStyle::none().fill('─').junction('─'));
 
 /// A table with these headings.
-#[must_use]
 pub fn table(headings: &[&str]) -> Fitted {
     Fitted {
         headings: headings.iter().map(Cell::new).collect(),
@@ -43,13 +42,11 @@ impl Fitted {
     }
 
     /// Whether it has no row.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }
 
     /// The lines of a table without rules, which fit so many columns of a terminal, and the headings of those for which there is no room.
-    #[must_use]
     pub fn lines(&self, width: usize, is_coloured: bool) -> (Vec<String>, Vec<String>) {
         let width = u16::try_from(width).unwrap_or(u16::MAX);
         let needs = self.needs(width);
@@ -158,13 +155,11 @@ pub fn number(text: impl ToString) -> Cell {
 }
 
 /// A number of things: `1 line`, `2 lines`.
-#[must_use]
 pub fn count(number: u64, thing: &str) -> String {
     format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
 }
 
 /// A file's size.
-#[must_use]
 pub fn size(bytes: u64) -> String {
     match bytes {
         0..1_000 => format!("{bytes} B"),

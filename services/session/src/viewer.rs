@@ -90,7 +90,6 @@ fn named_viewer_command() -> Option<String> {
 }
 
 /// The viewer's command: Rerun's, or the one in the environment variable `ARMPLANE_RERUN`.
-#[must_use]
 pub fn viewer_command() -> String {
     named_viewer_command().unwrap_or_else(|| VIEWER.to_owned())
 }

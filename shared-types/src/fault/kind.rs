@@ -137,8 +137,6 @@ words! {
 /// The arguments of a kind of fault, and the processes that it applies to.
 #[derive(Clone, Copy)]
 pub(super) struct Rule {
-    /// In which ways it comes, by how much unless said otherwise, and the unit; the first is the default.
-    pub(super) ways: &'static [(Way, f64, &'static str)],
     /// By how much unless said otherwise, ms, for a kind of one way; 0: it has no amount.
     pub(super) usual_ms: f64,
     pub(super) roles: &'static [Role],
@@ -163,65 +161,21 @@ impl Kind {
         const SENDERS: &[Role] = &[Role::World, Role::Stage];
         const WORLD: &[Role] = &[Role::World];
         const OBSERVERS: &[Role] = &[Role::Observer];
-        let of = |roles, lasts_s, keys| Rule {
-            ways: &[],
-            usual_ms: 0.0,
-            roles,
-            lasts_s,
-            keys,
-        };
-        let (ways, rule): (&[_], _) = match self {
-            Self::Kill => (&[], of(ALL, 0.1, &["after_outputs"])),
-            Self::Crash => (
-                &[(Way::Panic, 0.0, ""), (Way::BusError, 0.0, "")],
-                of(ALL, 0.1, &[]),
-            ),
-            Self::Hang => (
-                &[(Way::Paused, 0.0, ""), (Way::ForEver, 0.0, "")],
-                of(ALL, 0.1, &[]),
-            ),
-            Self::Delay => (&[], of(SENDERS, 0.1, &["delay_ticks", "jitter_ticks"])),
+        let (roles, lasts_s, keys): (_, _, &[_]) = match self {
+            Self::Kill => (ALL, 0.1, &["after_outputs"]),
+            Self::Crash | Self::Hang | Self::PageOut => (ALL, 0.1, &[]),
+            Self::Delay => (SENDERS, 0.1, &["delay_ticks", "jitter_ticks"]),
             Self::Drop | Self::Duplicate | Self::Reorder | Self::Stale | Self::Zombie => {
-                (&[], of(SENDERS, 0.1, &["probability"]))
+                (SENDERS, 0.1, &["probability"])
             }
-            Self::Corrupt => (
-                &[
-                    (Way::Nan, 0.0, ""),
-                    (Way::Inf, 0.0, ""),
-                    (Way::Flip, 0.0, ""),
-                    (Way::Huge, 1e3, "times"),
-                ],
-                of(SENDERS, 0.1, &["probability", "field"]),
-            ),
-            Self::Cut => (&[], of(SENDERS, 0.1, &["probability", "topic"])),
-            Self::Sensor => (
-                &[
-                    (Way::Bias, 0.01, "rad"),
-                    (Way::Drift, 0.05, "rad/s"),
-                    (Way::Noise, 0.001, "rad"),
-                    (Way::Quantise, 0.005, "rad"),
-                    (Way::Stuck, 0.0, ""),
-                ],
-                of(WORLD, 0.5, &["joint"]),
-            ),
-            Self::Drive => (
-                &[
-                    (Way::Lost, 0.0, ""),
-                    (Way::Stuck, 0.0, ""),
-                    (Way::Saturated, 0.1, "of the limit"),
-                    (Way::Friction, 0.05, "of the limit"),
-                ],
-                of(WORLD, 0.5, &["joint"]),
-            ),
-            Self::Clock => (
-                &[(Way::Jump, 5.0, "ms"), (Way::Skew, 0.01, "of its rate")],
-                of(SENDERS, 0.5, &[]),
-            ),
-            Self::Starve => (&[], of(ALL, 0.2, &[])),
-            Self::Slow => (&[], of(SENDERS, 0.1, &[])),
-            Self::PageOut => (&[], of(ALL, 0.1, &[])),
-            Self::DiskFull => (&[], of(OBSERVERS, f64::INFINITY, &[])),
-            Self::SlowDisk => (&[], of(OBSERVERS, 0.5, &[])),
+            Self::Corrupt => (SENDERS, 0.1, &["probability", "field"]),
+            Self::Cut => (SENDERS, 0.1, &["probability", "topic"]),
+            Self::Sensor | Self::Drive => (WORLD, 0.5, &["joint"]),
+            Self::Clock => (SENDERS, 0.5, &[]),
+            Self::Starve => (ALL, 0.2, &[]),
+            Self::Slow => (SENDERS, 0.1, &[]),
+            Self::DiskFull => (OBSERVERS, f64::INFINITY, &[]),
+            Self::SlowDisk => (OBSERVERS, 0.5, &[]),
         };
         let usual_ms = match self {
             Self::Slow => 2.0,
@@ -229,19 +183,49 @@ impl Kind {
             _ => 0.0,
         };
         Rule {
-            ways,
             usual_ms,
-            ..rule
+            roles,
+            lasts_s,
+            keys,
+        }
+    }
+
+    /// In which ways it comes, by how much unless said otherwise, and the unit; the first is the default.
+    pub(super) fn known_ways(self) -> &'static [(Way, f64, &'static str)] {
+        match self {
+            Self::Crash => &[(Way::Panic, 0.0, ""), (Way::BusError, 0.0, "")],
+            Self::Hang => &[(Way::Paused, 0.0, ""), (Way::ForEver, 0.0, "")],
+            Self::Corrupt => &[
+                (Way::Nan, 0.0, ""),
+                (Way::Inf, 0.0, ""),
+                (Way::Flip, 0.0, ""),
+                (Way::Huge, 1e3, "times"),
+            ],
+            Self::Sensor => &[
+                (Way::Bias, 0.01, "rad"),
+                (Way::Drift, 0.05, "rad/s"),
+                (Way::Noise, 0.001, "rad"),
+                (Way::Quantise, 0.005, "rad"),
+                (Way::Stuck, 0.0, ""),
+            ],
+            Self::Drive => &[
+                (Way::Lost, 0.0, ""),
+                (Way::Stuck, 0.0, ""),
+                (Way::Saturated, 0.1, "of the limit"),
+                (Way::Friction, 0.05, "of the limit"),
+            ],
+            Self::Clock => &[(Way::Jump, 5.0, "ms"), (Way::Skew, 0.01, "of its rate")],
+            _ => &[],
         }
     }
 
     fn way(self, way: Way) -> Option<&'static (Way, f64, &'static str)> {
-        self.rule().ways.iter().find(|(one, ..)| *one == way)
+        self.known_ways().iter().find(|(one, ..)| *one == way)
     }
 
     /// Its variants; empty if there is only one.
     pub fn ways(self) -> impl Iterator<Item = Way> {
-        self.rule().ways.iter().map(|(way, ..)| *way)
+        self.known_ways().iter().map(|(way, ..)| *way)
     }
 
     /// By how much it comes in a way, unless said otherwise; 0 if there is no amount.

@@ -415,24 +415,21 @@ mod tests {
     #[test]
     fn each_wrong_graph_is_refused_at_its_line() {
         const SENSOR: &str = "reads = [\"sensor\"]";
+        const WRITES: &str = "writes = [\"estimate\"]";
+        const TORQUE: &str = "feedback = [\"torque\"]";
         const NAME: &str = "name = \"estimator\"";
         let text: String = BUILT_IN
             .lines()
             .filter(|line| !line.starts_with('#'))
             .map(|line| format!("{line}\n"))
             .collect();
-        let text = text.trim_start();
         refused(
-            text,
+            text.trim_start(),
             &[
-                ("writes = [\"estimate\"]", "writes = [\"estimte\"]", 11),
-                (
-                    "writes = [\"estimate\"]",
-                    "writes = [\"estimate\", \"sensor\"]",
-                    11,
-                ),
-                ("writes = [\"estimate\"]", "writes = [\"*\"]", 11),
-                ("feedback = [\"torque\"]", "reads = [\"torque\"]", 2),
+                (WRITES, "writes = [\"estimte\"]", 11),
+                (WRITES, "writes = ['estimate', 'sensor']", 11),
+                (WRITES, "writes = [\"*\"]", 11),
+                (TORQUE, "reads = [\"torque\"]", 2),
                 ("name = \"analyzer\"", "name = \"analyser\"", 17),
                 ("name = \"analyzer\"", "name = \"../analyzer\"", 17),
                 ("priority = 80", "priority = 180", 6),
@@ -443,7 +440,7 @@ mod tests {
                 (SENSOR, "exchange = true\nreads = [\"sensor\"]", 10),
                 (
                     SENSOR,
-                    "external = true\ncommand = [\"mine\"]\nreads = [\"sensor\"]",
+                    "external = true\ncommand = ['mine']\nreads = ['sensor']",
                     10,
                 ),
                 (SENSOR, "answer_limit_s = 3\nreads = [\"sensor\"]", 10),
@@ -454,11 +451,7 @@ mod tests {
                     "name = \"plant\"\nrobot = \"fci://a\"\ncommand = [\"mine\"]",
                     3,
                 ),
-                (
-                    "feedback = [\"torque\"]",
-                    "command = [\"mine\"]\nreads = [\"torque\"]",
-                    1,
-                ),
+                (TORQUE, "command = ['mine']\nreads = ['torque']", 1),
                 (NAME, "name = \"launcher\"", 9),
                 (NAME, "name = \"plant\"", 9),
                 (NAME, "name = \"observer\"\nprogram = \"estimater\"", 10),
@@ -469,7 +462,7 @@ mod tests {
                 ),
                 (
                     NAME,
-                    "name = \"estimator\"\ncommand = [\"mine\", \"2\\u0000\"]",
+                    "name = 'estimator'\ncommand = ['mine', \"2\\u0000\"]",
                     10,
                 ),
                 (

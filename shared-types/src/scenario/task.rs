@@ -174,11 +174,8 @@ impl Segment {
             format!("the segment takes {time} s"),
             "a positive time",
         )?;
-        let positions = count([
-            self.to_m.is_some(),
-            self.by_m.is_some(),
-            self.slide.is_some(),
-        ]);
+        let [to, by] = [&self.to_m, &self.by_m].map(Option::is_some);
+        let positions = count([to, by, self.slide.is_some()]);
         require(
             positions <= 1,
             "",
@@ -220,11 +217,10 @@ impl Segment {
                 "three numbers from -1000 to 1000, in metres",
             )?;
         }
-        let branch = self.branch;
         require(
-            (-1..=1).contains(&branch),
+            (-1..=1).contains(&self.branch),
             "branch",
-            format!("there is no posture {branch}"),
+            format!("there is no posture {}", self.branch),
             "-1, 0 (keep) or 1",
         )
     }

@@ -12,7 +12,7 @@ use super::Arm;
 use super::resolved_rate::{Inverse, JointMemory, scale};
 use crate::law::Torques;
 use crate::limits::Parts;
-use crate::linear::{rotation_log, stack, symmetric_eigen};
+use crate::linear::{rotation_log, sign, stack, symmetric_eigen};
 use crate::reference::bounded;
 use crate::types::Refusal;
 use model::{Model, Pose};
@@ -188,7 +188,7 @@ fn vote<const N: usize>(arm: &Arm<'_, N>, split: &Split<N>, memory: &mut JointMe
         let moved = error_to(&now.terms.X_BE, &there);
         moved.dot(&split.U.column(k)).abs() > MOVED
     });
-    memory.votes = (memory.votes + if is_type_1 { 1.0 } else { -1.0 }).clamp(-VOTERS, VOTERS);
+    memory.votes = (memory.votes + sign(is_type_1)).clamp(-VOTERS, VOTERS);
 }
 
 /// The joint strategy, along the right singular vectors and in the regular part's null space, `free`; nothing where that has no room.

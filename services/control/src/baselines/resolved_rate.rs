@@ -3,10 +3,10 @@
 use super::Arm;
 use crate::law::Torques;
 use crate::limits::Parts;
-use crate::linear::{rotation_log, stack, symmetric_eigen};
+use crate::linear::{displaced, rotation_log, stack, symmetric_eigen};
 use crate::reference::bounded;
 use crate::types::Refusal;
-use nalgebra::{Matrix6, SMatrix, SVector, Vector3, Vector6};
+use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 use shared_types::scenario::{Control, Damping};
 
 /// Joint positions that a law remembers.
@@ -146,15 +146,9 @@ pub(crate) fn joint_pd<const N: usize>(
         setup, now, motion, ..
     } = *arm;
     let Control { k_p, k_v, .. } = setup.scenario.control;
-    let (X, mut J) = (
-        setup.model.forward_kinematics(&memory.q),
-        setup.model.jacobian(&memory.q),
-    );
+    let X = setup.model.forward_kinematics(&memory.q);
     let r = X.R * now.p_EC;
-    for mut column in J.column_iter_mut() {
-        let v = Vector3::new(column[3], column[4], column[5]).cross(&r);
-        (0..3).for_each(|k| column[k] += v[k]);
-    }
+    let J = displaced(setup.model.jacobian(&memory.q), &r);
     let desired = &motion.desired;
     let error = stack(
         &(desired.p - X.p - r),

@@ -8,6 +8,7 @@ use crate::paper::reference::{Memory, Target};
 use crate::paper::switching::{self, Condition};
 use crate::paper::type_1::SIDE_CHANGE;
 use crate::types::{Class, Mode, Singularity};
+use shared_types::checkpoints::LoopCheckpoint;
 
 /// Time constant of the feed-forward's low-pass, s: without it encoder noise becomes torque.
 const FEED_FORWARD_LAG: f64 = 0.008;
@@ -56,7 +57,7 @@ pub struct Loop {
 }
 
 /// The loop's output, which enters the solve.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Demand {
     /// 1: operational control along ζ; 0: auxiliary control instead.
     pub beta: f64,
@@ -74,9 +75,7 @@ impl Demand {
     pub fn none() -> Self {
         Self {
             beta: 1.0,
-            acceleration: 0.0,
-            nominal: 0.0,
-            load: 0.0,
+            ..Self::default()
         }
     }
 }
@@ -94,6 +93,52 @@ impl Default for Loop {
 }
 
 impl Loop {
+    /// Writes all of it.
+    pub(crate) fn checkpoint(&self) -> LoopCheckpoint {
+        let Memory {
+            side,
+            passing,
+            holding,
+            passage,
+        } = self.memory;
+        LoopCheckpoint {
+            mode: self.mode.code(),
+            passing: u32::from(passing),
+            holding: u32::from(holding),
+            reserved: 0,
+            side,
+            rate: self.rate,
+            feed_forward: self.feed_forward,
+            trust: self.trust,
+            passage,
+        }
+    }
+
+    /// The state that [`checkpoint`](Self::checkpoint) has written.
+    pub(crate) fn restored(from: &LoopCheckpoint) -> Self {
+        Self {
+            mode: Mode::from_code(from.mode).unwrap_or(Mode::Regular),
+            rate: from.rate,
+            feed_forward: from.feed_forward,
+            trust: from.trust,
+            memory: Memory {
+                passing: from.passing != 0,
+                holding: from.holding != 0,
+                side: from.side,
+                passage: from.passage,
+            },
+        }
+    }
+
+    /// At rest, with the strategy's memory.
+    pub(crate) fn at_rest(self) -> Self {
+        Self {
+            rate: 0.0,
+            feed_forward: 0.0,
+            ..self
+        }
+    }
+
     /// Whether this singularity takes part in the solve.
     #[must_use]
     #[inline]

@@ -2,8 +2,9 @@
 //! the row with which it enters the solve.
 
 use super::Engaged;
-use super::auxiliary::Gains;
+use super::auxiliary::{Demand, Gains};
 use crate::controller::Setup;
+use crate::linear::sign;
 use crate::paper::reference::Target;
 use crate::paper::{type_1, type_2};
 use crate::reference::guide::{Guide, WAIT};
@@ -74,7 +75,12 @@ pub(crate) fn engaged<const N: usize>(
     let planned = state.qdot_planned;
     let mut out = SingularRows::none();
     for (i, s) in now.report.listed().iter().enumerate() {
-        let rate_max = setup.rate_max(i, s);
+        let gains = Gains {
+            k: control.k_aux,
+            k_v: control.k_v,
+            rate_max: setup.rate_max(i, s),
+            slew: control.aux_slew.of(s.kind.code()),
+        };
         let situation = Situation {
             q: now.q,
             qdot_planned: &planned,
@@ -86,30 +92,18 @@ pub(crate) fn engaged<const N: usize>(
             error: &motion.error,
             lower: setup.model.lower(),
             upper: setup.model.upper(),
-            rate_max,
+            rate_max: gains.rate_max,
             governed: control.governor,
             clips: motion.clips,
         };
         let target = target(setup, state, i, s, &situation, (now, motion))?;
-        let gains = Gains {
-            k: control.k_aux,
-            k_v: control.k_v,
-            rate_max,
-            slew: control.aux_slew.of(s.kind.code()),
-        };
         let one = &mut state.loops[i];
         let is_hard = control.strategy == Strategy::ChangKhatib;
         let demand = one.step(s, &target, &gains, is_hard, (motion.clock, dt_s));
         if control.strategy.is_ours() {
-            out.load = out.load.max(demand.load);
-            if motion.planned.is_some() {
-                let waiting = Guide::<N>::waiting(target.error, demand.beta);
-                out.load = out.load.max(waiting);
-            }
-            // While a neighbourhood is left along the self-motion, or ζ turned out of the way, the path waits.
-            if one.mode == Mode::Pass && setup.has_higher_codimension(i) {
-                out.load = out.load.max(WAIT * (1.0 - demand.beta));
-            }
+            let passes = one.mode == Mode::Pass && setup.has_higher_codimension(i);
+            let load = load::<N>(&demand, target.error, motion.planned.is_some(), passes);
+            out.load = out.load.max(load);
         }
         out.beta[i] = demand.beta;
         out.aux_d[i] = s.aux + target.error * target.weight;
@@ -128,6 +122,22 @@ pub(crate) fn engaged<const N: usize>(
         }
     }
     Ok(out)
+}
+
+/// The load of one singularity on the clock: its loop's own, and the wait for a planned coordinate.
+fn load<const N: usize>(demand: &Demand, error: f64, is_planned: bool, passes: bool) -> f64 {
+    let planned = if is_planned {
+        Guide::<N>::waiting(error, demand.beta)
+    } else {
+        0.0
+    };
+    // While a neighbourhood is left along the self-motion, or ζ turned out of the way, the path waits.
+    let passing = if passes {
+        WAIT * (1.0 - demand.beta)
+    } else {
+        0.0
+    };
+    demand.load.max(planned).max(passing)
 }
 
 /// The target of one auxiliary coordinate: of a commanded turn of ζ, of the planned posture, or of the strategy that its type asks for.
@@ -192,8 +202,8 @@ fn by_type<const N: usize>(
     let (family, memory) = (&setup.family, &mut state.loops[place].memory);
     if memory.side == 0.0 {
         // An elbow's s_i has the same sign on both sides of some arms' folds; its coordinate has not.
-        let sign = if s.class == Class::Type1 { s.aux } else { s.s };
-        memory.side = if sign < 0.0 { -1.0 } else { 1.0 };
+        let side = if s.class == Class::Type1 { s.aux } else { s.s };
+        memory.side = sign(side >= 0.0);
     }
     match s.class {
         Class::Type1 => family.fold(s, at).map_or_else(

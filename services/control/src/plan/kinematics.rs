@@ -1,6 +1,6 @@
 //! Inverse kinematics by Newton steps, in units in which a metre and a radian compare (+).
 
-use crate::linear::{angular, linear, stack, symmetric_eigen};
+use crate::linear::{angular, displaced, linear, stack, symmetric_eigen};
 use crate::reference::free_axis::{free_axis, rotation_error};
 use model::{Model, Pose};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3, Vector6};
@@ -115,16 +115,12 @@ impl<const N: usize> Kinematics<'_, N> {
         let mut J = self.model.jacobian(q);
         let is_absent: [bool; N] = std::array::from_fn(|i| J.column(i).amax() == 0.0);
         let r = self.model.forward_kinematics(q).R * self.p_EC;
-        for mut column in J.column_iter_mut() {
-            let w = Vector3::new(column[3], column[4], column[5]);
-            let v = w.cross(&r);
-            for k in 0..3 {
-                column[k] = (column[k] + v[k]) / self.length_m;
-            }
-            for (k, counts) in self.task.iter().enumerate() {
-                if !counts {
-                    column[k] = 0.0;
-                }
+        J = displaced(J, &r);
+        for (k, mut row) in J.row_iter_mut().enumerate() {
+            if !self.task[k] {
+                row.fill(0.0);
+            } else if k < 3 {
+                row /= self.length_m;
             }
         }
         let (values, vectors) = symmetric_eigen(&J.tr_mul(&J));
@@ -228,6 +224,20 @@ impl<const N: usize> Kinematics<'_, N> {
         let at_E = linear(e) * self.length_m - angular(e).cross(&(R * self.p_EC));
         (at_E.norm() / position_m).max(angular(e).norm() / orientation_rad)
     }
+}
+
+/// Where `f` is lowest within a range, by steps of golden section.
+pub(super) fn lowest((mut low, mut high): (f64, f64), steps: u32, f: impl Fn(f64) -> f64) -> f64 {
+    for _ in 0..steps {
+        let (c, d) = (high - 0.618 * (high - low), low + 0.618 * (high - low));
+        if f(c) < f(d) { high = d } else { low = c }
+    }
+    0.5 * (low + high)
+}
+
+/// The longest of the times that the joints take for a motion at these speeds, s.
+pub(super) fn slowest<const N: usize>(by: &SVector<f64, N>, speeds: &SVector<f64, N>) -> f64 {
+    (0..N).fold(0.0, |time, i| time.max(by[i].abs() / speeds[i]))
 }
 
 #[cfg(test)]

@@ -97,12 +97,7 @@ pub fn remedy<const N: usize>(request: &Request<'_, N>) -> Option<Remedy<N>> {
     let holds = |request: &Request<'_, N>| {
         attempt(request, false, &[]).is_ok_and(|plan| plan.legs() == legs)
     };
-    let arm = Kinematics {
-        model: request.model,
-        p_EC: Vector3::zeros(),
-        task: request.task,
-        length_m: request.length_m,
-    };
+    let arm = request.kinematics(Vector3::zeros());
     let X = arm.pose(&request.q_start);
     let (lower, upper) = (request.model.lower(), request.model.upper());
     let mut starts = vec![request.q_start];
@@ -262,12 +257,7 @@ impl<'a, const N: usize> Route<'a, N> {
         } = request;
         let mut analyzer = request.analyzer.clone();
         let report = analyse(&mut analyzer, model, &q_start);
-        let arm = Kinematics {
-            model,
-            p_EC: centre(model, &q_start, &report),
-            task: request.task,
-            length_m: request.length_m,
-        };
+        let arm = request.kinematics(centre(model, &q_start, &report));
         let bounds = Bounds {
             lower: *model.lower(),
             upper: *model.upper(),
@@ -331,11 +321,7 @@ impl<'a, const N: usize> Route<'a, N> {
                 time_s: t,
                 ..self.progress
             })[0];
-            Knot {
-                t: self.from_s + t,
-                q: q + by * x,
-                waits: false,
-            }
+            Knot::moving(self.from_s + t, q + by * x)
         });
         let knots = knots.collect();
         self.layer = self.search.append(node, knots).into_iter().collect();
@@ -371,17 +357,7 @@ impl<'a, const N: usize> Route<'a, N> {
         let still =
             begun.by == Vector3::zeros() && begun.turn == Vector3::zeros() && goal.is_none();
         let count = if still { 1 } else { self.layers_max };
-        let mut layers: Vec<f64> = (1..=count)
-            .map(|k| leg.duration_s * k as f64 / count as f64)
-            .collect();
-        layers.extend(
-            times
-                .iter()
-                .map(|t| t - from_s)
-                .filter(|t| *t > 1e-6 && *t < leg.duration_s - 1e-6),
-        );
-        layers.sort_by(f64::total_cmp);
-        layers.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
+        let layers = layers(leg.duration_s, count, times.iter().map(|t| t - from_s));
         let stretch = Stretch {
             from_s,
             duration_s: leg.duration_s,
@@ -484,6 +460,16 @@ impl<'a, const N: usize> Route<'a, N> {
             ..next
         };
     }
+}
+
+/// Times of the layers of a leg, s: `count` equal ones, and those of the `others` that lie within the leg.
+fn layers(duration_s: f64, count: usize, others: impl Iterator<Item = f64>) -> Vec<f64> {
+    let equal = (1..=count).map(|k| duration_s * k as f64 / count as f64);
+    let others = others.filter(|t| *t > 1e-6 && *t < duration_s - 1e-6);
+    let mut layers: Vec<f64> = equal.chain(others).collect();
+    layers.sort_by(f64::total_cmp);
+    layers.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
+    layers
 }
 
 /// Whether any posture, within the limits or not, has this pose.

@@ -1,5 +1,6 @@
 //! The task of a plan (+).
 
+use super::kinematics::Kinematics;
 use crate::reference::path::Path;
 use crate::singularity::analyzer::Analyzer;
 use crate::types::Report;
@@ -41,11 +42,21 @@ pub struct Request<'a, const N: usize> {
 /// Fastest motion that is planned for a joint whose model states no speed limit, rad/s (m/s for prismatic joints): half a turn a second.
 const UNSTATED: f64 = std::f64::consts::PI;
 
-impl<const N: usize> Request<'_, N> {
+impl<'a, const N: usize> Request<'a, N> {
     /// Fastest joint motion that is planned, rad/s.
     pub(super) fn velocity(&self) -> SVector<f64, N> {
         let stated = |limit: f64| if limit.is_finite() { limit } else { UNSTATED };
         self.model.velocity().map(stated)
+    }
+
+    /// The kinematics of C, which lies at `p_EC` in the end-effector's axes.
+    pub(super) fn kinematics(&self, p_EC: Vector3<f64>) -> Kinematics<'a, N> {
+        Kinematics {
+            model: self.model,
+            p_EC,
+            task: self.task,
+            length_m: self.length_m,
+        }
     }
 }
 

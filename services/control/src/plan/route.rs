@@ -7,7 +7,7 @@
 mod closing;
 mod self_motion;
 
-use super::kinematics::{Kinematics, LOCKED, SOLVED, Spectrum};
+use super::kinematics::{Kinematics, LOCKED, SOLVED, Spectrum, lowest, slowest};
 use model::Pose;
 use nalgebra::{SVector, Vector6};
 use std::cell::Cell;
@@ -85,6 +85,14 @@ pub(super) struct Knot<const N: usize> {
     pub(super) waits: bool,
 }
 
+impl<const N: usize> Knot<N> {
+    /// Reached along the path.
+    pub(super) fn moving(t: f64, q: SVector<f64, N>) -> Self {
+        let waits = false;
+        Self { t, q, waits }
+    }
+}
+
 /// A posture of a layer.
 #[derive(Clone, Debug)]
 pub(super) struct Node<const N: usize> {
@@ -129,6 +137,13 @@ pub(super) struct Stretch<'a, const N: usize> {
     pub(super) fan: bool,
 }
 
+impl<const N: usize> Stretch<'_, N> {
+    /// Whether a posture is on the other side of the fold than the one on which to leave it.
+    fn is_across(&self, q: &SVector<f64, N>) -> bool {
+        self.branch != 0 && (self.side)(q) * f64::from(self.branch) < 0.0
+    }
+}
+
 /// The furthest place that any route came to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Furthest<const N: usize> {
@@ -143,6 +158,21 @@ struct Way<const N: usize> {
     damping: f64,
     /// Null-space motion over the edge.
     drift: SVector<f64, N>,
+}
+
+impl<const N: usize> Way<N> {
+    /// On the path, with no null-space motion.
+    fn exact() -> Self {
+        Self {
+            damping: 0.0,
+            drift: SVector::zeros(),
+        }
+    }
+
+    /// Whether the path may be left.
+    fn is_lax(&self) -> bool {
+        self.damping > 0.0
+    }
 }
 
 /// The search and all postures it found.
@@ -170,11 +200,7 @@ impl<'a, const N: usize> Search<'a, N> {
             heading: SVector::zeros(),
             cost: 0.0,
             is_exact: true,
-            knots: vec![Knot {
-                t: 0.0,
-                q: q_start,
-                waits: false,
-            }],
+            knots: vec![Knot::moving(0.0, q_start)],
         };
         Self {
             arm,
@@ -334,57 +360,49 @@ impl<'a, const N: usize> Search<'a, N> {
         apart
     }
 
-    /// The ways on from a posture to the next layer.
+    /// The ways on from a posture with this spectrum to the next layer, the straight one first.
+    fn ways(
+        &self,
+        leg: &Stretch<'_, N>,
+        q: &SVector<f64, N>,
+        spectrum: &Spectrum<N>,
+        (t0, t1): (f64, f64),
+    ) -> Vec<Way<N>> {
+        let dt = t1 - t0;
+        let drift = self.push(spectrum, q, dt);
+        let homeward = drift + self.homeward(spectrum, q, (dt, leg.duration_s - t0));
+        let straight = Way {
+            drift: if leg.fan { drift } else { homeward },
+            ..Way::exact()
+        };
+        let drifting = |drift| Way { drift, ..straight };
+        let damped = |damping| Way {
+            damping,
+            ..straight
+        };
+        let mut ways = vec![straight];
+        if leg.fan && leg.posture.is_none() {
+            if (homeward - drift).amax() > 1e-3 * dt {
+                ways.push(drifting(homeward));
+            }
+            for v in spectrum.spare() {
+                let stride = 0.6 * SPEED * dt / slowest(v, &self.bounds.velocity).max(1e-9);
+                let by = v * stride.min(0.3);
+                ways.extend([drift + by, drift - by].map(drifting));
+            }
+        }
+        if spectrum.smallest() < NEAR {
+            let strong = STRONG_DAMPING.max(DAMPING_PER_RAD * self.bounds.orientation_rad);
+            ways.extend([DAMPING, strong].map(damped));
+        }
+        ways
+    }
+
+    /// The postures of the next layer that follow on one.
     fn extend(&mut self, leg: &Stretch<'_, N>, node: usize, t0: f64, t1: f64) -> Vec<usize> {
         let Node { q, heading, .. } = self.nodes[node];
         let spectrum = self.arm.spectrum(&q);
-        let mut straight = Way {
-            damping: 0.0,
-            drift: self.push(&spectrum, &q, t1 - t0),
-        };
-        let homeward =
-            straight.drift + self.homeward(&spectrum, &q, (t1 - t0, leg.duration_s - t0));
-        if !leg.fan {
-            straight.drift = homeward;
-        }
-        let mut ways = vec![straight];
-        if leg.fan && leg.posture.is_none() {
-            if (homeward - straight.drift).amax() > 1e-3 * (t1 - t0) {
-                ways.push(Way {
-                    drift: homeward,
-                    ..straight
-                });
-            }
-            for v in spectrum.spare() {
-                let stride = 0.6 * SPEED * (t1 - t0)
-                    / (0..N).fold(1e-9_f64, |slowest, i| {
-                        slowest.max(v[i].abs() / self.bounds.velocity[i])
-                    });
-                let by = v * stride.min(0.3);
-                ways.extend([
-                    Way {
-                        drift: straight.drift + by,
-                        ..straight
-                    },
-                    Way {
-                        drift: straight.drift - by,
-                        ..straight
-                    },
-                ]);
-            }
-        }
-        let near = spectrum.smallest() < NEAR;
-        if near {
-            let strong = STRONG_DAMPING.max(DAMPING_PER_RAD * self.bounds.orientation_rad);
-            ways.push(Way {
-                damping: DAMPING,
-                ..straight
-            });
-            ways.push(Way {
-                damping: strong,
-                ..straight
-            });
-        }
+        let ways = self.ways(leg, &q, &spectrum, (t0, t1));
         let mut out = vec![];
         let mut stuck = false;
         for (i, way) in ways.iter().enumerate() {
@@ -397,10 +415,11 @@ impl<'a, const N: usize> Search<'a, N> {
             }
         }
         // On the other side of a fold than the leg is to leave it on, the fold is crossed.
-        let crosses = near && leg.branch != 0 && (leg.side)(&q) * f64::from(leg.branch) < 0.0;
+        let near = spectrum.smallest() < NEAR;
+        let crosses = near && leg.is_across(&q);
         if crosses || stuck && near || spectrum.smallest() < LOCKED {
             for knots in self.folds(leg, &q, &spectrum, t0, t1) {
-                out.extend(self.push_node(leg, node, knots, &straight));
+                out.extend(self.push_node(leg, node, knots, &ways[0]));
             }
         }
         out
@@ -447,7 +466,7 @@ impl<'a, const N: usize> Search<'a, N> {
         way: &Way<N>,
     ) -> Option<usize> {
         let end = *knots.last()?;
-        if way.damping == 0.0 && !end.waits {
+        if !way.is_lax() && !end.waits {
             self.note_locks(parent, &knots);
         }
         let mut cost = self.nodes[parent].cost;
@@ -468,7 +487,7 @@ impl<'a, const N: usize> Search<'a, N> {
             }
             (before, t) = (knot.q, knot.t);
         }
-        if way.damping > 0.0 {
+        if way.is_lax() {
             let X = (leg.pose)(end.t - leg.from_s);
             let e = self.arm.error(&X, &self.arm.pose(&end.q));
             cost += 0.02 + 0.1 * self.excess(&e, &X);
@@ -485,7 +504,7 @@ impl<'a, const N: usize> Search<'a, N> {
             q: end.q,
             heading,
             cost,
-            is_exact: way.damping == 0.0,
+            is_exact: !way.is_lax(),
             knots,
         });
         Some(self.nodes.len() - 1)
@@ -504,7 +523,7 @@ impl<'a, const N: usize> Search<'a, N> {
             // σ changes by no more than a joint does. A lock is where it is least, at a knot or between two.
             if last + now < by.norm() {
                 let at = |x: f64| sigma(&(before.1 + by * (0.5 * (x + 1.0))));
-                let x = self_motion::lowest(at);
+                let x = lowest((-1.0, 1.0), 40, at);
                 let t = match x {
                     ..-0.99 => before.0,
                     ..=0.99 => before.0 + (knot.t - before.0) * 0.5 * (x + 1.0),
@@ -530,13 +549,11 @@ impl<'a, const N: usize> Search<'a, N> {
 
     /// Time that a motion takes, and the price of being near a limit meanwhile.
     fn price(&self, dq: &SVector<f64, N>, dt: f64, q: &SVector<f64, N>) -> f64 {
-        let mut time = dt;
-        let mut near = 0.0_f64;
-        for i in 0..N {
-            time = time.max(dq[i].abs() / (SPEED * self.bounds.velocity[i]));
+        let time = dt.max(slowest(dq, &(self.bounds.velocity * SPEED)));
+        let near = (0..N).fold(0.0_f64, |near, i| {
             let gap = (q[i] - self.bounds.lower[i]).min(self.bounds.upper[i] - q[i]);
-            near = near.max((1.0 - gap / MARGIN).max(0.0));
-        }
+            near.max(1.0 - gap / MARGIN)
+        });
         // A route of less joint motion is better where the time is the same.
         time * (1.0 + 0.3 * near * near) + 0.002 * dq.norm()
     }
@@ -556,7 +573,7 @@ impl<'a, const N: usize> Search<'a, N> {
         })
     }
 
-    /// Knots from `q` at `t0` to `t1` (either may be the earlier).
+    /// Knots from `q` at `t0` to `t1` (either may be the earlier): steps are doubled where one succeeds, halved where one fails.
     fn follow(
         &self,
         leg: &Stretch<'_, N>,
@@ -567,13 +584,7 @@ impl<'a, const N: usize> Search<'a, N> {
     ) -> Result<Vec<Knot<N>>, Furthest<N>> {
         let (mut t, mut q, mut heading, mut h) = (t0, *q, *heading, t1 - t0);
         let (mut knots, mut block) = (vec![], Block::End);
-        let lax = way.damping > 0.0;
-        // Off the path a route has kinks: there the spline needs points that lie closer.
-        let longest = if lax { STEP / 3.0 } else { STEP };
-        let knot = |t: f64, q: SVector<f64, N>| {
-            let waits = false;
-            Knot { t, q, waits }
-        };
+        let share = if way.is_lax() { BESIDE } else { 1.0 };
         while t != t1 {
             self.spent.set(self.spent.get() + 1);
             if (t + h - t1) * h.signum() > -1e-12 {
@@ -584,56 +595,69 @@ impl<'a, const N: usize> Search<'a, N> {
                 self.cut();
             }
             let is_short = h.abs() < SHORTEST * leg.duration_s && t + h != t1;
-            if self.is_spent(if lax { BESIDE } else { 1.0 }) || is_long || is_short {
+            if self.is_spent(share) || is_long || is_short {
                 return Err(Furthest { t, q, block });
             }
-            let X = (leg.pose)(t + h);
             let drift = match leg.posture {
                 Some(posture) => posture(t + h) - q,
                 None => way.drift * (h / (t1 - t0)),
             };
             let ahead = heading * h;
             let guess = if ahead.amax() < STEP { q + ahead } else { q };
-            let (next, e) = self.arm.solve(&X, &guess, &drift, way.damping, SOLVED);
+            let (next, half) = match self.step(leg, (t, h), (&q, &guess), &drift, way) {
+                Ok(step) => step,
+                Err(far) => {
+                    block = far.block;
+                    // A limit in the way is reached as nearly as the shortest step allows: its place is worth knowing.
+                    let is_at_limit = block != Block::End && h.abs() < 1e-3 * leg.duration_s;
+                    if is_at_limit || h.abs() <= SHORTEST * leg.duration_s * 2.0 {
+                        return Err(far);
+                    }
+                    h *= 0.5;
+                    continue;
+                }
+            };
             let dq = next - q;
-            let is_solved = if lax {
-                self.excess(&e, &X) < LEFT.0
-            } else {
-                e.norm() < 1e-7
-            };
-            let is_near = is_solved && dq.amax() < longest;
-            let outside = if is_near {
-                self.outside(&next, &q)
-            } else {
-                None
-            };
-            let half = if is_near && outside.is_none() {
-                self.half_way(&(leg.pose)(t + 0.5 * h), &q, &dq, lax)
-            } else {
-                None
-            };
-            let Some(half) = half else {
-                // A limit in the way is reached as nearly as the shortest step allows: its place is worth knowing.
-                block = outside.unwrap_or(Block::End);
-                if outside.is_some() && h.abs() < 1e-3 * leg.duration_s {
-                    return Err(Furthest { t, q: next, block });
-                }
-                if h.abs() <= SHORTEST * leg.duration_s * 2.0 {
-                    return Err(Furthest { t, q, block });
-                }
-                h *= 0.5;
-                continue;
-            };
             if dq.amax() > 0.3 * STEP {
-                knots.push(knot(leg.from_s + t + 0.5 * h, half));
+                knots.push(Knot::moving(leg.from_s + t + 0.5 * h, half));
             }
             t = if h == t1 - t { t1 } else { t + h };
-            heading = dq / h;
-            q = next;
-            knots.push(knot(leg.from_s + t, q));
+            (heading, q) = (dq / h, next);
+            knots.push(Knot::moving(leg.from_s + t, q));
             h *= 2.0;
         }
         Ok(knots)
+    }
+
+    /// The posture after a time `h` from `q` at `t`, and the one half-way.
+    fn step(
+        &self,
+        leg: &Stretch<'_, N>,
+        (t, h): (f64, f64),
+        (q, guess): (&SVector<f64, N>, &SVector<f64, N>),
+        drift: &SVector<f64, N>,
+        way: &Way<N>,
+    ) -> Result<(SVector<f64, N>, SVector<f64, N>), Furthest<N>> {
+        let (X, lax) = ((leg.pose)(t + h), way.is_lax());
+        let (next, e) = self.arm.solve(&X, guess, drift, way.damping, SOLVED);
+        let dq = next - q;
+        let blocked = |q, block| Err(Furthest { t, q, block });
+        // Off the path a route has kinks: there the spline needs points that lie closer.
+        let (is_solved, longest) = if lax {
+            (self.excess(&e, &X) < LEFT.0, STEP / 3.0)
+        } else {
+            (e.norm() < 1e-7, STEP)
+        };
+        if !(is_solved && dq.amax() < longest) {
+            return blocked(*q, Block::End);
+        }
+        if let Some(limit) = self.outside(&next, q) {
+            return blocked(next, limit);
+        }
+        match self.half_way(&(leg.pose)(t + 0.5 * h), q, &dq, lax) {
+            Some(half) => Ok((next, half)),
+            None => blocked(*q, Block::End),
+        }
     }
 
     /// By how much an error leaves the path, over what is allowed.
@@ -676,65 +700,53 @@ impl<'a, const N: usize> Search<'a, N> {
         t1: f64,
     ) -> Vec<Vec<Knot<N>>> {
         let mut out: Vec<Vec<Knot<N>>> = vec![];
-        let zero = SVector::zeros();
-        let straight = Way {
-            damping: 0.0,
-            drift: zero,
-        };
         let X = (leg.pose)(t1);
-        let small: Vec<_> = (spectrum.free..N)
-            .filter(|k| spectrum.sigma[*k] < 0.1)
-            .map(|k| spectrum.v[k])
-            .collect();
-        for v in small {
-            for stride in [0.02, 0.06, 0.18] {
-                for v in [v * stride, -v * stride] {
-                    self.spent.set(self.spent.get() + 4);
-                    let (there, e) = self.arm.solve(&X, &(q + v), &zero, 0.0, SOLVED);
-                    let known = out.iter().any(|knots| {
-                        knots
-                            .last()
-                            .is_some_and(|knot| is_twin(spectrum, &(knot.q - there)))
-                    });
-                    if e.norm() > 1e-7
-                        || (there - q).amax() > 0.5
-                        || known
-                        || self.outside(&there, q).is_some()
-                    {
-                        continue;
-                    }
-                    if leg.branch != 0 && (leg.side)(&there) * f64::from(leg.branch) < 0.0 {
-                        continue;
-                    }
-                    // From there back towards the lock, as far as it goes; what is left is no more than a step.
-                    let mut knots = vec![Knot {
-                        t: leg.from_s + t1,
-                        q: there,
-                        waits: false,
-                    }];
-                    let (mut at, mut t, mut share) = (there, t1, 0.5);
-                    for _ in 0..RETURNS {
-                        if (at - q).amax() <= 0.2 * STEP || share < 1e-4 {
-                            break;
-                        }
-                        let to = t0 + (t - t0) * (1.0 - share);
-                        match self.follow(leg, &at, &zero, (t, to), &straight) {
-                            Ok(part) if !part.is_empty() => {
-                                knots.extend(&part);
-                                (at, t) = (part[part.len() - 1].q, to);
-                                share = (2.0 * share).min(0.5);
-                            }
-                            _ => share *= 0.5,
-                        }
-                    }
-                    if (at - q).amax() <= STEP && !self.is_spent(1.0) {
-                        knots.reverse();
-                        out.push(knots);
-                    }
+        for k in (spectrum.free..N).filter(|k| spectrum.sigma[*k] < 0.1) {
+            for stride in [0.02, -0.02, 0.06, -0.06, 0.18, -0.18] {
+                self.spent.set(self.spent.get() + 4);
+                let beside = q + spectrum.v[k] * stride;
+                let (there, e) = self.arm.solve(&X, &beside, &SVector::zeros(), 0.0, SOLVED);
+                let is_twin = |knot: &Knot<N>| is_twin(spectrum, &(knot.q - there));
+                let is_known = out.iter().any(|knots| knots.last().is_some_and(is_twin));
+                if e.norm() <= 1e-7
+                    && (there - q).amax() <= 0.5
+                    && !is_known
+                    && self.outside(&there, q).is_none()
+                    && !leg.is_across(&there)
+                {
+                    out.extend(self.back_to_lock(leg, q, &there, (t0, t1)));
                 }
             }
         }
         out
+    }
+
+    /// From the lock in `q`, as near as a step, to the posture `there` beside it at `t1`: followed back as far as it goes.
+    fn back_to_lock(
+        &self,
+        leg: &Stretch<'_, N>,
+        q: &SVector<f64, N>,
+        there: &SVector<f64, N>,
+        (t0, t1): (f64, f64),
+    ) -> Option<Vec<Knot<N>>> {
+        let mut knots = vec![Knot::moving(leg.from_s + t1, *there)];
+        let (mut at, mut t, mut share) = (*there, t1, 0.5);
+        for _ in 0..RETURNS {
+            if (at - q).amax() <= 0.2 * STEP || share < 1e-4 {
+                break;
+            }
+            let to = t0 + (t - t0) * (1.0 - share);
+            match self.follow(leg, &at, &SVector::zeros(), (t, to), &Way::exact()) {
+                Ok(part) if !part.is_empty() => {
+                    knots.extend(&part);
+                    (at, t) = (part[part.len() - 1].q, to);
+                    share = (2.0 * share).min(0.5);
+                }
+                _ => share *= 0.5,
+            }
+        }
+        knots.reverse();
+        ((at - q).amax() <= STEP && !self.is_spent(1.0)).then_some(knots)
     }
 
     /// Postures of the same pose, reached by self-motion while the path waits.
@@ -763,16 +775,8 @@ impl<'a, const N: usize> Search<'a, N> {
                 let best = angles
                     .min_by(|a, b| moved(*a).0.total_cmp(&moved(*b).0))
                     .unwrap_or_default();
-                let (mut low, mut high) = (best - PIECE, best + PIECE);
-                for _ in 0..40 {
-                    let (c, d) = (high - 0.618 * (high - low), low + 0.618 * (high - low));
-                    if moved(c).0 < moved(d).0 {
-                        high = d
-                    } else {
-                        low = c
-                    }
-                }
-                directions.push(moved(0.5 * (low + high)).1);
+                let best = lowest((best - PIECE, best + PIECE), 40, |x| moved(x).0);
+                directions.push(moved(best).1);
             }
         }
         // Where the path goes on to: a posture is left there only along what it can move.

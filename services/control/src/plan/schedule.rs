@@ -1,6 +1,6 @@
 //! A route with its own clock: when the path waits, and how fast it may go (+).
 
-use super::kinematics::{Kinematics, SOLVED};
+use super::kinematics::{Kinematics, SOLVED, lowest, slowest};
 use super::request::{Request, analyse, centre};
 use super::route::{Knot, SPEED};
 use crate::limits::clock;
@@ -119,7 +119,7 @@ impl<const N: usize> PathPlan<N> {
                 .map_or(slope, |next| (next.q - q) / (next.u - u));
             let mut share = 0.0_f64;
             for rate in [slope, mean] {
-                share = (0..N).fold(share, |share, j| share.max(rate[j].abs() / velocity[j]));
+                share = share.max(slowest(&rate, &velocity));
                 for s in report.listed().iter().filter(|s| s.s.abs() < s.eta_out) {
                     share =
                         share.max(s.aux_row.dot(&rate).abs() / request.rate_max.of(s.kind.code()));
@@ -172,7 +172,7 @@ impl<const N: usize> PathPlan<N> {
         for pair in self.points.windows(2).filter(|pair| pair[1].t > pair[0].t) {
             let by = pair[1].q - pair[0].q;
             if let Some(needed) = needed.get_mut(self.leg_between(&pair[0], &pair[1])) {
-                *needed += (0..N).fold(0.0_f64, |time, i| time.max(by[i].abs() / velocity[i]));
+                *needed += slowest(&by, velocity);
             }
         }
         let clock = |leg: usize| {
@@ -240,11 +240,7 @@ impl<const N: usize> PathPlan<N> {
         let knots: Vec<_> = self
             .points
             .iter()
-            .map(|point| Knot {
-                t: point.t,
-                q: point.q,
-                waits: false,
-            })
+            .map(|point| Knot::moving(point.t, point.q))
             .collect();
         singular_times(request, &knots)
     }
@@ -387,15 +383,10 @@ fn self_motion<const N: usize>(
     from: &Point<N>,
     way: &[SVector<f64, N>],
 ) -> Vec<(f64, SVector<f64, N>)> {
-    let velocity = request.velocity();
-    let cap = |i: usize| (SPEED * velocity[i]).min(TURNING);
-    let lengths: Vec<f64> = way
-        .windows(2)
-        .map(|pair| {
-            (0..N).fold(0.0, |time: f64, i| {
-                time.max((pair[1][i] - pair[0][i]).abs() / cap(i))
-            })
-        })
+    let speeds = request.velocity().map(|speed| (SPEED * speed).min(TURNING));
+    let lengths = way.windows(2);
+    let lengths: Vec<f64> = lengths
+        .map(|pair| slowest(&(pair[1] - pair[0]), &speeds))
         .collect();
     let whole: f64 = lengths.iter().sum();
     let T = (1.875 * whole).max(0.1);
@@ -428,38 +419,22 @@ pub(super) fn singular_times<const N: usize>(
         return vec![];
     };
     let report = analyse(&mut request.analyzer.clone(), request.model, &first.q);
-    let p_EC = centre(request.model, &first.q, &report);
-    let arm = Kinematics {
-        model: request.model,
-        p_EC,
-        task: request.task,
-        length_m: request.length_m,
-    };
+    let arm = request.kinematics(centre(request.model, &first.q, &report));
     let sigma: Vec<f64> = knots
         .iter()
         .map(|knot| arm.spectrum(&knot.q).smallest())
         .collect();
-    let lowest =
+    let is_lowest =
         |i: usize| sigma[i] < SINGULAR && sigma[i] <= sigma[i - 1] && sigma[i] <= sigma[i + 1];
     let refined = |i: usize| {
-        // Golden section between the neighbours, along the straight motion.
-        let (mut a, mut b) = (-1.0, 1.0);
-        let at = |x: f64| {
-            let other = &knots[if x < 0.0 { i - 1 } else { i + 1 }];
-            let q = knots[i].q + (other.q - knots[i].q) * x.abs();
-            (
-                knots[i].t + (other.t - knots[i].t) * x.abs(),
-                arm.spectrum(&q).smallest(),
-            )
-        };
-        for _ in 0..30 {
-            let (c, d) = (b - 0.618 * (b - a), a + 0.618 * (b - a));
-            if at(c).1 < at(d).1 { b = d } else { a = c }
-        }
-        at(0.5 * (a + b)).0
+        // Between the neighbours, along the straight motion.
+        let neighbour = |x: f64| &knots[if x < 0.0 { i - 1 } else { i + 1 }];
+        let q = |x: f64| knots[i].q + (neighbour(x).q - knots[i].q) * x.abs();
+        let x = lowest((-1.0, 1.0), 30, |x| arm.spectrum(&q(x)).smallest());
+        knots[i].t + (neighbour(x).t - knots[i].t) * x.abs()
     };
     (1..knots.len().saturating_sub(1))
-        .filter(|i| lowest(*i))
+        .filter(|i| is_lowest(*i))
         .map(refined)
         .take(8)
         .collect()

@@ -134,7 +134,7 @@ pub struct Path {
 }
 
 /// Where the clock is, and what the present leg starts from and adds up to.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Progress {
     /// Index of the leg; the number of legs once the path is finished.
     pub leg: usize,
@@ -155,12 +155,8 @@ impl Progress {
     #[must_use]
     pub fn at(X_BE: Pose) -> Self {
         Self {
-            leg: 0,
-            time_s: 0.0,
-            begun: false,
             start: X_BE,
-            by: Vector3::zeros(),
-            turn: Vector3::zeros(),
+            ..Self::default()
         }
     }
 

@@ -19,6 +19,7 @@ use super::reference;
 use super::screws::Screws;
 use super::tracked_svd::TrackedSvd;
 use super::tracker::{TRACKED, Tracker};
+use super::waist;
 use crate::centre::{AtCentre, PoseMotion};
 use crate::paper::reference::Memory;
 use crate::paper::type_1::Fold;
@@ -238,6 +239,9 @@ impl<const N: usize> Family<N> {
         memory: &mut Memory,
     ) -> Option<Direction> {
         match &self.form {
+            Form::Puma(_) | Form::ParallelAxes(_) if s.kind == Kind::Overhead => {
+                Some(waist::direction(at, memory))
+            }
             Form::Puma(arm) => Some(arm.direction(s, at, memory)),
             Form::ParallelAxes(_) => Some(ParallelAxes::direction(s, at, memory)),
             _ => (self.tracker.as_ref())

@@ -116,15 +116,12 @@ impl ParallelAxes {
         PlanarArm::new(at.terms, &at.at.p).elbow_cosine(at)
     }
 
-    /// The direction of ζ that the desired motion needs, of wrist and overhead singularity.
+    /// The direction of ζ that the desired motion needs, at the wrist's singularity.
     pub(super) fn direction<const N: usize>(
         s: &Singularity<N>,
         at: &Situation<'_, N>,
         memory: &mut Memory,
     ) -> Direction {
-        if s.kind == Kind::Overhead {
-            return waist::direction(at, memory);
-        }
         let z = &at.terms.z;
         let axes = wrist::Wrist {
             z4: z[1],

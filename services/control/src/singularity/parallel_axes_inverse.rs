@@ -3,7 +3,7 @@
 use super::axes::shoulder;
 use super::family::Situation;
 use super::wrist::MU;
-use crate::linear::{angular, linear, rotation_exp, wrap_angle};
+use crate::linear::{angular, linear, rotation_exp, sign, wrap_angle};
 use model::Terms;
 use nalgebra::{Vector2, Vector3};
 
@@ -56,7 +56,7 @@ impl Plane {
             lower: flat(&(terms.p[3] - terms.p[2])),
             z5,
             hand: Vector2::new(hand.dot(&z5), hand.dot(&quarter(&z5))),
-            signs: [1, 2, 3].map(|i| if terms.z[i].dot(&n) < 0.0 { -1.0 } else { 1.0 }),
+            signs: [1, 2, 3].map(|i| sign(terms.z[i].dot(&n) >= 0.0)),
         }
     }
 
@@ -111,7 +111,7 @@ impl PlanarArm {
         let plane = Plane::new(terms, p_BC);
         Self {
             plane,
-            side: if plane.C.y < 0.0 { -1.0 } else { 1.0 },
+            side: sign(plane.C.y >= 0.0),
         }
     }
 
@@ -141,7 +141,7 @@ impl PlanarArm {
     /// Axis 5 for this w, nearest to `z5`; near the singularity, where w is short, as it is.
     fn axis_5(w: &Vector2<f64>, z5: &Vector2<f64>) -> Vector2<f64> {
         let size = w.norm_squared();
-        let line = w * (if w.dot(z5) < 0.0 { -1.0 } else { 1.0 } / size.sqrt().max(1e-12));
+        let line = w * (sign(w.dot(z5) >= 0.0) / size.sqrt().max(1e-12));
         let towards = line * size + z5 * (MU * MU);
         towards / towards.norm().max(1e-12)
     }

@@ -11,7 +11,7 @@ use super::puma_inverse::{Forearm, PumaLengths};
 use super::{elbow, waist, wrist};
 use crate::paper::reference::Memory;
 use crate::paper::type_2::Direction;
-use crate::types::{Kind, Singularity};
+use crate::types::Singularity;
 use nalgebra::Vector3;
 use shared_types::MAX_SINGULARITIES;
 
@@ -70,16 +70,13 @@ impl Puma {
         elbow::cosine(&S, at.desired, [self.lengths.a2, self.lengths.L3], offset)
     }
 
-    /// The direction of ζ that the desired motion needs, of wrist and overhead singularity.
+    /// The direction of ζ that the desired motion needs, at the wrist's singularity.
     pub(super) fn direction<const N: usize>(
         &self,
         s: &Singularity<N>,
         at: &Situation<'_, N>,
         memory: &mut Memory,
     ) -> Direction {
-        if s.kind == Kind::Overhead {
-            return waist::direction(at, memory);
-        }
         let forearm = Forearm::new(&self.lengths, at.q, at.terms, &at.at.p);
         let wrist = wrist::Wrist::spherical(at.terms, at.qdot_planned);
         let bend_at = |p: &Vector3<f64>, z6_d: &Vector3<f64>| forearm.at(p).wrist_bend(z6_d);

@@ -1,7 +1,7 @@
 //! A PUMA's lengths, and its closed-form inverse kinematics along the path: where the first three joints and the wrist will have to be.
 
 use super::axes::shoulder;
-use crate::linear::{rotation_exp, rotation_log, wrap_angle};
+use crate::linear::{rotation_exp, rotation_log, sign, wrap_angle};
 use model::{Model, Pose, Terms};
 use nalgebra::{Matrix3, SVector, Vector2, Vector3};
 
@@ -73,8 +73,7 @@ impl Forearm {
         let x = z2.cross(&z1);
         let S = shoulder(terms);
         let p = p_C - S;
-        let side = |positive: bool| if positive { 1.0 } else { -1.0 };
-        let sides = [side(p.dot(&x) >= 0.0), side(puma.theta(q[2]) >= 0.0)];
+        let sides = [sign(p.dot(&x) >= 0.0), sign(puma.theta(q[2]) >= 0.0)];
         Self {
             puma: *puma,
             axes: Matrix3::from_rows(&[x.transpose(), z2.transpose(), z1.transpose()]),

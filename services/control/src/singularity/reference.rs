@@ -2,7 +2,7 @@
 
 use super::family::Situation;
 use super::tracker::SMALLEST;
-use crate::linear::{rotation_log, smoothstep, wrap_line};
+use crate::linear::{rotation_log, sign, smoothstep, wrap_line};
 use crate::paper::reference::Memory;
 use crate::paper::type_1::Fold;
 use crate::paper::type_2::{Direction, TURNS};
@@ -152,7 +152,7 @@ fn aside<const N: usize>(
     let weight = square / (square + AWAY.1 * AWAY.1);
     let angle = wrap_line(libm::atan2(-along, across));
     if memory.side == 0.0 || angle.abs() < UNDECIDED {
-        memory.side = if angle < 0.0 { -1.0 } else { 1.0 };
+        memory.side = sign(angle >= 0.0);
     }
     let angle = if angle.abs() < UNDECIDED {
         angle
@@ -201,7 +201,7 @@ fn leave<const N: usize>(
     };
     let decided = s.aux.abs() > SIDE;
     if !memory.passing || decided && s.aux * memory.side < 0.0 {
-        let more = if room(1.0) >= room(-1.0) { 1.0 } else { -1.0 };
+        let more = sign(room(1.0) >= room(-1.0));
         let away = if decided { s.aux.signum() } else { more };
         memory.side = if room(away) < 0.1 { -away } else { away };
         memory.passing = true;

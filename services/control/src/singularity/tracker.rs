@@ -519,18 +519,15 @@ impl<const N: usize> Tracker<N> {
         let length = order.half.norm();
         let axis = order.half / (outwards * length);
         let per_aux = outwards * if angular { 1.0 } else { self.length_m } / length;
-        let (mut towards, mut kappa_2) = (towards(at, &axis), entry.verdict.kappa_2);
-        if class == Class::Type2 && entry.latched {
-            // ζ turns about the second axis of its frame by κ₂ per rad of a.
-            let turn = self.half_rate(k, arm, &a, angular) * (outwards / length);
-            let turn = turn - axis * axis.dot(&turn);
-            kappa_2 = turn.norm();
-            if kappa_2 > TURNS {
-                towards = axis.cross(&turn);
-            }
-        }
+        let (towards, kappa_2) = self.second_axis(k, at, arm, &order, (&axis, outwards / length));
         let (aux, aux_row) = order.coordinate();
-        let one = Singularity {
+        self.entries[k] = Entry {
+            angular,
+            settled: entry.latched,
+            a,
+            ..entry
+        };
+        Singularity {
             kind: self.places[entry.place].0,
             class,
             angular,
@@ -540,11 +537,7 @@ impl<const N: usize> Tracker<N> {
                 size
             },
             s_rate: self.rate(svd, entry.index, arm, &order.Q, at.qdot) / reference,
-            zeta_B: if angular {
-                stack(&Vector3::zeros(), &axis)
-            } else {
-                stack(&axis, &Vector3::zeros())
-            },
+            zeta_B: halves(&axis, angular),
             R_BS: frame(&axis, &towards),
             gain: (per_aux * sigma.abs().max(SMALLEST * reference))
                 .copysign(per_aux * if order.m.dot(&a) < 0.0 { -1.0 } else { 1.0 }),
@@ -563,14 +556,27 @@ impl<const N: usize> Tracker<N> {
             },
             kappa_2,
             ..Singularity::none()
-        };
-        self.entries[k] = Entry {
-            angular,
-            settled: entry.latched,
-            a,
-            ..entry
-        };
-        one
+        }
+    }
+
+    /// Where the second axis of entry `k`'s singular frame points, and κ₂: ζ turns about that axis by κ₂ per rad of a. ζ is `axis`, half of u times `per_u`.
+    fn second_axis(
+        &self,
+        k: usize,
+        at: &Posture<'_, N>,
+        arm: &Arm<N>,
+        order: &SecondOrder<N>,
+        (axis, per_u): (&Vector3<f64>, f64),
+    ) -> (Vector3<f64>, f64) {
+        let (usual, entry) = (towards(at, axis), &self.entries[k]);
+        if order.class != Class::Type2 || !entry.latched {
+            return (usual, entry.verdict.kappa_2);
+        }
+        let turn = self.half_rate(k, arm, &order.a, order.angular) * per_u;
+        let turn = turn - axis * axis.dot(&turn);
+        let kappa_2 = turn.norm();
+        let is_turned = kappa_2 > TURNS;
+        (if is_turned { axis.cross(&turn) } else { usual }, kappa_2)
     }
 
     /// How a half of u turns along the joint motion `y`, 1/rad.
@@ -735,6 +741,16 @@ pub(super) fn unscaled(u: &Vector6<f64>, length_m: f64) -> Vector6<f64> {
     let mut a = *u;
     a.fixed_rows_mut::<3>(0).scale_mut(1.0 / length_m);
     a
+}
+
+/// The vector of this half, the other half zero.
+fn halves(half: &Vector3<f64>, is_angular: bool) -> Vector6<f64> {
+    let zero = Vector3::zeros();
+    if is_angular {
+        stack(&zero, half)
+    } else {
+        stack(half, &zero)
+    }
 }
 
 fn half_of(u: &Vector6<f64>, is_angular: bool) -> Vector3<f64> {

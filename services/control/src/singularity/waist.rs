@@ -2,7 +2,7 @@
 
 use super::axes::{EXACT, shoulder, unit};
 use super::family::{Posture, Situation};
-use crate::linear::{linear, stack, wrap_angle};
+use crate::linear::{linear, sign, stack, wrap_angle};
 use crate::paper::reference::Memory;
 use crate::paper::type_2::Direction;
 use crate::types::{Class, Kind, Singularity};
@@ -99,16 +99,8 @@ pub(super) fn direction<const N: usize>(at: &Situation<'_, N>, memory: &mut Memo
     // The side of the waist axis on which the wrist centre shall be: the one it is on, but where going straight on costs little, the one that the
     // waist reaches and follows with less motion.
     let motion = |turn: f64, side: f64| turn.abs() + SETTLE * rate_on(side).abs();
-    let easier = if motion(one, 1.0) <= motion(two, -1.0) {
-        1.0
-    } else {
-        -1.0
-    };
-    let present = if (at.at.p - S).dot(&x) < 0.0 {
-        -1.0
-    } else {
-        1.0
-    };
+    let easier = sign(motion(one, 1.0) <= motion(two, -1.0));
+    let present = sign((at.at.p - S).dot(&x) >= 0.0);
     if memory.side == 0.0 {
         memory.side = present;
     }

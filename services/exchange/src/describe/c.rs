@@ -10,7 +10,6 @@ use super::{Structure, constants, snake, structures};
 const ATOMIC: [&str; 3] = ["requests", "answers", "program"];
 
 /// The header: a program includes it and needs nothing else.
-#[must_use]
 pub fn c() -> String {
     let mut text = String::from(include_str!("header_begin.h").trim_start());
     for (name, number, about) in constants() {

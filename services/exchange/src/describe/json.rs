@@ -8,7 +8,6 @@ use shared_types::topics::wire_hash;
 use super::{Structure, constants, structures};
 
 /// Structures, topics, codes and constants as one JSON document.
-#[must_use]
 pub fn json() -> String {
     let graph = Graph::parse("graph.toml", BUILT_IN).ok();
     let topic = |structure: &Structure| {

@@ -7,7 +7,6 @@ use shared_types::codes;
 use super::{Structure, constants, structures};
 
 /// The module `armplane/wire.py` of the Python package.
-#[must_use]
 pub fn python() -> String {
     let mut text = String::from(
         "\"\"\"The wire of armplane: messages, codes and the exchange page. Written by `armplane generate wire --lang python`; do not edit.\"\"\"\n\n\

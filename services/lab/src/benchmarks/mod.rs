@@ -131,7 +131,6 @@ impl fmt::Display for Rows<'_> {
 }
 
 /// A picture for each benchmark, with its name: a bar for each row, µs.
-#[must_use]
 pub fn pictures(rows: &[Row], machine: &str) -> Vec<(String, Page)> {
     let page = |rows: &[Row]| {
         let name = |row: &Row| {
@@ -169,7 +168,6 @@ pub fn pictures(rows: &[Row], machine: &str) -> Vec<(String, Page)> {
 }
 
 /// The machine of a measurement.
-#[must_use]
 pub fn machine() -> Value {
     let (health, machine) = (launcher::doctor::examine(), session::machine());
     let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
@@ -181,7 +179,6 @@ pub fn machine() -> Value {
 }
 
 /// The same in one line, for people.
-#[must_use]
 pub fn machine_line(machine: &Value) -> String {
     let text = |key: &str| machine[key].as_str().unwrap_or_default();
     let fifo = if machine["fifo"] == true {

@@ -60,7 +60,6 @@ pub struct Replayed {
 
 impl Replayed {
     /// Whether every output of the run was computed again, with the same bytes.
-    #[must_use]
     pub fn passed(&self) -> bool {
         self.identical && self.is_complete()
     }

@@ -120,10 +120,8 @@ fn drill_one(
     for plan in plans {
         let title = |fault: &Fault| format!("{} {}", fault.process, fault.kind);
         let titles: Vec<String> = plan.iter().map(title).collect();
-        observer(Progress::Title(&format!(
-            "{name}: {}",
-            titles.join(" and ")
-        )));
+        let title = format!("{name}: {}", titles.join(" and "));
+        observer(Progress::Title(&title));
         cells.push(cell(&stage, &plan, &base)?);
         observer(Progress::Step);
     }

@@ -66,9 +66,8 @@ pub fn soak(
             without: None,
         };
         let plan = deck.round(stage.job.scenario.duration_s());
-        let round = round(&stage, &plan, &|ticks| {
-            observer(Progress::Position(done + ticks))
-        });
+        let progress = |ticks| observer(Progress::Position(done + ticks));
+        let round = round(&stage, &plan, &progress);
         interrupted = signals.pending();
         let cell = match round {
             Ok(cell) => cell,
@@ -77,9 +76,8 @@ pub fn soak(
         };
         for Broken { check, detail } in &cell.broken {
             let out = stage.job.out.display();
-            observer(Progress::Line(&format!(
-                "round {number}: {check}: {detail} ({out})"
-            )));
+            let line = format!("round {number}: {check}: {detail} ({out})");
+            observer(Progress::Line(&line));
         }
         done += cell.ticks;
         cells.push(cell);

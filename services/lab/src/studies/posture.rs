@@ -116,7 +116,6 @@ impl Posture {
     }
 
     /// Condition of the unit-scaled J, σ_max/σ_min over the task's rows; 1e18 where σ_min is 0.
-    #[must_use]
     pub fn condition(&self) -> f64 {
         let (largest, smallest) = (
             self.scaled_singular_values[0],

@@ -9,11 +9,12 @@
 use control::linear::{rotation_exp, symmetric_eigen};
 use control::plan::kinematics::{Kinematics, SOLVED};
 use control::{Analyzer, Class, Kind, Singularity};
+use lines::{direction, straight};
 use model::{Model, Pose, Refused, Robot, with_dof};
 use nalgebra::{DMatrix, DVector, Matrix2, SVector, Vector2, Vector3};
 use session::{Observer, Progress};
 use shared_types::random::Uniform;
-use shared_types::scenario::{Scenario, Segment, Start};
+use shared_types::scenario::Scenario;
 use std::f64::consts::PI;
 
 /// Unit-scaled singular value, and |s|, that count as zero.
@@ -98,6 +99,20 @@ pub(crate) fn singular_lines(
         .unwrap_or_else(|| Err(Refused::size(robot)))
 }
 
+impl Through {
+    /// The singularities, or the pairs of them, that lines go through.
+    fn of(self, mut kinds: Vec<Kind>) -> Vec<Vec<Kind>> {
+        if self == Self::One {
+            return kinds.into_iter().map(|kind| vec![kind]).collect();
+        }
+        // A direction that no name explains is none of a pair: nothing tells one such direction from another.
+        kinds.retain(|kind| *kind != Kind::Numeric);
+        let pairs = kinds.iter().enumerate();
+        let pairs = pairs.flat_map(|(i, a)| kinds[i + 1..].iter().map(|b| vec![*a, *b]));
+        pairs.collect()
+    }
+}
+
 fn sized<const N: usize>(
     robot: &Robot,
     template: &Scenario,
@@ -125,19 +140,7 @@ fn sized<const N: usize>(
             kinds.push(kind);
         }
     }
-    // A direction that no name explains is none of a pair: nothing tells one such direction from another.
-    let named: Vec<Kind> = kinds
-        .iter()
-        .copied()
-        .filter(|kind| *kind != Kind::Numeric)
-        .collect();
-    let one = kinds.iter().map(|kind| vec![*kind]);
-    let pairs = named.iter().enumerate();
-    let two = pairs.flat_map(|(i, a)| named[i + 1..].iter().map(|b| vec![*a, *b]));
-    let wanted: Vec<Vec<Kind>> = match through {
-        Through::One => one.collect(),
-        Through::Two => two.collect(),
-    };
+    let wanted = through.of(kinds);
     let mut random = Uniform(seed);
     let mut lines = vec![];
     // Each in turn, so that a smaller number of lines is the beginning of a larger one.
@@ -393,12 +396,9 @@ impl<const N: usize> Draw<'_, N> {
             R: rotation_exp(&(turn * (x - share))) * at.R,
             p: at.p + along * (x - share),
         };
-        let mut end = |x: f64| {
-            if x == share {
-                Some(*q)
-            } else {
-                self.end(&pose(x), q, random)
-            }
+        let mut end = |x: f64| match x == share {
+            true => Some(*q),
+            false => self.end(&pose(x), q, random),
         };
         let (q_start, q_end) = (end(0.0)?, end(1.0)?);
         let has_ends =
@@ -410,24 +410,11 @@ impl<const N: usize> Draw<'_, N> {
         for k in 1..POSES {
             last = self.any(&pose(f64::from(k) / f64::from(POSES)), &last, q, random)?;
         }
-        let goal = pose(1.0);
         let peak = 1.875 * (along.norm() / self.speed).max(turn.norm() / (self.speed / 0.28));
-        let rotation = std::array::from_fn(|i| std::array::from_fn(|j| goal.R[(i, j)]));
-        let segment = Segment {
-            duration_s: peak,
-            to_m: Some(goal.p.into()),
-            rotation: Some(rotation),
-            ..Segment::default()
-        };
-        let q = Some(q_start.iter().copied().take(self.robot.dof()).collect());
+        let q_start = q_start.iter().copied().take(self.robot.dof());
         Some(Scenario {
             name: format!("{}-{index}", self.template.name),
-            start: Start {
-                q,
-                ..Start::default()
-            },
-            segment: vec![segment],
-            ..self.template.clone()
+            ..straight(self.template, q_start.collect(), &pose(1.0), peak)
         })
     }
 
@@ -478,16 +465,6 @@ impl<const N: usize> Draw<'_, N> {
         (0..GUESSES.0)
             .filter_map(|_| self.solved(X, &self.guess(q, GUESSES.1, random)))
             .min_by(|a, b| (a - q).norm().total_cmp(&(b - q).norm()))
-    }
-}
-
-/// A unit vector, uniform on the sphere.
-fn direction(random: &mut Uniform) -> Vector3<f64> {
-    loop {
-        let v = Vector3::from_fn(|_, _| random.within(-1.0, 1.0));
-        if (0.1..1.0).contains(&v.norm()) {
-            return v.normalize();
-        }
     }
 }
 

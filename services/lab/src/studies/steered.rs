@@ -24,7 +24,6 @@ use crate::pool::on_all_cores;
 use crate::trial::Trial;
 
 /// The arms of the study: of the built-in ones that serve all task axes the first of each family.
-#[must_use]
 pub fn robots() -> Vec<&'static str> {
     let mut families = Vec::new();
     let mut robots = Vec::new();
@@ -97,7 +96,6 @@ const EVENTS: usize = 10;
 
 impl Score {
     /// Whether the bars are kept: no limit exceeded, no torque step beyond the rate, 0.5 mm, 1.5°, no stall without a reason.
-    #[must_use]
     pub fn is_kept(&self) -> bool {
         self.speed <= 1.0
             && self.torque <= 1.0
@@ -128,7 +126,6 @@ impl Score {
 }
 
 /// Seeded random twists as a text of targets: every 1 to 3 s another direction, up to 0.25 m/s and 0.6 rad/s, at times one of the two alone.
-#[must_use]
 pub fn twists(seed: u64, seconds: f64) -> String {
     let mut random = Uniform(seed);
     let mut text = "# armplane targets 1, length m\n".to_owned();
@@ -328,7 +325,6 @@ impl Score {
 }
 
 /// The state of a session as one line; `kind` gives the kind of the singularity in a place, by which it is called.
-#[must_use]
 pub fn describe(state: &ServoState, kind: impl Fn(usize) -> Option<u32>) -> String {
     let mut text = reason_text(state.reason, state.joint, state.upper).to_string();
     if ![REASON_RESTING, REASON_STALE, REASON_OVER].contains(&state.reason) {

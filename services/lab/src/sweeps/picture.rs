@@ -110,42 +110,7 @@ fn maps(table: &Columns, spec: &Spec, keys: [&str; 2], by: &str) -> Row {
             .map(|one| one.scale);
         Classes::of(table.get(key), scale.unwrap_or_default())
     });
-    let width = across.0.len();
-    let mut members = vec![Vec::new(); width * down.0.len()];
-    for row in 0..table.rows() {
-        let [column, line] = [(&across, keys[0]), (&down, keys[1])]
-            .map(|(classes, key)| classes.class(table.value(key, row)));
-        if let (Some(column), Some(line)) = (column, line) {
-            members[line * width + column].push(row);
-        }
-    }
-    let panel = |title: String,
-                 value: &dyn Fn(&[usize]) -> Option<f64>,
-                 shade: fn(f64, Range<f64>) -> f64| {
-        let values: Vec<Option<f64>> = members.iter().map(|rows| value(rows)).collect();
-        let finite = values
-            .iter()
-            .flatten()
-            .copied()
-            .filter(|value| value.is_finite());
-        let range = finite.fold(f64::INFINITY..f64::NEG_INFINITY, |range, value| {
-            range.start.min(value)..range.end.max(value)
-        });
-        let names = |classes: &Classes| Axis::names(classes.0.iter().map(|(name, _)| name.clone()));
-        let mut panel = Panel::new(&title, names(&across), names(&down));
-        for (place, value) in values.iter().enumerate() {
-            let color = value.map_or(tinted(GREY, 0.1), |value| {
-                tinted(BLUE, shade(value, range.clone()))
-            });
-            panel.cell(
-                place % width,
-                place / width,
-                color,
-                value.map_or("–".to_owned(), digits),
-            );
-        }
-        panel
-    };
+    let cells = Cells::of(table, keys, [across, down]);
     let reached = |rows: &[usize]| {
         let reached = rows
             .iter()
@@ -168,13 +133,57 @@ fn maps(table: &Columns, spec: &Spec, keys: [&str; 2], by: &str) -> Row {
         }
     };
     let [x, y] = keys.map(titled);
-    let first = panel(
-        format!("goal reached, % — across: {x}, down: {y}"),
-        &reached,
-        |value, _| value / 100.0,
-    );
-    let second = panel(format!("{}, median", titled(by)), &median, by_size);
-    Row::of(84.0 + CELL * down.0.len() as f64, [first, second])
+    let title = format!("goal reached, % — across: {x}, down: {y}");
+    let first = cells.panel(&title, reached, |value, _| value / 100.0);
+    let second = cells.panel(&format!("{}, median", titled(by)), median, by_size);
+    Row::of(84.0 + CELL * cells.down.0.len() as f64, [first, second])
+}
+
+/// The rows of a table by the classes of two keys.
+struct Cells {
+    across: Classes,
+    down: Classes,
+    /// The rows of each cell, line by line.
+    rows: Vec<Vec<usize>>,
+}
+
+impl Cells {
+    fn of(table: &Columns, keys: [&str; 2], [across, down]: [Classes; 2]) -> Self {
+        let mut rows = vec![Vec::new(); across.0.len() * down.0.len()];
+        for row in 0..table.rows() {
+            let [column, line] = [(&across, keys[0]), (&down, keys[1])]
+                .map(|(classes, key)| classes.class(table.value(key, row)));
+            if let (Some(column), Some(line)) = (column, line) {
+                rows[line * across.0.len() + column].push(row);
+            }
+        }
+        Self { across, down, rows }
+    }
+
+    /// A value of every cell, in a colour that `shade` gives within the range of all.
+    fn panel(
+        &self,
+        title: &str,
+        value: impl Fn(&[usize]) -> Option<f64>,
+        shade: fn(f64, Range<f64>) -> f64,
+    ) -> Panel {
+        let values: Vec<Option<f64>> = self.rows.iter().map(|rows| value(rows)).collect();
+        let finite = values.iter().flatten().filter(|value| value.is_finite());
+        let range = finite.fold(f64::INFINITY..f64::NEG_INFINITY, |range, value| {
+            range.start.min(*value)..range.end.max(*value)
+        });
+        let names = |classes: &Classes| Axis::names(classes.0.iter().map(|(name, _)| name.clone()));
+        let mut panel = Panel::new(title, names(&self.across), names(&self.down));
+        let width = self.across.0.len();
+        for (place, value) in values.iter().enumerate() {
+            let color = value.map_or(tinted(GREY, 0.1), |value| {
+                tinted(BLUE, shade(value, range.clone()))
+            });
+            let text = value.map_or("–".to_owned(), digits);
+            panel.cell(place % width, place / width, color, text);
+        }
+        panel
+    }
 }
 
 /// The values of a key as classes of a map: of each its name, and its upper end where it is one of numbers.

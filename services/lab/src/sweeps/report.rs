@@ -147,18 +147,12 @@ pub fn report(request: &ReportRequest<'_>) -> Result<Report, Failure> {
         remark,
     };
     let results = session::Results::create(Some(folder), &manifest.name)?;
-    let title = format!(
-        "{}: {} in {}",
-        report.sweep,
-        spec.scenario,
-        report.counted()
-    );
+    let counted = report.counted();
+    let title = format!("{}: {} in {counted}", report.sweep, spec.scenario);
     let page = picture::page(title, report.listed(), &table, &spec, &map, by);
     page.save(&folder.join("report")).map_err(Failure::work)?;
-    results.save(
-        "report.json",
-        &serde_json::to_value(&report).map_err(Failure::work)?,
-    )?;
+    let value = serde_json::to_value(&report).map_err(Failure::work)?;
+    results.save("report.json", &value)?;
     Ok(report)
 }
 
@@ -203,9 +197,7 @@ fn map_keys<'a>(keys: &[&'a str], wanted: &[String]) -> Result<Vec<&'a str>, Fai
     match wanted {
         [] => Ok(keys.iter().copied().take(2).collect()),
         [one, other] if one != other => Ok(vec![known(one)?, known(other)?]),
-        _ => Err(Failure::Input(
-            "a map needs two keys: --map KEY,KEY".to_owned(),
-        )),
+        _ => Err(Failure::input("a map needs two keys: --map KEY,KEY")),
     }
 }
 

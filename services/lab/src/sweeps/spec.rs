@@ -1,7 +1,7 @@
 //! `SWEEP.toml`: which scenario, which keys, a grid or a seeded sample. `docs/sweeps.md` has an example.
 
 use serde::{Deserialize, Serialize};
-use shared_types::file::Complaint;
+use shared_types::file::{Complaint, require};
 use shared_types::scenario::is_name;
 
 use super::units::{is_within, spelt, unit_of};
@@ -81,14 +81,6 @@ pub(super) struct Sample {
     pub(super) seed: u64,
 }
 
-/// The first of these that is so, as a complaint: whether, place, sentence, remedy.
-fn first<const N: usize>(checks: [(bool, &str, String, &str); N]) -> Result<(), Complaint> {
-    let found = checks.into_iter().find(|(is_so, ..)| *is_so);
-    found.map_or(Ok(()), |(_, place, sentence, remedy)| {
-        Err(Complaint::new(place, sentence, remedy))
-    })
-}
-
 impl Key {
     /// The unit of its values; empty where none is known.
     pub(super) fn unit(&self) -> &str {
@@ -108,59 +100,34 @@ impl Key {
         let Self { key, values, .. } = self;
         let (known, given) = (self.unit(), self.unit.as_deref().map(spelt));
         let given = given.unwrap_or(known);
-        let is_range = self.from.is_some() || self.to.is_some();
         let is_nameless = key.is_empty() || key.contains('=') || key.split('.').any(str::is_empty);
-        first([
-            (
-                is_nameless,
-                "key",
-                format!("`{key}` is not a scenario key"),
-                "write it as control.k_p",
-            ),
-            (
-                ["graph", "name"].contains(&key.as_str()),
-                "key",
-                format!("`{key}` cannot vary within a sweep"),
-                "leave it out, or write one sweep per value",
-            ),
-            (
-                known != given,
-                "unit",
-                format!("`{key}` is in {known}, not in {given}"),
-                "convert the values, or leave `unit` out",
-            ),
-            (
-                !values.is_empty() && is_range,
-                "key",
-                format!("`{key}` has `values` and a range"),
-                "give only one of them",
-            ),
-            (
-                !values.is_empty() && self.steps.is_some(),
-                "steps",
-                "`values` are counted already".to_owned(),
-                "`steps` goes with `from` and `to`",
-            ),
-            (
-                values.is_empty() && !is_range,
-                "key",
-                format!("`{key}` has no values"),
-                "give `values`, or `from` and `to`",
-            ),
-        ])?;
-        match (self.from, self.to) {
-            (Some(from), Some(to)) => self.check_range(from, to, is_sampled),
-            (Some(_), None) => Err(Complaint::new(
-                "key",
-                format!("`{key}` has `from` and no `to`"),
-                "a range needs both",
-            )),
-            (None, Some(_)) => Err(Complaint::new(
-                "key",
-                format!("`{key}` has `to` and no `from`"),
-                "a range needs both",
-            )),
-            (None, None) => self.check_values(),
+        let named = |sentence: &str| format!("`{key}` {sentence}");
+        require(
+            !is_nameless,
+            "key",
+            named("is not a scenario key"),
+            "write it as control.k_p",
+        )?;
+        require(
+            !["graph", "name"].contains(&key.as_str()),
+            "key",
+            named("cannot vary within a sweep"),
+            "leave it out, or write one sweep per value",
+        )?;
+        require(
+            known == given,
+            "unit",
+            named(&format!("is in {known}, not in {given}")),
+            "convert the values, or leave `unit` out",
+        )?;
+        let complain = |sentence: &str, remedy| Err(Complaint::new("key", named(sentence), remedy));
+        match (values.is_empty(), self.from, self.to) {
+            (true, Some(from), Some(to)) => self.check_range(from, to, is_sampled),
+            (false, None, None) => self.check_values(),
+            (false, ..) => complain("has `values` and a range", "give only one of them"),
+            (true, None, None) => complain("has no values", "give `values`, or `from` and `to`"),
+            (true, Some(_), None) => complain("has `from` and no `to`", "a range needs both"),
+            (true, None, Some(_)) => complain("has `to` and no `from`", "a range needs both"),
         }
     }
 
@@ -177,56 +144,58 @@ impl Key {
         let infinite = values.iter().find(is_infinite);
         let named =
             |value: Option<&toml::Value>| value.map(ToString::to_string).unwrap_or_default();
-        first([
-            (
-                other.is_some(),
-                "values",
-                format!("`{key}` mixes {} and {}", values[0], named(other)),
-                "use only numbers, only texts, only booleans or only lists",
-            ),
-            (
-                infinite.is_some(),
-                "values",
-                format!("`{key}` is {}", named(infinite)),
-                "its numbers must be finite",
-            ),
-        ])
+        require(
+            self.steps.is_none(),
+            "steps",
+            "`values` are counted already",
+            "`steps` goes with `from` and `to`",
+        )?;
+        require(
+            other.is_none(),
+            "values",
+            format!("`{key}` mixes {} and {}", values[0], named(other)),
+            "use only numbers, only texts, only booleans or only lists",
+        )?;
+        require(
+            infinite.is_none(),
+            "values",
+            format!("`{key}` is {}", named(infinite)),
+            "its numbers must be finite",
+        )
     }
 
     fn check_range(&self, from: f64, to: f64, is_sampled: bool) -> Result<(), Complaint> {
         let (key, steps) = (&self.key, self.steps);
-        first([
-            (
-                !(from.is_finite() && to.is_finite() && from < to),
-                "to",
-                format!("`{key}` has no range from {from} to {to}"),
-                "both must be finite, and `from` below `to`",
-            ),
-            (
-                self.scale == Scale::Log && from <= 0.0,
-                "from",
-                format!("`{key}` begins at {from}, which has no logarithm"),
-                "`from` must be positive, or the scale linear",
-            ),
-            (
-                is_sampled && steps.is_some(),
-                "steps",
-                format!("`{key}` has `steps`, and a sample is drawn from the whole range"),
-                "leave `steps` out",
-            ),
-            (
-                !is_sampled && steps.is_none(),
-                "key",
-                format!("`{key}` has no `steps`"),
-                "a grid needs `steps`, `values`, or a [sample]",
-            ),
-            (
-                steps.is_some_and(|steps| steps < 2),
-                "steps",
-                format!("`{key}` has {} `steps`", steps.unwrap_or_default()),
-                "a range needs 2 or more; for one value use `values`",
-            ),
-        ])
+        require(
+            from.is_finite() && to.is_finite() && from < to,
+            "to",
+            format!("`{key}` has no range from {from} to {to}"),
+            "both must be finite, and `from` below `to`",
+        )?;
+        require(
+            self.scale != Scale::Log || from > 0.0,
+            "from",
+            format!("`{key}` begins at {from}, which has no logarithm"),
+            "`from` must be positive, or the scale linear",
+        )?;
+        require(
+            !is_sampled || steps.is_none(),
+            "steps",
+            format!("`{key}` has `steps`, and a sample is drawn from the whole range"),
+            "leave `steps` out",
+        )?;
+        require(
+            is_sampled || steps.is_some(),
+            "key",
+            format!("`{key}` has no `steps`"),
+            "a grid needs `steps`, `values`, or a [sample]",
+        )?;
+        require(
+            steps.is_none_or(|steps| steps >= 2),
+            "steps",
+            format!("`{key}` has {} `steps`", steps.unwrap_or_default()),
+            "a range needs 2 or more; for one value use `values`",
+        )
     }
 }
 
@@ -234,20 +203,18 @@ impl Spec {
     /// The checks that do not need the scenario.
     pub(super) fn check(&self) -> Result<(), Complaint> {
         let is_name = is_name(&self.name) && !self.name.starts_with('.');
-        first([
-            (
-                !is_name,
-                "name",
-                format!("`{}` cannot be a name", self.name),
-                "it names a folder: ASCII letters, digits, `-`, `_` and `.`, which is not the first",
-            ),
-            (
-                self.key.is_empty(),
-                "key",
-                "the grid is empty: no key differs between runs".to_owned(),
-                "add a [[key]]",
-            ),
-        ])?;
+        require(
+            is_name,
+            "name",
+            format!("`{}` cannot be a name", self.name),
+            "it names a folder: ASCII letters, digits, `-`, `_` and `.`, which is not the first",
+        )?;
+        require(
+            !self.key.is_empty(),
+            "key",
+            "the grid is empty: no key differs between runs",
+            "add a [[key]]",
+        )?;
         let set = self
             .set
             .iter()
@@ -268,6 +235,11 @@ impl Spec {
             }
             taken.push(name);
         }
+        self.check_size()
+    }
+
+    /// How many runs there are, and how they are divided.
+    fn check_size(&self) -> Result<(), Complaint> {
         let runs = self.runs();
         let (place, counted) = match (self.sample, runs) {
             (Some(sample), _) => (
@@ -281,26 +253,24 @@ impl Spec {
             ),
         };
         let part = self.part_runs();
-        first([
-            (
-                runs == Some(0),
-                place,
-                "the sample is empty: `runs` is 0".to_owned(),
-                "1 to 10000000",
-            ),
-            (
-                runs.is_none_or(|runs| runs > MOST_RUNS),
-                place,
-                counted,
-                "at most 10000000",
-            ),
-            (
-                !(1..=MOST_PART).contains(&part),
-                "partition",
-                format!("`partition` is {part} runs"),
-                "1 to 100000",
-            ),
-        ])
+        require(
+            runs != Some(0),
+            place,
+            "the sample is empty: `runs` is 0",
+            "1 to 10000000",
+        )?;
+        require(
+            runs.is_some_and(|runs| runs <= MOST_RUNS),
+            place,
+            counted,
+            "at most 10000000",
+        )?;
+        require(
+            (1..=MOST_PART).contains(&part),
+            "partition",
+            format!("`partition` is {part} runs"),
+            "1 to 100000",
+        )
     }
 
     /// How many runs; `None` beyond what can be counted.

@@ -59,23 +59,17 @@ impl Sweep {
         let own_graph = Some(&base.graph).filter(|file| !file.is_empty());
         let own_graph = own_graph.map(|file| source.beside(file));
         let graph = load::graph_of(&base, own_graph.as_deref())?;
-        if graph
-            .process
-            .iter()
-            .any(|process| process.program().is_none())
-        {
+        if graph.process.iter().any(|one| one.program().is_none()) {
             return Err(Failure::Input(format!(
                 "{scenario} runs in programs of its graph, and a sweep is computed without processes; remove `graph`"
             )));
         }
         let robots = robots(&space, &source, &base, &located)?;
         let columns = columns::columns(space.columns()).map_err(Failure::Work)?;
-        let program = std::fs::read("/proc/self/exe");
-        let program = program.map_err(Failure::cannot("read", Path::new("/proc/self/exe")))?;
-        let (version, program) = (
-            env!("CARGO_PKG_VERSION"),
-            format!("{:016x}", xxh3_64(&program)),
-        );
+        let own = Path::new("/proc/self/exe");
+        let program = std::fs::read(own).map_err(Failure::cannot("read", own))?;
+        let hash = |bytes: &[u8]| format!("{:016x}", xxh3_64(bytes));
+        let (version, program) = (env!("CARGO_PKG_VERSION"), hash(&program));
         let texts = robots.iter().map(|(name, robot)| (name, &robot.source));
         let texts: Vec<_> = texts.collect();
         let inputs = (spec, &source.text, &graph, texts, &targets);
@@ -83,7 +77,7 @@ impl Sweep {
         let manifest = Manifest {
             version: version.to_owned(),
             program,
-            fingerprint: format!("{:016x}", xxh3_64(&all)),
+            fingerprint: hash(&all),
             name: spec.name.clone(),
             scenario,
             sweep_toml: text.clone(),

@@ -51,7 +51,6 @@ pub struct Done {
 
 impl Done {
     /// The runs of the file that came to nothing, where that is for this folder to say: a shard is judged when all of them are put together.
-    #[must_use]
     pub fn lack(&self) -> Option<String> {
         let lack = self.outcomes.lack().filter(|_| self.shard.is_none());
         lack.map(|lack| format!("{}: {lack}", self.folder.display()))
@@ -78,6 +77,19 @@ impl fmt::Display for Done {
         }
         self.outcomes.fmt(f)
     }
+}
+
+/// Rows by their run, by their partition.
+type Begun = Mutex<BTreeMap<u64, BTreeMap<u64, Table>>>;
+
+/// Adds the row of a run; its partition and all rows of it, once the last one is there.
+fn completed(begun: &Begun, of: &Manifest, run: u64, row: Table) -> Option<(u64, Vec<Table>)> {
+    let (mut begun, part) = (locked(begun), run / of.part_runs);
+    let rows = begun.entry(part).or_default();
+    rows.insert(run, row);
+    let is_whole = rows.len() as u64 == of.count([part].into_iter());
+    let rows = is_whole.then(|| begun.remove(&part)).flatten()?;
+    Some((part, rows.into_values().collect()))
 }
 
 /// Computes every run that is not in the results folder yet.
@@ -112,23 +124,15 @@ pub fn run(request: &Request<'_>, observer: Observer<'_>) -> Result<Done, Failur
     let pending: Vec<u64> = missing.flat_map(|part| manifest.runs_of(part)).collect();
     let began = Instant::now();
     // Rows of the parts that are not complete.
-    let begun = Mutex::new(BTreeMap::<u64, BTreeMap<u64, Table>>::new());
+    let begun = Begun::default();
     let is_stopped = AtomicBool::new(false);
     let compute = |run: &u64| {
         if let Some(signal) = locked(&signals).pending() {
             let kept = "complete partitions are kept; the same command continues";
             return Err(Failure::Work(format!("stopped by {signal}: {kept}")));
         }
-        let (part, (row, seconds)) = (run / manifest.part_runs, sweep.row(*run));
-        let whole = {
-            let mut begun = locked(&begun);
-            let rows = begun.entry(part).or_default();
-            rows.insert(*run, row);
-            let is_whole = rows.len() as u64 == manifest.count([part].into_iter());
-            is_whole.then(|| begun.remove(&part)).flatten()
-        };
-        if let Some(rows) = whole {
-            let rows: Vec<Table> = rows.into_values().collect();
+        let (row, seconds) = sweep.row(*run);
+        if let Some((part, rows)) = completed(&begun, manifest, *run, row) {
             write(folder, part, &sweep.part(part, &rows)?)?;
         }
         Ok(seconds)
@@ -145,10 +149,8 @@ pub fn run(request: &Request<'_>, observer: Observer<'_>) -> Result<Done, Failur
         observer,
     );
     let simulated_s = done.into_iter().sum::<Result<f64, Failure>>()?;
-    let (wall_s, found) = (
-        began.elapsed().as_secs_f64(),
-        manifest.count(there.into_keys()),
-    );
+    let wall_s = began.elapsed().as_secs_f64();
+    let found = manifest.count(there.into_keys());
     Ok(Done {
         simulated_s,
         wall_s,
@@ -214,7 +216,7 @@ pub fn merge(
             }
         }
     }
-    let (_, whole) = first.ok_or_else(|| Failure::Input("no shard to merge".to_owned()))?;
+    let (_, whole) = first.ok_or_else(|| Failure::input("no shard to merge"))?;
     let missing = (0..whole.parts()).filter(|part| !from.contains_key(part));
     let missing: Vec<u64> = missing.collect();
     if let Some(part) = missing.first() {

@@ -2,6 +2,7 @@
 //! the plan that it leaves.
 
 use shared_types::random::at as random;
+use std::iter;
 
 use super::recorder::Recorder;
 use super::world::{DOWN, Graph, Run};
@@ -29,32 +30,18 @@ impl History {
     fn draw(seed: u64) -> Self {
         let draw = |what: u64, most: u64| random(seed, what) % most.max(1);
         let count = 2 + draw(0, 4) as usize;
-        let outputs: Vec<usize> = (0..count)
-            .map(|process| {
-                if process == 0 {
-                    1
-                } else {
-                    1 + draw(10 + process as u64, 3) as usize
-                }
-            })
-            .collect();
+        let more = (1..count as u64).map(|process| draw(10 + process, 3) as usize);
+        let outputs: Vec<usize> = iter::once(0).chain(more).map(|more| 1 + more).collect();
         let reads = |me: usize| {
             // One process in four is not read by the next one.
-            let before = me.saturating_sub(if me > 1 && draw(500 + me as u64, 4) == 0 {
-                2
-            } else {
-                1
-            });
+            let is_passed_over = me > 1 && draw(500 + me as u64, 4) == 0;
+            let before = me - 1 - usize::from(is_passed_over);
             let more = (0..before).filter(|other| draw((100 + 10 * me + other) as u64, 3) == 0);
-            let inputs = std::iter::once(before).chain(more);
-            inputs
-                .map(|writer| {
-                    (
-                        writer,
-                        draw((200 + 10 * me + writer) as u64, outputs[writer] as u64) as usize,
-                    )
-                })
-                .collect()
+            let output = |writer: usize| {
+                let output = draw((200 + 10 * me + writer) as u64, outputs[writer] as u64);
+                (writer, output as usize)
+            };
+            iter::once(before).chain(more).map(output).collect()
         };
         let reads: Vec<Vec<(usize, usize)>> = (0..count)
             .map(|me| if me == 0 { Vec::new() } else { reads(me) })
@@ -65,10 +52,8 @@ impl History {
         let victim = |what: u64| 1 + draw(what, count as u64) as usize;
         let planned = |place: u64| {
             let (at, process) = (draw(400 + place, ticks), victim(410 + place));
-            let after_outputs = draw(
-                420 + place,
-                outputs.get(process).map_or(0, |outputs| *outputs as u64),
-            ) as u32;
+            let most = outputs.get(process).map_or(0, |outputs| *outputs as u64);
+            let after_outputs = draw(420 + place, most) as u32;
             let until = at + 1 + draw(430 + place, 2 * DOWN);
             Outage {
                 place: place as usize,
@@ -83,10 +68,9 @@ impl History {
         };
         let planned = (0..draw(3, 4)).map(planned).collect();
         // One volume in three fills.
-        let room = if draw(5, 3) == 0 {
-            draw(6, 40)
-        } else {
-            u64::MAX
+        let room = match draw(5, 3) {
+            0 => draw(6, 40),
+            _ => u64::MAX,
         };
         Self {
             graph: Graph {

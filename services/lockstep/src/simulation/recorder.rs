@@ -263,6 +263,30 @@ impl Recorder {
         }
     }
 
+    /// Reads of one channel; whether that was all of it.
+    fn drain(&mut self, number: usize, has_read: bool, run: &Observed) -> bool {
+        let (room, channel) = (&mut self.room, &mut self.channels[number]);
+        match channel.recall.take() {
+            Some(mut recall) if !has_read => {
+                channel.hand_over();
+                while let Some(message) = recall.take(&channel.handed_over) {
+                    channel.take(message, room);
+                }
+                channel.recall = Some(recall);
+                return false;
+            }
+            Some(recall) => channel.recall = channel.catch_up(recall, room),
+            None => {}
+        }
+        if channel.recall.is_none() {
+            let death = run.before_death[channel.writer];
+            while let Some(message) = channel.receive(death) {
+                channel.take(message, room);
+            }
+        }
+        true
+    }
+
     /// One step of a recorder that works.
     pub(super) fn step(&mut self, run: &Observed) -> Step {
         match self.at {
@@ -284,29 +308,9 @@ impl Recorder {
                 channel: number,
                 has_read,
             } => {
-                let (room, count) = (&mut self.room, self.channels.len());
-                let channel = &mut self.channels[number];
-                let mut is_through = true;
-                match channel.recall.take() {
-                    Some(mut recall) if !has_read => {
-                        channel.hand_over();
-                        while let Some(message) = recall.take(&channel.handed_over) {
-                            channel.take(message, room);
-                        }
-                        channel.recall = Some(recall);
-                        is_through = false;
-                    }
-                    Some(recall) => channel.recall = channel.catch_up(recall, room),
-                    None => {}
-                }
-                if is_through && channel.recall.is_none() {
-                    let death = run.before_death[channel.writer];
-                    while let Some(message) = channel.receive(death) {
-                        channel.take(message, room);
-                    }
-                }
+                let is_through = self.drain(number, has_read, run);
                 let next = number + usize::from(is_through);
-                self.at = if next < count {
+                self.at = if next < self.channels.len() {
                     At::Draining {
                         ticks,
                         channel: next,

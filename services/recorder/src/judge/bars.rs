@@ -22,7 +22,6 @@ pub struct Bounds {
 
 impl Bounds {
     /// S1: those of a scenario that states none, and nothing along the singular directions.
-    #[must_use]
     pub fn s1() -> Self {
         let Goal {
             orthogonal_mm,
@@ -38,7 +37,6 @@ impl Bounds {
     }
 
     /// S2: for lines that are not along ζ.
-    #[must_use]
     pub fn s2() -> Self {
         Self {
             orthogonal_deg: 3.0,

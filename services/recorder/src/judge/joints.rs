@@ -53,7 +53,6 @@ impl Limits {
     }
 
     /// Those of a robot.
-    #[must_use]
     pub fn of(robot: &Robot) -> Self {
         let of = |value: fn(&model::Joint) -> f64| robot.joints.iter().map(value).collect();
         Self {

@@ -29,7 +29,6 @@ impl TaskError {
     /// A pose error `[p_d − p; log(R_d Rᵀ)]` (m, rad, base axes), split by the truth alone, alike for every law.
     ///
     /// Finite for every error that is finite.
-    #[must_use]
     pub fn split(truth: &dyn GroundTruth, error: &Vector6<f64>) -> Self {
         let across = truth.orthogonal(error);
         let split = |at: usize, unit: f64| {

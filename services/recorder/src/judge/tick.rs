@@ -28,7 +28,6 @@ pub struct Tick<'a> {
 
 impl<'a> Tick<'a> {
     /// The judge's part of a tick; `None` if a message of it is missing.
-    #[must_use]
     pub fn of(messages: &ByTopic<Lent<'a>>) -> Option<Self> {
         Some(Self {
             sensor: messages.sensor?,

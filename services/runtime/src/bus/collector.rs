@@ -26,13 +26,11 @@ impl<M: ?Sized> Collector<M> {
     }
 
     /// The last tick taken in.
-    #[must_use]
     pub fn last(&self) -> Option<u64> {
         self.0.last()
     }
 
     /// Ticks that never came: gaps between the ticks that did, from tick 0.
-    #[must_use]
     pub fn lost(&self) -> u64 {
         self.0.lost()
     }

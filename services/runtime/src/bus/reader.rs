@@ -266,8 +266,8 @@ impl Ticks {
             return Ok(None);
         }
         shared.pause();
-        let is_shaped = shared.is_shaped();
-        if is_shaped && shared.is_lockstep() {
+        let is_shaped = shared.is_shaped() && shared.is_lockstep();
+        if is_shaped {
             shared.close(tick);
         }
         let (topic, before, mut newest) = (self.topic, self.last, self.last);
@@ -277,19 +277,14 @@ impl Ticks {
             || expected(&shared, topic, Some(tick)),
             || {
                 loop {
-                    while let Some(message) = self.inlet.receive()? {
+                    while let Some(message) = self.receive_newer(newest)? {
                         let came = message.tick();
-                        if newest.is_some_and(|newest| came <= newest) {
-                            shared.entry().add(Count::Repeated, 1);
-                            shared.message_fault_detected();
-                            continue;
-                        }
                         self.current = Some(message);
                         newest = Some(came);
                         if came < tick && !self.chain.is_empty() {
                             shared.entry().came_late();
                         }
-                        if came == tick && !(is_shaped && shared.is_lockstep()) {
+                        if came == tick && !is_shaped {
                             return Ok(Some(()));
                         }
                     }
@@ -297,10 +292,9 @@ impl Ticks {
                         return Ok(Some(()));
                     }
                     // Messages between the last poll and the closing are still to be read: poll once more.
-                    match shared.is_lockstep() && self.inlet.is_over(tick) {
-                        true if self.inlet.has_more()? => {}
-                        true => return Ok(Some(())),
-                        false => return Ok(None),
+                    let is_over = shared.is_lockstep() && self.inlet.is_over(tick);
+                    if !(is_over && self.inlet.has_more()?) {
+                        return Ok(is_over.then_some(()));
                     }
                 }
             },
@@ -365,45 +359,40 @@ impl Ticks {
             return Ok(Some(Found::Current));
         }
         loop {
-            while let Some(message) = self.inlet.receive()? {
-                if self.last.is_some_and(|last| message.tick() <= last) {
-                    self.shared.entry().add(Count::Repeated, 1);
-                    self.shared.message_fault_detected();
-                    continue;
-                }
+            if let Some(message) = self.receive_newer(self.last)? {
                 self.current = Some(message);
                 return Ok(Some(Found::Current));
             }
-            match self.inlet.is_over(tick) {
-                true if self.inlet.has_more()? => {}
-                true => return Ok(Some(Found::Nothing)),
-                false => return Ok(None),
+            let is_over = self.inlet.is_over(tick);
+            if !(is_over && self.inlet.has_more()?) {
+                return Ok(is_over.then_some(Found::Nothing));
             }
         }
     }
 
-    fn take_up_ahead(&mut self) -> bool {
-        match self
-            .ahead
-            .take()
-            .filter(|message| self.last.is_none_or(|last| message.tick() > last))
-        {
-            Some(ahead) => {
-                self.current = Some(ahead);
-                true
+    /// The next message of the buffer that is newer than `last`; the others are repetitions, and counted.
+    fn receive_newer(&mut self, last: Option<u64>) -> Result<Option<Incoming>, Interrupted> {
+        while let Some(message) = self.inlet.receive()? {
+            if last.is_none_or(|last| message.tick() > last) {
+                return Ok(Some(message));
             }
-            None => false,
+            self.shared.entry().add(Count::Repeated, 1);
+            self.shared.message_fault_detected();
         }
+        Ok(None)
+    }
+
+    fn take_up_ahead(&mut self) -> bool {
+        let is_next = |ahead: &Incoming| self.last.is_none_or(|last| ahead.tick() > last);
+        let ahead = self.ahead.take().filter(is_next);
+        let is_taken = ahead.is_some();
+        self.current = ahead.or(self.current.take());
+        is_taken
     }
 
     fn look_for_newest(&mut self) -> Result<Option<Found>, Interrupted> {
         let mut found = self.take_up_ahead().then_some(Found::Current);
-        while let Some(message) = self.inlet.receive()? {
-            if self.last.is_some_and(|last| message.tick() <= last) {
-                self.shared.entry().add(Count::Repeated, 1);
-                self.shared.message_fault_detected();
-                continue;
-            }
+        while let Some(message) = self.receive_newer(self.last)? {
             self.current = Some(message);
             found = Some(Found::Current);
         }

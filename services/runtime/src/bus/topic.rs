@@ -25,7 +25,6 @@ const WIRE_ATTRIBUTE: &str = "armplane.wire";
 
 /// Most shared memory of a topic with one reader, for messages of a size: as many as reader and
 /// retainer may leave unread and hold.
-#[must_use]
 pub const fn topic_bytes(message_bytes: usize) -> u64 {
     ((1 + MORE_READERS) * (depth(message_bytes) + MAX_BORROWED) * message_bytes
         + 2 * depth(message_bytes) * message_bytes) as u64

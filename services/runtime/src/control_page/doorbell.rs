@@ -169,11 +169,8 @@ mod tests {
 
         /// The next step of a ringer (0, 1) or the owner (2); `None` if it has none. `counts_again`: as [`Doorbell::end_sleep`] does it.
         fn after(mut self, actor: usize, counts_again: bool) -> Option<Self> {
-            let bell = Doorbell {
-                rings: self.rings.into(),
-                awaited: self.awaited.into(),
-                ..Doorbell::default()
-            };
+            let mut bell = Doorbell::default();
+            (bell.rings, bell.awaited) = (self.rings.into(), self.awaited.into());
             if let Some(ringer) = self.ringers.get_mut(actor) {
                 ringer.step = match ringer.step {
                     Step::Sends if ringer.sent == MESSAGES => return None,
@@ -186,13 +183,8 @@ mod tests {
                         bell.count();
                         Step::LooksForASleep
                     }
-                    Step::LooksForASleep => {
-                        if bell.is_armed_for(BITS) {
-                            Step::Takes
-                        } else {
-                            Step::Sends
-                        }
-                    }
+                    Step::LooksForASleep if bell.is_armed_for(BITS) => Step::Takes,
+                    Step::LooksForASleep => Step::Sends,
                     Step::Takes => match (bell.take(), counts_again) {
                         (true, true) => Step::CountsAgain,
                         (true, false) => Step::Wakes,

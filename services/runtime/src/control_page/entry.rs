@@ -41,7 +41,6 @@ macro_rules! counts {
 
         impl ProcessEntry {
             /// All its counts.
-            #[must_use]
             pub fn counts(&self) -> Counts {
                 Counts { $( $field: self.count(Count::$variant) ),* }
             }
@@ -96,14 +95,12 @@ pub struct ProcessEntry {
 
 impl ProcessEntry {
     /// Its doorbell.
-    #[must_use]
     #[inline]
     pub(crate) fn doorbell(&self) -> &Doorbell {
         &self.doorbell
     }
 
     /// Ticks done.
-    #[must_use]
     #[inline]
     pub fn ticks(&self) -> u64 {
         self.ticks.load(Ordering::Acquire)
@@ -120,20 +117,17 @@ impl ProcessEntry {
     }
 
     /// Its process id; 0 before its first start.
-    #[must_use]
     pub fn pid(&self) -> u32 {
         self.pid.load(Ordering::Relaxed)
     }
 
     /// How often it has been started.
-    #[must_use]
     #[inline]
     pub fn incarnation(&self) -> u32 {
         self.incarnation.load(Ordering::Acquire)
     }
 
     /// Its state.
-    #[must_use]
     pub fn state(&self) -> State {
         match self.state.load(Ordering::Acquire) {
             1 => State::Starting,
@@ -168,28 +162,24 @@ impl ProcessEntry {
     }
 
     /// One of its counts.
-    #[must_use]
     pub fn count(&self, count: Count) -> u64 {
         self.counts[count as usize].load(Ordering::Relaxed)
     }
 
     /// Time from its input received to its output sent; for the tick source in real time, from the
     /// tick's due time.
-    #[must_use]
     pub fn step(&self) -> Distribution {
         self.step.read()
     }
 
     /// Age of the tick when its output is sent, or, for the tick source, when its answer arrives;
     /// in real time since it was due.
-    #[must_use]
     pub fn age(&self) -> Distribution {
         self.age.read()
     }
 
     /// Number of polls of its inputs. It rises while a process waits, but not while it is stuck or
     /// stopped.
-    #[must_use]
     pub fn looks(&self) -> u32 {
         self.doorbell.sleeps()
     }

@@ -84,7 +84,6 @@ pub struct Distribution {
 
 impl Distribution {
     /// How many times.
-    #[must_use]
     pub fn count(&self) -> u64 {
         self.counts
             .iter()
@@ -92,7 +91,6 @@ impl Distribution {
     }
 
     /// The difference to an earlier snapshot; the longest time still covers the whole run.
-    #[must_use]
     pub fn since(&self, earlier: &Self) -> Self {
         let counts = self
             .counts
@@ -107,7 +105,6 @@ impl Distribution {
     }
 
     /// The time below which a share of all times lies; µs, `None` without any.
-    #[must_use]
     pub fn quantile_us(&self, share: f64) -> Option<f64> {
         let rank = (self.count() as f64 * share).ceil().max(1.0) as u64;
         let mut below = 0_u64;
@@ -122,7 +119,6 @@ impl Distribution {
     }
 
     /// The longest since the beginning; µs, exact.
-    #[must_use]
     pub fn longest_us(&self) -> f64 {
         self.longest_ns as f64 * 1e-3
     }

@@ -201,7 +201,6 @@ impl ControlPage {
     }
 
     /// The line of a process, by its index in the manifest.
-    #[must_use]
     #[inline]
     pub fn process(&self, index: usize) -> &ProcessEntry {
         &self.page().entries[index]
@@ -214,7 +213,6 @@ impl ControlPage {
     }
 
     /// The arm's state.
-    #[must_use]
     pub fn live_state(&self) -> LiveState {
         self.page().live_state.read()
     }
@@ -235,7 +233,6 @@ impl ControlPage {
     }
 
     /// Phase of the run's end.
-    #[must_use]
     #[inline]
     pub fn stop(&self) -> Stop {
         match self.page().stop.load(Ordering::Acquire) {
@@ -254,7 +251,6 @@ impl ControlPage {
     }
 
     /// The faults of the run.
-    #[must_use]
     #[inline]
     pub fn fault_table(&self) -> &FaultTable {
         &self.page().fault_table

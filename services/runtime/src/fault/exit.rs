@@ -26,13 +26,11 @@ const NUMBER: u32 = 0xffff;
 
 impl Exit {
     /// Whether it ended by itself and reported success.
-    #[must_use]
     pub fn is_success(self) -> bool {
         self == Self::Code(0)
     }
 
     /// The signal that has ended it, or the program that it started: a shell's exit code is then 128 and the signal's number.
-    #[must_use]
     pub fn signal(self) -> Option<i32> {
         match self {
             Self::Signal(signal) => Some(signal),

@@ -41,7 +41,6 @@ pub enum Origin {
 
 impl Origin {
     /// In words.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Planned => "planned",
@@ -163,7 +162,6 @@ impl FaultTable {
     }
 
     /// Whether a requested fault is in force.
-    #[must_use]
     pub fn is_in_force(&self, place: usize) -> bool {
         self.entries
             .get(place)
@@ -171,7 +169,6 @@ impl FaultTable {
     }
 
     /// One fault, if there is one at that place.
-    #[must_use]
     pub fn record(&self, place: usize) -> Option<FaultRecord> {
         let entry = self.entries.get(place)?;
         (entry.standing.load(Ordering::Acquire) == IN_FORCE).then(|| FaultRecord {

@@ -24,16 +24,6 @@ struct AtRest<'a, const N: usize> {
     every: bool,
 }
 
-/// Where `f` is lowest within [−1, 1], by golden section.
-pub(super) fn lowest(f: impl Fn(f64) -> f64) -> f64 {
-    let (mut low, mut high) = (-1.0, 1.0);
-    for _ in 0..40 {
-        let (c, d) = (high - 0.618 * (high - low), low + 0.618 * (high - low));
-        if f(c) < f(d) { high = d } else { low = c }
-    }
-    0.5 * (low + high)
-}
-
 impl<const N: usize> Search<'_, N> {
     /// The part of a task displacement that is lost in this posture.
     pub(super) fn undone(&self, q: &SVector<f64, N>, onwards: &Vector6<f64>) -> Vector6<f64> {
@@ -71,18 +61,8 @@ impl<const N: usize> Search<'_, N> {
             },
             leg.from_s + t,
         ) {
-            let moved = (0..N).fold(0.0_f64, |time, i| {
-                time.max((q[i] - start[i]).abs() / (SPEED * self.bounds.velocity[i]))
-            });
-            if let Some(one) = self.push_node(
-                leg,
-                node,
-                knots,
-                &Way {
-                    damping: 0.0,
-                    drift: zero,
-                },
-            ) {
+            let moved = slowest(&(q - start), &(self.bounds.velocity * SPEED));
+            if let Some(one) = self.push_node(leg, node, knots, &Way::exact()) {
                 self.nodes[one].cost =
                     parent + STOP_S + 1.875 * moved + self.price(&zero, STOP_S, &q);
                 self.nodes[one].heading = zero;
@@ -180,7 +160,7 @@ impl<const N: usize> Search<'_, N> {
         };
         let left = |q: &SVector<f64, N>| self.undone(q, from.onwards).norm();
         let measure = |q: &SVector<f64, N>| if falls { self.second(q) } else { left(q) };
-        let q = there(lowest(|x| measure(&there(x))));
+        let q = there(lowest((-1.0, 1.0), 40, |x| measure(&there(x))));
         (falls || left(&q) < TOUCHING.2).then_some(q)
     }
 

@@ -73,7 +73,7 @@ pub fn check(target: &TargetContent, tick: u64, dof: usize) -> Result<(), u32> {
 }
 
 /// The motion that a target asks for at this moment.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wish {
     /// Twist of E within the session's speed, base axes; m/s, rad/s.
     pub V: Vector6<f64>,
@@ -90,10 +90,8 @@ impl Wish {
     #[must_use]
     pub fn rest(X: &Pose) -> Self {
         Self {
-            V: Vector6::zeros(),
-            asked: Vector6::zeros(),
             p: X.p,
-            stale: false,
+            ..Self::default()
         }
     }
 }

@@ -3,6 +3,7 @@
 use crate::limits::range::{Fastest, STANDING};
 use crate::limits::torque::Sent;
 use crate::linear::{angular, clamp_norm, linear, rotation_exp, stack};
+use crate::state::pose;
 use crate::types::Refusal;
 use model::{Pose, joints, padded};
 use nalgebra::{Matrix3, SVector, Vector6};
@@ -261,10 +262,7 @@ impl<const N: usize> TargetState<N> {
             held: from.held,
             tick: from.tick,
             over: from.over_tick.checked_sub(1),
-            X: Pose {
-                R: Matrix3::from_column_slice(&from.R_BE),
-                p: from.p_BE.into(),
-            },
+            X: pose(&from.R_BE, from.p_BE),
             V: from.V.into(),
             a: from.a.into(),
             q: joints(&from.q),

@@ -74,35 +74,14 @@ impl<const N: usize> Controller<N> {
             ..targets.analyzer.listed(&q_r, &qdot_r, &reference)
         };
         let dt = self.setup.scenario.dt_s();
-        let state = &mut self.state.targets;
-        state.take(
-            (inputs.target, targets.dof),
-            inputs.tick,
-            session.duration_s,
-            dt,
-        );
+        let given = (inputs.target, targets.dof);
+        let held = &mut self.state.targets;
+        held.take(given, inputs.tick, session.duration_s, dt);
         let behind = reference.X_BE.p - terms.X_BE.p;
         let asked = self
             .state
             .intake(&self.setup, session, &reference, &listed, behind);
-        // From here to the exchange back, the torque sent is that of the reference arm.
-        std::mem::swap(&mut self.state.sent, &mut self.state.targets.sent);
-        let mut command = if self.state.targets.goes_by_joints() {
-            let limited = self.state.move_joints(&self.setup, &asked.wish, &reference);
-            Command {
-                phase: Phase::Running,
-                V_BE_d: self.state.targets.V,
-                time_scale: 1.0,
-                limited: Limited {
-                    null_scale: 0.0,
-                    ..limited
-                },
-                ..command::resting(&self.state, &limited)
-            }
-        } else {
-            self.act((&q_r, &qdot_r), &SVector::zeros(), &listed, &reference)
-        };
-        std::mem::swap(&mut self.state.sent, &mut self.state.targets.sent);
+        let mut command = self.move_reference((&q_r, &qdot_r), &asked.wish, &listed, &reference);
         if self.state.refusal != Refusal::None && !goes_on(self.state.refusal) {
             return self.refuse(inputs.q, inputs.qdot, self.state.refusal);
         }
@@ -131,11 +110,37 @@ impl<const N: usize> Controller<N> {
                 Phase::Settling
             };
         }
-        command.session = Some(
-            self.state
-                .targets
-                .explain(&asked, &listed, self.setup.length_m),
-        );
+        let targets = &self.state.targets;
+        command.session = Some(targets.explain(&asked, &listed, self.setup.length_m));
+        command
+    }
+
+    /// The torque of the reference arm: by the law, or joint by joint.
+    fn move_reference(
+        &mut self,
+        moves: (&SVector<f64, N>, &SVector<f64, N>),
+        wish: &Wish,
+        listed: &Report<N>,
+        reference: &Terms<N>,
+    ) -> Command<N> {
+        // From here to the exchange back, the torque sent is that of the reference arm.
+        std::mem::swap(&mut self.state.sent, &mut self.state.targets.sent);
+        let command = if self.state.targets.goes_by_joints() {
+            let limited = self.state.move_joints(&self.setup, wish, reference);
+            Command {
+                phase: Phase::Running,
+                V_BE_d: self.state.targets.V,
+                time_scale: 1.0,
+                limited: Limited {
+                    null_scale: 0.0,
+                    ..limited
+                },
+                ..command::resting(&self.state, &limited)
+            }
+        } else {
+            self.act(moves, &SVector::zeros(), listed, reference)
+        };
+        std::mem::swap(&mut self.state.sent, &mut self.state.targets.sent);
         command
     }
 
@@ -214,8 +219,7 @@ impl<const N: usize> State<N> {
         report: &Report<N>,
         behind: Vector3<f64>,
     ) -> Asked {
-        let (arm, dt) = (&reference.X_BE, setup.scenario.dt_s());
-        let clock = self.clock.rate;
+        let (arm, dt, clock) = (&reference.X_BE, setup.scenario.dt_s(), self.clock.rate);
         let targets = &mut self.targets;
         if targets.stops.now && targets.qdot.amax() < AT_REST {
             (targets.stops.now, self.refusal) = (false, Refusal::None);
@@ -241,26 +245,17 @@ impl<const N: usize> State<N> {
             self.clock.begin_anew();
             self.qdot_planned = targets.qdot;
             // At rest the strategies keep their memory: the side of a fold above all.
-            self.loops = if targets.resting {
-                self.loops.map(|one| Loop {
-                    rate: 0.0,
-                    feed_forward: 0.0,
-                    ..one
-                })
-            } else {
-                Default::default()
+            let is_resting = targets.resting;
+            let next = |one: Loop| {
+                if is_resting {
+                    one.at_rest()
+                } else {
+                    Loop::default()
+                }
             };
+            self.loops = self.loops.map(next);
         } else if !targets.stops.now {
-            let back;
-            (targets.X, back) = lead.hold(&targets.X, arm);
-            // A target 1e300 m away is one, too: what leaves stays finite.
-            targets.behind_m = (targets.behind_m + back).min(f64::MAX);
-            if targets.clipped || lead.saturation > SATURATED {
-                targets.X = lead.relax(&targets.X, &wish.V, dt);
-            }
-            let V = lead.without_increase(&wish.V);
-            let V = stack(&yielding(linear(&V), &behind), &angular(&V));
-            targets.turn_to(&V, session, dt);
+            targets.lead_on(&lead, &wish.V, (arm, &behind), (session, dt));
         }
         self.progress = Progress {
             begun: true,
@@ -303,6 +298,26 @@ impl<const N: usize> State<N> {
 }
 
 impl<const N: usize> TargetState<N> {
+    /// The reference's step towards the twist `V`: no further ahead of the reference arm in `arm` than it can follow, and yielding to what holds the hand back.
+    fn lead_on(
+        &mut self,
+        lead: &Lead,
+        V: &Vector6<f64>,
+        (arm, behind): (&Pose, &Vector3<f64>),
+        (session, dt): (&Servo, f64),
+    ) {
+        let back;
+        (self.X, back) = lead.hold(&self.X, arm);
+        // A target 1e300 m away is one, too: what leaves stays finite.
+        self.behind_m = (self.behind_m + back).min(f64::MAX);
+        if self.clipped || lead.saturation > SATURATED {
+            self.X = lead.relax(&self.X, V, dt);
+        }
+        let V = lead.without_increase(V);
+        let V = stack(&yielding(linear(&V), behind), &angular(&V));
+        self.turn_to(&V, session, dt);
+    }
+
     /// The reference arm's acceleration by its torque, within its stops; it moves on by a tick.
     fn accelerate(&mut self, setup: &Setup<N>, reference: &Terms<N>) -> SVector<f64, N> {
         let Ok(A) = Cholesky::new(reference.A) else {

@@ -98,13 +98,11 @@ impl ArmLines {
     }
 
     /// How many did not reach their goal, refused ones too.
-    #[must_use]
     pub fn unreached(&self) -> usize {
         self.short().count()
     }
 
     /// As one JSON object.
-    #[must_use]
     pub fn json(&self) -> Value {
         json!({"version": env!("CARGO_PKG_VERSION"), "sweep": self})
     }

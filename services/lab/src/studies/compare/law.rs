@@ -55,7 +55,6 @@ pub fn laws(names: &[String], join_limit_s: u32) -> Result<Vec<Law>, Failure> {
 
 impl Law {
     /// Its name in tables.
-    #[must_use]
     pub fn name(&self) -> &str {
         match self {
             Self::Own(law) => law.name(),

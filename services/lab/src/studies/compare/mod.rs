@@ -214,7 +214,6 @@ impl Compared {
     }
 
     /// For machines.
-    #[must_use]
     pub fn json(&self) -> Value {
         let Scenario { name, seed, .. } = &self.scenario;
         if self.near.is_empty() {

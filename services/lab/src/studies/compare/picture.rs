@@ -70,11 +70,10 @@ fn metrics() -> [[Metric; 3]; 3] {
             None,
             false,
         ),
-        (
+        error(
             "energy put in by jumps, J",
             |row| row.joints.jump_energy_j,
-            Some(0.5),
-            true,
+            0.5,
         ),
     ];
     [mm, deg, loads]

@@ -120,7 +120,6 @@ impl Compared {
 }
 
 /// "along 12, torque 4": how many lines missed S2 by what, the most frequent first.
-#[must_use]
 fn missed(rows: &[Row]) -> String {
     let mut counts: Vec<(&str, usize)> = Vec::new();
     for what in rows.iter().flat_map(|row| &row.task.missed) {

@@ -134,6 +134,61 @@ fn moments(trace: &Trace, from: f64, to: f64) -> impl Iterator<Item = (f64, &Sam
     })
 }
 
+/// The smallest box around both.
+fn frame(traces: [&Trace; 2]) -> (Vector3<f64>, Vector3<f64>) {
+    let samples = traces.into_iter().flat_map(|trace| &trace.samples);
+    let places = samples.flat_map(|sample| sample.arm.iter().chain([&sample.p]));
+    let none = Vector3::repeat(f64::INFINITY);
+    places.fold((none, -none), |(low, high), p| (low.inf(p), high.sup(p)))
+}
+
+/// The arm during half a swing, and the path of its tip.
+fn swing(mut panel: Panel, trace: &Trace, color: Color) -> Panel {
+    let axes = [Vector3::x(), Vector3::y()];
+    postures(&mut panel, moments(trace, 0.0, SWING_S), axes);
+    let start = trace.start();
+    let samples = trace.samples.iter();
+    let path = samples.map(|sample| start + MAGNIFIED * (sample.p - start));
+    let path: Vec<_> = path.map(|p| (p.x, p.y)).collect();
+    let name = format!("path of the tip, drawn {MAGNIFIED:.0} × as large");
+    panel.line(&name, color, &path);
+    panel
+}
+
+/// How ζ and the hand turn; until `change` the hand stands still.
+fn turns(trace: &Trace, change: f64, [zeta, hand]: [&dyn Fn(&Sample) -> f64; 2]) -> Panel {
+    let mut turn = curves("turns, °", trace, &[]);
+    turn.band("turning ζ", pale(BLUE), 0.0..change);
+    let pink = singularity_ink(KIND_WRIST);
+    turn.line("ζ", pink, &trace.over_time(zeta));
+    let about = trace.over_time(hand);
+    turn.line("hand about ζ as it was", numbered(0), &about);
+    turn
+}
+
+/// The arm in these moments, seen along the normal of two axes.
+fn seen<'a>(
+    title: &str,
+    moments: impl Iterator<Item = (f64, &'a Sample)>,
+    axes: [Vector3<f64>; 2],
+) -> Panel {
+    let mut panel = undistorted(title, Axis::default(), Axis::default());
+    postures(&mut panel, moments, axes);
+    panel
+}
+
+/// The measures of elbow and wrist, and while both are inside their neighbourhoods.
+fn measures(trace: &Trace) -> Panel {
+    let mut measures = curves("singularity measures", trace, &[]);
+    let until = trace.inside_until(0).min(trace.inside_until(1));
+    measures.band("in both neighbourhoods", pale(BLUE), 0.0..until);
+    for (place, name, kind) in [(0, "elbow", KIND_ELBOW), (1, "wrist", KIND_WRIST)] {
+        let s = trace.over_time(&|sample: &Sample| sample.s[place]);
+        measures.line(name, singularity_ink(kind), &s);
+    }
+    measures
+}
+
 /// The arm at these moments, seen along the third of three axes.
 fn postures<'a>(
     panel: &mut Panel,
@@ -184,24 +239,11 @@ fn null_space(pseudo_inverse: &Trace, consistent: &Trace) -> Figure {
         ("Figure 1: pseudo-inverse", pseudo_inverse, RED),
         ("Figure 2: dynamically consistent", consistent, BLUE),
     ];
-    // One frame around both.
-    let samples = traces.iter().flat_map(|(_, trace, _)| &trace.samples);
-    let places = samples.flat_map(|sample| sample.arm.iter().chain([&sample.p]));
-    let none = Vector3::repeat(f64::INFINITY);
-    let (low, high) = places.fold((none, -none), |(low, high), p| (low.inf(p), high.sup(p)));
+    let (low, high) = frame([pseudo_inverse, consistent]);
     let room = 0.06 * (high - low).norm() + MAGNIFIED * 0.009;
     let axis = |i: usize, name| Axis::named(name).within(low[i] - 0.1..high[i] + room);
     let arms = traces.map(|(title, trace, color)| {
-        let mut panel = undistorted(title, axis(0, "m"), axis(1, ""));
-        let axes = [Vector3::x(), Vector3::y()];
-        postures(&mut panel, moments(trace, 0.0, SWING_S), axes);
-        let start = trace.start();
-        let samples = trace.samples.iter();
-        let path = samples.map(|sample| start + MAGNIFIED * (sample.p - start));
-        let path: Vec<_> = path.map(|p| (p.x, p.y)).collect();
-        let name = format!("path of the tip, drawn {MAGNIFIED:.0} × as large");
-        panel.line(&name, color, &path);
-        panel
+        swing(undistorted(title, axis(0, "m"), axis(1, "")), trace, color)
     });
     let both = |title: &str, least: f64, of: &dyn Fn(&Sample) -> f64| {
         let mut panel = curves(title, pseudo_inverse, &[("pseudo-inverse", RED, of)]);
@@ -226,6 +268,7 @@ fn null_space(pseudo_inverse: &Trace, consistent: &Trace) -> Figure {
         (trace.largest(error), trace.largest(force))
     };
     let [one, two] = [of(pseudo_inverse), of(consistent)];
+    let [mm, n, mm_2, n_2] = [one.0, one.1, two.0, two.1].map(digits);
     let numbers = |(error, force): (f64, f64), trace: &Trace| json!({"tip_error_max_mm": error, "coupling_max_n": force, "joint_2_swings_deg": swings(trace)});
     figure(
         "fig1-2",
@@ -240,14 +283,10 @@ fn null_space(pseudo_inverse: &Trace, consistent: &Trace) -> Figure {
         ],
         vec![
             format!(
-                "Largest error of the tip: {} mm with the pseudo-inverse, {} mm dynamically consistent.",
-                digits(one.0),
-                digits(two.0)
+                "Largest error of the tip: {mm} mm with the pseudo-inverse, {mm_2} mm dynamically consistent."
             ),
             format!(
-                "The torques meant for the null space push the tip with up to {} N (pseudo-inverse), {} N (dynamically consistent).",
-                digits(one.1),
-                digits(two.1)
+                "The torques meant for the null space push the tip with up to {n} N (pseudo-inverse), {n_2} N (dynamically consistent)."
             ),
         ],
         json!({"fig1": numbers(one, pseudo_inverse), "fig2": numbers(two, consistent)}),
@@ -260,21 +299,13 @@ fn two_locks(trace: &Trace) -> Figure {
     // Seen from the side: the arm's own plane.
     let up = Vector3::z();
     let horizontal = trace.outwards((zeta - up * zeta.dot(&up)).try_normalize(1e-9));
-    let mut arm = undistorted(
-        "from the side, m (later is darker)",
-        Axis::default(),
-        Axis::default(),
-    );
-    postures(&mut arm, moments(trace, 0.0, 2.0), [horizontal, up]);
-
+    let title = "from the side, m (later is darker)";
+    let arm = seen(title, moments(trace, 0.0, 2.0), [horizontal, up]);
     let start = trace.start();
     let way = |p: &Vector3<f64>| (p - start).dot(&zeta) * 1e3;
     let true_way = |sample: &Sample| way(&sample.p);
-    let mut along = curves(
-        "way of the hand along ζ, mm",
-        trace,
-        &[("true", BLUE, &true_way)],
-    );
+    let title = "way of the hand along ζ, mm";
+    let mut along = curves(title, trace, &[("true", BLUE, &true_way)]);
     let wanted = trace.over_time(&|sample: &Sample| way(&sample.p_d));
     along.dashed("wanted", INK, &wanted);
 
@@ -293,28 +324,15 @@ fn two_locks(trace: &Trace) -> Figure {
     );
     let orientation = |sample: &Sample| sample.error_deg[0];
     let turn = curves("orientation error, °", trace, &[("", BLUE, &orientation)]);
-    let mut measures = curves("singularity measures", trace, &[]);
-    let until = trace.inside_until(0).min(trace.inside_until(1));
-    measures.band("in both neighbourhoods", pale(BLUE), 0.0..until);
-    for (place, name, kind) in [(0, "elbow", KIND_ELBOW), (1, "wrist", KIND_WRIST)] {
-        let s = trace.over_time(&|sample: &Sample| sample.s[place]);
-        measures.line(name, singularity_ink(kind), &s);
-    }
     // Joints 2 and 5 turn by nearly the same angle: the one is dashed over the other.
-    let mut angles = joints(
-        "joint angles from the start, °",
-        trace,
-        &[0, 1, 2, 3, 5],
-        |sample| &sample.q,
-    );
+    let title = "joint angles from the start, °";
+    let mut angles = joints(title, trace, &[0, 1, 2, 3, 5], |sample| &sample.q);
     let fifth = trace.over_time(&|sample: &Sample| sample.q[4].to_degrees());
     angles.dashed(SUBSCRIPTED[4], numbered(4), &fifth);
     let (along_mm, orthogonal_mm) = (trace.largest(along_zeta), trace.largest(orthogonal_zeta));
     let orientation = trace.largest(orientation);
-    let (end_mm, moved) = (
-        trace.last(|sample| sample.error_mm[0]),
-        trace.last(true_way),
-    );
+    let end_mm = trace.last(|sample| sample.error_mm[0]);
+    let moved = trace.last(true_way);
     figure(
         "fig4",
         [
@@ -323,7 +341,7 @@ fn two_locks(trace: &Trace) -> Figure {
         ],
         vec![
             Row::of(280.0, [arm, along, error]),
-            Row::of(250.0, [turn, measures, angles.shifted_to_start()]),
+            Row::of(250.0, [turn, measures(trace), angles.shifted_to_start()]),
         ],
         vec![format!(
             "Moved {} mm inwards along ζ; largest error along ζ {} mm, orthogonal to ζ {} mm, orientation {}°; at the end {} mm.",
@@ -346,13 +364,9 @@ fn wrist_lock(trace: &Trace) -> Figure {
         .try_normalize(1e-9)
         .unwrap_or_else(Vector3::x);
     let horizontal = trace.outwards(Some(up.cross(&zeta)));
-    let mut arm = undistorted(
-        "the hand turns, along the old ζ, m",
-        Axis::default(),
-        Axis::default(),
-    );
     let turning = moments(trace, change, f64::INFINITY);
-    postures(&mut arm, turning, [horizontal, up]);
+    let title = "the hand turns, along the old ζ, m";
+    let arm = seen(title, turning, [horizontal, up]);
     let turned = |sample: &Sample| sample.zeta[place].angle(&zeta).to_degrees();
     let before = |sample: &Sample| match sample.t <= change {
         true => turned(sample),
@@ -360,33 +374,24 @@ fn wrist_lock(trace: &Trace) -> Figure {
     };
     let first = trace.samples.first();
     let rotated = |sample: &Sample| sample.turned_about(&zeta, first).to_degrees();
-    let mut turn = curves("turns, °", trace, &[]);
-    turn.band("turning ζ", pale(BLUE), 0.0..change);
-    let pink = singularity_ink(KIND_WRIST);
-    turn.line("ζ", pink, &trace.over_time(&before));
-    let about = trace.over_time(&rotated);
-    turn.line("hand about ζ as it was", numbered(0), &about);
+    let turn = turns(trace, change, [&before, &rotated]);
     let wrist = [3, 4, 5];
     let title = "wrist joints from the start, °";
     let mut angles = joints(title, trace, &wrist, |sample| &sample.q).shifted_to_start();
     let end = trace.last(|sample| sample.t);
     angles.dashed("", GREY, &[(0.0, 0.0), (end, 0.0)]);
-    let rates = joints("wrist joint rates, °/s", trace, &wrist, |sample| {
-        &sample.qdot
-    });
-    let (mm, deg) = (
-        |sample: &Sample| sample.error_mm[0],
-        |sample: &Sample| sample.error_deg[0],
-    );
+    let title = "wrist joint rates, °/s";
+    let rates = joints(title, trace, &wrist, |sample| &sample.qdot);
+    let mm = |sample: &Sample| sample.error_mm[0];
+    let deg = |sample: &Sample| sample.error_deg[0];
     let errors = [
         curves("position error, mm", trace, &[("", RED, &mm)]),
         curves("orientation error, °", trace, &[("", RED, &deg)]),
     ];
-    let (zeta_turned, mm, deg) = (
-        trace.largest(|sample| before(sample).max(0.0)),
-        trace.largest(mm),
-        trace.largest(deg),
-    );
+    let zeta_turned = trace.largest(|sample| before(sample).max(0.0));
+    let (mm, deg) = (trace.largest(mm), trace.largest(deg));
+    let [position, orientation] = [mm, deg].map(digits);
+    let hand_turned = trace.last(rotated);
     let [q4, q5, q6] = wrist.map(|i| trace.moved_deg(i, f64::INFINITY));
     figure(
         "fig5",
@@ -401,16 +406,11 @@ fn wrist_lock(trace: &Trace) -> Figure {
         ],
         vec![
             format!(
-                "ζ turned by {zeta_turned:.2}°; then the hand by {:.2}°. Joint 4 moved by {q4:.2}°, joint 5 by {q5:.2}°, joint 6 by {q6:.2}°.",
-                trace.last(rotated)
+                "ζ turned by {zeta_turned:.2}°; then the hand by {hand_turned:.2}°. Joint 4 moved by {q4:.2}°, joint 5 by {q5:.2}°, joint 6 by {q6:.2}°."
             ),
-            format!(
-                "Largest errors: position {} mm, orientation {}°.",
-                digits(mm),
-                digits(deg)
-            ),
+            format!("Largest errors: position {position} mm, orientation {orientation}°."),
         ],
-        json!({"zeta_turned_deg": zeta_turned, "hand_turned_deg": trace.last(rotated).rem_euclid(TAU.to_degrees()), "q4_moved_deg": q4, "q5_moved_deg": q5, "q6_moved_deg": q6,
+        json!({"zeta_turned_deg": zeta_turned, "hand_turned_deg": hand_turned.rem_euclid(TAU.to_degrees()), "q4_moved_deg": q4, "q5_moved_deg": q5, "q6_moved_deg": q6,
             "position_max_mm": mm, "orientation_max_deg": deg}),
     )
 }

@@ -100,35 +100,20 @@ fn draw(panel: &mut Panel, sample: &Sample, kind: u32, zeta: &Vector3<f64>, colo
     let centre = sample.arm.get(WRIST).copied().unwrap_or(sample.p);
     // The floor's axes, for the eye; they are not to scale with anything.
     for axis in [Vector3::x(), Vector3::y()] {
-        panel.dashed(
-            "",
-            Color { 3: 0.5, ..GREY },
-            &line(-0.25 * axis, 0.25 * axis),
-        );
+        let pale = Color { 3: 0.5, ..GREY };
+        panel.dashed("", pale, &line(-0.25 * axis, 0.25 * axis));
     }
-    match kind {
-        KIND_ELBOW => {
-            let shoulder = sample.arm.get(SHOULDER).copied().unwrap_or_default();
-            panel.dashed(
-                "shoulder, elbow, wrist",
-                color,
-                &line(shoulder, shoulder + 1.3 * (centre - shoulder)),
-            );
+    let shoulder = sample.arm.get(SHOULDER).copied().unwrap_or_default();
+    let (lost, axis) = (centre - shoulder, sample.axis(2));
+    let (name, from, to) = match kind {
+        KIND_ELBOW => ("shoulder, elbow, wrist", shoulder, shoulder + 1.3 * lost),
+        KIND_WRIST => ("axes 4 and 6", centre - 0.3 * axis, centre + 0.35 * axis),
+        _ => {
+            let top = Vector3::z() * (centre.z + 0.25);
+            ("waist's axis", Vector3::zeros(), top)
         }
-        KIND_WRIST => panel.dashed(
-            "axes 4 and 6",
-            color,
-            &line(
-                centre - 0.3 * sample.axis(2),
-                centre + 0.35 * sample.axis(2),
-            ),
-        ),
-        _ => panel.dashed(
-            "waist's axis",
-            color,
-            &line(Vector3::zeros(), Vector3::z() * (centre.z + 0.25)),
-        ),
-    }
+    };
+    panel.dashed(name, color, &line(from, to));
     let arm: Vec<_> = sample.arm.iter().map(|p| view.place(p)).collect();
     panel.arm(BLUE, 0.9, &arm);
     panel.line(
