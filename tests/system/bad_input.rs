@@ -110,7 +110,7 @@ fn every_wrong_input_is_refused_with_its_reason() {
         ("fault controller kill --run nowhere", "nowhere"),
         ("report nowhere", "there is no run nowhere"),
         ("replay nowhere", "is not the folder of a run"),
-        ("export empty", "not the folder of a run"),
+        ("export empty", "is not a run"),
         ("run .", "."),
         (
             "compare fig5 --law blendet",

@@ -306,33 +306,7 @@ fn shapes(robot: &Robot, reach: f32, meshes: &Meshes) -> (Mesh, Vec<Mesh>) {
             None => (&mut base, DARK),
             Some(i) => (&mut links[i], if i % 2 == 0 { SHELL } else { METAL }),
         };
-        let bytes = |rgba: [f64; 4]| rgba.map(|part| (255.0 * part).round() as u8);
-        let own = shape.colour.map(|rgba| u32::from_be_bytes(bytes(rgba)));
-        let painted = own.unwrap_or(colour);
-        let at = placement(&shape.X_LS);
-        match &shape.geometry {
-            Geometry::Mesh { file, scale } => {
-                let Some(scene) = meshes.0.get(file) else {
-                    continue;
-                };
-                for (part, material) in scene.meshes.iter().zip(&scene.materials) {
-                    let theirs = material.color.diffuse.map(|rgba| rgba.map(f64::from));
-                    let theirs = theirs.map(|rgba| u32::from_be_bytes(bytes(rgba)));
-                    let colour = own.or(theirs).unwrap_or(colour);
-                    mesh.add_triangles(at, vec3(scale), part, colour);
-                }
-            }
-            Geometry::Box { size } => mesh.add_box(at, vec3(size), painted),
-            Geometry::Cylinder { radius, length } => {
-                let (radius, half) = (*radius as f32, *length as f32 / 2.0);
-                let bevel = (0.16 * radius).min(0.5 * half);
-                mesh.add_drum(at, radius, [-half, half], bevel, painted);
-            }
-            Geometry::Sphere { radius } => mesh.add_sphere(at, *radius as f32, painted),
-            Geometry::Capsule { radius, length } => {
-                mesh.add_capsule(at, *radius as f32, *length as f32, painted)
-            }
-        }
+        add_shape(mesh, shape, colour, meshes);
     }
     for (i, link) in links
         .iter_mut()
@@ -354,6 +328,36 @@ fn shapes(robot: &Robot, reach: f32, meshes: &Meshes) -> (Mesh, Vec<Mesh>) {
         }
     }
     (base, links)
+}
+
+/// Adds a shape in its own colour, or in `colour` where it has none.
+fn add_shape(mesh: &mut Mesh, shape: &Shape, colour: u32, meshes: &Meshes) {
+    let packed = |rgba: [f64; 4]| u32::from_be_bytes(rgba.map(|part| (255.0 * part).round() as u8));
+    let own = shape.colour.map(packed);
+    let painted = own.unwrap_or(colour);
+    let at = placement(&shape.X_LS);
+    match &shape.geometry {
+        Geometry::Mesh { file, scale } => {
+            if let Some(scene) = meshes.0.get(file) {
+                for (part, material) in scene.meshes.iter().zip(&scene.materials) {
+                    let theirs = material.color.diffuse;
+                    let theirs = theirs.map(|rgba| packed(rgba.map(f64::from)));
+                    let colour = own.or(theirs).unwrap_or(colour);
+                    mesh.add_triangles(at, vec3(scale), part, colour);
+                }
+            }
+        }
+        Geometry::Box { size } => mesh.add_box(at, vec3(size), painted),
+        Geometry::Cylinder { radius, length } => {
+            let (radius, half) = (*radius as f32, *length as f32 / 2.0);
+            let bevel = (0.16 * radius).min(0.5 * half);
+            mesh.add_drum(at, radius, [-half, half], bevel, painted);
+        }
+        Geometry::Sphere { radius } => mesh.add_sphere(at, *radius as f32, painted),
+        Geometry::Capsule { radius, length } => {
+            mesh.add_capsule(at, *radius as f32, *length as f32, painted)
+        }
+    }
 }
 
 /// A two-finger hand on a flange, drawn only: it shows how the flange is turned. `size`: 1 for an arm of a metre.

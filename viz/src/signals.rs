@@ -594,6 +594,20 @@ mod tests {
         }
     }
 
+    /// A report of two lost directions.
+    fn along_x_and_about_z() -> shared_types::SingularityReport {
+        let mut report = shared_types::SingularityReport {
+            count: 2,
+            ..Default::default()
+        };
+        let lost = report.singularities.iter_mut();
+        for (one, (s, angular, axis)) in lost.zip([(0.1, 0, 0), (0.0, 1, 5)]) {
+            (one.s, one.eta_in, one.inside, one.angular) = (s, 0.1, 1, angular);
+            one.zeta_B[axis] = 1.0;
+        }
+        report
+    }
+
     #[test]
     fn each_number_is_the_messages_own() {
         let robot = Robot::builtin("puma560").expect("built in");
@@ -605,19 +619,7 @@ mod tests {
         for (i, joint) in robot.joints.iter().enumerate() {
             (state.q[i], state.qdot[i]) = (joint.upper, joint.velocity);
         }
-        // Singular along x and about z.
-        let mut report = shared_types::SingularityReport {
-            count: 2,
-            ..Default::default()
-        };
-        for (one, (s, angular, axis)) in report
-            .singularities
-            .iter_mut()
-            .zip([(0.1, 0, 0), (0.0, 1, 5)])
-        {
-            (one.s, one.eta_in, one.inside, one.angular) = (s, 0.1, 1, angular);
-            one.zeta_B[axis] = 1.0;
-        }
+        let report = along_x_and_about_z();
         let (sin, cos) = 0.02f64.sin_cos();
         let command = ControlState {
             p_BE_d: [0.003, 0.0, 0.004],

@@ -1,6 +1,6 @@
 //! The marks of singularities: the lost direction ζ, what it has swept, the lines that show why the arm is singular, and two captions.
 
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 use nalgebra::SVector;
 use re_sdk_types::archetypes::Transform3D;
 use shared_types::MAX_DOF;
@@ -195,7 +195,6 @@ impl Recording {
         // ζ is a line: its sign may be either.
         let zeta = mark.zeta * last.dot(mark.zeta).signum();
         let segment = self.run.segments.get(mark.segment);
-        let about = segment.and_then(|one| Some(one.turn.as_ref()?.by_deg));
         let goal = segment.and_then(|one| one.reorient.as_ref());
         let goal = goal.filter(|turn| turn.singularity == mark.name);
         let goal = goal.map(|turn| turn.by_deg);
@@ -206,16 +205,8 @@ impl Recording {
             return is_inside.then(begin);
         }
         if let Some(R_0) = swept.freed {
-            let (axis, angle) = glam::Quat::from_mat3(&(hand.R * R_0.transpose())).to_axis_angle();
-            let turned = (angle * axis.dot(first)).to_degrees().abs();
-            if about.is_some() {
-                swept.segment = Some(mark.segment);
-                swept.text = format!("free again: {turned:.0}°{}", of(about));
-            }
-            if mark.look.presence == Presence::Hidden {
-                self.clear(mark.tick, [mark.zeta("sector")]);
-            }
-            return Some(swept);
+            let by = hand.R * R_0.transpose();
+            return Some(self.write_freed(swept, mark, by));
         }
         let has_ended = swept.is_turning && !mark.is_turning;
         swept.is_turning = mark.is_turning;
@@ -236,6 +227,21 @@ impl Recording {
             }
         }
         Some(swept)
+    }
+
+    /// The hand's rotation about the old ζ, by `by` since that is free again.
+    fn write_freed(&mut self, mut swept: Swept, mark: &Named, by: Mat3) -> Swept {
+        let segment = self.run.segments.get(mark.segment);
+        if let Some(turn) = segment.and_then(|one| one.turn.as_ref()) {
+            let (axis, angle) = glam::Quat::from_mat3(&by).to_axis_angle();
+            let turned = (angle * axis.dot(swept.directions[0])).to_degrees().abs();
+            swept.segment = Some(mark.segment);
+            swept.text = format!("free again: {turned:.0}°{}", of(Some(turn.by_deg)));
+        }
+        if mark.look.presence == Presence::Hidden {
+            self.clear(mark.tick, [mark.zeta("sector")]);
+        }
+        swept
     }
 
     /// The sector through successive directions.
