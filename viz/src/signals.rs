@@ -646,10 +646,8 @@ mod tests {
             (Signal::DrawnSpeed, &[1.0; 6]),
         ] {
             let found = take(&row, signal);
-            let is_close = found
-                .iter()
-                .zip(expected)
-                .all(|(a, b)| (a - b).abs() < 1e-9);
+            let near = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-9;
+            let is_close = found.iter().zip(expected).all(near);
             assert!(
                 found.len() == expected.len() && is_close,
                 "{signal:?}: {found:?}"
