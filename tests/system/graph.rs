@@ -113,7 +113,7 @@ fn faults_happen_to_a_sixth_process_and_repeat_themselves() {
         assert_eq!(restarts(run, "energy"), 2, "{}", run["faults"]);
     }
     assert_eq!(occurred(&first), 4, "{}", first["faults"]);
-    // What a fault kept from leaving is not lost, and the loop does not wait for it.
+    // A message that a fault kept from leaving is not lost, and the loop does not wait for it.
     first.holds(
         r#"{"faults/#": 4, "faults/3/plan/field": "potential_j[0]", "recorder/lost": 0, "outcome": "goal reached"}"#,
     );

@@ -28,7 +28,7 @@ TRIALS = {"armplane": [{}, *({"control.k_p": k_v * k_v / 4, "control.k_v": k_v} 
 TRIALS["damped-least-squares"] = [
     {"control.baseline.damped_least_squares.largest": largest, "control.baseline.damped_least_squares.onset": onset} for largest in (0.005, 0.02, 0.08) for onset in (0.02, 0.16)
 ]
-# What the name of a law's tuned row ends with.
+# The end of the name of a law's tuned row.
 TUNED = " tuned"
 OPPONENTS = sorted(path for path in (pathlib.Path(__file__).parent.parent / "opponents").glob("[!_]*.py"))
 PACKAGES = ("daqp", "drake", "jparse-robotics", "mink", "mujoco", "numpy", "pin", "pin-pink", "placo", "robosuite")

@@ -142,7 +142,7 @@ fn hint(suspect: &Option<String>) -> String {
         .unwrap_or_default()
 }
 
-/// What it said of its end: its lines have been shown, this one tells most.
+/// The line that tells most of its end; all of them have been shown.
 fn said(last_words: &[String]) -> String {
     let own = |line: &String| line.strip_prefix("armplane: ").map(str::to_owned);
     let line = last_words.iter().rev().find_map(own);

@@ -185,7 +185,7 @@ mod tests {
     fn buttons_choose_frame_side_and_speed_and_the_operator_reads_every_line() {
         let mut pad = Pad::default();
         pad.tilt(Axis::LeftStickY, 1.0);
-        // What is pressed, and then the target: its frame, its side, its speed.
+        // The button pressed, and then the target: its frame, its side, its speed.
         let no_side = target(&pad.line()).side;
         for (buttons, frame, side, speed) in [
             (&[][..], FRAME_BASE, no_side, 0.1),

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use message_log::{Contents, Log, LogError, Messages};
 use rustix::io::Errno;
 use shared_types::codes::TARGET_END;
-use shared_types::job::{JOB, Job};
+use shared_types::job::{JOB, Job, RobotText};
 use shared_types::process::{Process, Program};
 use shared_types::scenario::{Layout, Scenario, Servo};
 use shared_types::summary::{INTERRUPTED, Summary};
@@ -419,6 +419,18 @@ impl Drop for Results {
     }
 }
 
+/// The arm's description; of one with meshes it names their folder, which is not that of the run.
+fn description(robot: &RobotText) -> Result<String, Failure> {
+    if !robot.urdf.contains("<mesh") {
+        return Ok(robot.description.clone());
+    }
+    let mut table: toml::Table = robot.description.parse().map_err(Failure::work)?;
+    let from = table.get("meshes").and_then(toml::Value::as_str);
+    let folder = robot.folder.join(from.unwrap_or_default());
+    table.insert("meshes".to_owned(), folder.display().to_string().into());
+    Ok(table.to_string())
+}
+
 /// The files of the scenario that repeats the run, with robot and graph beside it if they are not
 /// built in.
 fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>, Failure> {
@@ -438,14 +450,9 @@ fn repeated(job: &Job, summary: &Summary) -> Result<Vec<(&'static str, Vec<u8>)>
     if let Some((_, name)) = named {
         name.clone_into(&mut scenario.robot);
         files.push((name, job.robot.urdf.clone().into_bytes()));
-        let mut description: toml::Table = job.robot.description.parse().map_err(Failure::work)?;
-        if job.robot.urdf.contains("<mesh") {
-            let from = description.get("meshes").and_then(toml::Value::as_str);
-            let folder = job.robot.folder.join(from.unwrap_or_default());
-            description.insert("meshes".to_owned(), folder.display().to_string().into());
-        }
-        if !description.is_empty() {
-            files.push((ROBOT_TOML, description.to_string().into_bytes()));
+        let text = description(&job.robot)?;
+        if !text.is_empty() {
+            files.push((ROBOT_TOML, text.into_bytes()));
         }
     }
     let built_in = load::graph_of(&scenario, None)?;

@@ -73,7 +73,7 @@ impl Fixture {
         recording.next_part(self.path()).expect("room");
     }
 
-    /// What was recorded.
+    /// The recording, read back.
     fn content(&self) -> Content {
         Content::of(&parts_in(self.path()))
     }
