@@ -131,6 +131,15 @@ impl Process {
         }
     }
 
+    /// How often it is started again at most.
+    #[must_use]
+    pub fn restarts(&self) -> u32 {
+        match self.restart {
+            Restart::Never => 0,
+            Restart::Always => MOST_RESTARTS,
+        }
+    }
+
     /// The program of ours that runs as the process; `None` for a command, or a name that it does not know.
     #[must_use]
     pub fn program(&self) -> Option<Program> {

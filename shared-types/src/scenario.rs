@@ -255,7 +255,33 @@ impl Scenario {
                 .and_then(|on| fault.schedule(&on, self.rate_hz, seed))
                 .map_err(|complaint| complaint.within(&format!("fault.{i}")))
         };
-        self.fault.iter().enumerate().map(scheduled).collect()
+        let mut faults: Vec<_> = self
+            .fault
+            .iter()
+            .enumerate()
+            .map(scheduled)
+            .collect::<Result<_, _>>()?;
+        end_with_budgets(&mut faults, graph);
+        Ok(faults)
+    }
+}
+
+/// A death that no restart follows takes its process down for one tick: the plant waits there for
+/// the end of the run, so its last tick does not depend on when the launcher detects the death.
+fn end_with_budgets(faults: &mut [ScheduledFault], graph: &Graph) {
+    let is_death = |fault: &ScheduledFault| {
+        fault
+            .kind()
+            .is_some_and(|kind| kind.ends_process(fault.way()))
+    };
+    let mut deaths: Vec<_> = faults.iter_mut().filter(|fault| is_death(fault)).collect();
+    deaths.sort_by_key(|death| death.at);
+    for (index, process) in graph.process.iter().enumerate() {
+        let own = deaths
+            .iter_mut()
+            .filter(|death| death.process as usize == index);
+        own.skip(process.restarts() as usize)
+            .for_each(|death| death.until = death.at.saturating_add(1));
     }
 }
 

@@ -9,7 +9,7 @@ use lockstep::{CHAIN_LAG, Fence, Outage, Role, Shaped, Shaper, first_not_finite,
 use model::{Refused, Robot};
 use shared_types::fault::{Kind, ScheduledFault, corrupted_topic, shaped_topic};
 use shared_types::graph::{self, Graph};
-use shared_types::process::{MOST_RESTARTS, Process, Program, Restart};
+use shared_types::process::{Process, Program};
 use shared_types::scenario::Scenario;
 use shared_types::topics::{self, Each, TOPICS, Topic};
 use shared_types::{Header, Message, Target};
@@ -192,7 +192,6 @@ fn part(process: &Process) -> Part {
         // The report comes after the estimate, so that it begins the step.
         reads.swap(0, 1);
     }
-    let is_restarted = process.restart == Restart::Always;
     Part {
         name: process.name.clone(),
         role: Role {
@@ -202,7 +201,7 @@ fn part(process: &Process) -> Part {
         reads,
         feedback: process.feedback.iter().find_map(place),
         writes: process.writes.iter().filter_map(place).collect(),
-        restarts: if is_restarted { MOST_RESTARTS } else { 0 },
+        restarts: process.restarts(),
     }
 }
 

@@ -8,7 +8,7 @@ use runtime::realtime::allowed_cores;
 use shared_types::graph::{self, Role};
 use shared_types::job::{Job, Mode};
 use shared_types::layout::MessageLayout;
-use shared_types::process::{MOST_RESTARTS, Process};
+use shared_types::process::Process;
 
 use crate::failure::Failure;
 use crate::robot;
@@ -48,7 +48,7 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
         restart: match process.restart {
             graph::Restart::Never => Restart::Never,
             graph::Restart::Always => Restart::Budget {
-                times: MOST_RESTARTS,
+                times: process.restarts(),
                 back_off: Duration::from_millis(10),
             },
         },
