@@ -1,7 +1,5 @@
 //! The analyzer's pure step: finds singularities at or near the estimated posture.
 
-use std::any::Any;
-
 use control::{Analyzer, Report, SetupError, wire};
 use model::{Model, Robot, Terms, joints};
 use nalgebra::SVector;
@@ -12,16 +10,6 @@ use shared_types::{AnalyzerCheckpoint, SingularityReport, StateEstimate};
 pub trait Step: Send + Sync {
     /// The report for an estimate, at its tick. No allocation.
     fn step(&mut self, estimate: &StateEstimate, out: &mut SingularityReport);
-    /// The same with the [`Terms`] of this estimate, where another step in this address space has computed them for the same arm and frame; terms of
-    /// another size are not used.
-    fn step_knowing(
-        &mut self,
-        terms: &dyn Any,
-        estimate: &StateEstimate,
-        out: &mut SingularityReport,
-    );
-    /// The [`Report`](control::Report) that the last message has, for another step in this address space.
-    fn report(&self) -> &dyn Any;
     /// The same, with its memory.
     fn copied(&self) -> Box<dyn Step>;
     /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its input.
@@ -57,6 +45,23 @@ impl<const N: usize> Cycle<N> {
             terms,
         })
     }
+
+    /// The report for an estimate whose terms another step in this address space has computed, for the same arm and frame.
+    pub fn analyse(
+        &mut self,
+        terms: &Terms<N>,
+        estimate: &StateEstimate,
+        out: &mut SingularityReport,
+    ) -> &Report<N> {
+        self.analyzer.step_into(
+            &joints(&estimate.q),
+            &joints(&estimate.qdot),
+            terms,
+            &mut self.report,
+        );
+        wire::report_message(estimate.header.tick, &self.report, out);
+        &self.report
+    }
 }
 
 impl<const N: usize> Step for Cycle<N> {
@@ -78,27 +83,5 @@ impl<const N: usize> Step for Cycle<N> {
         self.analyzer
             .step_into(&q, &qdot, &self.terms, &mut self.report);
         wire::report_message(estimate.header.tick, &self.report, out);
-    }
-
-    fn step_knowing(
-        &mut self,
-        terms: &dyn Any,
-        estimate: &StateEstimate,
-        out: &mut SingularityReport,
-    ) {
-        let Some(terms) = terms.downcast_ref() else {
-            return self.step(estimate, out);
-        };
-        self.analyzer.step_into(
-            &joints(&estimate.q),
-            &joints(&estimate.qdot),
-            terms,
-            &mut self.report,
-        );
-        wire::report_message(estimate.header.tick, &self.report, out);
-    }
-
-    fn report(&self) -> &dyn Any {
-        &self.report
     }
 }

@@ -15,7 +15,7 @@ use shared_types::topics::{self, Each, TOPICS, Topic};
 use shared_types::{Header, Message, Target};
 
 use crate::Tick;
-use crate::cycles::Cycles;
+use crate::cycles::InForce;
 use crate::stage::Stage;
 
 /// Takes in every message that counts, in the order of its topic: the recorder's part.
@@ -121,7 +121,8 @@ struct UnderFaults<'a, O> {
     parts: Vec<Part>,
     /// Of each process but the plant.
     stages: Vec<Option<Stage>>,
-    cycles: Cycles,
+    plant: Box<dyn plant::Step>,
+    in_force: InForce,
     tick: Tick,
     wires: Vec<Wire>,
 }
@@ -177,7 +178,8 @@ pub fn run_under_faults(
         graph,
         faults,
         is_shaped,
-        cycles: Cycles::new(robot, scenario)?,
+        plant: plant::cycle(robot, scenario)?,
+        in_force: InForce::default(),
         tick: Tick::default(),
     };
     let ended = Engine::new(world, parts, outages, has_faults, limits).run();
@@ -272,8 +274,8 @@ impl<O: Sink> World for UnderFaults<'_, O> {
                     plant_state,
                     ..
                 } = &mut self.tick;
-                self.cycles.apply_faults(tick, self.faults.iter());
-                self.cycles.plant.sample(tick, sensor, plant_state);
+                self.in_force.apply(&mut *self.plant, tick, &self.faults);
+                self.plant.sample(tick, sensor, plant_state);
             }
             None => return Ok(Some(Vec::new())),
         }
@@ -288,9 +290,8 @@ impl<O: Sink> World for UnderFaults<'_, O> {
     }
 
     fn close_loop(&mut self, _tick: u64, message: Option<Packed>) -> bool {
-        let plant = &mut self.cycles.plant;
-        plant.step(message.as_ref().map(Packed::read));
-        plant.is_over()
+        self.plant.step(message.as_ref().map(Packed::read));
+        self.plant.is_over()
     }
 
     fn save(&mut self, process: usize) -> Vec<u8> {

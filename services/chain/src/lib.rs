@@ -14,7 +14,7 @@ use shared_types::fault::ScheduledFault;
 use shared_types::scenario::Scenario;
 use shared_types::topics::{self, ByTopic, Each, Topic, Whole};
 
-use cycles::Cycles;
+use cycles::{Step, cycles};
 
 pub use faults::{Sink, graph, planned_faults, plans_faults_of_processes, run_under_faults};
 pub use stage::Stage;
@@ -24,7 +24,7 @@ pub type Tick = ByTopic<Whole>;
 
 /// The cycles of the chain, one after the other.
 pub struct Chain {
-    cycles: Cycles,
+    cycles: Box<dyn Step>,
     faults: Vec<ScheduledFault>,
     tick: u64,
 }
@@ -39,72 +39,31 @@ impl Chain {
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
         Ok(Self {
             faults: hardware_faults(scenario)?,
-            cycles: Cycles::new(robot, scenario)?,
+            cycles: cycles(robot, scenario)?,
             tick: 0,
         })
     }
 
     /// One tick: sample, estimate, analyse, control, move. Fills the messages of the chain; those of other processes stay as they are.
     pub fn step(&mut self, tick: &mut Tick) {
-        self.cycles.apply_faults(self.tick, self.faults.iter());
-        let Cycles {
-            plant,
-            estimator,
-            analyzer,
-            controller,
-            operator,
-            ..
-        } = &mut self.cycles;
-        let Tick {
-            sensor,
-            plant_state,
-            estimate,
-            singularity,
-            target,
-            servo_state,
-            control_state,
-            torque,
-            ..
-        } = tick;
-        plant.sample(self.tick, sensor, plant_state);
-        estimator.step(sensor, estimate);
-        analyzer.step_knowing(estimator.terms(), estimate, singularity);
-        match operator {
-            Some(operator) => {
-                operator.step(sensor, target);
-                controller.steer(
-                    (estimate, singularity),
-                    Some(target),
-                    servo_state,
-                    control_state,
-                    torque,
-                );
-            }
-            None => controller.step_knowing(
-                [estimator.terms(), analyzer.report()],
-                (estimate, singularity),
-                control_state,
-                torque,
-            ),
-        }
+        self.cycles.step(self.tick, &self.faults, tick);
         topics::each(&mut First(tick));
-        plant.step(Some(&tick.torque));
         self.tick += 1;
     }
 
     /// Why the path cannot be followed, found before the first tick, in words.
     pub fn obstacle(&self) -> Option<&str> {
-        self.cycles.controller.obstacle()
+        self.cycles.obstacle()
     }
 
     /// A goal beyond reach, found before the first tick, in words.
     pub fn warning(&self) -> Option<String> {
-        self.cycles.controller.warning()
+        self.cycles.warning()
     }
 
     /// Whether the task is over.
     pub fn is_over(&self) -> bool {
-        self.cycles.plant.is_over()
+        self.cycles.is_over()
     }
 }
 

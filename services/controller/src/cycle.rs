@@ -1,7 +1,5 @@
 //! The controller's pure step: torque from the estimated state and its singularity report.
 
-use std::any::Any;
-
 use control::{Controller, Inputs, Refusal, Report, SetupError, start_posture, wire};
 use model::{Model, Robot, Terms, embedded};
 use nalgebra::SVector;
@@ -43,8 +41,8 @@ impl<const N: usize> Cycle<N> {
             .map(|values| embedded::<N>(&values[..self.dof]))
     }
 
-    /// The step, with the terms of the estimate and the report where they are known.
-    fn command(
+    /// The step, with the terms of the estimate and the content of its report where other steps in this address space have them.
+    pub fn command(
         &mut self,
         (terms, report): (Option<&Terms<N>>, Option<&Report<N>>),
         (estimate, message): (&StateEstimate, &SingularityReport),
@@ -87,15 +85,6 @@ pub trait Step: Send + Sync {
         &mut self,
         estimate: &StateEstimate,
         report: &SingularityReport,
-        state: &mut ControlState,
-        torque: &mut TorqueCommand,
-    );
-    /// The same with the [`Terms`](model::Terms) of this estimate and the [`Report`](control::Report) that the message has, where other steps in this
-    /// address space have computed them for the same arm and frame; those of another size are not used.
-    fn step_knowing(
-        &mut self,
-        known: [&dyn Any; 2],
-        inputs: (&StateEstimate, &SingularityReport),
         state: &mut ControlState,
         torque: &mut TorqueCommand,
     );
@@ -156,22 +145,6 @@ impl<const N: usize> Step for Cycle<N> {
         torque: &mut TorqueCommand,
     ) {
         self.command((None, None), (estimate, report), None, state, torque);
-    }
-
-    fn step_knowing(
-        &mut self,
-        [terms, report]: [&dyn Any; 2],
-        inputs: (&StateEstimate, &SingularityReport),
-        state: &mut ControlState,
-        torque: &mut TorqueCommand,
-    ) {
-        self.command(
-            (terms.downcast_ref(), report.downcast_ref()),
-            inputs,
-            None,
-            state,
-            torque,
-        );
     }
 
     fn steer(

@@ -1,7 +1,5 @@
 //! The estimator's pure step: encoder samples to positions, velocities and unexplained torque.
 
-use std::any::Any;
-
 use crate::disturbance::{Disturbance, Unexplained};
 use model::{Model, ModelError, Robot, Terms, joints, padded};
 use nalgebra::SVector;
@@ -121,14 +119,17 @@ impl<const N: usize> Cycle<N> {
             state: None,
         })
     }
+
+    /// The terms of the last estimate at the scenario's frame, for other steps in this address space.
+    pub fn terms(&self) -> &Terms<N> {
+        &self.terms
+    }
 }
 
 /// The pure step of an arm of any number of joints.
 pub trait Step {
     /// The estimate at the sample's tick.
     fn step(&mut self, sample: &SensorSample, out: &mut StateEstimate);
-    /// The [`Terms`] of the last estimate at the scenario's frame, for other steps in this address space.
-    fn terms(&self) -> &dyn Any;
     /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its input.
     fn save(&self, out: &mut EstimatorCheckpoint);
     /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
@@ -173,10 +174,6 @@ impl<const N: usize> Step for Cycle<N> {
             self.model
                 .evaluate_into(&state.q, &state.qdot, &mut self.terms);
         }
-    }
-
-    fn terms(&self) -> &dyn Any {
-        &self.terms
     }
 
     fn rejects(&self) -> bool {
