@@ -289,7 +289,7 @@ fn extent(geometry: &Geometry) -> f64 {
     }
 }
 
-/// The robot's own visual geometry; a capsule for a link that has none, and a hand where the arm ends in a flange.
+/// The robot's own visual geometry; a capsule for a link that lacks it, and a hand where the arm ends in a flange.
 fn shapes(robot: &Robot, reach: f32, meshes: &Meshes) -> (Mesh, Vec<Mesh>) {
     let mut base = Mesh::default();
     let mut links = vec![Mesh::default(); robot.joints.len()];
@@ -308,12 +308,16 @@ fn shapes(robot: &Robot, reach: f32, meshes: &Meshes) -> (Mesh, Vec<Mesh>) {
         };
         add_shape(mesh, shape, colour, meshes);
     }
-    for (i, link) in links
-        .iter_mut()
-        .enumerate()
-        .filter(|(_, link)| link.positions.is_empty())
-    {
-        capsule(link, robot, i, 0.035 * reach);
+    let radius = 0.035 * reach;
+    if base.positions.is_empty() && lacking.contains(&None) {
+        bone(&mut base, vec3(&robot.joints[0].X_PJ.p), radius);
+    }
+    // Also where what is drawn, such as the fingers of a hand, hangs in the air without what is not.
+    let is_apart = |link: &Mesh| link.positions.iter().all(|p| p.length() > 2.0 * radius);
+    for (i, link) in links.iter_mut().enumerate() {
+        if link.positions.is_empty() || lacking.contains(&Some(i)) && is_apart(link) {
+            capsule(link, robot, i, radius);
+        }
     }
     if let (Some(frame), Some(last)) = (robot.frame(&robot.default_frame), links.last_mut())
         && robot.task.0[2]

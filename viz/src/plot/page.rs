@@ -11,7 +11,7 @@ use plotters::style::{FontStyle, WHITE, register_font};
 
 use super::color::{GREY, INK};
 use super::panel::Panel;
-use super::pen::{FINE, FONT, Pen, said};
+use super::pen::{CHARACTER, FINE, FONT, Pen, said};
 
 /// Drawn pixels per pixel of the PNG, which has two for each point.
 const SHRINK: u32 = 2;
@@ -89,8 +89,9 @@ impl Row {
 const MARGIN: f64 = 22.0;
 /// Room between panels, points.
 const GAP: f64 = 28.0;
-/// Line height of notes, points.
+/// Line height and letters of notes, points.
 const NOTE: f64 = 17.0;
+const LETTERS: f64 = 12.0;
 impl Page {
     /// The picture as an SVG element, and where the data of its last panel is, in the units of the SVG: x, and y from above.
     ///
@@ -139,7 +140,18 @@ impl Page {
 
     fn height(&self) -> f64 {
         let rows: f64 = self.rows.iter().map(|row| row.height).sum();
-        self.heading() + rows + NOTE * self.notes.len() as f64 + MARGIN
+        self.heading() + rows + NOTE * self.note_lines().len() as f64 + MARGIN
+    }
+
+    /// The notes, folded to the width of the page.
+    fn note_lines(&self) -> Vec<String> {
+        let most = (self.width - 2.0 * MARGIN) / (CHARACTER * LETTERS);
+        let folded = |note: &String| {
+            let note = note.replace(" -", " −");
+            let lines = textwrap::wrap(&note, most as usize);
+            lines.into_iter().map(String::from).collect::<Vec<_>>()
+        };
+        self.notes.iter().flat_map(folded).collect()
     }
 
     fn heading(&self) -> f64 {
@@ -178,10 +190,9 @@ impl Page {
             }
             top += row.height;
         }
-        for (i, note) in self.notes.iter().enumerate() {
+        for (i, line) in self.note_lines().iter().enumerate() {
             let place = (MARGIN, top + NOTE * (i as f64 + 0.6));
-            let note = note.replace(" -", " −");
-            pen.text(place, &note, 12.0, false, INK, HPos::Left)?;
+            pen.text(place, line, LETTERS, false, INK, HPos::Left)?;
         }
         area.present().map_err(said)?;
         Ok(data)

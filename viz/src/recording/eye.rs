@@ -106,6 +106,16 @@ struct Stretch {
     corners: [Vec3; 2],
 }
 
+impl Stretch {
+    /// From the singularity to the hand, for a run that is inside none: the two may be apart.
+    fn with_hand(mut self) -> Self {
+        let [low, high] = self.corners;
+        self.corners = [low.min(self.centre), high.max(self.centre)];
+        self.hand = self.centre;
+        self
+    }
+}
+
 /// The stretches of a run so far.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Stretches {
@@ -169,7 +179,8 @@ impl Stretches {
         unit: f32,
         main: &Eye,
     ) -> Option<((u64, u64), Eye)> {
-        let stretch = self.longest.or(self.nearest.map(|(_, stretch)| stretch))?;
+        let near = || self.nearest.map(|(_, stretch)| stretch.with_hand());
+        let stretch = self.longest.or_else(near)?;
         let rate = u64::from(rate_hz);
         let ticks = (
             stretch.first.saturating_sub(rate / 2),
