@@ -171,10 +171,10 @@ impl Desk {
         said
     }
 
-    /// Commands that are refused, each with its words, and make no folder for results.
+    /// Commands that are refused, each with the names between spaces, and make no folder for results.
     pub(crate) fn refuses_each(&self, cases: &[(&str, &str)]) {
-        for (args, words) in cases {
-            self.refuses(2, args, &[words]);
+        for (args, names) in cases {
+            self.refuses(2, args, &names.split_whitespace().collect::<Vec<_>>());
         }
         assert!(!self.has("runs"));
     }
