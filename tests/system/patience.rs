@@ -33,18 +33,15 @@ fn stopped_and_traced_processes_are_waited_for_and_no_byte_changes() {
     let traced = run_with(&desk, "", |run| {
         is_traced = trace(run.pid("controller").unwrap())
     });
-    for (said, is_held, waiting) in [
-        (stopped, true, "estimator is stopped (SIGSTOP): waiting"),
-        (
-            traced,
-            is_traced,
-            "controller is held by a debugger: waiting",
-        ),
+    for (said, is_held, names) in [
+        (stopped, true, ["estimator", "SIGSTOP"]),
+        (traced, is_traced, ["controller"; 2]),
     ] {
         let summary = said.json();
         summary.holds(r#"{"faults": []}"#);
         assert_eq!(summary["topics"], calm["topics"], "{}", said.err);
-        assert!(!is_held || said.err.contains(waiting), "{}", said.err);
+        let is_said = names.iter().all(|name| said.err.contains(name));
+        assert!(!is_held || is_said, "{}", said.err);
     }
     if !is_traced {
         skipped("this machine lets no process trace another one");
@@ -77,7 +74,5 @@ fn a_user_may_set_a_limit_after_which_a_stopped_process_is_replaced() {
     assert_eq!(said.code, 0, "{}", said.err);
     said.json()
         .holds(r#"{"faults/0/process": "analyzer", "faults/0/kind": "kill"}"#);
-    let sentence = "analyzer has done nothing for";
-    assert!(said.err.contains(sentence), "{}", said.err);
     desk.refuses(2, "run --silence-limit=-1", &["--silence-limit"]);
 }

@@ -47,8 +47,7 @@ fn a_file_steers_the_arm_and_its_saved_scenario_gives_the_same_bytes() {
     let replayed = desk.succeeds("replay one --json").out;
     assert!(replayed.contains("servo_state"), "{replayed}");
     let said = desk.armplane("servo two/scenario.toml --out three");
-    let refused = "refused    1 × it holds a NaN or an infinity";
-    assert!(said.out.contains(refused), "{}", said.out);
+    assert_eq!(said.out.matches(" 1 × ").count(), 2, "{}", said.out);
 }
 
 /// A hand is turned until joint 7 of a Panda is at its limit, and on.
@@ -63,9 +62,12 @@ fn at_a_limit_and_after_the_end_the_arm_rests() {
         let args =
             format!("servo panda --from targets.csv --set settle_s={settle_s} --out r --json");
         let summary = desk.armplane(&args).json();
-        let limit =
-            &summary["servo"]["seconds"]["slowed before a joint limit: joint 7 at its upper limit"];
-        assert!(limit.number() > 1.0, "{}", summary["servo"]);
+        let seconds = &summary["servo"]["seconds"];
+        let mut reasons = seconds.as_object().expect("reasons").iter();
+        assert!(
+            reasons.any(|(reason, seconds)| reason.contains("joint 7") && seconds.number() > 1.0),
+            "{seconds}"
+        );
         summary["joints"]["q_end"]
             .list()
             .iter()
@@ -220,33 +222,18 @@ fn a_scenario_that_cannot_be_steered_says_why() {
     );
     desk.file("headless.csv", "0, twist, base, 1, 0 0 0 0 0 0\n");
     desk.refuses_each(&[
-        ("servo panda", "is not steered: it has no [servo]"),
-        (
-            "servo panda --from nowhere.csv",
-            "there is no file nowhere.csv",
-        ),
-        (
-            "servo panda --from wrong.csv",
-            "wrong.csv:2: there is no frame `tool`",
-        ),
-        ("servo panda --from headless.csv", "the first line must be"),
+        ("servo panda", "panda [servo] --from"),
+        ("servo panda --from nowhere.csv", "nowhere.csv:"),
+        ("servo panda --from wrong.csv", "wrong.csv:2: `tool`"),
+        ("servo panda --from headless.csv", "headless.csv:1: `mm`"),
         ("servo pandas --random 1", "pandas"),
         ("servo panda --random 1 --start lying", "--start: "),
-        (
-            "servo panda --from joints.csv",
-            "joints.csv:2: the posture has 6 values, and the arm has 7 joints",
-        ),
-        ("servo panda ur5 --random 1", "give one robot or scenario"),
-        ("servo fig5-wrist-rotation", "is not steered"),
-        (
-            "servo panda --from keyboard",
-            "standard input is not a terminal",
-        ),
+        ("servo panda --from joints.csv", "joints.csv:2: 6 7"),
+        ("servo panda ur5 --random 1", "--seeds N"),
+        ("servo fig5-wrist-rotation", "fig5-wrist-rotation [servo]"),
+        ("servo panda --from keyboard", "--from FILE, -"),
         // With the feature: there is none to be found.
         ("servo panda --from gamepad", "gamepad"),
-        (
-            "servo panda --from topic",
-            "name a graph with a process of yours that writes `target`",
-        ),
+        ("servo panda --from topic", "`target`, --graph"),
     ]);
 }

@@ -39,13 +39,13 @@ fn an_error_for_machines_is_one_object() {
     let desk = Desk::new();
     desk.file("bad.toml", "name = \"x\"\nrobot = \"puma560\"\n[start]\nposture = \"ready\"\n[[segment]]\nduration_s = -1.0\n");
     for (args, kind, expected) in [
-        ("run nothing", "input", "there is no scenario"),
-        ("run --seed x", "usage", "invalid value 'x'"),
-        ("frobnicate", "usage", "unrecognized subcommand"),
-        ("export nowhere", "input", "there is no run nowhere"),
+        ("run nothing", "input", "`nothing`"),
+        ("run --seed x", "usage", "'x' for '--seed"),
+        ("frobnicate", "usage", "'frobnicate'"),
+        ("export nowhere", "input", "runs/"),
         ("fault controller explode", "usage", "explode"),
-        ("generate man /proc/nowhere", "input", "cannot write"),
-        ("run bad.toml", "input", "the segment takes -1 s"),
+        ("generate man /proc/nowhere", "input", "/proc/nowhere:"),
+        ("run bad.toml", "input", "-1 s"),
     ] {
         let said = desk.refuses(2, &format!("{args} --json"), &[]);
         let last = said.err.lines().last().unwrap_or_default();
