@@ -29,7 +29,7 @@ fn simulator(args: &[&str]) -> Command {
 /// The part that is not here: the client in this build, the simulator on this machine.
 fn missing(desk: &Desk) -> Option<&'static str> {
     let said = desk.armplane("run fr3-wrist --plant fci://127.0.0.1:9");
-    if said.err.contains("built without") {
+    if said.err.contains("--features fci") {
         return Some("armplane is built without Franka's control interface (--features fci)");
     }
     let checked = simulator(&["--check"]).status();
@@ -97,11 +97,11 @@ fn an_arm_behind_its_control_interface_is_the_plant() {
         summary["task"]["position_max_mm"].number() < 1.0,
         "{summary}"
     );
-    assert!(said.err.contains("of the commands in time"), "{}", said.err);
+    assert!(said.err.contains(" % "), "{}", said.err);
     // The arm is the robot's own: its URDF has other names than the built-in one.
     assert!(desk.read("out/robot.urdf").contains("\"joint1\"") && desk.has("out/run.rrd"));
     // The clock of the robot does not run in lockstep.
-    desk.refuses(2, &format!("{args} --mode lockstep"), &["real time"]);
+    desk.refuses(2, &format!("{args} --mode lockstep"), &["--mode realtime"]);
 }
 
 #[test]
@@ -127,7 +127,7 @@ fn a_robot_that_is_lost_ends_the_run_in_words() {
     assert_eq!(said.code, 1, "{}", said.err);
     let kept = desk.read_json("out/summary.json");
     for text in [&*said.err, kept["reason"].text()] {
-        assert!(text.contains("is lost at tick"), "{text}");
+        assert!(text.contains(&simulator.address), "{text}");
     }
     let mut faults = kept["faults"].list().iter();
     assert!(faults.any(|fault| fault["process"] == "plant"), "{kept}");
@@ -136,10 +136,7 @@ fn a_robot_that_is_lost_ends_the_run_in_words() {
 #[test]
 fn a_robot_that_does_not_answer_is_refused_before_anything_starts() {
     let desk = Desk::new();
-    for (address, expected) in [
-        ("fci://127.0.0.1:9", "fci"),
-        ("127.0.0.1", "is not a robot's address"),
-    ] {
+    for (address, expected) in [("fci://127.0.0.1:9", "fci"), ("127.0.0.1", "fci://")] {
         let said = desk.armplane(&format!("run fr3-wrist --plant {address}"));
         assert!(
             said.code != 0 && said.err.contains(expected) && !said.err.contains("panicked"),

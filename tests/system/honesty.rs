@@ -157,11 +157,11 @@ fn a_goal_that_the_task_does_not_serve_is_refused() {
             bent,
             "turn = { about = \"z\", by_deg = 60 }",
             2,
-            "about z",
+            " z,",
         ),
-        ("planar3r", bent, "by_m = [0.1, 0.0, 0.3]", 2, "along z"),
+        ("planar3r", bent, "by_m = [0.1, 0.0, 0.3]", 2, " z,"),
         ("planar3r", bent, "by_m = [0.1, 0.1, 0.0]", 0, ""),
-        ("puma560", PUMA, lock, 2, "neighbourhood"),
+        ("puma560", PUMA, lock, 2, "segment 0 "),
     ] {
         let segment = format!("{segment}\nduration_s = 1.0");
         ends(&desk, [robot, start, &segment], code, word);
@@ -281,7 +281,7 @@ fn a_joint_that_slides_has_no_degrees() {
             "q = [0.3, 0.8, 0.1, 0.5]\nq_deg = [0, 0, 0, 0]",
             -0.1,
             2,
-            "2 times",
+            "q_deg,",
         ),
         (start, -0.1, 0, ""),
     ] {

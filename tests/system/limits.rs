@@ -48,12 +48,9 @@ fn ends(desk: &Desk, resource: libc::__rlimit_resource_t, option: &str, limit: u
         std::fs::remove_dir_all(desk.at("r")).expect("the results");
         return true;
     }
-    let remedy = format!("raise the limit with `ulimit {option} ");
+    let remedy = format!("`ulimit {option} ");
     assert!(
-        said.code == 1
-            && said.err.lines().count() == 1
-            && said.err.starts_with("armplane: this shell allows ")
-            && said.err.contains(&remedy),
+        said.code == 1 && said.err.lines().count() == 1 && said.err.contains(&remedy),
         "{case}"
     );
     assert!(!desk.has("r"), "{case}");
@@ -117,7 +114,7 @@ fn a_small_volume_costs_the_recording_and_not_the_run() {
         let (code, said) = (ran.status.code(), text(&ran.stderr) + &text(&ran.stdout));
         let case = format!("{kib} KiB: {code:?}: {said}");
         if code == Some(2) {
-            let words = ["No space left on device", "--out"];
+            let words = ["os error 28", "--out"];
             let is_said = words.iter().all(|words| said.contains(words));
             assert!(is_said && said.lines().count() == 1, "{case}");
             assert!(desk.names("kept").is_empty(), "{case}");
@@ -127,8 +124,8 @@ fn a_small_volume_costs_the_recording_and_not_the_run() {
             let recorder = &summary["recorder"];
             let error = recorder["error"].as_str().unwrap_or_default();
             let end = match recorder["bytes"].as_u64() {
-                None | Some(0) => "cannot begin".to_owned(),
-                Some(bytes) => format!("the recording has {bytes} bytes"),
+                None | Some(0) => "--no-record".to_owned(),
+                Some(bytes) => format!("{bytes} bytes"),
             };
             let is_whole = error.is_empty();
             assert!(
@@ -136,10 +133,8 @@ fn a_small_volume_costs_the_recording_and_not_the_run() {
                 "{case}"
             );
             assert!(!is_whole || kib >= 1024, "{case}");
-            let is_said = said.contains(&format!("armplane: the results are not whole: {error}"));
-            assert_eq!(
-                (code, is_said),
-                (Some(i32::from(!is_whole)), !is_whole),
+            assert!(
+                code == Some(i32::from(!is_whole)) && said.contains(error),
                 "{case}"
             );
             let is_left = |name: &String| {

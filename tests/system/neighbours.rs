@@ -80,9 +80,7 @@ fn a_full_memory_file_system_is_refused_in_bytes_and_one_that_fills_up_later_cos
     };
     let said = text(&refused.stderr);
     assert!(
-        refused.status.code() == Some(1)
-            && said.contains("bytes are missing")
-            && said.lines().count() == 1,
+        refused.status.code() == Some(1) && said.contains(" bytes ") && said.lines().count() == 1,
         "{said}"
     );
     assert!(!desk.has("small"), "nothing began");

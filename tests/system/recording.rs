@@ -45,7 +45,7 @@ fn without_a_viewer_one_sentence_says_how_to_get_one() {
             "{}",
             said.err
         );
-        for words in ["pip install rerun-sdk==0.36.3", "/there/is/no/viewer"] {
+        for words in ["rerun-sdk==0.36.3", "/there/is/no/viewer"] {
             assert!(said.err.contains(words), "{}", said.err);
         }
     }
@@ -125,7 +125,7 @@ fn view_opens_the_latest_run_and_another_layout() {
     let old = desk.viewer("old.sh", "[ \"$1\" = --version ] && echo rerun-cli 0.20.1");
     let failing = desk.viewer("failing.sh", "exit 3");
     for (viewer, words) in [
-        (&old, ["is 0.20", "pip install rerun-sdk==0.36.3"]),
+        (&old, ["0.20", "rerun-sdk==0.36.3"]),
         (&failing, ["failing.sh", ""]),
     ] {
         let said = desk.with_viewer(viewer, "view");
@@ -165,21 +165,25 @@ fn no_process_waits_for_a_viewer_that_is_closed_or_stuck() {
     let plain = desk.short("");
     let alone = began.elapsed();
     let stuck = "[ \"$1\" = --version ] || echo $$ > pid; exec sleep 600";
-    for (text, expected) in [("exit 0", "closed"), (stuck, "has not read everything")] {
+    let sentences = ["exit 0", stuck].map(|text| {
         let viewer = desk.viewer("viewer.sh", text);
         let began = Instant::now();
         let said = desk.with_viewer(&viewer, &format!("run --live --json --out live {SHORT}"));
         let shown = began.elapsed();
         assert!(
             shown < 2 * alone + Duration::from_millis(1500),
-            "{expected}: {shown:?} in place of {alone:?}"
+            "{text}: {shown:?} in place of {alone:?}"
         );
-        for words in [expected, "the recording is complete"] {
-            assert!(said.code == 0 && said.err.contains(words), "{}", said.err);
-        }
-        let topics = &said.json()["topics"];
-        assert_eq!(topics, &plain["topics"], "the same run, to the byte");
-    }
+        assert_eq!(
+            (said.code, said.err.lines().count()),
+            (0, 1),
+            "{}",
+            said.err
+        );
+        assert_eq!(said.json()["topics"], plain["topics"], "{text}");
+        said.err
+    });
+    assert_ne!(sentences[0], sentences[1]);
     let pid = desk.read("pid");
     Command::new("kill").arg(pid.trim()).status().expect("kill");
 }
@@ -267,13 +271,12 @@ fn a_report_stands_alone() {
         summary["topics"]["torque"]["hash"].text(),
         env!("CARGO_PKG_VERSION"),
         "Linux",
-        "No fault, refusal or loss.",
     ] {
         assert!(page.contains(expected), "{expected} is not in the page");
     }
     desk.short("--out plain --no-record");
     desk.succeeds("report plain --out plain.html");
-    assert!(desk.read("plain.html").contains("There is no recording"));
+    assert!(!desk.read("plain.html").contains("<polyline"));
 }
 
 /// Of a recording that was cut what is left is exported, with a sentence about the rest.
@@ -282,7 +285,7 @@ fn a_recording_that_lacks_something_is_said_to() {
     let desk = Desk::new();
     let ticks = desk.short("--out run")["ticks"].count();
     let whole = desk.bytes("run/run.rrd");
-    let again = "`armplane run run/scenario.toml` makes the run again";
+    let again = "`armplane run run/scenario.toml`";
     for bytes in [0, 5_000, whole.len() / 2, whole.len() - 1] {
         desk.file("run/run.rrd", &whole[..bytes]);
         let code = if bytes > 5_000 { 1 } else { 2 };
@@ -300,18 +303,13 @@ fn a_recording_that_lacks_something_is_said_to() {
             }
         }
         let said = desk.armplane("report run --out page.html");
-        let is_said = said.err.contains("makes the run again");
         assert!(
-            (1..=2).contains(&said.code) && is_said,
+            (1..=2).contains(&said.code) && said.err.contains(again),
             "{bytes}: {}",
             said.err
         );
     }
-    let clause = " rows of the recording can be read";
-    assert!(
-        desk.read("page.html").contains(clause),
-        "the page says it, too"
-    );
+    assert!(desk.read("page.html").contains(&format!(" of {ticks} ")));
     desk.file("run/run.rrd", &whole);
     desk.succeeds("export run --out out");
     desk.remove("run/run.rrd");

@@ -59,7 +59,7 @@ fn every_file_and_command_of_the_tutorial_works() {
     );
     for (left, said) in [
         ("reach/report.html", "Locked"),
-        ("faulty/report.html", "fault in force"),
+        ("faulty/report.html", "controller kill"),
         ("s1.svg", "polyline"),
         ("straight/summary.json", "goal reached"),
     ] {
