@@ -133,11 +133,11 @@ fn every_wrong_input_is_refused_with_its_reason() {
         "run/messages.mcap",
         "run",
     ] {
-        let said = desk.refuses(2, &format!("run {file}"), &[file]);
+        let said = desk.refuses(2, &format!("run {file}"), file);
         assert_eq!(said.err.lines().count(), 1, "{}", said.err);
     }
     // The sentence and the lines of the file do not say the same.
-    let said = desk.refuses(2, "run robot.toml", &[]);
+    let said = desk.refuses(2, "run robot.toml", "");
     assert_eq!(said.err.matches("MJCF").count(), 1, "{}", said.err);
 }
 

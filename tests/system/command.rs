@@ -145,7 +145,7 @@ impl Desk {
 
     /// A command that succeeds.
     pub(crate) fn succeeds(&self, args: &str) -> Said {
-        self.refuses(0, args, &[])
+        self.refuses(0, args, "")
     }
 
     /// The JSON of a command that succeeds.
@@ -158,12 +158,12 @@ impl Desk {
         self.json(&format!("run {args}"))
     }
 
-    /// A command that ends with this exit code, in one sentence that holds each of these names and numbers.
-    pub(crate) fn refuses(&self, code: i32, args: &str, names: &[&str]) -> Said {
+    /// A command that ends with this exit code, in one sentence that holds each of these names and numbers, which stand between spaces.
+    pub(crate) fn refuses(&self, code: i32, args: &str, names: &str) -> Said {
         let said = self.armplane(args);
         assert!(
-            said.code == code && names.iter().all(|name| said.err.contains(name)),
-            "{args}: {} without one of {names:?}: {}{}",
+            said.code == code && names.split_whitespace().all(|name| said.err.contains(name)),
+            "{args}: {} without one of {names}: {}{}",
             said.code,
             said.out,
             said.err
@@ -171,10 +171,10 @@ impl Desk {
         said
     }
 
-    /// Commands that are refused, each with the names between spaces, and make no folder for results.
+    /// Commands that are refused, each with its names, and make no folder for results.
     pub(crate) fn refuses_each(&self, cases: &[(&str, &str)]) {
         for (args, names) in cases {
-            self.refuses(2, args, &names.split_whitespace().collect::<Vec<_>>());
+            self.refuses(2, args, names);
         }
         assert!(!self.has("runs"));
     }

@@ -162,6 +162,6 @@ fn work_beyond_one_thread_is_left_out_by_name_or_refused() {
     desk.refuses(
         2,
         "figures --set fault=[{process=\"controller\",kind=\"kill\",at_tick=100}] --out f",
-        &["fig1-pseudo-inverse", "`kill`", "controller,"],
+        "fig1-pseudo-inverse `kill` controller,",
     );
 }

@@ -58,15 +58,15 @@ fn no_result_is_written_behind_a_link_or_into_a_pipe() {
     ] {
         desk.link(link, "victim");
         let (_, name) = link.rsplit_once('/').unwrap_or(("", link));
-        let said = desk.refuses(code, command, &[name]);
+        let said = desk.refuses(code, command, name);
         assert_eq!(said.err.lines().count(), 1, "{command}: {}", said.err);
         assert_eq!(desk.read("victim"), "mine", "{command}");
         desk.remove(link);
     }
     desk.pipe("pipe");
-    desk.refuses(1, "report r --out pipe", &["pipe"]);
+    desk.refuses(1, "report r --out pipe", "pipe");
     desk.link("all/history-1", "out");
-    desk.refuses(2, "verify short.toml --kills 1 --out all", &["history-1"]);
+    desk.refuses(2, "verify short.toml --kills 1 --out all", "history-1");
     // What the user holds is written to.
     let page = desk.succeeds("report r --out /dev/stdout");
     assert!(page.out.contains("</html>"));
@@ -82,14 +82,14 @@ fn a_saved_run_that_was_damaged_is_named_and_one_that_was_edited_runs() {
         let mut bytes = scenario.clone().into_bytes();
         bytes[at] ^= 1;
         desk.file("r/scenario.toml", bytes);
-        desk.refuses(2, "run r/scenario.toml --out none", &["r/scenario.toml"]);
+        desk.refuses(2, "run r/scenario.toml --out none", "r/scenario.toml");
     }
     desk.file("r/scenario.toml", &scenario);
     desk.file(
         "r/robot.urdf",
         robot.replace("mass value=\"1\"", "mass value=\"2\""),
     );
-    desk.refuses(2, "run r/scenario.toml --out none", &["r/robot.urdf"]);
+    desk.refuses(2, "run r/scenario.toml --out none", "r/robot.urdf");
     assert!(!desk.has("none"));
     desk.file("r/scenario.toml", text);
     let heavier = desk.run("r/scenario.toml --out heavier");
@@ -101,9 +101,9 @@ fn a_file_that_nobody_wrote_by_hand_is_not_taken_in_and_a_long_word_is_cut() {
     let desk = Desk::new();
     let with = |more: String| desk.file("large.toml", SHORT.to_owned() + &more);
     with(format!("#{}\n", "x".repeat(5 << 20)));
-    desk.refuses(2, "run large.toml", &["large.toml"]);
+    desk.refuses(2, "run large.toml", "large.toml");
     with(format!("{} = 1\n", "x".repeat(1 << 20)));
-    let said = desk.refuses(2, "run large.toml", &[]);
+    let said = desk.refuses(2, "run large.toml", "");
     assert!(said.err.len() < 10_000, "{} bytes", said.err.len());
 }
 
@@ -171,15 +171,11 @@ fn an_experiment_removes_files_of_runs_only() {
     // Another program's summary makes no folder of a run, and is not replaced.
     desk.file("foreign/summary.json", "{}");
     desk.file("foreign/report.html", "mine");
-    desk.refuses(2, "run short.toml --out foreign", &["summary.json"]);
+    desk.refuses(2, "run short.toml --out foreign", "summary.json");
     let foreign = ["foreign/summary.json", "foreign/report.html"].map(|name| desk.read(name));
     assert_eq!(foreign, ["{}", "mine"]);
     std::fs::rename(desk.at("d/run"), desk.at("d/kept")).unwrap();
     desk.link("d/run", "d/kept");
-    desk.refuses(
-        2,
-        "drill short.toml --only controller:kill --out d",
-        &["run"],
-    );
+    desk.refuses(2, "drill short.toml --only controller:kill --out d", "run");
     assert_eq!(desk.read("d/kept/sub/x"), "mine");
 }

@@ -147,7 +147,7 @@ fn bad_programs_are_named_in_the_log_and_among_the_faults() {
     for (how, tick, name) in cases {
         let desk = Desk::new();
         estimator(&desk, &python(how), "never", "");
-        let said = desk.refuses(1, "run short.toml --no-record --json", &["estimator", name]);
+        let said = desk.refuses(1, "run short.toml --no-record --json", name);
         let summary = said.json();
         summary.holds(
             r#"{"faults/#": 1, "faults/0/plan/process": "estimator", "faults/0/origin": "detected"}"#,
@@ -225,7 +225,7 @@ fn a_program_that_is_killed_before_it_joins_is_replaced() {
         if is_foreign {
             estimator(&desk, &command, "never", "");
             desk.remove("once");
-            desk.refuses(1, "run short.toml", &["estimator"]);
+            desk.refuses(1, "run short.toml", "estimator");
         }
     }
 }
@@ -242,7 +242,7 @@ fn the_descendants_of_a_program_end_with_the_run_or_a_killed_launcher() {
         graph(&desk, &process, "");
     };
     with_descendants("exit 3");
-    desk.refuses(1, "run short.toml --no-record", &["watch", "code 3"]);
+    desk.refuses(1, "run short.toml --no-record", "watch 3");
     with_descendants("sleep 602");
     let run = desk.start("run short.toml --no-record");
     let id = run.id();
@@ -263,7 +263,7 @@ fn a_full_volume_is_refused_where_it_would_have_no_effect() {
         "name = \"watch\"\nexchange = true\nreads = [\"estimate\"]\ncommand = [\"true\"]\n";
     let fault = "\n[[fault]]\nprocess = \"watch\"\nkind = \"disk-full\"\nat_tick = 10\n";
     graph(&desk, process, fault);
-    desk.refuses(2, "run short.toml", &["`disk-full`", "watch"]);
+    desk.refuses(2, "run short.toml", "`disk-full` watch");
 }
 
 #[test]

@@ -167,11 +167,7 @@ fn a_budget_that_is_spent_ends_the_run_with_a_sentence() {
             &desk,
             &(0..6).map(|k| kills((k + first) % 6)).collect::<String>(),
         );
-        desk.refuses(
-            1,
-            "run s.toml --out r",
-            &["controller", "tick 600", "5 restarts"],
-        );
+        desk.refuses(1, "run s.toml --out r", "controller 600 5");
     }
 }
 
@@ -207,7 +203,7 @@ fn drill_judges_a_cell_and_takes_only_cells_that_exist() {
         ("--without fencing", "controller:zombie", "fence"),
     ] {
         let args = format!("drill s.toml --json --only {cell} {changed}");
-        let drill = desk.refuses(1, &args, &[]).json();
+        let drill = desk.refuses(1, &args, "").json();
         let mut broken = drill["cells"][0]["broken"].list().iter();
         assert!(
             broken.any(|one| one["check"] == check),
@@ -217,13 +213,9 @@ fn drill_judges_a_cell_and_takes_only_cells_that_exist() {
     desk.refuses(
         1,
         "drill s.toml --only controller:kill --set goal.position_mm=1e-7",
-        &["short", "goal missed"],
+        "s.toml 0.0000001",
     );
-    desk.refuses(
-        2,
-        "drill --only recorder:drop",
-        &["`recorder:drop`", "plant,"],
-    );
+    desk.refuses(2, "drill --only recorder:drop", "`recorder:drop` plant,");
 }
 
 #[test]
@@ -274,7 +266,7 @@ fn a_run_of_another_folder_is_named_before_anything_happens_to_it() {
     let (desk, elsewhere) = (Desk::new(), Desk::new());
     let run = desk.begin("run --set segment.1.duration_s=500 --json --no-record --out r");
     let folder = desk.at("r").display().to_string();
-    elsewhere.refuses(2, "fault controller kill", &[&folder, "--run"]);
+    elsewhere.refuses(2, "fault controller kill", &format!("{folder} --run"));
     run.interrupt().json().holds(r#"{"faults": []}"#);
 }
 

@@ -28,7 +28,7 @@ fn six_runs_at_once_take_six_folders() {
 fn a_folder_into_which_a_run_writes_is_refused_to_another() {
     let desk = Desk::new();
     let first = desk.begin("run --set segment.1.duration_s=500 --json --out same");
-    desk.refuses(2, "run --out same", &["same:", "--out"]);
+    desk.refuses(2, "run --out same", "same: --out");
     first
         .interrupt()
         .json()

@@ -101,7 +101,7 @@ fn an_arm_behind_its_control_interface_is_the_plant() {
     // The arm is the robot's own: its URDF has other names than the built-in one.
     assert!(desk.read("out/robot.urdf").contains("\"joint1\"") && desk.has("out/run.rrd"));
     // The clock of the robot does not run in lockstep.
-    desk.refuses(2, &format!("{args} --mode lockstep"), &["--mode realtime"]);
+    desk.refuses(2, &format!("{args} --mode lockstep"), "--mode realtime");
 }
 
 #[test]

@@ -35,7 +35,7 @@ fn a_death_between_two_outputs_of_a_tick_is_planned_and_repeats() {
     }
     let drop = "[[fault]]\nprocess = \"plant\"\nkind = \"drop\"\nafter_outputs = 1";
     desk.file("s.toml", [SHORT, drop].concat());
-    desk.refuses(2, "run s.toml", &["after_outputs"]);
+    desk.refuses(2, "run s.toml", "after_outputs");
 }
 
 #[test]

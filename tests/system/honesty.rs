@@ -137,7 +137,7 @@ fn ends(desk: &Desk, [robot, start, segments]: [&str; 3], code: i32, word: &str)
         "name = \"task\"\nrobot = \"{robot}\"\n[start]\n{start}\n[[segment]]\n{segments}\n"
     );
     desk.file("task.toml", text);
-    let said = desk.refuses(code, "run task.toml --json", &[word]);
+    let said = desk.refuses(code, "run task.toml --json", word);
     (code == 0).then(|| said.json())
 }
 

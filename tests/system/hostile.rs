@@ -254,7 +254,7 @@ fn a_live_fault_of_a_joint_that_the_arm_does_not_have_is_refused() {
     let run = desk.begin("run --set segment.1.duration_s=500 --no-record --json");
     let name = run_of(run.id()).unwrap();
     let fault = |joint: &str| format!("fault plant sensor --joint {joint} --run {name}");
-    desk.refuses(2, &fault("7"), &["joint 7", "6 joints"]);
+    desk.refuses(2, &fault("7"), "7: puma560 6");
     until("the run to take a fault", || {
         desk.armplane(&fault("6")).code == 0
     });

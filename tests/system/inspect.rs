@@ -157,7 +157,7 @@ fn a_frame_chooses_one_of_several_arms() {
         parts.concat()
     );
     desk.file("two.urdf", urdf);
-    desk.refuses(2, "inspect --robot two.urdf", &["'base'", "--frame"]);
+    desk.refuses(2, "inspect --robot two.urdf", "'base' --frame");
     for (side, y) in arms {
         let seen = desk.json(&format!(
             "inspect --robot two.urdf --frame {side}_fore --q=0,0"

@@ -322,7 +322,7 @@ fn a_turn_without_room_is_refused_before_anything_moves() {
     // Joint 4 may go to 170°, joint 6 to 266°: +60° is too much for the one, −120° for the other.
     let args = "run fig5-wrist-rotation --set 'start={q_deg = [20, -60, 170, 150, 0, 250]}' \
                 --set 'segment=[{reorient = {singularity = \"wrist\", by_deg = 60}, duration_s = 1.0}]'";
-    Desk::new().refuses(2, args, &["fig5-wrist-rotation:"]);
+    Desk::new().refuses(2, args, "fig5-wrist-rotation:");
 }
 
 #[test]

@@ -173,7 +173,7 @@ fn no_process_outlives_a_killed_launcher_and_clean_removes_what_it_left() {
     assert_eq!(recorded, ticks, "every tick once in the recording");
     desk.succeeds("report results");
     desk.succeeds("replay results");
-    desk.refuses(2, "recover results", &["summary.json"]);
+    desk.refuses(2, "recover results", "summary.json");
     let ours = format!("-{launcher}-");
     let mut runs = doctor["runs"].list().iter();
     let found = runs.any(|run| run["run"].text().contains(&ours) && run["alive"] == false);
@@ -271,6 +271,6 @@ fn a_run_that_is_killed_at_any_moment_of_its_start_is_recovered_or_its_folder_is
     }
     // As a launcher leaves it that is killed before its first process, which the attempts above need not have met.
     desk.file("early/summary.json.reserved", "");
-    desk.refuses(2, "recover early", &["job.json", "--out early"]);
+    desk.refuses(2, "recover early", "job.json --out early");
     assert!(desk.has("early/summary.json.reserved"));
 }

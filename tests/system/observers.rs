@@ -27,7 +27,7 @@ fn the_end_of_an_observer_has_one_tick() {
         ("os.kill(os.getpid(), 9)", "exit"),
         ("os.kill(os.getppid(), 9)", "kill"),
     ] {
-        let said = watch(at_100).refuses(1, "run short.toml --no-record --json", &[]);
+        let said = watch(at_100).refuses(1, "run short.toml --no-record --json", "");
         let summary = said.json();
         let (fault, reason) = (&summary["faults"][0], summary["reason"].text());
         let at = format!(" at tick {}", fault["tick"]);

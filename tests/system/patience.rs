@@ -74,5 +74,5 @@ fn a_user_may_set_a_limit_after_which_a_stopped_process_is_replaced() {
     assert_eq!(said.code, 0, "{}", said.err);
     said.json()
         .holds(r#"{"faults/0/process": "analyzer", "faults/0/kind": "kill"}"#);
-    desk.refuses(2, "run --silence-limit=-1", &["--silence-limit"]);
+    desk.refuses(2, "run --silence-limit=-1", "--silence-limit");
 }

@@ -48,7 +48,7 @@ fn a_changed_controller_is_told_where_it_first_differs_and_by_how_much() {
     desk.run("--out run");
     // The second segment only: until it begins the torques are the recorded ones.
     let args = "replay run --set segment.1.turn.by_deg=44";
-    let json = desk.refuses(1, &format!("{args} --json"), &[]).json();
+    let json = desk.refuses(1, &format!("{args} --json"), "").json();
     json.holds(r#"{"identical": false, "difference/topic": "control_state"}"#);
     let first = &json["difference"];
     assert!(first["tick"].count() > 1000, "{first}");
@@ -72,7 +72,7 @@ fn a_changed_controller_is_told_where_it_first_differs_and_by_how_much() {
             && tau["tick"].count() >= first["tick"].count(),
         "{tau}"
     );
-    let said = desk.refuses(1, args, &[]);
+    let said = desk.refuses(1, args, "");
     let tick = format!("tick {}", first["tick"]);
     assert!(said.out.contains(&tick), "{tick}: {}", said.out);
 }

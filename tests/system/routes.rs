@@ -18,7 +18,7 @@ fn lines_through_locks_reach_their_goal_or_are_refused_as_they_should() {
         } else {
             0
         };
-        desk.refuses(code, &format!("run {line} --no-record"), &[]);
+        desk.refuses(code, &format!("run {line} --no-record"), "");
     }
 }
 

@@ -47,7 +47,7 @@ fn an_error_for_machines_is_one_object() {
         ("generate man /proc/nowhere", "input", "/proc/nowhere:"),
         ("run bad.toml", "input", "-1 s"),
     ] {
-        let said = desk.refuses(2, &format!("{args} --json"), &[]);
+        let said = desk.refuses(2, &format!("{args} --json"), "");
         let last = said.err.lines().last().unwrap_or_default();
         let error: Value = serde_json::from_str(last).expect(&said.err);
         assert_eq!(

@@ -52,7 +52,7 @@ fn a_run_is_seen_from_outside() {
     wrist.holds(r#"{"inside": true, "type": "type 2"}"#);
     assert!(wrist["s"].number().abs() < 0.1, "{wrist}");
     run.interrupt();
-    desk.refuses(2, &format!("top --run {name} --once"), &[]);
+    desk.refuses(2, &format!("top --run {name} --once"), "");
 }
 
 #[test]

@@ -21,7 +21,7 @@ fn verify(faults: &[&str], args: &str, code: i32) -> Value {
     let desk = Desk::new();
     desk.file("task.toml", [TASK, &faults.concat()].concat());
     let scenario = if faults.is_empty() { "" } else { "task.toml" };
-    let said = desk.refuses(code, &format!("verify {scenario} --json {args}"), &[]);
+    let said = desk.refuses(code, &format!("verify {scenario} --json {args}"), "");
     assert_eq!(desk.names("."), ["task.toml"]);
     said.json()
 }
@@ -86,7 +86,7 @@ fn runs_with_faults_that_one_thread_cannot_have_are_compared_with_each_other_and
     assert!(lacks_torques(&json["runs"][2]), "{json}");
     let desk = Desk::new();
     desk.file("task.toml", [TASK, FAULTS, RECORDER].concat());
-    desk.refuses(2, "verify task.toml --runs 1", &["--runs 2"]);
+    desk.refuses(2, "verify task.toml --runs 1", "--runs 2");
     // The first difference is found, too.
     let json = verify(&[FAULTS, RECORDER], "--runs 3 --unordered", 1);
     json.holds(r#"{"identical": false, "reference_run": 1}"#);
