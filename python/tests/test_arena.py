@@ -129,6 +129,38 @@ def test_a_cheat_is_caught(tmp_path, task, end, missed):
     assert not cheat["s1"] and not cheat["s2"] and missed in cheat["missed"]
 
 
+# An opponent may write wherever its user may: it states its score, and makes the task easier.
+FORGER = """
+import json
+import os
+import pathlib
+
+import armplane.arena
+import numpy as np
+
+
+class Forger(armplane.arena.Velocity):
+    def setup(self, arm):
+        pathlib.Path(os.environ.pop("ARMPLANE_ARENA_COST")).write_text(json.dumps({"s1": True, "outcome": "goal reached", "median_us": 1.0, "p99_us": 1.0, "first_ms": 1.0}))
+        for path in pathlib.Path(__file__).parent.glob("tasks/*.toml"):
+            path.write_text(path.read_text().replace("to_m = ", "by_m = [0, 0, 0] #"))
+
+    def qdot(self, q, ref):
+        return np.zeros(self.arm.n)
+"""
+
+
+def test_an_opponent_cannot_write_its_score_or_its_task(tmp_path):
+    (tmp_path / "forger.py").write_text(FORGER)
+    forger = f"={tmp_path / 'forger.py'}"
+    done = arena(tmp_path, "--lines", "1", "--law", f"forger{forger}", "--jobs", "1")
+    assert done.returncode == 0, done.stderr
+    rows = rows_of(tmp_path)
+    assert len(rows) > 1 and not any(row["s1"] or row["outcome"] == "goal reached" for row in rows)
+    done = arena(tmp_path, "--law", "armplane", "--law", f"armplane{forger}")
+    assert done.returncode == 2, done.stderr
+
+
 def arena(folder, *asked):
     command = [_program(), "arena", "--size", "short", "--robot", "ur5", "--out", str(folder), "--jobs", "2", *asked]
     return subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)

@@ -2,11 +2,15 @@
 
 import argparse
 import concurrent.futures
+import contextlib
+import fcntl
 import functools
 import hashlib
 import json
+import math
 import os
 import pathlib
+import shlex
 import signal
 import subprocess
 import sys
@@ -105,6 +109,10 @@ def entries(names):
             skipped[text] = reason
         else:
             found.append(Entry(name + "".join(f":{pair}" for pair in pairs), str(file), about=about, **settings))
+    names = [entry.name for entry in found]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice:
+        refuse(f"two laws are called {twice}: give one of them another name, NAME=FILE.py")
     return found, skipped
 
 
@@ -126,10 +134,24 @@ def asked_file(file, settings):
     """The reason why an opponent cannot run here (empty if it can), and the facts about its class."""
     environment = {**os.environ, "ARMPLANE_ARENA": json.dumps(settings)}
     command = [sys.executable, "-m", "armplane.arena.host", str(file)]
-    done = subprocess.run(command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)
-    if done.returncode:
-        return (done.stderr.strip().splitlines() or ["it ended without a word"])[-1], {}
-    return "", json.loads(done.stdout.splitlines()[-1])
+    child = subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    try:
+        out, error = child.communicate(timeout=LONGEST["join"])
+    except subprocess.TimeoutExpired:
+        return f"it does not load within {LONGEST['join']} s: --join-limit allows more", {}
+    finally:
+        # Whatever it has started.
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(child.pid, signal.SIGKILL)
+        child.wait()
+    if child.returncode:
+        return (error.strip().splitlines() or ["it ended without a word"])[-1], {}
+    try:
+        about = json.loads(next(line for line in out.splitlines() if line.startswith('{"trials": ')))
+    except (StopIteration, ValueError):
+        return "it replaces the standard output, from which the arena reads the facts about its class", {}
+    most = 6
+    return (f"its class has {len(about['trials'])} trials: at most {most}" if len(about["trials"]) > most else ""), about
 
 
 def tuned(found, table, folder, jobs):
@@ -195,12 +217,20 @@ def run(entry, task, condition, more=()):
             found = after_delay(one_run(entry, tasks.delayed(folder, task, DELAY), folder, more))
         else:
             found = compared(entry, task, folder, more)
-        cost = pathlib.Path(folder) / "cost"
-        if cost.is_file():
-            found.update(json.loads(cost.read_text().splitlines()[-1]))
+        found.update(stated_cost(pathlib.Path(folder) / "cost"))
         if entry.own and task.is_varied and condition == BASE:
             found["median_us"] = own_cost(entry, task, folder, more)
         return {**row, **found}
+
+
+def stated_cost(file):
+    """The times that an opponent's process has written, and nothing else from there: it can write what it likes."""
+    try:
+        stated = json.loads(file.read_text().splitlines()[-1])
+        times = {name: float(stated[name]) for name in ("median_us", "p99_us", "first_ms")}
+    except (OSError, ValueError, LookupError, TypeError):
+        return {}
+    return times if all(map(math.isfinite, times.values())) else {}
 
 
 def _environment(entry, folder):
@@ -222,14 +252,17 @@ def _scalars(values):
 def compared(entry, task, folder, more):
     """The numbers of `armplane compare`."""
     law = entry.argument if entry.own else f"{entry.name.partition(':')[0]}={entry.graph(folder)}"
-    command = [_program(), "compare", task.argument, "--law", law, *entry.options()[0], *more, "--join-limit", str(LONGEST["join"]), "--out", f"{folder}/out", "--json"]
+    command = [_program(), "compare", task.copied(folder), "--law", law, *entry.options()[0], *more, "--join-limit", str(LONGEST["join"]), "--out", f"{folder}/out", "--json"]
     done = CHILDREN.run(command, _environment(entry, folder))
     nothing = _ended(done, (0,))
     if nothing:
         return nothing
-    scenario = json.loads(done[1])["scenarios"][0]
-    score = scenario["laws"][0]
-    score.pop("law")
+    try:
+        scenario = json.loads(done[1])["scenarios"][0]
+        score = scenario["laws"][0]
+        score.pop("law")
+    except (ValueError, LookupError):
+        return {"outcome": "failed", "reason": "its result cannot be read: has the law written into the output of armplane compare?"}
     return {"robot": scenario["robot"], **_scalars(score), "hash": score["hash"]["torque"], "missed": ", ".join(score["missed"])}
 
 
@@ -260,7 +293,7 @@ def after_delay(row):
 
 def own_cost(entry, task, folder, more):
     """Microseconds that a law of armplane takes for a tick: the medians of analysis and law, in processes of their own like those of others."""
-    found = one_run(entry, task.argument, folder, more)
+    found = one_run(entry, task.copied(folder), folder, more)
     if "ticks" not in found:
         return None
     latency = json.loads((pathlib.Path(folder) / "run" / "summary.json").read_text())["latency_us"]
@@ -331,6 +364,12 @@ def versions():
     return found
 
 
+@functools.cache
+def sources(folder):
+    """The Python files beside an opponent, which it may import."""
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(folder.glob("*.py")))).hexdigest()
+
+
 class Table:
     """The rows of a folder, which are not run again."""
 
@@ -340,15 +379,22 @@ class Table:
         for line in self.path.read_text().splitlines() if self.path.is_file() else []:
             try:
                 row = json.loads(line)
-            except ValueError:
+                self.rows[row["key"]] = row
+            except (ValueError, LookupError, TypeError):
                 # The last line of an interrupted run.
                 continue
-            self.rows[row["key"]] = row
-        with open(self.path, "w") as out:
-            out.writelines(json.dumps(row) + "\n" for row in self.rows.values())
+
+    def hold(self):
+        """Takes the folder for this arena: two would lose rows to each other."""
+        self.held = open(self.path, "a")
+        try:
+            fcntl.flock(self.held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            refuse(f"another arena works in {self.path.parent}: give this one another folder with --out")
+        self.path.write_text("".join(json.dumps(row) + "\n" for row in self.rows.values()))
 
     def key(self, entry, task, condition):
-        source = "" if entry.own else hashlib.sha256(pathlib.Path(entry.argument).read_bytes()).hexdigest()
+        source = "" if entry.own else sources(pathlib.Path(entry.argument).parent)
         parts = [self.identity, entry.name, entry.argument if entry.own else "", entry.options(), source, task.name, task.hash, condition]
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:24]
 
@@ -392,8 +438,8 @@ def again(found, todo, rows, count, more):
     return [f"{entry.name} on {task.name}" for entry, task in cells if run(entry, task, BASE, more).get("hash") != known[entry.name, task.name].get("hash")]
 
 
-def save(folder, rows, digest):
-    """The table as Parquet, with its hash."""
+def save(folder, rows, digest, command):
+    """The table as Parquet, with its hash and the command that made it."""
     try:
         import pyarrow
         from pyarrow import parquet
@@ -402,7 +448,14 @@ def save(folder, rows, digest):
         return
     names = sorted({name for row in rows for name in row} - {"key"})
     table = pyarrow.table({name: [row.get(name) for row in rows] for name in names})
-    parquet.write_table(table.replace_schema_metadata({"hash": digest}), folder / "arena.parquet")
+    parquet.write_table(table.replace_schema_metadata({"hash": digest, "command": command}), folder / "arena.parquet")
+
+
+def positive(text):
+    """An option's number of at least 1."""
+    if int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text} is less than 1")
+    return int(text)
 
 
 def arguments():
@@ -410,13 +463,13 @@ def arguments():
     parser.add_argument("--law", action="append", metavar="NAME[=FILE.py][:KEY=VALUE]", help="a law of armplane, an opponent, or a file of yours; repeatable [default: all that are installed]")
     parser.add_argument("--size", choices=tuple(tasks.SIZES), default="short", help="how many tasks [default: short]")
     parser.add_argument("--robot", action="append", help="only lines of these arms; repeatable")
-    parser.add_argument("--lines", type=int, default=sys.maxsize, metavar="N", help="at most N lines of each kind an arm")
+    parser.add_argument("--lines", type=positive, default=sys.maxsize, metavar="N", help="at most N lines of each kind an arm")
     parser.add_argument("--seed", type=int, default=tasks.TEST, help=f"seed of the lines [default: {tasks.TEST}; tune on {tasks.TRAINING}]")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a value of every task: plant.mass_factor=1.1, plant.encoder_noise_counts=2; repeatable")
     parser.add_argument("--plant", help="mujoco: the same tasks in MuJoCo")
     parser.add_argument("--out", default="runs/arena", help="folder, which the same command continues [default: runs/arena]")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="runs at once [default: a core each]")
-    parser.add_argument("--join-limit", type=int, default=LONGEST["join"], metavar="SECONDS", help=f"longest time in which an opponent loads and joins a run [default: {LONGEST['join']}]")
+    parser.add_argument("--jobs", type=positive, default=os.cpu_count(), help="runs at once [default: a core each]")
+    parser.add_argument("--join-limit", type=positive, default=LONGEST["join"], metavar="SECONDS", help=f"longest time in which an opponent loads and joins a run [default: {LONGEST['join']}]")
     parser.add_argument("--tracks", action="store_true", help="add the tracks: each opponent's own clock, which slows where a limit demands it, and the paper's tasks without hints")
     parser.add_argument("--varied", action="store_true", help=f"add payload +-10 %%, encoder noise x 4, and estimates {DELAY} ticks late, on the first lines of each arm")
     parser.add_argument("--race", metavar="LAW,LAW", help="the two laws of the page's curves [default: armplane and the best of the others]")
@@ -469,7 +522,7 @@ def races(asked, summary, found, todo, more):
         curves = {}
         for law in names:
             with tempfile.TemporaryDirectory() as folder:
-                ended = one_run(known[law], places[name].argument, folder, more, "--no-messages")
+                ended = one_run(known[law], places[name].copied(folder), folder, more, "--no-messages")
                 curves[law] = picture.curves(folder) if "ticks" in ended else {}
         out.append((heading, name, curves))
     return out
@@ -478,6 +531,10 @@ def races(asked, summary, found, todo, more):
 def compete(asked):
     folder = pathlib.Path(asked.out)
     more = [*(part for pair in asked.set for part in ("--set", pair)), *(["--plant", asked.plant] if asked.plant else [])]
+    if folder.exists() and not folder.is_dir():
+        refuse(f"{folder} is a file: give a folder with --out")
+    # Before the first line of an opponent runs: it may write to the file.
+    table = Table(folder, more)
     found, skipped = entries(asked.law)
     for name, reason in skipped.items():
         print(f"{name} is left out: {reason}", file=sys.stderr)
@@ -488,14 +545,15 @@ def compete(asked):
     except RuntimeError as error:
         refuse(error)
     skipped.update(arms_out)
-    table = Table(folder, more)
+    table.hold()
     if asked.tune:
         found += tuned(found, table, folder, asked.jobs)
     cells = [(entry, task, BASE) for task in todo for entry in found] + conditions(asked, found, todo, folder)
     rows = judged(table.fill(cells, asked.jobs))
     found_hash = digest(rows)
-    save(folder, rows, found_hash)
-    summary = page.Summary(rows, skipped, versions(), found_hash)
+    command = shlex.join(["armplane", "arena", *sys.argv[1:]])
+    save(folder, rows, found_hash, command)
+    summary = page.Summary(rows, skipped, versions(), found_hash, command)
     print(summary.text())
     (folder / "arena.html").write_text(summary.html(races(asked, summary, found, todo, more)))
     print(f"{folder}/arena.html, {folder}/arena.parquet")

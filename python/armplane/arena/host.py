@@ -48,7 +48,9 @@ class Host(armplane.Controller):
 
     def setup(self):
         self.law = load(sys.argv[1])()
-        self.law.begin(Arm(self.exchange.arm()), self.dt, self.job["scenario"])
+        # What may be varied is not for the law to know.
+        known = {key: value for key, value in self.job["scenario"].items() if key not in ("plant", "estimator", "fault", "seed")}
+        self.law.begin(Arm(self.exchange.arm()), self.dt, known)
         self.path = armplane.Reference(json.dumps(self.job))
         self.settle, self.times, self.rate, self.ended = self.job["scenario"]["settle_s"], [], 1.0, None
 

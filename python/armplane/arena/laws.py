@@ -39,7 +39,7 @@ class Law:
 
     def torque(self, q, qdot, ref):
         """The torques for joint positions and velocities as estimated, and the reference; N·m."""
-        raise NotImplementedError
+        raise NotImplementedError("a torque law defines torque(self, q, qdot, ref)")
 
 
 class Torque(Law):
@@ -67,7 +67,7 @@ class Velocity(Law):
 
     def qdot(self, q, ref):
         """Joint velocities that lead from here to the reference; rad/s."""
-        raise NotImplementedError
+        raise NotImplementedError("a velocity law defines qdot(self, q, ref)")
 
     def torque(self, q, qdot, ref):
         wanted = np.asarray(self.qdot(q if self.measured else self.q_d, ref), float).reshape(self.arm.n)
@@ -95,7 +95,7 @@ class Position(Velocity):
 
     def position(self, q, ref):
         """Joint positions at which the arm meets the reference; rad."""
-        raise NotImplementedError
+        raise NotImplementedError("a position law defines position(self, q, ref)")
 
     def qdot(self, q, ref):
         return (np.asarray(self.position(q, ref), float).reshape(self.arm.n) - self.q_d) / self.dt

@@ -108,8 +108,8 @@ def why(rows):
 class Summary:
     """The rows of a table, law by law."""
 
-    def __init__(self, rows, skipped, versions, digest):
-        self.skipped, self.digest = skipped, digest
+    def __init__(self, rows, skipped, versions, digest, command=""):
+        self.skipped, self.digest, self.command = skipped, digest, command
         self.versions = ", ".join(f"{name} {version}" for name, version in versions.items())
         self.laws, self.tasks, self.cells, self.others = {}, {}, {}, {}
         for row in rows:
@@ -122,7 +122,7 @@ class Summary:
 
     def rivals(self):
         """Ours and the best of the others, by S1 with clean torque."""
-        theirs = [name for name in self.laws if name != OURS]
+        theirs = [name for name in self.laws if not name.startswith(OURS)]
         return [OURS, max(theirs, key=lambda name: sum(map(clean, self.laws[name])))] if theirs and OURS in self.laws else []
 
     def contests(self, first, second):
@@ -163,6 +163,9 @@ class Summary:
             alone = [their["task"] for our, their in pairs if clean(their) and not clean(our)]
             if alone:
                 lines.append(f"{name} does {len(alone)} that we do not (S1, step within the rate): {', '.join(alone)}")
+            times = [sum(map(on_time, side)) for side in zip(*pairs)]
+            if times[1] > times[0]:
+                lines.append(f"{name} keeps the given clock in {times[1]} tasks, we in {times[0]} (S1, step within the rate, up to × {ON_TIME})")
             both = [(our, their) for our, their in pairs if our.get("s2") and their.get("s2")]
             for heading, column in PAIRED:
                 if not both:
@@ -199,7 +202,7 @@ class Summary:
         main = table(["law", *(heading for heading, _ in COLUMNS)], [[name, *(of(rows) for _, of in COLUMNS)] for name, rows in self.laws.items()])
         reasons = table(["law", "missed, in so many runs"], [[name, why(rows)] for name, rows in self.laws.items()])
         return (
-            f"<!doctype html><meta charset=utf-8><title>armplane arena</title>{_STYLE}<h1>armplane arena</h1><p>{len(self.tasks)} tasks, table {self.digest}, with {html.escape(self.versions)}"
+            f"<!doctype html><meta charset=utf-8><title>armplane arena</title>{_STYLE}<h1>armplane arena</h1><p>{len(self.tasks)} tasks, table {self.digest}, with {html.escape(self.versions)}<p><code>{html.escape(self.command)}</code>"
             f"<h2>Where we lose</h2>{listed(self.losses() or ['Nowhere by more than a tenth.'])}<h2>What a sceptic will say</h2>{listed(SCEPTIC)}"
             f"<h2>Table</h2><div class=wide>{main}</div><p>S1, S2: armplane compare --help. Intervals: 95 %, Wilson. Medians: of the runs to the end. Step, speed, "
             f"torque: share of the joint's limit. No run: refused in words, failed, or silent.<h2>Why not</h2>{reasons}<p>Of the runs without S1 and torque steps "

@@ -63,11 +63,20 @@ VARIED = 3
 
 
 class Task:
-    """A scenario: its name, group, and `argument`, a built-in name or a file. `is_varied`: whether payload, noise and delay are varied on it."""
+    """A scenario: its name, group, and `argument`, a built-in name or a file of this `text`. `is_varied`: whether payload, noise and delay are varied on it.
+    `known`: what its hash is of, where that is not the text."""
 
-    def __init__(self, name, group, argument, text, is_varied=False):
-        self.name, self.group, self.argument, self.is_varied = name, group, str(argument), is_varied
-        self.hash = hashlib.sha256(text.encode()).hexdigest()[:16]
+    def __init__(self, name, group, argument, text, is_varied=False, known=None):
+        self.name, self.group, self.argument, self.text, self.is_varied = name, group, str(argument), text, is_varied
+        self.hash = hashlib.sha256((known or text).encode()).hexdigest()[:16]
+
+    def copied(self, folder):
+        """What a run is given: the built-in name, or a file of its own, because an opponent may have written to the one that all share."""
+        if self.argument == self.name:
+            return self.argument
+        path = pathlib.Path(folder) / f"{self.name}.toml"
+        path.write_text(self.text)
+        return str(path)
 
 
 def make(folder, armplane, size="short", seed=TEST, arms=None, most=math.inf):
@@ -114,10 +123,9 @@ def unhinted(folder, tasks, armplane):
 
 def delayed(folder, task, ticks):
     """The task with every estimate late by so many ticks, after the first ten: a drive that has never had a torque stops the arm at once."""
-    text = pathlib.Path(task.argument).read_text()
     fault = f'\n[[fault]]\nat_tick = 10\nkind = "delay"\nprocess = "estimator"\ndelay_ticks = {ticks}\nfor_s = 1000.0\n'
     path = pathlib.Path(folder) / f"{task.name}-delayed.toml"
-    path.write_text(text + fault)
+    path.write_text(task.text + fault)
     return path
 
 
@@ -203,4 +211,4 @@ def _task(folder, name, group, robot, text, is_varied=False):
     arm = pathlib.Path(robot)
     # The place of an arm's file is this machine's; its text is the task's.
     known = text.replace(robot, hashlib.sha256(arm.read_bytes()).hexdigest()) if arm.is_file() else text
-    return Task(name, group, path, known, is_varied)
+    return Task(name, group, path, text, is_varied, known)
