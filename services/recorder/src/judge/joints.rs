@@ -172,6 +172,8 @@ impl JointMeter {
         let n = self.count();
         let joints = &mut self.summary;
         let tau = &tick.torque.tau[..n];
+        // A program that limits its torques itself need not say so.
+        let mut is_at_limit = tick.torque.saturation_mask != 0;
         for (i, torque) in tau.iter().enumerate() {
             joints.speed_max_ratio = larger(
                 joints.speed_max_ratio,
@@ -181,10 +183,10 @@ impl JointMeter {
                 joints.torque_max_ratio,
                 share(tick.truth.tau[i], self.limits.effort[i]),
             );
-            joints.torque_commanded_max_ratio = larger(
-                joints.torque_commanded_max_ratio,
-                share(*torque, self.limits.effort[i]),
-            );
+            let commanded = share(*torque, self.limits.effort[i]);
+            joints.torque_commanded_max_ratio =
+                larger(joints.torque_commanded_max_ratio, commanded);
+            is_at_limit |= !within(commanded, 1.0 - 1e-9);
         }
         if let Some(last) = &self.last_tau {
             let step = (0..n).fold(0.0f64, |step, i| {
@@ -201,7 +203,7 @@ impl JointMeter {
         joints.q_end.extend_from_slice(&tick.truth.q[..n]);
         joints.stopped_ticks +=
             u64::from(stops != 0 || tick.truth.drive != DRIVE_ACTIVE && tick.truth.header.tick > 0);
-        joints.saturated_ticks += u64::from(tick.torque.saturation_mask != 0);
+        joints.saturated_ticks += u64::from(is_at_limit);
         joints.rate_limited_ticks += u64::from(tick.control.rate_mask != 0);
         joints.rejected_estimate_ticks += u64::from(tick.control.rejected_ticks != 0);
         let last = self.last_tau.get_or_insert_default();

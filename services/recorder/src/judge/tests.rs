@@ -370,6 +370,16 @@ fn reached(verdict: &Summary) -> Vec<(&str, &str, u64, u64)> {
         .collect()
 }
 
+#[test]
+fn a_torque_at_its_limit_counts_whatever_its_law_says() {
+    let verdict = judged(10, |k, m| {
+        if (3..7).contains(&k) {
+            m.torque.tau[5] = -limits().effort[5];
+        }
+    });
+    assert_eq!(verdict.joints.saturated_ticks, 4);
+}
+
 /// A drive limits a torque for three reasons; only one of them is the joint's torque limit.
 #[test]
 fn a_drive_that_cuts_a_torque_is_named_with_its_cause() {
