@@ -80,12 +80,12 @@ fn an_estimate_that_no_arm_can_have_moved_to_gets_no_torque() {
 #[test]
 fn a_recorder_killed_from_outside_loses_nothing() {
     let desk = Desk::new();
-    let args = "run --set segment.1.duration_s=20 --json --out";
+    let args = "run --set segment.1.duration_s=30 --json --out";
     let whole = desk.armplane(&format!("{args} whole")).json();
     for more in ["", "--no-record", "--no-messages"] {
         let run = desk.start(&format!("{args} killed {more}"));
         // Further than the retainers reach back, and not just behind a checkpoint that is due for its age.
-        until("thousands of ticks", || run.ticks() > 6_000);
+        until("thousands of ticks", || run.ticks() > 4_000);
         run.strike("recorder", "KILL");
         let said = run.finish();
         let killed = said.json();
