@@ -171,6 +171,13 @@ impl ScheduledFault {
         })
     }
 
+    /// Whether it ends its process, by itself or through the launcher.
+    #[must_use]
+    pub fn ends_process(&self) -> bool {
+        self.kind()
+            .is_some_and(|kind| kind.ends_process(self.way()))
+    }
+
     /// The end of a process that no plan had, from a tick on of which so many messages have left: the kill that repeats it.
     #[must_use]
     pub fn death(process: u32, at: u64, after_outputs: u32, rate_hz: u32) -> Self {

@@ -269,12 +269,8 @@ impl Scenario {
 /// A death that no restart follows takes its process down for one tick: the plant waits there for
 /// the end of the run, so its last tick does not depend on when the launcher detects the death.
 fn end_with_budgets(faults: &mut [ScheduledFault], graph: &Graph) {
-    let is_death = |fault: &ScheduledFault| {
-        fault
-            .kind()
-            .is_some_and(|kind| kind.ends_process(fault.way()))
-    };
-    let mut deaths: Vec<_> = faults.iter_mut().filter(|fault| is_death(fault)).collect();
+    let is_death = |fault: &&mut ScheduledFault| fault.ends_process();
+    let mut deaths: Vec<_> = faults.iter_mut().filter(is_death).collect();
     deaths.sort_by_key(|death| death.at);
     for (index, process) in graph.process.iter().enumerate() {
         let own = deaths

@@ -46,7 +46,7 @@ impl<const N: usize> Cycles<N> {
             analyzer: analyzer::Cycle::new(robot, scenario).map_err(Refused::because)?,
             controller: controller::Cycle::new(robot, scenario).map_err(Refused::because)?,
             operator: operator(scenario),
-            in_force: InForce::default(),
+            in_force: InForce::of(scenario),
         })
     }
 }
@@ -104,10 +104,14 @@ impl<const N: usize> Step for Cycles<N> {
 }
 
 /// The faults of sensors and drives that concern the tick in hand.
-#[derive(Default)]
 pub(crate) struct InForce(Vec<ScheduledFault>);
 
 impl InForce {
+    /// None yet, with room for all of a scenario: no tick allocates.
+    pub(crate) fn of(scenario: &Scenario) -> Self {
+        Self(Vec::with_capacity(scenario.fault.len()))
+    }
+
     /// Gives the plant those of `faults`, the scenario's, that concern a tick. As the plant process does it: also at the first tick that none concerns any
     /// more.
     pub(crate) fn apply(

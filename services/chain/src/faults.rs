@@ -179,7 +179,7 @@ pub fn run_under_faults(
         faults,
         is_shaped,
         plant: plant::cycle(robot, scenario)?,
-        in_force: InForce::default(),
+        in_force: InForce::of(scenario),
         tick: Tick::default(),
     };
     let ended = Engine::new(world, parts, outages, has_faults, limits).run();

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use runtime::{Exit, FaultRecord, Mode, Origin, State, Stop, now_ns, unplanned_death};
 use rustix::process::Signal;
-use shared_types::fault::{Kind, ScheduledFault, Way};
+use shared_types::fault::{Kind, Way};
 
 use crate::delay::Delay;
 use crate::outcome::{End, Failure};
@@ -31,13 +31,6 @@ fn is_paused(account: &FaultRecord) -> bool {
         && scheduled.way() == Some(Way::Paused)
         && *injected_ns != 0
         && *recovered_ns == 0
-}
-
-/// Whether a fault ends its process, by itself or through the launcher.
-fn ends_process(fault: &ScheduledFault) -> bool {
-    fault
-        .kind()
-        .is_some_and(|kind| kind.ends_process(fault.way()))
 }
 
 impl Supervised {
@@ -190,7 +183,7 @@ impl Supervised {
     fn listed_end(&self, index: usize) -> Option<u64> {
         let has_ended = |account: &FaultRecord| {
             account.scheduled.process as usize == index
-                && ends_process(&account.scheduled)
+                && account.scheduled.ends_process()
                 && account.injected_ns != 0
         };
         let ends = || {

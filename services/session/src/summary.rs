@@ -233,10 +233,7 @@ fn unlisted(outcome: &Outcome) -> Vec<FaultSummary> {
         let ends = process.restarts as usize + usize::from(!process.exit.is_success());
         let is_end = |record: &&FaultRecord| {
             let fault = &record.scheduled;
-            let ends = fault
-                .kind()
-                .is_some_and(|kind| kind.ends_process(fault.way()));
-            fault.process as usize == *index && ends && record.injected_ns != 0
+            fault.process as usize == *index && fault.ends_process() && record.injected_ns != 0
         };
         let is_failure = failure.is_some_and(|failure| {
             failure.process() == process.name && !matches!(failure, Failure::Died { .. })
