@@ -391,6 +391,10 @@ class Table:
             fcntl.flock(self.held, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             refuse(f"another arena works in {self.path.parent}: give this one another folder with --out")
+        self.write()
+
+    def write(self):
+        """The rows as they are known here, whatever has come to the file."""
         self.path.write_text("".join(json.dumps(row) + "\n" for row in self.rows.values()))
 
     def key(self, entry, task, condition):
@@ -427,7 +431,7 @@ class Table:
                 pool.shutdown(cancel_futures=True)
                 raise
         # An opponent may have written to the file.
-        self.path.write_text("".join(json.dumps(row) + "\n" for row in self.rows.values()))
+        self.write()
         return [self.rows[self.key(*cell)] for cell in cells]
 
 
