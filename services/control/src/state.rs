@@ -167,7 +167,11 @@ impl<const N: usize> State<N> {
 /// A number that is not finite, a leg that starts in no pose or leads farther than any, or a mode or a refusal that does not exist.
 fn is_damaged(from: &ControllerCheckpoint) -> bool {
     let servo = &from.servo;
-    let is_rotation = |R: &[f64; 9]| Matrix3::from_column_slice(R).is_orthogonal(1e-6);
+    // A reflection is orthogonal, too.
+    let is_rotation = |R: &[f64; 9]| {
+        let R = Matrix3::from_column_slice(R);
+        R.is_orthogonal(1e-6) && R.determinant() > 0.0
+    };
     let vectors = [from.p_BE_start, from.translation, from.rotation, servo.p_BE];
     let mut numbers = vectors
         .as_flattened()

@@ -43,7 +43,7 @@ pub struct Load<const N: usize> {
 /// The clock of a run: its speed, and the time that has passed on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clock {
-    /// Speed of the path's clock against real time, 0.05 to 1.
+    /// Speed of the path's clock against real time, above 0 and at most 1: 0.05 on a path, or lower where its plan or a steered joint's limit asks for it.
     pub rate: f64,
     /// Its change, 1/s.
     pub rate_dot: f64,
@@ -83,12 +83,12 @@ impl Clock {
         self.rate_dot = 0.0;
     }
 
-    /// Moves towards 0.95/demand within [0.05, 1], in 20 ms down, in 80 ms up, as fast as a share of the torque allows.
+    /// Moves towards 0.95/demand within [0.05 or what the plan allows, 1], in 20 ms down, in 80 ms up, as fast as a share of the torque allows.
     ///
     /// The clock's change is known, so it is fed forward. Speed goes with the clock, torque beyond holding with its square; a rising demand is
     /// extrapolated over the time that slowing down takes; what the path needs further ahead is in the plan's speed.
     ///
-    /// Units `limits` N·m, `dt` s · Ensures 0.05 ≤ rate ≤ 1 and |rate_dot| within the share of torque that braking may take; rate = 1 exactly while the
+    /// Units `limits` N·m, `dt` s · Requires `load.planned` > 0 · Ensures min(0.05, planned) ≤ rate ≤ 1 and |rate_dot| within the share of torque that braking may take; rate = 1 exactly while the
     /// demand stays below 0.95 · Errors none · Cost O(N), no allocation
     pub fn govern<const N: usize>(&mut self, load: &Load<N>, limits: &SVector<f64, N>, dt: f64) {
         let mut demand = load.speed;

@@ -108,13 +108,14 @@ fn a_damaged_checkpoint_is_refused_and_the_arm_held() {
     let (_, controller, mut analyzer, q) = figure_5();
     let zero = SVector::zeros();
     let report = analyzer.step(&q, &zero, &puma().evaluate(&q, &zero));
-    let damages: [fn(&mut ControllerCheckpoint); 6] = [
+    let damages: [fn(&mut ControllerCheckpoint); 7] = [
         |one| one.loops[0].mode = 99,
         |one| one.refusal = 99,
         |one| one.servo.stop = 99,
         |one| one.tau[2] = f64::NAN,
         |one| one.loops[1].trust = f64::INFINITY,
         |one| one.qdot_plausible[0] = f64::NAN,
+        |one| one.R_BE_start = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0],
     ];
     for damage in damages {
         let (_, mut other, ..) = figure_5();

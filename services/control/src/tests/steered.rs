@@ -135,6 +135,39 @@ proptest! {
     }
 }
 
+/// Starts close to the end of a joint's range, inside the wrist's neighbourhood or beside it.
+fn beside_a_limit() -> impl Strategy<Value = [f64; 6]> {
+    let [lower, upper] = [
+        crate::testing::puma().lower(),
+        crate::testing::puma().upper(),
+    ];
+    (0..6_usize, any::<bool>(), 0.001..0.09_f64, -0.15..0.15_f64).prop_map(
+        move |(joint, is_up, distance, wrist)| {
+            let mut q = [0.2, -0.6, 0.9, 0.3, wrist, -0.4];
+            q[joint] = if is_up {
+                upper[joint] - distance
+            } else {
+                lower[joint] + distance
+            };
+            q
+        },
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_joint_near_its_limit_in_a_neighbourhood_is_slowed_down_and_held(
+        q in beside_a_limit(),
+        push in prop::array::uniform6(-1.0..1.0_f64),
+    ) {
+        let there = twist(push.map(|x| 0.3 * x), 60.0);
+        let back = twist(push.map(|x| -0.3 * x), 60.0);
+        steer::<6>("puma560", &format!("q = {q:?}"), &[(there, 1500), (back, 1500)])?;
+    }
+}
+
 fn twist(twist: [f64; 6], valid_s: f64) -> TargetContent {
     TargetContent {
         kind: TARGET_TWIST,
