@@ -80,6 +80,13 @@ macro_rules! derive {
             }
         }
 
+        impl ByTopic<Whole> {
+            /// The bytes of each message, in the order of the list, each to be taken out by who changes it.
+            pub fn parts_mut(&mut self) -> [Option<&mut [u8]>; COUNT] {
+                [$( Some(bytemuck::bytes_of_mut(&mut self.$topic)) ),*]
+            }
+        }
+
         $( impl Topic for $message {
             const INDEX: usize = place($message::TOPIC);
 

@@ -7,20 +7,30 @@ use proc_macro2::{Delimiter, TokenTree};
 use crate::{File, Package, workspace};
 
 /// Crates that are pure as a whole.
-const CRATES: [&str; 5] = ["model", "control", "sim", "chain", "lines"];
+const CRATES: [&str; 10] = [
+    "model",
+    "control",
+    "sim",
+    "chain",
+    "lines",
+    "process",
+    "estimator",
+    "analyzer",
+    "controller",
+    "plant",
+];
 /// Pure rooms of other crates, as a file or as a folder: the judge, the protocol of lockstep.
-const ROOMS: [&str; 5] = [
+const ROOMS: [&str; 4] = [
     "services/recorder/src/judge",
     "services/lockstep/src/protocol",
-    "services/lockstep/src/message_faults",
     "services/lockstep/src/engine",
     "services/lockstep/src/recall",
 ];
 /// Libraries that compute or read text, and crates of ours that pure code may name; of a process, its step, and of the recorder its judge's bounds.
-const DEPENDENCIES: &str = "bytemuck control glam hdrhistogram libm lockstep model nalgebra quick_xml rapier3d recorder serde serde_json shared_types sim thiserror \
-    toml roxmltree urdf_rs wide analyzer controller estimator operator plant plotters viz mesh_loader";
+const DEPENDENCIES: &str = "bytemuck control glam hdrhistogram libm lockstep model nalgebra process quick_xml rapier3d recorder serde serde_json shared_types sim thiserror \
+    toml roxmltree urdf_rs wide analyzer controller estimator operator plant plotters viz mesh_loader xxhash_rust";
 const PROCESSES: &str = "analyzer controller estimator operator plant plant_fci recorder exchange";
-const STEP: &str = "Bounds Cycle Step cycle";
+const STEP: &str = "Bounds Cycle Known Law Analysis World process";
 /// Modules of the standard library without clock, thread, file, environment and process; the three instructions compute, load and store.
 const STANDARD: &str = "any array borrow cell cmp collections convert error f32 f64 fmt hash iter marker mem num ops path result slice str sync";
 const ITEMS: [&str; 5] = [

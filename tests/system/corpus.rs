@@ -26,7 +26,7 @@ fn ticks(name: &str) -> Result<Vec<Tick>, Box<dyn std::error::Error>> {
     let mut chain = Chain::new(&model::Robot::builtin(&scenario.robot)?, &scenario)?;
     let mut tick = Tick::default();
     let next = |_| {
-        chain.step(&mut tick);
+        assert!(chain.step(&mut tick));
         tick
     };
     Ok((0..600).map(next).skip(400).collect())

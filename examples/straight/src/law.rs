@@ -3,6 +3,7 @@
 
 use model::{Model, Pose, Robot, embedded, joints, padded};
 use nalgebra::{Cholesky, Matrix6, SMatrix, SVector, Vector3, Vector6};
+use process::{Flow, Inputs, Outputs, Port, Process, Stateless};
 use shared_types::codes::{PHASE_DONE, PHASE_RUNNING, PHASE_SETTLING};
 use shared_types::scenario::Scenario;
 use shared_types::{ControlState, MAX_DOF, StateEstimate, TorqueCommand};
@@ -52,7 +53,7 @@ impl Law {
         })
     }
 
-    pub(crate) fn step(
+    fn answer(
         &self,
         estimate: &StateEstimate,
         state: &mut ControlState,
@@ -111,6 +112,22 @@ fn stack(linear: &Vector3<f64>, angular: &Vector3<f64>) -> Vector6<f64> {
     Vector6::from_fn(|i, _| if i < 3 { linear[i] } else { angular[i - 3] })
 }
 
+impl Process for Law {
+    type State = Stateless;
+    const READS: &'static [Port] = &[Port::of::<StateEstimate>()];
+    const WRITES: &'static [Port] = &[Port::of::<ControlState>(), Port::of::<TorqueCommand>()];
+
+    fn step(&self, _: &mut Stateless, inputs: &Inputs<'_>, outputs: &mut Outputs<'_>) -> Flow {
+        let (mut state, mut torque) = (ControlState::default(), TorqueCommand::default());
+        if let Some(estimate) = inputs.get() {
+            self.answer(estimate, &mut state, &mut torque);
+        }
+        outputs.put(&state);
+        outputs.put(&torque);
+        Flow::Go
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -128,7 +145,7 @@ mod tests {
             ..StateEstimate::default()
         };
         let (mut state, mut torque) = (ControlState::default(), TorqueCommand::default());
-        law.step(&estimate, &mut state, &mut torque);
+        law.answer(&estimate, &mut state, &mut torque);
         let gravity = law.arm.gravity(&q);
         assert!(
             gravity.norm() > 1.0 && (joints::<MAX_DOF>(&torque.tau) - gravity).norm() < 1e-9,
@@ -136,7 +153,7 @@ mod tests {
         );
         assert_eq!(torque.phase, PHASE_RUNNING);
         estimate.header.tick = 1_000_000;
-        law.step(&estimate, &mut state, &mut torque);
+        law.answer(&estimate, &mut state, &mut torque);
         assert_eq!(torque.phase, PHASE_DONE);
     }
 }

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! law.rs    the pure step: one estimate in, one torque out
-//! main.rs   connects the step to topics
+//! main.rs   takes part in a run
 //! ```
 //!
 //! `docs/tutorial.md` builds and runs it. Its inverse is damped
@@ -14,38 +14,14 @@ mod law;
 use std::process::ExitCode;
 
 use model::Robot;
-use runtime::{ProcessError, Shell};
-use shared_types::{ControlState, StateEstimate, TorqueCommand};
+use process::{Running, Stateless};
 
 use law::Law;
 
 fn main() -> ExitCode {
-    match run() {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("{error}");
-            ExitCode::FAILURE
-        }
-    }
-}
-
-fn run() -> Result<(), ProcessError> {
-    let shell = Shell::from_environment()?;
-    let job = shell.job()?;
-    let robot = Robot::from_source(&job.robot).map_err(ProcessError::setup)?;
-    let law = Law::new(&robot, &job.scenario).map_err(ProcessError::setup)?;
-    let mut estimates = shell.reader::<StateEstimate>()?;
-    let mut states = shell.writer::<ControlState>()?;
-    let mut torques = shell.writer::<TorqueCommand>()?;
-    // The law has no state but the tick: a replacement needs no checkpoint.
-    while let Some(estimate) = estimates.next()? {
-        let (mut state, mut torque) = (
-            states.loan(estimate.header.tick)?,
-            torques.loan(estimate.header.tick)?,
-        );
-        law.step(estimate, &mut state, &mut torque);
-        state.send()?;
-        torque.send()?;
-    }
-    Ok(())
+    // The law has no state but the tick.
+    runtime::join(|job| {
+        let robot = Robot::from_source(&job.robot).map_err(|error| error.to_string())?;
+        Law::new(&robot, &job.scenario).map(|law| Running::new(law, Stateless))
+    })
 }

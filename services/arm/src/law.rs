@@ -3,13 +3,15 @@
 use std::fmt::{self, Display};
 use std::sync::Arc;
 
+use controller::{Commanded, Read};
 use model::{Joint, Refused, Robot};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use shared_types::{
-    AnalyzerCheckpoint, ControlState, ControllerCheckpoint, MAX_SINGULARITIES, ServoState,
-    SingularityReport, StateEstimate, Target, TargetContent, TorqueCommand, codes,
+    ControlState, MAX_SINGULARITIES, ServoState, SingularityReport, StateEstimate, Target,
+    TargetContent, TorqueCommand, codes,
 };
 
+use crate::steps::{Memory, Steps, steps};
 use crate::{Arm, is_finite};
 
 /// Age from which a target no longer counts, where those after it are refused; s.
@@ -18,22 +20,16 @@ const VALID_S: f64 = 0.1;
 /// The part of a law that all its rows share.
 pub struct Task {
     robot: Arc<Robot>,
-    steps: Steps,
-    /// The steps before their first tick.
-    fresh: (AnalyzerCheckpoint, ControllerCheckpoint),
+    steps: Box<dyn Steps>,
+    /// What the steps remember before their first tick.
+    fresh: Memory,
     /// The posture in which a row begins; `None`: that of its first tick.
     q: Option<Vec<f64>>,
 }
 
-/// The steps of one arm under the law.
-struct Steps {
-    analyzer: Box<dyn analyzer::Step>,
-    controller: Box<dyn controller::Step>,
-}
-
 /// One arm under the law, with its last messages.
 pub struct Row {
-    steps: Steps,
+    steps: Box<dyn Steps>,
     start: Start,
     tick: u64,
     estimate: StateEstimate,
@@ -118,16 +114,8 @@ impl Task {
         }
         settings.push(format!("rate_hz={rate}"));
         let (robot, scenario) = (Arc::clone(&arm.robot), arm.scenario(&settings)?);
-        let steps = Steps {
-            analyzer: analyzer::cycle(&robot, &scenario)?,
-            controller: controller::cycle(&robot, &scenario)?,
-        };
-        let mut fresh = (
-            AnalyzerCheckpoint::default(),
-            ControllerCheckpoint::default(),
-        );
-        steps.analyzer.save(&mut fresh.0);
-        steps.controller.save(&mut fresh.1);
+        let steps = steps(&robot, &scenario)?;
+        let fresh = steps.save();
         if let Some(q) = q {
             robot.check_posture(q).map_err(Refused::because)?;
         }
@@ -149,10 +137,7 @@ impl Row {
     /// An arm before its first tick. The only one that allocates.
     pub fn new(task: &Task) -> Self {
         Self {
-            steps: Steps {
-                analyzer: task.steps.analyzer.copied(),
-                controller: task.steps.controller.copied(),
-            },
+            steps: task.steps.copied(),
             start: Start::Awaited,
             tick: 0,
             estimate: StateEstimate::default(),
@@ -166,8 +151,7 @@ impl Row {
 
     /// The same again.
     pub fn reset(&mut self, task: &Task) {
-        self.steps.analyzer.restore(&task.fresh.0);
-        self.steps.controller.restore(&task.fresh.1);
+        self.steps.restore(&task.fresh);
         (self.start, self.tick) = (Start::Awaited, 0);
         (self.estimate, self.report) = Default::default();
         (self.control, self.servo, self.torque) = Default::default();
@@ -198,22 +182,26 @@ impl Row {
                 self.start = Start::Refused;
                 return;
             }
-            self.steps.controller.begin(q);
+            self.steps.begin(q);
             self.start = Start::Begun;
         }
         self.tick += 1;
         // A state that is not finite is the controller's to refuse, and none for the analysis to remember.
         if is_finite(&estimate.q) && is_finite(&estimate.qdot) {
-            self.steps.analyzer.step(estimate, &mut self.report);
+            self.steps.analyse(estimate, &mut self.report);
         }
         self.target.target = given.target(tick);
-        self.steps.controller.steer(
-            (estimate, &self.report),
-            Some(&self.target),
-            &mut self.servo,
-            &mut self.control,
-            &mut self.torque,
-        );
+        let read = Read {
+            estimate,
+            report: &self.report,
+            target: Some(&self.target),
+        };
+        let mut out = Commanded {
+            servo: Some(&mut self.servo),
+            state: &mut self.control,
+            torque: &mut self.torque,
+        };
+        self.steps.control(&read, &mut out);
     }
 
     /// The torque of the last tick, N·m, one value per joint: zero before the law has begun.

@@ -4,13 +4,16 @@
 #![allow(non_snake_case)]
 
 mod law;
+mod steps;
 
 use std::path::Path;
 use std::sync::Arc;
 
 use model::{Model, Pose, Refused, Robot, RobotText, embedded, with_dof};
 use shared_types::scenario::Scenario;
-use shared_types::{AnalyzerCheckpoint, MAX_DOF, SingularityReport, StateEstimate};
+use shared_types::{MAX_DOF, SingularityReport, StateEstimate};
+
+use steps::{Look, look};
 
 pub use law::{Given, Reason, Row, State, Task};
 
@@ -49,16 +52,15 @@ pub struct Posture {
 
 /// The step of the process `analyzer`, for postures by themselves.
 pub struct Analysis {
-    analyzer: Box<dyn analyzer::Step>,
-    /// Before its first tick, with the default thresholds.
-    fresh: AnalyzerCheckpoint,
+    /// With the default thresholds.
+    look: Box<dyn Look>,
     estimate: StateEstimate,
 }
 
 impl Clone for Analysis {
     fn clone(&self) -> Self {
         Self {
-            analyzer: self.analyzer.copied(),
+            look: self.look.copied(),
             ..*self
         }
     }
@@ -69,8 +71,7 @@ impl Analysis {
     pub fn at(&mut self, q: &[f64], report: &mut SingularityReport) {
         if is_finite(q) {
             self.estimate.q[..q.len()].copy_from_slice(q);
-            self.analyzer.restore(&self.fresh);
-            self.analyzer.step(&self.estimate, report);
+            self.look.report(&self.estimate, report);
         } else {
             (report.count, report.det) = (0, f64::NAN);
             (report.singularities.iter_mut()).for_each(|one| one.s = f64::NAN);
@@ -85,9 +86,7 @@ impl Arm {
     /// [`Refused`] for a link that the arm does not have, or too many joints.
     pub fn new(robot: Robot, tip: Option<&str>) -> Result<Self, Refused> {
         let tip = tip.unwrap_or(&robot.default_frame).to_owned();
-        let analyzer = analyzer::cycle(&robot, &scenario(&robot, &tip, &[])?)?;
-        let mut fresh = AnalyzerCheckpoint::default();
-        analyzer.save(&mut fresh);
+        let look = look(&robot, &scenario(&robot, &tip, &[])?)?;
         let at = with_dof!(robot.dof(), N => {
             let model = Model::<N>::new(&robot, Some(&tip)).map_err(Refused::because)?;
             Ok(evaluation(model, robot.dof()))
@@ -97,8 +96,7 @@ impl Arm {
             robot: Arc::new(robot),
             tip,
             analysis: Analysis {
-                analyzer,
-                fresh,
+                look,
                 estimate: StateEstimate::default(),
             },
         })

@@ -1,69 +1,107 @@
-//! The pure cycles of the chain on one thread, without shared memory. It gives the same bytes as
-//! the processes, but faster. Tests, comparisons and sweeps use it, and `armplane run` tries the
-//! first tick here before it starts any process.
+//! The processes of armplane as a table of steps, and all of them on one thread, without shared memory. The thread gives the same bytes as the processes,
+//! but faster. Tests, comparisons and sweeps use it, and `armplane run` tries the first tick here before it starts any process.
 #![allow(non_snake_case)]
 #![cfg_attr(not(test), deny(clippy::disallowed_methods, clippy::disallowed_types))]
 
-mod cycles;
 mod faults;
-mod stage;
 
 use model::{Refused, Robot};
+use process::{Member, Step, Thread};
 use shared_types::codes::{PHASE_REFUSED, REFUSALS, name_of};
 use shared_types::fault::ScheduledFault;
+use shared_types::process::Program;
 use shared_types::scenario::Scenario;
-use shared_types::topics::{self, ByTopic, Each, Topic, Whole};
-
-use cycles::{Step, cycles};
+use shared_types::topics::{ByTopic, Whole};
 
 pub use faults::{Sink, graph, planned_faults, plans_faults_of_processes, run_under_faults};
-pub use stage::Stage;
 
 /// One tick of the whole chain: the messages that the processes would have published.
 pub type Tick = ByTopic<Whole>;
 
-/// The cycles of the chain, one after the other.
-pub struct Chain {
-    cycles: Box<dyn Step>,
-    faults: Vec<ScheduledFault>,
-    tick: u64,
+/// The step of a program before its first tick; `None` for the recorder, which only collects.
+///
+/// # Errors
+/// [`Refused`] if the step does not accept the robot or the scenario.
+pub fn step_of(
+    program: Program,
+    robot: &Robot,
+    scenario: &Scenario,
+) -> Result<Option<Box<dyn Step>>, Refused> {
+    Ok(Some(match program {
+        Program::Plant => plant::process(robot, scenario)?,
+        Program::Estimator => estimator::process(robot, scenario)?,
+        Program::Analyzer => analyzer::process(robot, scenario)?,
+        Program::Controller => controller::process(robot, scenario)?,
+        Program::Operator => operator::process(scenario),
+        Program::Recorder => return Ok(None),
+    }))
 }
 
+/// The processes of a scenario on one thread, in the order of the data, those that are wanted.
+fn thread(
+    robot: &Robot,
+    scenario: &Scenario,
+    faults: Vec<ScheduledFault>,
+    is_wanted: impl Fn(Program) -> bool,
+) -> Result<Thread, Refused> {
+    let graph = graph(scenario)?;
+    let mut members = Vec::new();
+    for process in graph.hops() {
+        let place = graph
+            .process
+            .iter()
+            .position(|one| one.name == process.name);
+        let step = match process.program().filter(|program| is_wanted(*program)) {
+            Some(program) => step_of(program, robot, scenario)?,
+            None => None,
+        };
+        members.extend(
+            place
+                .zip(step)
+                .map(|(place, step)| Member::new(place, process, step)),
+        );
+    }
+    Ok(Thread::new(members, faults))
+}
+
+/// One process of a scenario on a thread of its own, without faults: it computes all itself, as in a process.
+///
+/// # Errors
+/// [`Refused`] if the step does not accept the robot or the scenario.
+pub fn alone(program: Program, robot: &Robot, scenario: &Scenario) -> Result<Thread, Refused> {
+    thread(robot, scenario, Vec::new(), |one| one == program)
+}
+
+/// The processes of a scenario without faults of processes and messages.
+pub struct Chain(Thread);
+
 impl Chain {
-    /// All cycles at tick 0.
+    /// Before the first tick.
     ///
     /// # Errors
-    /// [`Refused`] by the first cycle that does not accept the robot or the scenario, or if the
+    /// [`Refused`] by the first step that does not accept the robot or the scenario, or if the
     /// scenario plans faults other than those of the arm's sensors and drives: [`run_under_faults`]
     /// has them, and [`without_faults`] takes all of them out.
     pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
-        Ok(Self {
-            faults: hardware_faults(scenario)?,
-            cycles: cycles(robot, scenario)?,
-            tick: 0,
-        })
+        let faults = hardware_faults(scenario)?;
+        thread(robot, scenario, faults, |_| true).map(Self)
     }
 
-    /// One tick: sample, estimate, analyse, control, move. Fills the messages of the chain; those of other processes stay as they are.
-    pub fn step(&mut self, tick: &mut Tick) {
-        self.cycles.step(self.tick, &self.faults, tick);
-        topics::each(&mut First(tick));
-        self.tick += 1;
+    /// One tick: move, sample, estimate, analyse, control. Fills the messages of the chain; those of other processes stay as they are. `false`: the task is
+    /// over, and nothing of the tick is filled.
+    #[must_use]
+    pub fn step(&mut self, tick: &mut Tick) -> bool {
+        self.0.tick(tick, &mut |_, _| ()).unwrap_or(false)
     }
 
     /// Why the path cannot be followed, found before the first tick, in words.
     pub fn obstacle(&self) -> Option<&str> {
-        self.cycles.obstacle()
+        self.0.obstacle()
     }
 
     /// A goal beyond reach, found before the first tick, in words.
     pub fn warning(&self) -> Option<String> {
-        self.cycles.warning()
-    }
-
-    /// Whether the task is over.
-    pub fn is_over(&self) -> bool {
-        self.cycles.is_over()
+        self.0.warning()
     }
 }
 
@@ -83,16 +121,6 @@ fn hardware_faults(scenario: &Scenario) -> Result<Vec<ScheduledFault>, Refused> 
     planned_faults(scenario)
 }
 
-/// Makes each message one of its process's first incarnation.
-struct First<'a>(&'a mut Tick);
-
-impl Each for First<'_> {
-    type Output = ();
-    fn each<M: Topic>(&mut self) {
-        M::of_mut(self.0).header_mut().incarnation = 1;
-    }
-}
-
 /// A scenario as one thread can compute it: nothing goes wrong in it.
 pub fn without_faults(scenario: &Scenario) -> Scenario {
     Scenario {
@@ -106,10 +134,8 @@ pub fn without_faults(scenario: &Scenario) -> Scenario {
 /// # Errors
 /// See [`Chain::new`].
 pub fn run(robot: &Robot, scenario: &Scenario, mut each: impl FnMut(&Tick)) -> Result<(), Refused> {
-    let mut chain = Chain::new(robot, scenario)?;
-    let mut tick = Tick::default();
-    while !chain.is_over() {
-        chain.step(&mut tick);
+    let (mut chain, mut tick) = (Chain::new(robot, scenario)?, Tick::default());
+    while chain.step(&mut tick) {
         each(&tick);
     }
     Ok(())
@@ -121,7 +147,7 @@ pub fn run(robot: &Robot, scenario: &Scenario, mut each: impl FnMut(&Tick)) -> R
 /// [`Refused`] if a cycle does not accept the robot or the scenario.
 pub fn first_tick(robot: &Robot, scenario: &Scenario) -> Result<Tick, Refused> {
     let mut first = Tick::default();
-    Chain::new(robot, &without_faults(scenario))?.step(&mut first);
+    let _ = Chain::new(robot, &without_faults(scenario))?.step(&mut first);
     Ok(first)
 }
 
@@ -136,7 +162,7 @@ pub fn try_first_tick(robot: &Robot, scenario: &Scenario) -> Result<Option<Strin
         return Err(Refused::because(obstacle));
     }
     let mut first = Tick::default();
-    chain.step(&mut first);
+    let _ = chain.step(&mut first);
     match first.torque.phase {
         PHASE_REFUSED => {
             let why = name_of(REFUSALS, first.control_state.refusal);

@@ -35,12 +35,11 @@ fn no_cycle_allocates() {
         let (robot, scenario) = parsed(name, settings);
         let (mut chain, mut tick) = (Chain::new(&robot, &scenario).unwrap(), Tick::default());
         // The simulator of contacts makes room for itself in its first steps.
-        (0..10).for_each(|_| chain.step(&mut tick));
+        (0..10).for_each(|_| assert!(chain.step(&mut tick)));
         assert_eq!(counted(|| drop(std::hint::black_box(Box::new(7)))), 1);
         let (mut ticks, mut moved) = (0, 0.0_f64);
         let count = counted(|| {
-            while !chain.is_over() && ticks < 2_000 {
-                chain.step(std::hint::black_box(&mut tick));
+            while ticks < 2_000 && chain.step(std::hint::black_box(&mut tick)) {
                 moved = moved.max(tick.control_state.path_time_s);
                 ticks += 1;
             }
@@ -63,8 +62,7 @@ fn the_judge_allocates_where_something_happens_and_not_tick_by_tick() {
         let mut judge = recorder::Judge::new(&robot, &scenario).unwrap();
         let (mut chain, mut tick) = (Chain::new(&robot, &scenario).unwrap(), Tick::default());
         let (mut ticks, mut with_allocations) = (0, 0);
-        while !chain.is_over() && ticks < 2_000 {
-            chain.step(&mut tick);
+        while ticks < 2_000 && chain.step(&mut tick) {
             ticks += 1;
             let lent = tick.lent();
             let whole = recorder::Tick::of(&lent).expect("a chain answers every tick");

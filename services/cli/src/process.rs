@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use clap::{Args, Subcommand};
 use model::Robot;
-use runtime::{ProcessError, Shell};
+use runtime::{ProcessError, Shell, drive};
 use session::{Failure, load};
 use shared_types::process::Program;
 
@@ -78,12 +78,12 @@ fn work(command: &Command) -> Result<(), ProcessError> {
     let robot = Robot::from_source(&job.robot).map_err(ProcessError::setup)?;
     let (name, scenario) = (shell.name(), &job.scenario);
     let done = match program {
-        Some(Program::Plant) => plant::run(&shell, &robot, scenario),
-        Some(Program::Estimator) => estimator::run(&shell, &robot, scenario),
-        Some(Program::Analyzer) => analyzer::run(&shell, &robot, scenario),
-        Some(Program::Controller) => controller::run(&shell, &robot, scenario),
         Some(Program::Recorder) => recorder::run(&shell, &robot, &job, shell.run_dir()),
         Some(Program::Operator) => operator::run(&shell, scenario),
+        Some(program) => {
+            let step = chain::step_of(program, &robot, scenario).map_err(ProcessError::setup)?;
+            step.map_or(Ok(()), |mut step| drive(&shell, &mut *step, &mut ()))
+        }
         None if matches!(command, Command::PlantFci(_)) => {
             let process = job.graph.process(name);
             let address = process.map_or("", |process| process.robot.as_str());

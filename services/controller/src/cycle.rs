@@ -1,8 +1,9 @@
 //! The controller's pure step: torque from the estimated state and its singularity report.
 
-use control::{Controller, Inputs, Refusal, Report, SetupError, start_posture, wire};
-use model::{Model, Robot, Terms, embedded};
+use control::{Controller, Refusal, SetupError, start_posture, wire};
+use model::{LastTerms, Model, Robot, embedded};
 use nalgebra::SVector;
+use process::{Damaged, Flow, Inputs, Outputs, Port, Process, Snapshot};
 use shared_types::scenario::Scenario;
 use shared_types::{
     ControlState, ControllerCheckpoint, Header, ServoState, SingularityReport, StateEstimate,
@@ -12,27 +13,33 @@ use shared_types::{
 /// One arm's control law, tick by tick.
 #[derive(Clone, Debug)]
 pub struct Cycle<const N: usize> {
-    controller: Controller<N>,
+    model: Model<N>,
     /// The arm's own joints; the places beyond them stay zero whatever a message or a checkpoint has there.
     dof: usize,
+    obstacle: Option<String>,
+    warning: Option<String>,
 }
+
+/// The law with what it remembers.
+#[derive(Clone, Debug)]
+pub struct Law<const N: usize>(pub Controller<N>);
 
 impl<const N: usize> Cycle<N> {
     /// A controller at the start of the scenario's task.
     ///
     /// # Errors
     /// [`SetupError`] if the scenario does not fit the robot.
-    pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, SetupError> {
+    pub fn new(robot: &Robot, scenario: &Scenario) -> Result<(Self, Law<N>), SetupError> {
         let q_start = start_posture(robot, scenario)?;
-        Ok(Self {
-            controller: Controller::new(
-                Model::new(robot, scenario.frame())?,
-                robot,
-                scenario,
-                q_start,
-            )?,
+        let model = Model::new(robot, scenario.frame())?;
+        let law = Controller::new(model.clone(), robot, scenario, q_start)?;
+        let cycle = Self {
+            model,
             dof: robot.dof(),
-        })
+            obstacle: law.obstacle().map(str::to_owned),
+            warning: law.warning(),
+        };
+        Ok((cycle, Law(law)))
     }
 
     /// Position, velocity and disturbance torque of the arm's own joints.
@@ -41,127 +48,129 @@ impl<const N: usize> Cycle<N> {
             .map(|values| embedded::<N>(&values[..self.dof]))
     }
 
-    /// The step, with the terms of the estimate and the content of its report where other steps in this address space have them.
-    pub fn command(
-        &mut self,
-        (terms, report): (Option<&Terms<N>>, Option<&Report<N>>),
-        (estimate, message): (&StateEstimate, &SingularityReport),
-        target: Option<&Target>,
-        state: &mut ControlState,
-        torque: &mut TorqueCommand,
-    ) -> Option<ServoState> {
+    /// The torque for an estimate and the report of the same tick, towards the target of a steered run, and what the law did to arrive at it; a report that
+    /// cannot be read is refused. No allocation.
+    pub fn control(
+        &self,
+        Law(law): &mut Law<N>,
+        read: &Read<'_>,
+        out: &mut Commanded<'_>,
+        last: &mut LastTerms<N>,
+    ) {
+        let Read {
+            estimate,
+            report,
+            target,
+        } = *read;
         let (tick, [q, qdot, tau_disturbance]) = (estimate.header.tick, self.own(estimate));
-        let read;
-        let report = match report {
-            Some(report) => Some(report).filter(|report| wire::is_readable(report)),
-            None => {
-                read = wire::report(message);
-                read.as_ref().ok()
-            }
-        };
-        let command = match report {
-            Some(report) => self.controller.step(&Inputs {
+        let is_state = [&q, &qdot]
+            .iter()
+            .all(|values| values.iter().all(|x| x.is_finite()));
+        let terms = is_state.then(|| last.at(&self.model, &q, &qdot));
+        let command = match wire::report(report) {
+            Ok(report) => law.step(&control::Inputs {
                 tick,
                 q: &q,
                 qdot: &qdot,
                 tau_disturbance: &tau_disturbance,
-                report,
+                report: &report,
                 terms,
                 target: target.map(|target| &target.target),
             }),
-            None => self.controller.refuse(&q, &qdot, Refusal::Report),
+            Err(_) => law.refuse(&q, &qdot, Refusal::Report),
         };
-        wire::command_messages(tick, &command, state, torque);
-        torque.tau[self.dof..].fill(0.0);
-        command.session
+        wire::command_messages(tick, &command, out.state, out.torque);
+        out.torque.tau[self.dof..].fill(0.0);
+        if let Some(servo) = &mut out.servo {
+            **servo = ServoState {
+                header: Header {
+                    tick,
+                    ..Header::default()
+                },
+                ..command.session.unwrap_or_default()
+            };
+        }
     }
 }
 
-/// The pure step of an arm of any number of joints.
-pub trait Step: Send + Sync {
-    /// The torque for an estimate and the report of the same tick, and what the law did to arrive at it, at that tick. No allocation; a report
-    /// that cannot be read is refused.
-    fn step(
-        &mut self,
-        estimate: &StateEstimate,
-        report: &SingularityReport,
-        state: &mut ControlState,
-        torque: &mut TorqueCommand,
-    );
-    /// The same towards the target of this tick, in a scenario that is steered; `None`: none has come.
-    fn steer(
-        &mut self,
-        inputs: (&StateEstimate, &SingularityReport),
-        target: Option<&Target>,
-        servo: &mut ServoState,
-        state: &mut ControlState,
-        torque: &mut TorqueCommand,
-    );
-    /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its inputs.
-    fn save(&self, out: &mut ControllerCheckpoint);
-    /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
-    fn restore(&mut self, from: &ControllerCheckpoint);
-    /// Begins a steered run with the arm at rest in another posture, one value per joint, rad: before the first tick, or [restored](Self::restore) to that.
-    /// No allocation.
-    fn begin(&mut self, q_start: &[f64]);
-    /// The same, with its memory.
-    fn copied(&self) -> Box<dyn Step>;
-    /// Why the path cannot be followed, found before the first tick, in words.
-    fn obstacle(&self) -> Option<&str>;
-    /// A goal beyond reach, found before the first tick, in words.
-    fn warning(&self) -> Option<String>;
+/// The messages that a controller reads.
+#[derive(Clone, Copy, Debug)]
+pub struct Read<'a> {
+    /// The estimated state.
+    pub estimate: &'a StateEstimate,
+    /// The report of the same tick.
+    pub report: &'a SingularityReport,
+    /// The target of this tick in a steered run; `None`: none has come.
+    pub target: Option<&'a Target>,
 }
 
-impl<const N: usize> Step for Cycle<N> {
-    fn begin(&mut self, q_start: &[f64]) {
-        self.controller.begin(embedded(q_start));
+/// The messages of a controller, to be filled.
+pub struct Commanded<'a> {
+    /// Of a steered run.
+    pub servo: Option<&'a mut ServoState>,
+    /// What the law did.
+    pub state: &'a mut ControlState,
+    /// The torque.
+    pub torque: &'a mut TorqueCommand,
+}
+
+impl<const N: usize> Snapshot for Law<N> {
+    fn layout(&self) -> u64 {
+        ControllerCheckpoint::default().layout()
     }
 
-    fn copied(&self) -> Box<dyn Step> {
-        Box::new(self.clone())
+    fn write(&self, out: &mut Vec<u8>) {
+        let mut checkpoint = ControllerCheckpoint::default();
+        self.0.save(&mut checkpoint);
+        checkpoint.write(out);
+    }
+
+    fn read(&mut self, from: &[u8]) -> Result<(), Damaged> {
+        let mut checkpoint = ControllerCheckpoint::default();
+        checkpoint.read(from)?;
+        self.0.restore(&checkpoint);
+        Ok(())
+    }
+}
+
+impl<const N: usize> Process for Cycle<N> {
+    type State = Law<N>;
+    const READS: &'static [Port] = &[
+        Port::of::<SingularityReport>(),
+        Port::of::<StateEstimate>(),
+        Port::optional::<Target>(),
+    ];
+    const WRITES: &'static [Port] = &[
+        Port::optional::<ServoState>(),
+        Port::of::<ControlState>(),
+        Port::of::<TorqueCommand>(),
+    ];
+
+    fn step(&self, law: &mut Law<N>, inputs: &Inputs<'_>, outputs: &mut Outputs<'_>) -> Flow {
+        if let (Some(report), Some(estimate), Some(state), Some(torque)) =
+            (inputs.get(), inputs.get(), outputs.place(), outputs.place())
+        {
+            let mut out = Commanded {
+                servo: outputs.place(),
+                state,
+                torque,
+            };
+            let last = outputs.scratch.of(|| LastTerms::of(&self.model));
+            let read = Read {
+                estimate,
+                report,
+                target: inputs.get(),
+            };
+            self.control(law, &read, &mut out, last);
+        }
+        Flow::Go
     }
 
     fn obstacle(&self) -> Option<&str> {
-        self.controller.obstacle()
+        self.obstacle.as_deref()
     }
 
     fn warning(&self) -> Option<String> {
-        self.controller.warning()
-    }
-
-    fn save(&self, out: &mut ControllerCheckpoint) {
-        self.controller.save(out);
-    }
-
-    fn restore(&mut self, from: &ControllerCheckpoint) {
-        self.controller.restore(from);
-    }
-
-    fn step(
-        &mut self,
-        estimate: &StateEstimate,
-        report: &SingularityReport,
-        state: &mut ControlState,
-        torque: &mut TorqueCommand,
-    ) {
-        self.command((None, None), (estimate, report), None, state, torque);
-    }
-
-    fn steer(
-        &mut self,
-        inputs: (&StateEstimate, &SingularityReport),
-        target: Option<&Target>,
-        servo: &mut ServoState,
-        state: &mut ControlState,
-        torque: &mut TorqueCommand,
-    ) {
-        let session = self.command((None, None), inputs, target, state, torque);
-        *servo = ServoState {
-            header: Header {
-                tick: inputs.0.header.tick,
-                ..Header::default()
-            },
-            ..session.unwrap_or_default()
-        };
+        self.warning.clone()
     }
 }

@@ -1,8 +1,9 @@
 //! The estimator's pure step: encoder samples to positions, velocities and unexplained torque.
 
 use crate::disturbance::{Disturbance, Unexplained};
-use model::{Model, ModelError, Robot, Terms, joints, padded};
+use model::{LastTerms, Model, ModelError, Robot, joints, padded};
 use nalgebra::SVector;
+use process::{Damaged, Flow, Inputs, Outputs, Port, Process, Scratch, Snapshot};
 use shared_types::codes::DRIVE_BRAKED;
 use shared_types::scenario::Scenario;
 use shared_types::{EstimatorCheckpoint, Header, SensorSample, StateEstimate};
@@ -32,10 +33,11 @@ pub struct Cycle<const N: usize> {
     disturbance: Disturbance,
     /// The largest innovation accepted per tick; rad.
     gate: SVector<f64, N>,
-    state: Option<State<N>>,
-    /// Of the state, with which the next prediction begins.
-    terms: Terms<N>,
 }
+
+/// What the estimator knows after a tick; nothing before the first.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Known<const N: usize>(Option<State<N>>);
 
 /// Missing samples that the model predicts over.
 const MOST_PREDICTED: u64 = 5;
@@ -108,7 +110,6 @@ impl<const N: usize> Cycle<N> {
         let T = scenario.dt_s();
         let model = Model::<N>::new(robot, scenario.frame())?;
         Ok(Self {
-            terms: model.evaluate(&SVector::zeros(), &SVector::zeros()),
             gate: model
                 .velocity()
                 .map(|limit| (GATE * limit * T).max(ACCEPTED)),
@@ -116,78 +117,93 @@ impl<const N: usize> Cycle<N> {
             T,
             gains: Gains::place(libm::exp(-scenario.estimator.bandwidth * T)),
             disturbance: Disturbance::new(scenario),
-            state: None,
         })
     }
-
-    /// The terms of the last estimate at the scenario's frame, for other steps in this address space.
-    pub fn terms(&self) -> &Terms<N> {
-        &self.terms
-    }
 }
 
-/// The pure step of an arm of any number of joints.
-pub trait Step {
-    /// The estimate at the sample's tick.
-    fn step(&mut self, sample: &SensorSample, out: &mut StateEstimate);
-    /// Writes what must survive a restart: all that the next [`step`](Self::step) depends on besides its input.
-    fn save(&self, out: &mut EstimatorCheckpoint);
-    /// Takes up what [`save`](Self::save) has written: the next step continues bit for bit.
-    fn restore(&mut self, from: &EstimatorCheckpoint);
+impl<const N: usize> Known<N> {
     /// Whether a reading of the last sample was set aside.
-    fn rejects(&self) -> bool;
-}
-
-impl<const N: usize> Step for Cycle<N> {
-    fn save(&self, out: &mut EstimatorCheckpoint) {
-        *out = self
-            .state
-            .map_or_else(EstimatorCheckpoint::default, |state| EstimatorCheckpoint {
-                tick: state.tick,
-                q: padded(&state.q),
-                qdot: padded(&state.qdot),
-                disturbance: padded(&state.unexplained.d),
-                disturbance_slow: padded(&state.unexplained.slow),
-                disturbance_presence: padded(&state.unexplained.presence),
-                rejected_reading: padded(&state.rejected_reading),
-                rejected_ticks: std::array::from_fn(|i| *state.rejected_ticks.get(i).unwrap_or(&0)),
-                samples: state.samples,
-                reserved: 0,
-            });
-    }
-
-    fn restore(&mut self, from: &EstimatorCheckpoint) {
-        self.state = (from.samples > 0).then(|| State {
-            tick: from.tick,
-            samples: from.samples,
-            rejected_ticks: std::array::from_fn(|i| from.rejected_ticks[i]),
-            rejected_reading: joints(&from.rejected_reading),
-            q: joints(&from.q),
-            qdot: joints(&from.qdot),
-            unexplained: Unexplained {
-                d: joints(&from.disturbance),
-                slow: joints(&from.disturbance_slow),
-                presence: joints(&from.disturbance_presence),
-            },
-        });
-        if let Some(state) = &self.state {
-            self.model
-                .evaluate_into(&state.q, &state.qdot, &mut self.terms);
-        }
-    }
-
     fn rejects(&self) -> bool {
-        self.state
+        self.0
             .is_some_and(|state| state.rejected_ticks.iter().any(|ticks| *ticks > 0))
     }
+}
 
-    fn step(&mut self, sample: &SensorSample, out: &mut StateEstimate) {
+impl<const N: usize> Snapshot for Known<N> {
+    fn layout(&self) -> u64 {
+        EstimatorCheckpoint::default().layout()
+    }
+
+    fn write(&self, out: &mut Vec<u8>) {
+        let checkpoint =
+            self.0
+                .map_or_else(EstimatorCheckpoint::default, |state| EstimatorCheckpoint {
+                    tick: state.tick,
+                    q: padded(&state.q),
+                    qdot: padded(&state.qdot),
+                    disturbance: padded(&state.unexplained.d),
+                    disturbance_slow: padded(&state.unexplained.slow),
+                    disturbance_presence: padded(&state.unexplained.presence),
+                    rejected_reading: padded(&state.rejected_reading),
+                    rejected_ticks: std::array::from_fn(|i| {
+                        *state.rejected_ticks.get(i).unwrap_or(&0)
+                    }),
+                    samples: state.samples,
+                    reserved: 0,
+                });
+        checkpoint.write(out);
+    }
+
+    fn read(&mut self, from: &[u8]) -> Result<(), Damaged> {
+        let mut checkpoint = EstimatorCheckpoint::default();
+        checkpoint.read(from)?;
+        self.0 = (checkpoint.samples > 0).then(|| State {
+            tick: checkpoint.tick,
+            samples: checkpoint.samples,
+            rejected_ticks: std::array::from_fn(|i| checkpoint.rejected_ticks[i]),
+            rejected_reading: joints(&checkpoint.rejected_reading),
+            q: joints(&checkpoint.q),
+            qdot: joints(&checkpoint.qdot),
+            unexplained: Unexplained {
+                d: joints(&checkpoint.disturbance),
+                slow: joints(&checkpoint.disturbance_slow),
+                presence: joints(&checkpoint.disturbance_presence),
+            },
+        });
+        Ok(())
+    }
+}
+
+impl<const N: usize> Process for Cycle<N> {
+    type State = Known<N>;
+    const READS: &'static [Port] = &[Port::of::<SensorSample>()];
+    const WRITES: &'static [Port] = &[Port::of::<StateEstimate>()];
+
+    fn step(&self, known: &mut Known<N>, inputs: &Inputs<'_>, outputs: &mut Outputs<'_>) -> Flow {
+        if let (Some(sample), Some(out)) = (inputs.get(), outputs.place()) {
+            self.estimate(known, sample, out, outputs.scratch);
+            outputs.has_noticed = known.rejects();
+        }
+        Flow::Go
+    }
+}
+
+impl<const N: usize> Cycle<N> {
+    /// The estimate at the sample's tick. The model's terms of it are left in `scratch`.
+    fn estimate(
+        &self,
+        known: &mut Known<N>,
+        sample: &SensorSample,
+        out: &mut StateEstimate,
+        scratch: &mut Scratch,
+    ) {
+        let last = scratch.of(|| LastTerms::of(&self.model));
         let mut measured = joints::<N>(&sample.q_encoder);
         let tau = joints(&sample.tau_drive);
         let tick = sample.header.tick;
-        let mut predicted = match self.state {
+        let mut predicted = match &known.0 {
             None => State::begin(tick, measured),
-            Some(state) => self.reach(&state, tick, sample.drive, &measured, &tau),
+            Some(state) => self.reach(state, last, sample, &measured, &tau),
         };
         (predicted.tick, predicted.samples) = (tick, predicted.samples.saturating_add(1));
         for i in 0..N {
@@ -206,12 +222,11 @@ impl<const N: usize> Step for Cycle<N> {
             ),
             ..predicted
         };
-        self.model
-            .evaluate_into(&state.q, &state.qdot, &mut self.terms);
+        let terms = last.at(&self.model, &state.q, &state.qdot);
         let d = state.unexplained.explained();
         let mut tau_disturbance = SVector::zeros();
         if d.amax() != 0.0 {
-            tau_disturbance = self.terms.A * d;
+            tau_disturbance = terms.A * d;
         }
         let numbers = [&state.q, &innovation, &tau_disturbance];
         let is_an_arms = state.qdot.iter().all(|x| x.abs() <= ABSURD)
@@ -223,10 +238,8 @@ impl<const N: usize> Step for Cycle<N> {
                 ..State::begin(tick, joints(&sample.q_encoder))
             };
             (innovation, tau_disturbance) = (SVector::zeros(), SVector::zeros());
-            self.model
-                .evaluate_into(&state.q, &state.qdot, &mut self.terms);
         }
-        self.state = Some(state);
+        known.0 = Some(state);
         *out = StateEstimate {
             header: Header {
                 stamps: sample.header.stamps,
@@ -241,9 +254,7 @@ impl<const N: usize> Step for Cycle<N> {
             stale_ticks: sample.stale_ticks,
         };
     }
-}
 
-impl<const N: usize> Cycle<N> {
     /// Decides whether a joint's reading is accepted; the prediction stands in for one that is set aside.
     fn weigh(&self, joint: usize, measured: &mut f64, predicted: &mut State<N>) {
         let rejected = predicted.rejected_ticks[joint];
@@ -271,11 +282,12 @@ impl<const N: usize> Cycle<N> {
     fn reach(
         &self,
         state: &State<N>,
-        tick: u64,
-        drive: u32,
+        last: &mut LastTerms<N>,
+        sample: &SensorSample,
         measured: &SVector<f64, N>,
         tau: &SVector<f64, N>,
     ) -> State<N> {
+        let (tick, drive) = (sample.header.tick, sample.drive);
         let gap = tick.saturating_sub(state.tick).max(1);
         if gap > MOST_PREDICTED {
             // Long out of sight: where it is is known, and how far it has come; how fast it is the next sample tells.
@@ -306,7 +318,8 @@ impl<const N: usize> Cycle<N> {
                 ..*state
             };
         }
-        let first = self.predict(state, self.terms.qddot(tau), tau);
+        let terms = last.at(&self.model, &state.q, &state.qdot);
+        let first = self.predict(state, terms.qddot(tau), tau);
         (1..gap).fold(first, |state, _| {
             self.predict(
                 &state,
@@ -353,8 +366,20 @@ mod tests {
 
     const PLACE: Joints = Joints::new(0.1, -1.2, 1.9, 0.2, 0.5, 0.3);
 
-    fn estimator(bandwidth: f64, disturbance: f64) -> Cycle<6> {
-        Cycle::new(&ROBOT, &scenario(bandwidth, disturbance)).unwrap()
+    /// An estimator with what it knows.
+    #[derive(Debug)]
+    struct Estimator {
+        cycle: Cycle<6>,
+        known: Known<6>,
+        scratch: Scratch,
+    }
+
+    fn estimator(bandwidth: f64, disturbance: f64) -> Estimator {
+        Estimator {
+            cycle: Cycle::new(&ROBOT, &scenario(bandwidth, disturbance)).unwrap(),
+            known: Known::default(),
+            scratch: Scratch::default(),
+        }
     }
 
     fn sample(tick: u64, q: &Joints, tau: &Joints) -> SensorSample {
@@ -367,9 +392,14 @@ mod tests {
         sample
     }
 
-    fn step(estimator: &mut Cycle<6>, sample: &SensorSample) -> StateEstimate {
+    fn step(estimator: &mut Estimator, sample: &SensorSample) -> StateEstimate {
         let mut estimate = StateEstimate::default();
-        estimator.step(sample, &mut estimate);
+        let Estimator {
+            cycle,
+            known,
+            scratch,
+        } = estimator;
+        cycle.estimate(known, sample, &mut estimate, scratch);
         assert!(estimate.is_finite(), "{estimate:?}");
         estimate
     }
@@ -430,9 +460,9 @@ mod tests {
         for tick in 0..10 {
             step(&mut whole, &moving(tick));
         }
-        let mut last = EstimatorCheckpoint::default();
-        whole.save(&mut last);
-        second.restore(&last);
+        let mut last = Vec::new();
+        whole.known.write(&mut last);
+        second.known.read(&last).unwrap();
         assert_eq!(
             step(&mut whole, &moving(10)),
             step(&mut second, &moving(10))
@@ -458,11 +488,15 @@ mod tests {
                 let what = format!("jump {jump}, tick {tick}");
                 assert!(joints::<6>(&estimate.qdot).amax() < 0.7, "{what}");
                 let since = |begin: u64| (begin..begin + u64::from(PATIENCE)).contains(&tick);
-                assert_eq!(estimator.rejects(), since(50) || since(150), "{what}");
+                assert_eq!(estimator.known.rejects(), since(50) || since(150), "{what}");
                 let is_back = !(48..175).contains(&tick);
                 assert!(!is_back || (estimate.q[0] - q[0]).abs() < 1e-3, "{what}");
             }
         }
+    }
+
+    fn spoil(known: &mut Known<6>, with: &EstimatorCheckpoint) {
+        known.read(bytemuck::bytes_of(with)).unwrap();
     }
 
     #[test]
@@ -477,14 +511,17 @@ mod tests {
                     match what {
                         0 => q[1] = huge,
                         1 => tau[2] = huge,
-                        _ => estimator.restore(&EstimatorCheckpoint {
-                            tick,
-                            q: padded(&PLACE),
-                            qdot: [huge; 8],
-                            disturbance: [-huge; 8],
-                            samples: 2,
-                            ..Default::default()
-                        }),
+                        _ => spoil(
+                            &mut estimator.known,
+                            &EstimatorCheckpoint {
+                                tick,
+                                q: padded(&PLACE),
+                                qdot: [huge; 8],
+                                disturbance: [-huge; 8],
+                                samples: 2,
+                                ..Default::default()
+                            },
+                        ),
                     }
                 }
                 let estimate = step(&mut estimator, &sample(tick, &q, &tau));

@@ -64,10 +64,6 @@ pub enum Failure {
     )]
     State { tick: u64, found: usize },
     #[error(
-        "was to continue from a damaged checkpoint: it counts {0} bytes, and has room for {EXCHANGE_STATE}; run again"
-    )]
-    Damaged(u64),
-    #[error(
         "wrote a number that is not finite into {field} of `{topic}` at tick {tick}; every number of a message is finite"
     )]
     NotFinite {

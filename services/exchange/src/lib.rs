@@ -13,7 +13,6 @@
 //! describe/     the wire for other languages: `armplane generate wire`
 //! ```
 
-mod checkpoint;
 mod cut;
 pub mod describe;
 mod ended;
@@ -29,10 +28,10 @@ use std::time::Duration;
 
 use runtime::{Exit, Origin, ProcessError, Shell, now_ns, unplanned_death};
 use shared_types::codes::{REQUEST_START, USE_FEEDBACK, USE_READS, USE_WRITES};
+use shared_types::exchange::EXCHANGE_STATE;
 use shared_types::graph::{Graph, Process, Role};
 use shared_types::layout::MessageLayout;
 
-use checkpoint::ProgramCheckpoint;
 use ended::Ended;
 use program::{LONGEST_EXTERNAL_START, LONGEST_START, Program};
 use reply::Answer;
@@ -121,15 +120,13 @@ fn take_part(
     {
         return Ok(());
     }
-    let mut checkpoint = shell
-        .checkpoint::<ProgramCheckpoint>()
+    let mut state = shell
+        .state_cell(EXCHANGE_STATE)
         .map_err(ProcessError::from)?;
-    if let Some(last) = checkpoint.previous() {
-        let damaged = || Failure::Damaged(last.bytes);
-        program
-            .page
-            .put_state(last.used().ok_or_else(|| Ended::Theirs(0, damaged()))?);
-    }
+    state
+        .previous()
+        .into_iter()
+        .for_each(|last| program.page.put_state(last));
     if program
         .ask(REQUEST_START, 0)
         .map_err(|failure| Ended::Theirs(0, failure))?
@@ -139,7 +136,7 @@ fn take_part(
     }
     match process.role() {
         Role::World => turn::world(shell, topics, program, length),
-        Role::Stage => turn::stage(shell, topics, program, &mut checkpoint),
+        Role::Stage => turn::stage(shell, topics, program, &mut state),
         Role::Observer => turn::observer(shell, topics, program),
     }
 }

@@ -4,7 +4,7 @@
 use std::sync::atomic::Ordering;
 
 use bytemuck::bytes_of_mut;
-use runtime::first_not_finite;
+use process::first_not_finite;
 use shared_types::codes::{
     ANSWER_DONE, ANSWER_FAILED, ANSWER_OVER, PROGRAM_AWAITED, PROGRAM_JOINED, USE_WRITES,
 };

@@ -4,13 +4,12 @@
 use std::mem::offset_of;
 use std::time::Duration;
 
-use runtime::{CheckpointSlots, Shell};
+use runtime::{Shell, StateCell};
 use shared_types::codes::{REQUEST_TICK, USE_FEEDBACK, USE_READS, USE_WRITES};
 use shared_types::layout::MessageLayout;
 use shared_types::task_end::TaskEnd;
 use shared_types::{Message, TorqueCommand};
 
-use crate::checkpoint::ProgramCheckpoint;
 use crate::ended::Ended;
 use crate::failure::Failure;
 use crate::ports::{self, End, Gathered, Input, Output};
@@ -108,7 +107,7 @@ pub(crate) fn stage(
     shell: &Shell,
     topics: Topics<'_>,
     program: &mut Program<'_>,
-    checkpoint: &mut CheckpointSlots<ProgramCheckpoint>,
+    state: &mut StateCell,
 ) -> Result<(), Ended> {
     let mut inputs = ends::<dyn Input>(shell, topics, USE_READS)?;
     let mut outputs = ends::<dyn Output>(shell, topics, USE_WRITES)?;
@@ -128,9 +127,10 @@ pub(crate) fn stage(
         let bytes = reply::state_bytes(&program.page, tick)
             .map_err(|failure| Ended::Theirs(tick, failure))?;
         if bytes > 0 {
-            let slot = checkpoint.slot();
-            slot.bytes = bytes as u64;
-            program.page.get_state(&mut slot.state[..bytes]);
+            let mut saved = vec![0; bytes];
+            program.page.get_state(&mut saved);
+            // The page has room for no more than the cell.
+            state.write(&saved);
         }
         for output in &mut outputs {
             output.send(tick)?;

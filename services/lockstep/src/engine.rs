@@ -9,7 +9,8 @@
 use std::collections::VecDeque;
 use std::hash::Hash;
 
-use crate::fence::Fence;
+use process::Fence;
+
 use crate::protocol::{Outage, Progress, Protocol, Role, View};
 use crate::recall::oldest_missed;
 

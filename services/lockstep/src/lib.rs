@@ -2,7 +2,6 @@
 //!
 //! ```text
 //! protocol          which ticks are closed, which process waits for which, and what a death changes
-//! message_faults    what faults make of a message on its way        fence    which messages count
 //! recall            the messages that no living reader has received
 //! engine            the processes of a graph on one thread, step by step: the chain's runs under faults, and the simulation's
 //! simulation        random histories and every schedule of small graphs: no lost tick, no double tick, no deadlock
@@ -13,16 +12,12 @@
 
 mod checkpoint_rule;
 pub mod engine;
-mod fence;
-mod message_faults;
 mod protocol;
 mod recall;
 #[cfg(test)]
 mod simulation;
 
 pub use checkpoint_rule::most_ticks_unsaved;
-pub use fence::{Fence, first_not_finite};
-pub use message_faults::{Shaped, Shaper, apply_to_outgoing, happens};
 pub use protocol::{
     CHAIN_LAG, Outage, Progress, Protocol, RECORDER_LAG, Report, Role, View, unplanned_death,
 };

@@ -58,4 +58,4 @@ pub use shape::{Geometry, Shape};
 pub use shared_types::job::RobotText;
 pub use sines::sincos;
 pub use task::{TaskAxes, TaskAxis, unit_scaled};
-pub use terms::Terms;
+pub use terms::{LastTerms, Terms};

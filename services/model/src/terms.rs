@@ -1,5 +1,6 @@
 //! All terms of the equation of motion and of the end-effector's kinematics.
 
+use crate::arm::Model;
 use crate::pose::Pose;
 use crate::spatial::ORIGIN;
 use nalgebra::{ArrayStorage, Matrix3, SMatrix, SVector, Vector3, Vector6};
@@ -57,5 +58,44 @@ impl<const N: usize> Terms<N> {
     /// C·q̇ + g.
     pub fn bias(&self) -> SVector<f64, N> {
         self.coriolis + self.gravity
+    }
+}
+
+/// The terms of the posture and velocity asked for last: not computed again where they are asked for again, to the bit.
+#[derive(Clone, Debug)]
+pub struct LastTerms<const N: usize> {
+    q: SVector<f64, N>,
+    qdot: SVector<f64, N>,
+    terms: Terms<N>,
+}
+
+impl<const N: usize> LastTerms<N> {
+    /// Those of an arm at rest at zero.
+    #[must_use]
+    pub fn of(model: &Model<N>) -> Self {
+        let zero = SVector::zeros();
+        Self {
+            q: zero,
+            qdot: zero,
+            terms: model.evaluate(&zero, &zero),
+        }
+    }
+
+    /// The terms at `q`, `qdot`. Requires the same `model` each time.
+    #[inline]
+    pub fn at(
+        &mut self,
+        model: &Model<N>,
+        q: &SVector<f64, N>,
+        qdot: &SVector<f64, N>,
+    ) -> &Terms<N> {
+        let is = |a: &SVector<f64, N>, b: &SVector<f64, N>| {
+            (0..N).all(|i| a[i].to_bits() == b[i].to_bits())
+        };
+        if !(is(&self.q, q) && is(&self.qdot, qdot)) {
+            (self.q, self.qdot) = (*q, *qdot);
+            model.evaluate_into(q, qdot, &mut self.terms);
+        }
+        &self.terms
     }
 }

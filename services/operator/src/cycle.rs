@@ -1,7 +1,9 @@
 //! The operator's pure step: the target in force at a tick.
 
+use process::{Flow, Inputs, Outputs, Port, Process, Running};
 use shared_types::scenario::Servo;
 use shared_types::target_file::Row;
+use shared_types::wire::wire;
 use shared_types::{Header, SensorSample, Target, TargetContent};
 
 /// The targets of a session, tick by tick.
@@ -9,47 +11,64 @@ use shared_types::{Header, SensorSample, Target, TargetContent};
 pub struct Cycle {
     /// In the order of their ticks.
     rows: Vec<Row>,
-    /// The first that is still to come.
-    next: usize,
-    held: TargetContent,
+}
+
+wire! {
+    /// The operator between two ticks.
+    OperatorState checkpoint version 1 {
+        /// How many rows of the session have come.
+        next: u64,
+        /// The target in force.
+        held: TargetContent,
+    }
 }
 
 impl Cycle {
     /// At the start of a session with checked text; without text, there are no targets.
-    pub fn new(session: &Servo, rate_hz: u32) -> Self {
-        Self {
-            rows: session.rows(rate_hz),
-            next: 0,
-            held: TargetContent::default(),
-        }
+    pub fn begin(session: &Servo, rate_hz: u32) -> Running<Self> {
+        let rows = session.rows(rate_hz);
+        Running::new(Self { rows }, OperatorState::default())
     }
+}
 
-    /// Takes a target that comes while the session lasts: it is in force from the next step on.
-    pub fn feed(&mut self, target: &TargetContent) {
-        self.held = *target;
-    }
+impl Process for Cycle {
+    type State = OperatorState;
+    /// A target that comes from outside, while the session lasts, is in force from its tick on.
+    const READS: &'static [Port] = &[Port::of::<SensorSample>()];
+    const WRITES: &'static [Port] = &[Port::of::<Target>()];
 
-    /// The target at the tick of a sample: the last one that is due. A fresh cycle gives the same
-    /// at any tick. No allocation.
-    pub fn step(&mut self, sample: &SensorSample, out: &mut Target) {
-        let tick = sample.header.tick;
-        while let Some(row) = self.rows.get(self.next).filter(|row| row.tick <= tick) {
-            self.held = row.target;
-            self.next += 1;
+    /// The target at the tick of a sample: the last one that is due.
+    fn step(
+        &self,
+        state: &mut OperatorState,
+        inputs: &Inputs<'_>,
+        outputs: &mut Outputs<'_>,
+    ) -> Flow {
+        if let Some(given) = inputs.get::<Target>() {
+            state.held = given.target;
         }
-        *out = Target {
+        let tick = inputs.tick;
+        let row = |next: u64| self.rows.get(next as usize).filter(|row| row.tick <= tick);
+        while let Some(row) = row(state.next) {
+            state.held = row.target;
+            state.next += 1;
+        }
+        outputs.put(&Target {
             header: Header {
                 tick,
                 ..Header::default()
             },
-            target: self.held,
-        };
+            target: state.held,
+        });
+        Flow::Go
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use process::{Scratch, Step};
+    use shared_types::Message;
 
     #[test]
     fn a_target_holds_until_the_next_one() {
@@ -58,13 +77,14 @@ mod tests {
             targets: targets.to_owned(),
             ..Servo::default()
         };
-        let at = |cycle: &mut Cycle, tick: u64| {
-            let (mut sample, mut out) = (SensorSample::default(), Target::default());
-            sample.header.tick = tick;
-            cycle.step(&sample, &mut out);
+        let at = |cycle: &mut Running<Cycle>, tick: u64| {
+            let (mut out, mut scratch) = (Target::default(), Scratch::default());
+            let mut outputs = Outputs::new(&mut scratch);
+            outputs.add(Target::TOPIC, bytemuck::bytes_of_mut(&mut out));
+            let _ = cycle.step(&Inputs::of(tick, &[]), &mut outputs);
             out.target
         };
-        let mut cycle = Cycle::new(&session, 1000);
+        let mut cycle = Cycle::begin(&session, 1000);
         let all: Vec<_> = (0..6).map(|tick| at(&mut cycle, tick)).collect();
         assert_eq!(
             all.iter()
@@ -73,7 +93,7 @@ mod tests {
             [(0, 0.0), (0, 0.0), (1, 2.0), (1, 2.0), (4, 0.0), (4, 0.0)]
         );
         assert_eq!(
-            at(&mut Cycle::new(&session, 1000), 3),
+            at(&mut Cycle::begin(&session, 1000), 3),
             all[3],
             "a replacement goes on where its predecessor was"
         );

@@ -12,12 +12,14 @@ use std::io;
 use std::os::unix::net::UnixDatagram;
 use std::time::{Duration, Instant};
 
-use runtime::{Mode, ProcessError, Shell};
+use bytemuck::bytes_of;
+use process::{Inputs, Step};
+use runtime::{Mode, Outside, ProcessError, Shell, drive};
 use shared_types::scenario::{Scenario, Servo};
 use shared_types::target_file::{live, unreadable};
-use shared_types::{SensorSample, Target, TargetContent};
+use shared_types::{Message, Target, TargetContent};
 
-pub use cycle::Cycle;
+pub use cycle::{Cycle, OperatorState};
 pub use gamepad::Gamepad;
 pub use keys::Keys;
 pub use pad::Pad;
@@ -42,24 +44,19 @@ pub fn run(shell: &Shell, scenario: &Scenario) -> Result<(), ProcessError> {
     if after_end > 0 && shell.incarnation() == 1 {
         tracing::warn!("targets that follow the `end` of the session have no effect: {after_end}");
     }
-    let mut cycle = Cycle::new(&session, scenario.rate_hz);
-    let mut live = if session.live {
-        Some(Live::open(shell, scenario.rate_hz)?)
-    } else {
-        None
-    };
-    let mut sensors = shell.reader::<SensorSample>()?;
-    let mut targets = shell.writer::<Target>()?;
-    while let Some(sample) = sensors.next()? {
-        if let Some(live) = &mut live {
-            live.wait(sample.header.tick);
-            live.receive(sample.header.tick, &mut cycle);
-        }
-        let mut target = targets.loan_as_is(sample.header.tick)?;
-        cycle.step(sample, &mut target);
-        target.send()?;
+    let mut process = Cycle::begin(&session, scenario.rate_hz);
+    if !session.live {
+        return drive(shell, &mut process, &mut ());
     }
-    Ok(())
+    let mut live = Live::open(shell, scenario.rate_hz)?;
+    drive(shell, &mut process, &mut live)
+}
+
+/// The process of a steered run whose targets stand in its scenario. PURE.
+#[must_use]
+pub fn process(scenario: &Scenario) -> Box<dyn Step> {
+    let session = scenario.servo.clone().unwrap_or_default();
+    Box::new(Cycle::begin(&session, scenario.rate_hz))
 }
 
 /// Targets that come while the run lasts, a line each, without its time: `twist, base, 0.2, 0.01 0 0 0 0 0`.
@@ -75,6 +72,18 @@ struct Live {
     is_over: u64,
     /// The tick at which the session ends, once its input has ended.
     ends: Option<u64>,
+    /// The last target that came in the tick in hand.
+    given: Option<Target>,
+}
+
+impl Outside for Live {
+    fn add<'a>(&'a mut self, inputs: &mut Inputs<'a>) {
+        self.wait(inputs.tick);
+        self.given = None;
+        self.receive(inputs.tick);
+        let given = self.given.iter();
+        given.for_each(|given| inputs.add(Target::TOPIC, bytes_of(given)));
+    }
 }
 
 /// Lines that are no targets.
@@ -97,6 +106,7 @@ impl Live {
             complaints: 0,
             is_over: 0,
             ends: None,
+            given: None,
         })
     }
 
@@ -135,24 +145,26 @@ impl Live {
         }
     }
 
-    fn take(
-        &mut self,
-        target: Result<TargetContent, (&str, String)>,
-        tick: u64,
-        cycle: &mut Cycle,
-    ) {
+    fn feed(&mut self, target: TargetContent) {
+        self.given = Some(Target {
+            target,
+            ..Target::default()
+        });
+    }
+
+    fn take(&mut self, target: Result<TargetContent, (&str, String)>, tick: u64) {
         let target = target.unwrap_or_else(|(line, defect)| {
             self.complain(line, &defect);
             unreadable(tick)
         });
         let rest_s = target.valid_s.clamp(0.0, Servo::LONGEST_REST_S);
         self.is_over = tick + (rest_s * f64::from(self.rate_hz)).ceil() as u64;
-        cycle.feed(&target);
+        self.feed(target);
     }
 
     /// Takes in received lines, up to one that is no target. That line is published for a tick as
     /// unreadable, so that the controller counts it.
-    fn receive(&mut self, tick: u64, cycle: &mut Cycle) {
+    fn receive(&mut self, tick: u64) {
         let mut message = [0; LONGEST];
         let before = self.complaints;
         while self.complaints == before
@@ -165,16 +177,16 @@ impl Live {
                 continue;
             }
             if length == LONGEST {
-                self.take(Err((text, "it is too long".to_owned())), tick, cycle);
+                self.take(Err((text, "it is too long".to_owned())), tick);
                 continue;
             }
             for target in live(text, tick, self.rate_hz) {
-                self.take(target, tick, cycle);
+                self.take(target, tick);
             }
         }
         if self.ends.is_some_and(|ends| ends <= tick) {
             let end = live(Servo::END, tick, self.rate_hz);
-            end.flatten().for_each(|end| cycle.feed(&end));
+            end.flatten().for_each(|end| self.feed(end));
             self.ends = None;
         }
     }

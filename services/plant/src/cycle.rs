@@ -2,6 +2,7 @@
 
 use model::{ArmMotion, Model, ModelError, PostureError, Robot, embedded, padded};
 use nalgebra::SVector;
+use process::{Damaged, Flow, Inputs, Outputs, Port, Process, Snapshot};
 use shared_types::codes::DRIVE_DIVERGED;
 use shared_types::fault::ScheduledFault;
 use shared_types::scenario::Scenario;
@@ -25,15 +26,19 @@ pub enum SetupError {
     Model(#[from] ModelError),
 }
 
-/// The arm, its drives and its encoders, from tick to tick.
-///
-/// Between tick k and k + 1 the torque commanded from the sample of tick k acts.
+/// What of the plant never changes: its encoders, and the size of its arm.
 pub struct Cycle<const N: usize> {
-    plant: Plant<N>,
-    drive: Drive<N>,
     encoders: Encoders<N>,
     /// Number of the arm's joints; further entries of a command are ignored.
     dof: usize,
+}
+
+/// The arm, its drives and their faults, from tick to tick.
+///
+/// Between tick k and k + 1 the torque commanded from the sample of tick k acts.
+pub struct World<const N: usize> {
+    plant: Plant<N>,
+    drive: Drive<N>,
     end: TaskEnd,
     ticks: u64,
     diverged: bool,
@@ -50,7 +55,7 @@ impl<const N: usize> Cycle<N> {
     ///
     /// # Errors
     /// [`SetupError`] if the scenario and the robot do not fit, or cannot be simulated.
-    pub fn new(robot: &Robot, scenario: &Scenario) -> Result<Self, SetupError> {
+    pub fn new(robot: &Robot, scenario: &Scenario) -> Result<(Self, World<N>), SetupError> {
         let options = &scenario.plant;
         let start = robot.start_posture(&scenario.start)?;
         // The drives' model is the description's, without the simulated deviation from it.
@@ -61,12 +66,7 @@ impl<const N: usize> Cycle<N> {
                 .round() as u64,
         );
         let drive = Drive::new(known, scenario.rate_hz, options.hold_ticks, &start);
-        Ok(Self {
-            plant: Plant::new(robot, scenario.frame(), options, scenario.rate_hz, &start)?,
-            acted: drive.applied().tau,
-            drive,
-            hardware_faults: HardwareFaults::new(scenario.dt_s()),
-            contradicted: false,
+        let cycle = Self {
             encoders: Encoders::new(
                 robot,
                 options.encoder_bits,
@@ -74,59 +74,59 @@ impl<const N: usize> Cycle<N> {
                 scenario.seed,
             ),
             dof: robot.dof(),
+        };
+        let world = World {
+            plant: Plant::new(robot, scenario.frame(), options, scenario.rate_hz, &start)?,
+            acted: drive.applied().tau,
+            drive,
+            hardware_faults: HardwareFaults::new(scenario.dt_s()),
+            contradicted: false,
             end: TaskEnd::new(scenario.rate_hz, longest),
             ticks: 0,
             diverged: false,
-        })
+        };
+        Ok((cycle, world))
     }
-}
 
-/// The pure step of an arm of any number of joints.
-pub trait Step {
-    /// The sensors' readings at `tick`, and the truth; incarnation and stamps are the caller's to fill.
+    /// The sensors' readings at `tick`, and the truth.
     ///
-    /// A pure function of the state and `tick`: asking twice gives the same.
-    fn sample(&self, tick: u64, sample: &mut SensorSample, truth: &mut PlantState);
-    /// Advances one tick under `command` (`None`: none came); its header gives its age.
-    fn step(&mut self, command: Option<&TorqueCommand>);
-    /// Takes up the faults that concern `tick`, before its sample.
-    fn apply_faults(&mut self, tick: u64, scheduled_faults: &[ScheduledFault]);
-    /// Whether the drives' own sensors contradict the encoders' readings of this tick: its torque will be refused.
-    fn is_contradicted(&self) -> bool;
-    /// Whether the simulation is over: the task is done; or the controller refused to continue, 2 s
-    /// ago; or the motion is no longer finite; or the run is 20 times as long as planned, or as
-    /// long as the interrupted run that it repeats.
-    fn is_over(&self) -> bool;
-}
-
-impl<const N: usize> Step for Cycle<N> {
-    fn sample(&self, tick: u64, sample: &mut SensorSample, truth: &mut PlantState) {
-        let (x, touch, applied) = (self.plant.state(), self.plant.touch(), self.drive.applied());
+    /// A pure function of the world and `tick`: asking twice gives the same.
+    fn sample(
+        &self,
+        world: &World<N>,
+        tick: u64,
+        sample: &mut SensorSample,
+        truth: &mut PlantState,
+    ) {
+        let World {
+            plant,
+            drive,
+            hardware_faults,
+            acted,
+            ..
+        } = world;
+        let (x, touch, applied) = (plant.state(), plant.touch(), drive.applied());
         let header = Header {
             tick,
             ..Header::default()
         };
         *sample = SensorSample {
             header,
-            q_encoder: padded(
-                &self
-                    .hardware_faults
-                    .read(tick, &self.encoders.read(tick, &x.q)),
-            ),
+            q_encoder: padded(&hardware_faults.read(tick, &self.encoders.read(tick, &x.q))),
             tau_drive: padded(&applied.tau),
             drive: applied.drive,
             stale_ticks: applied.stale_ticks,
         };
         let ArmMotion {
             X_BE, V_BE, energy, ..
-        } = *self.plant.motion();
+        } = *plant.motion();
         let mut R_BE = [0.0; 9];
         R_BE.copy_from_slice(X_BE.R.as_slice());
         *truth = PlantState {
             header,
             q: padded(&x.q),
             qdot: padded(&x.qdot),
-            tau: padded(&self.acted),
+            tau: padded(acted),
             p_BE: X_BE.p.into(),
             R_BE,
             V_BE: V_BE.into(),
@@ -137,56 +137,93 @@ impl<const N: usize> Step for Cycle<N> {
             saturation_mask: applied.saturation_mask,
             drive: applied.drive,
             drive_flags: applied.flags,
-            refused: self.drive.refused(),
+            refused: drive.refused(),
         };
     }
 
-    fn apply_faults(&mut self, tick: u64, scheduled_faults: &[ScheduledFault]) {
-        let q = &self.plant.state().q;
+    /// Takes up the faults that concern `tick`, before its sample.
+    fn apply_faults(&self, world: &mut World<N>, tick: u64, faults: &[ScheduledFault]) {
+        let q = &world.plant.state().q;
         let reading = self.encoders.read(tick, q);
-        self.hardware_faults
-            .begin(scheduled_faults, &reading, &self.acted);
-        self.contradicted = !self
-            .encoders
-            .agrees(&self.hardware_faults.read(tick, &reading), q);
+        world.hardware_faults.begin(faults, &reading, &world.acted);
+        let read = world.hardware_faults.read(tick, &reading);
+        world.contradicted = !self.encoders.agrees(&read, q);
     }
 
-    fn is_contradicted(&self) -> bool {
-        self.contradicted
-    }
-
-    fn step(&mut self, command: Option<&TorqueCommand>) {
+    /// Advances one tick under `command` (`None`: none came); its header gives its age.
+    fn advance(&self, world: &mut World<N>, command: Option<&TorqueCommand>) {
         let tau = command.map(|command| embedded::<N>(&command.tau[..self.dof]));
-        let age = command.map_or(0, |command| self.ticks.saturating_sub(command.header.tick));
-        let x = self.plant.state();
-        let applied = match (self.contradicted, &tau) {
-            (true, Some(_)) => self.drive.refuse(&x.q, &x.qdot),
-            (_, tau) => self.drive.answer(
+        let age = command.map_or(0, |command| world.ticks.saturating_sub(command.header.tick));
+        let x = world.plant.state();
+        let applied = match (world.contradicted, &tau) {
+            (true, Some(_)) => world.drive.refuse(&x.q, &x.qdot),
+            (_, tau) => world.drive.answer(
                 &x.q,
                 &x.qdot,
                 tau.as_ref(),
                 u32::try_from(age).unwrap_or(u32::MAX),
             ),
         };
-        let (braked, acting) = (
-            applied.braked,
-            self.hardware_faults
-                .act(&applied.tau, &x.qdot, self.plant.model().effort()),
-        );
-        self.acted = acting;
+        let effort = world.plant.model().effort();
+        let acting = world.hardware_faults.act(&applied.tau, &x.qdot, effort);
+        let braked = applied.braked;
+        world.acted = acting;
         if braked {
-            self.plant.hold();
-        } else if self.plant.step(&acting).is_err() {
-            self.drive.brake(DRIVE_DIVERGED);
-            self.plant.hold();
-            self.diverged = true;
+            world.plant.hold();
+        } else if world.plant.step(&acting).is_err() {
+            world.drive.brake(DRIVE_DIVERGED);
+            world.plant.hold();
+            world.diverged = true;
         }
-        self.end.take(command.map(|command| command.phase));
-        self.ticks += 1;
+        world.end.take(command.map(|command| command.phase));
+        world.ticks += 1;
     }
+}
 
+impl<const N: usize> World<N> {
+    /// Whether the simulation is over: the task is done; or the controller refused to continue, 2 s
+    /// ago; or the motion is no longer finite; or the run is 20 times as long as planned, or as
+    /// long as the interrupted run that it repeats.
     fn is_over(&self) -> bool {
         self.diverged || self.end.is_over(self.ticks)
+    }
+}
+
+impl<const N: usize> Snapshot for World<N> {
+    fn layout(&self) -> u64 {
+        0
+    }
+
+    fn write(&self, _out: &mut Vec<u8>) {}
+
+    /// The simulator's own state is not saved yet: the process that makes the ticks is never replaced.
+    fn read(&mut self, _from: &[u8]) -> Result<(), Damaged> {
+        Err(Damaged::Content)
+    }
+}
+
+impl<const N: usize> Process for Cycle<N> {
+    type State = World<N>;
+    const READS: &'static [Port] = &[Port::of::<TorqueCommand>()];
+    const WRITES: &'static [Port] = &[Port::of::<SensorSample>(), Port::of::<PlantState>()];
+
+    /// The torque of the tick before acts until this tick, at which the sensors are read.
+    fn step(&self, world: &mut World<N>, inputs: &Inputs<'_>, outputs: &mut Outputs<'_>) -> Flow {
+        if inputs.tick > 0 {
+            self.advance(world, inputs.get());
+            if world.is_over() {
+                return Flow::Over;
+            }
+        }
+        if !inputs.faults.is_empty() || world.hardware_faults.is_any() {
+            self.apply_faults(world, inputs.tick, inputs.faults);
+            // Its torque will be refused.
+            outputs.has_noticed = world.contradicted;
+        }
+        if let (Some(sample), Some(truth)) = (outputs.place(), outputs.place()) {
+            self.sample(world, inputs.tick, sample, truth);
+        }
+        Flow::Go
     }
 }
 
@@ -222,17 +259,30 @@ mod tests {
     static ROBOT: LazyLock<Robot> = LazyLock::new(|| Robot::builtin("puma560").unwrap());
     static ARM: LazyLock<Model<6>> = LazyLock::new(|| Model::new(&ROBOT, None).unwrap());
 
-    fn cycle(scenario: &Scenario) -> Cycle<6> {
-        Cycle::new(&ROBOT, scenario).unwrap()
+    /// A plant with its world.
+    struct Simulated(Cycle<6>, World<6>);
+
+    impl Simulated {
+        fn step(&mut self, command: Option<&TorqueCommand>) {
+            self.0.advance(&mut self.1, command);
+        }
+        fn apply_faults(&mut self, tick: u64, faults: &[ScheduledFault]) {
+            self.0.apply_faults(&mut self.1, tick, faults);
+        }
+    }
+
+    fn cycle(scenario: &Scenario) -> Simulated {
+        let (cycle, world) = Cycle::new(&ROBOT, scenario).unwrap();
+        Simulated(cycle, world)
     }
 
     fn joints(values: &[f64; MAX_DOF]) -> SVector<f64, 6> {
         model::joints(values)
     }
 
-    fn sampled(cycle: &Cycle<6>, tick: u64) -> (SensorSample, PlantState) {
+    fn sampled(Simulated(cycle, world): &Simulated, tick: u64) -> (SensorSample, PlantState) {
         let (mut sample, mut truth) = <(SensorSample, PlantState)>::default();
-        cycle.sample(tick, &mut sample, &mut truth);
+        cycle.sample(world, tick, &mut sample, &mut truth);
         assert!(sample.is_finite() && truth.is_finite());
         (sample, truth)
     }
@@ -306,7 +356,7 @@ mod tests {
                 error < 0.2,
                 "the arm is stopped at tick {tick}, {error} rad on"
             );
-            assert_eq!(cycle.is_contradicted(), error > 0.03, "tick {tick}");
+            assert_eq!(cycle.1.contradicted, error > 0.03, "tick {tick}");
             // From when it is stuck on, as much torque as joint 1 has, in the direction of the motion.
             let push = match tick {
                 0..200 => 10.0,
@@ -333,7 +383,7 @@ mod tests {
                 let (_, truth) = sampled(&cycle, 0);
                 let command = command(&truth, [0.0; 6]);
                 cycle.step(Some(&TorqueCommand { phase, ..command }));
-                cycle.is_over()
+                cycle.1.is_over()
             })
         };
         assert_eq!(ticks(PHASE_DONE, 10), Some(1));

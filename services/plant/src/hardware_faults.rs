@@ -28,6 +28,11 @@ impl<const N: usize> HardwareFaults<N> {
         }
     }
 
+    /// Whether a sensor or a drive is at fault.
+    pub(crate) fn is_any(&self) -> bool {
+        self.sensor.iter().chain(&self.drive).any(Option::is_some)
+    }
+
     /// Applies the faults of this tick; a joint that gets stuck now keeps its values in `reading`
     /// and `tau`.
     pub(crate) fn begin(

@@ -1,36 +1,34 @@
-//! Checkpoints: the state from which a restarted process continues, in a file that outlives its
-//! writer.
+//! The state from which a restarted process continues, in a file that outlives its writer.
 //!
 //! Two slots alternate. A tick's slot is committed before its last message leaves, so a replacement
 //! finds the state behind every message that a reader has. The previous slot stays, for a death
 //! between commit and message.
 
 use std::cell::Cell;
-use std::marker::PhantomData;
 use std::path::Path;
 use std::rc::Rc;
+use std::slice;
 use std::sync::atomic::{AtomicU64, Ordering, fence};
-
-use shared_types::Checkpoint;
 
 use crate::mapped::Mapped;
 
+/// Before the slots.
 #[repr(C)]
-struct File<C> {
-    /// [`Layout::layout_hash`](shared_types::Layout::layout_hash) of `C`; 0 in a fresh file.
-    layout: AtomicU64,
+struct Head {
     /// Commits so far; the newest lies in slot (commits − 1) mod 2.
     commits: AtomicU64,
     /// The tick of each slot.
     ticks: [AtomicU64; 2],
-    slots: [C; 2],
+    /// The length of each slot's state; bytes.
+    bytes: [AtomicU64; 2],
 }
 
-struct Slots<C> {
+struct Slots {
     file: Mapped,
-    /// The slot has been handed out since the last commit.
+    /// Most bytes of a state.
+    most: usize,
+    /// A state has been written since the last commit.
     is_written: Cell<bool>,
-    _checkpoint: PhantomData<C>,
 }
 
 /// State that is committed when a tick closes.
@@ -39,108 +37,104 @@ pub(crate) trait Commit {
     fn commit(&self, tick: u64);
 }
 
-impl<C> Slots<C> {
-    fn file(&self) -> *mut File<C> {
-        self.file.start().cast().as_ptr()
+impl Slots {
+    fn head(&self) -> &Head {
+        // SAFETY: mapped for the life of `self`, aligned as a page is, and all of it atomic.
+        unsafe { self.file.start().cast().as_ref() }
     }
 
-    fn commits(&self) -> &AtomicU64 {
-        // SAFETY: mapped for the life of `self`, aligned as a page is.
-        unsafe { &(*self.file()).commits }
-    }
-
-    fn tick(&self, number: u64) -> &AtomicU64 {
-        // SAFETY: as above.
-        unsafe { &(*self.file()).ticks[(number % 2) as usize] }
-    }
-
-    fn slot(&self, number: u64) -> *mut C {
-        // SAFETY: the index is 0 or 1.
+    fn slot(&self, number: u64) -> *mut u8 {
+        // SAFETY: within the mapping, for there are two slots.
         unsafe {
-            (&raw mut (*self.file()).slots)
-                .cast::<C>()
-                .add((number % 2) as usize)
+            let first = self.file.start().as_ptr().add(size_of::<Head>());
+            first.add((number % 2) as usize * self.most)
         }
     }
 }
 
-impl<C> Commit for Slots<C> {
+impl Commit for Slots {
     fn commit(&self, tick: u64) {
         if !self.is_written.replace(false) {
             return;
         }
-        let commits = self.commits().load(Ordering::Relaxed);
-        self.tick(commits).store(tick, Ordering::Relaxed);
+        let commits = self.head().commits.load(Ordering::Relaxed);
+        self.head().ticks[(commits % 2) as usize].store(tick, Ordering::Relaxed);
         fence(Ordering::Release);
-        self.commits().store(commits + 1, Ordering::Release);
+        self.head().commits.store(commits + 1, Ordering::Release);
     }
 }
 
-/// A process's checkpoint: the state that the last incarnation committed, and the slot to write
-/// now.
-pub struct CheckpointSlots<C: Checkpoint> {
-    mapped: Rc<Slots<C>>,
-    previous: Option<C>,
+/// The state that the last incarnation of a process committed, and the place for that of the tick in hand.
+pub struct StateCell {
+    slots: Rc<Slots>,
+    previous: Option<Vec<u8>>,
 }
 
-impl<C: Checkpoint> CheckpointSlots<C> {
-    /// Maps the file, which is made where there is none. The previous checkpoint is the newest of a tick from which the process may go on.
+impl StateCell {
+    /// Maps the file, which is made where there is none. The previous state is the newest of a tick from which the process may go on.
     ///
     /// # Errors
-    /// When there is no room, or the file holds a checkpoint of another layout.
+    /// When there is no room, or the previous state counts more bytes than there are.
     pub(crate) fn open(
         path: &Path,
+        most: usize,
         may_resume_from: impl Fn(u64) -> bool,
     ) -> std::io::Result<Self> {
-        let mapped = Slots::<C> {
-            file: Mapped::open(path, size_of::<File<C>>())?,
+        let slots = Slots {
+            file: Mapped::open(path, size_of::<Head>() + 2 * most)?,
+            most,
             is_written: Cell::new(false),
-            _checkpoint: PhantomData,
         };
-        // SAFETY: mapped above, and an integer.
-        let layout = unsafe { &(*mapped.file()).layout };
-        let (ours, found) = (C::layout_hash(), layout.load(Ordering::Relaxed));
-        match found {
-            0 => layout.store(ours, Ordering::Relaxed),
-            found if found != ours => {
-                return Err(std::io::Error::other(format!(
-                    "it has the layout {found:016x}, this program has {ours:016x}"
-                )));
-            }
-            _ => {}
-        }
-        let commits = mapped.commits().load(Ordering::Acquire);
+        let head = slots.head();
+        let commits = head.commits.load(Ordering::Acquire);
         let newest = (commits.saturating_sub(2)..commits).rev();
-        let number = newest
-            .into_iter()
-            .find(|number| may_resume_from(mapped.tick(*number).load(Ordering::Relaxed)));
-        // A commit from which no process may go on is taken back: the next one takes its slot, not that of the checkpoint before.
-        mapped
-            .commits()
-            .store(number.map_or(0, |number| number + 1), Ordering::Release);
-        // SAFETY: a slot of the mapping whose writer is dead; every bit pattern is a checkpoint, for it is `Pod`.
-        let previous = number.map(|number| unsafe { mapped.slot(number).read() });
+        let number = newest.into_iter().find(|number| {
+            may_resume_from(head.ticks[(number % 2) as usize].load(Ordering::Relaxed))
+        });
+        // A commit from which no process may go on is taken back: the next one takes its slot, not that of the state before.
+        let kept = number.map_or(0, |number| number + 1);
+        head.commits.store(kept, Ordering::Release);
+        let read = |number: u64| {
+            let bytes = head.bytes[(number % 2) as usize].load(Ordering::Relaxed);
+            if bytes > most as u64 {
+                let damage = format!("it counts {bytes} bytes, and has room for {most}");
+                return Err(std::io::Error::other(damage));
+            }
+            // SAFETY: a slot of the mapping whose writer is dead, and no more of it than there is.
+            let state = unsafe { slice::from_raw_parts(slots.slot(number), bytes as usize) };
+            Ok(state.to_vec())
+        };
+        let previous = number.map(read).transpose()?;
         Ok(Self {
-            mapped: Rc::new(mapped),
+            slots: Rc::new(slots),
             previous,
         })
     }
 
     pub(crate) fn committer(&self) -> Rc<dyn Commit> {
-        Rc::clone(&self.mapped) as Rc<dyn Commit>
+        Rc::clone(&self.slots) as Rc<dyn Commit>
     }
 
-    /// The checkpoint of the incarnation before, of the last tick that it sent completely; `None` in a first incarnation.
-    pub fn previous(&self) -> Option<&C> {
-        self.previous.as_ref()
+    /// The state of the last tick that the incarnation before sent completely; `None` in a first incarnation.
+    pub fn previous(&self) -> Option<&[u8]> {
+        self.previous.as_deref()
     }
 
-    /// The slot of the tick in hand, to be overwritten as a whole: it holds the state of two ticks before. It is committed with the tick.
-    pub fn slot(&mut self) -> &mut C {
-        self.mapped.is_written.set(true);
-        let commits = self.mapped.commits().load(Ordering::Relaxed);
+    /// Writes the state of the tick in hand, which is committed with the tick; whether there was room for it.
+    pub fn write(&mut self, state: &[u8]) -> bool {
+        if state.len() > self.slots.most {
+            return false;
+        }
+        self.slots.is_written.set(true);
+        let number = self.slots.head().commits.load(Ordering::Relaxed);
+        let bytes = &self.slots.head().bytes[(number % 2) as usize];
+        bytes.store(state.len() as u64, Ordering::Relaxed);
         // SAFETY: a slot of the mapping that is not read before it is committed; the borrow of `self` keeps it the only one.
-        unsafe { &mut *self.mapped.slot(commits) }
+        unsafe {
+            let slot = self.slots.slot(number);
+            slot.copy_from_nonoverlapping(state.as_ptr(), state.len());
+        }
+        true
     }
 }
 
@@ -148,33 +142,36 @@ impl<C: Checkpoint> CheckpointSlots<C> {
 mod tests {
     use super::*;
     use crate::RunDir;
-    use shared_types::ControllerCheckpoint;
 
     #[test]
     fn a_commit_that_is_taken_back_does_not_cost_the_one_before() {
         let run = RunDir::create().unwrap();
-        let open = |before: u64| {
-            CheckpointSlots::<ControllerCheckpoint>::open(&run.path().join("c"), |tick| {
-                tick < before
-            })
-            .unwrap()
+        let open =
+            |before: u64| StateCell::open(&run.path().join("c"), 9, |tick| tick < before).unwrap();
+        let commit = |cell: &mut StateCell, tick: u64| {
+            assert!(cell.write(&vec![tick as u8; tick as usize % 10]));
+            cell.committer().commit(tick);
         };
-        let commit = |slots: &mut CheckpointSlots<ControllerCheckpoint>, tick: u64| {
-            bytemuck::bytes_of_mut(slots.slot()).fill(tick as u8);
-            slots.committer().commit(tick);
-        };
-        let found = |before: u64| {
-            open(before)
-                .previous()
-                .map(|last| bytemuck::bytes_of(last)[0])
-        };
-        let mut slots = open(0);
-        assert!(slots.previous().is_none());
-        (4..6).for_each(|tick| commit(&mut slots, tick));
+        let found = |before: u64| open(before).previous().map(<[u8]>::to_vec);
+        let mut cell = open(0);
+        assert!(cell.previous().is_none() && !cell.write(&[0; 10]));
+        (4..6).for_each(|tick| commit(&mut cell, tick));
         // A death after the commit of tick 5 and before its message, and another one after the commit of the replacement's first tick.
-        let mut slots = open(5);
-        commit(&mut slots, 105);
-        assert_eq!((found(5), found(5)), (Some(4), Some(4)));
+        let mut cell = open(5);
+        commit(&mut cell, 105);
+        assert_eq!([found(5), found(5)], [Some(vec![4; 4]), Some(vec![4; 4])]);
         assert_eq!(found(0), None);
+    }
+
+    #[test]
+    fn a_damaged_length_is_refused_and_not_shortened() {
+        let run = RunDir::create().unwrap();
+        let open = || StateCell::open(&run.path().join("c"), 8, |_| true);
+        let mut cell = open().unwrap();
+        assert!(cell.write(&[1; 8]));
+        cell.committer().commit(0);
+        assert_eq!(open().unwrap().previous(), Some(&[1; 8][..]));
+        cell.slots.head().bytes[0].store(9, Ordering::Relaxed);
+        assert!(open().is_err());
     }
 }

@@ -80,7 +80,7 @@ const HAND_OVER_LOOK: Duration = Duration::from_micros(200);
 pub(crate) struct Attached {
     /// The ports to connect at the start.
     pub(crate) ports: RefCell<Vec<Rc<dyn Connect>>>,
-    pub(crate) outlets: RefCell<Vec<Rc<dyn Outlet>>>,
+    pub(crate) outlets: RefCell<Vec<Rc<dyn Closing>>>,
     /// The checkpoint to commit when a tick closes.
     pub(crate) checkpoints: RefCell<Vec<Rc<dyn Commit>>>,
     /// The outputs sent of a tick, a bit each.
@@ -533,7 +533,7 @@ impl Context {
         self.report_progress();
     }
 
-    pub(crate) fn add_outlet(&self, outlet: Rc<dyn Outlet>) {
+    pub(crate) fn add_outlet(&self, outlet: Rc<dyn Closing>) {
         self.attached.outlets.borrow_mut().push(outlet);
     }
 
@@ -559,7 +559,7 @@ pub(crate) trait Connect {
 }
 
 /// An end of the process that a closing tick concerns: messages held back for it are sent, and its readers are woken.
-pub(crate) trait Outlet {
+pub(crate) trait Closing {
     /// Its topic.
     fn topic(&self) -> &'static str;
     /// Sends the messages due at `tick` or before.

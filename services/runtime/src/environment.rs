@@ -1,9 +1,12 @@
 //! The run that started this program, for programs that a graph names as the command of a process.
 
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 
+use process::Step;
 use shared_types::job::{JOB, Job};
 
+use crate::drive::drive;
 use crate::shell::{OpenError, ProcessError, Shell};
 
 /// The environment variable with the directory of the run.
@@ -11,6 +14,22 @@ pub const RUN_VARIABLE: &str = "ARMPLANE_RUN";
 
 /// The environment variable with the name of the process.
 pub const PROCESS_VARIABLE: &str = "ARMPLANE_PROCESS";
+
+/// The `main` of a program that a graph names as the command of a process: makes its step from the job, and takes part until the run stops.
+pub fn join<S: Step, E: std::fmt::Display>(make: impl FnOnce(&Job) -> Result<S, E>) -> ExitCode {
+    let take_part = || {
+        let shell = Shell::from_environment()?;
+        let mut step = make(&shell.job()?).map_err(ProcessError::setup)?;
+        drive(&shell, &mut step, &mut ())
+    };
+    match take_part() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("{error}");
+            ExitCode::FAILURE
+        }
+    }
+}
 
 impl Shell {
     /// Joins the run that started this program, under the name that the graph gives it.

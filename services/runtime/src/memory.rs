@@ -4,13 +4,11 @@
 //! Neither lies on the path of a message in a run without faults. At any instant, all slots but the
 //! one being written are complete.
 
-use std::marker::PhantomData;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
-use bytemuck::{bytes_of, pod_read_unaligned};
 use lockstep::Ring;
-use shared_types::Message;
+use process::Packed;
 
 use crate::bus::depth::depth;
 use crate::mapped::Mapped;
@@ -126,31 +124,26 @@ impl Ring for HandedOver {
 
 /// A writer's last two messages while faults change them: the original differs from the message
 /// delivered.
-pub(crate) struct LastMade<M: Message>(Slots, PhantomData<M>);
+pub(crate) struct LastMade(Slots);
 
-impl<M: Message> LastMade<M> {
+impl LastMade {
     /// Maps the file of the topic, which is made where there is none.
-    pub(crate) fn open(run: &RunDir) -> std::io::Result<Self> {
+    pub(crate) fn open(run: &RunDir, topic: &str, bytes: usize) -> std::io::Result<Self> {
         // A third slot: of the last two none is the next to be written.
-        let slots = Slots::open(
-            &run.path().join(format!("made-{}", M::TOPIC)),
-            3,
-            size_of::<M>(),
-        )?;
-        Ok(Self(slots, PhantomData))
+        Slots::open(&run.path().join(format!("made-{topic}")), 3, bytes).map(Self)
     }
 
     /// Keeps a message that is not delivered as it is, or not now.
-    pub(crate) fn keep(&self, message: &M) {
-        self.0.push(bytes_of(message));
+    pub(crate) fn keep(&self, message: &[u8]) {
+        self.0.push(message);
     }
 
     /// The last message made of a tick before `tick`, as far as it is known.
-    pub(crate) fn before(&self, tick: u64) -> Option<M> {
+    pub(crate) fn before(&self, tick: u64) -> Option<Packed> {
         let made = self.0.written();
         let last_made = (made.saturating_sub(2)..made)
             .filter_map(|number| self.0.get(number))
-            .map(|bytes| pod_read_unaligned::<M>(&bytes));
+            .map(|bytes| Packed::of(&bytes));
         last_made
             .filter(|message| message.header().tick < tick)
             .max_by_key(|message| message.header().tick)
@@ -160,6 +153,7 @@ impl<M: Message> LastMade<M> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use bytemuck::bytes_of;
     use shared_types::TorqueCommand;
 
     fn message(tick: u64) -> TorqueCommand {
@@ -172,21 +166,18 @@ mod tests {
     #[test]
     fn the_last_message_made_outlives_its_writer() {
         let run = RunDir::create().unwrap();
-        let writer = LastMade::<TorqueCommand>::open(&run).unwrap();
+        let open = || LastMade::open(&run, "torque", size_of::<TorqueCommand>());
+        let made = |tick| Some(Packed::of(bytes_of(&message(tick))));
+        let writer = open().unwrap();
         assert!(writer.before(u64::MAX).is_none());
-        (5..8).for_each(|tick| writer.keep(&message(tick)));
+        (5..8).for_each(|tick| writer.keep(bytes_of(&message(tick))));
         assert_eq!(
             (writer.before(7), writer.before(6)),
-            (Some(message(6)), None),
+            (made(6), None),
             "two are kept"
         );
         drop(writer);
-        assert_eq!(
-            LastMade::<TorqueCommand>::open(&run)
-                .unwrap()
-                .before(u64::MAX),
-            Some(message(7))
-        );
+        assert_eq!(open().unwrap().before(u64::MAX), made(7));
     }
 
     #[test]

@@ -10,16 +10,16 @@ use lockstep::RECORDER_LAG;
 use shared_types::fault::{Kind, ScheduledFault};
 use shared_types::job::Mode;
 use shared_types::topics::{self, Each};
-use shared_types::{Checkpoint, Message, Topic as KnownTopic};
+use shared_types::{Message, Topic as KnownTopic};
 
 use crate::bus::collector::Collector;
 use crate::bus::depth::{CHAIN_DEPTH, RECORDER_DEPTH, depth, least_depth};
 use crate::bus::error::TopicError;
-use crate::bus::reader::Reader;
+use crate::bus::reader::{Reader, Ticks};
 use crate::bus::topic::Topic;
-use crate::bus::writer::{SendError, Writer};
+use crate::bus::writer::{Outlet, SendError, Writer};
 use crate::bus::{format::Format, node::join, port::Receiver};
-use crate::checkpoint::CheckpointSlots;
+use crate::checkpoint::StateCell;
 use crate::clock::now_ns;
 use crate::context::{Attached, Connect, Context, FaultState, StopFlag};
 use crate::control_page::{ControlPage, ControlPageError, Count, Stop, Watchdog};
@@ -219,7 +219,7 @@ impl Shell {
     /// # Errors
     /// When the graph does not list this process as its reader, or the wire formats differ.
     pub fn reader<M: Message>(&self) -> Result<Reader<M>, TopicError> {
-        self.declared::<M>("read")?;
+        self.declared("read", M::TOPIC)?;
         Ok(Reader::new(
             Rc::clone(&self.shared),
             self.receiver(Format::of::<M>(), CHAIN_DEPTH)?,
@@ -231,7 +231,7 @@ impl Shell {
     /// # Errors
     /// See [`Shell::reader`].
     pub fn collector<M: Message>(&self) -> Result<Collector<M>, TopicError> {
-        self.declared::<M>("read")?;
+        self.declared("read", M::TOPIC)?;
         Ok(Collector::new(
             Rc::clone(&self.shared),
             self.receiver(Format::of::<M>(), RECORDER_DEPTH)?,
@@ -267,14 +267,19 @@ impl Shell {
     /// # Errors
     /// When the graph does not list this process as its writer, or the wire formats differ.
     pub fn writer<M: Message>(&self) -> Result<Writer<M>, TopicError> {
-        self.declared::<M>("write")?;
-        let sender = Rc::new(Topic::open(&self.shared.bus, Format::of::<M>())?.sender()?);
+        self.declared("write", M::TOPIC)?;
+        Ok(Writer::new(self.outlet(Format::of::<M>())?))
+    }
+
+    /// The writing end of a topic, whatever its messages.
+    pub(crate) fn outlet(&self, format: Format) -> Result<Outlet, TopicError> {
+        let sender = Rc::new(Topic::open(&self.shared.bus, format)?.sender()?);
         self.shared
             .attached
             .ports
             .borrow_mut()
             .push(Rc::clone(&sender) as Rc<dyn Connect>);
-        Writer::new(&self.shared, sender)
+        Outlet::new(&self.shared, format, sender)
     }
 
     fn receiver(&self, format: Format, depth: usize) -> Result<Rc<Receiver>, TopicError> {
@@ -287,12 +292,18 @@ impl Shell {
         Ok(receiver)
     }
 
-    /// The checkpoint of this process: the state that the last incarnation committed, and the slot
-    /// to fill at every tick before its last message.
+    /// The reading end of a topic, whatever its messages.
+    pub(crate) fn inlet(&self, format: Format) -> Result<Ticks, TopicError> {
+        let receiver = self.receiver(format, CHAIN_DEPTH)?;
+        Ok(Ticks::new(Rc::clone(&self.shared), receiver))
+    }
+
+    /// The state of this process, at most so many bytes: that which the last incarnation committed, and the place to fill at every tick before its last
+    /// message.
     ///
     /// # Errors
-    /// When there is no room for it, or the predecessor's has another layout.
-    pub fn checkpoint<C: Checkpoint>(&self) -> Result<CheckpointSlots<C>, OpenError> {
+    /// When there is no room for it.
+    pub fn state_cell(&self, most: usize) -> Result<StateCell, OpenError> {
         let shared = &self.shared;
         let path = shared
             .run
@@ -303,14 +314,14 @@ impl Shell {
             source,
         };
         shared.learn();
-        let slots = CheckpointSlots::open(&path, |tick| shared.protocol().may_resume_from(tick))
+        let cell = StateCell::open(&path, most, |tick| shared.protocol().may_resume_from(tick))
             .map_err(failed)?;
         shared
             .attached
             .checkpoints
             .borrow_mut()
-            .push(slots.committer());
-        Ok(slots)
+            .push(cell.committer());
+        Ok(cell)
     }
 
     /// Gives out ticks from `first` on: on the grid in real time, as fast as the recorder follows in lockstep.
@@ -357,6 +368,12 @@ impl Shell {
             .reads
             .iter()
             .any(|one| one == topic)
+    }
+
+    /// Whether the graph lets this process write a topic.
+    pub fn writes(&self, topic: &str) -> bool {
+        let own = &self.shared.manifest.processes[self.shared.me];
+        own.writes.iter().any(|one| one == topic)
     }
 
     /// The run as all its processes know it.
@@ -414,11 +431,13 @@ impl Shell {
 
     /// This process has detected its fault.
     pub fn mark_detected(&self) {
-        self.shared.control_page.fault_table().mark_detected(
-            self.shared.me,
-            self.shared.tick.get(),
-            now_ns(),
-        );
+        self.mark_detected_at(self.shared.tick.get());
+    }
+
+    /// The same, of the messages of a tick.
+    pub(crate) fn mark_detected_at(&self, tick: u64) {
+        let table = self.shared.control_page.fault_table();
+        table.mark_detected(self.shared.me, tick, now_ns());
     }
 
     /// A message's content is refused: the faults in force are thereby detected.
@@ -478,19 +497,23 @@ impl Shell {
         Rc::clone(&self.shared)
     }
 
-    fn declared<M: Message>(&self, action: &'static str) -> Result<(), TopicError> {
+    pub(crate) fn declared(
+        &self,
+        action: &'static str,
+        topic: &'static str,
+    ) -> Result<(), TopicError> {
         let process = &self.shared.manifest.processes[self.shared.me];
         let topics = if action == "read" {
             &process.reads
         } else {
             &process.writes
         };
-        match topics.iter().any(|topic| topic == M::TOPIC) {
+        match topics.iter().any(|one| one == topic) {
             true => Ok(()),
             false => Err(TopicError::Undeclared {
                 process: process.name.clone(),
                 action,
-                topic: M::TOPIC,
+                topic,
             }),
         }
     }

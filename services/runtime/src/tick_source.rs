@@ -25,6 +25,8 @@ pub struct TickSource {
     began_ns: u64,
     usage: Usage,
     incarnations: u32,
+    /// Before this tick, faults that were requested have a tick.
+    adopted: u64,
 }
 
 impl TickSource {
@@ -36,6 +38,7 @@ impl TickSource {
             began_ns: 0,
             usage: Usage::default(),
             incarnations: 0,
+            adopted: 0,
         }
     }
 
@@ -56,7 +59,7 @@ impl TickSource {
             self.finish()?;
             return Ok(None);
         }
-        self.context.control_page.fault_table().adopt(tick);
+        self.coming();
         if self.context.is_lockstep() {
             if !matches!(self.context.wait_for_others(tick)?, Waited::Ready(())) {
                 return Ok(None);
@@ -72,6 +75,16 @@ impl TickSource {
         // The arm's time is its own: where the plant stood still, no tick has passed.
         self.context.apply_process_faults(tick);
         Ok(Some(tick))
+    }
+
+    /// The tick that comes next. From here on no fault that is requested takes effect at it: its messages can be made.
+    pub fn coming(&mut self) -> u64 {
+        let tick = self.next_tick;
+        if tick >= self.adopted {
+            self.context.control_page.fault_table().adopt(tick);
+            self.adopted = tick + 1;
+        }
+        tick
     }
 
     /// Waits until every process is ready for the first tick; `false` when the run stops before.
@@ -94,7 +107,7 @@ impl TickSource {
             return Ok(None);
         }
         let tick = self.next_tick;
-        context.control_page.fault_table().adopt(tick);
+        self.coming();
         self.count_skipped(passed.saturating_sub(1));
         self.grid_ns = self.context.clock_ns();
         self.context.stamping.set_due(self.grid_ns);

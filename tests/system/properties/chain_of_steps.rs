@@ -4,78 +4,125 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
+use bytemuck::{bytes_of, bytes_of_mut};
 use model::Robot;
+use process::{Flow, Inputs, Outputs, Scratch, Step};
+use shared_types::process::Program;
 use shared_types::scenario::{Scenario, Strategy};
 use shared_types::wire::Part;
 use shared_types::{
     AnalyzerCheckpoint, Checkpoint, ControlState, ControllerCheckpoint, EstimatorCheckpoint,
     Layout, Message, ServoState, SingularityReport, StateEstimate, Target, TorqueCommand,
 };
+use xxhash_rust::xxh3::xxh3_64;
 
 use super::input::{Bytes, Hand, numbers};
 
-/// An arm with its task, under a control law, and the processes that know them: to plan a path takes long, to begin anew from the first checkpoint does
-/// not. A process that goes on from a checkpoint is one that was started again, as far as any message shows.
+/// An arm with its task, under a control law, and the processes that know them: to plan a path takes long, to begin anew from the first state does
+/// not. A process that goes on from a state is one that was started again, as far as any message shows.
 struct Case {
     robot: Robot,
     scenario: Scenario,
-    estimator: RefCell<Begun<dyn estimator::Step, EstimatorCheckpoint>>,
-    analyzer: RefCell<Begun<dyn analyzer::Step, AnalyzerCheckpoint>>,
-    controller: RefCell<Begun<dyn controller::Step, ControllerCheckpoint>>,
+    estimator: RefCell<Begun>,
+    analyzer: RefCell<Begun>,
+    controller: RefCell<Begun>,
 }
 
-/// A step, and its checkpoint before the first tick.
-struct Begun<S: ?Sized, C> {
-    first: C,
-    step: Box<S>,
+/// A step, and its state before the first tick.
+struct Begun {
+    first: Vec<u8>,
+    step: Box<dyn Step>,
+    scratch: Scratch,
+}
+
+/// Bytes before a saved state: its layout and its checksum.
+const HEAD: usize = 16;
+
+impl Begun {
+    fn of(program: Program, robot: &Robot, scenario: &Scenario) -> Option<Self> {
+        let (mut first, step) = (Vec::new(), chain::step_of(program, robot, scenario).ok()??);
+        step.save(&mut first);
+        Some(Self {
+            first,
+            step,
+            scratch: Scratch::default(),
+        })
+    }
+
+    fn restart(&mut self) {
+        self.step.restore(&self.first).expect("its own state");
+    }
+
+    /// Goes on from a state that was saved whole and means this.
+    fn restore(&mut self, state: &impl Checkpoint) {
+        let mut saved = self.first[..HEAD].to_vec();
+        saved[HEAD / 2..].copy_from_slice(&xxh3_64(bytes_of(state)).to_le_bytes());
+        saved.extend_from_slice(bytes_of(state));
+        self.step.restore(&saved).expect("of its layout");
+    }
+
+    fn saved<C: Checkpoint>(&self) -> C {
+        let mut saved = Vec::new();
+        self.step.save(&mut saved);
+        bytemuck::pod_read_unaligned(&saved[HEAD..])
+    }
+
+    /// One tick from one message to another.
+    fn answer<I: Message, O: Message>(
+        &mut self,
+        tick: u64,
+        input: Option<&I>,
+        out: &mut O,
+    ) -> Flow {
+        let mut inputs = Inputs::of(tick, &[]);
+        input
+            .into_iter()
+            .for_each(|input| inputs.add(I::TOPIC, bytes_of(input)));
+        let mut outputs = Outputs::new(&mut self.scratch);
+        outputs.add(O::TOPIC, bytes_of_mut(out));
+        self.step.step(&inputs, &mut outputs)
+    }
+
+    /// The controller's step, as the process makes it: towards a target where the arm is steered.
+    fn control(
+        &mut self,
+        scenario: &Scenario,
+        (estimate, report, target): (&StateEstimate, &SingularityReport, Option<&Target>),
+        (servo, state, command): (&mut ServoState, &mut ControlState, &mut TorqueCommand),
+    ) {
+        let mut inputs = Inputs::of(estimate.header.tick, &[]);
+        inputs.add(StateEstimate::TOPIC, bytes_of(estimate));
+        inputs.add(SingularityReport::TOPIC, bytes_of(report));
+        target
+            .into_iter()
+            .for_each(|target| inputs.add(Target::TOPIC, bytes_of(target)));
+        let mut outputs = Outputs::new(&mut self.scratch);
+        if scenario.servo.is_some() {
+            outputs.add(ServoState::TOPIC, bytes_of_mut(servo));
+        }
+        outputs.add(ControlState::TOPIC, bytes_of_mut(state));
+        outputs.add(TorqueCommand::TOPIC, bytes_of_mut(command));
+        let _ = self.step.step(&inputs, &mut outputs);
+    }
 }
 
 impl Case {
     /// Where arm and law fit.
     fn new(robot: Robot, scenario: Scenario) -> Option<Self> {
+        let of = |program| Begun::of(program, &robot, &scenario).map(RefCell::new);
         let (estimator, analyzer, controller) = (
-            estimator::cycle(&robot, &scenario).ok()?,
-            analyzer::cycle(&robot, &scenario).ok()?,
-            controller::cycle(&robot, &scenario).ok()?,
+            of(Program::Estimator)?,
+            of(Program::Analyzer)?,
+            of(Program::Controller)?,
         );
-        plant::cycle(&robot, &scenario).ok()?;
-        let (mut first, mut second, mut third) = <(
-            EstimatorCheckpoint,
-            AnalyzerCheckpoint,
-            ControllerCheckpoint,
-        )>::default();
-        estimator.save(&mut first);
-        analyzer.save(&mut second);
-        controller.save(&mut third);
+        of(Program::Plant)?;
         Some(Self {
             robot,
             scenario,
-            estimator: RefCell::new(Begun {
-                first,
-                step: estimator,
-            }),
-            analyzer: RefCell::new(Begun {
-                first: second,
-                step: analyzer,
-            }),
-            controller: RefCell::new(Begun {
-                first: third,
-                step: controller,
-            }),
+            estimator,
+            analyzer,
+            controller,
         })
-    }
-}
-
-/// The controller's step, as the process makes it: towards a target where the arm is steered.
-fn control(
-    step: &mut dyn controller::Step,
-    scenario: &Scenario,
-    (estimate, report, target): (&StateEstimate, &SingularityReport, Option<&Target>),
-    (servo, state, command): (&mut ServoState, &mut ControlState, &mut TorqueCommand),
-) {
-    match scenario.servo {
-        Some(_) => step.steer((estimate, report), target, servo, state, command),
-        None => step.step(estimate, report, state, command),
     }
 }
 
@@ -134,8 +181,8 @@ pub fn controller(bytes: &[u8]) {
     let Case {
         robot, scenario, ..
     } = &*case;
-    let Begun { first, step } = &mut *case.controller.borrow_mut();
-    step.restore(first);
+    let step = &mut *case.controller.borrow_mut();
+    step.restart();
     let mut bytes = Bytes(hand.0);
     let (mut servo, mut state, mut command) =
         <(ServoState, ControlState, TorqueCommand)>::default();
@@ -147,8 +194,7 @@ pub fn controller(bytes: &[u8]) {
         if scenario.servo.is_some() {
             target = Some(bytes.next());
         }
-        control(
-            step.as_mut(),
+        step.control(
             scenario,
             (&estimate, &report, target.as_ref()),
             (&mut servo, &mut state, &mut command),
@@ -156,9 +202,8 @@ pub fn controller(bytes: &[u8]) {
         is_safe(&command.tau, robot, "controller");
         assert_eq!(command.header.tick, tick);
     }
-    step.restore(&bytes.next());
-    control(
-        step.as_mut(),
+    step.restore(&bytes.next::<ControllerCheckpoint>());
+    step.control(
         scenario,
         (&bytes.next(), &bytes.next(), target.as_ref()),
         (&mut servo, &mut state, &mut command),
@@ -209,8 +254,16 @@ impl<C: Checkpoint> Life<C> {
     }
 
     /// The tick is closed with this checkpoint.
-    fn closes(&mut self, save: impl FnOnce(&mut C)) {
-        save(self.checkpoint.get_or_insert_with(C::zeroed));
+    fn closes(&mut self, state: C) {
+        self.checkpoint = Some(state);
+    }
+
+    /// Its replacement goes on from the last tick.
+    fn revives(&self, process: &mut Begun) {
+        match &self.checkpoint {
+            Some(last) => process.restore(last),
+            None => process.restart(),
+        }
     }
 
     /// It is started again from a last checkpoint that may have been changed.
@@ -241,42 +294,37 @@ pub fn fingers(bytes: &[u8]) {
         robot, scenario, ..
     } = &*case;
     let is_guarded = how & 2 != 0;
-    let mut plant = plant::cycle(robot, scenario).expect("it was accepted before");
-    let Begun {
-        first: first_estimator,
-        step: estimator,
-    } = &mut *case.estimator.borrow_mut();
-    let Begun {
-        first: first_analyzer,
-        step: analyzer,
-    } = &mut *case.analyzer.borrow_mut();
-    let Begun {
-        first: first_controller,
-        step: controller,
-    } = &mut *case.controller.borrow_mut();
-    estimator.restore(first_estimator);
-    analyzer.restore(first_analyzer);
-    controller.restore(first_controller);
+    let plant = Begun::of(Program::Plant, robot, scenario);
+    let mut plant = plant.expect("it was accepted before");
+    let estimator = &mut *case.estimator.borrow_mut();
+    let analyzer = &mut *case.analyzer.borrow_mut();
+    let controller = &mut *case.controller.borrow_mut();
+    for step in [&mut *estimator, &mut *analyzer, &mut *controller] {
+        step.restart();
+    }
     let (mut estimating, mut analyzing, mut controlling) = (
-        Life::new(is_guarded),
-        Life::new(is_guarded),
-        Life::new(is_guarded),
+        Life::<EstimatorCheckpoint>::new(is_guarded),
+        Life::<AnalyzerCheckpoint>::new(is_guarded),
+        Life::<ControllerCheckpoint>::new(is_guarded),
     );
     let mut target: Option<Target> = None;
     let mut m = chain::Tick::default();
+    let mut command: Option<TorqueCommand> = None;
     for tick in 0..48 {
-        if hand.0.is_empty() && tick > 8 || plant.is_over() {
+        if hand.0.is_empty() && tick > 8 {
             break;
         }
         let (touched, dropped) = (hand.byte(), hand.byte());
-        plant.sample(tick, &mut m.sensor, &mut m.plant_state);
+        if !sample_of(&mut plant, tick, command.as_ref(), &mut m) {
+            break;
+        }
         let (mut sample, truth) = (m.sensor, m.plant_state);
         assert!(
             sample.is_finite() && truth.is_finite(),
             "{sample:?} {truth:?}"
         );
         is_safe(&sample.tau_drive, robot, "drive");
-        let command = 'chain: {
+        command = 'chain: {
             if touched & 1 != 0 {
                 hand.corrupt(&mut sample);
             }
@@ -288,7 +336,7 @@ pub fn fingers(bytes: &[u8]) {
             if dropped & 1 != 0 || is_guarded && !sample.is_finite() {
                 break 'chain None;
             }
-            estimator.step(&sample, &mut m.estimate);
+            let _ = estimator.answer(tick, Some(&sample), &mut m.estimate);
             let mut estimate = m.estimate;
             assert!(
                 estimate.is_finite() || !sample.is_finite(),
@@ -297,7 +345,7 @@ pub fn fingers(bytes: &[u8]) {
             if !estimating.sends(&estimate) {
                 break 'chain None;
             }
-            estimating.closes(|out| estimator.save(out));
+            estimating.closes(estimator.saved());
             if touched & 2 != 0 {
                 hand.corrupt(&mut estimate);
             }
@@ -310,13 +358,13 @@ pub fn fingers(bytes: &[u8]) {
                 break 'chain None;
             }
             analyzing.sane &= is_sane(&estimate);
-            analyzer.step(&estimate, &mut m.singularity);
+            let _ = analyzer.answer(tick, Some(&estimate), &mut m.singularity);
             let mut report = m.singularity;
             if !analyzing.sends(&report) {
-                analyzer.restore(analyzing.checkpoint.as_ref().unwrap_or(first_analyzer));
+                analyzing.revives(analyzer);
                 break 'chain None;
             }
-            analyzing.closes(|out| analyzer.save(out));
+            analyzing.closes(analyzer.saved());
             if touched & 4 != 0 {
                 hand.corrupt(&mut report);
             }
@@ -336,8 +384,7 @@ pub fn fingers(bytes: &[u8]) {
                 (given.header.tick, given.target.kind) = (tick, u32::from(hand.byte() % 6));
                 target = Some(given).filter(|given| !is_guarded || given.is_finite());
             }
-            control(
-                controller.as_mut(),
+            controller.control(
                 scenario,
                 (&estimate, &report, target.as_ref()),
                 (&mut m.servo_state, &mut m.control_state, &mut m.torque),
@@ -350,22 +397,43 @@ pub fn fingers(bytes: &[u8]) {
                 && controlling.sends(&command)
                 && (!is_steered || controlling.sends(&m.servo_state)))
             {
-                controller.restore(controlling.checkpoint.as_ref().unwrap_or(first_controller));
+                controlling.revives(controller);
                 break 'chain None;
             }
-            controlling.closes(|out| controller.save(out));
+            controlling.closes(controller.saved());
             if touched & 8 != 0 {
                 hand.corrupt(&mut command);
                 command.phase %= 3;
             }
             (dropped & 8 == 0 && (!is_guarded || command.is_finite())).then_some(command)
         };
-        plant.step(command.as_ref());
     }
-    let (mut sample, mut truth) = (m.sensor, m.plant_state);
-    plant.sample(48, &mut sample, &mut truth);
+    sample_of(&mut plant, 48, command.as_ref(), &mut m);
+    let (sample, truth) = (m.sensor, m.plant_state);
     assert!(
         sample.is_finite() && truth.is_finite(),
         "{sample:?} {truth:?}"
     );
+}
+
+/// The plant's step on the torque of the tick before; whether its task goes on.
+fn sample_of(
+    plant: &mut Begun,
+    tick: u64,
+    command: Option<&TorqueCommand>,
+    m: &mut chain::Tick,
+) -> bool {
+    let mut inputs = Inputs::of(tick, &[]);
+    let command = command.into_iter();
+    command.for_each(|command| inputs.add(TorqueCommand::TOPIC, bytes_of(command)));
+    let mut outputs = Outputs::new(&mut plant.scratch);
+    outputs.add(
+        shared_types::SensorSample::TOPIC,
+        bytes_of_mut(&mut m.sensor),
+    );
+    outputs.add(
+        shared_types::PlantState::TOPIC,
+        bytes_of_mut(&mut m.plant_state),
+    );
+    plant.step.step(&inputs, &mut outputs) == Flow::Go
 }

@@ -34,7 +34,7 @@ impl Fixture {
         let mut chain = Chain::new(&robot, &scenario).expect("accepted");
         let mut m = Messages::default();
         let mut step = |tick: usize| {
-            chain.step(&mut m);
+            assert!(chain.step(&mut m));
             // On one thread nothing is stamped.
             let stamps = &mut m.torque.header.stamps;
             (stamps.received_ns, stamps.sent_ns) = ([100; 8], [100 + tick as u64; 8]);

@@ -7,6 +7,7 @@ use hdrhistogram::Histogram;
 use model::Robot;
 use runtime::now_ns;
 use session::{Failure, load};
+use shared_types::process::Program;
 use shared_types::scenario::Scenario;
 
 use super::{Distribution, Row, histogram};
@@ -14,13 +15,12 @@ use super::{Distribution, Row, histogram};
 /// The default scenario, and one of an arm of seven joints.
 const SCENARIOS: [&str; 2] = [load::DEFAULT_SCENARIO, "seven-joints"];
 
-/// The steps of a tick in their order.
-const STEPS: [&str; 5] = [
-    "plant, sample",
-    "estimator",
-    "analyzer",
-    "controller",
-    "plant, move",
+/// The processes of a tick in their order. The plant's step moves the arm and reads its sensors.
+const STEPS: [Program; 4] = [
+    Program::Plant,
+    Program::Estimator,
+    Program::Analyzer,
+    Program::Controller,
 ];
 
 /// The pure steps of the chain over whole scenarios, as the processes compute them, and all of them as one chain runs them.
@@ -38,12 +38,10 @@ pub fn steps() -> Result<Vec<Row>, Failure> {
         };
         let steps = one_after_the_other(robot, scenario)?;
         let steps = STEPS.iter().zip(&steps);
-        steps.for_each(|(step, times)| row(step, times));
+        steps.for_each(|(step, times)| row(step.name(), times));
         let mut chain = Chain::new(robot, scenario).map_err(Failure::work)?;
         let (mut m, mut times) = (chain::Tick::default(), histogram());
-        while !chain.is_over() {
-            timed(&mut times, || chain.step(black_box(&mut m)));
-        }
+        while timed(&mut times, || chain.step(black_box(&mut m))) {}
         row("whole tick", &times);
     }
     Ok(rows)
@@ -62,31 +60,15 @@ fn one_after_the_other(
     robot: &Robot,
     scenario: &Scenario,
 ) -> Result<[Histogram<u64>; STEPS.len()], Failure> {
-    let mut plant = plant::cycle(robot, scenario).map_err(Failure::work)?;
-    let mut estimator = estimator::cycle(robot, scenario).map_err(Failure::work)?;
-    let mut analyzer = analyzer::cycle(robot, scenario).map_err(Failure::work)?;
-    let mut controller = controller::cycle(robot, scenario).map_err(Failure::work)?;
-    let mut m = chain::Tick::default();
-    let mut steps = [(); STEPS.len()].map(|()| histogram());
-    let [sampling, estimating, analyzing, controlling, moving] = &mut steps;
-    for tick in 0.. {
-        if plant.is_over() {
-            break;
+    let alone = STEPS.map(|program| chain::alone(program, robot, scenario).map_err(Failure::work));
+    let mut alone = alone.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let (mut m, mut times) = (chain::Tick::default(), STEPS.map(|_| histogram()));
+    loop {
+        for (thread, own) in alone.iter_mut().zip(&mut times) {
+            let step = || thread.tick(black_box(&mut m), &mut |_, _| ());
+            if !timed(own, step).map_err(Failure::work)? {
+                return Ok(times);
+            }
         }
-        timed(sampling, || {
-            plant.sample(tick, &mut m.sensor, &mut m.plant_state)
-        });
-        timed(estimating, || estimator.step(&m.sensor, &mut m.estimate));
-        timed(analyzing, || analyzer.step(&m.estimate, &mut m.singularity));
-        timed(controlling, || {
-            controller.step(
-                &m.estimate,
-                &m.singularity,
-                &mut m.control_state,
-                &mut m.torque,
-            )
-        });
-        timed(moving, || plant.step(Some(&m.torque)));
     }
-    Ok(steps)
 }

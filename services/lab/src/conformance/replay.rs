@@ -3,10 +3,10 @@
 use std::fmt;
 use std::path::Path;
 
-use chain::{Stage, Tick};
+use chain::Tick;
 use message_log::{Contents, FieldDifference, Log, LogError};
-use model::{Refused, Robot};
-use runtime::apply_to_outgoing;
+use model::Robot;
+use process::{Inputs, Member, Scratch, apply_to_outgoing};
 use serde::Serialize;
 use session::table::{Fitted, number, table};
 use session::{Failure, JOB, Observer, Progress, Run, SUMMARY};
@@ -17,10 +17,8 @@ use shared_types::job::Job;
 use shared_types::process::Program;
 use shared_types::scenario::Scenario;
 use shared_types::summary::Summary;
-use shared_types::topics::{ByTopic, Each, Topic, named};
-use shared_types::{
-    Header, Message, SensorSample, SingularityReport, StateEstimate, Target, TorqueCommand,
-};
+use shared_types::topics::{ByTopic, Each, TOPICS, Topic, named};
+use shared_types::{Header, Message, TorqueCommand};
 use viz::plot::digits;
 
 use super::compared::Place;
@@ -176,30 +174,31 @@ pub fn replay(
     let job = job_of(&run)?;
     let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
     let scenario = with_settings(&job.scenario, settings)?;
-    let (name, program, writes) =
-        chosen(&job, process).ok_or_else(|| no_step(process, &job, folder))?;
+    let (process, program) = chosen(&job, process).ok_or_else(|| no_step(process, &job, folder))?;
+    let (name, writes) = (process.name.clone(), &process.writes);
     let (summary, damage) = damage_of(&run, &job);
     // All that is wrong with the logs, where one of them is gone or not as it was written.
-    let because = |error: Trouble| match error {
-        Trouble::Log(error) if damage.is_empty() => damaged(&run, &[error.to_string()]),
-        Trouble::Log(_) => damaged(&run, &damage),
-        Trouble::Step(refused) => Failure::input(refused),
+    let because = |error: LogError| match damage.is_empty() {
+        true => damaged(&run, &[error.to_string()]),
+        false => damaged(&run, &damage),
     };
-    let reads = inputs(program, &job);
+    let step = chain::step_of(program, &robot, &scenario).map_err(Failure::input)?;
+    let step = step.ok_or_else(|| no_step(Some(&name), &job, folder))?;
+    let reads: Vec<&str> = step.reads().iter().map(|port| port.topic).collect();
     let writes: Vec<&str> = writes.iter().map(String::as_str).collect();
     let topics = [&reads[..], &writes].concat();
-    let log = Log::open(&folder.join(recorder::MESSAGES), &Contents::of(&job))
-        .map_err(|error| because(error.into()))?;
+    let log = Log::open(&folder.join(recorder::MESSAGES), &Contents::of(&job)).map_err(because)?;
     let mut player = Player {
         tracks: track::open(&log, &topics),
+        member: Member::new(0, process, step),
+        scratch: Scratch::default(),
+        given: Tick::default(),
         now: Tick::default(),
         faults: scheduled_faults(summary.as_ref(), &job, &name)?,
         without_input: 0,
         observer,
     };
-    let ended = player
-        .play(program, (&robot, &scenario), [&reads, &writes])
-        .map_err(because)?;
+    let ended = player.play(&scenario, &writes).map_err(because)?;
     let (difference, topics) = player.compared(&writes);
     let replayed = Replayed {
         run: job.run,
@@ -244,34 +243,15 @@ fn damage_of(run: &Run, job: &Job) -> (Option<Summary>, Vec<String>) {
     (summary, damage)
 }
 
-/// The topics that a step computes from, those of the run: the first comes once a tick.
-fn inputs(program: Program, job: &Job) -> Vec<&'static str> {
-    let reads: &[&str] = match program {
-        Program::Estimator => &[SensorSample::TOPIC],
-        Program::Analyzer => &[StateEstimate::TOPIC],
-        Program::Controller => &[
-            SingularityReport::TOPIC,
-            StateEstimate::TOPIC,
-            Target::TOPIC,
-        ],
-        _ => &[TorqueCommand::TOPIC],
-    };
-    reads
-        .iter()
-        .copied()
-        .filter(|topic| job.graph.writer(topic).is_some())
-        .collect()
-}
-
-/// The process that is asked for, where armplane knows its step, and its topics.
-fn chosen<'a>(job: &'a Job, name: Option<&str>) -> Option<(String, Program, &'a [String])> {
+/// The process that is asked for, where armplane knows its step.
+fn chosen<'a>(job: &'a Job, name: Option<&str>) -> Option<(&'a Process, Program)> {
     let is_asked = |one: &&Process| {
         name.map_or(one.program() == Some(Program::Controller), |name| {
             one.name == name
         })
     };
     let process = job.graph.process.iter().find(is_asked).filter(has_step)?;
-    Some((process.name.clone(), process.program()?, &process.writes))
+    Some((process, process.program()?))
 }
 
 /// Whether armplane knows the step of a process: not of another program's, the recorder's, the operator's.
@@ -299,24 +279,6 @@ fn no_step(process: Option<&str>, job: &Job, folder: &Path) -> Failure {
             known.join(", ")
         ),
     })
-}
-
-/// Why a replay cannot go on.
-enum Trouble {
-    Log(LogError),
-    Step(Refused),
-}
-
-impl From<LogError> for Trouble {
-    fn from(error: LogError) -> Self {
-        Self::Log(error)
-    }
-}
-
-impl From<Refused> for Trouble {
-    fn from(error: Refused) -> Self {
-        Self::Step(error)
-    }
 }
 
 /// The message logs of a run are not whole.
@@ -371,53 +333,14 @@ fn with_settings(scenario: &Scenario, settings: &[String]) -> Result<Scenario, F
     Ok(changed)
 }
 
-/// What a step is given besides its messages.
-#[derive(Clone, Copy, Default)]
-struct Given {
-    has_target: bool,
-    is_fresh: bool,
-}
-
-/// The step of a process, which takes up the checkpoint of the last tick that was computed where its process was started again.
-struct Restarting<'a> {
-    program: Program,
-    robot: &'a Robot,
-    scenario: &'a Scenario,
-    stage: Stage,
-    checkpoint: Option<Vec<u8>>,
-}
-
-impl<'a> Restarting<'a> {
-    fn new(program: Program, robot: &'a Robot, scenario: &'a Scenario) -> Result<Self, Refused> {
-        Ok(Self {
-            program,
-            robot,
-            scenario,
-            stage: Self::fresh(program, robot, scenario)?,
-            checkpoint: None,
-        })
-    }
-
-    fn fresh(program: Program, robot: &Robot, scenario: &Scenario) -> Result<Stage, Refused> {
-        let none = || Refused::because("its step is not known");
-        Stage::new(Some(program), robot, scenario)?.ok_or_else(none)
-    }
-
-    fn compute(&mut self, m: &mut Tick, given: Given) -> Result<(), Refused> {
-        if given.is_fresh {
-            self.stage = Self::fresh(self.program, self.robot, self.scenario)?;
-            let last = self.checkpoint.iter();
-            last.for_each(|state| self.stage.restore(state));
-        }
-        self.stage.step(m, given.has_target);
-        self.checkpoint = Some(self.stage.save());
-        Ok(())
-    }
-}
-
 /// The kept messages of a run, and the tick that is computed.
 struct Player<'a> {
     tracks: ByTopic<Tracks>,
+    member: Member,
+    scratch: Scratch,
+    /// The inputs of the tick.
+    given: Tick,
+    /// Its outputs.
     now: Tick,
     /// The faults that happened to the process.
     faults: Vec<ScheduledFault>,
@@ -473,25 +396,33 @@ impl Each for CompareAll<'_> {
 
 impl Player<'_> {
     /// Computes the process's outputs again. The sentence: why the replay ended before the record did.
-    fn play(
-        &mut self,
-        program: Program,
-        (robot, scenario): (&Robot, &Scenario),
-        [reads, writes]: [&[&str]; 2],
-    ) -> Result<String, Trouble> {
+    fn play(&mut self, scenario: &Scenario, writes: &[&str]) -> Result<String, LogError> {
         (self.observer)(Progress::Begin {
             title: &scenario.name,
             length: scenario.planned_ticks(),
             unit: "ticks",
         });
-        let ended = match program {
-            Program::Plant => self.plant(robot, scenario),
-            _ => Restarting::new(program, robot, scenario)
-                .map_err(Trouble::from)
-                .and_then(|mut step| self.cycle(reads, writes, &mut step)),
+        let ended = match self.member.makes_ticks() {
+            true => self.plant(),
+            false => self.cycle(writes),
         };
         (self.observer)(Progress::End);
         ended
+    }
+
+    /// The step of a tick, on the inputs that have been loaded.
+    fn compute(&mut self, tick: u64, topics: &[&'static str], faults: &[ScheduledFault]) {
+        let (parts, mut inputs) = (self.given.parts_mut(), Inputs::of(tick, faults));
+        for (topic, message) in TOPICS.into_iter().zip(&parts) {
+            let message = message.as_deref().filter(|_| topics.contains(&topic));
+            message
+                .into_iter()
+                .for_each(|message| inputs.add(topic, message));
+        }
+        // The record says when the task was over.
+        let _ = self
+            .member
+            .compute(&inputs, &mut self.now, &mut self.scratch);
     }
 
     /// The earliest difference, and all, of the process's topics.
@@ -514,60 +445,42 @@ impl Player<'_> {
     }
 
     fn load(&mut self, topic: &str, tick: u64) -> Result<bool, LogError> {
-        named(topic, &mut Load(&mut self.tracks, &mut self.now, tick)).unwrap_or(Ok(false))
+        named(topic, &mut Load(&mut self.tracks, &mut self.given, tick)).unwrap_or(Ok(false))
     }
 
-    /// Loads the inputs of a tick; whether all are there but the target, which may be missing.
-    fn inputs(&mut self, reads: &[&str], tick: u64, given: &mut Given) -> Result<bool, LogError> {
-        let mut is_whole = true;
-        for topic in reads {
-            let is_there = self.load(topic, tick)?;
-            if *topic == Target::TOPIC {
-                given.has_target = is_there;
-            } else {
-                is_whole &= is_there;
-            }
+    /// Loads the inputs of a tick: their topics, or `None` where one is missing that the step needs.
+    fn inputs(&mut self, tick: u64) -> Result<Option<Vec<&'static str>>, LogError> {
+        let (mut there, mut is_whole) = (Vec::new(), true);
+        for port in self.member.step().reads() {
+            let is_there = self.load(port.topic, tick)?;
+            there.extend(is_there.then_some(port.topic));
+            is_whole &= is_there || !port.is_needed;
         }
-        Ok(is_whole)
+        Ok(is_whole.then_some(there))
     }
 
     /// Computes every recorded output again from the inputs of its tick. Also computed is what a fault kept from leaving: the process's state goes on
-    /// from it.
-    fn cycle(
-        &mut self,
-        reads: &[&str],
-        writes: &[&str],
-        step: &mut Restarting<'_>,
-    ) -> Result<String, Trouble> {
-        // Faults shape this one, which also carries the incarnation that computed it.
-        let shaped = writes
-            .iter()
-            .rfind(|topic| shaped_topic(topic))
-            .copied()
-            .unwrap_or_default();
-        let (first, mut incarnation, mut given) = (
-            reads.first().copied().unwrap_or_default(),
-            1,
-            Given::default(),
-        );
-        while let Some(Header {
-            tick,
-            incarnation: its,
-            ..
-        }) = self.next(shaped)?
-        {
+    /// from it. A replacement goes on from the state of its predecessor: the tick before is the last that was computed.
+    fn cycle(&mut self, writes: &[&str]) -> Result<String, LogError> {
+        // Faults shape this one.
+        let shaped = writes.iter().rfind(|topic| shaped_topic(topic));
+        let shaped = shaped.copied().unwrap_or_default();
+        let reads = self.member.step().reads();
+        let first = reads.first().map_or("", |port| port.topic);
+        while let Some(Header { tick, .. }) = self.next(shaped)? {
             while let Some(earlier) = self
                 .next(first)?
                 .map(|header| header.tick)
                 .filter(|one| *one < tick)
             {
-                if self.inputs(reads, earlier, &mut given)? && self.was_withheld(earlier) {
-                    step.compute(&mut self.now, std::mem::take(&mut given))?;
+                if let Some(topics) = self.inputs(earlier)?
+                    && self.was_withheld(earlier)
+                {
+                    self.compute(earlier, &topics, &[]);
                 }
             }
-            given.is_fresh |= std::mem::replace(&mut incarnation, its) != its;
-            if self.inputs(reads, tick, &mut given)? {
-                step.compute(&mut self.now, std::mem::take(&mut given))?;
+            if let Some(topics) = self.inputs(tick)? {
+                self.compute(tick, &topics, &[]);
                 for topic in writes {
                     let faults = if *topic == shaped {
                         &self.faults[..]
@@ -601,16 +514,7 @@ impl Player<'_> {
 
     /// The plant answers its own last state: it must be fed without a gap. What was wrong with its sensors and drives is so again. The sentence: why the
     /// replay ended before the record did.
-    fn plant(&mut self, robot: &Robot, scenario: &Scenario) -> Result<String, Trouble> {
-        let mut cycle = plant::cycle(robot, scenario)?;
-        let is_physical = |fault: &&ScheduledFault| fault.kind().is_some_and(Kind::concerns_joint);
-        let physical: Vec<ScheduledFault> =
-            self.faults.iter().filter(is_physical).copied().collect();
-        let Tick {
-            sensor,
-            plant_state,
-            ..
-        } = &mut self.now;
+    fn plant(&mut self) -> Result<String, LogError> {
         for tick in 0.. {
             let Some(recorded) = self.tracks.sensor.header()? else {
                 break;
@@ -627,23 +531,24 @@ impl Player<'_> {
                     "tick {tick} {what}: the replay of the plant ends there"
                 ));
             }
-            let at = |tick: u64| {
-                physical
-                    .iter()
-                    .filter(move |fault| fault.concerns(tick))
-                    .copied()
-                    .collect::<Vec<_>>()
-            };
-            if !at(tick).is_empty() || tick > 0 && !at(tick - 1).is_empty() {
-                cycle.apply_faults(tick, &at(tick));
+            let mut topics = Vec::new();
+            if tick > 0
+                && let Some(command) = torque_after(&mut self.tracks, tick - 1)?
+            {
+                self.given.torque = command;
+                topics.push(TorqueCommand::TOPIC);
             }
-            cycle.sample(tick, sensor, plant_state);
-            let mut sent = *sensor;
+            let is_physical = |fault: &&ScheduledFault| {
+                fault.concerns(tick) && fault.kind().is_some_and(Kind::concerns_joint)
+            };
+            let physical: Vec<_> = self.faults.iter().filter(is_physical).copied().collect();
+            self.compute(tick, &topics, &physical);
+            let mut sent = self.now.sensor;
             apply_to_outgoing(&mut sent, &self.faults);
             self.tracks.sensor.compare(sent, tick)?;
-            self.tracks.plant_state.compare(*plant_state, tick)?;
-            let command = torque_after(&mut self.tracks, tick)?;
-            cycle.step(command.as_ref());
+            self.tracks
+                .plant_state
+                .compare(self.now.plant_state, tick)?;
             (self.observer)(Progress::Position(tick));
         }
         Ok(String::new())

@@ -1,11 +1,12 @@
 //! The arm at one posture: kinematics, dynamics and singularities, as the processes compute them.
 
 use control::centre::AtCentre;
+use control::{Analyzer, wire};
 use model::{Model, Refused, Robot, embedded, unit_scaled, with_dof};
 use nalgebra::DMatrix;
 use serde_json::{Value, json};
 use session::Failure;
-use shared_types::{SingularityReport, StateEstimate, codes};
+use shared_types::{SingularityReport, codes};
 
 use crate::trial::bare;
 
@@ -68,12 +69,9 @@ fn at<const N: usize>(
     scenario.frame = frame.unwrap_or_default().to_owned();
     scenario.start.q = Some(q.to_vec());
     scenario.start.posture = None;
-    let mut analyzer = analyzer::cycle(robot, &scenario).map_err(Failure::input)?;
-    let mut estimate = StateEstimate::default();
-    estimate.q[..n].copy_from_slice(q);
-    estimate.qdot[..n].copy_from_slice(qdot);
+    let found = Analyzer::new(robot, &scenario.analysis).step(&q_vector, &qdot_vector, &terms);
     let mut report = SingularityReport::default();
-    analyzer.step(&estimate, &mut report);
+    wire::report_message(0, &found, &mut report);
     let at_centre = AtCentre::new(&terms, &report.p_BC.into(), &terms.omega[N - 1]);
     let scaled = unit_scaled(&at_centre.J, report.length_m, &robot.task.0);
     let scaled = DMatrix::from_column_slice(6, N, scaled.as_slice());

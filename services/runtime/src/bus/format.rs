@@ -2,6 +2,7 @@
 //! name.
 
 use bytemuck::{pod_read_unaligned, try_from_bytes};
+use process::Port;
 use shared_types::Message;
 use shared_types::topics::{TOPICS, wire_hash};
 use shared_types::wire::Header;
@@ -19,23 +20,30 @@ pub(crate) struct Format {
     pub(crate) layout: u64,
     /// Whether every `f64` in a message of this size is finite.
     pub(crate) is_finite: fn(&[u8]) -> bool,
+    /// The first field of a message that holds a number that is not.
+    pub(crate) not_finite: fn(&[u8]) -> Option<&'static str>,
 }
 
 impl Format {
     /// The format of a message whose type this program knows.
     pub(crate) fn of<M: Message>() -> Self {
-        let layout = if TOPICS.contains(&M::TOPIC) {
+        Self::of_port(&Port::of::<M>())
+    }
+
+    /// The format of a topic as a step sees it.
+    pub(crate) fn of_port(port: &Port) -> Self {
+        let layout = if TOPICS.contains(&port.topic) {
             wire_hash()
         } else {
-            M::layout_hash()
+            (port.layout)()
         };
-        let is_finite = |bytes: &[u8]| read(bytes, M::is_finite).unwrap_or(false);
         Self {
-            topic: M::TOPIC,
-            type_name: M::TYPE_NAME,
-            bytes: size_of::<M>(),
+            topic: port.topic,
+            type_name: port.type_name,
+            bytes: port.bytes,
             layout,
-            is_finite,
+            is_finite: port.is_finite,
+            not_finite: port.not_finite,
         }
     }
 
@@ -50,6 +58,7 @@ impl Format {
             bytes: message.bytes,
             layout: message.hash,
             is_finite: |_| true,
+            not_finite: |_| None,
         }
     }
 

@@ -3,7 +3,7 @@
 
 use std::rc::Rc;
 
-use lockstep::Fence;
+use process::Fence;
 
 use crate::bus::format::{Format, header};
 use crate::bus::missed::Missed;

@@ -121,6 +121,12 @@ impl Outgoing {
         self.payload
     }
 
+    #[inline]
+    pub(crate) fn header(&self) -> &Header {
+        // SAFETY: a message is aligned to 8 and no shorter than its header, which has no padding and no invalid values.
+        unsafe { &*self.payload.cast() }
+    }
+
     /// Delivers it to all readers; never blocks.
     pub(crate) fn send(self) -> Result<(), SendError> {
         self.sample.send().map(|_readers| ())

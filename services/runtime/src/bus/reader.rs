@@ -81,8 +81,8 @@ fn typed<M: Message>(message: &Incoming) -> Option<&M> {
     try_from_bytes(message).ok()
 }
 
-/// The ticks of a topic, message by message, whatever their type.
-struct Ticks {
+/// The reading end of a topic, message by message, whatever their type: see [`Reader`].
+pub(crate) struct Ticks {
     shared: Rc<Context>,
     inlet: Inlet,
     topic: &'static str,
@@ -125,7 +125,7 @@ enum Found {
 }
 
 impl Ticks {
-    fn new(shared: Rc<Context>, receiver: Rc<Receiver>) -> Self {
+    pub(crate) fn new(shared: Rc<Context>, receiver: Rc<Receiver>) -> Self {
         let topic = receiver.format().topic;
         let bit = shared.topic_bit(topic);
         let mut inlet = Inlet::new(Rc::clone(&shared), receiver, Admission::OfTheLiving);
@@ -152,7 +152,7 @@ impl Ticks {
         }
     }
 
-    fn next(&mut self) -> Result<Option<&Incoming>, Interrupted> {
+    pub(crate) fn next(&mut self) -> Result<Option<&Incoming>, Interrupted> {
         let shared = Rc::clone(&self.shared);
         if matches!(shared.start()?, Waited::Stopped) {
             return Ok(None);
@@ -209,7 +209,7 @@ impl Ticks {
         }
     }
 
-    fn at(&mut self, tick: u64) -> Result<Option<&Incoming>, Interrupted> {
+    pub(crate) fn at(&mut self, tick: u64) -> Result<Option<&Incoming>, Interrupted> {
         let shared = Rc::clone(&self.shared);
         if matches!(shared.start()?, Waited::Stopped) {
             return Ok(None);
@@ -242,7 +242,7 @@ impl Ticks {
         }
     }
 
-    fn newest(&mut self, tick: u64) -> Result<Option<&Incoming>, Interrupted> {
+    pub(crate) fn newest(&mut self, tick: u64) -> Result<Option<&Incoming>, Interrupted> {
         if self.shared.is_lockstep() {
             return self.at(tick);
         }
@@ -256,7 +256,7 @@ impl Ticks {
         Ok(self.current.as_ref())
     }
 
-    fn arriving(
+    pub(crate) fn arriving(
         &mut self,
         tick: u64,
         deadline_ns: Option<u64>,

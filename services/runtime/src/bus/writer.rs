@@ -1,19 +1,24 @@
 //! The writing end of a topic: messages are filled in place, in loaned shared memory.
 
 use std::cell::RefCell;
+use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut};
 use std::rc::Rc;
+use std::slice::from_raw_parts;
 
-use lockstep::{Ring, Shaper, first_not_finite};
+use lockstep::Ring;
+use process::{Packed, Shaper};
 use shared_types::Message;
 use shared_types::fault::{corrupted_topic, shaped_topic};
 use shared_types::wire::Header;
 
 use crate::bus::error::TopicError;
+use crate::bus::format::{Format, header};
 use crate::bus::port::{Outgoing, Sender};
 use crate::clock::now_ns;
-use crate::context::{Context, Outlet};
+use crate::context::{Closing, Context};
 use crate::control_page::Count;
+use crate::control_page::live_statistics::{Note, note_of};
 use crate::memory::{HandedOver, LastMade};
 
 /// Why a message was not sent.
@@ -44,60 +49,145 @@ pub enum SendError {
 }
 
 /// Writes a topic.
-pub struct Writer<M: Message> {
-    outlet: Rc<Sending<M>>,
+pub struct Writer<M: Message>(Outlet, PhantomData<fn(&M)>);
+
+/// The writing end of a topic, whatever its messages.
+pub(crate) struct Outlet {
+    sending: Rc<Sending>,
     /// The message on loan. It lies here and not in the [`Loan`], so that it is not moved with that: a move costs some 10 ns.
     loaned: Option<Outgoing>,
 }
 
 /// The exit for messages of the process, with the faults that affect them.
-struct Sending<M: Message> {
+struct Sending {
     shared: Rc<Context>,
+    format: Format,
     /// Its place among the process's outputs.
     output: usize,
-    /// A corruption of the process's messages concerns this topic.
-    is_corruptible: bool,
-    /// For messages `M`.
     sender: Rc<Sender>,
     bit: u32,
     /// The topic's line on the control page.
     topic: usize,
+    /// Keeps what `armplane status` shows of a message.
+    note: Note,
     readers: Vec<usize>,
     /// The last messages made while faults shape them, for this process and its replacement.
-    last_made: LastMade<M>,
-    /// The messages that faults hold back or repeat; the room for it is taken before the first tick.
-    shaper: RefCell<Shaper<M>>,
+    last_made: LastMade,
+    /// The messages that faults hold back or repeat.
+    shaper: RefCell<Shaper>,
+}
+
+impl Outlet {
+    pub(crate) fn new(
+        shared: &Rc<Context>,
+        format: Format,
+        sender: Rc<Sender>,
+    ) -> Result<Self, TopicError> {
+        let name = format.topic;
+        let last_made = LastMade::open(&shared.run, name, format.bytes).map_err(|error| {
+            TopicError::Memory {
+                topic: name,
+                reason: error.to_string(),
+            }
+        })?;
+        let topic = shared.topic_index(name);
+        shared.control_page.topic(topic).begin_writer();
+        let writes = &shared.manifest.processes[shared.me].writes;
+        let sending = Rc::new(Sending {
+            shared: Rc::clone(shared),
+            format,
+            sender,
+            output: writes.iter().position(|one| one == name).unwrap_or(0),
+            bit: shared.topic_bit(name),
+            topic,
+            note: note_of(name),
+            readers: shared.manifest.woken_by(name).collect(),
+            last_made,
+            shaper: RefCell::new(Shaper::new(corrupted_topic(writes) == Some(name))),
+        });
+        shared.add_outlet(Rc::clone(&sending) as Rc<dyn Closing>);
+        Ok(Self {
+            sending,
+            loaned: None,
+        })
+    }
+
+    /// Loans shared memory for one message, still filled with an earlier one: where its bytes begin.
+    #[inline]
+    pub(crate) fn loan(&mut self) -> Result<*mut u8, SendError> {
+        let loaned = self.sending.sender.loan_into(&mut self.loaned);
+        loaned.map_err(|error| self.sending.failed(error))
+    }
+
+    /// The message on loan, to be filled; `None` where there is none.
+    #[inline]
+    pub(crate) fn on_loan(&mut self) -> Option<&mut [u8]> {
+        let payload = self.loaned.as_ref()?.payload();
+        // SAFETY: on loan from the sender, for as long as `self` is borrowed; the topic's messages have this size.
+        Some(unsafe { std::slice::from_raw_parts_mut(payload, self.sending.format.bytes) })
+    }
+
+    /// The header of the message on loan.
+    #[inline]
+    pub(crate) fn header(&mut self) -> Option<&mut Header> {
+        let message = self.on_loan()?;
+        bytemuck::try_from_bytes_mut(&mut message[..size_of::<Header>()]).ok()
+    }
+
+    /// Sends the message on loan; see [`Loan::send`].
+    #[inline]
+    pub(crate) fn send(&mut self) -> Result<(), SendError> {
+        let Self { sending, loaned } = self;
+        let Some(message) = loaned.take() else {
+            return Ok(());
+        };
+        let shared = &sending.shared;
+        // SAFETY: on loan from the sender; the topic's messages have this size.
+        let bytes = unsafe { from_raw_parts(message.payload(), sending.format.bytes) };
+        // SAFETY: likewise; a message is aligned to 8, and begins with its header.
+        let header: &mut Header = unsafe { &mut *message.payload().cast() };
+        let tick = header.tick;
+        if let Some(field) = (sending.format.not_finite)(bytes) {
+            shared.entry().add(Count::NotFinite, 1);
+            let error = SendError::NotFinite {
+                process: shared.name().to_owned(),
+                topic: sending.format.topic,
+                tick,
+                field,
+            };
+            tracing::error!("{error}");
+            return Err(error);
+        }
+        shared.stamp(header);
+        (sending.note)(shared.control_page.live_state_cells(), bytes);
+        let is_last = shared.is_last_output(tick, sending.output);
+        if is_last {
+            shared.commit(tick);
+        }
+        if shared.is_shaped() && shaped_topic(sending.format.topic) {
+            sending.send_shaped(message)?;
+        } else {
+            sending.deliver(message)?;
+        }
+        if !is_last {
+            shared.apply_faults_between_outputs(tick);
+        }
+        // With shaped messages in lockstep a tick is closed when its inputs are exhausted, for one message may be several or none.
+        if is_last && !(shared.is_shaped() && shared.is_lockstep()) {
+            shared.entry().set_ticks(tick + 1);
+            if shared.is_lockstep() {
+                shared.tick.set(tick + 1);
+            }
+            shared.report_progress();
+        }
+        sending.ring();
+        Ok(())
+    }
 }
 
 impl<M: Message> Writer<M> {
-    pub(crate) fn new(shared: &Rc<Context>, sender: Rc<Sender>) -> Result<Self, TopicError> {
-        let last_made = LastMade::open(&shared.run).map_err(|error| TopicError::Memory {
-            topic: M::TOPIC,
-            reason: error.to_string(),
-        })?;
-        let topic = shared.topic_index(M::TOPIC);
-        shared.control_page.topic(topic).begin_writer();
-        let outlet = Rc::new(Sending {
-            shared: Rc::clone(shared),
-            sender,
-            is_corruptible: corrupted_topic(&shared.manifest.processes[shared.me].writes)
-                == Some(M::TOPIC),
-            output: shared.manifest.processes[shared.me]
-                .writes
-                .iter()
-                .position(|topic| topic == M::TOPIC)
-                .unwrap_or(0),
-            bit: shared.topic_bit(M::TOPIC),
-            topic,
-            readers: shared.manifest.woken_by(M::TOPIC).collect(),
-            last_made,
-            shaper: RefCell::default(),
-        });
-        shared.add_outlet(Rc::clone(&outlet) as Rc<dyn Outlet>);
-        Ok(Self {
-            outlet,
-            loaned: None,
-        })
+    pub(crate) fn new(outlet: Outlet) -> Self {
+        Self(outlet, PhantomData)
     }
 
     /// Loans shared memory for the message of a tick, zero except for the tick, to be filled in
@@ -130,12 +220,7 @@ impl<M: Message> Writer<M> {
 
     #[inline]
     fn loan_with(&mut self, prepare: impl FnOnce(*mut M)) -> Result<Loan<'_, M>, SendError> {
-        let payload = self
-            .outlet
-            .sender
-            .loan_into(&mut self.loaned)
-            .map_err(|error| self.outlet.failed(error))?
-            .cast();
+        let payload = self.0.loan()?.cast();
         prepare(payload);
         Ok(Loan {
             payload,
@@ -164,7 +249,7 @@ pub struct Loan<'a, M: Message> {
 impl<M: Message> Drop for Loan<'_, M> {
     #[inline]
     fn drop(&mut self) {
-        self.writer.loaned = None;
+        self.writer.0.loaned = None;
     }
 }
 
@@ -192,79 +277,35 @@ impl<M: Message> Loan<'_, M> {
     /// # Errors
     /// When a number in it is not finite (counted; nothing is sent), or iceoryx2 fails.
     pub fn send(self) -> Result<(), SendError> {
-        // SAFETY: as for `deref_mut`, without a borrow of the writer, whose other parts are needed beside it.
-        let message = unsafe { &mut *self.payload };
-        let Writer { outlet, loaned } = &mut *self.writer;
-        let shared = &outlet.shared;
-        let tick = message.header().tick;
-        if let Some(field) = first_not_finite(message) {
-            shared.entry().add(Count::NotFinite, 1);
-            let error = SendError::NotFinite {
-                process: shared.name().to_owned(),
-                topic: M::TOPIC,
-                tick,
-                field,
-            };
-            tracing::error!("{error}");
-            return Err(error);
-        }
-        shared.stamp(message.header_mut());
-        shared.control_page.live_state_cells().note(message);
-        let is_last = shared.is_last_output(tick, outlet.output);
-        if is_last {
-            shared.commit(tick);
-        }
-        let Some(message) = loaned.take() else {
-            return Ok(());
-        };
-        if shared.is_shaped() && shaped_topic(M::TOPIC) {
-            outlet.send_shaped(message)?;
-        } else {
-            outlet.deliver(message)?;
-        }
-        if !is_last {
-            shared.apply_faults_between_outputs(tick);
-        }
-        // With shaped messages in lockstep a tick is closed when its inputs are exhausted, for one message may be several or none.
-        if is_last && !(shared.is_shaped() && shared.is_lockstep()) {
-            shared.entry().set_ticks(tick + 1);
-            if shared.is_lockstep() {
-                shared.tick.set(tick + 1);
-            }
-            shared.report_progress();
-        }
-        outlet.ring();
-        Ok(())
+        self.writer.0.send()
     }
 }
 
-impl<M: Message> Sending<M> {
+impl Sending {
     fn failed(&self, reason: impl std::fmt::Display) -> SendError {
         SendError::Port {
             process: self.shared.name().to_owned(),
-            topic: M::TOPIC,
+            topic: self.format.topic,
             reason: reason.to_string(),
         }
     }
 
     fn deliver(&self, message: Outgoing) -> Result<(), SendError> {
-        // SAFETY: on loan from the sender of a topic of messages `M`.
-        let tick = unsafe { &*message.payload().cast::<M>() }.header().tick;
+        let tick = message.header().tick;
         message.send().map_err(|error| self.failed(error))?;
         self.shared.control_page.topic(self.topic).count_sent(tick);
         self.shared.entry().add(Count::Sent, 1);
         Ok(())
     }
 
-    /// Sends the message as changed by faults. Kept off the fault-free path, because it needs room
-    /// on the stack.
+    /// Sends the message as changed by faults. Kept off the fault-free path.
     #[cold]
     #[inline(never)]
     fn send_shaped(&self, loaned: Outgoing) -> Result<(), SendError> {
-        // SAFETY: on loan from the sender of a topic of messages `M`.
-        let message = unsafe { *loaned.payload().cast::<M>() };
+        // SAFETY: on loan from the sender; the topic's messages have this size.
+        let message = Packed::of(unsafe { from_raw_parts(loaned.payload(), self.format.bytes) });
         drop(loaned);
-        self.last_made.keep(&message);
+        self.last_made.keep(message.bytes());
         self.shape(&message)?;
         if !self.shared.is_lockstep() {
             self.flush(self.shared.tick.get());
@@ -273,29 +314,32 @@ impl<M: Message> Sending<M> {
     }
 
     /// Delivers a message that a fault has held back, doubled or changed: a copy, for it is not the one that was on loan.
-    fn deliver_copy(&self, message: &M) -> Result<(), SendError> {
+    fn deliver_copy(&self, message: &[u8]) -> Result<(), SendError> {
         let copy = self.sender.loan().map_err(|error| self.failed(error))?;
-        // SAFETY: on loan from the sender of a topic of messages `M`.
-        unsafe { copy.payload().cast::<M>().write(*message) };
+        // SAFETY: on loan from the sender, of the size of the topic's messages, as `message` is.
+        unsafe {
+            copy.payload()
+                .copy_from_nonoverlapping(message.as_ptr(), message.len())
+        };
         self.deliver(copy)
     }
 
     /// The message before that of a tick, for a fault that repeats it. Where no fault has shaped messages until now, the writer has kept none: in
     /// lockstep the retainer of the topic has it; in real time no process waits for that, and the first message that the fault meets is the one repeated.
-    fn before(&self, tick: u64) -> Option<M> {
+    fn before(&self, tick: u64) -> Option<Packed> {
         let kept = self.last_made.before(tick);
         if kept.is_some() || !self.shared.is_lockstep() {
             return kept;
         }
-        self.shared.await_hand_over(M::TOPIC).ok()?;
-        let handed_over = HandedOver::open(&self.shared.run, M::TOPIC, size_of::<M>()).ok()?;
-        let newest: M =
-            bytemuck::pod_read_unaligned(&handed_over.get(handed_over.count().checked_sub(1)?)?);
-        (newest.header().tick < tick).then_some(newest)
+        let topic = self.format.topic;
+        self.shared.await_hand_over(topic).ok()?;
+        let handed_over = HandedOver::open(&self.shared.run, topic, self.format.bytes).ok()?;
+        let newest = handed_over.get(handed_over.count().checked_sub(1)?)?;
+        (header(&newest).tick < tick).then(|| Packed::of(&newest))
     }
 
     /// Applies the faults of its tick to a message.
-    fn shape(&self, message: &M) -> Result<(), SendError> {
+    fn shape(&self, message: &Packed) -> Result<(), SendError> {
         let (shared, tick) = (&self.shared, self.shared.tick.get());
         let injected = |place| {
             shared
@@ -307,20 +351,17 @@ impl<M: Message> Sending<M> {
             self.before(message.header().tick)
         });
         let faults = known.of(shared.me, tick);
-        self.shaper.borrow_mut().shape(
-            message,
-            (tick, self.is_corruptible),
-            faults,
-            before,
-            injected,
-            |message| self.deliver_copy(message),
-        )
+        self.shaper
+            .borrow_mut()
+            .shape(message.bytes(), tick, faults, before, injected, |message| {
+                self.deliver_copy(message)
+            })
     }
 }
 
-impl<M: Message> Outlet for Sending<M> {
+impl Closing for Sending {
     fn topic(&self) -> &'static str {
-        M::TOPIC
+        self.format.topic
     }
 
     fn flush(&self, tick: u64) {

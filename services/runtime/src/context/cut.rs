@@ -1,7 +1,6 @@
 //! Faults of one edge of the graph: one reader does not get a topic's messages.
 
-use lockstep::happens;
-use shared_types::fault::Kind;
+use process::is_cut;
 
 use super::Context;
 use crate::clock::now_ns;
@@ -20,12 +19,7 @@ impl Context {
             .iter()
             .position(|read| read == topic);
         let known = self.faults.known.borrow();
-        let mut cuts = known.of(self.me, tick).filter(|(_, fault, kind)| {
-            *kind == Kind::Cut
-                && read.is_some_and(|read| fault.target as usize == read)
-                && happens(fault, tick)
-        });
-        let cut = cuts.next().map(|(place, ..)| place);
+        let cut = read.and_then(|read| is_cut(known.of(self.me, tick), read, tick));
         cut.into_iter().for_each(|place| {
             self.control_page
                 .fault_table()

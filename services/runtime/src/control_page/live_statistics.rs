@@ -3,13 +3,14 @@
 //! Readers (`armplane top`) cost the writers nothing: no port, connection, lock or system call.
 //! Each number has one writer.
 
-use std::any::Any;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use shared_types::{
     ControlState, MAX_SINGULARITIES, Message, SensorSample, ServoState, SingularityReport,
     TorqueCommand,
 };
+
+use crate::bus::format::read;
 
 /// Buckets per factor of two: a bucket is an eighth of its value wide, at most.
 const SPLIT_BITS: u32 = 3;
@@ -148,41 +149,67 @@ fn load<const N: usize>(cells: &[AtomicU64; N]) -> [u64; N] {
     std::array::from_fn(|i| cells[i].load(Ordering::Relaxed))
 }
 
-impl LiveStateCells {
-    /// Stores a message's values; the topic is known at compile time.
-    #[inline]
-    pub(crate) fn note<M: Message>(&self, message: &M) {
-        let message: &dyn Any = message;
-        if let Some(report) = message.downcast_ref::<SingularityReport>() {
-            self.singularities
-                .store(report.count.into(), Ordering::Relaxed);
-            for (cells, one) in self.singularity.iter().zip(&report.singularities) {
-                let codes = [one.kind, one.class, one.inside].map(u64::from);
-                store(cells, [codes[0], codes[1], codes[2], one.s.to_bits()]);
-            }
-        } else if let Some(command) = message.downcast_ref::<TorqueCommand>() {
-            self.phase.store(command.phase.into(), Ordering::Relaxed);
-        } else if let Some(state) = message.downcast_ref::<ControlState>() {
-            store(&self.mode, state.mode.map(u64::from));
-        } else if let Some(state) = message.downcast_ref::<ServoState>() {
-            let values = [
-                state.reason.into(),
-                state.joint.into(),
-                state.upper.into(),
-                state.singularity.into(),
-                state.refused.into(),
-                state.nearest.to_bits(),
-                state.speed_scale.to_bits(),
-            ];
-            store(&self.servo, values);
-        } else if let Some(sample) = message.downcast_ref::<SensorSample>() {
-            store(
-                &self.drive,
-                [sample.drive, sample.stale_ticks].map(u64::from),
-            );
-        }
-    }
+/// Stores the values of a message that `armplane status` shows.
+pub(crate) type Note = fn(&LiveStateCells, &[u8]);
 
+/// How the values of a topic's messages are stored.
+pub(crate) fn note_of(topic: &str) -> Note {
+    fn of<M: Message>(
+        cells: &LiveStateCells,
+        message: &[u8],
+        store: impl FnOnce(&LiveStateCells, &M),
+    ) {
+        read(message, |message| store(cells, message));
+    }
+    match topic {
+        SingularityReport::TOPIC => |cells, message| {
+            of(cells, message, |cells, report: &SingularityReport| {
+                cells
+                    .singularities
+                    .store(report.count.into(), Ordering::Relaxed);
+                for (cells, one) in cells.singularity.iter().zip(&report.singularities) {
+                    let codes = [one.kind, one.class, one.inside].map(u64::from);
+                    store(cells, [codes[0], codes[1], codes[2], one.s.to_bits()]);
+                }
+            })
+        },
+        TorqueCommand::TOPIC => |cells, message| {
+            of(cells, message, |cells, command: &TorqueCommand| {
+                cells.phase.store(command.phase.into(), Ordering::Relaxed);
+            })
+        },
+        ControlState::TOPIC => |cells, message| {
+            of(cells, message, |cells, state: &ControlState| {
+                store(&cells.mode, state.mode.map(u64::from));
+            })
+        },
+        ServoState::TOPIC => |cells, message| {
+            of(cells, message, |cells, state: &ServoState| {
+                let values = [
+                    state.reason.into(),
+                    state.joint.into(),
+                    state.upper.into(),
+                    state.singularity.into(),
+                    state.refused.into(),
+                    state.nearest.to_bits(),
+                    state.speed_scale.to_bits(),
+                ];
+                store(&cells.servo, values);
+            })
+        },
+        SensorSample::TOPIC => |cells, message| {
+            of(cells, message, |cells, sample: &SensorSample| {
+                store(
+                    &cells.drive,
+                    [sample.drive, sample.stale_ticks].map(u64::from),
+                );
+            })
+        },
+        _ => |_, _| (),
+    }
+}
+
+impl LiveStateCells {
     pub(crate) fn read(&self) -> LiveState {
         let count = (load_one(&self.singularities) as usize).min(MAX_SINGULARITIES);
         let modes = load(&self.mode);
@@ -306,20 +333,32 @@ mod tests {
         };
         let second = &mut report.singularities[1];
         (second.s, second.inside, second.kind) = (-0.25, 1, 3);
-        live_state.note(&report);
-        live_state.note(&ControlState {
-            mode: [0, 5, 0, 0],
-            ..Default::default()
-        });
-        live_state.note(&TorqueCommand {
-            phase: 1,
-            ..Default::default()
-        });
-        live_state.note(&SensorSample {
-            drive: 2,
-            stale_ticks: 7,
-            ..Default::default()
-        });
+        fn note<M: Message>(cells: &LiveStateCells, message: &M) {
+            note_of(M::TOPIC)(cells, bytemuck::bytes_of(message));
+        }
+        note(&live_state, &report);
+        note(
+            &live_state,
+            &ControlState {
+                mode: [0, 5, 0, 0],
+                ..Default::default()
+            },
+        );
+        note(
+            &live_state,
+            &TorqueCommand {
+                phase: 1,
+                ..Default::default()
+            },
+        );
+        note(
+            &live_state,
+            &SensorSample {
+                drive: 2,
+                stale_ticks: 7,
+                ..Default::default()
+            },
+        );
         let LiveState {
             singularities,
             phase,

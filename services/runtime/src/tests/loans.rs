@@ -1,16 +1,6 @@
 //! Loans, and the end of a tick with the last of its outputs.
 
-use shared_types::wire::wire;
-
 use super::*;
-
-wire! {
-    /// A state of one number.
-    Counted checkpoint version 1 {
-        /// The number.
-        value: u64,
-    }
-}
 
 #[test]
 fn a_loan_is_empty_and_a_dropped_one_is_not_sent() {
@@ -45,17 +35,17 @@ fn a_tick_is_closed_with_the_last_of_its_outputs_and_its_checkpoint_is_committed
     let first = Shell::open(run, "estimator").unwrap();
     let mut estimates = first.writer::<StateEstimate>().unwrap();
     let mut reports = first.writer::<SingularityReport>().unwrap();
-    let mut checkpoint = first.checkpoint::<Counted>().unwrap();
-    assert_eq!(checkpoint.previous(), None);
+    let mut cell = first.state_cell(1).unwrap();
+    assert_eq!(cell.previous(), None);
     for tick in 0..5 {
-        checkpoint.slot().value = tick;
+        assert!(cell.write(&[tick as u8]));
         estimates.loan(tick).unwrap().send().unwrap();
         assert_eq!(line.ticks(), tick, "one output is missing");
         reports.loan(tick).unwrap().send().unwrap();
         assert_eq!(line.ticks(), tick + 1);
     }
     // It dies in the middle of tick 5, which it will not have sent: once before and once after its state is committed.
-    checkpoint.slot().value = 5;
+    assert!(cell.write(&[5]));
     estimates.loan(5).unwrap().send().unwrap();
     let predecessor = first.shared();
     drop(first);
@@ -66,11 +56,7 @@ fn a_tick_is_closed_with_the_last_of_its_outputs_and_its_checkpoint_is_committed
         stage.strike(stage.death(1, 5, 2, Origin::Detected));
         line.begin_incarnation();
         let second = Shell::open(run, "estimator").unwrap();
-        let checkpoint = second.checkpoint::<Counted>().unwrap();
-        assert_eq!(
-            checkpoint.previous(),
-            Some(&Counted { value: 4 }),
-            "{is_committed}"
-        );
+        let cell = second.state_cell(1).unwrap();
+        assert_eq!(cell.previous(), Some(&[4][..]), "{is_committed}");
     }
 }

@@ -6,86 +6,71 @@ use shared_types::fault::{Kind, MOST_DELAY_TICKS, ScheduledFault, Way, shaped_to
 use shared_types::random::at as random;
 use shared_types::{Header, Message};
 
-/// A message as faults see it: its header, and its bytes.
-pub trait Shaped: Clone {
-    /// Its header.
-    fn header(&self) -> &Header;
-    /// Its header, to be changed.
-    fn header_mut(&mut self) -> &mut Header;
-    /// All its bytes.
-    fn bytes_mut(&mut self) -> &mut [u8];
-}
-
-impl<M: Message> Shaped for M {
-    fn header(&self) -> &Header {
-        Message::header(self)
-    }
-    fn header_mut(&mut self) -> &mut Header {
-        Message::header_mut(self)
-    }
-    fn bytes_mut(&mut self) -> &mut [u8] {
-        bytemuck::bytes_of_mut(self)
-    }
-}
+use crate::packed::Packed;
+use crate::snapshot::{Damaged, Snapshot};
 
 /// Room for delayed messages.
 const MOST_HELD: usize = 2 * MOST_DELAY_TICKS as usize + 4;
 
-/// The work of the faults of a process on the messages of one of its topics. Takes its memory at the beginning.
-#[derive(Debug)]
-pub struct Shaper<M> {
+/// The work of the faults of a process on the messages of one of its topics. All that it keeps is in here, and can be saved.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Shaper {
+    /// A corruption of the process's messages concerns this topic.
+    is_corruptible: bool,
     /// Messages that faults hold back, with the tick at which they leave.
-    held: VecDeque<(u64, M)>,
+    held: VecDeque<(u64, Packed)>,
     /// The message that a fault repeats, or that a dead incarnation goes on sending, if there is one.
-    stale: Vec<M>,
+    stale: Option<Packed>,
+    /// The last two messages made.
+    made: [Option<Packed>; 2],
 }
 
-impl<M> Default for Shaper<M> {
-    fn default() -> Self {
+impl Shaper {
+    /// For a topic that a corruption of its process's messages concerns, or does not.
+    #[must_use]
+    pub fn new(is_corruptible: bool) -> Self {
         Self {
-            held: VecDeque::with_capacity(MOST_HELD),
-            stale: Vec::with_capacity(1),
+            is_corruptible,
+            ..Self::default()
         }
     }
-}
 
-impl<M: Shaped> Shaper<M> {
     /// Hands to `deliver` all that leaves at `tick` in place of a message: nothing, the message, another one, or several. `faults` are those that
-    /// concern the process at the tick; a corruption concerns the message where `is_corruptible`. `before` gives the message before it, and
-    /// `injected` is called with the place of each fault that takes effect.
+    /// concern the process at the tick. `before` gives the message before it where this shaper has seen none, and `injected` is called with the place
+    /// of each fault that takes effect.
     ///
     /// # Errors
     /// The first of `deliver`.
     pub fn shape<'a, E>(
         &mut self,
-        message: &M,
-        (tick, is_corruptible): (u64, bool),
+        message: &[u8],
+        tick: u64,
         faults: impl Iterator<Item = (usize, &'a ScheduledFault, Kind)>,
-        before: impl FnOnce() -> Option<M>,
+        before: impl FnOnce() -> Option<Packed>,
         injected: impl FnMut(usize),
-        mut deliver: impl FnMut(&M) -> Result<(), E>,
+        mut deliver: impl FnMut(&[u8]) -> Result<(), E>,
     ) -> Result<(), E> {
-        let (mut message, label) = (message.clone(), message.header().tick);
+        let mut message = Packed::of(message);
+        let label = message.header().tick;
+        self.made = [self.made[1].take(), Some(message.clone())];
         let Shape {
             due,
             copies,
             is_stale,
             has_zombie,
-        } = shape(&mut message, tick, is_corruptible, faults, injected);
+        } = shape(&mut message, tick, self.is_corruptible, faults, injected);
         if is_stale {
             // Its own old header with it: whoever reads ticks knows it again.
-            let old = self.stale.pop().or_else(before).unwrap_or(message);
-            self.stale.push(old.clone());
-            message = old;
+            let old = self.stale.take().or_else(|| self.before(label));
+            message = old.or_else(before).unwrap_or(message);
+            self.stale = Some(message.clone());
         } else if !has_zombie {
-            self.stale.clear();
+            self.stale = None;
         }
         // Its numbers are those of when the fault began, its tick is that of the message that will be due next.
         let zombie = has_zombie.then(|| {
-            if self.stale.is_empty() {
-                self.stale.push(message.clone());
-            }
-            let (mut zombie, header) = (self.stale[0].clone(), *message.header());
+            let mut zombie = self.stale.get_or_insert_with(|| message.clone()).clone();
+            let header = *message.header();
             *zombie.header_mut() = Header {
                 tick: label + 1,
                 incarnation: header.incarnation.saturating_sub(1),
@@ -95,25 +80,94 @@ impl<M: Shaped> Shaper<M> {
         });
         for _ in 0..copies {
             if due == tick {
-                deliver(&message)?;
+                deliver(message.bytes())?;
             } else if self.held.len() < MOST_HELD {
                 self.held.push_back((due, message.clone()));
             }
         }
-        zombie.iter().try_for_each(deliver)
+        zombie.iter().try_for_each(|zombie| deliver(zombie.bytes()))
+    }
+
+    /// The last message made of a tick before one.
+    fn before(&self, tick: u64) -> Option<Packed> {
+        let made = self.made.iter().flatten();
+        let earlier = made.filter(|one| one.header().tick < tick);
+        earlier.max_by_key(|one| one.header().tick).cloned()
     }
 
     /// Hands over messages held back and due at `tick` or before.
-    pub fn flush(&mut self, tick: u64, mut deliver: impl FnMut(&M)) {
+    pub fn flush(&mut self, tick: u64, mut deliver: impl FnMut(&[u8])) {
         let mut place = 0;
         while let Some((due, _)) = self.held.get(place) {
             if *due > tick {
                 place += 1;
             } else if let Some((_, message)) = self.held.remove(place) {
-                deliver(&message);
+                deliver(message.bytes());
             }
         }
     }
+
+    /// Its process has died: what it held back is gone with it, what it has made is remembered.
+    pub fn die(&mut self) {
+        self.held.clear();
+        self.stale = None;
+    }
+}
+
+/// Each message with a number before it: the tick at which it leaves, [`STALE`], or [`MADE`] for those made, the last of them last.
+const STALE: u64 = u64::MAX;
+const MADE: u64 = u64::MAX - 1;
+
+impl Snapshot for Shaper {
+    fn layout(&self) -> u64 {
+        1
+    }
+
+    fn write(&self, out: &mut Vec<u8>) {
+        let held = self.held.iter().map(|(due, message)| (*due, message));
+        let stale = self.stale.iter().map(|message| (STALE, message));
+        let made = self.made.iter().flatten().map(|message| (MADE, message));
+        for (word, message) in held.chain(stale).chain(made) {
+            let bytes = message.bytes();
+            out.extend_from_slice(&word.to_le_bytes());
+            out.extend_from_slice(&(bytes.len() as u64).to_le_bytes());
+            out.extend_from_slice(bytes);
+        }
+    }
+
+    fn read(&mut self, mut from: &[u8]) -> Result<(), Damaged> {
+        let mut read = Self::new(self.is_corruptible);
+        while let Some((head, rest)) = from.split_first_chunk::<{ 2 * size_of::<u64>() }>() {
+            let word = |at: usize| u64::from_le_bytes(std::array::from_fn(|i| head[at + i]));
+            let message = rest.split_at_checked(word(8) as usize);
+            let (message, rest) = message.ok_or(Damaged::Content)?;
+            let message = Packed::checked(message).ok_or(Damaged::Content)?;
+            match word(0) {
+                STALE => read.stale = Some(message),
+                MADE => read.made = [read.made[1].take(), Some(message)],
+                due => read.held.push_back((due, message)),
+            }
+            from = rest;
+        }
+        if !from.is_empty() {
+            return Err(Damaged::Content);
+        }
+        *self = read;
+        Ok(())
+    }
+}
+
+/// The place of the fault that keeps a message of a tick from its reader, if there is one: `read` is the topic's place among those that the reader reads,
+/// `faults` are those that concern the reader at the tick.
+pub fn is_cut<'a>(
+    mut faults: impl Iterator<Item = (usize, &'a ScheduledFault, Kind)>,
+    read: usize,
+    tick: u64,
+) -> Option<usize> {
+    let cuts = |(_, fault, kind): &(usize, &ScheduledFault, Kind)| {
+        *kind == Kind::Cut && fault.target as usize == read && happens(fault, tick)
+    };
+    faults.find(cuts).map(|(place, ..)| place)
 }
 
 /// The outcome of one message.
@@ -131,8 +185,8 @@ struct Shape {
 
 /// Applies the faults that concern a process at `tick` to a message, in the order of the fault table: its fields in place, whether and when it leaves
 /// as the answer. A corruption concerns the message where `is_corruptible`. `injected` is called with the place of each fault that takes effect.
-fn shape<'a, M: Shaped>(
-    message: &mut M,
+fn shape<'a>(
+    message: &mut Packed,
     tick: u64,
     is_corruptible: bool,
     faults: impl Iterator<Item = (usize, &'a ScheduledFault, Kind)>,
@@ -158,7 +212,7 @@ fn shape<'a, M: Shaped>(
             Kind::Delay => {
                 shape.due += fault.amount as u64 + random(fault.seed, label) % (fault.jitter + 1)
             }
-            Kind::Corrupt if is_corruptible => corrupt(message, fault),
+            Kind::Corrupt if is_corruptible => corrupt(label, message.bytes_mut(), fault),
             Kind::Corrupt => {}
             Kind::Zombie => shape.has_zombie = true,
             _ => shape.is_stale = true,
@@ -176,10 +230,9 @@ pub fn happens(scheduled: &ScheduledFault, tick: u64) -> bool {
 }
 
 /// Spoils the number that a corruption aims at.
-fn corrupt(message: &mut impl Shaped, scheduled: &ScheduledFault) {
-    let (tick, start) = (message.header().tick, scheduled.target as usize);
-    let place = start..start + size_of::<f64>();
-    let Some(bytes) = message.bytes_mut().get_mut(place) else {
+fn corrupt(tick: u64, message: &mut [u8], scheduled: &ScheduledFault) {
+    let start = scheduled.target as usize;
+    let Some(bytes) = message.get_mut(start..start + size_of::<f64>()) else {
         return;
     };
     let value: f64 = bytemuck::pod_read_unaligned(bytes);
@@ -206,7 +259,7 @@ pub fn apply_to_outgoing<M: Message>(message: &mut M, scheduled_faults: &[Schedu
         scheduled_faults
             .iter()
             .filter(corrupts)
-            .for_each(|scheduled| corrupt(message, scheduled));
+            .for_each(|scheduled| corrupt(tick, bytemuck::bytes_of_mut(message), scheduled));
     }
 }
 
@@ -217,7 +270,7 @@ mod tests {
     use shared_types::fault::{Fault, Target};
     use shared_types::process::Role;
 
-    fn shaped(kinds: &[Kind]) -> (Shape, SensorSample, Vec<usize>) {
+    fn shaped(kinds: &[Kind]) -> (Shape, Vec<usize>) {
         let fault = |kind: &Kind| {
             Fault {
                 at_tick: Some(5),
@@ -234,14 +287,15 @@ mod tests {
             .iter()
             .enumerate()
             .map(|(place, fault)| (place, fault, fault.kind().unwrap()));
-        let shape = shape(&mut message, 7, true, all, |place| places.push(place));
-        (shape, message, places)
+        let mut packed = Packed::of(bytemuck::bytes_of(&message));
+        let shape = shape(&mut packed, 7, true, all, |place| places.push(place));
+        (shape, places)
     }
 
     #[test]
     fn faults_of_one_message_add_up() {
         let outcome = |kinds: &[Kind]| {
-            let (shape, _, places) = shaped(kinds);
+            let (shape, places) = shaped(kinds);
             (
                 shape.due,
                 shape.copies,

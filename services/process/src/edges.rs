@@ -1,0 +1,487 @@
+//! The edges of a thread under faults: which messages leave a process, which reach its readers, and
+//! when a process is absent.
+//!
+//! A process that a plan kills or stops is absent: it closes its ticks without a step, and its state stays. With a death, what was on its way to it and
+//! what faults held back of it is gone, and its incarnation is one higher afterwards.
+
+use std::collections::VecDeque;
+use std::convert::Infallible;
+
+use shared_types::fault::{Kind, ScheduledFault, corrupted_topic, shaped_topic};
+use shared_types::topics::{COUNT, Each, TOPICS, Topic, each};
+
+use crate::fence::Fence;
+use crate::message_faults::{Shaper, is_cut};
+use crate::packed::Packed;
+use crate::port::{Inputs, Port};
+use crate::scratch::Scratch;
+use crate::step::Flow;
+use crate::thread::{Board, Member};
+
+/// Takes in every message that counts, with the place of its topic.
+pub(crate) type Sink<'a> = &'a mut dyn FnMut(usize, &[u8]);
+
+/// Why a run ends before its task does.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// A process has died once more than its graph allows.
+    Budget {
+        /// The process.
+        process: String,
+        /// The tick of its last death.
+        tick: u64,
+        /// How often it was started again.
+        restarts: u32,
+    },
+    /// A process has made a message with a number that is not finite.
+    NotFinite {
+        /// The process.
+        process: String,
+        /// The message's topic.
+        topic: &'static str,
+        /// Its tick.
+        tick: u64,
+        /// The first such field.
+        field: &'static str,
+    },
+}
+
+impl std::fmt::Display for Ended {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Budget {
+                process,
+                tick,
+                restarts,
+            } => write!(
+                f,
+                "the {process} ended at tick {tick} after {restarts} restarts, all that its budget allows"
+            ),
+            Self::NotFinite {
+                process,
+                topic,
+                tick,
+                field,
+            } => write!(
+                f,
+                "the {process} refused its own `{topic}` of tick {tick}: {field} is not finite"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for Ended {}
+
+/// The messages on their way to a reader.
+#[derive(Clone, Debug)]
+struct Inbox {
+    /// Place of the topic among those that the graph has the reader read.
+    read: usize,
+    unread: VecDeque<Packed>,
+    fence: Fence,
+    /// Earlier ticks are not for it.
+    next: u64,
+}
+
+impl Inbox {
+    fn from(read: usize, next: u64) -> Self {
+        Self {
+            read,
+            unread: VecDeque::new(),
+            fence: Fence::default(),
+            next,
+        }
+    }
+
+    /// The next message from tick `from` on.
+    fn look(&mut self, from: u64) -> Option<&Packed> {
+        self.next = self.next.max(from);
+        let is_past = |message: &mut Packed| message.header().tick < self.next;
+        while self.unread.pop_front_if(is_past).is_some() {}
+        self.unread.front()
+    }
+
+    /// The message of a tick.
+    fn at(&mut self, tick: u64) -> Option<Packed> {
+        let found = self.look(tick).filter(|one| one.header().tick == tick);
+        let found = found.cloned();
+        self.next = tick + 1;
+        found
+    }
+
+    /// The newest of those that have come.
+    fn newest(&mut self) -> Option<Packed> {
+        let mut newest = None;
+        while let Some(message) = self.look(0) {
+            let message = message.clone();
+            self.next = message.header().tick + 1;
+            newest = Some(message);
+        }
+        newest
+    }
+}
+
+/// The tick in hand of a process.
+pub(crate) struct Now<'a> {
+    /// Its place on the thread.
+    pub(crate) me: usize,
+    pub(crate) tick: u64,
+    /// The faults of sensors and drives.
+    pub(crate) faults: &'a [ScheduledFault],
+    pub(crate) board: &'a mut Board,
+    pub(crate) scratch: &'a mut Scratch,
+    pub(crate) sink: Sink<'a>,
+}
+
+/// A death between the outputs of a tick.
+struct Within {
+    /// The fault's place.
+    place: usize,
+    /// Outputs that leave before.
+    outputs: usize,
+    /// The state before the step.
+    before: Vec<u8>,
+}
+
+/// A process under faults.
+struct Life {
+    /// Its place in the graph.
+    place: usize,
+    incarnation: u32,
+    /// The first tick at which it answers again.
+    back_at: u64,
+    /// One for each of its inputs.
+    inboxes: Vec<Inbox>,
+}
+
+/// Where messages go.
+struct Readers {
+    ports: [Port; COUNT],
+    faults: Vec<ScheduledFault>,
+    lives: Vec<Life>,
+    /// By topic, the inboxes: a member and one of its inputs.
+    of: [Vec<(usize, usize)>; COUNT],
+    /// Of the sink.
+    fences: [Fence; COUNT],
+}
+
+impl Readers {
+    fn deliver(&mut self, topic: usize, message: &[u8], sink: Sink<'_>) {
+        let packed = Packed::of(message);
+        let header = packed.header();
+        let is_sound = (self.ports[topic].is_finite)(message);
+        for (member, input) in &self.of[topic] {
+            let Life { place, inboxes, .. } = &mut self.lives[*member];
+            let inbox = &mut inboxes[*input];
+            let of_reader = of(&self.faults, *place, header.tick);
+            if is_cut(of_reader, inbox.read, header.tick).is_none()
+                && inbox.fence.admits(header.incarnation, None)
+                && is_sound
+                && header.tick >= inbox.next
+            {
+                inbox.unread.push_back(packed.clone());
+            }
+        }
+        if self.fences[topic].admits(header.incarnation, None) && is_sound {
+            sink(topic, message);
+        }
+    }
+}
+
+/// The edges of a thread.
+pub(crate) struct Edges {
+    readers: Readers,
+    shapers: [Shaper; COUNT],
+    /// Some fault of the run shapes messages.
+    is_shaped: bool,
+    /// Which faults have taken a process down.
+    has_struck: Vec<bool>,
+}
+
+/// The faults of a process at a tick, with their places.
+fn of(
+    faults: &[ScheduledFault],
+    process: usize,
+    tick: u64,
+) -> impl Iterator<Item = (usize, &ScheduledFault, Kind)> {
+    let all = faults.iter().enumerate();
+    let concerned = move |(_, fault): &(usize, &ScheduledFault)| {
+        fault.process as usize == process && fault.concerns(tick)
+    };
+    all.filter(concerned)
+        .filter_map(|(place, fault)| Some((place, fault, fault.kind()?)))
+}
+
+struct Ports;
+impl Each for Ports {
+    type Output = Port;
+    fn each<M: Topic>(&mut self) -> Port {
+        Port::of::<M>()
+    }
+}
+
+impl Edges {
+    pub(crate) fn new(members: &[Member], faults: &[ScheduledFault]) -> Self {
+        let mut readers: [Vec<(usize, usize)>; COUNT] = Default::default();
+        let mut shapers: [Shaper; COUNT] = Default::default();
+        for (place, member) in members.iter().enumerate() {
+            for (input, read) in member.reads.iter().enumerate() {
+                readers[read.topic].push((place, input));
+            }
+            let writes: Vec<String> = member
+                .writes
+                .iter()
+                .map(|topic| TOPICS[*topic].to_owned())
+                .collect();
+            let corrupted = corrupted_topic(&writes);
+            for topic in &member.writes {
+                shapers[*topic] = Shaper::new(corrupted == Some(TOPICS[*topic]));
+            }
+        }
+        let life = |member: &Member| Life {
+            place: member.place,
+            incarnation: 1,
+            back_at: 0,
+            inboxes: member
+                .reads
+                .iter()
+                .map(|input| Inbox::from(input.read, 0))
+                .collect(),
+        };
+        let shapes = |fault: &ScheduledFault| fault.kind().is_some_and(Kind::shapes_messages);
+        Self {
+            readers: Readers {
+                ports: each(&mut Ports),
+                faults: faults.to_vec(),
+                lives: members.iter().map(life).collect(),
+                of: readers,
+                fences: Default::default(),
+            },
+            shapers,
+            is_shaped: faults.iter().any(shapes),
+            has_struck: vec![false; faults.len()],
+        }
+    }
+
+    /// All that a process does at a tick.
+    pub(crate) fn step(&mut self, member: &mut Member, now: &mut Now<'_>) -> Result<Flow, Ended> {
+        if member.makes_ticks {
+            return self.make(member, now);
+        }
+        if self.is_absent(member, now)? {
+            return Ok(Flow::Go);
+        }
+        let me = now.me;
+        let first = |edges: &mut Self| {
+            let inbox = edges.readers.lives[me].inboxes.first_mut()?;
+            inbox.look(0).map(|message| message.header().tick)
+        };
+        while let Some(label) = first(self) {
+            if !self.answer(member, label, now)? {
+                return Ok(Flow::Go);
+            }
+        }
+        self.close(member, now);
+        Ok(Flow::Go)
+    }
+
+    /// The tick of the process that makes them: on the newest message that closes the loop, if one has come.
+    fn make(&mut self, member: &mut Member, now: &mut Now<'_>) -> Result<Flow, Ended> {
+        let inboxes = &mut self.readers.lives[now.me].inboxes;
+        let newest = inboxes.first_mut().and_then(Inbox::newest);
+        let mut inputs = Inputs::of(now.tick, now.faults);
+        for (message, input) in newest.iter().zip(&member.reads) {
+            inputs.add(TOPICS[input.topic], message.bytes());
+        }
+        let flow = member.step_on(&inputs, 1, now.board, now.scratch);
+        if flow == Flow::Go {
+            self.send(member, now.tick, None, now)?;
+            self.close(member, now);
+        }
+        Ok(flow)
+    }
+
+    /// The step for a message of its first input that has come; `false` where the process dies of it.
+    fn answer(
+        &mut self,
+        member: &mut Member,
+        label: u64,
+        now: &mut Now<'_>,
+    ) -> Result<bool, Ended> {
+        let life = &mut self.readers.lives[now.me];
+        let messages = life.inboxes.iter_mut().map(|inbox| inbox.at(label));
+        let messages: Vec<_> = messages.collect();
+        let mut inputs = Inputs::of(label, &[]);
+        for (input, message) in member.reads.iter().zip(&messages) {
+            match message {
+                Some(message) => inputs.add(TOPICS[input.topic], message.bytes()),
+                None if input.is_needed => return Ok(true),
+                None => {}
+            }
+        }
+        let (place, incarnation) = (life.place, life.incarnation);
+        let is_within = |(at, fault): &(usize, &ScheduledFault)| {
+            let is_due = fault.at == label && fault.after_outputs() > 0 && !self.has_struck[*at];
+            is_due && fault.process as usize == place
+        };
+        let within = self.readers.faults.iter().enumerate().find(is_within);
+        let within = within.map(|(place, fault)| Within {
+            place,
+            outputs: fault.after_outputs() as usize,
+            before: saved(member),
+        });
+        // A stage does not end a run.
+        let _ = member.step_on(&inputs, incarnation, now.board, now.scratch);
+        self.send(member, label, within, now)
+    }
+
+    /// Sends the outputs of a step; `false` where the process dies in between.
+    fn send(
+        &mut self,
+        member: &mut Member,
+        label: u64,
+        within: Option<Within>,
+        now: &mut Now<'_>,
+    ) -> Result<bool, Ended> {
+        let parts = now.board.parts_mut();
+        let parts = parts.map(|part| part.map(|part| Packed::of(part)));
+        for topic in &member.writes {
+            let field = parts[*topic]
+                .as_ref()
+                .and_then(|part| (self.readers.ports[*topic].not_finite)(part.bytes()));
+            if let Some(field) = field {
+                return Err(Ended::NotFinite {
+                    process: member.name.clone(),
+                    topic: TOPICS[*topic],
+                    tick: label,
+                    field,
+                });
+            }
+        }
+        for (output, topic) in member.writes.iter().enumerate() {
+            if let Some(within) = within.as_ref().filter(|within| within.outputs == output) {
+                self.has_struck[within.place] = true;
+                // It is the state before the step that its replacement takes up.
+                let _ = member.step.restore(&within.before);
+                self.die(member, now)?;
+                return Ok(false);
+            }
+            let Some(message) = &parts[*topic] else {
+                continue;
+            };
+            let (readers, shaper) = (&mut self.readers, &mut self.shapers[*topic]);
+            if !self.is_shaped || !shaped_topic(TOPICS[*topic]) {
+                readers.deliver(*topic, message.bytes(), now.sink);
+                continue;
+            }
+            let faults = readers.faults.clone();
+            let faults = of(&faults, member.place, now.tick);
+            let deliver = |message: &[u8]| {
+                readers.deliver(*topic, message, now.sink);
+                Ok::<(), Infallible>(())
+            };
+            let Ok(()) = shaper.shape(message.bytes(), now.tick, faults, || None, |_| (), deliver);
+        }
+        Ok(true)
+    }
+
+    /// Sends what faults have held back until now.
+    fn close(&mut self, member: &Member, now: &mut Now<'_>) {
+        for topic in &member.writes {
+            let readers = &mut self.readers;
+            let deliver = |message: &[u8]| readers.deliver(*topic, message, now.sink);
+            self.shapers[*topic].flush(now.tick, deliver);
+        }
+    }
+
+    /// Whether a fault takes the process down at this tick, or has before.
+    fn is_absent(&mut self, member: &Member, now: &mut Now<'_>) -> Result<bool, Ended> {
+        let Life { place, back_at, .. } = self.readers.lives[now.me];
+        if now.tick < back_at {
+            return Ok(true);
+        }
+        let is_down = |(at, fault, kind): &(usize, &ScheduledFault, Kind)| {
+            let is_later =
+                fault.after_outputs() > 0 && fault.at == now.tick && !self.has_struck[*at];
+            kind.takes_down() && !is_later
+        };
+        let found = of(&self.readers.faults, place, now.tick).find(is_down);
+        let Some((at, fault, _)) = found else {
+            return Ok(false);
+        };
+        self.has_struck[at] = true;
+        if fault.ends_process() {
+            self.die(member, now)?;
+        } else {
+            let until = fault.until;
+            let life = &mut self.readers.lives[now.me];
+            life.back_at = until;
+            // What comes meanwhile is not for it.
+            life.inboxes
+                .iter_mut()
+                .take(1)
+                .for_each(|first| first.next = until);
+        }
+        Ok(true)
+    }
+
+    /// The process dies, and its replacement too where another death is planned before that can answer.
+    fn die(&mut self, member: &Member, now: &mut Now<'_>) -> Result<(), Ended> {
+        let Self {
+            readers,
+            shapers,
+            has_struck,
+            ..
+        } = self;
+        let life = &mut readers.lives[now.me];
+        loop {
+            let restarts = life.incarnation - 1;
+            if restarts >= member.restarts {
+                return Err(Ended::Budget {
+                    process: member.name.clone(),
+                    tick: now.tick,
+                    restarts,
+                });
+            }
+            life.incarnation += 1;
+            let own = || {
+                let all = readers.faults.iter().enumerate();
+                let is_own = |(_, fault): &(usize, &ScheduledFault)| {
+                    fault.process as usize == member.place
+                        && fault.kind().is_some_and(Kind::takes_down)
+                };
+                all.filter(is_own)
+            };
+            let is_behind =
+                |(at, fault): &(usize, &ScheduledFault)| fault.at <= now.tick || has_struck[*at];
+            life.back_at = own()
+                .filter(is_behind)
+                .map(|(_, fault)| fault.until)
+                .max()
+                .unwrap_or(0);
+            let before = |(_, fault): &(usize, &ScheduledFault)| {
+                fault.ends_process() && fault.at < life.back_at
+            };
+            let next = own().filter(before).find(|(at, _)| !has_struck[*at]);
+            match next {
+                Some((at, _)) if life.incarnation as usize <= own().filter(before).count() => {
+                    has_struck[at] = true
+                }
+                _ => break,
+            }
+        }
+        life.back_at = life.back_at.max(now.tick);
+        let back_at = life.back_at;
+        life.inboxes
+            .iter_mut()
+            .for_each(|inbox| *inbox = Inbox::from(inbox.read, back_at));
+        member.writes.iter().for_each(|topic| shapers[*topic].die());
+        Ok(())
+    }
+}
+
+fn saved(member: &Member) -> Vec<u8> {
+    let mut state = Vec::new();
+    member.step.save(&mut state);
+    state
+}

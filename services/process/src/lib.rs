@@ -1,0 +1,33 @@
+//! A process is a step: what it reads and writes, the state that survives a tick, and the faults of
+//! its messages. PURE.
+//!
+//! ```text
+//! step            Process, the trait of plant, estimator, analyzer, controller and operator, and of everything that others write
+//! port            topics as a step sees them: Port, Inputs, Outputs        scratch   what steps on one thread need not compute twice
+//! snapshot        the state as bytes, with layout and checksum
+//! message_faults  what a fault makes of a message as it leaves             fence     which messages count
+//! thread          a list of steps on one thread                            edges     the same under faults
+//! ```
+//!
+//! Three loops run a step: `runtime::drive` as a process, [`Thread`] beside others on one thread, and a replay on the recorded inputs.
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
+
+mod edges;
+mod fence;
+mod message_faults;
+mod packed;
+mod port;
+mod scratch;
+mod snapshot;
+mod step;
+mod thread;
+
+pub use edges::Ended;
+pub use fence::{Fence, first_not_finite};
+pub use message_faults::{Shaper, apply_to_outgoing, happens, is_cut};
+pub use packed::Packed;
+pub use port::{Inputs, MOST_PORTS, Outputs, Port};
+pub use scratch::Scratch;
+pub use snapshot::{Damaged, Snapshot, Stateless};
+pub use step::{Flow, Process, Running, Step};
+pub use thread::{Member, Thread};
