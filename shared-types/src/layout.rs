@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::file::{Complaint, require};
 use crate::wire::{Field, Fnv, Header, Message, Part};
+use crate::{SingularityState, TargetContent};
 
 /// Largest message that a graph may declare; bytes.
 const MOST_BYTES: usize = 4 << 20;
@@ -39,6 +40,17 @@ impl MessageLayout {
             bytes: size_of::<M>(),
             hash: M::layout_hash(),
         }
+    }
+}
+
+/// The fields and the size of a structure inside messages; `None` of a number.
+#[must_use]
+pub fn structure(element: &str) -> Option<(&'static [Field], usize)> {
+    match element {
+        "Header" => Some((Header::LAYOUT, size_of::<Header>())),
+        "SingularityState" => Some((SingularityState::LAYOUT, size_of::<SingularityState>())),
+        "TargetContent" => Some((TargetContent::LAYOUT, size_of::<TargetContent>())),
+        _ => None,
     }
 }
 

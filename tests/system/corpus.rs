@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use bytemuck::bytes_of;
 use chain::{Chain, Tick};
-use message_log::{LogError, Writer};
+use recorder::{RecordError, RecordWriter};
 use runtime::Manifest;
 use shared_types::scenario::Scenario;
 use shared_types::topics::{self, Each, Topic};
@@ -32,32 +32,31 @@ fn ticks(name: &str) -> Result<Vec<Tick>, Box<dyn std::error::Error>> {
     Ok((0..600).map(next).skip(400).collect())
 }
 
-/// A message log as the target takes it: a choice, then the file; whole, and behind the head that the target puts before it, with the checksums as they
-/// are and with new ones.
-fn kept(ticks: &[Tick]) -> Result<[Seed; 3], Box<dyn std::error::Error>> {
-    struct Add<'a>(&'a mut Writer, &'a Tick);
+/// A record as the target takes it: a choice, then the file; whole, and behind the head that the target puts before it.
+fn kept(ticks: &[Tick]) -> Result<[Seed; 2], Box<dyn std::error::Error>> {
+    struct Add<'a>(&'a mut RecordWriter, &'a Tick);
     impl Each for Add<'_> {
-        type Output = Result<(), LogError>;
+        type Output = Result<(), RecordError>;
         fn each<M: Topic>(&mut self) -> Self::Output {
-            self.0.add(M::INDEX, bytes_of(M::of(self.1)))
+            self.0.append(M::INDEX, bytes_of(M::of(self.1)))
         }
     }
     let folder = tempfile::tempdir()?;
-    let path = folder.path().join(message_log::FILE);
-    let mut log = Writer::create(&path, &properties::contents())?;
-    let head = log.place().bytes as usize;
+    let path = folder.path().join(recorder::MESSAGES);
+    let mut record = RecordWriter::create(&path, &properties::contents())?;
+    let head = record.bytes() as usize;
     for ticks in ticks.chunks(5) {
         for tick in ticks {
-            topics::try_each(&mut Add(&mut log, tick))?;
+            topics::try_each(&mut Add(&mut record, tick))?;
         }
-        log.flush()?;
+        record.close_chunk()?;
     }
-    log.finish()?;
+    record.finish()?;
     let file = std::fs::read(&path)?;
-    let seeds = [("whole", 0, 0), ("blocks", 1, head), ("sealed", 3, head)];
+    let seeds = [("whole", 0, 0), ("chunks", 1, head)];
     Ok(seeds.map(|(name, choice, from)| {
         let bytes = [&[choice], &file[from..]].concat();
-        ("message_log", name.to_owned(), bytes)
+        ("record", name.to_owned(), bytes)
     }))
 }
 
@@ -162,7 +161,7 @@ fn assert_holds(target: &str, bytes: &[u8]) {
         "fingers" => properties::fingers(bytes),
         "graph" => on_text(properties::graph),
         "manifest" => properties::manifest(bytes),
-        "message_log" => properties::message_log(bytes),
+        "record" => properties::record(bytes),
         "results" => properties::results(bytes),
         "scenario" => on_text(properties::scenario),
         "target_file" => on_text(properties::target_file),

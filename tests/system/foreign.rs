@@ -1,6 +1,6 @@
 //! The examples of `examples/`: a plant in C, a controller, a subscriber and a reader of results in Python; and MuJoCo as the plant.
 
-use message_log::{Contents, Log};
+use recorder::{Contents, RecordReader};
 use shared_types::PlantState;
 
 use crate::clients::python;
@@ -55,12 +55,12 @@ fn a_plant_in_one_c_file_runs_like_ours() {
 fn furthest_apart(desk: &Desk, one: &str, other: &str) -> f64 {
     let [one, other] = [one, other].map(|folder| {
         let job = serde_json::from_value(desk.read_json(&format!("{folder}/job.json")));
-        let log = Log::open(
+        let record = RecordReader::open(
             &desk.at(folder).join("messages.mcap"),
             &Contents::of(&job.expect("a job")),
         );
-        let mut states = log.expect("a message log").messages::<PlantState>();
-        std::iter::from_fn(|| states.next_message().expect("a whole log")).collect::<Vec<_>>()
+        let states = record.expect("a record").messages::<PlantState>();
+        states.collect::<Vec<_>>()
     });
     let (n, m) = (one.len(), other.len());
     assert!(n.abs_diff(m) <= 100 && n > 100, "{n} and {m} ticks");

@@ -140,7 +140,7 @@ proptest! {
 
     #[test]
     fn kept_messages_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
-        properties::message_log(&bytes);
+        properties::record(&bytes);
     }
 
     #[test]

@@ -14,7 +14,7 @@ use crate::types::{Class, Kind, Report};
 use model::{Model, Refused, Robot, Terms, joints};
 use nalgebra::{Cholesky, SVector, Vector3, Vector6};
 use shared_types::scenario::Scenario;
-use shared_types::{AnalyzerCheckpoint, MAX_SINGULARITIES, PlantState, SingularityReport};
+use shared_types::{MAX_SINGULARITIES, PlantState, SingularityReport};
 
 /// The ground truth of an arm of any number of joints.
 pub trait GroundTruth: std::fmt::Debug {
@@ -55,12 +55,6 @@ pub trait GroundTruth: std::fmt::Debug {
 
     /// ½ΔΓᵀA⁻¹ΔΓ of a step ΔΓ of the torques, with A of the true posture; N²m²/(kg·m²). NaN without an inverse.
     fn response(&self, step: &[f64]) -> f64;
-
-    /// Writes what the next [`analyse`](Self::analyse) depends on besides its inputs.
-    fn save(&self, out: &mut AnalyzerCheckpoint);
-
-    /// Takes up what [`save`](Self::save) has written.
-    fn restore(&mut self, from: &AnalyzerCheckpoint);
 }
 
 /// A leg's demand on the posture, and how the posture meets it.
@@ -250,14 +244,6 @@ impl<const N: usize> GroundTruth for Truth<N> {
         }
         let step = SVector::<f64, N>::from_fn(|i, _| step.get(i).copied().unwrap_or(0.0));
         Cholesky::new(A).map_or(f64::NAN, |A| 0.5 * step.dot(&A.solve(&step)))
-    }
-
-    fn save(&self, out: &mut AnalyzerCheckpoint) {
-        self.analyzer.save(out);
-    }
-
-    fn restore(&mut self, from: &AnalyzerCheckpoint) {
-        self.analyzer.restore(from);
     }
 }
 

@@ -13,14 +13,13 @@
 //! uses [`Trial::watch`]; what it adds to a row it keeps in a structure of its own with the row flattened into it.
 
 use chain::{Sink, Tick};
-use message_log::TopicHash;
 use model::{Refused, Robot};
-use recorder::{Assembler, HORIZON, Judge, PATIENCE, Set, TaskError, Verdict};
+use recorder::{Assembler, Contents, Judge, TaskError, TopicHash, Verdict};
 use session::{Failure, load};
 use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::{Scenario, Strategy};
-use shared_types::topics::{self, ByTopic, COUNT, Each, Lent, STEERED, Topic};
+use shared_types::topics::{self, COUNT, Each, STEERED, Topic};
 
 use crate::folder::scratch;
 use crate::row::Row;
@@ -76,14 +75,17 @@ impl<'a> Trial<'a> {
         let mut hashes = Hashes::default();
         let is_sent = |topic: &str| scenario.servo.is_some() || !STEERED.contains(&topic);
         let verdict = if chain::plans_faults_of_processes(scenario) {
+            let contents = Contents::of_topics(0, scenario.rate_hz, is_sent);
             let mut assembled = Assembled {
                 hashes: &mut hashes,
-                assembler: Assembler::new(Set::of(is_sent), PATIENCE, HORIZON),
-                newest: 0,
+                assembler: Assembler::new(&contents),
+                contents,
                 judge: Judge::new(robot, scenario)?,
             };
             let ended = chain::run_under_faults(robot, scenario, &mut assembled)?;
-            assembled.take_rows(true);
+            while let Some(row) = assembled.assembler.rest() {
+                assembled.judge(&row);
+            }
             let mut verdict = assembled.judge.verdict();
             if let Some(sentence) = ended {
                 (verdict.completed, verdict.outcome) = (false, "failed".to_owned());
@@ -174,19 +176,15 @@ impl<S: Fn(&str) -> bool> Each for Pass<'_, S> {
 /// Judges the ticks that messages make, as the recorder does.
 struct Assembled<'a> {
     hashes: &'a mut Hashes,
+    contents: Contents,
     assembler: Assembler,
-    /// The newest tick of which a message has come.
-    newest: u64,
     judge: Judge,
 }
 
 impl Assembled<'_> {
-    fn take_rows(&mut self, flush: bool) {
-        while let Some(row) = self.assembler.pop(self.newest, flush) {
-            let messages: &ByTopic<Lent<'_>> = &row.messages().lent();
-            if let Some(tick) = recorder::Tick::of(messages) {
-                self.judge.tick(tick);
-            }
+    fn judge(&mut self, row: &recorder::Row) {
+        if let Some(tick) = recorder::Tick::of(&row.messages().lent()) {
+            self.judge.tick(tick);
         }
     }
 }
@@ -194,12 +192,11 @@ impl Assembled<'_> {
 impl Sink for Assembled<'_> {
     fn take<M: Topic>(&mut self, message: &M) {
         self.hashes.take(message);
-        let tick = message.header().tick;
-        self.assembler
-            .row(tick)
-            .into_iter()
-            .for_each(|row| row.put(message));
-        self.newest = self.newest.max(tick);
-        self.take_rows(false);
+        if let Some(channel) = self.contents.channel(M::TOPIC) {
+            self.assembler.take(channel, bytemuck::bytes_of(message));
+        }
+        while let Some(row) = self.assembler.next_row() {
+            self.judge(&row);
+        }
     }
 }

@@ -185,14 +185,17 @@ impl Supervised {
             .for_each(|child| child.signal(signal));
     }
 
-    /// Whether those that live have not joined the run, and so do not see the request.
+    /// Whether those that live have not joined the run, and so do not see the request. The replacement of a process that had joined will join, too.
     fn only_strangers_live(&self, concerned: &[usize]) -> bool {
         let mut living = concerned
             .iter()
             .filter(|&&index| self.slots.0[index].child.is_some())
             .peekable();
         living.peek().is_some()
-            && living.all(|&index| self.control_page.process(index).state() == State::Starting)
+            && living.all(|&index| {
+                self.slots.0[index].restarts == 0
+                    && self.control_page.process(index).state() == State::Starting
+            })
     }
 
     fn any_is_due(&self, concerned: &[usize]) -> bool {

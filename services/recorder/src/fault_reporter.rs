@@ -3,8 +3,9 @@
 use runtime::{Exit, FaultRecord, Shell};
 use shared_types::fault::{Fault, Kind};
 use shared_types::graph::Graph;
-use viz::Level;
 
+use crate::Record;
+use crate::event::{Event, Level, Source};
 use crate::tape::Tape;
 
 const INJECTED: u32 = 1;
@@ -19,41 +20,65 @@ pub(crate) struct FaultReporter {
 }
 
 impl FaultReporter {
-    pub(crate) fn resume(reported: Vec<u32>) -> Self {
-        Self { reported }
-    }
-
-    pub(crate) fn reported(&self) -> Vec<u32> {
-        self.reported.clone()
-    }
-
     /// Reports all events since the last report.
-    pub(crate) fn report(&mut self, shell: &Shell, graph: &Graph, tape: &mut Tape) {
-        for (place, record) in shell.fault_table().records() {
+    pub(crate) fn report(
+        &mut self,
+        shell: &Shell,
+        graph: &Graph,
+        next_tick: u64,
+        record: &mut Record,
+        tape: &mut Tape,
+    ) {
+        let mut out = Out {
+            next_tick,
+            record,
+            tape,
+        };
+        for (place, fault_record) in shell.fault_table().records() {
             if self.reported.len() <= place {
                 self.reported.resize(place + 1, 0);
             }
             let reported = &mut self.reported[place];
             let is_told = |ns: u64, state: u32| ns == 0 || *reported & state != 0;
-            if is_told(record.injected_ns, OVER)
-                && is_told(record.detected_ns, DETECTED)
-                && is_told(record.recovered_ns, RECOVERED)
+            if is_told(fault_record.injected_ns, OVER)
+                && is_told(fault_record.detected_ns, DETECTED)
+                && is_told(fault_record.recovered_ns, RECOVERED)
             {
                 continue;
             }
-            let scheduled = &record.scheduled;
+            let scheduled = &fault_record.scheduled;
             let process = shell.manifest().processes.get(scheduled.process as usize);
             let process = process.map_or("?", |process| process.name.as_str());
             let target = graph.target(process);
             if let Some(fault) = target.and_then(|target| scheduled.fault(process, &target)) {
-                tell(reported, place, &record, &fault, tape);
+                tell(reported, place, &fault_record, &fault, &mut out);
             }
         }
     }
 }
 
+/// Where facts are reported.
+struct Out<'a> {
+    next_tick: u64,
+    record: &'a mut Record,
+    tape: &'a mut Tape,
+}
+
+impl Out<'_> {
+    fn event(&mut self, tick: u64, level: Level, text: String) {
+        let event = Event {
+            tick,
+            level,
+            source: Source::Faults,
+            text,
+        };
+        self.record.write(|record| record.event(&event));
+        self.tape.event(&event);
+    }
+}
+
 /// Reports new facts about a fault.
-fn tell(reported: &mut u32, place: usize, record: &FaultRecord, fault: &Fault, tape: &mut Tape) {
+fn tell(reported: &mut u32, place: usize, record: &FaultRecord, fault: &Fault, out: &mut Out<'_>) {
     let FaultRecord {
         scheduled,
         origin,
@@ -73,7 +98,7 @@ fn tell(reported: &mut u32, place: usize, record: &FaultRecord, fault: &Fault, t
     let is_over = if fault.kind.takes_down() {
         *recovered_ns != 0
     } else {
-        tape.next_tick() >= scheduled.until
+        out.next_tick >= scheduled.until
     };
     if is_new(*injected_ns != 0, INJECTED) {
         let sentence = exit.map_or_else(
@@ -81,26 +106,26 @@ fn tell(reported: &mut u32, place: usize, record: &FaultRecord, fault: &Fault, t
             |exit| format!("the {process} ended with {exit}"),
         );
         let text = format!("fault ({}): {sentence}", origin.name());
-        tape.event(scheduled.at, Level::Error, &text);
+        out.event(scheduled.at, Level::Error, text);
         let (lane, headline) = words(fault, *exit);
-        tape.fault_begins(scheduled.at, place, &lane, &headline);
+        out.tape.fault_begins(scheduled.at, place, &lane, &headline);
     }
     if is_new(*detected_ns != 0, DETECTED) {
         let kind = exit.map_or(fault.kind.name(), |_| "end");
         let after_ms = since_ms(*detected_ns);
         let text = format!("{kind} of the {process} detected after {after_ms:.2} ms");
-        tape.event(scheduled.at, Level::Warning, &text);
+        out.event(scheduled.at, Level::Warning, text);
     }
     if is_new(is_over && *injected_ns != 0, OVER) {
         let until = match scheduled.until {
-            u64::MAX => tape.next_tick(),
+            u64::MAX => out.next_tick,
             until => until,
         };
-        tape.fault_ends(until.max(scheduled.at + 1), place);
+        out.tape.fault_ends(until.max(scheduled.at + 1), place);
     }
     if is_new(*recovered_ns != 0, RECOVERED) {
         let text = format!("{process} is back, {:.0} ms later", since_ms(*recovered_ns));
-        tape.event(scheduled.until, Level::Info, &text);
+        out.event(scheduled.until, Level::Info, text);
     }
 }
 

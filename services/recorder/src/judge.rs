@@ -3,7 +3,6 @@
 
 mod bars;
 mod chatter;
-mod ground;
 mod histogram;
 mod joints;
 mod latency;
@@ -18,7 +17,6 @@ mod turns;
 
 use control::{GroundTruth, free_axis, ground_truth};
 use model::{Refused, Robot};
-use serde::{Deserialize, Serialize};
 use shared_types::SensorSample;
 use shared_types::bounds::within;
 use shared_types::codes;
@@ -28,7 +26,6 @@ use shared_types::summary::{BOUNDARY, MISSED, Pace, REACHED, Summary, TaskSummar
 
 pub use bars::Bounds;
 use chatter::Clock;
-use ground::Ground;
 use joints::JointMeter;
 use latency::{Chain, LatencyMeter};
 use path::PathMeter;
@@ -46,9 +43,9 @@ pub use tick::Tick;
 const MOST_EVENTS: usize = 64;
 
 /// Gathers a run's figures tick by tick.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug)]
 pub struct Judge {
-    ground: Ground,
+    truth: Box<dyn GroundTruth>,
     goal: Goal,
     planned_ticks: f64,
     rate_hz: f64,
@@ -116,22 +113,11 @@ impl Judge {
         })
     }
 
-    /// A judge that a checkpoint has kept, of the same scenario and robot.
-    ///
-    /// # Errors
-    /// See [`Judge::new`].
-    pub fn resumed(self, robot: &Robot, scenario: &Scenario) -> Result<Self, Refused> {
-        Ok(Self {
-            ground: self.ground.resumed(ground_truth(robot, scenario)?),
-            ..self
-        })
-    }
-
     /// A judge at 1000 ticks per second by this truth.
     fn of(truth: Box<dyn GroundTruth>, limits: Limits, goal: Goal, planned_ticks: f64) -> Self {
         Self {
             path: PathMeter::default(),
-            ground: Ground::Present(truth),
+            truth,
             goal,
             planned_ticks,
             rate_hz: 1000.0,
@@ -169,11 +155,8 @@ impl Judge {
                 events.push((k, text));
             }
         };
-        let Some(truth) = self.ground.truth() else {
-            return TaskError::UNKNOWN;
-        };
-        truth.analyse(tick.truth, tick.report);
-        let truth = &*truth;
+        self.truth.analyse(tick.truth, tick.report);
+        let truth = self.truth.as_ref();
         let whole = self
             .path
             .error(truth, tick.control.path_time_s, tick.truth)
@@ -235,12 +218,9 @@ impl Judge {
     }
 
     /// The findings.
-    pub fn verdict(mut self) -> Verdict {
+    pub fn verdict(self) -> Verdict {
         let completed = self.phase == codes::PHASE_DONE;
-        let breach = match self.ground.truth() {
-            Some(truth) => self.path.breach(truth, completed),
-            None => Some("there is no truth to judge by".to_owned()),
-        };
+        let breach = self.path.breach(self.truth.as_ref(), completed);
         let (is_done, stopped) = (breach.is_none(), self.stopped());
         let (along, contact) = (self.task.along(), self.task.clause());
         let mut task = self.task.finish(self.ticks, self.planned_ticks);

@@ -2,45 +2,50 @@
 #![allow(non_snake_case)]
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
-mod assemble;
-mod checkpoint;
+mod contents;
+mod error;
+mod event;
 mod fault_reporter;
+mod hash;
 mod judge;
-mod message_rows;
+mod reader;
 mod rebuild;
 mod tape;
-mod topics;
+#[cfg(test)]
+mod tests;
+mod ticks;
+mod writer;
 
-use std::path::Path;
-use std::time::Duration;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
-use message_log::{Contents, TopicHash};
 use model::Robot;
-use runtime::{Count, Mode, ProcessError, Shell, write_reserved};
+use runtime::{Collector, Count, Mode, ProcessError, Shell, write_reserved};
 use serde_json::Value;
 use shared_types::job::Job;
 use shared_types::summary::{RecorderSummary, Summary};
-use viz::Level;
 
-use checkpoint::{Checkpoint, Memory, most_ticks};
 use fault_reporter::FaultReporter;
-use topics::{Past, Topics};
+use tape::Tape;
 
-pub use assemble::{Assembler, Row, Set};
+pub use contents::{Contents, tick_of};
+pub use error::RecordError;
+pub use event::{Event, Level, Source};
+pub use hash::TopicHash;
 pub use judge::{Bounds, Judge, Limits, TaskError, Tick, Verdict};
-pub use message_log::FILE as MESSAGES;
-pub use message_rows::MessageRows;
-pub use rebuild::rebuild;
-pub use tape::Tape;
+pub use reader::{Defect, Flaw, Item, RecordReader, part};
+pub use rebuild::{is_in_parts, rebuild};
+pub use ticks::{Account, Assembler, Row, Ticks};
+pub use writer::RecordWriter;
+
+/// Name of the record in the results folder.
+pub const MESSAGES: &str = "messages.mcap";
 
 /// Name of the recorder's part of the summary in the run's directory.
 pub const SUMMARY: &str = "summary.json";
 
-/// Ticks for which an incomplete row waits for its missing messages.
-pub const PATIENCE: u64 = 256;
-
-/// Ticks that may be missing on end; a minute at 1 kHz.
-pub const HORIZON: u64 = 60_000;
+/// A chunk of the record is closed after so much time: a recorder that is killed in real time takes it along.
+const CHUNK: Duration = Duration::from_millis(50);
 
 /// Records and judges until the run has stopped and everything on the way has arrived, then leaves its part of the summary in `run_dir`.
 ///
@@ -51,7 +56,7 @@ pub fn run(shell: &Shell, robot: &Robot, job: &Job, run_dir: &Path) -> Result<()
     runtime::realtime::keep_memory();
     // Two recorders would write the same files.
     let _recording = shell.hold("recording")?;
-    let summary = record(shell, robot, job, run_dir)?;
+    let summary = record(shell, robot, job)?;
     let path = run_dir.join(SUMMARY);
     written(&summary)
         .map_err(std::io::Error::from)
@@ -98,149 +103,210 @@ fn written(summary: &Summary) -> serde_json::Result<Vec<u8>> {
 struct Recorder<'a> {
     shell: &'a Shell,
     job: &'a Job,
-    memory: Memory,
+    topics: Vec<Topic>,
     assembler: Assembler,
     judge: Judge,
+    record: Record,
     tape: Tape,
-    topics: Topics,
     faults: FaultReporter,
 }
 
-fn record(
-    shell: &Shell,
-    robot: &Robot,
-    job: &Job,
-    run_dir: &Path,
-) -> Result<Summary, ProcessError> {
-    let mut recorder = Recorder::open(shell, robot, job, run_dir)?;
-    while shell.poll(pace(shell.mode(), job.live))? {
+/// A topic that the recorder reads.
+struct Topic {
+    channel: usize,
+    collector: Collector<[u8]>,
+}
+
+fn record(shell: &Shell, robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
+    let mut recorder = Recorder::open(shell, robot, job)?;
+    while shell.poll(pace(shell.mode()))? {
         recorder.round()?;
     }
     Ok(recorder.finish())
 }
 
 /// Time from one round to the next. To wake up with a cold cache costs more than one tick's messages, so a round takes several ticks in: in real time a
-/// quarter of the buffers at 1 kHz, or less where a viewer shows motion; in lockstep, where all processes wait for a recorder that is too far behind, half of
-/// that distance at 50,000 ticks per second.
-fn pace(mode: Mode, is_watched: bool) -> Duration {
-    Duration::from_micros(match mode {
-        Mode::Realtime if is_watched => 100_000,
-        Mode::Realtime => 250_000,
-        Mode::Lockstep => 2_500,
-    })
+/// chunk's; in lockstep, where all processes wait for a recorder that is too far behind, half of that distance at 50,000 ticks per second.
+fn pace(mode: Mode) -> Duration {
+    match mode {
+        Mode::Realtime => CHUNK,
+        Mode::Lockstep => Duration::from_micros(2_500),
+    }
 }
 
 impl<'a> Recorder<'a> {
-    /// A replacement continues from its predecessor's last checkpoint.
-    fn open(
-        shell: &'a Shell,
-        robot: &'a Robot,
-        job: &'a Job,
-        run_dir: &Path,
-    ) -> Result<Self, ProcessError> {
-        let unusable = |error| {
-            ProcessError::setup(format!(
-                "cannot keep what a replacement must know in {}: {error}",
-                run_dir.display()
-            ))
-        };
-        let memory = Memory::open(run_dir).map_err(unusable)?;
-        let is_first = shell.incarnation() == 1;
-        let past = if is_first { None } else { memory.last() };
-        let mut assembler = Assembler::new(Set::of(|topic| shell.reads(topic)), PATIENCE, HORIZON);
-        let mut judge = judge(robot, job)?;
-        let mut tape = match is_first {
-            true => Tape::start(robot, job),
-            false => Tape::go_on(robot, job, memory.written()),
-        }?;
-        let (mut faults, mut progress) = (FaultReporter::default(), Past::default());
-        if let Some(past) = past {
-            progress = past.progress;
-            assembler.resume(past.next, past.rows);
-            if tape.result.error.is_empty() {
-                tape.result.error = past.result.error;
+    /// A replacement begins another file; what it judges is judged again from all files at the end of the run.
+    fn open(shell: &'a Shell, robot: &'a Robot, job: &'a Job) -> Result<Self, ProcessError> {
+        let contents = Contents::of(job);
+        let mut assembler = Assembler::new(&contents);
+        let (record, last) = Record::begin(job, &contents, shell.incarnation());
+        let (mut topics, is_first) = (Vec::new(), shell.incarnation() == 1);
+        for (channel, layout) in contents.layouts().iter().enumerate() {
+            if !shell.reads(&layout.topic) {
+                assembler.leave_out(channel);
+                continue;
             }
-            // Those since then come again.
-            tape.result.rows = past.result.rows;
-            let resumed = past.judge.resumed(robot, &job.scenario);
-            judge = resumed.map_err(ProcessError::setup)?;
-            faults = FaultReporter::resume(past.reported);
+            let mut collector = shell.collector_of(&layout.topic)?;
+            if !is_first {
+                let last = last.get(channel).and_then(Option::as_deref);
+                collector.resume(last.map(tick_of), 0);
+                collector.recall(last)?;
+            }
+            topics.push(Topic { channel, collector });
         }
-        let path = job.out.join(MESSAGES);
-        let log = job.messages.then_some(path.as_path());
-        let topics = Topics::open(shell, &Contents::of(job), log, &progress, &mut assembler)?;
+        let tape = match is_first {
+            true => Tape::start(robot, job)?,
+            false => Tape::none(job),
+        };
         Ok(Self {
+            judge: judge(robot, job)?,
             shell,
             job,
-            memory,
-            assembler,
-            judge,
-            tape,
             topics,
-            faults,
+            assembler,
+            record,
+            tape,
+            faults: FaultReporter::default(),
         })
     }
 
     /// Takes in everything that is there.
     fn round(&mut self) -> Result<(), ProcessError> {
         let Self { shell, job, .. } = *self;
-        let begun = shell.ticks_begun();
-        self.topics.drain(begun, &mut self.assembler)?;
+        for Topic { channel, collector } in &mut self.topics {
+            collector.collect(|message| {
+                self.assembler.take(*channel, message);
+                self.record.write(|record| record.append(*channel, message));
+            })?;
+        }
         shell.has_taken_in();
         // Before the ticks in which it shows: their words name it.
-        self.faults.report(shell, &job.graph, &mut self.tape);
-        while let Some(row) = self.assembler.pop(begun, false) {
-            take(&row, &mut self.judge, &mut self.tape);
-            // With every row: a replacement writes again what is not noted.
-            self.memory.note(self.tape.written());
-        }
-        if !self.tape.result.error.is_empty() || self.topics.has_failed() {
-            shell.mark_detected();
-        }
-        let are_kept = job.messages && !self.topics.has_failed();
-        let most_ticks = most_ticks(are_kept, shell.most_ahead());
         let next = self.assembler.next_tick();
-        if shell.is_about_to_go_down() || self.memory.is_due(next, most_ticks) {
-            self.save();
+        self.faults
+            .report(shell, &job.graph, next, &mut self.record, &mut self.tape);
+        while let Some(row) = self.assembler.next_row() {
+            self.judge(&row);
+        }
+        self.record.close_chunk(shell.is_about_to_go_down());
+        if !self.record.error.is_empty() || !self.tape.result.error.is_empty() {
+            shell.mark_detected();
         }
         Ok(())
     }
 
-    fn save(&mut self) {
-        self.tape.flush();
-        self.topics.flush();
-        self.memory.note(self.tape.written());
-        let checkpoint = Checkpoint {
-            judge: &self.judge,
-            progress: self.topics.progress(),
-            next: self.assembler.next_tick(),
-            rows: self.assembler.pending(),
-            result: self.tape.result.clone(),
-            reported: self.faults.reported(),
-        };
-        self.shell.elsewhere(|| self.memory.save(&checkpoint));
+    fn judge(&mut self, row: &Row) {
+        let events = take(row, &mut self.judge);
+        self.tape.tick(row);
+        for event in events {
+            self.record.write(|record| record.event(&event));
+            self.tape.event(&event);
+        }
     }
 
     fn finish(mut self) -> Summary {
-        while let Some(row) = self.assembler.pop(0, true) {
-            take(&row, &mut self.judge, &mut self.tape);
+        while let Some(row) = self.assembler.rest() {
+            self.judge(&row);
         }
         let shell = self.shell;
-        self.faults.report(shell, &self.job.graph, &mut self.tape);
-        let (logged, mut recorded) = (self.topics.finish(), self.tape.finish());
-        recorded.messages_bytes = logged.bytes;
+        let next = self.assembler.next_tick();
+        self.faults.report(
+            shell,
+            &self.job.graph,
+            next,
+            &mut self.record,
+            &mut self.tape,
+        );
+        let mut recorded = self.tape.finish();
+        recorded.messages_bytes = self.record.finish();
         if recorded.error.is_empty() {
-            recorded.error = logged.error;
+            recorded.error = self.record.error;
         }
         recorded.cpu_s = runtime::realtime::cpu_time_s();
-        let (account, not_drawn) = self.topics.account();
         // Messages sent less messages received: a gap in the ticks may be a message that a fault kept from being sent.
         let refused = shell.count(Count::Refused) + shell.count(Count::Fenced);
-        let received: u64 = account.iter().map(|(_, hash)| hash.count()).sum();
+        let accounts = self.assembler.accounts().iter();
+        let received: u64 = accounts.map(|one| one.hash.count()).sum();
         recorded.lost = shell.sent_by_all().saturating_sub(received + refused);
-        recorded.not_drawn = not_drawn;
-        summary(self.job, self.judge, &account, recorded)
+        summary(self.job, self.judge, &self.assembler, recorded)
     }
+}
+
+/// The record, as long as it can be written; the first error ends it and is kept. A disk that is full ends the record, not the run.
+struct Record {
+    writer: Option<RecordWriter>,
+    bytes: u64,
+    error: String,
+    closed: Instant,
+}
+
+impl Record {
+    /// The record of a recorder's incarnation, where messages are kept, and the last messages of its predecessors.
+    fn begin(job: &Job, contents: &Contents, incarnation: u32) -> (Self, Vec<Option<Vec<u8>>>) {
+        let mut record = Self {
+            writer: None,
+            bytes: 0,
+            error: String::new(),
+            closed: Instant::now(),
+        };
+        let first = job.out.join(MESSAGES);
+        let (path, mut last) = (part(&first, incarnation), Vec::new());
+        if !job.messages {
+            return (record, last);
+        }
+        if incarnation == 1 {
+            // Those of a run before, in the same folder.
+            remove_parts(&first);
+        } else {
+            let read = RecordReader::last_messages(&part(&first, incarnation - 1), contents);
+            last = read.unwrap_or_default();
+        }
+        match RecordWriter::create(&path, contents) {
+            Ok(writer) => record.writer = Some(writer),
+            Err(error) => record.fail(&error),
+        }
+        (record, last)
+    }
+
+    fn write(&mut self, write: impl FnOnce(&mut RecordWriter) -> Result<(), RecordError>) {
+        if let Some(writer) = &mut self.writer
+            && let Err(error) = write(writer)
+        {
+            self.bytes = writer.bytes();
+            self.fail(&error);
+        }
+    }
+
+    /// Closes the chunk, if it is time.
+    fn close_chunk(&mut self, at_once: bool) {
+        if at_once || self.closed.elapsed() >= CHUNK {
+            self.closed = Instant::now();
+            self.write(RecordWriter::close_chunk);
+        }
+    }
+
+    fn fail(&mut self, error: &RecordError) {
+        runtime::complain(error);
+        self.error = format!("{error}; give a folder with more room by --out, or use --no-record");
+        self.writer = None;
+    }
+
+    /// Ends it; its size in bytes.
+    fn finish(&mut self) -> u64 {
+        match self.writer.take().map(RecordWriter::finish) {
+            None => {}
+            Some(Ok(bytes)) => self.bytes = bytes,
+            Some(Err(error)) => self.fail(&error),
+        }
+        self.bytes
+    }
+}
+
+/// Removes the files that replacements of a recorder have written beside a record.
+fn remove_parts(first: &Path) {
+    let parts = (2..).map(|number| part(first, number));
+    parts
+        .map_while(|part: PathBuf| std::fs::remove_file(part).ok())
+        .for_each(drop);
 }
 
 /// The judge of a run at its beginning.
@@ -253,72 +319,36 @@ fn judge(robot: &Robot, job: &Job) -> Result<Judge, ProcessError> {
     })
 }
 
-fn take(row: &Row, judge: &mut Judge, tape: &mut Tape) {
+/// Judges a tick; the words on it.
+fn take(row: &Row, judge: &mut Judge) -> Vec<Event> {
     let messages = row.messages().lent();
     if let Some(tick) = Tick::of(&messages) {
         judge.tick(tick);
     } else if let Some(sensor) = messages.sensor {
         judge.torn(sensor);
     }
-    tape.tick(row);
-    judge
-        .events()
-        .for_each(|(tick, text)| tape.event(tick, Level::Warning, &text));
+    let events = judge.events().map(|(tick, text)| Event {
+        tick,
+        level: Level::Warning,
+        source: Source::Judge,
+        text,
+    });
+    events.collect()
 }
 
 /// The recorder's part of the summary; the launcher adds the processes.
-fn summary(
-    job: &Job,
-    judge: Judge,
-    account: &[(&str, TopicHash)],
-    tape: RecorderSummary,
-) -> Summary {
-    let hashes = account.iter();
+fn summary(job: &Job, judge: Judge, assembler: &Assembler, recorded: RecorderSummary) -> Summary {
+    let accounts = || assembler.accounts().iter().filter(|one| one.is_read());
     Summary {
         of: job.into(),
-        topics: hashes
-            .map(|(name, hash)| ((*name).to_owned(), hash.summary()))
+        topics: accounts()
+            .map(|one| (one.topic.clone(), one.hash.summary()))
             .collect(),
         recorder: RecorderSummary {
-            messages: account.iter().map(|(_, hash)| hash.count()).sum(),
-            ..tape
+            messages: accounts().map(|one| one.hash.count()).sum(),
+            not_drawn: assembler.foreign(),
+            ..recorded
         },
         ..judge.verdict()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn errors_beyond_all_numbers_do_not_cost_the_account() {
-        let mut summary = Summary {
-            ticks: 7,
-            ..Summary::default()
-        };
-        (
-            summary.task.position_rms_mm,
-            summary.task.final_orientation_deg,
-        ) = (f64::INFINITY, f64::NAN);
-        summary.joints.q_end = vec![0.5, f64::NEG_INFINITY];
-        let read: Summary = serde_json::from_slice(&written(&summary).unwrap()).unwrap();
-        assert_eq!(
-            (
-                read.ticks,
-                read.task.position_rms_mm,
-                read.task.final_orientation_deg
-            ),
-            (7, f64::MAX, f64::MAX)
-        );
-        assert_eq!(read.joints.q_end, [0.5, f64::MAX]);
-        assert_eq!(
-            read.not_finite,
-            [
-                "joints.q_end.1",
-                "task.final_orientation_deg",
-                "task.position_rms_mm"
-            ]
-        );
     }
 }

@@ -7,18 +7,16 @@ use runtime::ProcessError;
 use shared_types::job::Job;
 use shared_types::scenario::{Record, Scenario};
 use shared_types::summary::RecorderSummary;
-use viz::{Level, RecordError, Recording, RunInfo, TickRow, Written};
+use viz::{RecordError, Recording, RunInfo, TickRow};
 
-use crate::assemble::Row;
+use crate::event::{Event, Level};
+use crate::ticks::Row;
 
 /// The recording, as long as it can be written; the first error ends it and is kept.
-pub struct Tape {
+pub(crate) struct Tape {
     recording: Option<Recording>,
     folder: PathBuf,
     limits: PartLimits,
-    /// Whether it continues a predecessor's recording, and has not yet reported it.
-    is_replacement: bool,
-    next_tick: u64,
     /// Its entry in the summary.
     pub(crate) result: RecorderSummary,
 }
@@ -52,40 +50,22 @@ impl PartLimits {
 }
 
 impl Tape {
+    /// None: the recording is made again from the messages.
+    pub(crate) fn none(job: &Job) -> Self {
+        Self {
+            recording: None,
+            folder: job.out.clone(),
+            limits: PartLimits::new(&job.scenario),
+            result: RecorderSummary::default(),
+        }
+    }
+
     /// A recording in the job's folder, where the job wants one.
     ///
     /// # Errors
     /// When the file cannot be made.
-    pub fn start(robot: &Robot, job: &Job) -> Result<Self, ProcessError> {
-        // A folder given with --out may hold an older recording, with more parts.
-        Self::begin(robot, job, None)
-    }
-
-    /// Another file of a dead recorder's recording, from the progress that it had noted.
-    ///
-    /// # Errors
-    /// When the file cannot be made, or the predecessor's not be cut there.
-    pub(crate) fn go_on(
-        robot: &Robot,
-        job: &Job,
-        noted: Option<Written>,
-    ) -> Result<Self, ProcessError> {
-        let tape = Self::begin(robot, job, noted)?;
-        Ok(Self {
-            is_replacement: tape.recording.is_some(),
-            ..tape
-        })
-    }
-
-    fn begin(robot: &Robot, job: &Job, noted: Option<Written>) -> Result<Self, ProcessError> {
-        let tape = Self {
-            recording: None,
-            folder: job.out.clone(),
-            limits: PartLimits::new(&job.scenario),
-            is_replacement: false,
-            next_tick: 0,
-            result: RecorderSummary::default(),
-        };
+    pub(crate) fn start(robot: &Robot, job: &Job) -> Result<Self, ProcessError> {
+        let tape = Self::none(job);
         if !job.record {
             return Ok(tape);
         }
@@ -104,8 +84,8 @@ impl Tape {
                 job.out.display()
             ))
         };
-        viz::cut_behind(&job.out, noted.as_ref()).map_err(failed)?;
-        let part = noted.map_or(0, |noted| noted.part + 1);
+        // A folder given with --out may hold an older recording, with more parts.
+        viz::cut_behind(&job.out, None).map_err(failed)?;
         let mut tape = Self {
             result: RecorderSummary {
                 file: viz::part_name(0),
@@ -113,12 +93,11 @@ impl Tape {
             },
             ..tape
         };
-        match Recording::create_part(&job.out, part, &info, options(job)) {
-            Ok(mut recording) => {
-                if let Some(sentence) = recording.lacking().filter(|_| part == 0) {
+        match Recording::create_part(&job.out, 0, &info, options(job)) {
+            Ok(recording) => {
+                if let Some(sentence) = recording.lacking() {
                     runtime::complain(&sentence);
                 }
-                recording.go_on_after(noted.unwrap_or_default());
                 tape.recording = Some(recording);
             }
             Err(error @ RecordError::Arm { .. }) => return Err(ProcessError::setup(error)),
@@ -129,17 +108,13 @@ impl Tape {
     }
 
     /// Adds a tick, without its missing messages.
-    pub fn tick(&mut self, row: &Row) {
+    pub(crate) fn tick(&mut self, row: &Row) {
         // Those for which there is no room any more count too: they are what the recording lacks.
         self.result.rows += 1;
         let Some(recording) = &mut self.recording else {
             return;
         };
-        self.next_tick = row.tick + 1;
         let row = TickRow::new(row.tick, row.messages().lent());
-        if std::mem::take(&mut self.is_replacement) {
-            recording.recorder_restarted(row.tick);
-        }
         let full = recording.part_ticks() >= self.limits.ticks
             || recording.part_bytes() >= self.limits.bytes;
         let turned = if full {
@@ -156,15 +131,15 @@ impl Tape {
         }
     }
 
-    pub(crate) fn event(&mut self, tick: u64, level: Level, text: &str) {
+    pub(crate) fn event(&mut self, event: &Event) {
+        let level = match event.level {
+            Level::Info => viz::Level::Info,
+            Level::Warning => viz::Level::Warning,
+            Level::Error => viz::Level::Error,
+        };
         if let Some(recording) = &mut self.recording {
-            recording.event(tick, level, text);
+            recording.event(event.tick, level, &event.text);
         }
-    }
-
-    /// The tick after the last one.
-    pub(crate) fn next_tick(&self) -> u64 {
-        self.next_tick
     }
 
     /// A fault takes effect; its words for the lane and for the headline.
@@ -177,18 +152,6 @@ impl Tape {
     pub(crate) fn fault_ends(&mut self, tick: u64, number: usize) {
         if let Some(recording) = &mut self.recording {
             recording.fault_ends(tick, number);
-        }
-    }
-
-    /// Its progress; `None` if it has ended or does not exist.
-    pub(crate) fn written(&self) -> Option<Written> {
-        self.recording.as_ref().map(Recording::written)
-    }
-
-    /// Writes out gathered data, so that it outlives the recorder.
-    pub(crate) fn flush(&mut self) {
-        if let Some(recording) = &mut self.recording {
-            recording.flush();
         }
     }
 
@@ -210,7 +173,7 @@ impl Tape {
     }
 
     /// Ends the recording.
-    pub fn finish(mut self) -> RecorderSummary {
+    pub(crate) fn finish(mut self) -> RecorderSummary {
         if let Some(recording) = self.recording.take()
             && let Err(error) = recording.finish()
         {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use recorder::{MESSAGES, MessageRows, Row};
+use recorder::{MESSAGES, Row, Ticks};
 use shared_types::scenario::Layout;
 use shared_types::summary::{RecorderSummary, Summary};
 use viz::{Exported, Messages, ReadNews, Reading, TickRow};
@@ -131,7 +131,7 @@ fn numbers(
         Err(defect) => (None, Some(defect)),
     };
     let mut damage = match messages {
-        Ok(stored) => stored.rows.damage(summary.as_ref()),
+        Ok(stored) => stored.ticks.damage(summary.as_ref()),
         Err(Unread::Defect(reason)) => vec![reason],
         Err(Unread::NotKept(_)) => Vec::new(),
     };
@@ -141,7 +141,7 @@ fn numbers(
 
 /// The messages in a run's folder.
 struct StoredMessages {
-    rows: MessageRows,
+    ticks: Ticks,
     /// The row read last.
     row: Option<Box<Row>>,
     steered: bool,
@@ -175,9 +175,9 @@ impl StoredMessages {
         if !job.messages {
             return Err(Unread::NotKept("the run had --no-messages"));
         }
-        let rows = MessageRows::open(&run.folder.join(MESSAGES), &job).map_err(Unread::defect)?;
+        let ticks = Ticks::open(&run.folder.join(MESSAGES), &job).map_err(Unread::defect)?;
         Ok(Self {
-            rows,
+            ticks,
             row: None,
             steered: job.scenario.servo.is_some(),
         })
@@ -187,7 +187,7 @@ impl StoredMessages {
 impl Messages for StoredMessages {
     fn at(&mut self, tick: u64, take: &mut dyn FnMut(&TickRow<'_>)) {
         while self.row.as_ref().is_none_or(|row| row.tick < tick) {
-            match self.rows.next_row() {
+            match self.ticks.next() {
                 Some(row) => self.row = Some(row),
                 None => return,
             }

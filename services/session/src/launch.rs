@@ -10,6 +10,7 @@ use shared_types::graph::Process;
 use shared_types::job::{JOB, Job};
 use shared_types::summary::Summary;
 
+use crate::export::joined;
 use crate::failure::Failure;
 use crate::load;
 use crate::progress::{Observer, Progress};
@@ -179,7 +180,32 @@ pub fn launch_watched(
         }
     });
     let outcome = outcome.map_err(Failure::work)?;
-    Ok((Outcome { guards, ..outcome }, account))
+    let outcome = Outcome { guards, ..outcome };
+    Ok((outcome, whole_account(&job, account)?))
+}
+
+/// The recorder's part of the summary, made from the record where a recorder was replaced or has left none.
+fn whole_account(job: &Job, account: Option<Summary>) -> Result<Option<Summary>, Failure> {
+    let has_record = job.messages && job.out.join(recorder::MESSAGES).exists();
+    if !has_record || account.is_some() && !recorder::is_in_parts(job) {
+        return Ok(account);
+    }
+    let robot = Robot::from_source(&job.robot).map_err(Failure::work)?;
+    let mut whole = recorder::rebuild(&robot, job).map_err(Failure::work)?;
+    let recorder = &mut whole.recorder;
+    match account {
+        // What the last recorder missed, the files of the others may have.
+        Some(Summary { recorder: last, .. }) => {
+            recorder.lost = (last.lost + last.messages).saturating_sub(recorder.messages);
+            recorder.cpu_s = last.cpu_s;
+            recorder.error = joined([&last.error, &recorder.error]);
+        }
+        None => {
+            let none = "the recorder left no account of the run: this one is made from its record";
+            recorder.error = joined([none, &recorder.error]);
+        }
+    }
+    Ok(Some(whole))
 }
 
 /// Writes what the processes need to know, and the arm for programs; and the job into the results folder too, before anything happens: what a killed

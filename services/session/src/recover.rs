@@ -14,6 +14,9 @@ use crate::results::{EARLIER, Results, SUMMARY, keep};
 use crate::runs::Run;
 use crate::summary::{deadlines, detected, fault_summary};
 
+/// More ticks than the last chunk of a recorder that is killed has.
+const LAST_CHUNK: u64 = 128;
+
 /// Makes recording, summary and repeatable scenario of a run from the job and the messages in its
 /// folder. Reads its faults from shared memory, if they are still there. If a message log is
 /// damaged or missing, the recorder's error in the summary names it and the loss.
@@ -57,7 +60,7 @@ pub fn recover(folder: &Path) -> Result<Summary, Failure> {
     // A recorder that is killed has up to a block of each topic's messages in its memory, of ticks whose rows may be in the recording.
     let ordinary = !summary.completed
         && summary.recorder.error.is_empty()
-        && kept.is_some_and(|rows| rows <= summary.recorder.rows + message_log::BLOCK as u64);
+        && kept.is_some_and(|rows| rows <= summary.recorder.rows + LAST_CHUNK);
     let kept = kept
         .map(|rows| format!("the run's own recording has {rows} rows, and stays in {EARLIER}/"))
         .unwrap_or_default();

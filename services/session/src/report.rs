@@ -23,7 +23,7 @@ pub fn report(run: &Run, path: &Path) -> Result<Page, Failure> {
     let (summary, job) = (run.summary()?, run.job()?);
     // A recording with a name of its own may be of another run than the messages beside it.
     let damage = if run.is_own() {
-        run.message_damage(&job, Some(&summary))
+        run.message_damage(&job, Some(&summary)).0
     } else {
         Vec::new()
     };

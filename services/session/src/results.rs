@@ -6,7 +6,7 @@ use std::io;
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 
-use message_log::{Contents, Log, LogError, Messages};
+use recorder::{Contents, RecordReader};
 use rustix::io::Errno;
 use shared_types::codes::TARGET_END;
 use shared_types::job::{JOB, Job, RobotText};
@@ -346,6 +346,7 @@ fn is_result(name: &str) -> bool {
     KEPT.contains(&whole)
         || MADE_OF_IT.contains(&whole)
         || whole == recorder::MESSAGES
+        || whole.starts_with("messages-") && whole.ends_with(".mcap")
         || viz::is_part(whole.strip_prefix('.').unwrap_or(whole))
         || whole
             .strip_suffix(".rbl")
@@ -498,33 +499,25 @@ fn targets(job: &Job, session: &Servo, summary: &Summary) -> Result<String, Fail
     if is_given {
         return Ok(session.targets.clone());
     }
-    let cannot = |error: LogError| {
-        Failure::Work(format!(
-            "the targets of the run were not saved, so it cannot be repeated: {error}"
-        ))
-    };
-    // Before the first tick there are none, and a log that is there may be another run's.
-    let log = (summary.ticks > 0)
-        .then(|| Log::open(&job.out.join(recorder::MESSAGES), &Contents::of(job)));
-    let mut targets = log
-        .transpose()
-        .map_err(cannot)?
-        .map(|log| log.messages::<Target>());
     let mut rows: Vec<Row> = Vec::new();
-    while let Some(message) = targets
-        .as_mut()
-        .map_or(Ok(None), Messages::next_message)
-        .map_err(cannot)?
-    {
-        if rows
-            .last()
-            .map_or(TargetContent::default(), |row| row.target)
-            != message.target
-        {
-            rows.push(Row {
-                tick: message.header.tick,
-                target: message.target,
-            });
+    // Before the first tick there are none, and a record that is there may be another run's.
+    if summary.ticks > 0 {
+        let record = RecordReader::open(&job.out.join(recorder::MESSAGES), &Contents::of(job));
+        let record = record.map_err(|error| {
+            Failure::Work(format!(
+                "the targets of the run were not saved, so it cannot be repeated: {error}"
+            ))
+        })?;
+        for message in record.messages::<Target>() {
+            let last = rows
+                .last()
+                .map_or_else(TargetContent::default, |row| row.target);
+            if last != message.target {
+                rows.push(Row {
+                    tick: message.header.tick,
+                    target: message.target,
+                });
+            }
         }
     }
     if rows.is_empty() {

@@ -3,7 +3,7 @@
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-use recorder::{MESSAGES, MessageRows};
+use recorder::{Flaw, MESSAGES, RecordReader, Ticks};
 use shared_types::job::{JOB, Job};
 use shared_types::summary::Summary;
 use viz::Reading;
@@ -201,12 +201,17 @@ impl Run {
         Ok(job)
     }
 
-    /// One clause for each message log that is damaged or does not match the summary's counts.
-    pub fn message_damage(&self, job: &Job, summary: Option<&Summary>) -> Vec<String> {
-        match MessageRows::open_left(&self.folder.join(MESSAGES), job) {
-            _ if !job.messages => Vec::new(),
-            Ok(rows) => rows.damage(summary),
-            Err(error) => vec![error.to_string()],
+    /// A clause for each way in which the record is damaged or does not match the summary's counts; and whether messages are lost amid it.
+    pub fn message_damage(&self, job: &Job, summary: Option<&Summary>) -> (Vec<String>, bool) {
+        match Ticks::open_left(&self.folder.join(MESSAGES), job) {
+            _ if !job.messages => (Vec::new(), false),
+            Ok(mut ticks) => {
+                ticks.by_ref().for_each(drop);
+                let mut flaws = ticks.record().into_iter().flat_map(RecordReader::flaws);
+                let has_holes = flaws.any(|flaw: &Flaw| flaw.ticks() > 0);
+                (ticks.damage(summary), has_holes)
+            }
+            Err(error) => (vec![error.to_string()], false),
         }
     }
 

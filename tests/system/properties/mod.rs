@@ -16,4 +16,4 @@ pub use chain_of_steps::{controller, fingers};
 pub use exchange_page::exchange_page;
 pub use files::{graph, job, results, scenario, target_file, urdf};
 pub use messages::validation;
-pub use run_folder::{MANIFEST, contents, control_page, manifest, message_log};
+pub use run_folder::{MANIFEST, contents, control_page, manifest, record};

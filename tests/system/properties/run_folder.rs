@@ -1,14 +1,11 @@
 //! A run's directory in shared memory, and the messages that it keeps.
 
 use std::os::unix::fs::FileExt;
-use std::path::Path;
 
-use message_log::{Contents, Log, LogError, Place, Writer};
+use recorder::{Contents, Item, MESSAGES, RecordReader, RecordWriter};
 use runtime::{ControlPage, MAX_PROCESSES, MOST_FAULTS, Manifest, RunDir};
-use shared_types::TorqueCommand;
 use shared_types::fault::ScheduledFault;
 use shared_types::graph::{BUILT_IN, Graph};
-use shared_types::topics::{COUNT, TOPICS};
 
 use super::input::Hand;
 
@@ -17,68 +14,51 @@ thread_local! {
     static RUN: RunDir = RunDir::create().expect("shared memory");
 }
 
-/// The run of the message log.
+/// The run of the record.
 pub fn contents() -> Contents {
-    Contents::of_all(0x0123_4567_89ab_cdef, 1000)
+    Contents::of_topics(0x0123_4567_89ab_cdef, 1000, |_| true)
 }
 
-/// A message log of any bytes is read to its end or refused with a sentence, and a writer that continues it corrupts nothing. The first byte tells
-/// whether the head of a log stands before the others, and whether the blocks get right checksums: a fuzzer would find neither.
-pub fn message_log(bytes: &[u8]) {
+/// A record of any bytes is read to its end or refused with a sentence, and what is read of it can be written again. The first byte tells whether the head
+/// of a record stands before the others: a fuzzer would not find it.
+pub fn record(bytes: &[u8]) {
     let (choice, rest) = bytes.split_first().unwrap_or((&0, &[]));
     RUN.with(|run| {
-        let (path, contents) = (run.path().join(message_log::FILE), contents());
+        let (path, contents) = (run.path().join(MESSAGES), contents());
         let mut file = Vec::new();
         if choice & 1 != 0 {
-            drop(Writer::create(&path, &contents).expect("shared memory"));
+            let head = RecordWriter::create(&path, &contents).expect("shared memory");
+            let bytes = head.bytes() as usize;
+            drop(head);
             file = std::fs::read(&path).expect("shared memory");
+            file.truncate(bytes);
         }
-        let head = file.len();
         file.extend_from_slice(rest);
-        if choice & 2 != 0 {
-            message_log::seal(&mut file[head..]);
-        }
         std::fs::write(&path, &file).expect("shared memory");
-        let before = kept(&path);
-        // Behind every place that is not as it was written the reader goes on, to the end.
-        if let Ok((messages, defects)) = &before {
-            let most = file.len() * 300;
-            assert!(messages.iter().map(Vec::len).sum::<usize>() <= most && *defects <= file.len());
-        }
-        let more = vec![7; size_of::<TorqueCommand>()];
-        let channel = contents.channel("torque").expect("a topic");
-        let resumed = Writer::resume(&path, &contents, &Place::default(), |_, _| {});
-        if let Ok(mut log) = resumed {
-            log.add(channel, &more).expect("shared memory");
-            log.finish().expect("shared memory");
-            let mut expected = before.map_or_else(|_| vec![Vec::new(); COUNT], |found| found.0);
-            expected[channel].extend(more);
-            assert_eq!(
-                kept(&path).map_err(|error| error.to_string()),
-                Ok((expected, 0)),
-                "what was there is there, and what came is behind it"
-            );
-        } else if let Err(error) = before {
-            assert!(!error.to_string().is_empty());
-        }
-    });
-}
-
-/// The messages of each topic, one behind the other, and how many places of the log are not as they were written.
-fn kept(path: &Path) -> Result<(Vec<Vec<u8>>, usize), LogError> {
-    let log = Log::open(path, &contents())?;
-    let mut defects = 0;
-    let topics = TOPICS.map(|topic| {
-        let (mut rows, mut found) = (log.rows(topic), Vec::new());
-        loop {
-            match rows.next_row() {
-                Ok(Some(row)) => found.extend_from_slice(row),
-                Ok(None) => break found,
-                Err(_) => defects += 1,
+        match RecordReader::open(&path, &contents) {
+            Ok(mut record) => {
+                let mut counts = vec![0; contents.layouts().len()];
+                let mut messages = 0;
+                while let Some(item) = record.next_item() {
+                    if let Item::Message { channel, message } = item {
+                        counts[channel] += 1;
+                        messages += message.len();
+                    }
+                }
+                let flaws = record.flaws().len();
+                assert!(messages <= file.len() * 300 && flaws <= 2 * file.len() + 1);
+                let again = RecordWriter::go_on(&path, &contents, &counts, 0, |_, message| {
+                    messages -= message.len();
+                });
+                again
+                    .expect("all that was read")
+                    .finish()
+                    .expect("shared memory");
+                assert_eq!(messages, 0);
             }
+            Err(error) => assert!(!error.to_string().is_empty()),
         }
     });
-    Ok((topics.to_vec(), defects))
 }
 
 /// A manifest as a run has it, but shorter.

@@ -1,13 +1,13 @@
 //! Runs in processes and on one thread, and the first place where the messages of two of them differ.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use chain::Sink;
 use launcher::{End, Exit, Failure as Mishap, Plan};
-use message_log::{Contents, Difference, Log, LogError, Rows, first_difference_in, tick_of};
 use model::Robot;
+use recorder::{Contents, RecordError, RecordReader, tick_of};
 use runtime::{ControlPage, FaultRecord, RunDir};
 use serde::Serialize;
 use session::{Failure, Observer};
@@ -17,6 +17,7 @@ use shared_types::scenario::Scenario;
 use shared_types::summary::{Summary, TopicSummary};
 use shared_types::topics::{STEERED, TOPICS, Topic};
 
+use super::difference::{Difference, first_difference_in};
 use crate::signals::Background;
 use crate::trial::Hashes;
 
@@ -95,9 +96,27 @@ pub(super) fn in_processes(
     })
 }
 
-/// The messages that a run has kept in its folder.
-pub(super) fn log_of(folder: &Path, job: &Job) -> Result<Log, Failure> {
-    Log::open(&folder.join(recorder::MESSAGES), &Contents::of(job)).map_err(Failure::work)
+/// The record of a run.
+pub(super) struct Kept {
+    path: PathBuf,
+    pub(super) contents: Contents,
+}
+
+/// The record that a run has left in its folder.
+pub(super) fn record_of(folder: &Path, job: &Job) -> Result<Kept, Failure> {
+    let kept = Kept {
+        path: folder.join(recorder::MESSAGES),
+        contents: Contents::of(job),
+    };
+    kept.read().map_err(Failure::work)?;
+    Ok(kept)
+}
+
+impl Kept {
+    /// Its messages from the beginning.
+    pub(super) fn read(&self) -> Result<RecordReader, RecordError> {
+        RecordReader::open(&self.path, &self.contents)
+    }
 }
 
 /// What a scenario gives without processes, shared memory and a clock.
@@ -171,40 +190,42 @@ impl std::fmt::Display for Place {
 /// What a run is compared with.
 pub(super) enum Reference<'a> {
     OneThread(&'a Robot, &'a Scenario),
-    /// The messages of another run.
-    Run(Log),
+    /// The record of another run.
+    Run(Kept),
 }
 
 /// Reads the messages of a run beside those of the reference up to the first difference: the earliest, and of one tick the first in the order of the
 /// data, for it is the cause and the others follow from it.
 pub(super) fn first_place(
     reference: &Reference<'_>,
-    messages: &Log,
+    record: &Kept,
     run: usize,
 ) -> Result<Option<Place>, Failure> {
-    let layouts = messages.contents().layouts().iter();
+    let layouts = record.contents.layouts().iter().enumerate();
     let mut followed = layouts
-        .map(|layout| Followed::open(messages, layout.clone()))
+        .map(|(channel, layout)| Followed::open(record, channel, layout.clone()))
         .collect::<Result<Vec<_>, _>>()
         .map_err(Failure::work)?;
     match reference {
         Reference::OneThread(robot, scenario) => {
-            struct Follow<'a>(&'a mut [Followed], Result<(), LogError>);
+            struct Follow<'a>(&'a mut [Followed]);
             impl Sink for Follow<'_> {
                 fn take<M: Topic>(&mut self, message: &M) {
                     let one = self.0.iter_mut().find(|one| one.layout.topic == M::TOPIC);
-                    if let Some(one) = one.filter(|_| self.1.is_ok()) {
-                        self.1 = one.expect(bytemuck::bytes_of(message), message.header().tick);
+                    if let Some(one) = one {
+                        one.expect(bytemuck::bytes_of(message), message.header().tick);
                     }
                 }
             }
-            let mut follow = Follow(&mut followed, Ok(()));
-            chain::run_under_faults(robot, scenario, &mut follow).map_err(Failure::input)?;
-            follow.1.map_err(Failure::work)?;
+            chain::run_under_faults(robot, scenario, &mut Follow(&mut followed))
+                .map_err(Failure::input)?;
         }
         Reference::Run(expected) => {
             for one in &mut followed {
-                one.follow(expected).map_err(Failure::work)?;
+                let mut messages = expected.read().map_err(Failure::work)?;
+                while let Some(message) = messages.next_of(one.channel) {
+                    one.expect(message, tick_of(message));
+                }
             }
         }
     }
@@ -220,48 +241,42 @@ pub(super) fn first_place(
 
 /// A topic of a run, read beside the messages that are expected of it.
 struct Followed {
+    channel: usize,
     layout: MessageLayout,
-    rows: Rows,
+    messages: RecordReader,
     next: Option<Vec<u8>>,
     first: Option<Place>,
 }
 
 impl Followed {
-    fn open(messages: &Log, layout: MessageLayout) -> Result<Self, LogError> {
-        let mut rows = messages.rows(&layout.topic);
-        let next = rows.next_row()?.map(<[u8]>::to_vec);
+    fn open(record: &Kept, channel: usize, layout: MessageLayout) -> Result<Self, RecordError> {
+        let mut messages = record.read()?;
         Ok(Self {
+            next: messages.next_of(channel).map(<[u8]>::to_vec),
+            channel,
             layout,
-            rows,
-            next,
+            messages,
             first: None,
         })
     }
 
-    fn follow(&mut self, messages: &Log) -> Result<(), LogError> {
-        let mut expected = messages.rows(&self.layout.topic);
-        while let Some(row) = expected.next_row()? {
-            self.expect(row, tick_of(row))?;
-        }
-        Ok(())
-    }
-
     /// Takes the next message of the reference; either may lack what the other has.
-    fn expect(&mut self, expected: &[u8], tick: u64) -> Result<(), LogError> {
+    fn expect(&mut self, expected: &[u8], tick: u64) {
         if self.first.is_some() {
-            return Ok(());
+            return;
         }
         match &self.next {
-            Some(row) if tick_of(row) < tick => self.lacks(tick_of(row), ["none", "one"]),
-            Some(row) if tick_of(row) == tick => {
-                let found = first_difference_in(&self.layout.fields, expected, row);
+            Some(message) if tick_of(message) < tick => {
+                self.lacks(tick_of(message), ["none", "one"]);
+            }
+            Some(message) if tick_of(message) == tick => {
+                let found = first_difference_in(&self.layout.fields, expected, message);
                 self.first =
                     found.map(|difference| Place::new(tick, &self.layout.topic, difference));
-                self.next = self.rows.next_row()?.map(<[u8]>::to_vec);
+                self.next = self.messages.next_of(self.channel).map(<[u8]>::to_vec);
             }
             _ => self.lacks(tick, ["one", "none"]),
         }
-        Ok(())
     }
 
     /// The first difference, when the reference has no more messages.

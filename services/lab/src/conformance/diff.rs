@@ -1,24 +1,20 @@
-//! Two runs beside each other: how their scenarios, programs, results and messages differ.
+//! Two runs beside each other: how their settings, outcomes and messages differ.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
-use serde_json::{Map, Value, json};
-use session::table::{count, number, table};
+use serde_json::{Value, json};
+use session::table::count;
 use session::{Failure, Run};
-use shared_types::job::{Job, RobotText};
+use shared_types::job::Job;
 use shared_types::summary::Summary;
-use viz::plot::digits;
 
-use super::compared::{Place, Reference, first_place, log_of};
+use super::compared::{Place, Reference, first_place, record_of};
 
-/// Most values that are shown to people, and most characters of each.
-const SHOWN: usize = 40;
+/// Most characters of a value that are shown to people.
 const LONGEST: usize = 80;
-/// Groups of values that are shown first and never cut: causes come before effects.
-const FIRST: [&str; 4] = ["scenario.", "program.", "results.outcome", "results.reason"];
 
 /// A value that two runs do not share; null in the one that lacks it.
 #[derive(Serialize)]
@@ -36,7 +32,7 @@ pub struct Differing {
     pub runs: [PathBuf; 2],
     /// Whether there is none.
     pub same: bool,
-    /// Of scenario, program and results, but for what depends on the machine.
+    /// Of scenario, program and outcome, but for what depends on the machine.
     pub changes: Vec<Change>,
     /// Topics whose messages differ.
     pub topics: Vec<String>,
@@ -59,11 +55,10 @@ pub fn diff(folders: [&Path; 2]) -> Result<Differing, Failure> {
     };
     let [first, second] = folders.map(read);
     let both = [first?, second?];
-    let changes = changes(
-        &both
-            .each_ref()
-            .map(|(job, summary, _)| values(job, summary)),
-    );
+    let trees = both
+        .each_ref()
+        .map(|(job, summary, _)| values(job, summary));
+    let changes = changes(&trees);
     let [a, b] = both.each_ref().map(|(_, summary, _)| &summary.topics);
     let topics: BTreeSet<_> = a.keys().chain(b.keys()).collect();
     let topics = topics.into_iter();
@@ -71,14 +66,14 @@ pub fn diff(folders: [&Path; 2]) -> Result<Differing, Failure> {
     let topics: Vec<_> = topics.cloned().collect();
     let without = both.iter().find(|(job, ..)| !job.messages);
     let without = without.map(|(_, _, folder)| folder.clone());
-    // The logs of now are compared: the hashes are of the logs as they were written.
+    // The records of now are compared: the hashes are of the records as they were written.
     let place = match without {
         Some(_) => Ok(None),
         None => place(&both),
     };
-    let is_same_log = matches!(place, Ok(None));
+    let is_same_record = matches!(place, Ok(None));
     Ok(Differing {
-        same: changes.is_empty() && topics.is_empty() && is_same_log,
+        same: changes.is_empty() && topics.is_empty() && is_same_record,
         changes,
         topics,
         without,
@@ -89,33 +84,23 @@ pub fn diff(folders: [&Path; 2]) -> Result<Differing, Failure> {
 }
 
 fn place(runs: &[(Job, Summary, PathBuf); 2]) -> Result<Option<Place>, Failure> {
-    let [first, second] = runs.each_ref().map(|(job, _, folder)| log_of(folder, job));
+    let [first, second] = runs
+        .each_ref()
+        .map(|(job, _, folder)| record_of(folder, job));
     let (first, second) = (first?, second?);
-    if first.contents().layouts() != second.contents().layouts() {
+    if first.contents.layouts() != second.contents.layouts() {
         return Err(Failure::input("their messages have different layouts"));
     }
     first_place(&Reference::Run(first), &second, 2)
 }
 
-/// All that does not depend on the machine.
+/// The causes of a run, and how it ended.
 fn values(job: &Job, summary: &Summary) -> Value {
-    let singularities = summary.singularities.iter();
-    let singularities = singularities.map(|one| (one.name.clone(), json!(one)));
-    let faults = summary.faults.iter();
-    let faults = faults.map(|fault| (&fault.detail, fault.tick, fault.occurred));
-    // Where its file and its meshes were says nothing about the arm.
-    let RobotText { name, urdf, .. } = &job.robot;
-    let mut description: toml::Table = job.robot.description.parse().unwrap_or_default();
-    description.remove("meshes");
-    let robot = json!({"name": name, "urdf": urdf, "description": description});
+    let robot = (&job.robot.name, &job.robot.urdf, &job.robot.description);
     json!({
         "scenario": job.scenario,
         "program": {"version": job.version, "mode": job.mode, "graph": job.graph, "robot": robot},
-        "results": {
-            "outcome": summary.outcome, "reason": summary.reason, "ticks": summary.ticks, "task": summary.task, "joints": summary.joints,
-            "singularities": singularities.collect::<Map<_, _>>(), "turns": summary.turns, "servo": summary.servo,
-            "faults": faults.collect::<Vec<_>>(),
-        },
+        "results": {"outcome": summary.outcome, "reason": summary.reason, "ticks": summary.ticks},
     })
 }
 
@@ -141,61 +126,15 @@ fn changes(trees: &[Value; 2]) -> Vec<Change> {
     }
     found.retain(|_, [first, second]| first != second);
     let change = |(key, values)| Change { key, values };
-    let mut changes: Vec<_> = found.into_iter().map(change).collect();
-    changes.sort_by(|a, b| {
-        let by = |change: &Change| (change.rank(), -change.share());
-        let ((rank, share), (other, than)) = (by(a), by(b));
-        rank.cmp(&other).then(share.total_cmp(&than))
-    });
-    changes
-}
-
-impl Change {
-    /// The place of its group in [`FIRST`]; the numbers of the results come behind them.
-    fn rank(&self) -> usize {
-        let group = FIRST.iter().position(|group| self.key.starts_with(group));
-        group.unwrap_or(FIRST.len())
-    }
-
-    fn is_first(&self) -> bool {
-        self.rank() < FIRST.len()
-    }
-
-    /// A change of a number as a share of the larger one; 1 for anything else. Where the cause is asked for, all count alike.
-    fn share(&self) -> f64 {
-        let numbers = self.values.each_ref().map(Value::as_f64);
-        match numbers {
-            [Some(before), Some(after)] if !self.is_first() => {
-                (after - before).abs() / before.abs().max(after.abs())
-            }
-            _ => 1.0,
-        }
-    }
+    found.into_iter().map(change).collect()
 }
 
 impl fmt::Display for Differing {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [first, second] = self.runs.each_ref().map(|folder| folder.display());
-        let mut rows = table(&["value", "first", "second", "by"]);
-        let mut words = String::new();
-        let causes = self.changes.iter().filter(|change| change.is_first());
-        let shown_count = SHOWN.max(causes.count());
-        for Change { key, values } in self.changes.iter().take(shown_count) {
-            if let [Some(before), Some(after)] = values.each_ref().map(Value::as_f64) {
-                let numbers = [before, after, after - before].map(|value| number(digits(value)));
-                rows.add_row([key.into()].into_iter().chain(numbers));
-            } else {
-                let [before, after] = values.each_ref().map(shown);
-                words += &format!("{key}: {before} → {after}\n");
-            }
-        }
-        f.write_str(&words)?;
-        if !rows.is_empty() {
-            writeln!(f, "{rows}")?;
-        }
-        if self.changes.len() > shown_count {
-            let more = self.changes.len() - shown_count;
-            writeln!(f, "{more} more: --json has all")?;
+        for Change { key, values } in &self.changes {
+            let [before, after] = values.each_ref().map(shown);
+            writeln!(f, "{key}: {before} → {after}")?;
         }
         if let Some(place) = &self.difference {
             writeln!(f, "{place}")?;
@@ -210,7 +149,7 @@ impl fmt::Display for Differing {
         if self.same {
             return writeln!(
                 f,
-                "{first} and {second}: the same scenario, program, results and messages{hashes}"
+                "{first} and {second}: the same scenario, program, outcome and messages{hashes}"
             );
         }
         let [values, topics] = [self.changes.len(), self.topics.len()].map(|all| all as u64);

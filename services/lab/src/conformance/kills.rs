@@ -13,7 +13,7 @@ use shared_types::graph::{Graph, Process, Restart};
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
 
-use super::compared::{InProcesses, Place, Reference, first_place, in_processes, log_of};
+use super::compared::{InProcesses, Place, Reference, first_place, in_processes, record_of};
 use crate::folder::Folder;
 use crate::signals::{Background, Over, child};
 
@@ -138,8 +138,12 @@ impl Killed {
             folders.iter().try_for_each(Results::clear)?;
             return Ok(None);
         };
-        let place = log_of(&live.out, &live).and_then(|one| {
-            first_place(&Reference::Run(one), &log_of(&again.out, &again)?, number)
+        let place = record_of(&live.out, &live).and_then(|one| {
+            first_place(
+                &Reference::Run(one),
+                &record_of(&again.out, &again)?,
+                number,
+            )
         });
         Ok(Some(Unrepeated {
             run: number,

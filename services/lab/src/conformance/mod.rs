@@ -4,6 +4,7 @@
 mod compared;
 mod condition;
 mod diff;
+mod difference;
 mod kills;
 mod replay;
 mod track;
@@ -11,6 +12,7 @@ mod verify;
 
 pub use compared::{Place, Ran};
 pub use diff::{Change, Differing, diff};
+pub use difference::{Difference, FieldDifference};
 pub use kills::{Killed, verify_kills};
 pub use replay::{Replayed, replay};
 pub use verify::{Request, Verified, verify};

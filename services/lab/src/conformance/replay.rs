@@ -4,7 +4,6 @@ use std::fmt;
 use std::path::Path;
 
 use chain::Tick;
-use message_log::{Contents, FieldDifference, Log, LogError};
 use model::Robot;
 use process::{Inputs, Member, Scratch, apply_to_outgoing};
 use serde::Serialize;
@@ -21,7 +20,8 @@ use shared_types::topics::{ByTopic, Each, TOPICS, Topic, named};
 use shared_types::{Header, Message, TorqueCommand};
 use viz::plot::digits;
 
-use super::compared::Place;
+use super::compared::{Place, record_of};
+use super::difference::FieldDifference;
 use super::track::{self, Compared, Tracks};
 
 /// The result of a replay.
@@ -176,20 +176,20 @@ pub fn replay(
     let scenario = with_settings(&job.scenario, settings)?;
     let (process, program) = chosen(&job, process).ok_or_else(|| no_step(process, &job, folder))?;
     let (name, writes) = (process.name.clone(), &process.writes);
-    let (summary, damage) = damage_of(&run, &job);
-    // All that is wrong with the logs, where one of them is gone or not as it was written.
-    let because = |error: LogError| match damage.is_empty() {
-        true => damaged(&run, &[error.to_string()]),
-        false => damaged(&run, &damage),
-    };
+    let (summary, damage, has_holes) = damage_of(&run, &job);
+    let record = record_of(folder, &job);
+    if has_holes || record.is_err() && !damage.is_empty() {
+        // The state of no process goes on over messages that are lost.
+        return Err(damaged(&run, &damage));
+    }
+    let record = record.map_err(|error| damaged(&run, &[error.to_string()]))?;
     let step = chain::step_of(program, &robot, &scenario).map_err(Failure::input)?;
     let step = step.ok_or_else(|| no_step(Some(&name), &job, folder))?;
     let reads: Vec<&str> = step.reads().iter().map(|port| port.topic).collect();
     let writes: Vec<&str> = writes.iter().map(String::as_str).collect();
     let topics = [&reads[..], &writes].concat();
-    let log = Log::open(&folder.join(recorder::MESSAGES), &Contents::of(&job)).map_err(because)?;
     let mut player = Player {
-        tracks: track::open(&log, &topics),
+        tracks: track::open(&record, &topics).map_err(Failure::work)?,
         member: Member::new(0, process, step),
         scratch: Scratch::default(),
         given: Tick::default(),
@@ -198,7 +198,7 @@ pub fn replay(
         without_input: 0,
         observer,
     };
-    let ended = player.play(&scenario, &writes).map_err(because)?;
+    let ended = player.play(&scenario, &writes);
     let (difference, topics) = player.compared(&writes);
     let replayed = Replayed {
         run: job.run,
@@ -232,15 +232,15 @@ fn job_of(run: &Run) -> Result<Job, Failure> {
     )))
 }
 
-/// The summary of a run, if there is one, and the defects of summary and logs.
-fn damage_of(run: &Run, job: &Job) -> (Option<Summary>, Vec<String>) {
-    // One that is there and cannot be read is a defect of the run, as a log is.
+/// The summary of a run, if there is one, the defects of summary and record, and whether messages are lost amid the record.
+fn damage_of(run: &Run, job: &Job) -> (Option<Summary>, Vec<String>, bool) {
+    // One that is there and cannot be read is a defect of the run, as a record is.
     let (summary, defect) = run
         .summary_if_any()
         .map_or_else(|defect| (None, Some(defect)), |summary| (summary, None));
-    let mut damage = run.message_damage(job, summary.as_ref());
+    let (mut damage, has_holes) = run.message_damage(job, summary.as_ref());
     damage.extend(defect);
-    (summary, damage)
+    (summary, damage, has_holes)
 }
 
 /// The process that is asked for, where armplane knows its step.
@@ -352,7 +352,7 @@ struct Player<'a> {
 struct Next<'a>(&'a mut ByTopic<Tracks>);
 
 impl Each for Next<'_> {
-    type Output = Result<Option<Header>, LogError>;
+    type Output = Option<Header>;
     fn each<M: Topic>(&mut self) -> Self::Output {
         M::of_mut(self.0).header()
     }
@@ -362,13 +362,13 @@ impl Each for Next<'_> {
 struct Load<'a>(&'a mut ByTopic<Tracks>, &'a mut Tick, u64);
 
 impl Each for Load<'_> {
-    type Output = Result<bool, LogError>;
+    type Output = bool;
     fn each<M: Topic>(&mut self) -> Self::Output {
-        let message = M::of_mut(self.0).at(self.2)?;
+        let message = M::of_mut(self.0).at(self.2);
         message
             .iter()
             .for_each(|message| *M::of_mut(self.1) = *message);
-        Ok(message.is_some())
+        message.is_some()
     }
 }
 
@@ -376,7 +376,7 @@ impl Each for Load<'_> {
 struct Compare<'a>(&'a mut ByTopic<Tracks>, &'a Tick, u64, &'a [ScheduledFault]);
 
 impl Each for Compare<'_> {
-    type Output = Result<(), LogError>;
+    type Output = ();
     fn each<M: Topic>(&mut self) -> Self::Output {
         let mut computed = *M::of(self.1);
         apply_to_outgoing(&mut computed, self.3);
@@ -396,7 +396,7 @@ impl Each for CompareAll<'_> {
 
 impl Player<'_> {
     /// Computes the process's outputs again. The sentence: why the replay ended before the record did.
-    fn play(&mut self, scenario: &Scenario, writes: &[&str]) -> Result<String, LogError> {
+    fn play(&mut self, scenario: &Scenario, writes: &[&str]) -> String {
         (self.observer)(Progress::Begin {
             title: &scenario.name,
             length: scenario.planned_ticks(),
@@ -440,46 +440,46 @@ impl Player<'_> {
         )
     }
 
-    fn next(&mut self, topic: &str) -> Result<Option<Header>, LogError> {
-        named(topic, &mut Next(&mut self.tracks)).unwrap_or(Ok(None))
+    fn next(&mut self, topic: &str) -> Option<Header> {
+        named(topic, &mut Next(&mut self.tracks)).flatten()
     }
 
-    fn load(&mut self, topic: &str, tick: u64) -> Result<bool, LogError> {
-        named(topic, &mut Load(&mut self.tracks, &mut self.given, tick)).unwrap_or(Ok(false))
+    fn load(&mut self, topic: &str, tick: u64) -> bool {
+        named(topic, &mut Load(&mut self.tracks, &mut self.given, tick)).unwrap_or(false)
     }
 
     /// Loads the inputs of a tick: their topics, or `None` where one is missing that the step needs.
-    fn inputs(&mut self, tick: u64) -> Result<Option<Vec<&'static str>>, LogError> {
+    fn inputs(&mut self, tick: u64) -> Option<Vec<&'static str>> {
         let (mut there, mut is_whole) = (Vec::new(), true);
         for port in self.member.step().reads() {
-            let is_there = self.load(port.topic, tick)?;
+            let is_there = self.load(port.topic, tick);
             there.extend(is_there.then_some(port.topic));
             is_whole &= is_there || !port.is_needed;
         }
-        Ok(is_whole.then_some(there))
+        is_whole.then_some(there)
     }
 
     /// Computes every recorded output again from the inputs of its tick. Also computed is what a fault kept from leaving: the process's state goes on
     /// from it. A replacement goes on from the state of its predecessor: the tick before is the last that was computed.
-    fn cycle(&mut self, writes: &[&str]) -> Result<String, LogError> {
+    fn cycle(&mut self, writes: &[&str]) -> String {
         // Faults shape this one.
         let shaped = writes.iter().rfind(|topic| shaped_topic(topic));
         let shaped = shaped.copied().unwrap_or_default();
         let reads = self.member.step().reads();
         let first = reads.first().map_or("", |port| port.topic);
-        while let Some(Header { tick, .. }) = self.next(shaped)? {
+        while let Some(Header { tick, .. }) = self.next(shaped) {
             while let Some(earlier) = self
-                .next(first)?
+                .next(first)
                 .map(|header| header.tick)
                 .filter(|one| *one < tick)
             {
-                if let Some(topics) = self.inputs(earlier)?
+                if let Some(topics) = self.inputs(earlier)
                     && self.was_withheld(earlier)
                 {
                     self.compute(earlier, &topics, &[]);
                 }
             }
-            if let Some(topics) = self.inputs(tick)? {
+            if let Some(topics) = self.inputs(tick) {
                 self.compute(tick, &topics, &[]);
                 for topic in writes {
                     let faults = if *topic == shaped {
@@ -490,16 +490,15 @@ impl Player<'_> {
                     named(
                         topic,
                         &mut Compare(&mut self.tracks, &self.now, tick, faults),
-                    )
-                    .unwrap_or(Ok(()))?;
+                    );
                 }
             } else {
                 self.without_input += 1;
-                self.load(shaped, tick)?;
+                self.load(shaped, tick);
             }
             (self.observer)(Progress::Position(tick));
         }
-        Ok(String::new())
+        String::new()
     }
 
     /// Whether the process worked at a tick of which nothing of it is in the record.
@@ -514,12 +513,12 @@ impl Player<'_> {
 
     /// The plant answers its own last state: it must be fed without a gap. What was wrong with its sensors and drives is so again. The sentence: why the
     /// replay ended before the record did.
-    fn plant(&mut self) -> Result<String, LogError> {
+    fn plant(&mut self) -> String {
         for tick in 0.. {
-            let Some(recorded) = self.tracks.sensor.header()? else {
+            let Some(recorded) = self.tracks.sensor.header() else {
                 break;
             };
-            let truth = self.tracks.plant_state.header()?;
+            let truth = self.tracks.plant_state.header();
             let gap = recorded.tick != tick || truth.is_none_or(|truth| truth.tick != tick);
             if gap || recorded.incarnation > 1 {
                 let what = if gap {
@@ -527,13 +526,11 @@ impl Player<'_> {
                 } else {
                     "was made by a restarted plant"
                 };
-                return Ok(format!(
-                    "tick {tick} {what}: the replay of the plant ends there"
-                ));
+                return format!("tick {tick} {what}: the replay of the plant ends there");
             }
             let mut topics = Vec::new();
             if tick > 0
-                && let Some(command) = torque_after(&mut self.tracks, tick - 1)?
+                && let Some(command) = torque_after(&mut self.tracks, tick - 1)
             {
                 self.given.torque = command;
                 topics.push(TorqueCommand::TOPIC);
@@ -545,32 +542,27 @@ impl Player<'_> {
             self.compute(tick, &topics, &physical);
             let mut sent = self.now.sensor;
             apply_to_outgoing(&mut sent, &self.faults);
-            self.tracks.sensor.compare(sent, tick)?;
-            self.tracks
-                .plant_state
-                .compare(self.now.plant_state, tick)?;
+            self.tracks.sensor.compare(sent, tick);
+            self.tracks.plant_state.compare(self.now.plant_state, tick);
             (self.observer)(Progress::Position(tick));
         }
-        Ok(String::new())
+        String::new()
     }
 }
 
 /// The torque that the plant followed from a tick on. Which came in time, and how old it was, is what the plant said next.
-fn torque_after(
-    tracks: &mut ByTopic<Tracks>,
-    tick: u64,
-) -> Result<Option<TorqueCommand>, LogError> {
+fn torque_after(tracks: &mut ByTopic<Tracks>, tick: u64) -> Option<TorqueCommand> {
     let flags = tracks
         .plant_state
-        .peek()?
+        .peek()
         .map_or(0, |truth| truth.drive_flags);
     let age = tracks
         .sensor
-        .peek()?
+        .peek()
         .map_or(0, |next| u64::from(next.stale_ticks));
     match flags {
-        flags if flags & (DRIVE_STALE | DRIVE_ENCODER) != 0 => Ok(Some(TorqueCommand::default())),
-        flags if flags & DRIVE_ABSENT != 0 => Ok(None),
+        flags if flags & (DRIVE_STALE | DRIVE_ENCODER) != 0 => Some(TorqueCommand::default()),
+        flags if flags & DRIVE_ABSENT != 0 => None,
         _ => tracks.torque.at(tick.saturating_sub(age)),
     }
 }

@@ -1,15 +1,15 @@
 //! The recorded messages of one topic, tick by tick, and how computed ones compare with them.
 
 use std::collections::BTreeMap;
-use std::convert::Infallible;
 
-use message_log::{Differences, FieldDifference, Log, LogError, Messages, first_difference};
+use recorder::RecordError;
 use serde::Serialize;
 use shared_types::Header;
 use shared_types::fault::MOST_DELAY_TICKS;
 use shared_types::topics::{Build, ByTopic, Family, Topic};
 
-use super::compared::Place;
+use super::compared::{Kept, Place};
+use super::difference::{Differences, FieldDifference, first_difference};
 
 /// A track for each topic.
 pub(super) struct Tracks;
@@ -20,7 +20,7 @@ impl Family for Tracks {
 
 /// Messages in the order of their ticks, each tick once: faults make them late, old, or two.
 pub(super) struct Track<M> {
-    log: Option<Messages<M>>,
+    left: Option<Box<dyn Iterator<Item = M>>>,
     ahead: BTreeMap<u64, M>,
     /// The first tick that has not been handed out.
     next: u64,
@@ -41,14 +41,16 @@ pub struct Compared {
 }
 
 /// Opens the tracks of some topics of a run; those of others are empty.
-pub(super) fn open(log: &Log, topics: &[&str]) -> ByTopic<Tracks> {
-    struct Open<'a>(&'a Log, &'a [&'a str]);
+pub(super) fn open(record: &Kept, topics: &[&str]) -> Result<ByTopic<Tracks>, RecordError> {
+    struct Open<'a>(&'a Kept, &'a [&'a str]);
     impl Build<Tracks> for Open<'_> {
-        type Error = Infallible;
-        fn build<M: Topic>(&mut self) -> Result<Track<M>, Infallible> {
-            let is_wanted = self.1.contains(&M::TOPIC);
+        type Error = RecordError;
+        fn build<M: Topic>(&mut self) -> Result<Track<M>, RecordError> {
+            let wanted = self.1.contains(&M::TOPIC).then(|| self.0.read());
             Ok(Track {
-                log: is_wanted.then(|| self.0.messages()),
+                left: wanted
+                    .transpose()?
+                    .map(|record| Box::new(record.messages()) as _),
                 ahead: BTreeMap::new(),
                 next: 0,
                 messages: 0,
@@ -57,7 +59,7 @@ pub(super) fn open(log: &Log, topics: &[&str]) -> ByTopic<Tracks> {
             })
         }
     }
-    ByTopic::build(&mut Open(log, topics))
+    ByTopic::try_build(&mut Open(record, topics))
 }
 
 impl<M: Topic> Track<M> {
@@ -65,37 +67,37 @@ impl<M: Topic> Track<M> {
     const AHEAD: usize = 2 * MOST_DELAY_TICKS as usize + 4;
 
     /// The next message.
-    pub(super) fn peek(&mut self) -> Result<Option<&M>, LogError> {
+    pub(super) fn peek(&mut self) -> Option<&M> {
         while self.ahead.len() < Self::AHEAD
-            && let Some(message) = self.log.as_mut().map_or(Ok(None), Messages::next_message)?
+            && let Some(message) = self.left.as_mut().and_then(Iterator::next)
         {
             let tick = message.header().tick;
             if tick >= self.next {
                 self.ahead.entry(tick).or_insert(message);
             }
         }
-        Ok(self.ahead.values().next())
+        self.ahead.values().next()
     }
 
-    pub(super) fn header(&mut self) -> Result<Option<Header>, LogError> {
-        Ok(self.peek()?.map(|message| *message.header()))
+    pub(super) fn header(&mut self) -> Option<Header> {
+        self.peek().map(|message| *message.header())
     }
 
     /// The message of a tick; those of earlier ones are passed over.
-    pub(super) fn at(&mut self, tick: u64) -> Result<Option<M>, LogError> {
-        while let Some(header) = self.header()?.filter(|header| header.tick <= tick) {
+    pub(super) fn at(&mut self, tick: u64) -> Option<M> {
+        while let Some(header) = self.header().filter(|header| header.tick <= tick) {
             self.next = header.tick.saturating_add(1);
             let message = self.ahead.remove(&header.tick);
             if header.tick == tick {
-                return Ok(message);
+                return message;
             }
         }
-        Ok(None)
+        None
     }
 
     /// Compares the recorded message of a tick, if there is one, with the computed one.
-    pub(super) fn compare(&mut self, mut computed: M, tick: u64) -> Result<(), LogError> {
-        if let Some(recorded) = self.at(tick)? {
+    pub(super) fn compare(&mut self, mut computed: M, tick: u64) {
+        if let Some(recorded) = self.at(tick) {
             // The runtime sets the incarnation, not the step.
             computed.header_mut().incarnation = recorded.header().incarnation;
             self.messages += 1;
@@ -105,7 +107,6 @@ impl<M: Topic> Track<M> {
             }
             self.differences.add(&recorded, &computed);
         }
-        Ok(())
     }
 
     /// The first difference, and all.

@@ -12,7 +12,7 @@ use shared_types::graph::Graph;
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::Scenario;
 
-use super::compared::{Place, Ran, Reference, first_place, in_processes, log_of, on_one_thread};
+use super::compared::{Place, Ran, Reference, first_place, in_processes, on_one_thread, record_of};
 use super::condition::CONDITIONS;
 use crate::folder::Folder;
 
@@ -92,10 +92,10 @@ pub fn verify(request: &Request<'_>, observer: Observer<'_>) -> Result<Verified,
         let first = first.get_or_insert_with(|| job.clone());
         if ran.topics != reference.topics && difference.is_none() {
             let expected = match needs_processes {
-                Some(_) => Reference::Run(log_of(&first.out, first)?),
+                Some(_) => Reference::Run(record_of(&first.out, first)?),
                 None => Reference::OneThread(robot, scenario),
             };
-            difference = first_place(&expected, &log_of(&job.out, &job)?, index + 1)?;
+            difference = first_place(&expected, &record_of(&job.out, &job)?, index + 1)?;
         }
         if request.out.is_none() && (index > 0 || needs_processes.is_none()) {
             // The rest is removed with the whole folder.

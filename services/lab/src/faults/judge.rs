@@ -552,7 +552,7 @@ fn record(ran: &Ran, verdict: &mut Verdict) {
                 folder: ran.job.out.clone(),
                 parts: Vec::new(),
             };
-            let damage = run.message_damage(&ran.job, Some(&ran.summary));
+            let (damage, _) = run.message_damage(&ran.job, Some(&ran.summary));
             verdict.unless(damage.is_empty(), "files", || damage.join("; "));
         }
         None => {}

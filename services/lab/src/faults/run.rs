@@ -3,8 +3,8 @@
 use std::cell::OnceCell;
 
 use launcher::{End, Event, Outcome};
-use message_log::{Contents, Log};
 use model::Robot;
+use recorder::{Contents, RecordReader};
 use runtime::{ControlPage, MOST_WHEN_REQUESTED, RunDir, Stop, random};
 use session::{Failure, Results};
 use shared_types::fault::Fault;
@@ -130,10 +130,8 @@ fn request(page: &ControlPage, job: &Job, live: &[Fault]) -> Result<(), Failure>
 
 /// All messages of a topic that a run kept; a full volume ends them early, and they are whole up to there.
 fn messages_of<M: Message>(job: &Job) -> Vec<M> {
-    let log = Log::open(&job.out.join(recorder::MESSAGES), &Contents::of(job)).ok();
-    let messages = log.map(|log| log.messages::<M>());
-    messages
-        .map(|mut all| std::iter::from_fn(|| all.next_message().ok().flatten()).collect())
+    RecordReader::open(&job.out.join(recorder::MESSAGES), &Contents::of(job))
+        .map(|record| record.messages().collect())
         .unwrap_or_default()
 }
 

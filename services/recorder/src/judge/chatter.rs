@@ -1,7 +1,6 @@
 //! Torque steps that reverse shortly after.
 
 use control::GroundTruth;
-use serde::{Deserialize, Serialize};
 
 /// Change of torque in one tick, as a share of the limit, from which on it is a jump.
 const JUMP: f64 = 0.1;
@@ -17,7 +16,7 @@ pub(super) struct Clock {
 }
 
 /// Counts reversed steps, and sums the energy that steps put in.
-#[derive(Debug, Default, Serialize, Deserialize)]
+#[derive(Debug, Default)]
 pub(super) struct ChatterMeter {
     pub(super) count: u64,
     /// Σ ½ΔΓᵀA⁻¹ΔΓ/k_v² over the ticks with a jump, J.

@@ -2,7 +2,6 @@
 
 use control::GroundTruth;
 use model::{JointKind, Robot};
-use serde::{Deserialize, Serialize};
 use shared_types::SingularityState;
 use shared_types::bounds::{larger, share, within};
 use shared_types::codes::{
@@ -28,7 +27,7 @@ const GIVE: f64 = 2e-3;
 const ROUNDING: f64 = 1e-9;
 
 /// The arm's limits: task axes, and one entry a joint.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Limits {
     /// The task axes that the arm serves: errors on others are not its own.
     pub served: [bool; 6],
@@ -72,7 +71,7 @@ impl Limits {
 }
 
 /// Gathers the joints' loads tick by tick.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug)]
 pub(super) struct JointMeter {
     limits: Limits,
     summary: JointSummary,

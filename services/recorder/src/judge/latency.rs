@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use serde::{Deserialize, Serialize};
 use shared_types::graph::{BUILT_IN, Graph};
 use shared_types::summary::Latency;
 use shared_types::{SensorSample, TorqueCommand};
@@ -21,7 +20,7 @@ pub(super) enum Span {
 }
 
 /// The way of a tick around the loop: the processes in order, each with its place in the stamps.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug)]
 pub(super) struct Chain(Vec<(usize, String)>);
 
 impl Default for Chain {
@@ -72,13 +71,12 @@ impl Chain {
 }
 
 /// Gathers the latencies of a run.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug)]
 pub(super) struct LatencyMeter {
     chain: Chain,
     /// One for each measured span.
     latencies: Vec<Histogram>,
-    /// Not stored: no latency is measured over a gap.
-    #[serde(skip)]
+    /// No latency is measured over a gap.
     last_sensor: Option<SensorSample>,
     /// Between two points of the real-time grid; 0 without one.
     period_ns: u64,

@@ -4,7 +4,6 @@
 use control::{Asked, GroundTruth, Progress, SIDE_CHANGE};
 use model::Pose;
 use nalgebra::{Matrix3, Vector3, Vector6};
-use serde::{Deserialize, Serialize};
 use shared_types::PlantState;
 use shared_types::bounds::within;
 
@@ -16,7 +15,7 @@ const TURN_MOST: f64 = 0.035;
 const MOST_UNSEEN: f64 = 0.25;
 
 /// The judge's position on the path, from which a replacement of the recorder continues.
-#[derive(Debug, Default, Serialize, Deserialize)]
+#[derive(Debug, Default)]
 pub(super) struct PathMeter {
     place: Option<Place>,
     clock: PathClock,
@@ -29,7 +28,7 @@ pub(super) struct PathMeter {
 }
 
 /// [`Progress`] as a checkpoint holds it.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug)]
 struct Place {
     leg: usize,
     time_s: f64,
@@ -151,7 +150,7 @@ impl PathMeter {
 }
 
 /// The segments' demands on the posture, followed on the truth.
-#[derive(Debug, Default, Serialize, Deserialize)]
+#[derive(Debug, Default)]
 struct PostureMeter {
     /// ζ when its turn began.
     zeta: [f64; 3],
@@ -207,7 +206,7 @@ impl PostureMeter {
 }
 
 /// The path's time as a controller states it.
-#[derive(Debug, Default, Serialize, Deserialize)]
+#[derive(Debug, Default)]
 struct PathClock {
     time_s: f64,
     /// Tick of the last statement.

@@ -1,7 +1,6 @@
 //! Singularities during a run: distance, duration, modes and errors.
 
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
 use shared_types::SingularityState;
 use shared_types::bounds::{larger, smaller, within};
 use shared_types::codes::{self, MODE_HOLD, MODE_REGULAR, MODE_SLIDE};
@@ -12,13 +11,13 @@ use super::task::TaskError;
 use super::tick::{Tick, halves};
 
 /// Gathers figures for each singularity.
-#[derive(Debug, Default, Serialize, Deserialize)]
+#[derive(Debug, Default)]
 pub(super) struct SingularityMeter {
     watched: Vec<Watched>,
     modes: Vec<ModeChange>,
 }
 
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug)]
 struct Watched {
     summary: SingularitySummary,
     mode: u32,

@@ -2,13 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use serde::{Deserialize, Serialize};
 use shared_types::ServoState;
 use shared_types::codes::{REFUSALS, TARGET_REFUSALS, name_of, reason_text};
 use shared_types::summary::ServoSummary;
 
 /// Counts ticks by reason, and events by the controller's own counters.
-#[derive(Debug, Default, Serialize, Deserialize)]
+#[derive(Debug, Default)]
 pub(super) struct SteeredMeter {
     /// By `ServoState`'s `[reason, joint, upper]`.
     ticks: Vec<([u32; 3], u64)>,

@@ -2,7 +2,6 @@
 
 use control::GroundTruth;
 use nalgebra::{Matrix3, Vector3, Vector6};
-use serde::{Deserialize, Serialize};
 use shared_types::PlantState;
 use shared_types::bounds::larger;
 use shared_types::summary::TaskSummary;
@@ -62,7 +61,7 @@ fn matrix(columns: &[f64; 9]) -> Matrix3<f64> {
 }
 
 /// Gathers the task's errors. A NaN in any tick is the largest error of the run.
-#[derive(Debug, Default, Serialize, Deserialize)]
+#[derive(Debug, Default)]
 pub(super) struct TaskMeter {
     summary: TaskSummary,
     position_square_sum: f64,

@@ -7,7 +7,7 @@ use shared_types::codes;
 use shared_types::scenario::Goal;
 use shared_types::summary::{MISSED, REACHED, Summary};
 use shared_types::topics::{ByTopic, Whole};
-use shared_types::{AnalyzerCheckpoint, PlantState, SingularityReport};
+use shared_types::{PlantState, SingularityReport};
 
 use super::latency::Span;
 use super::{Judge, Limits, Tick};
@@ -59,8 +59,6 @@ impl GroundTruth for Reported {
     fn response(&self, _: &[f64]) -> f64 {
         0.0
     }
-    fn save(&self, _: &mut AnalyzerCheckpoint) {}
-    fn restore(&mut self, _: &AnalyzerCheckpoint) {}
 }
 
 fn limits() -> Limits {

@@ -1,19 +1,18 @@
 //! Null-space turns of singular directions: planned and actual.
 
-use serde::{Deserialize, Serialize};
 use shared_types::codes;
 use shared_types::summary::TurnSummary;
 
 use super::tick::Tick;
 
 /// Follows each null-space turn from its announcement to its end.
-#[derive(Debug, Default, Serialize, Deserialize)]
+#[derive(Debug, Default)]
 pub(super) struct TurnMeter {
     turns: Vec<Turn>,
 }
 
 /// A null-space turn, followed while it lasts.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug)]
 struct Turn {
     summary: TurnSummary,
     q_start: Vec<f64>,

@@ -109,7 +109,7 @@ impl Gathering {
         } else if tick < expected {
             self.inlet.shared.entry().add(Count::Repeated, 1);
         }
-        self.last = Some(tick.max(expected));
+        self.last = self.last.max(Some(tick));
         self.inlet.begin_at(tick.saturating_add(1));
     }
 

@@ -6,10 +6,8 @@ use std::marker::PhantomData;
 use std::ops::Range;
 
 use shared_types::Message;
+use shared_types::layout::structure;
 use shared_types::wire::{Field, Stamps};
-
-use crate::contents::structure;
-use crate::record::u64_of;
 
 /// The first number in which two messages differ.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
@@ -54,7 +52,9 @@ impl Element {
     }
 
     fn bits(&self, message: &[u8]) -> u64 {
-        u64_of(message, self.bytes.start, self.bytes.len())
+        let mut number = [0; 8];
+        number[..self.bytes.len()].copy_from_slice(&message[self.bytes.clone()]);
+        u64::from_le_bytes(number)
     }
 
     fn value(&self, message: &[u8]) -> f64 {
@@ -126,13 +126,17 @@ fn compared(fields: &[Field]) -> Vec<Element> {
 }
 
 /// The first difference between the contents of two messages; stamps are not compared.
-pub fn first_difference<M: Message>(expected: &M, found: &M) -> Option<Difference> {
+pub(super) fn first_difference<M: Message>(expected: &M, found: &M) -> Option<Difference> {
     let [expected, found] = [expected, found].map(bytemuck::bytes_of);
     first_difference_in(M::FIELDS, expected, found)
 }
 
 /// The same of two messages whose layout alone is known.
-pub fn first_difference_in(fields: &[Field], expected: &[u8], found: &[u8]) -> Option<Difference> {
+pub(super) fn first_difference_in(
+    fields: &[Field],
+    expected: &[u8],
+    found: &[u8],
+) -> Option<Difference> {
     let [old, new] = [expected, found].map(|message| message.get(size_of::<Stamps>()..));
     if old == new {
         return None;
@@ -144,7 +148,7 @@ pub fn first_difference_in(fields: &[Field], expected: &[u8], found: &[u8]) -> O
 
 /// Differences between two series of messages, field by field.
 #[derive(Clone, Debug)]
-pub struct Differences<M> {
+pub(super) struct Differences<M> {
     elements: Vec<Element>,
     /// By the place of the field in the message.
     fields: BTreeMap<usize, FieldDifference>,
@@ -163,7 +167,7 @@ impl<M: Message> Default for Differences<M> {
 
 impl<M: Message> Differences<M> {
     /// Takes in a pair of messages of the same tick; stamps are not compared.
-    pub fn add(&mut self, expected: &M, found: &M) {
+    pub(super) fn add(&mut self, expected: &M, found: &M) {
         if expected.content() == found.content() {
             return;
         }
@@ -195,7 +199,7 @@ impl<M: Message> Differences<M> {
     }
 
     /// The fields that differ, in the order of the message.
-    pub fn fields(self) -> Vec<FieldDifference> {
+    pub(super) fn fields(self) -> Vec<FieldDifference> {
         self.fields.into_values().collect()
     }
 }

@@ -1,56 +1,82 @@
-//! Contents of a log: its run, topics and layouts.
+//! What a record holds: its run, a channel for each topic, and the files that describe the run.
 
 use std::fmt::Write as _;
 use std::mem::offset_of;
 
-use shared_types::job::Job;
-use shared_types::layout::MessageLayout;
+use mcap::Compression;
+use shared_types::job::{JOB, Job, Mode};
+use shared_types::layout::{MessageLayout, structure};
 use shared_types::topics::{self, Each, Topic};
 use shared_types::wire::{Field, Header};
-use shared_types::{SingularityState, TargetContent};
-use xxhash_rust::xxh3::xxh3_64_with_seed;
 
-use crate::record::{CHANNEL, HEADER, MAGIC, SCHEMA, record, sized, text};
+/// A file that is attached to the record.
+#[derive(Clone, Debug)]
+pub(crate) struct Attached {
+    pub(crate) name: &'static str,
+    pub(crate) media_type: &'static str,
+    pub(crate) text: String,
+}
 
-/// The run and the topics of a log. A topic's channel is its place in the list.
+/// The run and the topics of a record. A topic's channel is its place in the list.
 #[derive(Clone, Debug)]
 pub struct Contents {
     run: u64,
     rate_hz: u32,
-    format: u64,
-    pub(crate) layouts: Vec<MessageLayout>,
+    layouts: Vec<MessageLayout>,
+    pub(crate) files: Vec<Attached>,
+    /// The arm, for the topic from which viewers of ROS draw it; may be empty.
+    pub(crate) urdf: String,
+    pub(crate) compression: Option<Compression>,
 }
 
 impl Contents {
     /// Contents for the run with this identity, at a tick rate.
     pub fn new(run: u64, rate_hz: u32, layouts: Vec<MessageLayout>) -> Self {
-        let format = layouts.iter().fold(0, |format, layout| {
-            xxh3_64_with_seed(layout.topic.as_bytes(), format) ^ layout.hash
-        });
         Self {
             run,
             rate_hz,
-            format,
             layouts,
+            files: Vec::new(),
+            urdf: String::new(),
+            compression: None,
         }
     }
 
-    /// Contents for a job's run: the topics that its graph writes, with the graph's own topics
-    /// last.
+    /// Contents for a job's run: the topics that its graph writes, with the graph's own topics last, and job, scenario and arm as files. In real time
+    /// chunks are compressed: there a tick leaves the time for it.
     pub fn of(job: &Job) -> Self {
         let known = known()
             .into_iter()
             .filter(|layout| job.graph.writer(&layout.topic).is_some());
-        Self::new(
-            job.id,
-            job.scenario.rate_hz,
-            known.chain(job.graph.own_messages()).collect(),
-        )
+        let attached = |name, media_type, text: &str| Attached {
+            name,
+            media_type,
+            text: text.to_owned(),
+        };
+        // Neither fails for a job that was itself read from a file.
+        let job_text = serde_json::to_string_pretty(job).unwrap_or_default();
+        let scenario = toml::to_string(&job.scenario).unwrap_or_default();
+        Self {
+            files: vec![
+                attached(JOB, "application/json", &job_text),
+                attached("scenario.toml", "application/toml", &scenario),
+                attached("robot.urdf", "application/xml", &job.robot.urdf),
+                attached("arm.toml", "application/toml", &job.robot.description),
+            ],
+            urdf: job.robot.urdf.clone(),
+            compression: (job.mode == Mode::Realtime).then_some(Compression::Lz4),
+            ..Self::new(
+                job.id,
+                job.scenario.rate_hz,
+                known.chain(job.graph.own_messages()).collect(),
+            )
+        }
     }
 
-    /// Contents with all topics that this program knows.
-    pub fn of_all(run: u64, rate_hz: u32) -> Self {
-        Self::new(run, rate_hz, known().into())
+    /// Contents with the topics that this program knows and that `is_in` chooses.
+    pub fn of_topics(run: u64, rate_hz: u32, is_in: impl Fn(&str) -> bool) -> Self {
+        let known = known().into_iter().filter(|layout| is_in(&layout.topic));
+        Self::new(run, rate_hz, known.collect())
     }
 
     /// The layouts of the messages, by channel.
@@ -63,9 +89,9 @@ impl Contents {
         self.layouts.iter().position(|layout| layout.topic == topic)
     }
 
-    /// Run and format, which every block must match.
-    pub(crate) fn identity(&self) -> [u64; 2] {
-        [self.format, self.run]
+    /// The run, as every channel of its record names it.
+    pub(crate) fn run(&self) -> String {
+        format!("{:016x}", self.run)
     }
 
     /// Time of a tick, from the run's begin; ns.
@@ -78,37 +104,6 @@ impl Contents {
     pub(crate) fn tick_at(&self, time_ns: u64) -> u64 {
         let ticks = u128::from(time_ns) * u128::from(self.rate_hz);
         u64::try_from((ticks + 500_000_000) / 1_000_000_000).unwrap_or(u64::MAX)
-    }
-
-    /// The bytes of a file before its first block.
-    pub(crate) fn head(&self) -> Vec<u8> {
-        let mut head = MAGIC.to_vec();
-        record(&mut head, HEADER, |out| {
-            text(out, "ros2");
-            text(out, "armplane");
-        });
-        self.channels(&mut head);
-        head
-    }
-
-    /// Appends the schema and the channel of each topic.
-    pub(crate) fn channels(&self, out: &mut Vec<u8>) {
-        for (id, layout) in (1_u16..).zip(&self.layouts) {
-            record(out, SCHEMA, |out| {
-                out.extend(id.to_le_bytes());
-                let [package, name] = ros_name(&layout.type_name);
-                text(out, &format!("{package}/msg/{name}"));
-                text(out, "ros2msg");
-                text(out, &schema(layout));
-            });
-            record(out, CHANNEL, |out| {
-                out.extend(id.to_le_bytes());
-                out.extend(id.to_le_bytes());
-                text(out, &format!("/{}", layout.topic));
-                text(out, "cdr");
-                sized(out, |_| ());
-            });
-        }
     }
 }
 
@@ -123,19 +118,12 @@ fn known() -> [MessageLayout; topics::COUNT] {
     topics::each(&mut Known)
 }
 
-/// The tick of a message.
+/// The tick of a message; 0 of one without a header.
 pub fn tick_of(message: &[u8]) -> u64 {
-    crate::record::u64_at(message, offset_of!(Header, tick))
-}
-
-/// The fields and the size of a structure inside messages; `None` of a number.
-pub(crate) fn structure(element: &str) -> Option<(&'static [Field], usize)> {
-    match element {
-        "Header" => Some((Header::LAYOUT, size_of::<Header>())),
-        "SingularityState" => Some((SingularityState::LAYOUT, size_of::<SingularityState>())),
-        "TargetContent" => Some((TargetContent::LAYOUT, size_of::<TargetContent>())),
-        _ => None,
-    }
+    let at = offset_of!(Header, tick);
+    let tick = message.get(at..at + size_of::<u64>());
+    tick.and_then(|tick| tick.try_into().ok())
+        .map_or(0, u64::from_le_bytes)
 }
 
 /// `armplane.Energy.v1` as ROS names it: package and message.
@@ -152,9 +140,9 @@ fn ros_name(type_name: &str) -> [String; 2] {
     [package, name]
 }
 
-/// The layout as a ROS 2 message definition, with those of its structures.
-fn schema(layout: &MessageLayout) -> String {
-    let [package, _] = ros_name(&layout.type_name);
+/// The name of a layout as a ROS 2 message, and its definition with those of its structures.
+pub(crate) fn schema(layout: &MessageLayout) -> (String, String) {
+    let [package, name] = ros_name(&layout.type_name);
     let (mut out, mut parts) = (String::new(), Vec::new());
     fields(&package, &layout.fields, &mut out, &mut parts);
     for part in parts {
@@ -162,7 +150,7 @@ fn schema(layout: &MessageLayout) -> String {
         let inside = structure(part).map_or(&[][..], |(inside, _)| inside);
         fields(&package, inside, &mut out, &mut Vec::new());
     }
-    out
+    (format!("{package}/msg/{name}"), out)
 }
 
 fn fields<'a>(package: &str, layout: &'a [Field], out: &mut String, parts: &mut Vec<&'a str>) {

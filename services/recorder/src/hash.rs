@@ -1,13 +1,12 @@
 //! The fingerprint of a topic: a hash over the reproducible bytes of all its messages in order.
 
-use serde::{Deserialize, Serialize};
 use shared_types::Message;
 use shared_types::summary::TopicSummary;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 /// XXH3-64 over [`Message::content`] of one message after the other, each seeded with the hash before: two numbers are its whole memory, so
 /// that whoever is started again can go on with it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TopicHash {
     digest: u64,
     count: u64,

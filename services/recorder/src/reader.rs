@@ -1,0 +1,522 @@
+//! Reads the record of a run: its messages in the order of the file, and every place that is not as it was written.
+
+use std::fs::File;
+use std::io;
+use std::ops::Range;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+use bytemuck::try_pod_read_unaligned;
+use mcap::records::{Channel, Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::{MAGIC, McapError, parse_record};
+use shared_types::Message;
+
+use crate::contents::{Contents, tick_of};
+use crate::error::RecordError;
+use crate::event::{CDR, Event};
+
+/// Bytes of an opcode and a length.
+const PREFIX: usize = 9;
+/// Bytes of the records that end a file.
+const DATA_END: u64 = PREFIX as u64 + 4;
+const FOOTER: u64 = PREFIX as u64 + 20;
+/// The records of MCAP.
+const RECORDS: std::ops::RangeInclusive<u8> = op::HEADER..=op::DATA_END;
+/// Bytes of a chunk record up to the name of its compression, and between that name and the messages.
+const CHUNK_HEAD: usize = PREFIX + 3 * 8 + 4;
+/// More bytes than a chunk has: messages have 4 MiB at most.
+const MOST_BYTES: u64 = 64 << 20;
+/// The end of a file in which the last messages of its topics are looked for; bytes.
+const TAIL: u64 = 8 << 20;
+
+/// A way in which a record is not as it was written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Defect {
+    /// Bytes have changed.
+    Damaged,
+    /// Chunks are not there.
+    Missing,
+    /// A chunk holds messages that have come before; they are passed over.
+    Repeated,
+}
+
+/// A place of a record that is not as it was written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Flaw {
+    /// The kind.
+    pub defect: Defect,
+    /// The first tick that it concerns, as far as the messages before it tell.
+    pub tick: u64,
+    /// Messages that are lost there, by channel, as far as those behind it tell.
+    pub lost: Vec<u64>,
+    /// Nothing has come since that would tell how much is lost.
+    pub(crate) is_open: bool,
+}
+
+impl Flaw {
+    pub(crate) fn at(tick: u64, lost: Vec<u64>) -> Self {
+        Self {
+            defect: Defect::Missing,
+            tick,
+            lost,
+            is_open: false,
+        }
+    }
+
+    /// Of how many ticks messages are lost.
+    pub fn ticks(&self) -> u64 {
+        self.lost.iter().copied().max().unwrap_or(0)
+    }
+}
+
+/// A part of a record.
+#[derive(Debug)]
+pub enum Item<'a> {
+    /// A message as it was sent, with the channel of its topic.
+    Message {
+        /// The channel.
+        channel: usize,
+        /// The message.
+        message: &'a [u8],
+    },
+    /// Words on the run.
+    Event(Event),
+}
+
+/// Reads a record, with the files in which a recorder that was replaced was followed by others. A torn end is the end; a damaged chunk is noted and passed
+/// over. After the end, of a run that goes on, more may come.
+pub struct RecordReader {
+    path: PathBuf,
+    contents: Contents,
+    file: File,
+    /// Number of the file, and the place in it.
+    part: u32,
+    at: u64,
+    chunk: Chunk,
+    /// The next message of the chunk.
+    next: usize,
+    /// What has come of each channel in this file, and the tick of the last message.
+    counts: Vec<u32>,
+    ticks: Vec<u64>,
+    flaws: Vec<Flaw>,
+    is_ended: bool,
+}
+
+/// The messages of a chunk.
+#[derive(Default)]
+struct Chunk {
+    bytes: Vec<u8>,
+    messages: Vec<Stored>,
+}
+
+/// A message of a chunk.
+struct Stored {
+    channel: usize,
+    number: u32,
+    time_ns: u64,
+    bytes: Range<usize>,
+}
+
+/// Why a chunk cannot be taken.
+enum Refusal {
+    Damaged,
+    OtherRun,
+    WireFormat,
+}
+
+impl From<McapError> for Refusal {
+    fn from(_: McapError) -> Self {
+        Self::Damaged
+    }
+}
+
+/// Name of a file of a run's record: the second and later ones are of recorders that replaced others.
+pub fn part(path: &Path, number: u32) -> PathBuf {
+    match number {
+        1 => path.to_owned(),
+        _ => path.with_file_name(format!("messages-{number}.mcap")),
+    }
+}
+
+impl RecordReader {
+    /// The record of a run.
+    ///
+    /// # Errors
+    /// When there is none, when it is of another run, or its messages are not this program's.
+    pub fn open(path: &Path, contents: &Contents) -> Result<Self, RecordError> {
+        let mut reader = Self::on(path, contents)?;
+        let cannot = RecordError::file("read", path);
+        let magic = reader.read(0, MAGIC.len() as u64).map_err(&cannot)?;
+        reader.at = MAGIC.len() as u64;
+        if !MAGIC.starts_with(&magic) {
+            reader.note(Defect::Damaged);
+            let chunk = reader.find_chunk(0).map_err(&cannot)?;
+            reader.at = chunk.ok_or_else(|| {
+                RecordError::damaged(path, &"its first bytes are not those of such a file")
+            })?;
+        }
+        // The first chunk says whose it is.
+        match reader.take_chunk(true).map_err(cannot)? {
+            Err(Refusal::OtherRun) => Err(RecordError::OtherRun {
+                path: path.to_owned(),
+            }),
+            Err(Refusal::WireFormat) => Err(RecordError::WireFormat {
+                path: path.to_owned(),
+            }),
+            Ok(false) if !reader.is_ended => Err(RecordError::Unbegun {
+                path: path.to_owned(),
+            }),
+            _ => Ok(reader),
+        }
+    }
+
+    fn on(path: &Path, contents: &Contents) -> Result<Self, RecordError> {
+        let file = files::open(path).map_err(|error| match error.kind() {
+            io::ErrorKind::InvalidInput | io::ErrorKind::IsADirectory => {
+                RecordError::damaged(path, &error)
+            }
+            _ => RecordError::file("read", path)(error),
+        })?;
+        let topics = contents.layouts().len();
+        Ok(Self {
+            path: path.to_owned(),
+            contents: contents.clone(),
+            file,
+            part: 1,
+            at: 0,
+            chunk: Chunk::default(),
+            next: 0,
+            counts: vec![0; topics],
+            ticks: vec![0; topics],
+            flaws: Vec::new(),
+            is_ended: false,
+        })
+    }
+
+    /// The last messages of a file of a record, by channel, as far as its end has them.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub(crate) fn last_messages(
+        path: &Path,
+        contents: &Contents,
+    ) -> Result<Vec<Option<Vec<u8>>>, RecordError> {
+        let cannot = RecordError::file("read", path);
+        let mut reader = Self::on(path, contents)?;
+        let mut last = vec![None; contents.layouts().len()];
+        let from = reader.length().map_err(&cannot)?.saturating_sub(TAIL);
+        let Some(at) = reader.find_chunk(from).map_err(cannot)? else {
+            return Ok(last);
+        };
+        reader.at = at;
+        // It may stand in the middle of a topic.
+        reader.counts.fill(u32::MAX / 2);
+        while let Some(item) = reader.next_item() {
+            if let Item::Message { channel, message } = item {
+                last[channel] = Some(message.to_vec());
+            }
+        }
+        Ok(last)
+    }
+
+    /// The next part; `None` at the end.
+    pub fn next_item(&mut self) -> Option<Item<'_>> {
+        while self.next == self.chunk.messages.len() {
+            let taken = self.take_chunk(false).unwrap_or_else(|error| {
+                runtime::complain(&RecordError::file("read", &self.path)(error));
+                self.note(Defect::Damaged);
+                Ok(false)
+            });
+            if !matches!(taken, Ok(true)) && !self.open_next() {
+                return None;
+            }
+        }
+        let stored = &self.chunk.messages[self.next];
+        self.next += 1;
+        let bytes = &self.chunk.bytes[stored.bytes.clone()];
+        Some(if stored.channel < self.counts.len() {
+            Item::Message {
+                channel: stored.channel,
+                message: bytes,
+            }
+        } else {
+            let tick = self.contents.tick_at(stored.time_ns);
+            Item::Event(Event::read(tick, bytes).unwrap_or_default())
+        })
+    }
+
+    /// The next message of a channel; `None` at the end.
+    pub fn next_of(&mut self, wanted: usize) -> Option<&[u8]> {
+        loop {
+            let (from, to) = match self.next_item()? {
+                Item::Message { channel, .. } if channel == wanted => {
+                    let bytes = &self.chunk.messages[self.next - 1].bytes;
+                    (bytes.start, bytes.end)
+                }
+                _ => continue,
+            };
+            return self.chunk.bytes.get(from..to);
+        }
+    }
+
+    /// Its messages of a type, in order; none of a topic that the run does not have.
+    pub fn messages<M: Message>(mut self) -> impl Iterator<Item = M> {
+        let channel = self.contents.channel(M::TOPIC).unwrap_or(usize::MAX);
+        std::iter::from_fn(move || try_pod_read_unaligned(self.next_of(channel)?).ok())
+    }
+
+    /// The places that are not as they were written, as far as it has been read.
+    pub fn flaws(&self) -> &[Flaw] {
+        &self.flaws
+    }
+
+    /// Whether its writer has ended it: it lacks nothing of what that was given.
+    pub fn is_ended(&self) -> bool {
+        self.is_ended
+    }
+
+    /// Whether the file in hand has the summary by which other programs find messages in it.
+    pub(crate) fn has_summary(&self) -> bool {
+        let end = MAGIC.len() as u64;
+        let read = self.length().and_then(|length| {
+            let at = length.saturating_sub(end).max(end);
+            self.read(at, end)
+        });
+        read.is_ok_and(|bytes| bytes == MAGIC)
+    }
+
+    /// Number of the file in hand, from 1.
+    pub fn part(&self) -> u32 {
+        self.part
+    }
+
+    /// Goes on with the next file, if a replacement of the recorder has made one.
+    fn open_next(&mut self) -> bool {
+        let Ok(file) = files::open(&part(&self.path, self.part + 1)) else {
+            return false;
+        };
+        (self.file, self.part, self.at) = (file, self.part + 1, MAGIC.len() as u64);
+        (self.chunk, self.next, self.is_ended) = (Chunk::default(), 0, false);
+        self.counts.fill(0);
+        true
+    }
+
+    fn length(&self) -> io::Result<u64> {
+        Ok(self.file.metadata()?.len())
+    }
+
+    /// The bytes at a place, as far as the file goes.
+    fn read(&self, at: u64, length: u64) -> io::Result<Vec<u8>> {
+        let length = length.min(self.length()?.saturating_sub(at)) as usize;
+        let (mut bytes, mut n) = (vec![0; length], 0);
+        while n < length {
+            match self.file.read_at(&mut bytes[n..], at + n as u64) {
+                Ok(0) => break,
+                Ok(more) => n += more,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(error),
+            }
+        }
+        bytes.truncate(n);
+        Ok(bytes)
+    }
+
+    /// The opcode and the whole length of the record at a place; `None` if there is no such record.
+    fn record_at(&self, at: u64) -> io::Result<Option<(u8, u64)>> {
+        let head = self.read(at, PREFIX as u64)?;
+        let Some((op, length)) = head.split_first_chunk::<1>() else {
+            return Ok(None);
+        };
+        let length = length.try_into().map_or(u64::MAX, u64::from_le_bytes);
+        let left = self.length()?.saturating_sub(at);
+        let is_whole = length < MOST_BYTES && PREFIX as u64 + length <= left;
+        Ok(is_whole.then_some((op[0], PREFIX as u64 + length)))
+    }
+
+    /// Takes in the next chunk; `false` at the end. One that is refused is noted and passed over, but for the first of all, which says whose it is.
+    fn take_chunk(&mut self, is_first: bool) -> io::Result<Result<bool, Refusal>> {
+        // Where the last chunk ended: a wrong length leads away from the next one.
+        let behind = self.at;
+        loop {
+            match self.record_at(self.at)? {
+                Some((op::DATA_END, DATA_END) | (op::FOOTER, FOOTER)) => {
+                    self.is_ended = true;
+                    return Ok(Ok(false));
+                }
+                Some((op::CHUNK, length)) => {
+                    let record = self.read(self.at, length)?;
+                    match self.decode(&record) {
+                        Ok(chunk) => {
+                            self.at += length;
+                            self.admit(chunk);
+                            return Ok(Ok(true));
+                        }
+                        Err(refused) if is_first && !matches!(refused, Refusal::Damaged) => {
+                            return Ok(Err(refused));
+                        }
+                        Err(_) => self.note(Defect::Damaged),
+                    };
+                    // Its length may be wrong, too.
+                    self.at = self.find_chunk(self.at + 1)?.unwrap_or(self.at + length);
+                }
+                Some((op, length)) if RECORDS.contains(&op) => self.at += length,
+                _ => match self.find_chunk(behind + 1)? {
+                    Some(chunk) => {
+                        self.note(Defect::Damaged);
+                        self.at = chunk;
+                    }
+                    None => return Ok(Ok(false)),
+                },
+            }
+        }
+    }
+
+    /// The first chunk from a place on that is as it was written.
+    fn find_chunk(&self, from: u64) -> io::Result<Option<u64>> {
+        const WINDOW: u64 = 1 << 16;
+        let (mut begin, end) = (from, self.length()?);
+        while begin < end {
+            let window = self.read(begin, WINDOW + CHUNK_HEAD as u64 + 4)?;
+            for (at, head) in (begin..begin + WINDOW).zip(window.windows(CHUNK_HEAD + 4)) {
+                // Its compression is none, or has a short name.
+                let is_likely = head[0] == op::CHUNK && head[CHUNK_HEAD + 1..] == [0; 3];
+                if is_likely
+                    && let Some((_, length)) = self.record_at(at)?
+                    && self.decode(&self.read(at, length)?).is_ok()
+                {
+                    return Ok(Some(at));
+                }
+            }
+            begin += WINDOW;
+        }
+        Ok(None)
+    }
+
+    /// The messages of a chunk's record, if its checksum is right and all of them are the run's.
+    fn decode(&self, record: &[u8]) -> Result<Chunk, Refusal> {
+        let options = LinearReaderOptions::default()
+            .with_skip_start_magic(true)
+            .with_skip_end_magic(true)
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(MOST_BYTES as usize);
+        // Without a checksum, which every writer of ours sets, zeros would be an empty chunk.
+        if record
+            .get(CHUNK_HEAD - 4..CHUNK_HEAD)
+            .is_none_or(|sum| sum == [0; 4])
+        {
+            return Err(Refusal::Damaged);
+        }
+        let (mut reader, mut chunk) = (LinearReader::new_with_options(options), Chunk::default());
+        reader.insert(record.len()).copy_from_slice(record);
+        reader.notify_read(record.len());
+        while let Some(event) = reader.next_event() {
+            match event? {
+                LinearReadEvent::ReadRequest(_) => reader.notify_read(0),
+                LinearReadEvent::Record { opcode, data } => match parse_record(opcode, data)? {
+                    Record::Message { header, data } => {
+                        let channel = usize::from(header.channel_id).wrapping_sub(1);
+                        self.add(
+                            &mut chunk,
+                            channel,
+                            (header.sequence, header.log_time),
+                            &data,
+                        )?;
+                    }
+                    Record::Channel(channel) => self.check(&channel)?,
+                    _ => {}
+                },
+            }
+        }
+        Ok(chunk)
+    }
+
+    fn add(
+        &self,
+        chunk: &mut Chunk,
+        channel: usize,
+        (number, time_ns): (u32, u64),
+        data: &[u8],
+    ) -> Result<(), Refusal> {
+        let (layouts, begin) = (self.contents.layouts(), chunk.bytes.len());
+        let message = match layouts.get(channel) {
+            Some(layout) => data
+                .strip_prefix(&CDR)
+                .filter(|message| message.len() == layout.bytes)
+                .ok_or(Refusal::Damaged)?,
+            None if channel == layouts.len() => data,
+            None => return Ok(()),
+        };
+        chunk.bytes.extend_from_slice(message);
+        chunk.messages.push(Stored {
+            channel,
+            number,
+            time_ns,
+            bytes: begin..chunk.bytes.len(),
+        });
+        Ok(())
+    }
+
+    /// Whether a channel is one of the run.
+    fn check(&self, channel: &Channel) -> Result<(), Refusal> {
+        if channel.metadata.get("run") != Some(&self.contents.run()) {
+            return Err(Refusal::OtherRun);
+        }
+        let place = usize::from(channel.id).wrapping_sub(1);
+        let is_like = self.contents.layouts().get(place).is_none_or(|layout| {
+            channel.topic.strip_prefix('/') == Some(&layout.topic)
+                && channel.metadata.get("layout") == Some(&format!("{:016x}", layout.hash))
+        });
+        is_like.then_some(()).ok_or(Refusal::WireFormat)
+    }
+
+    /// Takes in the messages of a chunk but for those that have come before, and counts those that are missing before it.
+    fn admit(&mut self, mut chunk: Chunk) {
+        let mut lost = vec![0; self.counts.len()];
+        let (mut first_lost, mut first_again) = (u64::MAX, None);
+        let from_anywhere = u32::MAX / 2;
+        chunk.messages.retain(|message| {
+            let Some(count) = self.counts.get_mut(message.channel) else {
+                return true;
+            };
+            let bytes = &chunk.bytes[message.bytes.clone()];
+            let ahead = message.number.wrapping_sub(*count) as i32;
+            if *count == from_anywhere {
+                *count = message.number;
+            } else if ahead < 0 {
+                first_again.get_or_insert(tick_of(bytes));
+                return false;
+            } else if ahead > 0 {
+                lost[message.channel] += ahead as u64;
+                let had = message.number > ahead as u32;
+                let next = self.ticks[message.channel] + u64::from(had);
+                first_lost = first_lost.min(next);
+            }
+            *count = message.number.wrapping_add(1);
+            self.ticks[message.channel] = tick_of(bytes);
+            true
+        });
+        (self.chunk, self.next) = (chunk, 0);
+        if first_lost < u64::MAX {
+            let flaw = match self.flaws.last_mut() {
+                Some(open) if open.is_open => open,
+                _ => self.note(Defect::Missing),
+            };
+            (flaw.tick, flaw.lost) = (first_lost, lost);
+        }
+        if let Some(tick) = first_again {
+            self.note(Defect::Repeated).tick = tick;
+        }
+        self.flaws.iter_mut().for_each(|flaw| flaw.is_open = false);
+    }
+
+    fn note(&mut self, defect: Defect) -> &mut Flaw {
+        let next = self.ticks.iter().zip(&self.counts);
+        let next = next.map(|(tick, count)| tick + u64::from(*count > 0)).max();
+        self.flaws.push_mut(Flaw {
+            defect,
+            is_open: true,
+            ..Flaw::at(next.unwrap_or_default(), vec![0; self.counts.len()])
+        })
+    }
+}

@@ -1,0 +1,418 @@
+//! Tests of whole, torn, damaged, mixed and joined records, and of the ticks that are made of them.
+
+use std::path::{Path, PathBuf};
+
+use bytemuck::bytes_of;
+use shared_types::layout::MessageLayout;
+use shared_types::{PlantState, SensorSample, Target};
+use tempfile::TempDir;
+
+use super::*;
+
+const SENSOR: usize = 0;
+const STATE: usize = 1;
+
+fn contents_of(run: u64) -> Contents {
+    let layouts = vec![
+        MessageLayout::of::<SensorSample>(),
+        MessageLayout::of::<PlantState>(),
+    ];
+    Contents::new(run, 1000, layouts)
+}
+
+fn contents() -> Contents {
+    contents_of(7)
+}
+
+/// A place for a record, and the folder that it is in.
+fn place() -> (TempDir, PathBuf) {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join(MESSAGES);
+    (folder, path)
+}
+
+fn sample(tick: u64) -> SensorSample {
+    let mut message = SensorSample::default();
+    message.header.tick = tick;
+    message.header.stamps.sent_ns[0] = 1_000_000 * tick + tick % 7;
+    message.q_encoder[2] = (0.1 * tick as f64).sin();
+    message.tau_drive[5] = f64::from_bits(0x7ff8_0000_0000_1234);
+    message
+}
+
+fn state(tick: u64) -> PlantState {
+    let mut message = PlantState::default();
+    message.header.tick = tick;
+    message
+}
+
+fn event(tick: u64) -> Event {
+    Event {
+        tick,
+        text: format!("tick {tick}"),
+        ..Event::default()
+    }
+}
+
+/// One sample of each tick, a state of every second one, and an event of every tenth.
+fn add(record: &mut RecordWriter, ticks: std::ops::Range<u64>) {
+    for tick in ticks {
+        record.append(SENSOR, bytes_of(&sample(tick))).unwrap();
+        if tick.is_multiple_of(2) {
+            record.append(STATE, bytes_of(&state(tick))).unwrap();
+        }
+        if tick.is_multiple_of(10) {
+            record.event(&event(tick)).unwrap();
+        }
+    }
+}
+
+/// A record of chunks that end at these ticks, as bytes, and where each chunk begins and ends.
+fn written(path: &Path, contents: &Contents, ends: &[u64]) -> (Vec<u8>, Vec<usize>) {
+    let mut record = RecordWriter::create(path, contents).unwrap();
+    let (mut begin, mut places) = (0, vec![record.bytes() as usize]);
+    for end in ends {
+        add(&mut record, begin..*end);
+        record.close_chunk().unwrap();
+        begin = *end;
+        places.push(record.bytes() as usize);
+    }
+    record.finish().unwrap();
+    (std::fs::read(path).unwrap(), places)
+}
+
+/// Ticks of the samples, and the flaws: the kind, and the lost samples.
+fn read(path: &Path) -> (Vec<u64>, Vec<(Defect, u64)>) {
+    let mut record = RecordReader::open(path, &contents()).unwrap();
+    let mut ticks = Vec::new();
+    while let Some(message) = record.next_of(SENSOR) {
+        let tick = tick_of(message);
+        assert_eq!(message, bytes_of(&sample(tick)));
+        ticks.push(tick);
+    }
+    let flaws = record.flaws().iter();
+    let flaws = flaws.map(|flaw| (flaw.defect, flaw.lost[SENSOR]));
+    (ticks, flaws.collect())
+}
+
+#[test]
+fn messages_and_events_come_back_and_other_readers_find_them() {
+    for compression in [None, Some(mcap::Compression::Lz4)] {
+        let (_folder, path) = place();
+        let mut contents = contents();
+        contents.compression = compression;
+        let n = 3000;
+        let mut record = RecordWriter::create(&path, &contents).unwrap();
+        add(&mut record, 0..n);
+        let bytes = record.finish().unwrap();
+        assert_eq!(bytes, std::fs::metadata(&path).unwrap().len());
+        let (ticks, flaws) = read(&path);
+        assert!(ticks == (0..n).collect::<Vec<_>>() && flaws.is_empty());
+        let mut record = RecordReader::open(&path, &contents).unwrap();
+        let mut next = 0;
+        while let Some(item) = record.next_item() {
+            if let Item::Event(found) = item {
+                assert_eq!(found, event(next));
+                next += 10;
+            }
+        }
+        assert!(next == n && record.is_ended() && record.has_summary());
+        let targets = RecordReader::open(&path, &contents).unwrap();
+        assert_eq!(targets.messages::<Target>().count(), 0);
+
+        let file = std::fs::read(&path).unwrap();
+        let summary = ::mcap::Summary::read(&file).unwrap().unwrap();
+        assert!(summary.chunk_indexes.len() > 3);
+        let stats = summary.stats.clone().unwrap();
+        assert_eq!(
+            (
+                stats.channel_message_counts[&1],
+                stats.channel_message_counts[&2]
+            ),
+            (n, n / 2)
+        );
+        let indexed: usize = summary
+            .chunk_indexes
+            .iter()
+            .flat_map(|chunk| summary.read_message_indexes(&file, chunk).unwrap())
+            .map(|(_, entries)| entries.len())
+            .sum();
+        assert_eq!(indexed as u64, stats.message_count);
+        let samples = ::mcap::MessageStream::new(&file).unwrap();
+        let samples = samples
+            .map(Result::unwrap)
+            .filter(|one| one.channel.topic == "/sensor");
+        for (sequence, message) in (0..).zip(samples) {
+            assert_eq!(
+                (u64::from(message.sequence), message.log_time),
+                (sequence, sequence * 1_000_000)
+            );
+            assert_eq!(message.data[..4], [0, 1, 0, 0]);
+            assert_eq!(message.data[4..], *bytes_of(&sample(sequence)));
+        }
+    }
+}
+
+#[test]
+fn a_schema_has_the_fields_of_the_message_in_their_order() {
+    let (_folder, path) = place();
+    written(&path, &contents(), &[1]);
+    let file = std::fs::read(&path).unwrap();
+    let summary = ::mcap::Summary::read(&file).unwrap().unwrap();
+    let schema = |topic: &str| {
+        let channel = summary.channels.values().find(|one| one.topic == topic);
+        let schema = channel.unwrap().schema.clone().unwrap();
+        let text = String::from_utf8_lossy(&schema.data).into_owned();
+        (schema.name.clone(), text)
+    };
+    let (name, text) = schema("/sensor");
+    assert_eq!(name, "armplane/msg/SensorSample");
+    let places = [
+        "armplane/Header header",
+        "float64[8] q_encoder",
+        "MSG: armplane/Header",
+        "uint64[8] received_ns",
+        "uint32 incarnation",
+    ]
+    .map(|part| text.find(part).unwrap_or_else(|| panic!("{part}: {text}")));
+    assert!(places.is_sorted(), "{places:?}");
+    assert_eq!(schema("/events").0, "rcl_interfaces/msg/Log");
+    assert_eq!(schema("/robot_description").0, "std_msgs/msg/String");
+}
+
+#[test]
+fn a_torn_end_is_the_end_and_a_record_goes_on_from_any_counts() {
+    let (_folder, path) = place();
+    let (whole, places) = written(&path, &contents(), &[100, 200]);
+    for torn in (places[1]..whole.len()).step_by(97) {
+        std::fs::write(&path, &whole[..torn]).unwrap();
+        let n = if torn < places[2] { 100 } else { 200 };
+        // Within the indices behind a chunk its messages are there.
+        let (ticks, flaws) = read(&path);
+        assert!(
+            ticks.len() as u64 >= n && flaws.is_empty(),
+            "{torn} of {places:?}: {} {flaws:?}",
+            ticks.len()
+        );
+    }
+    for (n, m) in [(0, 0), (57, 20), (100, 50), (130, 65)] {
+        std::fs::write(&path, &whole).unwrap();
+        let mut shown = 0;
+        let begun = RecordWriter::go_on(&path, &contents(), &[n, m], n, |_, _| shown += 1);
+        let mut record = begun.unwrap();
+        assert_eq!(shown, n + m);
+        add(&mut record, n..200);
+        record.finish().unwrap();
+        assert_eq!(read(&path), ((0..200).collect(), vec![]));
+    }
+    let more = RecordWriter::go_on(&path, &contents(), &[300, 0], 0, |_, _| ());
+    assert!(matches!(more, Err(RecordError::Damaged { .. })));
+    let other = RecordWriter::go_on(&path, &contents_of(8), &[1, 1], 0, |_, _| ());
+    assert!(matches!(other, Err(RecordError::OtherRun { .. })));
+    assert_eq!(read(&path).0.len(), 200);
+    assert_eq!(
+        std::fs::read_dir(path.parent().unwrap()).unwrap().count(),
+        1
+    );
+}
+
+#[test]
+fn files_that_are_not_the_runs_are_refused() {
+    let (_folder, path) = place();
+    let error = || RecordReader::open(&path, &contents()).err().unwrap();
+    assert!(error().is_absent());
+    for bytes in [b"other bytes".to_vec(), vec![7; 100_000]] {
+        std::fs::write(&path, bytes).unwrap();
+        assert!(matches!(error(), RecordError::Damaged { .. }));
+    }
+    written(&path, &contents_of(8), &[10]);
+    assert!(matches!(error(), RecordError::OtherRun { .. }));
+    let other = vec![
+        MessageLayout::of::<SensorSample>(),
+        MessageLayout::of::<Target>(),
+    ];
+    let writer = RecordWriter::create(&path, &Contents::new(7, 1000, other)).unwrap();
+    writer.finish().unwrap();
+    assert!(matches!(error(), RecordError::WireFormat { .. }));
+    for torn in [&[][..], &::mcap::MAGIC[..3]] {
+        std::fs::write(&path, torn).unwrap();
+        assert!(error().is_absent(), "killed before the first message");
+    }
+}
+
+#[test]
+fn a_bit_that_is_flipped_makes_no_message_wrong_and_costs_only_those_of_its_chunk() {
+    let (_folder, path) = place();
+    let ends = [0, 10, 24, 40_u64];
+    let (whole, places) = written(&path, &contents(), &ends[1..]);
+    for (at, bit) in (0..whole.len()).step_by(17).map(|at| (at, 1 << (at % 8))) {
+        let mut damaged = whole.clone();
+        damaged[at] ^= bit;
+        std::fs::write(&path, &damaged).unwrap();
+        let (ticks, flaws) = read(&path);
+        let chunk = places.iter().take_while(|begin| **begin <= at).count();
+        let of_chunk = match (1..ends.len()).contains(&chunk) {
+            true => ends[chunk - 1]..ends[chunk],
+            false => 0..0,
+        };
+        let lost: Vec<u64> = (0..40).filter(|tick| !ticks.contains(tick)).collect();
+        assert!(
+            lost.is_empty() || lost == of_chunk.clone().collect::<Vec<_>>(),
+            "byte {at} of chunk {chunk}: {lost:?}"
+        );
+        let told: u64 = flaws.iter().map(|(_, lost)| lost).sum();
+        // Of the last chunk only the run's summary knows.
+        let is_last = of_chunk.end == 40;
+        assert!(told == lost.len() as u64 || is_last, "byte {at}: {flaws:?}");
+    }
+    let (before, behind) = whole.split_at(places[1]);
+    std::fs::write(&path, [before, &[7; 5000], behind].concat()).unwrap();
+    assert_eq!(read(&path), ((0..40).collect(), vec![(Defect::Damaged, 0)]));
+}
+
+#[test]
+fn chunks_that_are_missing_repeated_exchanged_or_foreign_are_named_and_passed_over() {
+    use Defect::{Damaged, Missing, Repeated};
+    let (_folder, path) = place();
+    let ends = [10, 24, 40, 50_u64];
+    let (theirs, _) = written(&path, &contents_of(8), &ends);
+    let (whole, places) = written(&path, &contents(), &ends);
+    let tail = &whole[places[4]..];
+    type Case<'a> = (&'a [usize], std::ops::Range<u64>, &'a [(Defect, u64)]);
+    let cases: [Case; 8] = [
+        (&[0, 1, 2, 3], 0..0, &[]),
+        (&[0, 2, 3], 10..24, &[(Missing, 14)]),
+        (&[1, 2, 3], 0..10, &[(Missing, 10)]),
+        (&[3], 0..40, &[(Missing, 40)]),
+        (&[0, 1, 1, 2, 3], 0..0, &[(Repeated, 0)]),
+        (&[0, 1, 2, 3, 0], 0..0, &[(Repeated, 0)]),
+        (&[0, 2, 1, 3], 10..24, &[(Missing, 14), (Repeated, 0)]),
+        (
+            &[3, 0, 1, 2],
+            0..40,
+            &[(Missing, 40), (Repeated, 0), (Repeated, 0), (Repeated, 0)],
+        ),
+    ];
+    for (chunks, lost, flaws) in cases {
+        let of = |chunk: &usize| &whole[places[*chunk]..places[chunk + 1]];
+        let chunks_bytes: Vec<u8> = chunks.iter().flat_map(of).copied().collect();
+        std::fs::write(&path, [&whole[..places[0]], &chunks_bytes, tail].concat()).unwrap();
+        let left: Vec<u64> = (0..50).filter(|tick| !lost.contains(tick)).collect();
+        assert_eq!(read(&path), (left, flaws.to_vec()), "{chunks:?}");
+    }
+    // The beginning of another run's, amid ours.
+    let foreign = &theirs[..places[1]];
+    std::fs::write(
+        &path,
+        [&whole[..places[2]], foreign, &whole[places[2]..]].concat(),
+    )
+    .unwrap();
+    let (ticks, flaws) = read(&path);
+    assert!(
+        ticks.len() == 50 && flaws.contains(&(Damaged, 0)),
+        "{flaws:?}"
+    );
+}
+
+#[test]
+fn the_files_of_recorders_that_were_replaced_are_one_record() {
+    let (_folder, path) = place();
+    written(&path, &contents(), &[40]);
+    let file = std::fs::read(&path).unwrap();
+    std::fs::write(&path, &file[..file.len() - 30]).unwrap();
+    let last = RecordReader::last_messages(&path, &contents()).unwrap();
+    let ticks = last.iter().map(|last| last.as_deref().map(tick_of));
+    assert_eq!(ticks.collect::<Vec<_>>(), [Some(39), Some(38)]);
+    for (number, ticks) in [(2, 43..60), (3, 60..70)] {
+        let mut record = RecordWriter::create(&part(&path, number), &contents()).unwrap();
+        add(&mut record, ticks);
+        record.finish().unwrap();
+    }
+    assert_eq!(read(&path), ((0..40).chain(43..70).collect(), vec![]));
+    remove_parts(&path);
+    assert_eq!(read(&path).0.len(), 40);
+}
+
+#[test]
+fn errors_beyond_all_numbers_do_not_cost_the_account() {
+    let mut summary = Summary {
+        ticks: 7,
+        ..Summary::default()
+    };
+    (
+        summary.task.position_rms_mm,
+        summary.task.final_orientation_deg,
+    ) = (f64::INFINITY, f64::NAN);
+    summary.joints.q_end = vec![0.5, f64::NEG_INFINITY];
+    let read: Summary = serde_json::from_slice(&super::written(&summary).unwrap()).unwrap();
+    assert_eq!(
+        (
+            read.ticks,
+            read.task.position_rms_mm,
+            read.task.final_orientation_deg
+        ),
+        (7, f64::MAX, f64::MAX)
+    );
+    assert_eq!(read.joints.q_end, [0.5, f64::MAX]);
+    assert_eq!(
+        read.not_finite,
+        [
+            "joints.q_end.1",
+            "task.final_orientation_deg",
+            "task.position_rms_mm"
+        ]
+    );
+}
+
+/// The ticks that are given out now, or at the end, and which of them are whole.
+fn given(assembler: &mut Assembler, is_over: bool) -> Vec<(u64, bool)> {
+    let next = || match is_over {
+        true => assembler.rest(),
+        false => assembler.next_row(),
+    };
+    let rows = std::iter::from_fn(next);
+    let has_all =
+        |row: &Row| row.messages().sensor.is_some() && row.messages().plant_state.is_some();
+    rows.map(|row| (row.tick, has_all(&row))).collect()
+}
+
+#[test]
+fn ticks_come_whole_and_in_order_and_a_topic_that_is_ahead_is_waited_for() {
+    let mut assembler = Assembler::new(&contents());
+    (0..1024).for_each(|tick| assembler.take(SENSOR, bytes_of(&sample(tick))));
+    assert!(given(&mut assembler, false).is_empty());
+    (0..1024).for_each(|tick| assembler.take(STATE, bytes_of(&state(tick))));
+    let all: Vec<_> = (0..1024).map(|tick| (tick, true)).collect();
+    assert_eq!(given(&mut assembler, false), all);
+    assembler.take(STATE, bytes_of(&state(3)));
+    assert!(given(&mut assembler, true).is_empty(), "given out already");
+    assert_eq!(assembler.accounts()[STATE].hash.count(), 1025);
+}
+
+#[test]
+fn missing_messages_cost_their_tick_alone() {
+    let mut assembler = Assembler::new(&contents());
+    // Of 3 to 5 nothing comes, and of 6 half; one has a tick from nowhere.
+    let whole = |tick: u64| tick < 3 || tick > 6;
+    let n = 6000;
+    for tick in (0..n).filter(|tick| whole(*tick) || *tick == 6) {
+        assembler.take(SENSOR, bytes_of(&sample(tick)));
+    }
+    assembler.take(SENSOR, bytes_of(&sample(1 << 40)));
+    for tick in (0..n).filter(|tick| whole(*tick)) {
+        assembler.take(STATE, bytes_of(&state(tick)));
+    }
+    let mut ticks = given(&mut assembler, false);
+    ticks.extend(given(&mut assembler, true));
+    let mut expected: Vec<_> = (0..n).map(|tick| (tick, whole(tick))).collect();
+    expected.push((1 << 40, false));
+    assert_eq!(ticks, expected);
+}
+
+#[test]
+fn a_tick_is_whole_without_the_topics_that_nobody_reads() {
+    let mut assembler = Assembler::new(&contents());
+    assembler.leave_out(STATE);
+    assembler.take(SENSOR, bytes_of(&sample(0)));
+    assert_eq!(given(&mut assembler, false), [(0, false)]);
+}

@@ -1,0 +1,406 @@
+//! The ticks of a run, made of its messages: those of a record, or those that come while it runs. Everything that is made of a run is made of these.
+
+use std::collections::VecDeque;
+use std::path::Path;
+
+use bytemuck::try_pod_read_unaligned;
+use shared_types::job::Job;
+use shared_types::summary::Summary;
+use shared_types::topics::{self, ByTopic, COUNT, Each, Received, TOPICS, Topic};
+use shared_types::wire::Stamps;
+
+use crate::MESSAGES;
+use crate::contents::{Contents, tick_of};
+use crate::error::RecordError;
+use crate::event::Event;
+use crate::hash::TopicHash;
+use crate::reader::{Defect, Flaw, Item, RecordReader};
+
+/// Ticks behind one that lacks messages, before it is given out without them: more than a round of the recorder takes in, so that a topic that is read
+/// first is not taken for one ahead of the others.
+const DEPTH: usize = 4096;
+
+/// Ticks that may be missing on end; a minute at 1 kHz.
+const HORIZON: u64 = 60_000;
+
+/// The messages of one tick.
+#[derive(Clone, Debug, Default)]
+pub struct Row {
+    /// The tick.
+    pub tick: u64,
+    messages: ByTopic<Received>,
+    /// Topics of which a message has come, one bit each.
+    come: u32,
+}
+
+const _: () = assert!(COUNT <= 32);
+
+impl Row {
+    fn empty(tick: u64) -> Self {
+        Self {
+            tick,
+            ..Self::default()
+        }
+    }
+
+    /// The messages that have come.
+    pub fn messages(&self) -> &ByTopic<Received> {
+        &self.messages
+    }
+
+    fn put<M: Topic>(&mut self, message: &M) {
+        *M::of_mut(&mut self.messages) = Some(*message);
+        self.come |= 1 << M::INDEX;
+    }
+}
+
+/// Puts a message into a row, from its bytes.
+type Put = fn(&mut Row, &[u8]);
+
+/// The way into a row for each topic, in the order of the list.
+fn puts() -> [Put; COUNT] {
+    struct Puts;
+    impl Each for Puts {
+        type Output = Put;
+        fn each<M: Topic>(&mut self) -> Put {
+            |row, bytes| {
+                if let Ok(message) = try_pod_read_unaligned::<M>(bytes) {
+                    row.put(&message);
+                }
+            }
+        }
+    }
+    topics::each(&mut Puts)
+}
+
+/// The messages of a topic so far.
+#[derive(Clone, Debug)]
+pub struct Account {
+    /// The topic.
+    pub topic: String,
+    /// Number and hash of its messages.
+    pub hash: TopicHash,
+    /// The tick behind the last message's.
+    next_tick: u64,
+    /// The way into a row; none of a topic that only the graph knows.
+    put: Option<Put>,
+    /// Whether the recorder takes it in.
+    is_read: bool,
+}
+
+impl Account {
+    pub(crate) fn is_read(&self) -> bool {
+        self.is_read
+    }
+}
+
+/// Makes ticks of messages: whole ones are given out at once, others when [`DEPTH`] ticks have begun behind them. Ticks of which nothing has come are given
+/// out empty; where there are more than [`HORIZON`] of them on end they are not, because the tick behind them may be a wrong one.
+#[derive(Debug)]
+pub struct Assembler {
+    accounts: Vec<Account>,
+    /// By tick. They are large: they stay where they are while their places in the queue change.
+    rows: VecDeque<Box<Row>>,
+    next: u64,
+    /// The topics of a whole tick.
+    expected: u32,
+}
+
+impl Assembler {
+    /// An assembler of the messages of these channels.
+    pub fn new(contents: &Contents) -> Self {
+        let (puts, mut expected) = (puts(), 0);
+        let accounts = contents.layouts().iter().map(|layout| {
+            let place = TOPICS.iter().position(|known| *known == layout.topic);
+            expected |= place.map_or(0, |place| 1 << place);
+            Account {
+                topic: layout.topic.clone(),
+                hash: TopicHash::default(),
+                next_tick: 0,
+                put: place.map(|place| puts[place]),
+                is_read: true,
+            }
+        });
+        Self {
+            accounts: accounts.collect(),
+            rows: VecDeque::new(),
+            next: 0,
+            expected,
+        }
+    }
+
+    /// Waits for no message of a channel that is not read.
+    pub(crate) fn leave_out(&mut self, channel: usize) {
+        let account = &mut self.accounts[channel];
+        account.is_read = false;
+        if let Some(place) = TOPICS.iter().position(|known| *known == account.topic) {
+            self.expected &= !(1 << place);
+        }
+    }
+
+    /// Takes in the next message of a channel.
+    pub fn take(&mut self, channel: usize, message: &[u8]) {
+        let account = &mut self.accounts[channel];
+        // The stamps at its beginning are not reproducible.
+        let content = message.get(size_of::<Stamps>()..).unwrap_or_default();
+        account.hash.add_content(content);
+        let tick = tick_of(message);
+        account.next_tick = tick.saturating_add(1);
+        if let Some(put) = account.put
+            && let Some(row) = self.row(tick)
+        {
+            put(row, message);
+        }
+    }
+
+    /// The row of a tick; `None` when it has been given out already.
+    fn row(&mut self, tick: u64) -> Option<&mut Row> {
+        if tick < self.next {
+            return None;
+        }
+        // Rows are of ticks on end, but for gaps.
+        let front = self.rows.front().map_or(tick, |row| row.tick);
+        let place = usize::try_from(tick.saturating_sub(front)).unwrap_or(usize::MAX);
+        let place = match self.rows.get(place) {
+            Some(row) if row.tick == tick => place,
+            _ => self.rows.partition_point(|row| row.tick < tick),
+        };
+        if self.rows.get(place).is_none_or(|row| row.tick != tick) {
+            self.rows.insert(place, Box::new(Row::empty(tick)));
+        }
+        self.rows.get_mut(place).map(Box::as_mut)
+    }
+
+    /// The next tick, if it is whole or not waited for any longer.
+    pub fn next_row(&mut self) -> Option<Box<Row>> {
+        let front = self.rows.front()?;
+        let is_whole = front.tick == self.next && front.come & self.expected == self.expected;
+        (is_whole || self.rows.len() > DEPTH).then(|| self.pop())?
+    }
+
+    /// The next tick of those that are left, when no message comes any more.
+    pub fn rest(&mut self) -> Option<Box<Row>> {
+        self.pop()
+    }
+
+    fn pop(&mut self) -> Option<Box<Row>> {
+        let gap = self.rows.front()?.tick - self.next;
+        let row = match gap == 0 || gap > HORIZON {
+            true => self.rows.pop_front()?,
+            false => Box::new(Row::empty(self.next)),
+        };
+        self.next = row.tick.saturating_add(1);
+        Some(row)
+    }
+
+    /// The next tick to be given out.
+    pub fn next_tick(&self) -> u64 {
+        self.next
+    }
+
+    /// Number and hash of the messages of each topic.
+    pub fn accounts(&self) -> &[Account] {
+        &self.accounts
+    }
+
+    /// The topics that are in no row.
+    pub fn foreign(&self) -> Vec<String> {
+        let foreign = self.accounts.iter().filter(|one| one.put.is_none());
+        foreign.map(|one| one.topic.clone()).collect()
+    }
+}
+
+/// The ticks of a record, in order: whatever there is of each.
+pub struct Ticks {
+    /// `None`: there is none that can be read.
+    record: Option<RecordReader>,
+    assembler: Assembler,
+    events: Vec<Event>,
+    /// Why there is none.
+    refused: Option<&'static str>,
+}
+
+const OTHER_RUN: &str = "is the record of another run";
+const DAMAGED: &str = "is damaged";
+const ABSENT: &str = "is missing or empty";
+
+impl Ticks {
+    /// The ticks of a job's run from a record.
+    ///
+    /// # Errors
+    /// [`RecordError`] if the record is not there, is of another run, or its messages are not this program's.
+    pub fn open(path: &Path, job: &Job) -> Result<Self, RecordError> {
+        let contents = Contents::of(job);
+        let record = RecordReader::open(path, &contents)?;
+        Ok(Self::new(Some(record), &contents, None))
+    }
+
+    /// The same where there may be no record yet, or one that is damaged or of another run: then there is no tick.
+    ///
+    /// # Errors
+    /// [`RecordError`] if the file cannot be read or its messages are not this program's.
+    pub fn open_left(path: &Path, job: &Job) -> Result<Self, RecordError> {
+        let contents = Contents::of(job);
+        let refused = match RecordReader::open(path, &contents) {
+            Ok(record) => return Ok(Self::new(Some(record), &contents, None)),
+            Err(error) if error.is_absent() => None,
+            Err(RecordError::OtherRun { .. }) => Some(OTHER_RUN),
+            Err(RecordError::Damaged { .. }) => Some(DAMAGED),
+            Err(error) => return Err(error),
+        };
+        Ok(Self::new(None, &contents, refused))
+    }
+
+    fn new(
+        record: Option<RecordReader>,
+        contents: &Contents,
+        refused: Option<&'static str>,
+    ) -> Self {
+        Self {
+            record,
+            assembler: Assembler::new(contents),
+            events: Vec::new(),
+            refused,
+        }
+    }
+
+    /// The next tick; `each` is shown every message that is read on the way to it.
+    pub fn next_with(&mut self, mut each: impl FnMut(usize, &[u8])) -> Option<Box<Row>> {
+        loop {
+            if let Some(row) = self.assembler.next_row() {
+                return Some(row);
+            }
+            match self.record.as_mut().and_then(RecordReader::next_item) {
+                Some(Item::Message { channel, message }) => {
+                    self.assembler.take(channel, message);
+                    each(channel, message);
+                }
+                Some(Item::Event(event)) => self.events.push(event),
+                None => return self.assembler.rest(),
+            }
+        }
+    }
+
+    /// The events that have been read since the last call; each has its tick.
+    pub fn events(&mut self) -> impl Iterator<Item = Event> {
+        self.events.drain(..)
+    }
+
+    /// The record, as far as it has been read.
+    pub fn record(&self) -> Option<&RecordReader> {
+        self.record.as_ref()
+    }
+
+    /// Its messages, as far as they have been read.
+    pub fn assembler(&self) -> &Assembler {
+        &self.assembler
+    }
+
+    /// The ways in which the record, read to its end, is not as it was written or does not hold what a run's summary counts, where there is one: a clause
+    /// for each. A topic that the summary does not name is left out of the comparison.
+    pub fn damage(mut self, summary: Option<&Summary>) -> Vec<String> {
+        while self.next_with(|_, _| ()).is_some() {}
+        let mut flaws = self.flaws();
+        let accounts = self.assembler.accounts();
+        let Some(summary) = summary else {
+            return clauses(&flaws);
+        };
+        let expected = |one: &Account| summary.topics.get(&one.topic);
+        let missing = accounts.iter().enumerate().map(|(channel, one)| {
+            let known = flaws.iter().fold(one.hash.count(), |known, (_, flaw)| {
+                known.saturating_add(flaw.lost[channel])
+            });
+            expected(one).map_or(0, |all| all.count.saturating_sub(known))
+        });
+        let lost: Vec<u64> = missing.collect();
+        let losing = accounts.iter().zip(&lost).filter(|(_, lost)| **lost > 0);
+        if let Some(tick) = losing.map(|(one, _)| one.next_tick).min() {
+            match flaws.iter_mut().find(|(_, flaw)| flaw.is_open) {
+                Some((_, open)) => (open.tick, open.lost, open.is_open) = (tick, lost, false),
+                None => flaws.push((
+                    match self.record {
+                        Some(_) => words(Defect::Missing),
+                        None => ABSENT,
+                    },
+                    Flaw::at(tick, lost),
+                )),
+            }
+        }
+        let mut clauses = clauses(&flaws);
+        if clauses.is_empty() {
+            let differs = |one: &&Account| {
+                expected(one).is_some_and(|expected| *expected != one.hash.summary())
+            };
+            clauses.extend(accounts.iter().filter(differs).map(|one| {
+                let topic = &one.topic;
+                format!("{MESSAGES} holds other messages of `{topic}` than the run has sent")
+            }));
+        }
+        clauses
+    }
+
+    /// The damage as far as the record has been read: a clause for each kind.
+    pub fn damage_so_far(&self) -> Vec<String> {
+        clauses(&self.flaws())
+    }
+
+    fn flaws(&self) -> Vec<(&'static str, Flaw)> {
+        let read = self.record.iter().flat_map(RecordReader::flaws);
+        let read = read.map(|flaw| (words(flaw.defect), flaw.clone()));
+        let refused = self.refused.map(|words| {
+            let none = vec![0; self.assembler.accounts().len()];
+            let mut flaw = Flaw::at(0, none);
+            flaw.is_open = true;
+            (words, flaw)
+        });
+        read.chain(refused).collect()
+    }
+}
+
+impl Iterator for Ticks {
+    type Item = Box<Row>;
+
+    fn next(&mut self) -> Option<Box<Row>> {
+        self.next_with(|_, _| ())
+    }
+}
+
+/// The words for a defect behind the name of the file.
+fn words(defect: Defect) -> &'static str {
+    match defect {
+        Defect::Damaged => DAMAGED,
+        Defect::Missing => "lacks chunks",
+        Defect::Repeated => "holds chunks twice or out of their order",
+    }
+}
+
+/// A clause for each kind of flaw.
+fn clauses(flaws: &[(&'static str, Flaw)]) -> Vec<String> {
+    let mut kinds: Vec<&str> = Vec::new();
+    for (words, _) in flaws {
+        if !kinds.contains(words) {
+            kinds.push(words);
+        }
+    }
+    let clause = |kind: &str| {
+        let alike = || flaws.iter().filter(|(words, _)| *words == kind);
+        let first = alike().map(|(_, flaw)| flaw.tick).min().unwrap_or(0);
+        let ticks = alike().fold(0, |ticks: u64, (_, flaw)| {
+            ticks.saturating_add(flaw.ticks())
+        });
+        let place = match alike().count() {
+            _ if [OTHER_RUN, ABSENT].contains(&kind) => String::new(),
+            1 => format!(" at tick {first}"),
+            places => format!(" in {places} places, first at tick {first}"),
+        };
+        let lost = match ticks {
+            0 if alike().any(|(_, flaw)| flaw.is_open) => {
+                "its messages from there on are lost".to_owned()
+            }
+            0 => "no message is lost".to_owned(),
+            ticks => format!("its messages of {ticks} ticks are lost"),
+        };
+        format!("{MESSAGES} {kind}{place}: {lost}")
+    };
+    kinds.into_iter().map(clause).collect()
+}
