@@ -9,7 +9,7 @@ use miette::{LabeledSpan, MietteDiagnostic, MietteHandlerOpts, NamedSource, Repo
 use serde_json::json;
 use session::Failure;
 
-use crate::out::{is_coloured, plain, show_painted, tell, tell_painted};
+use crate::out::{self, is_coloured, plain, show_painted, tell, tell_painted};
 
 /// Most characters of a sentence, or of a line of a file, that are printed: more can no longer be read.
 const LONGEST: usize = 4000;
@@ -69,11 +69,6 @@ pub(crate) fn report(failure: Failure, as_json: bool) -> ExitCode {
     ExitCode::from(code)
 }
 
-/// Whether the arguments ask for JSON, before they are parsed, or where they cannot be.
-pub(crate) fn wants_json() -> bool {
-    std::env::args_os().any(|argument| argument == "--json")
-}
-
 /// Whether codes that a terminal obeys are among the arguments of this process.
 pub(crate) fn has_codes() -> bool {
     let is_plain = |text: &OsStr| matches!(plain(&text.to_string_lossy()), Cow::Borrowed(_));
@@ -91,7 +86,7 @@ pub(crate) fn usage(error: &clap::Error) -> ExitCode {
     };
     if !error.use_stderr() {
         show_painted(&words(is_coloured(&stdout())));
-    } else if wants_json() {
+    } else if out::wants_json() {
         // JSON escapes the codes itself.
         let raw = if has_codes() {
             styled.ansi().to_string()

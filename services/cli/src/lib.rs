@@ -301,9 +301,8 @@ fn command() -> clap::Command {
 
 /// Parses the arguments of the process and executes the command; the exit code of the program.
 pub fn main() -> ExitCode {
-    launcher::with_room(work).unwrap_or_else(|error| {
-        failure::report(session::Failure::work(error), failure::wants_json())
-    })
+    launcher::with_room(work)
+        .unwrap_or_else(|error| failure::report(session::Failure::work(error), out::wants_json()))
 }
 
 fn work() -> ExitCode {
@@ -317,7 +316,7 @@ fn work() -> ExitCode {
         .and_then(|matches| Cli::from_arg_matches(&matches));
     let (json, supervises) = match &parsed {
         Ok(cli) => (cli.json, cli.supervises()),
-        Err(_) => (failure::wants_json(), false),
+        Err(_) => (out::wants_json(), false),
     };
     // A process of a run writes by itself: its launcher reads whatever it writes.
     let is_peer = |cli: &Cli| {

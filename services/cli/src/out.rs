@@ -536,9 +536,14 @@ fn words(line: &str) -> Box<dyn Iterator<Item = Word<'_>> + '_> {
     Box::new(ends.map(move |end| Word::from(&line[std::mem::replace(&mut begin, end)..end])))
 }
 
+/// Whether the arguments ask for JSON, before they are parsed, or where they cannot be.
+pub(crate) fn wants_json() -> bool {
+    std::env::args_os().any(|argument| argument == "--json")
+}
+
 /// A text for people in lines that fit their terminal, where they have one; a line goes on under the place where its text begins.
 fn wrapped<'a>(text: &'a str, to: &impl IsTerminal) -> Cow<'a, str> {
-    if !to.is_terminal() || crate::failure::wants_json() {
+    if !to.is_terminal() || wants_json() {
         return Cow::Borrowed(text);
     }
     let columns = columns();

@@ -82,6 +82,11 @@ impl<const N: usize> State<N> {
             unexplained: Unexplained::none(),
         }
     }
+
+    /// Whether an arm can move so.
+    fn is_an_arms(&self) -> bool {
+        self.qdot.iter().all(|x| x.abs() <= ABSURD) && self.unexplained.is_finite()
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -224,14 +229,10 @@ impl<const N: usize> Cycle<N> {
         };
         let terms = last.at(&self.model, &state.q, &state.qdot);
         let d = state.unexplained.explained();
-        let mut tau_disturbance = SVector::zeros();
-        if d.amax() != 0.0 {
-            tau_disturbance = terms.A * d;
-        }
+        let found = (d.amax() != 0.0).then(|| terms.A * d);
+        let mut tau_disturbance = found.unwrap_or_else(SVector::zeros);
         let numbers = [&state.q, &innovation, &tau_disturbance];
-        let is_an_arms = state.qdot.iter().all(|x| x.abs() <= ABSURD)
-            && state.unexplained.is_finite()
-            && numbers.into_iter().flatten().all(|x| x.is_finite());
+        let is_an_arms = state.is_an_arms() && numbers.into_iter().flatten().all(|x| x.is_finite());
         if !is_an_arms {
             state = State {
                 samples: 1,
@@ -242,7 +243,6 @@ impl<const N: usize> Cycle<N> {
         known.0 = Some(state);
         *out = StateEstimate {
             header: Header {
-                stamps: sample.header.stamps,
                 tick,
                 ..Header::default()
             },

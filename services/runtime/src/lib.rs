@@ -41,6 +41,11 @@ mod wait;
 #[cfg(test)]
 mod tests;
 
+/// The page on a graph of one's own, whose program is compiled as a test.
+#[cfg(doctest)]
+#[doc = include_str!("../../../docs/graph.md")]
+struct GraphPage;
+
 pub use bus::collector::Collector;
 pub use bus::depth::{CHAIN_DEPTH, RECORDER_DEPTH};
 pub use bus::error::TopicError;

@@ -6,10 +6,21 @@ use toml::Value;
 use viz::plot::{Axis, BLUE, GREY, Page, Panel, Row, digits, numbered};
 
 use super::columns::{Columns, OUTCOME, number, shown};
-use super::report::SHOWN;
 use super::spec::{Scale, Spec};
 use super::units::titled;
 use crate::text::{quantile, tinted};
+
+/// Results whose distributions are shown.
+pub(super) const SHOWN: [&str; 8] = [
+    "position_max_mm",
+    "orthogonal_max_mm",
+    "orientation_max_deg",
+    "orthogonal_max_deg",
+    "final_position_mm",
+    "speed_max_ratio",
+    "torque_max_ratio",
+    "torque_step_max_ratio",
+];
 
 /// Height of a row of distributions, and of a row of the map; points.
 const CURVES: f64 = 230.0;

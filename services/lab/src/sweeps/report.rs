@@ -12,23 +12,12 @@ use viz::plot::digits;
 
 use super::columns::{Columns, OUTCOME, REASON, REFUSED, RUN, hash_column, number};
 use super::folder::{Manifest, open, parts};
-use super::picture;
+use super::picture::{self, SHOWN};
 use super::space::Space;
 use super::spec::Spec;
 use super::units::unit_of;
 use crate::text::{Columns as Printed, quantile};
 
-/// Results whose distributions are shown.
-pub(super) const SHOWN: [&str; 8] = [
-    "position_max_mm",
-    "orthogonal_max_mm",
-    "orientation_max_deg",
-    "orthogonal_max_deg",
-    "final_position_mm",
-    "speed_max_ratio",
-    "torque_max_ratio",
-    "torque_step_max_ratio",
-];
 /// The column of runs that came to their task's end.
 const COMPLETED: &str = "completed";
 
