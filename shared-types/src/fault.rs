@@ -83,10 +83,6 @@ pub struct Fault {
     /// Size of the fault, in the unit of its variant; ms for kinds without variants.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub amount: Option<f64>,
-    /// `kill`: how many messages of its first tick the process sends before it dies, at most all
-    /// but the last.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub after_outputs: Option<u32>,
     /// Seed of the fault's random numbers. Default: from the scenario's seed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
@@ -165,7 +161,6 @@ impl ScheduledFault {
             topic: on.reads.get(at).filter(|_| kind == Kind::Cut).cloned(),
             joint: kind.concerns_joint().then_some(self.target + 1),
             amount: (!matches!(kind, Kind::Delay) && self.amount != 0.0).then_some(self.amount),
-            after_outputs: (self.after_outputs() > 0).then_some(self.after_outputs()),
             seed: (kind.has_probability() || matches!(kind, Kind::Delay | Kind::Sensor))
                 .then_some(self.seed),
         })
@@ -178,9 +173,9 @@ impl ScheduledFault {
             .is_some_and(|kind| kind.ends_process(self.way()))
     }
 
-    /// The end of a process that no plan had, from a tick on of which so many messages have left: the kill that repeats it.
+    /// The end of a process that no plan had: the kill that repeats it.
     #[must_use]
-    pub fn death(process: u32, at: u64, after_outputs: u32, rate_hz: u32) -> Self {
+    pub fn death(process: u32, at: u64, rate_hz: u32) -> Self {
         let length = (Kind::Kill.usual_length_s() * f64::from(rate_hz))
             .round()
             .max(1.0) as u64;
@@ -189,7 +184,7 @@ impl ScheduledFault {
             process,
             kind,
             way: 0,
-            target: after_outputs,
+            target: 0,
             at,
             until,
             probability: 1.0,
@@ -219,7 +214,6 @@ impl Fault {
             topic: None,
             joint: None,
             amount: None,
-            after_outputs: None,
             seed: None,
         }
     }
@@ -274,7 +268,6 @@ impl Fault {
         let target = match kind {
             Kind::Corrupt => self.corrupted_place(&on.fields)?,
             Kind::Cut => self.cut_topic(&on.reads)?,
-            Kind::Kill => self.after_outputs.unwrap_or(0),
             _ => self.joint.map_or(0, |joint| joint - 1),
         };
         self.timed(on.index, target, rate_hz, seed)
@@ -374,7 +367,6 @@ impl Fault {
             ("joint", self.joint.is_some()),
             ("delay_ticks", self.delay_ticks.is_some()),
             ("jitter_ticks", self.jitter_ticks.is_some()),
-            ("after_outputs", self.after_outputs.is_some()),
             ("amount", self.amount.is_some() && !has_amount),
         ];
         let stray = given
@@ -507,9 +499,6 @@ impl std::fmt::Display for Fault {
             (Some(tick), _) => write!(f, ", at tick {tick}")?,
             (None, Some(s)) => write!(f, ", at {s} s")?,
             (None, None) => {}
-        }
-        if let Some(outputs) = self.after_outputs {
-            write!(f, " after {outputs} of its messages")?;
         }
         match (self.for_ticks, self.for_s) {
             (Some(ticks), _) => write!(f, ", for {ticks} ticks"),
@@ -656,15 +645,11 @@ mod tests {
     }
 
     #[test]
-    fn the_place_of_a_kill_and_of_a_cut_survive_the_schedule() {
+    fn the_place_of_a_cut_survives_the_schedule() {
         let target = graph().target("controller").unwrap();
-        for text in [
-            "process='controller'\nkind='kill'\nat_tick=9\nafter_outputs=1\nfor_ticks=5",
-            "process='controller'\nkind='cut'\ntopic='singularity'\nat_tick=9\nfor_ticks=5\nprobability=1.0\nseed=7",
-        ] {
-            let fault = parse(text);
-            let scheduled = fault.schedule(&target, 1000, 0).unwrap();
-            assert_eq!(scheduled.fault("controller", &target), Some(fault));
-        }
+        let text = "process='controller'\nkind='cut'\ntopic='singularity'\nat_tick=9\nfor_ticks=5\nprobability=1.0\nseed=7";
+        let fault = parse(text);
+        let scheduled = fault.schedule(&target, 1000, 0).unwrap();
+        assert_eq!(scheduled.fault("controller", &target), Some(fault));
     }
 }

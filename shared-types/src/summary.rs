@@ -362,10 +362,10 @@ pub struct FaultSummary {
     /// Wall-clock time until it was detected; ms.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub detected_ms: Option<f64>,
-    /// Wall-clock time until the process worked again; ms.
+    /// Wall-clock time until the process worked again; of an unplanned death in lockstep the time lost; ms.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recovered_ms: Option<f64>,
-    /// The fault as a scenario plans it. A death that nobody planned becomes a `kill` at its tick.
+    /// The fault as a scenario plans it. Absent for an unplanned death in lockstep, which changes no byte.
     #[serde(alias = "fault", skip_serializing_if = "Option::is_none")]
     pub plan: Option<Fault>,
 }

@@ -47,7 +47,7 @@ fn processes_meet_in_messages(packages: &[Package]) -> Vec<String> {
     while let Some(more) = packages.iter().find(|one| is_new(&starters, one)) {
         starters.push(&more.name);
     }
-    starters.extend(["process", "runtime", "lockstep", "chain"]);
+    starters.extend(["process", "runtime", "chain"]);
     let takes_part = |one: &Package| uses(one, "process") || uses(one, "runtime");
     let is_process = |one: &&Package| takes_part(one) && !starters.contains(&one.name.as_str());
     let processes: Vec<&Package> = packages.iter().filter(is_process).collect();

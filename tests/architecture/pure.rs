@@ -19,15 +19,10 @@ const CRATES: [&str; 10] = [
     "controller",
     "plant",
 ];
-/// Pure rooms of other crates, as a file or as a folder: the judge, the protocol of lockstep.
-const ROOMS: [&str; 4] = [
-    "services/recorder/src/judge",
-    "services/lockstep/src/protocol",
-    "services/lockstep/src/engine",
-    "services/lockstep/src/recall",
-];
+/// Pure rooms of other crates, as a file or as a folder: the judge.
+const ROOMS: [&str; 1] = ["services/recorder/src/judge"];
 /// Libraries that compute or read text, and crates of ours that pure code may name; of a process, its step, and of the recorder its judge's bounds.
-const DEPENDENCIES: &str = "bytemuck control glam hdrhistogram libm lockstep model nalgebra process quick_xml rapier3d recorder serde serde_json shared_types sim thiserror \
+const DEPENDENCIES: &str = "bytemuck control glam hdrhistogram libm model nalgebra process quick_xml rapier3d recorder serde serde_json shared_types sim thiserror \
     toml roxmltree urdf_rs wide analyzer controller estimator operator plant plotters viz mesh_loader xxhash_rust";
 const PROCESSES: &str = "analyzer controller estimator operator plant plant_fci recorder exchange";
 const STEP: &str = "Bounds Cycle Known Law Analysis World process";

@@ -1,64 +1,71 @@
-//! Processes killed from outside in lockstep: the scenario that a run leaves repeats it byte for byte, and no kill holds it up.
+//! Processes killed from outside in lockstep: the bytes are those of the undisturbed run, and no kill holds it up.
 
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
-use crate::command::{Desk, Known, Running, until};
+use crate::command::{Desk, Known, Running, children_of_run, until};
 
 /// A motion of a second, to be followed by a fault.
 const SHORT: &str = "name = \"short\"\nrobot = \"puma560\"\nstart.posture = \"nominal\"\nsettle_s = 0.2\n\n[[segment]]\nby_m = [0.05, 0.0, 0.05]\nduration_s = 0.8\n\n";
 
 #[test]
-fn random_deaths_repeat_themselves_byte_for_byte() {
+fn random_deaths_change_no_byte() {
     let desk = Desk::new();
-    let killed = desk.json("verify --kills 5 --set segment.1.duration_s=1");
-    killed.holds(r#"{"unrepeated": [], "histories": 5}"#);
-    assert!(killed["deaths"].count() >= 3, "{killed}");
+    let killed = desk.json("verify --kills 8 --set segment.1.duration_s=1");
+    killed.holds(r#"{"unequal": [], "histories": 8}"#);
+    assert!(killed["deaths"].count() >= 6, "{killed}");
 }
 
 #[test]
-fn a_death_between_two_outputs_of_a_tick_is_planned_and_repeats() {
-    let desk = Desk::new();
-    let fault = "[[fault]]\nprocess = \"controller\"\nkind = \"kill\"\nat_tick = 300\n";
-    for (more, states_without_torque) in [("", 0), ("after_outputs = 1", 1)] {
-        desk.file("s.toml", [SHORT, fault, more].concat());
-        // The arm leaves its path while no torque comes, and its task ends before it is back.
-        let run = |out| {
-            desk.armplane(&format!("run s.toml --json --out {out}"))
-                .json()
-        };
-        let [one, other] = ["a", "b"].map(|out| run(out)["topics"].take());
-        assert_eq!(one, other, "{more}");
-        let [states, torques] =
-            ["control_state", "torque"].map(|topic| one[topic]["count"].count());
-        assert_eq!(states, torques + states_without_torque, "{more}");
-    }
-    let drop = "[[fault]]\nprocess = \"plant\"\nkind = \"drop\"\nafter_outputs = 1";
-    desk.file("s.toml", [SHORT, drop].concat());
-    desk.refuses(2, "run s.toml", "after_outputs");
-}
-
-#[test]
-fn deaths_during_start_up_repeat_themselves() {
+fn a_death_of_any_process_during_start_up_or_later_changes_no_byte() {
     let desk = Desk::new();
     desk.file("s.toml", SHORT);
-    let run = desk.start("run s.toml --json --out a");
+    let undisturbed = desk.run("s.toml --out a");
+    let (run, mut before) = (desk.start("run s.toml --json --out b"), Vec::new());
     for (process, name) in [
-        ("estimator", "KILL"),
-        ("analyzer", "BUS"),
-        ("recorder", "SEGV"),
-        ("controller", "KILL"),
+        ("estimator", "ABRT"),
+        ("plant", "KILL"),
+        ("recorder", "KILL"),
     ] {
-        until("the process", || run.pid(process).is_some());
+        until("the process", || {
+            run.pid(process).is_some_and(|pid| !before.contains(&pid))
+        });
+        let living = children_of_run(run.id()).into_iter();
+        before.extend(living.map(|(_, pid)| pid));
         run.strike(process, name);
     }
     let said = run.finish();
-    let one = said.json();
+    let summary = said.json();
     assert_eq!(said.code, 0, "{}", said.err);
-    one.holds(r#"{"outcome": "goal reached"}"#);
-    let mut processes = one["processes"].list().iter();
-    assert!(processes.any(|process| process["restarts"] == 1), "{one}");
-    assert_eq!(one["topics"], desk.run("a/scenario.toml --out b")["topics"]);
+    summary.holds(r#"{"outcome": "goal reached"}"#);
+    assert_eq!(summary["topics"], undisturbed["topics"]);
+    let deaths = summary["faults"].list();
+    assert!(!deaths.is_empty() && deaths.iter().all(|death| death["origin"] == "detected"));
+    // No plan repeats them.
+    let again = desk.run("b/scenario.toml --out c");
+    again.holds(r#"{"faults": []}"#);
+    assert_eq!(again["topics"], undisturbed["topics"]);
+}
+
+#[test]
+fn the_sixth_death_from_the_same_tick_ends_the_run_and_is_named() {
+    let desk = Desk::new();
+    let run = desk.begin("run --set segment.1.duration_s=500 --json --no-record --out r");
+    let mut before = None;
+    for _ in 0..6 {
+        until("another analyzer", || {
+            run.pid("analyzer").is_some() && run.pid("analyzer") != before && run.ticks() > 50
+        });
+        before = run.pid("analyzer");
+        run.strike("analyzer", "KILL");
+    }
+    let said = run.finish();
+    assert_eq!(said.code, 1, "{}", said.err);
+    said.json()
+        .holds(r#"{"outcome": "failed", "faults/#": 6, "processes/2/restarts": 5}"#);
+    for words in ["analyzer", "signal 9", "tick"] {
+        assert!(said.err.contains(words), "{}", said.err);
+    }
 }
 
 #[test]

@@ -56,7 +56,7 @@ fn ctrl_c_stops_cleanly_and_keeps_the_recording() {
 #[test]
 fn what_a_process_was_making_when_it_died_is_cleared_away() {
     let desk = Desk::new();
-    let run = desk.begin(LONG);
+    let run = desk.begin(&format!("{LONG} --mode realtime"));
     let folder = Path::new("/dev/shm").join(run_of(run.id()).unwrap());
     let files = |folder: &Path| -> Vec<PathBuf> {
         let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
@@ -135,13 +135,14 @@ fn in_real_time_a_stopped_process_is_replaced_whatever_befell_it_before_and_who_
 }
 
 #[test]
-fn the_death_of_the_plant_or_of_a_process_without_a_budget_ends_the_run_and_is_named() {
+fn in_real_time_the_death_of_the_plant_or_of_a_process_without_a_budget_ends_the_run_and_is_named()
+{
     let graph = source("shared-types/graph.toml");
     let graph = graph.replace("restart = \"always\"", "restart = \"never\"");
     for process in ["plant", "controller"] {
         let desk = Desk::new();
         desk.file("graph.toml", &graph);
-        let run = recording(&desk, "--graph graph.toml");
+        let run = recording(&desk, "--graph graph.toml --mode realtime");
         run.strike(process, "KILL");
         let said = run.finish();
         assert_eq!(said.code, 1, "{}", said.err);

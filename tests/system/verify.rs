@@ -99,26 +99,20 @@ fn runs_with_faults_that_one_thread_cannot_have_are_compared_with_each_other_and
 }
 
 #[test]
-fn an_end_that_faults_bring_is_the_end_of_every_run_and_of_one_thread_too() {
+fn planned_deaths_have_no_budget_and_that_of_the_plant_costs_nothing() {
     let death = |i: u32| {
         format!(
-            "[[fault]]\nprocess = \"analyzer\"\nkind = \"kill\"\nat_tick = {}\n",
+            "[[fault]]\nprocess = \"analyzer\"\nkind = \"kill\"\nat_tick = {}\nfor_ticks = 10\n",
             120 * (i + 1)
         )
     };
-    // A budget that deaths spend; the death of the plant.
-    let spent = verify(&[&(0..6).map(death).collect::<String>()], "--runs 3", 0);
-    spent.holds(r#"{"identical": true, "reference/ticks": 721}"#);
-    assert!(
-        spent["runs"][0]["failure"].text().contains("analyzer"),
-        "{spent}"
-    );
-    let ended = verify(&[&FAULTS.replace("controller", "plant")], "--runs 2", 0);
-    ended.holds(r#"{"identical": true, "runs/1/topics/sensor/count": 300}"#);
-    assert!(
-        ended["runs"][1]["failure"].text().contains("plant"),
-        "{ended}"
-    );
+    let many = verify(&[&(0..6).map(death).collect::<String>()], "--runs 2", 0);
+    many.holds(r#"{"identical": true, "runs/0/failure": "", "reference_run": null}"#);
+    let plant = FAULTS.replace("controller", "plant");
+    let healed = verify(&[&plant], "--runs 2", 0);
+    healed.holds(r#"{"identical": true, "runs/1/failure": ""}"#);
+    let run = &healed["runs"][1];
+    assert_eq!(run["topics"]["plant_state"]["count"], run["ticks"], "{run}");
 }
 
 #[test]

@@ -3,9 +3,9 @@
 
 use std::io::{self, BufReader, Read};
 use std::os::unix::net::UnixDatagram;
-use std::path::Path;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use crossterm::terminal::{disable_raw_mode, enable_raw_mode};
@@ -24,6 +24,24 @@ const EVERY: Duration = Duration::from_millis(100);
 /// Pause before a line that no process took is sent again.
 const AGAIN: Duration = Duration::from_millis(2);
 
+/// The operator's socket, which after a roll-back is another one.
+#[derive(Clone, Default)]
+pub(crate) struct OperatorSocket(Arc<Mutex<PathBuf>>);
+
+impl OperatorSocket {
+    /// The processes of this run are about to start.
+    pub(crate) fn move_to(&self, run: &RunDir) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = run.path().join(Servo::SOCKET);
+    }
+
+    pub(crate) fn path(&self) -> PathBuf {
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
+    }
+}
+
 /// The last line of a terminal: what the arm does and why, until it is dropped. In raw mode where keys steer.
 pub(crate) struct Panel {
     is_over: Arc<AtomicBool>,
@@ -31,24 +49,21 @@ pub(crate) struct Panel {
 }
 
 impl Panel {
-    /// Begins to read keys for a run whose processes are about to start.
+    /// Shows a run that keys steer, whose processes are about to start.
     ///
     /// # Errors
     /// [`Failure::Input`] where standard input is no terminal that can be read key by key.
     pub(crate) fn of_keyboard(run: &RunDir) -> Result<Self, Failure> {
-        let socket = UnixDatagram::unbound().map_err(Failure::work)?;
         enable_raw_mode().map_err(|error| {
             Failure::Input(format!(
                 "cannot read single keys from the terminal: {error}"
             ))
         })?;
-        let path = run.path().join(Servo::SOCKET);
-        std::thread::spawn(move || read_keys(&socket, &path));
         Self::show(run, Keys::HELP, true)
     }
 
-    /// Begins to read the gamepad.
-    pub(crate) fn of_gamepad(gamepad: Gamepad, run: &RunDir) -> Result<Self, Failure> {
+    /// Shows a run that the gamepad steers.
+    pub(crate) fn of_gamepad(gamepad: &Gamepad, run: &RunDir) -> Result<Self, Failure> {
         gamepad.steer(&run.path().join(Servo::SOCKET));
         Self::show(run, Pad::HELP, false)
     }
@@ -94,19 +109,15 @@ struct Heard {
 
 impl Lines {
     /// Sends the lines to a run; at the end of input the session ends with its last target.
-    pub(crate) fn send(&self, run: &RunDir, rate_hz: u32) -> Result<(), Failure> {
+    pub(crate) fn send(&self, operator: &OperatorSocket, rate_hz: u32) -> Result<(), Failure> {
         let heard = Arc::clone(&self.0);
-        let (socket, path) = (
-            UnixDatagram::unbound().map_err(Failure::work)?,
-            run.path().join(Servo::SOCKET),
-        );
+        let socket = UnixDatagram::unbound().map_err(Failure::work)?;
+        let operator = operator.clone();
         let input = BufReader::new(Direct(io::stdin()));
         std::thread::spawn(move || {
             let send = |line: &str| {
                 // The operator makes its socket when it starts.
-                while socket.send_to(line.as_bytes(), &path).is_err()
-                    && path.parent().is_some_and(|run| run.exists())
-                {
+                while socket.send_to(line.as_bytes(), operator.path()).is_err() {
                     std::thread::sleep(AGAIN);
                 }
             };
@@ -179,7 +190,15 @@ impl Heard {
     }
 }
 
-fn read_keys(socket: &UnixDatagram, path: &Path) {
+/// Begins to read keys.
+pub(crate) fn read_keys(operator: &OperatorSocket) -> Result<(), Failure> {
+    let socket = UnixDatagram::unbound().map_err(Failure::work)?;
+    let operator = operator.clone();
+    std::thread::spawn(move || send_keys(&socket, &operator));
+    Ok(())
+}
+
+fn send_keys(socket: &UnixDatagram, operator: &OperatorSocket) {
     const CTRL_C: u8 = 3;
     let (mut keys, mut is_ending) = (Keys::default(), false);
     for key in std::io::stdin().lock().bytes().map_while(Result::ok) {
@@ -189,7 +208,7 @@ fn read_keys(socket: &UnixDatagram, path: &Path) {
         }
         if let Some(line) = keys.press(key) {
             // The operator may not be there yet, or no longer.
-            let _ = socket.send_to(line.as_bytes(), path);
+            let _ = socket.send_to(line.as_bytes(), operator.path());
         }
     }
 }

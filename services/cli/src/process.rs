@@ -79,7 +79,9 @@ fn work(command: &Command) -> Result<(), ProcessError> {
     let (name, scenario) = (shell.name(), &job.scenario);
     let done = match program {
         Some(Program::Recorder) => recorder::run(&shell, &robot, &job, shell.run_dir()),
-        Some(Program::Operator) => operator::run(&shell, scenario),
+        Some(Program::Operator) => {
+            operator::run(&shell, scenario, &job.out.join(session::GIVEN_TARGETS))
+        }
         Some(program) => {
             let step = chain::step_of(program, &robot, scenario).map_err(ProcessError::setup)?;
             step.map_or(Ok(()), |mut step| drive(&shell, &mut *step, &mut ()))

@@ -11,7 +11,7 @@ use runtime::RunDir;
 use session::{Failure, Observer, Progress, Request, Steering, Targets};
 use shared_types::job::Mode;
 
-use crate::live::{Lines, Panel};
+use crate::live::{Lines, OperatorSocket, Panel, read_keys};
 use crate::out::{passed, say_json, show};
 use crate::progress::observe;
 use crate::run;
@@ -108,7 +108,7 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
         ));
     }
     let gamepad = (from == Some(GAMEPAD)).then(Gamepad::open);
-    let mut gamepad = gamepad.transpose().map_err(Failure::Input)?;
+    let gamepad = gamepad.transpose().map_err(Failure::Input)?;
     let request = Request {
         plant: args.plant.clone(),
         scenario: subject.clone(),
@@ -124,12 +124,21 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
         unread: crate::out::unread,
     };
     let (lines, rate_hz) = (Lines::default(), loaded.scenario.rate_hz);
-    let mut panel = None;
+    let (operator, mut panel, mut has_begun) = (OperatorSocket::default(), None, false);
     let mut begin = |run: &RunDir| -> Result<(), Failure> {
-        match (from, gamepad.take()) {
-            (Some(KEYBOARD), _) => panel = Some(Panel::of_keyboard(run)?),
+        let is_first = !std::mem::replace(&mut has_begun, true);
+        operator.move_to(run);
+        // The one before leaves the terminal as it was.
+        drop(panel.take());
+        match (from, &gamepad) {
+            (Some(KEYBOARD), _) => {
+                panel = Some(Panel::of_keyboard(run)?);
+                if is_first {
+                    read_keys(&operator)?;
+                }
+            }
             (_, Some(gamepad)) => panel = Some(Panel::of_gamepad(gamepad, run)?),
-            (Some(LINES), _) => lines.send(run, rate_hz)?,
+            (Some(LINES), _) if is_first => lines.send(&operator, rate_hz)?,
             _ => {}
         }
         Ok(())

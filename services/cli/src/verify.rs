@@ -19,7 +19,7 @@ pub(crate) struct VerifyArgs {
     /// Number of runs, each under other conditions.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
     runs: u32,
-    /// Kill processes at random moments of N runs instead, and repeat each run from its scenario.toml.
+    /// Kill processes at random moments of N runs instead, and compare each with the undisturbed run.
     #[arg(long, value_name = "N", conflicts_with_all = ["runs", "unordered"], value_parser = clap::value_parser!(u32).range(1..=100_000))]
     kills: Option<u32>,
     /// Seed of every random number of the run [default: the scenario's].
@@ -49,7 +49,7 @@ pub(crate) fn verify(args: &VerifyArgs, as_json: bool) -> Result<ExitCode, Failu
         let out = args.out.as_deref();
         let killed = verify_kills(&robot, &scenario, &graph, histories, out, &observe)?;
         answer(as_json, &json!(killed), &killed);
-        return passed(killed.unrepeated.is_empty());
+        return passed(killed.unequal.is_empty());
     }
     let request = Request {
         name: &args.scenario,

@@ -7,7 +7,7 @@ use crate::failure::Failure;
 /// Early end of a process, by itself or by its program.
 pub(crate) enum Ended {
     Ours(ProcessError),
-    Theirs(u64, Failure),
+    Theirs(Failure),
 }
 
 impl From<ProcessError> for Ended {

@@ -2,8 +2,7 @@
 //!
 //! armplane's side of an exchange page ([`shared_types::exchange`]): it handles topics, lockstep,
 //! faults and checkpoints like every process, and asks the program once per tick. If the program
-//! dies, falls silent, answers the wrong tick or writes a NaN, this process exits with a message,
-//! and the death is entered in the fault table. The graph says whether both are started again.
+//! dies, falls silent, answers the wrong tick or writes a NaN, this process exits with a message.
 //!
 //! ```text
 //! page.rs       the page in memory            program.rs   the program: started or awaited, asked, ended
@@ -26,7 +25,7 @@ mod turn;
 use std::process::Command;
 use std::time::Duration;
 
-use runtime::{Exit, Origin, ProcessError, Shell, now_ns, unplanned_death};
+use runtime::{ProcessError, Shell};
 use shared_types::codes::{REQUEST_START, USE_FEEDBACK, USE_READS, USE_WRITES};
 use shared_types::exchange::EXCHANGE_STATE;
 use shared_types::graph::{Graph, Process, Role};
@@ -80,10 +79,10 @@ pub fn run(
     };
     let limits = (start, of(process.answer_limit_s, USUAL_LIMIT));
     let stops_at_once = process.role() != Role::Observer;
-    let died = |tick, failure| Err(death(shell, name, tick, &failure));
+    let died = |failure: &Failure| Err(ProcessError::setup(sentence(name, failure)));
     let mut program = match Program::start(shell, name, page, command, limits, stops_at_once) {
         Ok(program) => program,
-        Err(failure) => return died(0, failure),
+        Err(failure) => return died(&failure),
     };
     match take_part(shell, process, &topics, &mut program, length) {
         Ok(()) => {
@@ -94,15 +93,15 @@ pub fn run(
             program.end(&error.to_string());
             Err(error)
         }
-        Err(Ended::Theirs(tick, failure)) => {
+        Err(Ended::Theirs(failure)) => {
             program.end(&sentence(name, &failure));
             if let Failure::Ended { exit, .. } = &failure {
-                // A program that somebody kills before the first tick is replaced with this process, as one of ours.
+                // A program that somebody kills is started again with this process, as one of ours.
                 exit.signal()
                     .into_iter()
-                    .for_each(|signal| shell.end_early_by(signal, &sentence(name, &failure)));
+                    .for_each(|signal| shell.end_by(signal, &sentence(name, &failure)));
             }
-            died(tick, failure)
+            died(&failure)
         }
     }
 }
@@ -114,10 +113,7 @@ fn take_part(
     program: &mut Program<'_>,
     length: u64,
 ) -> Result<(), Ended> {
-    if !program
-        .join(topics)
-        .map_err(|failure| Ended::Theirs(0, failure))?
-    {
+    if !program.join(topics).map_err(Ended::Theirs)? {
         return Ok(());
     }
     let mut state = shell
@@ -127,11 +123,7 @@ fn take_part(
         .previous()
         .into_iter()
         .for_each(|last| program.page.put_state(last));
-    if program
-        .ask(REQUEST_START, 0)
-        .map_err(|failure| Ended::Theirs(0, failure))?
-        == Answer::Stopped
-    {
+    if program.ask(REQUEST_START, 0).map_err(Ended::Theirs)? == Answer::Stopped {
         return Ok(());
     }
     match process.role() {
@@ -159,28 +151,6 @@ fn topics_of(graph: &Graph, process: &Process) -> Result<Vec<(MessageLayout, u32
     named
         .map(|(name, usage)| Ok((layout(name)?, usage)))
         .collect()
-}
-
-/// Enters the death of a program into the fault table: the launcher finds it there when this process ends, and the run can be repeated. Not after an
-/// early stop: the program ends with the run then.
-fn death(shell: &Shell, name: &str, tick: u64, failure: &Failure) -> ProcessError {
-    let manifest = shell.manifest();
-    if let Some(me) = manifest
-        .index_of(name)
-        .filter(|_| !shell.is_stopping_early() && (tick > 0 || shell.incarnation() == 1))
-    {
-        let table = shell.fault_table();
-        if let Some(place) = table.enter(
-            &unplanned_death(me, tick, 0, manifest.rate_hz),
-            Origin::Detected,
-        ) {
-            // As this process is about to end.
-            table.mark_exit(me, Exit::Code(1));
-            table.mark_injected(place, now_ns());
-            table.mark_detected(me, tick, now_ns());
-        }
-    }
-    ProcessError::setup(sentence(name, failure))
 }
 
 fn sentence(name: &str, failure: &Failure) -> String {

@@ -51,14 +51,13 @@ fn step(
     outputs: &mut [Box<dyn Output>],
     tick: u64,
 ) -> Result<Answer, Ended> {
-    let theirs = |failure| Ended::Theirs(tick, failure);
-    let answer = program.ask(REQUEST_TICK, tick).map_err(theirs)?;
+    let answer = program.ask(REQUEST_TICK, tick).map_err(Ended::Theirs)?;
     if answer != Answer::Stopped
         && let Some((topic, field)) = outputs
             .iter_mut()
             .find_map(|output| output.not_finite(&program.page))
     {
-        return Err(theirs(Failure::NotFinite { tick, topic, field }));
+        return Err(Ended::Theirs(Failure::NotFinite { tick, topic, field }));
     }
     Ok(answer)
 }
@@ -124,8 +123,7 @@ pub(crate) fn stage(
         if step(program, &mut outputs, tick)? == Answer::Stopped {
             break;
         }
-        let bytes = reply::state_bytes(&program.page, tick)
-            .map_err(|failure| Ended::Theirs(tick, failure))?;
+        let bytes = reply::state_bytes(&program.page, tick).map_err(Ended::Theirs)?;
         if bytes > 0 {
             let mut saved = vec![0; bytes];
             program.page.get_state(&mut saved);

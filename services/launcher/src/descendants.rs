@@ -87,18 +87,18 @@ impl Guard {
         self.child.id()
     }
 
-    /// If it has ended, starts `command` in its place and returns its exit.
+    /// If it has ended, starts `command` for its run in its place and returns its exit.
     ///
     /// # Errors
     /// When it cannot be started.
     pub fn replace(
         &mut self,
-        command: impl FnOnce() -> std::io::Result<Command>,
+        command: impl FnOnce(&Path) -> std::io::Result<Command>,
     ) -> std::io::Result<Option<Exit>> {
         let Some(status) = self.child.try_wait()? else {
             return Ok(None);
         };
-        self.child = spawn(command()?)?;
+        self.child = spawn(command(&self.run)?)?;
         Ok(Some(Exit::from(status)))
     }
 }

@@ -1,24 +1,66 @@
-//! A run from its preparation to its outcome.
+//! A run from its preparation to its outcome, over all starts of its processes.
 
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-use runtime::{ControlPage, Exit, Hub, Manifest, Mode, Origin, Phase, RunDir, State};
+use runtime::{Mode, Stop};
 
-use crate::child::Child;
-use crate::delay::Delay;
 use crate::limits;
-use crate::outcome::{End, Failure, LaunchError, Outcome};
-use crate::plan::{Commands, Event, Plan, Report};
+use crate::outcome::{Death, End, Failure, LaunchError, Outcome};
+use crate::plan::{Commands, Event, Plan, Report, Restart};
 use crate::signals::{Interrupts, Urgency};
-use crate::spawn::{Slot, Slots, Supervised};
-use crate::unfinished::Sweeper;
+use crate::spawn::Supervised;
 
-/// A prepared run: its directory, control page and topics exist, and no process yet.
+/// Most deaths without a plan for which the processes start again from the same tick.
+const MOST_ROLL_BACKS: u32 = 5;
+
+/// A prepared start of a run: its directory, control page and topics exist, and no process yet.
 ///
 /// It must be run on the thread that stays: the kernel kills the children when the thread that started them ends.
 #[derive(Debug)]
-pub struct Launcher(Supervised);
+pub struct Launcher {
+    started: Supervised,
+    course: Course,
+}
+
+/// What a run knows of all starts of its processes.
+#[derive(Debug)]
+struct Course {
+    signals: Interrupts,
+    /// Unplanned deaths in lockstep.
+    deaths: Vec<Death>,
+    /// Starts after the first one, but for planned deaths.
+    roll_backs: u32,
+    /// By process: starts that its death has ended, and lines that nobody was given.
+    restarts: Vec<(u32, u64)>,
+    /// The signal that has ended the run and the ticks it had done, where the recorder was killed after that.
+    interrupted: Option<(&'static str, u64)>,
+}
+
+/// The end of a start of the processes.
+#[derive(Debug)]
+pub enum Ran {
+    /// It is that of the run.
+    Ended(Box<Outcome>),
+    /// A death in lockstep: all processes start again, and the bytes are those of a run without it.
+    RolledBack(Box<Launcher>),
+}
+
+/// How watching ends.
+pub(crate) enum Halt {
+    /// The run ends.
+    End(End),
+    /// All processes start again.
+    RollBack,
+}
+
+/// A process that has ended unasked in lockstep.
+#[derive(Debug)]
+pub(crate) struct Fallen {
+    pub(crate) index: usize,
+    pub(crate) is_planned: bool,
+    pub(crate) death: Death,
+}
 
 impl Launcher {
     /// Makes the run's directory, manifest, control page and topics.
@@ -28,197 +70,154 @@ impl Launcher {
     pub fn prepare(plan: Plan) -> Result<Self, LaunchError> {
         let own: Vec<usize> = plan.messages.iter().map(|message| message.bytes).collect();
         limits::check_limits(plan.children.len(), &own)?;
-        RunDir::has_room()?;
-        let run = RunDir::create()?;
-        let manifest = Manifest {
-            mode: plan.mode,
-            rate_hz: plan.rate_hz,
-            wait_limit: plan.limits.wait,
-            processes: plan
-                .children
-                .iter()
-                .map(|child| child.process.clone())
-                .collect(),
-            messages: plan.messages.clone(),
+        let course = Course {
+            signals: Interrupts::catch().map_err(LaunchError::Signals)?,
+            deaths: Vec::new(),
+            roll_backs: 0,
+            restarts: vec![(0, 0); plan.children.len()],
+            interrupted: None,
         };
-        manifest.write(&run)?;
-        let control_page = ControlPage::create(&run)?;
-        for fault in &plan.faults {
-            if control_page
-                .fault_table()
-                .enter(fault, Origin::Planned)
-                .is_none()
-            {
-                return Err(LaunchError::TooManyFaults {
-                    count: plan.faults.len(),
-                });
-            }
-        }
-        let hub = Hub::create(&run, &manifest)?;
-        let slots = plan.children.iter().map(|_| Slot::default()).collect();
-        let _sweeper = Sweeper::start(&run)?;
-        Ok(Self(Supervised {
-            slots: Slots(slots),
-            hub,
-            _sweeper,
-            control_page,
-            run,
-            plan,
-            recalls_until: None,
-            last_lines: Vec::new(),
-        }))
+        let started = Supervised::prepare(plan, None)?;
+        Ok(Self { started, course })
     }
 
     /// The run's directory, for files that the processes shall find there (the scenario).
     pub fn run_dir(&self) -> &Path {
-        self.0.run.path()
+        self.started.run.path()
     }
 
-    /// Starts all processes, watches them to the end, stops them and removes the run.
+    /// Starts all processes, watches them to the end, stops them and removes the run's directory.
     ///
     /// # Errors
     /// When a process cannot be started or is not ready in time, or the run's files cannot be removed. A failure after the first tick
     /// is part of the [`Outcome`].
-    pub fn run(self, commands: Commands<'_>, report: Report<'_>) -> Result<Outcome, LaunchError> {
-        self.0.run_to_end(commands, report)
-    }
-}
-
-impl Supervised {
-    fn run_to_end(
-        mut self,
-        commands: Commands<'_>,
-        report: Report<'_>,
-    ) -> Result<Outcome, LaunchError> {
-        let mut signals = Interrupts::catch().map_err(LaunchError::Signals)?;
-        let _urgency = (self.plan.mode == Mode::Realtime).then(Urgency::begin);
-        for index in 0..self.plan.children.len() {
-            self.start(index, commands)?;
+    pub fn run(mut self, commands: Commands<'_>, report: Report<'_>) -> Result<Ran, LaunchError> {
+        let began = Instant::now();
+        let _urgency = (self.started.plan.mode == Mode::Realtime).then(Urgency::begin);
+        let (started, course) = (&mut self.started, &mut self.course);
+        for index in 0..started.plan.children.len() {
+            started.start(index, commands)?;
         }
+        started.stops_at = course.interrupted;
         let mut has_begun = false;
-        let end = match self.await_beginning(commands, &mut signals, report)? {
-            Some(end) => end,
+        let mut halt = match started.await_beginning(commands, &mut course.signals, report)? {
+            Some(halt) => halt,
             None => {
                 has_begun = true;
                 report(Event::Go);
-                self.watch(commands, &mut signals, report)
+                started.watch(commands, &mut course.signals, report)
             }
         };
-        report(Event::Stopping);
-        let late_failure = self.stop(end == End::Completed, commands, &mut signals, report);
-        report(Event::Stopped);
-        let end = match (end, late_failure) {
-            (End::Completed, Some(failure)) => End::Failed(failure),
-            (end, _) => end,
-        };
-        if has_begun && let End::Failed(Failure::Died { process, .. }) = &end {
-            self.enter_last_death(&process.clone());
-        }
-        let faults = self
-            .control_page
-            .fault_table()
-            .records()
-            .map(|(_, account)| account)
-            .collect();
-        let last_lines = std::mem::take(&mut self.last_lines);
-        let outcome = Outcome {
-            end,
-            ticks: self.ticks(),
-            processes: self.process_outcomes(),
-            faults,
-            guards: Vec::new(),
-            last_lines,
-        };
-        let Self {
-            slots,
-            hub,
-            control_page,
-            run,
-            ..
-        } = self;
-        drop((slots, hub, control_page));
-        // The outcome stands, whatever is left.
-        if let Err(error) = run.remove() {
-            tracing::warn!(
-                "the run has ended, but its shared memory could not be removed: {error}"
-            );
-        }
-        Ok(outcome)
-    }
-
-    /// Waits until all processes have connected their ports. Returns the outcome if the run ends
-    /// before.
-    fn await_beginning(
-        &mut self,
-        commands: Commands<'_>,
-        signals: &mut Interrupts,
-        report: Report<'_>,
-    ) -> Result<Option<End>, LaunchError> {
-        let until = self.plan.limits.start.map(|limit| Instant::now() + limit);
-        for (state, next) in [
-            (State::Ready, Phase::Connect),
-            (State::Connected, Phase::Work),
-        ] {
-            if let Err(end) = self.await_all(state, until, commands, signals, report) {
-                return Ok(Some(end));
-            }
-            // The retainers too have their connections before the first message.
-            self.hub.connect()?;
-            if next == Phase::Work {
-                // Nothing is larger from here on but for replacements.
-                self.run.reserve()?;
-            }
-            self.control_page.begin(next);
-        }
-        Ok(None)
-    }
-
-    fn await_all(
-        &mut self,
-        state: State,
-        until: Option<Instant>,
-        commands: Commands<'_>,
-        signals: &mut Interrupts,
-        report: Report<'_>,
-    ) -> Result<(), End> {
-        loop {
-            self.rest(Duration::from_millis(2));
-            self.pass_lines_on(report);
-            for index in self.take_in_exits(report) {
-                // A process that was killed is replaced; one that has ended by itself says why it cannot begin.
-                let is_killed = self.slots.0[index].exit.and_then(Exit::signal).is_some();
-                let planned = if is_killed {
-                    self.plan_restart(index)
-                } else {
-                    Err(self.died(index))
-                };
-                planned.map_err(End::Failed)?;
-            }
-            if let Some(failure) = self.start_again(commands, report) {
-                return Err(End::Failed(failure));
-            }
-            if let Some(signal) = signals.pending() {
-                return Err(End::Interrupted { signal });
-            }
-            let has_come = |index: usize| {
-                let found = self.control_page.process(index).state();
-                found == state || matches!(found, State::Connected | State::Running)
+        if let Halt::End(end) = halt {
+            let signal = match end {
+                End::Interrupted { signal } => Some(signal),
+                _ => None,
             };
-            let laggard = (0..self.plan.children.len()).find(|&index| !has_come(index));
-            match laggard {
-                None => return Ok(()),
-                Some(index) if until.is_some_and(|until| Instant::now() > until) => {
-                    let limit = self.plan.limits.start.unwrap_or_default();
-                    return Err(End::Failed(Failure::Slow {
-                        process: self.name(index).to_owned(),
-                        limit,
-                    }));
-                }
-                Some(index) => {
-                    let halted = self.slots.0[index].child.as_ref().and_then(Child::halted);
-                    self.note_delay(index, Some(halted.unwrap_or(Delay::NotReady)), report);
-                }
-            }
+            halt = started.stop_all(end, commands, &mut course.signals, report);
+            course.interrupted = signal.map(|signal| (signal, started.ticks()));
+        }
+        match halt {
+            Halt::RollBack => self.roll_back(began, commands, report),
+            Halt::End(end) => Ok(Ran::Ended(Box::new(self.finish(end, has_begun)))),
+        }
+    }
+
+    /// Starts all processes again, unless that has no end.
+    fn roll_back(
+        mut self,
+        began: Instant,
+        commands: Commands<'_>,
+        report: Report<'_>,
+    ) -> Result<Ran, LaunchError> {
+        let mut fallen = std::mem::take(&mut self.started.fallen);
+        if let Some(failure) = self.course.end_of_patience(&fallen, &self.started) {
+            let end = End::Failed(failure);
+            let (started, signals) = (&mut self.started, &mut self.course.signals);
+            started.control_page.request_stop(Stop::Early);
+            started.stop_all(end.clone(), commands, signals, report);
+            self.course.note(fallen);
+            return Ok(Ran::Ended(Box::new(self.finish(end, true))));
+        }
+        let lost = began.elapsed();
+        fallen
+            .iter_mut()
+            .for_each(|one| one.death.lost = Some(lost));
+        let deaths: Vec<Death> = fallen.iter().map(|one| one.death.clone()).collect();
+        report(Event::RolledBack { deaths: &deaths });
+        self.course.roll_backs += u32::from(fallen.iter().any(|one| !one.is_planned));
+        for one in &fallen {
+            self.course.restarts[one.index].0 += 1;
+        }
+        self.course.note(fallen);
+        let Self {
+            mut started,
+            mut course,
+        } = self;
+        started.end_by_force_all(report);
+        for (known, slot) in course.restarts.iter_mut().zip(&started.slots.0) {
+            known.1 += slot.unheard();
+        }
+        let (plan, control_page) = started.dismantle();
+        let started = Supervised::prepare(plan, Some(control_page.fault_table()))?;
+        Ok(Ran::RolledBack(Box::new(Self { started, course })))
+    }
+
+    fn finish(mut self, end: End, has_begun: bool) -> Outcome {
+        let (started, course) = (&mut self.started, &mut self.course);
+        course.note(std::mem::take(&mut started.fallen));
+        if has_begun
+            && started.plan.mode == Mode::Realtime
+            && let End::Failed(Failure::Died { process, .. }) = &end
+        {
+            started.enter_last_death(process);
+        }
+        let outcome = course.outcome(end, started);
+        self.started.dismantle();
+        outcome
+    }
+}
+
+impl Course {
+    /// Why these deaths are the end of the run: too many, or an error of its own that comes again, or whose process is not to be started again.
+    fn end_of_patience(&self, fallen: &[Fallen], started: &Supervised) -> Option<Failure> {
+        let unplanned = || fallen.iter().filter(|one| !one.is_planned);
+        let is_again = |one: &&Fallen| {
+            let is_it = |earlier: &Death| {
+                (&earlier.process, earlier.tick) == (&one.death.process, one.death.tick)
+                    && earlier.exit == one.death.exit
+            };
+            let is_never = started.plan.children[one.index].restart == Restart::Never;
+            one.death.exit.is_own() && (is_never || self.deaths.iter().any(is_it))
+        };
+        let last = if self.roll_backs >= MOST_ROLL_BACKS {
+            unplanned().next()
+        } else {
+            unplanned().find(is_again)
+        };
+        last.map(|one| started.died(one.index, self.roll_backs))
+    }
+
+    /// Keeps the deaths that no plan had.
+    fn note(&mut self, fallen: Vec<Fallen>) {
+        let unplanned = fallen.into_iter().filter(|one| !one.is_planned);
+        self.deaths.extend(unplanned.map(|one| one.death));
+    }
+
+    fn outcome(&self, end: End, started: &Supervised) -> Outcome {
+        let mut processes = started.process_outcomes();
+        for (process, (restarts, unheard)) in processes.iter_mut().zip(&self.restarts) {
+            process.restarts += restarts;
+            process.lines_dropped += unheard;
+        }
+        let faults = started.control_page.fault_table().records();
+        Outcome {
+            end,
+            ticks: started.ticks(),
+            processes,
+            faults: faults.map(|(_, account)| account).collect(),
+            deaths: self.deaths.clone(),
+            guards: Vec::new(),
+            last_lines: started.last_lines.clone(),
         }
     }
 }

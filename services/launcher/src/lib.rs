@@ -9,9 +9,11 @@
 //! * Ctrl-C reaches only the launcher. It asks the children to stop, then sends SIGTERM, then
 //!   SIGKILL, each after a time limit. The recorder is stopped last. A second Ctrl-C skips the
 //!   asking.
-//! * If a process ends unasked, the run ends with a sentence that names it, unless its restart
-//!   policy says otherwise.
+//! * If a process ends unasked in lockstep, all processes start again, at most five times, and the
+//!   bytes are those of a run without that death. In real time it alone is replaced, as its restart
+//!   policy says.
 
+mod begin;
 mod child;
 mod delay;
 mod descendants;
@@ -21,6 +23,7 @@ mod launch;
 mod limits;
 mod outcome;
 mod plan;
+mod restart;
 mod signals;
 mod spawn;
 mod stop;
@@ -29,9 +32,9 @@ mod watch;
 
 pub use delay::Delay;
 pub use descendants::{Guard, end_descendants, guard};
-pub use launch::Launcher;
+pub use launch::{Launcher, Ran};
 pub use limits::{Shortage, check_limits, with_room};
-pub use outcome::{End, Failure, LaunchError, Outcome, ProcessOutcome};
+pub use outcome::{Death, End, Failure, LaunchError, Outcome, ProcessOutcome};
 pub use plan::{Child, Event, Limits, Plan, Restart, reexec};
 pub use runtime::Exit;
 pub use signals::Interrupts;

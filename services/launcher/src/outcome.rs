@@ -56,7 +56,7 @@ pub enum LaunchError {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
     /// A process ended unasked.
-    #[error("{process} (process {pid}) ended unexpectedly with {exit} at tick {tick}{}{}{}{}", spent(*restarts), stranger(*exit, *tick), hint(suspect), said(last_words))]
+    #[error("{process} (process {pid}) ended unexpectedly with {exit} at tick {tick}{}{}{}{}{}", spent(*restarts), rolled_back(*roll_backs), stranger(*exit, *tick), hint(suspect), said(last_words))]
     Died {
         /// The process.
         process: String,
@@ -68,12 +68,14 @@ pub enum Failure {
         tick: u64,
         /// How often it had been started again.
         restarts: u32,
+        /// How often all processes had been started again for deaths.
+        roll_backs: u32,
         /// Another process that had fallen behind before, which may be the reason.
         suspect: Option<String>,
         /// The end of its standard error.
         last_words: Vec<String>,
     },
-    /// A process died, and the other processes cannot be told.
+    /// A process died in real time, and its death cannot be kept.
     #[error(
         "{process} died at tick {tick}, and the fault table is full ({MOST_FAULTS} faults): plan fewer"
     )]
@@ -125,6 +127,14 @@ fn spent(restarts: u32) -> String {
     }
 }
 
+fn rolled_back(roll_backs: u32) -> String {
+    match roll_backs {
+        0 => String::new(),
+        1 => " after a roll-back to tick 0".to_owned(),
+        _ => format!(" after {roll_backs} roll-backs to tick 0"),
+    }
+}
+
 /// A program that ends well before the first tick has not heard of the run.
 fn stranger(exit: Exit, tick: u64) -> &'static str {
     match exit.is_success() && tick == 0 {
@@ -164,6 +174,21 @@ pub enum End {
     Failed(Failure),
 }
 
+/// The unplanned end of a process in lockstep.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Death {
+    /// The process.
+    pub process: String,
+    /// The first tick that it had not closed.
+    pub tick: u64,
+    /// The exit.
+    pub exit: Exit,
+    /// The last line that it wrote to its standard error.
+    pub last_line: Option<String>,
+    /// The work of all processes that was lost; `None`: they did not start again.
+    pub lost: Option<Duration>,
+}
+
 /// The outcome of one process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ProcessOutcome {
@@ -171,7 +196,7 @@ pub struct ProcessOutcome {
     pub name: String,
     /// The process id of its last incarnation.
     pub pid: u32,
-    /// How often it was started again.
+    /// How often it was started again for its own end, alone or with all others.
     pub restarts: u32,
     /// How its last incarnation ended.
     pub exit: Exit,
@@ -192,8 +217,10 @@ pub struct Outcome {
     pub processes: Vec<ProcessOutcome>,
     /// Its faults, planned and live, in the order in which they were known.
     pub faults: Vec<FaultRecord>,
+    /// Deaths in lockstep that no plan had.
+    pub deaths: Vec<Death>,
     /// Deaths of a guard during the run, each with the ticks done by then.
     pub guards: Vec<(u64, Exit)>,
-    /// By process and tick of its end: the last line that it wrote to its standard error.
+    /// By process and tick of its end in real time: the last line that it wrote to its standard error.
     pub last_lines: Vec<(usize, u64, String)>,
 }

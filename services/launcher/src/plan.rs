@@ -9,8 +9,9 @@ use runtime::{Exit, ForeignMessage, Mode, Process};
 use shared_types::fault::ScheduledFault;
 
 use crate::delay::Delay;
+use crate::outcome::Death;
 
-/// The response to an unrequested end of a process.
+/// The response to an unrequested end of a process in real time. In lockstep all processes start again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Restart {
     /// The run ends.
@@ -61,7 +62,7 @@ pub struct Limits {
 const START: Duration = Duration::from_secs(20);
 
 impl Limits {
-    /// In lockstep a process is killed for an exit, a fault or a request of the user, never for the time it takes: it may be stopped, traced, or
+    /// In lockstep a process is killed for a fault or a request of the user, never for the time it takes: it may be stopped, traced, or
     /// share its core with others. In real time a silent process is replaced.
     pub fn of(mode: Mode) -> Self {
         let seconds = Duration::from_secs;
@@ -168,7 +169,12 @@ pub enum Event<'a> {
         /// The topics whose messages close its ticks.
         writes: &'a [String],
     },
-    /// A process ended unasked and has been started again.
+    /// Processes ended unasked in lockstep: all start again.
+    RolledBack {
+        /// The ends.
+        deaths: &'a [Death],
+    },
+    /// A process ended unasked in real time and has been started again.
     Restarted {
         /// The process.
         process: &'a str,

@@ -4,12 +4,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use runtime::{ControlPage, Exit, Hub, PROCESS_VARIABLE, RUN_VARIABLE, RunDir, State, now_ns};
+use runtime::{ControlPage, Exit, Hub, PROCESS_VARIABLE, RUN_VARIABLE, RunDir, now_ns};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::time::Timespec;
 
 use crate::child;
 use crate::delay::Delay;
+use crate::launch::Fallen;
 use crate::limits;
 use crate::outcome::{LaunchError, ProcessOutcome};
 use crate::plan::{Commands, Event, Plan, Report};
@@ -18,12 +19,6 @@ use crate::unfinished::Sweeper;
 /// Interval of progress reports and checks for signals. An exit is detected at once.
 pub(crate) const BEAT: Duration = Duration::from_millis(40);
 
-/// Interval of checks whether a replaced recorder asks for missed messages ...
-const BEAT_RECALLING: Duration = Duration::from_millis(1);
-
-/// ... until it has asked for nothing for so long.
-const RECALL: Duration = Duration::from_millis(500);
-
 /// A run and its processes.
 #[derive(Debug)]
 pub(crate) struct Supervised {
@@ -31,13 +26,17 @@ pub(crate) struct Supervised {
     pub(crate) slots: Slots,
     pub(crate) hub: Hub,
     /// Until the topics are gone: to remove what dead processes left may mean to wait for an unfinished segment.
-    pub(crate) _sweeper: Sweeper,
+    pub(crate) sweeper: Sweeper,
     pub(crate) control_page: ControlPage,
     pub(crate) run: RunDir,
     pub(crate) plan: Plan,
-    /// A polled process is fetching missed messages, or just was.
-    pub(crate) recalls_until: Option<Instant>,
-    /// The last lines of processes that have ended unasked, as in [`crate::Outcome`].
+    /// Processes that have ended unasked in lockstep.
+    pub(crate) fallen: Vec<Fallen>,
+    /// By process: its planned ends before this start.
+    pub(crate) planned_ends: Vec<usize>,
+    /// An earlier start was ended by this signal at this tick: so is this one.
+    pub(crate) stops_at: Option<(&'static str, u64)>,
+    /// The last lines of processes that have ended unasked in real time, as in [`crate::Outcome`].
     pub(crate) last_lines: Vec<(usize, u64, String)>,
 }
 
@@ -81,6 +80,13 @@ impl std::fmt::Debug for Slot {
     }
 }
 
+impl Slot {
+    /// Lines of its ended incarnations that nobody was given.
+    pub(crate) fn unheard(&self) -> u64 {
+        self.ears.iter().map(|ear| ear.unheard()).sum()
+    }
+}
+
 impl Supervised {
     pub(crate) fn start(
         &mut self,
@@ -114,13 +120,8 @@ impl Supervised {
         Ok(())
     }
 
-    /// Sleeps until a child ends, a signal comes, or the time is over; meanwhile nothing is handed over, so it is short while that is wanted.
-    pub(crate) fn rest(&mut self, limit: Duration) {
-        let limit = if self.keep_messages() {
-            limit.min(BEAT_RECALLING)
-        } else {
-            limit
-        };
+    /// Sleeps until a child ends, a signal comes, or the time is over.
+    pub(crate) fn rest(&self, limit: Duration) {
         let living = self.slots.0.iter().filter_map(|slot| slot.child.as_ref());
         let mut fds: Vec<PollFd<'_>> = living
             .map(|child| PollFd::new(&child.pidfd, PollFlags::IN))
@@ -131,37 +132,6 @@ impl Supervised {
         };
         // An error is an interruption by a signal, which the caller looks at anyway.
         let _ = poll(&mut fds, Some(&limit));
-    }
-
-    /// Connects the retainers of the topics to new writers, and hands over their messages: at every
-    /// look while a polled process is down, and whenever a process asks. Whether the next look is
-    /// to be soon.
-    fn keep_messages(&mut self) -> bool {
-        let is_down = |index: usize| {
-            let state = self.control_page.process(index).state();
-            self.plan.children[index].process.polled
-                && (state == State::Gone
-                    || (state != State::Running && self.slots.0[index].restarts > 0))
-        };
-        let is_down = (0..self.plan.children.len()).any(is_down);
-        let connected = self.hub.connect().and_then(|()| {
-            if is_down {
-                self.hub.hand_over()
-            } else {
-                Ok(())
-            }
-        });
-        let answered = connected
-            .and_then(|()| self.hub.answer(&self.control_page))
-            .unwrap_or_else(|error| {
-                tracing::warn!("{error}");
-                false
-            });
-        if is_down || answered {
-            self.recalls_until = Some(Instant::now() + RECALL);
-        }
-        self.recalls_until
-            .is_some_and(|until| Instant::now() < until)
     }
 
     pub(crate) fn pass_lines_on(&mut self, report: Report<'_>) {
@@ -247,7 +217,7 @@ impl Supervised {
             exit: slot
                 .exit
                 .unwrap_or(Exit::Signal(rustix::process::Signal::KILL.as_raw())),
-            lines_dropped: slot.ears.iter().map(|ear| ear.unheard()).sum(),
+            lines_dropped: slot.unheard(),
             counts: self.control_page.process(index).counts(),
         };
         self.slots.0.iter().enumerate().map(outcome).collect()

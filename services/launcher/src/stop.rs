@@ -3,12 +3,13 @@
 
 use std::time::{Duration, Instant};
 
-use runtime::{Exit, State, Stop};
+use runtime::{Exit, Mode, State, Stop};
 use rustix::process::Signal;
 
 use crate::delay::Delay;
-use crate::outcome::Failure;
-use crate::plan::{Commands, Limits, Report, Restart};
+use crate::launch::Halt;
+use crate::outcome::{End, Failure};
+use crate::plan::{Commands, Event, Limits, Report, Restart};
 use crate::signals::Interrupts;
 use crate::spawn::{BEAT, Slot, Supervised};
 
@@ -28,12 +29,32 @@ struct Ending {
 }
 
 impl Supervised {
+    /// Stops all processes of a run that has ended so; in lockstep that may be the beginning of another start.
+    pub(crate) fn stop_all(
+        &mut self,
+        end: End,
+        commands: Commands<'_>,
+        signals: &mut Interrupts,
+        report: Report<'_>,
+    ) -> Halt {
+        report(Event::Stopping);
+        let late_failure = self.stop(end == End::Completed, commands, signals, report);
+        report(Event::Stopped);
+        let is_polled = |index: usize| self.plan.children[index].process.polled;
+        let lacks_record = self.fallen.iter().any(|one| is_polled(one.index));
+        match (end, late_failure) {
+            (End::Completed, Some(failure)) => Halt::End(End::Failed(failure)),
+            (End::Completed | End::Interrupted { .. }, None) if lacks_record => Halt::RollBack,
+            (end, _) => Halt::End(end),
+        }
+    }
+
     /// Stops the chain, then the polled processes; returns the first thing that went wrong meanwhile.
     ///
-    /// A complete run has all its messages: of the chain nothing more is missing. A polled process
-    /// that has died, or dies now, is replaced as during the run, however that ends, and its
-    /// replacement takes in the remaining messages.
-    pub(crate) fn stop(
+    /// A complete run has all its messages: of the chain nothing more is missing. Where a polled
+    /// process has died, or dies now, it is replaced in real time, and its replacement takes in the
+    /// remaining messages; in lockstep all processes start again.
+    fn stop(
         &mut self,
         is_complete: bool,
         commands: Commands<'_>,
@@ -77,6 +98,16 @@ impl Supervised {
     /// launcher sent one.
     fn is_excused(&mut self, index: usize, is_complete: bool, insists: bool) -> bool {
         let exit = self.slots.0[index].exit;
+        if self.plan.mode == Mode::Lockstep {
+            let is_polled = self.plan.children[index].process.polled;
+            let is_killed = matches!(exit, Some(Exit::Signal(_)));
+            let is_excused =
+                !insists && (is_complete && is_polled || is_killed && (is_complete || is_polled));
+            if is_excused {
+                self.fall(index);
+            }
+            return is_excused;
+        }
         match self.plan.children[index].process.polled {
             true => {
                 (is_complete || !insists && matches!(exit, Some(Exit::Signal(_))))
@@ -98,7 +129,7 @@ impl Supervised {
     ) {
         let is_success = self.slots.0[index].exit.is_some_and(Exit::is_success);
         if !is_success && !self.is_excused(index, is_complete, insists) && failure.is_none() {
-            *failure = Some(self.died(index));
+            *failure = Some(self.died(index, 0));
         }
     }
 
@@ -155,12 +186,24 @@ impl Supervised {
         }
         for &index in &concerned {
             if polled && self.slots.0[index].due.is_some() && failure.is_none() {
-                failure = Some(self.died(index));
+                failure = Some(self.died(index, 0));
             }
             self.end_by_force(index, limit, &mut failure);
         }
         self.take_in_exits(report);
         failure
+    }
+
+    /// Kills all that still live: they start again.
+    pub(crate) fn end_by_force_all(&mut self, report: Report<'_>) {
+        let children = self.slots.0.iter_mut();
+        for child in children.filter_map(|slot| slot.child.as_mut()) {
+            child.signal(Signal::KILL);
+        }
+        while self.slots.0.iter().any(|slot| slot.child.is_some()) {
+            self.rest(BEAT);
+            self.take_in_exits(report);
+        }
     }
 
     /// Kills a process that has not stopped within `limit`.

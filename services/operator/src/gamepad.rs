@@ -28,7 +28,7 @@ impl Gamepad {
     }
 
     /// Sends the gamepad's readings to a session's socket until its directory is gone.
-    pub fn steer(self, _socket: &Path) {
+    pub fn steer(&self, _socket: &Path) {
         match self.0 {}
     }
 }
@@ -46,10 +46,8 @@ impl Gamepad {
         std::thread::spawn(move || match device::Device::open() {
             Ok(mut device) => {
                 let _ = opened.send(Ok(()));
-                // None comes where the run is refused.
-                path.into_iter()
-                    .take(1)
-                    .for_each(|path| device.send_to(&path));
+                // None comes where the run is refused, and one more after each roll-back.
+                path.into_iter().for_each(|path| device.send_to(&path));
             }
             Err(sentence) => drop(opened.send(Err(sentence))),
         });
@@ -60,7 +58,7 @@ impl Gamepad {
     }
 
     /// Sends the gamepad's readings to a session's socket until its directory is gone.
-    pub fn steer(self, socket: &Path) {
+    pub fn steer(&self, socket: &Path) {
         // A thread that has ended has lost its gamepad.
         let _ = self.socket.send(socket.to_owned());
     }

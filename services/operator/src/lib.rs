@@ -4,12 +4,14 @@
 
 mod cycle;
 mod gamepad;
+mod kept;
 mod keys;
 mod pad;
 mod settings;
 
 use std::io;
 use std::os::unix::net::UnixDatagram;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use bytemuck::bytes_of;
@@ -24,6 +26,8 @@ pub use gamepad::Gamepad;
 pub use keys::Keys;
 pub use pad::Pad;
 
+use kept::Kept;
+
 /// A message of this length is cut off, or may be; bytes.
 pub const LONGEST: usize = 2048;
 
@@ -34,11 +38,12 @@ const BEHIND: Duration = Duration::from_millis(20);
 /// Publishes targets until the run stops.
 ///
 /// A live session in lockstep runs at the speed of the clock, because this process waits for it at each tick and all others wait for this one: so its
-/// targets, kept with their ticks, repeat it byte for byte.
+/// targets, kept with their ticks, repeat it byte for byte. After a roll-back they come from the file `kept`, as fast as the others can follow, and then
+/// the session goes on at the speed of the clock.
 ///
 /// # Errors
 /// [`ProcessError`] if the socket cannot be made or the graph breaks.
-pub fn run(shell: &Shell, scenario: &Scenario) -> Result<(), ProcessError> {
+pub fn run(shell: &Shell, scenario: &Scenario, kept: &Path) -> Result<(), ProcessError> {
     let session = scenario.servo.clone().unwrap_or_default();
     let after_end = session.after_end(scenario.rate_hz);
     if after_end > 0 && shell.incarnation() == 1 {
@@ -48,7 +53,7 @@ pub fn run(shell: &Shell, scenario: &Scenario) -> Result<(), ProcessError> {
     if !session.live {
         return drive(shell, &mut process, &mut ());
     }
-    let mut live = Live::open(shell, scenario.rate_hz)?;
+    let mut live = Live::open(shell, scenario.rate_hz, kept)?;
     drive(shell, &mut process, &mut live)
 }
 
@@ -59,13 +64,18 @@ pub fn process(scenario: &Scenario) -> Box<dyn Step> {
     Box::new(Cycle::begin(&session, scenario.rate_hz))
 }
 
+fn unusable(path: &Path, error: &io::Error) -> ProcessError {
+    ProcessError::setup(format_args!("{}: {error}", path.display()))
+}
+
 /// Targets that come while the run lasts, a line each, without its time: `twist, base, 0.2, 0.01 0 0 0 0 0`.
 struct Live {
     socket: UnixDatagram,
     rate_hz: u32,
     /// In lockstep: when tick 0 was, or would have been.
     began: Option<Instant>,
-    is_paced: bool,
+    /// In lockstep, where this process sets the pace.
+    kept: Option<Kept>,
     /// Lines that were no target.
     complaints: u32,
     /// First tick after the target in force.
@@ -80,7 +90,7 @@ impl Outside for Live {
     fn add<'a>(&'a mut self, inputs: &mut Inputs<'a>) {
         self.wait(inputs.tick);
         self.given = None;
-        self.receive(inputs.tick);
+        self.take_all(inputs.tick);
         let given = self.given.iter();
         given.for_each(|given| inputs.add(Target::TOPIC, bytes_of(given)));
     }
@@ -90,19 +100,20 @@ impl Outside for Live {
 const COMPLAINTS: u32 = 5;
 
 impl Live {
-    fn open(shell: &Shell, rate_hz: u32) -> Result<Self, ProcessError> {
+    fn open(shell: &Shell, rate_hz: u32, kept: &Path) -> Result<Self, ProcessError> {
         let path = shell.run_dir().join(Servo::SOCKET);
         // That of a predecessor.
         let _ = std::fs::remove_file(&path);
-        let refused =
-            |error: io::Error| ProcessError::setup(format_args!("{}: {error}", path.display()));
+        let refused = |error: io::Error| unusable(&path, &error);
+        let keeps = (shell.mode() == Mode::Lockstep).then(|| Kept::open(kept));
+        let kept = keeps.transpose().map_err(|error| unusable(kept, &error))?;
         let socket = UnixDatagram::bind(&path).map_err(refused)?;
         socket.set_nonblocking(true).map_err(refused)?;
         Ok(Self {
             socket,
             rate_hz,
             began: None,
-            is_paced: shell.mode() == Mode::Lockstep,
+            kept,
             complaints: 0,
             is_over: 0,
             ends: None,
@@ -112,7 +123,7 @@ impl Live {
 
     /// Waits for the time of a tick, if nothing else paces the run.
     fn wait(&mut self, tick: u64) {
-        if !self.is_paced {
+        if self.kept.as_ref().is_none_or(|kept| kept.has(tick)) {
             return;
         }
         let (now, offset) = (
@@ -145,7 +156,28 @@ impl Live {
         }
     }
 
-    fn feed(&mut self, target: TargetContent) {
+    /// A target takes effect at a tick.
+    fn feed(&mut self, target: TargetContent, tick: u64) {
+        if let Some(kept) = &mut self.kept {
+            kept.add(tick, &target);
+        }
+        self.give(target);
+    }
+
+    /// Takes in the targets of a tick: those of a start before a roll-back, or what has come since the tick before.
+    fn take_all(&mut self, tick: u64) {
+        while let Some(target) = self.kept.as_mut().and_then(|kept| kept.take(tick)) {
+            self.give(target);
+        }
+        if self.kept.as_ref().is_none_or(|kept| !kept.has(tick)) {
+            self.receive(tick);
+        }
+        if let Some(kept) = &mut self.kept {
+            kept.close(tick);
+        }
+    }
+
+    fn give(&mut self, target: TargetContent) {
         self.given = Some(Target {
             target,
             ..Target::default()
@@ -159,7 +191,7 @@ impl Live {
         });
         let rest_s = target.valid_s.clamp(0.0, Servo::LONGEST_REST_S);
         self.is_over = tick + (rest_s * f64::from(self.rate_hz)).ceil() as u64;
-        self.feed(target);
+        self.feed(target, tick);
     }
 
     /// Takes in received lines, up to one that is no target. That line is published for a tick as
@@ -186,7 +218,7 @@ impl Live {
         }
         if self.ends.is_some_and(|ends| ends <= tick) {
             let end = live(Servo::END, tick, self.rate_hz);
-            end.flatten().for_each(|end| self.feed(end));
+            end.flatten().for_each(|end| self.feed(end, tick));
             self.ends = None;
         }
     }

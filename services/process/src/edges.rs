@@ -24,15 +24,6 @@ pub(crate) type Sink<'a> = &'a mut dyn FnMut(usize, &[u8]);
 /// Why a run ends before its task does.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Ended {
-    /// A process has died once more than its graph allows.
-    Budget {
-        /// The process.
-        process: String,
-        /// The tick of its last death.
-        tick: u64,
-        /// How often it was started again.
-        restarts: u32,
-    },
     /// A process has made a message with a number that is not finite.
     NotFinite {
         /// The process.
@@ -49,14 +40,6 @@ pub enum Ended {
 impl std::fmt::Display for Ended {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Budget {
-                process,
-                tick,
-                restarts,
-            } => write!(
-                f,
-                "the {process} ended at tick {tick} after {restarts} restarts, all that its budget allows"
-            ),
             Self::NotFinite {
                 process,
                 topic,
@@ -131,16 +114,6 @@ pub(crate) struct Now<'a> {
     pub(crate) board: &'a mut Board,
     pub(crate) scratch: &'a mut Scratch,
     pub(crate) sink: Sink<'a>,
-}
-
-/// A death between the outputs of a tick.
-struct Within {
-    /// The fault's place.
-    place: usize,
-    /// Outputs that leave before.
-    outputs: usize,
-    /// The state before the step.
-    before: Vec<u8>,
 }
 
 /// A process under faults.
@@ -268,7 +241,7 @@ impl Edges {
         if member.makes_ticks {
             return self.make(member, now);
         }
-        if self.is_absent(member, now)? {
+        if self.is_absent(member, now) {
             return Ok(Flow::Go);
         }
         let me = now.me;
@@ -277,9 +250,7 @@ impl Edges {
             inbox.look(0).map(|message| message.header().tick)
         };
         while let Some(label) = first(self) {
-            if !self.answer(member, label, now)? {
-                return Ok(Flow::Go);
-            }
+            self.answer(member, label, now)?;
         }
         self.close(member, now);
         Ok(Flow::Go)
@@ -295,19 +266,14 @@ impl Edges {
         }
         let flow = member.step_on(&inputs, 1, now.board, now.scratch);
         if flow == Flow::Go {
-            self.send(member, now.tick, None, now)?;
+            self.send(member, now.tick, now)?;
             self.close(member, now);
         }
         Ok(flow)
     }
 
-    /// The step for a message of its first input that has come; `false` where the process dies of it.
-    fn answer(
-        &mut self,
-        member: &mut Member,
-        label: u64,
-        now: &mut Now<'_>,
-    ) -> Result<bool, Ended> {
+    /// The step for a message of its first input that has come.
+    fn answer(&mut self, member: &mut Member, label: u64, now: &mut Now<'_>) -> Result<(), Ended> {
         let life = &mut self.readers.lives[now.me];
         let messages = life.inboxes.iter_mut().map(|inbox| inbox.at(label));
         let messages: Vec<_> = messages.collect();
@@ -315,34 +281,18 @@ impl Edges {
         for (input, message) in member.reads.iter().zip(&messages) {
             match message {
                 Some(message) => inputs.add(TOPICS[input.topic], message.bytes()),
-                None if input.is_needed => return Ok(true),
+                None if input.is_needed => return Ok(()),
                 None => {}
             }
         }
-        let (place, incarnation) = (life.place, life.incarnation);
-        let is_within = |(at, fault): &(usize, &ScheduledFault)| {
-            let is_due = fault.at == label && fault.after_outputs() > 0 && !self.has_struck[*at];
-            is_due && fault.process as usize == place
-        };
-        let within = self.readers.faults.iter().enumerate().find(is_within);
-        let within = within.map(|(place, fault)| Within {
-            place,
-            outputs: fault.after_outputs() as usize,
-            before: saved(member),
-        });
+        let incarnation = life.incarnation;
         // A stage does not end a run.
         let _ = member.step_on(&inputs, incarnation, now.board, now.scratch);
-        self.send(member, label, within, now)
+        self.send(member, label, now)
     }
 
-    /// Sends the outputs of a step; `false` where the process dies in between.
-    fn send(
-        &mut self,
-        member: &mut Member,
-        label: u64,
-        within: Option<Within>,
-        now: &mut Now<'_>,
-    ) -> Result<bool, Ended> {
+    /// Sends the outputs of a step.
+    fn send(&mut self, member: &mut Member, label: u64, now: &mut Now<'_>) -> Result<(), Ended> {
         let parts = now.board.parts_mut();
         let parts = parts.map(|part| part.map(|part| Packed::of(part)));
         for topic in &member.writes {
@@ -358,14 +308,7 @@ impl Edges {
                 });
             }
         }
-        for (output, topic) in member.writes.iter().enumerate() {
-            if let Some(within) = within.as_ref().filter(|within| within.outputs == output) {
-                self.has_struck[within.place] = true;
-                // It is the state before the step that its replacement takes up.
-                let _ = member.step.restore(&within.before);
-                self.die(member, now)?;
-                return Ok(false);
-            }
+        for topic in &member.writes {
             let Some(message) = &parts[*topic] else {
                 continue;
             };
@@ -380,9 +323,9 @@ impl Edges {
                 readers.deliver(*topic, message, now.sink);
                 Ok::<(), Infallible>(())
             };
-            let Ok(()) = shaper.shape(message.bytes(), now.tick, faults, || None, |_| (), deliver);
+            let Ok(()) = shaper.shape(message.bytes(), now.tick, faults, |_| (), deliver);
         }
-        Ok(true)
+        Ok(())
     }
 
     /// Sends what faults have held back until now.
@@ -395,23 +338,20 @@ impl Edges {
     }
 
     /// Whether a fault takes the process down at this tick, or has before.
-    fn is_absent(&mut self, member: &Member, now: &mut Now<'_>) -> Result<bool, Ended> {
+    fn is_absent(&mut self, member: &Member, now: &mut Now<'_>) -> bool {
         let Life { place, back_at, .. } = self.readers.lives[now.me];
         if now.tick < back_at {
-            return Ok(true);
+            return true;
         }
-        let is_down = |(at, fault, kind): &(usize, &ScheduledFault, Kind)| {
-            let is_later =
-                fault.after_outputs() > 0 && fault.at == now.tick && !self.has_struck[*at];
-            kind.takes_down() && !is_later
-        };
-        let found = of(&self.readers.faults, place, now.tick).find(is_down);
-        let Some((at, fault, _)) = found else {
-            return Ok(false);
+        let found = of(&self.readers.faults, place, now.tick)
+            .find(|(.., kind)| kind.takes_down())
+            .map(|(at, fault, _)| (at, *fault));
+        let Some((at, fault)) = found else {
+            return false;
         };
         self.has_struck[at] = true;
         if fault.ends_process() {
-            self.die(member, now)?;
+            self.die(member, now);
         } else {
             let until = fault.until;
             let life = &mut self.readers.lives[now.me];
@@ -422,11 +362,11 @@ impl Edges {
                 .take(1)
                 .for_each(|first| first.next = until);
         }
-        Ok(true)
+        true
     }
 
     /// The process dies, and its replacement too where another death is planned before that can answer.
-    fn die(&mut self, member: &Member, now: &mut Now<'_>) -> Result<(), Ended> {
+    fn die(&mut self, member: &Member, now: &mut Now<'_>) {
         let Self {
             readers,
             shapers,
@@ -435,14 +375,6 @@ impl Edges {
         } = self;
         let life = &mut readers.lives[now.me];
         loop {
-            let restarts = life.incarnation - 1;
-            if restarts >= member.restarts {
-                return Err(Ended::Budget {
-                    process: member.name.clone(),
-                    tick: now.tick,
-                    restarts,
-                });
-            }
             life.incarnation += 1;
             let own = || {
                 let all = readers.faults.iter().enumerate();
@@ -476,12 +408,5 @@ impl Edges {
             .iter_mut()
             .for_each(|inbox| *inbox = Inbox::from(inbox.read, back_at));
         member.writes.iter().for_each(|topic| shapers[*topic].die());
-        Ok(())
     }
-}
-
-fn saved(member: &Member) -> Vec<u8> {
-    let mut state = Vec::new();
-    member.step.save(&mut state);
-    state
 }

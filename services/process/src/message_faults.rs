@@ -36,8 +36,7 @@ impl Shaper {
     }
 
     /// Hands to `deliver` all that leaves at `tick` in place of a message: nothing, the message, another one, or several. `faults` are those that
-    /// concern the process at the tick. `before` gives the message before it where this shaper has seen none, and `injected` is called with the place
-    /// of each fault that takes effect.
+    /// concern the process at the tick. `injected` is called with the place of each fault that takes effect.
     ///
     /// # Errors
     /// The first of `deliver`.
@@ -46,7 +45,6 @@ impl Shaper {
         message: &[u8],
         tick: u64,
         faults: impl Iterator<Item = (usize, &'a ScheduledFault, Kind)>,
-        before: impl FnOnce() -> Option<Packed>,
         injected: impl FnMut(usize),
         mut deliver: impl FnMut(&[u8]) -> Result<(), E>,
     ) -> Result<(), E> {
@@ -62,7 +60,7 @@ impl Shaper {
         if is_stale {
             // Its own old header with it: whoever reads ticks knows it again.
             let old = self.stale.take().or_else(|| self.before(label));
-            message = old.or_else(before).unwrap_or(message);
+            message = old.unwrap_or(message);
             self.stale = Some(message.clone());
         } else if !has_zombie {
             self.stale = None;

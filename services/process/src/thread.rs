@@ -30,8 +30,6 @@ pub struct Member {
     /// Its place in the graph, by which faults name it.
     pub(crate) place: usize,
     pub(crate) makes_ticks: bool,
-    /// How often it is started again at most.
-    pub(crate) restarts: u32,
     pub(crate) reads: Vec<Input>,
     /// By their places in [`TOPICS`], in the order in which they leave.
     pub(crate) writes: Vec<usize>,
@@ -56,7 +54,6 @@ impl Member {
             name: process.name.clone(),
             place,
             makes_ticks: process.role() == Role::World,
-            restarts: process.restarts(),
             reads: step.reads().iter().filter_map(input).collect(),
             writes: step
                 .writes()

@@ -150,7 +150,7 @@ impl<'a> Recorder<'a> {
             if !is_first {
                 let last = last.get(channel).and_then(Option::as_deref);
                 collector.resume(last.map(tick_of), 0);
-                collector.recall(last)?;
+                collector.go_on();
             }
             topics.push(Topic { channel, collector });
         }
@@ -187,7 +187,7 @@ impl<'a> Recorder<'a> {
         while let Some(row) = self.assembler.next_row() {
             self.judge(&row);
         }
-        self.record.close_chunk(shell.is_about_to_go_down());
+        self.record.close_chunk();
         if !self.record.error.is_empty() || !self.tape.result.error.is_empty() {
             shell.mark_detected();
         }
@@ -277,8 +277,8 @@ impl Record {
     }
 
     /// Closes the chunk, if it is time.
-    fn close_chunk(&mut self, at_once: bool) {
-        if at_once || self.closed.elapsed() >= CHUNK {
+    fn close_chunk(&mut self) {
+        if self.closed.elapsed() >= CHUNK {
             self.closed = Instant::now();
             self.write(RecordWriter::close_chunk);
         }

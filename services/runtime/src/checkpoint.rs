@@ -1,14 +1,13 @@
 //! The state from which a restarted process continues, in a file that outlives its writer.
 //!
 //! Two slots alternate. A tick's slot is committed before its last message leaves, so a replacement
-//! finds the state behind every message that a reader has. The previous slot stays, for a death
-//! between commit and message.
+//! finds the state behind every message that a reader has. Only in real time is a process replaced.
 
 use std::cell::Cell;
 use std::path::Path;
 use std::rc::Rc;
 use std::slice;
-use std::sync::atomic::{AtomicU64, Ordering, fence};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::mapped::Mapped;
 
@@ -17,8 +16,6 @@ use crate::mapped::Mapped;
 struct Head {
     /// Commits so far; the newest lies in slot (commits − 1) mod 2.
     commits: AtomicU64,
-    /// The tick of each slot.
-    ticks: [AtomicU64; 2],
     /// The length of each slot's state; bytes.
     bytes: [AtomicU64; 2],
 }
@@ -33,8 +30,8 @@ struct Slots {
 
 /// State that is committed when a tick closes.
 pub(crate) trait Commit {
-    /// Commits the state written for a tick, if any.
-    fn commit(&self, tick: u64);
+    /// Commits the state written for the tick in hand, if any.
+    fn commit(&self);
 }
 
 impl Slots {
@@ -53,13 +50,11 @@ impl Slots {
 }
 
 impl Commit for Slots {
-    fn commit(&self, tick: u64) {
+    fn commit(&self) {
         if !self.is_written.replace(false) {
             return;
         }
         let commits = self.head().commits.load(Ordering::Relaxed);
-        self.head().ticks[(commits % 2) as usize].store(tick, Ordering::Relaxed);
-        fence(Ordering::Release);
         self.head().commits.store(commits + 1, Ordering::Release);
     }
 }
@@ -71,15 +66,11 @@ pub struct StateCell {
 }
 
 impl StateCell {
-    /// Maps the file, which is made where there is none. The previous state is the newest of a tick from which the process may go on.
+    /// Maps the file, which is made where there is none.
     ///
     /// # Errors
     /// When there is no room, or the previous state counts more bytes than there are.
-    pub(crate) fn open(
-        path: &Path,
-        most: usize,
-        may_resume_from: impl Fn(u64) -> bool,
-    ) -> std::io::Result<Self> {
+    pub(crate) fn open(path: &Path, most: usize) -> std::io::Result<Self> {
         let slots = Slots {
             file: Mapped::open(path, size_of::<Head>() + 2 * most)?,
             most,
@@ -87,13 +78,6 @@ impl StateCell {
         };
         let head = slots.head();
         let commits = head.commits.load(Ordering::Acquire);
-        let newest = (commits.saturating_sub(2)..commits).rev();
-        let number = newest.into_iter().find(|number| {
-            may_resume_from(head.ticks[(number % 2) as usize].load(Ordering::Relaxed))
-        });
-        // A commit from which no process may go on is taken back: the next one takes its slot, not that of the state before.
-        let kept = number.map_or(0, |number| number + 1);
-        head.commits.store(kept, Ordering::Release);
         let read = |number: u64| {
             let bytes = head.bytes[(number % 2) as usize].load(Ordering::Relaxed);
             if bytes > most as u64 {
@@ -104,7 +88,7 @@ impl StateCell {
             let state = unsafe { slice::from_raw_parts(slots.slot(number), bytes as usize) };
             Ok(state.to_vec())
         };
-        let previous = number.map(read).transpose()?;
+        let previous = commits.checked_sub(1).map(read).transpose()?;
         Ok(Self {
             slots: Rc::new(slots),
             previous,
@@ -144,32 +128,27 @@ mod tests {
     use crate::RunDir;
 
     #[test]
-    fn a_commit_that_is_taken_back_does_not_cost_the_one_before() {
+    fn what_is_not_committed_is_not_found() {
         let run = RunDir::create().unwrap();
-        let open =
-            |before: u64| StateCell::open(&run.path().join("c"), 9, |tick| tick < before).unwrap();
-        let commit = |cell: &mut StateCell, tick: u64| {
-            assert!(cell.write(&vec![tick as u8; tick as usize % 10]));
-            cell.committer().commit(tick);
-        };
-        let found = |before: u64| open(before).previous().map(<[u8]>::to_vec);
-        let mut cell = open(0);
+        let open = || StateCell::open(&run.path().join("c"), 9).unwrap();
+        let found = || open().previous().map(<[u8]>::to_vec);
+        let mut cell = open();
         assert!(cell.previous().is_none() && !cell.write(&[0; 10]));
-        (4..6).for_each(|tick| commit(&mut cell, tick));
-        // A death after the commit of tick 5 and before its message, and another one after the commit of the replacement's first tick.
-        let mut cell = open(5);
-        commit(&mut cell, 105);
-        assert_eq!([found(5), found(5)], [Some(vec![4; 4]), Some(vec![4; 4])]);
-        assert_eq!(found(0), None);
+        for tick in 4..6 {
+            assert!(cell.write(&[tick; 4]));
+            cell.committer().commit();
+        }
+        assert!(cell.write(&[105; 5]));
+        assert_eq!((found(), found()), (Some(vec![5; 4]), Some(vec![5; 4])));
     }
 
     #[test]
     fn a_damaged_length_is_refused_and_not_shortened() {
         let run = RunDir::create().unwrap();
-        let open = || StateCell::open(&run.path().join("c"), 8, |_| true);
+        let open = || StateCell::open(&run.path().join("c"), 8);
         let mut cell = open().unwrap();
         assert!(cell.write(&[1; 8]));
-        cell.committer().commit(0);
+        cell.committer().commit();
         assert_eq!(open().unwrap().previous(), Some(&[1; 8][..]));
         cell.slots.head().bytes[0].store(9, Ordering::Relaxed);
         assert!(open().is_err());

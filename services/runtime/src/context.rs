@@ -7,29 +7,30 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use lockstep::{Protocol, Report};
-use shared_types::fault::{Kind, ScheduledFault, Way};
 use shared_types::wire::Header;
 
 use crate::bus::node::Bus;
 use crate::checkpoint::Commit;
 use crate::clock::now_ns;
-use crate::control_page::{ControlPage, PROGRESS, ProcessEntry, State, Stop};
+use crate::control_page::{ControlPage, ProcessEntry, Stop};
 use crate::disturbance::Pauses;
-use crate::fault::process::{CpuLoad, bus_error, kill_self, stop_self};
+use crate::fault::clock;
+use crate::fault::process::CpuLoad;
 use crate::fault::table::KnownFaults;
-use crate::fault::{burden, clock};
 use crate::manifest::Manifest;
 use crate::run_dir::RunDir;
 use crate::stamping::Stamping;
 use crate::turns::Turns;
 use crate::wait::{Interrupted, Wait, Waited};
 
+mod absence;
 mod beginning;
 mod cut;
+mod order;
 mod outputs;
-mod view;
 mod volume;
+
+pub(crate) use order::{CHAIN_LAG, RECORDER_LAG};
 
 /// Why this process is to stop.
 pub(crate) struct StopFlag {
@@ -72,9 +73,6 @@ enum Patience {
     Exhausted(Duration),
 }
 
-/// Interval between checks whether the launcher has handed over missed messages.
-const HAND_OVER_LOOK: Duration = Duration::from_micros(200);
-
 /// Everything that takes part in the beginning or the end of a tick.
 #[derive(Default)]
 pub(crate) struct Attached {
@@ -99,6 +97,8 @@ pub(crate) struct Context {
     pub(crate) has_started: Cell<bool>,
     /// The tick in hand: everything before it is closed.
     pub(crate) tick: Cell<u64>,
+    /// In the header of its messages. In lockstep one more than its planned deaths so far, and in real time than all.
+    pub(crate) incarnation: Cell<u32>,
     pub(crate) stamping: Stamping,
     pub(crate) turns: Turns,
     /// Ticks that the source may be ahead of a polled process.
@@ -235,14 +235,14 @@ impl Context {
         }
     }
 
-    /// Commits the checkpoint that was written for a tick.
+    /// Commits the checkpoint that was written for the tick in hand.
     #[inline]
-    pub(crate) fn commit(&self, tick: u64) {
+    pub(crate) fn commit(&self) {
         self.attached
             .checkpoints
             .borrow()
             .iter()
-            .for_each(|checkpoint| checkpoint.commit(tick));
+            .for_each(|checkpoint| checkpoint.commit());
     }
 
     pub(crate) fn port_failed(
@@ -267,43 +267,8 @@ impl Context {
     /// Fills an output's header with this hop's stamps and those before it.
     #[inline]
     pub(crate) fn stamp(&self, header: &mut Header) {
+        header.incarnation = self.incarnation.get();
         self.stamping.stamp(header, self.clock_ns(), self.entry());
-    }
-
-    /// Waits until the launcher has handed over all that the retainers of the topics held at the call: for a process that misses messages of `topic`.
-    ///
-    /// A stop of the run does not end it: the process takes in missing messages before it ends.
-    pub(crate) fn await_hand_over(&self, topic: &'static str) -> Result<(), Interrupted> {
-        let (request, began_ns) = (self.control_page.request_hand_over(), now_ns());
-        while !self.control_page.is_handed_over(request) {
-            let waited = Duration::from_nanos(now_ns() - began_ns);
-            if self.manifest.wait_limit.is_some_and(|limit| waited > limit) {
-                let what = format!("the messages of topic {topic:?} that it has missed");
-                return Err(Interrupted::TimedOut {
-                    process: self.name().to_owned(),
-                    what,
-                    from: "the launcher".into(),
-                    waited,
-                });
-            }
-            std::thread::sleep(HAND_OVER_LOOK);
-        }
-        Ok(())
-    }
-
-    /// In lockstep: waits until no polled process lags so far that it could lose this tick, and all are back whom the fault table has back by then.
-    pub(crate) fn wait_for_others(&self, tick: u64) -> Result<Waited<()>, Interrupted> {
-        let laggard = || self.protocol().holds_back(tick);
-        let describe = || Wait {
-            what: format!("its turn to begin tick {tick}"),
-            from: laggard().map_or("the others".into(), |index| {
-                self.manifest.processes[index].name.clone()
-            }),
-        };
-        self.wait(PROGRESS, None, describe, || {
-            self.learn();
-            Ok(laggard().is_none().then_some(()))
-        })
     }
 
     /// Brings the copy of the fault table up to date; one load where nothing has changed.
@@ -348,152 +313,6 @@ impl Context {
         !self.is_unharmed() && self.faults.known.borrow().shapes_messages()
     }
 
-    /// The decisions of the lockstep protocol for this process.
-    #[inline]
-    pub(crate) fn protocol(&self) -> Protocol<'_, Self> {
-        Protocol::new(self, self.me)
-    }
-
-    /// When this process, started again, may answer: the first tick after its last death. 0: no death is known.
-    pub(crate) fn returns_at(&self) -> u64 {
-        self.learn();
-        self.protocol().returns_at()
-    }
-
-    /// Applies the faults of this process at a tick, with the tick's first input in hand. Returns
-    /// the tick at which it continues: `tick`, or a later one if it was stopped.
-    #[inline]
-    pub(crate) fn apply_process_faults(&self, tick: u64) -> u64 {
-        self.learn();
-        if self.is_unharmed() {
-            tick
-        } else {
-            self.apply_known_faults(tick)
-        }
-    }
-
-    /// Applies the faults of this process at a tick that cost it time.
-    pub(crate) fn burden(&self, tick: u64) {
-        let (known, mut load) = (
-            self.faults.known.borrow(),
-            self.faults.cpu_load.borrow_mut(),
-        );
-        let injected = |place| {
-            self.control_page
-                .fault_table()
-                .mark_injected(place, now_ns())
-        };
-        burden::burden(
-            known.of(self.me, tick),
-            &mut load,
-            self.manifest.processes[self.me].core,
-            injected,
-        );
-    }
-
-    #[cold]
-    fn apply_known_faults(&self, tick: u64) -> u64 {
-        self.burden(tick);
-        let Some(outage) = self.protocol().downfall(tick) else {
-            return tick;
-        };
-        self.control_page
-            .fault_table()
-            .mark_injected(outage.place, now_ns());
-        let Some((fault, kind)) = self.fault(outage.place) else {
-            return tick;
-        };
-        match kind {
-            Kind::Kill => {
-                self.leave(State::Gone);
-                kill_self();
-            }
-            Kind::Crash => {
-                self.leave(State::Gone);
-                if fault.way() == Some(Way::BusError) {
-                    bus_error();
-                }
-                panic!(
-                    "{} crashes at tick {tick}, as the fault plan says",
-                    self.name()
-                );
-            }
-            _ => self.stand_still(&fault),
-        }
-        fault.until
-    }
-
-    /// Ends this process where the fault table has it end between the outputs of a tick.
-    #[inline]
-    pub(crate) fn apply_faults_between_outputs(&self, tick: u64) {
-        if !self.is_unharmed() {
-            self.fall_between_outputs(tick);
-        }
-    }
-
-    #[cold]
-    fn fall_between_outputs(&self, tick: u64) {
-        let (of, sent) = self.attached.outputs_sent.get();
-        if let Some(outage) = self
-            .protocol()
-            .downfall_after(tick, sent.count_ones())
-            .filter(|_| of == tick)
-        {
-            self.control_page
-                .fault_table()
-                .mark_injected(outage.place, now_ns());
-            self.leave(State::Gone);
-            kill_self();
-        }
-    }
-
-    /// Attached where a replacement has died before it could answer, so that a run repeats the deaths of its plan.
-    fn apply_faults_at_start(&self) {
-        self.learn();
-        if let Some(outage) = self.protocol().downfall_at_start() {
-            self.control_page
-                .fault_table()
-                .mark_injected(outage.place, now_ns());
-            self.leave(State::Gone);
-            kill_self();
-        }
-    }
-
-    /// The fault at a place of the table, as this process knows it.
-    fn fault(&self, place: usize) -> Option<(ScheduledFault, Kind)> {
-        let known = self.faults.known.borrow();
-        let (_, fault) = known.faults().iter().find(|(one, _)| *one == place)?;
-        Some((*fault, fault.kind()?))
-    }
-
-    /// The others are informed before, so that none waits for a message that cannot come.
-    fn leave(&self, state: State) {
-        self.entry().set_state(state);
-        self.control_page.ring_all();
-    }
-
-    fn stand_still(&self, fault: &ScheduledFault) {
-        self.leave(State::Stopped);
-        stop_self();
-        // A process that is not continued (`Way::ForEver`) is replaced and never comes here; a stray SIGCONT changes nothing about it.
-        while fault.way() == Some(Way::ForEver) && !self.is_stopping() {
-            stop_self();
-        }
-        self.skip_to(fault.until);
-        self.entry().set_state(State::Running);
-        self.control_page
-            .fault_table()
-            .mark_recovered(self.me, now_ns());
-        self.control_page.ring_all();
-    }
-
-    /// In lockstep: nothing before `tick` will come of this process any more.
-    pub(crate) fn skip_to(&self, tick: u64) {
-        if let Some(ticks) = self.protocol().skips_to(tick) {
-            self.entry().set_ticks(ticks);
-        }
-    }
-
     /// This process's clock: the machine's, unless a fault has it jump or run fast.
     #[inline]
     pub(crate) fn clock_ns(&self) -> u64 {
@@ -526,6 +345,11 @@ impl Context {
         for outlet in self.attached.outlets.borrow().iter() {
             outlet.flush(tick);
         }
+        self.pass(tick);
+    }
+
+    /// As [`close`](Self::close), of a tick in which this process is absent: what it holds back stays there.
+    pub(crate) fn pass(&self, tick: u64) {
         self.entry().set_ticks(tick + 1);
         for outlet in self.attached.outlets.borrow().iter() {
             outlet.ring();
@@ -535,21 +359,6 @@ impl Context {
 
     pub(crate) fn add_outlet(&self, outlet: Rc<dyn Closing>) {
         self.attached.outlets.borrow_mut().push(outlet);
-    }
-
-    /// Wakes processes that wait for the progress of others rather than for a message, because this
-    /// process has closed a tick.
-    #[inline]
-    pub(crate) fn report_progress(&self) {
-        // In real time without faults every process waits for messages alone.
-        if self.is_unharmed() && !self.is_lockstep() {
-            return;
-        }
-        match self.protocol().reports_to() {
-            Report::Everybody => self.control_page.ring_all(),
-            Report::Source(source) => self.control_page.process(source).doorbell().ring(PROGRESS),
-            Report::Unneeded => {}
-        }
     }
 }
 
@@ -564,6 +373,8 @@ pub(crate) trait Closing {
     fn topic(&self) -> &'static str;
     /// Sends the messages due at `tick` or before.
     fn flush(&self, tick: u64);
+    /// Drops the messages held back: the process has died as planned.
+    fn forget(&self);
     /// Wakes the readers.
     fn ring(&self);
 }

@@ -14,8 +14,6 @@ pub(crate) struct Rounds {
     round: Cell<Round>,
     /// When the round in hand began.
     began_ns: Cell<u64>,
-    /// The round in hand is the last one before a fault takes the process down.
-    is_falling: Cell<bool>,
 }
 
 /// State of a polled process between two rounds.
@@ -37,15 +35,7 @@ impl Rounds {
             Round::From(ticks) => {
                 report(shared, ticks);
                 shared.tick.set(shared.entry().ticks());
-                if self.is_falling.replace(false) {
-                    shared.apply_process_faults(shared.tick.get());
-                }
-                // Not before one more round: everything before the tick of its fall is taken in and safe by then.
-                shared.learn();
-                self.is_falling.set(
-                    shared.protocol().downfall(ticks).is_some()
-                        && shared.protocol().is_settled(ticks),
-                );
+                shared.attend(shared.tick.get());
             }
             Round::Before => {
                 if matches!(shared.start()?, Waited::Stopped) {
@@ -58,7 +48,7 @@ impl Rounds {
         each_other(shared, |line| {
             is_awaited.set(is_awaited.get() || line.doorbell().is_armed_for(PROGRESS))
         });
-        if !is_awaited.get() && !shared.is_stopping() && !self.is_falling.get() {
+        if !is_awaited.get() && !shared.is_stopping() {
             let doorbell = shared.entry().doorbell();
             let seen = doorbell.rings();
             doorbell.arm(ANYTHING);
@@ -104,12 +94,6 @@ impl Rounds {
             0
         }
     }
-
-    /// Whether the process will die or pause once it has reported its progress. Everything it has
-    /// taken in must be saved before.
-    pub(crate) fn is_about_to_go_down(&self) -> bool {
-        self.is_falling.get()
-    }
 }
 
 /// Tells all others that everything before so many ticks is taken in.
@@ -120,8 +104,7 @@ fn report(shared: &Context, ticks: u64) {
     }
 }
 
-/// Ticks that have begun: those of the process that makes them. The others may be ahead of it, because a replacement closes all ticks before its
-/// return at once.
+/// Ticks that have begun: those of the process that makes them.
 fn ticks_made(shared: &Context) -> u64 {
     let ticks = |index: usize| shared.control_page.process(index).ticks();
     let processes = &shared.manifest.processes;

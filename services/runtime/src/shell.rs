@@ -6,7 +6,6 @@ use std::rc::Rc;
 use std::sync::Arc;
 use std::time::Duration;
 
-use lockstep::RECORDER_LAG;
 use shared_types::fault::{Kind, ScheduledFault};
 use shared_types::job::Mode;
 use shared_types::topics::{self, Each};
@@ -21,7 +20,7 @@ use crate::bus::writer::{Outlet, SendError, Writer};
 use crate::bus::{format::Format, node::join, port::Receiver};
 use crate::checkpoint::StateCell;
 use crate::clock::now_ns;
-use crate::context::{Attached, Connect, Context, FaultState, StopFlag};
+use crate::context::{Attached, Connect, Context, FaultState, RECORDER_LAG, StopFlag};
 use crate::control_page::{ControlPage, ControlPageError, Count, Stop, Watchdog};
 use crate::disturbance::{self, Pauses};
 use crate::fault::table::FaultTable;
@@ -186,6 +185,7 @@ impl Shell {
         let (hop, disturbance) = (own.hop, own.disturbance);
         disturbance::begin(disturbance);
         let bus = join(&run, process, false)?;
+        let incarnation = control_page.process(me).incarnation();
         let foreign = manifest.messages.iter().map(|message| depth(message.bytes));
         let least = foreign.fold(least_depth(&manifest.topics()), usize::min);
         let shared = Context {
@@ -201,12 +201,11 @@ impl Shell {
             stop,
             has_started: Cell::new(false),
             tick: Cell::new(0),
+            incarnation: Cell::new(incarnation),
             pauses: RefCell::new(disturbance.pauses.map(Pauses::new)),
             faults: FaultState::default(),
             attached: Attached::default(),
         };
-        shared.learn();
-        shared.tick.set(shared.returns_at());
         Ok(Self {
             shared: Rc::new(shared),
             rounds: Rounds::default(),
@@ -279,7 +278,7 @@ impl Shell {
             .ports
             .borrow_mut()
             .push(Rc::clone(&sender) as Rc<dyn Connect>);
-        Outlet::new(&self.shared, format, sender)
+        Ok(Outlet::new(&self.shared, format, sender))
     }
 
     fn receiver(&self, format: Format, depth: usize) -> Result<Rc<Receiver>, TopicError> {
@@ -298,7 +297,7 @@ impl Shell {
         Ok(Ticks::new(Rc::clone(&self.shared), receiver))
     }
 
-    /// The state of this process, at most so many bytes: that which the last incarnation committed, and the place to fill at every tick before its last
+    /// The state of this process, at most so many bytes: in real time that which the last incarnation committed, and the place to fill at every tick before its last
     /// message.
     ///
     /// # Errors
@@ -313,9 +312,7 @@ impl Shell {
             process: shared.name().to_owned(),
             source,
         };
-        shared.learn();
-        let cell = StateCell::open(&path, most, |tick| shared.protocol().may_resume_from(tick))
-            .map_err(failed)?;
+        let cell = StateCell::open(&path, most).map_err(failed)?;
         shared
             .attached
             .checkpoints
@@ -349,12 +346,6 @@ impl Shell {
     /// For a polled process: ticks that had begun before the round in hand.
     pub fn ticks_begun(&self) -> u64 {
         self.rounds.ticks_begun()
-    }
-
-    /// Whether this polled process will die or pause once it has reported its progress. Everything
-    /// it has taken in must be saved before.
-    pub fn is_about_to_go_down(&self) -> bool {
-        self.rounds.is_about_to_go_down()
     }
 
     /// How time passes in this run.
@@ -401,7 +392,7 @@ impl Shell {
         }
     }
 
-    /// Ticks that the run may be ahead of a polled process in lockstep: at most a quarter of the messages that the retainers of the topics hold.
+    /// Ticks that the run may be ahead of a polled process in lockstep: at most a quarter of the messages that its buffers hold.
     pub fn most_ahead(&self) -> u64 {
         self.shared.recorder_lag
     }

@@ -20,17 +20,13 @@ impl Shell {
         }
     }
 
-    /// Ends the process by the signal that has ended the program for which it takes part, with a last line that says so. Does nothing after the first
-    /// tick, and where the run stops.
-    pub fn end_early_by(&self, signal: i32, line: &impl Display) {
-        if self.is_early() {
+    /// Ends the process by the signal that has ended the program for which it takes part, with a last line that says so. Does nothing where the run
+    /// stops.
+    pub fn end_by(&self, signal: i32, line: &impl Display) {
+        if !self.is_run_stopping() {
             crate::complain(&format_args!("armplane: {line}"));
             end_by(signal);
         }
-    }
-
-    fn is_early(&self) -> bool {
-        !self.shared().has_started.get() && !self.is_run_stopping()
     }
 
     fn is_run_stopping(&self) -> bool {

@@ -71,7 +71,6 @@ impl Stamping {
     #[inline]
     pub(crate) fn stamp(&self, header: &mut Header, now_ns: u64, entry: &ProcessEntry) {
         let input = self.input.borrow();
-        header.incarnation = entry.incarnation();
         if self.hop != Some(0) && input.tick == header.tick {
             copy(&input.stamps, &mut header.stamps);
         } else {

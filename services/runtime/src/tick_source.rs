@@ -4,9 +4,9 @@ use std::rc::Rc;
 
 use crate::clock::{now_ns, sleep_until};
 use crate::context::Context;
-use crate::control_page::{Count, PROGRESS, Stop};
+use crate::control_page::{Count, Stop};
 use crate::realtime::Usage;
-use crate::wait::{Interrupted, Wait, Waited};
+use crate::wait::{Interrupted, Waited};
 
 /// Ticks between two reads of the kernel's counters: reading them at each tick would cost a system
 /// call.
@@ -73,7 +73,7 @@ impl TickSource {
         self.next_tick += 1;
         self.context.tick.set(tick);
         // The arm's time is its own: where the plant stood still, no tick has passed.
-        self.context.apply_process_faults(tick);
+        self.context.attend(tick);
         Ok(Some(tick))
     }
 
@@ -114,7 +114,7 @@ impl TickSource {
         self.began_ns = now_ns();
         self.next_tick += 1;
         self.context.tick.set(tick);
-        self.context.apply_process_faults(tick);
+        self.context.attend(tick);
         Ok(Some(tick))
     }
 
@@ -128,18 +128,7 @@ impl TickSource {
         if !context.is_lockstep() {
             return Ok(());
         }
-        let laggard = || context.protocol().unfinished(self.next_tick);
-        let describe = || Wait {
-            what: format!("the end of tick {}", self.next_tick.saturating_sub(1)),
-            from: laggard().map_or("the others".into(), |index| {
-                context.manifest.processes[index].name.clone()
-            }),
-        };
-        let look = || {
-            context.learn();
-            Ok(laggard().is_none().then_some(()))
-        };
-        context.wait(PROGRESS, None, describe, look).map(drop)
+        context.wait_for_end(self.next_tick).map(drop)
     }
 
     /// Until when a tick's torque is waited for, on `CLOCK_MONOTONIC`; in lockstep without limit.

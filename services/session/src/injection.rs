@@ -19,7 +19,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 /// # Errors
 /// [`Failure::Input`] if the run, the process or the fault does not exist; [`Failure::Work`] if the run has no room or no further tick.
 pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(Living, Fault), Failure> {
-    let living = Living::find_to_change(wanted)?;
+    let mut living = Living::find_to_change(wanted)?;
     let (run, manifest, control_page) = living.open()?;
     let job = job(&run);
     let Some(index) = manifest.index_of(&fault.process) else {
@@ -56,15 +56,8 @@ pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(Living, Fault), Fa
             runtime::MOST_WHEN_REQUESTED
         )));
     };
-    let asked = Instant::now();
-    while !control_page.fault_table().is_in_force(place) {
-        if asked.elapsed() > PATIENCE || !run.path().exists() {
-            return Err(Failure::Work(format!(
-                "{living} has not begun a tick since: the fault takes effect at its next tick"
-            )));
-        }
-        std::thread::sleep(Duration::from_micros(200));
-    }
+    await_force(&mut living, place)?;
+    let (_, _, control_page) = living.open()?;
     let in_force = control_page
         .fault_table()
         .record(place)
@@ -73,4 +66,25 @@ pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(Living, Fault), Fa
         return Err(Failure::Work(format!("{living} does not know this fault")));
     };
     Ok((living, in_force))
+}
+
+/// Waits until a fault is in force; after a roll-back the run has it at the same place of another table.
+fn await_force(living: &mut Living, place: usize) -> Result<(), Failure> {
+    let asked = Instant::now();
+    let (mut run, _, mut control_page) = living.open()?;
+    while !control_page.fault_table().is_in_force(place) {
+        if asked.elapsed() > PATIENCE {
+            return Err(Failure::Work(format!(
+                "{living} has not begun a tick since: the fault takes effect at its next tick"
+            )));
+        }
+        if !run.path().exists()
+            && let Some(again) = living.again()
+        {
+            *living = again;
+            (run, _, control_page) = living.open()?;
+        }
+        std::thread::sleep(Duration::from_micros(200));
+    }
+    Ok(())
 }

@@ -1,9 +1,9 @@
 //! Starts the processes of a plan, and listens to them until they end.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use launcher::{Delay, Event, Interrupts, Launcher, Outcome, Plan};
+use launcher::{Death, Delay, Event, Exit, Interrupts, Launcher, Outcome, Plan, Ran};
 use model::Robot;
 use runtime::RunDir;
 use shared_types::graph::Process;
@@ -33,7 +33,7 @@ pub fn launch(
     launch_begun(job, plan, &mut |_| Ok(()), observer)
 }
 
-/// As [`launch`]; `begin` sees the run before its first process starts.
+/// As [`launch`]; `begin` sees the run before its first process starts, each time that all processes start.
 ///
 /// # Errors
 /// See [`launch_watched`].
@@ -65,6 +65,7 @@ pub fn launch_begun(
                 silent.as_millis()
             )));
         }
+        Event::RolledBack { deaths } => observer(Progress::Line(&rolled_back(deaths))),
         Event::Restarted {
             process,
             exit,
@@ -96,6 +97,23 @@ pub fn launch_begun(
     launched
 }
 
+/// `plant ended with signal 9 (SIGKILL) at tick 1200: all processes start again from tick 0 (0.4 s lost)`.
+fn rolled_back(deaths: &[Death]) -> String {
+    let ends = deaths
+        .iter()
+        .map(|death| format!("{} ended with {}", death.process, death.exit));
+    let (tick, lost_s) = (
+        deaths.iter().map(|death| death.tick).max(),
+        deaths.iter().filter_map(|death| death.lost).max(),
+    );
+    format!(
+        "{} at tick {}: all processes start again from tick 0 ({:.1} s lost)",
+        ends.collect::<Vec<_>>().join(" and "),
+        tick.unwrap_or_default(),
+        lost_s.unwrap_or_default().as_secs_f64()
+    )
+}
+
 /// Messages that are due from a process, in words; `None` if it writes none.
 fn due(tick: u64, writes: &[String]) -> Option<String> {
     let topics: Vec<String> = writes.iter().map(|topic| format!("`{topic}`")).collect();
@@ -114,10 +132,10 @@ pub fn interrupts() -> Result<Interrupts, Failure> {
     })
 }
 
-/// Called with a run before its first process starts.
+/// Called with a run before its first process starts: in lockstep after each roll-back, too, with another directory.
 pub type Begin<'a> = &'a mut dyn FnMut(&RunDir) -> Result<(), Failure>;
 
-/// Runs the processes; `begin` sees the run before its first process starts, `report` every event. Returns the launcher's outcome and the
+/// Runs the processes; `begin` sees the run before its first process starts, each time, `report` every event. Returns the launcher's outcome and the
 /// recorder's part of the summary.
 ///
 /// # Errors
@@ -130,58 +148,28 @@ pub fn launch_watched(
 ) -> Result<(Outcome, Option<Summary>), Failure> {
     // Before the first file of the run is made: from here on a signal ends the run, and the run removes what it has made.
     let _signals = interrupts()?;
-    let launcher = Launcher::prepare(plan).map_err(Failure::work)?;
-    let run_dir = launcher.run_dir().to_owned();
-    let name = run_dir.file_name().unwrap_or_default();
-    let job = Job {
-        run: name.to_string_lossy().into_owned(),
-        ..job.clone()
-    };
-    let account_path = run_dir.join(recorder::SUMMARY);
-    runtime::reserve(&account_path, ACCOUNT_BYTES)
-        .map_err(|error| Failure::Work(format!("no memory for the run's summary: {error}")))?;
-    write_job(&job, &run_dir)?;
-    begin(&RunDir::open(&run_dir).map_err(Failure::work)?)?;
-    let mut programs = job.graph.process.iter().map(|process| &process.command);
-    let has_programs = programs.any(|command| !command.is_empty());
-    let guard = || launcher::reexec(GUARD, &run_dir);
-    let start_guard = || launcher::Guard::start(guard()?, &run_dir);
-    let mut held = has_programs
-        .then(start_guard)
-        .transpose()
-        .map_err(|error| Failure::Work(format!("cannot start {GUARD}: {error}")))?;
-    let (mut account, mut guards) = (None, Vec::new());
-    let outcome = launcher.run(&|name, run| command(&job, name, run), &mut |event| {
-        if event == Event::Stopped {
-            account = std::fs::read(&account_path)
-                .ok()
-                .and_then(|text| serde_json::from_slice(&text).ok());
-        }
-        report(&event);
-        if let (Event::Progress { ticks }, Some(held)) = (&event, &mut held)
-            && guards.len() < MOST_GUARDS
-        {
-            match held.replace(guard) {
-                Ok(None) => {}
-                Ok(Some(exit)) => {
-                    guards.push((*ticks, exit));
-                    report(&Event::Restarted {
-                        process: GUARD,
-                        exit,
-                        pid: held.pid(),
-                        incarnation: guards.len() as u32 + 1,
-                    });
-                }
-                Err(error) => report(&Event::Line {
-                    process: GUARD,
-                    line: &format!("cannot be started again: {error}"),
-                }),
+    let mut launcher = Launcher::prepare(plan).map_err(Failure::work)?;
+    let mut guards = Vec::new();
+    loop {
+        let mut start = Start::set_up(job, launcher.run_dir(), begin)?;
+        let job = start.job.clone();
+        let ran = launcher.run(&|name, run| command(&job, name, run), &mut |event| {
+            if event == Event::Stopped {
+                start.take_account();
             }
+            report(&event);
+            if let Event::Progress { ticks } = event {
+                start.replace_guard(ticks, &mut guards, report);
+            }
+        });
+        match ran.map_err(Failure::work)? {
+            Ran::Ended(outcome) => {
+                let account = whole_account(&start.job, start.account)?;
+                return Ok((Outcome { guards, ..*outcome }, account));
+            }
+            Ran::RolledBack(again) => launcher = *again,
         }
-    });
-    let outcome = outcome.map_err(Failure::work)?;
-    let outcome = Outcome { guards, ..outcome };
-    Ok((outcome, whole_account(&job, account)?))
+    }
 }
 
 /// The recorder's part of the summary, made from the record where a recorder was replaced or has left none.
@@ -206,6 +194,75 @@ fn whole_account(job: &Job, account: Option<Summary>) -> Result<Option<Summary>,
         }
     }
     Ok(Some(whole))
+}
+
+/// One start of all processes of a run, which has a directory of its own.
+struct Start {
+    job: Job,
+    account_path: PathBuf,
+    /// The recorder's part of the summary.
+    account: Option<Summary>,
+    guard: Option<launcher::Guard>,
+}
+
+impl Start {
+    /// Puts all that the processes need to know into the run's directory.
+    fn set_up(job: &Job, run_dir: &Path, begin: Begin<'_>) -> Result<Self, Failure> {
+        let name = run_dir.file_name().unwrap_or_default();
+        let job = Job {
+            run: name.to_string_lossy().into_owned(),
+            ..job.clone()
+        };
+        let account_path = run_dir.join(recorder::SUMMARY);
+        runtime::reserve(&account_path, ACCOUNT_BYTES)
+            .map_err(|error| Failure::Work(format!("no memory for the run's summary: {error}")))?;
+        write_job(&job, run_dir)?;
+        begin(&RunDir::open(run_dir).map_err(Failure::work)?)?;
+        let mut programs = job.graph.process.iter().map(|process| &process.command);
+        let has_programs = programs.any(|command| !command.is_empty());
+        let start = || launcher::Guard::start(launcher::reexec(GUARD, run_dir)?, run_dir);
+        let guard = has_programs.then(start).transpose();
+        let guard =
+            guard.map_err(|error| Failure::Work(format!("cannot start {GUARD}: {error}")))?;
+        Ok(Self {
+            job,
+            account_path,
+            account: None,
+            guard,
+        })
+    }
+
+    fn take_account(&mut self) {
+        let text = std::fs::read(&self.account_path).ok();
+        self.account = text.and_then(|text| serde_json::from_slice(&text).ok());
+    }
+
+    fn replace_guard(
+        &mut self,
+        ticks: u64,
+        guards: &mut Vec<(u64, Exit)>,
+        report: &mut dyn FnMut(&Event<'_>),
+    ) {
+        let Some(guard) = self.guard.as_mut().filter(|_| guards.len() < MOST_GUARDS) else {
+            return;
+        };
+        match guard.replace(|run| launcher::reexec(GUARD, run)) {
+            Ok(None) => {}
+            Ok(Some(exit)) => {
+                guards.push((ticks, exit));
+                report(&Event::Restarted {
+                    process: GUARD,
+                    exit,
+                    pid: guard.pid(),
+                    incarnation: guards.len() as u32 + 1,
+                });
+            }
+            Err(error) => report(&Event::Line {
+                process: GUARD,
+                line: &format!("cannot be started again: {error}"),
+            }),
+        }
+    }
 }
 
 /// Writes what the processes need to know, and the arm for programs; and the job into the results folder too, before anything happens: what a killed

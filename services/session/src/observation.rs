@@ -124,6 +124,13 @@ impl Living {
         )))
     }
 
+    /// The same run after a roll-back.
+    pub(crate) fn again(&self) -> Option<Self> {
+        Self::all()
+            .into_iter()
+            .find(|run| (run.launcher_pid, &run.folder) == (self.launcher_pid, &self.folder))
+    }
+
     /// Its folder, from here where it is below.
     fn place(&self) -> PathBuf {
         let here = std::env::current_dir().unwrap_or_default();

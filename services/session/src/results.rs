@@ -35,6 +35,8 @@ const TARGETS: &str = "targets.csv";
 pub(crate) const ROBOT_URDF: &str = "robot.urdf";
 const ROBOT_MJCF: &str = "robot.xml";
 const ROBOT_TOML: &str = "robot.toml";
+/// The targets of a live session in lockstep while it lasts.
+pub const GIVEN_TARGETS: &str = "targets.csv.tmp";
 /// Made and removed to see whether the results folder can be written to.
 const PROBE: &str = ".armplane";
 /// The files that [`keep`] writes.
@@ -247,6 +249,7 @@ impl Results {
         let again = repeated(job, &Summary::default())?;
         let mut kept: Vec<_> = again.iter().map(|(name, _)| *name).collect();
         kept.push(JOB);
+        let _ = std::fs::remove_file(self.folder.join(GIVEN_TARGETS));
         self.clear_but(&kept)
     }
 
@@ -412,6 +415,7 @@ impl Drop for Results {
     fn drop(&mut self) {
         if self.has_reserve.get() {
             release(&self.folder);
+            let _ = std::fs::remove_file(self.folder.join(GIVEN_TARGETS));
         }
         if self.made {
             // Fails, as it should, where there is something in it.

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use launcher::{End, Exit, Failure, Outcome, ProcessOutcome};
+use launcher::{Death, End, Exit, Failure, Outcome, ProcessOutcome};
 use runtime::{Counts, FaultRecord, Origin};
 use shared_types::fault::ScheduledFault;
 use shared_types::job::{Job, Mode};
@@ -50,7 +50,8 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
     let faults = outcome.faults.iter();
     let faults =
         faults.map(|account| with_last_line(fault_summary(job, account), account, outcome));
-    summary.faults = faults.chain(unlisted(outcome)).collect();
+    let deaths = outcome.deaths.iter().map(death);
+    summary.faults = faults.chain(deaths).chain(unlisted(outcome)).collect();
     let counts: Vec<_> = outcome.processes.iter().map(|one| one.counts).collect();
     summary.deadlines = deadlines(job, ticks, &counts);
     let account = summary.deadlines.as_ref();
@@ -129,12 +130,8 @@ pub(crate) fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
                 &process,
                 exit,
                 &account.scheduled,
-                since_ms(account.recovered_ns).map(|after_ms| match job.mode {
-                    Mode::Lockstep => {
-                        format!("answers from tick {} on", account.scheduled.until)
-                    }
-                    Mode::Realtime => format!("answered {after_ms:.0} ms later"),
-                }),
+                since_ms(account.recovered_ns)
+                    .map(|after_ms| format!("answered {after_ms:.0} ms later")),
             ),
         ),
         (None, Some(fault)) => (fault.kind.name(), fault.to_string()),
@@ -153,6 +150,30 @@ pub(crate) fn fault_summary(job: &Job, account: &FaultRecord) -> FaultSummary {
     }
 }
 
+/// A death in lockstep, which has cost nothing but time.
+fn death(death: &Death) -> FaultSummary {
+    let Death {
+        process,
+        tick,
+        exit,
+        last_line,
+        lost,
+    } = death;
+    let lost = lost.map(|lost| lost.as_secs_f64());
+    let mut detail = format!("{process} ended with {exit} at tick {tick}");
+    if let Some(lost_s) = lost {
+        detail += &format!("; all processes started again from tick 0, {lost_s:.1} s were lost");
+    }
+    if let Some(line) = last_line {
+        let line = line.trim_start_matches("armplane: ");
+        detail += &format!("; its last line: {line}");
+    }
+    FaultSummary {
+        recovered_ms: lost.map(|lost_s| lost_s * 1e3),
+        ..detected(process, *tick, kind_of(*exit), detail)
+    }
+}
+
 /// The kind of an end that no plan had.
 fn kind_of(exit: Exit) -> &'static str {
     match exit {
@@ -162,20 +183,16 @@ fn kind_of(exit: Exit) -> &'static str {
     }
 }
 
-/// `estimator ended with exit code 3 at tick 1200; its replacement answers from tick 1300 on`, or in real time `answered 63 ms later`.
+/// `estimator ended with exit code 3 at tick 1200; its replacement answered 63 ms later`.
 fn ended(
     process: &str,
     exit: Exit,
     scheduled: &ScheduledFault,
     replacement: Option<String>,
 ) -> String {
-    let after = match scheduled.after_outputs() {
-        0 => String::new(),
-        outputs => format!(" after {outputs} of its messages"),
-    };
     let until = replacement.map_or_else(String::new, |when| format!("; its replacement {when}"));
     format!(
-        "{process} ended with {exit} at tick {}{after}{until}",
+        "{process} ended with {exit} at tick {}{until}",
         scheduled.at
     )
 }
@@ -238,7 +255,11 @@ fn unlisted(outcome: &Outcome) -> Vec<FaultSummary> {
         let is_failure = failure.is_some_and(|failure| {
             failure.process() == process.name && !matches!(failure, Failure::Died { .. })
         });
-        is_failure || ends > outcome.faults.iter().filter(is_end).count()
+        let deaths = outcome
+            .deaths
+            .iter()
+            .filter(|death| death.process == process.name);
+        is_failure || ends > outcome.faults.iter().filter(is_end).count() + deaths.count()
     };
     let end = |(_, process): (usize, &ProcessOutcome)| {
         let ProcessOutcome { name, exit, .. } = process;

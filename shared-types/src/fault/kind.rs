@@ -51,9 +51,9 @@ macro_rules! words {
 words! {
     /// Kinds of fault.
     Kind {
-        /// The process dies by SIGKILL at the tick; its replacement answers after the duration.
+        /// The process dies by SIGKILL at the tick, and answers again after the duration.
         Kill "kill",
-        /// The process crashes at the tick; its replacement answers after the duration.
+        /// The process crashes at the tick, and answers again after the duration.
         Crash "crash",
         /// The process is stopped (SIGSTOP) at the tick.
         Hang "hang",
@@ -101,7 +101,7 @@ words! {
         BusError "bus-error",
         /// hang: the process continues (SIGCONT) after the duration.
         Paused "paused",
-        /// hang: until the launcher notices the silence and replaces the process; the replacement answers after the duration.
+        /// hang: until the launcher notices the silence and kills the process, which answers again after the duration.
         ForEver "for-ever",
         /// corrupt: NaN.
         Nan "nan",
@@ -162,8 +162,7 @@ impl Kind {
         const WORLD: &[Role] = &[Role::World];
         const OBSERVERS: &[Role] = &[Role::Observer];
         let (roles, lasts_s, keys): (_, _, &[_]) = match self {
-            Self::Kill => (ALL, 0.1, &["after_outputs"]),
-            Self::Crash | Self::Hang | Self::PageOut => (ALL, 0.1, &[]),
+            Self::Kill | Self::Crash | Self::Hang | Self::PageOut => (ALL, 0.1, &[]),
             Self::Delay => (SENDERS, 0.1, &["delay_ticks", "jitter_ticks"]),
             Self::Drop | Self::Duplicate | Self::Reorder | Self::Stale | Self::Zombie => {
                 (SENDERS, 0.1, &["probability"])

@@ -15,7 +15,7 @@ pub struct ScheduledFault {
     /// Number of its [`Way`].
     pub way: u32,
     /// The joint from 0; the place of the corrupted number in the message, in bytes; for `cut` the place of the topic among those that the process
-    /// reads; for `kill` the messages of the first tick that leave before it.
+    /// reads.
     pub target: u32,
     /// First tick.
     pub at: u64,
@@ -42,16 +42,6 @@ impl ScheduledFault {
     #[must_use]
     pub fn way(&self) -> Option<Way> {
         Way::of(self.way)
-    }
-
-    /// How many messages of its first tick leave before the process ends.
-    #[must_use]
-    pub fn after_outputs(&self) -> u32 {
-        if self.kind() == Some(Kind::Kill) {
-            self.target
-        } else {
-            0
-        }
     }
 
     /// Whether a tick is concerned.

@@ -128,7 +128,7 @@ pub fn control_page(bytes: &[u8]) {
                 }
             }
         }
-        let scheduled = ScheduledFault::death(3, 0, 0, 1000);
+        let scheduled = ScheduledFault::death(3, 0, 1000);
         if let Some(place) = control_page.fault_table().request(&scheduled) {
             assert!(place < MOST_FAULTS && !control_page.fault_table().is_in_force(place));
         }

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-use launcher::{Child, End, Event, Launcher, Limits, Plan, Restart};
+use launcher::{Child, End, Event, Launcher, Limits, Plan, Ran, Restart};
 use runtime::{Mode, Process, ProcessError, Shell, now_ns, realtime};
 use serde::{Deserialize, Serialize};
 use session::{Failure, Observer, Progress};
@@ -87,7 +87,14 @@ impl Ring {
             _ => {}
         });
         check(&mut signals)?;
-        match outcome.map_err(Failure::work)?.end {
+        let outcome = match outcome.map_err(Failure::work)? {
+            Ran::Ended(outcome) => outcome,
+            Ran::RolledBack(_) => {
+                let reason = "a process of the ring was killed: measure again";
+                return Err(Failure::Work(reason.to_owned()));
+            }
+        };
+        match outcome.end {
             End::Completed => {
                 serde_json::from_slice(&measured.unwrap_or_default()).map_err(Failure::work)
             }

@@ -8,7 +8,7 @@ use chain::Sink;
 use launcher::{End, Exit, Failure as Mishap, Plan};
 use model::Robot;
 use recorder::{Contents, RecordError, RecordReader, tick_of};
-use runtime::{ControlPage, FaultRecord, RunDir};
+use runtime::{ControlPage, RunDir};
 use serde::Serialize;
 use session::{Failure, Observer};
 use shared_types::job::Job;
@@ -43,21 +43,24 @@ pub struct Ran {
 pub(super) struct InProcesses {
     pub(super) ran: Ran,
     pub(super) summary: Summary,
-    pub(super) faults: Vec<FaultRecord>,
+    /// The process that makes the ticks.
+    pub(super) source: String,
 }
 
-/// Runs a job; `beside` starts what goes on beside it.
+/// Runs a job; `beside` starts what goes on beside it, each time that all processes start.
 pub(super) fn in_processes(
     job: &Job,
     plan: Plan,
     condition: String,
-    beside: impl FnOnce(ControlPage) -> Vec<Background>,
+    beside: impl Fn(ControlPage) -> Vec<Background>,
     observer: Observer<'_>,
 ) -> Result<InProcesses, Failure> {
-    let (mut beside, mut work) = (Some(beside), Vec::new());
+    let mut work = Vec::new();
+    let source = plan.children.iter().find(|child| child.ends_run);
+    let source = source.map_or_else(String::new, |child| child.process.name.clone());
     let mut begin = |run: &RunDir| {
-        let page = ControlPage::open(run).map_err(Failure::work)?;
-        work = beside.take().map(|beside| beside(page)).unwrap_or_default();
+        work.clear();
+        work.extend(beside(ControlPage::open(run).map_err(Failure::work)?));
         Ok(())
     };
     let (outcome, account) = session::launch_begun(job, plan, &mut begin, observer)?;
@@ -92,7 +95,7 @@ pub(super) fn in_processes(
     Ok(InProcesses {
         ran,
         summary,
-        faults: outcome.faults,
+        source,
     })
 }
 

@@ -1,38 +1,40 @@
-//! Processes of a run killed at random moments (SIGKILL): the scenario that the run leaves repeats it byte for byte.
+//! Processes of a run killed at random moments (SIGKILL): its bytes are those of the run that nobody disturbs.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use model::Robot;
-use runtime::{ControlPage, Origin, State, random};
+use runtime::{ControlPage, Mode, State, random};
 use rustix::process::{Signal, pidfd_send_signal};
 use serde::Serialize;
 use session::{Failure, Observer, Progress, Results, load};
-use shared_types::graph::{Graph, Process, Restart};
-use shared_types::job::{Job, Mode};
+use shared_types::graph::{Graph, Process};
+use shared_types::job::Job;
 use shared_types::scenario::Scenario;
+use shared_types::summary::FaultSummary;
 
 use super::compared::{InProcesses, Place, Reference, first_place, in_processes, record_of};
 use crate::folder::Folder;
 use crate::signals::{Background, Over, child};
 
-/// Most kills of one process: one less than it may be started again.
-const MOST_KILLS: u32 = 4;
+/// Starts of all processes in which some are killed: one death more from the same tick would end the run.
+const MOST_STARTS: u64 = 5;
 
-/// The longest wait for a replacement before it is killed as well; ms.
-const LONGEST_START_MS: u64 = 25;
+/// The longest time from the beginning of a start until a process is killed in it; ms.
+const LONGEST_START_MS: u64 = 60;
 
-/// A run that its own scenario does not repeat.
+/// A run with kills whose bytes are others.
 #[derive(Serialize)]
-pub struct Unrepeated {
+pub struct Unequal {
     /// Number of the run, from 1.
     pub run: usize,
     /// Its deaths, in words.
     pub deaths: Vec<String>,
     /// The reason.
     pub reason: String,
-    /// The first place where the repetition differs.
+    /// The first place where its messages differ.
     pub difference: Option<Place>,
 }
 
@@ -45,20 +47,21 @@ pub struct Killed {
     pub seed: u64,
     /// Runs with kills.
     pub histories: usize,
-    /// Deaths that no plan had.
-    pub deaths: u64,
-    /// Deaths between two messages of a tick.
-    pub within_tick: u64,
-    /// Deaths of a replacement before it had answered a tick.
-    pub at_start: u64,
-    /// Runs that were not repeated.
-    pub unrepeated: Vec<Unrepeated>,
+    /// Deaths in all of them.
+    pub deaths: usize,
+    /// Deaths before the first tick of a start.
+    pub at_start: usize,
+    /// Deaths after the last tick.
+    pub at_end: usize,
+    /// Deaths of the process that makes the ticks.
+    pub of_source: usize,
+    /// Runs with other bytes than the undisturbed one.
+    pub unequal: Vec<Unequal>,
     /// The folder that holds these.
     pub folder: Option<PathBuf>,
 }
 
-/// Runs a scenario many times while processes are killed, and repeats each run from the scenario that it leaves; what is not repeated stays in `out`, or in
-/// a temporary folder.
+/// Runs a scenario once, and many times while processes are killed; what differs stays in `out`, or in a temporary folder.
 ///
 /// # Errors
 /// [`Failure`] where the scenario cannot be run, or a run is interrupted.
@@ -72,6 +75,25 @@ pub fn verify_kills(
 ) -> Result<Killed, Failure> {
     let _signals = session::interrupts()?;
     let folder = Folder::create(out)?;
+    let job = |results: &Results| Job {
+        record: false,
+        ..load::job(
+            robot,
+            scenario.clone(),
+            graph.clone(),
+            Mode::Lockstep,
+            results.folder.clone(),
+        )
+    };
+    let undisturbed = Results::within(folder.path(), "undisturbed")?;
+    let whole = job(&undisturbed);
+    let reference = run(&whole, None)?;
+    if let Some(reason) = defect(&reference) {
+        return Err(Failure::Work(format!(
+            "the undisturbed run of {} {reason}, so there is nothing to compare with",
+            scenario.name
+        )));
+    }
     let mut killed = Killed {
         scenario: scenario.name.clone(),
         seed: scenario.seed,
@@ -84,97 +106,57 @@ pub fn verify_kills(
     });
     for number in 1..=histories as usize {
         let results = Results::within(folder.path(), &format!("history-{number}"))?;
-        let history = killed.history(robot, scenario, graph, number, &results.folder)?;
-        if let Some(unrepeated) = history {
-            let Unrepeated { reason, deaths, .. } = &unrepeated;
-            observer(Progress::Line(&format!(
-                "run {number}: {reason}; {}",
-                deaths.join("; ")
-            )));
-            killed.unrepeated.push(unrepeated);
+        let job = job(&results);
+        let ran = run(&job, Some(random(scenario.seed, number as u64)))?;
+        let deaths = killed.note(&ran);
+        let reason = defect(&ran).or_else(|| difference(&reference, &ran));
+        match reason {
+            None => results.clear()?,
+            Some(reason) => {
+                observer(Progress::Line(&format!(
+                    "run {number}: {reason}; {}",
+                    deaths.join("; ")
+                )));
+                let place = record_of(&whole.out, &whole).and_then(|expected| {
+                    first_place(
+                        &Reference::Run(expected),
+                        &record_of(&job.out, &job)?,
+                        number,
+                    )
+                });
+                killed.unequal.push(Unequal {
+                    run: number,
+                    deaths,
+                    reason,
+                    difference: place.ok().flatten(),
+                });
+            }
         }
         observer(Progress::Step);
     }
     observer(Progress::End);
-    if !killed.unrepeated.is_empty() {
+    if !killed.unequal.is_empty() {
         killed.folder = Some(folder.keep());
     }
     Ok(killed)
 }
 
 impl Killed {
-    /// A run with kills and its repetition; `None` where they have the same bytes.
-    fn history(
-        &mut self,
-        robot: &Robot,
-        scenario: &Scenario,
-        graph: &Graph,
-        number: usize,
-        path: &Path,
-    ) -> Result<Option<Unrepeated>, Failure> {
-        let job = |scenario: Scenario, graph: Graph, results: &Results| Job {
-            record: false,
-            ..load::job(
-                robot,
-                scenario,
-                graph,
-                Mode::Lockstep,
-                results.folder.clone(),
-            )
-        };
-        let folders = [
-            Results::within(path, "live")?,
-            Results::within(path, "again")?,
-        ];
-        let live = job(scenario.clone(), graph.clone(), &folders[0]);
-        let first = run(&live, Some(random(scenario.seed, number as u64)))?;
-        session::keep(&live.out, &live, &first.summary)?;
-        let left = live.out.join("scenario.toml").display().to_string();
-        let planned = load::scenario_in(None, &left, &[], None)?;
-        let again = job(planned.scenario, planned.graph, &folders[1]);
-        let second = run(&again, None)?;
-        self.note(&first);
-        let Some(reason) = difference(&first, &second) else {
-            folders.iter().try_for_each(Results::clear)?;
-            return Ok(None);
-        };
-        let place = record_of(&live.out, &live).and_then(|one| {
-            first_place(
-                &Reference::Run(one),
-                &record_of(&again.out, &again)?,
-                number,
-            )
-        });
-        Ok(Some(Unrepeated {
-            run: number,
-            deaths: first
-                .summary
-                .faults
-                .iter()
-                .map(|fault| fault.detail.clone())
-                .collect(),
-            reason,
-            difference: place.ok().flatten(),
-        }))
-    }
-
-    fn note(&mut self, ran: &InProcesses) {
+    /// Counts the deaths of a run; returns them in words.
+    fn note(&mut self, ran: &InProcesses) -> Vec<String> {
         self.histories += 1;
-        let mut downs: Vec<(u32, u64, u64)> = Vec::new();
-        for record in ran
-            .faults
-            .iter()
-            .filter(|record| record.origin == Origin::Detected)
-        {
-            let fault = &record.scheduled;
-            self.deaths += 1;
-            self.within_tick += u64::from(fault.after_outputs() > 0);
-            let is_down = |down: &(u32, u64, u64)| {
-                down.0 == fault.process && (down.1..=down.2).contains(&fault.at)
-            };
-            self.at_start += u64::from(downs.iter().any(is_down));
-            downs.push((fault.process, fault.at, fault.until));
-        }
+        let is_death = |fault: &&FaultSummary| fault.origin == "detected";
+        let deaths = ran.summary.faults.iter().filter(is_death);
+        let source = &ran.source;
+        deaths
+            .map(|fault| {
+                self.deaths += 1;
+                self.at_start += usize::from(fault.tick == 0);
+                self.at_end += usize::from(fault.tick >= ran.ran.ticks);
+                self.of_source += usize::from(fault.process == *source);
+                fault.detail.clone()
+            })
+            .collect()
     }
 }
 
@@ -185,49 +167,47 @@ impl fmt::Display for Killed {
             seed,
             histories,
             deaths,
-            within_tick,
             at_start,
-            unrepeated,
+            at_end,
+            of_source,
+            unequal,
             folder,
         } = self;
-        for place in unrepeated.iter().filter_map(|run| run.difference.as_ref()) {
+        for place in unequal.iter().filter_map(|run| run.difference.as_ref()) {
             writeln!(f, "{place}")?;
         }
         if let Some(folder) = folder {
-            writeln!(f, "runs that did not repeat are in {}", folder.display())?;
+            writeln!(f, "runs with other bytes are in {}", folder.display())?;
         }
         writeln!(
             f,
-            "{scenario}, seed {seed}: {} of {histories} runs repeated byte for byte ({deaths} deaths, {within_tick} between two messages of a tick, \
-             {at_start} of replacements that had not answered)",
-            histories - unrepeated.len()
+            "{scenario}, seed {seed}: {} of {histories} runs with kills have the bytes of the undisturbed one \
+             ({deaths} deaths, {of_source} of the plant, {at_start} before the first tick, {at_end} after the last)",
+            histories - unequal.len()
         )
     }
 }
 
-/// Why the repetition is not the run with kills; `None`: it is.
-fn difference(live: &InProcesses, again: &InProcesses) -> Option<String> {
-    for (name, InProcesses { ran, summary, .. }) in
-        [("with kills", live), ("from its scenario", again)]
-    {
-        if !ran.failure.is_empty() {
-            return Some(format!("the run {name} did not finish: {}", ran.failure));
-        }
-        let lost = summary.recorder.lost;
-        if lost > 0 || summary.topics.is_empty() {
-            return Some(format!(
-                "the recorder of the run {name} has lost {lost} ticks"
-            ));
-        }
+/// Why a run is not whole; `None`: it is.
+fn defect(run: &InProcesses) -> Option<String> {
+    let InProcesses { ran, summary, .. } = run;
+    if !ran.failure.is_empty() {
+        return Some(format!("did not finish: {}", ran.failure));
     }
-    let (one, two) = (&live.ran.topics, &again.ran.topics);
+    let lost = summary.recorder.lost;
+    (lost > 0 || summary.topics.is_empty()).then(|| format!("has lost {lost} messages"))
+}
+
+/// The topics in which a run is not the reference; `None`: in none.
+fn difference(reference: &InProcesses, run: &InProcesses) -> Option<String> {
+    let (one, two) = (&reference.ran.topics, &run.ran.topics);
     let differs = one
         .iter()
         .filter(|(name, topic)| two.get(*name) != Some(*topic))
         .map(|(name, _)| name.as_str());
     (one != two).then(|| {
         format!(
-            "other messages of {}",
+            "has other messages of {}",
             differs.collect::<Vec<_>>().join(", ")
         )
     })
@@ -235,22 +215,31 @@ fn difference(live: &InProcesses, again: &InProcesses) -> Option<String> {
 
 /// Runs a job; with a seed processes are killed meanwhile.
 fn run(job: &Job, kills: Option<u64>) -> Result<InProcesses, Failure> {
+    let started = Arc::new(Mutex::new(Started::default()));
+    let killer = kills.map(|seed| Killer::start(Arc::clone(&started), job, seed));
     let beside = |page| {
-        kills
-            .map(|seed| Killer::start(page, job, seed))
-            .into_iter()
-            .collect()
+        let mut started = started.lock().unwrap_or_else(PoisonError::into_inner);
+        started.count += 1;
+        started.page = Some(page);
+        Vec::new()
     };
-    in_processes(job, session::plan(job)?, String::new(), beside, &|_| {})
+    let ran = in_processes(job, session::plan(job)?, String::new(), beside, &|_| {});
+    drop(killer);
+    ran
+}
+
+/// The last start of all processes.
+#[derive(Default)]
+struct Started {
+    count: u64,
+    page: Option<ControlPage>,
 }
 
 struct Killer {
-    page: ControlPage,
+    started: Arc<Mutex<Started>>,
     /// The process that makes the ticks.
     source: usize,
-    victims: Vec<usize>,
-    /// Kills so far, by process.
-    kills: Vec<u32>,
+    processes: usize,
     /// Ticks of the scenario.
     length: u64,
     seed: u64,
@@ -258,26 +247,20 @@ struct Killer {
 }
 
 impl Killer {
-    fn start(page: ControlPage, job: &Job, seed: u64) -> Background {
+    fn start(started: Arc<Mutex<Started>>, job: &Job, seed: u64) -> Background {
         let processes = &job.graph.process;
         let is_source = |process: &Process| !process.feedback.is_empty();
-        let is_victim = |index: &usize| {
-            processes[*index].restart == Restart::Always && !is_source(&processes[*index])
-        };
         let mut killer = Self {
-            page,
+            started,
             source: processes.iter().position(is_source).unwrap_or_default(),
-            victims: (0..processes.len()).filter(is_victim).collect(),
-            kills: vec![0; processes.len()],
+            processes: processes.len(),
             length: job.scenario.planned_ticks().max(1),
             seed,
             drawn: 0,
         };
+        // Where the run is over before the last moment has come, that is all.
         Background::start(move |over| {
-            if !killer.victims.is_empty() {
-                // Where the run is over before the last moment has come, that is all.
-                let _ = killer.work(over);
-            }
+            let _ = killer.work(over);
         })
     }
 
@@ -286,13 +269,10 @@ impl Killer {
         random(self.seed, self.drawn) % most.max(1)
     }
 
-    fn ticks(&self) -> u64 {
-        self.page.process(self.source).ticks()
-    }
-
-    fn victim(&mut self) -> usize {
-        let place = self.draw(self.victims.len() as u64) as usize;
-        self.victims[place]
+    /// Something of the last start; `None` before the first.
+    fn of_start<T>(&self, look: impl FnOnce(u64, &ControlPage) -> T) -> Option<T> {
+        let started = self.started.lock().unwrap_or_else(PoisonError::into_inner);
+        started.page.as_ref().map(|page| look(started.count, page))
     }
 
     fn pause(&mut self, over: &Over, most_us: u64) -> Option<()> {
@@ -300,58 +280,59 @@ impl Killer {
         over.rest(Duration::from_micros(pause)).then_some(())
     }
 
+    /// Kills a process of the last start, as long as the run can bear it. No start begins meanwhile.
     fn kill(&mut self, process: usize) {
-        if self.kills[process] < MOST_KILLS
-            && let Some(child) = child(self.page.process(process).pid())
-        {
-            // It fails where the process has just ended.
-            self.kills[process] += u32::from(pidfd_send_signal(&child, Signal::KILL).is_ok());
-        }
+        self.of_start(|count, page| {
+            if count <= MOST_STARTS
+                && let Some(child) = child(page.process(process).pid())
+            {
+                // It fails where the process has just ended.
+                let _ = pidfd_send_signal(&child, Signal::KILL);
+            }
+        });
     }
 
-    /// One to three deaths, each at a tick of its own, some of them before the first; `None` when the run is over.
+    /// Up to three strikes, each at a moment of its own; `None` when the run is over.
     fn work(&mut self, over: &Over) -> Option<()> {
         let until = |is: bool| is.then_some(());
-        let mut tick = 0;
         for _ in 0..=self.draw(3) {
-            if self.draw(8) > 0 {
-                tick += self.draw(self.length / 2);
-                until(over.wait(|| self.ticks() > tick))?;
-            } else {
-                let first = self.victim();
-                until(over.wait(|| self.page.process(first).state() != State::Absent))?;
-                self.pause(over, 1_000 * LONGEST_START_MS)?;
-            }
-            let victim = self.victim();
-            let (struck_at, incarnation) = (self.ticks(), self.page.process(victim).incarnation());
-            self.kill(victim);
-            match self.draw(4) {
-                // Others with it.
+            match self.draw(6) {
                 0 => {
-                    for _ in 0..=self.draw(2) {
-                        let other = self.victim();
-                        self.pause(over, 2_000)?;
-                        self.kill(other);
-                    }
+                    // While the processes start, perhaps for the second time.
+                    let before = self.of_start(|count, _| count).unwrap_or_default();
+                    let begins = || self.of_start(|count, _| count > before || before == 1);
+                    until(over.wait(|| begins() == Some(true)))?;
+                    self.pause(over, 1_000 * LONGEST_START_MS)?;
                 }
-                // Its replacements while they start.
                 1 => {
-                    for more in 1..=1 + self.draw(2) as u32 {
-                        until(over.wait(|| {
-                            self.page.process(victim).incarnation() >= incarnation + more
-                        }))?;
-                        self.pause(over, 1_000 * LONGEST_START_MS)?;
-                        self.kill(victim);
-                    }
+                    let source = self.source;
+                    let is_over = |page: &ControlPage| page.process(source).state() == State::Gone;
+                    until(over.wait(|| self.of_start(|_, page| is_over(page)) == Some(true)))?;
+                    self.pause(over, 20_000)?;
                 }
-                // Another one about the end of its down time.
-                2 => {
-                    let (other, later) = (self.victim(), 90 + self.draw(20));
-                    until(over.wait(|| self.ticks() >= struck_at + later))?;
-                    self.kill(other);
+                _ => {
+                    let (tick, source) = (self.draw(self.length), self.source);
+                    let ticks = |page: &ControlPage| page.process(source).ticks();
+                    until(over.wait(|| self.of_start(|_, page| ticks(page) > tick) == Some(true)))?;
                 }
-                _ => {}
             }
+            self.strike(over)?;
+        }
+        Some(())
+    }
+
+    /// One process, several, or all, within two milliseconds.
+    fn strike(&mut self, over: &Over) -> Option<()> {
+        let most = self.processes as u64;
+        let count = match self.draw(3) {
+            0 => 1 + self.draw(most),
+            1 => most,
+            _ => 1,
+        };
+        let first = self.draw(most);
+        for place in 0..count {
+            self.kill(((first + place) % most) as usize);
+            self.pause(over, 2_000 / most)?;
         }
         Some(())
     }

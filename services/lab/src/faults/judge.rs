@@ -449,7 +449,8 @@ fn ends(ran: &Ran, is_well: bool, last: Option<&PlantState>, verdict: &mut Verdi
     match &ran.end {
         End::Interrupted { .. } => {}
         End::Completed => {
-            let ends_world = ran.faults().any(|(_, fault)| ends_world(fault));
+            let is_lockstep = ran.job.mode == Mode::Lockstep;
+            let ends_world = !is_lockstep && ran.faults().any(|(_, fault)| ends_world(fault));
             verdict.unless(!ends_world, "end", || {
                 "the end of the plant did not end the run".to_owned()
             });
@@ -486,6 +487,11 @@ fn ends(ran: &Ran, is_well: bool, last: Option<&PlantState>, verdict: &mut Verdi
 fn lives(ran: &Ran, verdict: &mut Verdict) {
     let ticks = |s: f64| (s * ran.rate_hz()) as u64;
     let is_corrupted = ran.faults().any(|(_, fault)| fault.kind == Kind::Corrupt);
+    let deaths = ran.summary.faults.iter();
+    for death in deaths.filter(|fault| fault.origin == "detected" && fault.plan.is_none()) {
+        let is_ours = death.kind == "exit" && is_corrupted;
+        verdict.unless(is_ours, "unrequested-end", || death.detail.clone());
+    }
     for (seen, fault) in ran.faults() {
         let FaultSummary {
             tick,
@@ -505,7 +511,9 @@ fn lives(ran: &Ran, verdict: &mut Verdict) {
             let is_ours = seen.kind == "exit" && is_corrupted
                 || ran.faults().any(|(_, other)| explains(other));
             verdict.unless(is_ours, "unrequested-end", || detail.clone());
-        } else if fault.kind.ends_process(fault.way) && process != Program::Plant.name() {
+        } else if fault.kind.ends_process(fault.way)
+            && (process != Program::Plant.name() || ran.job.mode == Mode::Lockstep)
+        {
             let is_due = tick + ticks(TIME_TO_RETURN_S) < ran.summary.ticks;
             let is_back = seen.detected_ms.is_some() && seen.recovered_ms.is_some();
             verdict.unless(is_back || !is_due, "death", || {
@@ -744,6 +752,7 @@ mod tests {
             exit: launcher::Exit::Signal(9),
             tick: 1,
             restarts,
+            roll_backs: 0,
             suspect: None,
             last_words: Vec::new(),
         })

@@ -1,6 +1,6 @@
 //! A run in its processes, of which faults are requested before its first tick, as `armplane fault` would; and what is seen of it.
 
-use std::cell::OnceCell;
+use std::cell::RefCell;
 
 use launcher::{End, Event, Outcome};
 use model::Robot;
@@ -58,18 +58,22 @@ impl Stage<'_> {
         self.without
             .iter()
             .for_each(|without| without.leave_out_of(&mut plan));
-        let (page, mut name, mut lines) = (OnceCell::new(), String::new(), Vec::new());
+        // Of each start of the processes.
+        let (pages, mut names, mut lines) = (RefCell::new(Vec::new()), Vec::new(), Vec::new());
         let mut begin = |run: &RunDir| {
-            run.name().clone_into(&mut name);
-            let opened = ControlPage::open(run).map_err(Failure::work)?;
-            request(page.get_or_init(|| opened), &job, live)
+            let page = ControlPage::open(run).map_err(Failure::work)?;
+            if names.is_empty() {
+                request(&page, &job, live)?;
+            }
+            names.push(run.name().to_owned());
+            pages.borrow_mut().push(page);
+            Ok(())
         };
         let launched = session::launch_watched(&job, plan, &mut begin, &mut |event| {
             let late = matches!(event, Event::Progress { ticks } if *ticks > most_ticks);
-            page.get()
-                .filter(|_| late)
-                .into_iter()
-                .for_each(|page: &ControlPage| page.request_stop(Stop::Chain));
+            if let Some(page) = pages.borrow().last().filter(|_| late) {
+                page.request_stop(Stop::Chain);
+            }
             match event {
                 Event::Progress { ticks } => progress(*ticks),
                 Event::Line { process, line } => lines.push(format!("{process}: {line}")),
@@ -82,7 +86,7 @@ impl Stage<'_> {
         Ok(Ran {
             truth: messages_of(&job),
             samples: messages_of(&job),
-            left_behind: left_over(&name),
+            left_behind: names.iter().flat_map(|name| left_over(name)).collect(),
             end: outcome.end,
             job,
             summary,

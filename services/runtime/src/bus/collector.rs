@@ -1,9 +1,8 @@
-//! The recorder's end of a topic: delivers every message in order, even after a death.
+//! The recorder's end of a topic: delivers every message in order.
 
 use std::marker::PhantomData;
 use std::rc::Rc;
 
-use bytemuck::bytes_of;
 use shared_types::Message;
 
 use crate::bus::format::{header, read};
@@ -23,6 +22,11 @@ impl<M: ?Sized> Collector<M> {
     /// Continues where an earlier reader of the topic stopped.
     pub fn resume(&mut self, last: Option<u64>, lost: u64) {
         self.0.resume(last, lost);
+    }
+
+    /// After the messages of an earlier reader's files: takes in nothing more of their ticks, which the topic's history has too.
+    pub fn go_on(&mut self) {
+        self.0.go_on();
     }
 
     /// The last tick taken in.
@@ -52,15 +56,6 @@ impl<M: Message> Collector<M> {
     pub fn recount(&mut self, message: &M) {
         self.0.count(message.header().tick);
     }
-
-    /// Continues after the last message in an earlier reader's files; messages that were under way
-    /// to it come first.
-    ///
-    /// # Errors
-    /// When the launcher does not answer, or the file of the topic cannot be mapped.
-    pub fn recall(&mut self, last: Option<&M>) -> Result<(), Interrupted> {
-        self.0.recall(last.map(bytes_of))
-    }
 }
 
 impl Collector<[u8]> {
@@ -75,14 +70,5 @@ impl Collector<[u8]> {
     /// Counts a message that an earlier reader has left in its files.
     pub fn recount(&mut self, message: &[u8]) {
         self.0.count(header(message).tick);
-    }
-
-    /// Continues after the last message in an earlier reader's files; messages that were under way
-    /// to it come first.
-    ///
-    /// # Errors
-    /// When the launcher does not answer, or the file of the topic cannot be mapped.
-    pub fn recall(&mut self, last: Option<&[u8]>) -> Result<(), Interrupted> {
-        self.0.recall(last)
     }
 }

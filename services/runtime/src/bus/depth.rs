@@ -1,13 +1,14 @@
 //! Most unread messages of a topic, by their size.
 
-use lockstep::CHAIN_LAG;
 use shared_types::Topic;
 use shared_types::topics::{self, Each};
 
+use crate::context::CHAIN_LAG;
+
 /// Messages a reader of the chain can leave unread before the oldest is overwritten: twice as many as the source may be ahead.
 pub const CHAIN_DEPTH: usize = 2 * CHAIN_LAG as usize;
-/// Messages the recorder can leave unread before the oldest is overwritten, and messages that the retainer of a topic holds; fewer where they are
-/// large: [`depth`].
+/// Messages the recorder can leave unread before the oldest is overwritten, and in real time those that its replacement gets once more; fewer where
+/// they are large: [`depth`].
 pub const RECORDER_DEPTH: usize = 1024;
 /// Bytes that unread messages of one reader may take, as far as that leaves [`LEAST_DEPTH`] of them.
 const UNREAD_BYTES: usize = 16 << 20;

@@ -57,14 +57,6 @@ pub enum TopicError {
         /// The hash of the layout in this program.
         ours: u64,
     },
-    /// No room for the messages that a replacement needs.
-    #[error("cannot keep messages of topic {topic:?} for a replacement: {reason}")]
-    Memory {
-        /// Which topic.
-        topic: &'static str,
-        /// The operating system's error.
-        reason: String,
-    },
     /// The graph does not declare it.
     #[error("process {process:?} may not {action} topic {topic:?}: the graph does not say so")]
     Undeclared {

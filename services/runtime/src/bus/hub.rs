@@ -14,8 +14,7 @@ use shared_types::topics::{self, Each, TOPICS, wire_hash};
 use crate::bus::error::TopicError;
 use crate::bus::format::Format;
 use crate::bus::node::{Bus, join};
-use crate::bus::retainer::Retainer;
-use crate::control_page::ControlPage;
+use crate::bus::topic::Topic as Service;
 use crate::manifest::Manifest;
 use crate::run_dir::RunDir;
 
@@ -23,11 +22,10 @@ use crate::run_dir::RunDir;
 /// allows one.
 const CLEAR_LIMIT: Duration = Duration::from_millis(100);
 
-/// The launcher's side: creates every topic of the run, retains its last messages, and removes
-/// leftovers of dead processes.
+/// The launcher's side: creates every topic of the run, and removes leftovers of dead processes.
 pub struct Hub {
     // Dropped in this order: the services first.
-    retainers: Vec<Retainer>,
+    _topics: Vec<Service>,
     node: Bus,
 }
 
@@ -56,64 +54,25 @@ impl Hub {
             run: run.name().to_owned(),
             reason: e.to_string(),
         })?;
-        let retainers = manifest.topics().into_iter().map(|topic| {
+        // A replacement of the recorder gets the messages once more that its predecessor had not written yet.
+        let has_history = !manifest.is_lockstep();
+        let topics = manifest.topics().into_iter().map(|topic| {
             let (format, layout) = match manifest.message(topic) {
                 Some(message) => (Format::foreign(message), message.hash),
                 None => (format_by_name(topic)?, wire),
             };
-            Retainer::create(&node, run, format, manifest.readers_of(topic), layout)
+            Service::create(
+                &node,
+                format,
+                manifest.readers_of(topic),
+                layout,
+                has_history,
+            )
         });
         Ok(Self {
-            retainers: retainers.collect::<Result<_, _>>()?,
+            _topics: topics.collect::<Result<_, _>>()?,
             node,
         })
-    }
-
-    /// Connects the retainers to writers that are new; one load per topic where there is none.
-    ///
-    /// # Errors
-    /// When iceoryx2 fails.
-    pub fn connect(&self) -> Result<(), TopicError> {
-        self.retainers.iter().try_for_each(Retainer::connect)
-    }
-
-    /// Copies the messages that the retainers hold to the files from which a replacement of the recorder recalls them.
-    ///
-    /// # Errors
-    /// When iceoryx2 fails.
-    pub fn hand_over(&self) -> Result<(), TopicError> {
-        self.retainers.iter().try_for_each(Retainer::hand_over)
-    }
-
-    /// How many of these topics have a message of a tick or a later one: the outputs that their writer had sent when it was killed. All of them are
-    /// handed over: a writer sends to the retainer first, so that a message that any reader has is there too.
-    ///
-    /// # Errors
-    /// When iceoryx2 fails.
-    pub fn outputs_sent(&self, topics: &[String], tick: u64) -> Result<u32, TopicError> {
-        // A replacement that lived for a moment only may not have been connected yet.
-        self.connect()?;
-        self.hand_over()?;
-        let written = self
-            .retainers
-            .iter()
-            .filter(|retainer| topics.iter().any(|topic| topic == retainer.topic()));
-        Ok(written
-            .filter(|retainer| retainer.last_tick().is_some_and(|last| last >= tick))
-            .count() as u32)
-    }
-
-    /// Hands over where a process has requested it; whether one has.
-    ///
-    /// # Errors
-    /// When iceoryx2 fails.
-    pub fn answer(&self, control_page: &ControlPage) -> Result<bool, TopicError> {
-        let Some(request) = control_page.requested_hand_over() else {
-            return Ok(false);
-        };
-        self.hand_over()?;
-        control_page.answer_hand_over(request);
-        Ok(true)
     }
 
     /// Clears away what dead processes left, so that their replacements find room. Takes milliseconds.
@@ -132,11 +91,6 @@ impl Hub {
             run: self.node.config().global.prefix.to_string(),
             reason: e.to_string(),
         })?;
-        // All that these have sent is delivered by now, and handed over before their ports go: a retainer has room for few dead writers. It is
-        // handed over before a replacement can send, too: the files have the messages in the order in which they were sent.
-        if let Err(error) = self.hand_over() {
-            tracing::warn!("{error}");
-        }
         let count = dead.len() as u64;
         dead.iter()
             .for_each(|view| remove_unfinished_tags(self.node.config(), view.id()));

@@ -6,7 +6,6 @@ use std::rc::Rc;
 use process::Fence;
 
 use crate::bus::format::{Format, header};
-use crate::bus::missed::Missed;
 use crate::bus::port::{Incoming, Receiver};
 use crate::context::Context;
 use crate::control_page::Count;
@@ -32,16 +31,12 @@ pub(crate) struct Inlet {
     empty_at: Option<u64>,
     fence: Fence,
     admission: Admission,
-    missed: Missed,
-    /// A message that came while one before it was missing.
-    held: Option<Incoming>,
 }
 
 impl Inlet {
     pub(crate) fn new(shared: Rc<Context>, receiver: Rc<Receiver>, admission: Admission) -> Self {
         let topic = receiver.format().topic;
         let (writer, topic) = (shared.manifest.writer_of(topic), shared.topic_index(topic));
-        let missed = Missed::new(&shared, receiver.format().topic, receiver.format().bytes);
         Self {
             shared,
             receiver,
@@ -50,38 +45,7 @@ impl Inlet {
             empty_at: None,
             fence: Fence::default(),
             admission,
-            missed,
-            held: None,
         }
-    }
-
-    /// Nothing before this tick is missed.
-    pub(crate) fn begin_at(&mut self, tick: u64) {
-        self.missed.begin_at(tick);
-    }
-
-    /// The next message in order, valid or not: from the buffer, or one that a dead writer had sent
-    /// only to the retainer.
-    #[inline(always)]
-    pub(crate) fn receive_in_order(&mut self) -> Result<Option<Incoming>, Interrupted> {
-        // Before the look: what a process known to be dead has sent is in the buffer by now, or in the retainer alone.
-        self.shared.learn();
-        let message = match self.held.take() {
-            Some(held) => Some(held),
-            None => self.receive_any()?,
-        };
-        let came = message.as_ref().map_or(u64::MAX, Incoming::tick);
-        let message = match self.missed.take(&self.shared, came) {
-            Some(missed) => {
-                self.held = message;
-                Some(Incoming::copied(&missed))
-            }
-            None => message,
-        };
-        if let Some(message) = &message {
-            self.missed.begin_at(message.tick().saturating_add(1));
-        }
-        Ok(message)
     }
 
     /// The messages of the topic.
@@ -106,12 +70,11 @@ impl Inlet {
     pub(crate) fn receive(&mut self) -> Result<Option<Incoming>, Interrupted> {
         // Read before the look: what is delivered later is counted later.
         let sent = self.shared.control_page.topic(self.topic).sent();
-        if self.empty_at == Some(sent) && !self.missed.is_open(&self.shared) && self.held.is_none()
-        {
+        if self.empty_at == Some(sent) {
             return Ok(None);
         }
         loop {
-            let Some(message) = self.receive_in_order()? else {
+            let Some(message) = self.receive_any()? else {
                 self.empty_at = (sent > 0).then_some(sent);
                 return Ok(None);
             };
@@ -161,7 +124,7 @@ impl Inlet {
     #[inline(always)]
     pub(crate) fn is_over(&self, tick: u64) -> bool {
         self.shared.learn();
-        self.shared.protocol().has_closed(self.writer, tick)
+        self.shared.has_closed(self.writer, tick)
     }
 
     /// Whether there is something to receive, counted by its writer or not: a writer that was killed between the two has not.
@@ -170,10 +133,9 @@ impl Inlet {
             .receiver
             .has_samples()
             .map_err(|error| self.shared.port_failed(self.format().topic, error))?;
-        let has_more = has_samples || self.held.is_some() || self.missed.is_open(&self.shared);
-        if has_more {
+        if has_samples {
             self.empty_at = None;
         }
-        Ok(has_more)
+        Ok(has_samples)
     }
 }

@@ -1,6 +1,6 @@
 //! Topics on iceoryx2: the services, and the ends that processes read and write.
 //!
-//! Inside, messages are bytes (`format`, `topic`, `port`, `retainer`, `inlet`, `gather`), so that
+//! Inside, messages are bytes (`format`, `topic`, `port`, `inlet`, `gather`), so that
 //! iceoryx2 is compiled once. The ends that a process holds are typed (`reader`, `writer`,
 //! `collector`).
 
@@ -11,10 +11,8 @@ pub(crate) mod format;
 mod gather;
 pub(crate) mod hub;
 mod inlet;
-mod missed;
 pub(crate) mod node;
 pub(crate) mod port;
 pub(crate) mod reader;
-mod retainer;
 pub(crate) mod topic;
 pub(crate) mod writer;

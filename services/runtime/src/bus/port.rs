@@ -85,7 +85,7 @@ impl Receiver {
         Ok(sample.map(|sample| Incoming {
             payload: sample.payload().as_ptr().cast(),
             bytes: self.format.bytes,
-            _held: Held::Sample { _sample: sample },
+            _sample: sample,
         }))
     }
 
@@ -138,33 +138,10 @@ pub(crate) struct Incoming {
     payload: *const u8,
     /// Length according to the topic; a foreign writer's own length does not count.
     bytes: usize,
-    _held: Held,
-}
-
-/// The memory in which a received message lies.
-enum Held {
-    /// Shared memory.
-    Sample {
-        _sample: Sample<ipc::Service, Bytes, NoHeader>,
-    },
-    /// A copy of the retainer's: its writer was killed while it sent it.
-    Copy { _words: Box<[u64]> },
+    _sample: Sample<ipc::Service, Bytes, NoHeader>,
 }
 
 impl Incoming {
-    /// A message from the retainer of its topic.
-    pub(crate) fn copied(message: &[u8]) -> Self {
-        let words: Box<[u64]> = message
-            .chunks_exact(size_of::<u64>())
-            .map(bytemuck::pod_read_unaligned)
-            .collect();
-        Self {
-            payload: words.as_ptr().cast(),
-            bytes: size_of_val(&*words),
-            _held: Held::Copy { _words: words },
-        }
-    }
-
     #[inline]
     pub(crate) fn header(&self) -> &Header {
         // SAFETY: a message is aligned to 8 and no shorter than its header, which has no padding and no invalid values.

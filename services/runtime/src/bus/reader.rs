@@ -95,6 +95,8 @@ pub(crate) struct Ticks {
     ahead: Option<Incoming>,
     /// The tick that the process has in hand: given by `next`, and not asked beyond.
     in_hand: Option<u64>,
+    /// The process is, or has been, absent before this tick.
+    absent_until: u64,
     /// Of torque, at the process that makes the ticks: whose message of which topic it waits for, in the order of the data.
     chain: Vec<(usize, usize)>,
 }
@@ -128,11 +130,19 @@ impl Ticks {
     pub(crate) fn new(shared: Rc<Context>, receiver: Rc<Receiver>) -> Self {
         let topic = receiver.format().topic;
         let bit = shared.topic_bit(topic);
-        let mut inlet = Inlet::new(Rc::clone(&shared), receiver, Admission::OfTheLiving);
-        // A replacement does not get messages of its down time.
-        let returns_at = shared.returns_at();
-        inlet.begin_at(returns_at);
-        let last = returns_at.checked_sub(1);
+        let inlet = Inlet::new(Rc::clone(&shared), receiver, Admission::OfTheLiving);
+        // A replacement does not answer again what its predecessor had.
+        let newest = || {
+            shared
+                .control_page
+                .topic(shared.topic_index(topic))
+                .newest()
+        };
+        let last = if shared.entry().incarnation() > 1 {
+            newest()
+        } else {
+            None
+        };
         let is_answer =
             topic == TorqueCommand::TOPIC && shared.manifest.processes[shared.me].makes_ticks;
         let chain = match is_answer {
@@ -148,6 +158,7 @@ impl Ticks {
             last,
             ahead: None,
             in_hand: None,
+            absent_until: 0,
             chain,
         }
     }
@@ -193,11 +204,9 @@ impl Ticks {
                 self.current.as_ref().map_or(tick, |message| message.tick())
             };
             shared.tick.set(tick);
-            let goes_on = shared.apply_process_faults(tick);
-            if goes_on > tick {
-                // It stood still: what came meanwhile is not for it.
-                shared.tick.set(goes_on);
-                self.last = Some(goes_on - 1);
+            let returns = shared.attend(tick);
+            if returns > tick {
+                self.stay_absent(tick, returns, matches!(found, Found::Current));
             } else if matches!(found, Found::Current) {
                 return self.accept();
             } else if shared.is_unharmed() {
@@ -206,6 +215,23 @@ impl Ticks {
                 shared.close(tick);
                 shared.tick.set(tick + 1);
             }
+        }
+    }
+
+    /// Passes the tick in hand over; with shaped messages it is over when its inputs are.
+    fn stay_absent(&mut self, tick: u64, returns: u64, has_message: bool) {
+        let shared = &self.shared;
+        self.absent_until = returns;
+        if let Some(message) = self.current.as_ref().filter(|_| has_message) {
+            self.last = Some(message.tick());
+        }
+        if !shared.is_lockstep() {
+            // What comes meanwhile is not for it.
+            shared.tick.set(returns);
+            self.last = Some(returns - 1);
+        } else if !(has_message && shared.is_shaped()) {
+            shared.pass(tick);
+            shared.tick.set(tick + 1);
         }
     }
 
@@ -373,7 +399,15 @@ impl Ticks {
     /// The next message of the buffer that is newer than `last`; the others are repetitions, and counted.
     fn receive_newer(&mut self, last: Option<u64>) -> Result<Option<Incoming>, Interrupted> {
         while let Some(message) = self.inlet.receive()? {
-            if last.is_none_or(|last| message.tick() > last) {
+            let is_new = last.is_none_or(|last| message.tick() > last);
+            if message.tick() < self.absent_until {
+                // What was sent while it was absent is not for it, also where that comes later.
+                if is_new && self.shared.tick.get() < self.absent_until {
+                    return Ok(Some(message));
+                }
+                continue;
+            }
+            if is_new {
                 return Ok(Some(message));
             }
             self.shared.entry().add(Count::Repeated, 1);
@@ -430,6 +464,7 @@ impl Ticks {
             return Ok(None);
         };
         let expected = self.last.map_or(tick, |last| last + 1);
+        let expected = expected.max(self.absent_until);
         if tick > expected {
             self.shared.entry().add(Count::Lost, tick - expected);
             if self.shared.is_lockstep() && self.shared.is_unharmed() {

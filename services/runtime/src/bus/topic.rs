@@ -16,18 +16,18 @@ use crate::bus::port::{Bytes, NoHeader, Receiver, Sender};
 
 /// Samples that a reader holds at once: the one of the tick in hand, one that came before its time, and the next.
 const MAX_BORROWED: usize = 4;
-/// Readers beyond those that the graph names: the retainer, and two for tools that look at a topic from outside. A writer walks over all places
+/// Readers beyond those that the graph names: two for tools that look at a topic from outside. A writer walks over all places
 /// several times per message.
-pub(crate) const MORE_READERS: usize = 3;
+pub(crate) const MORE_READERS: usize = 2;
 /// The living writer, and the dead one until it has been cleaned up.
 const MAX_WRITERS: usize = 2;
 const WIRE_ATTRIBUTE: &str = "armplane.wire";
 
-/// Most shared memory of a topic with one reader, for messages of a size: as many as reader and
-/// retainer may leave unread and hold.
+/// Most shared memory of a topic with one reader, for messages of a size: as many as readers may
+/// leave unread and hold, and its history.
 pub const fn topic_bytes(message_bytes: usize) -> u64 {
     ((1 + MORE_READERS) * (depth(message_bytes) + MAX_BORROWED) * message_bytes
-        + 2 * depth(message_bytes) * message_bytes) as u64
+        + depth(message_bytes) * message_bytes) as u64
 }
 
 /// A topic of the run, made by the launcher and opened by the processes that the graph names.
@@ -37,12 +37,14 @@ pub(crate) struct Topic {
 }
 
 impl Topic {
-    /// Makes the topic for so many readers of the graph, and its retainer; it is marked with the hash `layout`.
+    /// Makes the topic for so many readers of the graph; it is marked with the hash `layout`. With a history, a reader that comes late gets the last
+    /// messages too.
     pub(crate) fn create(
         bus: &Bus,
         format: Format,
         readers: usize,
         layout: u64,
+        has_history: bool,
     ) -> Result<Self, TopicError> {
         let attribute = |reason: String| failed("create", &format, reason);
         let value = AttributeValue::new(format!("{layout:016x}").as_bytes())
@@ -52,6 +54,7 @@ impl Topic {
             .map_err(|e| attribute(e.to_string()))?;
         let service = builder(bus, &format)?
             .max_subscribers(readers + MORE_READERS)
+            .history_size(if has_history { depth(format.bytes) } else { 0 })
             .create_with_attributes(&attributes);
         Ok(Self {
             format,

@@ -6,20 +6,17 @@ use std::ops::{Deref, DerefMut};
 use std::rc::Rc;
 use std::slice::from_raw_parts;
 
-use lockstep::Ring;
 use process::{Packed, Shaper};
 use shared_types::Message;
 use shared_types::fault::{corrupted_topic, shaped_topic};
 use shared_types::wire::Header;
 
-use crate::bus::error::TopicError;
-use crate::bus::format::{Format, header};
+use crate::bus::format::Format;
 use crate::bus::port::{Outgoing, Sender};
 use crate::clock::now_ns;
 use crate::context::{Closing, Context};
 use crate::control_page::Count;
 use crate::control_page::live_statistics::{Note, note_of};
-use crate::memory::{HandedOver, LastMade};
 
 /// Why a message was not sent.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -71,25 +68,13 @@ struct Sending {
     /// Keeps what `armplane status` shows of a message.
     note: Note,
     readers: Vec<usize>,
-    /// The last messages made while faults shape them, for this process and its replacement.
-    last_made: LastMade,
     /// The messages that faults hold back or repeat.
     shaper: RefCell<Shaper>,
 }
 
 impl Outlet {
-    pub(crate) fn new(
-        shared: &Rc<Context>,
-        format: Format,
-        sender: Rc<Sender>,
-    ) -> Result<Self, TopicError> {
+    pub(crate) fn new(shared: &Rc<Context>, format: Format, sender: Rc<Sender>) -> Self {
         let name = format.topic;
-        let last_made = LastMade::open(&shared.run, name, format.bytes).map_err(|error| {
-            TopicError::Memory {
-                topic: name,
-                reason: error.to_string(),
-            }
-        })?;
         let topic = shared.topic_index(name);
         shared.control_page.topic(topic).begin_writer();
         let writes = &shared.manifest.processes[shared.me].writes;
@@ -102,14 +87,13 @@ impl Outlet {
             topic,
             note: note_of(name),
             readers: shared.manifest.woken_by(name).collect(),
-            last_made,
             shaper: RefCell::new(Shaper::new(corrupted_topic(writes) == Some(name))),
         });
         shared.add_outlet(Rc::clone(&sending) as Rc<dyn Closing>);
-        Ok(Self {
+        Self {
             sending,
             loaned: None,
-        })
+        }
     }
 
     /// Loans shared memory for one message, still filled with an earlier one: where its bytes begin.
@@ -162,15 +146,12 @@ impl Outlet {
         (sending.note)(shared.control_page.live_state_cells(), bytes);
         let is_last = shared.is_last_output(tick, sending.output);
         if is_last {
-            shared.commit(tick);
+            shared.commit();
         }
         if shared.is_shaped() && shaped_topic(sending.format.topic) {
             sending.send_shaped(message)?;
         } else {
             sending.deliver(message)?;
-        }
-        if !is_last {
-            shared.apply_faults_between_outputs(tick);
         }
         // With shaped messages in lockstep a tick is closed when its inputs are exhausted, for one message may be several or none.
         if is_last && !(shared.is_shaped() && shared.is_lockstep()) {
@@ -305,7 +286,6 @@ impl Sending {
         // SAFETY: on loan from the sender; the topic's messages have this size.
         let message = Packed::of(unsafe { from_raw_parts(loaned.payload(), self.format.bytes) });
         drop(loaned);
-        self.last_made.keep(message.bytes());
         self.shape(&message)?;
         if !self.shared.is_lockstep() {
             self.flush(self.shared.tick.get());
@@ -324,20 +304,6 @@ impl Sending {
         self.deliver(copy)
     }
 
-    /// The message before that of a tick, for a fault that repeats it. Where no fault has shaped messages until now, the writer has kept none: in
-    /// lockstep the retainer of the topic has it; in real time no process waits for that, and the first message that the fault meets is the one repeated.
-    fn before(&self, tick: u64) -> Option<Packed> {
-        let kept = self.last_made.before(tick);
-        if kept.is_some() || !self.shared.is_lockstep() {
-            return kept;
-        }
-        let topic = self.format.topic;
-        self.shared.await_hand_over(topic).ok()?;
-        let handed_over = HandedOver::open(&self.shared.run, topic, self.format.bytes).ok()?;
-        let newest = handed_over.get(handed_over.count().checked_sub(1)?)?;
-        (header(&newest).tick < tick).then(|| Packed::of(&newest))
-    }
-
     /// Applies the faults of its tick to a message.
     fn shape(&self, message: &Packed) -> Result<(), SendError> {
         let (shared, tick) = (&self.shared, self.shared.tick.get());
@@ -347,13 +313,11 @@ impl Sending {
                 .fault_table()
                 .mark_injected(place, now_ns())
         };
-        let (known, before) = (shared.faults.known.borrow(), || {
-            self.before(message.header().tick)
-        });
+        let known = shared.faults.known.borrow();
         let faults = known.of(shared.me, tick);
         self.shaper
             .borrow_mut()
-            .shape(message.bytes(), tick, faults, before, injected, |message| {
+            .shape(message.bytes(), tick, faults, injected, |message| {
                 self.deliver_copy(message)
             })
     }
@@ -369,6 +333,10 @@ impl Closing for Sending {
             // It fails where no memory is left: then the message is lost, as messages that faults hold back may be.
             let _ = self.deliver_copy(message);
         });
+    }
+
+    fn forget(&self) {
+        self.shaper.borrow_mut().die();
     }
 
     fn ring(&self) {

@@ -50,13 +50,11 @@ impl Context {
         }
         self.turns.begin();
         self.has_started.set(true);
-        self.apply_faults_at_start();
-        self.skip_to(self.tick.get());
         self.entry().set_state(State::Running);
         if self.entry().incarnation() > 1 {
             self.control_page
                 .fault_table()
-                .mark_recovered(self.me, now_ns());
+                .mark_recovered(self.me, u64::MAX, now_ns());
             self.control_page.ring_all();
         }
         Ok(Waited::Ready(()))

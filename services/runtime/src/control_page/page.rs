@@ -19,7 +19,7 @@ use shared_types::process::MAX_PROCESSES;
 use shared_types::topics::MAX_TOPICS;
 
 /// "armbrd" and the version of this layout.
-const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x05");
+const MAGIC: u64 = u64::from_be_bytes(*b"armbrd\0\x06");
 
 /// Phase of a run's start.
 ///
@@ -59,10 +59,6 @@ struct Page {
     stop: AtomicU32,
     /// Origin of the real-time grid on `CLOCK_MONOTONIC`; 0 until the source of ticks has set it.
     grid_origin_ns: AtomicU64,
-    /// Number of a process's requests for retained messages, and the last request that the launcher
-    /// has answered.
-    hand_overs_requested: AtomicU64,
-    hand_overs_done: AtomicU64,
     fault_table: FaultTable,
     live_state: LiveStateCells,
     topics: [TopicEntry; MAX_TOPICS],
@@ -95,6 +91,11 @@ impl TopicEntry {
         self.ticks.store(tick + 1, Ordering::Relaxed);
         self.sent
             .store(self.sent.load(Ordering::Relaxed) + 1, Ordering::Release);
+    }
+
+    /// The tick of the newest message, as far as the writer counts.
+    pub(crate) fn newest(&self) -> Option<u64> {
+        self.ticks.load(Ordering::Relaxed).checked_sub(1)
     }
 
     /// Whether a message of a tick, or of a later one, is still to be delivered, as far as the writer counts.
@@ -261,31 +262,6 @@ impl ControlPage {
         for line in &self.page().entries {
             line.doorbell().ring(ANYTHING);
         }
-    }
-
-    /// Asks the launcher for the retained messages of all topics; returns the request's number.
-    pub(crate) fn request_hand_over(&self) -> u64 {
-        self.page()
-            .hand_overs_requested
-            .fetch_add(1, Ordering::AcqRel)
-            + 1
-    }
-
-    /// Whether all that was delivered before a request lies in the files of the run.
-    pub(crate) fn is_handed_over(&self, request: u64) -> bool {
-        self.page().hand_overs_done.load(Ordering::Acquire) >= request
-    }
-
-    /// The newest request that the launcher has not answered.
-    pub(crate) fn requested_hand_over(&self) -> Option<u64> {
-        let requested = self.page().hand_overs_requested.load(Ordering::Acquire);
-        (requested > self.page().hand_overs_done.load(Ordering::Relaxed)).then_some(requested)
-    }
-
-    pub(crate) fn answer_hand_over(&self, request: u64) {
-        self.page()
-            .hand_overs_done
-            .store(request, Ordering::Release);
     }
 
     /// Start of the real-time grid. The first caller decides; a replacement keeps the phase.

@@ -4,7 +4,9 @@ use std::fmt;
 use std::os::unix::process::ExitStatusExt;
 use std::process::ExitStatus;
 
-use signal_hook::consts::{SIGABRT, SIGBUS, SIGHUP, SIGINT, SIGQUIT, SIGSEGV, SIGTERM};
+use signal_hook::consts::{
+    SIGABRT, SIGBUS, SIGFPE, SIGHUP, SIGILL, SIGINT, SIGQUIT, SIGSEGV, SIGSYS, SIGTERM, SIGTRAP,
+};
 use signal_hook::low_level::signal_name;
 
 /// How a process ended.
@@ -40,6 +42,12 @@ impl Exit {
             .into_iter()
             .find(|signal| code == 128 + signal),
         }
+    }
+
+    /// Whether the process ended for a reason of its own: by an exit code, or a signal that the kernel raises for a defect.
+    pub fn is_own(self) -> bool {
+        const RAISED: [i32; 7] = [SIGILL, SIGTRAP, SIGABRT, SIGBUS, SIGFPE, SIGSEGV, SIGSYS];
+        self.signal().is_none_or(|signal| RAISED.contains(&signal))
     }
 
     pub(super) fn word(self) -> u32 {

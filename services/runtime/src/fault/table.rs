@@ -1,11 +1,12 @@
 //! The fault table: every planned and live fault of a run, in one place that all its processes
 //! read.
 //!
-//! The launcher enters planned faults before the start, and unplanned deaths when it detects them.
-//! Any process may request a fault (`armplane fault`). The tick source adopts a request at the
-//! beginning of a tick, before it sends any message of it, so that all processes know of the fault
-//! when the tick reaches them. From then on, a live fault is a planned one. Only the fault table
-//! and the tick decide about a fault, so a run with faults is reproducible.
+//! The launcher enters planned faults before the start, and in real time unplanned deaths when it
+//! detects them. Any process may request a fault (`armplane fault`). The tick source adopts a
+//! request for the next tick, before it sends any message of the tick in hand, so that all processes
+//! know of the fault a tick before. From then on, a live fault is a planned one. Only the fault table
+//! and the tick decide about a fault, so a run with faults is reproducible, also after the launcher
+//! has started its processes again: it gives them a copy of the table.
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
@@ -18,7 +19,7 @@ use crate::fault::exit::Exit;
 /// Most faults a run may have.
 pub const MOST_FAULTS: usize = 144;
 
-/// Most faults in the table when a live one may still be requested: the rest is for deaths that no plan has, five of each process.
+/// Most faults in the table when a live one may still be requested: the rest is for deaths in real time that no plan has, five of each process.
 pub const MOST_WHEN_REQUESTED: usize = MOST_FAULTS - 5 * MAX_PROCESSES;
 
 /// Time after a fault in which its effect on messages may still show: twice the longest delay.
@@ -126,24 +127,51 @@ impl FaultTable {
         Some(place)
     }
 
+    /// Takes over all that the table of an earlier start of the processes has: what has happened there does not happen again.
+    ///
+    /// Requires that nobody writes to either.
+    pub fn take_over(&self, earlier: &Self) {
+        for (entry, earlier) in self.entries.iter().zip(earlier.taken()) {
+            entry.put(&earlier.scheduled());
+            for (place, value) in [
+                (&entry.origin, &earlier.origin),
+                (&entry.exit, &earlier.exit),
+                (&entry.standing, &earlier.standing),
+            ] {
+                place.store(value.load(Ordering::Relaxed), Ordering::Relaxed);
+            }
+            for (place, value) in [
+                (&entry.injected_ns, &earlier.injected_ns),
+                (&entry.detected_ns, &earlier.detected_ns),
+                (&entry.recovered_ns, &earlier.recovered_ns),
+            ] {
+                place.store(value.load(Ordering::Relaxed), Ordering::Relaxed);
+            }
+        }
+        self.taken
+            .store(earlier.taken().len() as u32, Ordering::Release);
+        self.changes.fetch_add(1, Ordering::Release);
+    }
+
     /// Called by the tick source before it sends any message of `tick`: puts requested faults into
-    /// force.
+    /// force that concern the next tick, or have been waiting for one.
     pub(crate) fn adopt(&self, tick: u64) {
         for entry in self.taken() {
             if entry.standing.load(Ordering::Acquire) != REQUESTED {
                 continue;
             }
             let asked = entry.scheduled();
-            if asked.at > tick {
+            let next = tick.saturating_add(1);
+            if asked.at > next {
                 continue;
             }
             let until = if asked.until == u64::MAX {
                 u64::MAX
             } else {
-                tick.saturating_add(asked.until.saturating_sub(asked.at))
+                next.saturating_add(asked.until.saturating_sub(asked.at))
             };
             entry.put(&ScheduledFault {
-                at: tick,
+                at: next,
                 until,
                 ..asked
             });
@@ -183,6 +211,12 @@ impl FaultTable {
             recovered_ns: entry.recovered_ns.load(Ordering::Relaxed),
             exit: Exit::of_word(entry.exit.load(Ordering::Relaxed)),
         })
+    }
+
+    /// Whether the fault at a place is one of the plan, or a live one: nobody waits for the end of a death that was not.
+    pub(crate) fn is_planned(&self, place: usize) -> bool {
+        self.record(place)
+            .is_some_and(|record| record.origin != Origin::Detected)
     }
 
     /// All faults in force, with their places, in the order in which they came.
@@ -235,12 +269,14 @@ impl FaultTable {
             .for_each(|entry| first(&entry.detected_ns, now_ns));
     }
 
-    /// This process sends again.
-    pub(crate) fn mark_recovered(&self, process: usize, now_ns: u64) {
+    /// This process sends again at a tick.
+    pub(crate) fn mark_recovered(&self, process: usize, tick: u64, now_ns: u64) {
         self.of(process)
             .filter(|entry| {
+                let fault = entry.scheduled();
                 entry.injected_ns.load(Ordering::Relaxed) != 0
-                    && entry.scheduled().kind().is_some_and(Kind::takes_down)
+                    && fault.at <= tick
+                    && fault.kind().is_some_and(Kind::takes_down)
             })
             .for_each(|entry| first(&entry.recovered_ns, now_ns));
     }
@@ -302,12 +338,6 @@ impl KnownFaults {
         &self.faults
     }
 
-    /// The state of the fault table that this is a copy of.
-    #[inline]
-    pub(crate) fn changes(&self) -> u32 {
-        self.changes
-    }
-
     #[inline]
     pub(crate) fn is_current(&self, table: &FaultTable) -> bool {
         self.changes == table.changes()
@@ -336,6 +366,17 @@ impl KnownFaults {
                 scheduled.process as usize == process && scheduled.concerns(tick)
             })
             .filter_map(|(place, scheduled)| Some((*place, scheduled, scheduled.kind()?)))
+    }
+
+    /// The faults that end or stop a process, at whatever tick.
+    pub(crate) fn downs(&self, process: usize) -> impl Iterator<Item = (usize, &ScheduledFault)> {
+        let of = move |fault: &ScheduledFault| {
+            fault.process as usize == process && fault.kind().is_some_and(Kind::takes_down)
+        };
+        self.faults
+            .iter()
+            .filter(move |(_, fault)| of(fault))
+            .map(|(place, fault)| (*place, fault))
     }
 
     /// Whether any fault makes more or fewer than one message of a topic leave in a tick.
@@ -375,14 +416,14 @@ mod tests {
     }
 
     #[test]
-    fn a_request_is_in_force_from_the_tick_that_adopts_it() {
+    fn a_request_is_in_force_from_the_tick_after_the_one_that_adopts_it() {
         let (run, page) = page();
         let other_mapping = ControlPage::open(&run).unwrap();
         let (ours, theirs) = (page.fault_table(), other_mapping.fault_table());
         let mut copied = KnownFaults::default();
         let place = theirs.request(&scheduled(Kind::Kill, 0)).unwrap();
         assert!(copied.is_current(theirs) && !theirs.is_in_force(place));
-        ours.adopt(500);
+        ours.adopt(499);
         assert!(!copied.is_current(theirs) && theirs.is_in_force(place));
         copied.renew(theirs);
         let is_down = |process, tick| copied.of(process, tick).any(|(.., kind)| kind.takes_down());
@@ -404,7 +445,8 @@ mod tests {
         table.mark_injected(place, 60);
         table.mark_detected(3, 10, 70);
         table.mark_detected(3, 10, 80);
-        table.mark_recovered(3, 90);
+        table.mark_recovered(3, 9, 85);
+        table.mark_recovered(3, 10, 90);
         table.mark_exit(3, Exit::Code(1));
         let expected = FaultRecord {
             scheduled: scheduled(Kind::Hang, 10),

@@ -1,0 +1,159 @@
+//! Faults that end or stop this process: it dies or stops once, and is absent for their ticks.
+//!
+//! An absent process follows the ticks and closes each without a step, so what the others receive
+//! depends on the plan alone. The death itself changes no message: the launcher starts all processes
+//! again from before it, and the fault table knows that it has happened.
+
+use shared_types::fault::{Kind, ScheduledFault, Way};
+
+use super::Context;
+use crate::clock::now_ns;
+use crate::control_page::State;
+use crate::fault::burden;
+use crate::fault::process::{bus_error, kill_self, stop_self};
+use crate::fault::table::Origin;
+
+impl Context {
+    /// Applies the faults of this process at a tick, with the tick's first input in hand. Returns the tick at which it takes part again: `tick` unless
+    /// it is absent.
+    #[inline]
+    pub(crate) fn attend(&self, tick: u64) -> u64 {
+        self.learn();
+        if self.is_unharmed() {
+            tick
+        } else {
+            self.attend_under_faults(tick)
+        }
+    }
+
+    /// Applies the faults of this process at a tick that cost it time.
+    pub(crate) fn burden(&self, tick: u64) {
+        let (known, mut load) = (
+            self.faults.known.borrow(),
+            self.faults.cpu_load.borrow_mut(),
+        );
+        let injected = |place| {
+            self.control_page
+                .fault_table()
+                .mark_injected(place, now_ns())
+        };
+        burden::burden(
+            known.of(self.me, tick),
+            &mut load,
+            self.manifest.processes[self.me].core,
+            injected,
+        );
+    }
+
+    #[cold]
+    fn attend_under_faults(&self, tick: u64) -> u64 {
+        self.burden(tick);
+        while let Some((place, fault)) = self.due(tick) {
+            self.control_page
+                .fault_table()
+                .mark_injected(place, now_ns());
+            self.fall(&fault, tick);
+        }
+        self.count_deaths(tick);
+        let returns = if self.is_timeless() {
+            tick
+        } else {
+            self.returns_after(tick)
+        };
+        if returns == tick {
+            self.control_page
+                .fault_table()
+                .mark_recovered(self.me, tick, now_ns());
+        }
+        returns
+    }
+
+    /// Whether no tick passes while this process is down: the others wait for it.
+    fn is_timeless(&self) -> bool {
+        let own = &self.manifest.processes[self.me];
+        own.makes_ticks || own.polled
+    }
+
+    /// A fault that is to end or stop this process at a tick, and has not yet.
+    fn due(&self, tick: u64) -> Option<(usize, ScheduledFault)> {
+        let known = self.faults.known.borrow();
+        let mut due = known
+            .downs(self.me)
+            .filter(|(_, fault)| fault.at <= tick && (tick < fault.until || self.is_timeless()));
+        let table = self.control_page.fault_table();
+        let is_new = |place: usize| {
+            table
+                .record(place)
+                .is_some_and(|record| record.injected_ns == 0 && record.origin != Origin::Detected)
+        };
+        due.find(|(place, _)| is_new(*place))
+            .map(|(place, fault)| (place, *fault))
+    }
+
+    /// The first tick after the absences that a tick lies in.
+    fn returns_after(&self, tick: u64) -> u64 {
+        let known = self.faults.known.borrow();
+        let table = self.control_page.fault_table();
+        known
+            .downs(self.me)
+            .filter(|(place, fault)| fault.concerns(tick) && table.is_planned(*place))
+            .map(|(_, fault)| fault.until)
+            .fold(tick, u64::max)
+    }
+
+    /// In lockstep: after a planned death the process is another incarnation, and what its predecessor held back is gone.
+    fn count_deaths(&self, tick: u64) {
+        if !self.is_lockstep() {
+            return;
+        }
+        let known = self.faults.known.borrow();
+        let deaths = known
+            .downs(self.me)
+            .filter(|(_, fault)| fault.ends_process() && fault.at <= tick)
+            .count() as u32;
+        if self.incarnation.replace(1 + deaths) != 1 + deaths {
+            self.attached
+                .outlets
+                .borrow()
+                .iter()
+                .for_each(|outlet| outlet.forget());
+        }
+    }
+
+    fn fall(&self, fault: &ScheduledFault, tick: u64) {
+        match fault.kind() {
+            Some(Kind::Kill) => {
+                self.leave(State::Gone);
+                kill_self();
+            }
+            Some(Kind::Crash) => {
+                self.leave(State::Gone);
+                if fault.way() == Some(Way::BusError) {
+                    bus_error();
+                }
+                panic!(
+                    "{} crashes at tick {tick}, as the fault plan says",
+                    self.name()
+                );
+            }
+            _ => self.stand_still(fault),
+        }
+    }
+
+    /// The others are informed before, so that none waits for a message that cannot come.
+    fn leave(&self, state: State) {
+        self.entry().set_state(state);
+        self.control_page.ring_all();
+    }
+
+    fn stand_still(&self, fault: &ScheduledFault) {
+        self.leave(State::Stopped);
+        stop_self();
+        // A process that is not continued (`Way::ForEver`) is killed and never comes here; a stray SIGCONT changes nothing about it.
+        while fault.way() == Some(Way::ForEver) && !self.is_stopping() {
+            stop_self();
+        }
+        self.entry().set_state(State::Running);
+        self.control_page.ring_all();
+    }
+}
