@@ -6,7 +6,7 @@
 //! ```text
 //! plant ──sensor──► estimator ──estimate──┬──► controller ──torque──► plant
 //!   │                                     └──► analyzer ──singularity──┘
-//!   └─plant_state (truth, for judging)        every topic ──► recorder ──► run.rrd, summary.json
+//!   └─plant_state (truth, for judging)        every topic ──► recorder ──► messages.mcap, summary.json
 //! ```
 //!
 //! # Where to begin

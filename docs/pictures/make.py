@@ -31,8 +31,7 @@ PICTURES = {
     "straight-up": (["run", "straight-up"], 0.15, None),
     "race": (["compare", "fig5-wrist-rotation", "--race"], 2.6, None),
     "arms": (["run", "ur5-wrist"], 1.0, None),
-    "faults": (["run", str(FAULTS)], 2.66, None),
-    "timing": (["run", "fig5-wrist-rotation"], 1.0, "timing"),
+    "timing": (["run", str(FAULTS)], 2.66, None),
 }
 
 # Animated picture: what is run, from when to when (s), how many seconds pass in one, and its part of the window (left, top, right, bottom).

@@ -58,7 +58,7 @@ def defaults(folder):
     found = {}
     for name, text in (("path", PATH), ("steered", STEERED)):
         (folder / f"{name}.toml").write_text(text)
-        program("run", f"{name}.toml", "--no-record", "--no-messages", "--out", name, folder=folder)
+        program("run", f"{name}.toml", "--no-record", "--out", name, folder=folder)
         found = read_defaults((folder / name / "scenario.toml").read_text()) | found
     # These are the two runs' own.
     del found["start"], found["servo"]["input"]

@@ -63,14 +63,8 @@ pub struct Job {
     pub mode: Mode,
     /// Folder of the results.
     pub out: PathBuf,
-    /// Whether the recorder writes a recording; it judges and hashes either way.
+    /// Whether the recorder keeps every message as it was on the wire, in `messages.mcap` of the results folder; it judges and hashes either way.
     pub record: bool,
-    /// Whether the recorder keeps every message as it was on the wire, in `messages.mcap` of the results folder.
-    #[serde(default)]
-    pub messages: bool,
-    /// Whether a viewer watches the recording grow: it is written more often then.
-    #[serde(default)]
-    pub live: bool,
     /// The kind of fault.
     pub scenario: Scenario,
     /// With which arm.

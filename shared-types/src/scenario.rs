@@ -33,7 +33,7 @@ use crate::graph::Graph;
 pub use analysis::{Analysis, BySingularity};
 pub use control::{Baseline, Control, Damping, HoldAndBlend, Strategy};
 pub use plant::{Estimator, Plant, PlantModel};
-pub use result::{Goal, Layout, Record, View};
+pub use result::{Goal, Layout, View};
 pub use servo::Servo;
 pub use task::{Path, Reorient, Segment, Slide, Start, Turn};
 
@@ -100,9 +100,6 @@ pub struct Scenario {
     /// Planned faults.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub fault: Vec<Fault>,
-    /// Size of the recording's files.
-    #[serde(default)]
-    pub record: Record,
 }
 
 fn rate_hz() -> u32 {
@@ -222,7 +219,6 @@ impl Scenario {
         self.estimator.check()?;
         self.analysis.check()?;
         self.control.check()?;
-        self.record.check()?;
         self.goal.check()?;
         let mut faults = self.fault.iter().enumerate();
         faults.try_for_each(|(i, fault)| {

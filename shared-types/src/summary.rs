@@ -66,7 +66,7 @@ pub struct Summary {
     /// JSON has no such numbers, so the largest one stands there instead.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub not_finite: Vec<String>,
-    /// The recording.
+    /// The record.
     pub recorder: RecorderSummary,
     /// The processes.
     pub processes: Vec<ProcessSummary>,
@@ -407,7 +407,7 @@ pub struct Latency {
     pub max: f64,
 }
 
-/// The recording.
+/// The record.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RecorderSummary {
     /// Messages received.
@@ -417,27 +417,17 @@ pub struct RecorderSummary {
     /// Ticks recorded.
     #[serde(default)]
     pub rows: u64,
-    /// Size of all parts of the recording; bytes.
+    /// Size of the record; bytes.
     pub bytes: u64,
-    /// First part of the recording, relative to `summary.json`. Empty without a recording.
+    /// The record, relative to `summary.json`: every message. Empty without one.
     pub file: String,
-    /// Number of files: `run.rrd`, `run-001.rrd`, …
-    #[serde(default)]
-    pub parts: u32,
-    /// 64-bit XXH3 of each file, hexadecimal. Empty if they could not be read.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub checksums: Vec<String>,
-    /// Size of the message log, which `armplane replay` reads; bytes. 0 without one.
-    #[serde(default)]
-    pub messages_bytes: u64,
-    /// Topics declared by the graph: counted, hashed and kept in the message log, but not in the
-    /// recording.
+    /// Topics declared by the graph: counted, hashed and kept in the record, but not drawn.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub not_drawn: Vec<String>,
     /// Processor time of the recorder, including start and end; s.
     #[serde(default)]
     pub cpu_s: f64,
-    /// Reason why the recording is missing or incomplete. Empty if it is complete.
+    /// Reason why the record is missing or incomplete. Empty if it is complete.
     pub error: String,
 }
 

@@ -98,7 +98,7 @@ fn every_wrong_input_is_refused_with_its_reason() {
         ("fault controller kill --run nowhere", "nowhere"),
         ("report nowhere", "nowhere: runs/fig5-wrist-rotation-001"),
         ("replay nowhere", "nowhere job.json"),
-        ("export empty", "empty run.rrd summary.json"),
+        ("export empty", "empty messages.mcap summary.json"),
         ("run .", ".toml"),
         ("compare fig5 --law blendet", "`blended`"),
         ("compare fig5-wrist-rotatoin", "`fig5-wrist-rotation`"),
@@ -114,17 +114,15 @@ fn every_wrong_input_is_refused_with_its_reason() {
     ]);
     // Of runs without a recording or messages.
     desk.run("good.toml --out run");
-    desk.run("good.toml --out bare --no-record --no-messages");
+    desk.run("good.toml --out bare --no-record");
     desk.refuses_each(&[
         ("export bare", "bare --no-record"),
         ("view bare", "bare --no-record"),
-        ("view bare --layout pretty", "'pretty' faults"),
-        ("replay bare", "bare --no-messages"),
+        ("view bare --layout pretty", "'pretty' timing"),
+        ("replay bare", "bare"),
         ("replay run --set control.kp=1", "`k_p`"),
         ("replay run --set robot=ur5", "puma560 robot="),
     ]);
-    desk.file("bare/run.rrd", "mine");
-    desk.refuses_each(&[("export bare", "bare/run.rrd bare/scenario.toml")]);
     // No scenario: in one line.
     for file in [
         "arm.urdf",

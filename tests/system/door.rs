@@ -35,7 +35,7 @@ fn no_result_is_written_behind_a_link_or_into_a_pipe() {
             "export r --format parquet --out out",
             1,
         ),
-        ("out/whole.rrd", "export r --format rrd --out out", 1),
+        ("out/run.rrd", "export r --format rrd --out out", 1),
         ("page.html", "report r --out page.html", 1),
         ("drawn/figures.json", "figures --out drawn", 1),
         (

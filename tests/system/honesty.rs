@@ -302,7 +302,7 @@ fn a_wrong_mass_leaves_the_path_by_less_than_a_millimetre() {
     let desk = Desk::new();
     for scenario in ["ur5-wrist", "seven-joints", "iiwa-posture", "fr3-wrist"] {
         for mass in ["0.7", "1.3"] {
-            let set = format!("--no-record --no-messages --set plant.mass_factor={mass}");
+            let set = format!("--no-record --set plant.mass_factor={mass}");
             let summary = desk.run(&format!("{scenario} {set}"));
             let off_mm = summary["task"]["orthogonal_max_mm"].number();
             assert!(off_mm <= 1.0, "{scenario} with {mass}: {off_mm} mm");

@@ -228,7 +228,7 @@ fn assert_holds(desk: &Desk, case: &Case<'_>) {
         }
         _ => panic!("{task:?}: a name, or robot, start and segment"),
     };
-    let args = format!("run {name} --no-record --no-messages --json {set}");
+    let args = format!("run {name} --no-record --json {set}");
     let json = desk.armplane(&args).json();
     let what = format!("{task:?} {set}: {}", json["reason"]);
     assert_eq!(json["outcome"], case.ends, "{what}");

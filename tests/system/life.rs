@@ -14,17 +14,16 @@ use crate::faults::recorded_ticks;
 /// Long enough to be interrupted.
 const LONG: &str = "run --set segment.1.duration_s=500 --json --out results";
 
-/// Starts a long run and waits until its recording grows.
+/// Starts a long run and waits until its record grows.
 fn recording(desk: &Desk, more: &str) -> Child {
     let run = desk.start(&format!("{LONG} {more}"));
-    // The pictures of the arm come first; what grows beyond them are ticks.
-    until("the recording to grow", || bytes(desk) > 2_000_000);
+    until("the record to grow", || bytes(desk) > 2_000_000);
     run
 }
 
-/// Bytes of the recording.
+/// Bytes of the record.
 fn bytes(desk: &Desk) -> u64 {
-    std::fs::metadata(desk.at("results/run.rrd")).map_or(0, |file| file.len())
+    std::fs::metadata(desk.at("results/messages.mcap")).map_or(0, |file| file.len())
 }
 
 /// Waits until a process is replaced by another one.

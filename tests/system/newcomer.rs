@@ -33,7 +33,7 @@ fn two_runs_are_compared() {
         ("a", ""),
         ("b", ""),
         ("c", "--set control.k_p=300"),
-        ("d", "--set control.k_p=300 --no-messages"),
+        ("d", "--set control.k_p=300 --no-record"),
     ] {
         desk.run(&format!(
             "--set segment.1.duration_s=0.5 --out {out} {more}"

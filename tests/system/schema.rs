@@ -148,8 +148,7 @@ fn each_table_of_a_scenario_or_graph_has_the_keys_that_the_program_takes() {
         Damping,
         HoldAndBlend,
         Goal,
-        View,
-        Record
+        View
     );
     assert_eq!(keys(&schema["$defs"]["Fault"]), taken::<Fault>());
     let graph = self::schema(&Desk::new(), "graph");

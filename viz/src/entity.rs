@@ -16,8 +16,6 @@ pub(crate) const SINGULARITY_NAMES: &str = "singularity:names";
 pub(crate) const NOW: &str = "/now";
 /// The text log.
 pub(crate) const LOG: &str = "/log";
-/// Between the time and the words of a line of the log.
-pub(crate) const AFTER_TIME: &str = " s\u{2003}";
 /// Everything with a place; base axes.
 pub(crate) const WORLD: &str = "/world";
 /// The way of the hand.
@@ -40,8 +38,6 @@ pub(crate) const LINK: &str = "/world/arm/link";
 pub(crate) const TURNED: &str = "/world/null_motion/turned";
 /// The frame of each singularity; its name follows.
 pub(crate) const SINGULARITY: &str = "/world/singularity/";
-/// The part of the mark whose hidden words name what is lost, while the arm is inside.
-pub(crate) const AXES: &str = "axes";
 /// The two captions; their number follows.
 pub(crate) const CAPTION: &str = "/world/caption/";
 pub(crate) const CAPTIONS: &str = "/world/caption/**";
@@ -55,13 +51,12 @@ pub(crate) fn link(of: &str, index: usize) -> String {
 pub(crate) const LIVES: usize = CHAIN.len() + 1;
 
 /// The names of the processes whose lanes the state timeline has. Empty where no process is.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Lives([String; LIVES]);
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Lives([String; LIVES]);
 
 impl Lives {
     /// Those of a graph. A process that writes several of the topics has one lane.
-    #[must_use]
-    pub fn of(graph: &Graph) -> Self {
+    pub(crate) fn of(graph: &Graph) -> Self {
         let mut names: [String; LIVES] = std::array::from_fn(|i| {
             let process = match CHAIN.get(i) {
                 Some(topic) => graph.writer(topic),
@@ -92,52 +87,12 @@ impl Lives {
     }
 }
 
-impl Default for Lives {
-    /// Those of the built-in graph.
-    fn default() -> Self {
-        Self(Program::NAMES.map(str::to_owned))
-    }
-}
-
-/// A lane of the state timeline. The viewer names a lane by its path and orders lanes by it, so it is as short as can be, with a number where lanes
-/// have an order: `/wrist` for `mode/wrist`; `/0.fault`, the processes' ([`life`]), `/6.drive`.
-pub(crate) fn state(lane: &str) -> String {
-    match lane {
-        "fault" => "/0.fault".to_owned(),
-        "drive" => format!("/{}.{lane}", LIVES + 1),
-        _ => format!("/{}", lane.rsplit('/').next().unwrap_or(lane)),
-    }
-}
+/// The lane of faults, above those of the processes; and the drive's, below them.
+pub(crate) const FAULT: &str = "/0.fault";
+pub(crate) const DRIVE: &str = "/6.drive";
+pub(crate) const PHASE: &str = "/phase";
 
 /// The lane of a process: `/1.plant` and so on in the order of the data.
 pub(crate) fn life((place, name): (usize, &str)) -> String {
     format!("/{}.{name}", place + 1)
-}
-
-/// The lane at a path.
-pub(crate) fn lane(path: &str) -> String {
-    let path = path.trim_start_matches('/');
-    let numbered = path.split_once('.');
-    match numbered.and_then(|(place, name)| Some((place.parse().ok()?, name))) {
-        Some((1..=LIVES, name)) => format!("process/{name}"),
-        Some((_, name)) => name.to_owned(),
-        None if path == "phase" => path.to_owned(),
-        None => format!("mode/{path}"),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_lane_is_known_by_its_path() {
-        for name in ["mode/wrist", "mode/s1", "drive", "phase", "fault"] {
-            assert_eq!(lane(&state(name)), name);
-        }
-        // A process may have any name.
-        for process in [(0, "plant"), (2, "drive"), (3, "a.b"), (4, "recorder")] {
-            assert_eq!(lane(&life(process)), format!("process/{}", process.1));
-        }
-    }
 }

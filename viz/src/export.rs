@@ -1,4 +1,4 @@
-//! A recording's numbers and events for other tools.
+//! A run's numbers and events for other tools.
 
 mod columns;
 mod table;
@@ -6,11 +6,15 @@ mod table;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use re_chunk::external::arrow::array::{ArrayRef, Float64Array, Int64Array, StringArray};
-use re_chunk::external::arrow::datatypes::{Field, Schema};
+use model::Robot;
+use rerun::external::arrow::array::{Array, ArrayRef, Float64Array, Int64Array, StringArray};
+use rerun::external::arrow::datatypes::{Field, Schema};
+use shared_types::job::Job;
 
-use crate::read::{Piece, ReadError, ReadNews, read};
-use crate::signals::TickRow;
+use crate::recording::Facts;
+use crate::run::{Happened, Tick};
+use crate::sink::RecordError;
+use crate::story::{News, Story};
 use columns::Columns;
 use table::Table;
 pub use table::parquet_properties;
@@ -24,12 +28,12 @@ pub enum ExportFormat {
     Parquet,
 }
 
-/// Why an export failed: reading, writing, or the format's own crate.
+/// Why an export failed; no file is left then that is not whole.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    /// The recording cannot be read.
+    /// The arm does not fit.
     #[error(transparent)]
-    Read(#[from] ReadError),
+    Arm(#[from] RecordError),
     /// A file cannot be written.
     #[error("cannot write {path}: {reason}; free space there, or choose another folder with --out")]
     Write {
@@ -38,90 +42,88 @@ pub enum ExportError {
         /// The error of the file system or of the format's crate.
         reason: String,
     },
-}
-
-/// The messages of a run as they were on the wire, by tick.
-pub trait Messages {
-    /// Hands on those of a tick; an empty row where there are none. Ticks are asked for in ascending order.
-    fn at(&mut self, tick: u64, take: &mut dyn FnMut(&TickRow<'_>));
-}
-
-/// The data of an export.
-pub struct Exported<'a> {
-    /// The recording's files, in order.
-    pub parts: &'a [PathBuf],
-    /// The run's messages, where they are kept: columns of their own.
-    pub messages: Option<&'a mut dyn Messages>,
-    /// Whether the run was steered: columns of its own.
-    pub steered: bool,
+    /// Whoever asked for it wants it no more.
+    #[error("the export was stopped")]
+    Stopped,
 }
 
 /// A line of the log, or a change of a lane of the state timeline: tick, `log` or `state`, level or lane, text.
-type Event = (u64, &'static str, String, String);
+type Happening = (u64, &'static str, String, String);
 
-/// Reads a recording once and writes it into files of a format in the folder `out`; returns their paths.
+/// Rows that are written at once.
+const ROWS: usize = 1000;
+/// Rows that wait for the first report at most.
+const MOST: usize = 10_000;
+
+/// Writes a run into files of a format in the folder `out`, each of which takes its place when it is whole; returns their paths.
 ///
 /// # Errors
-/// [`ExportError`] where the recording cannot be read, or a file not be written.
+/// [`ExportError`] where a file cannot be written, or `progress`, called with the number of ticks, has ended it.
 pub fn export(
-    what: Exported<'_>,
     format: ExportFormat,
     out: &Path,
-    news: &mut dyn FnMut(ReadNews<'_>),
+    job: &Job,
+    robot: &Robot,
+    ticks: impl Iterator<Item = Tick>,
+    happened: &Happened,
+    progress: &mut dyn FnMut(u64) -> bool,
 ) -> Result<Vec<PathBuf>, ExportError> {
-    let Exported {
-        parts,
-        mut messages,
-        steered,
-    } = what;
-    let mut signals: Option<(Columns, Table)> = None;
-    let (mut events, mut rate_hz) = (Vec::<Event>::new(), 1000.0);
-    read(parts, |piece| {
-        match (piece, &mut signals) {
-            (Piece::About(about), None) => {
-                rate_hz = about.rate_hz();
-                let has_messages = messages.as_ref().map(|_| steered);
-                let (columns, schema) = Columns::new(about, has_messages);
-                let table = Table::create(format, out, "signals", schema)?;
-                signals = Some((columns, table));
-            }
-            (Piece::Rows(rows), Some((columns, table))) => {
-                news(ReadNews::Rows(rows.ticks.len() as u64));
-                table.write(columns.of(rows, |tick, take| {
-                    if let Some(messages) = &mut messages {
-                        messages.at(tick, take);
-                    }
-                }))?;
-            }
-            (Piece::Event { tick, level, text }, _) => events.push((tick, "log", level, text)),
-            (Piece::State { tick, lane, state }, _) => events.push((tick, "state", lane, state)),
-            (Piece::Damaged(damage), _) => news(ReadNews::Damaged(&damage)),
-            _ => {}
+    let facts = Facts::new(job, robot, None, false)?;
+    let (mut signals, mut story) = (None, Story::new(job, happened));
+    let (mut events, mut gathered, mut count) = (Vec::new(), Vec::new(), 0);
+    let mut tell = |tick: u64, news: News| {
+        events.push(match news {
+            News::Line(event) => (
+                tick,
+                "log",
+                event.level.name().to_owned(),
+                event.text.clone(),
+            ),
+            News::State { name, state, .. } => (tick, "state", name.to_owned(), state.to_owned()),
+        });
+    };
+    let mut ticks = ticks.peekable();
+    while let Some(tick) = ticks.next() {
+        story.push(&tick.row(), &mut tell);
+        gathered.push(tick);
+        count += 1;
+        // The first report names the columns; a run without one is not kept for it.
+        let is_known = signals.is_some() || !story.names.is_empty() || gathered.len() > MOST;
+        if (gathered.len() < ROWS || !is_known) && ticks.peek().is_some() {
+            continue;
         }
-        Ok::<(), ExportError>(())
-    })?;
+        let (columns, table) = match &mut signals {
+            Some(begun) => begun,
+            none => {
+                let (columns, schema) = Columns::new(&facts, &story.names);
+                none.insert((columns, Table::create(format, out, "signals", schema)?))
+            }
+        };
+        table.write(columns.of(&facts, &gathered))?;
+        gathered.clear();
+        if !progress(count) {
+            return Err(ExportError::Stopped);
+        }
+    }
+    let events = write_events(&events, f64::from(facts.rate_hz), format, out)?;
     let signals = signals.map(|(_, table)| table.finish()).transpose()?;
-    let events = write_events(&events, rate_hz, format, out)?;
+    let events = events.finish()?;
     Ok(signals.into_iter().chain([events]).collect())
 }
 
 fn write_events(
-    events: &[Event],
+    events: &[Happening],
     rate_hz: f64,
     format: ExportFormat,
     out: &Path,
-) -> Result<PathBuf, ExportError> {
+) -> Result<Table, ExportError> {
     let times = events.iter().map(|event| event.0 as f64 / rate_hz);
-    let texts = |text: fn(&Event) -> &str| -> ArrayRef {
+    let ticks = events.iter().map(|event| event.0 as i64);
+    let texts = |text: fn(&Happening) -> &str| -> ArrayRef {
         Arc::new(StringArray::from_iter_values(events.iter().map(text)))
     };
     let columns: [(&str, ArrayRef); 5] = [
-        (
-            "tick",
-            Arc::new(Int64Array::from_iter_values(
-                events.iter().map(|event| event.0 as i64),
-            )),
-        ),
+        ("tick", Arc::new(Int64Array::from_iter_values(ticks))),
         ("t_s", Arc::new(Float64Array::from_iter_values(times))),
         ("kind", texts(|event| event.1)),
         ("subject", texts(|event| &event.2)),
@@ -132,5 +134,5 @@ fn write_events(
     let schema = Schema::new(columns.iter().map(field).collect::<Vec<_>>());
     let mut table = Table::create(format, out, "events", schema)?;
     table.write(columns.map(|(_, column)| column).into())?;
-    table.finish()
+    Ok(table)
 }

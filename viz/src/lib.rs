@@ -1,19 +1,12 @@
-//! From the messages of a run to a Rerun recording one wants to look at: the only code that knows Rerun.
+//! From the ticks of a run to what people look at: the only code that knows Rerun.
 //!
-//! * [`Recording`] takes one complete tick at a time and writes an `.rrd` that ends cleanly: on a full disk, and when its process is killed.
+//! * [`write_rrd`] draws a run into an `.rrd`, [`show_live`] into a viewer while it lasts.
 //! * What is recorded: [`Signal`] names the numbers (1 kHz); the picture (50 Hz) is the arm, its target and path, the singular frame with
 //!   the lost direction ζ, the ellipsoids that go flat along it, ghosts of null-space motion; modes, states and words come as they change.
-//! * How it is shown: a blueprint in the file, one layout per purpose, also as `.rbl` ([`Recording::save_blueprint`]).
+//! * How it is shown: a blueprint in the file, one layout per purpose, also as `.rbl` ([`save_blueprint`]).
+//! * The same ticks as tables of other formats: [`export`]; as one HTML page: [`report`], with the pictures of [`plot`].
 //!
-//! * How it is read back without a viewer: [`read`]; as tables of other formats: [`export`]; as one HTML page: [`report`], with the pictures
-//!   of [`plot`].
-//!
-//! The cost (`recorder.cpu_s` in `summary.json`) grows with the number of chunks, each of which carries its schema, hence one wide table of numbers
-//! and a signal per component rather than per entity.
-//!
-//! docs/recording.md reads a recording back in Python.
-//!
-//! `manipulability`, `signals`, `scene`, `arm`, `solid` and `narration` map messages to data; `sink`, `blueprint` and `recording` write them.
+//! `manipulability`, `signals`, `story`, `scene`, `arm`, `solid` and `narration` map messages to data; `sink`, `blueprint` and `recording` write them.
 
 #![allow(non_snake_case)]
 
@@ -21,31 +14,27 @@ mod arm;
 mod blueprint;
 mod entity;
 mod export;
-mod frames;
 mod manipulability;
 mod meshes;
 mod narration;
-mod parts;
 pub mod plot;
-mod read;
 mod recording;
 mod report;
+mod run;
 mod scene;
-mod shortfall;
 mod signals;
 mod sink;
 mod solid;
+mod story;
 mod tint;
 
-pub use entity::Lives;
-pub use export::{ExportError, ExportFormat, Exported, Messages, export, parquet_properties};
-pub use parts::{
-    MergeError, bytes_in, checksums, complete, cut_behind, is_part, merge, part_name, parts_in,
-};
-pub use read::{About, Damage, Piece, ReadError, ReadNews, Rows, read};
-pub use recording::{Level, Options, Recording, RunInfo, Written, save_blueprint};
-pub use report::{Report, ReportError, report};
-pub use shortfall::{Reading, Shortfall, altered, has_rows, rows_in};
-pub use signals::{ChainHops, Signal, TickRow, chain_hops, hop_names};
-pub use sink::{RecordError, Storage};
+pub use export::{ExportError, ExportFormat, export, parquet_properties};
+pub use recording::{Progress, save_blueprint, show_live, write_rrd};
+pub use report::{ReportError, report};
+pub use run::{Event, Happened, Level, Rival, Tick};
+pub use signals::Signal;
+pub use sink::RecordError;
 pub use tint::singularity_ink;
+
+/// The name of a run's recording in its folder.
+pub const RECORDING: &str = "run.rrd";

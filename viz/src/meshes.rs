@@ -2,12 +2,11 @@
 
 use std::collections::BTreeMap;
 use std::env::{split_paths, var_os};
+use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::path::{Path, PathBuf};
 
 use mesh_loader::{Loader, Scene};
 use model::{Geometry, Robot};
-
-use crate::frames::guarded;
 
 /// Where ROS looks for packages, and where in each of these folders.
 const PACKAGES: [(&str, &str); 2] = [("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")];
@@ -57,6 +56,15 @@ fn read(robot: &Robot, file: &str) -> Result<Scene, String> {
         Ok(Err(error)) => Err(error.to_string()),
         _ => Err("it is no STL, OBJ or COLLADA file with triangles".to_owned()),
     }
+}
+
+/// Does work that panics on damaged bytes, without the words of its panic.
+fn guarded<T>(work: impl FnOnce() -> T) -> std::thread::Result<T> {
+    let usual = take_hook();
+    set_hook(Box::new(|_| ()));
+    let done = catch_unwind(AssertUnwindSafe(work));
+    set_hook(usual);
+    done
 }
 
 /// The file that a path from a folder, or a URL, names: a package is a folder of its name above the robot's file, beside one of those, or where ROS has it.

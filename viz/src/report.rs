@@ -5,10 +5,9 @@ mod drawing;
 mod html;
 mod moments;
 mod recorded;
-mod solids;
 mod stage;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use model::Robot;
 use shared_types::codes::MODE_REGULAR;
@@ -17,10 +16,10 @@ use shared_types::summary::{BOUNDARY, Machine, Summary};
 
 use crate::blueprint::{ACROSS, ALONG, JOINTS};
 use crate::plot::{Axis, BLUE, Color, Panel, PlotError, RED, digits, numbered};
-use crate::read::ReadError;
 use crate::recording::axis_units;
-use crate::shortfall::Reading;
+use crate::run::{Event, Happened, Tick};
 use crate::signals::Signal;
+use crate::sink::RecordError;
 use crate::tint::ink;
 use html::{Html, escaped};
 use recorded::{Recorded, stretches};
@@ -32,46 +31,32 @@ const LOG_LINES: usize = 200;
 /// Why there is no report.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
-    /// The recording cannot be read.
+    /// The arm cannot be drawn.
     #[error(transparent)]
-    Read(#[from] ReadError),
+    Arm(#[from] RecordError),
     /// A plot cannot be drawn.
     #[error(transparent)]
     Plot(#[from] PlotError),
 }
 
-/// A run's page.
-#[derive(Clone, Debug)]
-pub struct Report {
-    /// HTML.
-    pub text: String,
-    /// Clauses: the shortfall of its recording, and the damage of its messages; the page says them, too.
-    pub lacks: Vec<String>,
-}
-
-/// The page of a run; `parts` are its recording's files, none where there is no recording, `damage` what its message logs lack, in clauses. Errors name
-/// `path`, where the page shall go.
+/// The page of a run, HTML; without ticks there are neither pictures nor plots. `lacks`: what its record lacks, in clauses. Errors name `path`, where the
+/// page shall go.
 ///
 /// # Errors
-/// [`ReportError`] where the recording cannot be read or a plot not be drawn.
+/// [`ReportError`] where the arm or a plot cannot be drawn.
 pub fn report(
     summary: &Summary,
     job: &Job,
-    parts: &[PathBuf],
-    damage: &[String],
+    robot: &Robot,
+    ticks: impl Iterator<Item = Tick>,
+    happened: &Happened,
+    lacks: &[String],
     path: &Path,
-) -> Result<Report, ReportError> {
-    let mut reading = Reading::default();
-    let recorded = &Recorded::read(parts, summary, job, &mut reading)?;
-    let shortfall = reading.shortfall(parts, Some(summary));
-    let mut lacks: Vec<String> = shortfall.iter().map(ToString::to_string).collect();
-    lacks.extend_from_slice(damage);
+) -> Result<String, ReportError> {
+    let recorded = &Recorded::read(job, robot, ticks, summary.ticks, happened)?;
     let mut page = Html::default();
-    head(&mut page, summary, job, &lacks);
-    let robot = Robot::from_source(&job.robot).ok();
-    let mut stage = robot
-        .as_ref()
-        .and_then(|robot| Stage::new(robot, job, recorded));
+    head(&mut page, summary, job, lacks);
+    let mut stage = Stage::new(robot, job, recorded);
     if let Some(stage) = &mut stage {
         stage.moments(&mut page, summary);
     }
@@ -84,20 +69,17 @@ pub fn report(
             stage.slider(&mut page);
         }
         page.add("<div class=\"plots\">");
-        plots(&mut page, job, recorded, robot.as_ref(), path)?;
+        plots(&mut page, job, recorded, robot, path)?;
         page.add("</div></div>");
     }
     tables(&mut page, summary);
-    happened(&mut page, summary, recorded);
+    events(&mut page, summary, recorded);
     provenance(&mut page, summary);
     if let Some(stage) = &mut stage {
         stage.script(&mut page);
     }
     page.add("</body></html>");
-    Ok(Report {
-        text: page.text,
-        lacks,
-    })
+    Ok(page.text)
 }
 
 /// The run's title, its outcome, and what is missing of it.
@@ -200,11 +182,11 @@ fn plots(
     page: &mut Html,
     job: &Job,
     recorded: &Recorded,
-    robot: Option<&Robot>,
+    robot: &Robot,
     path: &Path,
 ) -> Result<(), PlotError> {
-    let turns = robot.is_none_or(|robot| robot.task.0[3..].contains(&true));
-    let units = robot.map_or(["", ""], axis_units);
+    let turns = robot.task.0[3..].contains(&true);
+    let units = axis_units(robot);
     let own: Vec<Color> = recorded
         .singularities
         .iter()
@@ -350,7 +332,7 @@ fn facts(page: &mut Html, summary: &Summary) {
     ]);
 }
 
-fn happened(page: &mut Html, summary: &Summary, recorded: &Recorded) {
+fn events(page: &mut Html, summary: &Summary, recorded: &Recorded) {
     page.heading("Modes and faults");
     let modes = summary.modes.iter();
     let modes = modes.map(|change| row![change.tick, change.singularity, change.mode]);
@@ -384,7 +366,7 @@ fn happened(page: &mut Html, summary: &Summary, recorded: &Recorded) {
     }
     page.heading("Log");
     let lines = recorded.log.iter().take(LOG_LINES);
-    let lines = lines.map(|(tick, level, text)| row![tick, level, text]);
+    let lines = lines.map(|Event { tick, level, text }| row![tick, level.name(), text]);
     page.table(&["tick", "level", "what"], lines);
     if recorded.log.len() > LOG_LINES {
         page.add(format_args!(
@@ -401,11 +383,7 @@ fn provenance(page: &mut Html, summary: &Summary) {
     let recorder = &summary.recorder;
     let recording = match (recorder.file.as_str(), recorder.error.as_str()) {
         ("", "") => "none".to_owned(),
-        (file, "") => format!(
-            "{file}, {:.1} MB, {} part(s)",
-            recorder.bytes as f64 / 1e6,
-            recorder.parts.max(1)
-        ),
+        (file, "") => format!("{file}, {:.1} MB", recorder.bytes as f64 / 1e6),
         (_, error) => error.to_owned(),
     };
     let machine = match cpu.as_str() {

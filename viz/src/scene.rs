@@ -338,11 +338,11 @@ impl NullMotion {
     }
 
     /// Whether the joints have moved enough in the present null-space motion to be drawn anew.
-    pub(crate) fn has_turned(&mut self, anyhow: bool) -> bool {
+    pub(crate) fn has_turned(&mut self) -> bool {
         let mut pairs = self.turned.iter().zip(&self.asked);
         let changed = pairs.any(|(now, before)| (now - before).abs() > TURN_STEP);
         let ended = self.start.is_none() && self.asked != [0.0; MAX_DOF];
-        let due = changed || ended || anyhow;
+        let due = changed || ended;
         if due {
             self.asked = self.turned;
         }
@@ -465,9 +465,9 @@ mod tests {
             (state.q[3], state.q[5]) = (0.01 * f64::from(k), -0.01 * f64::from(k));
             update(&mut motion, &state, &command);
         }
-        assert!(motion.has_turned(false) && motion.postures.len() == 5);
+        assert!(motion.has_turned() && motion.postures.len() == 5);
         assert_eq!(motion.words(), "q4 +57°, q6 −57°");
-        assert!(!motion.has_turned(false), "nothing new to draw");
+        assert!(!motion.has_turned(), "nothing new to draw");
         // The same speeds with the hand moving are no null-space motion, unless the null space takes the hand out of a Type 1 lock.
         (state.V_BE[0], state.q[3]) = (0.2, 2.0);
         assert!(!update(&mut motion, &state, &command));
@@ -476,6 +476,6 @@ mod tests {
         // The hand has left: ghosts and arcs go.
         state.p_BE[0] = 0.1;
         assert!(update(&mut motion, &state, &command) && motion.postures.is_empty());
-        assert!(motion.has_turned(false) && motion.most().next().is_none());
+        assert!(motion.has_turned() && motion.most().next().is_none());
     }
 }

@@ -11,13 +11,17 @@ use shared_types::topics::{ByTopic, CHAIN, Lent};
 use shared_types::wire::Stamps;
 use shared_types::{ControlState, MAX_DOF, SingularityReport};
 
+use crate::run::Event;
+
 /// The messages of one tick, as a recorder has them; in real time some may be missing.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct TickRow<'a> {
+pub(crate) struct TickRow<'a> {
     /// The tick they belong to.
-    pub tick: u64,
+    pub(crate) tick: u64,
     /// Those that have come.
-    pub messages: ByTopic<Lent<'a>>,
+    pub(crate) messages: ByTopic<Lent<'a>>,
+    /// What was noted.
+    pub(crate) events: &'a [Event],
 }
 
 impl<'a> std::ops::Deref for TickRow<'a> {
@@ -30,9 +34,13 @@ impl<'a> std::ops::Deref for TickRow<'a> {
 
 impl<'a> TickRow<'a> {
     /// These messages of a tick.
-    #[must_use]
-    pub fn new(tick: u64, messages: ByTopic<Lent<'a>>) -> Self {
-        Self { tick, messages }
+    #[cfg(test)]
+    pub(crate) fn new(tick: u64, messages: ByTopic<Lent<'a>>) -> Self {
+        Self {
+            tick,
+            messages,
+            events: &[],
+        }
     }
 
     /// Joint positions, rad: the simulator's, else the estimator's.
@@ -78,10 +86,8 @@ pub(crate) enum Kept {
     Slow,
     /// At the lower rate in steps of 1 / [`SHARES`], which repeat themselves and pack well: for plots only.
     Drawn,
-    /// Not at all: computed when it is read back, from other signals and the limits.
-    Derived,
-    /// Not at all: only in an export, from the messages that the run keeps beside its recording.
-    Message,
+    /// Not at all: only in tables and reports.
+    Table,
 }
 
 /// The least value of a [`Kept::Log`]; in the signal's unit.
@@ -107,14 +113,6 @@ pub(crate) fn share(value: f64) -> f32 {
 /// With the first 12 bits of its 24.
 pub(crate) fn short(value: f64) -> f32 {
     f32::from_bits(((value as f32).to_bits() + 0x800) & !0xfff)
-}
-
-/// The value of a recorded logarithm.
-pub(crate) fn from_logarithm(recorded: f32) -> f64 {
-    match recorded <= LEAST.log10() as f32 {
-        true => 0.0,
-        false => 10f64.powf(f64::from(recorded)),
-    }
 }
 
 /// The elements of a row of a signal.
@@ -179,6 +177,29 @@ impl<'a, 'm> Now<'a, 'm> {
     /// Of as many as there are joints.
     fn joints<'v>(&self, values: &'v [f64]) -> impl Iterator<Item = f64> + use<'v> {
         values[..self.limits.speed.len()].iter().copied()
+    }
+
+    /// Joint positions between their limits.
+    fn in_range(&self) -> Option<impl Iterator<Item = f64> + use<'a, 'm>> {
+        let (q, limits) = (self.row.q()?, self.limits);
+        let ranges = limits.centre.iter().zip(&limits.half_range);
+        Some(
+            q.iter()
+                .zip(ranges)
+                .map(|(q, (centre, half))| (q - centre) / half),
+        )
+    }
+
+    /// Over the limits, whatever they are.
+    fn ratios<'v>(
+        &self,
+        limits: &'v [f64],
+        values: &'v [f64],
+    ) -> impl Iterator<Item = f64> + use<'v> {
+        values
+            .iter()
+            .zip(limits)
+            .map(|(value, limit)| value / limit)
     }
 
     /// Over the limits, where each joint has one: all joints have one unit.
@@ -265,50 +286,50 @@ macro_rules! signals {
 }
 
 use Elements::{Directions, Hops, Joints, One, Quaternion, Sigmas, Singularities};
-use Kept::{Derived, Drawn, F32, F64, Log, Message, Short, Slow};
+use Kept::{Drawn, F32, F64, Log, Short, Slow, Table};
 
 signals! {
     /// Joint positions; rad.
     Position "joint:q" "rad" F64, Joints, |t| t.row.q().map(|q| t.joints(q));
-    /// Joint positions between their limits: −1 lower, 1 upper; q/π for a joint without limits. Derived.
-    PositionInRange "joint:q_in_range" "1" Derived, Joints, |_t| None::<[f64; 0]>;
+    /// Joint positions between their limits: −1 lower, 1 upper; q/π for a joint without limits
+    PositionInRange "joint:q_in_range" "1" Table, Joints, |t| t.in_range();
     /// Joint velocities; rad/s.
     Speed "joint:qdot" "rad/s" F32, Joints, |t| t.row.qdot().map(|qdot| t.joints(qdot));
-    /// Joint velocities over their limits. Derived.
-    SpeedRatio "joint:qdot_ratio" "1" Derived, Joints, |_t| None::<[f64; 0]>;
+    /// Joint velocities over their limits
+    SpeedRatio "joint:qdot_ratio" "1" Table, Joints, |t| t.row.qdot().map(|qdot| t.ratios(&t.limits.speed, qdot));
     /// Torques that act at the end-effector, J_rᵀF_r and compensation; N·m.
     TorqueTask "torque:task" "N*m" F32, Joints, control_state |t, m| t.joints(&m.tau_task);
     /// Torques that act in the null space, N_T Γ₀; N·m.
     TorqueNull "torque:null" "N*m" F32, Joints, control_state |t, m| t.joints(&m.tau_null);
-    /// Torques that act at the end-effector over the joints' limits. Derived.
-    TorqueTaskRatio "torque:task_ratio" "1" Derived, Joints, |_t| None::<[f64; 0]>;
-    /// Torques that act in the null space over the joints' limits. Derived.
-    TorqueNullRatio "torque:null_ratio" "1" Derived, Joints, |_t| None::<[f64; 0]>;
+    /// Torques that act at the end-effector over the joints' limits
+    TorqueTaskRatio "torque:task_ratio" "1" Table, Joints, control_state |t, m| t.ratios(&t.limits.torque, &m.tau_task);
+    /// Torques that act in the null space over the joints' limits
+    TorqueNullRatio "torque:null_ratio" "1" Table, Joints, control_state |t, m| t.ratios(&t.limits.torque, &m.tau_null);
     /// s_i(q) of each singularity; dimensionless.
     Measure "singularity:s" "1" F32, Singularities, |t| t.each(|one| one.s);
     /// Auxiliary coordinate of each singularity; rad.
     Auxiliary "singularity:aux" "rad" F32, Singularities, |t| t.each(|one| one.aux);
-    /// Reference of the auxiliary coordinate; rad. Every 8 ms.
+    /// Reference of the auxiliary coordinate; rad.
     AuxiliaryReference "singularity:aux_d" "rad" Slow, Singularities, |t| t.command(|m| &m.aux_d);
-    /// β_i of each singularity: 1 full operational control, 0 null-space control. Every 8 ms.
+    /// β_i of each singularity: 1 full operational control, 0 null-space control.
     Beta "singularity:beta" "1" Slow, Singularities, |t| t.command(|m| &m.beta);
-    /// Singular values of the unit-scaled Jacobian in the estimated posture. Every 8 ms.
+    /// Singular values of the unit-scaled Jacobian in the estimated posture.
     SingularValues "jacobian:sigma" "1" Slow, Sigmas, |t| t.sigma.map(|sigma| sigma.into_iter().take(t.limits.speed.len()));
     /// True position error [orthogonal to, along] the singular directions the arm is inside of; mm.
     PositionError "error:position_mm" "mm" Short, PARTS, |t| t.error(0).map(|e| e.map(|m| 1e3 * m));
     /// True orientation error [orthogonal to, along] the singular directions the arm is inside of; degrees.
     OrientationError "error:orientation_deg" "deg" Short, PARTS, |t| t.error(1).map(|e| e.map(f64::to_degrees));
-    /// [time scale, task scale, null scale]: what governor and limits let through, 0 to 1. Every 8 ms.
+    /// [time scale, task scale, null scale]: what governor and limits let through, 0 to 1.
     Scale "control:scale" "1" Slow, SCALES, control_state |t, m| [m.time_scale, m.task_scale, m.null_scale];
     /// Contact force on the arm; N.
     Contact "world:contact_force_n" "N" F32, One, plant_state |t, m| [Vector3::from(m.contact_force_n).norm()];
-    /// Time of each hop and of the whole chain, in the order of [`hop_names`]; µs. Recorded as `latency:log10_us`.
+    /// Time of each hop and of the whole chain, in the order of [`hop_names`]; µs.
     Latency "latency:us" "us" Log("latency:log10_us"), Hops, |t| hops_us(t.row.stamps(), t.hops);
 
     /// log₁₀(|s_i| / η_i): below 0 inside the neighbourhood.
     Nearness "drawn:nearness" "1" Drawn, Singularities, |t| t.each(|one| (one.s.abs() / one.eta_in.max(1e-9)).max(1e-9).log10().max(NEAREST));
     /// Joint positions between their limits.
-    DrawnPosition "drawn:q_in_range" "1" Drawn, Joints, |t| t.row.q().map(|q| t.joints(q).enumerate().map(move |(i, q)| (q - t.limits.centre[i]) / t.limits.half_range[i]));
+    DrawnPosition "drawn:q_in_range" "1" Drawn, Joints, |t| t.in_range();
     /// Joint velocities over their limits; rad/s where a joint has none.
     DrawnSpeed "drawn:qdot_ratio" "1" Drawn, Joints, |t| t.row.qdot().map(|qdot| t.over(&t.limits.speed, move |i| qdot[i]));
     /// Torques that act at the end-effector, without gravity's, over the limits; N·m where a joint has none.
@@ -321,63 +342,63 @@ signals! {
     Fault "drawn:fault" "1" Drawn, One, |t| t.is_faulty.then_some([0.0]);
 
     /// Joint positions as the encoders read them
-    Encoder "joint:q_encoder" "rad" Message, Joints, sensor |t, m| t.joints(&m.q_encoder);
+    Encoder "joint:q_encoder" "rad" Table, Joints, sensor |t, m| t.joints(&m.q_encoder);
     /// Estimated joint positions
-    Estimate "joint:q_estimate" "rad" Message, Joints, estimate |t, m| t.joints(&m.q);
+    Estimate "joint:q_estimate" "rad" Table, Joints, estimate |t, m| t.joints(&m.q);
     /// Estimated joint velocities
-    SpeedEstimate "joint:qdot_estimate" "rad/s" Message, Joints, estimate |t, m| t.joints(&m.qdot);
+    SpeedEstimate "joint:qdot_estimate" "rad/s" Table, Joints, estimate |t, m| t.joints(&m.qdot);
     /// Torques that the controller commands
-    Commanded "torque:commanded" "N*m" Message, Joints, torque |t, m| t.joints(&m.tau);
+    Commanded "torque:commanded" "N*m" Table, Joints, torque |t, m| t.joints(&m.tau);
     /// Torques that the drives applied over the tick before
-    Applied "torque:applied" "N*m" Message, Joints, plant_state |t, m| t.joints(&m.tau);
+    Applied "torque:applied" "N*m" Table, Joints, plant_state |t, m| t.joints(&m.tau);
     /// Torques over the tick before as the drives report them
-    Reported "torque:drive" "N*m" Message, Joints, sensor |t, m| t.joints(&m.tau_drive);
+    Reported "torque:drive" "N*m" Table, Joints, sensor |t, m| t.joints(&m.tau_drive);
     /// Torques that the model does not explain, as they act on the joints
-    Disturbance "torque:disturbance" "N*m" Message, Joints, estimate |t, m| t.joints(&m.tau_disturbance);
+    Disturbance "torque:disturbance" "N*m" Table, Joints, estimate |t, m| t.joints(&m.tau_disturbance);
     /// True position of the end-effector; base axes
-    Hand "hand:position" "m" Message, XYZ, plant_state |t, m| m.p_BE;
+    Hand "hand:position" "m" Table, XYZ, plant_state |t, m| m.p_BE;
     /// True rotation of the end-effector in the base frame, a unit quaternion of continuous sign
-    HandRotation "hand:orientation" "1" Message, Quaternion, plant_state |t, m| quaternion(&m.R_BE);
+    HandRotation "hand:orientation" "1" Table, Quaternion, plant_state |t, m| quaternion(&m.R_BE);
     /// True velocity of the end-effector; base axes
-    HandVelocity "hand:velocity" "m/s" Message, XYZ, plant_state |t, m| halves(&m.V_BE)[0];
+    HandVelocity "hand:velocity" "m/s" Table, XYZ, plant_state |t, m| halves(&m.V_BE)[0];
     /// True angular velocity of the end-effector; base axes
-    HandTurn "hand:angular_velocity" "rad/s" Message, XYZ, plant_state |t, m| halves(&m.V_BE)[1];
+    HandTurn "hand:angular_velocity" "rad/s" Table, XYZ, plant_state |t, m| halves(&m.V_BE)[1];
     /// Desired position of the end-effector; base axes
-    Desired "desired:position" "m" Message, XYZ, control_state |t, m| m.p_BE_d;
+    Desired "desired:position" "m" Table, XYZ, control_state |t, m| m.p_BE_d;
     /// Desired rotation of the end-effector in the base frame, a unit quaternion of continuous sign
-    DesiredRotation "desired:orientation" "1" Message, Quaternion, control_state |t, m| quaternion(&m.R_BE_d);
+    DesiredRotation "desired:orientation" "1" Table, Quaternion, control_state |t, m| quaternion(&m.R_BE_d);
     /// Desired velocity of the end-effector; base axes
-    DesiredVelocity "desired:velocity" "m/s" Message, XYZ, control_state |t, m| halves(&m.V_BE_d)[0];
+    DesiredVelocity "desired:velocity" "m/s" Table, XYZ, control_state |t, m| halves(&m.V_BE_d)[0];
     /// Desired angular velocity of the end-effector; base axes
-    DesiredTurn "desired:angular_velocity" "rad/s" Message, XYZ, control_state |t, m| halves(&m.V_BE_d)[1];
+    DesiredTurn "desired:angular_velocity" "rad/s" Table, XYZ, control_state |t, m| halves(&m.V_BE_d)[1];
     /// Sum of the contact forces on the arm; base axes
-    ContactForce "world:contact_force_vector" "N" Message, XYZ, plant_state |t, m| m.contact_force_n;
+    ContactForce "world:contact_force_vector" "N" Table, XYZ, plant_state |t, m| m.contact_force_n;
     /// 1 inside the neighbourhood of the singularity, else 0
-    Inside "singularity:inside" "1" Message, Singularities, |t| t.each(|one| f64::from(one.inside));
+    Inside "singularity:inside" "1" Table, Singularities, |t| t.each(|one| f64::from(one.inside));
     /// Singular direction at the wrist centre: a unit vector, a translation (v) or a rotation (w); base axes
-    Zeta "singularity:zeta" "1" Message, Directions, |t| t.each(|one| one.zeta_B).map(Iterator::flatten);
+    Zeta "singularity:zeta" "1" Table, Directions, |t| t.each(|one| one.zeta_B).map(Iterator::flatten);
     /// Position of the end-effector that the target asks for; of a twist that of the reference; base axes
-    Asked "servo:position" "m" Message, XYZ, servo_state |t, m| m.p_target;
+    Asked "servo:position" "m" Table, XYZ, servo_state |t, m| m.p_target;
     /// Velocity that the target asks for, before any limit; base axes
-    AskedVelocity "servo:velocity" "m/s" Message, XYZ, servo_state |t, m| halves(&m.V_target)[0];
+    AskedVelocity "servo:velocity" "m/s" Table, XYZ, servo_state |t, m| halves(&m.V_target)[0];
     /// Angular velocity that the target asks for, before any limit; base axes
-    AskedTurn "servo:angular_velocity" "rad/s" Message, XYZ, servo_state |t, m| halves(&m.V_target)[1];
+    AskedTurn "servo:angular_velocity" "rad/s" Table, XYZ, servo_state |t, m| halves(&m.V_target)[1];
     /// Twist of the reference over the one asked for
-    SpeedShare "servo:speed_share" "1" Message, One, servo_state |t, m| [m.speed_scale];
+    SpeedShare "servo:speed_share" "1" Table, One, servo_state |t, m| [m.speed_scale];
     /// Distance that reach and limits have taken away since the target began
-    Behind "servo:behind" "m" Message, One, servo_state |t, m| [m.behind_m];
+    Behind "servo:behind" "m" Table, One, servo_state |t, m| [m.behind_m];
     /// Age of the target
-    Age "servo:age" "s" Message, One, servo_state |t, m| [m.age_s];
+    Age "servo:age" "s" Table, One, servo_state |t, m| [m.age_s];
     /// Why the arm follows so and not faster: a code of REASONS (shared-types/src/codes.rs)
-    Reason "servo:reason" "1" Message, One, servo_state |t, m| [f64::from(m.reason)];
+    Reason "servo:reason" "1" Table, One, servo_state |t, m| [f64::from(m.reason)];
     /// The joint in the reason, from 1; negative at its lower limit; 0 for none
-    Joint "servo:joint" "1" Message, One, servo_state |t, m| [f64::from(m.joint) * if m.upper > 0 || m.joint == 0 { 1.0 } else { -1.0 }];
+    Joint "servo:joint" "1" Table, One, servo_state |t, m| [f64::from(m.joint) * if m.upper > 0 || m.joint == 0 { 1.0 } else { -1.0 }];
     /// The nearest singularity, from 1 in the order of the report; 0 for none
-    Nearest "servo:singularity" "1" Message, One, servo_state |t, m| [f64::from(m.singularity)];
+    Nearest "servo:singularity" "1" Table, One, servo_state |t, m| [f64::from(m.singularity)];
     /// Its |s| over its outer bound: below 1 the law acts on it
-    NearestMeasure "servo:nearest" "1" Message, One, servo_state |t, m| [m.nearest];
+    NearestMeasure "servo:nearest" "1" Table, One, servo_state |t, m| [m.nearest];
     /// Targets refused since the start of the run
-    Refused "servo:refused" "1" Message, One, servo_state |t, m| [f64::from(m.refused)];
+    Refused "servo:refused" "1" Table, One, servo_state |t, m| [f64::from(m.refused)];
 }
 
 /// `[x, y, z, w]` of a rotation matrix, column-major.
@@ -416,10 +437,10 @@ impl Signal {
         }
     }
 
-    /// Those that are read back from a recording.
+    /// Those in a recording, but for what is only drawn.
     pub(crate) fn recorded() -> impl Iterator<Item = Self> {
         let all = Self::ALL.iter().copied();
-        all.filter(|signal| !matches!(signal.of().kept, Drawn | Message))
+        all.filter(|signal| !matches!(signal.of().kept, Drawn | Table))
     }
 
     /// The names of the elements of a row of this signal, where there are so many joints and singularities of these names; one unnamed element
@@ -448,8 +469,7 @@ const HOPS: usize = 2 * CHAIN.len() - 1;
 
 /// The parts of [`Signal::Latency`], named by topic: a process may have any name. `hop sensor`: from the sending of `sensor` until the writer of
 /// the chain's next topic has received it; `step estimate`: from there until `estimate` is sent. The last is the whole chain's.
-#[must_use]
-pub fn hop_names() -> [String; HOPS] {
+pub(crate) fn hop_names() -> [String; HOPS] {
     std::array::from_fn(|part| match (part / 2, part % 2) {
         (link, _) if link + 1 == CHAIN.len() => format!("{} to {}", CHAIN[0], CHAIN[link]),
         (link, 0) => format!("hop {}", CHAIN[link]),
@@ -458,11 +478,10 @@ pub fn hop_names() -> [String; HOPS] {
 }
 
 /// The places in the stamps of the writers of [`CHAIN`]'s topics: the chain that [`hop_names`] describes.
-pub type ChainHops = [usize; CHAIN.len()];
+pub(crate) type ChainHops = [usize; CHAIN.len()];
 
 /// The chain's places in a graph; `None` where a topic of the chain has no writer.
-#[must_use]
-pub fn chain_hops(graph: &Graph) -> Option<ChainHops> {
+pub(crate) fn chain_hops(graph: &Graph) -> Option<ChainHops> {
     let hops = graph.hops();
     let place = |topic| {
         hops.iter()
@@ -522,28 +541,13 @@ impl Limits {
     }
 
     /// Each list with the name under which a recording has it.
-    pub(crate) fn named(&mut self) -> [(&'static str, &mut Vec<f64>); 4] {
+    pub(crate) fn named(&self) -> [(&'static str, &Vec<f64>); 4] {
         [
-            ("joint:qdot_limit", &mut self.speed),
-            ("joint:torque_limit", &mut self.torque),
-            ("joint:q_centre", &mut self.centre),
-            ("joint:q_half_range", &mut self.half_range),
+            ("joint:qdot_limit", &self.speed),
+            ("joint:torque_limit", &self.torque),
+            ("joint:q_centre", &self.centre),
+            ("joint:q_half_range", &self.half_range),
         ]
-    }
-
-    /// The signal that a derived one is computed from, and value and joint to the derived value.
-    pub(crate) fn derive(&self, signal: Signal) -> Option<(Signal, impl Fn(usize, f64) -> f64)> {
-        let (of, centre, scale) = match signal {
-            Signal::PositionInRange => (Signal::Position, Some(&self.centre), &self.half_range),
-            Signal::SpeedRatio => (Signal::Speed, None, &self.speed),
-            Signal::TorqueTaskRatio => (Signal::TorqueTask, None, &self.torque),
-            Signal::TorqueNullRatio => (Signal::TorqueNull, None, &self.torque),
-            _ => return None,
-        };
-        let at = |values: &[f64], i: usize| values.get(i).copied().unwrap_or(f64::NAN);
-        Some((of, move |i: usize, value: f64| {
-            (value - centre.map_or(0.0, |centre| at(centre, i))) / at(scale, i)
-        }))
     }
 }
 
@@ -588,9 +592,9 @@ mod tests {
         #[test]
         fn numbers_are_recorded_in_steps(power in -5.5..6.0f64) {
             let value = 10f64.powf(power);
-            prop_assert!((from_logarithm(logarithm(value)) / value - 1.0).abs() < 6e-4);
+            prop_assert!((10f64.powf(f64::from(logarithm(value))) / value - 1.0).abs() < 6e-4);
             prop_assert_eq!(share(-value), ((-value * SHARES).round() / SHARES) as f32);
-            prop_assert!(share(f64::NAN).is_nan() && from_logarithm(logarithm(0.0)) == 0.0);
+            prop_assert!(share(f64::NAN).is_nan() && logarithm(0.0) == LEAST.log10() as f32);
         }
     }
 
@@ -654,8 +658,7 @@ mod tests {
             );
         }
         for signal in [Signal::PositionInRange, Signal::SpeedRatio] {
-            let (of, derive) = limits.derive(signal).expect("derived");
-            assert!((derive(4, take(&row, of)[4]) - 1.0).abs() < 1e-12);
+            assert!((take(&row, signal)[4] - 1.0).abs() < 1e-12);
         }
         // As many values as a signal has elements, or none where its message is missing.
         let names = ["elbow", "wrist"].map(str::to_owned);

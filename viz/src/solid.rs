@@ -73,12 +73,10 @@ pub(crate) struct Mesh {
     pub(crate) normals: Vec<Vec3>,
     pub(crate) colours: Vec<Rgba>,
     pub(crate) triangles: Vec<[u32; 3]>,
-    /// The first vertex of each convex solid in it: rings of [`FACETS`] vertices, the first and the last of which are its ends.
-    pub(crate) solids: Vec<usize>,
 }
 
 /// Facets of a full turn.
-pub(crate) const FACETS: usize = 24;
+const FACETS: usize = 24;
 
 impl Mesh {
     /// Its outermost corners, towards each corner, edge and side of a cube.
@@ -258,7 +256,6 @@ impl Mesh {
         colour: Rgba,
     ) {
         let first = self.positions.len() as u32;
-        self.solids.push(self.positions.len());
         for &(z, inset, slope) in profile {
             for k in 0..FACETS {
                 let (sin, cos) = (std::f32::consts::TAU * k as f32 / FACETS as f32).sin_cos();

@@ -269,7 +269,7 @@ def compared(entry, task, folder, more):
 def one_run(entry, scenario, folder, more, *kept):
     """The same numbers from `armplane run` in `folder`/run, which can inject faults and record. `kept`: arguments that choose the files it leaves."""
     law = ["--set", f"control.strategy={entry.argument}"] if entry.own else ["--graph", entry.graph(folder)]
-    keep = kept or ("--no-record", "--no-messages")
+    keep = kept or ("--no-record")
     done = CHILDREN.run([_program(), "run", str(scenario), *law, *entry.options()[0], *more, *keep, "--out", f"{folder}/run", "--json"], _environment(entry, folder))
     file = pathlib.Path(folder) / "run" / "summary.json"
     nothing = _ended(done, (0, 1) if file.is_file() else ())
@@ -526,7 +526,7 @@ def races(asked, summary, found, todo, more):
         curves = {}
         for law in names:
             with tempfile.TemporaryDirectory() as folder:
-                ended = one_run(known[law], places[name].copied(folder), folder, more, "--no-messages")
+                ended = one_run(known[law], places[name].copied(folder), folder, more)
                 curves[law] = picture.curves(folder) if "ticks" in ended else {}
         out.append((heading, name, curves))
     return out

@@ -108,7 +108,7 @@ def unhinted(folder, tasks, armplane):
         if task.group != "paper":
             continue
         if not kept.is_dir():
-            armplane("run", task.argument, "--no-record", "--no-messages", "--out", kept)
+            armplane("run", task.argument, "--no-record", "--out", kept)
         # Without the comment of its first line, which refuses a changed file.
         text = (kept / "scenario.toml").read_text().partition("\n")[2]
         bare = re.sub(r"^branch = .*$", "branch = 0", text, flags=re.MULTILINE)

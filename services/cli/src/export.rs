@@ -1,4 +1,4 @@
-//! `armplane export`: a recording's numbers and events for other tools, the recording in one file, and its layout for the viewer.
+//! `armplane export`: a run's numbers and events for other tools, its recording and its layout for the viewer.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -24,7 +24,7 @@ pub(crate) struct ExportArgs {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Layout for rbl [default: the scenario's].
-    #[arg(long, value_parser = layout, value_name = "control|timing|faults")]
+    #[arg(long, value_parser = layout, value_name = "control|timing")]
     layout: Option<Layout>,
 }
 
@@ -34,7 +34,7 @@ enum ExportFormat {
     Csv,
     /// signals.parquet and events.parquet.
     Parquet,
-    /// whole.rrd: the recording's parts in one file.
+    /// run.rrd: the recording for the Rerun viewer.
     Rrd,
     /// The layout for the Rerun viewer.
     Rbl,
@@ -50,7 +50,7 @@ pub(crate) fn export(args: &ExportArgs, as_json: bool) -> Result<ExitCode, Failu
         }
         ExportFormat::Csv => Form::Numbers(viz::ExportFormat::Csv),
         ExportFormat::Parquet => Form::Numbers(viz::ExportFormat::Parquet),
-        ExportFormat::Rrd => Form::Whole,
+        ExportFormat::Rrd => Form::Recording,
     };
     let session::Export { files, shortfall } = session::export(&run, form, &out, &observe)?;
     let bytes = |path: &PathBuf| std::fs::metadata(path).map_or(0, |file| file.len());

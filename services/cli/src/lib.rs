@@ -198,7 +198,7 @@ enum Command {
     #[command(
         long_about = "Writes the numbers as one wide table (one row per tick), and log and states as another. Columns are named like \
                       `joint.q.1`, `singularity.s.wrist` or `error.position_mm.orthogonal`; Parquet has their units in its metadata.\n\n\
-                      `rrd` joins the parts of a long recording, `rbl` is the viewer's layout. For MCAP, take messages.mcap from the \
+                      `rrd` is the recording for the Rerun viewer, `rbl` its layout. For MCAP, take messages.mcap from the \
                       run's folder.",
         after_help = "Examples:\n  armplane export --format csv\n  armplane export runs/fig5-wrist-rotation-001 --format parquet --out tables\n  armplane export --format rbl --layout timing"
     )]

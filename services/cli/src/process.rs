@@ -1,6 +1,5 @@
 //! The processes of the graph that this program contains, as the launcher starts them: `armplane plant --run DIR` and so on.
 
-use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -9,6 +8,8 @@ use model::Robot;
 use runtime::{ProcessError, Shell, drive};
 use session::{Failure, load};
 use shared_types::process::Program;
+
+use crate::out::passed;
 
 /// One process of a running graph; the launcher starts these.
 #[derive(Subcommand)]
@@ -34,9 +35,9 @@ pub(crate) enum Command {
     /// It ends what is left when the launcher has ended.
     #[command(hide = true)]
     Guard(Place),
-    /// It passes the recording in a folder on to the viewer.
+    /// It draws a run into the viewer while it lasts.
     #[command(hide = true)]
-    Feed(Place),
+    Watch(Place),
 }
 
 #[derive(Args)]
@@ -48,6 +49,11 @@ pub(crate) struct Place {
 
 /// Takes part in a run.
 pub(crate) fn run(command: &Command) -> Result<ExitCode, Failure> {
+    if let Command::Watch(place) = command {
+        return passed(session::watch(
+            place.run.as_deref().unwrap_or(Path::new(".")),
+        )?);
+    }
     work(command).map_err(Failure::work)?;
     Ok(ExitCode::SUCCESS)
 }
@@ -65,13 +71,7 @@ fn work(command: &Command) -> Result<(), ProcessError> {
             place.run.iter().for_each(|run| launcher::guard(run));
             return Ok(());
         }
-        Command::Feed(place) => {
-            let folder = place.run.as_deref().unwrap_or(Path::new("."));
-            let viewer = std::io::stdout().as_fd().try_clone_to_owned();
-            return viewer
-                .and_then(|viewer| session::feed(folder, viewer))
-                .map_err(ProcessError::setup);
-        }
+        Command::Watch(_) => return Ok(()),
     };
     let shell = Shell::started(place.run.as_deref(), program.map(Program::name))?;
     let job = shell.job()?;

@@ -7,6 +7,7 @@ use clap::Args;
 use session::{Failure, RunText};
 
 use crate::out::{say_json, show};
+use crate::progress::observe;
 
 #[derive(Args)]
 pub(crate) struct RecoverArgs {
@@ -17,7 +18,7 @@ pub(crate) struct RecoverArgs {
 
 pub(crate) fn recover(args: &RecoverArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let _signals = session::interrupts()?;
-    let summary = session::recover(&args.run)?;
+    let summary = session::recover(&args.run, &observe)?;
     if as_json {
         say_json(&summary)?;
     } else {

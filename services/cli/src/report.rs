@@ -1,13 +1,16 @@
 //! `armplane report`: a run as one HTML page.
 
+use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
+use files::Draft;
 use session::table::size;
 use session::{Failure, Run};
 
 use crate::out::{say, whole};
+use crate::progress::observe;
 
 #[derive(Args)]
 pub(crate) struct ReportArgs {
@@ -32,8 +35,12 @@ pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failu
             path.display()
         )));
     }
-    let session::Page { text, shortfall } = session::report(&run, &path)?;
-    files::write(&path, &text).map_err(|error| {
+    let session::Page { text, shortfall } = session::report(&run, &path, &observe)?;
+    let written = Draft::create(&path).and_then(|(draft, mut file)| {
+        file.write_all(text.as_bytes())?;
+        draft.place()
+    });
+    written.map_err(|error| {
         Failure::Work(format!(
             "cannot write {}: {error}; choose another file with --out",
             path.display()

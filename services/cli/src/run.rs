@@ -35,15 +35,12 @@ pub(crate) struct RunArgs {
     /// Your own process graph.
     #[arg(long, value_name = "FILE.toml")]
     graph: Option<PathBuf>,
-    /// Write no recording; the run is still judged and hashed.
+    /// Keep no record, hence no picture; the run is still judged and hashed.
     #[arg(long)]
     no_record: bool,
     /// Show the run live in the Rerun viewer; the run does not wait for it.
     #[arg(long, conflicts_with = "no_record")]
     live: bool,
-    /// Keep no message log, without which `armplane replay` cannot use the run.
-    #[arg(long)]
-    no_messages: bool,
     /// Replace a process that makes no progress for this long [default: 2 in real time, none in lockstep].
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     silence_limit: Option<Duration>,
@@ -89,7 +86,6 @@ pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
             .map_or_else(|| session::mode_of(args.plant.as_deref()), Mode::from),
         out: args.out.clone(),
         record: !args.no_record,
-        messages: !args.no_messages,
         live: args.live,
         silence_limit: args.silence_limit,
         unread: crate::out::unread,

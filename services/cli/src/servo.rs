@@ -118,7 +118,6 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
         mode: Mode::from(args.mode),
         out: args.out.clone(),
         record: true,
-        messages: true,
         live: args.live,
         silence_limit: None,
         unread: crate::out::unread,

@@ -1,6 +1,6 @@
 //! `armplane view`: a recording in the installed Rerun viewer.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Args;
@@ -17,31 +17,49 @@ pub(crate) struct ViewArgs {
     #[arg(value_name = "RUN")]
     run: Option<PathBuf>,
     /// Layout to open [default: the scenario's].
-    #[arg(long, value_parser = layout, value_name = "control|timing|faults")]
+    #[arg(long, value_parser = layout, value_name = "control|timing")]
     layout: Option<Layout>,
 }
 
 pub(crate) fn view(args: &ViewArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    let is_file =
+        |path: &&PathBuf| path.is_file() && path.extension().is_some_and(|it| it == "rrd");
+    if let Some(file) = args.run.as_ref().filter(is_file) {
+        return show_files(std::slice::from_ref(file), None, as_json);
+    }
     let run = Run::find(args.run.as_deref())?;
-    let files = run.recording()?;
+    let shown = session::shown(&run, &observe)?;
     let layout = args
         .layout
         .map(|layout| (layout, run.folder.join(format!("{}.rbl", layout.name()))));
     if let Some((layout, path)) = &layout {
         save_blueprint(&run, *layout, path)?;
     }
-    let layout = layout.map(|(_, path)| path);
-    if as_json {
-        say!(
-            "{}",
-            serde_json::json!({"viewer": viewer_command(), "files": files.iter().chain(&layout).collect::<Vec<_>>()})
-        );
-    }
-    let altered = run.altered();
-    if let Some(sentence) = &altered {
+    if let Some(sentence) = &shown.lack {
         observe(session::Progress::Line(&format!("armplane: {sentence}")));
     }
-    show(files, layout.as_deref(), &observe)?;
-    // The viewer may show something else than the run did.
-    passed(altered.is_none())
+    let layout = layout.map(|(_, path)| path);
+    show_files(
+        std::slice::from_ref(&shown.file),
+        layout.as_deref(),
+        as_json,
+    )?;
+    // The viewer shows less than the run was.
+    passed(shown.lack.is_none())
+}
+
+fn show_files(
+    files: &[PathBuf],
+    layout: Option<&Path>,
+    as_json: bool,
+) -> Result<ExitCode, Failure> {
+    if as_json {
+        let all: Vec<_> = files.iter().map(PathBuf::as_path).chain(layout).collect();
+        say!(
+            "{}",
+            serde_json::json!({"viewer": viewer_command(), "files": all})
+        );
+    }
+    show(files, layout, &observe)?;
+    Ok(ExitCode::SUCCESS)
 }

@@ -5,7 +5,7 @@
 
 use std::fs::File;
 use std::io::{self, BufRead, Read, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use rustix::fs::{FileType, Mode, OFlags, fcntl_setfl, fstat, open as open_at};
 use rustix::io::Errno;
@@ -174,6 +174,53 @@ pub fn write_new(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
 /// As [`create`].
 pub fn write(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
     create(path)?.write_all(bytes.as_ref())
+}
+
+/// A file in the making: it stands beside its place, and takes it when it is whole. Dropped before, it is removed.
+#[derive(Debug)]
+pub struct Draft {
+    path: PathBuf,
+    /// `None` for a descriptor of this process, and once it has its place.
+    beside: Option<PathBuf>,
+}
+
+impl Draft {
+    /// Begins a file that shall replace the one at `path`.
+    ///
+    /// # Errors
+    /// As [`create`], also where something stands at `path` that may not be replaced.
+    pub fn create(path: &Path) -> io::Result<(Self, File)> {
+        let is_there = path.symlink_metadata().is_ok();
+        let beside = if path == Path::new("/dev/stdout") || is_held(path) {
+            None
+        } else {
+            is_there.then(|| amend(path)).transpose()?;
+            Some(path.with_added_extension("tmp"))
+        };
+        let file = create(beside.as_deref().unwrap_or(path))?;
+        let path = path.to_owned();
+        Ok((Self { path, beside }, file))
+    }
+
+    /// Puts it into its place.
+    ///
+    /// # Errors
+    /// The system's; the draft is removed then.
+    pub fn place(mut self) -> io::Result<()> {
+        if let Some(beside) = &self.beside {
+            std::fs::rename(beside, &self.path)?;
+            self.beside = None;
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Draft {
+    fn drop(&mut self) {
+        if let Some(beside) = &self.beside {
+            let _ = std::fs::remove_file(beside);
+        }
+    }
 }
 
 /// Longest line that is taken from a program or a person; bytes.

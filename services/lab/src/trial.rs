@@ -118,7 +118,6 @@ impl<'a> Trial<'a> {
         let (scenario, out) = (self.scenario.clone(), folder.path().to_owned());
         let job = Job {
             record: false,
-            messages: false,
             ..load::job(self.robot, scenario, graph.clone(), Mode::Lockstep, out)
         };
         let plan = session::plan(&job)?;

@@ -1,17 +1,15 @@
 //! Reports faults to the recording: when each was injected, detected, recovered.
 
-use runtime::{Exit, FaultRecord, Shell};
-use shared_types::fault::{Fault, Kind};
+use runtime::{FaultRecord, Shell};
+use shared_types::fault::Fault;
 use shared_types::graph::Graph;
 
 use crate::Record;
 use crate::event::{Event, Level, Source};
-use crate::tape::Tape;
 
 const INJECTED: u32 = 1;
 const DETECTED: u32 = 2;
 const RECOVERED: u32 = 4;
-const OVER: u32 = 8;
 
 /// The reported states of each entry of the fault table.
 #[derive(Debug, Default)]
@@ -21,26 +19,15 @@ pub(crate) struct FaultReporter {
 
 impl FaultReporter {
     /// Reports all events since the last report.
-    pub(crate) fn report(
-        &mut self,
-        shell: &Shell,
-        graph: &Graph,
-        next_tick: u64,
-        record: &mut Record,
-        tape: &mut Tape,
-    ) {
-        let mut out = Out {
-            next_tick,
-            record,
-            tape,
-        };
+    pub(crate) fn report(&mut self, shell: &Shell, graph: &Graph, record: &mut Record) {
+        let mut out = Out { record };
         for (place, fault_record) in shell.fault_table().records() {
             if self.reported.len() <= place {
                 self.reported.resize(place + 1, 0);
             }
             let reported = &mut self.reported[place];
             let is_told = |ns: u64, state: u32| ns == 0 || *reported & state != 0;
-            if is_told(fault_record.injected_ns, OVER)
+            if is_told(fault_record.injected_ns, INJECTED)
                 && is_told(fault_record.detected_ns, DETECTED)
                 && is_told(fault_record.recovered_ns, RECOVERED)
             {
@@ -51,7 +38,7 @@ impl FaultReporter {
             let process = process.map_or("?", |process| process.name.as_str());
             let target = graph.target(process);
             if let Some(fault) = target.and_then(|target| scheduled.fault(process, &target)) {
-                tell(reported, place, &fault_record, &fault, &mut out);
+                tell(reported, &fault_record, &fault, &mut out);
             }
         }
     }
@@ -59,9 +46,7 @@ impl FaultReporter {
 
 /// Where facts are reported.
 struct Out<'a> {
-    next_tick: u64,
     record: &'a mut Record,
-    tape: &'a mut Tape,
 }
 
 impl Out<'_> {
@@ -73,12 +58,11 @@ impl Out<'_> {
             text,
         };
         self.record.write(|record| record.event(&event));
-        self.tape.event(&event);
     }
 }
 
 /// Reports new facts about a fault.
-fn tell(reported: &mut u32, place: usize, record: &FaultRecord, fault: &Fault, out: &mut Out<'_>) {
+fn tell(reported: &mut u32, record: &FaultRecord, fault: &Fault, out: &mut Out<'_>) {
     let FaultRecord {
         scheduled,
         origin,
@@ -94,12 +78,6 @@ fn tell(reported: &mut u32, place: usize, record: &FaultRecord, fault: &Fault, o
         is_new
     };
     let since_ms = |ns: u64| ns.saturating_sub(*injected_ns) as f64 * 1e-6;
-    // A process that is gone has recovered when it sends again; a fault of messages, sensors or drives ends with its ticks.
-    let is_over = if fault.kind.takes_down() {
-        *recovered_ns != 0
-    } else {
-        out.next_tick >= scheduled.until
-    };
     if is_new(*injected_ns != 0, INJECTED) {
         let sentence = exit.map_or_else(
             || fault.to_string(),
@@ -107,8 +85,6 @@ fn tell(reported: &mut u32, place: usize, record: &FaultRecord, fault: &Fault, o
         );
         let text = format!("fault ({}): {sentence}", origin.name());
         out.event(scheduled.at, Level::Error, text);
-        let (lane, headline) = words(fault, *exit);
-        out.tape.fault_begins(scheduled.at, place, &lane, &headline);
     }
     if is_new(*detected_ns != 0, DETECTED) {
         let kind = exit.map_or(fault.kind.name(), |_| "end");
@@ -116,43 +92,8 @@ fn tell(reported: &mut u32, place: usize, record: &FaultRecord, fault: &Fault, o
         let text = format!("{kind} of the {process} detected after {after_ms:.2} ms");
         out.event(scheduled.at, Level::Warning, text);
     }
-    if is_new(is_over && *injected_ns != 0, OVER) {
-        let until = match scheduled.until {
-            u64::MAX => out.next_tick,
-            until => until,
-        };
-        out.tape.fault_ends(until.max(scheduled.at + 1), place);
-    }
     if is_new(*recovered_ns != 0, RECOVERED) {
         let text = format!("{process} is back, {:.0} ms later", since_ms(*recovered_ns));
         out.event(scheduled.until, Level::Info, text);
     }
-}
-
-/// A fault for the lane of faults, `controller kill`, and for the headline, `Controller killed`.
-fn words(fault: &Fault, exit: Option<Exit>) -> (String, String) {
-    let way = fault.way.map_or(String::new(), |way| format!(" {way}"));
-    let joint = fault
-        .joint
-        .map_or(String::new(), |joint| format!(" of joint {joint}"));
-    let mut process = fault.process.clone();
-    if let Some(first) = process.get_mut(..1) {
-        first.make_ascii_uppercase();
-    }
-    if let Some(exit @ Exit::Code(_)) = exit {
-        return (
-            format!("{} exit", fault.process),
-            format!("{process} ended with {exit}"),
-        );
-    }
-    let lane = format!("{} {}{way}", fault.process, fault.kind);
-    let headline = match fault.kind {
-        Kind::Kill => format!("{process} killed"),
-        Kind::Crash => format!("{process} crashed"),
-        Kind::Hang => format!("{process} hangs"),
-        Kind::Sensor => format!("Sensor{way}{joint}"),
-        Kind::Drive => format!("Drive{way}{joint}"),
-        kind => format!("{process}: {kind}{way}"),
-    };
-    (lane, headline)
 }

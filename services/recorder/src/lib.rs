@@ -10,7 +10,6 @@ mod hash;
 mod judge;
 mod reader;
 mod rebuild;
-mod tape;
 #[cfg(test)]
 mod tests;
 mod ticks;
@@ -26,7 +25,6 @@ use shared_types::job::Job;
 use shared_types::summary::{RecorderSummary, Summary};
 
 use fault_reporter::FaultReporter;
-use tape::Tape;
 
 pub use contents::{Contents, tick_of};
 pub use error::RecordError;
@@ -107,7 +105,8 @@ struct Recorder<'a> {
     assembler: Assembler,
     judge: Judge,
     record: Record,
-    tape: Tape,
+    /// Ticks judged.
+    rows: u64,
     faults: FaultReporter,
 }
 
@@ -154,10 +153,6 @@ impl<'a> Recorder<'a> {
             }
             topics.push(Topic { channel, collector });
         }
-        let tape = match is_first {
-            true => Tape::start(robot, job)?,
-            false => Tape::none(job),
-        };
         Ok(Self {
             judge: judge(robot, job)?,
             shell,
@@ -165,7 +160,7 @@ impl<'a> Recorder<'a> {
             topics,
             assembler,
             record,
-            tape,
+            rows: 0,
             faults: FaultReporter::default(),
         })
     }
@@ -181,25 +176,21 @@ impl<'a> Recorder<'a> {
         }
         shell.has_taken_in();
         // Before the ticks in which it shows: their words name it.
-        let next = self.assembler.next_tick();
-        self.faults
-            .report(shell, &job.graph, next, &mut self.record, &mut self.tape);
+        self.faults.report(shell, &job.graph, &mut self.record);
         while let Some(row) = self.assembler.next_row() {
             self.judge(&row);
         }
         self.record.close_chunk();
-        if !self.record.error.is_empty() || !self.tape.result.error.is_empty() {
+        if !self.record.error.is_empty() {
             shell.mark_detected();
         }
         Ok(())
     }
 
     fn judge(&mut self, row: &Row) {
-        let events = take(row, &mut self.judge);
-        self.tape.tick(row);
-        for event in events {
+        self.rows += 1;
+        for event in take(row, &mut self.judge) {
             self.record.write(|record| record.event(&event));
-            self.tape.event(&event);
         }
     }
 
@@ -208,20 +199,15 @@ impl<'a> Recorder<'a> {
             self.judge(&row);
         }
         let shell = self.shell;
-        let next = self.assembler.next_tick();
-        self.faults.report(
-            shell,
-            &self.job.graph,
-            next,
-            &mut self.record,
-            &mut self.tape,
-        );
-        let mut recorded = self.tape.finish();
-        recorded.messages_bytes = self.record.finish();
-        if recorded.error.is_empty() {
-            recorded.error = self.record.error;
-        }
-        recorded.cpu_s = runtime::realtime::cpu_time_s();
+        let graph = &self.job.graph;
+        self.faults.report(shell, graph, &mut self.record);
+        let mut recorded = RecorderSummary {
+            rows: self.rows,
+            bytes: self.record.finish(),
+            error: self.record.error,
+            cpu_s: runtime::realtime::cpu_time_s(),
+            ..RecorderSummary::default()
+        };
         // Messages sent less messages received: a gap in the ticks may be a message that a fault kept from being sent.
         let refused = shell.count(Count::Refused) + shell.count(Count::Fenced);
         let accounts = self.assembler.accounts().iter();
@@ -250,7 +236,7 @@ impl Record {
         };
         let first = job.out.join(MESSAGES);
         let (path, mut last) = (part(&first, incarnation), Vec::new());
-        if !job.messages {
+        if !job.record {
             return (record, last);
         }
         if incarnation == 1 {
@@ -347,6 +333,10 @@ fn summary(job: &Job, judge: Judge, assembler: &Assembler, recorded: RecorderSum
         recorder: RecorderSummary {
             messages: accounts().map(|one| one.hash.count()).sum(),
             not_drawn: assembler.foreign(),
+            file: match job.record {
+                true => MESSAGES.to_owned(),
+                false => String::new(),
+            },
             ..recorded
         },
         ..judge.verdict()

@@ -5,14 +5,13 @@ use std::path::{Path, PathBuf};
 use model::Robot;
 use runtime::ProcessError;
 use shared_types::job::Job;
-use shared_types::summary::Summary;
+use shared_types::summary::{RecorderSummary, Summary};
 
 use crate::contents::Contents;
 use crate::error::RecordError;
 use crate::event::{Event, Source};
 use crate::judge::Tick;
 use crate::reader::{RecordReader, part};
-use crate::tape::Tape;
 use crate::ticks::{Row, Ticks};
 use crate::writer::RecordWriter;
 use crate::{MESSAGES, judge, remove_parts, summary, take};
@@ -31,35 +30,38 @@ pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
     let path = job.out.join(MESSAGES);
     let mut ticks = Ticks::open_left(&path, job).map_err(ProcessError::setup)?;
     let mut judge = judge(robot, job)?;
-    let mut tape = Tape::start(robot, job)?;
+    let mut rows = 0;
     let mut copy = Copy::begin(&path, &Contents::of(job), &ticks);
     // The messages of the topics end at different ticks: rows after the last whole one are left out.
     let mut partial: Vec<Box<Row>> = Vec::new();
     while let Some(row) = ticks.next_with(|channel, message| {
         copy.write(|record| record.append(channel, message));
     }) {
-        tell(faults(&mut ticks), &mut copy, &mut tape);
+        tell(faults(&mut ticks), &mut copy);
         let is_whole = Tick::of(&row.messages().lent()).is_some();
         partial.push(row);
         if is_whole {
             for row in partial.drain(..) {
                 let events = take(&row, &mut judge);
-                tape.tick(&row);
-                tell(events.into_iter(), &mut copy, &mut tape);
+                rows += 1;
+                tell(events.into_iter(), &mut copy);
             }
         }
     }
-    tell(faults(&mut ticks), &mut copy, &mut tape);
-    let mut recorded = tape.finish();
+    tell(faults(&mut ticks), &mut copy);
     let damage = ticks.damage_so_far();
     let copied = match damage.is_empty() {
         true => copy.finish(),
         false => copy.abandon(),
     };
-    let clauses = damage.into_iter().chain([recorded.error, copied]);
+    let clauses = damage.into_iter().chain([copied]);
     let clauses: Vec<String> = clauses.filter(|clause| !clause.is_empty()).collect();
-    recorded.error = clauses.join("; ");
-    recorded.messages_bytes = std::fs::metadata(&path).map_or(0, |file| file.len());
+    let recorded = RecorderSummary {
+        rows,
+        error: clauses.join("; "),
+        bytes: std::fs::metadata(&path).map_or(0, |file| file.len()),
+        ..RecorderSummary::default()
+    };
     Ok(summary(job, judge, ticks.assembler(), recorded))
 }
 
@@ -68,10 +70,9 @@ fn faults(ticks: &mut Ticks) -> impl Iterator<Item = Event> {
     ticks.events().filter(|one| one.source != Source::Judge)
 }
 
-fn tell(events: impl Iterator<Item = Event>, copy: &mut Copy<'_>, tape: &mut Tape) {
+fn tell(events: impl Iterator<Item = Event>, copy: &mut Copy<'_>) {
     for event in events {
         copy.write(|record| record.event(&event));
-        tape.event(&event);
     }
 }
 

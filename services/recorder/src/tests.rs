@@ -393,7 +393,7 @@ fn ticks_come_whole_and_in_order_and_a_topic_that_is_ahead_is_waited_for() {
 fn missing_messages_cost_their_tick_alone() {
     let mut assembler = Assembler::new(&contents());
     // Of 3 to 5 nothing comes, and of 6 half; one has a tick from nowhere.
-    let whole = |tick: u64| tick < 3 || tick > 6;
+    let whole = |tick: u64| !(3..=6).contains(&tick);
     let n = 6000;
     for tick in (0..n).filter(|tick| whole(*tick) || *tick == 6) {
         assembler.take(SENSOR, bytes_of(&sample(tick)));

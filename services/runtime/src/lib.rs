@@ -36,6 +36,7 @@ mod tick_source;
 mod turns;
 mod unfinished;
 mod wait;
+mod watcher;
 
 #[cfg(test)]
 mod tests;
@@ -73,3 +74,4 @@ pub use shared_types::random::at as random;
 pub use shell::{OpenError, ProcessError, Shell};
 pub use tick_source::TickSource;
 pub use wait::Interrupted;
+pub use watcher::Watcher;

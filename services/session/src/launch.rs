@@ -174,7 +174,7 @@ pub fn launch_watched(
 
 /// The recorder's part of the summary, made from the record where a recorder was replaced or has left none.
 fn whole_account(job: &Job, account: Option<Summary>) -> Result<Option<Summary>, Failure> {
-    let has_record = job.messages && job.out.join(recorder::MESSAGES).exists();
+    let has_record = job.record && job.out.join(recorder::MESSAGES).exists();
     if !has_record || account.is_some() && !recorder::is_in_parts(job) {
         return Ok(account);
     }

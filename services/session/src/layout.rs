@@ -4,7 +4,7 @@ use std::path::Path;
 
 use model::Robot;
 use shared_types::scenario::{Layout, Scenario};
-use viz::{RunInfo, TickRow};
+use viz::Tick;
 
 use crate::failure::Failure;
 use crate::results::SCENARIO;
@@ -15,26 +15,19 @@ use crate::runs::Run;
 /// # Errors
 /// [`Failure`] if the job cannot be read or computed, or the file not be written.
 pub fn save_blueprint(run: &Run, layout: Layout, path: &Path) -> Result<(), Failure> {
-    let job = run.job()?;
+    let mut job = run.job()?;
     let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
     let first = chain::first_tick(&robot, &job.scenario).map_err(Failure::input)?;
     // The faults that the run has had, those injected by hand too: plots mark them.
-    let mut scenario = job.scenario.clone();
     if let Some(repeats) = files::read_text(&run.folder.join(SCENARIO), files::LARGEST_WRITTEN)
         .ok()
         .and_then(|text| Scenario::parse(SCENARIO, &text, &[]).ok())
     {
-        scenario.fault = repeats.fault;
+        job.scenario.fault = repeats.fault;
     }
-    let info = RunInfo {
-        scenario: &scenario,
-        robot: &robot,
-        run: &job.run,
-        version: &job.version,
-        seed: job.scenario.seed,
-        hops: viz::chain_hops(&job.graph),
-        lives: viz::Lives::of(&job.graph),
+    let first = Tick {
+        messages: (&first).into(),
+        ..Tick::default()
     };
-    let row = TickRow::new(0, first.lent());
-    viz::save_blueprint(path, &info, &row, layout).map_err(Failure::work)
+    viz::save_blueprint(path, &job, &robot, &first, layout).map_err(Failure::work)
 }

@@ -13,6 +13,7 @@ pub mod table;
 
 mod arm_faults;
 mod catalogue;
+mod drawing;
 mod export;
 mod failure;
 mod fault_kinds;
@@ -41,7 +42,8 @@ mod viewer;
 
 pub use arm_faults::lacks_limit;
 pub use catalogue::Catalogue;
-pub use export::{Export, ExportFormat, WHOLE, export};
+pub use drawing::{Shown, shown};
+pub use export::{Export, ExportFormat, export};
 pub use failure::Failure;
 pub use fault_kinds::FaultKinds;
 pub use graph_text::{GraphText, Topics};
@@ -65,4 +67,4 @@ pub use shared_types::job::JOB;
 pub use steer::{Steering, Targets};
 pub use summary::{deadlines, summarise};
 pub use text::RunText;
-pub use viewer::{FEED, feed, show, viewer_command};
+pub use viewer::{WATCH, show, viewer_command, watch};

@@ -457,8 +457,6 @@ pub fn job(robot: &Robot, scenario: Scenario, graph: Graph, mode: Mode, out: Pat
         mode,
         out,
         record: true,
-        messages: true,
-        live: false,
         robot: robot.source.clone(),
         scenario,
         graph,

@@ -2,7 +2,12 @@
 
 use std::path::Path;
 
+use model::Robot;
+use viz::Happened;
+
+use crate::drawing::{Read, Record, Source};
 use crate::failure::Failure;
+use crate::progress::Observer;
 use crate::runs::Run;
 
 /// The result of [`report`].
@@ -10,30 +15,51 @@ use crate::runs::Run;
 pub struct Page {
     /// HTML.
     pub text: String,
-    /// One sentence if the recording or the message logs are incomplete: how much is missing, why,
-    /// and the remedy. The page shows it, too.
+    /// One sentence if the record is incomplete: how much is missing, why, and the remedy. The page shows it, too.
     pub shortfall: Option<String>,
 }
 
-/// The page of a run, as far as its recording can be read; `path` is where it shall go, for the errors.
+/// The page of a run, as far as its record can be read; `path` is where it shall go, for the errors.
 ///
 /// # Errors
-/// [`Failure::Input`] if the run's summary, its job or its recording cannot be read; [`Failure::Work`] if a plot cannot be drawn.
-pub fn report(run: &Run, path: &Path) -> Result<Page, Failure> {
+/// [`Failure::Input`] if the run's summary, its job or its record cannot be read; [`Failure::Work`] if a plot cannot be drawn.
+pub fn report(run: &Run, path: &Path, observer: Observer<'_>) -> Result<Page, Failure> {
     let (summary, job) = (run.summary()?, run.job()?);
-    // A recording with a name of its own may be of another run than the messages beside it.
-    let damage = if run.is_own() {
-        run.message_damage(&job, Some(&summary)).0
-    } else {
-        Vec::new()
-    };
-    let viz::Report { text, lacks } = viz::report(&summary, &job, &run.parts, &damage, path)
-        .map_err(|error| match error {
-            viz::ReportError::Read(error) => Failure::Input(run.with_remedy(&error)),
-            other => Failure::work(other),
-        })?;
+    if !job.record {
+        let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
+        let (none, happened) = (std::iter::empty(), Happened::default());
+        let text = viz::report(&summary, &job, &robot, none, &happened, &[], path);
+        return Ok(Page {
+            text: text.map_err(Failure::work)?,
+            shortfall: None,
+        });
+    }
+    // Before the page: it says so at its top.
+    let (mut lacks, _) = run.message_damage(&job, Some(&summary));
+    lacks.extend(Some(summary.recorder.error.clone()).filter(|error| !error.is_empty()));
+    let record = Record::of(job, &run.folder, Some(summary.clone()))?;
+    let (text, Read { .. }) = record.make("report", observer, |source| {
+        let Source {
+            job,
+            robot,
+            happened,
+            ticks,
+            progress,
+        } = source;
+        viz::report(
+            &summary,
+            job,
+            robot,
+            &mut ticks.enumerate().map_while(|(count, tick)| {
+                (count % 1000 > 0 || progress(count as u64)).then_some(tick)
+            }),
+            &happened,
+            &lacks,
+            path,
+        )
+    })?;
     Ok(Page {
-        text,
+        text: text.map_err(Failure::work)?,
         shortfall: (!lacks.is_empty()).then(|| run.with_remedy(&lacks.join("; "))),
     })
 }

@@ -16,7 +16,6 @@ use shared_types::summary::{INTERRUPTED, Summary};
 use shared_types::target_file::{self, Row};
 use shared_types::{Message, Target, TargetContent};
 
-use crate::export::WHOLE;
 use crate::failure::Failure;
 use crate::load;
 use crate::runs::Run;
@@ -26,8 +25,6 @@ use crate::seal;
 pub const RUNS: &str = "runs";
 /// Name of the summary in the results folder.
 pub const SUMMARY: &str = "summary.json";
-/// Folder of a recording that holds more rows than the messages from which the run was recovered.
-pub(crate) const EARLIER: &str = "earlier";
 pub(crate) const SCENARIO: &str = "scenario.toml";
 const GRAPH: &str = "graph.toml";
 /// The targets of a steered run.
@@ -43,10 +40,10 @@ const PROBE: &str = ".armplane";
 const KEPT: [&str; 8] = [
     SUMMARY, JOB, SCENARIO, GRAPH, ROBOT_URDF, ROBOT_MJCF, ROBOT_TOML, TARGETS,
 ];
-/// The files that `report`, `export` and a drill leave beside a run, but for its layouts.
+/// The files that `view`, `report`, `export` and a drill leave beside a run, but for its layouts.
 const MADE_OF_IT: [&str; 7] = [
     REPORT,
-    WHOLE,
+    viz::RECORDING,
     "signals.csv",
     "signals.parquet",
     "events.csv",
@@ -264,7 +261,6 @@ impl Results {
         }
         let run = Run {
             folder: self.folder.clone(),
-            parts: Vec::new(),
         };
         let (summary, job) = (run.summary_if_any(), run.read_job());
         let is_ours = matches!(summary, Ok(Some(_))) || job.is_ok();
@@ -279,14 +275,10 @@ impl Results {
                 && !name.ends_with(".reserved")
                 && !self.foreign.contains(name)
         };
-        let mut old: Vec<_> = entries(&self.folder)
+        let old: Vec<_> = entries(&self.folder)
             .filter(|(name, _)| is_old(name))
             .map(|(_, entry)| entry.path())
             .collect();
-        let earlier = self.folder.join(EARLIER);
-        if !earlier.is_symlink() {
-            old.extend(viz::parts_in(&earlier));
-        }
         let remove = |old: &PathBuf| match std::fs::remove_file(old) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => Err(Failure::Input(format!(
                 "cannot replace {}: {error}",
@@ -294,10 +286,7 @@ impl Results {
             ))),
             _ => Ok(()),
         };
-        old.iter().try_for_each(remove)?;
-        // Fails, as it should, where there is something in it.
-        let _ = std::fs::remove_dir(earlier);
-        Ok(())
+        old.iter().try_for_each(remove)
     }
 
     /// Writes the files that make the run repeatable and readable: summary, job, and the scenario
@@ -350,7 +339,6 @@ fn is_result(name: &str) -> bool {
         || MADE_OF_IT.contains(&whole)
         || whole == recorder::MESSAGES
         || whole.starts_with("messages-") && whole.ends_with(".mcap")
-        || viz::is_part(whole.strip_prefix('.').unwrap_or(whole))
         || whole
             .strip_suffix(".rbl")
             .is_some_and(|layout| Layout::ALL.iter().any(|one| one.name() == layout))

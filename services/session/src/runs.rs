@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use recorder::{Flaw, MESSAGES, RecordReader, Ticks};
 use shared_types::job::{JOB, Job};
 use shared_types::summary::Summary;
-use viz::Reading;
+use viz::RECORDING;
 
 use crate::failure::Failure;
 use crate::observation::Living;
@@ -19,8 +19,6 @@ const ALIVE: &str = "the run is still alive: wait until it has ended";
 pub struct Run {
     /// The results folder.
     pub folder: PathBuf,
-    /// The recording's files, in order.
-    pub parts: Vec<PathBuf>,
 }
 
 impl Run {
@@ -29,16 +27,6 @@ impl Run {
     /// # Errors
     /// [`Failure::Input`] if there is no such run.
     pub fn find(wanted: Option<&Path>) -> Result<Self, Failure> {
-        if let Some(path) = wanted.filter(|path| path.is_file() && is_loose_recording(path)) {
-            let folder = path
-                .parent()
-                .filter(|folder| !folder.as_os_str().is_empty())
-                .unwrap_or(Path::new("."));
-            return Ok(Self {
-                folder: folder.to_owned(),
-                parts: vec![path.to_owned()],
-            });
-        }
         let folder = match wanted {
             None => latest()?,
             Some(path) if path.is_dir() => path.to_owned(),
@@ -54,72 +42,40 @@ impl Run {
                 )));
             }
         };
-        let parts = viz::parts_in(&folder);
-        let run = Self { folder, parts };
-        if run.parts.is_empty() && !run.folder.join(SUMMARY).exists() {
+        let run = Self { folder };
+        if ![SUMMARY, JOB, MESSAGES, RECORDING]
+            .iter()
+            .any(|name| run.has(name))
+        {
             return Err(Failure::Input(format!(
-                "{} is not a run: its folder has neither run.rrd nor summary.json",
+                "{} is not a run: its folder has neither {SUMMARY} nor {MESSAGES}",
                 wanted.unwrap_or(&run.folder).display()
             )));
         }
         Ok(run)
     }
 
-    /// The recording's files; the run may have been made without.
+    /// Whether a tick of the record can be read.
     ///
     /// # Errors
-    /// [`Failure::Input`] if it has none, or its files are empty or gone.
-    pub fn recording(&self) -> Result<&[PathBuf], Failure> {
-        if self.parts.is_empty() {
-            let summary = self.summary().ok();
-            if summary
-                .as_ref()
-                .is_none_or(|summary| !summary.recorder.file.is_empty())
-            {
-                let shortfall = Reading::default().shortfall(&[], summary.as_ref());
-                let lack = shortfall.map_or_else(
-                    || "its recording is empty".to_owned(),
-                    |shortfall| shortfall.to_string(),
-                );
-                return Err(Failure::Input(self.with_remedy(&lack)));
-            }
-            return Err(Failure::Input(format!(
-                "{} has no recording; run it again without --no-record",
-                self.folder.display()
-            )));
+    /// [`Failure::Input`] if there is none.
+    pub(crate) fn check_readable(&self, job: &Job) -> Result<(), Failure> {
+        let opened = Ticks::open_left(&self.folder.join(MESSAGES), job);
+        let mut rows = opened.map_err(|error| Failure::Input(self.with_remedy(&error)))?;
+        if rows.next().is_some() {
+            return Ok(());
         }
-        Ok(&self.parts)
+        let damage = rows.damage(self.summary().ok().as_ref());
+        let lack = damage
+            .first()
+            .map_or("its record has no tick", String::as_str);
+        Err(Failure::Input(self.with_remedy(&lack)))
     }
 
-    /// A sentence, if the recording does not match the checksum in the run's summary.
-    pub fn altered(&self) -> Option<String> {
-        let summary = self.summary().ok().filter(|_| self.is_own())?;
-        viz::altered(&self.parts, &summary.recorder.checksums)
-            .map(|clause| self.with_remedy(&clause))
-    }
-
-    /// Whether the recording has anything to be read.
-    ///
-    /// # Errors
-    /// [`Failure::Input`] if it has no row, though its run has.
-    pub(crate) fn check_readable(&self) -> Result<(), Failure> {
-        let lack = match viz::has_rows(self.recording()?) {
-            Ok(true) => return Ok(()),
-            Ok(false) => Reading::default()
-                .shortfall(&self.parts, self.summary().ok().as_ref())
-                .map(|shortfall| shortfall.to_string()),
-            Err(error) => Some(error.to_string()),
-        };
-        // A run without a tick has a whole recording without a row.
-        lack.map_or(Ok(()), |lack| Err(Failure::Input(self.with_remedy(&lack))))
-    }
-
-    /// A sentence on missing parts of the recording, and how to get them.
+    /// A sentence on what the record lacks, and how to get it.
     pub fn with_remedy(&self, lack: &impl Display) -> String {
         let folder = self.folder.display();
-        let remedy = if !self.parts.is_empty() && !self.is_own() {
-            "its run's folder may have the complete one".to_owned()
-        } else if self.is_alive() {
+        let remedy = if self.is_alive() {
             ALIVE.to_owned()
         } else if self.folder.join(SCENARIO).exists() {
             self.again()
@@ -204,7 +160,7 @@ impl Run {
     /// A clause for each way in which the record is damaged or does not match the summary's counts; and whether messages are lost amid it.
     pub fn message_damage(&self, job: &Job, summary: Option<&Summary>) -> (Vec<String>, bool) {
         match Ticks::open_left(&self.folder.join(MESSAGES), job) {
-            _ if !job.messages => (Vec::new(), false),
+            _ if !job.record => (Vec::new(), false),
             Ok(mut ticks) => {
                 ticks.by_ref().for_each(drop);
                 let mut flaws = ticks.record().into_iter().flat_map(RecordReader::flaws);
@@ -216,16 +172,11 @@ impl Run {
     }
 
     /// Whether it still goes on.
-    fn is_alive(&self) -> bool {
+    pub(crate) fn is_alive(&self) -> bool {
         let folder = self.folder.canonicalize().ok();
         Living::all()
             .into_iter()
             .any(|run| Some(run.folder) == folder)
-    }
-
-    /// Whether the recording belongs to the folder's run, and was not renamed.
-    pub(crate) fn is_own(&self) -> bool {
-        self.parts == viz::parts_in(&self.folder)
     }
 
     fn has(&self, name: &str) -> bool {
@@ -248,19 +199,10 @@ impl Run {
     }
 }
 
-/// Whether a file is a renamed recording.
-fn is_loose_recording(path: &Path) -> bool {
-    let folder = path.parent().unwrap_or(Path::new(""));
-    path.extension().is_some_and(|extension| extension == "rrd")
-        && !viz::parts_in(folder)
-            .iter()
-            .any(|part| part.file_name() == path.file_name())
-}
-
-/// The run under `runs` whose recording or summary was written last.
+/// The run under `runs` whose record or summary was written last.
 fn latest() -> Result<PathBuf, Failure> {
     let changed = |folder: &Path| {
-        ["run.rrd", SUMMARY]
+        [MESSAGES, SUMMARY, RECORDING]
             .iter()
             .filter_map(|name| {
                 std::fs::metadata(folder.join(name))

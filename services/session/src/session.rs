@@ -5,10 +5,11 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use launcher::{End, Interrupts};
+use runtime::RunDir;
 use shared_types::job::{Job, Mode};
 use shared_types::summary::Summary;
 
-use crate::export::{complete, seal};
+use crate::drawing::draw_results;
 use crate::failure::Failure;
 use crate::launch::{Begin, interrupts, launch_begun};
 use crate::load::{self, Loaded};
@@ -36,11 +37,9 @@ pub struct Request {
     pub mode: Mode,
     /// The results folder; by default the next free `runs/NAME-NNN`.
     pub out: Option<PathBuf>,
-    /// Whether a recording is written.
+    /// Whether the run is recorded.
     pub record: bool,
-    /// Whether the messages themselves are kept beside the recording.
-    pub messages: bool,
-    /// Whether the viewer shows the recording while it is made.
+    /// Whether the viewer shows the run while it lasts.
     pub live: bool,
     /// A process that is silent for so long is killed and replaced; `None`: as the mode has it, in lockstep without limit.
     pub silence_limit: Option<Duration>,
@@ -57,7 +56,7 @@ pub struct Finished {
     pub folder: PathBuf,
     /// How its processes ended.
     pub end: End,
-    /// Whether the results are whole: summary, job and scenario could be written into the folder, and the recording and the message logs to their end.
+    /// Whether the results are whole: summary, job and scenario could be written into the folder, and the record to its end, and the recording was drawn.
     pub saved: Result<(), Failure>,
     /// Held until the results are printed: a second signal does not end the program amid its last words.
     pub signals: Interrupts,
@@ -100,34 +99,38 @@ pub fn run_loaded(
         say(&named(&warning));
     }
     // Before the first file is made; until then a signal ends the program at once.
-    let signals = interrupts()?;
+    let mut signals = interrupts()?;
     let own: Vec<usize> = graph.own_messages().map(|layout| layout.bytes).collect();
     launcher::check_limits(graph.process.len(), &own).map_err(Failure::work)?;
     let results = Results::create(request.out.as_deref(), &scenario.name)?;
     let folder = results.folder.clone();
     let job = Job {
         record: request.record,
-        messages: request.record && request.messages,
-        live: request.live,
         ..load::job(&robot, scenario, graph, request.mode, folder.clone())
     };
     results.reserve(&job)?;
     results.remove_old(&job)?;
     let mut plan = plan(&job)?;
     plan.limits = plan.limits.with_silence(request.silence_limit);
-    let live = request.live.then(|| Live::start(&folder)).transpose()?;
-    let (outcome, account) = launch_begun(&job, plan, begin, observer)?;
+    let mut live = request.live.then(Live::start).transpose()?;
+    let mut begin = |run: &RunDir| {
+        live.as_mut()
+            .map_or(Ok(()), |live| live.follow(run.path()))?;
+        begin(run)
+    };
+    let (outcome, account) = launch_begun(&job, plan, &mut begin, observer)?;
     let mut summary = summarise(&job, &outcome, account);
     let unread = (request.unread)();
     for process in &mut summary.processes {
         process.lines_dropped += unread.get(&process.name).copied().unwrap_or_default();
     }
-    complete(&folder, &mut summary, observer);
-    seal(&folder, &mut summary.recorder);
     let saved = results.keep(&job, &summary).and_then(|()| whole(&summary));
-    for sentence in live.into_iter().flat_map(Live::finish) {
+    for sentence in live.into_iter().flat_map(|live| live.finish(&folder)) {
         say(&sentence);
     }
+    while signals.pending().is_some() {}
+    let drawn = draw_results(&job, &summary, observer, &mut signals);
+    let saved = saved.and(drawn);
     Ok(Finished {
         summary,
         folder,
@@ -137,10 +140,10 @@ pub fn run_loaded(
     })
 }
 
-/// Whether recording and message logs hold the whole run, as far as its summary knows.
+/// Whether the record holds the whole run, as far as its summary knows.
 ///
 /// # Errors
-/// [`Failure::Work`] if they do not: a full volume, a damaged message log.
+/// [`Failure::Work`] if it does not: a full volume, a damaged record.
 pub fn whole(summary: &Summary) -> Result<(), Failure> {
     match &summary.recorder.error {
         error if error.is_empty() => Ok(()),

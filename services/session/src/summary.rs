@@ -76,7 +76,7 @@ pub fn summarise(job: &Job, outcome: &Outcome, account: Option<Summary>) -> Summ
 
 /// The summary of a run whose recorder has left none.
 fn without_account(job: &Job, outcome: &Outcome) -> Summary {
-    let file = job.record.then(|| viz::part_name(0));
+    let file = job.record.then(|| recorder::MESSAGES.to_owned());
     Summary {
         of: job.into(),
         ticks: outcome.ticks,

@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::Path;
 
 use shared_types::summary::{ServoSummary, Summary};
+use viz::RECORDING;
 use viz::plot::digits;
 
 use crate::results::SUMMARY;
@@ -258,25 +259,16 @@ fn files(f: &mut fmt::Formatter<'_>, summary: &Summary, folder: &Path) -> fmt::R
     if folder.join(SUMMARY).exists() {
         writeln!(f, "  {SUMMARY:<13}  all numbers, for programs")?;
     }
-    if !summary.recorder.file.is_empty() && summary.recorder.parts > 0 {
+    let drawn = folder.join(RECORDING);
+    if let Ok(file) = std::fs::metadata(&drawn) {
+        let (megabytes, folder) = (file.len() as f64 / 1e6, folder.display());
         writeln!(
             f,
-            "  {:<13}  {:.1} MB{}; open it with `armplane view {}`",
-            summary.recorder.file,
-            summary.recorder.bytes as f64 / 1e6,
-            if summary.recorder.parts > 1 {
-                format!(" in {} parts", summary.recorder.parts)
-            } else {
-                String::new()
-            },
-            folder.display()
+            "  {RECORDING:<13}  {megabytes:.1} MB; open it with `armplane view {folder}`"
         )?;
     }
-    if summary.recorder.messages_bytes > 0 {
-        let (messages, megabytes) = (
-            recorder::MESSAGES,
-            summary.recorder.messages_bytes as f64 / 1e6,
-        );
+    if summary.recorder.bytes > 0 {
+        let (messages, megabytes) = (recorder::MESSAGES, summary.recorder.bytes as f64 / 1e6);
         writeln!(
             f,
             "  {messages}  {megabytes:.1} MB; compare with this build by `armplane replay {}`",

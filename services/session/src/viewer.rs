@@ -1,18 +1,22 @@
 //! `armplane view` and `armplane run --live`: recordings in the installed Rerun viewer.
 
 use std::ffi::OsStr;
-use std::fs::File;
-use std::io::{ErrorKind, Read, Write};
+use std::io::{ErrorKind, Read};
 use std::net::{Ipv4Addr, SocketAddr, TcpStream};
-use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use rustix::event::{PollFd, PollFlags, poll};
+use model::Robot;
+use recorder::{Assembler, Contents, tick_of};
+use runtime::Watcher;
 use rustix::fs::OFlags;
-use rustix::time::Timespec;
+use shared_types::job::{JOB, Job};
+use shared_types::topics::{COUNT, TOPICS};
+use viz::Tick;
 
 use crate::failure::Failure;
 use crate::progress::{Observer, Progress};
@@ -202,152 +206,177 @@ fn numbers(word: &str) -> Option<(u32, u32)> {
     Some((parts.next()?.parse().ok()?, parts.next()?.parse().ok()?))
 }
 
-/// A live run in the viewer: a process that nobody waits for passes the recorder's files on to
-/// `rerun -`.
+/// A live run in the viewer: a process that nobody waits for reads the topics and draws.
 ///
-/// The recorder writes files as ever, and [`feed`] reads them. The files are the queue, so a slow viewer falls behind and loses nothing, also when the
-/// run is over; one that is closed ends the passing on, not the run.
+/// A slow viewer, or a run that is faster than drawing, costs what is shown, never the run.
 pub(crate) struct Live {
-    /// Its standard input ends with the run, however that ends.
-    feeder: Child,
     version: Asked,
+    /// Its standard input ends with the run, however that ends.
+    watcher: Option<Child>,
 }
 
-/// The subcommand that passes a recording on to the viewer.
-pub const FEED: &str = "feed";
+/// The subcommand that draws a run while it lasts.
+pub const WATCH: &str = "watch";
 
-/// How long the end of a run may wait until the viewer has everything.
-const PATIENCE: Duration = Duration::from_millis(300);
-/// A viewer that reads nothing for so long gets no more.
-const STUCK: Duration = Duration::from_secs(60);
-/// More bytes than the head of a recording has.
-const HEAD: u64 = 64;
-/// How often the files are looked at.
+/// How long the end of a run waits for the one who draws it.
+const PATIENCE: Duration = Duration::from_millis(800);
+/// How long that one has for the rest where nobody waits.
+const REST: Duration = Duration::from_secs(3);
+/// How often the topics are looked at.
 const LOOK: Duration = Duration::from_millis(20);
+/// How long a run may take until its topics are there.
+const START: Duration = Duration::from_secs(10);
 
 impl Live {
-    /// Starts the viewer for a run whose recording goes into `folder`.
+    /// Starts the viewer, unless one is open.
     ///
     /// # Errors
     /// [`Failure::Work`] if no viewer is installed, or none can open a window.
-    pub(crate) fn start(folder: &Path) -> Result<Self, Failure> {
+    pub(crate) fn start() -> Result<Self, Failure> {
         let version = Asked::ask()?;
-        // Not this command's output: whoever reads that does not wait for the viewer's window to be closed.
-        let mut viewer = start(&["-"], Stdio::piped(), Stdio::null)?;
-        let input = viewer.stdin.take().map_or_else(Stdio::null, Stdio::from);
-        let feeder = launcher::reexec(FEED, folder).and_then(|mut command| {
-            command
-                .process_group(0)
-                .stdin(Stdio::piped())
-                .stdout(input)
-                .stderr(Stdio::null())
-                .spawn()
+        if named_viewer_command().is_some() || !is_running() {
+            // Not this command's output: whoever reads that does not wait for the viewer's window to be closed.
+            start(
+                &["--port", &VIEWER_PORT.to_string()],
+                Stdio::null(),
+                Stdio::null,
+            )?;
+        }
+        let watcher = None;
+        Ok(Self { version, watcher })
+    }
+
+    /// Draws the run in a directory from now on.
+    ///
+    /// # Errors
+    /// [`Failure::Work`] if the process cannot be started.
+    pub(crate) fn follow(&mut self, run: &Path) -> Result<(), Failure> {
+        let watcher = launcher::reexec(WATCH, run).and_then(|mut command| {
+            let command = command.process_group(0).stdin(Stdio::piped());
+            command.stdout(Stdio::null()).stderr(Stdio::null()).spawn()
         });
-        let feeder =
-            feeder.map_err(|error| Failure::Work(format!("cannot start {FEED}: {error}")))?;
-        Ok(Self { feeder, version })
+        let cannot = |error| Failure::Work(format!("cannot start {WATCH}: {error}"));
+        self.watcher = Some(watcher.map_err(cannot)?);
+        Ok(())
     }
 
     /// The run is over. Answers what to tell the user.
-    pub(crate) fn finish(mut self) -> impl Iterator<Item = String> {
-        drop(self.feeder.stdin.take());
+    pub(crate) fn finish(mut self, folder: &Path) -> impl Iterator<Item = String> {
         let over = Instant::now();
         let mut ended = None;
-        while ended.is_none() && over.elapsed() < PATIENCE {
-            std::thread::sleep(LOOK);
-            ended = self.feeder.try_wait().ok().flatten();
+        if let Some(watcher) = &mut self.watcher {
+            drop(watcher.stdin.take());
+            while ended.is_none() && over.elapsed() < PATIENCE {
+                std::thread::sleep(LOOK);
+                ended = watcher.try_wait().ok().flatten();
+            }
+            if ended.is_none() {
+                let _ = watcher.kill().and_then(|()| watcher.wait());
+            }
         }
-        let passed = match ended.map(|status| status.success()) {
-            Some(true) => None,
-            Some(false) => Some("the viewer was closed before the end; the recording is complete"),
-            None => Some(
-                "the viewer has not read everything yet and will get the rest; the recording is complete",
-            ),
-        };
-        let passed = passed.map(str::to_owned);
-        passed
-            .into_iter()
+        let lack = (!ended.is_some_and(|status| status.success())).then(|| {
+            let folder = folder.display();
+            format!(
+                "the viewer does not have all of the run; `armplane view {folder}` shows it whole"
+            )
+        });
+        lack.into_iter()
             .chain(self.version.complaint(Duration::ZERO))
     }
 }
 
-/// Passes the recording in a folder on to a viewer while it is made, until standard input ends and nothing is left.
+/// Draws a run into the open viewer while it lasts: from its topics, until it has ended or standard input has. Whether all of it was drawn.
 ///
 /// # Errors
-/// The viewer's own, or the one of a file.
-pub fn feed(folder: &Path, viewer: OwnedFd) -> std::io::Result<()> {
-    let viewer = File::from(viewer);
-    rustix::fs::fcntl_setfl(&viewer, OFlags::NONBLOCK)?;
-    for part in 0.. {
-        let Some(mut file) = await_part(folder, part)? else {
-            break;
-        };
-        pass_part(&mut file, &folder.join(viz::part_name(part + 1)), &viewer)?;
-    }
-    Ok(())
-}
-
-/// Whether a file can be read or written, or its other end is closed, within so long.
-fn is_ready(file: impl AsFd, flags: PollFlags, limit: Duration) -> bool {
-    let limit = Timespec {
-        tv_sec: limit.as_secs() as i64,
-        tv_nsec: i64::from(limit.subsec_nanos()),
-    };
-    poll(&mut [PollFd::new(&file, flags)], Some(&limit)).is_ok_and(|ready| ready > 0)
-}
-
-/// Waits for a moment; whether the run is over.
-fn is_over() -> bool {
-    is_ready(std::io::stdin(), PollFlags::IN, LOOK)
-}
-
-/// Opens a part as soon as it exists; `None` when the run is over without it.
-fn await_part(folder: &Path, part: u32) -> std::io::Result<Option<File>> {
-    loop {
-        let over = is_over();
-        match files::open(&folder.join(viz::part_name(part))) {
-            Ok(file) => return Ok(Some(file)),
-            Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
-            Err(_) if over => return Ok(None),
-            Err(_) => {}
-        }
-    }
-}
-
-/// Passes on a part, and everything added to it, until the next part exists or the run is over.
-fn pass_part(part: &mut File, next: &Path, viewer: &File) -> std::io::Result<()> {
-    let mut buffer = vec![0; 1 << 16];
-    loop {
-        // Asked before reading: what was written before the answer is read below.
-        // A successor is made, with no more than its head, before its predecessor has got its end; what it holds is written after.
-        let ended = is_over() || std::fs::metadata(next).is_ok_and(|file| file.len() > HEAD);
-        loop {
-            let got = part.read(&mut buffer)?;
-            if got == 0 {
-                break;
+/// [`Failure`] where the run cannot be read, or there is no viewer.
+pub fn watch(run: &Path) -> Result<bool, Failure> {
+    let is_over = Arc::new(AtomicBool::new(false));
+    let over = Arc::clone(&is_over);
+    std::thread::spawn(move || {
+        let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
+        over.store(true, Ordering::Relaxed);
+        // A viewer that takes nothing more does not keep this process.
+        std::thread::sleep(REST);
+        std::process::exit(1);
+    });
+    let text = files::read(&run.join(JOB)).map_err(Failure::work)?;
+    let job: Job = serde_json::from_slice(&text).map_err(Failure::work)?;
+    let robot = Robot::from_source(&job.robot).map_err(Failure::work)?;
+    let reads = |topic: &str| job.graph.writer(topic).is_some();
+    let begun = Instant::now();
+    let watcher = loop {
+        match Watcher::open(run, WATCH, reads) {
+            Ok(watcher) => break watcher,
+            Err(error) if is_over.load(Ordering::Relaxed) || begun.elapsed() > START => {
+                return Err(Failure::work(error));
             }
-            pass(&buffer[..got], viewer)?;
+            Err(_) => std::thread::sleep(LOOK),
         }
-        if ended {
-            return Ok(());
-        }
-    }
+    };
+    let contents = Contents::of(&job);
+    let layouts = contents.layouts();
+    let mut ticks = LiveTicks {
+        watcher,
+        is_over,
+        channels: TOPICS.map(|topic| layouts.iter().position(|layout| layout.topic == topic)),
+        assembler: Assembler::new(&contents),
+        newest: 0,
+        count: 0,
+    };
+    let url = format!("rerun+http://127.0.0.1:{VIEWER_PORT}/proxy");
+    let shown = viz::show_live(&url, &job, &robot, &mut ticks, &mut |_| true);
+    shown.map_err(Failure::work)?;
+    Ok(ticks.count == ticks.newest + 1)
 }
 
-fn pass(mut bytes: &[u8], mut viewer: &File) -> std::io::Result<()> {
-    while !bytes.is_empty() {
-        match viewer.write(bytes) {
-            Ok(passed) => bytes = &bytes[passed..],
-            Err(error) if error.kind() == ErrorKind::Interrupted => {}
-            Err(error) if error.kind() == ErrorKind::WouldBlock => {
-                if !is_ready(viewer, PollFlags::OUT, STUCK) {
-                    return Err(ErrorKind::TimedOut.into());
+/// The ticks of a run that lasts.
+struct LiveTicks {
+    watcher: Watcher,
+    is_over: Arc<AtomicBool>,
+    /// By the topic's place in the list.
+    channels: [Option<usize>; COUNT],
+    assembler: Assembler,
+    newest: u64,
+    count: u64,
+}
+
+impl Iterator for LiveTicks {
+    type Item = Tick;
+
+    fn next(&mut self) -> Option<Tick> {
+        loop {
+            // Asked first: what came before the answer is taken in below.
+            let is_over = self.is_over.load(Ordering::Relaxed);
+            let (assembler, newest) = (&mut self.assembler, &mut self.newest);
+            self.watcher.collect(|topic, message| {
+                *newest = (*newest).max(tick_of(message));
+                if let Some(channel) = self.channels[topic] {
+                    assembler.take(channel, message);
+                }
+            });
+            let is_rest = |rows: &mut Assembler| is_over.then(|| rows.rest()).flatten();
+            while let Some(row) = self
+                .assembler
+                .next_row()
+                .or_else(|| is_rest(&mut self.assembler))
+            {
+                let messages = *row.messages();
+                // Of ticks that went by nothing is shown.
+                if messages.sensor.is_some() || messages.torque.is_some() {
+                    self.count += 1;
+                    return Some(Tick {
+                        tick: row.tick,
+                        messages,
+                        events: Vec::new(),
+                    });
                 }
             }
-            Err(error) => return Err(error),
+            if is_over {
+                return None;
+            }
+            std::thread::sleep(LOOK);
         }
     }
-    Ok(())
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Goal, recording and layout of a run.
+//! Goal and layout of a run.
 
 use serde::{Deserialize, Serialize};
 
@@ -50,15 +50,13 @@ pub enum Layout {
     /// Arm, singularities, errors, torques.
     #[default]
     Control,
-    /// Latencies and deadlines first.
+    /// Processes, faults and latencies first.
     Timing,
-    /// Lives, faults and torques first.
-    Faults,
 }
 
 impl Layout {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Control, Self::Timing, Self::Faults];
+    pub const ALL: [Self; 2] = [Self::Control, Self::Timing];
 
     /// As written in files.
     #[must_use]
@@ -66,26 +64,6 @@ impl Layout {
         match self {
             Self::Control => "control",
             Self::Timing => "timing",
-            Self::Faults => "faults",
-        }
-    }
-}
-
-/// Size of the recording's files. A long recording continues in further files; each opens alone.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Record {
-    /// Longest part of the run in one file; s.
-    pub part_s: f64,
-    /// Largest file, within one chunk; MB (10⁶ bytes).
-    pub part_mb: u64,
-}
-
-impl Default for Record {
-    fn default() -> Self {
-        Self {
-            part_s: 300.0,
-            part_mb: 1000,
         }
     }
 }
@@ -102,12 +80,5 @@ impl Goal {
         ];
         let mut bounds = bounds.into_iter();
         bounds.try_for_each(|(key, value)| positive(&format!("goal.{key}"), value))
-    }
-}
-
-impl Record {
-    pub(super) fn check(&self) -> Result<(), Complaint> {
-        positive("record.part_s", self.part_s)?;
-        positive("record.part_mb", self.part_mb as f64)
     }
 }

@@ -73,8 +73,6 @@ pub fn job() -> String {
         mode: shared_types::job::Mode::Lockstep,
         out: "runs/fig5-wrist-rotation-001".into(),
         record: true,
-        messages: true,
-        live: false,
         scenario: Scenario::parse(
             "fig5",
             sim::scenarios::text("fig5-wrist-rotation").expect("built in"),

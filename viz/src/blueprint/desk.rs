@@ -1,7 +1,7 @@
 //! The panes that layouts are made of, and how each layout arranges them.
 
-use re_chunk::EntityPath;
 use re_sdk_types::blueprint::components::Corner2D::{RightBottom, RightTop};
+use rerun::EntityPath;
 use shared_types::scenario::Layout;
 
 use super::sheet::{Cell, Lines, Sheet};
@@ -19,8 +19,7 @@ const LATENCIES: Option<[f64; 2]> = Some([-0.6, 4.3]);
 pub(crate) fn pane(layout: Layout) -> f32 {
     match layout {
         Layout::Control => 0.52,
-        Layout::Timing => 1.9,
-        Layout::Faults => 2.2,
+        Layout::Timing => 2.0,
     }
 }
 
@@ -37,7 +36,6 @@ impl Sheet<'_> {
         match self.layout {
             Layout::Control => self.arrange_control(),
             Layout::Timing => self.arrange_timing(),
-            Layout::Faults => self.arrange_faults(),
         };
     }
 
@@ -69,18 +67,22 @@ impl Sheet<'_> {
         self.halves(left, right)
     }
 
+    /// What the processes do, and how long it takes them.
     fn arrange_timing(&mut self) -> EntityPath {
-        let upper = vec![(2.0, self.latency(Named::All)), (1.25, self.arm(None))];
-        // Each lane takes 40 points: the processes' stand in a column of their own.
-        let lives = self.lives();
-        let modes = [self.modes(), self.log_lines()].map(|view| (1.0, view));
-        // Three plots side by side have no room for their titles.
-        let plots = vec![self.errors(), self.governor()];
-        let modes = self.row("", modes.into());
-        let rows = vec![(self.lanes(1.0), modes), (1.2, self.tabs(plots))];
-        let lower = vec![(1.0, lives), (2.2, self.column(rows))];
-        let cells = [(1.9, upper), (2.4, lower)].map(|(share, row)| (share, self.row("", row)));
-        self.column(cells.into())
+        let more = vec![
+            self.latency(Named::All),
+            self.errors(),
+            self.torques(),
+            self.joints(),
+            self.measure(),
+            self.governor(),
+        ];
+        let more = self.tabs(more);
+        let left = vec![(2.25, self.lives()), (2.35, more)];
+        let below = [self.log_lines(), self.modes()];
+        let below = self.tabs(below.into());
+        let right = vec![(1.8, self.arm(None)), (0.8, self.now()), (0.9, below)];
+        self.halves(left, right)
     }
 
     /// The share of a pane with a lane for each singularity; `usual`: of up to three.
@@ -89,23 +91,6 @@ impl Sheet<'_> {
             0..=3 => usual,
             _ => 1.7,
         }
-    }
-
-    fn arrange_faults(&mut self) -> EntityPath {
-        let below = [self.log_lines(), self.modes()];
-        let below = self.tabs(below.into());
-        let left = vec![(1.8, self.arm(None)), (0.8, self.now()), (0.9, below)];
-        let more = vec![
-            self.errors(),
-            self.torques(),
-            self.joints(),
-            self.measure(),
-            self.governor(),
-            self.latency(Named::Last),
-        ];
-        let more = self.tabs(more);
-        let right = vec![(2.25, self.lives()), (2.35, more)];
-        self.halves(left, right)
     }
 
     /// Two columns: the table of singularities and lines of the log are as wide in each layout.
@@ -178,12 +163,12 @@ impl Sheet<'_> {
 
     fn modes(&mut self) -> EntityPath {
         let all = self.subject.singularities.iter();
-        let lanes = all.map(|(name, _)| entity::state(name)).collect();
+        let lanes = all.map(|(name, _)| format!("/{name}")).collect();
         self.states("What control does at each singularity", lanes)
     }
 
     fn lives(&mut self) -> EntityPath {
-        let mut lanes: Vec<String> = ["fault", "drive"].map(entity::state).into();
+        let mut lanes: Vec<String> = [entity::FAULT, entity::DRIVE].map(str::to_owned).into();
         lanes.extend(self.subject.lives.named().map(entity::life));
         self.states("Fault, processes, drive", lanes)
     }

@@ -2,8 +2,6 @@
 
 use std::collections::BTreeSet;
 
-use re_chunk::{Chunk, ChunkResult, EntityPath, RowId, Timeline};
-use re_sdk_types::AsComponents;
 use re_sdk_types::archetypes::SeriesLines;
 use re_sdk_types::blueprint::archetypes::{
     ActiveVisualizers, Background, ContainerBlueprint, EyeControls3D, LineGrid3D, PlotLegend,
@@ -17,6 +15,9 @@ use re_sdk_types::blueprint::datatypes::{
 use re_sdk_types::components::{Plane3D, Range1D};
 use re_sdk_types::datatypes::{TimeRange, TimeRangeBoundary, VisibleTimeRange};
 use re_sdk_types::external::uuid::Uuid;
+use rerun::AsComponents;
+use rerun::log::{Chunk, ChunkResult, RowId};
+use rerun::{EntityPath, Timeline};
 use shared_types::scenario::Layout;
 use xxhash_rust::xxh3::xxh3_64;
 

@@ -2,45 +2,29 @@
 
 use std::sync::Arc;
 
-use re_chunk::external::arrow::array::{ArrayRef, Float32Array, Float64Array, Int64Array};
-use re_chunk::external::arrow::datatypes::{DataType, Field, Schema};
+use rerun::external::arrow::array::{ArrayRef, Float64Array, Int64Array};
+use rerun::external::arrow::datatypes::{DataType, Field, Schema};
 
-use crate::read::{About, Rows};
-use crate::signals::{Elements, Kept, Limits, Now, Signal, TickRow};
+use crate::recording::Facts;
+use crate::run::Tick;
+use crate::signals::{Elements, Kept, Signal};
 
 /// A quantity: successive columns.
 struct Quantity {
     signal: Signal,
-    /// Its columns, after tick and time.
-    columns: std::ops::Range<usize>,
+    width: usize,
     /// The last row's values, for a quaternion: its sign is continuous.
     last: Vec<f64>,
 }
 
 /// The columns of the wide table, each `group.quantity.element`: `joint.q.1`, `singularity.s.wrist`; plain ASCII.
-pub(super) struct Columns {
-    quantities: Vec<Quantity>,
-    /// After tick and time: whether each has 64 bits.
-    are_wide: Vec<bool>,
-    rate_hz: f64,
-    /// As many as the arm has joints.
-    limits: Limits,
-}
+pub(super) struct Columns(Vec<Quantity>);
 
 impl Columns {
-    /// Those of a recording, and with its messages those that come from them, of a steered run (`Some(true)`) or another.
-    pub(super) fn new(about: &About, messages: Option<bool>) -> (Self, Schema) {
-        let mut columns = Self {
-            quantities: Vec::new(),
-            are_wide: Vec::new(),
-            rate_hz: about.rate_hz(),
-            limits: Limits {
-                speed: vec![1.0; about.joints],
-                ..Limits::default()
-            },
-        };
-        let units = about.properties.get("joint_units");
-        let units: Vec<_> = units.iter().flat_map(|all| all.split(' ')).collect();
+    /// Those of a run with these singularities.
+    pub(super) fn new(facts: &Facts, singularities: &[String]) -> (Self, Schema) {
+        let is_steered = facts.job.scenario.servo.is_some();
+        let units: Vec<_> = facts.joint_units.split(' ').collect();
         let mut fields = vec![
             field("tick", "1", "Tick of the run", DataType::Int64, false),
             field(
@@ -51,18 +35,13 @@ impl Columns {
                 false,
             ),
         ];
+        let mut quantities = Vec::new();
         for signal in Signal::ALL.iter().copied() {
             let of = signal.of();
-            let has_message =
-                messages.is_some_and(|is_steered| is_steered || !of.name.starts_with("servo:"));
-            if of.kept == Kept::Drawn || (of.kept == Kept::Message && !has_message) {
+            if of.kept == Kept::Drawn || (of.name.starts_with("servo:") && !is_steered) {
                 continue;
             }
-            let (is_wide, kind) = match of.kept {
-                Kept::F64 | Kept::Message => (true, DataType::Float64),
-                _ => (false, DataType::Float32),
-            };
-            let elements = signal.elements(about.joints, &about.singularities);
+            let elements = signal.elements(units.len(), singularities);
             for (i, element) in elements.iter().enumerate() {
                 // A heading that every tool takes: `hop sensor` is `hop_sensor`.
                 let element = element.replace(|c: char| !c.is_ascii_graphic(), "_");
@@ -74,79 +53,67 @@ impl Columns {
                     of.unit
                 };
                 let name = name.trim_end_matches('.');
-                fields.push(field(name, unit, signal.about(), kind.clone(), true));
+                fields.push(field(name, unit, signal.about(), DataType::Float64, true));
             }
-            let first = columns.are_wide.len();
-            columns.are_wide.resize(first + elements.len(), is_wide);
-            columns.quantities.push(Quantity {
+            let (width, last) = (elements.len(), Vec::new());
+            quantities.push(Quantity {
                 signal,
-                columns: first..columns.are_wide.len(),
-                last: Vec::new(),
+                width,
+                last,
             });
         }
-        let run = about.properties.clone().into_iter().collect();
-        (columns, Schema::new_with_metadata(fields, run))
+        let run = facts
+            .properties()
+            .map(|(key, value)| (key.to_owned(), value));
+        (
+            Self(quantities),
+            Schema::new_with_metadata(fields, run.into()),
+        )
     }
 
-    /// The columns of recorded rows; `messages` gives those of a tick, asked in ascending order.
-    pub(super) fn of(
-        &mut self,
-        rows: &Rows,
-        mut messages: impl FnMut(u64, &mut dyn FnMut(&TickRow<'_>)),
-    ) -> Vec<ArrayRef> {
-        let (width, count) = (self.are_wide.len(), rows.ticks.len());
-        let mut table: Vec<Option<f64>> = vec![None; count * width];
-        let (mut values, limits) = (Vec::new(), &self.limits);
-        for (row, tick) in rows.ticks.iter().enumerate() {
-            let out = &mut table[row * width..(row + 1) * width];
-            let mut put = |one: &mut Quantity, message: Option<&TickRow>| {
-                let of = one.signal.of();
+    /// The columns of these ticks: nothing where a message is missing.
+    pub(super) fn of(&mut self, facts: &Facts, ticks: &[Tick]) -> Vec<ArrayRef> {
+        let width = self.0.iter().map(|one| one.width).sum();
+        let mut columns: Vec<Vec<Option<f64>>> = vec![Vec::with_capacity(ticks.len()); width];
+        let mut values = Vec::new();
+        for tick in ticks {
+            let row = tick.row();
+            let now = facts.now(&row);
+            let mut out = columns.iter_mut();
+            for Quantity {
+                signal,
+                width,
+                last,
+            } in &mut self.0
+            {
+                let of = signal.of();
                 values.clear();
-                match message {
-                    None => rows.values(one.signal, row, &mut values),
-                    Some(message) => (of.take)(&Now::new(message, limits, None), &mut values),
-                }
+                (of.take)(&now, &mut values);
                 if of.elements == Elements::Quaternion && !values.is_empty() {
-                    let products = one.last.iter().zip(&values).map(|(a, b)| a * b);
+                    let products = last.iter().zip(&values).map(|(a, b)| a * b);
                     if products.sum::<f64>() < 0.0 {
                         values.iter_mut().for_each(|x| *x = -*x);
                     }
-                    one.last.clone_from(&values);
+                    last.clone_from(&values);
                 }
-                let to = out[one.columns.clone()].iter_mut();
-                to.zip(&values).for_each(|(to, value)| *to = Some(*value));
-            };
-            let is_message = |one: &&mut Quantity| one.signal.of().kept == Kept::Message;
-            let quantities = &mut self.quantities;
-            let recorded = quantities.iter_mut().filter(|one| !is_message(one));
-            recorded.for_each(|one| put(one, None));
-            messages(*tick, &mut |message| {
-                let told = quantities.iter_mut().filter(is_message);
-                told.for_each(|one| put(one, Some(message)));
-            });
+                for (i, column) in out.by_ref().take(*width).enumerate() {
+                    column.push(values.get(i).copied());
+                }
+            }
         }
-        let ticks = rows.ticks.iter();
-        let times = ticks.clone().map(|tick| *tick as f64 / self.rate_hz);
-        let mut columns: Vec<ArrayRef> = vec![
-            Arc::new(Int64Array::from_iter_values(ticks.map(|tick| *tick as i64))),
+        let numbers = ticks.iter().map(|tick| tick.tick);
+        let times = numbers
+            .clone()
+            .map(|tick| tick as f64 / f64::from(facts.rate_hz));
+        let first: [ArrayRef; 2] = [
+            Arc::new(Int64Array::from_iter_values(
+                numbers.map(|tick| tick as i64),
+            )),
             Arc::new(Float64Array::from_iter_values(times)),
         ];
-        columns.extend(
-            self.are_wide
-                .iter()
-                .enumerate()
-                .map(|(i, is_wide)| -> ArrayRef {
-                    let values = (0..count).map(|row| table[row * width + i]);
-                    match is_wide {
-                        true => Arc::new(values.collect::<Float64Array>()),
-                        false => {
-                            let narrow = values.map(|value| value.map(|value| value as f32));
-                            Arc::new(narrow.collect::<Float32Array>())
-                        }
-                    }
-                }),
-        );
-        columns
+        let rest = columns.into_iter();
+        let rest = rest.map(|column| Arc::new(Float64Array::from(column)) as ArrayRef);
+        first.into_iter().chain(rest).collect()
     }
 }
 

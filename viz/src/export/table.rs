@@ -9,14 +9,13 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use files::Draft;
 use parquet::arrow::ArrowWriter;
 use parquet::basic::{Compression, ZstdLevel};
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
-use re_chunk::external::arrow::array::{Array, ArrayRef, AsArray, RecordBatch};
-use re_chunk::external::arrow::datatypes::{
-    DataType, Float32Type, Float64Type, Int64Type, Schema, SchemaRef,
-};
+use rerun::external::arrow::array::{Array, ArrayRef, AsArray, RecordBatch};
+use rerun::external::arrow::datatypes::{DataType, Float64Type, Int64Type, Schema, SchemaRef};
 
 use super::{ExportError, ExportFormat};
 
@@ -25,6 +24,7 @@ const GROUP: usize = 50_000;
 
 pub(super) struct Table {
     path: PathBuf,
+    draft: Draft,
     schema: SchemaRef,
     writer: Writer,
 }
@@ -37,8 +37,7 @@ enum Writer {
 type Done<T> = Result<T, Box<dyn Error>>;
 
 impl Writer {
-    fn create(format: ExportFormat, path: &Path, schema: &SchemaRef) -> Done<Self> {
-        let file = files::create(path)?;
+    fn create(format: ExportFormat, file: File, schema: &SchemaRef) -> Done<Self> {
         if format == ExportFormat::Csv {
             let mut writer = csv::Writer::from_writer(file);
             writer.write_record(schema.fields().iter().map(|field| field.name()))?;
@@ -85,9 +84,13 @@ impl Table {
         };
         let path = out.join(name).with_extension(extension);
         let schema = Arc::new(schema);
-        let writer = Writer::create(format, &path, &schema).map_err(failed(&path))?;
+        let begun = Draft::create(&path).map_err(Into::into);
+        let begun =
+            begun.and_then(|(draft, file)| Ok((draft, Writer::create(format, file, &schema)?)));
+        let (draft, writer) = begun.map_err(failed(&path))?;
         Ok(Self {
             path,
+            draft,
             schema,
             writer,
         })
@@ -99,8 +102,11 @@ impl Table {
         written.map_err(failed(&self.path))
     }
 
+    /// Puts the file into its place.
     pub(super) fn finish(self) -> Result<PathBuf, ExportError> {
-        self.writer.finish().map_err(failed(&self.path))?;
+        let written = self.writer.finish();
+        let placed = written.and_then(|()| Ok(self.draft.place()?));
+        placed.map_err(failed(&self.path))?;
         Ok(self.path)
     }
 }
@@ -112,12 +118,11 @@ fn failed(path: &Path) -> impl FnOnce(Box<dyn Error>) -> ExportError + '_ {
     }
 }
 
-/// The shortest text that reads back as the same value, in the column's own width; nothing where it is missing.
+/// The shortest text that reads back as the same value; nothing where it is missing.
 fn text(column: &ArrayRef, row: usize) -> String {
     match column.data_type() {
         _ if column.is_null(row) => String::new(),
         DataType::Int64 => column.as_primitive::<Int64Type>().value(row).to_string(),
-        DataType::Float32 => column.as_primitive::<Float32Type>().value(row).to_string(),
         DataType::Float64 => column.as_primitive::<Float64Type>().value(row).to_string(),
         _ => column.as_string::<i32>().value(row).to_owned(),
     }

@@ -69,17 +69,7 @@ impl Named<'_> {
     }
 }
 
-impl Recording {
-    /// Half the length of the mark of a singularity the arm is in; m.
-    pub(super) fn mark_size(&self) -> f32 {
-        0.12 * self.run.figure.reach
-    }
-
-    /// Lines of marks and of turned joints; m.
-    pub(super) fn fine(&self) -> f32 {
-        0.003 * self.run.figure.reach
-    }
-
+impl Recording<'_> {
     /// Marks change their looks rarely; their places go with the picture.
     pub(super) fn write_marks(
         &mut self,
@@ -103,28 +93,29 @@ impl Recording {
                 is_turning: command.is_some_and(|state| state.mode[i] == MODE_REORIENT),
             };
             // Taken out while it changes: the rest of the recording is read then.
-            let mut shown = std::mem::take(&mut self.part.marks[i]);
+            let mut shown = std::mem::take(&mut self.picture.marks[i]);
             if shown.look != mark.look {
                 shown.look = mark.look;
                 self.write_look(&mut shown, &named, mark.edge);
                 self.write_why(&named, one.kind, q);
             }
             shown.swept = self.write_swept(shown.swept.take(), &named, hand);
-            self.part.marks[i] = shown;
+            self.picture.marks[i] = shown;
         }
     }
 
     /// The mark's solid, the rings where it is entered and, inside, the other axes of the singular frame.
     fn write_look(&mut self, shown: &mut Shown, mark: &Named, edge: f32) {
-        let (tick, unit) = (mark.tick, self.mark_size());
+        let (tick, unit) = (mark.tick, self.run.mark_size());
         let Look { presence, angular } = mark.look;
         let [solid, rings] = ["glyph", "edge"].map(|part| mark.part(part));
         // Meshes are large: they are written once, later changes are their tint and their size.
         if shown.drawn != Some(angular) && presence != Presence::Hidden {
             shown.drawn = Some(angular);
-            self.log(tick, &solid, &mesh3d(&glyph(angular, mark.tint)));
+            self.sink
+                .log(tick, &solid, &mesh3d(&glyph(angular, mark.tint)));
             let edge = scene::rings(edge, unit, 0xffffffff);
-            self.log(tick, &rings, &ghost3d(&edge, 0xffffffff));
+            self.sink.log(tick, &rings, &ghost3d(&edge, 0xffffffff));
         }
         let scale = |scale: f32| Transform3D::update_fields().with_scale(scale);
         let tints = match presence {
@@ -133,22 +124,20 @@ impl Recording {
             Presence::Inside => Some((0xffffffff, 0xff6e6eff)),
         };
         if let Some((inner, rim)) = tints {
-            self.log(tick, &solid, &tinted(inner));
-            self.log(tick, &rings, &tinted(rim));
-            self.log(tick, &rings, &scale(1.0));
+            self.sink.log(tick, &solid, &tinted(inner));
+            self.sink.log(tick, &rings, &tinted(rim));
+            self.sink.log(tick, &rings, &scale(1.0));
         } else {
-            self.log(tick, &solid, &scale(UNSEEN));
-            self.log(tick, &rings, &scale(UNSEEN));
+            self.sink.log(tick, &solid, &scale(UNSEEN));
+            self.sink.log(tick, &rings, &scale(UNSEEN));
         }
-        // Hidden words: readers see by them whether the arm is inside, and what is lost.
-        let (axes, lost) = match presence {
-            Presence::Inside => (&[Vec3::Y, Vec3::Z][..], narration::lost(angular)),
-            _ => (&[][..], ""),
+        let axes = match presence {
+            Presence::Inside => &[Vec3::Y, Vec3::Z][..],
+            _ => &[],
         };
         let axes = axes.iter().map(|axis| 0.5 * unit * *axis);
         let axes = arrows(Vec3::ZERO, axes, 0xc8d0dcff, 0.012 * unit);
-        let axes = axes.with_labels([lost]).with_show_labels(false);
-        self.log(tick, mark.part(entity::AXES), &axes);
+        self.sink.log(tick, mark.part("axes"), &axes);
     }
 
     /// Axes and bones that fall into one line, on the links they belong to: they move with the arm and cost nothing per tick.
@@ -158,7 +147,7 @@ impl Recording {
         if mark.look.presence == Presence::Hidden {
             return self.clear(mark.tick, (0..joints).map(path));
         }
-        if (0..joints).any(|link| self.part.drawn.contains(&path(link))) {
+        if (0..joints).any(|link| self.picture.drawn.contains(&path(link))) {
             return;
         }
         let dependent = match kind {
@@ -194,7 +183,7 @@ impl Recording {
         let (first, last) = (swept.directions[0], *swept.directions.last()?);
         // ζ is a line: its sign may be either.
         let zeta = mark.zeta * last.dot(mark.zeta).signum();
-        let segment = self.run.segments.get(mark.segment);
+        let segment = self.run.job.scenario.segment.get(mark.segment);
         let goal = segment.and_then(|one| one.reorient.as_ref());
         let goal = goal.filter(|turn| turn.singularity == mark.name);
         let goal = goal.map(|turn| turn.by_deg);
@@ -231,7 +220,7 @@ impl Recording {
 
     /// The hand's rotation about the old ζ, by `by` since that is free again.
     fn write_freed(&mut self, mut swept: Swept, mark: &Named, by: Mat3) -> Swept {
-        let segment = self.run.segments.get(mark.segment);
+        let segment = self.run.job.scenario.segment.get(mark.segment);
         if let Some(turn) = segment.and_then(|one| one.turn.as_ref()) {
             let (axis, angle) = glam::Quat::from_mat3(&by).to_axis_angle();
             let turned = (angle * axis.dot(swept.directions[0])).to_degrees().abs();
@@ -249,7 +238,7 @@ impl Recording {
         if directions.len() <= FEW {
             return;
         }
-        let sector = scene::sector(mark.centre, directions, 0.95 * self.mark_size());
+        let sector = scene::sector(mark.centre, directions, 0.95 * self.run.mark_size());
         let sector = ghost3d(&sector, faded(mark.tint, 90));
         self.draw(mark.tick, mark.zeta("sector"), &sector);
         if directions.len() == FEW + 1 {
@@ -259,15 +248,15 @@ impl Recording {
 
     /// ζ as it was when the arm entered, dashed.
     fn write_old_zeta(&mut self, mark: &Named, zeta: Vec3, colour: Rgba) {
-        let end = 1.15 * self.mark_size() * zeta;
+        let end = 1.15 * self.run.mark_size() * zeta;
         let dashes = dashed(mark.centre - end, mark.centre + end, 15, 0);
-        let dashes = lines(dashes, colour, self.fine());
+        let dashes = lines(dashes, colour, self.run.fine());
         self.draw(mark.tick, mark.zeta("entry"), &dashes);
     }
 
     /// Where the marks are, and how large.
     pub(super) fn place_marks(&mut self, tick: u64, marks: &[Mark]) {
-        let unit = self.mark_size();
+        let unit = self.run.mark_size();
         let names = self.subject.singularities.clone();
         for (mark, (name, _)) in marks.iter().zip(&names) {
             // Hidden entities need no pose.
@@ -296,11 +285,8 @@ impl Recording {
             ),
             all => all.iter().map(name).collect::<Vec<_>>().join(", ") + ": locked",
         };
-        let swept = self
-            .part
-            .marks
-            .iter()
-            .filter_map(|shown| shown.swept.as_ref());
+        let marks_shown = self.picture.marks.iter();
+        let swept = marks_shown.filter_map(|shown| shown.swept.as_ref());
         let swept = swept.filter(|swept| !swept.text.is_empty());
         let swept = swept.max_by_key(|swept| swept.freed.is_some());
         let now = match (row.servo_state, swept) {
@@ -308,12 +294,12 @@ impl Recording {
             (None, Some(swept)) if swept.freed.is_some() => swept.text.clone(),
             (None, swept) => {
                 let swept = swept.map(|swept| swept.text.clone());
-                let parts = [self.story.motion.words(), swept.unwrap_or_default()];
+                let parts = [self.motion.null.words(), swept.unwrap_or_default()];
                 let parts = parts.into_iter().filter(|part| !part.is_empty());
                 parts.collect::<Vec<_>>().join(": ")
             }
         };
-        let up = self.subject.eye.up.normalize_or(Vec3::Z) * (CAPTION * self.mark_size());
+        let up = self.subject.eye.up.normalize_or(Vec3::Z) * (CAPTION * self.run.mark_size());
         let centre = marks.first().map_or(hand, |mark| mark.X_BS.p);
         let all = [(lost, centre + up), (now, centre - up)];
         for (k, (text, p)) in all.into_iter().enumerate() {
@@ -321,12 +307,12 @@ impl Recording {
             if text.is_empty() {
                 self.clear(row.tick, [path]);
             } else {
-                if self.part.captions[k] != text {
+                if self.picture.captions[k] != text {
                     self.draw(row.tick, path.clone(), &words(&text));
                 }
                 self.place(path, row.tick, Placement::at(p));
             }
-            self.part.captions[k] = text;
+            self.picture.captions[k] = text;
         }
     }
 }

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use re_chunk::external::arrow::array::{Array, ArrayRef, Float32Array, Float64Array, ListArray};
-use re_chunk::external::arrow::buffer::OffsetBuffer;
-use re_chunk::external::arrow::datatypes::Field;
 use re_sdk_types::archetypes::Transform3D;
 use re_sdk_types::datatypes::Quaternion;
-use re_sdk_types::{ComponentDescriptor, SerializedComponentColumn};
+use rerun::external::arrow::array::{Array, ArrayRef, Float32Array, Float64Array, ListArray};
+use rerun::external::arrow::buffer::OffsetBuffer;
+use rerun::external::arrow::datatypes::Field;
+use rerun::{ComponentDescriptor, SerializedComponentColumn};
 
 use crate::scene::rotation;
 use crate::signals::{Kept, Now, Signal, logarithm, share, short};

@@ -18,7 +18,7 @@ const LEAST: f32 = 1e-3;
 /// Lines of a curve.
 const PIECES: usize = 16;
 
-impl Recording {
+impl Recording<'_> {
     /// The marks of a steered run; nothing in any other.
     pub(super) fn write_target(
         &mut self,
@@ -27,7 +27,7 @@ impl Recording {
         desired: Option<&Placement>,
     ) {
         let Some(state) = row.servo_state else { return };
-        let unit = self.mark_size();
+        let unit = self.run.mark_size();
         self.write_asked(
             row.tick,
             &state.V_target,
@@ -44,7 +44,7 @@ impl Recording {
         let [v, w] = vectors(V);
         let motion = (v.length() > LEAST).then(|| (v * AHEAD_S).clamp_length_min(0.2 * unit));
         let motion = arrows(hand, motion, ASKED, 0.025 * unit);
-        self.log(tick, "/world/asked/motion", &motion);
+        self.sink.log(tick, "/world/asked/motion", &motion);
         let mut strips: Vec<Vec<Vec3>> = Vec::new();
         if w.length() > LEAST {
             let start = w.normalize().any_orthonormal_vector() * (0.75 * unit);
@@ -54,7 +54,7 @@ impl Recording {
         if place.distance(hand) > 0.02 * unit && place != Vec3::ZERO {
             strips.push(vec![hand, place]);
         }
-        self.log(
+        self.sink.log(
             tick,
             "/world/asked/turn",
             &lines(strips, ASKED, 0.018 * unit),
@@ -75,8 +75,9 @@ impl Recording {
             false => (&axes[..], Some([from.p, end])),
         };
         let axes = arrows(end, axes.iter().copied(), GHOST, 0.015 * unit);
-        self.log(tick, "/world/ahead/hand", &axes);
-        self.log(tick, "/world/ahead/way", &lines(way, GHOST, 0.012 * unit));
+        self.sink.log(tick, "/world/ahead/hand", &axes);
+        self.sink
+            .log(tick, "/world/ahead/way", &lines(way, GHOST, 0.012 * unit));
     }
 }
 

@@ -55,6 +55,11 @@ impl Camera {
         Vec2::new(point.dot(self.right), point.dot(self.down)) * self.scale - self.origin
     }
 
+    /// A length in units of the drawing.
+    pub(super) fn units(&self, length_m: f32) -> f32 {
+        length_m * self.scale
+    }
+
     /// The distance from the eye, from anywhere.
     pub(super) fn depth(&self, point: Vec3) -> f32 {
         point.dot(self.forward)

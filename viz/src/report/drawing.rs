@@ -7,7 +7,6 @@ use model::Robot;
 
 use super::camera::Camera;
 use super::recorded::{Named, Recorded, at, between};
-use super::solids;
 use crate::arm::Figure;
 use crate::blueprint::Subject;
 use crate::meshes::Meshes;
@@ -24,6 +23,9 @@ const DESIRED: Rgba = 0x6eeb96ff;
 const ACTUAL: &str = "#4a5160";
 /// The second of two axes that become one, which is white in the viewer.
 const SECOND: &str = "#59606e";
+/// Colours of the limbs, in turn, and how thick they are over the arm's reach.
+const LIMBS: [Rgba; 2] = [0xe4e2daff, 0xa8aeb6ff];
+const RADIUS: f32 = 0.035;
 /// Most points of the hand's way in one drawing, and of the desired path.
 const WAY: usize = 80;
 const PATH: usize = 400;
@@ -86,6 +88,21 @@ pub(super) struct Drawing<'a> {
     pub(super) height: f32,
     /// Half the length of the mark of a singularity the arm is in; m.
     unit: f32,
+    floor_m: f32,
+}
+
+/// The arm as lines: from each joint to the next, the first from the floor.
+fn limbs(figure: &Figure, bodies: &[Placement], floor_m: f32) -> impl Iterator<Item = [Vec3; 2]> {
+    let origins = bodies.iter().skip(1).map(|at| at.p);
+    let tip = bodies.last().and_then(|at| Some(at.of(figure.tip?)));
+    let places: Vec<Vec3> = [Vec3::Z * floor_m]
+        .into_iter()
+        .chain(origins)
+        .chain(tip)
+        .collect();
+    let pairs = (1..places.len()).map(move |i| [places[i - 1], places[i]]);
+    // Joints whose frames coincide have none between them.
+    pairs.filter(|[a, b]| a.distance(*b) > 1e-3)
 }
 
 /// Base and links at a tick.
@@ -118,10 +135,10 @@ impl<'a> Drawing<'a> {
             let Some(bodies) = bodies(recorded, *tick) else {
                 continue;
             };
-            points.extend(
-                solids::of(&figure, &bodies)
-                    .flat_map(|(solid, at, _)| solid.iter().step_by(7).map(move |p| at.of(*p))),
-            );
+            // Each end of a limb with its roundness.
+            let radius = RADIUS * figure.reach;
+            let ends = limbs(&figure, &bodies, floor_m).flatten();
+            points.extend(ends.flat_map(|p| [p - radius, p + radius]));
             let tip = figure.tip.unwrap_or(Vec3::ZERO);
             let hand = bodies.last().map_or(Vec3::ZERO, |at| at.of(tip));
             points.extend(
@@ -137,6 +154,7 @@ impl<'a> Drawing<'a> {
             camera,
             height,
             unit,
+            floor_m,
         })
     }
 
@@ -155,19 +173,19 @@ impl<'a> Drawing<'a> {
         let Some(bodies) = bodies(self.recorded, tick) else {
             return;
         };
-        solids::paint(
-            &self.figure,
-            &bodies,
-            &self.camera,
-            |colour, is_end, path| {
-                let [edge, fill] =
-                    [0.5, if is_end { 1.0 } else { 0.87 }].map(|light| hex(shaded(colour, light)));
-                out.put(
-                    format!("fill=\"{fill}\" stroke=\"{edge}\" stroke-width=\"2\""),
-                    path,
-                );
-            },
-        );
+        let mut limbs: Vec<_> = limbs(&self.figure, &bodies, self.floor_m)
+            .zip(LIMBS.iter().cycle())
+            .collect();
+        let depth = |([a, b], _): &([Vec3; 2], _)| self.camera.depth((*a + *b) / 2.0);
+        limbs.sort_by(|a, b| depth(b).total_cmp(&depth(a)));
+        let width = 2.0 * self.camera.units(RADIUS * self.figure.reach);
+        for (limb, colour) in limbs {
+            // Its edge, and what is within.
+            for (light, width) in [(0.5, width + 4.0), (0.95, width)] {
+                let colour = hex(shaded(*colour, light));
+                out.put(stroke(&colour, width.round(), ""), self.line(limb));
+            }
+        }
         let hand = between(&self.recorded.hand, 0, tick);
         out.put(stroke(ACTUAL, 4.0, ""), self.way(hand, WAY));
         // Several locks share a centre: each mark is smaller than the one before, and none is drawn that is only near.

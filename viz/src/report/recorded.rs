@@ -1,32 +1,47 @@
-//! A recording as far as a page shows it: thinned lines, the log, states and places over time.
+//! A run as far as a page shows it: thinned lines, the log, states and places over time.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::path::PathBuf;
 
-use glam::{Mat3, Quat, Vec3};
+use model::Robot;
+use nalgebra::SVector;
 use shared_types::codes::{KIND_NUMERIC, KINDS, MODE_REGULAR, MODES};
 use shared_types::job::Job;
-use shared_types::summary::Summary;
 
-use crate::entity::{AXES, HAND, LINK, SINGULARITY, TARGET, link};
+use crate::arm::{placement, pose};
 use crate::narration::{NO_FAULT, colour_of};
 use crate::plot::{Axis, Color, GREY, Panel, RED, thinned};
-use crate::read::{Piece, ReadError, ReadNews, Rows, read};
-use crate::shortfall::Reading;
-use crate::signals::{Kept, Signal};
+use crate::recording::Facts;
+use crate::run::{Event, Happened, Tick};
+use crate::scene::{Mark, Presence};
+use crate::signals::{Signal, TickRow};
+use crate::sink::RecordError;
 use crate::solid::{Placement, Rgba};
+use crate::story::{News, Story};
 
 /// Stretches of a plotted line, each of at most four points: more would not be seen.
 const POINTS: u64 = 1500;
-/// Ticks without a value that are no gap: values of a lower rate begin anew with each chunk.
-fn patience(signal: Signal) -> f64 {
-    if signal.of().kept == Kept::Slow {
-        16.5
-    } else {
-        2.5
-    }
-}
+/// Ticks without a value that are no gap.
+const PATIENCE: f64 = 2.5;
+/// What the plots show.
+const PLOTTED: [Signal; 13] = {
+    use Signal::*;
+    [
+        Measure,
+        PositionError,
+        OrientationError,
+        TorqueTask,
+        TorqueNull,
+        TorqueTaskRatio,
+        TorqueNullRatio,
+        PositionInRange,
+        Speed,
+        SpeedRatio,
+        Beta,
+        Scale,
+        Latency,
+    ]
+};
 
 /// Values over time, in the order of the ticks.
 pub(super) type Track<T> = Vec<(u64, T)>;
@@ -111,13 +126,12 @@ impl Named {
     }
 }
 
-/// A recording as far as a page shows it.
+/// A run as far as a page shows it.
 #[derive(Default)]
 pub(super) struct Recorded {
     /// Of each signal its lines, element by element.
     pub(super) lines: BTreeMap<&'static str, Vec<Line>>,
-    /// Tick, level, text.
-    pub(super) log: Vec<(u64, String, String)>,
+    pub(super) log: Vec<Event>,
     /// The lane of faults.
     pub(super) faults: Track<String>,
     pub(super) rate_hz: f64,
@@ -176,126 +190,115 @@ impl Line {
     }
 }
 
-/// What is gathered of a recording by its paths.
-#[derive(Default)]
-struct Gathered {
-    places: BTreeMap<String, Track<Placement>>,
-    lost: BTreeMap<String, Track<Option<bool>>>,
-    states: BTreeMap<String, Track<String>>,
-}
-
-impl Gathered {
-    fn place(&mut self, tick: u64, of: &str, p: [f32; 3], xyzw: [f32; 4]) {
-        let R = Mat3::from_quat(Quat::from_array(xyzw).normalize());
-        let p = Vec3::from_array(p);
-        let is_shown = [HAND, TARGET, LINK, SINGULARITY]
-            .iter()
-            .any(|path| of.starts_with(path));
-        if is_shown && p.is_finite() && R.is_finite() {
-            let track = self.places.entry(of.to_owned()).or_default();
-            if track.last().is_none_or(|(last, _)| *last < tick) {
-                track.push((tick, Placement { R, p }));
-            }
-        }
-    }
-
-    fn named(&mut self, (index, name): (usize, String), job: &Job) -> Named {
-        let kind = KINDS.iter().find(|(_, known)| *known == name);
-        let kind = kind.map_or(KIND_NUMERIC, |(kind, _)| *kind);
-        let modes = self
-            .states
-            .remove(&format!("mode/{name}"))
-            .unwrap_or_default();
-        let code = |state: String| {
-            let known = MODES.iter().find(|(_, known)| *known == state);
-            known.map_or(u32::MAX, |(code, _)| *code)
-        };
-        let mark = format!("{SINGULARITY}{name}");
-        let mut track = |path: &str| self.places.remove(path).unwrap_or_default();
-        Named {
-            kind,
-            colour: colour_of(kind, index),
-            eta: job.scenario.analysis.eta_in.of(kind).max(1e-12),
-            modes: modes
-                .into_iter()
-                .map(|(tick, state)| (tick, code(state)))
-                .collect(),
-            frame: track(&mark),
-            lost: self
-                .lost
-                .remove(&format!("{mark}/{AXES}"))
-                .unwrap_or_default(),
-            name,
-        }
-    }
-}
-
 impl Recorded {
+    /// Reads a run of about so many ticks.
     pub(super) fn read(
-        parts: &[PathBuf],
-        summary: &Summary,
         job: &Job,
-        reading: &mut Reading,
-    ) -> Result<Self, ReadError> {
-        let stride = summary.ticks.div_ceil(POINTS).max(1) as usize;
-        let (mut recorded, mut gathered) = (Self::default(), Gathered::default());
-        let mut names = Vec::new();
-        recorded.rate_hz = f64::from(summary.of.rate_hz.max(1));
-        read(parts, |piece| {
-            match piece {
-                Piece::About(about) => {
-                    recorded.rate_hz = about.rate_hz();
-                    names.clone_from(&about.singularities);
-                    for signal in Signal::recorded() {
-                        let patience_s = patience(signal) / recorded.rate_hz;
-                        let elements = signal.elements(about.joints, &names).into_iter();
-                        let lines = elements.map(|name| Line::new(name, stride, patience_s));
-                        recorded
-                            .lines
-                            .entry(signal.name())
-                            .or_insert_with(|| lines.collect());
-                    }
-                }
-                Piece::Rows(rows) => {
-                    reading.add(ReadNews::Rows(rows.ticks.len() as u64));
-                    recorded.add(rows);
-                }
-                Piece::Event { tick, level, text } => recorded.log.push((tick, level, text)),
-                Piece::State { tick, lane, state } => {
-                    gathered.states.entry(lane).or_default().push((tick, state));
-                }
-                Piece::Place { tick, of, p, xyzw } => gathered.place(tick, of, p, xyzw),
-                Piece::Lost { tick, of, text } => {
-                    let known = gathered.lost.entry(of.to_owned()).or_default();
-                    known.push((tick, (!text.is_empty()).then(|| text.starts_with("turn"))));
-                }
-                Piece::Damaged(damage) => reading.add(ReadNews::Damaged(&damage)),
+        robot: &Robot,
+        ticks: impl Iterator<Item = Tick>,
+        count: u64,
+        happened: &Happened,
+    ) -> Result<Self, RecordError> {
+        let facts = Facts::new(job, robot, None, false)?;
+        let mut recorded = Self {
+            rate_hz: f64::from(facts.rate_hz),
+            ..Self::default()
+        };
+        let (mut story, mut values) = (Story::new(job, happened), Vec::new());
+        let stride = count.div_ceil(POINTS).max(1) as usize;
+        for tick in ticks {
+            let row = tick.row();
+            story.push(&row, &mut |tick, news| recorded.tell(tick, &news));
+            if recorded.singularities.is_empty() {
+                recorded.meet(&row, job);
             }
-            Ok::<(), ReadError>(())
-        })?;
+            recorded.last = row.tick;
+            let (t_s, now) = (recorded.seconds(row.tick), facts.now(&row));
+            for signal in PLOTTED {
+                values.clear();
+                (signal.of().take)(&now, &mut values);
+                let lines = recorded.lines.entry(signal.name()).or_default();
+                if lines.is_empty() && !values.is_empty() {
+                    let names = signal
+                        .elements(robot.joints.len(), &story.names)
+                        .into_iter();
+                    let line = |name| Line::new(name, stride, PATIENCE / recorded.rate_hz);
+                    lines.extend(names.map(line));
+                }
+                let pairs = lines.iter_mut().zip(&values);
+                pairs.for_each(|(line, value)| line.push(t_s, *value));
+            }
+            if facts.is_pictured(row.tick) {
+                recorded.see(&row, &facts);
+            }
+        }
         recorded.lines.values_mut().flatten().for_each(Line::flush);
-        let named = names.into_iter().enumerate();
-        recorded.singularities = named.map(|one| gathered.named(one, job)).collect();
-        recorded.faults = gathered.states.remove("fault").unwrap_or_default();
-        let mut track = |path: &str| gathered.places.remove(path);
-        recorded.links = (0..).map_while(|i| track(&link(LINK, i))).collect();
-        recorded.hand = track(HAND).unwrap_or_default();
-        recorded.target = track(TARGET).unwrap_or_default();
         Ok(recorded)
     }
 
-    fn add(&mut self, rows: &Rows) {
-        let mut values = Vec::new();
-        for (row, tick) in rows.ticks.iter().enumerate() {
-            self.last = self.last.max(*tick);
-            let t_s = self.seconds(*tick);
-            for signal in Signal::recorded() {
-                values.clear();
-                rows.values(signal, row, &mut values);
-                let lines = self.lines.get_mut(signal.name()).into_iter().flatten();
-                lines
-                    .zip(&values)
-                    .for_each(|(line, value)| line.push(t_s, *value));
+    /// The singularities of the first report.
+    fn meet(&mut self, row: &TickRow, job: &Job) {
+        for (i, one) in row.singularities().iter().enumerate() {
+            let name = shared_types::codes::singularity_name(one.kind, i).to_owned();
+            let kind = KINDS.iter().find(|(kind, _)| *kind == one.kind);
+            let kind = kind.map_or(KIND_NUMERIC, |(kind, _)| *kind);
+            self.singularities.push(Named {
+                kind,
+                colour: colour_of(kind, i),
+                eta: job.scenario.analysis.eta_in.of(kind).max(1e-12),
+                name,
+                ..Named::default()
+            });
+        }
+    }
+
+    fn tell(&mut self, tick: u64, news: &News) {
+        match news {
+            News::Line(event) => self.log.push((*event).clone()),
+            News::State {
+                name: "fault",
+                state,
+                ..
+            } => self.faults.push((tick, (*state).to_owned())),
+            News::State { name, state, .. } => {
+                let of = |one: &&mut Named| name.strip_prefix("mode/") == Some(one.name.as_str());
+                if let Some(one) = self.singularities.iter_mut().find(of) {
+                    let known = MODES.iter().find(|(_, known)| known == state);
+                    one.modes
+                        .push((tick, known.map_or(u32::MAX, |(code, _)| *code)));
+                }
+            }
+        }
+    }
+
+    /// Where everything is that the pictures show.
+    fn see(&mut self, row: &TickRow, facts: &Facts) {
+        let (Some(q), tick) = (row.q(), row.tick) else {
+            return;
+        };
+        let links = facts.links(q);
+        self.links.resize_with(facts.figure.links.len(), Vec::new);
+        for (track, link) in self.links.iter_mut().zip(links) {
+            track.push((tick, link));
+        }
+        let kinematic = || placement(&facts.arm.forward_kinematics(&SVector::from(*q)));
+        let hand = row.plant_state.map(|state| pose(&state.p_BE, &state.R_BE));
+        self.hand.push((tick, hand.unwrap_or_else(kinematic)));
+        let target = row
+            .control_state
+            .map(|state| (tick, pose(&state.p_BE_d, &state.R_BE_d)));
+        self.target.extend(target);
+        let Some(report) = row.singularity else {
+            return;
+        };
+        for (named, one) in self.singularities.iter_mut().zip(row.singularities()) {
+            let mark = Mark::new(one, report.p_BC);
+            if mark.look.presence != Presence::Hidden {
+                named.frame.push((tick, mark.X_BS));
+            }
+            let lost = mark.is_inside().then_some(mark.look.angular);
+            if named.lost.last().is_none_or(|(_, before)| *before != lost) {
+                named.lost.push((tick, lost));
             }
         }
     }

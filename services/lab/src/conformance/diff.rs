@@ -64,7 +64,7 @@ pub fn diff(folders: [&Path; 2]) -> Result<Differing, Failure> {
     let topics = topics.into_iter();
     let topics = topics.filter(|topic| a.get(*topic) != b.get(*topic));
     let topics: Vec<_> = topics.cloned().collect();
-    let without = both.iter().find(|(job, ..)| !job.messages);
+    let without = both.iter().find(|(job, ..)| !job.record);
     let without = without.map(|(_, _, folder)| folder.clone());
     // The records of now are compared: the hashes are of the records as they were written.
     let place = match without {

@@ -169,7 +169,6 @@ pub fn replay(
 ) -> Result<Replayed, Failure> {
     let run = Run {
         folder: folder.to_owned(),
-        parts: Vec::new(),
     };
     let job = job_of(&run)?;
     let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
@@ -224,11 +223,11 @@ pub fn replay(
 /// The job of a run that kept its messages.
 fn job_of(run: &Run) -> Result<Job, Failure> {
     let (job, shown) = (run.job()?, run.folder.display());
-    if job.messages {
+    if job.record {
         return Ok(job);
     }
     Err(Failure::Input(format!(
-        "{shown} has no messages to replay: run it again without --no-messages and --no-record"
+        "{shown} has no messages to replay: run it again without --no-record"
     )))
 }
 

@@ -1,6 +1,7 @@
 //! The verdict on a run with faults: the guarantees that hold under every fault, on the simulator's truth.
 
 use launcher::{End, Failure as Mishap};
+use recorder::{MESSAGES, Ticks};
 use session::{Failure, Run};
 use shared_types::codes::{
     DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_ENCODER, DRIVE_HOLDING, DRIVE_REFUSED,
@@ -38,6 +39,9 @@ const NOT_FRESH: u32 = DRIVE_ABSENT | DRIVE_REFUSED | DRIVE_STALE | DRIVE_ENCODE
 
 /// A recorder that dies in real time may cost the record of so much; s.
 const LOST_PER_DEATH_S: f64 = 0.1;
+
+/// What a volume that fills up may cost the record besides; s.
+const IN_HAND_S: f64 = 1.5;
 
 /// A process that dies later than this before the end of the run may miss it; s.
 const TIME_TO_RETURN_S: f64 = 2.0;
@@ -558,7 +562,6 @@ fn record(ran: &Ran, verdict: &mut Verdict) {
             });
             let run = Run {
                 folder: ran.job.out.clone(),
-                parts: Vec::new(),
             };
             let (damage, _) = run.message_damage(&ran.job, Some(&ran.summary));
             verdict.unless(damage.is_empty(), "files", || damage.join("; "));
@@ -570,38 +573,21 @@ fn record(ran: &Ran, verdict: &mut Verdict) {
     }
 }
 
-/// The recording has numbers of every tick but those that may be missing.
+/// The record has messages of every tick but those that may be missing.
 fn rows(ran: &Ran, ticks: u64, verdict: &mut Verdict) {
     let (rate_hz, full_at) = (ran.rate_hz(), ran.full_at());
-    let (rows, damage) = recorded(ran);
-    verdict.unless(damage.is_empty(), "files", || damage.join("; "));
-    // The chunk in hand goes with the volume, and what has come of the next one when that is detected.
-    let in_hand = (1.5 * viz::Options::default().chunk_s * rate_hz) as u64;
+    let rows = match Ticks::open_left(&ran.job.out.join(MESSAGES), &ran.job) {
+        Ok(rows) => rows.filter(|row| row.messages().sensor.is_some()).count() as u64,
+        Err(error) => return verdict.unless(false, "files", || error.to_string()),
+    };
+    // What is in hand goes with the volume, and what has come until that is detected.
+    let in_hand = (IN_HAND_S * rate_hz) as u64;
     let due = full_at.map_or(ran.summary.ticks, |full| {
         full.saturating_sub(in_hand).min(ran.summary.ticks)
     });
     verdict.unless(rows + ticks + 1 >= due, "rows", || {
-        format!("the recording has numbers of {rows} ticks of {due}, {ticks} may be missing")
+        format!("the record has messages of {rows} ticks of {due}, {ticks} may be missing")
     });
-}
-
-/// How many ticks the recording has numbers of, and which files cannot be read.
-fn recorded(ran: &Ran) -> (u64, Vec<String>) {
-    let (mut has, mut damage) = (vec![false; ran.summary.ticks as usize + 1], Vec::new());
-    let read = viz::read(&viz::parts_in(&ran.job.out), |piece| {
-        match piece {
-            viz::Piece::Rows(rows) => rows.ticks.iter().for_each(|tick| {
-                has.get_mut(*tick as usize)
-                    .into_iter()
-                    .for_each(|has| *has = true);
-            }),
-            viz::Piece::Damaged(what) => damage.push(what.to_string()),
-            _ => {}
-        }
-        Ok::<(), viz::ReadError>(())
-    });
-    damage.extend(read.err().map(|error| error.to_string()));
-    (has.iter().filter(|has| **has).count() as u64, damage)
 }
 
 /// Largest difference of a joint; rad.
@@ -688,7 +674,6 @@ mod tests {
             results,
             job: Job {
                 record: false,
-                messages: false,
                 ..job.clone()
             },
             robot: &robot,

@@ -2,16 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
-use chain::Tick;
+use chain::{Chain, Tick};
 use model::Robot;
 use recorder::TaskError;
 use serde::Serialize;
 use session::{Failure, Observer, Progress, Results, load};
 use shared_types::MAX_DOF;
 use shared_types::bounds::larger;
-use shared_types::scenario::Strategy;
+use shared_types::job::{Job, Mode};
+use shared_types::scenario::{Scenario, Strategy};
+use shared_types::topics::{ByTopic, Received};
 use viz::plot::digits;
-use viz::{Recording, RunInfo, TickRow};
+use viz::{Happened, Rival};
 
 use crate::text::percent;
 use crate::trial::Trial;
@@ -84,16 +86,35 @@ pub fn race(
     }
     let results = Results::create(out, "race")?;
     let every = u64::from((scenario.rate_hz / PICTURE_HZ).max(1));
+    let (title, unit) = ("race", "laws");
     observer(Progress::Begin {
-        title: "race",
-        length: 2,
-        unit: "laws",
+        title,
+        length: 3,
+        unit,
     });
-    let theirs = run(&Trial::under(rival, &robot, &scenario), every)?;
-    observer(Progress::Step);
-    let own = Trial::under(law, &robot, &scenario);
-    let ours = record(&own, names, &theirs, every, &results.folder)?;
+    let [ours, theirs] = [law, rival].map(|law| {
+        let driven = run(&Trial::under(law, &robot, &scenario), every);
+        observer(Progress::Step);
+        driven
+    });
+    let (ours, theirs) = (ours?, theirs?);
+    let pairs = ours
+        .iter()
+        .zip(theirs.iter().chain(theirs.last().into_iter().cycle()));
+    let words = pairs.enumerate().map(|(picture, (ours, theirs))| {
+        // Counters that change with each picture cannot be read.
+        (picture as u64)
+            .is_multiple_of(COUNTERS_EVERY)
+            .then(|| counters(names, [&ours.1, &theirs.1]))
+    });
+    let rival_drawn = Rival {
+        every,
+        postures: theirs.iter().map(|(q, _)| *q).collect(),
+        words: held(words),
+    };
+    record(&robot, &scenario, &rival_drawn, &results.folder)?;
     observer(Progress::End);
+    let ours = ours.last().map_or_else(Racer::default, |(_, racer)| *racer);
     let rival = theirs
         .last()
         .map_or_else(Racer::default, |(_, racer)| *racer);
@@ -124,54 +145,49 @@ fn run(trial: &Trial<'_>, every: u64) -> Result<Vec<([f64; MAX_DOF], Racer)>, Fa
     Ok(places)
 }
 
-/// Records a law's run with the rival of these places beside it; how the law did.
-fn record(
-    trial: &Trial<'_>,
-    names: [&str; 2],
-    rival: &[([f64; MAX_DOF], Racer)],
-    every: u64,
-    folder: &Path,
-) -> Result<Racer, Failure> {
-    let Trial {
-        robot, scenario, ..
-    } = trial;
-    let run = format!("race-{}-{}", scenario.name, scenario.seed);
-    let info = RunInfo {
-        scenario,
-        robot,
-        run: &run,
-        version: env!("CARGO_PKG_VERSION"),
-        seed: scenario.seed,
-        hops: None,
-        lives: viz::Lives::default(),
+/// Words that hold until the next.
+fn held(words: impl Iterator<Item = Option<String>>) -> Vec<String> {
+    let mut now = String::new();
+    let hold = words.map(|words| {
+        now = words.unwrap_or_else(|| std::mem::take(&mut now));
+        now.clone()
+    });
+    hold.collect()
+}
+
+/// Draws the scenario's own law with the rival beside it.
+fn record(robot: &Robot, scenario: &Scenario, rival: &Rival, folder: &Path) -> Result<(), Failure> {
+    let (graph, out) = (load::graph_of(scenario, None)?, folder.to_owned());
+    let job = Job {
+        run: format!("race-{}-{}", scenario.name, scenario.seed),
+        ..load::job(robot, scenario.clone(), graph, Mode::Lockstep, out)
     };
-    let mut recording = Recording::create(folder, &info).map_err(Failure::work)?;
-    let (mut ours, mut words, mut failed) = (Racer::default(), String::new(), None);
-    let ended = trial.watch(|tick, error| {
-        let number = tick.sensor.header.tick;
-        ours.add(tick, error, robot);
-        // A rival that is done stays where it is.
-        let picture = (number / every) as usize;
-        if number % every == 0
-            && let Some((q, theirs)) = rival.get(picture).or(rival.last())
-        {
-            if (number / every).is_multiple_of(COUNTERS_EVERY) {
-                words = counters(names, [&ours, theirs]);
-            }
-            recording.rival(number, q, &words);
+    let mut chain = Chain::new(robot, scenario).map_err(Failure::input)?;
+    let mut whole = Tick::default();
+    let ticks = (0..).map_while(|tick| {
+        if !chain.step(&mut whole) {
+            return None;
         }
-        let mut messages = tick.lent();
+        let mut messages: ByTopic<Received> = (&whole).into();
         if scenario.servo.is_none() {
             // The chain has a place for them in any run.
             (messages.target, messages.servo_state) = (None, None);
         }
-        let drawn = recording.tick(&TickRow::new(number, messages));
-        failed = failed.take().or(drawn.err());
+        let events = Vec::new();
+        Some(viz::Tick {
+            tick,
+            messages,
+            events,
+        })
     });
-    ended.map_err(Failure::input)?;
-    failed.map_or(Ok(()), |error| Err(Failure::work(error)))?;
-    recording.finish().map_err(Failure::work)?;
-    Ok(ours)
+    let (path, rival) = (folder.join(viz::RECORDING), Some(rival));
+    let happened = Happened {
+        rival,
+        ..Happened::default()
+    };
+    viz::write_rrd(&path, &job, robot, ticks, &happened, &mut |_| true)
+        .map(drop)
+        .map_err(Failure::work)
 }
 
 /// Both laws' numbers so far, as Markdown.

@@ -1,0 +1,283 @@
+//! A run's record as everything that is made from it: the recording, tables, the page.
+
+use std::cell::Cell;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use launcher::Interrupts;
+use model::Robot;
+use recorder::{MESSAGES, Ticks};
+use shared_types::job::Job;
+use shared_types::summary::Summary;
+use viz::{Event, Happened, Level, RECORDING, RecordError, Tick};
+
+use crate::failure::Failure;
+use crate::launch::interrupts;
+use crate::progress::{Observer, Progress};
+use crate::results::Results;
+use crate::runs::Run;
+
+/// How long work goes on before its progress is shown.
+const QUIET: Duration = Duration::from_secs(1);
+
+/// What a run left: its messages, tick by tick, and what is known besides.
+pub(crate) struct Record {
+    pub(crate) job: Job,
+    pub(crate) robot: Robot,
+    /// None yet of a run that still goes on, or whose launcher was killed.
+    pub(crate) summary: Option<Summary>,
+    ticks: Ticks,
+}
+
+impl Record {
+    /// # Errors
+    /// [`Failure::Input`] where the run has no record, or none that is its own.
+    pub(crate) fn open(run: &Run) -> Result<Self, Failure> {
+        let job = run.job()?;
+        if !job.record {
+            return Err(Failure::Input(format!(
+                "{} has no record; run it again without --no-record",
+                run.folder.display()
+            )));
+        }
+        let summary = run.summary_if_any().ok().flatten();
+        Self::of(job, &run.folder, summary)
+    }
+
+    /// The record that a job's run has in a folder.
+    pub(crate) fn of(
+        mut job: Job,
+        folder: &Path,
+        summary: Option<Summary>,
+    ) -> Result<Self, Failure> {
+        // Its name identifies the recording: two in one viewer are not one.
+        if let Some(summary) = &summary {
+            job.run.clone_from(&summary.of.run);
+        }
+        let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
+        let ticks = Ticks::open_left(&folder.join(MESSAGES), &job).map_err(Failure::input)?;
+        Ok(Self {
+            ticks,
+            job,
+            robot,
+            summary,
+        })
+    }
+
+    /// Makes something from it, with progress; returns that, and the clauses about what the record lacks.
+    pub(crate) fn make<T>(
+        self,
+        title: &str,
+        observer: Observer<'_>,
+        make: impl FnOnce(Source<'_>) -> T,
+    ) -> Result<(T, Read), Failure> {
+        let mut signals = interrupts()?;
+        self.make_until(title, observer, &mut signals, make)
+    }
+
+    /// The same where somebody has an ear for signals already.
+    pub(crate) fn make_until<T>(
+        mut self,
+        title: &str,
+        observer: Observer<'_>,
+        signals: &mut Interrupts,
+        make: impl FnOnce(Source<'_>) -> T,
+    ) -> Result<(T, Read), Failure> {
+        let (begun, is_shown, last) = (Instant::now(), Cell::new(false), Cell::new(None));
+        let length = self.summary.as_ref().map_or(0, |summary| summary.ticks);
+        let faults = self
+            .summary
+            .as_ref()
+            .map_or(&[][..], |summary| &summary.faults);
+        let made = make(Source {
+            job: &self.job,
+            robot: &self.robot,
+            happened: Happened {
+                faults,
+                rival: None,
+            },
+            ticks: &mut read(&mut self.ticks, &last),
+            progress: &mut |count| {
+                if !is_shown.get() && begun.elapsed() > QUIET {
+                    is_shown.set(true);
+                    let unit = "ticks";
+                    observer(Progress::Begin {
+                        title,
+                        length,
+                        unit,
+                    });
+                }
+                observer(Progress::Position(count));
+                signals.pending().is_none()
+            },
+        });
+        if is_shown.get() {
+            observer(Progress::End);
+        }
+        let mut lacks = self.ticks.damage(self.summary.as_ref());
+        let error = self.summary.map(|summary| summary.recorder.error);
+        lacks.extend(error.filter(|error| !error.is_empty() && !lacks.contains(error)));
+        let last = last.get();
+        Ok((made, Read { last, lacks }))
+    }
+}
+
+/// A record that is being read.
+pub(crate) struct Source<'a> {
+    pub(crate) job: &'a Job,
+    pub(crate) robot: &'a Robot,
+    pub(crate) happened: Happened<'a>,
+    pub(crate) ticks: &'a mut dyn Iterator<Item = Tick>,
+    pub(crate) progress: viz::Progress<'a>,
+}
+
+/// A record that has been read.
+pub(crate) struct Read {
+    /// The last tick.
+    pub(crate) last: Option<u64>,
+    /// What it lacks, in clauses.
+    pub(crate) lacks: Vec<String>,
+}
+
+/// The ticks of a record as pictures and tables are made of them; `last` is the last one read.
+fn read<'a>(
+    ticks: &'a mut Ticks,
+    last: &'a Cell<Option<u64>>,
+) -> impl Iterator<Item = Tick> + use<'a> {
+    let mut next = ticks.next();
+    std::iter::from_fn(move || {
+        let row = next.take()?;
+        // Those that are noted behind it are its own where it is the last.
+        next = ticks.next();
+        let events = ticks.events().map(|event| Event {
+            tick: event.tick,
+            level: match event.level {
+                recorder::Level::Info => Level::Info,
+                recorder::Level::Warning => Level::Warning,
+                recorder::Level::Error => Level::Error,
+            },
+            text: event.text,
+        });
+        last.set(Some(row.tick));
+        Some(Tick {
+            tick: row.tick,
+            messages: *row.messages(),
+            events: events.collect(),
+        })
+    })
+}
+
+/// Draws a run's recording into a file; a sentence about meshes that could not be read goes to the observer.
+pub(crate) fn draw(
+    record: Record,
+    path: &Path,
+    observer: Observer<'_>,
+    signals: &mut Interrupts,
+) -> Result<(Result<(), RecordError>, Read), Failure> {
+    let (drawn, read) = record.make_until(RECORDING, observer, signals, |source| {
+        let Source {
+            job,
+            robot,
+            happened,
+            ticks,
+            progress,
+        } = source;
+        viz::write_rrd(path, job, robot, ticks, &happened, progress)
+    })?;
+    let drawn = drawn.map(|lacking| {
+        let lacking = lacking.map(|sentence| format!("armplane: {sentence}"));
+        lacking
+            .iter()
+            .for_each(|sentence| observer(Progress::Line(sentence)));
+    });
+    Ok((drawn, read))
+}
+
+/// Draws the recording of a run that is over into its folder. A signal ends that, and a sentence says how to get it.
+///
+/// # Errors
+/// [`Failure::Work`] where it cannot be drawn.
+pub(crate) fn draw_results(
+    job: &Job,
+    summary: &Summary,
+    observer: Observer<'_>,
+    signals: &mut Interrupts,
+) -> Result<(), Failure> {
+    if !job.record || summary.ticks == 0 {
+        return Ok(());
+    }
+    let folder = &job.out;
+    let record = Record::of(job.clone(), folder, Some(summary.clone()))?;
+    let remedy = || format!("`armplane view {}` makes it", folder.display());
+    match draw(record, &folder.join(RECORDING), observer, signals)?.0 {
+        Ok(()) => Ok(()),
+        Err(RecordError::Stopped) => {
+            let sentence = format!("armplane: {RECORDING} was not finished: {}", remedy());
+            observer(Progress::Line(&sentence));
+            Ok(())
+        }
+        Err(error) => Err(Failure::Work(format!("{error}; then {}", remedy()))),
+    }
+}
+
+/// A recording to be shown.
+pub struct Shown {
+    /// Its file.
+    pub file: PathBuf,
+    /// What the record lacks, in one sentence.
+    pub lack: Option<String>,
+    /// The folder of a recording of a run that still goes on; it goes when this is dropped.
+    _passing: Option<tempfile::TempDir>,
+}
+
+/// The recording of a run, made where it is missing. Of a run that still goes on as far as its record holds it, beside the user's files; a sentence says
+/// to which tick.
+///
+/// # Errors
+/// [`Failure`] where there is no record, or the recording cannot be made.
+pub fn shown(run: &Run, observer: Observer<'_>) -> Result<Shown, Failure> {
+    let file = run.folder.join(RECORDING);
+    let is_alive = run.is_alive();
+    if file.exists() && !is_alive {
+        return Ok(Shown {
+            file,
+            lack: None,
+            _passing: None,
+        });
+    }
+    let record = Record::open(run)?;
+    // Its launcher may be about to draw it.
+    let _folder = (!is_alive)
+        .then(|| Results::of_run(&run.folder))
+        .transpose()?;
+    let passing = is_alive
+        .then(tempfile::tempdir)
+        .transpose()
+        .map_err(Failure::work)?;
+    let file = passing
+        .as_ref()
+        .map_or(file, |folder| folder.path().join(RECORDING));
+    let mut signals = interrupts()?;
+    let (drawn, Read { last, lacks }) = draw(record, &file, observer, &mut signals)?;
+    drawn.map_err(Failure::work)?;
+    let Some(last) = last else {
+        let lack = lacks
+            .first()
+            .map_or("its record has no tick", String::as_str);
+        let _ = std::fs::remove_file(&file);
+        return Err(Failure::Input(run.with_remedy(&lack)));
+    };
+    let lack = if is_alive {
+        let folder = run.folder.display();
+        let sentence = format!("armplane: {folder} still runs: the recording ends at tick {last}");
+        observer(Progress::Line(&sentence));
+        None
+    } else {
+        (!lacks.is_empty()).then(|| run.with_remedy(&lacks.join("; ")))
+    };
+    Ok(Shown {
+        file,
+        lack,
+        _passing: passing,
+    })
+}

@@ -1,0 +1,360 @@
+//! What happens in a run, as it changes: the lanes of the state timeline and the lines of the log. PURE.
+
+use shared_types::codes::{DRIVES, MODES, PHASES, name_of, singularity_name};
+use shared_types::fault::Kind;
+use shared_types::job::Job;
+use shared_types::summary::FaultSummary;
+use shared_types::{MAX_SINGULARITIES, Message};
+
+use crate::entity::{self, LIVES, Lives};
+use crate::narration::NO_FAULT;
+use crate::run::{Event, Happened, Level};
+use crate::signals::TickRow;
+
+/// A message that is missing for so many ticks is late, not absent.
+const PATIENCE: u64 = 3;
+/// How long a process counts as restarted; s.
+const FRESH_S: f64 = 0.5;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Lane {
+    Fault,
+    Process(usize),
+    Drive,
+    Phase,
+    /// What control does at a singularity.
+    Mode(usize),
+}
+
+/// The lanes but the faults', in the order in which they are told.
+fn lanes() -> impl Iterator<Item = Lane> {
+    let processes = (0..LIVES).map(Lane::Process);
+    let modes = (0..MAX_SINGULARITIES).map(Lane::Mode);
+    processes.chain([Lane::Drive, Lane::Phase]).chain(modes)
+}
+
+/// A piece of news.
+#[derive(Debug)]
+pub(crate) enum News<'a> {
+    /// A lane of the state timeline changes.
+    State {
+        /// `mode/wrist`, `process/plant`, `drive`, `phase`, `fault`.
+        name: &'a str,
+        /// Its place in a recording.
+        path: &'a str,
+        state: &'a str,
+    },
+    Line(&'a Event),
+}
+
+/// A fault: in force from `tick` until `until`, in words for its lane and for the headline.
+#[derive(Clone, Debug)]
+pub(crate) struct Fault {
+    process: String,
+    tick: u64,
+    until: u64,
+    pub(crate) lane: String,
+    pub(crate) headline: String,
+}
+
+impl Fault {
+    /// `None` for one that has not come to pass.
+    fn of(fault: &FaultSummary, rate_hz: u32) -> Option<Self> {
+        let (lane, headline) = words(fault);
+        let ticks = |ms: f64| (ms * 1e-3 * f64::from(rate_hz)).ceil() as u64;
+        let planned = fault.plan.as_ref().and_then(|plan| plan.for_ticks);
+        // A process that is gone has recovered when it sends again; a fault of messages, sensors or drives ends with its ticks.
+        let is_down = fault
+            .plan
+            .as_ref()
+            .is_none_or(|plan| plan.kind.takes_down());
+        let length = match (is_down, fault.recovered_ms) {
+            (true, None) => None,
+            (true, Some(ms)) => planned.or(Some(ticks(ms))),
+            (false, _) => planned,
+        };
+        let until = length.map_or(u64::MAX, |length| fault.tick.saturating_add(length.max(1)));
+        fault.occurred.then(|| Self {
+            process: fault.process.clone(),
+            tick: fault.tick,
+            until,
+            lane,
+            headline,
+        })
+    }
+}
+
+/// A fault for its lane, `controller kill`, and for the headline, `Controller killed`.
+fn words(fault: &FaultSummary) -> (String, String) {
+    let mut process = fault.process.clone();
+    if let Some(first) = process.get_mut(..1) {
+        first.make_ascii_uppercase();
+    }
+    let (lane, ended) = (
+        format!("{} {}", fault.process, fault.kind),
+        format!("{process} ended"),
+    );
+    let Some(plan) = fault.plan.as_ref().filter(|_| fault.kind != "exit") else {
+        return (lane, ended);
+    };
+    let way = plan.way.map_or(String::new(), |way| format!(" {way}"));
+    let joint = plan
+        .joint
+        .map_or(String::new(), |joint| format!(" of joint {joint}"));
+    let headline = match plan.kind {
+        Kind::Kill => format!("{process} killed"),
+        Kind::Crash => format!("{process} crashed"),
+        Kind::Hang => format!("{process} hangs"),
+        Kind::Sensor => format!("Sensor{way}{joint}"),
+        Kind::Drive => format!("Drive{way}{joint}"),
+        kind => format!("{process}: {kind}{way}"),
+    };
+    (format!("{} {}{way}", fault.process, plan.kind), headline)
+}
+
+/// A run's story so far.
+pub(crate) struct Story {
+    lives: Lives,
+    pub(crate) faults: Vec<Fault>,
+    /// Names of the singularities, in the report's order; none before the first report.
+    pub(crate) names: Vec<String>,
+    fresh: u64,
+    /// The fault in force, and what each lane says.
+    fault: Option<String>,
+    states: [&'static str; LIVES + 2 + MAX_SINGULARITIES],
+    /// For how many ticks each writer's message has been missing, its incarnation, and until when it counts as restarted.
+    missing: [u64; LIVES],
+    incarnations: [u32; LIVES],
+    fresh_until: [u64; LIVES],
+}
+
+impl Story {
+    pub(crate) fn new(job: &Job, happened: &Happened) -> Self {
+        let rate_hz = job.scenario.rate_hz.max(1);
+        let faults = happened.faults.iter();
+        let mut faults: Vec<_> = faults
+            .filter_map(|fault| Fault::of(fault, rate_hz))
+            .collect();
+        faults.sort_by_key(|fault| fault.tick);
+        Self {
+            lives: Lives::of(&job.graph),
+            faults,
+            names: Vec::new(),
+            fresh: (FRESH_S * f64::from(rate_hz)) as u64,
+            fault: None,
+            states: [""; _],
+            missing: [0; LIVES],
+            incarnations: [0; LIVES],
+            fresh_until: [0; LIVES],
+        }
+    }
+
+    /// The fault in force at a tick: of several the one that came last.
+    pub(crate) fn fault(&self, tick: u64) -> Option<&Fault> {
+        let mut all = self.faults.iter().rev();
+        all.find(|fault| (fault.tick..fault.until).contains(&tick))
+    }
+
+    fn name(&self, lane: Lane) -> String {
+        match lane {
+            Lane::Fault => "fault".to_owned(),
+            Lane::Process(place) => format!("process/{}", self.lives.name(place)),
+            Lane::Drive => "drive".to_owned(),
+            Lane::Phase => "phase".to_owned(),
+            Lane::Mode(i) => format!("mode/{}", self.names[i]),
+        }
+    }
+
+    /// The viewer names a lane by its path and orders lanes by it: it is as short as can be, with a number in front where lanes have an order.
+    fn path(&self, lane: Lane) -> String {
+        match lane {
+            Lane::Fault => entity::FAULT.to_owned(),
+            Lane::Process(place) => entity::life((place, self.lives.name(place))),
+            Lane::Drive => entity::DRIVE.to_owned(),
+            Lane::Phase => entity::PHASE.to_owned(),
+            Lane::Mode(i) => format!("/{}", self.names[i]),
+        }
+    }
+
+    /// Takes a tick in, and tells what is new in it.
+    pub(crate) fn push(&mut self, row: &TickRow, tell: &mut dyn FnMut(u64, News)) {
+        if self.names.is_empty() {
+            let all = row.singularities().iter().enumerate();
+            let names = all.map(|(i, one)| singularity_name(one.kind, i).to_owned());
+            self.names = names.collect();
+        }
+        for event in row.events {
+            tell(event.tick, News::Line(event));
+        }
+        let fault = self
+            .fault(row.tick)
+            .map_or(NO_FAULT.0, |fault| fault.lane.as_str());
+        if self.fault.as_deref() != Some(fault) {
+            let fault = fault.to_owned();
+            self.tell_state(row.tick, Lane::Fault, &fault, tell);
+            self.fault = Some(fault);
+        }
+        for (place, lane) in lanes().enumerate() {
+            let (state, before) = (self.state(lane, row, tell), self.states[place]);
+            if state.is_empty() || state == before {
+                continue;
+            }
+            self.states[place] = state;
+            self.tell_state(row.tick, lane, state, tell);
+            if let (Lane::Mode(i), false) = (lane, before.is_empty()) {
+                let text = format!("{}: {before} → {state}", self.names[i]);
+                tell_line(row.tick, Level::Info, text, tell);
+            }
+        }
+    }
+
+    fn tell_state(&self, tick: u64, lane: Lane, state: &str, tell: &mut dyn FnMut(u64, News)) {
+        let (name, path) = (&self.name(lane), &self.path(lane));
+        tell(tick, News::State { name, path, state });
+    }
+
+    /// What a lane says; nothing where that is not known.
+    fn state(
+        &mut self,
+        lane: Lane,
+        row: &TickRow,
+        tell: &mut dyn FnMut(u64, News),
+    ) -> &'static str {
+        match lane {
+            Lane::Fault => "",
+            Lane::Process(place) if self.lives.name(place).is_empty() => "",
+            Lane::Process(place) if place + 1 == LIVES => self.recorder(row.tick),
+            Lane::Process(place) => self.life(place, row, tell),
+            Lane::Drive => row
+                .sensor
+                .map_or("", |sensor| name_of(DRIVES, sensor.drive)),
+            Lane::Phase => row
+                .torque
+                .map_or("", |torque| name_of(PHASES, torque.phase)),
+            Lane::Mode(i) if i < self.names.len() => row
+                .control_state
+                .map_or("", |state| name_of(MODES, state.mode[i])),
+            Lane::Mode(_) => "",
+        }
+    }
+
+    /// The recorder sends nothing: its faults tell.
+    fn recorder(&self, tick: u64) -> &'static str {
+        let name = self.lives.name(LIVES - 1);
+        let mut own = self
+            .faults
+            .iter()
+            .rev()
+            .filter(|fault| fault.process == name);
+        match own.find(|fault| fault.tick <= tick) {
+            Some(fault) if tick < fault.until => "silent",
+            Some(fault) if tick < fault.until.saturating_add(self.fresh) => "restarted",
+            _ => "up",
+        }
+    }
+
+    /// The state of a process. A writer whose own input is missing waits; one that has its input and writes nothing is silent.
+    fn life(&mut self, i: usize, row: &TickRow, tell: &mut dyn FnMut(u64, News)) -> &'static str {
+        let header = match i {
+            0 => row
+                .sensor
+                .map(Message::header)
+                .or(row.plant_state.map(Message::header)),
+            1 => row.estimate.map(Message::header),
+            2 => row.singularity.map(Message::header),
+            _ => row.torque.map(Message::header),
+        };
+        let has_input = match i {
+            0 => true,
+            1 => row.sensor.is_some(),
+            2 => row.estimate.is_some(),
+            _ => row.estimate.is_some() && row.singularity.is_some(),
+        };
+        let Some(incarnation) = header.map(|header| header.incarnation) else {
+            self.missing[i] += 1;
+            return match has_input {
+                _ if self.missing[i] < PATIENCE && !self.states[i].is_empty() => "",
+                true => "silent",
+                false => "waiting",
+            };
+        };
+        self.missing[i] = 0;
+        let before = self.incarnations[i];
+        self.incarnations[i] = before.max(incarnation);
+        if before > 0 && incarnation > before {
+            let name = self.lives.name(i);
+            let text = format!("{name} is back as incarnation {incarnation}");
+            tell_line(row.tick, Level::Warning, text, tell);
+            self.fresh_until[i] = row.tick + self.fresh;
+        }
+        if row.tick < self.fresh_until[i] {
+            "restarted"
+        } else {
+            "up"
+        }
+    }
+}
+
+fn tell_line(tick: u64, level: Level, text: String, tell: &mut dyn FnMut(u64, News)) {
+    tell(tick, News::Line(&Event { tick, level, text }));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::graph::Graph;
+    use shared_types::topics::ByTopic;
+    use shared_types::{SensorSample, SingularityReport, StateEstimate, TorqueCommand};
+
+    /// A writer whose input is missing waits, one that has it is silent; both after a few ticks.
+    #[test]
+    fn missing_messages_are_told() {
+        let mut story = Story {
+            lives: Lives::of(&Graph::built_in(false).expect("valid")),
+            faults: Vec::new(),
+            names: Vec::new(),
+            fresh: 500,
+            fault: None,
+            states: [""; _],
+            missing: [0; LIVES],
+            incarnations: [0; LIVES],
+            fresh_until: [0; LIVES],
+        };
+        let sensor = SensorSample::default();
+        let estimate = StateEstimate::default();
+        let (mut report, torque) = <(SingularityReport, TorqueCommand)>::default();
+        let (mut states, mut lines) = (Vec::new(), Vec::new());
+        for tick in 0..100 {
+            report.header.incarnation = if tick < 60 { 1 } else { 2 };
+            let is_missing = (20..60).contains(&tick);
+            let messages = ByTopic {
+                sensor: Some(&sensor),
+                estimate: Some(&estimate),
+                singularity: Some(&report).filter(|_| !is_missing),
+                torque: Some(&torque).filter(|_| !is_missing),
+                ..ByTopic::default()
+            };
+            story.push(
+                &TickRow::new(tick, messages),
+                &mut |tick, news| match news {
+                    News::State { name, state, .. } => {
+                        states.push((name.to_owned(), state.to_owned()))
+                    }
+                    News::Line(event) => lines.push((tick, event.level)),
+                },
+            );
+        }
+        for (process, expected) in [
+            ("analyzer", &["up", "silent", "restarted"][..]),
+            ("estimator", &["up"]),
+            ("controller", &["up", "waiting", "up"]),
+        ] {
+            let own = states
+                .iter()
+                .filter(|(name, _)| *name == format!("process/{process}"));
+            let own: Vec<&str> = own.map(|(_, state)| state.as_str()).collect();
+            assert_eq!(own, expected, "{process}");
+        }
+        assert_eq!(lines, [(60, Level::Warning)]);
+    }
+}
