@@ -188,7 +188,7 @@ def faults(_):
     for one in listed:
         to = "any" if len(one["roles"]) == 3 else ", ".join(roles[role] for role in one["roles"])
         length = "to the end" if one["length_s"] is None else f"{one['length_s']} s"
-        kinds.append([f"`{one['kind']}`", one["about"], to, length, f"{one['amount_ms']} ms" if one["amount_ms"] else ""])
+        kinds.append([f"`{one['kind']}`", one["about"], to, length])
         for way in one["ways"]:
             about = way["about"].split(": ", 1)[1] if one["kind"] in way["about"].split(":")[0] else way["about"]
             if "; drive: " in way["about"]:
@@ -196,7 +196,7 @@ def faults(_):
             usual = f"{way['amount']:g} {way['unit']}" if way["amount"] else ""
             ways.append([f"`{one['kind']}`", f"`{way['as']}`", about[0].upper() + about[1:], usual])
     about = "[Faults](../faults.md) shows how to inject them, [the scenario's reference](scenario.md#fault) lists all keys.\n\n## Kinds\n\n"
-    about += table(["kind", "effect", "processes", "default duration", "default amount"], kinds)
+    about += table(["kind", "effect", "processes", "default duration"], kinds)
     return about + "\n## Variants\n\nThe first variant of a kind is its default.\n\n" + table(["kind", "variant (`as`)", "effect", "default amount"], ways)
 
 

@@ -31,7 +31,7 @@ use crate::process::Role;
 use crate::wire::{Field, Message};
 use crate::{ControlState, PlantState};
 
-use kind::{DELAY_TICKS, LONGEST_MS, Rule};
+use kind::{DELAY_TICKS, Rule};
 
 pub use kind::{Kind, MOST_DELAY_TICKS, Way};
 pub use scheduled::ScheduledFault;
@@ -80,7 +80,7 @@ pub struct Fault {
     /// `sensor`, `drive`: the joint, counted from 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub joint: Option<u32>,
-    /// Size of the fault, in the unit of its variant; ms for kinds without variants.
+    /// Size of the fault, in the unit of its variant.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub amount: Option<f64>,
     /// Seed of the fault's random numbers. Default: from the scenario's seed.
@@ -275,16 +275,10 @@ impl Fault {
 
     /// The amount given, or the usual one of its kind in this way.
     fn checked_amount(&self, way: Option<Way>) -> Result<f64, Complaint> {
-        let usual_ms = self.kind.rule().usual_ms;
-        let (usual, most) = if usual_ms > 0.0 {
-            (Some(usual_ms), 0.0..=LONGEST_MS)
-        } else {
-            let usual = way.map(|way| self.kind.usual_amount(way));
-            (usual, -1e12..=1e12)
-        };
+        let usual = way.map(|way| self.kind.usual_amount(way));
         let amount = self.amount.or(usual).unwrap_or(0.0);
         require(
-            most.contains(&amount),
+            (-1e12..=1e12).contains(&amount),
             "amount",
             format!("an amount of {amount}"),
             "a number in the unit of the fault's way; `armplane fault --list`",
@@ -359,7 +353,7 @@ impl Fault {
             let message = format!("`{kind}` does not come as `{way}`");
             require(kind.ways().any(|one| one == way), "as", message, remedy)?;
         }
-        let has_amount = rule.usual_ms > 0.0 || kind.known_ways().iter().any(|way| way.1 != 0.0);
+        let has_amount = kind.known_ways().iter().any(|way| way.1 != 0.0);
         let given = [
             ("probability", self.probability.is_some()),
             ("field", self.field.is_some()),
@@ -626,7 +620,6 @@ mod tests {
                 "field",
             ),
             ("process='analyzer'\nkind='cut'\ntopic='torque'", "topic"),
-            ("process='analyzer'\nkind='slow'\namount=2e3", "amount"),
             (
                 "process='analyzer'\nkind='delay'\ndelay_ticks=40\njitter_ticks=11",
                 "delay_ticks",

@@ -85,7 +85,7 @@ fn faults_drawn_at_random_have_the_bytes_of_five_processes() {
         ),
         (
             "fault.1.kind",
-            "values = [\"delay\", \"drop\", \"duplicate\", \"reorder\", \"stale\", \"corrupt\", \"zombie\"]",
+            "values = [\"delay\", \"drop\", \"duplicate\", \"stale\", \"corrupt\", \"zombie\"]",
         ),
         ("fault.1.at_tick", "from = 0\nto = 400"),
         ("fault.1.for_ticks", "from = 1\nto = 120"),
@@ -323,8 +323,8 @@ fn a_sweep_that_cannot_be_is_refused_in_a_sentence() {
             "short `kill` plant",
         ),
         (
-            set("fault=[{process='recorder', kind='slow-disk', at_tick=10}]"),
-            "short `slow-disk` recorder",
+            set("fault=[{process='recorder', kind='disk-full', at_tick=10}]"),
+            "short `disk-full` recorder",
         ),
     ] {
         sweep_file(&desk, "bad", &more);

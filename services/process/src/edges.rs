@@ -11,15 +11,12 @@ use shared_types::fault::{Kind, ScheduledFault, corrupted_topic, shaped_topic};
 use shared_types::topics::{COUNT, Each, TOPICS, Topic, each};
 
 use crate::fence::Fence;
+use crate::member::{Board, Member, Sink};
 use crate::message_faults::{Shaper, is_cut};
 use crate::packed::Packed;
 use crate::port::{Inputs, Port};
 use crate::scratch::Scratch;
 use crate::step::Flow;
-use crate::thread::{Board, Member};
-
-/// Takes in every message that counts, with the place of its topic.
-pub(crate) type Sink<'a> = &'a mut dyn FnMut(usize, &[u8]);
 
 /// Why a run ends before its task does.
 #[derive(Clone, Debug, PartialEq, Eq)]

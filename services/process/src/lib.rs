@@ -6,6 +6,7 @@
 //! port            topics as a step sees them: Port, Inputs, Outputs        scratch   what steps on one thread need not compute twice
 //! snapshot        the state as bytes, with layout and checksum
 //! message_faults  what a fault makes of a message as it leaves             fence     which messages count
+//! member          a process of a graph with its step
 //! thread          a list of steps on one thread                            edges     the same under faults
 //! ```
 //!
@@ -14,6 +15,7 @@
 
 mod edges;
 mod fence;
+mod member;
 mod message_faults;
 mod packed;
 mod port;
@@ -24,10 +26,11 @@ mod thread;
 
 pub use edges::Ended;
 pub use fence::{Fence, first_not_finite};
+pub use member::Member;
 pub use message_faults::{Shaper, apply_to_outgoing, happens, is_cut};
 pub use packed::Packed;
 pub use port::{Inputs, MOST_PORTS, Outputs, Port};
 pub use scratch::Scratch;
 pub use snapshot::{Damaged, Snapshot, Stateless};
 pub use step::{Flow, Process, Running, Step};
-pub use thread::{Member, Thread};
+pub use thread::Thread;

@@ -14,8 +14,6 @@ use crate::checkpoint::Commit;
 use crate::clock::now_ns;
 use crate::control_page::{ControlPage, ProcessEntry, Stop};
 use crate::disturbance::Pauses;
-use crate::fault::clock;
-use crate::fault::process::CpuLoad;
 use crate::fault::table::KnownFaults;
 use crate::manifest::Manifest;
 use crate::run_dir::RunDir;
@@ -59,7 +57,6 @@ impl StopFlag {
 #[derive(Default)]
 pub(crate) struct FaultState {
     pub(crate) known: RefCell<KnownFaults>,
-    cpu_load: RefCell<Option<CpuLoad>>,
     is_volume_full: Cell<bool>,
 }
 
@@ -260,15 +257,14 @@ impl Context {
     /// A message is in the process's hands: notes when, and which way it came.
     #[inline]
     pub(crate) fn note_input(&self, header: &Header) {
-        self.stamping
-            .note_input(header, self.clock_ns(), self.entry());
+        self.stamping.note_input(header, now_ns(), self.entry());
     }
 
     /// Fills an output's header with this hop's stamps and those before it.
     #[inline]
     pub(crate) fn stamp(&self, header: &mut Header) {
         header.incarnation = self.incarnation.get();
-        self.stamping.stamp(header, self.clock_ns(), self.entry());
+        self.stamping.stamp(header, now_ns(), self.entry());
     }
 
     /// Brings the copy of the fault table up to date; one load where nothing has changed.
@@ -311,33 +307,6 @@ impl Context {
     #[inline]
     pub(crate) fn is_shaped(&self) -> bool {
         !self.is_unharmed() && self.faults.known.borrow().shapes_messages()
-    }
-
-    /// This process's clock: the machine's, unless a fault has it jump or run fast.
-    #[inline]
-    pub(crate) fn clock_ns(&self) -> u64 {
-        let now = now_ns();
-        now.saturating_add_signed(self.clock_error_ns(now))
-    }
-
-    /// Lead of this process's clock over the machine's at an instant of the latter; negative if it
-    /// lags.
-    #[inline]
-    pub(crate) fn clock_error_ns(&self, now: u64) -> i64 {
-        if self.is_unharmed() {
-            0
-        } else {
-            self.injected_clock_error_ns(now)
-        }
-    }
-
-    #[cold]
-    fn injected_clock_error_ns(&self, now: u64) -> i64 {
-        clock::error_ns(
-            self.faults.known.borrow().of(self.me, self.tick.get()),
-            self.control_page.fault_table(),
-            now,
-        )
     }
 
     /// In lockstep: nothing more of `tick` will come out of this process.

@@ -67,7 +67,6 @@ impl Rounds {
         // Read before the round: everything of these ticks is in the buffers now.
         let last = shared.is_stopping();
         shared.apply_volume_faults(shared.entry().ticks(), last);
-        shared.burden(shared.entry().ticks());
         self.round.set(if last {
             Round::Last
         } else {

@@ -19,10 +19,8 @@ const USAGE_EVERY: u64 = 64;
 pub struct TickSource {
     context: Rc<Context>,
     next_tick: u64,
-    /// Grid point at which the tick in hand began, on this process's clock; 0 before the first one.
+    /// Grid point at which the tick in hand began; 0 before the first one.
     grid_ns: u64,
-    /// The same on the machine's clock.
-    began_ns: u64,
     usage: Usage,
     incarnations: u32,
     /// Before this tick, faults that were requested have a tick.
@@ -35,7 +33,6 @@ impl TickSource {
             context,
             next_tick: first,
             grid_ns: 0,
-            began_ns: 0,
             usage: Usage::default(),
             incarnations: 0,
             adopted: 0,
@@ -109,9 +106,8 @@ impl TickSource {
         let tick = self.next_tick;
         self.coming();
         self.count_skipped(passed.saturating_sub(1));
-        self.grid_ns = self.context.clock_ns();
+        self.grid_ns = now_ns();
         self.context.stamping.set_due(self.grid_ns);
-        self.began_ns = now_ns();
         self.next_tick += 1;
         self.context.tick.set(tick);
         self.context.attend(tick);
@@ -136,12 +132,12 @@ impl TickSource {
     /// A tenth of a period, at most 100 µs, before the next tick: a wait without a message still ends in time for the next grid point.
     pub fn deadline_ns(&self) -> Option<u64> {
         let period = self.context.manifest.period_ns();
-        (!self.context.is_lockstep()).then(|| self.began_ns + period - (period / 10).min(100_000))
+        (!self.context.is_lockstep()).then(|| self.grid_ns + period - (period / 10).min(100_000))
     }
 
     fn wait_for_grid(&mut self) {
         let period = self.context.manifest.period_ns();
-        let now = self.context.clock_ns();
+        let now = now_ns();
         if self.grid_ns == 0 {
             let origin = self.context.control_page.grid_origin(now + period);
             // A replacement joins on a grid point that lies ahead.
@@ -149,15 +145,12 @@ impl TickSource {
         } else {
             let skipped = now.saturating_sub(self.grid_ns) / period;
             self.count_skipped(skipped);
-            // A clock that was put back takes the grid with it, in whole periods: the arm does not stand still until it is that late again.
-            self.grid_ns -= self.grid_ns.saturating_sub(now) / period * period;
             self.grid_ns += (skipped + 1) * period;
         }
         self.context.stamping.set_due(self.grid_ns);
-        while self.context.clock_ns() < self.grid_ns && !self.context.is_stopping() {
-            sleep_until(self.by_machine(self.grid_ns));
+        while now_ns() < self.grid_ns && !self.context.is_stopping() {
+            sleep_until(self.grid_ns);
         }
-        self.began_ns = self.by_machine(self.grid_ns);
     }
 
     /// Counts the periods without a tick, with their cause as far as the kernel's counters of the
@@ -181,11 +174,6 @@ impl TickSource {
             self.usage = usage;
         }
         self.incarnations = incarnations;
-    }
-
-    /// The machine's clock when this process's clock reads `ns`.
-    fn by_machine(&self, ns: u64) -> u64 {
-        ns.saturating_add_signed(-self.context.clock_error_ns(now_ns()))
     }
 
     fn incarnations_of_all(&self) -> u32 {

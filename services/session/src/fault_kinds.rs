@@ -19,7 +19,6 @@ impl FaultKinds {
             json!({
                 "kind": kind.name(), "about": kind.about(), "roles": kind.roles().iter().map(|role| role.name()).collect::<Vec<_>>(),
                 "length_s": length_s.is_finite().then_some(length_s),
-                "amount_ms": (kind.usual_ms() > 0.0).then(|| kind.usual_ms()),
                 "ways": kind.ways().map(|way| json!({
                     "as": way.name(), "about": way.about(), "amount": kind.usual_amount(way), "unit": kind.unit(way)
                 })).collect::<Vec<_>>(),
@@ -43,8 +42,6 @@ impl fmt::Display for FaultKinds {
                 0.0 => way.name().to_owned(),
                 amount => format!("{} ({amount} {})", way.name(), kind.unit(way)),
             });
-            let ways =
-                ways.chain((kind.usual_ms() > 0.0).then(|| format!("({} ms)", kind.usual_ms())));
             let processes = match kind.roles() {
                 all if all.len() == Role::ALL.len() => "any process".to_owned(),
                 roles => roles

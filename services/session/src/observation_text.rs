@@ -218,7 +218,7 @@ mod tests {
         };
         let fault = |tick: u64| ObservedFault {
             process: "controller".to_owned(),
-            kind: "slow-disk",
+            kind: "duplicate",
             origin: "planned",
             tick,
             active: true,

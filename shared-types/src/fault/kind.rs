@@ -63,8 +63,6 @@ words! {
         Drop "drop",
         /// Its messages are sent twice.
         Duplicate "duplicate",
-        /// Each message changes places with the next one.
-        Reorder "reorder",
         /// It sends its last message from before the fault again instead of each new one.
         Stale "stale",
         /// One field of its messages is corrupted on the way.
@@ -77,28 +75,14 @@ words! {
         Sensor "sensor",
         /// A joint's drive does not follow its command.
         Drive "drive",
-        /// Its clock jumps, or runs at another rate.
-        Clock "clock",
-        /// Another program loads its core.
-        Starve "starve",
-        /// Each of its ticks takes `amount` ms longer.
-        Slow "slow",
-        /// The kernel evicts its pages at each tick, as when memory is short.
-        PageOut "page-out",
         /// The volume it writes to is full.
         DiskFull "disk-full",
-        /// The volume it writes to is slow.
-        SlowDisk "slow-disk",
     }
 }
 
 words! {
     /// Variants of a fault, for kinds that have several.
     Way {
-        /// crash: by a panic.
-        Panic "panic",
-        /// crash: by SIGBUS, from a read beyond the end of a mapped file.
-        BusError "bus-error",
         /// hang: the process continues (SIGCONT) after the duration.
         Paused "paused",
         /// hang: until the launcher notices the silence and kills the process, which answers again after the duration.
@@ -127,18 +111,12 @@ words! {
         Saturated "saturated",
         /// drive: dry friction of the fraction `amount` of its limit.
         Friction "friction",
-        /// clock: jumps by `amount` ms.
-        Jump "jump",
-        /// clock: runs faster by the fraction `amount`.
-        Skew "skew",
     }
 }
 
 /// The arguments of a kind of fault, and the processes that it applies to.
 #[derive(Clone, Copy)]
 pub(super) struct Rule {
-    /// By how much unless said otherwise, ms, for a kind of one way; 0: it has no amount.
-    pub(super) usual_ms: f64,
     pub(super) roles: &'static [Role],
     /// How long it lasts unless said otherwise; s. Infinite: to the end of the run.
     pub(super) lasts_s: f64,
@@ -152,9 +130,6 @@ pub(super) const DELAY_TICKS: u64 = 2;
 /// Longest delay with jitter, limited by the chain's buffers; ticks.
 pub const MOST_DELAY_TICKS: u64 = 50;
 
-/// Longest pause of a slow process or volume; ms.
-pub(super) const LONGEST_MS: f64 = 1e3;
-
 impl Kind {
     pub(super) fn rule(self) -> Rule {
         const ALL: &[Role] = &Role::ALL;
@@ -162,27 +137,17 @@ impl Kind {
         const WORLD: &[Role] = &[Role::World];
         const OBSERVERS: &[Role] = &[Role::Observer];
         let (roles, lasts_s, keys): (_, _, &[_]) = match self {
-            Self::Kill | Self::Crash | Self::Hang | Self::PageOut => (ALL, 0.1, &[]),
+            Self::Kill | Self::Crash | Self::Hang => (ALL, 0.1, &[]),
             Self::Delay => (SENDERS, 0.1, &["delay_ticks", "jitter_ticks"]),
-            Self::Drop | Self::Duplicate | Self::Reorder | Self::Stale | Self::Zombie => {
+            Self::Drop | Self::Duplicate | Self::Stale | Self::Zombie => {
                 (SENDERS, 0.1, &["probability"])
             }
             Self::Corrupt => (SENDERS, 0.1, &["probability", "field"]),
             Self::Cut => (SENDERS, 0.1, &["probability", "topic"]),
             Self::Sensor | Self::Drive => (WORLD, 0.5, &["joint"]),
-            Self::Clock => (SENDERS, 0.5, &[]),
-            Self::Starve => (ALL, 0.2, &[]),
-            Self::Slow => (SENDERS, 0.1, &[]),
             Self::DiskFull => (OBSERVERS, f64::INFINITY, &[]),
-            Self::SlowDisk => (OBSERVERS, 0.5, &[]),
-        };
-        let usual_ms = match self {
-            Self::Slow => 2.0,
-            Self::SlowDisk => 20.0,
-            _ => 0.0,
         };
         Rule {
-            usual_ms,
             roles,
             lasts_s,
             keys,
@@ -192,7 +157,6 @@ impl Kind {
     /// In which ways it comes, by how much unless said otherwise, and the unit; the first is the default.
     pub(super) fn known_ways(self) -> &'static [(Way, f64, &'static str)] {
         match self {
-            Self::Crash => &[(Way::Panic, 0.0, ""), (Way::BusError, 0.0, "")],
             Self::Hang => &[(Way::Paused, 0.0, ""), (Way::ForEver, 0.0, "")],
             Self::Corrupt => &[
                 (Way::Nan, 0.0, ""),
@@ -213,7 +177,6 @@ impl Kind {
                 (Way::Saturated, 0.1, "of the limit"),
                 (Way::Friction, 0.05, "of the limit"),
             ],
-            Self::Clock => &[(Way::Jump, 5.0, "ms"), (Way::Skew, 0.01, "of its rate")],
             _ => &[],
         }
     }
@@ -237,12 +200,6 @@ impl Kind {
     #[must_use]
     pub fn unit(self, way: Way) -> &'static str {
         self.way(way).map_or("", |(.., unit)| unit)
-    }
-
-    /// By how much it comes unless said otherwise, ms, where it has one way; 0 if there is no amount.
-    #[must_use]
-    pub fn usual_ms(self) -> f64 {
-        self.rule().usual_ms
     }
 
     /// How long it lasts unless said otherwise, s; infinite: to the end of the run.

@@ -18,7 +18,7 @@ use serde::Serialize;
 
 use super::bounds::{self, ORDINARY, REST_MS, STALE_MS};
 use super::plan::ends_world;
-use super::run::{Ran, Stage};
+use super::run::{Messages, Ran, Stage};
 
 /// Torque may change by so much of its limit in a millisecond, whatever happens (`sim::Drive`); the rounding of a sum is allowed for.
 const STEP_PER_MS: f64 = 0.5 + 1e-9;
@@ -53,38 +53,6 @@ pub struct Broken {
     pub check: &'static str,
     /// In words, with the numbers.
     pub detail: String,
-}
-
-/// Messages of a run, all topics together.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Messages {
-    /// Sent by all processes.
-    pub sent: u64,
-    /// Taken in by the recorder.
-    pub taken_in: u64,
-    /// Refused by the recorder: a number in them was not finite.
-    pub refused: u64,
-    /// Refused by the recorder: of a dead incarnation.
-    pub fenced: u64,
-    /// Sent, and neither taken in nor refused. Unknown where the recorder's last incarnation left no account: 0.
-    pub lost: u64,
-}
-
-impl Messages {
-    pub(super) fn of(sent: u64, taken_in: u64, refused: u64, fenced: u64) -> Self {
-        let lost = if taken_in == 0 {
-            0
-        } else {
-            sent.saturating_sub(taken_in + refused + fenced)
-        };
-        Self {
-            sent,
-            taken_in,
-            refused,
-            fenced,
-            lost,
-        }
-    }
 }
 
 /// What the arm did.

@@ -251,17 +251,14 @@ impl Deck {
             .unwrap_or_default();
         let (kind, usual_s) = (fault.kind, fault.kind.usual_length_s());
         let for_s = usual_s.is_finite().then(|| self.scaled(usual_s, 5.0));
-        let usual = fault
-            .way
-            .map_or(kind.usual_ms(), |way| kind.usual_amount(way));
-        let is_signed = kind == Kind::Clock || matches!(fault.way, Some(Way::Bias | Way::Drift));
+        let usual = fault.way.map_or(0.0, |way| kind.usual_amount(way));
+        let is_signed = matches!(fault.way, Some(Way::Bias | Way::Drift));
         let sign = if is_signed && self.below(2) == 0 {
             -1.0
         } else {
             1.0
         };
-        let amount = (usual > 0.0)
-            .then(|| sign * self.scaled(usual, if kind == Kind::Clock { 10.0 } else { 3.0 }));
+        let amount = (usual > 0.0).then(|| sign * self.scaled(usual, 3.0));
         let is_part = kind.has_probability() && self.below(2) == 0;
         let field = (kind == Kind::Corrupt).then(|| {
             let fields: Vec<_> = fields.iter().filter(|field| field.is_number()).collect();

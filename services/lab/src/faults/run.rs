@@ -6,6 +6,7 @@ use launcher::{End, Event, Outcome};
 use model::Robot;
 use recorder::{Contents, RecordReader};
 use runtime::{ControlPage, MOST_WHEN_REQUESTED, RunDir, Stop, random};
+use serde::Serialize;
 use session::{Failure, Results};
 use shared_types::fault::Fault;
 use shared_types::job::Job;
@@ -14,7 +15,6 @@ use shared_types::scenario::Scenario;
 use shared_types::summary::Summary;
 use shared_types::{Message, PlantState, SensorSample};
 
-use super::judge::Messages;
 use super::without::Without;
 
 /// What all runs of an experiment share. Their files are in one folder, each run's in the place of the last one's.
@@ -93,6 +93,38 @@ impl Stage<'_> {
             messages,
             lines,
         })
+    }
+}
+
+/// Messages of a run, all topics together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Messages {
+    /// Sent by all processes.
+    pub sent: u64,
+    /// Taken in by the recorder.
+    pub taken_in: u64,
+    /// Refused by the recorder: a number in them was not finite.
+    pub refused: u64,
+    /// Refused by the recorder: of a dead incarnation.
+    pub fenced: u64,
+    /// Sent, and neither taken in nor refused. Unknown where the recorder's last incarnation left no account: 0.
+    pub lost: u64,
+}
+
+impl Messages {
+    pub(super) fn of(sent: u64, taken_in: u64, refused: u64, fenced: u64) -> Self {
+        let lost = if taken_in == 0 {
+            0
+        } else {
+            sent.saturating_sub(taken_in + refused + fenced)
+        };
+        Self {
+            sent,
+            taken_in,
+            refused,
+            fenced,
+            lost,
+        }
     }
 }
 

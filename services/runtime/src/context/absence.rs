@@ -9,8 +9,7 @@ use shared_types::fault::{Kind, ScheduledFault, Way};
 use super::Context;
 use crate::clock::now_ns;
 use crate::control_page::State;
-use crate::fault::burden;
-use crate::fault::process::{bus_error, kill_self, stop_self};
+use crate::fault::process::{kill_self, stop_self};
 use crate::fault::table::Origin;
 
 impl Context {
@@ -26,28 +25,8 @@ impl Context {
         }
     }
 
-    /// Applies the faults of this process at a tick that cost it time.
-    pub(crate) fn burden(&self, tick: u64) {
-        let (known, mut load) = (
-            self.faults.known.borrow(),
-            self.faults.cpu_load.borrow_mut(),
-        );
-        let injected = |place| {
-            self.control_page
-                .fault_table()
-                .mark_injected(place, now_ns())
-        };
-        burden::burden(
-            known.of(self.me, tick),
-            &mut load,
-            self.manifest.processes[self.me].core,
-            injected,
-        );
-    }
-
     #[cold]
     fn attend_under_faults(&self, tick: u64) -> u64 {
-        self.burden(tick);
         while let Some((place, fault)) = self.due(tick) {
             self.control_page
                 .fault_table()
@@ -128,9 +107,6 @@ impl Context {
             }
             Some(Kind::Crash) => {
                 self.leave(State::Gone);
-                if fault.way() == Some(Way::BusError) {
-                    bus_error();
-                }
                 panic!(
                     "{} crashes at tick {tick}, as the fault plan says",
                     self.name()
