@@ -27,6 +27,8 @@ pub(crate) struct Record {
     /// None yet of a run that still goes on, or whose launcher was killed.
     pub(crate) summary: Option<Summary>,
     ticks: Ticks,
+    /// Why its summary cannot be read.
+    defect: Option<String>,
 }
 
 impl Record {
@@ -40,8 +42,12 @@ impl Record {
                 run.folder.display()
             )));
         }
-        let summary = run.summary_if_any().ok().flatten();
-        Self::of(job, &run.folder, summary)
+        let (summary, defect) = match run.summary_if_any() {
+            Ok(summary) => (summary, None),
+            Err(defect) => (None, Some(defect)),
+        };
+        let record = Self::of(job, &run.folder, summary)?;
+        Ok(Self { defect, ..record })
     }
 
     /// The record that a job's run has in a folder.
@@ -61,6 +67,7 @@ impl Record {
             job,
             robot,
             summary,
+            defect: None,
         })
     }
 
@@ -85,6 +92,8 @@ impl Record {
     ) -> Result<(T, Read), Failure> {
         let (begun, is_shown, last) = (Instant::now(), Cell::new(false), Cell::new(None));
         let length = self.summary.as_ref().map_or(0, |summary| summary.ticks);
+        // The messages of a run whose launcher was killed end at different ticks: behind the last whole one nothing was judged.
+        let end = self.summary.as_ref().map_or(u64::MAX, |_| length);
         let faults = self
             .summary
             .as_ref()
@@ -96,7 +105,7 @@ impl Record {
                 faults,
                 rival: None,
             },
-            ticks: &mut read(&mut self.ticks, &last),
+            ticks: &mut read(&mut self.ticks, &last).take_while(|tick| tick.tick < end),
             progress: &mut |count| {
                 if !is_shown.get() && begun.elapsed() > QUIET {
                     is_shown.set(true);
@@ -115,6 +124,7 @@ impl Record {
             observer(Progress::End);
         }
         let mut lacks = self.ticks.damage(self.summary.as_ref());
+        lacks.extend(self.defect);
         let error = self.summary.map(|summary| summary.recorder.error);
         lacks.extend(error.filter(|error| !error.is_empty() && !lacks.contains(error)));
         let last = last.get();
