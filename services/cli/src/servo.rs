@@ -93,14 +93,7 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
         ));
     };
     let from = args.from.as_deref();
-    let targets = match (from, args.random) {
-        (_, Some(seed)) => Targets::Text(steered::twists(seed, args.duration.unwrap_or(RANDOM_S))),
-        (None, None) => Targets::Scenario,
-        (Some("topic"), _) => Targets::Process,
-        (Some(KEYBOARD | GAMEPAD | LINES), _) => Targets::Live,
-        (Some(file), _) => Targets::File(file.into()),
-    };
-    let loaded = steering(args, subject, targets).load()?;
+    let loaded = steering(args, subject, targets(args)).load()?;
     // Before anything is made for the run.
     if from == Some(KEYBOARD) && !std::io::stdin().is_terminal() {
         return Err(Failure::input(
@@ -150,6 +143,17 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
     drop(panel);
     let code = run::conclude(finished?, as_json)?;
     lines.verdict().map(|()| code)
+}
+
+/// Where the targets come from.
+fn targets(args: &ServoArgs) -> Targets {
+    match (args.from.as_deref(), args.random) {
+        (_, Some(seed)) => Targets::Text(steered::twists(seed, args.duration.unwrap_or(RANDOM_S))),
+        (None, None) => Targets::Scenario,
+        (Some("topic"), _) => Targets::Process,
+        (Some(KEYBOARD | GAMEPAD | LINES), _) => Targets::Live,
+        (Some(file), _) => Targets::File(file.into()),
+    }
 }
 
 /// Random twists of so many seeds on each robot.

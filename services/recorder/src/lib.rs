@@ -242,9 +242,15 @@ impl Record {
         if incarnation == 1 {
             // Those of a run before, in the same folder.
             remove_parts(&first);
-        } else {
-            let read = RecordReader::last_messages(&part(&first, incarnation - 1), contents);
-            last = read.unwrap_or_default();
+        }
+        for number in 1..incarnation {
+            // One that died before its first chunk has left none.
+            let read = RecordReader::last_messages(&part(&first, number), contents);
+            last.resize(contents.layouts().len(), None);
+            let read = read.into_iter().flatten();
+            for (last, read) in last.iter_mut().zip(read) {
+                *last = read.or(last.take());
+            }
         }
         match RecordWriter::create(&path, contents) {
             Ok(writer) => record.writer = Some(writer),

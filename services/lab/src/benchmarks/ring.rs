@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-use launcher::{Child, End, Event, Launcher, Limits, Plan, Ran, Restart};
+use launcher::{Child, End, Event, Launcher, Limits, Outcome, Plan, Ran, Restart};
 use runtime::{Mode, Process, ProcessError, Shell, now_ns, realtime};
 use serde::{Deserialize, Serialize};
 use session::{Failure, Observer, Progress};
@@ -87,19 +87,23 @@ impl Ring {
             _ => {}
         });
         check(&mut signals)?;
-        let outcome = match outcome.map_err(Failure::work)? {
-            Ran::Ended(outcome) => outcome,
-            Ran::RolledBack(_) => {
-                let reason = "a process of the ring was killed: measure again";
-                return Err(Failure::Work(reason.to_owned()));
-            }
-        };
+        let outcome = ended(outcome.map_err(Failure::work)?)?;
         match outcome.end {
             End::Completed => {
                 serde_json::from_slice(&measured.unwrap_or_default()).map_err(Failure::work)
             }
             End::Interrupted { signal } => Err(Failure::Work(format!("stopped by {signal}"))),
             End::Failed(failure) => Err(Failure::work(failure)),
+        }
+    }
+}
+
+fn ended(ran: Ran) -> Result<Outcome, Failure> {
+    match ran {
+        Ran::Ended(outcome) => Ok(*outcome),
+        Ran::RolledBack(_) => {
+            let reason = "a process of the ring was killed: measure again";
+            Err(Failure::Work(reason.to_owned()))
         }
     }
 }

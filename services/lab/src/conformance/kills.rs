@@ -107,29 +107,16 @@ pub fn verify_kills(
     for number in 1..=histories as usize {
         let results = Results::within(folder.path(), &format!("history-{number}"))?;
         let job = job(&results);
-        let ran = run(&job, Some(random(scenario.seed, number as u64)))?;
-        let deaths = killed.note(&ran);
-        let reason = defect(&ran).or_else(|| difference(&reference, &ran));
-        match reason {
+        let unequal = killed.history(&job, number, &whole, &reference)?;
+        match unequal {
             None => results.clear()?,
-            Some(reason) => {
+            Some(unequal) => {
+                let Unequal { reason, deaths, .. } = &unequal;
                 observer(Progress::Line(&format!(
                     "run {number}: {reason}; {}",
                     deaths.join("; ")
                 )));
-                let place = record_of(&whole.out, &whole).and_then(|expected| {
-                    first_place(
-                        &Reference::Run(expected),
-                        &record_of(&job.out, &job)?,
-                        number,
-                    )
-                });
-                killed.unequal.push(Unequal {
-                    run: number,
-                    deaths,
-                    reason,
-                    difference: place.ok().flatten(),
-                });
+                killed.unequal.push(unequal);
             }
         }
         observer(Progress::Step);
@@ -142,6 +129,31 @@ pub fn verify_kills(
 }
 
 impl Killed {
+    /// A run with kills; `None` where it has the bytes of the undisturbed one.
+    fn history(
+        &mut self,
+        job: &Job,
+        number: usize,
+        whole: &Job,
+        reference: &InProcesses,
+    ) -> Result<Option<Unequal>, Failure> {
+        let ran = run(job, Some(random(self.seed, number as u64)))?;
+        let deaths = self.note(&ran);
+        let Some(reason) = defect(&ran).or_else(|| difference(reference, &ran)) else {
+            return Ok(None);
+        };
+        let place = record_of(&whole.out, whole).and_then(|expected| {
+            let found = record_of(&job.out, job)?;
+            first_place(&Reference::Run(expected), &found, number)
+        });
+        Ok(Some(Unequal {
+            run: number,
+            deaths,
+            reason,
+            difference: place.ok().flatten(),
+        }))
+    }
+
     /// Counts the deaths of a run; returns them in words.
     fn note(&mut self, ran: &InProcesses) -> Vec<String> {
         self.histories += 1;
