@@ -166,7 +166,8 @@ fn chunks_that_are_missing_repeated_or_exchanged_are_named_by_each_command() {
             assert_eq!((said.code, error.split("; ").next()), (1, Some(clause)));
         }
     }
-    assert_eq!(causes.len(), 6, "{causes:?}");
+    // A chunk that is out of its order is missing at its place.
+    assert_eq!(causes.len(), 5, "{causes:?}");
     let again = run.killed(file).json("recover r");
     assert_eq!(again["topics"], run.summary["topics"]);
 }
