@@ -9,7 +9,6 @@ use session::load::{self, Loaded};
 use session::{Failure, Observer, Progress, Results};
 use shared_types::fault::Fault;
 use shared_types::job::Mode;
-use shared_types::process::Program;
 use shared_types::scenario::Scenario;
 use shared_types::summary::Summary;
 
@@ -131,7 +130,7 @@ fn drill_one(
 
 /// The run without a fault.
 fn baseline(stage: &Stage<'_>, name: &str) -> Result<Ran, Failure> {
-    let base = lockstep(stage, Vec::new(), &[], true)?;
+    let base = lockstep(stage, Vec::new(), &[])?;
     let Summary {
         outcome, reason, ..
     } = &base.summary;
@@ -144,32 +143,23 @@ fn baseline(stage: &Stage<'_>, name: &str) -> Result<Ran, Failure> {
 }
 
 fn cell(stage: &Stage<'_>, plan: &[Fault], base: &Ran) -> Result<Cell, Failure> {
-    // The recording costs time, and only the recorder's faults concern it.
-    let records = plan
-        .iter()
-        .any(|fault| fault.process == Program::Recorder.name());
-    let ran = lockstep(stage, Vec::new(), plan, records)?;
+    let ran = lockstep(stage, Vec::new(), plan)?;
     let left = ran
         .summary
         .faults
         .iter()
         .filter_map(|fault| fault.plan.clone())
         .collect();
-    let again = lockstep(stage, left, &[], records)?;
+    let again = lockstep(stage, left, &[])?;
     stage.judge(&ran, Some((base, &again)))
 }
 
-fn lockstep(
-    stage: &Stage<'_>,
-    planned: Vec<Fault>,
-    live: &[Fault],
-    records: bool,
-) -> Result<Ran, Failure> {
+fn lockstep(stage: &Stage<'_>, planned: Vec<Fault>, live: &[Fault]) -> Result<Ran, Failure> {
     let scenario = Scenario {
         fault: planned,
         ..stage.job.scenario.clone()
     };
-    let ran = stage.run(scenario, live, records, u64::MAX, &|_| ())?;
+    let ran = stage.run(scenario, live, u64::MAX, &|_| ())?;
     match ran.end {
         End::Interrupted { signal } => Err(Failure::Work(format!("stopped by {signal}"))),
         _ => Ok(ran),

@@ -94,7 +94,7 @@ fn round(stage: &Stage<'_>, plan: &[Fault], progress: &dyn Fn(u64)) -> Result<Ce
     let (scenario, out) = (&stage.job.scenario, &stage.job.out);
     let most_s = LONGEST.0 * scenario.duration_s() + LONGEST.1;
     let most_ticks = (most_s * f64::from(scenario.rate_hz)) as u64;
-    let ran = stage.run(scenario.clone(), plan, true, most_ticks, progress)?;
+    let ran = stage.run(scenario.clone(), plan, most_ticks, progress)?;
     session::keep(out, &ran.job, &ran.summary)?;
     let cell = stage.judge(&ran, None)?;
     if cell.broken.is_empty() {
