@@ -129,15 +129,15 @@ impl Launcher {
         commands: Commands<'_>,
         report: Report<'_>,
     ) -> Result<Ran, LaunchError> {
-        let mut fallen = std::mem::take(&mut self.started.fallen);
-        if let Some(failure) = self.course.end_of_patience(&fallen, &self.started) {
+        let fallen = &self.started.fallen;
+        if let Some(failure) = self.course.end_of_patience(fallen, &self.started) {
             let end = End::Failed(failure);
             let (started, signals) = (&mut self.started, &mut self.course.signals);
             started.control_page.request_stop(Stop::Early);
             started.stop_all(end.clone(), commands, signals, report);
-            self.course.note(fallen);
             return Ok(Ran::Ended(Box::new(self.finish(end, true))));
         }
+        let mut fallen = std::mem::take(&mut self.started.fallen);
         let lost = began.elapsed();
         fallen
             .iter_mut()

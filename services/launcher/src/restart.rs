@@ -12,8 +12,11 @@ use crate::plan::{Commands, Event, Report, Restart};
 use crate::spawn::Supervised;
 
 impl Supervised {
-    /// In lockstep: a process has ended unasked.
+    /// In lockstep: a process has ended unasked. Nothing follows it in this start, so that it is noted once.
     pub(crate) fn fall(&mut self, index: usize) {
+        if self.fallen.iter().any(|one| one.index == index) {
+            return;
+        }
         let is_planned = self.planned_ends(index) > self.planned_ends[index];
         let slot = &self.slots.0[index];
         let death = Death {
