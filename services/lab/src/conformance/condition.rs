@@ -1,4 +1,4 @@
-//! The circumstances of a run: where its processes are, what disturbs them, and whether they record.
+//! The circumstances of a run: where its processes are, and what disturbs them.
 
 use std::time::Duration;
 
@@ -49,25 +49,23 @@ use Trouble::{BusyCores, LateStarts, Nice, Pauses, Stops};
 pub(super) struct Condition {
     placement: Placement,
     troubles: &'static [Trouble],
-    pub(super) record: bool,
 }
 
-const fn condition(placement: Placement, troubles: &'static [Trouble], record: bool) -> Condition {
+const fn condition(placement: Placement, troubles: &'static [Trouble]) -> Condition {
     Condition {
         placement,
         troubles,
-        record,
     }
 }
 
 /// The conditions of the runs, one after the other, each time with other random numbers.
 pub(super) const CONDITIONS: [Condition; 6] = [
-    condition(Placement::Graph, &[], true),
-    condition(Placement::Free, &[Nice, LateStarts, Pauses, Stops], false),
-    condition(Placement::Split, &[LateStarts, BusyCores], true),
-    condition(Placement::Together(0), &[Nice, Pauses, BusyCores], false),
-    condition(Placement::Together(1), &[LateStarts, Pauses, Stops], true),
-    condition(Placement::Free, &[BusyCores], false),
+    condition(Placement::Graph, &[]),
+    condition(Placement::Free, &[Nice, LateStarts, Pauses, Stops]),
+    condition(Placement::Split, &[LateStarts, BusyCores]),
+    condition(Placement::Together(0), &[Nice, Pauses, BusyCores]),
+    condition(Placement::Together(1), &[LateStarts, Pauses, Stops]),
+    condition(Placement::Free, &[BusyCores]),
 ];
 
 impl std::fmt::Display for Condition {
@@ -87,11 +85,7 @@ impl std::fmt::Display for Condition {
                 BusyCores => ", busy cores",
             })?;
         }
-        f.write_str(if self.record {
-            ", recording"
-        } else {
-            ", no recording"
-        })
+        Ok(())
     }
 }
 
