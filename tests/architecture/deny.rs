@@ -10,7 +10,7 @@ fn strings<'a>(table: &'a Value, key: &str) -> Vec<&'a str> {
     array.filter_map(Value::as_str).collect()
 }
 
-/// Who depends on a crate, by `cargo tree`; `None` where the tree does not have it.
+/// The crates that depend on a crate, by `cargo tree`; `None` if the tree does not have it.
 fn users(library: &str) -> Option<Vec<String>> {
     let tree = Command::new(env!("CARGO"))
         .args([

@@ -1,6 +1,6 @@
 //! Faults on real processes: survived, said, and the same again.
 
-use std::process::Command;
+use std::time::Duration;
 
 use serde_json::Value;
 
@@ -230,17 +230,27 @@ fn a_recorder_killed_after_the_last_tick_loses_nothing() {
     let desk = Desk::new();
     scenario(&desk, "");
     let expected = desk.run("s.toml --out expected");
+    // It stands still while the plant makes its last 100 ticks, and for two seconds.
+    let at = expected["ticks"].count() - 100;
+    let still = format!(
+        "[[fault]]\nprocess = \"recorder\"\nkind = \"hang\"\nat_tick = {at}\nfor_ticks = 2000\n"
+    );
+    scenario(&desk, &still);
     let run = desk.start("run s.toml --out results --json");
-    let has = |process| run.pid(process).is_some();
-    until("the processes", || has("plant") && has("recorder"));
-    until("the plant to end", || !has("plant"));
-    // It may have ended: then nothing was to be lost.
-    if let Some(recorder) = run.pid("recorder") {
-        let _ = Command::new("kill")
-            .args(["-KILL", &recorder.to_string()])
-            .status();
-    }
+    let is_still = || {
+        let stat = |pid| std::fs::read_to_string(format!("/proc/{pid}/stat"));
+        let recorder = run.pid("recorder").and_then(|pid| stat(pid).ok());
+        recorder.is_some_and(|stat| stat.contains(") T "))
+    };
+    until("the recorder to stand still", is_still);
+    std::thread::sleep(Duration::from_millis(300));
+    assert!(is_still(), "it stands still for two seconds");
+    run.strike("recorder", "KILL");
     let said = run.finish();
     assert_eq!(said.code, 0, "{}", said.err);
-    assert_eq!(topics(&said.json()), &expected["topics"]);
+    let summary = said.json();
+    assert_eq!(topics(&summary), &expected["topics"]);
+    let is_death = |fault: &&Value| fault["origin"] == "detected" && fault["process"] == "recorder";
+    let deaths = summary["faults"].list().iter().filter(is_death).count();
+    assert_eq!(deaths, 1, "{}", summary["faults"]);
 }

@@ -166,7 +166,7 @@ struct Motion {
     unheard: u64,
 }
 
-/// What the picture shows.
+/// The contents of the picture.
 #[derive(Default)]
 struct Picture {
     marks: [Shown; MAX_SINGULARITIES],
@@ -581,7 +581,7 @@ impl<'a> Facts<'a> {
         tick.is_multiple_of(self.every(1.0 / PICTURE_HZ))
     }
 
-    /// Where the links are.
+    /// The poses of the links.
     pub(crate) fn links(&self, q: &[f64; MAX_DOF]) -> [Placement; MAX_DOF] {
         let poses = self.arm.link_poses(&SVector::from(*q));
         poses.map(|X| placement(&X))

@@ -72,7 +72,7 @@ pub struct Rival {
     pub words: Vec<String>,
 }
 
-/// What is known of a run besides its messages.
+/// Facts about a run besides its messages.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Happened<'a> {
     /// The faults of the summary.

@@ -20,7 +20,7 @@ pub(crate) struct TickRow<'a> {
     pub(crate) tick: u64,
     /// Those that have come.
     pub(crate) messages: ByTopic<Lent<'a>>,
-    /// What was noted.
+    /// The events noted at it.
     pub(crate) events: &'a [Event],
 }
 

@@ -239,7 +239,7 @@ fn builder(store: &StoreId) -> RecordingStreamBuilder {
         .batcher_config(ChunkBatcherConfig::NEVER)
 }
 
-/// Where the stores come from, for the viewer.
+/// The origin of the stores, for the viewer.
 pub(crate) fn source() -> StoreSource {
     StoreSource::Other(concat!("armplane ", env!("CARGO_PKG_VERSION")).into())
 }

@@ -1,4 +1,4 @@
-//! What happens in a run, as it changes: the lanes of the state timeline and the lines of the log. PURE.
+//! The course of a run, as it changes: the lanes of the state timeline and the lines of the log. PURE.
 
 use shared_types::codes::{DRIVES, MODES, PHASES, name_of, singularity_name};
 use shared_types::fault::Kind;
@@ -22,7 +22,7 @@ enum Lane {
     Process(usize),
     Drive,
     Phase,
-    /// What control does at a singularity.
+    /// The action of control at a singularity.
     Mode(usize),
 }
 
@@ -213,7 +213,7 @@ impl Story {
         tell(tick, News::State { name, path, state });
     }
 
-    /// What a lane says; nothing where that is not known.
+    /// The text of a lane; none if it is not known.
     fn state(
         &mut self,
         lane: Lane,

@@ -21,7 +21,7 @@ const VALID_S: f64 = 0.1;
 pub struct Task {
     robot: Arc<Robot>,
     steps: Box<dyn Steps>,
-    /// What the steps remember before their first tick.
+    /// The memory of the steps before their first tick.
     fresh: Memory,
     /// The posture in which a row begins; `None`: that of its first tick.
     q: Option<Vec<f64>>,

@@ -6,7 +6,7 @@ use model::{LastTerms, Refused, Robot, embedded};
 use shared_types::scenario::Scenario;
 use shared_types::{AnalyzerCheckpoint, ControllerCheckpoint, SingularityReport, StateEstimate};
 
-/// What the steps remember from tick to tick.
+/// The memory of the steps from tick to tick.
 pub(crate) type Memory = (AnalyzerCheckpoint, ControllerCheckpoint);
 
 /// The steps with what they remember.

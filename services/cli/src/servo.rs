@@ -145,7 +145,7 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
     lines.verdict().map(|()| code)
 }
 
-/// Where the targets come from.
+/// The source of the targets.
 fn targets(args: &ServoArgs) -> Targets {
     match (args.from.as_deref(), args.random) {
         (_, Some(seed)) => Targets::Text(steered::twists(seed, args.duration.unwrap_or(RANDOM_S))),

@@ -108,7 +108,7 @@ pub struct Read<'a> {
 pub struct Commanded<'a> {
     /// Of a steered run.
     pub servo: Option<&'a mut ServoState>,
-    /// What the law did.
+    /// The law's account of the tick.
     pub state: &'a mut ControlState,
     /// The torque.
     pub torque: &'a mut TorqueCommand,

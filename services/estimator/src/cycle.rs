@@ -35,7 +35,7 @@ pub struct Cycle<const N: usize> {
     gate: SVector<f64, N>,
 }
 
-/// What the estimator knows after a tick; nothing before the first.
+/// The estimate behind a tick; none before the first.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Known<const N: usize>(Option<State<N>>);
 

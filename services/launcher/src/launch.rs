@@ -23,7 +23,7 @@ pub struct Launcher {
     course: Course,
 }
 
-/// What a run knows of all starts of its processes.
+/// The part of a run that outlives each start of its processes.
 #[derive(Debug)]
 struct Course {
     signals: Interrupts,

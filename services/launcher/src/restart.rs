@@ -1,4 +1,4 @@
-//! What follows from the unasked end of a process: in real time its replacement, in lockstep a new
+//! The consequence of the unasked end of a process: in real time its replacement, in lockstep a new
 //! start of all.
 
 use std::time::Instant;

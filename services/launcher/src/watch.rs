@@ -88,7 +88,7 @@ impl Supervised {
         }
     }
 
-    /// What follows from the processes that have ended since the last look.
+    /// The consequence of the processes that have ended since the last look.
     fn halt_of_ends(&mut self, report: Report<'_>) -> Option<Halt> {
         let ended = self.take_in_exits(report);
         let is_end = |index: &usize| {

@@ -26,7 +26,7 @@ pub enum SetupError {
     Model(#[from] ModelError),
 }
 
-/// What of the plant never changes: its encoders, and the size of its arm.
+/// The part of the plant that never changes: its encoders, and the size of its arm.
 pub struct Cycle<const N: usize> {
     encoders: Encoders<N>,
     /// Number of the arm's joints; further entries of a command are ignored.

@@ -124,10 +124,9 @@ struct Life {
     inboxes: Vec<Inbox>,
 }
 
-/// Where messages go.
+/// The destinations of messages.
 struct Readers {
     ports: [Port; COUNT],
-    faults: Vec<ScheduledFault>,
     lives: Vec<Life>,
     /// By topic, the inboxes: a member and one of its inputs.
     of: [Vec<(usize, usize)>; COUNT],
@@ -136,14 +135,14 @@ struct Readers {
 }
 
 impl Readers {
-    fn deliver(&mut self, topic: usize, message: &[u8], sink: Sink<'_>) {
+    fn deliver(&mut self, topic: usize, message: &[u8], faults: &[ScheduledFault], sink: Sink<'_>) {
         let packed = Packed::of(message);
         let header = packed.header();
         let is_sound = (self.ports[topic].is_finite)(message);
         for (member, input) in &self.of[topic] {
             let Life { place, inboxes, .. } = &mut self.lives[*member];
             let inbox = &mut inboxes[*input];
-            let of_reader = of(&self.faults, *place, header.tick);
+            let of_reader = of(faults, *place, header.tick);
             if is_cut(of_reader, inbox.read, header.tick).is_none()
                 && inbox.fence.admits(header.incarnation, None)
                 && is_sound
@@ -160,11 +159,13 @@ impl Readers {
 
 /// The edges of a thread.
 pub(crate) struct Edges {
+    /// The run's.
+    faults: Vec<ScheduledFault>,
     readers: Readers,
     shapers: [Shaper; COUNT],
     /// Some fault of the run shapes messages.
     is_shaped: bool,
-    /// Which faults have taken a process down.
+    /// Whether each fault has taken a process down.
     has_struck: Vec<bool>,
 }
 
@@ -220,9 +221,9 @@ impl Edges {
         };
         let shapes = |fault: &ScheduledFault| fault.kind().is_some_and(Kind::shapes_messages);
         Self {
+            faults: faults.to_vec(),
             readers: Readers {
                 ports: each(&mut Ports),
-                faults: faults.to_vec(),
                 lives: members.iter().map(life).collect(),
                 of: readers,
                 fences: Default::default(),
@@ -309,18 +310,19 @@ impl Edges {
             let Some(message) = &parts[*topic] else {
                 continue;
             };
-            let (readers, shaper) = (&mut self.readers, &mut self.shapers[*topic]);
+            let (readers, faults) = (&mut self.readers, &self.faults);
+            let mut deliver = |message: &[u8]| readers.deliver(*topic, message, faults, now.sink);
             if !self.is_shaped || !shaped_topic(TOPICS[*topic]) {
-                readers.deliver(*topic, message.bytes(), now.sink);
+                deliver(message.bytes());
                 continue;
             }
-            let faults = readers.faults.clone();
-            let faults = of(&faults, member.place, now.tick);
+            let own = of(faults, member.place, now.tick);
             let deliver = |message: &[u8]| {
-                readers.deliver(*topic, message, now.sink);
+                deliver(message);
                 Ok::<(), Infallible>(())
             };
-            let Ok(()) = shaper.shape(message.bytes(), now.tick, faults, |_| (), deliver);
+            let shaper = &mut self.shapers[*topic];
+            let Ok(()) = shaper.shape(message.bytes(), now.tick, own, |_| (), deliver);
         }
         Ok(())
     }
@@ -328,8 +330,8 @@ impl Edges {
     /// Sends what faults have held back until now.
     fn close(&mut self, member: &Member, now: &mut Now<'_>) {
         for topic in &member.writes {
-            let readers = &mut self.readers;
-            let deliver = |message: &[u8]| readers.deliver(*topic, message, now.sink);
+            let (readers, faults) = (&mut self.readers, &self.faults);
+            let deliver = |message: &[u8]| readers.deliver(*topic, message, faults, now.sink);
             self.shapers[*topic].flush(now.tick, deliver);
         }
     }
@@ -340,7 +342,7 @@ impl Edges {
         if now.tick < back_at {
             return true;
         }
-        let found = of(&self.readers.faults, place, now.tick)
+        let found = of(&self.faults, place, now.tick)
             .find(|(.., kind)| kind.takes_down())
             .map(|(at, fault, _)| (at, *fault));
         let Some((at, fault)) = found else {
@@ -353,7 +355,7 @@ impl Edges {
             let until = fault.until;
             let life = &mut self.readers.lives[now.me];
             life.back_at = until;
-            // What comes meanwhile is not for it.
+            // Messages that come meanwhile are not for it.
             life.inboxes
                 .iter_mut()
                 .take(1)
@@ -365,6 +367,7 @@ impl Edges {
     /// The process dies, and its replacement too where another death is planned before that can answer.
     fn die(&mut self, member: &Member, now: &mut Now<'_>) {
         let Self {
+            faults,
             readers,
             shapers,
             has_struck,
@@ -374,7 +377,7 @@ impl Edges {
         loop {
             life.incarnation += 1;
             let own = || {
-                let all = readers.faults.iter().enumerate();
+                let all = faults.iter().enumerate();
                 let is_own = |(_, fault): &(usize, &ScheduledFault)| {
                     fault.process as usize == member.place
                         && fault.kind().is_some_and(Kind::takes_down)

@@ -4,7 +4,7 @@ use bytemuck::from_bytes_mut;
 use shared_types::Header;
 use shared_types::fault::ScheduledFault;
 use shared_types::graph::{Process, Role};
-use shared_types::topics::{ByTopic, TOPICS, Whole};
+use shared_types::topics::{ByTopic, COUNT, TOPICS, Whole};
 
 use crate::port::{Inputs, Outputs, Port};
 use crate::scratch::Scratch;
@@ -76,12 +76,8 @@ impl Member {
         board: &mut Board,
         scratch: &mut Scratch,
     ) -> Flow {
-        let (mut parts, mut outputs) = (board.parts_mut(), Outputs::new(scratch));
-        for topic in &self.writes {
-            if let Some(place) = parts[*topic].take() {
-                outputs.add(TOPICS[*topic], place);
-            }
-        }
+        let mut parts = board.parts_mut();
+        let mut outputs = self.outputs(&mut parts, scratch);
         let mut inputs = Inputs::of(tick, faults);
         // Before the first tick nothing has closed the loop.
         let has_inputs = !self.makes_ticks || tick > 0;
@@ -125,15 +121,26 @@ impl Member {
         board: &mut Board,
         scratch: &mut Scratch,
     ) -> Flow {
-        let (mut parts, mut outputs) = (board.parts_mut(), Outputs::new(scratch));
+        let mut outputs = self.outputs(&mut board.parts_mut(), scratch);
+        let flow = self.step.step(inputs, &mut outputs);
+        self.head(inputs.tick, incarnation, board);
+        flow
+    }
+
+    /// The places of its outputs, taken from those of all messages.
+    #[inline]
+    fn outputs<'a>(
+        &self,
+        parts: &mut [Option<&'a mut [u8]>; COUNT],
+        scratch: &'a mut Scratch,
+    ) -> Outputs<'a> {
+        let mut outputs = Outputs::new(scratch);
         for topic in &self.writes {
             if let Some(place) = parts[*topic].take() {
                 outputs.add(TOPICS[*topic], place);
             }
         }
-        let flow = self.step.step(inputs, &mut outputs);
-        self.head(inputs.tick, incarnation, board);
-        flow
+        outputs
     }
 
     /// Gives its outputs to a sink.

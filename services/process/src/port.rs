@@ -105,7 +105,7 @@ impl<'a> Inputs<'a> {
 /// The outputs of a step.
 #[derive(Debug)]
 pub struct Outputs<'a> {
-    /// What this step leaves for others on the same thread, or finds there.
+    /// Shared with other steps on the same thread.
     pub scratch: &'a mut Scratch,
     /// The step has noticed that an input, or the arm's own hardware, is at fault.
     pub has_noticed: bool,

@@ -1,4 +1,4 @@
-//! What steps on one thread need not compute twice.
+//! Results that steps on one thread need not compute twice.
 
 use std::any::Any;
 

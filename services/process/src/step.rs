@@ -67,7 +67,7 @@ pub trait Process {
         None
     }
 
-    /// What its user should know before the first tick, in words.
+    /// A warning to its user, found before the first tick, in words.
     fn warning(&self) -> Option<String> {
         None
     }

@@ -14,7 +14,7 @@ pub struct Thread {
     faults: Vec<ScheduledFault>,
     /// Those of sensors and drives in force at the tick in hand.
     in_force: Vec<ScheduledFault>,
-    /// Where faults concern processes or messages.
+    /// Present if faults concern processes or messages.
     edges: Option<Edges>,
     scratch: Scratch,
     tick: u64,
@@ -94,7 +94,7 @@ impl Thread {
             .find_map(|member| member.step.obstacle())
     }
 
-    /// What its user should know before the first tick, in words.
+    /// A warning to its user, found before the first tick, in words.
     #[must_use]
     pub fn warning(&self) -> Option<String> {
         self.members.iter().find_map(|member| member.step.warning())

@@ -1,4 +1,4 @@
-//! What a record holds: its run, a channel for each topic, and the files that describe the run.
+//! The contents of a record: its run, a channel for each topic, and the files that describe the run.
 
 use std::fmt::Write as _;
 use std::mem::offset_of;

@@ -13,7 +13,7 @@ pub enum Level {
     Error = 40,
 }
 
-/// Who says something about a run.
+/// The author of a sentence about a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Source {
     /// The judge: it says the same again when it judges the record again.
@@ -30,7 +30,7 @@ pub struct Event {
     pub tick: u64,
     /// How much it matters.
     pub level: Level,
-    /// Who says it.
+    /// Its author.
     pub source: Source,
     /// The sentence.
     pub text: String,

@@ -44,7 +44,7 @@ impl FaultReporter {
     }
 }
 
-/// Where facts are reported.
+/// The destination of the facts.
 struct Out<'a> {
     record: &'a mut Record,
 }

@@ -96,7 +96,7 @@ pub struct RecordReader {
     chunk: Chunk,
     /// The next message of the chunk.
     next: usize,
-    /// What has come of each channel in this file, and the tick of the last message.
+    /// The messages read of each channel in this file, and the tick of the last one.
     counts: Vec<u32>,
     ticks: Vec<u64>,
     flaws: Vec<Flaw>,
@@ -336,7 +336,7 @@ impl RecordReader {
 
     /// Takes in the next chunk; `false` at the end. One that is refused is noted and passed over, but for the first of all, which says whose it is.
     fn take_chunk(&mut self, is_first: bool) -> io::Result<Result<bool, Refusal>> {
-        // Where the last chunk ended: a wrong length leads away from the next one.
+        // From the end of the last chunk: a wrong length leads away from the next one.
         let behind = self.at;
         loop {
             match self.record_at(self.at)? {

@@ -250,7 +250,7 @@ impl Write for Pending {
         let written = self.written.get();
         if let Err(error) = self.file.write_all(self.bytes.get_ref()) {
             self.has_failed = true;
-            // What is whole can be read.
+            // Whole chunks can be read.
             let _ = self.file.set_len(written);
             return Err(error);
         }

@@ -2,6 +2,7 @@
 
 use process::{Flow, Inputs, Outputs, Port, Scratch, Step};
 use shared_types::fault::ScheduledFault;
+use shared_types::job::Mode;
 use shared_types::wire::Header;
 
 use crate::bus::error::TopicError;
@@ -14,7 +15,7 @@ use crate::fault::table::MOST_FAULTS;
 use crate::shell::{ProcessError, Shell};
 use crate::tick_source::TickSource;
 
-/// What comes to a process from outside of the graph: a person's targets.
+/// Inputs of a process from outside of the graph: a person's targets.
 pub trait Outside {
     /// Adds what has come by a tick to its inputs. It may wait: then the run does.
     fn add<'a>(&'a mut self, inputs: &mut Inputs<'a>);
@@ -151,9 +152,11 @@ fn answer_ticks(
         if has_noticed {
             shell.mark_message_fault_detected();
         }
-        step.save(&mut state);
-        if !cell.write(&state) {
-            return Err(too_large(shell, state.len()));
+        if let Some(cell) = &mut cell {
+            step.save(&mut state);
+            if !cell.write(&state) {
+                return Err(too_large(shell, state.len()));
+            }
         }
         for (_, outlet) in &mut outlets {
             outlet.send()?;
@@ -165,16 +168,23 @@ fn answer_ticks(
 /// Room for a state to grow, at least; bytes.
 const ROOM: usize = 4096;
 
-/// The state's bytes, and its cell; a replacement goes on from the state of the last tick that its predecessor sent.
-fn resumed(shell: &Shell, step: &mut dyn Step) -> Result<(Vec<u8>, StateCell), ProcessError> {
+/// The state's bytes, and its cell; a replacement goes on from the state of the last tick that its predecessor sent. In lockstep no process is replaced,
+/// so there is no cell.
+fn resumed(
+    shell: &Shell,
+    step: &mut dyn Step,
+) -> Result<(Vec<u8>, Option<StateCell>), ProcessError> {
     let mut state = Vec::new();
+    if shell.mode() == Mode::Lockstep {
+        return Ok((state, None));
+    }
     step.save(&mut state);
     let cell = shell.state_cell(2 * state.len() + ROOM)?;
     if let Some(last) = cell.previous() {
         let damaged = |damaged| ProcessError::setup(format_args!("{}: {damaged}", shell.name()));
         step.restore(last).map_err(damaged)?;
     }
-    Ok((state, cell))
+    Ok((state, Some(cell)))
 }
 
 fn too_large(shell: &Shell, bytes: usize) -> ProcessError {

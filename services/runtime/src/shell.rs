@@ -392,19 +392,6 @@ impl Shell {
         }
     }
 
-    /// Ticks that the run may be ahead of a polled process in lockstep: at most a quarter of the messages that its buffers hold.
-    pub fn most_ahead(&self) -> u64 {
-        self.shared.recorder_lag
-    }
-
-    /// Does something that writes to another volume than the one that a fault may have filled.
-    pub fn elsewhere<T>(&self, work: impl FnOnce() -> T) -> T {
-        let is_full = self.shared.fill_volume(false);
-        let done = work();
-        self.shared.fill_volume(is_full);
-        done
-    }
-
     /// Messages that all processes of the run have sent.
     pub fn sent_by_all(&self) -> u64 {
         (0..self.shared.manifest.processes.len())

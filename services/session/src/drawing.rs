@@ -20,7 +20,7 @@ use crate::runs::Run;
 /// How long work goes on before its progress is shown.
 const QUIET: Duration = Duration::from_secs(1);
 
-/// What a run left: its messages, tick by tick, and what is known besides.
+/// The remains of a run: its messages, tick by tick, and what is known besides.
 pub(crate) struct Record {
     pub(crate) job: Job,
     pub(crate) robot: Robot,
@@ -141,11 +141,32 @@ pub(crate) struct Source<'a> {
     pub(crate) progress: viz::Progress<'a>,
 }
 
+impl Source<'_> {
+    /// Draws the recording into a file; a sentence about meshes that could not be read goes to the observer.
+    ///
+    /// # Errors
+    /// [`RecordError`] where the file cannot be written, or a signal has ended that.
+    pub(crate) fn draw(self, path: &Path, observer: Observer<'_>) -> Result<(), RecordError> {
+        let Self {
+            job,
+            robot,
+            happened,
+            ticks,
+            progress,
+        } = self;
+        let lacking = viz::write_rrd(path, job, robot, ticks, &happened, progress)?;
+        if let Some(sentence) = lacking {
+            observer(Progress::Line(&format!("armplane: {sentence}")));
+        }
+        Ok(())
+    }
+}
+
 /// A record that has been read.
 pub(crate) struct Read {
     /// The last tick.
     pub(crate) last: Option<u64>,
-    /// What it lacks, in clauses.
+    /// Its gaps, in clauses.
     pub(crate) lacks: Vec<String>,
 }
 
@@ -177,32 +198,6 @@ fn read<'a>(
     })
 }
 
-/// Draws a run's recording into a file; a sentence about meshes that could not be read goes to the observer.
-pub(crate) fn draw(
-    record: Record,
-    path: &Path,
-    observer: Observer<'_>,
-    signals: &mut Interrupts,
-) -> Result<(Result<(), RecordError>, Read), Failure> {
-    let (drawn, read) = record.make_until(RECORDING, observer, signals, |source| {
-        let Source {
-            job,
-            robot,
-            happened,
-            ticks,
-            progress,
-        } = source;
-        viz::write_rrd(path, job, robot, ticks, &happened, progress)
-    })?;
-    let drawn = drawn.map(|lacking| {
-        let lacking = lacking.map(|sentence| format!("armplane: {sentence}"));
-        lacking
-            .iter()
-            .for_each(|sentence| observer(Progress::Line(sentence)));
-    });
-    Ok((drawn, read))
-}
-
 /// Draws the recording of a run that is over into its folder. A signal ends that, and a sentence says how to get it.
 ///
 /// # Errors
@@ -219,7 +214,11 @@ pub(crate) fn draw_results(
     let folder = &job.out;
     let record = Record::of(job.clone(), folder, Some(summary.clone()))?;
     let remedy = || format!("`armplane view {}` makes it", folder.display());
-    match draw(record, &folder.join(RECORDING), observer, signals)?.0 {
+    let file = folder.join(RECORDING);
+    let (drawn, _) = record.make_until(RECORDING, observer, signals, |source| {
+        source.draw(&file, observer)
+    })?;
+    match drawn {
         Ok(()) => Ok(()),
         Err(RecordError::Stopped) => {
             let sentence = format!("armplane: {RECORDING} was not finished: {}", remedy());
@@ -234,7 +233,7 @@ pub(crate) fn draw_results(
 pub struct Shown {
     /// Its file.
     pub file: PathBuf,
-    /// What the record lacks, in one sentence.
+    /// The gaps of the record, in one sentence.
     pub lack: Option<String>,
     /// The folder of a recording of a run that still goes on; it goes when this is dropped.
     _passing: Option<tempfile::TempDir>,
@@ -267,8 +266,8 @@ pub fn shown(run: &Run, observer: Observer<'_>) -> Result<Shown, Failure> {
     let file = passing
         .as_ref()
         .map_or(file, |folder| folder.path().join(RECORDING));
-    let mut signals = interrupts()?;
-    let (drawn, Read { last, lacks }) = draw(record, &file, observer, &mut signals)?;
+    let (drawn, Read { last, lacks }) =
+        record.make(RECORDING, observer, |source| source.draw(&file, observer))?;
     drawn.map_err(Failure::work)?;
     let Some(last) = last else {
         let lack = lacks

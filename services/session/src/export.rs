@@ -8,7 +8,7 @@ use viz::RECORDING;
 use crate::drawing::{Read, Record, Source};
 use crate::failure::Failure;
 use crate::layout::save_blueprint;
-use crate::progress::{Observer, Progress};
+use crate::progress::Observer;
 use crate::runs::Run;
 
 /// A form of [`export`].
@@ -60,6 +60,11 @@ pub fn export(
     run.check_readable(&record.job)?;
     make_folder()?;
     let (files, Read { lacks, .. }) = record.make("export", observer, |source| {
+        let ExportFormat::Numbers(format) = format else {
+            let path = out.join(RECORDING);
+            source.draw(&path, observer).map_err(Failure::work)?;
+            return Ok(vec![path]);
+        };
         let Source {
             job,
             robot,
@@ -67,22 +72,7 @@ pub fn export(
             ticks,
             progress,
         } = source;
-        match format {
-            ExportFormat::Numbers(format) => {
-                viz::export(format, out, job, robot, ticks, &happened, progress)
-                    .map_err(Failure::work)
-            }
-            _ => {
-                let path = out.join(RECORDING);
-                let drawn = viz::write_rrd(&path, job, robot, ticks, &happened, progress);
-                let lacking = drawn.map_err(Failure::work)?;
-                let lacking = lacking.map(|sentence| format!("armplane: {sentence}"));
-                lacking
-                    .iter()
-                    .for_each(|sentence| observer(Progress::Line(sentence)));
-                Ok(vec![path])
-            }
-        }
+        viz::export(format, out, job, robot, ticks, &happened, progress).map_err(Failure::work)
     })?;
     Ok(Export {
         files: files?,

@@ -182,7 +182,7 @@ fn whole_account(job: &Job, account: Option<Summary>) -> Result<Option<Summary>,
     let mut whole = recorder::rebuild(&robot, job).map_err(Failure::work)?;
     let recorder = &mut whole.recorder;
     match account {
-        // What the last recorder missed, the files of the others may have.
+        // Messages that the last recorder missed may be in the files of the others.
         Some(Summary { recorder: last, .. }) => {
             recorder.lost = (last.lost + last.messages).saturating_sub(recorder.messages);
             recorder.cpu_s = last.cpu_s;

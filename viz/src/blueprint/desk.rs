@@ -67,7 +67,7 @@ impl Sheet<'_> {
         self.halves(left, right)
     }
 
-    /// What the processes do, and how long it takes them.
+    /// The work of the processes, and its duration.
     fn arrange_timing(&mut self) -> EntityPath {
         let more = vec![
             self.latency(Named::All),

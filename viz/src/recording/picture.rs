@@ -257,7 +257,7 @@ impl Recording<'_> {
         }
     }
 
-    /// Where the other law's arm is, and Markdown that compares both so far. The words replace those about singularities.
+    /// The pose of the other law's arm, and Markdown that compares both so far. The words replace those about singularities.
     pub(super) fn see_rival(&mut self, tick: u64) {
         let Some(rival) = self.run.rival else { return };
         // A rival that is done stays where it is.

@@ -23,7 +23,7 @@ use crate::story::{News, Story};
 const POINTS: u64 = 1500;
 /// Ticks without a value that are no gap.
 const PATIENCE: f64 = 2.5;
-/// What the plots show.
+/// The contents of the plots.
 const PLOTTED: [Signal; 13] = {
     use Signal::*;
     [
@@ -271,7 +271,7 @@ impl Recorded {
         }
     }
 
-    /// Where everything is that the pictures show.
+    /// The places of everything that the pictures show.
     fn see(&mut self, row: &TickRow, facts: &Facts) {
         let (Some(q), tick) = (row.q(), row.tick) else {
             return;

@@ -75,9 +75,8 @@ pub fn verify_kills(
 ) -> Result<Killed, Failure> {
     let _signals = session::interrupts()?;
     let folder = Folder::create(out)?;
-    let job = |results: &Results| Job {
-        record: false,
-        ..load::job(
+    let job = |results: &Results| {
+        load::job(
             robot,
             scenario.clone(),
             graph.clone(),
@@ -270,7 +269,7 @@ impl Killer {
             seed,
             drawn: 0,
         };
-        // Where the run is over before the last moment has come, that is all.
+        // A run may be over before the last moment comes.
         Background::start(move |over| {
             let _ = killer.work(over);
         })

@@ -167,11 +167,6 @@ fn run(
         Mode::Lockstep,
         out.to_owned(),
     );
-    let job = Job {
-        // The place of a difference is found in the record.
-        record: true,
-        ..job
-    };
     let mut plan = session::plan(&job)?;
     condition.disturb(&mut plan, seed, unordered);
     let count = plan.children.len();

@@ -40,7 +40,7 @@ const NOT_FRESH: u32 = DRIVE_ABSENT | DRIVE_REFUSED | DRIVE_STALE | DRIVE_ENCODE
 /// A recorder that dies in real time may cost the record of so much; s.
 const LOST_PER_DEATH_S: f64 = 0.1;
 
-/// What a volume that fills up may cost the record besides; s.
+/// Time that a volume that fills up may cost the record besides; s.
 const IN_HAND_S: f64 = 1.5;
 
 /// A process that dies later than this before the end of the run may miss it; s.
@@ -548,7 +548,7 @@ fn rows(ran: &Ran, ticks: u64, verdict: &mut Verdict) {
         Ok(rows) => rows.filter(|row| row.messages().sensor.is_some()).count() as u64,
         Err(error) => return verdict.unless(false, "files", || error.to_string()),
     };
-    // What is in hand goes with the volume, and what has come until that is detected.
+    // A full volume costs the messages in hand, and those that come until it is detected.
     let in_hand = (IN_HAND_S * rate_hz) as u64;
     let due = full_at.map_or(ran.summary.ticks, |full| {
         full.saturating_sub(in_hand).min(ran.summary.ticks)

@@ -226,7 +226,7 @@ impl Ticks {
             self.last = Some(message.tick());
         }
         if !shared.is_lockstep() {
-            // What comes meanwhile is not for it.
+            // Messages that come meanwhile are not for it.
             shared.tick.set(returns);
             self.last = Some(returns - 1);
         } else if !(has_message && shared.is_shaped()) {
@@ -401,7 +401,7 @@ impl Ticks {
         while let Some(message) = self.inlet.receive()? {
             let is_new = last.is_none_or(|last| message.tick() > last);
             if message.tick() < self.absent_until {
-                // What was sent while it was absent is not for it, also where that comes later.
+                // A message sent while it was absent is not for it, even if it comes later.
                 if is_new && self.shared.tick.get() < self.absent_until {
                     return Ok(Some(message));
                 }

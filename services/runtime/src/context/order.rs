@@ -51,7 +51,7 @@ impl Context {
             !process.makes_ticks && tick > self.closed(*index).saturating_add(most)
         };
         let lagging = (0..self.manifest.processes.len()).find(lags);
-        // Where there is no torque to wait for, the source would run ahead, and a message of a later tick would pass for the missing one of this tick.
+        // Without a torque to wait for, the source would run ahead, and a message of a later tick would pass for the missing one of this tick.
         lagging.or_else(|| {
             (!self.is_unharmed())
                 .then(|| self.unfinished(tick))

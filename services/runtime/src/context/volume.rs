@@ -18,15 +18,9 @@ impl Context {
             }
         }
         // The rest is written to another volume.
-        self.fill_volume(is_full && !is_last);
-    }
-
-    /// Takes the room from the volume, or gives it back; returns whether there was none.
-    pub(crate) fn fill_volume(&self, is_full: bool) -> bool {
-        let was_full = self.faults.is_volume_full.replace(is_full);
-        if was_full != is_full {
+        let is_full = is_full && !is_last;
+        if self.faults.is_volume_full.replace(is_full) != is_full {
             forbid_writes(is_full);
         }
-        was_full
     }
 }
