@@ -11,7 +11,7 @@ use crate::setup::SetupError;
 use crate::singularity::analyzer::Analyzer;
 use crate::singularity::family::Family;
 use crate::state::State;
-use crate::types::{Refusal, Singularity};
+use crate::types::{Kind, Refusal, Singularity};
 use model::{Model, Robot};
 use nalgebra::SVector;
 use shared_types::ControllerCheckpoint;
@@ -47,12 +47,37 @@ impl<const N: usize> Setup<N> {
             .is_some_and(|first| place >= first)
     }
 
+    /// Largest auxiliary acceleration, rad/s².
+    pub(crate) fn slew(&self, place: usize, s: &Singularity<N>) -> f64 {
+        let stated = self.scenario.control.aux_slew.of(self.rate_kind(s));
+        if self.has_higher_codimension(place) {
+            stated
+        } else {
+            stated / self.largest_share(s)
+        }
+    }
+
+    /// The name whose rates hold: a rotation that is lost turns like a wrist, whatever its name.
+    fn rate_kind(&self, s: &Singularity<N>) -> u32 {
+        let is_wrist = s.kind == Kind::Numeric && s.angular && !self.family.measures_vectors();
+        if is_wrist { Kind::Wrist } else { s.kind }.code()
+    }
+
+    /// The largest share of a joint in the coordinate: rates are stated for the joint that moves most, whatever the coordinate counts.
+    fn largest_share(&self, s: &Singularity<N>) -> f64 {
+        if self.family.is_tracked() {
+            s.aux_row.amax().clamp(1e-3, 1.0)
+        } else {
+            1.0
+        }
+    }
+
     /// Largest auxiliary rate, rad/s: the scenario's, and for the self-motion of an arm with spare joints a share of what the joints have.
     #[inline]
     pub(crate) fn rate_max(&self, place: usize, s: &Singularity<N>) -> f64 {
-        let stated = self.scenario.control.aux_rate_max.of(s.kind.code());
+        let stated = self.scenario.control.aux_rate_max.of(self.rate_kind(s));
         if !self.has_higher_codimension(place) {
-            return stated;
+            return stated / self.largest_share(s);
         }
         // As fast as a joint may be where only it moves.
         let size = s.aux_row.norm_squared().max(1e-12);

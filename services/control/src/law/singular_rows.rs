@@ -79,7 +79,7 @@ pub(crate) fn engaged<const N: usize>(
             k: control.k_aux,
             k_v: control.k_v,
             rate_max: setup.rate_max(i, s),
-            slew: control.aux_slew.of(s.kind.code()),
+            slew: setup.slew(i, s),
         };
         let situation = Situation {
             q: now.q,

@@ -244,10 +244,27 @@ impl<const N: usize> Family<N> {
             }
             Form::Puma(arm) => Some(arm.direction(s, at, memory)),
             Form::ParallelAxes(_) => Some(ParallelAxes::direction(s, at, memory)),
-            _ => (self.tracker.as_ref())
-                .filter(|tracker| tracker.measures_vectors())
-                .and_then(|_| reference::direction(s, at, memory)),
+            _ => {
+                let tracker = self.tracker.as_ref()?;
+                if tracker.measures_vectors() {
+                    reference::direction(s, at, memory)
+                } else {
+                    reference::signed(s, at, tracker.length_m(), memory)
+                }
+            }
         }
+    }
+
+    /// Whether no formula gives any of them.
+    #[must_use]
+    pub fn is_tracked(&self) -> bool {
+        matches!(self.form, Form::None) && self.tracker.is_some()
+    }
+
+    /// Whether the measures are vectors: with spare joints, where singularities have codimension two or more.
+    #[must_use]
+    pub fn measures_vectors(&self) -> bool {
+        (self.tracker.as_ref()).is_some_and(Tracker::measures_vectors)
     }
 
     /// The first place of the report from which on the singularities have codimension two or more: a self-motion leads around them, and the null

@@ -2,12 +2,14 @@
 
 use super::family::Situation;
 use super::tracker::SMALLEST;
-use crate::linear::{rotation_log, sign, smoothstep, wrap_line};
+use crate::linear::{angular, linear, rotation_log, sign, smoothstep, wrap_line};
 use crate::paper::reference::Memory;
 use crate::paper::type_1::Fold;
 use crate::paper::type_2::{Direction, TURNS};
 use crate::types::{Class, Singularity};
+use nalgebra::{Vector3, Vector6};
 use shared_types::bounds::within;
+use std::f64::consts::PI;
 
 /// Damping of a fold's feed-forward, rad.
 const FOLD_DAMPING: f64 = 0.02;
@@ -33,6 +35,26 @@ const SLIDES: f64 = 0.01;
 
 /// Angle near a quarter turn at which either way round is as good: the one taken before, rad.
 const UNDECIDED: f64 = 1.4;
+
+/// κ₂ below which ζ does not turn at all, below which the self-motion comes to an end and above which it has left it, and as which less counts.
+const STILL: f64 = 1e-3;
+const ENDS: (f64, f64) = (0.2, 0.3);
+const SLOWEST_TURN: f64 = 0.1;
+
+/// How a turn of ζ goes: not begun; by the shorter way; back from the end of that; by the other way; and neither leads on.
+const FRESH: f64 = 0.0;
+const TURNING: f64 = 1.0;
+const BACK: f64 = 2.0;
+const ROUND: f64 = 3.0;
+const NEITHER: f64 = 4.0;
+
+/// |s| over η_in within which ζ is turned to what is left of the leg, and not to the error alone; and the bend below which its direction is
+/// undefined, unit-scaled.
+const AHEAD: f64 = 0.25;
+const BEND: f64 = 0.01;
+
+/// Curvature of a one-sided fold that is none, unit-scaled.
+const FLAT: f64 = 0.02;
 
 /// Distance to a joint limit that leaving must find free, rad.
 const ROOM: f64 = 0.3;
@@ -108,6 +130,180 @@ pub(super) fn direction<const N: usize>(
     })
 }
 
+/// The half of a twist, or of a pose error, that ζ takes.
+fn half<const N: usize>(s: &Singularity<N>, V: &Vector6<f64>) -> Vector3<f64> {
+    if s.angular { angular(V) } else { linear(V) }
+}
+
+/// What is left of the leg, in the half that ζ takes; rad or m.
+fn left_of_leg<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) -> Vector3<f64> {
+    let end = at.ahead.pose(1.0);
+    if s.angular {
+        rotation_log(&(end.R * at.terms.X_BE.R.transpose()))
+    } else {
+        end.p - at.at.p
+    }
+}
+
+/// Where ζ of a signed measure should be: turned until the desired motion is orthogonal to it, or as far along ζ as a one-sided fold leads.
+///
+/// `length_m` makes radians of metres. `None`: neither turns ζ nor moves the end-effector along it, and ζ is held.
+pub(super) fn signed<const N: usize>(
+    s: &Singularity<N>,
+    at: &Situation<'_, N>,
+    length_m: f64,
+    memory: &mut Memory,
+) -> Option<Direction> {
+    let unit = if s.angular { 1.0 } else { length_m };
+    let is_fold = s.class == Class::Mixed && s.kappa_1 > FLAT * unit;
+    if s.kappa_2 <= STILL && !is_fold {
+        memory.passing = false;
+        return None;
+    }
+    // What the kept motion contributes along ζ is not for the auxiliary coordinate to do.
+    let moved = half(s, &(at.at.J * at.qdot_planned)).dot(&s.axis());
+    let carried = moved - s.gain * s.aux_row.dot(at.qdot_planned);
+    let along = half(s, &at.desired.V).dot(&s.axis()) - carried;
+    Some(if is_fold {
+        one_sided(s, at, along, unit, memory)
+    } else {
+        turned(s, at, along, unit, memory)
+    })
+}
+
+/// ζ turned by the angle at which the bend b is along what it should be: tan ε = (ζ·b_d)/(t·b_d), b_d = r·t + e.
+///
+/// t = ζ×y is the direction in which a posture off the lock is bent, y the second axis of the singular frame, and r = gain/κ₂ how far; the
+/// auxiliary coordinate turns b about y. e is the pose error; deep in the neighbourhood, where r is small, what is left of the leg.
+fn turned<const N: usize>(
+    s: &Singularity<N>,
+    at: &Situation<'_, N>,
+    along: f64,
+    unit: f64,
+    memory: &mut Memory,
+) -> Direction {
+    let (zeta, t) = (s.axis(), s.axis().cross(&s.R_BS.column(1)));
+    let ahead = 1.0 - smoothstep(s.s.abs() / (AHEAD * s.eta_in));
+    let error = half(s, at.error);
+    let e = error + (left_of_leg(s, at) - error) * ahead;
+    let kappa_2 = s.kappa_2.max(SLOWEST_TURN);
+    let (across, bend) = (e.dot(&zeta), s.gain / kappa_2 + e.dot(&t));
+    let square = across * across + bend * bend;
+    let least = BEND * unit;
+    let weight = square / (square + least * least);
+    let angle = wrap_line(libm::atan2(across, bend));
+    let Some(angle) = decided(angle, s, memory) else {
+        return Direction {
+            holding: true,
+            ..Direction::default()
+        };
+    };
+    let error = if memory.passage >= BACK {
+        angle / kappa_2
+    } else {
+        within_limits(angle / kappa_2, PI / kappa_2, s, at)
+    };
+    let rate = (bend * along - across * half(s, &at.desired.V).dot(&t)) / (square + least * least);
+    memory.holding = weight < if memory.holding { 0.5 } else { 0.3 };
+    Direction {
+        error,
+        rate: rate / kappa_2 * (1.0 - ahead),
+        weight,
+        holding: memory.holding,
+        ..Direction::default()
+    }
+}
+
+/// The way round by which ζ turns through `angle`: of two that are as long, the one taken before. `None`: neither leads there.
+///
+/// A self-motion may end before ζ is where it should be: κ₂ vanishes there, and the other way round is tried, once.
+fn decided<const N: usize>(angle: f64, s: &Singularity<N>, memory: &mut Memory) -> Option<f64> {
+    let (ends, away) = (s.kappa_2 < ENDS.0, angle.abs() > AWAY.0);
+    memory.passage = match memory.passage {
+        _ if !s.inside => FRESH,
+        TURNING | NEITHER if !away => FRESH,
+        FRESH if !ends => TURNING,
+        TURNING if ends => {
+            memory.side = -sign(angle >= 0.0);
+            BACK
+        }
+        BACK if s.kappa_2 > ENDS.1 => ROUND,
+        ROUND if ends => NEITHER,
+        state => state,
+    };
+    match memory.passage {
+        FRESH if ends && away && s.inside => None,
+        NEITHER => None,
+        BACK => Some(memory.side * UNDECIDED),
+        ROUND if angle * memory.side < 0.0 => Some(angle + memory.side * PI),
+        _ if angle.abs() > UNDECIDED && memory.side != 0.0 => Some(angle.abs() * memory.side),
+        _ => {
+            memory.side = sign(angle >= 0.0);
+            Some(angle)
+        }
+    }
+}
+
+/// Whether the joints have room for the auxiliary coordinate to move so far.
+fn fits<const N: usize>(by: f64, s: &Singularity<N>, at: &Situation<'_, N>) -> bool {
+    (0..N).all(|i| {
+        let q = at.q[i] + s.aux_row[i] * by;
+        s.aux_row[i].abs() < 1e-3 || q > at.lower[i] && q < at.upper[i]
+    })
+}
+
+/// The same line reached the other way round, half a turn from `error`, where the joints allow only that.
+fn within_limits<const N: usize>(
+    error: f64,
+    half_turn: f64,
+    s: &Singularity<N>,
+    at: &Situation<'_, N>,
+) -> f64 {
+    let other = error - half_turn.copysign(error);
+    if !fits(error, s, at) && fits(other, s, at) {
+        other
+    } else {
+        error
+    }
+}
+
+/// A fold whose ζ turns, too: the motion along ζ is x = g·y − κ₁y²/2 with g = gain + κ₂(t·e), so y = (g ∓ √(g² − 2κ₁x))/κ₁ for x = ζ·e.
+///
+/// ζ points outwards: where no y leads that far, the largest x is taken, and the goal is beyond reach.
+fn one_sided<const N: usize>(
+    s: &Singularity<N>,
+    at: &Situation<'_, N>,
+    along: f64,
+    unit: f64,
+    memory: &mut Memory,
+) -> Direction {
+    let (zeta, t) = (s.axis(), s.axis().cross(&s.R_BS.column(1)));
+    let e = half(s, at.error);
+    let (x, g) = (zeta.dot(&e), s.gain + s.kappa_2 * t.dot(&e));
+    let square = g * g - 2.0 * s.kappa_1 * x;
+    let root = square.max(0.0).sqrt();
+    // The sign of dx/dy is the side of the fold.
+    if memory.side == 0.0 || s.s.abs() > s.eta_in {
+        memory.side = sign(s.gain >= 0.0);
+    }
+    let on = |side: f64| (g - side * root) / s.kappa_1;
+    let is_other = !fits(on(memory.side), s, at) && fits(on(-memory.side), s, at);
+    let side = memory.side * sign(!is_other);
+    let clipped = square < BEYOND_REACH * unit * unit;
+    let damping = FOLD_DAMPING * unit;
+    Direction {
+        error: on(side),
+        rate: if clipped {
+            0.0
+        } else {
+            along * side * root / (root * root + damping * damping * s.kappa_1 / unit)
+        },
+        weight: 1.0,
+        clipped,
+        ..Direction::default()
+    }
+}
+
 /// Whether the goal beyond reach runs away along ζ: no self-motion leads there, and the arm stays at the boundary.
 fn slides<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>, memory: &mut Memory) -> bool {
     let off = s.zeta_B.dot(at.error).abs() / if s.angular { AWAY.0 } else { SLIDES };
@@ -140,12 +336,7 @@ fn aside<const N: usize>(
         memory.passing = false;
         return None;
     }
-    let end = at.ahead.pose(1.0);
-    let d = if s.angular {
-        rotation_log(&(end.R * at.terms.X_BE.R.transpose()))
-    } else {
-        end.p - at.at.p
-    };
+    let d = left_of_leg(s, at);
     let (zeta, T) = (s.axis(), s.R_BS.column(1).cross(&s.axis()));
     let (along, across) = (zeta.dot(&d), T.dot(&d));
     let square = along * along + across * across;

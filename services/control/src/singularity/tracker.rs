@@ -218,6 +218,11 @@ impl<const N: usize> Tracker<N> {
         !self.blocks[0].is_square()
     }
 
+    /// The length that makes metres radians, m.
+    pub(super) fn length_m(&self) -> f64 {
+        self.length_m
+    }
+
     /// One tick: fills the places of `out`, and returns how many there are.
     pub(super) fn measure(&mut self, at: &Posture<'_, N>, out: &mut [Singularity<N>]) -> usize {
         let arm = (
@@ -332,7 +337,9 @@ impl<const N: usize> Tracker<N> {
                 self.length_m,
             );
             self.entries[k].verdict = verdict;
-            self.entries[k].flipped = verdict.class == Class::Type1 && folds_along;
+            let is_one_sided = verdict.class == Class::Type1
+                || verdict.class == Class::Mixed && !self.measures_vectors();
+            self.entries[k].flipped = is_one_sided && folds_along;
             self.assign(k, names);
         }
         self.entries[k].latched = stays;
@@ -551,6 +558,8 @@ impl<const N: usize> Tracker<N> {
             aux_row,
             kappa_1: if order.fold > 0.0 {
                 (order.curvature * per_aux).abs()
+            } else if class == Class::Mixed && entry.latched && svd.is_square() {
+                (-order.curvature * per_aux).max(0.0)
             } else {
                 entry.verdict.kappa_1
             },
@@ -569,7 +578,9 @@ impl<const N: usize> Tracker<N> {
         (axis, per_u): (&Vector3<f64>, f64),
     ) -> (Vector3<f64>, f64) {
         let (usual, entry) = (towards(at, axis), &self.entries[k]);
-        if order.class != Class::Type2 || !entry.latched {
+        let turns =
+            order.class == Class::Type2 || order.class == Class::Mixed && !self.measures_vectors();
+        if !turns || !entry.latched {
             return (usual, entry.verdict.kappa_2);
         }
         let turn = self.half_rate(k, arm, &order.a, order.angular) * per_u;
@@ -785,6 +796,9 @@ fn larger_half<const N: usize>(
         (true, _) => ANGULAR[3],
         (_, Kind::Wrist) => ANGULAR[0],
         (_, Kind::Elbow | Kind::Shoulder) => ANGULAR[1],
+        // What moves the hand to the second order is lost as a translation; what only turns ζ, as a rotation where there is one.
+        _ if is_square && entry.verdict.class == Class::Type2 => ANGULAR[0],
+        _ if is_square && entry.verdict.class != Class::Unknown => ANGULAR[1],
         _ => ANGULAR[2],
     };
     let (linear, rotation) = (linear(u).norm_squared(), angular(u).norm_squared());

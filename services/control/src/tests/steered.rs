@@ -290,3 +290,23 @@ fn a_steered_law_begins_in_any_posture_as_if_made_for_it() {
     begins_alike::<7>("iiwa14");
     begins_alike::<7>("panda");
 }
+
+/// In a wrist's lock, about ζ and beside it: an arm without formulas turns ζ out of the way, and then the hand as far as it is asked to.
+#[test]
+fn a_turn_about_a_lost_direction_is_made_on_an_arm_without_formulas() {
+    let start = "q_deg = [10, -40, 25, 20, 0, 60]\n[analysis]\nnumeric = true";
+    let model = Model::<6>::new(robot("puma560"), None).unwrap();
+    let pose = |q: &SVector<f64, 6>| model.forward_kinematics(q).R;
+    let from = SVector::from([10.0, -40.0, 25.0, 20.0, 0.0, 60.0_f64]).map(f64::to_radians);
+    for beside_deg in [0.0_f64, 2.0, 10.0, 30.0] {
+        // ζ is z4×z5: in the hand's axes, a turn by −q6 of the forearm's −x.
+        let (sin, cos) = (60.0 + beside_deg).to_radians().sin_cos();
+        let about = twist([0.0, 0.0, 0.0, 0.3 * cos, -0.3 * sin, 0.0], 10.0);
+        let (state, [q, _]) = steer::<6>("puma560", start, &[(about, 4000)]).unwrap();
+        let turned = crate::linear::rotation_log(&(pose(&q) * pose(&from).transpose())).norm();
+        assert!(
+            turned > 0.9 * 1.2,
+            "{beside_deg}° beside ζ: {turned} of 1.2 rad, {state:?}"
+        );
+    }
+}

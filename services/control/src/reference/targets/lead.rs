@@ -3,7 +3,8 @@
 //! Along a singular direction inside its neighbourhood D_si the reference leads: its lead is what a fold opens by, and what it slides along. Elsewhere,
 //! and orthogonal to the singular directions, it is never further away than the accuracy asked for.
 
-use crate::linear::{angular, linear, rotation_exp, rotation_log, smoothstep, stack};
+use crate::linear::{angular, linear, rotation_exp, smoothstep, stack};
+use crate::reference::free_axis::{free_axis, rotation_error};
 use crate::types::Report;
 use model::Pose;
 use nalgebra::{Vector3, Vector6};
@@ -27,10 +28,18 @@ pub struct Lead {
 }
 
 impl Lead {
-    /// Between the reference and the arm, whose singularities are those of `report`.
+    /// Between the reference and the arm, whose singularities are those of `report`, in the directions that the `task` serves.
     #[must_use]
-    pub fn between<const N: usize>(reference: &Pose, arm: &Pose, report: &Report<N>) -> Self {
-        let error = reference.p - arm.p;
+    pub fn between<const N: usize>(
+        reference: &Pose,
+        arm: &Pose,
+        report: &Report<N>,
+        task: &[bool; 6],
+    ) -> Self {
+        let served = |v: Vector3<f64>, first: usize| {
+            Vector3::from_fn(|k, _| if task[first + k] { v[k] } else { 0.0 })
+        };
+        let error = served(reference.p - arm.p, 0);
         let (mut across, mut length) = (error, ACROSS_M);
         for s in report.listed().iter().filter(|s| s.inside) {
             let axis = linear(&s.zeta_B);
@@ -41,7 +50,8 @@ impl Lead {
             let closed = 1.0 - s.neighborhood().openness(s.s);
             length = length.max(ACROSS_M + (ALONG_M - ACROSS_M) * closed);
         }
-        let turn = rotation_log(&(reference.R * arm.R.transpose()));
+        let turn = rotation_error(&reference.R, &arm.R, free_axis(task).as_ref());
+        let turn = served(turn, 3);
         let parts = [(across, ACROSS_M), (error - across, length), (turn, ANGLE)];
         Self {
             parts,
@@ -128,6 +138,7 @@ mod tests {
             &Pose::translation(Vector3::new(x, 0.0, 0.0)),
             &Pose::identity(),
             &empty_report::<6>(),
+            &[true; 6],
         )
     }
 
@@ -169,8 +180,8 @@ mod tests {
             report.singularities[0].eta_out,
         ) = (true, 0.1, 0.2);
         let far = Pose::translation(Vector3::new(0.05, 0.05, 0.0));
-        let (held, _) =
-            Lead::between(&far, &Pose::identity(), &report).hold(&far, &Pose::identity());
+        let (held, _) = Lead::between(&far, &Pose::identity(), &report, &[true; 6])
+            .hold(&far, &Pose::identity());
         assert!(
             (held.p - Vector3::new(ALONG_M, ACROSS_M, 0.0)).norm() < 1e-12,
             "{}",
@@ -178,8 +189,8 @@ mod tests {
         );
         // Beyond D_si nothing opens: there the judge counts all of it.
         report.singularities[0].inside = false;
-        let (held, _) =
-            Lead::between(&far, &Pose::identity(), &report).hold(&far, &Pose::identity());
+        let (held, _) = Lead::between(&far, &Pose::identity(), &report, &[true; 6])
+            .hold(&far, &Pose::identity());
         assert!((held.p.norm() - ACROSS_M).abs() < 1e-12, "{}", held.p);
     }
 }

@@ -34,6 +34,8 @@ const AT_REST: f64 = 0.01;
 const ARRIVED: f64 = 0.02;
 /// |s|/η_out of the nearest singularity below which it is the reason for a slower clock.
 const NEAR: f64 = 2.0;
+/// Rate of an auxiliary coordinate above which it moves, rad/s.
+const TURNING: f64 = 0.02;
 /// Saturation of the lead that counts as the boundary of reach.
 const SATURATED: f64 = 0.02;
 /// Distance between a joint and that of the reference arm from which the two have parted, rad.
@@ -54,6 +56,8 @@ struct Asked {
     behind: Vector3<f64>,
     /// Speed of the clock.
     clock: f64,
+    /// Whether an auxiliary coordinate moves: ζ turns, or a fold opens.
+    turns: bool,
 }
 
 impl<const N: usize> Controller<N> {
@@ -228,7 +232,7 @@ impl<const N: usize> State<N> {
             (self.loops, self.qdot_planned) = (Default::default(), SVector::zeros());
         }
         let age_s = targets.tick.saturating_sub(targets.held.given_tick) as f64 * dt;
-        let lead = Lead::between(&targets.X, arm, report);
+        let lead = Lead::between(&targets.X, arm, report, &setup.task);
         let wish = match targets.over {
             Some(_) => Wish::rest(&targets.X),
             None => intake::wish(&targets.held, age_s, &targets.X, report, session),
@@ -269,6 +273,7 @@ impl<const N: usize> State<N> {
             age_s,
             behind,
             clock,
+            turns: (self.loops.iter()).any(|one| one.engaged() && one.rate.abs() > TURNING),
         }
     }
 
@@ -400,7 +405,10 @@ impl<const N: usize> TargetState<N> {
             .joint
             .filter(|_| fastest.clock < FULL && fastest.clock <= 1.2 * clock + 0.05);
         let is_posture = self.is_posture();
-        let is_bounded = self.clipped || asked.lead.saturation > SATURATED;
+        // A reference that leads while ζ turns out of its way is not beyond reach.
+        let is_near = nearest.is_some_and(|(_, openness)| openness < NEAR);
+        let leads = asked.lead.saturation > SATURATED;
+        let is_bounded = self.clipped || leads && !(is_near && asked.turns);
         // The first that holds.
         let reasons = [
             (self.over.is_some(), REASON_OVER),
@@ -413,10 +421,7 @@ impl<const N: usize> TargetState<N> {
             (asked.behind.norm() > BEHIND_M.0, REASON_HELD),
             (limit.is_some(), REASON_LIMIT),
             (!is_posture && is_bounded, REASON_REACH),
-            (
-                clock < FULL && nearest.is_some_and(|(_, openness)| openness < NEAR),
-                REASON_SINGULARITY,
-            ),
+            ((clock < FULL || leads) && is_near, REASON_SINGULARITY),
             (clock < FULL, REASON_EFFORT),
             ((wish.V - wish.asked).amax() > 1e-9, REASON_FAST),
         ];
