@@ -215,8 +215,6 @@ def messages(_):
         [f"`{one['topic']}`", f"[{one['structure']}](#{one['structure'].lower()})", one["writer"] or "(steered runs)", ", ".join(one["readers"]), one["bytes"]]
         for one in wire["topics"]])
     for name, one in fields.items():
-        if name.startswith("Exchange"):
-            continue
         heading = f" `{used[name]['type']}` on the topic `{used[name]['topic']}`." if name in used else ""
         rows = [[f"`{field['name']}`", field["type"] + (f" × {field['count']}" if field["count"] else ""), field["offset"], field["unit"] or "", field["about"]]
                 for field in one["fields"]]

@@ -1,9 +1,10 @@
 /* Two unit links in the plane, as the plant of `two-links.toml`: the first arm of every textbook, in closed form.
  *
- *     armplane generate wire --lang c > armplane.h && cc -O2 -o plant plant.c -lm && armplane run two-links.toml
+ *     cc -O2 -o plant plant.c $(pkg-config --cflags --libs armplane-process) -lm && armplane run two-links.toml
  *
  * Length 1 m and mass 1 kg each, slender rods, gravity along -y; classical Runge-Kutta, four steps a tick; ideal encoders and drives. */
 #include <math.h>
+#include <string.h>
 
 #include "armplane.h"
 
@@ -31,23 +32,22 @@ static struct state step(struct state x, const double tau[2], double h) {
 }
 
 int main(void) {
-    struct armplane a;
-    if (armplane_join(&a)) return armplane_failed(&a);
-    struct armplane_torque_command *torque = ARMPLANE_USE(&a, "torque", torque_command, TORQUE);
-    struct armplane_sensor_sample *sensor = ARMPLANE_USE(&a, "sensor", sensor_sample, SENSOR);
-    struct armplane_plant_state *truth = ARMPLANE_USE(&a, "plant_state", plant_state, PLANT_STATE);
-    if (!torque || !sensor || !truth || a.head->dof != 2) {
-        armplane_refuse(&a, "this program is the plant of an arm of two joints");
-        return armplane_failed(&a);
+    struct armplane_process *p = armplane_begin();
+    const struct armplane_process_now *now = armplane_process_about(p);
+    struct armplane_sensor_sample *sensor = armplane_out_sensor(p);
+    struct armplane_plant_state *truth = armplane_out_plant_state(p);
+    if (now->dof != 2) {
+        armplane_process_fail(p, "this program is the plant of an arm of two joints");
+        return armplane_process_leave(p);
     }
     struct state x = {{0.3, 1.2}, {0.0, 0.0}}; /* the posture `bent` */
     double tau[2] = {9.81 * (1.5 * cos(0.3) + 0.5 * cos(1.5)), 9.81 * 0.5 * cos(1.5)};
-    const double h = 1.0 / a.head->rate_hz / 4;
-    armplane_ready(&a);
-    while (armplane_next(&a) == ARMPLANE_REQUEST_TICK) {
-        if (a.head->tick > 0) {
+    const double h = 1.0 / now->rate_hz / 4;
+    while (armplane_process_wait(p) == ARMPLANE_PROCESS_TICK) {
+        if (now->tick > 0) {
             /* Where no torque has come, the last one is held. */
-            if (armplane_is_fresh(&a, torque)) memcpy(tau, torque->tau, sizeof tau);
+            const struct armplane_torque_command *torque = armplane_in_torque(p);
+            if (torque) memcpy(tau, torque->tau, sizeof tau);
             for (int i = 0; i < 4; i++) x = step(x, tau, h);
         }
         const double c1 = cos(x.q[0]), s1 = sin(x.q[0]), c12 = cos(x.q[0] + x.q[1]), s12 = sin(x.q[0] + x.q[1]);
@@ -64,7 +64,7 @@ int main(void) {
         truth->V_BE[0] = -s1 * x.qdot[0] - s12 * turn;
         truth->V_BE[1] = c1 * x.qdot[0] + c12 * turn;
         truth->V_BE[5] = turn;
-        armplane_answer(&a, ARMPLANE_ANSWER_DONE);
+        armplane_process_send(p, 0);
     }
-    return armplane_end(&a);
+    return armplane_process_leave(p);
 }

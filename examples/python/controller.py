@@ -9,7 +9,7 @@ DAMPING, K_P, K_V = 0.05, 400.0, 40.0
 
 class LineController(armplane.Controller):
     def setup(self):
-        self.arm = Arm(self.exchange.arm())
+        self.arm = Arm(self.mjcf())
         segment = self.job["scenario"]["segment"][0]
         self.duration = segment["duration_s"]
         self.p_0, self.R_0 = self.arm.position.copy(), self.arm.rotation.copy()

@@ -15,13 +15,13 @@ from pkgutil import extend_path
 __path__ = extend_path(__path__, __name__)
 
 from . import wire
-from .exchange import Exchange, WireError
+from .joined import Joined, ProcessError
 from .process import Controller, Observer, Operator, Plant, Process
 from .results import Run, load, run
 
 _NATIVE = ("Arm", "Law", "LawState", "Posture", "Reference", "Singularity")
 
-__all__ = ["Controller", "Exchange", "Observer", "Operator", "Plant", "Process", "Run", "WireError", "load", "run", "subscribe", "wire", *_NATIVE]
+__all__ = ["Controller", "Joined", "Observer", "Operator", "Plant", "Process", "ProcessError", "Run", "load", "run", "subscribe", "wire", *_NATIVE]
 
 
 def subscribe(topic, run=None):

@@ -28,6 +28,17 @@ class Drive:
     def braked(self):
         return self.state == wire.DRIVE_BRAKED
 
+    def state_bytes(self):
+        """All that the next answer depends on."""
+        counts = self.state, self.flags, self.saturation_mask, self.stale_ticks, self.stopping_ticks, self.refused
+        return self.tau.tobytes() + np.array(counts, np.int64).tobytes()
+
+    def restore(self, state):
+        """Goes on from the bytes that `state_bytes` gave."""
+        self.tau = np.frombuffer(state, count=len(self.tau)).copy()
+        counts = np.frombuffer(state, np.int64, offset=self.tau.nbytes).tolist()
+        self.state, self.flags, self.saturation_mask, self.stale_ticks, self.stopping_ticks, self.refused = counts
+
     def answer(self, command, age, qdot, gravity, inertia):
         """The torque for a tick. `command` is `None` if none arrived, `age` its age in ticks, `inertia` the diagonal of A(q)."""
         self.flags = 0

@@ -28,7 +28,7 @@ _FILES = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD, mujoco.mjtGe
 
 
 class Arm:
-    """The arm alone, from `exchange.arm()`, at the scenario's start: `model`, `data`, and what armplane's messages say of a posture."""
+    """The arm alone, from `Process.mjcf()`, at the scenario's start: `model`, `data`, and what armplane's messages say of a posture."""
 
     def __init__(self, text):
         self.model = m = mujoco.MjModel.from_xml_string(text)
@@ -287,6 +287,19 @@ class World:
             raise RuntimeError(f"MuJoCo's simulation left the finite numbers at {d.time:.3f} s: more sub-steps (plant.substeps), or a softer scene")
         self.arm.move_to(self.q, self.qdot)
 
+    def state(self):
+        """All of the simulation that the next step depends on."""
+        state = np.zeros(mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_INTEGRATION))
+        mujoco.mj_getState(self.model, self.data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+        return state.tobytes()
+
+    def restore(self, state):
+        """Goes on from the bytes that `state` gave, and returns those behind them."""
+        numbers = mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco.mj_setState(self.model, self.data, np.frombuffer(state, count=numbers), mujoco.mjtState.mjSTATE_INTEGRATION)
+        self.arm.move_to(self.q, self.qdot)
+        return state[8 * numbers :]
+
     def limit_mask(self):
         """Bit i: joint i is at its stop."""
         m, q = self.model, self.q
@@ -318,7 +331,7 @@ class MujocoPlant(Plant):
 
     def setup(self):
         scenario, plant = self.job["scenario"], self.job["scenario"]["plant"]
-        self.world = World(self.job, self.exchange.arm(), *sys.argv[1:2])
+        self.world = World(self.job, self.mjcf(), *sys.argv[1:2])
         arm = self.world.arm
         self.drive = Drive(arm.effort, arm.velocity, self.dt, plant["hold_ticks"], arm.bias().copy())
         bits = plant["encoder_bits"]
@@ -326,9 +339,15 @@ class MujocoPlant(Plant):
         self.noise, self.noise_counts = Gaussian(scenario["seed"], arm.n), plant["encoder_noise_counts"]
         print(self.world)
 
+    def state(self):
+        return self.world.state() + self.drive.state_bytes()
+
+    def restore(self, state):
+        self.drive.restore(self.world.restore(state))
+
     def step(self, torque):
         world, arm = self.world, self.world.arm
-        age = self.exchange.head.tick - 1 - torque.header.tick if torque else 0
+        age = self.now.tick - 1 - torque.header.tick if torque else 0
         command = np.array(torque.tau[: arm.n]) if torque else None
         gravity, inertia = (arm.bias(), arm.mass_matrix().diagonal()) if command is None else (None, None)
         tau = self.drive.answer(command, age, world.qdot, gravity, inertia)
@@ -356,7 +375,7 @@ def main():
     """Takes part in the run that started this program; without one, checks the scenario on standard input."""
     if not hasattr(getattr(mujoco, "MjSpec", None), "delete"):
         sys.exit(f"MuJoCo {mujoco.__version__} is too old: pip install 'mujoco>=3.3', for the Python {sys.executable}")
-    if "ARMPLANE_EXCHANGE" in os.environ:
+    if "ARMPLANE_PROCESS" in os.environ:
         MujocoPlant.run()
         return
     question = json.load(sys.stdin)

@@ -3,26 +3,37 @@
 import sys
 import traceback
 
-from . import wire
-from .exchange import Exchange, WireError
+from .joined import Joined, ProcessError
 
 
 class Process:
     """A process of a run.
 
-    `topics`: its messages by topic. `job`: scenario, robot and graph. `dof`: number of joints. `dt`: length of a tick, s. `incarnation`: number of
-    starts of this process in this run.
+    `topics`: its messages by topic. `now.tick`: the tick in hand. `job`: scenario, robot and graph. `dof`: number of joints. `dt`: length of a tick, s.
+    `incarnation`: number of starts of this process in this run.
     """
 
-    def __init__(self, exchange):
-        self.exchange = exchange
-        self.job = exchange.job()
-        self.dof = exchange.head.dof
-        self.dt = 1.0 / exchange.head.rate_hz
-        self.lockstep = exchange.head.lockstep != 0
-        self.incarnation = exchange.head.incarnation
-        self.topics = {name: topic.message for name, topic in exchange.topics.items()}
-        self._topics = list(exchange.topics.values())
+    _GIVEN = ("joined", "now", "job", "dof", "dt", "lockstep", "incarnation", "topics")
+
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        for name, value in vars(cls).items():
+            cls._check_name(name, value)
+
+    @classmethod
+    def _check_name(cls, name, value):
+        """A name of ours means what we take it for: `end = 2.5` would hide the method `end`."""
+        ours = next((base for base in cls.__mro__ if base.__module__ == __name__ and name in vars(base)), None)
+        is_method = ours and not name.startswith("_") and not (callable(value) or isinstance(value, (classmethod, staticmethod)))
+        if name in cls._GIVEN or is_method:
+            raise TypeError(f"{cls.__name__} sets {name}, which hides armplane.{(ours or Process).__name__}.{name}: choose another name")
+
+    def __init__(self, joined):
+        self.joined, self.now, self.job = joined, joined.now, joined.job
+        self.dof, self.dt = joined.now.dof, 1.0 / joined.now.rate_hz
+        self.lockstep, self.incarnation = joined.now.lockstep != 0, joined.now.incarnation
+        self.topics = {**joined.inputs, **joined.outputs}
+        self._given = {name: getattr(self, name) for name in self._GIVEN}
 
     def setup(self):
         """Called once before the first tick: load models, read `self.job`."""
@@ -33,14 +44,22 @@ class Process:
 
     def is_fresh(self, topic):
         """Whether the message of a topic belongs to this tick. If not, it is an earlier one."""
-        return self.exchange.topics[topic].fresh
+        return self.joined.is_fresh(topic)
 
-    def save(self):
-        """Called after each tick. Returns the state that a replacement needs, at most 4096 bytes, or `None`."""
+    def view(self, topic):
+        """The message of a topic that is read, in shared memory: without a copy, and valid in this tick only. `None` if none has come."""
+        return self.joined.view(topic)
+
+    def mjcf(self):
+        """The arm of the run in MJCF, for `armplane.mujoco.Arm`."""
+        return self.joined.mjcf()
+
+    def state(self):
+        """The bytes that `restore` needs to go on after this tick. Called where they are kept: in real time after each tick, at most 1 MiB."""
         return None
 
     def restore(self, state):
-        """Continues from the bytes that a predecessor's `save` returned."""
+        """Continues from the bytes of `state`. Without this pair, a process that is started again begins anew."""
 
     @classmethod
     def run(cls):
@@ -48,42 +67,37 @@ class Process:
         # A line printed is a line in the log of the run, at once.
         sys.stdout.reconfigure(line_buffering=True)
         try:
-            exchange = Exchange()
-        except (WireError, OSError) as error:
-            sys.exit(f"{cls.__name__}: {error}")
+            joined = Joined()
+        except (ProcessError, OSError) as error:
+            sys.exit(f"armplane: {error}")
         try:
-            process = cls(exchange)
-            process.setup()
-        except Exception as error:
+            cls(joined)._take_part()
+        except ProcessError:
+            # The library has the sentence.
+            pass
+        except (Exception, SystemExit) as error:
+            # Also an orderly exit: the run goes on without this process.
             traceback.print_exc()
-            try:
-                exchange.refuse(f"setup failed: {type(error).__name__}: {error}; the log has the traceback")
-            except WireError:
-                sys.exit(1)
-        exchange.ready()
-        while True:
-            request = exchange.next()
-            try:
-                if request == wire.REQUEST_TICK:
-                    over = process.tick(exchange.head.tick)
-                    state = process.save()
-                    if state is not None:
-                        exchange.state = state
-                    exchange.answer(wire.ANSWER_OVER if over else wire.ANSWER_DONE)
-                elif request == wire.REQUEST_START:
-                    state = exchange.state
-                    if state is not None:
-                        process.restore(state)
-                    exchange.answer()
-                else:
-                    process.end()
-                    if exchange.reason:
-                        print(exchange.reason, file=sys.stderr)
-                    return
-            except Exception as error:
-                traceback.print_exc()
-                exchange.fail(f"{type(error).__name__}: {error}")
-                sys.exit(1)
+            joined.fail(f"{type(error).__name__}: {error}")
+        sys.stdout.flush()
+        if code := joined.leave():
+            sys.exit(code)
+
+    def _take_part(self):
+        joined, now, tick = self.joined, self.now, self.tick
+        self.setup()
+        for name, value in vars(self).items():
+            if value is not self._given.get(name, self):
+                self._check_name(name, value)
+        if (left := joined.previous) is not None:
+            self.restore(left)
+        wait, send = joined.wait, joined.send
+        while wait():
+            over = tick(now.tick)
+            if now.keeps and (state := self.state()) is not None:
+                joined.keep(state)
+            send(over)
+        self.end()
 
     def end(self):
         """Called at the end of the run."""
@@ -115,7 +129,8 @@ class Controller(Process):
         raise NotImplementedError
 
     def tick(self, tick):
-        self.control(tick, *(self.topics[name] for name in ("estimate", "singularity", "control_state", "torque")))
+        topics = self.topics
+        self.control(tick, topics["estimate"], topics["singularity"], topics["control_state"], topics["torque"])
 
 
 class Operator(Process):
@@ -126,10 +141,9 @@ class Operator(Process):
         raise NotImplementedError
 
     def tick(self, tick):
-        messages = {name: message for name, message in self.topics.items() if name != "target"}
-        target = self.topics["target"].target
+        target = self.joined.outputs["target"].target
         target.given_tick = tick
-        self.steer(tick, target, **messages)
+        self.steer(tick, target, **self.joined.inputs)
 
 
 class Observer(Process):
@@ -140,4 +154,4 @@ class Observer(Process):
         raise NotImplementedError
 
     def tick(self, tick):
-        self.see(tick, **{topic.name: topic.message for topic in self._topics if topic.fresh})
+        self.see(tick, **{name: message for name, message in self.joined.inputs.items() if self.is_fresh(name)})

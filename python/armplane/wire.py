@@ -1,14 +1,8 @@
-"""The wire of armplane: messages, codes and the exchange page. Written by `armplane generate wire --lang python`; do not edit."""
+"""The wire of armplane: messages and codes. Written by `armplane generate wire --lang python`; do not edit."""
 
 import ctypes
 
 ARMPLANE_VERSION = "0.1.0"
-EXCHANGE_MARK = 7308886363639476833  # the first eight bytes of an exchange page
-EXCHANGE_VERSION = 1  # version of the contract of the exchange page
-EXCHANGE_TEXT = 256  # bytes of a text on the page
-EXCHANGE_NAME = 40  # bytes of the name of a topic
-EXCHANGE_TYPE = 136  # bytes of the name of a type
-EXCHANGE_STATE = 4096  # bytes of a checkpoint, at most
 MAX_DOF = 8  # elements of an array of joints
 MAX_SINGULARITIES = 4  # elements of an array of singularities
 MAX_HOPS = 8  # processes that stamp a message
@@ -114,27 +108,6 @@ REASON_OVER = 9
 REASON_HELD = 10
 REASONS = {REASON_FOLLOWING: "follows", REASON_RESTING: "rests", REASON_STALE: "rests: the target is older than its validity", REASON_FAST: "slowed: the target is faster than the session allows", REASON_SINGULARITY: "slowed near a singularity", REASON_EFFORT: "slowed: a joint is at its speed or torque limit", REASON_LIMIT: "slowed before a joint limit", REASON_REACH: "at the boundary of reach", REASON_STOPPED: "stopped, goes on from rest", REASON_OVER: "over", REASON_HELD: "held back: something is in the arm's way"}
 
-PROGRAM_AWAITED = 0
-PROGRAM_JOINED = 1
-PROGRAM_REFUSED = 2
-PROGRAMS = {PROGRAM_AWAITED: "awaited", PROGRAM_JOINED: "joined", PROGRAM_REFUSED: "refused"}
-
-REQUEST_NONE = 0
-REQUEST_START = 1
-REQUEST_TICK = 2
-REQUEST_STOP = 3
-REQUESTS = {REQUEST_NONE: "none", REQUEST_START: "start", REQUEST_TICK: "tick", REQUEST_STOP: "stop"}
-
-ANSWER_DONE = 0
-ANSWER_OVER = 1
-ANSWER_FAILED = 2
-ANSWERS = {ANSWER_DONE: "done", ANSWER_OVER: "over", ANSWER_FAILED: "failed"}
-
-USE_READS = 0
-USE_FEEDBACK = 1
-USE_WRITES = 2
-USES = {USE_READS: "reads", USE_FEEDBACK: "feedback", USE_WRITES: "writes"}
-
 
 class Header(ctypes.Structure):
     """The first field of every message."""
@@ -200,62 +173,6 @@ class TargetContent(ctypes.Structure):
 
 
 assert ctypes.sizeof(TargetContent) == 200
-
-
-class ExchangeHead(ctypes.Structure):
-    """The beginning of an exchange page. *armplane* or *program* says which of the two writes the field. The fields up to `program` keep their places in every version, so that two versions can name each other."""
-
-    __slots__ = ()
-    _fields_ = [
-        ("mark", ctypes.c_uint64),  # armplane: `EXCHANGE_MARK`, written last when the page is made
-        ("version", ctypes.c_uint32),  # armplane: the version of the contract, `EXCHANGE_VERSION`
-        ("bytes", ctypes.c_uint32),  # armplane: the size of the page [bytes]
-        ("program_version", ctypes.c_uint32),  # program: the version of the contract that it was written for
-        ("program", ctypes.c_uint32),  # program: one of `PROGRAMS`
-        ("armplane_pid", ctypes.c_uint32),  # armplane: its process id; a program that waits and no longer finds this process ends itself
-        ("lockstep", ctypes.c_uint32),  # armplane: 1 in lockstep, 0 in real time
-        ("rate_hz", ctypes.c_uint32),  # armplane: ticks per second of the arm's time [Hz]
-        ("dof", ctypes.c_uint32),  # armplane: joints of the arm; the first so many elements of an array of joints
-        ("incarnation", ctypes.c_uint32),  # armplane: how often the process has been started in this run, from 1
-        ("topics", ctypes.c_uint32),  # armplane: how many topics follow
-        ("topics_at", ctypes.c_uint32),  # armplane: the first `ExchangeTopic` [bytes from the start of the page, multiple of 8]
-        ("state_at", ctypes.c_uint32),  # armplane: the room for the checkpoint [bytes from the start of the page, multiple of 8]
-        ("state_left", ctypes.c_uint32),  # armplane: how many bytes of checkpoint a predecessor left, 0 without one [bytes]
-        ("state_room", ctypes.c_uint32),  # armplane: how much it may hold, `EXCHANGE_STATE` [bytes]
-        ("requests", ctypes.c_uint32),  # armplane: counts requests; the futex word on which the program sleeps
-        ("request", ctypes.c_uint32),  # armplane: one of `REQUESTS`
-        ("tick", ctypes.c_uint64),  # armplane: the tick of the request
-        ("reason", ctypes.c_uint8 * 256),  # armplane: why it stops the program, UTF-8 ended by 0; empty at the ordinary end of a run
-        ("program_pid", ctypes.c_uint32),  # program: its process id
-        ("answer", ctypes.c_uint32),  # program: one of `ANSWERS`
-        ("answers", ctypes.c_uint32),  # program: the count of the request that it has answered; the futex word on which armplane sleeps
-        ("state_bytes", ctypes.c_uint32),  # program: how many bytes of checkpoint it has written, 0 for none [bytes]
-        ("answer_tick", ctypes.c_uint64),  # program: the tick that it has answered; any other than that of the request is refused
-        ("complaint", ctypes.c_uint8 * 256),  # program: why it cannot go on, UTF-8 ended by 0
-    ]
-
-
-assert ctypes.sizeof(ExchangeHead) == 616
-
-
-class ExchangeTopic(ctypes.Structure):
-    """One topic of an exchange page."""
-
-    __slots__ = ()
-    _fields_ = [
-        ("name", ctypes.c_uint8 * 40),  # armplane: its name, ended by 0
-        ("type_name", ctypes.c_uint8 * 136),  # armplane: the versioned name of its message's type, ended by 0
-        ("layout", ctypes.c_uint64),  # armplane: the hash of the layout of its message
-        ("at", ctypes.c_uint32),  # armplane: where the message lies [bytes from the start of the page, multiple of 64]
-        ("bytes", ctypes.c_uint32),  # armplane: the size of the message [bytes]
-        ("usage", ctypes.c_uint32),  # armplane: one of `USES`
-        ("fresh", ctypes.c_uint32),  # armplane: 1 where the message belongs to the request, 0 where none has come and the bytes are those of an earlier one
-        ("program_type", ctypes.c_uint8 * 136),  # program: the name of the type that it uses for this topic, ended by 0; empty where it does not use the topic
-        ("program_layout", ctypes.c_uint64),  # program: the hash of the layout of that type
-    ]
-
-
-assert ctypes.sizeof(ExchangeTopic) == 344
 
 
 class SensorSample(ctypes.Structure):

@@ -53,7 +53,7 @@ from armplane.arena import Arm
 
 class Cheat(armplane.Controller):
     def setup(self):
-        self.arm, self.all = Arm(self.exchange.arm()), self.job["scenario"]["segment"][0]["duration_s"]
+        self.arm, self.all = Arm(self.mjcf()), self.job["scenario"]["segment"][0]["duration_s"]
 
     def control(self, tick, estimate, singularity, state, torque):
         n = self.dof
@@ -71,7 +71,6 @@ GRAPH = """extends = "armplane"
 [[process]]
 name = "controller"
 command = ["{python}", "cheat.py"]
-exchange = true
 reads = ["estimate", "singularity"]
 writes = ["control_state", "torque"]
 """

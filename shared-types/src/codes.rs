@@ -252,46 +252,4 @@ codes! {
         /// The hand is far behind that of the reference arm.
         REASON_HELD = 10 "held back: something is in the arm's way",
     }
-
-    /// How far the program of an exchange page is.
-    PROGRAMS {
-        /// It has not come yet.
-        PROGRAM_AWAITED = 0 "awaited",
-        /// It has mapped the page and said which layouts it uses; it waits for requests.
-        PROGRAM_JOINED = 1 "joined",
-        /// It refuses the page; the complaint says why.
-        PROGRAM_REFUSED = 2 "refused",
-    }
-
-    /// Requests of armplane to the program of an exchange page.
-    REQUESTS {
-        /// Nothing yet.
-        REQUEST_NONE = 0 "none",
-        /// Take up the predecessor's checkpoint, where there is one: the first tick is `tick`.
-        REQUEST_START = 1 "start",
-        /// Do the step of `tick`: the inputs are on the page, the outputs are to be written there.
-        REQUEST_TICK = 2 "tick",
-        /// Answer and end.
-        REQUEST_STOP = 3 "stop",
-    }
-
-    /// Answers of the program of an exchange page.
-    ANSWERS {
-        /// Done.
-        ANSWER_DONE = 0 "done",
-        /// Done, and the run ends with this tick: for the process that makes the ticks.
-        ANSWER_OVER = 1 "over",
-        /// It cannot go on; the complaint says why.
-        ANSWER_FAILED = 2 "failed",
-    }
-
-    /// How a process uses a topic.
-    USES {
-        /// It reads the message of the tick.
-        USE_READS = 0 "reads",
-        /// It reads the message of the tick before, to get to this one.
-        USE_FEEDBACK = 1 "feedback",
-        /// It writes the message of the tick.
-        USE_WRITES = 2 "writes",
-    }
 }

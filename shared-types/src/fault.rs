@@ -95,8 +95,8 @@ pub struct Target {
     pub index: u32,
     /// Its part in the run.
     pub role: Role,
-    /// Its step is done by a program of others, by an exchange page, or by a robot.
-    pub is_exchanged: bool,
+    /// Its step is done by a program of others, or by a robot.
+    pub is_foreign: bool,
     /// The fields of the message that a corruption concerns: the first that faults shape.
     pub fields: Vec<Field>,
     /// The topics that it reads, in the order of the graph.
@@ -110,7 +110,7 @@ impl Target {
         Self {
             index,
             role,
-            is_exchanged: false,
+            is_foreign: false,
             fields: M::FIELDS.to_vec(),
             reads: Vec::new(),
         }
@@ -245,13 +245,7 @@ impl Fault {
             format!("it can happen to {}", names.join(" and to ")),
         )?;
         require(
-            !(kind.needs_own_files() && on.is_exchanged),
-            "kind",
-            format!("`{kind}` cannot happen to {process}: its program writes its files itself"),
-            "plan it for the recorder, or let the program write to a volume of limited size",
-        )?;
-        require(
-            !(kind.concerns_joint() && on.is_exchanged),
+            !(kind.concerns_joint() && on.is_foreign),
             "kind",
             format!(
                 "the {process}'s sensors and drives are not armplane's own: a `{kind}` fault would not take effect there"
@@ -581,7 +575,7 @@ mod tests {
         let plant = "[[process]]\nname = \"plant\"\nfeedback = [\"torque\"]\nwrites = [\"sensor\", \"plant_state\"]\n";
         for key in [
             "robot = \"fci://a\"",
-            "command = [\"mine\"]\nexchange = true",
+            "command = [\"mine\"]",
             "external = true",
         ] {
             let graph = Graph::parse("g.toml", &format!("extends = \"armplane\"\n{plant}{key}\n"));

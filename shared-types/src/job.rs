@@ -69,6 +69,9 @@ pub struct Job {
     pub scenario: Scenario,
     /// With which arm.
     pub robot: RobotText,
+    /// Its joints; 0 in a job of an earlier version.
+    #[serde(default)]
+    pub dof: u32,
     /// In which processes.
     pub graph: Graph,
 }

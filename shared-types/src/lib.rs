@@ -14,7 +14,6 @@
 //! * [`fault`]: faults to inject, by process and tick.
 //! * [`graph`]: the processes of a run, their topics and commands; [`process`]: one process;
 //!   [`layout`]: messages declared by a graph.
-//! * [`exchange`]: the page through which a program in another language takes part.
 //! * [`file`]: reads such files; errors name the place and the remedy.
 //! * [`job`]: all of it together, for a starting process.
 //! * [`summary`]: the results of a run, `summary.json`.
@@ -25,7 +24,6 @@
 pub mod bounds;
 pub mod checkpoints;
 pub mod codes;
-pub mod exchange;
 pub mod fault;
 pub mod file;
 pub mod graph;

@@ -19,28 +19,24 @@ pub struct Process {
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub program: String,
     /// Program and arguments, started in the folder of the graph's file. A program without `/` is
-    /// looked for in `PATH`. Empty: armplane itself.
+    /// looked for in `PATH`. Empty: armplane itself. docs/wire.md shows how a program takes part.
     ///
     /// The environment variables `ARMPLANE_PROCESS` and `ARMPLANE_RUN` name the process and its
     /// run.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub command: Vec<String>,
-    /// The program takes part through an exchange page, in any language (docs/wire.md).
-    /// `ARMPLANE_EXCHANGE` gives the path of the page.
-    #[serde(default, skip_serializing_if = "is_false")]
-    pub exchange: bool,
-    /// You start the program yourself, without `command`: the run prints the path of its exchange
-    /// page and waits.
+    /// You start the program yourself, without `command`: the run prints the environment that it
+    /// needs, and waits.
     #[serde(default, skip_serializing_if = "is_false")]
     pub external: bool,
     /// Address of a real arm instead of the simulated one, `fci://HOST` (docs/franka.md). Only for
     /// the process with `feedback`, in real time. `armplane run --plant` sets it.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub robot: String,
-    /// Longest time for an answer through the exchange page; s. 0: 10 s.
+    /// Longest time for a tick in a program that uses `libarmplane-process`; s. 0: 10 s.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub answer_limit_s: u32,
-    /// Longest time from the start until the program joins; s. 0: 60 s, or 600 s if `external`.
+    /// Longest time from the start until your program joins; s. 0: 60 s, or 600 s if `external`.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub join_limit_s: u32,
     /// Topics that it reads at each tick; `"*"`: all that others write.
@@ -160,10 +156,10 @@ impl Process {
         }
     }
 
-    /// Whether a program takes part for it by an exchange page.
+    /// Whether a program of others takes part for it.
     #[must_use]
-    pub fn is_exchanged(&self) -> bool {
-        self.exchange || self.external
+    pub fn is_of_others(&self) -> bool {
+        self.external || !self.command.is_empty()
     }
 }
 

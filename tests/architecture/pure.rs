@@ -24,7 +24,7 @@ const ROOMS: [&str; 1] = ["services/recorder/src/judge"];
 /// Libraries that compute or read text, and crates of ours that pure code may name; of a process, its step, and of the recorder its judge's bounds.
 const DEPENDENCIES: &str = "bytemuck control glam hdrhistogram libm model nalgebra process quick_xml rapier3d recorder serde serde_json shared_types sim thiserror \
     toml roxmltree urdf_rs wide analyzer controller estimator operator plant plotters viz mesh_loader xxhash_rust";
-const PROCESSES: &str = "analyzer controller estimator operator plant plant_fci recorder exchange";
+const PROCESSES: &str = "analyzer controller estimator operator plant plant_fci recorder";
 const STEP: &str = "Bounds Cycle Known Law Analysis World process";
 /// Modules of the standard library without clock, thread, file, environment and process; the three instructions compute, load and store.
 const STANDARD: &str = "any array borrow cell cmp collections convert error f32 f64 fmt hash iter marker mem num ops path result slice str sync";

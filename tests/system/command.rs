@@ -367,13 +367,13 @@ pub(crate) fn children_of_run(launcher: u32) -> Vec<(String, i32)> {
     })
 }
 
-/// Programs that have an exchange page of a launcher's run in their environment.
+/// Programs of others in a launcher's run, by their environment.
 pub(crate) fn programs_of(launcher: u32) -> Vec<i32> {
     let marker = format!("-{launcher}-");
-    let is_page =
-        |word: &Cow<'_, str>| word.starts_with("ARMPLANE_EXCHANGE=") && word.contains(&marker);
+    let is_run = |word: &Cow<'_, str>| word.starts_with("ARMPLANE_RUN=") && word.contains(&marker);
+    let is_of_others = |word: &Cow<'_, str>| word == "ARMPLANE_PROCESS=watch";
     processes("environ", |pid, words| {
-        words.iter().any(is_page).then_some(pid)
+        (words.iter().any(is_run) && words.iter().any(is_of_others)).then_some(pid)
     })
 }
 

@@ -110,17 +110,6 @@ fn built_in() -> Result<Vec<Seed>, Box<dyn std::error::Error>> {
     let words = [(4_u32, 1_u64), (8, 2), (9, 1)]
         .map(|(place, word)| [&place.to_ne_bytes()[..], &word.to_ne_bytes()].concat());
     seed("control_page", "words", &words.concat());
-    // Joins, answers, sends; then the same with a word of the head overwritten in between.
-    seed(
-        "exchange_page",
-        "good",
-        &[3, 4, 5, 7, 6, 8, 9, 0, 9, 1, 9, 2, 10],
-    );
-    seed(
-        "exchange_page",
-        "spoiled",
-        b"\x03\x01\x14\x07\0\0\0\x04\x05\x07\x06\x01\x5a\x01\0\0\0\x08\x02\0\x08\xff\xc8\x09\0\x0a\x0b\xff\x7fx\x09",
-    );
     seed("results", "job", properties::job().as_bytes());
     let summary = serde_json::to_vec(&shared_types::summary::Summary::default())?;
     seed("results", "summary", &summary);
@@ -157,7 +146,6 @@ fn assert_holds(target: &str, bytes: &[u8]) {
     match target {
         "control_page" => properties::control_page(bytes),
         "controller" => properties::controller(bytes),
-        "exchange_page" => properties::exchange_page(bytes),
         "fingers" => properties::fingers(bytes),
         "graph" => on_text(properties::graph),
         "manifest" => properties::manifest(bytes),

@@ -31,6 +31,7 @@ fn a_plant_in_one_c_file_runs_like_ours() {
         "plant.c",
         "-lm",
     ]);
+    link(&desk, &mut compiler);
     let Ok(built) = compiler.output() else {
         return skipped("there is no cc");
     };
@@ -49,6 +50,21 @@ fn a_plant_in_one_c_file_runs_like_ours() {
     desk.run("plain.toml --out ours --set plant.encoder_bits=0");
     let apart = furthest_apart(&desk, "runs/two-links-001", "ours");
     assert!(apart < 1e-6, "joints {apart} rad apart");
+}
+
+/// Links the library that cargo has built for the tests.
+pub(crate) fn link(desk: &Desk, compiler: &mut std::process::Command) {
+    let tests = std::env::current_exe().expect("this test");
+    let built = tests.with_file_name("libarmplane_process.so");
+    assert!(built.is_file(), "{}: not built", built.display());
+    for name in ["libarmplane-process.so", "libarmplane-process.so.1"] {
+        std::os::unix::fs::symlink(&built, desk.at(name)).expect("a link");
+    }
+    let folder = desk.at(".").display().to_string();
+    compiler
+        .arg(format!("-L{folder}"))
+        .arg(format!("-Wl,-rpath,{folder}"))
+        .arg("-larmplane-process");
 }
 
 /// The largest difference between the true joint positions of two runs; rad.

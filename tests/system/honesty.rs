@@ -116,7 +116,7 @@ fn only_the_controller_that_follows_the_path_has_reached_the_goal() {
             "graph.toml",
             format!(
                 "extends = \"armplane\"\n[[process]]\nname = \"controller\"\ncommand = [\"python3\", \"controller.py\", \"{how}\"]\n\
-                 exchange = true\nreads = [\"estimate\", \"singularity\"]\nwrites = [\"control_state\", \"torque\"]\n"
+                 reads = [\"estimate\", \"singularity\"]\nwrites = [\"control_state\", \"torque\"]\n"
             ),
         );
         let said = desk.armplane("run line.toml --json");

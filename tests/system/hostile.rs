@@ -149,11 +149,6 @@ proptest! {
     }
 
     #[test]
-    fn no_exchange_page_leads_astray(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
-        properties::exchange_page(&bytes);
-    }
-
-    #[test]
     fn manifests_are_valid_or_refused(text in broken(vec![properties::MANIFEST.to_owned()])) {
         properties::manifest(text.as_bytes());
     }

@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader};
 
 use crate::command::{Desk, Known, Running, lacks};
-use crate::exchange::graph;
+use crate::programs::graph;
 
 /// An observer that at tick 100 does this.
 fn watch(at_100: &str) -> Desk {
@@ -12,7 +12,7 @@ fn watch(at_100: &str) -> Desk {
     desk.file("watch.py", format!("{program}{at_100}\nW.run()\n"));
     graph(
         &desk,
-        "name = \"watch\"\ncommand = [\"python3\", \"watch.py\"]\nexchange = true\nreads = [\"plant_state\"]\n",
+        "name = \"watch\"\ncommand = [\"python3\", \"watch.py\"]\nreads = [\"plant_state\"]\n",
         "",
     );
     desk
@@ -23,20 +23,18 @@ fn an_observer_that_always_ends_is_named_with_each_of_its_deaths() {
     if lacks("") {
         return;
     }
-    for at_100 in ["os.kill(os.getpid(), 9)", "os.kill(os.getppid(), 9)"] {
-        let said = watch(at_100).refuses(1, "run short.toml --no-record --json", "");
-        let summary = said.json();
-        // Five roll-backs, and the death that no other start follows.
-        let deaths = summary["faults"].list();
-        assert_eq!(deaths.len(), 6, "{deaths:?}");
-        for death in deaths {
-            death.holds(r#"{"process": "watch", "origin": "detected"}"#);
-            let at = format!(" at tick {}", death["tick"]);
-            assert!(death["detail"].text().contains(&at), "{death}");
-        }
-        let at = format!(" at tick {}", deaths[5]["tick"]);
-        assert!(summary["reason"].text().contains(&at), "{summary}");
+    let said = watch("os.kill(os.getpid(), 9)").refuses(1, "run short.toml --no-record --json", "");
+    let summary = said.json();
+    // Five roll-backs, and the death that no other start follows.
+    let deaths = summary["faults"].list();
+    assert_eq!(deaths.len(), 6, "{deaths:?}");
+    for death in deaths {
+        death.holds(r#"{"process": "watch", "origin": "detected"}"#);
+        let at = format!(" at tick {}", death["tick"]);
+        assert!(death["detail"].text().contains(&at), "{death}");
     }
+    let at = format!(" at tick {}", deaths[5]["tick"]);
+    assert!(summary["reason"].text().contains(&at), "{summary}");
 }
 
 #[test]

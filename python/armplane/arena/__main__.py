@@ -43,7 +43,6 @@ GRAPH = """extends = "armplane"
 [[process]]
 name = "controller"
 command = {command}
-exchange = true
 restart = "never"
 answer_limit_s = {join}
 join_limit_s = {join}

@@ -50,7 +50,7 @@ class Host(armplane.Controller):
         self.law = load(sys.argv[1])()
         # What may be varied is not for the law to know.
         known = {key: value for key, value in self.job["scenario"].items() if key not in ("plant", "estimator", "fault", "seed")}
-        self.law.begin(Arm(self.exchange.arm()), self.dt, known)
+        self.law.begin(Arm(self.mjcf()), self.dt, known)
         self.path = armplane.Reference(json.dumps(self.job))
         self.settle, self.times, self.rate, self.ended = self.job["scenario"]["settle_s"], [], 1.0, None
 
@@ -93,7 +93,7 @@ class Host(armplane.Controller):
 
 
 def main():
-    if "ARMPLANE_EXCHANGE" in os.environ:
+    if "ARMPLANE_PROCESS" in os.environ:
         Host.run()
         return
     try:

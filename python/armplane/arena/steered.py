@@ -25,7 +25,7 @@ class Steered(Host):
 
     def setup(self):
         self.law = load(sys.argv[1])()
-        self.law.begin(Arm(self.exchange.arm()), self.dt, self.job["scenario"])
+        self.law.begin(Arm(self.mjcf()), self.dt, self.job["scenario"])
         if not isinstance(self.law, Velocity):
             raise ValueError(f"{sys.argv[1]}: only controllers that give joint velocities or positions can be steered")
         self.R, self.p = self.law.arm.pose(self.law.arm.start)

@@ -16,9 +16,8 @@ import time
 
 import numpy as np
 
-from .. import wire
 from ..arena.__main__ import OPPONENTS
-from ..exchange import Exchange
+from ..joined import Joined, ProcessError
 from ..results import _program
 from .robot import Robot
 
@@ -32,7 +31,6 @@ reads = ["plant_state", "singularity", "servo_state", "control_state"]
 FOREIGN = """[[process]]
 name = "controller"
 command = {}
-exchange = true
 reads = ["estimate", "singularity", "target"]
 writes = ["servo_state", "control_state", "torque"]
 """
@@ -73,36 +71,37 @@ class Session:
 
     def _listen(self):
         for line in self.process.stderr:
-            if found := re.search(r"ARMPLANE_EXCHANGE=(\S+)", line):
+            if found := re.search(r"ARMPLANE_RUN=(\S+) ARMPLANE_PROCESS=page", line):
                 threading.Thread(target=self._observe, args=(found[1],), daemon=True).start()
             elif line.strip() and not line.startswith(" "):
                 self.lines.append(line.strip())
 
-    def _observe(self, path):
+    def _observe(self, folder):
         """The page's part in the graph: it copies every tick."""
         try:
-            exchange = Exchange(path)
-            self.job, self.run = exchange.job(), os.path.basename(os.path.dirname(path))
+            joined = Joined(folder, "page")
+            self.job, self.run = joined.job, os.path.basename(folder)
             robot = self.robot = Robot(self.job)
         except Exception as error:
             self.lines.append(f"{type(error).__name__}: {error}")
             self.process.send_signal(signal.SIGINT)
             return
-        exchange.ready()
-        self.rate_hz, self._paces = exchange.head.rate_hz, collections.deque(maxlen=10)
+        self.rate_hz, self._paces = joined.now.rate_hz, collections.deque(maxlen=10)
         n, arm = robot.dof, robot.arm
-        topics = {name: topic.message for name, topic in exchange.topics.items()}
+        topics = joined.inputs
         plant = topics["plant_state"]
         qdot, tau = (np.frombuffer(field, count=n) for field in (plant.qdot, plant.tau))
         # Largest speed and torque so far, as shares of their limits.
         self.peaks = np.zeros((2, n))
-        while (request := exchange.next()) != wire.REQUEST_STOP:
-            if request == wire.REQUEST_TICK:
+        try:
+            while joined.wait():
                 shares = np.abs([qdot / arm.velocity, tau / arm.effort])
                 np.maximum(self.peaks, shares, out=self.peaks)
-                copies = {name: type(one).from_buffer_copy(one) for name, one in topics.items()}
-                self.seen = copies
-            exchange.answer()
+                self.seen = {name: type(one).from_buffer_copy(one) for name, one in topics.items()}
+                joined.send()
+        except ProcessError as error:
+            self.lines.append(str(error))
+        joined.leave()
 
     def say(self, line):
         """Gives a target."""

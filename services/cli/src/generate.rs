@@ -6,9 +6,9 @@ use std::process::ExitCode;
 
 use clap::{Command, Subcommand, ValueEnum};
 use clap_mangen::Man;
-use exchange::describe;
 use session::Failure;
 
+use crate::describe;
 use crate::out::show_painted;
 
 #[derive(Subcommand)]
@@ -44,8 +44,8 @@ pub(crate) enum Generate {
     },
     /// Print every message for other languages: offsets, sizes, units, meaning.
     #[command(
-        long_about = "Prints all messages, codes and the exchange page, through which a program in any language joins a run. The C header includes \
-                      the program's side of the page; the Python output is the package's module `wire`. docs/wire.md explains the protocol.",
+        long_about = "Prints all messages and codes. The C header declares libarmplane-process too, with which a program in any language joins a run; \
+                      the Python output is the package's module `wire`. docs/wire.md shows programs.",
         after_help = "Examples:\n  armplane generate wire --lang c > armplane.h\n  armplane generate wire --lang python > python/armplane/wire.py\n  armplane generate wire --lang json | jq .topics"
     )]
     Wire {
@@ -69,7 +69,7 @@ pub(crate) enum Schema {
 pub(crate) enum Language {
     /// Structures, topics, codes and constants as one document.
     Json,
-    /// A header for C11 and C++11, with the program's side of the exchange page.
+    /// A header for C11 and C++11, with the functions of libarmplane-process.
     C,
     /// The Python package's module `wire` (ctypes).
     Python,

@@ -5,6 +5,7 @@ mod arena;
 mod bench;
 mod clean;
 mod compare;
+mod describe;
 mod diff;
 mod doctor;
 mod drill;

@@ -2,11 +2,13 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 
 use clap::{Args, Subcommand};
 use model::Robot;
 use runtime::{ProcessError, Shell, drive};
-use session::{Failure, load};
+use session::Failure;
+use shared_types::job::{JOB, Job};
 use shared_types::process::Program;
 
 use crate::out::passed;
@@ -26,9 +28,9 @@ pub(crate) enum Command {
     Recorder(Place),
     #[command(hide = true)]
     Operator(Place),
-    /// The exchange page of a program of others.
+    /// A program that is started separately.
     #[command(hide = true)]
-    Exchange(Place),
+    StandIn(Place),
     /// A robot at the address that the graph gives.
     #[command(hide = true)]
     PlantFci(Place),
@@ -58,6 +60,27 @@ pub(crate) fn run(command: &Command) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// The time that a person has to start a program.
+const LONGEST_EXTERNAL_START_S: u32 = 600;
+
+fn stand_in(place: &Place) -> Result<(), ProcessError> {
+    let missing = || ProcessError::setup("this process is one of a graph");
+    let run = place.run.as_deref().ok_or_else(missing)?;
+    let name = std::env::var(runtime::PROCESS_VARIABLE).map_err(|_| missing())?;
+    let job = std::fs::read(run.join(JOB)).map_err(ProcessError::setup)?;
+    let job: Job = serde_json::from_slice(&job).map_err(ProcessError::setup)?;
+    let limit_s = job
+        .graph
+        .process(&name)
+        .map_or(0, |process| process.join_limit_s);
+    let limit_s = if limit_s == 0 {
+        LONGEST_EXTERNAL_START_S
+    } else {
+        limit_s
+    };
+    runtime::stand_in(run, &name, Duration::from_secs(limit_s.into()))
+}
+
 fn work(command: &Command) -> Result<(), ProcessError> {
     let (program, place) = match command {
         Command::Plant(place) => (Some(Program::Plant), place),
@@ -66,12 +89,13 @@ fn work(command: &Command) -> Result<(), ProcessError> {
         Command::Controller(place) => (Some(Program::Controller), place),
         Command::Recorder(place) => (Some(Program::Recorder), place),
         Command::Operator(place) => (Some(Program::Operator), place),
-        Command::Exchange(place) | Command::PlantFci(place) => (None, place),
+        Command::PlantFci(place) => (None, place),
         Command::Guard(place) => {
             place.run.iter().for_each(|run| launcher::guard(run));
             return Ok(());
         }
         Command::Watch(_) => return Ok(()),
+        Command::StandIn(place) => return stand_in(place),
     };
     let shell = Shell::started(place.run.as_deref(), program.map(Program::name))?;
     let job = shell.job()?;
@@ -86,20 +110,12 @@ fn work(command: &Command) -> Result<(), ProcessError> {
             let step = chain::step_of(program, &robot, scenario).map_err(ProcessError::setup)?;
             step.map_or(Ok(()), |mut step| drive(&shell, &mut *step, &mut ()))
         }
-        None if matches!(command, Command::PlantFci(_)) => {
+        None => {
             let process = job.graph.process(name);
             let address = process.map_or("", |process| process.robot.as_str());
             let address: plant_fci::Address = address.parse().map_err(ProcessError::Setup)?;
             plant_fci::run(&shell, &robot, scenario, &address)
         }
-        None => exchange::run(
-            &shell,
-            &job.graph,
-            name,
-            robot.dof(),
-            scenario.planned_ticks(),
-            load::command(&job.graph, name),
-        ),
     };
     done.inspect(|()| shell.pass_signal_on())
 }

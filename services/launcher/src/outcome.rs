@@ -138,9 +138,7 @@ fn rolled_back(roll_backs: u32) -> String {
 /// A program that ends well before the first tick has not heard of the run.
 fn stranger(exit: Exit, tick: u64) -> &'static str {
     match exit.is_success() && tick == 0 {
-        true => {
-            ", before it took part in the run (a program that does not know armplane needs `exchange = true`, see docs/wire.md)"
-        }
+        true => ", before it took part in the run (docs/wire.md shows how a program does)",
         false => "",
     }
 }

@@ -98,7 +98,7 @@ impl Limits {
                 let start = if self.awaits_person {
                     None
                 } else {
-                    Some(limit.max(START))
+                    Some(limit.max(self.start.unwrap_or(START)).max(START))
                 };
                 Self {
                     start,

@@ -15,6 +15,7 @@ use crate::clock::now_ns;
 use crate::control_page::{ControlPage, ProcessEntry, Stop};
 use crate::disturbance::Pauses;
 use crate::fault::table::KnownFaults;
+use crate::look_out::LookOut;
 use crate::manifest::Manifest;
 use crate::run_dir::RunDir;
 use crate::stamping::Stamping;
@@ -45,11 +46,22 @@ impl StopFlag {
         for signal in [libc::SIGTERM, libc::SIGINT] {
             signal_hook::flag::register(signal, Arc::clone(&signalled))?;
         }
+        Ok(Self {
+            signalled,
+            ..Self::without_signals(is_polled)
+        })
+    }
+
+    /// Leaves signals to the program.
+    pub(crate) fn without_signals(is_polled: bool) -> Self {
         let at = match is_polled {
             true => Stop::Everything,
             false => Stop::Chain,
         };
-        Ok(Self { at, signalled })
+        Self {
+            at,
+            signalled: Arc::default(),
+        }
     }
 }
 
@@ -104,6 +116,8 @@ pub(crate) struct Context {
     pub(crate) pauses: RefCell<Option<Pauses>>,
     pub(crate) faults: FaultState,
     pub(crate) attached: Attached,
+    /// Of a program in another language: what it does between the sleeps of a wait.
+    pub(crate) look_out: LookOut,
 }
 
 impl Context {
@@ -210,8 +224,21 @@ impl Context {
             if std::mem::take(&mut has_passed) {
                 self.turns.note_vain();
             }
+            let sleep_ns = self.look_out.limited(sleep_ns);
             doorbell.arm(bits);
             doorbell.sleep(seen, sleep_ns);
+            if let Some(why) = self.look_out.look() {
+                doorbell.disarm();
+                return Err(self.asked(why));
+            }
+        }
+    }
+
+    /// The wait has ended, because the process has looked out.
+    pub(crate) fn asked(&self, why: &'static str) -> Interrupted {
+        Interrupted::Asked {
+            process: self.name().to_owned(),
+            why,
         }
     }
 

@@ -1,5 +1,6 @@
 //! The run that started this program, for programs that a graph names as the command of a process.
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -7,7 +8,7 @@ use process::Step;
 use shared_types::job::{JOB, Job};
 
 use crate::drive::drive;
-use crate::shell::{OpenError, ProcessError, Shell};
+use crate::shell::{Inhabitant, OpenError, ProcessError, Shell};
 
 /// The environment variable with the directory of the run.
 pub const RUN_VARIABLE: &str = "ARMPLANE_RUN";
@@ -31,6 +32,10 @@ pub fn join<S: Step, E: std::fmt::Display>(make: impl FnOnce(&Job) -> Result<S, 
     }
 }
 
+fn variable(name: &'static str) -> Result<OsString, OpenError> {
+    std::env::var_os(name).ok_or(OpenError::NotStarted { variable: name })
+}
+
 impl Shell {
     /// Joins the run that started this program, under the name that the graph gives it.
     ///
@@ -45,9 +50,6 @@ impl Shell {
     /// # Errors
     /// See [`Shell::from_environment`].
     pub fn started(run: Option<&Path>, process: Option<&str>) -> Result<Self, OpenError> {
-        let variable = |name: &'static str| {
-            std::env::var_os(name).ok_or(OpenError::NotStarted { variable: name })
-        };
         let run = run.map_or_else(
             || variable(RUN_VARIABLE).map(PathBuf::from),
             |run| Ok(run.to_owned()),
@@ -55,6 +57,22 @@ impl Shell {
         let name = variable(PROCESS_VARIABLE).map(|name| name.to_string_lossy().into_owned());
         let name = name.or_else(|missing| process.map(str::to_owned).ok_or(missing))?;
         Self::open(&run, &name)
+    }
+
+    /// As [`Shell::from_environment`], for a program that uses this crate as a library; with a run, a name, or both, that are used instead of the
+    /// environment's.
+    pub(crate) fn of_others(run: Option<&Path>, process: Option<&str>) -> Result<Self, OpenError> {
+        let run = run.map_or_else(
+            || variable(RUN_VARIABLE).map(PathBuf::from),
+            |run| Ok(run.to_owned()),
+        )?;
+        let name = match process {
+            Some(process) => process.to_owned(),
+            None => variable(PROCESS_VARIABLE)?.to_string_lossy().into_owned(),
+        };
+        let shell = Self::open_as(&run, &name, Inhabitant::Guest)?;
+        shell.greet().map_err(OpenError::Occupancy)?;
+        Ok(shell)
     }
 
     /// The job of the run: its scenario, robot and graph.

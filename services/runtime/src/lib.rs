@@ -23,6 +23,8 @@ mod doorbell;
 mod drive;
 mod environment;
 mod fault;
+mod joined;
+mod look_out;
 mod manifest;
 mod mapped;
 pub mod realtime;
@@ -32,6 +34,7 @@ mod run_dir;
 mod shell;
 mod signal;
 mod stamping;
+mod stand_in;
 mod tick_source;
 mod turns;
 mod unfinished;
@@ -45,6 +48,11 @@ mod tests;
 #[cfg(doctest)]
 #[doc = include_str!("../../../docs/graph.md")]
 struct GraphPage;
+
+/// The page on programs of others, whose one in Rust is compiled as a test.
+#[cfg(doctest)]
+#[doc = include_str!("../../../docs/wire.md")]
+struct WirePage;
 
 pub use bus::collector::Collector;
 pub use bus::depth::{CHAIN_DEPTH, RECORDER_DEPTH};
@@ -65,6 +73,7 @@ pub use drive::{Outside, drive};
 pub use environment::{PROCESS_VARIABLE, RUN_VARIABLE, join};
 pub use fault::exit::Exit;
 pub use fault::table::{FaultRecord, FaultTable, MOST_FAULTS, MOST_WHEN_REQUESTED, Origin};
+pub use joined::{About, Input, Joined, JoinedError, MOST_STATE, Output};
 pub use manifest::{Disturbance, ForeignMessage, Manifest, ManifestError, Process};
 pub use reserved::{release_reserve, reserve, write_reserved};
 pub use run_dir::{FoundRun, RunDir, RunDirError, SHM, free_bytes};
@@ -72,6 +81,7 @@ pub use shared_types::job::Mode;
 pub use shared_types::process::MAX_PROCESSES;
 pub use shared_types::random::at as random;
 pub use shell::{OpenError, ProcessError, Shell};
+pub use stand_in::stand_in;
 pub use tick_source::TickSource;
 pub use wait::Interrupted;
 pub use watcher::Watcher;

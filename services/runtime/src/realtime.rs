@@ -93,6 +93,16 @@ pub fn enter(priority: Option<u8>, lock: Lock) -> Vec<Missing> {
     missing
 }
 
+/// The same without locking memory, where a limit would have the process refused what it asks for later.
+pub(crate) fn enter_unlocked(priority: Option<u8>) -> Vec<Missing> {
+    touch_stack();
+    let mut missing = vec![Missing::LockedMemory {
+        reason: "limited".to_owned(),
+    }];
+    missing.extend(priority.and_then(|priority| set_fifo_priority(priority).err()));
+    missing
+}
+
 /// Takes a `SCHED_FIFO` priority for this thread, and for the processes that it starts from now on.
 ///
 /// # Errors

@@ -6,6 +6,7 @@ use std::rc::Rc;
 use std::sync::Arc;
 use std::time::Duration;
 
+use rustix::process::{Pid, getpid};
 use shared_types::fault::{Kind, ScheduledFault};
 use shared_types::job::Mode;
 use shared_types::topics::{self, Each};
@@ -21,9 +22,10 @@ use crate::bus::{format::Format, node::join, port::Receiver};
 use crate::checkpoint::StateCell;
 use crate::clock::now_ns;
 use crate::context::{Attached, Connect, Context, FaultState, RECORDER_LAG, StopFlag};
-use crate::control_page::{ControlPage, ControlPageError, Count, Stop, Watchdog};
+use crate::control_page::{ControlPage, ControlPageError, Count, Patience, Stop, Watchdog};
 use crate::disturbance::{self, Pauses};
 use crate::fault::table::FaultTable;
+use crate::look_out::LookOut;
 use crate::manifest::{Manifest, ManifestError};
 use crate::realtime::{self, Lock};
 use crate::rounds::Rounds;
@@ -146,6 +148,7 @@ impl ProcessError {
 pub struct Shell {
     shared: Rc<Context>,
     rounds: Rounds,
+    patience: Arc<Patience>,
     /// Held open for as long as this process has its place in the run.
     _occupancy: std::fs::File,
 }
@@ -158,6 +161,10 @@ impl Shell {
     /// # Errors
     /// When the run, its files or the process's entry in its graph cannot be used.
     pub fn open(run: &Path, process: &str) -> Result<Self, OpenError> {
+        Self::open_as(run, process, Inhabitant::Ours)
+    }
+
+    pub(crate) fn open_as(run: &Path, process: &str, whose: Inhabitant) -> Result<Self, OpenError> {
         let run = RunDir::open(run)?;
         let manifest = Manifest::read(&run)?;
         let Some(me) = manifest.index_of(process) else {
@@ -177,10 +184,15 @@ impl Shell {
             .occupy(process)
             .map_err(OpenError::Occupancy)?
             .ok_or_else(occupied)?;
-        let stop = StopFlag::new(manifest.processes[me].polled).map_err(OpenError::Signals)?;
+        let is_polled = manifest.processes[me].polled;
+        let stop = match whose {
+            Inhabitant::Ours => StopFlag::new(is_polled).map_err(OpenError::Signals)?,
+            Inhabitant::Guest => StopFlag::without_signals(is_polled),
+        };
         // Before the process is pinned: the watchdog may run on any core.
-        Watchdog::start(&control_page, me).map_err(OpenError::Watchdog)?;
-        settle(&manifest, me);
+        let patience = Arc::new(Patience::default());
+        Watchdog::start(&control_page, me, &patience).map_err(OpenError::Watchdog)?;
+        settle(&manifest, me, whose);
         let own = &manifest.processes[me];
         let (hop, disturbance) = (own.hop, own.disturbance);
         disturbance::begin(disturbance);
@@ -205,10 +217,16 @@ impl Shell {
             pauses: RefCell::new(disturbance.pauses.map(Pauses::new)),
             faults: FaultState::default(),
             attached: Attached::default(),
+            look_out: LookOut::default(),
         };
+        if whose == Inhabitant::Guest {
+            let pid = Pid::from_raw(shared.entry().pid() as i32);
+            shared.look_out.watch(pid.filter(|pid| *pid != getpid()));
+        }
         Ok(Self {
             shared: Rc::new(shared),
             rounds: Rounds::default(),
+            patience,
             _occupancy: occupancy,
         })
     }
@@ -237,11 +255,8 @@ impl Shell {
         ))
     }
 
-    /// Reads everything of a topic as bytes, also where only the graph knows its message: as [`Shell::collector`].
-    ///
-    /// # Errors
-    /// When there is no such message, or the graph does not name this process as a reader.
-    pub fn collector_of(&self, topic: &str) -> Result<Collector<[u8]>, TopicError> {
+    /// The messages of a topic, also where only the graph knows them; `None`: there is no such topic.
+    pub(crate) fn format(&self, topic: &str) -> Option<Format> {
         struct Known;
         impl Each for Known {
             type Output = Format;
@@ -250,8 +265,15 @@ impl Shell {
             }
         }
         let foreign = || Some(Format::foreign(self.shared.manifest.message(topic)?));
-        let format = topics::named(topic, &mut Known).or_else(foreign);
-        let Some(format) = format.filter(|_| self.reads(topic)) else {
+        topics::named(topic, &mut Known).or_else(foreign)
+    }
+
+    /// Reads everything of a topic as bytes, also where only the graph knows its message: as [`Shell::collector`].
+    ///
+    /// # Errors
+    /// When there is no such message, or the graph does not name this process as a reader.
+    pub fn collector_of(&self, topic: &str) -> Result<Collector<[u8]>, TopicError> {
+        let Some(format) = self.format(topic).filter(|_| self.reads(topic)) else {
             return Err(TopicError::Unknown {
                 topic: topic.to_owned(),
                 known: self.shared.manifest.topics().join(", "),
@@ -471,6 +493,27 @@ impl Shell {
         self.shared.name()
     }
 
+    /// How long the program of the process may take for a tick.
+    pub(crate) fn patience(&self) -> Arc<Patience> {
+        Arc::clone(&self.patience)
+    }
+
+    /// Calls `look` between the sleeps of every wait.
+    pub(crate) fn look_out(&self, look: impl FnMut() -> bool + 'static) {
+        self.shared.look_out.call(look);
+    }
+
+    /// Looks out, where a process sleeps in rounds.
+    pub(crate) fn look(&self) -> Result<(), Interrupted> {
+        let why = self.shared.look_out.look();
+        why.map_or(Ok(()), |why| Err(self.shared.asked(why)))
+    }
+
+    /// Whether all processes have begun.
+    pub(crate) fn has_started(&self) -> bool {
+        self.shared.has_started.get()
+    }
+
     pub(crate) fn shared(&self) -> Rc<Context> {
         Rc::clone(&self.shared)
     }
@@ -497,19 +540,32 @@ impl Shell {
     }
 }
 
+/// Whose memory and signals the process has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Inhabitant {
+    /// Those of a program that is nothing but this process.
+    Ours,
+    /// Those of a program that uses this crate as a library: its signals are its own, and it may need more memory later.
+    Guest,
+}
+
 /// Pins the process where the graph wants it and, in real time, takes its scheduling class and locks its memory.
-fn settle(manifest: &Manifest, me: usize) {
+fn settle(manifest: &Manifest, me: usize, whose: Inhabitant) {
     let process = &manifest.processes[me];
     let mut missing = Vec::new();
     missing.extend(process.core.and_then(|core| realtime::pin(core).err()));
     if !manifest.is_lockstep() {
         // No other process waits for one that writes nothing.
-        let lock = if process.writes.is_empty() {
+        let lock = if process.writes.is_empty() || whose == Inhabitant::Guest {
             Lock::AsTouched
         } else {
             Lock::AtOnce
         };
-        missing.extend(realtime::enter(process.priority, lock));
+        match whose == Inhabitant::Guest && !realtime::Rights::query().lock_memory() {
+            // What a guest asks for later would be refused.
+            true => missing.extend(realtime::enter_unlocked(process.priority)),
+            false => missing.extend(realtime::enter(process.priority, lock)),
+        }
     }
     if !missing.is_empty() {
         let missing = missing

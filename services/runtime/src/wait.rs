@@ -56,6 +56,14 @@ pub enum Interrupted {
         /// Its tick.
         tick: u64,
     },
+    /// The program of the process has asked to end the wait, in [`Joined::look_out`](crate::Joined::look_out), or the process that stands for it is gone.
+    #[error("{process} has ended its wait: {why}")]
+    Asked {
+        /// The process.
+        process: String,
+        /// The reason.
+        why: &'static str,
+    },
     /// iceoryx2 failed.
     #[error("{process} cannot use topic {topic:?}: {reason}")]
     Port {

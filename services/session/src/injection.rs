@@ -43,7 +43,7 @@ pub fn inject(wanted: Option<&str>, fault: &Fault) -> Result<(Living, Fault), Fa
         .unwrap_or(Target {
             index: index as u32,
             role: Role::Stage,
-            is_exchanged: false,
+            is_foreign: false,
             fields: Vec::new(),
             reads: Vec::new(),
         });

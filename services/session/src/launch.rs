@@ -18,7 +18,7 @@ use crate::progress::{Observer, Progress};
 /// Memory for the recorder's part of the summary, taken before the first process starts; bytes.
 const ACCOUNT_BYTES: usize = 256 * 1024;
 
-/// The arm of a run in MJCF, beside its exchange pages.
+/// The arm of a run in MJCF, for programs of others.
 const ARM: &str = "arm.xml";
 
 /// Runs the processes to the end of the task, or of one of them, and tells the observer what happens.
@@ -271,7 +271,7 @@ fn write_job(job: &Job, run_dir: &Path) -> Result<(), Failure> {
     let path = run_dir.join(JOB);
     let text = serde_json::to_vec(job).map_err(Failure::work)?;
     files::write(&path, text).map_err(Failure::cannot("write", &path))?;
-    if job.graph.process.iter().any(Process::is_exchanged) {
+    if job.graph.process.iter().any(Process::is_of_others) {
         let (robot, path) = (Robot::from_source(&job.robot), run_dir.join(ARM));
         let robot = robot.map_err(Failure::work)?;
         let start = robot.start_posture(&job.scenario.start);
@@ -300,7 +300,7 @@ fn write_whole(path: &Path, text: &[u8]) -> std::io::Result<()> {
         })
 }
 
-/// The command of a process: this program itself, which also holds the exchange page for a program of others; or the one in the graph.
+/// The command of a process: this program itself, or the one in the graph.
 fn command(job: &Job, name: &str, run: &Path) -> std::io::Result<Command> {
     let process = job.graph.process(name);
     let is = |what: fn(&Process) -> bool| process.is_some_and(what);
@@ -311,18 +311,23 @@ fn command(job: &Job, name: &str, run: &Path) -> std::io::Result<Command> {
     if is(|process| !process.robot.is_empty()) {
         return launcher::reexec(ROBOT, run);
     }
-    if is(Process::is_exchanged) {
-        return launcher::reexec(EXCHANGE, run);
+    if is(|process| process.external) {
+        return launcher::reexec(STAND_IN, run);
     }
     let program = process.map_or(name, Process::program_name);
-    load::command(&job.graph, name).map_or_else(|| launcher::reexec(program, run), Ok)
+    let Some(mut command) = load::command(&job.graph, name) else {
+        return launcher::reexec(program, run);
+    };
+    // It finds the library that fits this program.
+    command.env("ARMPLANE", std::env::current_exe()?);
+    Ok(command)
 }
 
 /// The subcommand that ends the descendants of a run's programs once its launcher has ended.
 pub const GUARD: &str = "guard";
 
+/// The subcommand that stands for a program which is started separately.
+const STAND_IN: &str = "stand-in";
+
 /// The subcommand that stands for a robot.
 pub const ROBOT: &str = "plant-fci";
-
-/// The subcommand that holds the exchange page of a process.
-pub const EXCHANGE: &str = "exchange";

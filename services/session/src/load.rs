@@ -458,6 +458,7 @@ pub fn job(robot: &Robot, scenario: Scenario, graph: Graph, mode: Mode, out: Pat
         out,
         record: true,
         robot: robot.source.clone(),
+        dof: robot.dof() as u32,
         scenario,
         graph,
     }

@@ -10,7 +10,7 @@ use crate::failure::Failure;
 use crate::load::{self, Loaded};
 use crate::python::Python;
 
-/// The module that takes part in a run, and without an exchange page checks a scenario.
+/// The module that takes part in a run, and without a run checks a scenario.
 const MODULE: &str = "armplane.mujoco";
 
 /// The scene of a plant: none of `mujoco`, a file of `mujoco:FILE`; `None` for another plant.
@@ -31,7 +31,7 @@ pub(crate) fn take_over(world: &mut Process, scene: Option<&str>) -> Result<(), 
         found.map_err(|error| Failure::Input(format!("--plant mujoco: {scene}: {error}")))
     });
     let scene = scene.transpose()?.map(|scene| scene.display().to_string());
-    (world.command, world.exchange) = (Python::command(MODULE, scene), true);
+    world.command = Python::command(MODULE, scene);
     Ok(())
 }
 

@@ -13,7 +13,7 @@ use crate::load::{self, Loaded};
 use crate::python::Python;
 use crate::robot;
 
-/// The module that runs a class of `armplane.arena`, and without an exchange page checks its file.
+/// The module that runs a class of `armplane.arena`, and without a run checks its file.
 const MODULE: &str = "armplane.arena.host";
 /// Compilers and large packages at work before the first answer; s.
 const LONGEST_S: u32 = 120;
@@ -87,11 +87,11 @@ pub fn opposed(
     if let Some(own) = own.filter(|own| own.role() != Role::World) {
         if !is_graph {
             own.command = Python::command(MODULE, [file.display().to_string()]);
-            (own.exchange, own.answer_limit_s) = (true, LONGEST_S);
+            own.answer_limit_s = LONGEST_S;
         }
         // A second one would begin in the middle.
         own.restart = Restart::Never;
-        if own.is_exchanged() {
+        if own.is_of_others() {
             own.join_limit_s = controller.join_limit_s;
         }
     }

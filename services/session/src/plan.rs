@@ -5,7 +5,7 @@ use std::time::Duration;
 use launcher::{Child, Limits, Plan, Restart};
 use runtime::ForeignMessage;
 use runtime::realtime::allowed_cores;
-use shared_types::graph::{self, Role};
+use shared_types::graph::{self, Graph, Role};
 use shared_types::job::{Job, Mode};
 use shared_types::layout::MessageLayout;
 use shared_types::process::Process;
@@ -62,7 +62,7 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
             awaits_person: true,
             ..Limits::of(mode)
         },
-        false => Limits::of(mode),
+        false => with_joining(Limits::of(mode), graph),
     };
     Ok(Plan {
         mode,
@@ -72,6 +72,23 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
         limits,
         faults,
     })
+}
+
+/// An interpreter may have much to load before it joins.
+const LONGEST_START_S: u32 = 60;
+
+/// With the time that programs of others have to join.
+fn with_joining(limits: Limits, graph: &Graph) -> Limits {
+    let of_others = graph.process.iter().filter(|one| one.is_of_others());
+    let limit = |one: &Process| match one.join_limit_s {
+        0 => LONGEST_START_S,
+        limit_s => limit_s,
+    };
+    let longest = of_others.map(|one| Duration::from_secs(limit(one).into()));
+    Limits {
+        start: longest.max().max(limits.start),
+        ..limits
+    }
 }
 
 /// The part of a declared message that every process of the run must know.

@@ -27,7 +27,7 @@ pub fn mode_of(plant: Option<&str>) -> Mode {
 pub(crate) fn put_in(loaded: &mut Loaded, plant: &str) -> Result<(), Failure> {
     let mut processes = loaded.graph.process.iter_mut();
     let world = processes.find(|process| process.role() == Role::World);
-    let world = world.filter(|process| process.command.is_empty() && !process.is_exchanged());
+    let world = world.filter(|process| !process.is_of_others());
     let Some(process) = world else {
         return Err(Failure::Input(format!(
             "--plant {plant}: the graph already has another program as its plant; leave one of them out"

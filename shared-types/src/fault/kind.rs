@@ -214,17 +214,10 @@ impl Kind {
         self.rule().roles
     }
 
-    /// Whether it concerns files that the process writes itself: the limit that stands for a full volume does not reach other processes.
-    #[must_use]
-    pub fn needs_own_files(self) -> bool {
-        self == Self::DiskFull
-    }
-
     /// Whether it can happen to a process of a graph.
     #[must_use]
     pub fn suits(self, process: &Process) -> bool {
         self.roles().contains(&process.role())
-            && !(self.needs_own_files() && process.is_exchanged())
     }
 
     /// Whether it concerns a joint of the arm itself, its encoder or its drive, and no message or process: it takes effect in the simulated arm alone.

@@ -257,39 +257,21 @@ fn uses(process: &Process) -> [(&'static str, &Vec<String>); 3] {
 fn check_kind(process: &Process) -> Result<(), Complaint> {
     let (name, has_command) = (&process.name, !process.command.is_empty());
     require(
-        !process.exchange || has_command || process.external,
-        "exchange",
-        format!("`{name}` exchanges messages with a program that is not named"),
-        "give its `command`, or external = true for a program that is started separately",
-    )?;
-    require(
         !(process.external && has_command),
         "external",
         format!("`{name}` is started separately and has a command"),
         "take out `command`, or `external`",
     )?;
-    for (key, topics) in uses(process) {
-        let foreign = topics.iter().find(|topic| !is_listed(topic));
-        if let Some(foreign) = foreign.filter(|_| process.is_exchanged()) {
-            return Err(Complaint::new(
-                key,
-                format!(
-                    "`{name}` exchanges `{foreign}`, which only this graph knows, by an exchange page"
-                ),
-                format!("an exchange page carries {}", TOPICS.join(", ")),
-            ));
-        }
-    }
     let limits = [
         ("answer_limit_s", process.answer_limit_s),
         ("join_limit_s", process.join_limit_s),
     ];
     limits.into_iter().try_for_each(|(key, limit_s)| {
         require(
-            limit_s == 0 || process.is_exchanged(),
+            limit_s == 0 || process.is_of_others(),
             key,
-            format!("`{name}` has `{key}` and no exchange page"),
-            "exchange = true",
+            format!("`{name}` has `{key}` and is a program of armplane"),
+            "take it out, or give a `command`",
         )
     })
 }
@@ -369,10 +351,10 @@ fn check_program(process: &Process) -> Result<(), Complaint> {
 fn check_robot(process: &Process) -> Result<(), Complaint> {
     let (name, plant) = (&process.name, built_in(Program::Plant));
     require(
-        process.command.is_empty() && process.program.is_empty() && !process.is_exchanged(),
+        process.command.is_empty() && process.program.is_empty() && !process.external,
         "robot",
         format!("`{name}` is a robot and a program"),
-        "take out `command`, `program`, `exchange` and `external`, or `robot`",
+        "take out `command`, `program` and `external`, or `robot`",
     )?;
     for ((key, topics), (_, needed)) in uses(process).into_iter().zip(uses(&plant)) {
         let is_same =
@@ -437,7 +419,6 @@ mod tests {
                 (SENSOR, "reads = [\"sensor\"]\ncommand = [\"\"]", 11),
                 (SENSOR, "feedback = [\"sensor\"]\ncommand = [\"mine\"]", 10),
                 (SENSOR, "command = [\"mine\"]", 9),
-                (SENSOR, "exchange = true\nreads = [\"sensor\"]", 10),
                 (
                     SENSOR,
                     "external = true\ncommand = ['mine']\nreads = ['sensor']",
@@ -491,11 +472,6 @@ mod tests {
                 (
                     "writes = [\"energy\"]",
                     "writes = [\"energy\", \"torque\"]",
-                    10,
-                ),
-                (
-                    "writes = [\"energy\"]",
-                    "writes = [\"energy\"]\nexchange = true",
                     10,
                 ),
                 ("writes = [\"energy\"]", "writes = [\"energie\"]", 3),

@@ -111,7 +111,7 @@ impl Graph {
         Some(Target {
             index: u32::try_from(index).ok()?,
             role: process.role(),
-            is_exchanged: process.is_exchanged() || !process.robot.is_empty(),
+            is_foreign: process.is_of_others() || !process.robot.is_empty(),
             fields: fields.unwrap_or_default(),
             reads: process
                 .reads

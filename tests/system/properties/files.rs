@@ -80,6 +80,7 @@ pub fn job() -> String {
         )
         .expect("valid"),
         robot: Default::default(),
+        dof: 6,
         graph: Graph::parse(
             "graph.toml",
             include_str!("../../../shared-types/graph.toml"),

@@ -6,14 +6,12 @@
 )]
 
 mod chain_of_steps;
-mod exchange_page;
 mod files;
 mod input;
 mod messages;
 mod run_folder;
 
 pub use chain_of_steps::{controller, fingers};
-pub use exchange_page::exchange_page;
 pub use files::{graph, job, results, scenario, target_file, urdf};
 pub use messages::validation;
 pub use run_folder::{MANIFEST, contents, control_page, manifest, record};

@@ -36,6 +36,7 @@ fn fixture(count: u64) -> (Job, Robot, Vec<Tick>) {
         record: true,
         scenario,
         robot: robot.source.clone(),
+        dof: robot.dof() as u32,
         graph: Graph::built_in(false).expect("valid"),
     };
     (job, robot, ticks)

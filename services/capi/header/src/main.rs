@@ -1,14 +1,31 @@
-//! The C header of `services/capi/src/lib.rs`, by cbindgen.
+//! The C headers of `services/capi/src/lib.rs` and `services/capi-process/src/lib.rs`, by cbindgen.
 
 use cbindgen::{Builder, Config, Language};
 
-const HEAD: &str = "/* Arms, their singularities and the control law as a C library: docs/c.md. Made by services/capi/header of services/capi/src/lib.rs.
+const LAW: &str = "/* Arms, their singularities and the control law as a C library: docs/c.md. Made by services/capi/header of services/capi/src/lib.rs.
  *
  * n is the number of an arm's joints, the first of which is at the base. SI units. */";
 
+const PROCESS: &str = "/* A process of a run as a C library: docs/wire.md. Made by services/capi/header of services/capi-process/src/lib.rs.
+ *
+ * `armplane generate wire --lang c` gives the messages, with a function for each topic. */";
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let capi = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
     let version = env!("CARGO_PKG_VERSION");
+    let version = format!(
+        "\n/* Version of the library that this header came with. */\n#define ARMPLANE_VERSION \"{version}\""
+    );
+    make("capi", "libarmplane", LAW, Some(version))?;
+    make("capi-process", "libarmplane-process", PROCESS, None)
+}
+
+fn make(
+    folder: &str,
+    name: &str,
+    head: &str,
+    after_includes: Option<String>,
+) -> Result<(), Box<dyn std::error::Error>> {
+    let folder = format!("{}/../../{folder}", env!("CARGO_MANIFEST_DIR"));
     let config = Config {
         language: Language::C,
         cpp_compat: true,
@@ -17,16 +34,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         sys_includes: ["stdbool.h", "stddef.h", "stdint.h"]
             .map(str::to_owned)
             .into(),
-        include_guard: Some("LIBARMPLANE_H".to_owned()),
-        header: Some(HEAD.to_owned()),
-        after_includes: Some(format!(
-            "\n/* Version of the library that this header came with. */\n#define ARMPLANE_VERSION \"{version}\""
-        )),
+        include_guard: Some(name.to_ascii_uppercase().replace('-', "_") + "_H"),
+        header: Some(head.to_owned()),
+        after_includes,
         ..Config::default()
     };
-    let source = Builder::new()
-        .with_config(config)
-        .with_src(format!("{capi}/src/lib.rs"));
+    let mut source = Builder::new().with_config(config);
+    source = source.with_src(format!("{folder}/src/lib.rs"));
     let mut made = Vec::new();
     source.generate()?.write(&mut made);
     // What a caller in Rust must ensure is said to a caller in C by the text before it.
@@ -39,6 +53,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
     }
     let header = header.replace(" *\n */", " */");
-    std::fs::write(format!("{capi}/include/libarmplane.h"), header)?;
+    std::fs::write(format!("{folder}/include/{name}.h"), header)?;
     Ok(())
 }

@@ -363,6 +363,11 @@ impl Ticks {
         shared.control_page.process(silent).add(Count::Silent, 1);
     }
 
+    /// The message lent last.
+    pub(crate) fn current(&self) -> Option<&[u8]> {
+        self.current.as_deref()
+    }
+
     /// The message in hand, for as long as the tick lasts.
     fn lend(&self) -> Option<&Incoming> {
         let message = self.current.as_ref()?;

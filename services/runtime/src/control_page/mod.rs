@@ -9,4 +9,4 @@ pub(crate) mod watchdog;
 pub(crate) use doorbell::{ANYTHING, PROGRESS};
 pub use entry::{Count, Counts, ProcessEntry, State};
 pub use page::{ControlPage, ControlPageError, Phase, Stop};
-pub(crate) use watchdog::Watchdog;
+pub(crate) use watchdog::{Patience, Watchdog};

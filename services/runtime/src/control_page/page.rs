@@ -331,7 +331,7 @@ mod tests {
     fn a_sleep_without_limit_is_ended_by_the_watchdog_though_others_ring() {
         let run = RunDir::create().unwrap();
         let control_page = Arc::new(ControlPage::create(&run).unwrap());
-        Watchdog::start(&control_page, 0).unwrap();
+        Watchdog::start(&control_page, 0, &Arc::default()).unwrap();
         let doorbell = control_page.process(0).doorbell();
         let is_over = std::sync::atomic::AtomicBool::new(false);
         std::thread::scope(|scope| {

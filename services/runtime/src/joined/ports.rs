@@ -1,0 +1,251 @@
+//! The topics of a program in another language: inputs borrowed or copied, outputs in private memory until they are sent.
+
+use std::mem::offset_of;
+
+use process::Packed;
+use shared_types::graph::{Graph, Process};
+use shared_types::layout::{MessageLayout, structure};
+use shared_types::wire::{Field, Header};
+use shared_types::{Message, Target, TorqueCommand};
+
+use crate::bus::collector::Collector;
+use crate::bus::format::Format;
+use crate::bus::reader::Ticks;
+use crate::bus::writer::Outlet;
+use crate::shell::{ProcessError, Shell};
+use crate::wait::Interrupted;
+
+/// The name and layout of a topic's message.
+pub(super) struct Kind {
+    format: Format,
+    layout: MessageLayout,
+}
+
+impl Kind {
+    fn of(shell: &Shell, graph: &Graph, topic: &str) -> Result<Self, ProcessError> {
+        let layout = graph.layout(topic);
+        let missing = || ProcessError::setup(format_args!("there is no topic `{topic}`"));
+        Ok(Self {
+            format: shell.format(topic).ok_or_else(missing)?,
+            layout: layout.ok_or_else(missing)?,
+        })
+    }
+}
+
+/// Where an input comes from.
+pub(super) enum From {
+    /// Message by message.
+    Ticks(Box<Ticks>),
+    /// All messages of a process that only reads.
+    Collector(Collector<[u8]>),
+}
+
+/// A topic that the process reads.
+pub struct Input {
+    kind: Kind,
+    pub(super) from: From,
+    /// The message of the tick in hand, of a process that only reads.
+    pub(super) shown: Option<Packed>,
+    /// A message of the tick in hand has come.
+    pub(super) is_fresh: bool,
+    /// A copy that stays at its place, for who asks for one.
+    copy: Option<Packed>,
+}
+
+/// A topic that the process writes.
+pub struct Output {
+    kind: Kind,
+    outlet: Outlet,
+    message: Packed,
+    is_used: bool,
+}
+
+/// The ends of all topics of a process. The graph lists what closes the loop behind what is read.
+pub(super) fn open(
+    shell: &Shell,
+    graph: &Graph,
+    process: &Process,
+) -> Result<(Vec<Input>, Vec<Output>), ProcessError> {
+    let is_observer = process.writes.is_empty();
+    let read = process.reads.iter().chain(&process.feedback);
+    let input = |topic: &String| {
+        let kind = Kind::of(shell, graph, topic)?;
+        let from = match is_observer {
+            true => From::Collector(shell.collector_of(topic)?),
+            false => From::Ticks(Box::new(shell.inlet(kind.format)?)),
+        };
+        Ok(Input {
+            kind,
+            from,
+            shown: None,
+            is_fresh: false,
+            copy: None,
+        })
+    };
+    let output = |topic: &String| {
+        let kind = Kind::of(shell, graph, topic)?;
+        Ok(Output {
+            outlet: shell.outlet(kind.format)?,
+            message: Packed::of(&vec![0; kind.format.bytes]),
+            kind,
+            is_used: false,
+        })
+    };
+    Ok((
+        read.map(input).collect::<Result<_, ProcessError>>()?,
+        process
+            .writes
+            .iter()
+            .map(output)
+            .collect::<Result<_, ProcessError>>()?,
+    ))
+}
+
+impl Input {
+    /// The topic.
+    pub fn topic(&self) -> &'static str {
+        self.kind.format.topic
+    }
+
+    /// The layout of its messages.
+    pub fn layout(&self) -> &MessageLayout {
+        &self.kind.layout
+    }
+
+    /// Whether the message is one of the tick in hand.
+    pub fn is_fresh(&self) -> bool {
+        self.is_fresh
+    }
+
+    /// The message of the tick in hand, in shared memory where it was sent: until the next wait.
+    pub fn message(&self) -> Option<&[u8]> {
+        if !self.is_fresh {
+            return None;
+        }
+        match &self.from {
+            From::Ticks(ticks) => ticks.current(),
+            From::Collector(_) => self.shown.as_ref().map(Packed::bytes),
+        }
+    }
+
+    /// From now on each message is copied to this place, which stays; zeros until the first.
+    pub fn copied(&mut self) -> &[u8] {
+        let bytes = self.kind.format.bytes;
+        let copy = self.copy.get_or_insert_with(|| Packed::of(&vec![0; bytes]));
+        copy.bytes()
+    }
+
+    /// The phase in a torque.
+    pub(super) fn phase(&self) -> Option<u32> {
+        const AT: usize = offset_of!(TorqueCommand, phase);
+        if self.topic() != TorqueCommand::TOPIC {
+            return None;
+        }
+        let word = self.message()?.get(AT..AT + 4)?;
+        Some(u32::from_ne_bytes(word.try_into().ok()?))
+    }
+
+    /// The next tick that has a message.
+    pub(super) fn next(&mut self) -> Result<Option<u64>, Interrupted> {
+        let From::Ticks(ticks) = &mut self.from else {
+            return Ok(None);
+        };
+        let tick = ticks.next()?.map(|message| message.tick());
+        self.take(tick.is_some());
+        Ok(tick)
+    }
+
+    /// The message of a tick; `false` when it will not come. Of targets, on which no torque waits, the newest.
+    pub(super) fn of_tick(&mut self, tick: u64) -> Result<bool, Interrupted> {
+        let is_target = self.topic() == Target::TOPIC;
+        let From::Ticks(ticks) = &mut self.from else {
+            return Ok(false);
+        };
+        let has_come = match is_target {
+            true => ticks.newest(tick)?.is_some(),
+            false => ticks.at(tick)?.is_some(),
+        };
+        self.take(has_come);
+        Ok(has_come || is_target)
+    }
+
+    /// The newest message that arrives in a tick.
+    pub(super) fn arriving(&mut self, tick: u64, until_ns: Option<u64>) -> Result<(), Interrupted> {
+        if let From::Ticks(ticks) = &mut self.from {
+            let has_come = ticks.arriving(tick, until_ns)?.is_some();
+            self.take(has_come);
+        }
+        Ok(())
+    }
+
+    /// A message has come, or none.
+    pub(super) fn take(&mut self, has_come: bool) {
+        self.is_fresh = has_come;
+        let Some(mut copy) = self.copy.take() else {
+            return;
+        };
+        if let Some(message) = self.message() {
+            copy.bytes_mut().copy_from_slice(message);
+        }
+        self.copy = Some(copy);
+    }
+}
+
+impl Output {
+    /// The topic.
+    pub fn topic(&self) -> &'static str {
+        self.kind.format.topic
+    }
+
+    /// The layout of its messages.
+    pub fn layout(&self) -> &MessageLayout {
+        &self.kind.layout
+    }
+
+    /// The message to fill: a place that stays, and holds what was sent last. Its header is filled in when it is sent.
+    pub fn place(&mut self) -> &mut [u8] {
+        self.is_used = true;
+        self.message.bytes_mut()
+    }
+
+    pub(super) fn is_used(&self) -> bool {
+        self.is_used
+    }
+
+    /// The topic, and the first of its fields that holds a number that is not finite.
+    pub(super) fn not_finite(&self) -> Option<(&'static str, String)> {
+        let Kind { format, layout } = &self.kind;
+        let message = self.message.bytes();
+        let field = match format.is_listed() {
+            true => (format.not_finite)(message).map(str::to_owned),
+            false => layout
+                .fields
+                .iter()
+                .find(|field| !is_finite(field, message))
+                .map(|field| field.name.to_string()),
+        };
+        Some((format.topic, field?))
+    }
+
+    pub(super) fn send(&mut self, tick: u64) -> Result<(), ProcessError> {
+        *self.message.header_mut() = Header {
+            tick,
+            ..Header::default()
+        };
+        self.outlet.loan()?;
+        if let Some(place) = self.outlet.on_loan() {
+            place.copy_from_slice(self.message.bytes());
+        }
+        Ok(self.outlet.send()?)
+    }
+}
+
+/// Whether every double of a field of a message that only a graph knows is finite. Structures in it are the header's, without a double.
+fn is_finite(field: &Field, message: &[u8]) -> bool {
+    if field.element != "f64" || structure(&field.element).is_some() {
+        return true;
+    }
+    let bytes = message.get(field.offset..field.offset + field.size);
+    let mut numbers = bytes.unwrap_or_default().chunks_exact(size_of::<f64>());
+    numbers.all(|number| bytemuck::pod_read_unaligned::<f64>(number).is_finite())
+}

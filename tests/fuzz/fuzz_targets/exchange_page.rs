@@ -1,6 +1,0 @@
-#![no_main]
-
-#[path = "../../system/properties/mod.rs"]
-mod properties;
-
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| properties::exchange_page(bytes));
