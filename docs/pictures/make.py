@@ -114,7 +114,7 @@ def animation(command, name, scratch):
 
 
 def figure(command, scratch):
-    """Figure 3 of the paper, as `armplane figures` draws it."""
+    """Figure 3 of the paper, as `armplane figures` draws it, with the Python package."""
     folder = scratch / "figures"
     subprocess.run([command, "figures", "--out", str(folder)], capture_output=True, check=True)
     small((folder / "fig3.png").read_bytes()).save(DOCS / "fig3.png", optimize=True)
@@ -156,20 +156,6 @@ def light(command, scratch):
         small(viewer.picture(), BODY).save(DOCS / "light.png", optimize=True)
 
 
-def drill(command, scratch):
-    """Every fault on every process: takes minutes."""
-    folder = scratch / "drill"
-    subprocess.run([command, "drill", "--out", str(folder)], capture_output=True, check=True)
-    small((folder / "drill.png").read_bytes()).save(DOCS / "drill.png", optimize=True)
-
-
-def soak(command, scratch):
-    """Faults at random in real time: two and a half minutes, on a machine that does nothing else."""
-    folder = scratch / "soak"
-    subprocess.run([command, "drill", "--soak", "150", "--seed", "77", "--out", str(folder)], capture_output=True, check=True)
-    small((folder / "drill.png").read_bytes()).save(DOCS / "soak.png", optimize=True)
-
-
 def report(command, scratch):
     """The first page of a report, in a browser."""
     folder, page, shot = scratch / "report", scratch / "report.html", scratch / "report.png"
@@ -181,7 +167,7 @@ def report(command, scratch):
 
 
 # Pictures that need no viewer, or several of its frames.
-OTHERS = {"every": every, "light": light, "still": still, "fig3": figure, "report": report, "drill": drill, "soak": soak}
+OTHERS = {"every": every, "light": light, "still": still, "fig3": figure, "report": report}
 
 
 def main():

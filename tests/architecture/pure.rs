@@ -109,7 +109,7 @@ fn is_impure(path: &[String], dependencies: &[String]) -> bool {
     };
     is_root && is_module && !is_pure
         || is_dependency && !has(DEPENDENCIES, first)
-        || is_dependency && first == "viz" && !rest.starts_with("plot::digits")
+        || is_dependency && first == "viz" && !rest.starts_with("digits")
         || is_dependency && first == "plotters" && !rest.starts_with("style")
         || is_dependency && first == "mesh_loader" && rest != "Mesh"
         || is_dependency && has(PROCESSES, first) && !has(STEP, second)

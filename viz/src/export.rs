@@ -7,8 +7,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use model::Robot;
-use rerun::external::arrow::array::{Array, ArrayRef, Float64Array, Int64Array, StringArray};
-use rerun::external::arrow::datatypes::{Field, Schema};
+use rerun::external::arrow::array::{
+    Array, ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray,
+};
+use rerun::external::arrow::datatypes::{Field, Schema, SchemaRef};
+use rerun::external::arrow::error::ArrowError;
+use rerun::external::arrow::ipc::writer::StreamWriter;
 use shared_types::job::Job;
 
 use crate::recording::Facts;
@@ -17,7 +21,6 @@ use crate::sink::RecordError;
 use crate::story::{News, Story};
 use columns::Columns;
 use table::Table;
-pub use table::parquet_properties;
 
 /// A format of [`export`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,6 +45,9 @@ pub enum ExportError {
         /// The error of the file system or of the format's crate.
         reason: String,
     },
+    /// The tables cannot be encoded.
+    #[error("cannot encode the signals: {0}")]
+    Arrow(#[from] ArrowError),
     /// Whoever asked for it wants it no more.
     #[error("the export was stopped")]
     Stopped,
@@ -69,9 +75,9 @@ pub fn export(
     progress: &mut dyn FnMut(u64) -> bool,
 ) -> Result<Vec<PathBuf>, ExportError> {
     let facts = Facts::new(job, robot, None, false)?;
-    let (mut signals, mut story) = (None, Story::new(job, happened));
-    let (mut events, mut gathered, mut count) = (Vec::new(), Vec::new(), 0);
-    let mut tell = |tick: u64, news: News| {
+    let mut story = Story::new(job, happened);
+    let (mut events, mut signals) = (Vec::new(), None::<Table>);
+    let tell = |tick: u64, news: News| {
         events.push(match news {
             News::Line(event) => (
                 tick,
@@ -82,33 +88,71 @@ pub fn export(
             News::State { name, state, .. } => (tick, "state", name.to_owned(), state.to_owned()),
         });
     };
+    let write = |schema: &SchemaRef, columns, count| {
+        let table = match &mut signals {
+            Some(table) => table,
+            none => none.insert(Table::create(format, out, "signals", Arc::clone(schema))?),
+        };
+        table.write(columns)?;
+        progress(count).then_some(()).ok_or(ExportError::Stopped)
+    };
+    in_batches(&facts, &mut story, ticks, tell, write)?;
+    let events = write_events(&events, f64::from(facts.rate_hz), format, out)?;
+    let signals = signals.map(|table| table.finish()).transpose()?;
+    let events = events.finish()?;
+    Ok(signals.into_iter().chain([events]).collect())
+}
+
+/// The signals of a run as a stream of Arrow's IPC format: the columns of [`export`].
+///
+/// # Errors
+/// [`ExportError::Arm`] if the arm does not fit, [`ExportError::Arrow`] if the stream cannot be encoded.
+pub fn signals(
+    job: &Job,
+    robot: &Robot,
+    ticks: impl Iterator<Item = Tick>,
+) -> Result<Vec<u8>, ExportError> {
+    let facts = Facts::new(job, robot, None, false)?;
+    let mut story = Story::new(job, &Happened::default());
+    let mut writer = None::<StreamWriter<Vec<u8>>>;
+    let write = |schema: &SchemaRef, columns, _| -> Result<(), ExportError> {
+        let writer = match &mut writer {
+            Some(writer) => writer,
+            none => none.insert(StreamWriter::try_new(Vec::new(), schema)?),
+        };
+        Ok(writer.write(&RecordBatch::try_new(Arc::clone(schema), columns)?)?)
+    };
+    in_batches(&facts, &mut story, ticks, |_, _| (), write)?;
+    Ok(writer.map_or(Ok(Vec::new()), StreamWriter::into_inner)?)
+}
+
+/// Hands the columns of successive ticks to `write`, with the number of ticks so far, and the news of each tick to `tell`.
+fn in_batches(
+    facts: &Facts,
+    story: &mut Story,
+    ticks: impl Iterator<Item = Tick>,
+    mut tell: impl FnMut(u64, News),
+    mut write: impl FnMut(&SchemaRef, Vec<ArrayRef>, u64) -> Result<(), ExportError>,
+) -> Result<(), ExportError> {
+    let (mut begun, mut gathered, mut count) = (None, Vec::new(), 0);
     let mut ticks = ticks.peekable();
     while let Some(tick) = ticks.next() {
         story.push(&tick.row(), &mut tell);
         gathered.push(tick);
         count += 1;
         // The first report names the columns; a run without one is not kept for it.
-        let is_known = signals.is_some() || !story.names.is_empty() || gathered.len() > MOST;
+        let is_known = begun.is_some() || !story.names.is_empty() || gathered.len() > MOST;
         if (gathered.len() < ROWS || !is_known) && ticks.peek().is_some() {
             continue;
         }
-        let (columns, table) = match &mut signals {
-            Some(begun) => begun,
-            none => {
-                let (columns, schema) = Columns::new(&facts, &story.names);
-                none.insert((columns, Table::create(format, out, "signals", schema)?))
-            }
-        };
-        table.write(columns.of(&facts, &gathered))?;
+        let (columns, schema) = begun.get_or_insert_with(|| {
+            let (columns, schema) = Columns::new(facts, &story.names);
+            (columns, Arc::new(schema))
+        });
+        write(schema, columns.of(facts, &gathered), count)?;
         gathered.clear();
-        if !progress(count) {
-            return Err(ExportError::Stopped);
-        }
     }
-    let events = write_events(&events, f64::from(facts.rate_hz), format, out)?;
-    let signals = signals.map(|(_, table)| table.finish()).transpose()?;
-    let events = events.finish()?;
-    Ok(signals.into_iter().chain([events]).collect())
+    Ok(())
 }
 
 fn write_events(
@@ -132,7 +176,7 @@ fn write_events(
     let field =
         |(name, column): &(&str, ArrayRef)| Field::new(*name, column.data_type().clone(), false);
     let schema = Schema::new(columns.iter().map(field).collect::<Vec<_>>());
-    let mut table = Table::create(format, out, "events", schema)?;
+    let mut table = Table::create(format, out, "events", Arc::new(schema))?;
     table.write(columns.map(|(_, column)| column).into())?;
     Ok(table)
 }

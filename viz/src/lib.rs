@@ -4,7 +4,7 @@
 //! * What is recorded: [`Signal`] names the numbers (1 kHz); the picture (50 Hz) is the arm, its target and path, the singular frame with
 //!   the lost direction ζ, the ellipsoids that go flat along it, ghosts of null-space motion; modes, states and words come as they change.
 //! * How it is shown: a blueprint in the file, one layout per purpose, also as `.rbl` ([`save_blueprint`]).
-//! * The same ticks as tables of other formats: [`export`]; as one HTML page: [`report`], with the pictures of [`plot`].
+//! * The same ticks as tables of other formats: [`export`]; as one HTML page: [`report`].
 //!
 //! `manipulability`, `signals`, `story`, `scene`, `arm`, `solid` and `narration` map messages to data; `sink`, `blueprint` and `recording` write them.
 
@@ -12,12 +12,12 @@
 
 mod arm;
 mod blueprint;
+mod digits;
 mod entity;
 mod export;
 mod manipulability;
 mod meshes;
 mod narration;
-pub mod plot;
 mod recording;
 mod report;
 mod run;
@@ -28,13 +28,13 @@ mod solid;
 mod story;
 mod tint;
 
-pub use export::{ExportError, ExportFormat, export, parquet_properties};
+pub use digits::digits;
+pub use export::{ExportError, ExportFormat, export, signals};
 pub use recording::{Progress, save_blueprint, show_live, write_rrd};
-pub use report::{ReportError, report};
+pub use report::report;
 pub use run::{Event, Happened, Level, Rival, Tick};
 pub use signals::Signal;
 pub use sink::RecordError;
-pub use tint::singularity_ink;
 
 /// The name of a run's recording in its folder.
 pub const RECORDING: &str = "run.rrd";

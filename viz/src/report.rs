@@ -4,10 +4,9 @@ mod camera;
 mod drawing;
 mod html;
 mod moments;
+mod plot;
 mod recorded;
 mod stage;
-
-use std::path::Path;
 
 use model::Robot;
 use shared_types::codes::MODE_REGULAR;
@@ -15,35 +14,25 @@ use shared_types::job::Job;
 use shared_types::summary::{BOUNDARY, Machine, Summary};
 
 use crate::blueprint::{ACROSS, ALONG, JOINTS};
-use crate::plot::{Axis, BLUE, Color, Panel, PlotError, RED, digits, numbered};
+use crate::digits::digits;
 use crate::recording::axis_units;
 use crate::run::{Event, Happened, Tick};
 use crate::signals::Signal;
 use crate::sink::RecordError;
-use crate::tint::ink;
+use crate::solid::Rgba;
+use crate::tint::{faded, on_paper};
 use html::{Html, escaped};
+use plot::{Axis, BLUE, Plot, RED, numbered};
 use recorded::{Recorded, stretches};
 use stage::Stage;
 
 /// Lines of the log that are shown.
 const LOG_LINES: usize = 200;
 
-/// Why there is no report.
-#[derive(Debug, thiserror::Error)]
-pub enum ReportError {
-    /// The arm cannot be drawn.
-    #[error(transparent)]
-    Arm(#[from] RecordError),
-    /// A plot cannot be drawn.
-    #[error(transparent)]
-    Plot(#[from] PlotError),
-}
-
-/// The page of a run, HTML; without ticks there are neither pictures nor plots. `lacks`: what its record lacks, in clauses. Errors name `path`, where the
-/// page shall go.
+/// The page of a run, HTML; without ticks there are neither pictures nor plots. `lacks`: what its record lacks, in clauses.
 ///
 /// # Errors
-/// [`ReportError`] where the arm or a plot cannot be drawn.
+/// [`RecordError`] where the arm cannot be drawn.
 pub fn report(
     summary: &Summary,
     job: &Job,
@@ -51,8 +40,7 @@ pub fn report(
     ticks: impl Iterator<Item = Tick>,
     happened: &Happened,
     lacks: &[String],
-    path: &Path,
-) -> Result<String, ReportError> {
+) -> Result<String, RecordError> {
     let recorded = &Recorded::read(job, robot, ticks, summary.ticks, happened)?;
     let mut page = Html::default();
     head(&mut page, summary, job, lacks);
@@ -69,7 +57,7 @@ pub fn report(
             stage.slider(&mut page);
         }
         page.add("<div class=\"plots\">");
-        plots(&mut page, job, recorded, robot, path)?;
+        plots(&mut page, job, recorded, robot);
         page.add("</div></div>");
     }
     tables(&mut page, summary);
@@ -178,61 +166,51 @@ fn tables(page: &mut Html, summary: &Summary) {
 /// Least |s|/η and least error that a plot shows: what is smaller is as good as zero.
 const LEAST: f64 = 1e-4;
 
-fn plots(
-    page: &mut Html,
-    job: &Job,
-    recorded: &Recorded,
-    robot: &Robot,
-    path: &Path,
-) -> Result<(), PlotError> {
+fn plots(page: &mut Html, job: &Job, recorded: &Recorded, robot: &Robot) {
     let turns = robot.task.0[3..].contains(&true);
     let units = axis_units(robot);
-    let own: Vec<Color> = recorded
+    let own: Vec<Rgba> = recorded
         .singularities
         .iter()
-        .map(|one| ink(one.colour))
+        .map(|one| on_paper(one.colour))
         .collect();
     page.broad_figure(
-        path,
-        nearness(recorded, &own),
+        &nearness(recorded, &own),
         "Below 1 the arm is treated as singular. Upright bands: control there is not the regular one (blending, tracking by null-space \
          motion, reorienting, holding).",
-    )?;
+    );
     page.figure(
-        path,
         errors(job, recorded, turns),
         "Desired against true pose, orthogonal to and along the singular directions ζ that the arm is inside of.",
-    )?;
+    );
     page.figure(
-        path,
         joints(recorded, units),
         "The joints; colours are the same in all four.",
-    )?;
-    let axis = Axis::default().within(-0.05..1.05);
+    );
+    let axis = Axis::within(-0.05..1.05);
     let title = "β (1: hand, 0: null space) and governor";
     let beta = |name: &str| format!("β {name}");
     let mut scale = recorded.panel(title, Signal::Beta, axis, &own, beta);
     for (i, line) in recorded.of(Signal::Scale).enumerate() {
-        scale.dashed(&line.name, numbered(i + 4), &line.points);
+        scale.line(&line.name, numbered(i + 4), line.points.clone(), true);
     }
     let (title, axis) = ("latency per hop, µs", Axis::default().logarithmic());
     let latency = recorded.panel(
         title,
         Signal::Latency,
         axis,
-        &JOINTS.map(ink),
+        &JOINTS.map(on_paper),
         str::to_owned,
     );
     page.figure(
-        path,
         [scale, latency],
         "The share of the hand in control (β), and how fast path time, task torque and null-space torque are let through; and the hops of each tick, the \
          whole chain among them: in lockstep they say how fast the machine is, not how punctual.",
-    )
+    );
 }
 
 /// Position error and, of a task that `turns`, orientation error, each with its goal.
-fn errors(job: &Job, recorded: &Recorded, turns: bool) -> impl Iterator<Item = Panel> {
+fn errors(job: &Job, recorded: &Recorded, turns: bool) -> impl Iterator<Item = Plot> {
     const MOST: f64 = 100.0;
     let goal = &job.scenario.goal;
     let all = [
@@ -251,29 +229,29 @@ fn errors(job: &Job, recorded: &Recorded, turns: bool) -> impl Iterator<Item = P
     all.into_iter()
         .take(count)
         .map(|(title, signal, tolerance)| {
-            let axis = Axis::default().logarithmic().within(LEAST..MOST);
+            let axis = Axis::within(LEAST..MOST).logarithmic();
             let mut panel = recorded.blank(title, axis);
-            let colours = [ink(ACROSS), ink(ALONG)];
+            let colours = [ACROSS, ALONG].map(on_paper);
             let within = |_, value: f64| value.clamp(LEAST, MOST);
             recorded.draw(&mut panel, signal, &colours, str::to_owned, within);
             if tolerance < MOST {
-                let ends = [(0.0, tolerance), (recorded.end_s(), tolerance)];
-                panel.dashed("goal", RED, &ends);
+                let ends = vec![(0.0, tolerance), (recorded.end_s(), tolerance)];
+                panel.line("goal", RED, ends, true);
             }
             panel
         })
 }
 
 /// How near the arm is to each singularity, in units of its neighbourhood.
-fn nearness(recorded: &Recorded, own: &[Color]) -> Panel {
-    let axis = Axis::default().logarithmic().within(1e-3..30.0);
+fn nearness(recorded: &Recorded, own: &[Rgba]) -> Plot {
+    let axis = Axis::within(1e-3..30.0).logarithmic();
     let mut near = recorded.blank("|s|/η: how near to each singularity", axis);
-    near.floor("treated as singular", Color { 3: 0.13, ..BLUE }, 1.0);
+    near.floor("treated as singular", faded(BLUE, 33), 1.0);
     let all = &recorded.singularities;
     for (one, colour) in all.iter().zip(own) {
         for stretch in stretches(&one.modes, recorded.last, |mode| *mode == MODE_REGULAR) {
             let [from, to] = [stretch.start, stretch.end].map(|tick| recorded.seconds(tick));
-            near.band("", Color { 3: 0.13, ..*colour }, from..to);
+            near.band("", faded(*colour, 33), from..to);
         }
     }
     let of = |i: usize, s: f64| (s.abs() / all.get(i).map_or(1.0, |one| one.eta)).clamp(LEAST, 1e6);
@@ -282,11 +260,11 @@ fn nearness(recorded: &Recorded, own: &[Color]) -> Panel {
 }
 
 /// Torques, positions and speeds of the joints: over their limits, or, where the limits are infinite, hence all is 0, themselves.
-fn joints(recorded: &Recorded, [speed_unit, load_unit]: [&'static str; 2]) -> [Panel; 4] {
+fn joints(recorded: &Recorded, [speed_unit, load_unit]: [&'static str; 2]) -> [Plot; 4] {
     let has = |signals: &[Signal]| signals.iter().any(|signal| recorded.moves(*signal));
     let panel = |title: &str, signal, axis| {
         let name = |name: &str| format!("q{name}");
-        recorded.panel(title, signal, axis, &JOINTS.map(ink), name)
+        recorded.panel(title, signal, axis, &JOINTS.map(on_paper), name)
     };
     use Signal::*;
     let (task, null, of) =
@@ -298,7 +276,7 @@ fn joints(recorded: &Recorded, [speed_unit, load_unit]: [&'static str; 2]) -> [P
         true => (Speed, speed_unit),
         false => (SpeedRatio, " / limit"),
     };
-    let range = Axis::default().within(-1.05..1.05);
+    let range = Axis::within(-1.05..1.05);
     [
         panel(
             &format!("hand torque, with gravity{of}"),

@@ -1,6 +1,5 @@
 //! The viewer's colours on paper. PURE.
 
-use crate::plot::{Color, rgb};
 use crate::solid::Rgba;
 
 /// The largest luminance of a line on white paper: a contrast of three to one.
@@ -38,15 +37,9 @@ pub(crate) fn hex(colour: Rgba) -> String {
     format!("#{:06x}", colour >> 8)
 }
 
-/// The colour of a kind of singularity, as in marks and plots of the viewer, for white paper.
-#[must_use]
-pub fn singularity_ink(kind: u32) -> Color {
-    ink(crate::narration::colour_of(kind, 0))
-}
-
-/// As a plot takes it.
-pub(crate) fn ink(colour: Rgba) -> Color {
-    rgb(on_paper(colour) >> 8)
+/// How opaque it is, 0 to 1.
+pub(crate) fn opacity(colour: Rgba) -> f32 {
+    (colour & 0xff) as f32 / 255.0
 }
 
 #[cfg(test)]

@@ -28,7 +28,7 @@ pub(crate) struct BenchArgs {
     /// Runs of `lockstep` per program.
     #[arg(long, value_name = "N", default_value_t = 15, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     runs: u32,
-    /// Save bench.json and pictures (SVG and PNG) here.
+    /// Save bench.json here.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -93,10 +93,9 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
     let whole = json!({
         "machine": machine, "rows": measured.rows, "lockstep": measured.lockstep,
     });
-    let saved = match &out {
-        Some(out) => save(out, &whole, &benchmarks::pictures(&measured.rows, &line))?,
-        None => Vec::new(),
-    };
+    if let Some(out) = &out {
+        out.save("bench.json", &whole)?;
+    }
     if as_json {
         say!("{whole}");
         return Ok(ExitCode::SUCCESS);
@@ -106,7 +105,9 @@ pub(crate) fn bench(args: &BenchArgs, as_json: bool) -> Result<ExitCode, Failure
     }
     measured.lockstep.iter().for_each(show);
     say!("{line}");
-    saved.iter().for_each(|path| say!("{}", path.display()));
+    if let Some(out) = &out {
+        say!("{}", out.folder.join("bench.json").display());
+    }
     Ok(ExitCode::SUCCESS)
 }
 
@@ -125,20 +126,6 @@ impl Measured {
         });
         Ok(())
     }
-}
-
-fn save(
-    results: &Results,
-    whole: &serde_json::Value,
-    pages: &[(String, viz::plot::Page)],
-) -> Result<Vec<PathBuf>, Failure> {
-    results.save("bench.json", whole)?;
-    let mut paths = vec![results.folder.join("bench.json")];
-    for (bench, page) in pages {
-        let path = results.folder.join(format!("bench-{bench}"));
-        paths.extend(page.save(&path).map_err(Failure::work)?);
-    }
-    Ok(paths)
 }
 
 /// Takes part in a ring.

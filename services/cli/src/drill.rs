@@ -72,7 +72,7 @@ pub(crate) fn drill(args: &DrillArgs, as_json: bool) -> Result<ExitCode, Failure
         show(&drilled);
         args.out
             .iter()
-            .for_each(|out| say!("{0}/drill.json, drill.svg, drill.png", out.display()));
+            .for_each(|out| say!("{}/drill.json", out.display()));
     }
     match drilled.interrupted {
         Some(signal) => Err(Failure::Work(format!("the soak was stopped by {signal}"))),

@@ -35,7 +35,7 @@ pub(crate) fn report(args: &ReportArgs, as_json: bool) -> Result<ExitCode, Failu
             path.display()
         )));
     }
-    let session::Page { text, shortfall } = session::report(&run, &path, &observe)?;
+    let session::Page { text, shortfall } = session::report(&run, &observe)?;
     let written = Draft::create(&path).and_then(|(draft, mut file)| {
         file.write_all(text.as_bytes())?;
         draft.place()

@@ -1,7 +1,6 @@
 //! Rows as text: one printer of tables for every experiment, and quantiles of a few values.
 
 use session::table::{Cell, Fitted, number, table};
-use viz::plot::Color;
 
 /// The cell of a row.
 type Of<'a, R> = Box<dyn Fn(&R) -> Cell + 'a>;
@@ -39,17 +38,6 @@ impl<'a, R> Columns<'a, R> {
             printed.add_row(self.0.iter().map(|(_, of)| of(&row)));
         }
         printed
-    }
-}
-
-/// White to a colour: of a cell of a map.
-pub(crate) fn tinted(color: Color, share: f64) -> Color {
-    let mix = |c: u8| (248.0 + (f64::from(c) - 248.0) * share) as u8;
-    Color {
-        0: mix(color.0),
-        1: mix(color.1),
-        2: mix(color.2),
-        3: 1.0,
     }
 }
 

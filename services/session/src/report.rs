@@ -1,7 +1,5 @@
 //! A run as a page for people without a viewer.
 
-use std::path::Path;
-
 use model::Robot;
 use viz::Happened;
 
@@ -19,16 +17,16 @@ pub struct Page {
     pub shortfall: Option<String>,
 }
 
-/// The page of a run, as far as its record can be read; `path` is where it shall go, for the errors.
+/// The page of a run, as far as its record can be read.
 ///
 /// # Errors
-/// [`Failure::Input`] if the run's summary, its job or its record cannot be read; [`Failure::Work`] if a plot cannot be drawn.
-pub fn report(run: &Run, path: &Path, observer: Observer<'_>) -> Result<Page, Failure> {
+/// [`Failure::Input`] if the run's summary, its job or its record cannot be read; [`Failure::Work`] if the arm cannot be drawn.
+pub fn report(run: &Run, observer: Observer<'_>) -> Result<Page, Failure> {
     let (summary, job) = (run.summary()?, run.job()?);
     if !job.record {
         let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
         let (none, happened) = (std::iter::empty(), Happened::default());
-        let text = viz::report(&summary, &job, &robot, none, &happened, &[], path);
+        let text = viz::report(&summary, &job, &robot, none, &happened, &[]);
         return Ok(Page {
             text: text.map_err(Failure::work)?,
             shortfall: None,
@@ -55,7 +53,6 @@ pub fn report(run: &Run, path: &Path, observer: Observer<'_>) -> Result<Page, Fa
             }),
             &happened,
             &lacks,
-            path,
         )
     })?;
     Ok(Page {

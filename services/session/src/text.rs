@@ -5,7 +5,7 @@ use std::path::Path;
 
 use shared_types::summary::{ServoSummary, Summary};
 use viz::RECORDING;
-use viz::plot::digits;
+use viz::digits;
 
 use crate::results::SUMMARY;
 use crate::table::{count, number, table};

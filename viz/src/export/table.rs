@@ -76,14 +76,13 @@ impl Table {
         format: ExportFormat,
         out: &Path,
         name: &str,
-        schema: Schema,
+        schema: SchemaRef,
     ) -> Result<Self, ExportError> {
         let extension = match format {
             ExportFormat::Csv => "csv",
             ExportFormat::Parquet => "parquet",
         };
         let path = out.join(name).with_extension(extension);
-        let schema = Arc::new(schema);
         let begun = Draft::create(&path).map_err(Into::into);
         let begun =
             begun.and_then(|(draft, file)| Ok((draft, Writer::create(format, file, &schema)?)));
@@ -128,9 +127,8 @@ fn text(column: &ArrayRef, row: usize) -> String {
     }
 }
 
-/// How every table of armplane is written: compressed, with these values as the file's metadata.
-#[must_use]
-pub fn parquet_properties(metadata: Vec<(String, String)>) -> WriterProperties {
+/// Compressed, with these values as the file's metadata.
+fn parquet_properties(metadata: Vec<(String, String)>) -> WriterProperties {
     let pairs = metadata.into_iter();
     let pairs = pairs.map(|(key, value)| KeyValue::new(key, value));
     WriterProperties::builder()

@@ -1,9 +1,8 @@
 //! HTML elements of a report.
 
 use std::fmt::{Display, Write};
-use std::path::Path;
 
-use crate::plot::{Color, Page, Panel, PlotError, Row, Scale};
+use super::plot::Plot;
 
 /// A page in the making.
 #[derive(Default)]
@@ -65,78 +64,25 @@ impl Html {
         }
     }
 
-    /// Panels side by side, or below one another where the page is narrow.
-    pub(super) fn figure(
-        &mut self,
-        path: &Path,
-        panels: impl IntoIterator<Item = Panel>,
-        caption: &str,
-    ) -> Result<(), PlotError> {
-        let panels: Vec<String> = panels
-            .into_iter()
-            .map(|panel| picture(path, panel, [350.0, 200.0]))
-            .collect::<Result<_, _>>()?;
+    /// Plots side by side, or below one another where the page is narrow.
+    pub(super) fn figure(&mut self, plots: impl IntoIterator<Item = Plot>, caption: &str) {
+        let plots = plots.into_iter().map(|plot| plot.svg([350.0, 200.0]));
         self.add(format_args!(
             "<figure><div class=\"panels\">{}</div><figcaption>{}</figcaption></figure>",
-            panels.concat(),
+            plots.collect::<String>(),
             escaped(caption)
         ));
-        Ok(())
     }
 
-    /// One panel as wide as the page, drawn anew for a narrow one.
-    pub(super) fn broad_figure(
-        &mut self,
-        path: &Path,
-        panel: Panel,
-        caption: &str,
-    ) -> Result<(), PlotError> {
-        let (broad, slim) = (
-            picture(path, panel.clone(), [700.0, 240.0])?,
-            picture(path, panel, [350.0, 220.0])?,
-        );
+    /// One plot as wide as the page, drawn anew for a narrow one.
+    pub(super) fn broad_figure(&mut self, plot: &Plot, caption: &str) {
         self.add(format_args!(
-            "<figure><div class=\"broad\">{broad}</div><div class=\"slim\">{slim}</div><figcaption>{}</figcaption></figure>",
+            "<figure><div class=\"broad\">{}</div><div class=\"slim\">{}</div><figcaption>{}</figcaption></figure>",
+            plot.svg([700.0, 240.0]),
+            plot.svg([350.0, 220.0]),
             escaped(caption)
         ));
-        Ok(())
     }
-}
-
-/// A panel as an SVG element of a width and height; points. A line in it, not seen at first, shows the time chosen on the page, and its attributes
-/// say where its data is and what its lines are called: the page reads values off the lines by them.
-fn picture(path: &Path, panel: Panel, [width, height]: [f64; 2]) -> Result<String, PlotError> {
-    let named = panel.named().map(|(name, colour)| (name, hex(colour)));
-    let names = serde_json::json!(named.collect::<Vec<_>>()).to_string();
-    let (span, log) = (panel.span(), u8::from(panel.y.scale == Scale::Logarithmic));
-    let page = Page {
-        rows: vec![Row::of(height, [panel])],
-        width,
-        ..Page::default()
-    };
-    let (svg, [x, y]) = page.svg(path)?;
-    let svg = svg.trim_start_matches(|c| c != '<').trim_end();
-    let open = svg.trim_end_matches("</svg>");
-    let data = format!(
-        "<svg data-x=\"{} {}\" data-y=\"{} {} {} {} {log}\" data-names=\"{}\"",
-        x.start,
-        x.end,
-        y.start,
-        y.end,
-        span.start,
-        span.end,
-        escaped(&names)
-    );
-    let open = open.replacen("<svg", &data, 1);
-    Ok(format!(
-        "{open}<path class=\"cursor\" d=\"M0 {}V{}\" transform=\"translate({} 0)\"/></svg>",
-        y.end, y.start, x.start
-    ))
-}
-
-/// As plotters writes it.
-fn hex(colour: Color) -> String {
-    format!("#{:02X}{:02X}{:02X}", colour.0, colour.1, colour.2)
 }
 
 pub(super) fn escaped(text: &str) -> String {

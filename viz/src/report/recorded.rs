@@ -8,9 +8,9 @@ use nalgebra::SVector;
 use shared_types::codes::{KIND_NUMERIC, KINDS, MODE_REGULAR, MODES};
 use shared_types::job::Job;
 
+use super::plot::{Axis, GREY, Plot, RED, thinned};
 use crate::arm::{placement, pose};
 use crate::narration::{NO_FAULT, colour_of};
-use crate::plot::{Axis, Color, GREY, Panel, RED, thinned};
 use crate::recording::Facts;
 use crate::run::{Event, Happened, Tick};
 use crate::scene::{Mark, Presence};
@@ -18,6 +18,7 @@ use crate::signals::{Signal, TickRow};
 use crate::sink::RecordError;
 use crate::solid::{Placement, Rgba};
 use crate::story::{News, Story};
+use crate::tint::faded;
 
 /// Stretches of a plotted line, each of at most four points: more would not be seen.
 const POINTS: u64 = 1500;
@@ -316,24 +317,19 @@ impl Recorded {
     }
 
     /// A diagram over time, with the faults in it.
-    pub(super) fn blank(&self, title: &str, axis: Axis) -> Panel {
+    pub(super) fn blank(&self, title: &str, axis: Axis) -> Plot {
         let end_s = self.end_s();
-        let mut panel = Panel::new(
-            title,
-            Axis::named("time, s").within(0.0..end_s.max(1e-3)),
-            axis,
-        );
+        let mut plot = Plot::new(title, end_s, axis);
         // Hatched, whatever else is red. A fault of one tick is seen, too.
         let step = 0.008 * end_s.max(1e-3);
         for fault in stretches(&self.faults, self.last, |state| state == NO_FAULT.0) {
             let [from, to] = [fault.start, fault.end].map(|tick| self.seconds(tick));
             let count = ((to - from) / step).ceil().max(1.0) as u32;
             for begin in (0..count).map(|k| from + step * f64::from(k)) {
-                let stripe = begin..begin + 0.5 * step;
-                panel.band("fault in force", Color { 3: 0.45, ..RED }, stripe);
+                plot.band("fault in force", faded(RED, 115), begin..begin + 0.5 * step);
             }
         }
-        panel
+        plot
     }
 
     /// The lines of a signal.
@@ -347,32 +343,32 @@ impl Recorded {
         title: &str,
         signal: Signal,
         axis: Axis,
-        colours: &[Color],
+        colours: &[Rgba],
         name: impl Fn(&str) -> String,
-    ) -> Panel {
-        let mut panel = self.blank(title, axis);
-        self.draw(&mut panel, signal, colours, name, |_, value| value);
-        panel
+    ) -> Plot {
+        let mut plot = self.blank(title, axis);
+        self.draw(&mut plot, signal, colours, name, |_, value| value);
+        plot
     }
 
     /// Draws a signal's lines, their values changed by `of`, by the place of the line.
     pub(super) fn draw(
         &self,
-        panel: &mut Panel,
+        plot: &mut Plot,
         signal: Signal,
-        colours: &[Color],
+        colours: &[Rgba],
         name: impl Fn(&str) -> String,
         of: impl Fn(usize, f64) -> f64,
     ) {
         if let Some(line) = self.of(signal).max_by_key(|line| line.gaps.len()) {
             for gap in &line.gaps {
-                panel.band("nothing recorded", Color { 3: 0.30, ..GREY }, gap.clone());
+                plot.band("nothing recorded", faded(GREY, 77), gap.clone());
             }
         }
         for (i, (line, colour)) in self.of(signal).zip(colours.iter().cycle()).enumerate() {
             let points = line.points.iter();
-            let points: Vec<_> = points.map(|(t_s, value)| (*t_s, of(i, *value))).collect();
-            panel.line(&name(&line.name), *colour, &points);
+            let points = points.map(|(t_s, value)| (*t_s, of(i, *value))).collect();
+            plot.line(&name(&line.name), *colour, points, false);
         }
     }
 

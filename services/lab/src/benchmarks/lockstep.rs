@@ -8,7 +8,7 @@ use serde::Serialize;
 use serde_json::Value;
 use session::table::{number, table};
 use session::{Failure, Observer, Progress, load};
-use viz::plot::digits;
+use viz::digits;
 
 use crate::folder::scratch;
 use crate::text::quantile;

@@ -15,7 +15,7 @@ use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use session::table::{number, table};
-use viz::plot::{Axis, BLUE, Color, GREY, Page, Panel, digits};
+use viz::digits;
 
 pub use hop::{Only, cycle, hop};
 pub use lockstep::{Lockstep, lockstep};
@@ -128,43 +128,6 @@ impl fmt::Display for Rows<'_> {
         }
         writeln!(f, "{lines}")
     }
-}
-
-/// A picture for each benchmark, with its name: a bar for each row, µs.
-pub fn pictures(rows: &[Row], machine: &str) -> Vec<(String, Page)> {
-    let page = |rows: &[Row]| {
-        let name = |row: &Row| {
-            format!(
-                "{}, {} B: {}",
-                row.placement, row.payload_bytes, row.mechanism
-            )
-        };
-        let mut panel = Panel::new(
-            &rows[0].bench,
-            Axis::named("µs").logarithmic(),
-            Axis::names(rows.iter().map(name)),
-        );
-        for (place, Row { times, .. }) in rows.iter().enumerate() {
-            panel.bar(
-                place,
-                times.p99_us,
-                Color { 3: 0.35, ..GREY },
-                String::new(),
-            );
-            let text = format!("{} ({})", digits(times.p50_us), digits(times.p99_us));
-            panel.bar(place, times.p50_us, BLUE, text);
-        }
-        Page {
-            title: format!("armplane bench {}", rows[0].bench),
-            subtitle: format!("blue: median; grey, in brackets: 99 of 100 are quicker. {machine}"),
-            rows: vec![viz::plot::Row::of(84.0 + 24.0 * rows.len() as f64, [panel])],
-            width: 1100.0,
-            ..Page::default()
-        }
-    };
-    rows.chunk_by(|a, b| a.bench == b.bench)
-        .map(|rows| (rows[0].bench.clone(), page(rows)))
-        .collect()
 }
 
 /// The machine of a measurement.

@@ -18,7 +18,7 @@ use shared_types::scenario::Scenario;
 use shared_types::summary::Summary;
 use shared_types::topics::{ByTopic, Each, TOPICS, Topic, named};
 use shared_types::{Header, Message, TorqueCommand};
-use viz::plot::digits;
+use viz::digits;
 
 use super::compared::{Place, record_of};
 use super::difference::FieldDifference;

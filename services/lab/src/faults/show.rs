@@ -1,4 +1,4 @@
-//! The cells of a drill or a soak as JSON, as tables, and as two heat maps.
+//! The cells of a drill or a soak as JSON and as tables.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -8,10 +8,10 @@ use serde::Serialize;
 use session::Failure;
 use session::table::{Cell as TableCell, count as plural, number, table};
 use shared_types::summary::FaultSummary;
-use viz::plot::{Axis, BLUE, Color, Page, Panel, RED, Row, digits};
+use viz::digits;
 
 use super::judge::{Broken, Cell};
-use crate::text::{quantile, tinted};
+use crate::text::quantile;
 
 /// All cells.
 #[derive(Serialize)]
@@ -44,7 +44,7 @@ pub struct Kind {
 }
 
 impl Drilled {
-    /// Adds the cells up, and saves them with their picture.
+    /// Adds the cells up, and saves them.
     pub(super) fn new(
         cells: Vec<Cell>,
         seed: Option<u64>,
@@ -82,9 +82,6 @@ impl Drilled {
             let path = out.join("drill.json");
             let text = serde_json::to_vec_pretty(&drilled).map_err(Failure::work)?;
             files::write(&path, text).map_err(Failure::cannot("write", &path))?;
-            picture(&drilled.cells)
-                .save(&out.join("drill"))
-                .map_err(Failure::work)?;
         }
         Ok(drilled)
     }
@@ -208,139 +205,5 @@ impl Drilled {
             sum(|cell| cell.messages.fenced),
             sum(|cell| cell.messages.lost)
         )
-    }
-}
-
-/// Colour of a fault that cannot happen to a process, or has not.
-const NONE: Color = Color {
-    0: 222,
-    1: 224,
-    2: 229,
-    3: 1.0,
-};
-
-/// White to blue by the size of a value on a logarithmic scale; red where a guarantee is broken.
-fn shade(value: f64, [least, most]: [f64; 2], is_broken: bool) -> Color {
-    if is_broken {
-        return RED;
-    }
-    let share = (value.max(1e-12) / least).ln() / (most / least).ln();
-    tinted(BLUE, share.clamp(0.0, 1.0))
-}
-
-/// One kind of fault on one process: how far the arm left its path, the longest times to detection and to recovery, and whether a guarantee broke.
-#[derive(Clone, Copy, Default)]
-struct Spot([Option<f64>; 3], bool);
-
-/// All of them, by the places of process and fault.
-#[derive(Default)]
-struct Map {
-    processes: Vec<String>,
-    faults: Vec<String>,
-    spots: BTreeMap<(usize, usize), Spot>,
-}
-
-impl Map {
-    fn of(cells: &[Cell]) -> Self {
-        let place = |names: &mut Vec<String>, name: String| {
-            names
-                .iter()
-                .position(|one| *one == name)
-                .unwrap_or_else(|| {
-                    names.push(name);
-                    names.len() - 1
-                })
-        };
-        let mut map = Self::default();
-        let alone = cells
-            .iter()
-            .filter(|cell| cell.excursion.is_none() || cell.faults.len() == 1);
-        for (cell, fault) in
-            alone.flat_map(|cell| cell.faults.iter().map(move |fault| (cell, fault)))
-        {
-            if !fault.occurred {
-                continue;
-            }
-            let at = (
-                place(&mut map.processes, fault.process.clone()),
-                place(&mut map.faults, kind(fault)),
-            );
-            let Spot(values, is_broken) = map.spots.entry(at).or_default();
-            let off = cell
-                .excursion
-                .as_ref()
-                .map(|excursion| 1e3 * excursion.excursion_max_rad);
-            for (most, value) in values
-                .iter_mut()
-                .zip([off, fault.detected_ms, fault.recovered_ms])
-            {
-                if value > *most {
-                    *most = value;
-                }
-            }
-            *is_broken |= cell.excursion.is_some() && !cell.broken.is_empty();
-        }
-        map
-    }
-
-    fn panel(&self, title: &str, which: usize, range: [f64; 2]) -> Panel {
-        let names = |names: &Vec<String>| Axis::names(names.iter().cloned());
-        let mut panel = Panel::new(title, names(&self.processes), names(&self.faults));
-        for column in 0..self.processes.len() {
-            for row in 0..self.faults.len() {
-                let (color, text) = match self.spots.get(&(column, row)) {
-                    Some(Spot(values, is_broken)) => (
-                        shade(values[which].unwrap_or(0.0), range, *is_broken),
-                        values[which].map_or("–".to_owned(), digits),
-                    ),
-                    None => (NONE, "n/a".to_owned()),
-                };
-                panel.cell(column, row, color, text);
-            }
-        }
-        panel
-    }
-}
-
-/// Two maps, faults downwards and processes to the right: how far the arm left its path or when the process was back, and when the fault was detected.
-fn picture(cells: &[Cell]) -> Page {
-    let map = Map::of(cells);
-    let first = if cells.iter().any(|cell| cell.excursion.is_some()) {
-        map.panel(
-            "largest distance from the fault-free path, mrad",
-            0,
-            [0.01, 100.0],
-        )
-    } else {
-        map.panel(
-            "longest time until the process was back, ms",
-            2,
-            [0.01, 1000.0],
-        )
-    };
-    let detected = map.panel(
-        "longest time until the fault is detected, ms",
-        1,
-        [0.01, 1000.0],
-    );
-    let broken = cells.iter().filter(|cell| !cell.broken.is_empty()).count();
-    let scenario = cells
-        .first()
-        .map(|cell| cell.scenario.as_str())
-        .unwrap_or_default();
-    Page {
-        title: "Effect of each fault".to_owned(),
-        subtitle: format!(
-            "{scenario}: {} runs, {broken} with a broken guarantee (red)",
-            cells.len()
-        ),
-        rows: vec![Row::of(
-            80.0 + 19.0 * map.faults.len() as f64,
-            [first, detected],
-        )],
-        notes: vec![
-            "n/a: this fault did not happen to this process. –: nothing of the kind.".to_owned(),
-        ],
-        width: 1100.0,
     }
 }

@@ -7,7 +7,7 @@ use nalgebra::DMatrix;
 use session::table::Fitted;
 use shared_types::codes;
 use shared_types::messages::SingularityState;
-use viz::plot::digits;
+use viz::digits;
 
 use super::posture::Posture;
 use crate::text::{Columns, optional};

@@ -12,7 +12,7 @@ use shared_types::bounds::larger;
 use shared_types::job::{Job, Mode};
 use shared_types::scenario::{Scenario, Strategy};
 use shared_types::topics::{ByTopic, Received};
-use viz::plot::digits;
+use viz::digits;
 use viz::{Happened, Rival};
 
 use crate::text::percent;

@@ -5,7 +5,7 @@ use std::fmt;
 use lines::KINDS;
 use recorder::Bounds;
 use session::table::count as plural;
-use viz::plot::digits;
+use viz::digits;
 
 use super::verdict::{findings, verdicts};
 use super::{Compared, Law, Race, Racer, name_of};
