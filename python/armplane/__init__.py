@@ -5,6 +5,7 @@
     law = armplane.Law(arm, dt=0.001)
     tau = law.step(q, qdot, pose, twist)         # N·m; law.state: mode, reason, β
     run = armplane.run("fig5-wrist-rotation")    # run.signals, run.summary, run.view()
+    row = armplane.trial("fig5-wrist-rotation", {"control.k_p": 900})    # without processes and files; `trace` has the signals
 
 SI units. Poses and twists are those of the end-effector E in the base B; twists are `[linear; angular]`.
 """
@@ -20,8 +21,9 @@ from .process import Controller, Observer, Operator, Plant, Process
 from .results import Run, load, run
 
 _NATIVE = ("Arm", "Law", "LawState", "Posture", "Reference", "Singularity")
+_TRIALS = ("laws", "lines", "trace", "trial")
 
-__all__ = ["Controller", "Joined", "Observer", "Operator", "Plant", "Process", "ProcessError", "Run", "load", "run", "subscribe", "wire", *_NATIVE]
+__all__ = ["Controller", "Joined", "Observer", "Operator", "Plant", "Process", "ProcessError", "Run", "load", "run", "subscribe", "wire", *_NATIVE, *_TRIALS]
 
 
 def subscribe(topic, run=None):
@@ -33,10 +35,10 @@ def subscribe(topic, run=None):
 
 def __getattr__(name):
     # A process of a run needs neither numpy nor the extension module, and starts in milliseconds without them.
-    if name not in _NATIVE:
+    if name not in _NATIVE + _TRIALS:
         raise AttributeError(f"module 'armplane' has no attribute {name!r}")
     try:
-        from . import _armplane
+        from . import _armplane, trials
     except ImportError as error:
         raise ImportError(f"armplane.{name} is part of the wheel that `python/build` makes (docs/python.md): {error}") from error
-    return getattr(_armplane, name)
+    return getattr(trials if name in _TRIALS else _armplane, name)

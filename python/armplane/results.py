@@ -147,7 +147,7 @@ def run(scenario, *, graph=None, plant=None, mode=None, seed=None, out=None, set
         if value is not None:
             arguments += [option, value]
     for key, value in (settings or {}).items():
-        arguments += ["--set", f"{key}={json.dumps(value) if not isinstance(value, str) else value}"]
+        arguments += ["--set", f"{key}={toml(value)}"]
     if not record:
         arguments.append("--no-record")
     folder = pathlib.Path(out) if out is not None else _next_folder(pathlib.Path(str(scenario)).stem)
@@ -160,3 +160,17 @@ def _next_folder(name):
     while (folder := pathlib.Path("runs") / f"{name}-{number:03}").exists():
         number += 1
     return folder
+
+
+def toml(value):
+    """A value as TOML writes it; a text stays as it is, as with `--set`."""
+    return value if isinstance(value, str) else _inner(value)
+
+
+def _inner(value):
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_inner(one)}" for key, one in value.items()) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(_inner, value)) + "]"
+    # The numbers of numpy and pandas, too.
+    return json.dumps(value.item() if hasattr(value, "item") else value)

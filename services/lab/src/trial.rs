@@ -1,16 +1,19 @@
 //! The engine of every experiment: draw trials, run them, look at their rows.
 //!
 //! ```text
-//! [Trial]   a scenario (settings, seed, faults) on a robot          compare: one a law; sweep: one a point; drill: one a fault
+//! [Trial]   a scenario (settings, seed, faults) on a robot          compare: one a law; drill: one a fault; Python: any
 //!    │ Trial::run, on_all_cores       on one thread
 //!    ▼
 //! [Row]     the result, named as in summary.json
 //!    ▼
-//! table     a list of columns, each a heading and the text of a row (text.rs); JSON by serde; Parquet (sweeps)
+//! table     a list of columns, each a heading and the text of a row (text.rs); JSON by serde
 //! ```
 //!
 //! A new experiment is a function that makes a list of trials, `on_all_cores` with [`Trial::run`], and a list of columns. One that must look at each tick
 //! uses [`Trial::watch`]; what it adds to a row it keeps in a structure of its own with the row flattened into it.
+
+use std::sync::mpsc;
+use std::thread;
 
 use chain::{Sink, Tick};
 use model::{Refused, Robot};
@@ -23,6 +26,9 @@ use shared_types::topics::{self, COUNT, Each, STEERED, Topic};
 
 use crate::folder::scratch;
 use crate::row::Row;
+
+/// Ticks of a trace that wait for their table.
+const WAITING: usize = 1000;
 
 /// A run that is to be made.
 #[derive(Clone, Debug)]
@@ -75,18 +81,16 @@ impl<'a> Trial<'a> {
         let mut hashes = Hashes::default();
         let is_sent = |topic: &str| scenario.servo.is_some() || !STEERED.contains(&topic);
         let verdict = if chain::plans_faults_of_processes(scenario) {
-            let contents = Contents::of_topics(0, scenario.rate_hz, is_sent);
-            let mut assembled = Assembled {
-                hashes: &mut hashes,
-                assembler: Assembler::new(&contents),
-                contents,
-                judge: Judge::new(robot, scenario)?,
-            };
-            let ended = chain::run_under_faults(robot, scenario, &mut assembled)?;
-            while let Some(row) = assembled.assembler.rest() {
-                assembled.judge(&row);
-            }
-            let mut verdict = assembled.judge.verdict();
+            let mut judge = Judge::new(robot, scenario)?;
+            let ended = self.assemble(&mut hashes, |row| {
+                let messages = row.messages().lent();
+                match (recorder::Tick::of(&messages), messages.sensor) {
+                    (Some(tick), _) => drop(judge.tick(tick)),
+                    (None, Some(sensor)) => judge.torn(sensor),
+                    (None, None) => {}
+                }
+            })?;
+            let mut verdict = judge.verdict();
             if let Some(sentence) = ended {
                 (verdict.completed, verdict.outcome) = (false, "failed".to_owned());
                 verdict.reason = format!("{sentence}; {}", verdict.reason);
@@ -109,6 +113,54 @@ impl<'a> Trial<'a> {
                 .map(|(topic, hash)| ((*topic).to_owned(), hash.summary().hash))
                 .collect(),
             ..Row::of(scenario.control.strategy, verdict)
+        })
+    }
+
+    /// Runs it on one thread under all its faults, and hands each tick's messages to `each` as the recorder assembles them. The sentence: why it ended
+    /// before its task did.
+    fn assemble(
+        &self,
+        hashes: &mut Hashes,
+        each: impl FnMut(&recorder::Row),
+    ) -> Result<Option<String>, Refused> {
+        let is_sent = |topic: &str| self.scenario.servo.is_some() || !STEERED.contains(&topic);
+        let contents = Contents::of_topics(0, self.scenario.rate_hz, is_sent);
+        let mut assembled = Assembled {
+            hashes,
+            assembler: Assembler::new(&contents),
+            contents,
+            each,
+        };
+        let ended = chain::run_under_faults(self.robot, &self.scenario, &mut assembled)?;
+        while let Some(row) = assembled.assembler.rest() {
+            (assembled.each)(&row);
+        }
+        Ok(ended)
+    }
+
+    /// Its signals, a row a tick, as a stream of Arrow's IPC format: the columns of `armplane export`.
+    ///
+    /// # Errors
+    /// As [`run`](Self::run) on one thread.
+    pub fn trace(&self) -> Result<Vec<u8>, Failure> {
+        let graph = load::graph_of(&self.scenario, None)?;
+        let scenario = self.scenario.clone();
+        let job = load::job(self.robot, scenario, graph, Mode::Lockstep, "".into());
+        let (send, ticks) = mpsc::sync_channel(WAITING);
+        let keep = move |row: &recorder::Row| {
+            // Without a reader the table has failed, and says why.
+            let _ = send.send(viz::Tick {
+                tick: row.tick,
+                messages: *row.messages(),
+                events: Vec::new(),
+            });
+        };
+        thread::scope(|scope| {
+            let run = scope.spawn(|| self.assemble(&mut Hashes::default(), keep));
+            let table = viz::signals(&job, self.robot, ticks.into_iter());
+            let ran = run.join().map_err(|_| Failure::work("the run panicked"))?;
+            ran.map_err(Failure::input)?;
+            table.map_err(Failure::work)
         })
     }
 
@@ -172,30 +224,22 @@ impl<S: Fn(&str) -> bool> Each for Pass<'_, S> {
     }
 }
 
-/// Judges the ticks that messages make, as the recorder does.
-struct Assembled<'a> {
+/// Makes ticks of messages, as the recorder does.
+struct Assembled<'a, E> {
     hashes: &'a mut Hashes,
     contents: Contents,
     assembler: Assembler,
-    judge: Judge,
+    each: E,
 }
 
-impl Assembled<'_> {
-    fn judge(&mut self, row: &recorder::Row) {
-        if let Some(tick) = recorder::Tick::of(&row.messages().lent()) {
-            self.judge.tick(tick);
-        }
-    }
-}
-
-impl Sink for Assembled<'_> {
+impl<E: FnMut(&recorder::Row)> Sink for Assembled<'_, E> {
     fn take<M: Topic>(&mut self, message: &M) {
         self.hashes.take(message);
         if let Some(channel) = self.contents.channel(M::TOPIC) {
             self.assembler.take(channel, bytemuck::bytes_of(message));
         }
         while let Some(row) = self.assembler.next_row() {
-            self.judge(&row);
+            (self.each)(&row);
         }
     }
 }

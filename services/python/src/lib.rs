@@ -4,6 +4,7 @@
 mod arm;
 mod law;
 mod reference;
+mod trial;
 
 use numpy::{PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
@@ -17,6 +18,11 @@ mod _armplane {
     use crate::law::{Law, LawState};
     #[pymodule_export]
     use crate::reference::Reference;
+    #[pymodule_export]
+    use crate::trial::{
+        check_scenario, draw_lines, law_names, orthogonal_bar_deg, random_twists, run_trial,
+        trace_trial,
+    };
 }
 
 /// A `ValueError` with any error's sentence.

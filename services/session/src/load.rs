@@ -53,10 +53,7 @@ pub fn scenario_in(
     settings: &[String],
     seed: Option<u64>,
 ) -> Result<Loaded, Failure> {
-    let source = Source::read(name)?;
-    let mut scenario = source.parse(settings)?;
-    scenario.seed = seed.unwrap_or(scenario.seed);
-    source.load(scenario, graph_file)
+    Source::read(name)?.scenario(graph_file, settings, seed)
 }
 
 /// The text of a scenario, and its source.
@@ -105,6 +102,21 @@ impl Source {
             text,
             folder,
         })
+    }
+
+    /// The scenario with settings and seed applied, its robot and graph, all checked.
+    ///
+    /// # Errors
+    /// See [`scenario_in`].
+    pub fn scenario(
+        &self,
+        graph_file: Option<&Path>,
+        settings: &[String],
+        seed: Option<u64>,
+    ) -> Result<Loaded, Failure> {
+        let mut scenario = self.parse(settings)?;
+        scenario.seed = seed.unwrap_or(scenario.seed);
+        self.load(scenario, graph_file)
     }
 
     /// The scenario with settings applied, not yet checked against robot and graph.

@@ -17,6 +17,8 @@ use shared_types::random::Uniform;
 use shared_types::scenario::Scenario;
 use std::f64::consts::PI;
 
+use crate::studies::compare::name_of;
+
 /// Unit-scaled singular value, and |s|, that count as zero.
 const LOCKED: (f64, f64) = (1e-9, 1e-8);
 /// Most steps onto a singularity, and the largest of one joint, rad; most onto two: where both can hold, Gauss and Newton need 5 to 10.
@@ -80,6 +82,14 @@ pub(crate) struct SingularLine {
     pub(crate) place: Where,
     /// The run: start posture and one segment.
     pub(crate) scenario: Scenario,
+}
+
+impl SingularLine {
+    /// The names of its singularities, joined by `+`.
+    pub(crate) fn names(&self) -> String {
+        let names = self.kinds.iter().map(|kind| name_of(*kind));
+        names.collect::<Vec<_>>().join("+")
+    }
 }
 
 /// `count` lines for each singularity (or pair) of an arm, or fewer where draws find no more; their speed has a peak of `speed` m/s.

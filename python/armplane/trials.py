@@ -1,0 +1,56 @@
+"""Runs without processes, one on each thread that asks: the same bytes on every topic as `armplane run`.
+
+Python's lock is free while a run lasts, so threads use all cores. A scenario is a built-in name, the path of a file, or a text in TOML.
+"""
+
+import json
+
+from . import _armplane
+from .results import toml
+
+
+def trial(scenario, settings=None, faults=None, seed=None):
+    """Runs a scenario, and returns its row: `outcome`, `reason`, and the numbers of `summary.json`, a key each; `hash` has one of each topic.
+
+    `settings` overrides keys of the scenario: `{"control.k_p": 900}`. `faults` replaces its faults, a dictionary each, with the keys of `[[fault]]`.
+    `seed` replaces its seed. If the law or the arm refuses the scenario, the row has only `outcome` ("refused") and `reason`. Raises ValueError if the
+    scenario or a setting is invalid.
+    """
+    return json.loads(_armplane.run_trial(str(scenario), _settings(settings, faults), seed))
+
+
+def trace(scenario, settings=None, faults=None, seed=None):
+    """Runs a scenario, and returns its signals as a `pyarrow.Table`, a row per tick, with the columns of `armplane export`. Arguments as of `trial`."""
+    try:
+        from pyarrow import ipc
+    except ImportError as error:
+        raise ImportError(f"{error}: pip install 'armplane[experiments]'") from error
+    return ipc.open_stream(_armplane.trace_trial(str(scenario), _settings(settings, faults), seed)).read_all()
+
+
+def lines(robot, count, seed=1, kind="one", *, speed=0.28, settings=None):
+    """Draws straight lines through singular postures of an arm: a list of dictionaries with `singularities`, `place`, and `scenario`, which `trial` takes.
+
+    `kind="one"` draws `count` lines through each singularity, exactly, `"two"` through each pair at once; `"near"` draws `count` lines in all, through and
+    near the singularities of a PUMA. `robot` is a built-in name or the path of a URDF or MJCF file. The lines' peak speed is `speed`, m/s.
+    """
+    if kind not in ("one", "two", "near"):
+        raise ValueError(f"kind is {kind!r}: it must be 'one', 'two' or 'near'")
+    return json.loads(_armplane.draw_lines(str(robot), kind, count, seed, speed, _settings(settings)))
+
+
+def twists(robot, seed=1, seconds=60.0):
+    """A scenario that steers an arm by random twists, every 1 to 3 s another one, up to 0.25 m/s and 0.6 rad/s; `trial` takes it."""
+    return _armplane.random_twists(str(robot), seed, float(seconds))
+
+
+def laws(all=False):
+    """The names of the control laws that follow paths, the paper's first; with `all`, those for steering only, too."""
+    return [name for name, follows in _armplane.law_names() if follows or all]
+
+
+def _settings(settings, faults=None):
+    chosen = dict(settings or {})
+    if faults is not None:
+        chosen["fault"] = list(faults)
+    return [f"{key}={toml(value)}" for key, value in chosen.items()]

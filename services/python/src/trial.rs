@@ -1,0 +1,151 @@
+//! Runs on this thread, without processes: the module `armplane.trials` in Python names the arguments and the results.
+
+use lab::studies::compare::{ArmSweep, Law, SweepSize, near_lines};
+use lab::studies::steered::twists;
+use lab::trial::Trial;
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use serde_json::json;
+use session::load::{Loaded, Source};
+use session::{Failure, Progress, Steering, Targets};
+use shared_types::scenario::{Goal, Strategy};
+
+use crate::refused;
+
+/// A scenario by its name, its path, or its text, which has more than one line.
+fn source(scenario: &str) -> Result<Source, Failure> {
+    match scenario.contains('\n') {
+        true => Ok(Source {
+            file: "scenario.toml".to_owned(),
+            text: scenario.to_owned(),
+            folder: None,
+        }),
+        false => Source::read(scenario),
+    }
+}
+
+fn load(scenario: &str, settings: &[String], seed: Option<u64>) -> Result<Loaded, Failure> {
+    source(scenario)?.scenario(None, settings, seed)
+}
+
+/// Checks that a scenario takes these settings, whatever its arm says.
+#[pyfunction]
+pub(crate) fn check_scenario(
+    py: Python<'_>,
+    scenario: &str,
+    settings: Vec<String>,
+) -> PyResult<()> {
+    py.detach(|| source(scenario)?.parse(&settings).map(drop))
+        .map_err(refused)
+}
+
+/// The row of a run as JSON; where a step refuses the scenario, only `outcome` and `reason`.
+#[pyfunction]
+pub(crate) fn run_trial(
+    py: Python<'_>,
+    scenario: &str,
+    settings: Vec<String>,
+    seed: Option<u64>,
+) -> PyResult<String> {
+    py.detach(|| {
+        let loaded = load(scenario, &settings, seed).map_err(refused)?;
+        let mut row = match trial(&loaded).run() {
+            Ok(row) => serde_json::to_value(&row).map_err(refused)?,
+            Err(error) => json!({"outcome": "refused", "reason": error.to_string()}),
+        };
+        row["robot"] = loaded.robot.name.into();
+        Ok(row.to_string())
+    })
+}
+
+/// The signals of a run, a stream of Arrow's IPC format.
+#[pyfunction]
+pub(crate) fn trace_trial<'py>(
+    py: Python<'py>,
+    scenario: &str,
+    settings: Vec<String>,
+    seed: Option<u64>,
+) -> PyResult<Bound<'py, PyBytes>> {
+    let table = py.detach(|| trial(&load(scenario, &settings, seed)?).trace());
+    Ok(PyBytes::new(py, &table.map_err(refused)?))
+}
+
+fn trial(loaded: &Loaded) -> Trial<'_> {
+    Trial {
+        robot: &loaded.robot,
+        scenario: loaded.scenario.clone(),
+        graph: None,
+    }
+}
+
+/// Scenarios of straight lines through singularities, as JSON.
+#[pyfunction]
+pub(crate) fn draw_lines(
+    py: Python<'_>,
+    robot: &str,
+    kind: &str,
+    count: u32,
+    seed: u64,
+    speed: f64,
+    settings: Vec<String>,
+) -> PyResult<String> {
+    let quiet = |_: Progress<'_>| ();
+    let own = Law::Own(Strategy::default());
+    let draw = || match kind {
+        "near" => near_lines(
+            &[&settings[..], &[format!("robot={robot}")]].concat(),
+            Some(seed),
+            SweepSize { count, speed },
+        ),
+        _ => {
+            let sweep = ArmSweep {
+                robot,
+                law: &own,
+                settings: &settings,
+                seed,
+                count,
+                pairs: kind == "two",
+                speed,
+                plant: None,
+            };
+            sweep.drawn(&quiet)
+        }
+    };
+    let lines = py.detach(draw).map_err(refused)?;
+    let line = |line: lab::studies::compare::Drawn| {
+        let scenario = toml::to_string(&line.scenario).map_err(refused)?;
+        Ok(json!({"singularities": line.singularities, "place": line.place, "scenario": scenario}))
+    };
+    let lines: PyResult<Vec<_>> = lines.into_iter().map(line).collect();
+    Ok(json!(lines?).to_string())
+}
+
+/// The scenario of a steered run: seeded random twists, without a floor.
+#[pyfunction]
+pub(crate) fn random_twists(robot: &str, seed: u64, seconds: f64) -> PyResult<String> {
+    let steering = Steering {
+        subject: robot.to_owned(),
+        targets: Targets::Text(twists(seed, seconds)),
+        start: None,
+        duration_s: None,
+        settings: Vec::new(),
+        seed: None,
+        graph: None,
+    };
+    let mut scenario = steering.load().map_err(refused)?.scenario;
+    scenario.plant.floor_m = None;
+    toml::to_string(&scenario).map_err(refused)
+}
+
+/// The largest error orthogonal to ζ of a success by the strict bar, S1; degrees.
+#[pyfunction]
+pub(crate) fn orthogonal_bar_deg() -> f64 {
+    Goal::default().orthogonal_deg
+}
+
+/// The control laws: each with whether it follows paths, as comparisons need.
+#[pyfunction]
+pub(crate) fn law_names() -> Vec<(&'static str, bool)> {
+    let laws = Strategy::ALL.into_iter();
+    laws.map(|law| (law.name(), law.follows_paths())).collect()
+}
