@@ -180,6 +180,10 @@ pub struct TaskSummary {
     /// Conditions of S2 that failed.
     #[serde(default)]
     pub missed: Vec<String>,
+    /// Causes of an error that `reason` states in words: `held` at a singularity, `inside` (the run ended in a
+    /// neighbourhood, too far off along ζ), `orthogonal` (off orthogonal to ζ, by more than the goal allows).
+    #[serde(default)]
+    pub causes: Vec<String>,
 }
 
 impl Summary {

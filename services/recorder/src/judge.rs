@@ -233,6 +233,16 @@ impl Judge {
             _ => ("stopped", stopped),
         };
         let singularities = &self.singularities;
+        let causes = [
+            ("held", singularities.clauses().next().is_some()),
+            ("inside", singularities.ends().next().is_some()),
+            (
+                "orthogonal",
+                completed && !is_orthogonal_kept(&task, &self.goal),
+            ),
+        ];
+        let causes = causes.into_iter().filter(|(_, holds)| *holds);
+        task.causes = causes.map(|(code, _)| code.to_owned()).collect();
         let clauses = singularities.clauses().chain(singularities.ends());
         let others = self.joints.clauses().chain(contact).chain(self.unasked);
         for clause in clauses.chain(others) {
@@ -282,6 +292,12 @@ fn unasked(robot: &Robot, scenario: &Scenario) -> Option<String> {
 fn is_at_boundary(error: &TaskError, goal: &Goal) -> bool {
     within(error.position[1], goal.position_mm)
         && within(error.orientation[0], goal.orientation_deg)
+}
+
+/// Whether the errors orthogonal to the singular directions are within the goal's bounds.
+fn is_orthogonal_kept(task: &TaskSummary, goal: &Goal) -> bool {
+    within(task.orthogonal_max_mm, goal.orthogonal_mm)
+        && within(task.orthogonal_max_deg, goal.orthogonal_deg)
 }
 
 /// An error of a run, and the bound that its goal sets.

@@ -13,7 +13,7 @@ use shared_types::scenario::Scenario;
 use shared_types::summary::{BOUNDARY, MISSED, REACHED};
 
 use super::text::with_errors;
-use super::{Law, SWEEP, name_of, unless_stopped};
+use super::{Law, SWEEP, unless_stopped};
 use crate::pool::on_all_cores;
 use crate::row::Row;
 use crate::studies::singular_lines::{SingularLine, Through, singular_lines};
@@ -49,10 +49,21 @@ pub enum Outcome {
     Reached,
     /// Before the start, or on the way, and the arm brought to rest within its limits: the reason says why.
     Refused,
-    /// The run was completed, and its reason names a hold, a clipped goal or the path's accuracy.
+    /// The run was completed, and its reason names a cause: a hold, or the path's accuracy.
     Missed,
     /// The goal was not reached, and nothing says why.
     Silent,
+}
+
+/// A line to run.
+#[derive(Clone, Debug, Serialize)]
+pub struct Drawn {
+    /// The singularities that it passes, by name, joined by `+`.
+    pub singularities: String,
+    /// Where on the line: `start`, `middle`, `end`; `near` where it passes close by.
+    pub place: &'static str,
+    /// The run: start posture and one segment.
+    pub scenario: Scenario,
 }
 
 /// One line and its run.
@@ -128,7 +139,7 @@ impl ArmSweep<'_> {
     /// [`Failure`] for a robot or a setting that does not exist, or an arm for which no line is found.
     pub fn run(&self, observer: Observer<'_>) -> Result<ArmLines, Failure> {
         let robot = load::robot(self.robot, None, None)?;
-        let lines = self.draw(&robot, observer)?;
+        let lines = self.some(&robot, observer)?;
         let title = format!("lines of {}", robot.name);
         let graph = self.law.graph(self.plant, &robot, &lines[0].scenario)?;
         let run = |line: &SingularLine| run(&robot, self.law, graph.as_ref(), line);
@@ -149,8 +160,23 @@ impl ArmSweep<'_> {
     /// As [`run`](Self::run), and where the folder exists or a file cannot be written.
     pub fn save_lines(&self, folder: &Path, observer: Observer<'_>) -> Result<usize, Failure> {
         let robot = load::robot(self.robot, None, None)?;
-        let lines = self.draw(&robot, observer)?;
+        let lines = self.some(&robot, observer)?;
         save_scenarios(folder, lines.iter().map(|line| &line.scenario))
+    }
+
+    /// Draws the lines; none where the arm has no such line within its limits.
+    ///
+    /// # Errors
+    /// [`Failure`] for a robot or a setting that does not exist.
+    pub fn drawn(&self, observer: Observer<'_>) -> Result<Vec<Drawn>, Failure> {
+        let robot = load::robot(self.robot, None, None)?;
+        let lines = self.draw(&robot, observer)?.into_iter();
+        let drawn = lines.map(|line| Drawn {
+            singularities: line.names(),
+            place: line.place.name(),
+            scenario: line.scenario,
+        });
+        Ok(drawn.collect())
     }
 
     fn draw(&self, robot: &Robot, observer: Observer<'_>) -> Result<Vec<SingularLine>, Failure> {
@@ -161,14 +187,22 @@ impl ArmSweep<'_> {
         }
         template.seed = self.seed;
         template.plant.floor_m = None;
-        let (through, what) = match self.pairs {
-            true => (Through::Two, "two singularities at once"),
-            false => (Through::One, "a singularity"),
+        let through = match self.pairs {
+            true => Through::Two,
+            false => Through::One,
         };
         let size = (self.seed, self.count, self.speed);
-        let lines = singular_lines(robot, &template, through, size, observer);
-        let lines = lines.map_err(Failure::input)?;
+        singular_lines(robot, &template, through, size, observer).map_err(Failure::input)
+    }
+
+    /// At least one line.
+    fn some(&self, robot: &Robot, observer: Observer<'_>) -> Result<Vec<SingularLine>, Failure> {
+        let lines = self.draw(robot, observer)?;
         if lines.is_empty() {
+            let what = match self.pairs {
+                true => "two singularities at once",
+                false => "a singularity",
+            };
             return Err(Failure::Input(format!(
                 "{} has no line through {what} within its limits",
                 robot.name
@@ -200,7 +234,6 @@ pub(super) fn save_scenarios<'a>(
 
 fn run(robot: &Robot, law: &Law, graph: Option<&Graph>, line: &SingularLine) -> Line {
     let trial = law.trial(robot, &line.scenario, graph);
-    let names = line.kinds.iter().map(|kind| name_of(*kind));
     let began = Instant::now();
     let planned = match law {
         Law::Own(_) => planned(robot, &trial.scenario),
@@ -214,7 +247,7 @@ fn run(robot: &Robot, law: &Law, graph: Option<&Graph>, line: &SingularLine) -> 
         Ok(row) => (outcome(row), row.reason.clone()),
     };
     Line {
-        singularities: names.collect::<Vec<_>>().join("+"),
+        singularities: line.names(),
         place: line.place.name(),
         outcome,
         reason,
@@ -233,9 +266,7 @@ fn planned(robot: &Robot, scenario: &Scenario) -> Result<(), Refused> {
 
 fn outcome(row: &Row) -> Outcome {
     let within = row.joints.speed_max_ratio <= 1.0 && row.joints.stopped_ticks == 0;
-    let says = ["held", "clipped", "orthogonal", "off along", "beyond reach"]
-        .iter()
-        .any(|word| row.reason.contains(word));
+    let says = !row.task.causes.is_empty();
     match row.outcome.as_str() {
         REACHED => Outcome::Reached,
         BOUNDARY => Outcome::Missed,

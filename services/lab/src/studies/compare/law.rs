@@ -75,11 +75,6 @@ impl Law {
         }
     }
 
-    /// Whether it is the paper's.
-    pub(super) fn is_ours(&self) -> bool {
-        matches!(self, Self::Own(law) if law.is_ours())
-    }
-
     /// The graph of its trials; `None`: on one thread.
     pub(super) fn graph(
         &self,

@@ -2,12 +2,11 @@
 
 mod arm_lines;
 mod law;
-mod picture;
 mod race;
 mod text;
 mod verdict;
 
-pub use arm_lines::{ArmLines, ArmSweep, Line, Outcome};
+pub use arm_lines::{ArmLines, ArmSweep, Drawn, Line, Outcome};
 pub use law::{Law, laws};
 pub use race::{Race, Racer, race};
 
@@ -70,7 +69,7 @@ pub struct Compared {
     laws: Vec<(Law, Vec<Row>)>,
 }
 
-/// Runs each scenario under each law, hands each comparison to `each` when it is complete, and saves pictures and `compare.json`. Returns
+/// Runs each scenario under each law, hands each comparison to `each` when it is complete, and saves `compare.json`. Returns
 /// the JSON and the folder.
 ///
 /// # Errors
@@ -87,10 +86,6 @@ pub fn compare(
     let mut comparisons = Vec::new();
     for loaded in &loaded {
         let compared = Compared::run(loaded, request, observer)?;
-        let picture = picture::picture(&compared);
-        picture
-            .save(&results.folder.join(&compared.scenario.name))
-            .map_err(Failure::work)?;
         each(&compared);
         comparisons.push(compared.json());
     }
@@ -112,6 +107,25 @@ pub fn save_lines(
     let loaded = load::scenario(SWEEP, settings, seed)?;
     let lines = draw(&loaded, size)?;
     arm_lines::save_scenarios(folder, lines.iter().map(|line| &line.scenario))
+}
+
+/// Lines through and near each singularity of a PUMA: those of the scenario `sweep`.
+///
+/// # Errors
+/// [`Failure`] where there is no such robot or setting.
+pub fn near_lines(
+    settings: &[String],
+    seed: Option<u64>,
+    size: SweepSize,
+) -> Result<Vec<Drawn>, Failure> {
+    let loaded = load::scenario(SWEEP, settings, seed)?;
+    let lines = draw(&loaded, size)?.into_iter();
+    let drawn = lines.map(|line| Drawn {
+        singularities: name_of(line.near),
+        place: "near",
+        scenario: line.scenario,
+    });
+    Ok(drawn.collect())
 }
 
 /// Seeded lines of the scenario `sweep`.
@@ -242,6 +256,6 @@ impl Compared {
 }
 
 /// The name of the singularity that a line passes.
-fn name_of(kind: Kind) -> String {
+pub(crate) fn name_of(kind: Kind) -> String {
     singularity_name(kind.code(), 0).to_owned()
 }

@@ -2,7 +2,7 @@
 
 use recorder::Bounds;
 use shared_types::bounds::larger;
-use viz::plot::digits;
+use viz::digits;
 
 use crate::row::Row;
 use crate::text::percent;
@@ -61,7 +61,13 @@ pub(super) fn verdicts(rows: &[Row]) -> Vec<String> {
 /// The bars that each law that fails has missed, a line each; then the margin by which the best law wins, where there is another.
 pub(super) fn findings(rows: &[Row]) -> Vec<String> {
     let failed = rows.iter().filter(|row| !succeeds(row));
-    let missed = |row: &Row| format!("{} fails: {}", row.law, row.task.missed.join(", "));
+    let missed = |row: &Row| {
+        let missed = row.task.missed.join(", ");
+        match row.completed {
+            true => format!("{} fails: {missed}", row.law),
+            false => format!("{} fails: {missed}; {}", row.law, row.reason),
+        }
+    };
     failed.map(missed).chain(margin(rows)).collect()
 }
 
