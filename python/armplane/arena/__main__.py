@@ -6,6 +6,7 @@ import contextlib
 import fcntl
 import functools
 import hashlib
+import itertools
 import json
 import math
 import os
@@ -19,7 +20,9 @@ import threading
 import time
 from importlib import metadata
 
-from ..results import _armplane, _program, _sentence
+import armplane
+
+from ..results import _armplane, _program, _sentence, toml
 from . import page, picture, tasks
 
 BASE = page.GIVEN_CLOCK
@@ -74,10 +77,13 @@ class Entry:
     def with_settings(self, name, **settings):
         return Entry(name, self.argument, self.own, self.about, **{**self.settings, **settings})
 
+    def scenario(self):
+        """What its runs override in a task."""
+        return {"control.strategy": self.argument, **self.settings} if self.own else {}
+
     def options(self):
-        """Arguments and environment of its runs."""
-        text = lambda value: value if isinstance(value, str) else json.dumps(value)
-        arguments = [part for key, value in self.settings.items() for part in ("--set", f"{key}={text(value)}")] if self.own else []
+        """Arguments and environment of its runs in processes."""
+        arguments = [part for key, value in self.settings.items() for part in ("--set", f"{key}={toml(value)}")] if self.own else []
         return arguments, {"ARMPLANE_ARENA": "" if self.own else json.dumps(self.settings, sort_keys=True)}
 
     def graph(self, folder):
@@ -96,8 +102,8 @@ def entries(names):
         name, _, file = head.partition("=")
         known = {path.stem: path for path in OPPONENTS}
         if not file and name not in known:
-            if STRATEGY.get(name, name) not in strategies():
-                refuse(f"there is no law {name}: give NAME=FILE.py for a file of yours, or one of {', '.join([*OWN, *known, *strategies()])}")
+            if STRATEGY.get(name, name) not in armplane.laws(all=True):
+                refuse(f"there is no law {name}: give NAME=FILE.py for a file of yours, or one of {', '.join([*OWN, *known, *armplane.laws()])}")
             found.append(Entry(text, STRATEGY.get(name, name), True, **{**PUBLISHED.get(name, {}), **settings}))
             continue
         file = pathlib.Path(file or known[name]).resolve()
@@ -113,13 +119,6 @@ def entries(names):
     if twice:
         refuse(f"two laws are called {twice}: give one of them another name, NAME=FILE.py")
     return found, skipped
-
-
-@functools.cache
-def strategies():
-    """The control laws of armplane."""
-    schema = json.loads(subprocess.run([_program(), "generate", "schema", "scenario"], stdout=subprocess.PIPE, text=True, check=True).stdout)
-    return [one["const"] for one in schema["$defs"]["Strategy"]["oneOf"]]
 
 
 def _value(text):
@@ -155,7 +154,7 @@ def asked_file(file, settings):
 
 def tuned(found, table, folder, jobs):
     """For each law with trials, a row with the best of them on the training lines: by S1 with clean torque, S1, S2, then the error orthogonal to ζ."""
-    todo, _ = tasks.make(folder / "training", _armplane, "short", tasks.TRAINING, tasks.TRAINED)
+    todo, _ = tasks.make(folder / "training", "short", tasks.TRAINING, tasks.TRAINED)
     trials = lambda entry: TRIALS.get(entry.name, []) if entry.own else entry.about["trials"]
     entries = [(entry, entry.with_settings(f"{entry.name} {json.dumps(one)}", **one)) for entry in found if ":" not in entry.name for one in trials(entry)]
     rows = judged(table.fill([(trial, task, BASE) for _, trial in entries for task in todo], jobs))
@@ -208,14 +207,16 @@ CHILDREN = Children()
 
 
 def run(entry, task, condition, more=()):
-    """The row of one law on one task under a condition, with `more` arguments of `armplane compare`."""
+    """The row of one law on one task under a condition, with `more` arguments of `armplane run`. Laws of armplane run in this process."""
     row = {"law": entry.name, "task": task.name, "group": task.group, "condition": condition, "task_hash": task.hash}
     more = [*more, *VARIED.get(condition, ())]
     with tempfile.TemporaryDirectory() as folder:
         if condition == f"delay {DELAY} ticks":
             found = after_delay(one_run(entry, tasks.delayed(folder, task, DELAY), folder, more))
+        elif entry.own and "--plant" not in more:
+            found = tried(entry, task, more)
         else:
-            found = compared(entry, task, folder, more)
+            found = one_run(entry, task.copied(folder), folder, more)
         found.update(stated_cost(pathlib.Path(folder) / "cost"))
         if entry.own and task.is_varied and condition == BASE:
             found["median_us"] = own_cost(entry, task, folder, more)
@@ -248,21 +249,13 @@ def _scalars(values):
     return {key: value for key, value in values.items() if isinstance(value, (bool, int, float, str))}
 
 
-def compared(entry, task, folder, more):
-    """The numbers of `armplane compare`."""
-    law = entry.argument if entry.own else f"{entry.name.partition(':')[0]}={entry.graph(folder)}"
-    command = [_program(), "compare", task.copied(folder), "--law", law, *entry.options()[0], *more, "--join-limit", str(LONGEST["join"]), "--out", f"{folder}/out", "--json"]
-    done = CHILDREN.run(command, _environment(entry, folder))
-    nothing = _ended(done, (0,))
-    if nothing:
-        return nothing
-    try:
-        scenario = json.loads(done[1])["scenarios"][0]
-        score = scenario["laws"][0]
-        score.pop("law")
-    except (ValueError, LookupError):
-        return {"outcome": "failed", "reason": "its result cannot be read: has the law written into the output of armplane compare?"}
-    return {"robot": scenario["robot"], **_scalars(score), "hash": score["hash"]["torque"], "missed": ", ".join(score["missed"])}
+def tried(entry, task, more):
+    """The numbers of a law of armplane, on this thread."""
+    settings = dict(pair.split("=", 1) for pair in more[1::2])
+    row = armplane.trial(task.argument if task.argument == task.name else task.text, {**settings, **entry.scenario()})
+    if "ticks" not in row:
+        return row
+    return {**_scalars(row), "hash": row["hash"]["torque"], "missed": ", ".join(row["missed"])}
 
 
 def one_run(entry, scenario, folder, more, *kept):
@@ -277,6 +270,10 @@ def one_run(entry, scenario, folder, more, *kept):
     summary = json.loads(file.read_text())
     numbers = {**_scalars(summary["task"]), **_scalars(summary["joints"]), "missed": ", ".join(summary["task"]["missed"])}
     whole = {key: summary[key] for key in ("robot", "ticks", "completed", "outcome", "reason")}
+    near = summary["singularities"]
+    if near:
+        whole["s_min"] = min(one["s_min"] for one in near)
+    whole["inside_ticks"] = sum(one["inside_ticks"] for one in near)
     return {**numbers, **whole, "hash": summary["topics"].get("torque", {}).get("hash", "")}
 
 
@@ -285,8 +282,10 @@ def after_delay(row):
     if "joint stop" in row.get("missed", "") and row["stopped_ticks"] <= DELAY:
         missed = [one for one in row["missed"].split(", ") if one != "joint stop"]
         row["missed"], row["s2"] = ", ".join(missed), not missed
+        from .._armplane import orthogonal_bar_deg
+
         # S1: as narrow as S2 but for the orientation, and free along ζ.
-        row["s1"] = not set(missed) - {"along"} and row["orthogonal_max_deg"] <= 0.5
+        row["s1"] = not set(missed) - {"along"} and row["orthogonal_max_deg"] <= orthogonal_bar_deg()
     return row
 
 
@@ -346,9 +345,11 @@ def check(file):
 
 
 def identity():
-    """Everything that a row depends on besides its law and task: the program, this package, and the versions of the others' packages."""
+    """Everything that a row depends on besides its law and task: the program and its module, this package, and the versions of the others' packages."""
     here = pathlib.Path(__file__).parent
-    files = [pathlib.Path(_program()), *(here / name for name in ("arm.py", "host.py", "laws.py")), *(here.parent / name for name in ("mujoco.py", "rotation.py"))]
+    from .. import _armplane as module
+
+    files = [pathlib.Path(_program()), pathlib.Path(module.__file__), *(here / name for name in ("arm.py", "host.py", "laws.py")), *(here.parent / name for name in ("mujoco.py", "rotation.py"))]
     return [*(hashlib.sha256(file.read_bytes()).hexdigest() for file in files), versions()]
 
 
@@ -421,7 +422,10 @@ class Table:
                 why = f" ({row['reason']})" if row["outcome"] in ("failed", "refused", "silent") else ""
                 print(f"{done} of {len(left)}, {minutes:.0f} min left: {row['law']} on {row['task']}, {row['condition']}: {row['outcome']}{why}", file=sys.stderr, flush=True)
 
-        with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
+        cores = itertools.cycle(sorted(os.sched_getaffinity(0)))
+        # A run's processes inherit the core of the thread that starts them, and take turns on it.
+        spread = lambda: os.sched_setaffinity(0, {next(cores)}) if jobs > 1 else None
+        with concurrent.futures.ThreadPoolExecutor(jobs, initializer=spread) as pool:
             try:
                 for future in [pool.submit(one, cell) for cell in left]:
                     future.result()
@@ -544,8 +548,8 @@ def compete(asked):
     if not found:
         refuse("no law is left to run")
     try:
-        todo, arms_out = tasks.make(folder / "tasks", _armplane, asked.size, asked.seed, asked.robot, asked.lines)
-    except RuntimeError as error:
+        todo, arms_out = tasks.make(folder / "tasks", asked.size, asked.seed, asked.robot, asked.lines)
+    except ValueError as error:
         refuse(error)
     skipped.update(arms_out)
     table.hold()

@@ -12,6 +12,9 @@ import math
 import pathlib
 import random
 import re
+import tempfile
+
+import armplane
 
 # Arms, and how many singularities lines are drawn for.
 ARMS = {"puma560": 3, "ur5": 3, "iiwa14": 3, "panda": 3, "robosuite:ur5e": 3, "robosuite:jaco": 1, "robosuite:sawyer": 1, "robosuite:kinova3": 1}
@@ -79,9 +82,8 @@ class Task:
         return str(path)
 
 
-def make(folder, armplane, size="short", seed=TEST, arms=None, most=math.inf):
-    """The tasks of a size as files in `folder`, `most` lines of a kind and arm, and the arms left out; only the lines of another seed than that of the table.
-    `armplane(*arguments)` runs the program."""
+def make(folder, size="short", seed=TEST, arms=None, most=math.inf):
+    """The tasks of a size as files in `folder`, `most` lines of a kind and arm, and the arms left out; only the lines of another seed than that of the table."""
     folder = pathlib.Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     kinds, known, scenarios = SIZES[size]
@@ -94,7 +96,7 @@ def make(folder, armplane, size="short", seed=TEST, arms=None, most=math.inf):
         if file is None:
             skipped[arm] = "the package robosuite is missing"
         else:
-            tasks += [task for kind in _lines(folder, armplane, arm, file, kinds, seed) for task in kind[: min(most, len(kind))]]
+            tasks += [task for kind in _lines(folder, arm, file, kinds, seed) for task in kind[: min(most, len(kind))]]
     return tasks, skipped
 
 
@@ -154,15 +156,15 @@ def _published(folder, name):
     return _task(folder, name, "published", robot, f'name = "{name}"\nrobot = "{robot}"\n[start]\n{start}\n{segments}')
 
 
-def _lines(folder, armplane, arm, file, kinds, seed):
+def _lines(folder, arm, file, kinds, seed):
     """The lines of an arm, kind by kind."""
     short, found = arm.rpartition(":")[2], ARMS.get(arm, 1)
     # Twelve lines through one singularity each, four of a kind of place; of a short table the first of each singularity.
     is_short = set(kinds) <= {"usual", "near", "fast", "double"} and max(kinds.values()) <= found
     count = 1 if is_short else math.ceil(12 / found)
-    single = _drawn(folder / f"{short}-lines-{seed}-{count}", armplane, file, count, seed, False)
+    single = _drawn(folder / f"{short}-lines-{seed}-{count}", file, count, seed, False)
     of = len(single) // count
-    double = _drawn(folder / f"{short}-pairs-{seed}", armplane, file, 1 if found > 2 else 3, seed, True) if "double" in kinds else []
+    double = _drawn(folder / f"{short}-pairs-{seed}", file, 1 if found > 2 else 3, seed, True) if "double" in kinds else []
     out = []
     for kind, wanted in kinds.items():
         speed, numbers, pairs, off = KINDS[kind]
@@ -179,17 +181,13 @@ def _lines(folder, armplane, arm, file, kinds, seed):
     return out
 
 
-def _drawn(drawn, armplane, arm, count, seed, pairs):
-    """The files of an arm's lines at `DRAWN`, drawn where they are not there yet."""
+def _drawn(drawn, arm, count, seed, pairs):
+    """The files of an arm's lines at `DRAWN`, drawn where they are not there yet; none of pairs for an arm without two singularities at once."""
     if not drawn.is_dir():
-        arguments = ["compare", "sweep", "--robot", arm, "--count", count, "--speed", DRAWN, "--seed", seed, "--save-lines", drawn]
-        try:
-            armplane(*arguments, *(["--pairs"] if pairs else []))
-        except RuntimeError as error:
-            # An arm without two singularities at once within its limits.
-            if not pairs or "has no line" not in str(error):
-                raise
-            drawn.mkdir()
+        draft = pathlib.Path(tempfile.mkdtemp(dir=drawn.parent))
+        for number, line in enumerate(armplane.lines(arm, count, seed, "two" if pairs else "one", speed=DRAWN), 1):
+            (draft / f"line-{number}.toml").write_text(line["scenario"])
+        draft.rename(drawn)
     return sorted(drawn.glob("line-*.toml"), key=lambda path: int(path.stem[5:]))
 
 

@@ -43,6 +43,9 @@ pub(crate) fn check(loaded: &Loaded, name: &str) -> Result<(), Failure> {
     answer(loaded, name).map_err(|reason| Failure::Input(format!("--plant mujoco: {reason}")))
 }
 
+/// Longest time in which MuJoCo is loaded and has compiled a scene.
+const LONGEST: std::time::Duration = std::time::Duration::from_secs(120);
+
 fn answer(loaded: &Loaded, name: &str) -> Result<(), String> {
     let Loaded {
         scenario, robot, ..
@@ -52,5 +55,6 @@ fn answer(loaded: &Loaded, name: &str) -> Result<(), String> {
     let arm = arm.map_err(|error| error.to_string())?;
     let question = json!({"scenario": scenario, "robot": robot.source, "arm": arm});
     let command = load::command(&loaded.graph, name);
-    Python::ask(command.ok_or("there is no program")?, &question, "mujoco")
+    let command = command.ok_or("there is no program")?;
+    Python::ask(command, &question, "mujoco", LONGEST)
 }

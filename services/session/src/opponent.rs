@@ -1,6 +1,7 @@
 //! A third-party controller instead of armplane's: a class in Python, or a process of a graph.
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use model::Robot;
 use serde_json::json;
@@ -57,7 +58,8 @@ impl Controller {
         let Some(command) = process.and_then(|process| load::command(graph, &process.name)) else {
             return Ok(());
         };
-        Python::ask(command, &json!({}), "'armplane[arena]'")
+        let limit = Duration::from_secs(self.join_limit_s.into());
+        Python::ask(command, &json!({}), "'armplane[arena]'", limit)
             .map_err(|reason| Failure::Input(format!("{}: {reason}", self.file.display())))
     }
 }

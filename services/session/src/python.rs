@@ -1,9 +1,12 @@
 //! Finds the Python that has the package `armplane`.
 
 use std::ffi::OsString;
-use std::io::{ErrorKind, Write};
+use std::io::{ErrorKind, Read, Write};
 use std::os::unix::process::CommandExt;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{self, Receiver};
+use std::thread;
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
@@ -85,7 +88,7 @@ impl Python {
             .collect()
     }
 
-    /// Lets a program load its packages and exit. If it refuses, its last line is the reason.
+    /// Lets a program load its packages and exit, within `limit`. If it refuses, its last line is the reason.
     /// `packages` are those to install with Python.
     ///
     /// # Errors
@@ -94,23 +97,92 @@ impl Python {
         mut command: Command,
         question: &Value,
         packages: &str,
+        limit: Duration,
     ) -> Result<(), String> {
         let missing = |error: String| format!("{MISSING} {packages} ({error})");
         let failed = |error: std::io::Error| missing(format!("python3: {error}"));
         command.stdin(Stdio::piped()).stdout(Stdio::null());
         let mut child = command.stderr(Stdio::piped()).spawn().map_err(failed)?;
+        // Threads of their own: a full pipe holds up neither side, and what a descendant holds open nobody waits for.
         if let Some(mut stdin) = child.stdin.take() {
+            let question = question.to_string();
             // A program that ends before it has read everything says why.
-            let _ = stdin.write_all(question.to_string().as_bytes());
+            thread::spawn(move || stdin.write_all(question.as_bytes()));
         }
-        let said = child.wait_with_output().map_err(failed)?;
-        let errors = String::from_utf8_lossy(&said.stderr);
+        let said = child.stderr.take().map(last_words);
+        let status = ended(&mut child, limit).map_err(failed)?;
+        let Some(status) = status else {
+            let seconds = limit.as_secs();
+            return Err(format!(
+                "it does not load within {seconds} s: --join-limit allows more"
+            ));
+        };
+        let said = said.and_then(|said| said.recv_timeout(PATIENCE).ok());
+        let errors = String::from_utf8_lossy(said.as_deref().unwrap_or_default()).into_owned();
         let last = errors.lines().rfind(|line| !line.trim().is_empty());
         match last.unwrap_or("the program ended without a word") {
-            _ if said.status.success() => Ok(()),
-            line if said.status.code() == Some(NOT_FOUND) => Err(missing(line.to_owned())),
+            _ if status.success() => Ok(()),
+            line if status.code() == Some(NOT_FOUND) => Err(missing(line.to_owned())),
             line if line.contains("No module named 'armplane'") => Err(LACK.to_owned()),
             line => Err(line.to_owned()),
         }
+    }
+}
+
+/// How long the last words of a program that has ended may take.
+const PATIENCE: Duration = Duration::from_secs(1);
+/// Bytes of them that are kept.
+const KEPT: usize = 64 << 10;
+
+/// The end of all that a program writes, as soon as it is closed.
+fn last_words(mut from: impl Read + Send + 'static) -> Receiver<Vec<u8>> {
+    let (send, receive) = mpsc::channel();
+    thread::spawn(move || {
+        let (mut kept, mut part) = (Vec::new(), [0; 4096]);
+        while let Ok(count @ 1..) = from.read(&mut part) {
+            kept.extend_from_slice(&part[..count]);
+            if kept.len() > 2 * KEPT {
+                kept.drain(..kept.len() - KEPT);
+            }
+        }
+        send.send(kept)
+    });
+    receive
+}
+
+/// Waits for a program's end; `None` where it has taken too long, and was killed.
+fn ended(child: &mut Child, limit: Duration) -> std::io::Result<Option<ExitStatus>> {
+    let until = Instant::now() + limit;
+    loop {
+        if let Some(status) = child.try_wait()? {
+            return Ok(Some(status));
+        }
+        if Instant::now() > until {
+            child.kill()?;
+            child.wait()?;
+            return Ok(None);
+        }
+        thread::sleep(Duration::from_millis(10));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn asked(script: &str, limit_ms: u64) -> Result<(), String> {
+        let mut command = Command::new("sh");
+        command.args(["-c", script]);
+        let question = Value::from("x".repeat(1 << 20));
+        Python::ask(command, &question, "p", Duration::from_millis(limit_ms))
+    }
+
+    #[test]
+    fn a_program_that_floods_or_hangs_is_neither_waited_for_nor_kept() {
+        assert_eq!(asked("cat > /dev/null", 60_000), Ok(()));
+        let flood = "head -c 8000000 /dev/zero | tr '\\0' x >&2; echo >&2; echo last >&2; exit 1";
+        assert_eq!(asked(flood, 60_000), Err("last".to_owned()));
+        assert!(asked("exec sleep 60", 200).is_err());
+        assert!(asked("sleep 3 >&2 & exit 1", 60_000).is_err());
     }
 }
