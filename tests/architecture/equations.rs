@@ -86,8 +86,15 @@ fn is_checked(lines: &[&str]) -> bool {
     let head = lines
         .iter()
         .take(8)
-        .position(|line| line.trim() == "#[test]");
+        .position(|line| line.trim() == "#[test]" || line.starts_with("def test_"));
     let Some(head) = head else { return false };
+    if lines[head].starts_with("def ") {
+        let mut body = lines[head + 1..].iter();
+        return body
+            .by_ref()
+            .take_while(|line| line.starts_with(' '))
+            .any(|line| line.contains("assert"));
+    }
     let indent = lines[head].len() - lines[head].trim_start().len();
     let end = format!("{}}}", " ".repeat(indent));
     let body = lines[head..].iter().take_while(|line| **line != end);
@@ -98,7 +105,8 @@ fn is_checked(lines: &[&str]) -> bool {
 fn covered(file: &File, wrong: &mut Vec<String>) -> BTreeSet<(String, String)> {
     let (mut found, lines) = (BTreeSet::new(), file.text.lines().collect::<Vec<_>>());
     for (at, line) in lines.iter().enumerate() {
-        let Some(what) = line.trim_start().strip_prefix("// covers: CK95 ") else {
+        let line = line.trim_start().trim_start_matches(['/', '#']);
+        let Some(what) = line.strip_prefix(" covers: CK95 ") else {
             continue;
         };
         if !is_checked(&lines[at..]) {
@@ -132,7 +140,7 @@ fn figures() -> BTreeSet<(String, String)> {
         .flatten()
         .map(|entry| text(entry.path()))
         .collect();
-    pages.push(text("services/lab/src/studies/figures/locks.rs"));
+    pages.push(text("python/armplane/experiments/figures.py"));
     let is_shown = |figure: &&str| {
         let line = format!("Chang & Khatib 1995, {figure}.");
         pages.iter().any(|page| page.contains(&line))
@@ -149,6 +157,11 @@ fn each_equation_and_figure_of_the_paper_is_tied_to_a_test() {
     let (mut cites, mut covers, mut wrong) = (figures(), BTreeSet::new(), Vec::new());
     let mut files: Vec<File> = workspace().iter().flat_map(Package::sources).collect();
     files.extend(crate::rust_files("tests/system"));
+    let python = "python/tests/test_experiments.py";
+    files.push(File {
+        path: python.to_owned(),
+        text: text(python),
+    });
     for file in &files {
         cites.extend(cited(file, &mut wrong));
         covers.extend(covered(file, &mut wrong));

@@ -109,7 +109,6 @@ fn every_wrong_input_is_refused_with_its_reason() {
         ),
         ("compare sweep --robot ur6 --out out", "`ur5`"),
         ("compare --robot ur5", "--robot sweep"),
-        ("figures --out /proc/nowhere", "/proc/nowhere: --out"),
         ("generate man /proc/nowhere", "/proc/nowhere:"),
     ]);
     // Of runs without a recording or messages.

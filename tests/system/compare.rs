@@ -1,14 +1,6 @@
-//! `armplane compare` and `armplane figures`: tables, JSON and pictures; what is wrong is said in a sentence.
+//! `armplane compare`: tables and JSON; what is wrong is said in a sentence.
 
-use crate::bench::assert_kinds;
 use crate::command::{Desk, Known};
-
-fn assert_pictures(desk: &Desk, names: &[&str]) {
-    for name in names {
-        let [svg, png] = ["svg", "png"].map(|kind| format!("out/{name}.{kind}"));
-        assert_kinds(desk, &[&svg, &png]);
-    }
-}
 
 #[test]
 fn laws_are_compared_on_a_scenario_and_on_lines() {
@@ -21,7 +13,6 @@ fn laws_are_compared_on_a_scenario_and_on_lines() {
         desk.read_json("out/compare.json"),
         "said and saved alike"
     );
-    assert_pictures(&desk, &["fig5-wrist-rotation", "sweep"]);
     let [ours, damped] = [0, 1].map(|law| &json["scenarios"][0]["laws"][law]);
     ours.holds(r#"{"s1": true}"#);
     damped.holds(r#"{"s1": false}"#);
@@ -114,39 +105,6 @@ fn a_race_has_the_marks_of_a_steered_run_only_where_one_is_steered() {
     }
 }
 
-// covers: CK95 Figures 1, 2, 3 and 4
-#[test]
-fn the_papers_figures_are_drawn_with_their_numbers() {
-    let desk = Desk::new();
-    desk.succeeds("figures --out out");
-    assert_pictures(&desk, &["fig1-2", "fig3", "fig4", "fig5"]);
-    let numbers = desk.read_json("out/figures.json");
-    numbers.holds(
-        r#"{"fig3/overhead/type_in_the_paper": "type 2", "fig3/elbow/type": "type 1", "fig3/wrist/type": "type 2", "fig3/overhead/type": "mixed"}"#,
-    );
-    let is_within = |path: &str, low: f64, high: f64| {
-        let found = numbers.pointer(path).expect(path).number();
-        assert!((low..high).contains(&found), "{path}: {found}");
-        found
-    };
-    let any = f64::INFINITY;
-    let consistent = is_within("/fig2/tip_error_max_mm", 0.0, 1.0);
-    is_within("/fig1/tip_error_max_mm", 100.0 * consistent, any);
-    // Force on the tip, N.
-    let pushed = is_within("/fig1/coupling_max_n", 1.0, any);
-    is_within("/fig2/coupling_max_n", 0.0, 1e-6 * pushed);
-    let first = is_within("/fig2/joint_2_swings_deg/0", 60.0, any);
-    is_within("/fig2/joint_2_swings_deg/1", 0.9 * first, any);
-    for lock in ["elbow", "wrist", "overhead"] {
-        is_within(&format!("/fig3/{lock}/s"), -1e-3, 1e-3);
-    }
-    is_within("/fig5/zeta_turned_deg", 89.75, 90.25);
-    is_within("/fig5/position_max_mm", 0.0, 0.1);
-    let moved = numbers["fig4"]["moved_mm"].number();
-    assert!((moved.abs() - 80.0).abs() < 0.1, "{moved}");
-    is_within("/fig4/orthogonal_max_mm", 0.0, 0.05);
-}
-
 #[test]
 fn work_beyond_one_thread_is_left_out_by_name_or_refused() {
     let desk = Desk::new();
@@ -159,9 +117,4 @@ fn work_beyond_one_thread_is_left_out_by_name_or_refused() {
     faulty.holds(r#"{"faults_left_out": 1}"#);
     whole.holds(r#"{"faults_left_out": 0}"#);
     assert_eq!(faulty["laws"], whole["laws"]);
-    desk.refuses(
-        2,
-        "figures --set fault=[{process=\"controller\",kind=\"kill\",at_tick=100}] --out f",
-        "fig1-pseudo-inverse `kill` controller,",
-    );
 }

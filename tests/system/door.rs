@@ -25,7 +25,7 @@ fn desk() -> Desk {
 #[test]
 fn no_result_is_written_behind_a_link_or_into_a_pipe() {
     let desk = desk();
-    for folder in ["out", "drawn", "all/run-1", "pages", "manual"] {
+    for folder in ["out", "all/run-1", "pages", "manual"] {
         std::fs::create_dir_all(desk.at(folder)).unwrap();
     }
     for (link, command, code) in [
@@ -37,7 +37,6 @@ fn no_result_is_written_behind_a_link_or_into_a_pipe() {
         ),
         ("out/run.rrd", "export r --format rrd --out out", 1),
         ("page.html", "report r --out page.html", 1),
-        ("drawn/figures.json", "figures --out drawn", 1),
         (
             "all/run-1/messages.mcap",
             "verify short.toml --runs 1 --out all",

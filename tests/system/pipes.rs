@@ -46,7 +46,6 @@ fn a_pipe_without_a_writer_is_refused_in_one_sentence_by_every_command() {
         "inspect --robot p.urdf",
         "drill p.toml",
         "compare p.toml",
-        "sweep p.toml",
         "verify p.toml",
         "servo p.toml",
         "servo puma560 --from p.csv",

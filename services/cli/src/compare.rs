@@ -110,10 +110,7 @@ pub(crate) fn compare(args: &CompareArgs, as_json: bool) -> Result<ExitCode, Fai
     if as_json {
         say!("{whole}");
     } else {
-        say!(
-            "{}\n  compare.json and a picture of each table, SVG and PNG",
-            folder.display()
-        );
+        say!("{}\n  compare.json", folder.display());
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -9,10 +9,10 @@ mod describe;
 mod diff;
 mod doctor;
 mod drill;
+mod experiments;
 mod export;
 mod failure;
 mod fault;
-mod figures;
 mod generate;
 mod graph;
 mod inspect;
@@ -31,7 +31,6 @@ mod report;
 mod run;
 mod screen;
 mod servo;
-mod sweep;
 mod top;
 mod verify;
 mod view;
@@ -131,14 +130,14 @@ enum Command {
         after_help = "Examples:
   armplane bench
   armplane bench hop cycle --samples 100000 --json
-  armplane bench --out bench          table, JSON and pictures
+  armplane bench --out bench          table and JSON
   armplane bench lockstep --against ../base/target/release/armplane"
     )]
     Bench(bench::BenchArgs),
     /// Compare every control law on the same plant and seed.
     #[command(
         long_about = "Runs each scenario once per control law on one thread, with the same plant, seed, gains and governor. Prints one \
-                      table per scenario and saves compare.json and pictures (SVG and PNG). The scenario `sweep` stands for seeded \
+                      table per scenario and saves compare.json. The scenario `sweep` stands for seeded \
                       straight lines through and near each singularity of a PUMA.\n\n\
                       Errors are desired against true pose, split along and orthogonal to the singular directions ζ inside their \
                       neighbourhood. A jump is a tick in which a torque changes by more than a tenth of its limit. Chatter counts jumps \
@@ -160,23 +159,23 @@ enum Command {
     /// Run a scenario under many settings on all cores, into Parquet.
     #[command(
         long_about = "Runs a scenario once per point of a grid or seeded sample over any keys of `armplane run --set`. Each run takes one \
-                      thread and gives the same bytes as `armplane run`. It becomes a row of runs/*.parquet, with units and provenance in \
-                      the metadata. If you stop a sweep, the same command continues it.\n\n\
+                      thread and gives the same bytes as `armplane run`. It becomes a row of runs-*.parquet. If you stop a sweep, the \
+                      same command continues it. Needs the Python package: pip install 'armplane[experiments]'.\n\n\
                       SWEEP.toml:\n\n  \
                       name = \"gains\"\n  scenario = \"fig5-wrist-rotation\"   # or a file beside this one\n\n  \
                       [[key]]\n  key = \"control.k_p\"\n  values = [100, 400, 900]\n\n  \
                       [[key]]\n  key = \"plant.mass_factor\"\n  from = 0.8\n  to = 1.2\n  steps = 5                          # evenly spaced; or scale = \"log\"\n\n  \
-                      [sample]                           # random, instead of steps\n  runs = 1000\n  seed = 1",
-        after_help = "Examples:\n  armplane sweep gains.toml\n  armplane sweep report runs/gains --by orientation_max_deg --map control.k_p,plant.mass_factor\n  armplane sweep gains.toml --shard 3/16 --out shards/3\n  armplane sweep --merge shards/* --out gains\n\nExit code 1: stopped before its end; the same command continues."
+                      [sample]                           # at random, instead of steps; or method = \"sobol\"\n  runs = 1000\n  seed = 1",
+        after_help = "Examples:\n  armplane sweep gains.toml\n  armplane sweep report runs/gains --by orientation_max_deg --map control.k_p,plant.mass_factor\n  armplane sweep gains.toml --dask tcp://host:8786"
     )]
-    Sweep(sweep::SweepArgs),
+    Sweep(experiments::SweepArgs),
     /// Draw the paper's Figures 1 to 5 from fresh runs.
     #[command(
-        long_about = "Runs the scenarios of Chang & Khatib's Figures 1 to 5 on one thread and draws postures, errors and joint motion. \
-                      Saves each figure as SVG and PNG, and the numbers as figures.json.",
+        long_about = "Runs the scenarios of Chang & Khatib's Figures 1 to 5 and draws postures, errors and joint motion. Saves each figure as \
+                      SVG, PDF and PNG, and the numbers as figures.json. Needs the Python package: pip install 'armplane[experiments]'.",
         after_help = "Examples:\n  armplane figures\n  armplane figures --out figures --set plant.encoder_bits=0"
     )]
-    Figures(figures::FiguresArgs),
+    Figures(experiments::FiguresArgs),
     /// List the runs that are alive: scenario, folder, tick.
     #[command(after_help = "Examples:\n  armplane ps\n  armplane ps --json")]
     Ps,
@@ -389,8 +388,8 @@ fn execute(cli: Cli) -> Result<ExitCode, session::Failure> {
         Command::Bench(args) => bench::bench(&args, json),
         Command::Compare(args) => compare::compare(&args, json),
         Command::Arena(args) => Err(arena::arena(args)),
-        Command::Sweep(args) => sweep::sweep(&args, json),
-        Command::Figures(args) => figures::figures(&args, json),
+        Command::Sweep(args) => Err(experiments::sweep(&args, json)),
+        Command::Figures(args) => Err(experiments::figures(&args, json)),
         Command::Top(args) => top::top(&args, json),
         Command::BenchPeer(args) => bench::peer(&args),
         Command::Drill(args) => drill::drill(&args, json),

@@ -5,14 +5,13 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use lab::studies::steered::{self, Score, ScoresText};
+use lab::studies::steered;
 use operator::Gamepad;
 use runtime::RunDir;
-use session::{Failure, Observer, Progress, Request, Steering, Targets};
+use session::{Failure, Observer, Progress, Python, Request, Steering, Targets};
 use shared_types::job::Mode;
 
 use crate::live::{Lines, OperatorSocket, Panel, read_keys};
-use crate::out::{passed, say_json, show};
 use crate::progress::observe;
 use crate::run;
 
@@ -32,8 +31,8 @@ pub(crate) struct ServoArgs {
     /// Random twists with this seed.
     #[arg(long, value_name = "SEED")]
     random: Option<u64>,
-    /// Judge random twists with N seeds per robot, and print a table; no run is kept.
-    #[arg(long, value_name = "N", conflicts_with_all = ["from", "random", "out"], value_parser = clap::value_parser!(u64).range(1..=1000))]
+    /// Judge random twists with N seeds per robot, and print a table; no run is kept. Needs the Python package.
+    #[arg(long, value_name = "N", conflicts_with_all = ["from", "random", "out", "start", "graph", "live"], value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: Option<u64>,
     /// Start posture: a name, or joint positions in degrees [default: nominal, bent or ready].
     #[arg(long, value_name = "NAME|DEG,DEG,…", allow_hyphen_values = true)]
@@ -85,7 +84,7 @@ fn seconds(text: &str) -> Result<f64, String> {
 
 pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure> {
     if let Some(seeds) = args.seeds {
-        return judge(args, seeds, as_json);
+        return Err(judge(args, seeds, as_json));
     }
     let [subject] = args.subject.as_slice() else {
         return Err(Failure::input(
@@ -156,23 +155,16 @@ fn targets(args: &ServoArgs) -> Targets {
     }
 }
 
-/// Random twists of so many seeds on each robot.
-fn judge(args: &ServoArgs, seeds: u64, as_json: bool) -> Result<ExitCode, Failure> {
-    let robots = if args.subject == [DEFAULT] {
-        steered::robots().into_iter().map(str::to_owned).collect()
-    } else {
-        args.subject.clone()
-    };
-    let plan = |robot: &String| steering(args, robot, Targets::Text(String::new()));
-    let subjects: Vec<Steering> = robots.iter().map(plan).collect();
-    let duration = args.duration.unwrap_or(RANDOM_S);
-    let scores = steered::random(&subjects, seeds, duration, &observe)?;
-    if as_json {
-        say_json(&scores)?;
-    } else {
-        show(&ScoresText(&scores));
-    }
-    passed(scores.iter().all(Score::is_kept))
+/// Becomes the study of random twists of so many seeds on each robot.
+fn judge(args: &ServoArgs, seeds: u64, as_json: bool) -> Failure {
+    let given = args.subject.iter().filter(|one| *one != DEFAULT).cloned();
+    let option = |name: &str, value: &dyn ToString| format!("--{name}={}", value.to_string());
+    let words = ["steered".to_owned()].into_iter().chain(given);
+    let words = words.chain([option("seeds", &seeds)]);
+    let duration = args.duration.map(|seconds| option("duration", &seconds));
+    let set = args.set.iter().map(|setting| option("set", setting));
+    let json = as_json.then(|| "--json".to_owned());
+    Python::exec("experiments", words.chain(duration).chain(set).chain(json))
 }
 
 fn steering(args: &ServoArgs, subject: &str, targets: Targets) -> Steering {

@@ -1,6 +1,6 @@
 //! Experiments on sessions: whether the program does what it has done ([`conformance`]), what faults do to the arm ([`faults`]), what
-//! it costs ([`benchmarks`]), how control laws compare ([`studies`]), and how a scenario goes under many settings ([`sweeps`]). Each
-//! experiment stands beside its pictures, and is made of trials, rows and tables ([`trial`]).
+//! it costs ([`benchmarks`]), and how control laws compare ([`studies`]). Each experiment is made of trials, rows and tables ([`trial`]). Experiments of
+//! many trials are in Python (`armplane.experiments`), on [`trial::Trial`] too.
 //!
 //! This crate prints nothing: results are returned, and what happens meanwhile goes to a [`session::Observer`].
 #![allow(non_snake_case)]
@@ -11,7 +11,6 @@ pub mod conformance;
 pub mod faults;
 pub mod row;
 pub mod studies;
-pub mod sweeps;
 pub mod trial;
 
 mod folder;

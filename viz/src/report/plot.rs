@@ -227,8 +227,10 @@ impl Plot {
 
     /// The element, of so many points. The page reads values off the lines by its attributes: the place of the data, its range, the names of the lines.
     pub(super) fn svg(&self, [width, height]: [f64; 2]) -> String {
-        let (right, bottom) = (width * FINE, height * FINE - FOOT);
-        let (head, below) = self.head(right);
+        let (whole, bottom) = (width * FINE, height * FINE - FOOT);
+        // The last label is centred on the end of the axis.
+        let right = whole - 10.0 * FINE;
+        let (head, below) = self.head(whole);
         let span = self.span();
         let top = HEAD + below;
         let ticks = self.axis.ticks(&span, (bottom - top) / (34.0 * FINE));
@@ -310,7 +312,7 @@ impl Plot {
             .collect();
         format!(
             "<svg data-x=\"{left} {right}\" data-y=\"{bottom} {top} {} {} {}\" data-names=\"{}\" width=\"{width}\" height=\"{height}\" \
-             viewBox=\"0 0 {right} {}\" font-family=\"DejaVu Sans, Verdana, sans-serif\" font-size=\"44\" dominant-baseline=\"central\">{head}{body}\
+             viewBox=\"0 0 {whole} {}\" font-family=\"DejaVu Sans, Verdana, sans-serif\" font-size=\"44\" dominant-baseline=\"central\">{head}{body}\
              <path class=\"cursor\" d=\"M0 {top}V{bottom}\" transform=\"translate({left} 0)\"/></svg>",
             span.start,
             span.end,

@@ -1,7 +1,6 @@
-//! Studies on one thread: laws side by side, an arm at one posture, the paper's figures, and steered runs.
+//! Studies on one thread: laws side by side, an arm at one posture, and steered runs.
 
 pub mod compare;
-pub mod figures;
 pub mod posture;
 pub mod posture_text;
 pub mod steered;

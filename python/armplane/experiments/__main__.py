@@ -1,0 +1,161 @@
+"""The commands `armplane sweep`, `armplane figures` and `armplane servo --seeds`."""
+
+import argparse
+import json
+import pathlib
+import sys
+
+import armplane
+
+LACK = "pip install 'armplane[experiments]' (docs/sweeps.md)"
+
+
+def main():
+    parser = argparse.ArgumentParser(prog="armplane")
+    commands = parser.add_subparsers(dest="command", required=True)
+    sweep = commands.add_parser("sweep")
+    sweep.add_argument("file", type=pathlib.Path)
+    sweep.add_argument("--out", type=pathlib.Path)
+    sweep.add_argument("--jobs", type=int, default=-1)
+    sweep.add_argument("--dask", metavar="ADDRESS")
+    report = commands.add_parser("report")
+    report.add_argument("folder", type=pathlib.Path)
+    report.add_argument("--by", default="position_max_mm")
+    report.add_argument("--map", type=lambda text: text.split(","))
+    report.add_argument("--worst", type=int, default=10)
+    figures = commands.add_parser("figures")
+    figures.add_argument("--out", type=pathlib.Path)
+    figures.add_argument("--set", action="append", default=[])
+    steered = commands.add_parser("steered")
+    steered.add_argument("robots", nargs="*", default=["puma560", "ur5", "iiwa14", "panda"])
+    steered.add_argument("--seeds", type=int, default=1)
+    steered.add_argument("--duration", type=float, default=60.0)
+    steered.add_argument("--set", action="append", default=[])
+    for command in (sweep, report, figures, steered):
+        command.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    try:
+        armplane.trial  # of the extension module
+        from armplane import experiments
+    except ImportError as error:
+        return _refuse(error if "python/build" in str(error) else f"{error}: {LACK}")
+    try:
+        return {"sweep": _sweep, "report": _report, "figures": _figures, "steered": _steered}[options.command](experiments, options)
+    except (ValueError, OSError, ImportError) as error:
+        return _refuse(error)
+    except KeyboardInterrupt:
+        print("armplane: stopped; the same command goes on", file=sys.stderr)
+        return 130
+
+
+def _refuse(error):
+    print(f"armplane: {error}", file=sys.stderr)
+    return 2
+
+
+def _sweep(experiments, options):
+    name, arguments = read_file(options.file)
+    out = options.out or pathlib.Path("runs") / name
+    client = None
+    if options.dask:
+        from distributed import Client
+
+        client = Client(options.dask)
+    table = experiments.sweep(**arguments, out=out, jobs=options.jobs, client=client, progress=_progress)
+    lack = experiments.lack(table, arguments["space"])
+    outcomes = {key: int(count) for key, count in table["outcome"].value_counts().items()}
+    if options.json:
+        print(json.dumps({"folder": str(out), "runs": len(table), "outcomes": outcomes, "lack": lack}))
+    else:
+        print(f"{len(table)} runs: {', '.join(f'{outcome} {count}' for outcome, count in outcomes.items())}\n{out}")
+        print(f"  runs-*.parquet  one row per run: pandas.read_parquet('{out}')\n  look at it with: armplane sweep report {out}")
+    if lack:
+        print(f"armplane: {lack}", file=sys.stderr)
+    return 1 if lack else 0
+
+
+def _report(experiments, options):
+    from .report import text
+
+    result = experiments.report(options.folder, options.by, options.map, options.worst)
+    print(json.dumps(result) if options.json else f"{text(result)}\n\n{options.folder}\n  report.svg, .pdf, .png and .json")
+    return 0
+
+
+def _figures(experiments, options):
+    settings = dict(_setting(one) for one in options.set)
+    number = 1
+    while (out := options.out or pathlib.Path("runs") / f"figures-{number:03}").exists():
+        if options.out:
+            raise ValueError(f"{out} exists: choose another folder")
+        number += 1
+    numbers = experiments.figures(out, settings)
+    print(json.dumps(numbers) if options.json else f"{out}\n  fig1-2, fig3, fig4, fig5: .svg, .pdf and .png; figures.json")
+    return 0
+
+
+def _steered(experiments, options):
+    settings = dict(_setting(one) for one in options.set)
+    table = experiments.steered(options.robots, range(1, options.seeds + 1), options.duration, settings)
+    print(table.to_json(orient="records") if options.json else table.to_string(index=False, float_format=lambda x: f"{x:.4g}"))
+    return 0 if table["kept"].all() else 1
+
+
+def _setting(text):
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise ValueError(f"`{text}` is not KEY=VALUE")
+    return key, value
+
+
+def _progress(done, runs):
+    if sys.stderr.isatty():
+        print(f"\r{done} of {runs} runs", end="\n" if done == runs else "", file=sys.stderr, flush=True)
+
+
+def read_file(path):
+    """The name of a sweep's file (docs/sweeps.md), and the arguments of `sweep` that it states."""
+    from . import Range
+
+    try:
+        import tomllib
+    except ImportError:
+        import tomli as tomllib
+    if not path.is_file():
+        raise ValueError(f"{path} is not a file: give the file of a sweep")
+    try:
+        spec = tomllib.loads(path.read_text())
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{path}: {error}") from None
+    _only(path, "", spec, {"name", "scenario", "set", "key", "sample"}, {"name", "scenario", "key"})
+    beside = path.parent / spec["scenario"]
+    sample = spec.get("sample", {})
+    _only(path, "sample: ", sample, {"runs", "seed", "method"}, {"runs"} if sample else set())
+    space = {}
+    for key in spec["key"]:
+        _only(path, "key: ", key, {"key", "values", "from", "to", "steps", "scale"}, {"key"})
+        name = key["key"]
+        if name in space or name in ("graph", "name"):
+            raise ValueError(f"{path}: `{name}` is given twice, or cannot vary within a sweep")
+        if ("values" in key) == ("from" in key and "to" in key):
+            raise ValueError(f"{path}: `{name}` needs either `values`, or `from` and `to`")
+        if "values" not in key and not sample and key.get("steps", 0) < 2:
+            raise ValueError(f"{path}: the range of `{name}` needs `steps`, 2 or more, or the file a [sample]")
+        if key.get("scale", "linear") not in ("linear", "log"):
+            raise ValueError(f"{path}: the scale of `{name}` is `linear` or `log`")
+        space[name] = key["values"] if "values" in key else Range(key["from"], key["to"], key.get("steps", 0), key.get("scale") == "log")
+    method = sample.get("method", "random") if sample else "grid"
+    scenario = str(beside) if beside.suffix == ".toml" and beside.is_file() else spec["scenario"]
+    settings = dict(_setting(one) for one in spec.get("set", []))
+    return spec["name"], {"scenario": scenario, "space": space, "runs": sample.get("runs"), "method": method, "seed": sample.get("seed", 0), "settings": settings}
+
+
+def _only(path, where, table, known, needed):
+    for key in table.keys() - known:
+        raise ValueError(f"{path}: {where}`{key}` is unknown; there are {', '.join(sorted(known))}")
+    for key in needed - table.keys():
+        raise ValueError(f"{path}: {where}`{key}` is missing")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

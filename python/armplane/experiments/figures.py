@@ -1,0 +1,269 @@
+"""Chang & Khatib's Figures 1 to 5, drawn from runs just made: `figures("folder")`."""
+
+import json
+import pathlib
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from .. import _armplane
+from ..trials import trace
+from .style import BLUE, GREY, INK, NUMBERED, RED, SINGULARITIES, curves, digits, legend, page, postures, undistorted
+
+SCENARIOS = ("fig1-pseudo-inverse", "fig2-dynamically-consistent", "elbow-in-and-out", "overhead-pass", "fig4-elbow-and-wrist", "fig5-wrist-rotation")
+HAND_M = 0.15  # of the stick that shows the hand's axis
+POSTURES = 9
+SWING_S = 0.33  # half a swing of the null space
+MAGNIFIED = 50
+TITLES = {"elbow": "cannot move along ζ", "wrist": "cannot turn about ζ", "overhead": "cannot move along ζ"}
+WHY = {
+    "elbow": "shoulder, elbow and wrist are in one line, and ζ is that line",
+    "wrist": "axes 4 and 6 are one line, and ζ is at right angles to it and to axis 5",
+    "overhead": "the wrist is as near to the waist's axis as it can come, and ζ is normal to the arm's plane",
+}
+PAPER = {"elbow": "type 1", "wrist": "type 2", "overhead": "type 2"}
+
+
+def figures(out, settings=None):
+    """Runs the paper's scenarios, with `settings` overridden, and saves the figures and `figures.json` in the folder `out`; returns the numbers."""
+    folder = pathlib.Path(out)
+    folder.mkdir(parents=True)
+    with ThreadPoolExecutor() as pool:
+        runs = dict(zip(SCENARIOS, pool.map(lambda name: Recorded(name, settings), SCENARIOS)))
+    fig1, fig2, elbow, overhead, fig4, fig5 = runs.values()
+    numbers = null_space(folder / "fig1-2", fig1, fig2)
+    numbers["fig3"] = three_locks(folder / "fig3", {"elbow": elbow, "wrist": fig5, "overhead": overhead})
+    numbers["fig4"] = two_locks(folder / "fig4", fig4)
+    numbers["fig5"] = wrist_lock(folder / "fig5", fig5)
+    (folder / "figures.json").write_text(json.dumps(numbers, indent=1) + "\n")
+    return numbers
+
+
+class Recorded:
+    """The signals of a run as arrays, and its arm."""
+
+    def __init__(self, scenario, settings=None, robot=None):
+        table = trace(scenario, settings)
+        self.columns = {name: table[name].to_numpy() for name in table.column_names}
+        self.t = self.columns["t_s"]
+        self.arm = _armplane.Arm.builtin(robot or table.schema.metadata[b"robot"].decode())
+        self.q, self.qdot = self.vectors("joint.q"), self.vectors("joint.qdot")
+        self.p, self.p_d = self.vectors("hand.position"), self.vectors("desired.position")
+        self.R = rotations(self.vectors("hand.orientation"))
+        turn = np.einsum("tij,tkj->tik", self.R, rotations(self.vectors("desired.orientation")))
+        self.error_mm = 1e3 * np.linalg.norm(self.p - self.p_d, axis=1)
+        self.error_deg = np.degrees(np.linalg.norm(rotation_logs(turn), axis=1))
+
+    def vectors(self, quantity):
+        """Of each tick the elements of a quantity."""
+        return np.stack([values for name, values in self.columns.items() if name.rpartition(".")[0] == quantity], axis=1)
+
+    def s(self, name):
+        return self.columns[f"singularity.s.{name}"]
+
+    def zeta(self, name):
+        """The moving or the turning half of ζ, whichever it has."""
+        twist = self.vectors(f"singularity.zeta.{name}")
+        return np.where(np.linalg.norm(twist[:, :3], axis=1, keepdims=True) > 0.5, twist[:, :3], twist[:, 3:])
+
+    def chain(self, i):
+        """Base, joints, end-effector and, in space, the end of a stick along its z axis; m."""
+        at = self.arm.at(self.q[i])
+        points = [np.zeros(3), *at.links[:, :3, 3], self.p[i]]
+        return np.array([*points, self.p[i] + HAND_M * self.R[i][:, 2]] if np.ptp(self.p[:, 2]) > 1e-9 or abs(self.R[i][2, 2]) < 0.999 else points)
+
+    def moments(self, start, end=np.inf):
+        """Even steps of time."""
+        within = np.flatnonzero((self.t >= start) & (self.t <= end))
+        return within[np.linspace(0, len(within) - 1, POSTURES).astype(int)]
+
+    def outwards(self, direction):
+        """A horizontal direction, to the side on which the hand is at the start."""
+        return direction if self.p[0] @ direction >= 0 else -direction
+
+    def coupling_n(self):
+        """The force with which the null-space torques act on the tip of an arm in the plane, |J̄ᵀΓ_null|; N."""
+        torques = self.vectors("torque.null")
+        force = []
+        for q, torque in zip(self.q, torques):
+            at = self.arm.at(q)
+            J = at.J[:2]
+            AinvJT = np.linalg.solve(at.A, J.T)
+            force.append(np.linalg.norm(np.linalg.solve(J @ AinvJT, AinvJT.T @ torque)))
+        return np.array(force)
+
+
+def null_space(path, pseudo_inverse, consistent):
+    """Figures 1 and 2: a planar arm whose null space swings without dissipation while its tip should stand still, under both projections."""
+    pair = [("Figure 1: pseudo-inverse", pseudo_inverse, RED), ("Figure 2: dynamically consistent", consistent, BLUE)]
+    forces = [run.coupling_n() for _, run, _ in pair]
+    numbers = {}
+    for key, (_, run, _), force in zip(("fig1", "fig2"), pair, forces):
+        swing = lambda start: float(np.degrees(np.ptp(run.q[(run.t >= start) & (run.t < start + 1), 1])))
+        numbers[key] = {"tip_error_max_mm": float(run.error_mm.max()), "coupling_max_n": float(force.max()), "joint_2_swings_deg": [swing(0), swing(1)]}
+    one, two = numbers["fig1"], numbers["fig2"]
+    notes = [
+        f"Largest error of the tip: {digits(one['tip_error_max_mm'])} mm with the pseudo-inverse, {digits(two['tip_error_max_mm'])} mm dynamically consistent.",
+        f"The torques meant for the null space push the tip with up to {digits(one['coupling_max_n'])} N (pseudo-inverse), "
+        f"{digits(two['coupling_max_n'])} N (dynamically consistent).",
+    ]
+    subtitle = "planar arm of three joints: the null space swings in an attractive potential while the tip should stand still; above, half a swing (later is darker)"
+    title = "Figures 1 and 2: null-space motion, and its effect on the tip"
+    with page(path, title, subtitle, notes, [(3.6, 2), (2.2, 2), (2.0, 2)]) as (arms, below, angles):
+        for (name, run, colour), arm, joints in zip(pair, arms, angles):
+            undistorted(arm, name)
+            postures(arm, [run.chain(i)[:, :2] for i in run.moments(0, SWING_S)])
+            tip = run.p[0] + MAGNIFIED * (run.p - run.p[0])
+            kept = np.abs(tip - run.p[0]).max(axis=1) < 1.5
+            arm.plot(*tip[kept, :2].T, color=colour, lw=1, label=f"path of the tip, drawn {MAGNIFIED} × as large")
+            arm.set_xlabel("m")
+            legend(arm)
+            curves(joints, f"{name}: joint angles, °", run.t, *((f"$q_{i + 1}$", np.degrees(run.q[:, i])) for i in range(3)))
+        for axes, heading, least, series in zip(
+            below, ("error of the tip, mm", "force of the null space on the tip, N"), (1e-4, 1e-16), ([run.error_mm for _, run, _ in pair], forces)
+        ):
+            named = [(name.split(": ")[1], values, colour) for (name, _, colour), values in zip(pair, series)]
+            curves(axes, heading, pseudo_inverse.t, *((name, np.maximum(values, least), colour) for name, values, colour in named)).set_yscale("log")
+            axes.set_ylim(least, 1e3)
+    return numbers
+
+
+def three_locks(path, runs):
+    """Chang & Khatib 1995, Figure 3. Each lock with its ζ, the lines that fall together, and the hand's lost motion."""
+    numbers, notes = {}, []
+    title, subtitle = "Figure 3: the singularities of a PUMA 560, and the direction ζ that each takes", "postures of three runs where the arm is most singular; dashed: the lines that fall together"
+    with page(path, title, subtitle, notes, [(3.0, 3)]) as (row,):
+        for axes, (name, run) in zip(row, runs.items()):
+            i = int(np.argmin(np.abs(run.s(name))))
+            zeta, s = run.zeta(name)[i], float(run.s(name)[i])
+            kind = next(one.type for one in run.arm.singularities(run.q[i]) if one.name == name)
+            undistorted(axes, f"{name} lock: {TITLES[name]}", hidden=True)
+            _lock(axes, run, i, name, zeta)
+            notes.append(f"{name} ({kind}): {WHY[name]}; |s| = {digits(abs(s))} at {run.t[i]:.2f} s of its run.")
+            if kind != PAPER[name]:
+                notes.append(
+                    f"The paper counts the {name} lock as {PAPER[name]}. Here the type is computed: the shoulder's offset keeps the wrist's centre out of a "
+                    f"cylinder around the waist's axis, so the centre can move along ζ on one side. Without the offset (puma560-ideal) the lock is {PAPER[name]}, too."
+                )
+            numbers[name] = {"s": s, "t_s": float(run.t[i]), "zeta": zeta.tolist(), "type": kind, "type_in_the_paper": PAPER[name]}
+    return numbers
+
+
+def _lock(axes, run, i, name, zeta):
+    chain, colour, z = run.chain(i), SINGULARITIES[name], np.array([0.0, 0.0, 1.0])
+    # An oblique view: from the side of the plane in which the arm reaches out, a little above.
+    heading = np.arctan2(chain[-1][1], chain[-1][0]) - 1.05
+    view = np.array([[-np.sin(heading), np.cos(heading), 0], [-np.cos(heading) * np.sin(0.4), -np.sin(heading) * np.sin(0.4), np.cos(0.4)]])
+    draw = lambda points, *style, **more: axes.plot(*(np.array(points) @ view.T).T, *style, **more)
+    arrow = lambda start, end: axes.annotate("", view @ end, view @ start, arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.6})
+    for axis in np.eye(3)[:2]:
+        draw([-0.25 * axis, 0.25 * axis], "--", color=GREY, alpha=0.5, lw=1)
+    shoulder, centre, forward = chain[2], chain[5], run.R[i][:, 2]
+    lines = {
+        "elbow": ("shoulder, elbow, wrist", shoulder, shoulder + 1.3 * (centre - shoulder)),
+        "wrist": ("axes 4 and 6", centre - 0.3 * forward, centre + 0.35 * forward),
+        "overhead": ("waist's axis", 0 * z, (centre[2] + 0.25) * z),
+    }
+    label, start, end = lines[name]
+    draw([start, end], "--", color=colour, lw=1.2, label=label)
+    draw(chain, "-o", color=BLUE, lw=2.4, ms=4)
+    draw([centre - 0.28 * zeta, centre + 0.28 * zeta], color=colour, label="ζ")
+    if name == "wrist":
+        side = np.cross(zeta, forward)
+        side, turn = side / np.linalg.norm(side), np.linspace(0.05, 0.8, 40) * 2 * np.pi
+        arc = centre + 0.17 * (np.outer(np.cos(turn), side) + np.outer(np.sin(turn), np.cross(zeta, side)))
+        draw(arc, color=colour)
+        arrow(arc[2], arc[0]), arrow(arc[-3], arc[-1])
+    else:
+        arrow(centre, centre + 0.3 * zeta), arrow(centre, centre - 0.3 * zeta)
+    legend(axes)
+
+
+def two_locks(path, run):
+    """Figure 4: elbow and wrist locked at once, moved along ζ of the elbow."""
+    zeta = run.zeta("elbow")[0]  # stays the direction of the task
+    flat = zeta * [1, 1, 0]
+    horizontal = run.outwards(flat / np.linalg.norm(flat))
+    off = run.p_d - run.p
+    along, moved = off @ zeta, 1e3 * (run.p - run.p[0]) @ zeta
+    errors = {"along ζ": 1e3 * np.abs(along), "orthogonal to ζ": 1e3 * np.linalg.norm(off - np.outer(along, zeta), axis=1)}
+    numbers = {
+        "moved_mm": float(moved[-1]), "along_max_mm": float(errors["along ζ"].max()), "orthogonal_max_mm": float(errors["orthogonal to ζ"].max()),
+        "orientation_max_deg": float(run.error_deg.max()), "final_mm": float(run.error_mm[-1]),
+    }  # fmt: skip
+    told = {key: digits(abs(value)) for key, value in numbers.items()}
+    notes = [
+        f"Moved {told['moved_mm']} mm inwards along ζ; largest error along ζ {told['along_max_mm']} mm, orthogonal to ζ {told['orthogonal_max_mm']} mm, "
+        f"orientation {told['orientation_max_deg']}°; at the end {told['final_mm']} mm."
+    ]
+    subtitle = "PUMA 560, stretched: the hand moves along the direction that the elbow has lost, all else held"
+    with page(path, "Figure 4: elbow and wrist locked at once", subtitle, notes, [(2.7, 3), (2.3, 3)]) as ((arm, way, error), (turn, s, angles)):
+        undistorted(arm, "from the side, m (later is darker)")
+        postures(arm, [np.stack([run.chain(i) @ horizontal, run.chain(i)[:, 2]], axis=1) for i in run.moments(0, 2)])
+        wanted = 1e3 * (run.p_d - run.p[0]) @ zeta
+        curves(way, "way of the hand along ζ, mm", run.t, ("true", moved, BLUE), ("wanted", wanted, INK), dashed=["wanted"])
+        curves(error, "position error, mm", run.t, ("along ζ", errors["along ζ"], RED), ("orthogonal to ζ", errors["orthogonal to ζ"], BLUE))
+        curves(turn, "orientation error, °", run.t, ("", run.error_deg))
+        inside = (run.columns["singularity.inside.elbow"] > 0) & (run.columns["singularity.inside.wrist"] > 0)
+        until = run.t[-1] if inside.all() else run.t[np.argmin(inside)]
+        s.axvspan(0, until, color=BLUE, alpha=0.09, lw=0, label="in both neighbourhoods")
+        curves(s, "singularity measures", run.t, *((name, run.s(name), SINGULARITIES[name]) for name in ("elbow", "wrist")))
+        joints = [(f"$q_{i + 1}$", np.degrees(run.q[:, i] - run.q[0, i]), NUMBERED[i]) for i in (0, 1, 2, 3, 5, 4)]
+        curves(angles, "joint angles from the start, °", run.t, *joints, dashed=["$q_5$"])
+    return numbers
+
+
+def wrist_lock(path, run):
+    """Figure 5: wrist lock, ζ turned by null-space motion, then a rotation about the direction that was lost."""
+    zeta = run.zeta("wrist")
+    change = run.t[np.argmax(np.linalg.norm(run.vectors("desired.angular_velocity"), axis=1) > 0)]
+    # Seen along ζ at the start: the rotation that was impossible is in the plane of the page.
+    up = np.array([0.0, 0.0, 1.0]) - zeta[0] * zeta[0, 2]
+    up /= np.linalg.norm(up)
+    horizontal = run.outwards(np.cross(up, zeta[0]))
+    turned = np.where(run.t <= change, np.degrees(np.arccos(np.clip(zeta @ zeta[0], -1, 1))), np.nan)
+    rotated = np.degrees(rotation_logs(run.R @ run.R[0].T) @ zeta[0])
+    moved = np.degrees(run.q[-1] - run.q[0])
+    numbers = {
+        "zeta_turned_deg": float(np.nanmax(turned)), "hand_turned_deg": float(rotated[-1] % 360), **{f"q{i}_moved_deg": float(moved[i - 1]) for i in (4, 5, 6)},
+        "position_max_mm": float(run.error_mm.max()), "orientation_max_deg": float(run.error_deg.max()),
+    }  # fmt: skip
+    joints = ", ".join(f"joint {i} by {moved[i - 1]:.2f}°" for i in (4, 5, 6))
+    notes = [
+        f"ζ turned by {numbers['zeta_turned_deg']:.2f}°; then the hand by {rotated[-1]:.2f}°. Moved: {joints}.",
+        f"Largest errors: position {digits(numbers['position_max_mm'])} mm, orientation {digits(numbers['orientation_max_deg'])}°.",
+    ]
+    subtitle = "PUMA 560: joints 4 and 6 turn the singular direction ζ while the hand stands still; then the hand rotates about it"
+    with page(path, "Figure 5: wrist lock", subtitle, notes, [(2.9, 3), (2.2, 2), (2.0, 2)]) as ((null, arm, turn), (angles, rates), errors):
+        undistorted(null, "null motion, seen along axis 6", hidden=True)
+        page_axes = run.R[0][:, :2]
+        for vector, size, colour, name in ((zeta, 1.15, SINGULARITIES["wrist"], "ζ (later is darker)"), (run.R[:, :, 0], 0.6, BLUE, "the hand's x axis")):
+            postures(null, [np.outer([-size, size], vector[i] @ page_axes) for i in run.moments(0, change)], colour)
+            null.plot([], [], color=colour, label=name)
+        legend(null)
+        undistorted(arm, "the hand turns, along the old ζ, m")
+        postures(arm, [np.stack([run.chain(i) @ horizontal, run.chain(i) @ up], axis=1) for i in run.moments(change)])
+        turn.axvspan(0, change, color=BLUE, alpha=0.09, lw=0, label="turning ζ")
+        curves(turn, "turns, °", run.t, ("ζ", turned, SINGULARITIES["wrist"]), ("hand about ζ as it was", rotated, BLUE))
+        wrist = range(3, 6)
+        curves(angles, "wrist joints from the start, °", run.t, *((f"$q_{i + 1}$", np.degrees(run.q[:, i] - run.q[0, i])) for i in wrist))
+        curves(rates, "wrist joint rates, °/s", run.t, *((f"$q_{i + 1}$", np.degrees(run.qdot[:, i])) for i in wrist))
+        curves(errors[0], "position error, mm", run.t, ("", run.error_mm, RED))
+        curves(errors[1], "orientation error, °", run.t, ("", run.error_deg, RED))
+    return numbers
+
+
+def rotations(quaternions):
+    """Rotation matrices of quaternions x y z w, (T, 4)."""
+    x, y, z, w = quaternions.T
+    rows = [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)]
+    rows += [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]
+    return np.stack(rows, axis=1).reshape(-1, 3, 3)
+
+
+def rotation_logs(R):
+    """Rotation vectors of matrices, (T, 3), rad."""
+    w = 0.5 * np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
+    sin, cos = np.linalg.norm(w, axis=1), 0.5 * (np.trace(R, axis1=1, axis2=2) - 1)
+    angle = np.arctan2(sin, cos)
+    return w * np.where(sin > 1e-12, angle / np.maximum(sin, 1e-12), 1.0)[:, None]

@@ -1,0 +1,254 @@
+"""A scenario under many settings: a grid, or points drawn at random or by Sobol's sequence; one Parquet file a chunk of runs.
+
+    table = sweep("fig5-wrist-rotation", {"control.k_p": Range(100, 1600, log=True), "seed": Range(1, 10**6)}, 1000, "sobol", out="gains")
+
+The points depend on nothing but the arguments, and a chunk's file appears when it is whole. So the same call continues a sweep that was stopped or killed.
+"""
+
+import hashlib
+import itertools
+import json
+import math
+import os
+import pathlib
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import pandas as pd
+
+from .. import _armplane
+from ..trials import _settings, trial
+
+MOST = 10_000_000
+PLAN = "sweep.json"
+
+
+@dataclass(frozen=True)
+class Range:
+    """The numbers from `low` to `high`, both included; a grid takes `steps` of them. `log`: evenly in the logarithm."""
+
+    low: float
+    high: float
+    steps: int = 0
+    log: bool = False
+
+    def at(self, share, whole):
+        low, high = self.low, self.high
+        if whole and not self.log:
+            # Each whole number as often as every other one, the ends included.
+            return (np.floor(low + share * (high - low + 1)).clip(low, high)).astype(int)
+        value = low * (high / low) ** share if self.log else low + (high - low) * share
+        return np.rint(value).astype(int) if whole else np.where(share == 1, high, value)
+
+    def grid(self, whole):
+        share = np.arange(self.steps) / (self.steps - 1)
+        if whole and not self.log:
+            values = self.low + (self.high - self.low) * share
+            if (values != np.rint(values)).any():
+                raise ValueError(f"{self.steps} steps from {self.low} to {self.high} are no whole numbers, and the key takes no others")
+            return values.astype(int)
+        return self.at(share, whole)
+
+
+def sweep(scenario, space, runs=None, method="grid", *, seed=1, settings=None, out=None, client=None, jobs=-1, chunk=None, progress=None, run=trial):
+    """Runs a scenario at each point of a space, and returns the table: a row per run, with its number, keys, `outcome` and all numbers of `trial`.
+
+    `space` gives each key of the scenario a list of values or a `Range`. `method` is "grid" (every combination; the last key varies fastest), "random" or
+    "sobol" (`runs` points by `seed`). `out` is a folder for the table's parts, which continues what it holds; without it, nothing is written. The runs use
+    `jobs` threads (all cores by default), or the workers of a dask `client`. `progress(done, runs)` hears of each chunk.
+    """
+    points = draw(scenario, space, runs, method, seed, settings)
+    chunk = chunk or min(max(math.ceil(len(points) / 64), 8), 1000)
+    chunks = {i: points[i : i + chunk] for i in range(0, len(points), chunk)}
+    plan = {"scenario": str(scenario), "settings": settings or {}, "space": _plain(space), "method": method, "seed": seed, "runs": len(points), "chunk": chunk}
+    parts = {i: pathlib.Path(out) / f"runs-{i:08}.parquet" for i in chunks} if out is not None else {}
+    if out is not None:
+        _claim(pathlib.Path(out), plan, _first(scenario, points[0], settings, run))
+    todo = {i: points for i, points in chunks.items() if i not in parts or not parts[i].exists()}
+    done, tables = len(points) - sum(map(len, todo.values())), {}
+    for i, rows in _spread(todo, (scenario, settings, run), client, jobs):
+        tables[i] = table = pd.DataFrame(rows)
+        if out is not None:
+            _write(table, parts[i])
+        done += len(table)
+        if progress:
+            progress(done, len(points))
+    parts = [tables[i] if i in tables else pd.read_parquet(parts[i]) for i in chunks]
+    return pd.concat(parts, ignore_index=True)
+
+
+def read(folder):
+    """The table of a sweep's folder, as far as it has come, and its plan."""
+    folder = pathlib.Path(folder)
+    if not (folder / PLAN).is_file():
+        raise ValueError(f"{folder} is not a sweep's folder: it has no {PLAN}")
+    parts = sorted(folder.glob("runs-*.parquet"))
+    if not parts:
+        raise ValueError(f"no chunk in {folder} is complete: run the sweep first")
+    return pd.concat(map(pd.read_parquet, parts), ignore_index=True), json.loads((folder / PLAN).read_text())
+
+
+def draw(scenario, space, runs=None, method="grid", seed=1, settings=None):
+    """The points of a sweep, a dictionary each. Every key's values are tried on the scenario, so that a mistake is found before any run."""
+    if not space:
+        raise ValueError("the space is empty: give it a key")
+    whole = {key: _tried(scenario, settings, key, values) for key, values in space.items()}
+    if method == "grid":
+        lists = [values.grid(whole[key]) if isinstance(values, Range) else values for key, values in space.items()]
+        count = math.prod(map(len, lists))
+        _check(count)
+        return [dict(zip(space, map(_scalar, point))) for point in itertools.product(*lists)]
+    _check(runs or 0)
+    shares = _shares(method, len(space), runs, seed)
+    columns = []
+    for share, (key, values) in zip(shares.T, space.items()):
+        listed = None if isinstance(values, Range) else list(values)
+        columns.append(values.at(share, whole[key]) if listed is None else [listed[int(x * len(listed))] for x in share])
+    return [dict(zip(space, map(_scalar, point))) for point in zip(*columns)]
+
+
+def lack(table, space):
+    """What of the space has no result, in one sentence; None where every listed value has one and no run failed."""
+    without = table["outcome"].isin(["refused", "failed"])
+    failed = int((table["outcome"] == "failed").sum())
+    clauses = [f"{failed} of {len(table)} runs failed by a defect of armplane; see `reason` in the table"] if failed else []
+    if without.all():
+        return "; ".join([*clauses, f"no run of {len(table)} has a result: {table['reason'].iloc[0]}"])
+    for key, values in space.items():
+        for value in [] if isinstance(values, Range) else values:
+            those = table[key].map(_plain) == _plain(value)
+            if those.any() and without[those].all():
+                clauses.append(f"no run with {key} = {value} has a result: {table.loc[those, 'reason'].iloc[0]}")
+    return "; ".join(clauses) or None
+
+
+def _check(count):
+    if not 1 <= count <= MOST:
+        raise ValueError(f"the sweep has {count} runs: it must be 1 to {MOST}")
+
+
+def _shares(method, keys, runs, seed):
+    if method == "random":
+        # A key of its own generator each: a longer sweep begins with the points of a shorter one.
+        return np.stack([np.random.default_rng([seed, place]).random(runs) for place in range(keys)], axis=1)
+    if method == "sobol":
+        from scipy.stats import qmc
+
+        return qmc.Sobol(keys, seed=seed).random_base2(max(runs - 1, 0).bit_length())[:runs]
+    raise ValueError(f"method is {method!r}: it must be 'grid', 'random' or 'sobol'")
+
+
+def _tried(scenario, settings, key, values):
+    """Whether a range is of whole numbers."""
+    laid = lambda value: _armplane.check_scenario(str(scenario), _settings({**(settings or {}), key: value}))
+    if not isinstance(values, Range):
+        if len(values) == 0:
+            raise ValueError(f"{key} has no values")
+        for value in values:
+            laid(_scalar(value))
+        return False
+    if not (math.isfinite(values.low) and math.isfinite(values.high) and values.low < values.high):
+        raise ValueError(f"{key}: the range from {values.low} to {values.high} is empty or has no end")
+    if values.log and values.low <= 0:
+        raise ValueError(f"{key}: a logarithmic range begins above 0, not at {values.low}")
+    try:
+        laid(float(values.low)), laid(float(values.high))
+        return False
+    except ValueError as error:
+        if float(values.low) != int(values.low) or float(values.high) != int(values.high):
+            raise
+        try:
+            laid(int(values.low)), laid(int(values.high))
+        except ValueError:
+            raise error from None
+        return True
+
+
+def _spread(chunks, arguments, client, jobs):
+    """The rows of each chunk, as they come."""
+    if client is not None:
+        from distributed import as_completed
+
+        futures = [client.submit(_rows, i, points, *arguments, pure=False, retries=3) for i, points in chunks.items()]
+        yield from (future.result() for future in as_completed(futures))
+        return
+    import joblib
+
+    work = (joblib.delayed(_rows)(i, points, *arguments) for i, points in chunks.items())
+    # Threads: a trial leaves Python's lock, and nothing is left behind when this process is killed.
+    yield from joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator_unordered")(work)
+
+
+def _rows(first, points, scenario, settings, run):
+    return first, [_row(first + i, point, _run(run, scenario, {**(settings or {}), **point})) for i, point in enumerate(points)]
+
+
+def _run(run, scenario, settings):
+    """A row, for what cannot be loaded, too: each value was tried alone, but they may contradict each other, or the arm."""
+    try:
+        return run(scenario, settings)
+    except ValueError as error:
+        return {"outcome": "refused", "reason": str(error)}
+
+
+def _row(number, point, result):
+    row = {"run": number, **point, "outcome": result.pop("outcome"), "reason": result.pop("reason")}
+    for name, value in result.items():
+        nested = {f"{name}.{inner}": one for inner, one in value.items()} if isinstance(value, dict) else {name: value}
+        row.update({name: ", ".join(map(str, one)) if isinstance(one, list) else one for name, one in nested.items()})
+    return row
+
+
+def _first(scenario, point, settings, run):
+    """A digest of the first run, which changes with the program, the arm and the scenario's files."""
+    row = _run(run, scenario, {**(settings or {}), **point})
+    return hashlib.sha256(json.dumps(row, sort_keys=True).encode()).hexdigest()
+
+
+def _claim(folder, plan, first):
+    """Makes the folder the plan's, or checks that it is."""
+    folder.mkdir(parents=True, exist_ok=True)
+    wanted = json.loads(json.dumps({**plan, "first_run_sha256": first}))
+    if not (folder / PLAN).exists():
+        if any(folder.iterdir()):
+            raise ValueError(f"{folder} is not empty, and not a sweep's: choose another folder")
+        _whole(folder / PLAN, json.dumps(wanted, indent=1).encode())
+    known = json.loads((folder / PLAN).read_text())
+    changed = [key for key in wanted if known.get(key) != wanted[key]]
+    if changed == ["first_run_sha256"]:
+        raise ValueError(f"{folder} holds results of another build, arm or scenario: its first run gives other bytes now; choose another folder")
+    if changed:
+        raise ValueError(f"{folder} holds another sweep (other {', '.join(changed)}): choose another folder")
+
+
+def _write(table, path):
+    import io
+
+    buffer = io.BytesIO()
+    table.to_parquet(buffer, index=False)
+    _whole(path, buffer.getvalue())
+
+
+def _whole(path, content):
+    """Writes a file that is there whole or not at all."""
+    draft = path.with_suffix(".draft")
+    with open(draft, "wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(draft, path)
+
+
+def _scalar(value):
+    return value.item() if hasattr(value, "item") else value
+
+
+def _plain(value):
+    """As JSON has it."""
+    if isinstance(value, dict):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, Range):
+        return asdict(value)
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_plain(one) for one in value]
+    return _scalar(value)

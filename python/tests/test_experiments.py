@@ -1,0 +1,208 @@
+"""Trials and experiments, as they are installed: `python/build --test` runs this in an empty virtual environment."""
+
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import armplane
+import numpy as np
+import pytest
+from armplane import experiments
+from armplane.experiments import __main__ as command
+
+SHORT = """name = "short"
+robot = "puma560"
+settle_s = 0.05
+[start]
+q_deg = [20, -60, 170, 0, 30, 0]
+[[segment]]
+by_m = [0.02, 0.0, -0.01]
+duration_s = 0.4
+"""
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    pathlib.Path("short.toml").write_text(SHORT)
+
+
+@pytest.mark.parametrize(
+    "scenario, settings, faults",
+    [
+        ("fig5-wrist-rotation", {"control.k_p": 300, "seed": 7}, None),
+        ("short.toml", {"control.strategy": "chang-khatib", "plant.mass_factor": 1.1}, None),
+        ("short.toml", {}, [{"process": "controller", "kind": "kill", "at_tick": 100}, {"process": "estimator", "kind": "delay", "at_s": 0.3, "for_ticks": 40}]),
+    ],
+)
+def test_a_trial_has_the_bytes_and_numbers_of_the_processes(scenario, settings, faults):
+    row = armplane.trial(scenario, settings, faults)
+    given = dict(settings) if faults is None else {**settings, "fault": armplane.results._inner(faults)}
+    run = armplane.run(scenario, settings=given, out="run")
+    assert row["hash"] == {topic: one["hash"] for topic, one in run.summary["topics"].items()}
+    assert row["outcome"] == run.summary["outcome"] and row["ticks"] == run.summary["ticks"]
+    assert {key: row[key] for key in run.summary["task"]} == run.summary["task"]
+    table, recorded = armplane.trace(scenario, settings, faults), run.arrow()
+    clock = [name for name in table.column_names if name.startswith("latency.")]
+    assert table.drop_columns(clock).equals(recorded.drop_columns(clock))
+    assert table.schema.field("joint.q.1").metadata[b"unit"] == b"rad"
+
+
+def test_a_trial_leaves_the_interpreter_lock():
+    begun, done = threading.Event(), threading.Event()
+    work = lambda: (begun.set(), armplane.trial("fig5-wrist-rotation"), done.set())
+    thread = threading.Thread(target=work)
+    thread.start()
+    begun.wait()
+    steps = 0
+    while not done.is_set():
+        steps += 1
+    thread.join()
+    assert steps > 1000
+
+
+def test_lines_and_laws_are_those_of_the_command():
+    lines = armplane.lines("ur5", 1, seed=1)
+    assert [line["singularities"] for line in lines] == ["elbow", "wrist", "overhead"]
+    assert lines == armplane.lines("ur5", 2, seed=1)[:3] and all(armplane.trial(line["scenario"])["s2"] for line in lines)
+    assert all("+" in line["singularities"] for line in armplane.lines("puma560", 1, kind="two"))
+    assert len(armplane.lines("puma560", 6, kind="near")) == 6
+    assert armplane.laws()[0] == "blended" and set(armplane.laws()) <= set(armplane.laws(all=True))
+
+
+@pytest.mark.parametrize("call", [lambda: armplane.trial("nowhere"), lambda: armplane.trial("short.toml", {"control.kp": 1}), lambda: armplane.lines("ur6", 1)])
+def test_bad_input_is_a_value_error(call):
+    with pytest.raises(ValueError):
+        call()
+
+
+def test_what_a_law_refuses_is_a_row():
+    assert armplane.trial("short.toml", faults=[{"process": "plant", "kind": "kill", "at_tick": 10}])["outcome"] == "refused"
+
+
+def test_a_grid_counts_like_a_number_and_samples_fill_their_ranges():
+    space = {"control.k_p": [100, 400.5], "seed": experiments.Range(1, 3, 3), "plant.mass_factor": experiments.Range(0.5, 2, 3, log=True)}
+    grid = experiments.sweep("short.toml", space, run=lambda *_: {"outcome": "goal reached", "reason": ""})
+    assert len(grid) == 18 and list(grid.iloc[4])[1:4] == [100, 2, 1.0] and list(grid.iloc[17])[1:4] == [400.5, 3, 2.0]
+    space = {"seed": experiments.Range(1, 4), "plant.mass_factor": experiments.Range(0.5, 1.5)}
+    for method in ("random", "sobol"):
+        draw = lambda runs, seed: experiments.sweep("short.toml", space, runs, method, seed=seed, run=lambda *_: {"outcome": "", "reason": ""})
+        table = draw(2000, 1)
+        assert table.equals(draw(2000, 1)) and not table.equals(draw(2000, 2)) and table[:100].equals(draw(100, 1))
+        assert table["seed"].value_counts().between(400, 600).all() and abs(table["plant.mass_factor"].mean() - 1) < 0.03
+
+
+@pytest.mark.parametrize(
+    "space, more",
+    [
+        ({}, {}),
+        ({"control.kp": [1]}, {}),
+        ({"seed": experiments.Range(1, 4, 3)}, {}),
+        ({"control.k_p": experiments.Range(4, 1, 3)}, {}),
+        ({"control.k_p": experiments.Range(0, 1, 3, log=True)}, {}),
+        ({"control.k_p": [1]}, {"method": "halton", "runs": 4}),
+        ({"control.k_p": experiments.Range(1, 2)}, {"method": "random"}),
+    ],
+)
+def test_a_space_that_makes_no_sense_is_refused_before_any_run(space, more):
+    with pytest.raises(ValueError):
+        experiments.sweep("short.toml", space, **more, run=lambda *_: pytest.fail("a run"))
+
+
+SWEEP = """name = "killed"
+scenario = "short.toml"
+[[key]]
+key = "control.k_p"
+from = 100
+to = 900
+scale = "log"
+[[key]]
+key = "seed"
+from = 1
+to = 1000
+[sample]
+runs = 48
+seed = 1
+"""
+
+
+def test_a_killed_sweep_goes_on_and_its_table_is_that_of_one_piece():
+    pathlib.Path("killed.toml").write_text(SWEEP)
+    name, arguments = command.read_file(pathlib.Path("killed.toml"))
+    whole = experiments.sweep(**arguments)
+    assert name == "killed" and len(whole) == 48
+    start = lambda: subprocess.Popen([sys.executable, "-m", "armplane.experiments", "sweep", "killed.toml", "--out", "out"], stdout=subprocess.DEVNULL)
+    parts = lambda: len(list(pathlib.Path("out").glob("runs-*.parquet")))
+    for kill in range(1, 4):
+        child = start()
+        while parts() < kill and child.poll() is None:
+            time.sleep(0.01)
+        os.kill(child.pid, signal.SIGKILL)
+        child.wait()
+    assert start().wait() == 0
+    assert experiments.read("out")[0].equals(whole)
+    # Another sweep, or another program, is refused.
+    with pytest.raises(ValueError, match="another sweep"):
+        experiments.sweep(**{**arguments, "seed": 2}, out="out")
+    pathlib.Path("short.toml").write_text(SHORT.replace("0.4", "0.3"))
+    with pytest.raises(ValueError, match="first run"):
+        experiments.sweep(**arguments, out="out")
+
+
+def test_a_report_ranks_and_repeats_the_worst_runs():
+    space = {"control.strategy": ["blended", "damped-least-squares"], "control.k_p": [100, 400]}
+    table = experiments.sweep("fig5-wrist-rotation", space, out="laws")
+    report = experiments.report("laws", by="orthogonal_max_deg", worst=1)
+    worst = table.loc[table["orthogonal_max_deg"].idxmax()]
+    assert report["worst"][0]["value"] == worst["orthogonal_max_deg"] and f"control.strategy={worst['control.strategy']}" in report["worst"][0]["command"]
+    assert all(pathlib.Path(f"laws/report.{kind}").stat().st_size > 10_000 for kind in ("svg", "png", "pdf"))
+    refused = experiments.sweep("short.toml", {"start.q_deg.5": [0, 500]})
+    assert experiments.lack(refused, {"start.q_deg.5": [0, 500]}) and not experiments.lack(table, space)
+
+
+# covers: CK95 Figures 1, 2, 3 and 4
+def test_the_papers_figures_are_drawn_with_their_numbers():
+    numbers = experiments.figures("figures")
+    for name in ("fig1-2", "fig3", "fig4", "fig5"):
+        assert all(pathlib.Path(f"figures/{name}.{kind}").stat().st_size > 10_000 for kind in ("svg", "png", "pdf"))
+    assert numbers == json.loads(pathlib.Path("figures/figures.json").read_text())
+    pseudo, consistent, locks, fig4, fig5 = numbers.values()
+    assert pseudo["tip_error_max_mm"] > 100 * consistent["tip_error_max_mm"] and consistent["tip_error_max_mm"] < 1
+    assert pseudo["coupling_max_n"] > 1 and consistent["coupling_max_n"] < 1e-6 * pseudo["coupling_max_n"]
+    first, second = consistent["joint_2_swings_deg"]
+    assert first > 60 and second > 0.9 * first
+    assert {name: lock["type"] for name, lock in locks.items()} == {"elbow": "type 1", "wrist": "type 2", "overhead": "mixed"}
+    assert all(abs(lock["s"]) < 1e-3 for lock in locks.values())
+    assert abs(fig5["zeta_turned_deg"] - 90) < 0.25 and fig5["position_max_mm"] < 0.1
+    assert abs(abs(fig4["moved_mm"]) - 80) < 0.1 and fig4["orthogonal_max_mm"] < 0.05
+
+
+def test_studies_are_tables_and_pictures():
+    laws = experiments.compare("fig5-wrist-rotation", ["blended", "damped-least-squares"])
+    assert laws["s1"].tolist() == [True, False]
+    experiments.compare_plot(laws, "laws")
+    table = experiments.race("fig5-wrist-rotation", ["blended", "damped-least-squares"], "race")
+    assert table["orientation_max_deg"].is_monotonic_increasing and pathlib.Path("laws.png").exists() and pathlib.Path("race.svg").exists()
+    lines = experiments.singular_lines("ur5", 1)
+    assert lines["s2"].all() and lines["line"].tolist() == [1, 2, 3]
+    steered = experiments.steered(["ur5"], seeds=[1], seconds=5.0)
+    assert steered["kept"].all() and steered["speed_max_ratio"].between(0.01, 1).all() and steered["orthogonal_max_mm"].between(1e-3, 0.5).all()
+
+
+def test_the_tutorials_experiment_is_twenty_lines_and_works():
+    page = next(folder / "docs/tutorial.md" for folder in pathlib.Path(__file__).resolve().parents if (folder / "docs/tutorial.md").is_file())
+    blocks = [block.split("\n", 1) for block in page.read_text().split("```")[1::2]]
+    files = {head.split()[1]: text for head, text in blocks if len(head.split()) == 2}
+    for name in ("arm.urdf", "arm.toml", "reach.toml"):
+        pathlib.Path(name).write_text(files[name])
+    text = files["gains.py"]
+    assert len([line for line in text.splitlines() if line.strip()]) <= 20
+    # A hundredth of its runs.
+    few = text.replace("range(1, 11)", "[1]").replace("[25, 50, 100, 200, 400, 600, 800, 1200, 1600, 2400]", "[100, 400]").replace("60, 80, 100, 120]", "60]")
+    said = subprocess.run([sys.executable, "-c", few], capture_output=True, text=True, check=True, env={**os.environ, "MPLBACKEND": "Agg"})
+    assert "best: (" in said.stdout and pathlib.Path("gains.svg").exists() and pathlib.Path("gains.parquet").exists()
