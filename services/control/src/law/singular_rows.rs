@@ -6,14 +6,15 @@ use super::auxiliary::{Demand, Gains};
 use crate::controller::Setup;
 use crate::linear::sign;
 use crate::paper::reference::Target;
-use crate::paper::{type_1, type_2};
+use crate::paper::type_1::{self, SIDE_CHANGE};
+use crate::paper::type_2;
 use crate::reference::guide::{Guide, WAIT};
 use crate::reference::turn;
 use crate::singularity::family::Situation;
 use crate::singularity::turning::turning;
 use crate::state::State;
 use crate::tick::{Motion, Now};
-use crate::types::{Class, Kind, Mode, Refusal, Report, Singularity};
+use crate::types::{Class, Mode, Refusal, Report, Singularity};
 use nalgebra::{SVector, Vector6};
 use shared_types::MAX_SINGULARITIES;
 use shared_types::scenario::Strategy;
@@ -150,21 +151,14 @@ fn target<const N: usize>(
     (now, motion): (&Now<'_, N>, &Motion<N>),
 ) -> Result<Target, Refusal> {
     let branch = motion.leg.map_or(0, |leg| leg.branch) + state.targets.branch();
-    let guide = &setup.guide;
     let mut target = match &motion.planned {
-        // A fold with a formula keeps it; the plan decides its side.
-        Some(_)
-            if s.class == Class::Type1
-                && s.kind != Kind::Numeric
-                && !setup.has_higher_codimension(place) =>
-        {
-            let memory = &mut state.loops[place].memory;
-            memory.side = guide
-                .side(s, now.q, state.clock.plan_s)
-                .unwrap_or(memory.side);
-            by_type(setup, state, place, s, situation, 0)
+        Some(planned) => {
+            // For a leg that is not planned: a fold is on the side of its coordinate.
+            if s.class == Class::Type1 && s.aux.abs() > SIDE_CHANGE {
+                state.loops[place].memory.side = s.aux.signum();
+            }
+            setup.guide.target(s, planned, now.q, motion.clock)
         }
-        Some(planned) => guide.target(s, planned, now.q, motion.clock),
         None => by_type(setup, state, place, s, situation, branch),
     };
     // A planned leg lies within reach: what the formula of a fold misses there is tracking error.

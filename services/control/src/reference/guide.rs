@@ -3,7 +3,6 @@
 //! Reduces to the paper's law: without a plan nothing changes, and on a feasible path the planned coordinate is the one that the path needs.
 
 use crate::paper::reference::Target;
-use crate::paper::type_1::SIDE_CHANGE;
 use crate::plan::{PathPlan, Sample};
 use crate::types::{Mode, Singularity};
 use nalgebra::SVector;
@@ -13,10 +12,6 @@ const WAIT_FROM: f64 = 0.05;
 const WAIT_TO: f64 = 0.25;
 /// Demand on the clock that makes it wait.
 pub const WAIT: f64 = 20.0;
-/// Coordinate beyond which the plan is on a side.
-const SIDE: f64 = 1e-3;
-/// How far ahead of the present the plan is asked for that side, s.
-const SOON_S: f64 = 0.15;
 /// Half of the time over which the planned acceleration is taken, s.
 const RISE_S: f64 = 0.03;
 /// Lag of the clock behind its target, s.
@@ -98,20 +93,6 @@ impl<const N: usize> Guide<N> {
         };
         let (before, after) = (plan.at(route_s - RISE_S), plan.at(route_s + RISE_S));
         (after.dq - before.dq) / (2.0 * RISE_S)
-    }
-
-    /// The side of a fold on which the plan leaves it, −1 or +1; `None` away from the fold.
-    #[must_use]
-    pub fn side(&self, s: &Singularity<N>, q: &SVector<f64, N>, route_s: f64) -> Option<f64> {
-        let plan = self.plan.as_ref()?;
-        let at = |route_s: f64| s.aux + s.aux_row.dot(&(plan.at(route_s).q - q));
-        if s.aux.abs() < SIDE_CHANGE {
-            let soon = at(route_s + SOON_S);
-            return (soon.abs() > SIDE).then(|| soon.signum());
-        }
-        // The plan has crossed the fold in whose neighbourhood the arm is.
-        let now = if s.inside { at(route_s) } else { s.aux };
-        (now * s.aux < 0.0 && now.abs() > SIDE).then(|| now.signum())
     }
 
     /// Demand on the clock by a coordinate that is not where it is planned.

@@ -177,6 +177,38 @@ fn guarantees<const N: usize>(arm: &Arm<N>) {
     }
 }
 
+/// Straight up, where elbow and overhead are lost at once: the row of one is carried beside that of the other.
+#[test]
+fn beside_another_lost_direction_a_row_turns_as_its_bias_says() {
+    let arm = Arm::<6>::new("puma560", true);
+    let (mut random, mut tested, h) = (Uniform(5), 0, 1e-5);
+    for k in 0..400 {
+        let q = SVector::from([0.3, -2.0 + 0.003 * f64::from(k), 1.60, 0.4, 0.8, 0.1]);
+        let qdot = vector(&mut random, 1.0);
+        let mut analyzer = arm.fresh.clone();
+        let now = arm.step(&mut analyzer, &q, &qdot);
+        if now.listed().iter().filter(|s| s.inside).count() < 2 {
+            continue;
+        }
+        let [before, after] =
+            [-h, h].map(|h| arm.step(&mut analyzer.clone(), &(q + qdot * h), &qdot));
+        for (i, s) in now.listed().iter().enumerate() {
+            if !s.inside || s.class == Class::Type1 {
+                continue;
+            }
+            let [a, b] = [before, after].map(|report| report.singularities[i].aux_rate);
+            let slope = (b - a) / (2.0 * h);
+            assert!(
+                (slope - s.aux_bias).abs() < 0.01 * slope.abs() + 0.05,
+                "{i} at {q}: {slope} against {}",
+                s.aux_bias
+            );
+            tested += 1;
+        }
+    }
+    assert!(tested > 20, "{tested} rows");
+}
+
 #[test]
 fn every_arm_keeps_the_guarantees_of_a_singularity() {
     SIX.iter()

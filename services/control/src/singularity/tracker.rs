@@ -396,10 +396,7 @@ impl<const N: usize> Tracker<N> {
         for j in (0..svd.count).filter(|j| self.tracks(block, *j).is_none()) {
             span.push(svd.v[j]);
         }
-        let near = self.entries.map(|entry| {
-            self.size(entry.block, entry.index)
-                < self.neighborhood(self.places[entry.place].0).eta_out
-        });
+        let near: [bool; MAX_SINGULARITIES] = std::array::from_fn(|k| self.is_near(k));
         for inside in [false, true] {
             for k in (0..self.count).filter(|k| near[*k] == inside) {
                 let Entry { a, index, .. } = self.entries[k];
@@ -425,6 +422,13 @@ impl<const N: usize> Tracker<N> {
                 span.push(a);
             }
         }
+    }
+
+    /// Whether entry `k` is within η_out, so that its row is carried.
+    fn is_near(&self, k: usize) -> bool {
+        let entry = &self.entries[k];
+        let near = self.neighborhood(self.places[entry.place].0);
+        self.size(entry.block, entry.index) < near.eta_out
     }
 
     /// How far entry `k` is singular alone, 0 to 1: a fold's curvature tells nothing of the motions that a second lost direction leaves free.
@@ -551,7 +555,7 @@ impl<const N: usize> Tracker<N> {
             aux,
             aux_rate: aux_row.dot(at.qdot),
             aux_bias: if order.fold < 1.0 {
-                (1.0 - order.fold) * self.bias(svd, entry.index, &a, &arm.0, at)
+                (1.0 - order.fold) * self.bias(k, &a, &arm.0, at)
             } else {
                 0.0
             },
@@ -627,18 +631,18 @@ impl<const N: usize> Tracker<N> {
         Q.tr_mul(&up).dot(qdot) + turning
     }
 
-    /// ȧ·q̇ while a is carried: ȧ leaves Π only, by −Σ_j v_j (u_jᵀḂa)/σ_j.
-    fn bias(
-        &self,
-        svd: &TrackedSvd<N>,
-        i: usize,
-        a: &SVector<f64, N>,
-        screws: &Screws<N>,
-        at: &Posture<'_, N>,
-    ) -> f64 {
+    /// ȧ·q̇ while a is carried: ȧ leaves Π only, by −Σ_j v_j (u_jᵀḂa)/σ_j over the directions j that are not lost.
+    ///
+    /// Lost ones beside it span Π with it, and their own rows are carried, too.
+    fn bias(&self, k: usize, a: &SVector<f64, N>, screws: &Screws<N>, at: &Posture<'_, N>) -> f64 {
+        let Entry { block, index, .. } = self.entries[k];
+        let svd = &self.blocks[block];
         let Ba = screws.rate(at.qdot) * a;
+        let is_carried = |j: usize| {
+            j == index || (self.tracks(block, j)).is_some_and(|other| self.is_near(other))
+        };
         let mut bias = 0.0;
-        for j in (0..svd.count).filter(|j| *j != i) {
+        for j in (0..svd.count).filter(|j| !is_carried(*j)) {
             let sigma = svd.sigma[j];
             let pushed = unscaled(&svd.covector(j), self.length_m).dot(&Ba);
             bias -= pushed * sigma / (sigma * sigma + SQUARED_GAP) * svd.v[j].dot(at.qdot);
