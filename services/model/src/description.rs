@@ -7,7 +7,7 @@
 //! gravity = [0.0, 0.0, -9.81]       # m/s², base axes. Default as shown
 //! length_m = 0.43                   # makes radians and metres comparable. Default: half the sum of the link lengths
 //! encoder_bits = 16                 # per turn, 1 to 32. Default 16
-//! task = ["x", "y", "z", "rx", "ry", "rz"]   # task axes. Default: those that can move, in this order, at most one per joint
+//! task = ["x", "y", "z", "rx", "ry", "rz"]   # task axes. Default: those that can move wherever the arm faces, in this order, at most one per joint
 //! meshes = "."                      # folder from which the paths of meshes start. Default: that of the URDF
 //!
 //! [factors]                         # analytic factors of det J. Default: none, singularities are found numerically

@@ -2,7 +2,7 @@
 
 use crate::arm::Model;
 use crate::dispatch::embedded;
-use crate::joint::{Frame, Joint};
+use crate::joint::{Frame, Joint, JointKind};
 use crate::robot::Robot;
 use crate::task::{TaskAxes, TaskAxis};
 use nalgebra::Vector6;
@@ -35,28 +35,80 @@ pub(crate) fn default_length(joints: &[Joint], frames: &[Frame], tip: &str) -> f
     }
 }
 
-/// The task axes whose Jacobian rows are independent, taken in order, at a generic posture.
+/// Turns of joint 1 at which the served axes must be independent, and the least share of their largest volume at any of them.
+const YAWS: u32 = 64;
+const LEAST_SHARE: f64 = 0.1;
+
+/// The task axes whose Jacobian rows are independent, taken in order, at a generic posture, and at any turn of joint 1.
+///
+/// Of an arm of four joints that turns about z and bends in a plane, a rotation about x or y is independent of its position, but not in every direction
+/// that it may face: it serves x, y and z.
 pub(crate) fn served_axes(robot: &Robot) -> TaskAxes {
-    let q: Vec<f64> = (0..robot.dof()).map(|i| 0.7 + 0.37 * i as f64).collect();
-    let J = jacobian(robot, &q);
-    let mut basis: Vec<f64> = Vec::new(); // one row of the length of q after the other
-    let independent = |axis: &TaskAxis| {
+    let posture = |yaw: f64| -> Vec<Vector6<f64>> {
+        let turned = |i: usize| if i == 0 { yaw } else { 0.0 };
+        let q: Vec<f64> = (0..robot.dof())
+            .map(|i| 0.7 + 0.37 * i as f64 + turned(i))
+            .collect();
+        jacobian(robot, &q)
+    };
+    let first = posture(0.0);
+    let every = independent(&TaskAxis::ALL, &first);
+    let turns = (robot.joints.first()).is_some_and(|joint| joint.kind != JointKind::Prismatic);
+    let faces: Vec<_> = if turns && every.len() < TaskAxis::ALL.len() {
+        (0..YAWS)
+            .map(|k| posture(std::f64::consts::TAU * f64::from(k) / f64::from(YAWS)))
+            .collect()
+    } else {
+        vec![]
+    };
+    let holds = |axes: &[TaskAxis]| {
+        let volumes = faces.iter().map(|J| volume(axes, J));
+        let (low, high) = volumes.fold((f64::INFINITY, 0.0_f64), |(low, high), volume| {
+            (low.min(volume), high.max(volume))
+        });
+        faces.is_empty() || low > LEAST_SHARE * high
+    };
+    if holds(&every) {
+        return every.into_iter().collect();
+    }
+    let mut served = every;
+    served.retain(|axis| axis.row() < 3);
+    for axis in &TaskAxis::ALL[3..] {
+        let mut more = served.clone();
+        more.push(*axis);
+        if independent(&more, &first).len() == more.len() && holds(&more) {
+            served = more;
+        }
+    }
+    served.into_iter().collect()
+}
+
+/// Those of the axes whose rows of J are independent of the ones before; `J` by columns.
+fn independent(axes: &[TaskAxis], J: &[Vector6<f64>]) -> Vec<TaskAxis> {
+    let mut taken: Vec<TaskAxis> = vec![];
+    for axis in axes {
+        let before = volume(&taken, J);
+        taken.push(*axis);
+        if volume(&taken, J) < 1e-6 * before {
+            taken.pop();
+        }
+    }
+    taken
+}
+
+/// The volume that the rows of these axes span, by Gram–Schmidt; 1 of none.
+fn volume(axes: &[TaskAxis], J: &[Vector6<f64>]) -> f64 {
+    let mut basis: Vec<Vec<f64>> = vec![];
+    let mut volume = 1.0;
+    for axis in axes {
         let mut row: Vec<f64> = J.iter().map(|column| column[axis.row()]).collect();
-        // Gram–Schmidt against the rows already taken.
-        for b in basis.chunks_exact(row.len().max(1)) {
+        for b in &basis {
             let along: f64 = b.iter().zip(&row).map(|(b, r)| b * r).sum();
             row.iter_mut().zip(b).for_each(|(r, b)| *r -= along * b);
         }
         let norm = row.iter().map(|r| r * r).sum::<f64>().sqrt();
-        if norm < 1e-6 {
-            return false;
-        }
-        basis.extend(row.into_iter().map(|r| r / norm));
-        true
-    };
-    let mut independent = independent;
-    TaskAxis::ALL
-        .into_iter()
-        .filter(|axis| independent(axis))
-        .collect()
+        volume *= norm;
+        basis.push(row.into_iter().map(|r| r / norm.max(1e-300)).collect());
+    }
+    volume
 }

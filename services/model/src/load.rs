@@ -102,6 +102,17 @@ fn read(source: &RobotText) -> Result<Robot, Defect> {
         source: source.clone(),
     };
     robot.task = geometry::served_axes(&robot);
+    let served = robot.task.count();
+    if served < robot.dof().min(6) && robot.dof() > 3 {
+        let names = robot
+            .task
+            .iter()
+            .map(|axis| format!("{axis:?}").to_lowercase());
+        robot.notes.push(format!(
+            "the task is {}: no other axis is independent of these wherever the arm faces; state `task` in the description for others",
+            names.collect::<Vec<_>>().join(", ")
+        ));
+    }
     description.apply(&mut robot)?;
     robot.check_factors()?;
     Ok(robot)

@@ -469,3 +469,25 @@ fn postures_and_names_are_checked() {
     let nowhere = at(&[f64::NAN; 6]);
     assert!(matches!(nowhere, Err(PostureError::NotFinite { joint, .. }) if joint == "joint1"));
 }
+
+/// An arm that turns about z and bends in a plane: no rotation about x or y is its own wherever it faces.
+#[test]
+fn the_served_axes_do_not_depend_on_where_the_arm_faces() {
+    let arm = |axes: &[&str]| {
+        let joint = |k: usize, axis: &str| {
+            format!(
+                r#"<joint name="j{k}" type="revolute"><parent link="{k}"/><child link="{}"/><origin xyz="0 0 0.3"/><axis xyz="{axis}"/>{LIMIT}</joint>"#,
+                k + 1
+            )
+        };
+        let links: Vec<_> = (0..=axes.len()).map(|k| k.to_string()).collect();
+        let joints: Vec<_> = (0..).zip(axes).map(|(k, axis)| joint(k, axis)).collect();
+        let robot = load(&robot(&links.join(" "), &joints), "").unwrap();
+        (robot.task.0, robot.notes.len())
+    };
+    let (x, y, z) = ("1 0 0", "0 1 0", "0 0 1");
+    let [t, f] = [true, false];
+    assert_eq!(arm(&[z, y, y, y]), ([t, t, t, f, f, f], 1));
+    assert_eq!(arm(&[z, y, y, y, x]).0, [t, t, t, t, t, f]);
+    assert_eq!(arm(&[y, y, y]).0, [t, f, t, f, t, f]);
+}
