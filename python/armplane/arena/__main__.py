@@ -132,9 +132,10 @@ def asked_file(file, settings):
     """The reason why an opponent cannot run here (empty if it can), and the facts about its class."""
     environment = {**os.environ, "ARMPLANE_ARENA": json.dumps(settings)}
     command = [sys.executable, "-m", "armplane.arena.host", str(file)]
-    child = subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    child = subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+    ends = [End(stream) for stream in (child.stdout, child.stderr)]
     try:
-        out, error = child.communicate(timeout=LONGEST["join"])
+        child.wait(LONGEST["join"])
     except subprocess.TimeoutExpired:
         return f"it does not load within {LONGEST['join']} s: --join-limit allows more", {}
     finally:
@@ -142,6 +143,7 @@ def asked_file(file, settings):
         with contextlib.suppress(ProcessLookupError):
             os.killpg(child.pid, signal.SIGKILL)
         child.wait()
+    out, error = (end.text() for end in ends)
     if child.returncode:
         return (error.strip().splitlines() or ["it ended without a word"])[-1], {}
     try:
@@ -150,6 +152,25 @@ def asked_file(file, settings):
         return "it replaces the standard output, from which the arena reads the facts about its class", {}
     most = 6
     return (f"its class has {len(about['trials'])} trials: at most {most}" if len(about["trials"]) > most else ""), about
+
+
+class End(threading.Thread):
+    """Reads all that a program writes, and keeps the last of it: one that floods neither waits nor fills the memory."""
+
+    KEPT = 1 << 16
+
+    def __init__(self, stream):
+        super().__init__(daemon=True)
+        self.stream, self.kept = stream, b""
+        self.start()
+
+    def run(self):
+        while part := self.stream.read1(self.KEPT):
+            self.kept = (self.kept + part)[-self.KEPT :]
+
+    def text(self):
+        self.join(1.0)
+        return self.kept.decode(errors="replace")
 
 
 def tuned(found, table, folder, jobs):
