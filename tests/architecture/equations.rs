@@ -140,7 +140,7 @@ fn figures() -> BTreeSet<(String, String)> {
         .flatten()
         .map(|entry| text(entry.path()))
         .collect();
-    pages.push(text("python/armplane/experiments/figures.py"));
+    pages.push(text("python/armplane/experiments/paper.py"));
     let is_shown = |figure: &&str| {
         let line = format!("Chang & Khatib 1995, {figure}.");
         pages.iter().any(|page| page.contains(&line))

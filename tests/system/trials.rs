@@ -5,7 +5,7 @@ use serde_json::Value;
 use session::load;
 use shared_types::random::Uniform;
 
-use crate::command::{Desk, Known};
+use crate::command::{Desk, Known, has_python, skipped};
 
 /// A short task, so that a run of it takes a moment.
 const SHORT: &str = "name = \"short\"\nrobot = \"puma560\"\nsettle_s = 0.05\n[start]\nq_deg = [20, -60, 170, 0, 30, 0]\n[[segment]]\nby_m = [0.02, 0.0, -0.01]\nduration_s = 0.4\n";
@@ -60,6 +60,24 @@ fn is_as_in_processes(desk: &Desk, scenario: &str, settings: &[String], out: &st
     let topics = summary["topics"].as_object().expect("topics").iter();
     let hashes = topics.map(|(topic, it)| (topic.clone(), it["hash"].text().to_owned()));
     assert_eq!(row.hash, hashes.collect(), "{settings:?}");
+}
+
+/// From the source tree, where the package has no extension module.
+#[test]
+fn experiments_without_the_wheel_are_refused_in_one_line() {
+    if !has_python("") || has_python("armplane") {
+        return skipped("there is no python3 here, or one that has the wheel");
+    }
+    let desk = Desk::new();
+    for args in [
+        "sweep x.toml",
+        "sweep report x",
+        "figures",
+        "servo --seeds 1",
+    ] {
+        let said = desk.refuses(2, args, "python/build");
+        assert_eq!(said.err.lines().count(), 1, "{args}: {}", said.err);
+    }
 }
 
 #[test]

@@ -5,9 +5,22 @@
     experiments.figures("figures")
 """
 
-from .figures import figures
-from .report import heat, report
-from .studies import compare, compare_plot, race, singular_lines, steered
-from .sweep import Range, lack, read, sweep
+_WHERE = {
+    "paper": ("figures",),
+    "reports": ("heat", "report"),
+    "studies": ("compare", "compare_plot", "race", "singular_lines", "steered"),
+    "sweeps": ("Range", "lack", "read", "sweep"),
+}
+__all__ = [name for names in _WHERE.values() for name in names]
 
-__all__ = ["Range", "compare", "compare_plot", "figures", "heat", "lack", "race", "read", "report", "singular_lines", "steered", "sweep"]
+
+def __getattr__(name):
+    # The command imports this package before it can say what is to be installed.
+    for module, names in _WHERE.items():
+        if name in names:
+            from importlib import import_module
+
+            found = import_module(f".{module}", __name__)
+            globals().update({one: getattr(found, one) for one in names})
+            return globals()[name]
+    raise AttributeError(f"module 'armplane.experiments' has no attribute {name!r}")

@@ -37,6 +37,8 @@ def main():
     try:
         armplane.trial  # of the extension module
         from armplane import experiments
+
+        experiments.sweep, experiments.figures, experiments.steered
     except ImportError as error:
         return _refuse(error if "python/build" in str(error) else f"{error}: {LACK}")
     try:
@@ -75,7 +77,7 @@ def _sweep(experiments, options):
 
 
 def _report(experiments, options):
-    from .report import text
+    from .reports import text
 
     result = experiments.report(options.folder, options.by, options.map, options.worst)
     print(json.dumps(result) if options.json else f"{text(result)}\n\n{options.folder}\n  report.svg, .pdf, .png and .json")

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from .. import trials, wire
-from .figures import Recorded
+from .paper import Recorded
 from .style import BLUE, GREY, NUMBERED, RED, digits, legend, page, postures, undistorted
 
 # The bar of S2 each, or of the goal; whether the axis is logarithmic.

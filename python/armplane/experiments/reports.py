@@ -9,7 +9,7 @@ import pandas as pd
 
 from ..trials import _settings
 from .style import BLUE, curves, page
-from .sweep import lack, read
+from .sweeps import lack, read
 
 SHOWN = [
     "position_max_mm", "orthogonal_max_mm", "orientation_max_deg", "orthogonal_max_deg", "final_position_mm", "speed_max_ratio", "torque_max_ratio",
