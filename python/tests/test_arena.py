@@ -10,7 +10,7 @@ import armplane
 import numpy as np
 import pytest
 from armplane.arena import picture, tasks
-from armplane.arena import __main__ as arena
+from armplane.arena import __main__ as program
 from armplane.arena.__main__ import after_delay
 from armplane.results import _program
 
@@ -259,8 +259,8 @@ def test_a_curve_has_a_gap_where_there_is_no_error():
 
 def test_an_opponent_that_floods_or_hangs_while_it_loads_is_neither_kept_nor_waited_for(tmp_path, monkeypatch):
     (tmp_path / "flood.py").write_text(f"import sys\nfor _ in range(20000): print('x' * 1000), print('y' * 1000, file=sys.stderr)\n{HOME_MADE}")
-    reason, about = arena.asked_file(tmp_path / "flood.py", {})
+    reason, about = program.asked_file(tmp_path / "flood.py", {})
     assert not reason and about["has_clock"]
-    monkeypatch.setitem(arena.LONGEST, "join", 1)
+    monkeypatch.setitem(program.LONGEST, "join", 1)
     (tmp_path / "hang.py").write_text("import time\ntime.sleep(1000)\n")
-    assert arena.asked_file(tmp_path / "hang.py", {}) != ("", {})
+    assert program.asked_file(tmp_path / "hang.py", {}) != ("", {})

@@ -276,13 +276,15 @@ def tried(entry, task, more):
     row = armplane.trial(task.argument if task.argument == task.name else task.text, {**settings, **entry.scenario()})
     if "ticks" not in row:
         return row
+    # The table has its own name for it.
+    del row["law"]
     return {**_scalars(row), "hash": row["hash"]["torque"], "missed": ", ".join(row["missed"])}
 
 
-def one_run(entry, scenario, folder, more, *kept):
-    """The same numbers from `armplane run` in `folder`/run, which can inject faults and record. `kept`: arguments that choose the files it leaves."""
+def one_run(entry, scenario, folder, more, record=False):
+    """The same numbers from `armplane run` in `folder`/run, which can inject faults and record."""
     law = ["--set", f"control.strategy={entry.argument}"] if entry.own else ["--graph", entry.graph(folder)]
-    keep = kept or ("--no-record")
+    keep = [] if record else ["--no-record"]
     done = CHILDREN.run([_program(), "run", str(scenario), *law, *entry.options()[0], *more, *keep, "--out", f"{folder}/run", "--json"], _environment(entry, folder))
     file = pathlib.Path(folder) / "run" / "summary.json"
     nothing = _ended(done, (0, 1) if file.is_file() else ())
@@ -550,7 +552,7 @@ def races(asked, summary, found, todo, more):
         curves = {}
         for law in names:
             with tempfile.TemporaryDirectory() as folder:
-                ended = one_run(known[law], places[name].copied(folder), folder, more)
+                ended = one_run(known[law], places[name].copied(folder), folder, more, record=True)
                 curves[law] = picture.curves(folder) if "ticks" in ended else {}
         out.append((heading, name, curves))
     return out
