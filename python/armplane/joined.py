@@ -5,6 +5,7 @@ import functools
 import json
 import os
 import pathlib
+import threading
 
 from . import wire
 from .results import _program
@@ -91,11 +92,13 @@ class Joined:
         self._wait, self._send = self._library.armplane_process_wait, self._library.armplane_process_send
         self.now = self._call("about").contents
         self.folder, self._raised = os.fsdecode(self._call("folder")), None
-        # Kept: the library calls it.
-        looks = self._looks()
-        next(looks)
-        self._look = _Look(looks.send)
-        self._call("look_out", self._look, None)
+        # Signals are the main thread's; and another one, if it called Python while that ends, would take the process down.
+        if threading.current_thread() is threading.main_thread():
+            looks = self._looks()
+            next(looks)
+            # Kept: the library calls it.
+            self._look = _Look(looks.send)
+            self._call("look_out", self._look, None)
         with open(os.path.join(self.folder, "job.json")) as file:
             self.job = json.load(file)
         declared = {topic["name"]: topic for topic in self.job["graph"].get("topic", ())}

@@ -304,6 +304,41 @@ fn an_observer_in_python_sees_every_tick() {
     assert!(said.err.contains(&saw), "{saw}: {}", said.err);
 }
 
+/// In real time a program that dies is replaced alone, and goes on from what its predecessor has given.
+#[test]
+fn a_program_that_dies_in_real_time_goes_on_from_its_state() {
+    if lacks("") {
+        return;
+    }
+    let desk = Desk::new();
+    let told = ESTIMATOR.replace("= struct.unpack", "= self.went_on = struct.unpack").replace(
+        "if HOW == \"raises late\"",
+        "if self.incarnation > 1:\n            print(\"went on\", len(self.went_on))\n        if HOW == \"raises late\"",
+    );
+    estimator(&desk, &python("dies"), "always", "");
+    desk.file("estimator.py", told);
+    let said = desk.armplane("run short.toml --mode realtime --no-record --json");
+    assert_eq!(restarts(&said.json(), "estimator"), 1, "{}", said.err);
+    assert!(said.err.contains("went on 12"), "{}", said.err);
+}
+
+/// A handler that raises while the program waits, here for a process that does not come, ends the wait.
+#[test]
+fn a_signal_ends_a_wait() {
+    if lacks("") {
+        return;
+    }
+    let desk = Desk::new();
+    let program = "import armplane, signal\ndef rings(*_):\n    raise RuntimeError('it rings')\nclass W(armplane.Observer):\n    def setup(self):\n        \
+                   signal.signal(signal.SIGALRM, rings)\n        signal.setitimer(signal.ITIMER_REAL, 0.1)\nW.run()\n";
+    desk.file("watch.py", program);
+    let never =
+        "[[process]]\nname = \"late\"\ncommand = [\"sleep\", \"600\"]\nreads = [\"estimate\"]\n";
+    let watch = "name = \"watch\"\ncommand = [\"python3\", \"watch.py\"]\nreads = [\"estimate\"]\n";
+    graph(&desk, &format!("{watch}{never}"), "");
+    desk.refuses(1, "run short.toml --no-record", "it rings");
+}
+
 /// The blocks of docs/wire.md in a language.
 fn blocks(language: &str) -> Vec<String> {
     let page = source("docs/wire.md");

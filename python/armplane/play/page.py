@@ -16,7 +16,7 @@ import numpy as np
 import viser
 
 from .. import Arm
-from ..arena.__main__ import strategies
+from .. import laws
 from ..results import _next_folder
 from . import door, panel
 from .hand import Hand
@@ -86,8 +86,8 @@ class Page:
         with gui.add_folder("Arm and law"):
             arms = [name for name in Arm.names() if not name.startswith("planar")]
             self.arms = gui.add_dropdown("arm", arms)
-            self.laws = gui.add_dropdown("law", strategies())
-            self.rivals = gui.add_dropdown("race against", [NOBODY, *strategies(), *FILES])
+            self.laws = gui.add_dropdown("law", laws())
+            self.rivals = gui.add_dropdown("race against", [NOBODY, *laws(), *FILES])
         with gui.add_folder("Faults and recording"):
             faults = gui.add_button_group("inject", tuple(FAULTS), hint=HINT)
             save = gui.add_button("Save this run", icon="device-floppy")

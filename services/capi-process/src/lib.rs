@@ -249,25 +249,23 @@ pub unsafe extern "C" fn armplane_process_folder(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn armplane_process_wait(process: *mut armplane_process) -> i32 {
     // SAFETY: the caller's.
-    let status = unsafe {
+    unsafe {
         with(process, ARMPLANE_PROCESS_ERROR, |process| {
             if process.has_failed {
                 return Ok(ARMPLANE_PROCESS_ERROR);
             }
             process.has_looked.set(false);
-            let Some(tick) = process.joined.wait()? else {
+            let tick = match process.joined.wait() {
+                Err(_) if process.has_looked.get() => return Ok(ARMPLANE_PROCESS_LOOKED),
+                tick => tick?,
+            };
+            let Some(tick) = tick else {
                 return Ok(ARMPLANE_PROCESS_OK);
             };
             (process.now.tick, process.now.fresh) = (tick, topics::fresh(&process.joined));
             process.now.keeps = u32::from(process.joined.keeps());
             Ok(ARMPLANE_PROCESS_TICK)
         })
-    };
-    // SAFETY: the caller's.
-    let has_looked = unsafe { process.as_ref() }.is_some_and(|process| process.has_looked.get());
-    match status == ARMPLANE_PROCESS_ERROR && has_looked {
-        true => ARMPLANE_PROCESS_LOOKED,
-        false => status,
     }
 }
 

@@ -62,15 +62,15 @@ impl Shell {
     /// As [`Shell::from_environment`], for a program that uses this crate as a library; with a run, a name, or both, that are used instead of the
     /// environment's.
     pub(crate) fn of_others(run: Option<&Path>, process: Option<&str>) -> Result<Self, OpenError> {
-        let run = run.map_or_else(
-            || variable(RUN_VARIABLE).map(PathBuf::from),
-            |run| Ok(run.to_owned()),
-        )?;
+        let (run_dir, whose) = match run {
+            Some(run) => (run.to_owned(), Inhabitant::Visitor),
+            None => (variable(RUN_VARIABLE)?.into(), Inhabitant::Guest),
+        };
         let name = match process {
             Some(process) => process.to_owned(),
             None => variable(PROCESS_VARIABLE)?.to_string_lossy().into_owned(),
         };
-        let shell = Self::open_as(&run, &name, Inhabitant::Guest)?;
+        let shell = Self::open_as(&run_dir, &name, whose)?;
         shell.greet().map_err(OpenError::Occupancy)?;
         Ok(shell)
     }

@@ -6,7 +6,6 @@ use std::rc::Rc;
 use std::sync::Arc;
 use std::time::Duration;
 
-use rustix::process::{Pid, getpid};
 use shared_types::fault::{Kind, ScheduledFault};
 use shared_types::job::Mode;
 use shared_types::topics::{self, Each};
@@ -185,10 +184,7 @@ impl Shell {
             .map_err(OpenError::Occupancy)?
             .ok_or_else(occupied)?;
         let is_polled = manifest.processes[me].polled;
-        let stop = match whose {
-            Inhabitant::Ours => StopFlag::new(is_polled).map_err(OpenError::Signals)?,
-            Inhabitant::Guest => StopFlag::without_signals(is_polled),
-        };
+        let stop = whose.stop_flag(is_polled).map_err(OpenError::Signals)?;
         // Before the process is pinned: the watchdog may run on any core.
         let patience = Arc::new(Patience::default());
         Watchdog::start(&control_page, me, &patience).map_err(OpenError::Watchdog)?;
@@ -219,10 +215,6 @@ impl Shell {
             attached: Attached::default(),
             look_out: LookOut::default(),
         };
-        if whose == Inhabitant::Guest {
-            let pid = Pid::from_raw(shared.entry().pid() as i32);
-            shared.look_out.watch(pid.filter(|pid| *pid != getpid()));
-        }
         Ok(Self {
             shared: Rc::new(shared),
             rounds: Rounds::default(),
@@ -547,10 +539,25 @@ pub(crate) enum Inhabitant {
     Ours,
     /// Those of a program that uses this crate as a library: its signals are its own, and it may need more memory later.
     Guest,
+    /// Likewise, of a program that does more than this process, and keeps its core and its scheduling.
+    Visitor,
+}
+
+impl Inhabitant {
+    /// It leaves signals to the program of a guest.
+    fn stop_flag(self, is_polled: bool) -> std::io::Result<StopFlag> {
+        match self {
+            Self::Ours => StopFlag::new(is_polled),
+            Self::Guest | Self::Visitor => Ok(StopFlag::without_signals(is_polled)),
+        }
+    }
 }
 
 /// Pins the process where the graph wants it and, in real time, takes its scheduling class and locks its memory.
 fn settle(manifest: &Manifest, me: usize, whose: Inhabitant) {
+    if whose == Inhabitant::Visitor {
+        return;
+    }
     let process = &manifest.processes[me];
     let mut missing = Vec::new();
     missing.extend(process.core.and_then(|core| realtime::pin(core).err()));

@@ -22,12 +22,14 @@ fn place(run: &Path, process: &str) -> PathBuf {
 }
 
 impl Shell {
-    /// Leaves the process id for who stands for this process, if another does.
+    /// If another process stands for this one: leaves it the process id, and ends waits when it is gone.
     pub(crate) fn greet(&self) -> std::io::Result<()> {
         let own = getpid().as_raw_nonzero();
-        if self.shared().entry().pid() == own.get() as u32 {
+        let started = Pid::from_raw(self.shared().entry().pid() as i32);
+        if started == Some(getpid()) {
             return Ok(());
         }
+        self.shared().look_out.watch(started);
         let path = place(self.run_dir(), self.name());
         let unfinished = path.with_added_extension("new");
         std::fs::write(&unfinished, own.to_string())?;
