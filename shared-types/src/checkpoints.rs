@@ -281,3 +281,77 @@ mod tests {
         );
     }
 }
+
+wire! {
+    /// State of the drives after a tick.
+    DriveCheckpoint {
+        /// Torque on the joints; N·m.
+        tau: [f64; MAX_DOF],
+        /// Joint speeds of the tick before; rad/s.
+        qdot_before: [f64; MAX_DOF],
+        /// 1 where there was a tick before, else 0.
+        has_before: u32,
+        /// One of `codes::DRIVES`.
+        drive: u32,
+        /// A sum of `codes::DRIVE_FLAGS`.
+        flags: u32,
+        /// Bit i: the torque of joint i is not the one asked for.
+        saturation_mask: u32,
+        /// Age of the torque in force; ticks.
+        stale_ticks: u32,
+        /// 1 while the brakes hold the arm.
+        braked: u32,
+        /// 1 on the way back from a stop to commanded torque.
+        returning: u32,
+        /// How long the drives have been stopping; ticks.
+        stopping_ticks: u32,
+        /// Commands refused so far.
+        refused: u32,
+        /// Zero in this version.
+        reserved: u32,
+    }
+}
+
+wire! {
+    /// State of the simulated arm after a tick.
+    PlantCheckpoint checkpoint version 1 {
+        /// Joint positions; rad.
+        q: [f64; MAX_DOF],
+        /// Joint velocities; rad/s.
+        qdot: [f64; MAX_DOF],
+        /// Torque that acted on the joints over the tick; N·m.
+        acted: [f64; MAX_DOF],
+        /// Acceleration by contact and joint stops in the last sub-step; rad/s².
+        effect: [f64; MAX_DOF],
+        /// Readings of encoders before they failed; rad.
+        stuck_reading: [f64; MAX_DOF],
+        /// Torques of drives before they failed; N·m.
+        stuck_torque: [f64; MAX_DOF],
+        /// Mean force from the world on the arm; N.
+        force: [f64; 3],
+        /// Lower bound on the distance between any two solids that may touch; m.
+        clearance: f64,
+        /// Ticks done.
+        ticks: u64,
+        /// Ticks since the controller refused to go on.
+        refused_ticks: u64,
+        /// The drives.
+        drives: DriveCheckpoint,
+        /// Phase of the last command, one of `codes::PHASES`.
+        phase: u32,
+        /// Contact points that carry force.
+        contacts: u32,
+        /// Bit i: joint i was at a stop.
+        limits: u32,
+        /// 1 if the last sub-step saw contact points.
+        touching: u32,
+        /// Constraints that pushed in the last sub-step.
+        pushing: u32,
+        /// 1 if the effect of constraints was steady over the tick.
+        is_steady: u32,
+        /// 1 if the motion has left the finite numbers.
+        diverged: u32,
+        /// 1 if the encoders report a position that the drives' own sensors contradict.
+        contradicted: u32,
+    }
+}

@@ -30,6 +30,17 @@ impl TaskEnd {
         }
     }
 
+    /// The phase in force, and for how many ticks a refusal has been: all that a tick changes.
+    #[must_use]
+    pub fn saved(&self) -> (u32, u64) {
+        (self.phase, self.refused_ticks)
+    }
+
+    /// Goes on from what [`saved`](Self::saved) has given.
+    pub fn resume(&mut self, phase: u32, refused_ticks: u64) {
+        (self.phase, self.refused_ticks) = (phase, refused_ticks);
+    }
+
     /// Takes in the phase of a tick's command, one of `codes::PHASES`; `None`: none came, and the
     /// previous one stays in force.
     pub fn take(&mut self, phase: Option<u32>) {

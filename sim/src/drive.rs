@@ -1,7 +1,8 @@
 //! The joint drives: the last to touch a torque, and able to stop the arm by themselves.
 
-use model::Model;
+use model::{Model, joints, padded};
 use nalgebra::SVector;
+use shared_types::checkpoints::DriveCheckpoint;
 use shared_types::codes::{
     DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_EFFORT, DRIVE_ENCODER, DRIVE_HOLDING,
     DRIVE_RATE, DRIVE_REFUSED, DRIVE_SPEED, DRIVE_STALE, DRIVE_STOPPING,
@@ -131,6 +132,40 @@ impl<const N: usize> Drive<N> {
     /// The drives' actions over the last tick.
     pub fn applied(&self) -> &Applied<N> {
         &self.applied
+    }
+
+    /// All that a tick changes.
+    pub fn save(&self) -> DriveCheckpoint {
+        let applied = &self.applied;
+        DriveCheckpoint {
+            tau: padded(&applied.tau),
+            qdot_before: self.qdot_before.as_ref().map(padded).unwrap_or_default(),
+            has_before: self.qdot_before.is_some().into(),
+            drive: applied.drive,
+            flags: applied.flags,
+            saturation_mask: applied.saturation_mask,
+            stale_ticks: applied.stale_ticks,
+            braked: applied.braked.into(),
+            returning: self.returning.into(),
+            stopping_ticks: self.stopping_ticks,
+            refused: self.refused,
+            reserved: 0,
+        }
+    }
+
+    /// Goes on from what [`save`](Self::save) has given.
+    pub fn restore(&mut self, from: &DriveCheckpoint) {
+        self.applied = Applied {
+            tau: joints(&from.tau),
+            drive: from.drive,
+            flags: from.flags,
+            saturation_mask: from.saturation_mask,
+            stale_ticks: from.stale_ticks,
+            braked: from.braked == 1,
+        };
+        self.qdot_before = (from.has_before == 1).then(|| joints(&from.qdot_before));
+        self.returning = from.returning == 1;
+        (self.stopping_ticks, self.refused) = (from.stopping_ticks, from.refused);
     }
 
     /// Commands refused so far.

@@ -5,8 +5,9 @@ use crate::error::PlantError;
 use crate::smooth::{Smooth, State};
 use crate::solids::reach;
 use crate::world::{PREDICTION, World};
-use model::{ArmMotion, Robot};
+use model::{ArmMotion, Robot, joints, padded};
 use nalgebra::{SVector, Vector3};
+use shared_types::checkpoints::PlantCheckpoint;
 
 /// rapier3d is asked about contact where solids may be nearer than this; m. Above [`PREDICTION`], so that it makes no
 /// contact anywhere that it is not asked.
@@ -73,6 +74,8 @@ pub(crate) struct Hybrid<const N: usize> {
     constraints: Constraints<N>,
     /// Whether the effect of constraints was steady over the last tick.
     is_steady: bool,
+    /// rapier3d has been asked: it may remember contacts.
+    has_asked: bool,
     substeps: u32,
     /// Length of a tick; s.
     tick_s: f64,
@@ -121,6 +124,7 @@ impl<const N: usize> Hybrid<N> {
                 effect: SVector::zeros(),
             },
             is_steady: true,
+            has_asked: false,
             world,
             dry_friction,
             lower: *model.lower(),
@@ -134,6 +138,31 @@ impl<const N: usize> Hybrid<N> {
             #[cfg(test)]
             asked: 0,
         })
+    }
+
+    /// Writes all that a tick changes; see [`Plant::save`](crate::Plant::save).
+    pub(crate) fn save(&self, out: &mut PlantCheckpoint) -> bool {
+        let Constraints {
+            clearance,
+            touching,
+            pushing,
+            effect,
+        } = &self.constraints;
+        (out.clearance, out.effect) = (*clearance, padded(effect));
+        (out.touching, out.pushing) = (u32::from(*touching), *pushing);
+        out.is_steady = self.is_steady.into();
+        !self.has_asked
+    }
+
+    /// Goes on from what [`save`](Self::save) has written.
+    pub(crate) fn restore(&mut self, from: &PlantCheckpoint) {
+        self.constraints = Constraints {
+            clearance: from.clearance,
+            touching: from.touching == 1,
+            pushing: from.pushing,
+            effect: joints(&from.effect),
+        };
+        self.is_steady = from.is_steady == 1;
     }
 
     /// The state a tick after `x`, whose motion is `now`, and what constraints did meanwhile. A motion that leaves the finite numbers ends there.
@@ -242,6 +271,7 @@ impl<const N: usize> Hybrid<N> {
         #[cfg(test)]
         let asks = asks || self.always;
         if asks {
+            self.has_asked = true;
             let response = self.world.step(x, &smooth.driving(&x.qdot, tau), h);
             let dv = response.state.qdot - response.free;
             self.constraints.effect = dv / h;

@@ -3,8 +3,9 @@
 use crate::error::PlantError;
 use crate::hybrid::{Hybrid, Touch};
 use crate::smooth::{Smooth, State};
-use model::{ArmMotion, Model, Robot};
+use model::{ArmMotion, Model, Robot, joints, padded};
 use nalgebra::SVector;
+use shared_types::checkpoints::PlantCheckpoint;
 use shared_types::scenario::{self, PlantModel};
 
 /// The state left the finite numbers, and was kept as it was before.
@@ -125,6 +126,35 @@ impl<const N: usize> Plant<N> {
         self.state.qdot.fill(0.0);
         self.motion = self.smooth.motion(&self.state);
         self.touch = Touch::default();
+    }
+
+    /// Writes all that a tick changes. `false`: rapier3d has been asked, and nothing of what it keeps can be saved.
+    #[must_use]
+    pub fn save(&self, out: &mut PlantCheckpoint) -> bool {
+        (out.q, out.qdot) = (padded(&self.state.q), padded(&self.state.qdot));
+        out.force = self.touch.force.into();
+        (out.contacts, out.limits) = (self.touch.contacts, self.touch.limits);
+        match &self.back_end {
+            BackEnd::Reference => true,
+            BackEnd::Hybrid(hybrid) => hybrid.save(out),
+        }
+    }
+
+    /// Goes on from what [`save`](Self::save) has written.
+    pub fn restore(&mut self, from: &PlantCheckpoint) {
+        self.state = State {
+            q: joints(&from.q),
+            qdot: joints(&from.qdot),
+        };
+        self.motion = self.smooth.motion(&self.state);
+        self.touch = Touch {
+            force: from.force.into(),
+            contacts: from.contacts,
+            limits: from.limits,
+        };
+        if let BackEnd::Hybrid(hybrid) = &mut self.back_end {
+            hybrid.restore(from);
+        }
     }
 
     /// Where the joints are and how they move.

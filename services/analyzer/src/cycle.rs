@@ -53,10 +53,10 @@ impl<const N: usize> Snapshot for Analysis<N> {
         AnalyzerCheckpoint::default().layout()
     }
 
-    fn write(&self, out: &mut Vec<u8>) {
+    fn write(&self, out: &mut Vec<u8>) -> bool {
         let mut checkpoint = AnalyzerCheckpoint::default();
         self.0.save(&mut checkpoint);
-        checkpoint.write(out);
+        checkpoint.write(out)
     }
 
     fn read(&mut self, from: &[u8]) -> Result<(), Damaged> {

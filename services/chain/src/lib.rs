@@ -141,6 +141,43 @@ pub fn run(robot: &Robot, scenario: &Scenario, mut each: impl FnMut(&Tick)) -> R
     Ok(())
 }
 
+/// Goes on from what the processes of a scenario have saved, or from its beginning, to a tick: what they save there, and the messages of that tick. Without
+/// faults of processes and messages on the way. `None` if the run does not come so far, or rapier3d's contacts cannot be saved.
+///
+/// # Errors
+/// [`Refused`] if a step does not accept robot or scenario, or what was saved.
+pub fn advance(
+    robot: &Robot,
+    scenario: &Scenario,
+    from: &[(String, Vec<u8>)],
+    to: u64,
+) -> Result<Option<(Vec<(String, Vec<u8>)>, Tick)>, Refused> {
+    let (mut thread, mut tick) = (
+        thread(robot, scenario, hardware_faults_of(scenario)?, |_| true)?,
+        Tick::default(),
+    );
+    if !from.is_empty() {
+        thread.restore(from, &mut tick).map_err(Refused::because)?;
+    }
+    while thread.next_tick() < to {
+        if !thread.tick(&mut tick, &mut |_, _| ()).unwrap_or(false) {
+            return Ok(None);
+        }
+    }
+    let Some(saved) = thread.save(&mut tick) else {
+        return Ok(None);
+    };
+    let goes_on = thread.tick(&mut tick, &mut |_, _| ()).unwrap_or(false);
+    Ok(goes_on.then_some((saved, tick)))
+}
+
+/// The planned faults of sensors and drives alone.
+fn hardware_faults_of(scenario: &Scenario) -> Result<Vec<ScheduledFault>, Refused> {
+    let mut faults = planned_faults(scenario)?;
+    faults.retain(|fault| fault.kind().is_some_and(|kind| kind.concerns_joint()));
+    Ok(faults)
+}
+
 /// A scenario's first tick, nothing gone wrong.
 ///
 /// # Errors
@@ -191,6 +228,60 @@ mod tests {
         })
         .unwrap();
         torques
+    }
+
+    /// The ticks of a scenario at which a thread that goes on from the snapshots of another's processes sends another message than that one, soon after.
+    fn strays(name: &str, settings: &[String], ticks: &[u64]) -> Vec<u64> {
+        let text = sim::scenarios::text(name).unwrap();
+        let scenario = Scenario::parse(name, text, settings).unwrap();
+        let robot = Robot::builtin(&scenario.robot).unwrap();
+        let begin = || {
+            thread(
+                &robot,
+                &scenario,
+                planned_faults(&scenario).unwrap(),
+                |_| true,
+            )
+        };
+        let (mut whole, mut tick) = (begin().unwrap(), Tick::default());
+        let (mut done, mut strays) = (0, Vec::new());
+        for at in ticks {
+            while done < *at {
+                assert!(whole.tick(&mut tick, &mut |_, _| ()).unwrap());
+                done += 1;
+            }
+            let (mut second, mut same) = (begin().unwrap(), Tick::default());
+            let saved = whole.save(&mut tick).unwrap();
+            second.restore(&saved, &mut same).unwrap();
+            for _ in 0..50 {
+                let mut sent: [Vec<u8>; 2] = Default::default();
+                let (mut boards, mut both) = ([&mut tick, &mut same], [&mut whole, &mut second]);
+                for ((thread, board), sent) in both.iter_mut().zip(&mut boards).zip(&mut sent) {
+                    let mut keep = |_: usize, message: &[u8]| sent.extend_from_slice(message);
+                    assert!(thread.tick(board, &mut keep).unwrap());
+                }
+                if sent[0] != sent[1] {
+                    strays.push(*at);
+                    break;
+                }
+            }
+            done += 50;
+        }
+        strays
+    }
+
+    #[test]
+    fn all_processes_go_on_from_their_snapshots_bit_for_bit() {
+        let ticks: Vec<u64> = (0..30).map(|i| 1 + 97 * i).collect();
+        let drive = "fault=[{process = \"plant\", kind = \"drive\", as = \"friction\", joint = 2, amount = 0.02, at_tick = 300, for_ticks = 900}, \
+                     {process = \"plant\", kind = \"sensor\", as = \"stuck\", joint = 1, at_tick = 1500, for_ticks = 20}]";
+        for (name, settings) in [
+            ("fig5-wrist-rotation", vec![]),
+            ("elbow-in-and-out", vec![drive.to_owned()]),
+            ("servo-panda", vec![]),
+        ] {
+            assert_eq!(strays(name, &settings, &ticks), [0; 0], "{name}");
+        }
     }
 
     #[test]

@@ -119,10 +119,10 @@ impl<const N: usize> Snapshot for Law<N> {
         ControllerCheckpoint::default().layout()
     }
 
-    fn write(&self, out: &mut Vec<u8>) {
+    fn write(&self, out: &mut Vec<u8>) -> bool {
         let mut checkpoint = ControllerCheckpoint::default();
         self.0.save(&mut checkpoint);
-        checkpoint.write(out);
+        checkpoint.write(out)
     }
 
     fn read(&mut self, from: &[u8]) -> Result<(), Damaged> {

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use runtime::{ControlPage, FaultTable, Hub, Manifest, Mode, Origin, Phase, RunDir, State};
+use runtime::{ControlPage, FaultTable, Hub, Manifest, Mode, Origin, Phase, RunDir, State, now_ns};
 
 use crate::child::Child;
 use crate::delay::Delay;
@@ -28,9 +28,16 @@ impl Supervised {
                 .map(|child| child.process.clone())
                 .collect(),
             messages: plan.messages.clone(),
+            from: plan.begin.tick,
         };
         manifest.write(&run)?;
         let control_page = ControlPage::create(&run)?;
+        for (process, saved) in &plan.begin.saved {
+            runtime::leave(run.path(), process, saved).map_err(LaunchError::Cut)?;
+        }
+        for index in 0..plan.children.len() {
+            control_page.process(index).close_before(plan.begin.tick);
+        }
         let table = control_page.fault_table();
         match earlier {
             Some(earlier) => table.take_over(earlier),
@@ -40,6 +47,12 @@ impl Supervised {
                     return Err(LaunchError::TooManyFaults {
                         count: plan.faults.len(),
                     });
+                }
+                // A death before the first tick has happened.
+                for (place, fault) in plan.faults.iter().enumerate() {
+                    if fault.ends_process() && fault.at < plan.begin.tick {
+                        table.mark_injected(place, now_ns());
+                    }
                 }
             }
         }

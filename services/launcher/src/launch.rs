@@ -7,11 +7,11 @@ use runtime::{Mode, Stop};
 
 use crate::limits;
 use crate::outcome::{Death, End, Failure, LaunchError, Outcome};
-use crate::plan::{Commands, Event, Plan, Report, Restart};
+use crate::plan::{Begin, Commands, Event, Newest, Plan, Report, Restart};
 use crate::signals::{Interrupts, Urgency};
 use crate::spawn::Supervised;
 
-/// Most deaths without a plan for which the processes start again from the same tick.
+/// Most deaths without a plan for which the processes start again from the same cut.
 const MOST_ROLL_BACKS: u32 = 5;
 
 /// A prepared start of a run: its directory, control page and topics exist, and no process yet.
@@ -29,7 +29,9 @@ struct Course {
     signals: Interrupts,
     /// Unplanned deaths in lockstep.
     deaths: Vec<Death>,
-    /// Starts after the first one, but for planned deaths.
+    /// Where the first start began.
+    first: Begin,
+    /// Starts from the same cut after the first one, but for planned deaths.
     roll_backs: u32,
     /// By process: starts that its death has ended, and lines that nobody was given.
     restarts: Vec<(u32, u64)>,
@@ -73,6 +75,7 @@ impl Launcher {
         let course = Course {
             signals: Interrupts::catch().map_err(LaunchError::Signals)?,
             deaths: Vec::new(),
+            first: plan.begin.clone(),
             roll_backs: 0,
             restarts: vec![(0, 0); plan.children.len()],
             interrupted: None,
@@ -91,7 +94,12 @@ impl Launcher {
     /// # Errors
     /// When a process cannot be started or is not ready in time, or the run's files cannot be removed. A failure after the first tick
     /// is part of the [`Outcome`].
-    pub fn run(mut self, commands: Commands<'_>, report: Report<'_>) -> Result<Ran, LaunchError> {
+    pub fn run(
+        mut self,
+        commands: Commands<'_>,
+        newest: Newest<'_>,
+        report: Report<'_>,
+    ) -> Result<Ran, LaunchError> {
         let began = Instant::now();
         let _urgency = (self.started.plan.mode == Mode::Realtime).then(Urgency::begin);
         let (started, course) = (&mut self.started, &mut self.course);
@@ -117,18 +125,25 @@ impl Launcher {
             course.interrupted = signal.map(|signal| (signal, started.ticks()));
         }
         match halt {
-            Halt::RollBack => self.roll_back(began, commands, report),
+            Halt::RollBack => self.roll_back(began, commands, newest, report),
             Halt::End(end) => Ok(Ran::Ended(Box::new(self.finish(end, has_begun)))),
         }
     }
 
-    /// Starts all processes again, unless that has no end.
+    /// Starts all processes again from the newest cut, unless that has no end.
     fn roll_back(
         mut self,
         began: Instant,
         commands: Commands<'_>,
+        newest: Newest<'_>,
         report: Report<'_>,
     ) -> Result<Ran, LaunchError> {
+        let begin = newest(self.started.control_page.fault_table());
+        let begin = begin.unwrap_or_else(|| self.course.first.clone());
+        let (before, from) = (self.started.plan.begin.tick, begin.tick);
+        if from > before {
+            self.course.roll_backs = 0;
+        }
         let fallen = &self.started.fallen;
         if let Some(failure) = self.course.end_of_patience(fallen, &self.started) {
             let end = End::Failed(failure);
@@ -138,12 +153,17 @@ impl Launcher {
             return Ok(Ran::Ended(Box::new(self.finish(end, true))));
         }
         let mut fallen = std::mem::take(&mut self.started.fallen);
-        let lost = began.elapsed();
-        fallen
-            .iter_mut()
-            .for_each(|one| one.death.lost = Some(lost));
+        let done = self.started.ticks();
+        let part = done.saturating_sub(from) as f64 / done.saturating_sub(before).max(1) as f64;
+        let lost = began.elapsed().mul_f64(part.min(1.0));
+        for one in &mut fallen {
+            one.death.again = Some((from, lost));
+        }
         let deaths: Vec<Death> = fallen.iter().map(|one| one.death.clone()).collect();
-        report(Event::RolledBack { deaths: &deaths });
+        report(Event::RolledBack {
+            deaths: &deaths,
+            from,
+        });
         self.course.roll_backs += u32::from(fallen.iter().any(|one| !one.is_planned));
         for one in &fallen {
             self.course.restarts[one.index].0 += 1;
@@ -158,6 +178,7 @@ impl Launcher {
             known.1 += slot.unheard();
         }
         let (plan, control_page) = started.dismantle();
+        let plan = Plan { begin, ..plan };
         let started = Supervised::prepare(plan, Some(control_page.fault_table()))?;
         Ok(Ran::RolledBack(Box::new(Self { started, course })))
     }

@@ -9,8 +9,8 @@
 //! * Ctrl-C reaches only the launcher. It asks the children to stop, then sends SIGTERM, then
 //!   SIGKILL, each after a time limit. The recorder is stopped last. A second Ctrl-C skips the
 //!   asking.
-//! * If a process ends unasked in lockstep, all processes start again, at most five times, and the
-//!   bytes are those of a run without that death. In real time it alone is replaced, as its restart
+//! * If a process ends unasked in lockstep, all processes start again from the newest cut of the
+//!   record, at most five times from the same one, and the bytes are those of a run without that death. In real time it alone is replaced, as its restart
 //!   policy says.
 
 mod begin;
@@ -35,7 +35,7 @@ pub use descendants::{Guard, end_descendants, guard};
 pub use launch::{Launcher, Ran};
 pub use limits::{Shortage, check_limits, with_room};
 pub use outcome::{Death, End, Failure, LaunchError, Outcome, ProcessOutcome};
-pub use plan::{Child, Event, Limits, Plan, Restart, reexec};
+pub use plan::{Begin, Child, Event, Limits, Plan, Restart, reexec};
 pub use runtime::Exit;
 pub use signals::Interrupts;
 

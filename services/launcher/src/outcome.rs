@@ -35,6 +35,9 @@ pub enum LaunchError {
         /// Why.
         source: io::Error,
     },
+    /// The states from which its processes go on.
+    #[error("no memory for the states from which the processes go on: {0}")]
+    Cut(io::Error),
     /// More faults than a run can have.
     #[error("{count} faults are planned, but a run takes at most {MOST_FAULTS}: plan fewer")]
     TooManyFaults {
@@ -130,8 +133,8 @@ fn spent(restarts: u32) -> String {
 fn rolled_back(roll_backs: u32) -> String {
     match roll_backs {
         0 => String::new(),
-        1 => " after a roll-back to tick 0".to_owned(),
-        _ => format!(" after {roll_backs} roll-backs to tick 0"),
+        1 => " after a roll-back".to_owned(),
+        _ => format!(" after {roll_backs} roll-backs to the same tick"),
     }
 }
 
@@ -183,8 +186,8 @@ pub struct Death {
     pub exit: Exit,
     /// The last line that it wrote to its standard error.
     pub last_line: Option<String>,
-    /// The work of all processes that was lost; `None`: they did not start again.
-    pub lost: Option<Duration>,
+    /// From which tick all processes started again, and the time that was lost; `None`: they did not.
+    pub again: Option<(u64, Duration)>,
 }
 
 /// The outcome of one process.

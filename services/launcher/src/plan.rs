@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-use runtime::{Exit, ForeignMessage, Mode, Process};
+use runtime::{Exit, FaultTable, ForeignMessage, Mode, Process};
 use shared_types::fault::ScheduledFault;
 
 use crate::delay::Delay;
@@ -128,6 +128,17 @@ pub struct Plan {
     pub limits: Limits,
     /// The planned faults.
     pub faults: Vec<ScheduledFault>,
+    /// Where it begins.
+    pub begin: Begin,
+}
+
+/// Where the processes begin.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Begin {
+    /// The first tick: 0, or that of a cut.
+    pub tick: u64,
+    /// What each process has saved there, by its name.
+    pub saved: Vec<(String, Vec<u8>)>,
 }
 
 /// An event of a run.
@@ -173,6 +184,8 @@ pub enum Event<'a> {
     RolledBack {
         /// The ends.
         deaths: &'a [Death],
+        /// The first tick that comes again.
+        from: u64,
     },
     /// A process ended unasked in real time and has been started again.
     Restarted {
@@ -194,6 +207,8 @@ pub enum Event<'a> {
 
 /// Gives the command for a process, by its name and the run's directory.
 pub(crate) type Commands<'a> = &'a dyn Fn(&str, &Path) -> io::Result<Command>;
+/// Gives the newest cut at which a run with these faults can go on, if there is one.
+pub(crate) type Newest<'a> = &'a dyn Fn(&FaultTable) -> Option<Begin>;
 /// Takes what happens.
 pub(crate) type Report<'a> = &'a mut dyn FnMut(Event<'_>);
 

@@ -24,7 +24,7 @@ impl Supervised {
             tick: self.tick_of_end(index),
             exit: slot.exit.unwrap_or(Exit::Code(0)),
             last_line: slot.last_words.last().cloned(),
-            lost: None,
+            again: None,
         };
         self.fallen.push(Fallen {
             index,

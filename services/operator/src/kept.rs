@@ -28,8 +28,8 @@ pub(crate) struct Kept {
 }
 
 impl Kept {
-    /// Reads the file, which is made where there is none.
-    pub(crate) fn open(path: &Path) -> io::Result<Self> {
+    /// Reads the file, which is made where there is none. Targets of ticks before the first one do not come again.
+    pub(crate) fn open(path: &Path, first: u64) -> io::Result<Self> {
         let mut options = OpenOptions::new();
         options.read(true).write(true).create(true).truncate(false);
         let file = options.open(path)?;
@@ -44,11 +44,11 @@ impl Kept {
             let (tick, target) = record.split_at(size_of::<u64>());
             (pod_read_unaligned(tick), pod_read_unaligned(target))
         };
-        let earlier: VecDeque<_> = records.chunks_exact(RECORD).map(record).collect();
+        let all = records.chunks_exact(RECORD).map(record);
         Ok(Self {
             file,
-            count: earlier.len() as u64,
-            earlier,
+            count: all.len() as u64,
+            earlier: all.filter(|(tick, _)| *tick >= first).collect(),
             ticks,
             has_failed: false,
         })
@@ -104,18 +104,19 @@ mod tests {
             valid_s,
             ..TargetContent::default()
         };
-        let mut first = Kept::open(&path).unwrap();
+        let mut first = Kept::open(&path, 0).unwrap();
         assert!(!first.has(0));
         first.add(3, &target(1.0));
         first.add(3, &target(2.0));
         first.close(3);
         // Its process is killed before the tick of this one is over.
         first.add(5, &target(3.0));
-        let mut again = Kept::open(&path).unwrap();
+        let mut again = Kept::open(&path, 0).unwrap();
         assert_eq!((again.has(3), again.has(4)), (true, false));
         assert_eq!(again.take(2), None);
         let taken: Vec<_> = std::iter::from_fn(|| again.take(3)).collect();
         assert_eq!(taken, [target(1.0), target(2.0)]);
         assert_eq!(again.take(5), Some(target(3.0)));
+        assert_eq!(Kept::open(&path, 4).unwrap().take(9), Some(target(3.0)));
     }
 }

@@ -105,7 +105,8 @@ impl Live {
         // That of a predecessor.
         let _ = std::fs::remove_file(&path);
         let refused = |error: io::Error| unusable(&path, &error);
-        let keeps = (shell.mode() == Mode::Lockstep).then(|| Kept::open(kept));
+        let from = shell.manifest().from;
+        let keeps = (shell.mode() == Mode::Lockstep).then(|| Kept::open(kept, from));
         let kept = keeps.transpose().map_err(|error| unusable(kept, &error))?;
         let socket = UnixDatagram::bind(&path).map_err(refused)?;
         socket.set_nonblocking(true).map_err(refused)?;

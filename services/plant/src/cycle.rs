@@ -1,13 +1,15 @@
 //! The plant's pure step: from torque to motion, and from motion to sensor readings.
 
-use model::{ArmMotion, Model, ModelError, PostureError, Robot, embedded, padded};
+use bytemuck::{bytes_of, pod_read_unaligned};
+use model::{ArmMotion, Model, ModelError, PostureError, Robot, embedded, joints, padded};
 use nalgebra::SVector;
 use process::{Damaged, Flow, Inputs, Outputs, Port, Process, Snapshot};
+use shared_types::checkpoints::PlantCheckpoint;
 use shared_types::codes::DRIVE_DIVERGED;
 use shared_types::fault::ScheduledFault;
 use shared_types::scenario::Scenario;
 use shared_types::task_end::TaskEnd;
-use shared_types::{Header, PlantState, SensorSample, TorqueCommand};
+use shared_types::{Header, Layout, PlantState, SensorSample, TorqueCommand};
 use sim::{Drive, Encoders, Plant, PlantError};
 
 use crate::hardware_faults::HardwareFaults;
@@ -191,14 +193,49 @@ impl<const N: usize> World<N> {
 
 impl<const N: usize> Snapshot for World<N> {
     fn layout(&self) -> u64 {
-        0
+        PlantCheckpoint::layout_hash()
     }
 
-    fn write(&self, _out: &mut Vec<u8>) {}
+    fn write(&self, out: &mut Vec<u8>) -> bool {
+        let begin = out.len();
+        out.resize(begin + size_of::<PlantCheckpoint>(), 0);
+        let stuck = self.hardware_faults.save(out);
+        let [stuck_reading, stuck_torque] = stuck.map(|values| padded(&SVector::from(values)));
+        let (phase, refused_ticks) = self.end.saved();
+        let mut checkpoint = PlantCheckpoint {
+            acted: padded(&self.acted),
+            stuck_reading,
+            stuck_torque,
+            ticks: self.ticks,
+            refused_ticks,
+            drives: self.drive.save(),
+            phase,
+            diverged: self.diverged.into(),
+            contradicted: self.contradicted.into(),
+            ..PlantCheckpoint::default()
+        };
+        let is_whole = self.plant.save(&mut checkpoint);
+        out[begin..][..size_of::<PlantCheckpoint>()].copy_from_slice(bytes_of(&checkpoint));
+        is_whole
+    }
 
-    /// The simulator's own state is not saved yet: the process that makes the ticks is never replaced.
-    fn read(&mut self, _from: &[u8]) -> Result<(), Damaged> {
-        Err(Damaged::Content)
+    fn read(&mut self, from: &[u8]) -> Result<(), Damaged> {
+        let parts = from.split_at_checked(size_of::<PlantCheckpoint>());
+        let (checkpoint, faults) = parts.ok_or(Damaged::Content)?;
+        let checkpoint: PlantCheckpoint = pod_read_unaligned(checkpoint);
+        let stuck = [checkpoint.stuck_reading, checkpoint.stuck_torque];
+        let stuck = stuck.map(|values| joints::<N>(&values).into());
+        if !self.hardware_faults.restore(faults, stuck) {
+            return Err(Damaged::Content);
+        }
+        self.plant.restore(&checkpoint);
+        self.drive.restore(&checkpoint.drives);
+        self.acted = joints(&checkpoint.acted);
+        (self.end).resume(checkpoint.phase, checkpoint.refused_ticks);
+        self.ticks = checkpoint.ticks;
+        self.diverged = checkpoint.diverged == 1;
+        self.contradicted = checkpoint.contradicted == 1;
+        Ok(())
     }
 }
 

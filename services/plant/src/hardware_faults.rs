@@ -1,5 +1,6 @@
 //! Faults of the hardware: wrong encoder readings, drives that do not follow their command. PURE.
 
+use bytemuck::{Zeroable, bytes_of, pod_read_unaligned};
 use nalgebra::SVector;
 use shared_types::fault::{Kind, ScheduledFault, Way};
 use sim::gaussians;
@@ -26,6 +27,29 @@ impl<const N: usize> HardwareFaults<N> {
             stuck_torque: [0.0; N],
             dt,
         }
+    }
+
+    /// Appends the faults in force, and gives the readings and torques before them, in this order.
+    pub(crate) fn save(&self, out: &mut Vec<u8>) -> [[f64; N]; 2] {
+        for fault in self.sensor.iter().chain(&self.drive) {
+            out.push(fault.is_some().into());
+            out.extend_from_slice(bytes_of(&fault.unwrap_or_else(ScheduledFault::zeroed)));
+        }
+        [self.stuck_reading, self.stuck_torque]
+    }
+
+    /// Goes on from what [`save`](Self::save) has appended and given; whether it was that.
+    pub(crate) fn restore(&mut self, from: &[u8], stuck: [[f64; N]; 2]) -> bool {
+        const BYTES: usize = 1 + size_of::<ScheduledFault>();
+        if from.len() != 2 * N * BYTES {
+            return false;
+        }
+        let faults = self.sensor.iter_mut().chain(&mut self.drive);
+        for (fault, bytes) in faults.zip(from.chunks_exact(BYTES)) {
+            *fault = (bytes[0] == 1).then(|| pod_read_unaligned(&bytes[1..]));
+        }
+        [self.stuck_reading, self.stuck_torque] = stuck;
+        true
     }
 
     /// Whether a sensor or a drive is at fault.

@@ -4,7 +4,7 @@
 //! ```text
 //! step            Process, the trait of plant, estimator, analyzer, controller and operator, and of everything that others write
 //! port            topics as a step sees them: Port, Inputs, Outputs        scratch   what steps on one thread need not compute twice
-//! snapshot        the state as bytes, with layout and checksum
+//! snapshot        the state as bytes, with layout and checksum        saved     the same with its tick and the message that closes the loop
 //! message_faults  what a fault makes of a message as it leaves             fence     which messages count
 //! member          a process of a graph with its step
 //! thread          a list of steps on one thread                            edges     the same under faults
@@ -19,6 +19,7 @@ mod member;
 mod message_faults;
 mod packed;
 mod port;
+mod saved;
 mod scratch;
 mod snapshot;
 mod step;
@@ -30,6 +31,7 @@ pub use member::Member;
 pub use message_faults::{Shaper, apply_to_outgoing, happens, is_cut};
 pub use packed::Packed;
 pub use port::{Inputs, MOST_PORTS, Outputs, Port};
+pub use saved::Saved;
 pub use scratch::Scratch;
 pub use snapshot::{Damaged, Snapshot, Stateless};
 pub use step::{Flow, Process, Running, Step};

@@ -7,13 +7,12 @@ use shared_types::random::at as random;
 use shared_types::{Header, Message};
 
 use crate::packed::Packed;
-use crate::snapshot::{Damaged, Snapshot};
 
 /// Room for delayed messages.
 const MOST_HELD: usize = 2 * MOST_DELAY_TICKS as usize + 4;
 
-/// The work of the faults of a process on the messages of one of its topics. All that it keeps is in here, and can be saved.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// The work of the faults of a process on the messages of one of its topics. All that it keeps is in here.
+#[derive(Clone, Debug, Default)]
 pub struct Shaper {
     /// A corruption of the process's messages concerns this topic.
     is_corruptible: bool,
@@ -109,49 +108,6 @@ impl Shaper {
     pub fn die(&mut self) {
         self.held.clear();
         self.stale = None;
-    }
-}
-
-/// Each message with a number before it: the tick at which it leaves, [`STALE`], or [`MADE`] for those made, the last of them last.
-const STALE: u64 = u64::MAX;
-const MADE: u64 = u64::MAX - 1;
-
-impl Snapshot for Shaper {
-    fn layout(&self) -> u64 {
-        1
-    }
-
-    fn write(&self, out: &mut Vec<u8>) {
-        let held = self.held.iter().map(|(due, message)| (*due, message));
-        let stale = self.stale.iter().map(|message| (STALE, message));
-        let made = self.made.iter().flatten().map(|message| (MADE, message));
-        for (word, message) in held.chain(stale).chain(made) {
-            let bytes = message.bytes();
-            out.extend_from_slice(&word.to_le_bytes());
-            out.extend_from_slice(&(bytes.len() as u64).to_le_bytes());
-            out.extend_from_slice(bytes);
-        }
-    }
-
-    fn read(&mut self, mut from: &[u8]) -> Result<(), Damaged> {
-        let mut read = Self::new(self.is_corruptible);
-        while let Some((head, rest)) = from.split_first_chunk::<{ 2 * size_of::<u64>() }>() {
-            let word = |at: usize| u64::from_le_bytes(std::array::from_fn(|i| head[at + i]));
-            let message = rest.split_at_checked(word(8) as usize);
-            let (message, rest) = message.ok_or(Damaged::Content)?;
-            let message = Packed::checked(message).ok_or(Damaged::Content)?;
-            match word(0) {
-                STALE => read.stale = Some(message),
-                MADE => read.made = [read.made[1].take(), Some(message)],
-                due => read.held.push_back((due, message)),
-            }
-            from = rest;
-        }
-        if !from.is_empty() {
-            return Err(Damaged::Content);
-        }
-        *self = read;
-        Ok(())
     }
 }
 
@@ -309,46 +265,5 @@ mod tests {
         assert_eq!(outcome(&[Kind::Duplicate, Kind::Drop]).1, 0);
         assert!(outcome(&[Kind::Zombie]).3 && outcome(&[Kind::Stale]).2);
         assert!(outcome(&[Kind::Delay]).0 > 7);
-    }
-
-    #[test]
-    fn a_shaper_goes_on_from_what_it_has_saved() {
-        let fault = |kind: Kind, at: u64| {
-            let fault = Fault {
-                at_tick: Some(at),
-                ..Fault::new("plant", kind)
-            };
-            let target = Target::sending::<SensorSample>(0, Role::World);
-            fault.schedule(&target, 1000, 3).unwrap()
-        };
-        let faults = [fault(Kind::Delay, 2), fault(Kind::Stale, 4)];
-        let step = |shaper: &mut Shaper, tick: u64| {
-            let (mut message, mut left) = (SensorSample::default(), Vec::new());
-            (message.header.tick, message.q_encoder[0]) = (tick, 0.1 * tick as f64);
-            let in_force = faults.iter().enumerate().filter(|one| one.1.concerns(tick));
-            let in_force = in_force.map(|(place, fault)| (place, fault, fault.kind().unwrap()));
-            let bytes = bytemuck::bytes_of(&message);
-            let deliver = |message: &[u8]| -> Result<(), ()> {
-                left.push(message.to_vec());
-                Ok(())
-            };
-            let done = shaper.shape(bytes, tick, in_force, |_| (), deliver);
-            done.unwrap();
-            shaper.flush(tick, |message| left.push(message.to_vec()));
-            left
-        };
-        let (mut whole, mut saved) = (Shaper::new(true), Vec::new());
-        for tick in 0..6 {
-            step(&mut whole, tick);
-        }
-        assert!(!whole.held.is_empty() && whole.stale.is_some());
-        whole.write(&mut saved);
-        let mut second = Shaper::new(true);
-        second.read(&saved).unwrap();
-        assert_eq!(second, whole);
-        for tick in 6..12 {
-            assert_eq!(step(&mut second, tick), step(&mut whole, tick), "{tick}");
-        }
-        assert!(second.read(&saved[..saved.len() - 1]).is_err());
     }
 }

@@ -4,7 +4,9 @@ use shared_types::fault::ScheduledFault;
 
 use crate::edges::{Edges, Ended, Now};
 use crate::member::{Board, Member, Sink};
+use crate::saved::Saved;
 use crate::scratch::Scratch;
+use crate::snapshot::Damaged;
 use crate::step::Flow;
 
 /// Processes on one thread, in the order of the data.
@@ -84,6 +86,62 @@ impl Thread {
         }
         self.tick += 1;
         Ok(true)
+    }
+
+    /// The tick that comes next.
+    #[must_use]
+    pub fn next_tick(&self) -> u64 {
+        self.tick
+    }
+
+    /// What its processes have saved before the tick that comes next, by their names, with the messages of the last tick on `board`. `None`: one cannot be
+    /// saved now. Without faults of processes and messages.
+    pub fn save(&self, board: &mut Board) -> Option<Vec<(String, Vec<u8>)>> {
+        let (mut state, parts) = (Vec::new(), board.parts_mut());
+        let save = |member: &Member| {
+            member.step.save(&mut state);
+            let carries = member.makes_ticks && self.tick > 0;
+            let carried = member.reads.first().filter(|_| carries);
+            let mut saved = Vec::new();
+            Saved {
+                tick: self.tick,
+                state: &state,
+                carried: carried
+                    .and_then(|read| parts[read.topic].as_deref())
+                    .unwrap_or_default(),
+            }
+            .write(&mut saved);
+            (!state.is_empty()).then(|| (member.name.clone(), saved))
+        };
+        self.members.iter().map(save).collect()
+    }
+
+    /// Goes on from what its processes have saved.
+    ///
+    /// # Errors
+    /// [`Damaged`] if one has not been saved, or is not what was.
+    pub fn restore(
+        &mut self,
+        saved: &[(String, Vec<u8>)],
+        board: &mut Board,
+    ) -> Result<(), Damaged> {
+        let mut parts = board.parts_mut();
+        for member in &mut self.members {
+            let own = saved.iter().find(|(name, _)| *name == member.name);
+            let own = own
+                .and_then(|(_, saved)| Saved::of(saved))
+                .ok_or(Damaged::Content)?;
+            member.step.restore(own.state)?;
+            self.tick = own.tick;
+            let place = member
+                .reads
+                .first()
+                .and_then(|read| parts[read.topic].as_mut());
+            if let Some(place) = place.filter(|place| place.len() == own.carried.len()) {
+                place.copy_from_slice(own.carried);
+            }
+        }
+        Ok(())
     }
 
     /// Why the task cannot be done, found before the first tick, in words.

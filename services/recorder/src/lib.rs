@@ -3,6 +3,7 @@
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 mod contents;
+mod cut;
 mod error;
 mod event;
 mod fault_reporter;
@@ -19,7 +20,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use model::Robot;
-use runtime::{Collector, Count, Mode, ProcessError, Shell, write_reserved};
+use runtime::{CUT_TICKS, Collector, Count, Mode, ProcessError, Shell, write_reserved};
 use serde_json::Value;
 use shared_types::job::Job;
 use shared_types::summary::{RecorderSummary, Summary};
@@ -27,6 +28,7 @@ use shared_types::summary::{RecorderSummary, Summary};
 use fault_reporter::FaultReporter;
 
 pub use contents::{Contents, tick_of};
+pub use cut::Cut;
 pub use error::RecordError;
 pub use event::{Event, Level, Source};
 pub use hash::TopicHash;
@@ -107,6 +109,8 @@ struct Recorder<'a> {
     record: Record,
     /// Ticks judged.
     rows: u64,
+    /// The tick of the next cut.
+    next_cut: u64,
     faults: FaultReporter,
 }
 
@@ -136,7 +140,8 @@ fn pace(mode: Mode) -> Duration {
 impl<'a> Recorder<'a> {
     /// A replacement begins another file; what it judges is judged again from all files at the end of the run.
     fn open(shell: &'a Shell, robot: &'a Robot, job: &'a Job) -> Result<Self, ProcessError> {
-        let contents = Contents::of(job);
+        let from = shell.manifest().from;
+        let contents = Contents::of(job).from(from);
         let mut assembler = Assembler::new(&contents);
         let (record, last) = Record::begin(job, &contents, shell.incarnation());
         let (mut topics, is_first) = (Vec::new(), shell.incarnation() == 1);
@@ -161,6 +166,7 @@ impl<'a> Recorder<'a> {
             assembler,
             record,
             rows: 0,
+            next_cut: (from / CUT_TICKS + 1) * CUT_TICKS,
             faults: FaultReporter::default(),
         })
     }
@@ -168,12 +174,15 @@ impl<'a> Recorder<'a> {
     /// Takes in everything that is there.
     fn round(&mut self) -> Result<(), ProcessError> {
         let Self { shell, job, .. } = *self;
+        // Read before the messages are: all of earlier ticks are among them.
+        let closed = shell.closed_by_all();
         for Topic { channel, collector } in &mut self.topics {
             collector.collect(|message| {
                 self.assembler.take(*channel, message);
                 self.record.write(|record| record.append(*channel, message));
             })?;
         }
+        self.keep_cut(closed);
         shell.has_taken_in();
         // Before the ticks in which it shows: their words name it.
         self.faults.report(shell, &job.graph, &mut self.record);
@@ -185,6 +194,28 @@ impl<'a> Recorder<'a> {
             shell.mark_detected();
         }
         Ok(())
+    }
+
+    /// Keeps what all processes have saved at the cut that comes next, when its ticks are closed. One that lacks a process's part is passed over.
+    fn keep_cut(&mut self, closed: u64) {
+        let tick = self.next_cut;
+        if closed < tick || self.shell.mode() == Mode::Realtime {
+            return;
+        }
+        match self.shell.cut(tick) {
+            Ok(Some(saved)) => {
+                let saved = saved
+                    .into_iter()
+                    .map(|(name, saved)| (name.to_owned(), saved));
+                let processes = saved.collect();
+                self.record
+                    .write(|record| record.cut(&Cut { tick, processes }));
+            }
+            Ok(None) if closed < tick + CUT_TICKS / 2 => return,
+            Ok(None) => {}
+            Err(error) => runtime::complain(&format_args!("no cut at tick {tick}: {error}")),
+        }
+        self.next_cut += CUT_TICKS;
     }
 
     fn judge(&mut self, row: &Row) {
@@ -235,14 +266,21 @@ impl Record {
             closed: Instant::now(),
         };
         let first = job.out.join(MESSAGES);
-        let (path, mut last) = (part(&first, incarnation), Vec::new());
+        let mut last = Vec::new();
         if !job.record {
             return (record, last);
         }
-        if incarnation == 1 {
+        let number = match contents.from {
+            0 => incarnation,
+            _ => (1..)
+                .find(|number| !part(&first, *number).exists())
+                .unwrap_or(1),
+        };
+        if number == 1 {
             // Those of a run before, in the same folder.
             remove_parts(&first);
         }
+        let path = part(&first, number);
         for number in 1..incarnation {
             // One that died before its first chunk has left none.
             let read = RecordReader::last_messages(&part(&first, number), contents);

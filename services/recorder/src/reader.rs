@@ -13,6 +13,7 @@ use mcap::{MAGIC, McapError, parse_record};
 use shared_types::Message;
 
 use crate::contents::{Contents, tick_of};
+use crate::cut::{Cut, limits};
 use crate::error::RecordError;
 use crate::event::{CDR, Event};
 
@@ -101,6 +102,9 @@ pub struct RecordReader {
     ticks: Vec<u64>,
     flaws: Vec<Flaw>,
     is_ended: bool,
+    /// Messages from this tick on have been sent again: they are in a later file.
+    limit: u64,
+    cuts: Vec<Cut>,
 }
 
 /// The messages of a chunk.
@@ -108,6 +112,9 @@ pub struct RecordReader {
 struct Chunk {
     bytes: Vec<u8>,
     messages: Vec<Stored>,
+    cuts: Vec<Cut>,
+    /// The first tick of the file, as it says.
+    from: Option<u64>,
 }
 
 /// A message of a chunk.
@@ -146,6 +153,7 @@ impl RecordReader {
     /// When there is none, when it is of another run, or its messages are not this program's.
     pub fn open(path: &Path, contents: &Contents) -> Result<Self, RecordError> {
         let mut reader = Self::on(path, contents)?;
+        reader.limit = reader.limit_of(1);
         let cannot = RecordError::file("read", path);
         let magic = reader.read(0, MAGIC.len() as u64).map_err(&cannot)?;
         reader.at = MAGIC.len() as u64;
@@ -191,7 +199,56 @@ impl RecordReader {
             ticks: vec![0; topics],
             flaws: Vec::new(),
             is_ended: false,
+            limit: u64::MAX,
+            cuts: Vec::new(),
         })
+    }
+
+    /// The tick from which on a later file has the messages of one.
+    fn limit_of(&self, number: u32) -> u64 {
+        let limits = limits(&self.path, &self.contents);
+        let limit = limits.get(number as usize - 1).copied();
+        limit.unwrap_or(u64::MAX)
+    }
+
+    /// The first tick of a file of a record, as it says; `None` of one without a first chunk.
+    pub(crate) fn begin_of(path: &Path, contents: &Contents) -> Option<u64> {
+        let mut reader = Self::on(path, contents).ok()?;
+        reader.at = MAGIC.len() as u64;
+        reader.take_chunk(true).ok()?.ok()?;
+        reader.chunk.from
+    }
+
+    /// Bytes of a file; 0 where there is none.
+    pub(crate) fn length_of(path: &Path) -> u64 {
+        std::fs::metadata(path).map_or(0, |file| file.len())
+    }
+
+    /// The cuts that have been read since the last call.
+    pub(crate) fn cuts(&mut self) -> Vec<Cut> {
+        std::mem::take(&mut self.cuts)
+    }
+
+    /// A reader of one file from the first chunk among its last bytes on; `None` where there is no chunk.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub(crate) fn at_end(
+        path: &Path,
+        contents: &Contents,
+        bytes: u64,
+    ) -> Result<Option<Self>, RecordError> {
+        let cannot = RecordError::file("read", path);
+        let mut reader = Self::on(path, contents)?;
+        reader.part = u32::MAX;
+        let from = reader.length().map_err(&cannot)?.saturating_sub(bytes);
+        let Some(at) = reader.find_chunk(from).map_err(cannot)? else {
+            return Ok(None);
+        };
+        reader.at = at;
+        // It may stand in the middle of a topic.
+        reader.counts.fill(u32::MAX / 2);
+        Ok(Some(reader))
     }
 
     /// The last messages of a file of a record, by channel, as far as its end has them.
@@ -202,16 +259,10 @@ impl RecordReader {
         path: &Path,
         contents: &Contents,
     ) -> Result<Vec<Option<Vec<u8>>>, RecordError> {
-        let cannot = RecordError::file("read", path);
-        let mut reader = Self::on(path, contents)?;
         let mut last = vec![None; contents.layouts().len()];
-        let from = reader.length().map_err(&cannot)?.saturating_sub(TAIL);
-        let Some(at) = reader.find_chunk(from).map_err(cannot)? else {
+        let Some(mut reader) = Self::at_end(path, contents, TAIL)? else {
             return Ok(last);
         };
-        reader.at = at;
-        // It may stand in the middle of a topic.
-        reader.counts.fill(u32::MAX / 2);
         while let Some(item) = reader.next_item() {
             if let Item::Message { channel, message } = item {
                 last[channel] = Some(message.to_vec());
@@ -293,12 +344,14 @@ impl RecordReader {
 
     /// Goes on with the next file, if a replacement of the recorder has made one.
     fn open_next(&mut self) -> bool {
-        let Ok(file) = files::open(&part(&self.path, self.part + 1)) else {
+        let next = self.part.checked_add(1);
+        let Some(Ok(file)) = next.map(|next| files::open(&part(&self.path, next))) else {
             return false;
         };
         (self.file, self.part, self.at) = (file, self.part + 1, MAGIC.len() as u64);
         (self.chunk, self.next, self.is_ended) = (Chunk::default(), 0, false);
         self.counts.fill(0);
+        self.limit = self.limit_of(self.part);
         true
     }
 
@@ -423,7 +476,11 @@ impl RecordReader {
                             &data,
                         )?;
                     }
-                    Record::Channel(channel) => self.check(&channel)?,
+                    Record::Channel(channel) => {
+                        self.check(&channel)?;
+                        let from = channel.metadata.get("from");
+                        chunk.from = from.and_then(|from| from.parse().ok());
+                    }
                     _ => {}
                 },
             }
@@ -445,6 +502,11 @@ impl RecordReader {
                 .filter(|message| message.len() == layout.bytes)
                 .ok_or(Refusal::Damaged)?,
             None if channel == layouts.len() => data,
+            None if channel == self.contents.extra()[2] => {
+                let cut = Cut::read(self.contents.tick_at(time_ns), data);
+                chunk.cuts.push(cut.ok_or(Refusal::Damaged)?);
+                return Ok(());
+            }
             None => return Ok(()),
         };
         chunk.bytes.extend_from_slice(message);
@@ -475,9 +537,10 @@ impl RecordReader {
         let mut lost = vec![0; self.counts.len()];
         let (mut first_lost, mut first_again) = (u64::MAX, None);
         let from_anywhere = u32::MAX / 2;
+        self.cuts.append(&mut chunk.cuts);
         chunk.messages.retain(|message| {
             let Some(count) = self.counts.get_mut(message.channel) else {
-                return true;
+                return self.contents.tick_at(message.time_ns) < self.limit;
             };
             let bytes = &chunk.bytes[message.bytes.clone()];
             let ahead = message.number.wrapping_sub(*count) as i32;
@@ -494,7 +557,7 @@ impl RecordReader {
             }
             *count = message.number.wrapping_add(1);
             self.ticks[message.channel] = tick_of(bytes);
-            true
+            tick_of(bytes) < self.limit
         });
         (self.chunk, self.next) = (chunk, 0);
         if first_lost < u64::MAX {

@@ -21,12 +21,12 @@ pub fn is_in_parts(job: &Job) -> bool {
     part(&job.out.join(MESSAGES), 2).exists()
 }
 
-/// Judges a run from the record in its folder, to the last tick that is whole, and joins the record's files; a run that was killed before its first message
-/// has no tick. The damage of a record stands in the recorder's part of the summary, as its error; a damaged record stays as it is.
+/// Judges a run from the record in its folder, and joins the record's files: to the last tick, or, where the run did not come to its end, to the last one
+/// that is whole; a run that was killed before its first message has no tick. The damage of a record stands in the recorder's part of the summary, as its error; a damaged record stays as it is.
 ///
 /// # Errors
 /// [`ProcessError`] if the messages cannot be read, or the recording cannot be written.
-pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
+pub fn rebuild(robot: &Robot, job: &Job, is_ended: bool) -> Result<Summary, ProcessError> {
     let path = job.out.join(MESSAGES);
     let mut ticks = Ticks::open_left(&path, job).map_err(ProcessError::setup)?;
     let mut judge = judge(robot, job)?;
@@ -38,7 +38,7 @@ pub fn rebuild(robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
         copy.write(|record| record.append(channel, message));
     }) {
         tell(faults(&mut ticks), &mut copy);
-        let is_whole = Tick::of(&row.messages().lent()).is_some();
+        let is_whole = is_ended || Tick::of(&row.messages().lent()).is_some();
         partial.push(row);
         if is_whole {
             for row in partial.drain(..) {

@@ -195,25 +195,68 @@ fn a_torn_end_is_the_end_and_a_record_goes_on_from_any_counts() {
             ticks.len()
         );
     }
-    for (n, m) in [(0, 0), (57, 20), (100, 50), (130, 65)] {
-        std::fs::write(&path, &whole).unwrap();
-        let mut shown = 0;
-        let begun = RecordWriter::go_on(&path, &contents(), &[n, m], n, |_, _| shown += 1);
-        let mut record = begun.unwrap();
-        assert_eq!(shown, n + m);
-        add(&mut record, n..200);
-        record.finish().unwrap();
-        assert_eq!(read(&path), ((0..200).collect(), vec![]));
+}
+
+/// A cut of a tick, of processes that have saved these many bytes.
+fn cut(tick: u64, bytes: usize) -> Cut {
+    Cut {
+        tick,
+        processes: vec![("plant".to_owned(), vec![tick as u8; bytes])],
     }
-    let more = RecordWriter::go_on(&path, &contents(), &[300, 0], 0, |_, _| ());
-    assert!(matches!(more, Err(RecordError::Damaged { .. })));
-    let other = RecordWriter::go_on(&path, &contents_of(8), &[1, 1], 0, |_, _| ());
-    assert!(matches!(other, Err(RecordError::OtherRun { .. })));
-    assert_eq!(read(&path).0.len(), 200);
-    assert_eq!(
-        std::fs::read_dir(path.parent().unwrap()).unwrap().count(),
-        1
-    );
+}
+
+#[test]
+fn a_record_goes_on_from_its_newest_usable_cut() {
+    let (_folder, path) = place();
+    let newest = |is_usable: &dyn Fn(u64) -> bool| {
+        let cut = Cut::newest(&path, &contents(), is_usable).unwrap();
+        cut.map(|cut| cut.tick)
+    };
+    let any = |_| true;
+    // Each file: where it begins, where it ends, and its cuts. The last one was killed before its first cut.
+    for (number, begin, end, cuts) in [
+        (1, 0, 150, &[50, 100][..]),
+        (2, 50, 120, &[100]),
+        (3, 100, 135, &[]),
+        (4, 100, 200, &[]),
+    ] {
+        let path = part(&path, number);
+        let mut record = RecordWriter::create(&path, &contents().from(begin)).unwrap();
+        let mut next = begin;
+        for tick in cuts {
+            // Some messages of later ticks are there before all of the earlier ones have come.
+            add(&mut record, next..tick + 10);
+            record.cut(&cut(*tick, 300_000)).unwrap();
+            next = tick + 10;
+        }
+        add(&mut record, next..end);
+        record.close_chunk().unwrap();
+        if number == 1 {
+            assert_eq!(newest(&any), Some(100));
+            assert_eq!(newest(&|tick| tick != 100), Some(50));
+            assert_eq!(newest(&|_| false), None);
+        }
+    }
+    assert_eq!(newest(&any), Some(100));
+    std::fs::remove_file(part(&path, 2)).unwrap();
+    std::fs::remove_file(part(&path, 3)).unwrap();
+    std::fs::rename(part(&path, 4), part(&path, 2)).unwrap();
+    assert_eq!(read(&path), ((0..200).collect(), vec![]));
+    let mut record = RecordReader::open(&path, &contents()).unwrap();
+    let mut events = Vec::new();
+    while let Some(item) = record.next_item() {
+        if let Item::Event(event) = item {
+            events.push(event.tick);
+        }
+    }
+    assert_eq!(events, (0..20).map(|i| 10 * i).collect::<Vec<_>>());
+    // Another run that begins with the first ticks of this one.
+    let (_folder, other) = place();
+    let mut earlier = RecordReader::open(&path, &contents()).unwrap();
+    let record = RecordWriter::continuing(&other, &contents_of(8), &mut earlier, 70).unwrap();
+    drop(record);
+    let messages = RecordReader::open(&other, &contents_of(8)).unwrap();
+    assert_eq!(messages.messages::<SensorSample>().count(), 70);
 }
 
 #[test]

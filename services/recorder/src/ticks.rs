@@ -124,7 +124,7 @@ impl Assembler {
         Self {
             accounts: accounts.collect(),
             rows: VecDeque::new(),
-            next: 0,
+            next: contents.from,
             expected,
         }
     }

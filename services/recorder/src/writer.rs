@@ -12,8 +12,9 @@ use mcap::records::MessageHeader;
 use mcap::{Attachment, McapError, WriteOptions};
 
 use crate::contents::{Contents, schema, tick_of};
+use crate::cut::{CUTS, Cut};
 use crate::error::RecordError;
-use crate::event::{CDR, EVENTS, Event, ROBOT, put_text};
+use crate::event::{CDR, EVENTS, Event, ROBOT, Source, put_text};
 use crate::reader::{Item, RecordReader};
 
 /// Bytes of messages after which a chunk is closed.
@@ -26,7 +27,7 @@ pub struct RecordWriter {
     file: mcap::Writer<Pending>,
     /// Bytes that are in the file.
     written: Rc<Cell<u64>>,
-    /// Messages so far, by channel; the events come last.
+    /// Messages so far, by channel.
     counts: Vec<u32>,
     /// The message in hand, as CDR.
     message: Vec<u8>,
@@ -61,7 +62,7 @@ impl RecordWriter {
         Ok(Self {
             file: begun.map_err(|error| RecordError::write(path, error))?,
             path: path.to_owned(),
-            counts: vec![0; contents.layouts().len() + 1],
+            counts: vec![0; contents.extra()[2] + 1],
             contents: contents.clone(),
             written,
             message: Vec::new(),
@@ -69,56 +70,27 @@ impl RecordWriter {
         })
     }
 
-    /// A record that begins with the first messages of an earlier one of the same run, so many of each channel, and with the events before a tick. It
-    /// takes the place of that one, and `each` is shown every message that it has.
+    /// A record that begins with what an earlier one has before a tick: messages, and the words that the judge does not say again.
     ///
     /// # Errors
-    /// When it cannot be written, or the earlier one lacks some of them.
-    pub fn go_on(
+    /// When it cannot be written.
+    pub fn continuing(
         path: &Path,
         contents: &Contents,
-        counts: &[u64],
+        earlier: &mut RecordReader,
         tick: u64,
-        mut each: impl FnMut(usize, &[u8]),
     ) -> Result<Self, RecordError> {
-        let unfinished = path.with_added_extension("tmp");
-        let placed = Self::copy(&unfinished, path, contents, (counts, tick), &mut each).and_then(
-            |mut writer| {
-                let renamed = std::fs::rename(&unfinished, path);
-                renamed.map_err(RecordError::file("replace", path))?;
-                path.clone_into(&mut writer.path);
-                Ok(writer)
-            },
-        );
-        placed.inspect_err(|_| {
-            let _ = std::fs::remove_file(&unfinished);
-        })
-    }
-
-    fn copy(
-        to: &Path,
-        path: &Path,
-        contents: &Contents,
-        (counts, tick): (&[u64], u64),
-        each: &mut impl FnMut(usize, &[u8]),
-    ) -> Result<Self, RecordError> {
-        let mut writer = Self::create(to, contents)?;
-        let mut left = counts.to_vec();
-        let mut earlier = RecordReader::open(path, contents)?;
+        let mut writer = Self::create(path, contents)?;
         while let Some(item) = earlier.next_item() {
             match item {
-                Item::Message { channel, message } if left[channel] > 0 => {
-                    left[channel] -= 1;
-                    writer.append(channel, message)?;
-                    each(channel, message);
+                Item::Message { channel, message } if tick_of(message) < tick => {
+                    writer.append(channel, message)?
                 }
-                Item::Event(event) if event.tick < tick => writer.event(&event)?,
+                Item::Event(event) if event.tick < tick && event.source != Source::Judge => {
+                    writer.event(&event)?
+                }
                 _ => {}
             }
-        }
-        if left.iter().any(|left| *left > 0) {
-            let reason = "it lacks messages before the place to go on from";
-            return Err(RecordError::damaged(path, &reason));
         }
         writer.close_chunk()?;
         Ok(writer)
@@ -143,7 +115,18 @@ impl RecordWriter {
         let time_ns = self.contents.time_ns(event.tick);
         self.message.clear();
         event.write(time_ns, &mut self.message);
-        self.write(self.contents.layouts().len(), time_ns)
+        self.write(self.contents.extra()[0], time_ns)
+    }
+
+    /// Adds a cut, which is in the file when this returns, with all before it.
+    ///
+    /// # Errors
+    /// See [`append`](Self::append).
+    pub fn cut(&mut self, cut: &Cut) -> Result<(), RecordError> {
+        self.message.clear();
+        cut.write(&mut self.message);
+        self.write(self.contents.extra()[2], self.contents.time_ns(cut.tick))?;
+        self.close_chunk()
     }
 
     fn write(&mut self, channel: usize, time_ns: u64) -> Result<(), RecordError> {
@@ -205,7 +188,11 @@ fn begin(file: &mut mcap::Writer<Pending>, contents: &Contents) -> Result<(), Mc
     }
     let mut channel = |topic: &str, layout: &str, [name, definition]: [&str; 2]| {
         let schema = file.add_schema(name, "ros2msg", definition.as_bytes())?;
-        let about = [("run", contents.run()), ("layout", layout.to_owned())];
+        let about = [
+            ("run", contents.run()),
+            ("layout", layout.to_owned()),
+            ("from", contents.from.to_string()),
+        ];
         let about = about.map(|(key, value)| (key.to_owned(), value));
         file.add_channel(schema, topic, "cdr", &BTreeMap::from(about))
     };
@@ -217,6 +204,8 @@ fn begin(file: &mut mcap::Writer<Pending>, contents: &Contents) -> Result<(), Mc
     channel(topic, "", [name, definition])?;
     let [topic, name, definition] = ROBOT;
     let robot = channel(topic, "", [name, definition])?;
+    let [topic, name, definition] = CUTS;
+    channel(topic, "", [name, definition])?;
     let mut message = CDR.to_vec();
     put_text(&mut message, &contents.urdf);
     let header = MessageHeader {

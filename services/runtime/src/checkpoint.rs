@@ -1,7 +1,7 @@
-//! The state from which a restarted process continues, in a file that outlives its writer.
+//! The state from which a process goes on, in a file that outlives its writer.
 //!
 //! Two slots alternate. A tick's slot is committed before its last message leaves, so a replacement
-//! finds the state behind every message that a reader has. Only in real time is a process replaced.
+//! finds the state behind every message that a reader has.
 
 use std::cell::Cell;
 use std::path::Path;
@@ -34,7 +34,46 @@ pub(crate) trait Commit {
     fn commit(&self);
 }
 
+/// The state that was committed last in a cell; `None` where there is no cell, or nothing in it.
+///
+/// # Errors
+/// When it cannot be read.
+pub(crate) fn newest(path: &Path) -> std::io::Result<Option<Vec<u8>>> {
+    let bytes = match std::fs::metadata(path) {
+        Ok(file) => file.len() as usize,
+        Err(_) => return Ok(None),
+    };
+    match bytes.checked_sub(size_of::<Head>()) {
+        Some(slots) => Slots::open(path, slots / 2)?.newest(),
+        None => Ok(None),
+    }
+}
+
 impl Slots {
+    fn open(path: &Path, most: usize) -> std::io::Result<Self> {
+        Ok(Self {
+            file: Mapped::open(path, size_of::<Head>() + 2 * most)?,
+            most,
+            is_written: Cell::new(false),
+        })
+    }
+
+    /// The state that was committed last.
+    fn newest(&self) -> std::io::Result<Option<Vec<u8>>> {
+        let commits = self.head().commits.load(Ordering::Acquire);
+        let Some(number) = commits.checked_sub(1) else {
+            return Ok(None);
+        };
+        let bytes = self.head().bytes[(number % 2) as usize].load(Ordering::Relaxed);
+        if bytes > self.most as u64 {
+            let damage = format!("it counts {bytes} bytes, and has room for {}", self.most);
+            return Err(std::io::Error::other(damage));
+        }
+        // SAFETY: a slot of the mapping, and no more of it than there is. Its writer is dead, or writes into it only at the cut after the next one.
+        let state = unsafe { slice::from_raw_parts(self.slot(number), bytes as usize) };
+        Ok(Some(state.to_vec()))
+    }
+
     fn head(&self) -> &Head {
         // SAFETY: mapped for the life of `self`, aligned as a page is, and all of it atomic.
         unsafe { self.file.start().cast().as_ref() }
@@ -71,28 +110,16 @@ impl StateCell {
     /// # Errors
     /// When there is no room, or the previous state counts more bytes than there are.
     pub(crate) fn open(path: &Path, most: usize) -> std::io::Result<Self> {
-        let slots = Slots {
-            file: Mapped::open(path, size_of::<Head>() + 2 * most)?,
-            most,
-            is_written: Cell::new(false),
-        };
-        let head = slots.head();
-        let commits = head.commits.load(Ordering::Acquire);
-        let read = |number: u64| {
-            let bytes = head.bytes[(number % 2) as usize].load(Ordering::Relaxed);
-            if bytes > most as u64 {
-                let damage = format!("it counts {bytes} bytes, and has room for {most}");
-                return Err(std::io::Error::other(damage));
-            }
-            // SAFETY: a slot of the mapping whose writer is dead, and no more of it than there is.
-            let state = unsafe { slice::from_raw_parts(slots.slot(number), bytes as usize) };
-            Ok(state.to_vec())
-        };
-        let previous = commits.checked_sub(1).map(read).transpose()?;
+        let slots = Slots::open(path, most)?;
         Ok(Self {
+            previous: slots.newest()?,
             slots: Rc::new(slots),
-            previous,
         })
+    }
+
+    /// What was written counts from now on.
+    pub(crate) fn commit(&self) {
+        self.slots.commit();
     }
 
     pub(crate) fn committer(&self) -> Rc<dyn Commit> {

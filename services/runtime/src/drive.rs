@@ -2,7 +2,6 @@
 
 use process::{Flow, Inputs, Outputs, Port, Scratch, Step};
 use shared_types::fault::ScheduledFault;
-use shared_types::job::Mode;
 use shared_types::wire::Header;
 
 use crate::bus::error::TopicError;
@@ -10,8 +9,8 @@ use crate::bus::format::Format;
 use crate::bus::port::Incoming;
 use crate::bus::reader::Ticks;
 use crate::bus::writer::Outlet;
-use crate::checkpoint::StateCell;
 use crate::fault::table::MOST_FAULTS;
+use crate::saving::Saving;
 use crate::shell::{ProcessError, Shell};
 use crate::tick_source::TickSource;
 
@@ -38,12 +37,8 @@ pub fn drive(
     step: &mut dyn Step,
     outside: &mut dyn Outside,
 ) -> Result<(), ProcessError> {
-    let manifest = shell.manifest();
-    let makes_ticks = manifest
-        .index_of(shell.name())
-        .is_some_and(|me| manifest.processes[me].makes_ticks);
     let ports = Ports::open(shell, step)?;
-    match makes_ticks {
+    match shell.makes_ticks() {
         true => make_ticks(shell, step, ports),
         false => answer_ticks(shell, step, ports, outside),
     }
@@ -125,7 +120,7 @@ fn answer_ticks(
         mut outlets,
         mut scratch,
     } = ports;
-    let (mut state, mut cell) = resumed(shell, step)?;
+    let (mut saving, _) = Saving::begin(shell, step)?;
     let Some((first, others)) = inlets.split_first_mut() else {
         return Err(ProcessError::setup(format_args!(
             "{} reads no topic that its graph gives it",
@@ -152,46 +147,12 @@ fn answer_ticks(
         if has_noticed {
             shell.mark_message_fault_detected();
         }
-        if let Some(cell) = &mut cell {
-            step.save(&mut state);
-            if !cell.write(&state) {
-                return Err(too_large(shell, state.len()));
-            }
-        }
+        saving.save(tick + 1, step, &[])?;
         for (_, outlet) in &mut outlets {
             outlet.send()?;
         }
     }
     Ok(())
-}
-
-/// Room for a state to grow, at least; bytes.
-const ROOM: usize = 4096;
-
-/// The state's bytes, and its cell; a replacement goes on from the state of the last tick that its predecessor sent. In lockstep no process is replaced,
-/// so there is no cell.
-fn resumed(
-    shell: &Shell,
-    step: &mut dyn Step,
-) -> Result<(Vec<u8>, Option<StateCell>), ProcessError> {
-    let mut state = Vec::new();
-    if shell.mode() == Mode::Lockstep {
-        return Ok((state, None));
-    }
-    step.save(&mut state);
-    let cell = shell.state_cell(2 * state.len() + ROOM)?;
-    if let Some(last) = cell.previous() {
-        let damaged = |damaged| ProcessError::setup(format_args!("{}: {damaged}", shell.name()));
-        step.restore(last).map_err(damaged)?;
-    }
-    Ok((state, Some(cell)))
-}
-
-fn too_large(shell: &Shell, bytes: usize) -> ProcessError {
-    ProcessError::setup(format_args!(
-        "the state of {} has grown to {bytes} bytes, more than twice what it began with",
-        shell.name()
-    ))
 }
 
 /// The process that makes the ticks.
@@ -201,6 +162,7 @@ struct Source<'a> {
     outlets: Vec<(&'static str, Outlet)>,
     scratch: Scratch,
     ticks: TickSource,
+    saving: Saving,
     /// Those of its sensors and drives that are in force.
     faults: Vec<ScheduledFault>,
 }
@@ -213,18 +175,21 @@ fn make_ticks(shell: &Shell, step: &mut dyn Step, ports: Ports) -> Result<(), Pr
         outlets,
         scratch,
     } = ports;
+    let (saving, carried) = Saving::begin(shell, step)?;
     let mut source = Source {
         shell,
         step,
         outlets,
         scratch,
-        ticks: shell.tick_source(0),
+        ticks: shell.tick_source(shell.manifest().from),
+        saving,
         faults: Vec::with_capacity(MOST_FAULTS),
     };
     if !source.ticks.begin()? {
         return Ok(());
     }
-    let mut flow = source.make(None)?;
+    let carried = inlets.first().map(|inlet| (inlet.port.topic, &carried[..]));
+    let mut flow = source.make(carried.filter(|(_, message)| !message.is_empty()))?;
     while flow == Flow::Go {
         let Some(tick) = source.ticks.next()? else {
             return Ok(());
@@ -253,9 +218,12 @@ impl Source<'_> {
             outlets,
             scratch,
             ticks,
+            saving,
             faults,
         } = self;
         let tick = ticks.coming();
+        saving.save(tick, *step, message.map_or(&[], |(_, message)| message))?;
+        saving.commit();
         faults.clear();
         shell.faults_at(tick, |place, scheduled, kind| {
             if kind.concerns_joint() {

@@ -85,6 +85,9 @@ pub struct Manifest {
     /// The messages that only the graph of this run knows.
     #[serde(default)]
     pub messages: Vec<ForeignMessage>,
+    /// The first tick: 0, or that of the cut from which the processes go on.
+    #[serde(default)]
+    pub from: u64,
 }
 
 /// Why a manifest cannot be used.
@@ -305,6 +308,7 @@ mod tests {
             wait_limit: Some(Duration::from_secs(1)),
             processes,
             messages: Vec::new(),
+            from: 0,
         }
     }
 

@@ -29,6 +29,7 @@ use crate::manifest::{Manifest, ManifestError};
 use crate::realtime::{self, Lock};
 use crate::rounds::Rounds;
 use crate::run_dir::{RunDir, RunDirError};
+use crate::saving::{cell_of, saved_at};
 use crate::stamping::Stamping;
 use crate::tick_source::TickSource;
 use crate::turns::Turns;
@@ -194,6 +195,7 @@ impl Shell {
         disturbance::begin(disturbance);
         let bus = join(&run, process, false)?;
         let incarnation = control_page.process(me).incarnation();
+        let from = manifest.from;
         let foreign = manifest.messages.iter().map(|message| depth(message.bytes));
         let least = foreign.fold(least_depth(&manifest.topics()), usize::min);
         let shared = Context {
@@ -208,7 +210,7 @@ impl Shell {
             me,
             stop,
             has_started: Cell::new(false),
-            tick: Cell::new(0),
+            tick: Cell::new(from),
             incarnation: Cell::new(incarnation),
             pauses: RefCell::new(disturbance.pauses.map(Pauses::new)),
             faults: FaultState::default(),
@@ -318,10 +320,7 @@ impl Shell {
     /// When there is no room for it.
     pub fn state_cell(&self, most: usize) -> Result<StateCell, OpenError> {
         let shared = &self.shared;
-        let path = shared
-            .run
-            .path()
-            .join(format!("checkpoint-{}", shared.name()));
+        let path = cell_of(shared.run.path(), shared.name());
         let failed = |source| OpenError::Checkpoint {
             process: shared.name().to_owned(),
             source,
@@ -333,6 +332,33 @@ impl Shell {
             .borrow_mut()
             .push(cell.committer());
         Ok(cell)
+    }
+
+    /// Before this tick every other process that sends messages has closed all: no message of an earlier one comes any more.
+    pub fn closed_by_all(&self) -> u64 {
+        let shared = &self.shared;
+        let processes = shared.manifest.processes.iter().enumerate();
+        let closed = processes
+            .filter(|(_, process)| !process.polled)
+            .map(|(index, _)| shared.control_page.process(index).ticks());
+        closed.min().unwrap_or_default()
+    }
+
+    /// What every process that sends messages has saved at the cut of a tick, with its name, in the order of the graph; `None` if one has saved nothing
+    /// there, or not yet.
+    ///
+    /// # Errors
+    /// When a cell cannot be read.
+    pub fn cut(&self, tick: u64) -> std::io::Result<Option<Vec<(&str, Vec<u8>)>>> {
+        let processes = self.shared.manifest.processes.iter();
+        let mut saved = Vec::new();
+        for process in processes.filter(|process| !process.polled) {
+            match saved_at(self.run_dir(), &process.name, tick)? {
+                Some(state) => saved.push((&*process.name, state)),
+                None => return Ok(None),
+            }
+        }
+        Ok(Some(saved))
     }
 
     /// Gives out ticks from `first` on: on the grid in real time, as fast as the recorder follows in lockstep.
@@ -379,6 +405,11 @@ impl Shell {
     pub fn writes(&self, topic: &str) -> bool {
         let own = &self.shared.manifest.processes[self.shared.me];
         own.writes.iter().any(|one| one == topic)
+    }
+
+    /// Whether this process makes the ticks.
+    pub(crate) fn makes_ticks(&self) -> bool {
+        self.shared.manifest.processes[self.shared.me].makes_ticks
     }
 
     /// The run as all its processes know it.

@@ -55,6 +55,7 @@ fn stage_of(mode: Mode, names: &[&str], change: impl FnOnce(&mut Manifest)) -> S
         wait_limit: Some(Duration::from_millis(50)),
         processes,
         messages: Vec::new(),
+        from: 0,
     };
     change(&mut manifest);
     let run = RunDir::create().unwrap();

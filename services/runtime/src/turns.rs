@@ -140,6 +140,7 @@ mod tests {
             wait_limit: None,
             processes,
             messages: Vec::new(),
+            from: 0,
         }
     }
 

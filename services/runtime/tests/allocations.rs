@@ -34,6 +34,7 @@ fn one_record_of_iceoryx2_for_each_message_and_nothing_else() {
             wait_limit: Some(Duration::from_secs(10)),
             processes: processes.clone(),
             messages: Vec::new(),
+            from: 0,
         };
         manifest.write(&run).unwrap();
         let control_page = ControlPage::create(&run).unwrap();

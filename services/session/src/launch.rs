@@ -5,7 +5,8 @@ use std::process::Command;
 
 use launcher::{Death, Delay, Event, Exit, Interrupts, Launcher, Outcome, Plan, Ran};
 use model::Robot;
-use runtime::RunDir;
+use recorder::{Contents, Cut};
+use runtime::{FaultTable, RunDir};
 use shared_types::graph::Process;
 use shared_types::job::{JOB, Job};
 use shared_types::summary::Summary;
@@ -65,7 +66,7 @@ pub fn launch_begun(
                 silent.as_millis()
             )));
         }
-        Event::RolledBack { deaths } => observer(Progress::Line(&rolled_back(deaths))),
+        Event::RolledBack { deaths, from } => observer(Progress::Line(&rolled_back(deaths, *from))),
         Event::Restarted {
             process,
             exit,
@@ -97,20 +98,20 @@ pub fn launch_begun(
     launched
 }
 
-/// `plant ended with signal 9 (SIGKILL) at tick 1200: all processes start again from tick 0 (0.4 s lost)`.
-fn rolled_back(deaths: &[Death]) -> String {
+/// `plant ended with signal 9 (SIGKILL) at tick 1200: all processes start again from tick 1000 (0.1 s lost)`.
+fn rolled_back(deaths: &[Death], from: u64) -> String {
     let ends = deaths
         .iter()
         .map(|death| format!("{} ended with {}", death.process, death.exit));
-    let (tick, lost_s) = (
+    let (tick, lost) = (
         deaths.iter().map(|death| death.tick).max(),
-        deaths.iter().filter_map(|death| death.lost).max(),
+        deaths.iter().filter_map(|death| death.again).max(),
     );
     format!(
-        "{} at tick {}: all processes start again from tick 0 ({:.1} s lost)",
+        "{} at tick {}: all processes start again from tick {from} ({:.1} s lost)",
         ends.collect::<Vec<_>>().join(" and "),
         tick.unwrap_or_default(),
-        lost_s.unwrap_or_default().as_secs_f64()
+        lost.unwrap_or_default().1.as_secs_f64()
     )
 }
 
@@ -153,7 +154,9 @@ pub fn launch_watched(
     loop {
         let mut start = Start::set_up(job, launcher.run_dir(), begin)?;
         let job = start.job.clone();
-        let ran = launcher.run(&|name, run| command(&job, name, run), &mut |event| {
+        let commands = |name: &str, run: &Path| command(&job, name, run);
+        let newest = |faults: &FaultTable| newest_cut(&job, faults);
+        let ran = launcher.run(&commands, &newest, &mut |event| {
             if event == Event::Stopped {
                 start.take_account();
             }
@@ -172,6 +175,22 @@ pub fn launch_watched(
     }
 }
 
+/// The newest cut in the record of a job's run from which a run with these faults goes on.
+fn newest_cut(job: &Job, faults: &FaultTable) -> Option<launcher::Begin> {
+    let record = job.out.join(recorder::MESSAGES);
+    if !job.record || !record.exists() {
+        return None;
+    }
+    let faults: Vec<_> = faults.records().map(|(_, fault)| fault.scheduled).collect();
+    let is_usable = |tick| !faults.iter().any(|fault| fault.unsettles(tick));
+    let cut = Cut::newest(&record, &Contents::of(job), is_usable);
+    let cut = cut.inspect_err(runtime::complain).ok().flatten()?;
+    Some(launcher::Begin {
+        tick: cut.tick,
+        saved: cut.processes,
+    })
+}
+
 /// The recorder's part of the summary, made from the record where a recorder was replaced or has left none.
 fn whole_account(job: &Job, account: Option<Summary>) -> Result<Option<Summary>, Failure> {
     let has_record = job.record && job.out.join(recorder::MESSAGES).exists();
@@ -179,7 +198,7 @@ fn whole_account(job: &Job, account: Option<Summary>) -> Result<Option<Summary>,
         return Ok(account);
     }
     let robot = Robot::from_source(&job.robot).map_err(Failure::work)?;
-    let mut whole = recorder::rebuild(&robot, job).map_err(Failure::work)?;
+    let mut whole = recorder::rebuild(&robot, job, account.is_some()).map_err(Failure::work)?;
     let recorder = &mut whole.recorder;
     match account {
         // Messages that the last recorder missed may be in the files of the others.

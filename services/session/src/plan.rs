@@ -71,6 +71,7 @@ pub fn plan(job: &Job) -> Result<Plan, Failure> {
         messages,
         limits,
         faults,
+        begin: launcher::Begin::default(),
     })
 }
 

@@ -157,19 +157,20 @@ fn death(death: &Death) -> FaultSummary {
         tick,
         exit,
         last_line,
-        lost,
+        again,
     } = death;
-    let lost = lost.map(|lost| lost.as_secs_f64());
     let mut detail = format!("{process} ended with {exit} at tick {tick}");
-    if let Some(lost_s) = lost {
-        detail += &format!("; all processes started again from tick 0, {lost_s:.1} s were lost");
+    if let Some((from, lost)) = again {
+        let lost_s = lost.as_secs_f64();
+        detail +=
+            &format!("; all processes started again from tick {from}, {lost_s:.1} s were lost");
     }
     if let Some(line) = last_line {
         let line = line.trim_start_matches("armplane: ");
         detail += &format!("; its last line: {line}");
     }
     FaultSummary {
-        recovered_ms: lost.map(|lost_s| lost_s * 1e3),
+        recovered_ms: again.map(|(_, lost)| lost.as_secs_f64() * 1e3),
         ..detected(process, *tick, kind_of(*exit), detail)
     }
 }

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::kind::{Kind, Way};
+use super::kind::{Kind, MOST_DELAY_TICKS, Way};
 
 /// A fault as the processes of a run carry it out: fixed size, in shared memory.
 #[repr(C)]
@@ -42,6 +42,16 @@ impl ScheduledFault {
     #[must_use]
     pub fn way(&self) -> Option<Way> {
         Way::of(self.way)
+    }
+
+    /// Whether a run cannot go on from the messages and states at the beginning of a tick alone: the fault holds messages back there, or keeps a process
+    /// away from them, or repeats one of a tick shortly before.
+    #[must_use]
+    pub fn unsettles(&self, tick: u64) -> bool {
+        let is_past = self.until.saturating_add(2 * MOST_DELAY_TICKS) < tick;
+        let is_of_edges =
+            |kind: Kind| kind.takes_down() || kind.shapes_messages() || kind == Kind::Cut;
+        self.kind().is_some_and(is_of_edges) && !is_past && self.at <= tick.saturating_add(2)
     }
 
     /// Whether a tick is concerned.

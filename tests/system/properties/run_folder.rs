@@ -2,7 +2,7 @@
 
 use std::os::unix::fs::FileExt;
 
-use recorder::{Contents, Item, MESSAGES, RecordReader, RecordWriter};
+use recorder::{Contents, Cut, Item, MESSAGES, RecordReader, RecordWriter};
 use runtime::{ControlPage, MAX_PROCESSES, MOST_FAULTS, Manifest, RunDir};
 use shared_types::fault::ScheduledFault;
 use shared_types::graph::{BUILT_IN, Graph};
@@ -37,24 +37,27 @@ pub fn record(bytes: &[u8]) {
         std::fs::write(&path, &file).expect("shared memory");
         match RecordReader::open(&path, &contents) {
             Ok(mut record) => {
-                let mut counts = vec![0; contents.layouts().len()];
-                let mut messages = 0;
+                let (mut count, mut messages) = (0, 0);
                 while let Some(item) = record.next_item() {
-                    if let Item::Message { channel, message } = item {
-                        counts[channel] += 1;
+                    if let Item::Message { message, .. } = item {
+                        count += 1;
                         messages += message.len();
                     }
                 }
                 let flaws = record.flaws().len();
                 assert!(messages <= file.len() * 300 && flaws <= 2 * file.len() + 1);
-                let again = RecordWriter::go_on(&path, &contents, &counts, 0, |_, message| {
-                    messages -= message.len();
-                });
-                again
-                    .expect("all that was read")
-                    .finish()
-                    .expect("shared memory");
-                assert_eq!(messages, 0);
+                let mut again = RecordReader::open(&path, &contents).expect("a record");
+                let copy = path.with_added_extension("copy");
+                RecordWriter::continuing(&copy, &contents, &mut again, u64::MAX)
+                    .and_then(RecordWriter::finish)
+                    .expect("all that was read");
+                let mut copied = RecordReader::open(&copy, &contents).expect("a whole record");
+                while let Some(item) = copied.next_item() {
+                    count -= usize::from(matches!(item, Item::Message { .. }));
+                }
+                assert_eq!(count, 0);
+                let cut = Cut::newest(&path, &contents, |_| true).expect("what was read once");
+                assert!(cut.is_none_or(|cut| cut.processes.len() <= file.len()));
             }
             Err(error) => assert!(!error.to_string().is_empty()),
         }

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-use launcher::{Child, End, Event, Launcher, Limits, Outcome, Plan, Ran, Restart};
+use launcher::{Begin, Child, End, Event, Launcher, Limits, Outcome, Plan, Ran, Restart};
 use runtime::{Mode, Process, ProcessError, Shell, now_ns, realtime};
 use serde::{Deserialize, Serialize};
 use session::{Failure, Observer, Progress};
@@ -64,6 +64,7 @@ impl Ring {
                 ..Limits::of(Mode::Lockstep)
             },
             faults: Vec::new(),
+            begin: Begin::default(),
         };
         // Until everything of the ring is removed.
         let mut signals = session::interrupts()?;
@@ -79,7 +80,7 @@ impl Ring {
             command.args(["bench-peer", process, "--run"]).arg(run);
             Ok(command)
         };
-        let outcome = launcher.run(&command, &mut |event| match event {
+        let outcome = launcher.run(&command, &|_| None, &mut |event| match event {
             Event::Line { process, line } => {
                 observer(Progress::Line(&format!("{process}: {line}")))
             }

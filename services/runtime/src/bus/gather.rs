@@ -14,18 +14,19 @@ pub(crate) struct Gathering {
     inlet: Inlet,
     last: Option<u64>,
     lost: u64,
-    /// Messages of earlier ticks were taken in by a predecessor: they are part of the topic's history.
+    /// Messages of earlier ticks were taken in by a predecessor.
     from: u64,
 }
 
 impl Gathering {
     pub(crate) fn new(shared: Rc<Context>, receiver: Rc<Receiver>) -> Self {
+        let from = shared.manifest.from;
         let inlet = Inlet::new(shared, receiver, Admission::InOrder);
         Self {
             inlet,
-            last: None,
+            last: from.checked_sub(1),
             lost: 0,
-            from: 0,
+            from,
         }
     }
 

@@ -141,7 +141,7 @@ impl Ticks {
         let last = if shared.entry().incarnation() > 1 {
             newest()
         } else {
-            None
+            shared.manifest.from.checked_sub(1)
         };
         let is_answer =
             topic == TorqueCommand::TOPIC && shared.manifest.processes[shared.me].makes_ticks;

@@ -1,0 +1,60 @@
+//! What a process has saved of itself before a tick, as bytes.
+
+use bytemuck::pod_read_unaligned;
+
+/// Tick and length of the state, before it.
+const HEAD: usize = 2 * size_of::<u64>();
+
+/// What a process has saved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Saved<'a> {
+    /// The tick that comes next.
+    pub tick: u64,
+    /// The state, as its step has saved it.
+    pub state: &'a [u8],
+    /// The message that has closed the loop and is not read yet; empty where none has come, or the process does not make the ticks.
+    pub carried: &'a [u8],
+}
+
+impl<'a> Saved<'a> {
+    /// The parts of what was saved; `None` of other bytes.
+    #[must_use]
+    pub fn of(bytes: &'a [u8]) -> Option<Self> {
+        let (head, rest) = bytes.split_at_checked(HEAD)?;
+        let [tick, length]: [u64; 2] = pod_read_unaligned(head);
+        let (state, carried) = rest.split_at_checked(usize::try_from(length).ok()?)?;
+        Some(Self {
+            tick,
+            state,
+            carried,
+        })
+    }
+
+    /// The bytes, in place of what `out` holds.
+    pub fn write(&self, out: &mut Vec<u8>) {
+        out.clear();
+        for word in [self.tick, self.state.len() as u64] {
+            out.extend_from_slice(&word.to_ne_bytes());
+        }
+        out.extend_from_slice(self.state);
+        out.extend_from_slice(self.carried);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_saved_comes_back() {
+        let saved = Saved {
+            tick: 3000,
+            state: &[1, 2, 3],
+            carried: &[4; 9],
+        };
+        let mut bytes = Vec::new();
+        saved.write(&mut bytes);
+        assert_eq!(Saved::of(&bytes), Some(saved));
+        assert_eq!(Saved::of(&bytes[..HEAD + 2]), None);
+    }
+}

@@ -1,0 +1,135 @@
+//! Cuts: what all processes have saved before a tick, in the record, on the topic `/cuts`. From there a run goes on.
+
+use std::path::Path;
+
+use crate::contents::Contents;
+use crate::error::RecordError;
+use crate::event::{CDR, put_text};
+use crate::reader::{RecordReader, part};
+
+/// Topic, type and definition of cuts.
+pub(crate) const CUTS: [&str; 3] = [
+    "/cuts",
+    "armplane/msg/Cut",
+    "armplane/Saved[] processes\n\
+     ================================================================================\n\
+     MSG: armplane/Saved\nstring process\nuint8[] state\n",
+];
+
+/// The end of a file in which cuts are looked for first; bytes.
+const TAIL: u64 = 8 << 20;
+
+/// What every process has saved at a tick, before it.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Cut {
+    /// The tick that comes next.
+    pub tick: u64,
+    /// The processes, and what they have saved, as [`process::Saved`] has it.
+    pub processes: Vec<(String, Vec<u8>)>,
+}
+
+impl Cut {
+    /// As a message of CDR.
+    pub(crate) fn write(&self, out: &mut Vec<u8>) {
+        out.extend(CDR);
+        out.extend((self.processes.len() as u32).to_le_bytes());
+        for (process, saved) in &self.processes {
+            put_text(out, process);
+            out.resize(out.len().next_multiple_of(4), 0);
+            out.extend((saved.len() as u32).to_le_bytes());
+            out.extend(saved);
+        }
+    }
+
+    /// The cut of a tick from its message; `None` of other bytes.
+    pub(crate) fn read(tick: u64, message: &[u8]) -> Option<Self> {
+        let mut at = CDR.len();
+        let number = |at: &mut usize| {
+            *at = at.next_multiple_of(4);
+            let bytes = message.get(*at..)?.first_chunk()?;
+            *at += 4;
+            Some(u32::from_le_bytes(*bytes) as usize)
+        };
+        let count = number(&mut at)?;
+        let mut processes = Vec::new();
+        for _ in 0..count {
+            let mut part = || {
+                let length = number(&mut at)?;
+                let part = message.get(at..at.checked_add(length)?)?;
+                at += length;
+                Some(part)
+            };
+            let name = part()?.strip_suffix(&[0])?;
+            let name = std::str::from_utf8(name).ok()?.to_owned();
+            processes.push((name, part()?.to_vec()));
+        }
+        Some(Self { tick, processes })
+    }
+
+    /// The newest cut of a record at which a run can go on; `None` if it has none. `is_usable` says whether one of a tick is.
+    ///
+    /// # Errors
+    /// When the record cannot be read.
+    pub fn newest(
+        path: &Path,
+        contents: &Contents,
+        is_usable: impl Fn(u64) -> bool,
+    ) -> Result<Option<Self>, RecordError> {
+        let limits = limits(path, contents);
+        for (place, limit) in limits.iter().enumerate().rev() {
+            let path = part(path, place as u32 + 1);
+            let (length, mut tail) = (RecordReader::length_of(&path), TAIL);
+            loop {
+                let mut newest = None;
+                if let Some(mut end) = RecordReader::at_end(&path, contents, tail)? {
+                    while end.next_item().is_some() {}
+                    let usable = |cut: &Self| cut.tick <= *limit && is_usable(cut.tick);
+                    newest = end.cuts().into_iter().rfind(usable);
+                }
+                if newest.is_some() {
+                    return Ok(newest);
+                }
+                if tail >= length {
+                    break;
+                }
+                tail *= 8;
+            }
+        }
+        Ok(None)
+    }
+}
+
+/// For each file of a record the tick at which a later one goes on: its messages from there on have been sent again.
+pub(crate) fn limits(path: &Path, contents: &Contents) -> Vec<u64> {
+    let exists = |number: &u32| part(path, *number).exists();
+    let numbers = (1..).take_while(exists);
+    let begins = numbers.map(|number| {
+        let begin = RecordReader::begin_of(&part(path, number), contents);
+        // Of a recorder that was replaced in real time nothing is sent again.
+        begin.filter(|tick| *tick > 0).unwrap_or(u64::MAX)
+    });
+    let begins: Vec<u64> = begins.collect();
+    let after = |number: usize| begins[number + 1..].iter().copied().min();
+    (0..begins.len())
+        .map(|number| after(number).unwrap_or(u64::MAX))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cut_comes_back_and_other_bytes_are_none() {
+        let cut = Cut {
+            tick: 2000,
+            processes: vec![("plant".into(), vec![7; 13]), ("controller".into(), vec![])],
+        };
+        let mut bytes = Vec::new();
+        cut.write(&mut bytes);
+        assert_eq!(Cut::read(2000, &bytes), Some(cut));
+        for end in 0..bytes.len() {
+            assert_eq!(Cut::read(2000, &bytes[..end]), None, "{end}");
+        }
+    }
+}
