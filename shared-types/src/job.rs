@@ -74,6 +74,30 @@ pub struct Job {
     pub dof: u32,
     /// In which processes.
     pub graph: Graph,
+    /// The run that it goes on from; `None`: it begins with tick 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<Branch>,
+}
+
+/// The place at which a run goes on from another one.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Branch {
+    /// The folder of that run.
+    pub run: String,
+    /// The tick.
+    pub tick: u64,
+    /// Settings that differ from there on; none: it is the same run.
+    pub settings: Vec<String>,
+}
+
+impl std::fmt::Display for Branch {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}@{}", self.run, self.tick)?;
+        match &*self.settings {
+            [] => Ok(()),
+            settings => write!(f, " with {}", settings.join(", ")),
+        }
+    }
 }
 
 impl Job {

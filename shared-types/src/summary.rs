@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::fault::Fault;
-use crate::job::Job;
+use crate::job::{Branch, Job};
 
 /// The outcome of a run that a signal has ended, or whose launcher was killed.
 pub const INTERRUPTED: &str = "interrupted";
@@ -92,6 +92,9 @@ pub struct RunOf {
     pub run: String,
     /// Control rate; Hz.
     pub rate_hz: u32,
+    /// The run that it goes on from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<Branch>,
 }
 
 impl From<&Job> for RunOf {
@@ -104,6 +107,7 @@ impl From<&Job> for RunOf {
             seed: job.scenario.seed,
             run: job.run.clone(),
             rate_hz: job.scenario.rate_hz,
+            from: job.from.clone(),
         }
     }
 }

@@ -161,14 +161,16 @@ fn chunks_that_are_missing_repeated_or_exchanged_are_named_by_each_command() {
         }
         assert!(desk.read("r/report.html").contains(clause), "{clause}");
         if is_known {
-            let said = run.killed(&bytes).armplane("recover r --json");
+            let said = run
+                .killed(&bytes)
+                .armplane("recover r --only-results --json");
             let error = said.json()["recorder"]["error"].text().to_owned();
             assert_eq!((said.code, error.split("; ").next()), (1, Some(clause)));
         }
     }
     // A chunk that is out of its order is missing at its place.
     assert_eq!(causes.len(), 5, "{causes:?}");
-    let again = run.killed(file).json("recover r");
+    let again = run.killed(file).json("recover r --only-results");
     assert_eq!(again["topics"], run.summary["topics"]);
 }
 
@@ -277,14 +279,14 @@ fn a_run_without_its_job_or_its_summary_is_told_with_a_remedy_that_helps() {
     says("report", "summary.json", of_messages);
     desk.pipe("r/summary.json");
     says("report", "r/summary.json", of_messages);
-    desk.refuses(2, "recover r", "r/summary.json");
+    desk.refuses(2, "recover r --only-results", "r/summary.json");
     desk.remove("r/summary.json");
-    desk.succeeds("recover r");
+    desk.succeeds("recover r --only-results");
     // A link in the place of a log.
     run.killed(&run.log).remove("r/messages.mcap");
     desk.file("elsewhere", "mine");
     desk.link("r/messages.mcap", "elsewhere");
-    let said = desk.refuses(2, "recover r", MESSAGES);
+    let said = desk.refuses(2, "recover r --only-results", MESSAGES);
     assert!(!said.err.contains("--out"), "{}", said.err);
     assert_eq!(desk.read("elsewhere"), "mine");
 }

@@ -164,7 +164,7 @@ fn no_process_outlives_a_killed_launcher_and_clean_removes_what_it_left() {
     let left = in_shared_memory(launcher);
     assert!(!left.is_empty(), "a killed launcher cannot clean up");
     let doctor = desk.json("doctor");
-    let summary = desk.json("recover results");
+    let summary = desk.json("recover results --only-results");
     summary.holds(r#"{"outcome": "interrupted"}"#);
     let ticks = summary["ticks"].count();
     let torques = summary["topics"]["torque"]["count"].count();
@@ -173,7 +173,7 @@ fn no_process_outlives_a_killed_launcher_and_clean_removes_what_it_left() {
     assert_eq!(recorded, ticks, "every tick once in the recording");
     desk.succeeds("report results");
     desk.succeeds("replay results");
-    desk.refuses(2, "recover results", "summary.json");
+    desk.refuses(2, "recover results --only-results", "summary.json");
     let ours = format!("-{launcher}-");
     let mut runs = doctor["runs"].list().iter();
     let found = runs.any(|run| run["run"].text().contains(&ours) && run["alive"] == false);
@@ -253,7 +253,7 @@ fn a_run_that_is_killed_at_any_moment_of_its_start_is_recovered_or_its_folder_is
         });
         desk.succeeds("clean");
         let before = desk.names(&out);
-        let again = desk.armplane(&format!("recover {out} --json"));
+        let again = desk.armplane(&format!("recover {out} --only-results --json"));
         if again.code == 0 {
             let summary = again.json();
             summary.holds(r#"{"outcome": "interrupted"}"#);
@@ -271,6 +271,6 @@ fn a_run_that_is_killed_at_any_moment_of_its_start_is_recovered_or_its_folder_is
     }
     // As a launcher leaves it that is killed before its first process, which the attempts above need not have met.
     desk.file("early/summary.json.reserved", "");
-    desk.refuses(2, "recover early", "job.json --out early");
+    desk.refuses(2, "recover early --only-results", "job.json --out early");
     assert!(desk.has("early/summary.json.reserved"));
 }

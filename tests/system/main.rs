@@ -7,6 +7,7 @@ mod clients;
 mod command;
 mod compare;
 mod corpus;
+mod cuts;
 mod damage;
 mod door;
 mod faults;

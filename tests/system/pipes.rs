@@ -82,7 +82,7 @@ fn a_pipe_without_a_writer_is_refused_in_one_sentence_by_every_command() {
     }
     desk.remove("r/summary.json");
     desk.pipe("r/job.json");
-    let said = refused(&desk, "recover r");
+    let said = refused(&desk, "recover r --only-results");
     assert!(
         said.err
             .lines()

@@ -6,7 +6,7 @@
 mod faults;
 
 use model::{Refused, Robot};
-use process::{Member, Step, Thread};
+use process::{Member, NamedSaved, Step, Thread};
 use shared_types::codes::{PHASE_REFUSED, REFUSALS, name_of};
 use shared_types::fault::ScheduledFault;
 use shared_types::process::Program;
@@ -149,9 +149,9 @@ pub fn run(robot: &Robot, scenario: &Scenario, mut each: impl FnMut(&Tick)) -> R
 pub fn advance(
     robot: &Robot,
     scenario: &Scenario,
-    from: &[(String, Vec<u8>)],
+    from: &[NamedSaved],
     to: u64,
-) -> Result<Option<(Vec<(String, Vec<u8>)>, Tick)>, Refused> {
+) -> Result<Option<(Vec<NamedSaved>, Tick)>, Refused> {
     let (mut thread, mut tick) = (
         thread(robot, scenario, hardware_faults_of(scenario)?, |_| true)?,
         Tick::default(),

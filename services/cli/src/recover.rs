@@ -1,4 +1,4 @@
-//! `armplane recover`: the results of a run whose launcher was killed.
+//! `armplane recover`: goes on with a run whose launcher was killed, or makes its results.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -6,19 +6,32 @@ use std::process::ExitCode;
 use clap::Args;
 use session::{Failure, RunText};
 
-use crate::out::{say_json, show};
+use crate::out::{say_json, show, tell, unread};
 use crate::progress::observe;
+use crate::run::conclude;
 
 #[derive(Args)]
 pub(crate) struct RecoverArgs {
     /// The run's folder.
     #[arg(value_name = "RUN")]
     run: PathBuf,
+    /// Do not go on with it: make the results of the ticks that it has.
+    #[arg(long)]
+    only_results: bool,
 }
 
 pub(crate) fn recover(args: &RecoverArgs, as_json: bool) -> Result<ExitCode, Failure> {
+    let remains = session::remains(&args.run)?;
+    match remains.ended {
+        _ if args.only_results => {}
+        Some(why) => tell(&format!(
+            "armplane: {}: {why}: these are the results of the ticks that it has",
+            args.run.display()
+        )),
+        None => return conclude(session::go_on(remains, unread, &observe)?, as_json),
+    }
     let _signals = session::interrupts()?;
-    let summary = session::recover(&args.run, &observe)?;
+    let summary = session::recover(remains, &observe)?;
     if as_json {
         say_json(&summary)?;
     } else {

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use clap::{Parser, ValueEnum};
 use launcher::End;
-use session::{Failure, Finished, Request, RunText, load};
+use session::{Failure, Finished, Place, Request, RunText, load};
 use shared_types::job::Mode;
 
 use crate::out::{passed, say, say_json, show};
@@ -20,6 +20,13 @@ pub(crate) struct RunArgs {
     /// Folder for the results [default: the next free runs/SCENARIO-NNN].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Go on from a tick of a run in lockstep: with the same bytes, or with --set as a branch of it.
+    #[arg(
+        long,
+        value_name = "RUN@TICK",
+        conflicts_with_all = ["scenario", "mode", "plant", "seed", "graph", "no_record"]
+    )]
+    from: Option<Place>,
     /// Pace of the run [default: lockstep; realtime on a robot].
     #[arg(long, value_enum, hide_default_value = true)]
     mode: Option<ModeArg>,
@@ -76,7 +83,11 @@ impl From<ModeArg> for Mode {
 
 pub(crate) fn run(args: &RunArgs, as_json: bool) -> Result<ExitCode, Failure> {
     let request = Request {
-        scenario: args.scenario.clone(),
+        scenario: match &args.from {
+            Some(place) => place.run.display().to_string(),
+            None => args.scenario.clone(),
+        },
+        from: args.from.clone(),
         settings: args.set.clone(),
         seed: args.seed,
         graph: args.graph.clone(),

@@ -105,6 +105,7 @@ pub(crate) fn servo(args: &ServoArgs, as_json: bool) -> Result<ExitCode, Failure
         plant: args.plant.clone(),
         scenario: subject.clone(),
         settings: Vec::new(),
+        from: None,
         seed: None,
         graph: None,
         mode: Mode::from(args.mode),

@@ -13,6 +13,17 @@ use crate::signals::Interrupts;
 use crate::spawn::{Slot, Slots, Supervised};
 use crate::unfinished::Sweeper;
 
+/// Leaves to all processes what they go on from.
+fn leave(plan: &Plan, run: &RunDir, page: &ControlPage) -> Result<(), LaunchError> {
+    for (process, saved) in &plan.begin.saved {
+        runtime::leave(run.path(), process, saved).map_err(LaunchError::Cut)?;
+    }
+    for index in 0..plan.children.len() {
+        page.process(index).close_before(plan.begin.tick);
+    }
+    Ok(())
+}
+
 impl Supervised {
     /// Makes the run's directory with all that the processes need. `earlier`: the faults of an earlier start, for which no process is left.
     pub(crate) fn prepare(plan: Plan, earlier: Option<&FaultTable>) -> Result<Self, LaunchError> {
@@ -32,12 +43,7 @@ impl Supervised {
         };
         manifest.write(&run)?;
         let control_page = ControlPage::create(&run)?;
-        for (process, saved) in &plan.begin.saved {
-            runtime::leave(run.path(), process, saved).map_err(LaunchError::Cut)?;
-        }
-        for index in 0..plan.children.len() {
-            control_page.process(index).close_before(plan.begin.tick);
-        }
+        leave(&plan, &run, &control_page)?;
         let table = control_page.fault_table();
         match earlier {
             Some(earlier) => table.take_over(earlier),

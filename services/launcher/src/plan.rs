@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-use runtime::{Exit, FaultTable, ForeignMessage, Mode, Process};
+use runtime::{Exit, FaultTable, ForeignMessage, Mode, NamedSaved, Process};
 use shared_types::fault::ScheduledFault;
 
 use crate::delay::Delay;
@@ -138,7 +138,7 @@ pub struct Begin {
     /// The first tick: 0, or that of a cut.
     pub tick: u64,
     /// What each process has saved there, by its name.
-    pub saved: Vec<(String, Vec<u8>)>,
+    pub saved: Vec<NamedSaved>,
 }
 
 /// An event of a run.

@@ -5,6 +5,9 @@ use bytemuck::pod_read_unaligned;
 /// Tick and length of the state, before it.
 const HEAD: usize = 2 * size_of::<u64>();
 
+/// A process by its name, and what it has saved: the bytes of a [`Saved`].
+pub type NamedSaved = (String, Vec<u8>);
+
 /// What a process has saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Saved<'a> {

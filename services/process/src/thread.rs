@@ -4,7 +4,7 @@ use shared_types::fault::ScheduledFault;
 
 use crate::edges::{Edges, Ended, Now};
 use crate::member::{Board, Member, Sink};
-use crate::saved::Saved;
+use crate::saved::{NamedSaved, Saved};
 use crate::scratch::Scratch;
 use crate::snapshot::Damaged;
 use crate::step::Flow;
@@ -96,7 +96,7 @@ impl Thread {
 
     /// What its processes have saved before the tick that comes next, by their names, with the messages of the last tick on `board`. `None`: one cannot be
     /// saved now. Without faults of processes and messages.
-    pub fn save(&self, board: &mut Board) -> Option<Vec<(String, Vec<u8>)>> {
+    pub fn save(&self, board: &mut Board) -> Option<Vec<NamedSaved>> {
         let (mut state, parts) = (Vec::new(), board.parts_mut());
         let save = |member: &Member| {
             member.step.save(&mut state);
@@ -120,11 +120,7 @@ impl Thread {
     ///
     /// # Errors
     /// [`Damaged`] if one has not been saved, or is not what was.
-    pub fn restore(
-        &mut self,
-        saved: &[(String, Vec<u8>)],
-        board: &mut Board,
-    ) -> Result<(), Damaged> {
+    pub fn restore(&mut self, saved: &[NamedSaved], board: &mut Board) -> Result<(), Damaged> {
         let mut parts = board.parts_mut();
         for member in &mut self.members {
             let own = saved.iter().find(|(name, _)| *name == member.name);

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use runtime::NamedSaved;
+
 use crate::contents::Contents;
 use crate::error::RecordError;
 use crate::event::{CDR, put_text};
@@ -25,7 +27,7 @@ pub struct Cut {
     /// The tick that comes next.
     pub tick: u64,
     /// The processes, and what they have saved, as [`process::Saved`] has it.
-    pub processes: Vec<(String, Vec<u8>)>,
+    pub processes: Vec<NamedSaved>,
 }
 
 impl Cut {

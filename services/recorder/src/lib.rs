@@ -203,11 +203,7 @@ impl<'a> Recorder<'a> {
             return;
         }
         match self.shell.cut(tick) {
-            Ok(Some(saved)) => {
-                let saved = saved
-                    .into_iter()
-                    .map(|(name, saved)| (name.to_owned(), saved));
-                let processes = saved.collect();
+            Ok(Some(processes)) => {
                 self.record
                     .write(|record| record.cut(&Cut { tick, processes }));
             }

@@ -76,6 +76,7 @@ pub use fault::exit::Exit;
 pub use fault::table::{FaultRecord, FaultTable, MOST_FAULTS, MOST_WHEN_REQUESTED, Origin};
 pub use joined::{About, Input, Joined, JoinedError, MOST_STATE, Output};
 pub use manifest::{Disturbance, ForeignMessage, Manifest, ManifestError, Process};
+pub use process::NamedSaved;
 pub use reserved::{release_reserve, reserve, write_reserved};
 pub use run_dir::{FoundRun, RunDir, RunDirError, SHM, free_bytes};
 pub use saving::{CUT_TICKS, leave};

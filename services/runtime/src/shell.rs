@@ -6,6 +6,7 @@ use std::rc::Rc;
 use std::sync::Arc;
 use std::time::Duration;
 
+use process::NamedSaved;
 use shared_types::fault::{Kind, ScheduledFault};
 use shared_types::job::Mode;
 use shared_types::topics::{self, Each};
@@ -349,12 +350,12 @@ impl Shell {
     ///
     /// # Errors
     /// When a cell cannot be read.
-    pub fn cut(&self, tick: u64) -> std::io::Result<Option<Vec<(&str, Vec<u8>)>>> {
+    pub fn cut(&self, tick: u64) -> std::io::Result<Option<Vec<NamedSaved>>> {
         let processes = self.shared.manifest.processes.iter();
         let mut saved = Vec::new();
         for process in processes.filter(|process| !process.polled) {
             match saved_at(self.run_dir(), &process.name, tick)? {
-                Some(state) => saved.push((&*process.name, state)),
+                Some(state) => saved.push((process.name.clone(), state)),
                 None => return Ok(None),
             }
         }

@@ -5,7 +5,6 @@ use std::process::Command;
 
 use launcher::{Death, Delay, Event, Exit, Interrupts, Launcher, Outcome, Plan, Ran};
 use model::Robot;
-use recorder::{Contents, Cut};
 use runtime::{FaultTable, RunDir};
 use shared_types::graph::Process;
 use shared_types::job::{JOB, Job};
@@ -14,6 +13,7 @@ use shared_types::summary::Summary;
 use crate::export::joined;
 use crate::failure::Failure;
 use crate::load;
+use crate::origin;
 use crate::progress::{Observer, Progress};
 
 /// Memory for the recorder's part of the summary, taken before the first process starts; bytes.
@@ -182,13 +182,9 @@ fn newest_cut(job: &Job, faults: &FaultTable) -> Option<launcher::Begin> {
         return None;
     }
     let faults: Vec<_> = faults.records().map(|(_, fault)| fault.scheduled).collect();
-    let is_usable = |tick| !faults.iter().any(|fault| fault.unsettles(tick));
-    let cut = Cut::newest(&record, &Contents::of(job), is_usable);
-    let cut = cut.inspect_err(runtime::complain).ok().flatten()?;
-    Some(launcher::Begin {
-        tick: cut.tick,
-        saved: cut.processes,
-    })
+    let cut = origin::newest_cut(&record, job, &faults, u64::MAX);
+    let cut = cut.inspect_err(runtime::complain).ok()?;
+    (cut.tick > 0).then_some(cut)
 }
 
 /// The recorder's part of the summary, made from the record where a recorder was replaced or has left none.

@@ -473,6 +473,7 @@ pub fn job(robot: &Robot, scenario: Scenario, graph: Graph, mode: Mode, out: Pat
         dof: robot.dof() as u32,
         scenario,
         graph,
+        from: None,
     }
 }
 

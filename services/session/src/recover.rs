@@ -1,20 +1,26 @@
 //! Makes the results of a run whose launcher was killed, from the files it left.
 
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use model::Robot;
+use recorder::MESSAGES;
 use runtime::{ControlPage, MAX_PROCESSES, RunDir, SHM};
+use shared_types::graph::Process;
 use shared_types::job::{JOB, Job, Mode};
 use shared_types::summary::{INTERRUPTED, Summary};
 
 use crate::drawing::draw_results;
 use crate::export::joined;
 use crate::failure::Failure;
-use crate::launch::interrupts;
+use crate::launch::{interrupts, launch_begun};
 use crate::machine::machine;
-use crate::progress::Observer;
+use crate::origin::newest_cut;
+use crate::plan::plan;
+use crate::progress::{Observer, Progress};
 use crate::results::{Results, SUMMARY, keep};
 use crate::runs::Run;
+use crate::session::{Finished, conclude};
 use crate::summary::{deadlines, detected, fault_summary};
 
 /// Makes recording, summary and repeatable scenario of a run from the job and the messages in its
@@ -24,7 +30,26 @@ use crate::summary::{deadlines, detected, fault_summary};
 /// # Errors
 /// [`Failure::Input`] if the run still goes on, has ended by itself, or kept no messages;
 /// [`Failure::Work`] if a file cannot be written.
-pub fn recover(folder: &Path, observer: Observer<'_>) -> Result<Summary, Failure> {
+pub fn recover(remains: Remains, observer: Observer<'_>) -> Result<Summary, Failure> {
+    let Remains { folder, job, .. } = remains;
+    // Held until all is written; refused while the run goes on.
+    let _results = Results::of_run(&folder)?;
+    let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
+    let mut summary = recorder::rebuild(&robot, &job, false).map_err(Failure::work)?;
+    let page = left_in_shared_memory(&job.run);
+    if !summary.completed {
+        INTERRUPTED.clone_into(&mut summary.outcome);
+        summary.reason = interrupted(&summary, page.as_ref().map_or(0, ticks_done));
+    }
+    summary.machine = machine();
+    add_shared_memory(&mut summary, &job, page.as_ref());
+    keep(&folder, &job, &summary)?;
+    draw_results(&job, &summary, observer, &mut interrupts()?)?;
+    Ok(summary)
+}
+
+/// The folder and the job of a run that has no summary.
+fn left(folder: &Path) -> Result<(PathBuf, Job), Failure> {
     let folder = folder.canonicalize().map_err(|_| {
         Failure::Input(format!(
             "there is no folder {}: give the one that `armplane run` printed, such as runs/fig5-wrist-rotation-001",
@@ -41,8 +66,8 @@ pub fn recover(folder: &Path, observer: Observer<'_>) -> Result<Summary, Failure
             folder.display()
         )));
     }
-    // Held until all is written; refused while the run goes on.
-    let _results = Results::of_run(&folder)?;
+    // Refused while the run goes on.
+    Results::of_run(&folder)?;
     if !folder.join(JOB).exists() {
         return Err(Failure::Input(nothing_begun(&folder)));
     }
@@ -54,18 +79,77 @@ pub fn recover(folder: &Path, observer: Observer<'_>) -> Result<Summary, Failure
         )));
     }
     job.out.clone_from(&folder);
-    let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
-    let mut summary = recorder::rebuild(&robot, &job, false).map_err(Failure::work)?;
-    let page = left_in_shared_memory(&job.run);
-    if !summary.completed {
-        INTERRUPTED.clone_into(&mut summary.outcome);
-        summary.reason = interrupted(&summary, page.as_ref().map_or(0, ticks_done));
+    Ok((folder, job))
+}
+
+/// A run that its launcher's end has cut short, and what is left of it.
+#[derive(Debug)]
+pub struct Remains {
+    /// Absolute.
+    folder: PathBuf,
+    job: Job,
+    /// Why it cannot go on, in words.
+    pub ended: Option<&'static str>,
+}
+
+/// Whether a run whose launcher was killed can go on.
+///
+/// # Errors
+/// As [`recover`].
+pub fn remains(folder: &Path) -> Result<Remains, Failure> {
+    let (folder, job) = left(folder)?;
+    let is_external = |process: &Process| process.external || !process.robot.is_empty();
+    let ended = if job.mode == Mode::Realtime {
+        Some("it ran in real time")
+    } else if job
+        .scenario
+        .servo
+        .as_ref()
+        .is_some_and(|session| session.live)
+    {
+        Some("nobody gives it targets any more")
+    } else if job.graph.process.iter().any(is_external) {
+        Some("a program of it is started by hand")
+    } else {
+        None
+    };
+    Ok(Remains { folder, job, ended })
+}
+
+/// Goes on with a run in lockstep whose launcher was killed, from the newest cut in its record to its end. `unread`: see [`Request`](crate::Request).
+///
+/// # Errors
+/// As [`recover`], and [`Failure::Work`] if the processes cannot be started or watched.
+pub fn go_on(
+    remains: Remains,
+    unread: fn() -> BTreeMap<String, u64>,
+    observer: Observer<'_>,
+) -> Result<Finished, Failure> {
+    let Remains { folder, job, .. } = remains;
+    let results = Results::of_run(&folder)?;
+    let signals = interrupts()?;
+    let mut plan = plan(&job)?;
+    // Those that were given while it ran, too, as far as they are known.
+    if let Some(page) = left_in_shared_memory(&job.run) {
+        let records = page.fault_table().records();
+        plan.faults = records.map(|(_, record)| record.scheduled).collect();
     }
-    summary.machine = machine();
-    add_shared_memory(&mut summary, &job, page.as_ref());
-    keep(&folder, &job, &summary)?;
-    draw_results(&job, &summary, observer, &mut interrupts()?)?;
-    Ok(summary)
+    plan.begin = newest_cut(&folder.join(MESSAGES), &job, &plan.faults, u64::MAX)?;
+    let from = plan.begin.tick;
+    observer(Progress::Line(&format!(
+        "armplane: goes on from tick {from}"
+    )));
+    results.reserve(&job)?;
+    let launched = launch_begun(&job, plan, &mut |_| Ok(()), observer)?;
+    let mut finished = conclude(&job, &results, launched, unread(), signals, || (), observer);
+    let killed = format!("the launcher was killed; the run went on from tick {from}");
+    finished
+        .summary
+        .faults
+        .push(detected("launcher", from, "kill", killed));
+    let kept = keep(&folder, &job, &finished.summary);
+    finished.saved = finished.saved.and(kept);
+    Ok(finished)
 }
 
 /// Why the run did not come to its end; `done`: the ticks that it has done, where that is still known.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use launcher::{End, Interrupts};
+use launcher::{End, Interrupts, Outcome};
 use runtime::RunDir;
 use shared_types::job::{Job, Mode};
 use shared_types::summary::Summary;
@@ -13,6 +13,7 @@ use crate::drawing::draw_results;
 use crate::failure::Failure;
 use crate::launch::{Begin, interrupts, launch_begun};
 use crate::load::{self, Loaded};
+use crate::origin::{Origin, Place, begin_at};
 use crate::plan::plan;
 use crate::progress::{Observer, Progress};
 use crate::results::Results;
@@ -33,6 +34,8 @@ pub struct Request {
     pub graph: Option<PathBuf>,
     /// The plant in place of the simulated arm, `mujoco`, `mujoco:SCENE.xml` or the address of a robot; the graph's where it is `None`.
     pub plant: Option<String>,
+    /// The tick of a run from which it goes on, in place of a scenario.
+    pub from: Option<Place>,
     /// Lockstep or real time.
     pub mode: Mode,
     /// The results folder; by default the next free `runs/NAME-NNN`.
@@ -68,9 +71,14 @@ pub struct Finished {
 /// [`Failure::Input`] or [`Failure::File`] before anything is started, where scenario, robot, graph or results folder cannot be used, or the
 /// control law refuses the start; [`Failure::Work`] if the processes cannot be started or watched. A run that fails is [`Finished`].
 pub fn run(request: &Request, observer: Observer<'_>) -> Result<Finished, Failure> {
+    let mut begin = |_: &RunDir| Ok(());
+    if let Some(place) = &request.from {
+        let (loaded, origin) = begin_at(place, &request.settings)?;
+        return run_from(request, loaded, Some(&origin), &mut begin, observer);
+    }
     let graph = request.graph.as_deref();
     let loaded = load::scenario_in(graph, &request.scenario, &request.settings, request.seed)?;
-    run_loaded(request, loaded, &mut |_| Ok(()), observer)
+    run_loaded(request, loaded, &mut begin, observer)
 }
 
 /// As [`run`] with a scenario that is loaded; `begin` sees the run before its first process starts.
@@ -79,7 +87,17 @@ pub fn run(request: &Request, observer: Observer<'_>) -> Result<Finished, Failur
 /// See [`run`].
 pub fn run_loaded(
     request: &Request,
+    loaded: Loaded,
+    begin: Begin<'_>,
+    observer: Observer<'_>,
+) -> Result<Finished, Failure> {
+    run_from(request, loaded, None, begin, observer)
+}
+
+fn run_from(
+    request: &Request,
     mut loaded: Loaded,
+    origin: Option<&Origin>,
     begin: Begin<'_>,
     observer: Observer<'_>,
 ) -> Result<Finished, Failure> {
@@ -91,53 +109,80 @@ pub fn run_loaded(
         robot,
         graph,
     } = robot::settle(loaded, request.mode, observer)?;
-    let named = |sentence: &dyn std::fmt::Display| format!("{}: {sentence}", request.scenario);
     let say = |sentence: &str| observer(Progress::Line(&format!("armplane: {sentence}")));
-    let warning =
-        chain::try_first_tick(&robot, &scenario).map_err(|error| Failure::Input(named(&error)))?;
-    if let Some(warning) = warning {
-        say(&named(&warning));
-    }
+    let named = |sentence: String| format!("{}: {sentence}", request.scenario);
+    let warning = chain::try_first_tick(&robot, &scenario);
+    let warning = warning.map_err(|error| Failure::Input(named(error.to_string())))?;
+    warning.map(named).iter().for_each(|warning| say(warning));
     // Before the first file is made; until then a signal ends the program at once.
-    let mut signals = interrupts()?;
+    let signals = interrupts()?;
     let own: Vec<usize> = graph.own_messages().map(|layout| layout.bytes).collect();
     launcher::check_limits(graph.process.len(), &own).map_err(Failure::work)?;
     let results = Results::create(request.out.as_deref(), &scenario.name)?;
     let folder = results.folder.clone();
+    origin.map_or(Ok(()), |origin| origin.spare(&folder))?;
     let job = Job {
         record: request.record,
+        from: origin.map(|origin| origin.branch.clone()),
         ..load::job(&robot, scenario, graph, request.mode, folder.clone())
     };
     results.reserve(&job)?;
     results.remove_old(&job)?;
     let mut plan = plan(&job)?;
     plan.limits = plan.limits.with_silence(request.silence_limit);
+    if let Some(origin) = origin {
+        plan.begin = origin.hand_over(&job)?;
+        let run = &origin.branch.run;
+        say(&format!("goes on from tick {} of {run}", plan.begin.tick));
+    }
     let mut live = request.live.then(Live::start).transpose()?;
     let mut begin = |run: &RunDir| {
         live.as_mut()
             .map_or(Ok(()), |live| live.follow(run.path()))?;
         begin(run)
     };
-    let (outcome, account) = launch_begun(&job, plan, &mut begin, observer)?;
-    let mut summary = summarise(&job, &outcome, account);
-    let unread = (request.unread)();
+    let launched = launch_begun(&job, plan, &mut begin, observer)?;
+    let finish_live = || {
+        for sentence in live.into_iter().flat_map(|live| live.finish(&folder)) {
+            say(&sentence);
+        }
+    };
+    Ok(conclude(
+        &job,
+        &results,
+        launched,
+        (request.unread)(),
+        signals,
+        finish_live,
+        observer,
+    ))
+}
+
+/// Summarises a run that is over, keeps its results and draws it; `unread`: see [`Request`].
+pub(crate) fn conclude(
+    job: &Job,
+    results: &Results,
+    (outcome, account): (Outcome, Option<Summary>),
+    unread: BTreeMap<String, u64>,
+    mut signals: Interrupts,
+    before_drawing: impl FnOnce(),
+    observer: Observer<'_>,
+) -> Finished {
+    let mut summary = summarise(job, &outcome, account);
     for process in &mut summary.processes {
         process.lines_dropped += unread.get(&process.name).copied().unwrap_or_default();
     }
-    let saved = results.keep(&job, &summary).and_then(|()| whole(&summary));
-    for sentence in live.into_iter().flat_map(|live| live.finish(&folder)) {
-        say(&sentence);
-    }
+    let saved = results.keep(job, &summary).and_then(|()| whole(&summary));
+    before_drawing();
     while signals.pending().is_some() {}
-    let drawn = draw_results(&job, &summary, observer, &mut signals);
-    let saved = saved.and(drawn);
-    Ok(Finished {
+    let drawn = draw_results(job, &summary, observer, &mut signals);
+    Finished {
         summary,
-        folder,
+        folder: results.folder.clone(),
         end: outcome.end,
-        saved,
+        saved: saved.and(drawn),
         signals,
-    })
+    }
 }
 
 /// Whether the record holds the whole run, as far as its summary knows.

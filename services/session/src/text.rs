@@ -27,6 +27,9 @@ impl fmt::Display for RunText<'_> {
             "{}: {} — {}\n",
             summary.of.scenario, summary.outcome, summary.reason
         )?;
+        if let Some(from) = &summary.of.from {
+            writeln!(f, "from       {from}\n")?;
+        }
         // A run without a tick has no numbers.
         if summary.ticks > 0 {
             errors(f, summary)?;

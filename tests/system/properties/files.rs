@@ -86,6 +86,7 @@ pub fn job() -> String {
             include_str!("../../../shared-types/graph.toml"),
         )
         .expect("valid"),
+        from: None,
     };
     serde_json::to_string(&job).expect("a job can be written")
 }

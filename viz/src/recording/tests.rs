@@ -38,6 +38,7 @@ fn fixture(count: u64) -> (Job, Robot, Vec<Tick>) {
         robot: robot.source.clone(),
         dof: robot.dof() as u32,
         graph: Graph::built_in(false).expect("valid"),
+        from: None,
     };
     (job, robot, ticks)
 }

@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use shared_types::Message;
 
-use crate::bus::format::{header, read};
+use crate::bus::format::read;
 use crate::bus::gather::Gathering;
 use crate::bus::port::Receiver;
 use crate::context::Context;
@@ -51,11 +51,6 @@ impl<M: Message> Collector<M> {
             read(message, |message| take(message));
         })
     }
-
-    /// Counts a message that an earlier reader has left in its files.
-    pub fn recount(&mut self, message: &M) {
-        self.0.count(message.header().tick);
-    }
 }
 
 impl Collector<[u8]> {
@@ -65,10 +60,5 @@ impl Collector<[u8]> {
     /// When iceoryx2 fails.
     pub fn collect(&mut self, mut take: impl FnMut(&[u8])) -> Result<(), Interrupted> {
         self.0.collect(&mut take)
-    }
-
-    /// Counts a message that an earlier reader has left in its files.
-    pub fn recount(&mut self, message: &[u8]) {
-        self.0.count(header(message).tick);
     }
 }

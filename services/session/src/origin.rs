@@ -1,0 +1,317 @@
+//! Where a run begins that goes on from a tick of another one: the same again from there, or a branch of it with other settings.
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use launcher::Begin;
+use recorder::{Contents, Cut, MESSAGES, RecordReader, RecordWriter};
+use serde_json::Value;
+use shared_types::fault::ScheduledFault;
+use shared_types::job::{Branch, Job, Mode};
+
+use crate::failure::Failure;
+use crate::load::{self, Loaded};
+use crate::results::SCENARIO;
+use crate::runs::Run;
+
+/// A tick of a run, `RUN@TICK`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// The run's folder.
+    pub run: PathBuf,
+    /// The tick.
+    pub tick: u64,
+}
+
+impl FromStr for Place {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.rsplit_once('@');
+        let place = parts.and_then(|(run, tick)| {
+            let tick = tick.parse().ok()?;
+            (!run.is_empty()).then(|| Self {
+                run: run.into(),
+                tick,
+            })
+        });
+        place.ok_or_else(|| {
+            format!(
+                "`{text}` is no tick of a run: give its folder and the tick, such as runs/fig5-wrist-rotation-001@2500"
+            )
+        })
+    }
+}
+
+/// A run that others go on from.
+#[derive(Debug)]
+pub(crate) struct Origin {
+    job: Job,
+    record: PathBuf,
+    begin: Begin,
+    pub(crate) branch: Branch,
+}
+
+/// Settings that a branch cannot change, because the arm and its start are those of the run.
+const KEPT: [&str; 7] = [
+    "robot", "frame", "start", "rate_hz", "seed", "graph", "analysis",
+];
+
+/// The scenario of a run, with other settings if there are some, and its state at a tick: without settings at the cut before it.
+///
+/// # Errors
+/// [`Failure::Input`] if the run has no such tick, or cannot go on from it so.
+pub(crate) fn begin_at(place: &Place, settings: &[String]) -> Result<(Loaded, Origin), Failure> {
+    let (run, job) = recorded(place)?;
+    let refuse = |why: &str| Failure::Input(format!("{}: {why}", run.folder.display()));
+    let file = run.folder.join(SCENARIO).display().to_string();
+    let load = |settings: &[String]| load::scenario_in(None, &file, settings, None);
+    let loaded = load(settings)?;
+    let faults = |loaded: &Loaded| {
+        let faults = loaded.scenario.scheduled_faults(&loaded.graph);
+        faults.map_err(|complaint| refuse(&complaint.to_string()))
+    };
+    let before = match settings {
+        [] => None,
+        _ => Some(load(&[])?),
+    };
+    let planned = faults(before.as_ref().unwrap_or(&loaded))?;
+    let record = run.folder.join(MESSAGES);
+    let begin = newest_cut(&record, &job, &planned, place.tick)?;
+    let begin = match &before {
+        None => begin,
+        Some(before) => {
+            check(before, &loaded, &refuse)?;
+            let earlier = |all: Vec<ScheduledFault>| {
+                all.into_iter()
+                    .filter(|fault| fault.at < place.tick)
+                    .collect::<Vec<_>>()
+            };
+            if earlier(faults(&loaded)?) != earlier(planned.clone()) {
+                return Err(refuse(&format!(
+                    "a fault before tick {} cannot be changed: it has happened",
+                    place.tick
+                )));
+            }
+            advance(place.tick, begin, before, &loaded, &planned).map_err(|why| refuse(&why))?
+        }
+    };
+    let branch = Branch {
+        run: run.folder.display().to_string(),
+        tick: place.tick,
+        settings: settings.to_vec(),
+    };
+    let origin = Origin {
+        job,
+        record,
+        begin,
+        branch,
+    };
+    Ok((loaded, origin))
+}
+
+/// The run of a place, and its job, if it has such a tick and can go on.
+fn recorded(place: &Place) -> Result<(Run, Job), Failure> {
+    let run = Run::find(Some(&place.run))?;
+    let job = run.job()?;
+    let refuse = |why: &str| Failure::Input(format!("{}: {why}", run.folder.display()));
+    if job.mode == Mode::Realtime {
+        return Err(refuse(
+            "it ran in real time, and no run in real time comes again: run it in lockstep",
+        ));
+    }
+    if !job.record {
+        return Err(refuse(
+            "it has no record to go on from (--no-record): run it again",
+        ));
+    }
+    let ticks = run.summary()?.ticks;
+    if !(1..ticks).contains(&place.tick) {
+        return Err(refuse(&format!(
+            "it has the ticks 1 to {}, not {}",
+            ticks.saturating_sub(1),
+            place.tick
+        )));
+    }
+    Ok((run, job))
+}
+
+/// The newest cut of a job's record, not after a tick, from which a run with these faults goes on; the beginning of the run if there is none.
+///
+/// # Errors
+/// [`Failure::Input`] if the record cannot be read.
+pub(crate) fn newest_cut(
+    record: &Path,
+    job: &Job,
+    faults: &[ScheduledFault],
+    last: u64,
+) -> Result<Begin, Failure> {
+    let is_usable = |tick| tick <= last && !faults.iter().any(|fault| fault.unsettles(tick));
+    let cut = Cut::newest(record, &Contents::of(job), is_usable).map_err(Failure::input)?;
+    Ok(cut.map_or_else(Begin::default, |cut| Begin {
+        tick: cut.tick,
+        saved: cut.processes,
+    }))
+}
+
+/// Whether a branch may have these settings.
+fn check(before: &Loaded, after: &Loaded, refuse: &dyn Fn(&str) -> Failure) -> Result<(), Failure> {
+    let values = |loaded: &Loaded| serde_json::to_value(&loaded.scenario).map_err(Failure::work);
+    let (was, is) = (values(before)?, values(after)?);
+    let changed = |path: &str| was.pointer(path) != is.pointer(path);
+    let kept = KEPT.iter().find(|key| changed(&format!("/{key}")));
+    if let Some(key) = kept {
+        return Err(refuse(&format!(
+            "a branch keeps the `{key}` of its run: it can change control, plant, faults and what comes after the tick"
+        )));
+    }
+    if changed("/control/strategy") {
+        let law = |value: &Value| {
+            value
+                .pointer("/control/strategy")
+                .cloned()
+                .unwrap_or_default()
+        };
+        return Err(refuse(&format!(
+            "the law {} cannot go on from the state of {}: compare them from the beginning, `armplane compare`",
+            law(&is),
+            law(&was)
+        )));
+    }
+    if changed("/plant/model") {
+        return Err(refuse(
+            "another model of the plant cannot go on from this one's state",
+        ));
+    }
+    Ok(())
+}
+
+/// Largest step of the desired position and orientation at a branch; m, rad.
+const MOST_STEP: [f64; 2] = [1e-3, 0.01];
+
+/// The states of all processes at a tick, from those at a cut before it, computed on one thread as the run has. Then a branch follows the path of the arm.
+fn advance(
+    tick: u64,
+    from: Begin,
+    before: &Loaded,
+    after: &Loaded,
+    faults: &[ScheduledFault],
+) -> Result<Begin, String> {
+    let instead = match from.tick {
+        0 => "from a later one".to_owned(),
+        cut => format!("from {cut}"),
+    };
+    let is_ours = before
+        .graph
+        .process
+        .iter()
+        .all(|one| one.program().is_some());
+    let is_quiet = (from.tick..=tick).all(|tick| !faults.iter().any(|fault| fault.unsettles(tick)));
+    let begin = if from.tick == tick {
+        from
+    } else if !is_ours {
+        return Err(format!(
+            "programs of others go on from a cut alone: branch {instead}"
+        ));
+    } else if !is_quiet {
+        return Err(format!(
+            "a fault of processes or messages lies before tick {tick}, within the ticks since the cut: branch {instead}"
+        ));
+    } else {
+        let reached = chain::advance(&before.robot, &before.scenario, &from.saved, tick);
+        let reached = reached.map_err(|error| error.to_string())?;
+        let (saved, _) = reached.ok_or_else(|| {
+            format!("at tick {tick} the arm touches something, or has: branch {instead}")
+        })?;
+        Begin { tick, saved }
+    };
+    match is_ours {
+        true => follows(tick, &begin, before, after).map(|()| begin),
+        false => Ok(begin),
+    }
+}
+
+/// Whether a branch that begins at a tick follows the path of the arm.
+fn follows(tick: u64, begin: &Begin, before: &Loaded, after: &Loaded) -> Result<(), String> {
+    let next = |loaded: &Loaded| {
+        let reached = chain::advance(&loaded.robot, &loaded.scenario, &begin.saved, tick);
+        let reached = reached.map_err(|error| error.to_string())?;
+        let (_, messages) = reached.ok_or("with these settings no tick follows")?;
+        Ok::<_, String>(messages.control_state)
+    };
+    let (was, is) = (next(before)?, next(after)?);
+    // A NaN is no small step.
+    let is_near = |a: &[f64], b: &[f64], most: f64| {
+        let mut pairs = a.iter().zip(b);
+        pairs.all(|(a, b)| (a - b).abs() <= most)
+    };
+    let [position, orientation] = MOST_STEP;
+    if is_near(&was.p_BE_d, &is.p_BE_d, position) && is_near(&was.R_BE_d, &is.R_BE_d, orientation) {
+        return Ok(());
+    }
+    let off = was
+        .p_BE_d
+        .iter()
+        .zip(&is.p_BE_d)
+        .map(|(a, b)| (a - b).powi(2));
+    Err(format!(
+        "with these settings the path is not where the arm is at tick {tick}, but {:.1} mm off: change what comes later",
+        off.sum::<f64>().sqrt() * 1e3
+    ))
+}
+
+impl Origin {
+    /// Gives a job's run the record of this one before the tick from which it goes on, and what is saved there. Returns the latter.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] if the record cannot be read, [`Failure::Work`] if it cannot be written.
+    pub(crate) fn hand_over(&self, job: &Job) -> Result<Begin, Failure> {
+        let Begin { tick, saved } = &self.begin;
+        if *tick == 0 {
+            return Ok(Begin::default());
+        }
+        let (path, contents) = (job.out.join(MESSAGES), Contents::of(job));
+        let mut earlier =
+            RecordReader::open(&self.record, &Contents::of(&self.job)).map_err(Failure::input)?;
+        let cut = Cut {
+            tick: *tick,
+            processes: saved.clone(),
+        };
+        RecordWriter::continuing(&path, &contents, &mut earlier, *tick)
+            .and_then(|mut record| {
+                record.cut(&cut)?;
+                record.finish()
+            })
+            .map_err(Failure::work)?;
+        Ok(self.begin.clone())
+    }
+
+    /// Another run does not take the folder of this one.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] if it would.
+    pub(crate) fn spare(&self, folder: &Path) -> Result<(), Failure> {
+        let own = self.record.parent().and_then(|of| of.canonicalize().ok());
+        if own != folder.canonicalize().ok() {
+            return Ok(());
+        }
+        Err(Failure::Input(format!(
+            "{} is the folder of the run to go on from: choose another with --out",
+            folder.display()
+        )))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_place_is_a_run_and_a_tick() {
+        let place: Place = "runs/a@b@250".parse().unwrap();
+        assert_eq!((place.run, place.tick), ("runs/a@b".into(), 250));
+        for other in ["runs/a", "@3", "runs/a@", "runs/a@-1", "runs/a@1.5"] {
+            assert!(other.parse::<Place>().is_err(), "{other}");
+        }
+    }
+}
