@@ -75,7 +75,7 @@ def schema_of(kind):
 def definitions():
     """The schema of every type in the files, by name."""
     found, flattened = {}, []
-    files = [TYPES / "scenario.rs", TYPES / "fault.rs", TYPES / "fault" / "kind.rs", TYPES / "summary.rs"]
+    files = [TYPES / "scenario.rs", TYPES / "fault.rs", TYPES / "fault" / "kind.rs", TYPES / "summary.rs", TYPES / "job.rs"]
     files += [TYPES / "graph" / "topology.rs", TYPES / "process.rs", TYPES / "layout.rs", *sorted((TYPES / "scenario").glob("*.rs"))]
     for file in files:
         source = file.read_text().split("#[cfg(test)]")[0]

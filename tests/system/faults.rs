@@ -1,11 +1,8 @@
 //! Faults on real processes: survived, said, and the same again.
 
-use std::process::Child;
-use std::time::Duration;
-
 use serde_json::Value;
 
-use crate::command::{Desk, Known, Running, occurred, restarts, until};
+use crate::command::{Desk, Known, Running, is_sent, occurred, restarts, run_of, until};
 
 /// Writes a short task with faults after it.
 fn scenario(desk: &Desk, faults: &str) {
@@ -231,40 +228,22 @@ fn a_recorder_killed_after_the_last_tick_loses_nothing() {
     let desk = Desk::new();
     scenario(&desk, "");
     let expected = desk.run("s.toml --out expected");
-    // It stands still while the plant makes its last ticks, and for two seconds: if it looks at the ticks between.
-    let at = expected["ticks"].count() - 200;
-    let still = format!(
-        "[[fault]]\nprocess = \"recorder\"\nkind = \"hang\"\nat_tick = {at}\nfor_ticks = 2000\n"
-    );
-    scenario(&desk, &still);
-    let stat = |pid| std::fs::read_to_string(format!("/proc/{pid}/stat"));
-    let is_still = |run: &Child| {
-        let recorder = run.pid("recorder").and_then(|pid| stat(pid).ok());
-        recorder.is_some_and(|stat| stat.contains(") T "))
-    };
+    let is_death = |fault: &&Value| fault["origin"] == "detected" && fault["process"] == "recorder";
     let attempt = |_| {
         let run = desk.start("run s.toml --out results --json");
-        until("the plant", || run.pid("plant").is_some());
-        until("the recorder to stand still", || {
-            is_still(&run) || run.pid("plant").is_none()
-        });
-        std::thread::sleep(Duration::from_millis(300));
-        match is_still(&run) && run.pid("plant").is_none() {
-            true => Some(run),
-            false => {
-                run.finish();
-                None
-            }
+        until("the recorder", || run.pid("recorder").is_some());
+        let recorder = run.pid("recorder").unwrap_or_default();
+        while run.ticks() < expected["ticks"].count() && run_of(run.id()).is_some() {
+            std::hint::spin_loop();
         }
+        let is_killed = is_sent(recorder, "KILL");
+        let said = run.finish();
+        assert_eq!(said.code, 0, "{}", said.err);
+        let summary = said.json();
+        assert_eq!(topics(&summary), &expected["topics"]);
+        let deaths = summary["faults"].list().iter().filter(is_death).count();
+        is_killed && deaths == 1
     };
-    let run = (0..20).find_map(attempt);
-    let run = run.expect("a recorder that stands still after the last tick");
-    run.strike("recorder", "KILL");
-    let said = run.finish();
-    assert_eq!(said.code, 0, "{}", said.err);
-    let summary = said.json();
-    assert_eq!(topics(&summary), &expected["topics"]);
-    let is_death = |fault: &&Value| fault["origin"] == "detected" && fault["process"] == "recorder";
-    let deaths = summary["faults"].list().iter().filter(is_death).count();
-    assert_eq!(deaths, 1, "{}", summary["faults"]);
+    // In some it has ended by itself.
+    assert!((0..20).any(attempt), "no recorder was killed");
 }

@@ -67,6 +67,14 @@ typedef struct armplane_process_now {
    * How often the process has been started in this run, from 1.
    */
   uint32_t incarnation;
+  /**
+   * 1: a state that is given for this tick by `armplane_process_keep` is kept.
+   */
+  uint32_t keeps;
+  /**
+   * Zero.
+   */
+  uint32_t reserved;
 } armplane_process_now;
 
 /**

@@ -71,7 +71,7 @@ pub(crate) fn served_axes(robot: &Robot) -> TaskAxes {
     if holds(&every) {
         return every.into_iter().collect();
     }
-    let mut served = every;
+    let mut served = every.clone();
     served.retain(|axis| axis.row() < 3);
     for axis in &TaskAxis::ALL[3..] {
         let mut more = served.clone();
@@ -80,7 +80,11 @@ pub(crate) fn served_axes(robot: &Robot) -> TaskAxes {
             served = more;
         }
     }
-    served.into_iter().collect()
+    // Where these do not hold either there is no better choice.
+    match holds(&served) {
+        true => served.into_iter().collect(),
+        false => every.into_iter().collect(),
+    }
 }
 
 /// Those of the axes whose rows of J are independent of the ones before; `J` by columns.

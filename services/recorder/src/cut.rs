@@ -84,6 +84,7 @@ impl Cut {
             loop {
                 let mut newest = None;
                 if let Some(mut end) = RecordReader::at_end(&path, contents, tail)? {
+                    end.cuts();
                     while end.next_item().is_some() {}
                     let usable = |cut: &Self| cut.tick <= *limit && is_usable(cut.tick);
                     newest = end.cuts().into_iter().rfind(usable);

@@ -104,7 +104,8 @@ pub struct RecordReader {
     is_ended: bool,
     /// Messages from this tick on have been sent again: they are in a later file.
     limit: u64,
-    cuts: Vec<Cut>,
+    /// The cuts that have been read, where they are wanted.
+    cuts: Option<Vec<Cut>>,
 }
 
 /// The messages of a chunk.
@@ -200,7 +201,7 @@ impl RecordReader {
             flaws: Vec::new(),
             is_ended: false,
             limit: u64::MAX,
-            cuts: Vec::new(),
+            cuts: None,
         })
     }
 
@@ -224,9 +225,9 @@ impl RecordReader {
         std::fs::metadata(path).map_or(0, |file| file.len())
     }
 
-    /// The cuts that have been read since the last call.
+    /// The cuts that have been read since the last call; from the first one on they are kept.
     pub(crate) fn cuts(&mut self) -> Vec<Cut> {
-        std::mem::take(&mut self.cuts)
+        self.cuts.replace(Vec::new()).unwrap_or_default()
     }
 
     /// A reader of one file from the first chunk among its last bytes on; `None` where there is no chunk.
@@ -537,7 +538,10 @@ impl RecordReader {
         let mut lost = vec![0; self.counts.len()];
         let (mut first_lost, mut first_again) = (u64::MAX, None);
         let from_anywhere = u32::MAX / 2;
-        self.cuts.append(&mut chunk.cuts);
+        if let Some(cuts) = &mut self.cuts {
+            let valid = chunk.cuts.drain(..).filter(|cut| cut.tick <= self.limit);
+            cuts.extend(valid);
+        }
         chunk.messages.retain(|message| {
             let Some(count) = self.counts.get_mut(message.channel) else {
                 return self.contents.tick_at(message.time_ns) < self.limit;

@@ -8,6 +8,7 @@ use shared_types::job::Job;
 use shared_types::summary::{RecorderSummary, Summary};
 
 use crate::contents::Contents;
+use crate::cut::Cut;
 use crate::error::RecordError;
 use crate::event::{Event, Source};
 use crate::judge::Tick;
@@ -32,12 +33,14 @@ pub fn rebuild(robot: &Robot, job: &Job, is_ended: bool) -> Result<Summary, Proc
     let mut judge = judge(robot, job)?;
     let mut rows = 0;
     let mut copy = Copy::begin(&path, &Contents::of(job), &ticks);
+    ticks.cuts();
     // The messages of the topics end at different ticks: rows after the last whole one are left out.
     let mut partial: Vec<Box<Row>> = Vec::new();
     while let Some(row) = ticks.next_with(|channel, message| {
         copy.write(|record| record.append(channel, message));
     }) {
         tell(faults(&mut ticks), &mut copy);
+        keep(ticks.cuts(), &mut copy);
         let is_whole = is_ended || Tick::of(&row.messages().lent()).is_some();
         partial.push(row);
         if is_whole {
@@ -49,6 +52,7 @@ pub fn rebuild(robot: &Robot, job: &Job, is_ended: bool) -> Result<Summary, Proc
         }
     }
     tell(faults(&mut ticks), &mut copy);
+    keep(ticks.cuts(), &mut copy);
     let damage = ticks.damage_so_far();
     let copied = match damage.is_empty() {
         true => copy.finish(),
@@ -73,6 +77,12 @@ fn faults(ticks: &mut Ticks) -> impl Iterator<Item = Event> {
 fn tell(events: impl Iterator<Item = Event>, copy: &mut Copy<'_>) {
     for event in events {
         copy.write(|record| record.event(&event));
+    }
+}
+
+fn keep(cuts: Vec<Cut>, copy: &mut Copy<'_>) {
+    for cut in cuts {
+        copy.write(|record| record.cut(&cut));
     }
 }
 

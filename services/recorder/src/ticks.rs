@@ -11,6 +11,7 @@ use shared_types::wire::Stamps;
 
 use crate::MESSAGES;
 use crate::contents::{Contents, tick_of};
+use crate::cut::Cut;
 use crate::error::RecordError;
 use crate::event::Event;
 use crate::hash::TopicHash;
@@ -284,6 +285,14 @@ impl Ticks {
     /// The events that have been read since the last call; each has its tick.
     pub fn events(&mut self) -> impl Iterator<Item = Event> {
         self.events.drain(..)
+    }
+
+    /// The cuts that have been read since the last call; from the first one on they are kept.
+    pub(crate) fn cuts(&mut self) -> Vec<Cut> {
+        self.record
+            .as_mut()
+            .map(RecordReader::cuts)
+            .unwrap_or_default()
     }
 
     /// The record, as far as it has been read.

@@ -173,7 +173,7 @@ fn check(before: &Loaded, after: &Loaded, refuse: &dyn Fn(&str) -> Failure) -> R
                 .unwrap_or_default()
         };
         return Err(refuse(&format!(
-            "the law {} cannot go on from the state of {}: compare them from the beginning, `armplane compare`",
+            "the strategy {} cannot go on from the state of {}: compare them from the beginning, `armplane compare`",
             law(&is),
             law(&was)
         )));
