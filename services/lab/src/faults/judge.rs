@@ -1,7 +1,7 @@
 //! The verdict on a run with faults: the guarantees that hold under every fault, on the simulator's truth.
 
 use launcher::{End, Failure as Mishap};
-use recorder::{MESSAGES, Ticks};
+use recorder::{MESSAGES, Row, Ticks};
 use session::{Failure, Run};
 use shared_types::codes::{
     DRIVE_ABSENT, DRIVE_ACTIVE, DRIVE_BRAKED, DRIVE_ENCODER, DRIVE_HOLDING, DRIVE_REFUSED,
@@ -541,11 +541,17 @@ fn record(ran: &Ran, verdict: &mut Verdict) {
     }
 }
 
+/// Whether a tick has a message of the plant: one whose numbers a fault has spoilt is refused, the other one is there.
+fn has_message(row: &Row) -> bool {
+    let messages = row.messages();
+    messages.sensor.is_some() || messages.plant_state.is_some()
+}
+
 /// The record has messages of every tick but those that may be missing.
 fn rows(ran: &Ran, ticks: u64, verdict: &mut Verdict) {
     let (rate_hz, full_at) = (ran.rate_hz(), ran.full_at());
     let rows = match Ticks::open_left(&ran.job.out.join(MESSAGES), &ran.job) {
-        Ok(rows) => rows.filter(|row| row.messages().sensor.is_some()).count() as u64,
+        Ok(rows) => rows.filter(|row| has_message(row)).count() as u64,
         Err(error) => return verdict.unless(false, "files", || error.to_string()),
     };
     // A full volume costs the messages in hand, and those that come until it is detected.
