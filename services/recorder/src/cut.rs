@@ -21,7 +21,7 @@ pub(crate) const CUTS: [&str; 3] = [
 /// The end of a file in which cuts are looked for first; bytes.
 const TAIL: u64 = 8 << 20;
 
-/// What every process has saved at a tick, before it.
+/// The states of all processes before a tick.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Cut {
     /// The tick that comes next.
@@ -104,18 +104,18 @@ impl Cut {
 
 /// For each file of a record the tick at which a later one goes on: its messages from there on have been sent again.
 pub(crate) fn limits(path: &Path, contents: &Contents) -> Vec<u64> {
+    if !path.exists() {
+        return Vec::new();
+    }
     let exists = |number: &u32| part(path, *number).exists();
-    let numbers = (1..).take_while(exists);
-    let begins = numbers.map(|number| {
+    let later = (2..).take_while(exists).map(|number| {
         let begin = RecordReader::begin_of(&part(path, number), contents);
         // Of a recorder that was replaced in real time nothing is sent again.
         begin.filter(|tick| *tick > 0).unwrap_or(u64::MAX)
     });
-    let begins: Vec<u64> = begins.collect();
-    let after = |number: usize| begins[number + 1..].iter().copied().min();
-    (0..begins.len())
-        .map(|number| after(number).unwrap_or(u64::MAX))
-        .collect()
+    let later: Vec<u64> = later.collect();
+    let limit = |place: usize| later[place..].iter().copied().min().unwrap_or(u64::MAX);
+    (0..=later.len()).map(limit).collect()
 }
 
 #[cfg(test)]

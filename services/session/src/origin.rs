@@ -1,11 +1,13 @@
-//! Where a run begins that goes on from a tick of another one: the same again from there, or a branch of it with other settings.
+//! The beginning of a run that goes on from a tick of another one: the same again from there, or a branch of it with other settings.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use launcher::Begin;
 use recorder::{Contents, Cut, MESSAGES, RecordReader, RecordWriter};
+use runtime::NamedSaved;
 use serde_json::Value;
+use shared_types::ControlState;
 use shared_types::fault::ScheduledFault;
 use shared_types::job::{Branch, Job, Mode};
 
@@ -206,40 +208,33 @@ fn advance(
         .process
         .iter()
         .all(|one| one.program().is_some());
-    let is_quiet = (from.tick..=tick).all(|tick| !faults.iter().any(|fault| fault.unsettles(tick)));
-    let begin = if from.tick == tick {
-        from
-    } else if !is_ours {
-        return Err(format!(
-            "programs of others go on from a cut alone: branch {instead}"
-        ));
-    } else if !is_quiet {
+    if !is_ours {
+        return match from.tick == tick {
+            true => Ok(from),
+            false => Err(format!(
+                "programs of others go on from a cut alone: branch {instead}"
+            )),
+        };
+    }
+    if (from.tick..=tick).any(|tick| faults.iter().any(|fault| fault.unsettles(tick))) {
         return Err(format!(
             "a fault of processes or messages lies before tick {tick}, within the ticks since the cut: branch {instead}"
         ));
-    } else {
-        let reached = chain::advance(&before.robot, &before.scenario, &from.saved, tick);
-        let reached = reached.map_err(|error| error.to_string())?;
-        let (saved, _) = reached.ok_or_else(|| {
-            format!("at tick {tick} the arm touches something, or has: branch {instead}")
-        })?;
-        Begin { tick, saved }
-    };
-    match is_ours {
-        true => follows(tick, &begin, before, after).map(|()| begin),
-        false => Ok(begin),
     }
+    let reach = |loaded: &Loaded, from: &[NamedSaved]| {
+        let reached = chain::advance(&loaded.robot, &loaded.scenario, from, tick);
+        reached.map_err(|error| error.to_string())
+    };
+    let (saved, was) = reach(before, &from.saved)?.ok_or_else(|| {
+        format!("at tick {tick} the arm touches something, or has: branch {instead}")
+    })?;
+    let next = reach(after, &saved)?.ok_or("with these settings no tick follows")?;
+    follows(tick, &was.control_state, &next.1.control_state)?;
+    Ok(Begin { tick, saved })
 }
 
-/// Whether a branch that begins at a tick follows the path of the arm.
-fn follows(tick: u64, begin: &Begin, before: &Loaded, after: &Loaded) -> Result<(), String> {
-    let next = |loaded: &Loaded| {
-        let reached = chain::advance(&loaded.robot, &loaded.scenario, &begin.saved, tick);
-        let reached = reached.map_err(|error| error.to_string())?;
-        let (_, messages) = reached.ok_or("with these settings no tick follows")?;
-        Ok::<_, String>(messages.control_state)
-    };
-    let (was, is) = (next(before)?, next(after)?);
+/// Whether a branch that begins at a tick follows the path of the arm: by the law's account of the tick in the run and in the branch.
+fn follows(tick: u64, was: &ControlState, is: &ControlState) -> Result<(), String> {
     // A NaN is no small step.
     let is_near = |a: &[f64], b: &[f64], most: f64| {
         let mut pairs = a.iter().zip(b);

@@ -1,7 +1,7 @@
-//! Makes the results of a run whose launcher was killed, from the files it left.
+//! Goes on with a run whose launcher was killed, or makes its results from the files it left.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use model::Robot;
 use recorder::MESSAGES;
@@ -20,7 +20,7 @@ use crate::plan::plan;
 use crate::progress::{Observer, Progress};
 use crate::results::{Results, SUMMARY, keep};
 use crate::runs::Run;
-use crate::session::{Finished, conclude};
+use crate::session::{Finished, add_unread, conclude};
 use crate::summary::{deadlines, detected, fault_summary};
 
 /// Makes recording, summary and repeatable scenario of a run from the job and the messages in its
@@ -31,9 +31,8 @@ use crate::summary::{deadlines, detected, fault_summary};
 /// [`Failure::Input`] if the run still goes on, has ended by itself, or kept no messages;
 /// [`Failure::Work`] if a file cannot be written.
 pub fn recover(remains: Remains, observer: Observer<'_>) -> Result<Summary, Failure> {
-    let Remains { folder, job, .. } = remains;
-    // Held until all is written; refused while the run goes on.
-    let _results = Results::of_run(&folder)?;
+    let Remains { results, job, .. } = remains;
+    let folder = &results.folder;
     let robot = Robot::from_source(&job.robot).map_err(Failure::input)?;
     let mut summary = recorder::rebuild(&robot, &job, false).map_err(Failure::work)?;
     let page = left_in_shared_memory(&job.run);
@@ -43,13 +42,13 @@ pub fn recover(remains: Remains, observer: Observer<'_>) -> Result<Summary, Fail
     }
     summary.machine = machine();
     add_shared_memory(&mut summary, &job, page.as_ref());
-    keep(&folder, &job, &summary)?;
+    keep(folder, &job, &summary)?;
     draw_results(&job, &summary, observer, &mut interrupts()?)?;
     Ok(summary)
 }
 
-/// The folder and the job of a run that has no summary.
-fn left(folder: &Path) -> Result<(PathBuf, Job), Failure> {
+/// The folder, held from here on, and the job of a run that has no summary.
+fn left(folder: &Path) -> Result<(Results, Job), Failure> {
     let folder = folder.canonicalize().map_err(|_| {
         Failure::Input(format!(
             "there is no folder {}: give the one that `armplane run` printed, such as runs/fig5-wrist-rotation-001",
@@ -67,7 +66,7 @@ fn left(folder: &Path) -> Result<(PathBuf, Job), Failure> {
         )));
     }
     // Refused while the run goes on.
-    Results::of_run(&folder)?;
+    let results = Results::of_run(&folder)?;
     if !folder.join(JOB).exists() {
         return Err(Failure::Input(nothing_begun(&folder)));
     }
@@ -79,14 +78,13 @@ fn left(folder: &Path) -> Result<(PathBuf, Job), Failure> {
         )));
     }
     job.out.clone_from(&folder);
-    Ok((folder, job))
+    Ok((results, job))
 }
 
 /// A run that its launcher's end has cut short, and what is left of it.
-#[derive(Debug)]
 pub struct Remains {
-    /// Absolute.
-    folder: PathBuf,
+    /// Held until all is written.
+    results: Results,
     job: Job,
     /// Why it cannot go on, in words.
     pub ended: Option<&'static str>,
@@ -97,7 +95,7 @@ pub struct Remains {
 /// # Errors
 /// As [`recover`].
 pub fn remains(folder: &Path) -> Result<Remains, Failure> {
-    let (folder, job) = left(folder)?;
+    let (results, job) = left(folder)?;
     let is_external = |process: &Process| process.external || !process.robot.is_empty();
     let ended = if job.mode == Mode::Realtime {
         Some("it ran in real time")
@@ -113,7 +111,11 @@ pub fn remains(folder: &Path) -> Result<Remains, Failure> {
     } else {
         None
     };
-    Ok(Remains { folder, job, ended })
+    Ok(Remains {
+        results,
+        job,
+        ended,
+    })
 }
 
 /// Goes on with a run in lockstep whose launcher was killed, from the newest cut in its record to its end. `unread`: see [`Request`](crate::Request).
@@ -125,8 +127,7 @@ pub fn go_on(
     unread: fn() -> BTreeMap<String, u64>,
     observer: Observer<'_>,
 ) -> Result<Finished, Failure> {
-    let Remains { folder, job, .. } = remains;
-    let results = Results::of_run(&folder)?;
+    let Remains { results, job, .. } = remains;
     let signals = interrupts()?;
     let mut plan = plan(&job)?;
     // Those that were given while it ran, too, as far as they are known.
@@ -134,22 +135,28 @@ pub fn go_on(
         let records = page.fault_table().records();
         plan.faults = records.map(|(_, record)| record.scheduled).collect();
     }
-    plan.begin = newest_cut(&folder.join(MESSAGES), &job, &plan.faults, u64::MAX)?;
+    plan.begin = newest_cut(&results.folder.join(MESSAGES), &job, &plan.faults, u64::MAX)?;
     let from = plan.begin.tick;
     observer(Progress::Line(&format!(
         "armplane: goes on from tick {from}"
     )));
     results.reserve(&job)?;
     let launched = launch_begun(&job, plan, &mut |_| Ok(()), observer)?;
-    let mut finished = conclude(&job, &results, launched, unread(), signals, || (), observer);
     let killed = format!("the launcher was killed; the run went on from tick {from}");
-    finished
-        .summary
-        .faults
-        .push(detected("launcher", from, "kill", killed));
-    let kept = keep(&folder, &job, &finished.summary);
-    finished.saved = finished.saved.and(kept);
-    Ok(finished)
+    let complete = |summary: &mut Summary| {
+        add_unread(summary, unread);
+        let death = detected("launcher", from, "kill", killed);
+        summary.faults.push(death);
+    };
+    Ok(conclude(
+        &job,
+        &results,
+        launched,
+        complete,
+        signals,
+        || (),
+        observer,
+    ))
 }
 
 /// Why the run did not come to its end; `done`: the ticks that it has done, where that is still known.

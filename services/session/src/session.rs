@@ -147,31 +147,38 @@ fn run_from(
             say(&sentence);
         }
     };
+    let complete = |summary: &mut Summary| add_unread(summary, request.unread);
     Ok(conclude(
         &job,
         &results,
         launched,
-        (request.unread)(),
+        complete,
         signals,
         finish_live,
         observer,
     ))
 }
 
-/// Summarises a run that is over, keeps its results and draws it; `unread`: see [`Request`].
+/// Adds the lines that nobody has read; see [`Request`].
+pub(crate) fn add_unread(summary: &mut Summary, unread: fn() -> BTreeMap<String, u64>) {
+    let unread = unread();
+    for process in &mut summary.processes {
+        process.lines_dropped += unread.get(&process.name).copied().unwrap_or_default();
+    }
+}
+
+/// Summarises a run that is over, keeps its results and draws it. `complete` adds to the summary before it is kept.
 pub(crate) fn conclude(
     job: &Job,
     results: &Results,
     (outcome, account): (Outcome, Option<Summary>),
-    unread: BTreeMap<String, u64>,
+    complete: impl FnOnce(&mut Summary),
     mut signals: Interrupts,
     before_drawing: impl FnOnce(),
     observer: Observer<'_>,
 ) -> Finished {
     let mut summary = summarise(job, &outcome, account);
-    for process in &mut summary.processes {
-        process.lines_dropped += unread.get(&process.name).copied().unwrap_or_default();
-    }
+    complete(&mut summary);
     let saved = results.keep(job, &summary).and_then(|()| whole(&summary));
     before_drawing();
     while signals.pending().is_some() {}
