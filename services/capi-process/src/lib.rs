@@ -470,7 +470,7 @@ pub unsafe extern "C" fn armplane_process_leave(process: *mut armplane_process) 
     }
     let code = i32::from(process.has_failed);
     if process.owner != std::process::id() {
-        // What its parent uses must not be removed.
+        // Its parent's memory must not be removed.
         std::mem::forget(process);
         return code;
     }

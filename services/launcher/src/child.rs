@@ -93,7 +93,7 @@ impl Child {
         // SAFETY: between fork and exec only system calls are made; nothing is allocated or locked.
         unsafe {
             command.pre_exec(move || {
-                // What it prints stands in the log of the run.
+                // Its output stands in the log of the run.
                 rustix::stdio::dup2_stdout(rustix::stdio::stderr())?;
                 set_parent_process_death_signal(Some(Signal::KILL))?;
                 // The launcher may have died before the line above: then the signal never comes.

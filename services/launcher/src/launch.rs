@@ -29,7 +29,7 @@ struct Course {
     signals: Interrupts,
     /// Unplanned deaths in lockstep.
     deaths: Vec<Death>,
-    /// Where the first start began.
+    /// The place at which the first start began.
     first: Begin,
     /// Starts from the same cut after the first one, but for planned deaths.
     roll_backs: u32,

@@ -128,16 +128,16 @@ pub struct Plan {
     pub limits: Limits,
     /// The planned faults.
     pub faults: Vec<ScheduledFault>,
-    /// Where it begins.
+    /// The place at which it begins.
     pub begin: Begin,
 }
 
-/// Where the processes begin.
+/// The place at which the processes begin.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Begin {
     /// The first tick: 0, or that of a cut.
     pub tick: u64,
-    /// What each process has saved there, by its name.
+    /// The state of each process there, by its name.
     pub saved: Vec<NamedSaved>,
 }
 

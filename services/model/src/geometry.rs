@@ -80,7 +80,7 @@ pub(crate) fn served_axes(robot: &Robot) -> TaskAxes {
             served = more;
         }
     }
-    // Where these do not hold either there is no better choice.
+    // There is no better choice if these do not hold either.
     match holds(&served) {
         true => served.into_iter().collect(),
         false => every.into_iter().collect(),

@@ -1,4 +1,4 @@
-//! What a process has saved of itself before a tick, as bytes.
+//! The state of a process before a tick, with all that belongs to it, as bytes.
 
 use bytemuck::pod_read_unaligned;
 
@@ -8,7 +8,7 @@ const HEAD: usize = 2 * size_of::<u64>();
 /// A process by its name, and what it has saved: the bytes of a [`Saved`].
 pub type NamedSaved = (String, Vec<u8>);
 
-/// What a process has saved.
+/// The state that a process has saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Saved<'a> {
     /// The tick that comes next.

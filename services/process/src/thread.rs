@@ -94,7 +94,7 @@ impl Thread {
         self.tick
     }
 
-    /// What its processes have saved before the tick that comes next, by their names, with the messages of the last tick on `board`. `None`: one cannot be
+    /// The states of its processes before the tick that comes next, by their names, with the messages of the last tick on `board`. `None`: one cannot be
     /// saved now. Without faults of processes and messages.
     pub fn save(&self, board: &mut Board) -> Option<Vec<NamedSaved>> {
         let (mut state, parts) = (Vec::new(), board.parts_mut());

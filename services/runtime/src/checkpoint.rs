@@ -117,7 +117,7 @@ impl StateCell {
         })
     }
 
-    /// What was written counts from now on.
+    /// The state that was written counts from now on.
     pub(crate) fn commit(&self) {
         self.slots.commit();
     }

@@ -32,7 +32,7 @@ const USUAL_LIMIT: Duration = Duration::from_secs(10);
 /// Most bytes of a program's state in real time, where a replacement goes on from it.
 pub const MOST_STATE: usize = 1 << 20;
 
-/// What a program knows of its process before the first tick.
+/// A process as its program knows it before the first tick.
 #[derive(Clone, Copy, Debug)]
 pub struct About {
     /// Lockstep, or real time.
@@ -112,7 +112,7 @@ impl Joined {
         })
     }
 
-    /// What the program knows of its process.
+    /// The process as its program knows it.
     pub fn about(&self) -> About {
         About {
             mode: self.shell.mode(),

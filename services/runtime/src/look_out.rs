@@ -1,4 +1,4 @@
-//! What a program in another language does between the sleeps of a wait: it looks for signals, and whether the process that stands for it still lives.
+//! The look-out of a program in another language between the sleeps of a wait: for signals, and whether the process that stands for it still lives.
 
 use std::cell::{Cell, RefCell};
 

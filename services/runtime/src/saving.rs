@@ -1,4 +1,4 @@
-//! What a process saves of itself, so that it can go on from there: in real time after every tick, for its replacement; in lockstep at every cut, for the
+//! A process saves itself, so that it can go on from there: in real time after every tick, for its replacement; in lockstep at every cut, for the
 //! recorder.
 //!
 //! A cut at tick k is the moment at which every process has closed k − 1: the messages before it and the states at it are all that the run goes on from.
@@ -36,7 +36,7 @@ pub fn leave(run: &Path, process: &str, saved: &[u8]) -> std::io::Result<()> {
     std::fs::write(begin_of(run, process), saved)
 }
 
-/// What a process has saved at the cut of a tick; `None`: it has saved nothing there, or not yet.
+/// The state that a process has saved at the cut of a tick; `None`: it has saved nothing there, or not yet.
 pub(crate) fn saved_at(run: &Path, process: &str, tick: u64) -> std::io::Result<Option<Vec<u8>>> {
     let saved = newest(&cell_of(run, process))?;
     Ok(saved.filter(|saved| Saved::of(saved).is_some_and(|saved| saved.tick == tick)))
@@ -141,7 +141,7 @@ impl Saving {
         }
     }
 
-    /// What was saved counts from now on; else it counts when the tick closes.
+    /// The state that was saved counts from now on; else it counts when the tick closes.
     pub(crate) fn commit(&self) {
         self.cell.iter().for_each(StateCell::commit);
     }

@@ -345,7 +345,7 @@ impl Shell {
         closed.min().unwrap_or_default()
     }
 
-    /// What every process that sends messages has saved at the cut of a tick, with its name, in the order of the graph; `None` if one has saved nothing
+    /// The state that every process that sends messages has saved at the cut of a tick, with its name, in the order of the graph; `None` if one has saved nothing
     /// there, or not yet.
     ///
     /// # Errors
@@ -601,7 +601,7 @@ fn settle(manifest: &Manifest, me: usize, whose: Inhabitant) {
             Lock::AtOnce
         };
         match whose == Inhabitant::Guest && !realtime::Rights::query().lock_memory() {
-            // What a guest asks for later would be refused.
+            // A later request of a guest would be refused.
             true => missing.extend(realtime::enter_unlocked(process.priority)),
             false => missing.extend(realtime::enter(process.priority, lock)),
         }

@@ -16,7 +16,7 @@ use crate::shell::{OpenError, ProcessError, Shell};
 /// How often it looks.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// Where a program that the launcher has not started itself leaves its process id.
+/// The file in which a program that the launcher has not started itself leaves its process id.
 fn place(run: &Path, process: &str) -> PathBuf {
     run.join(format!("guest-{process}"))
 }

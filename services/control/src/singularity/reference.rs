@@ -135,7 +135,7 @@ fn half<const N: usize>(s: &Singularity<N>, V: &Vector6<f64>) -> Vector3<f64> {
     if s.angular { angular(V) } else { linear(V) }
 }
 
-/// What is left of the leg, in the half that ζ takes; rad or m.
+/// The rest of the leg, in the half that ζ takes; rad or m.
 fn left_of_leg<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) -> Vector3<f64> {
     let end = at.ahead.pose(1.0);
     if s.angular {
@@ -145,7 +145,7 @@ fn left_of_leg<const N: usize>(s: &Singularity<N>, at: &Situation<'_, N>) -> Vec
     }
 }
 
-/// Where ζ of a signed measure should be: turned until the desired motion is orthogonal to it, or as far along ζ as a one-sided fold leads.
+/// The goal of ζ of a signed measure: turned until the desired motion is orthogonal to it, or as far along ζ as a one-sided fold leads.
 ///
 /// `length_m` makes radians of metres. `None`: neither turns ζ nor moves the end-effector along it, and ζ is held.
 pub(super) fn signed<const N: usize>(
@@ -160,7 +160,7 @@ pub(super) fn signed<const N: usize>(
         memory.passing = false;
         return None;
     }
-    // What the kept motion contributes along ζ is not for the auxiliary coordinate to do.
+    // The auxiliary coordinate does not repeat the kept motion's part along ζ.
     let moved = half(s, &(at.at.J * at.qdot_planned)).dot(&s.axis());
     let carried = moved - s.gain * s.aux_row.dot(at.qdot_planned);
     let along = half(s, &at.desired.V).dot(&s.axis()) - carried;

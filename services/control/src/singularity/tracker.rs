@@ -800,7 +800,7 @@ fn larger_half<const N: usize>(
         (true, _) => ANGULAR[3],
         (_, Kind::Wrist) => ANGULAR[0],
         (_, Kind::Elbow | Kind::Shoulder) => ANGULAR[1],
-        // What moves the hand to the second order is lost as a translation; what only turns ζ, as a rotation where there is one.
+        // A direction that moves the hand to the second order is lost as a translation; one that only turns ζ, as a rotation where there is one.
         _ if is_square && entry.verdict.class == Class::Type2 => ANGULAR[0],
         _ if is_square && entry.verdict.class != Class::Unknown => ANGULAR[1],
         _ => ANGULAR[2],

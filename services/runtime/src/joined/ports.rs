@@ -32,7 +32,7 @@ impl Kind {
     }
 }
 
-/// Where an input comes from.
+/// The source of an input.
 pub(super) enum From {
     /// Message by message.
     Ticks(Box<Ticks>),
