@@ -13,7 +13,7 @@
 //!
 //! | to use or change | start at |
 //! |---|---|
-//! | the control law | [`control`](../control/index.html): one tick is five calls, in `tick.rs` |
+//! | the control law | [`control`](../control/index.html): one tick is six calls, in `tick.rs` |
 //! | kinematics and dynamics of an arm | [`model`](../model/index.html) |
 //! | scenarios, graphs, messages, results | [`shared_types`](../shared_types/index.html) |
 //! | one process | [`plant`](../plant/index.html), [`estimator`](../estimator/index.html), [`analyzer`](../analyzer/index.html), [`controller`](../controller/index.html), [`recorder`](../recorder/index.html): `cycle.rs` is the pure step, `lib.rs` connects it to topics |

@@ -25,9 +25,9 @@ wire! {
         disturbance_presence: [f64; MAX_DOF],
         /// First of the readings set aside in a row, per joint; rad.
         rejected_reading: [f64; MAX_DOF],
-        /// Readings set aside in a row, per joint; ticks.
+        /// Ticks since the first of the readings set aside in a row, that one counted, per joint.
         rejected_ticks: [u32; MAX_DOF],
-        /// Samples taken in since the filter began.
+        /// Ticks since the filter began, that one counted.
         samples: u32,
         /// Zero in this version.
         reserved: u32,

@@ -1,6 +1,6 @@
 //! One tick: state in, state out.
 //!
-//! [`Controller::step`] checks the inputs; [`tick`] is the law on a state that can be trusted, in five calls; [`Controller::rest`] brings the arm to rest
+//! [`Controller::step`] checks the inputs; [`tick`] is the law on a state that can be trusted, in six calls; [`Controller::rest`] brings the arm to rest
 //! where there is no law to follow.
 
 use crate::centre::{AtCentre, PoseMotion};

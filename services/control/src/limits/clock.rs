@@ -9,7 +9,7 @@ use crate::state::State;
 use crate::tick::{Motion, Now};
 use nalgebra::SVector;
 
-/// Slowest clock.
+/// Slowest clock, but where the plan asks for a slower one.
 const SLOWEST: f64 = 0.05;
 /// Share of a limit that the path may take.
 pub const MARGIN: f64 = 0.95;

@@ -6,12 +6,13 @@
 //! **Over which branches.** Each leg has layers at equal times ([`LAYERS`] at most), and the postures of a layer are followed to the next one by Newton
 //! steps of adaptive length. Regular postures have one way on. More of them are tried where the arm is nearly singular: past the lock with ζ off the
 //! direction of travel, within the deviation that the user allows; out of a fold on either side; and, exactly in a lock, a self-motion that turns ζ while
-//! the path waits. Spare joints are tried both ways. A layer keeps its 20 cheapest postures.
+//! the path waits. Spare joints are tried both ways. A layer keeps its 10 cheapest postures,
+//! and 10 more that lie apart from those.
 //!
 //! **By which cost.** The time that the motion takes at 0.8 of the speed limits, raised near joint limits and near singular postures, and a price for
 //! every stop and every deviation.
 //!
-//! **When it gives up.** After 30,000 steps in a leg, or with a layer that has no posture. A first search without further ways is enough where its
+//! **When it gives up.** After 40,000 steps in a leg, or with a layer that has no posture. A first search without further ways is enough where its
 //! route costs no more than 1.15 times the path; else a second one adds layers where that route is nearest to a singular posture, and the cheaper route
 //! is kept. [`Infeasible`] gives the reason otherwise, and whether everything was tried.
 //!
