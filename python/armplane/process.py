@@ -19,6 +19,8 @@ class Process:
         super().__init_subclass__(**options)
         for name, value in vars(cls).items():
             cls._check_name(name, value)
+        if (cls.state is Process.state) != (cls.restore is Process.restore):
+            raise TypeError(f"{cls.__name__} has only one of state and restore: armplane calls both, to go on after a death")
 
     @classmethod
     def _check_name(cls, name, value):
@@ -55,11 +57,12 @@ class Process:
         return self.joined.mjcf()
 
     def state(self):
-        """The bytes that `restore` needs to go on after this tick. Called where they are kept: in real time after each tick, at most 1 MiB."""
+        """The bytes, at most 1 MiB, that `restore` needs to go on after this tick. Called where they are kept: every 1,000th tick, in real time each tick."""
         return None
 
     def restore(self, state):
-        """Continues from the bytes of `state`. Without this pair, a process that is started again begins anew."""
+        """Continues from the bytes of `state`. Without this pair, a process that is started again is given all its ticks anew, and must answer them as before;
+        in real time, it begins anew."""
 
     @classmethod
     def run(cls):

@@ -4,7 +4,7 @@ use crate::dry_friction::velocity_change;
 use crate::error::PlantError;
 use crate::smooth::{Smooth, State};
 use crate::solids::reach;
-use crate::world::{PREDICTION, World};
+use crate::world::{PREDICTION, Response, World};
 use model::{ArmMotion, Robot, joints, padded};
 use nalgebra::{SVector, Vector3};
 use shared_types::checkpoints::PlantCheckpoint;
@@ -74,7 +74,7 @@ pub(crate) struct Hybrid<const N: usize> {
     constraints: Constraints<N>,
     /// Whether the effect of constraints was steady over the last tick.
     is_steady: bool,
-    /// rapier3d has been asked: it may remember contacts.
+    /// rapier3d has been asked since [`forget`](Self::forget): it may remember contacts.
     has_asked: bool,
     substeps: u32,
     /// Length of a tick; s.
@@ -141,7 +141,7 @@ impl<const N: usize> Hybrid<N> {
     }
 
     /// Writes all that a tick changes; see [`Plant::save`](crate::Plant::save).
-    pub(crate) fn save(&self, out: &mut PlantCheckpoint) -> bool {
+    pub(crate) fn save(&self, out: &mut PlantCheckpoint) {
         let Constraints {
             clearance,
             touching,
@@ -151,7 +151,13 @@ impl<const N: usize> Hybrid<N> {
         (out.clearance, out.effect) = (*clearance, padded(effect));
         (out.touching, out.pushing) = (u32::from(*touching), *pushing);
         out.is_steady = self.is_steady.into();
-        !self.has_asked
+    }
+
+    /// Forgets what rapier3d remembers of contacts, which nothing saves.
+    pub(crate) fn forget(&mut self) {
+        if std::mem::take(&mut self.has_asked) {
+            self.world.forget();
+        }
     }
 
     /// Goes on from what [`save`](Self::save) has written.
@@ -271,8 +277,7 @@ impl<const N: usize> Hybrid<N> {
         #[cfg(test)]
         let asks = asks || self.always;
         if asks {
-            self.has_asked = true;
-            let response = self.world.step(x, &smooth.driving(&x.qdot, tau), h);
+            let response = self.ask(x, &smooth.driving(&x.qdot, tau), h);
             let dv = response.state.qdot - response.free;
             self.constraints.effect = dv / h;
             #[cfg(test)]
@@ -314,6 +319,14 @@ impl<const N: usize> Hybrid<N> {
         let swept = self.reach.iter().zip(&moved).map(|(r, d)| r * d.abs());
         self.constraints.clearance -= swept.sum::<f64>();
         next
+    }
+
+    /// rapier3d's step. Its solver begins with the impulses of the step before, which a world that has forgotten them finds by a step in vain.
+    fn ask(&mut self, x: &State<N>, tau: &SVector<f64, N>, h: f64) -> Response<N> {
+        if !std::mem::replace(&mut self.has_asked, true) && self.constraints.touching {
+            self.world.step(x, tau, h);
+        }
+        self.world.step(x, tau, h)
     }
 
     /// Whether contact or a stop can act in the sub-step from `x`: false only if none can.

@@ -128,15 +128,20 @@ impl<const N: usize> Plant<N> {
         self.touch = Touch::default();
     }
 
-    /// Writes all that a tick changes. `false`: rapier3d has been asked, and nothing of what it keeps can be saved.
-    #[must_use]
-    pub fn save(&self, out: &mut PlantCheckpoint) -> bool {
+    /// Writes all that a tick changes, but for what [`forget`](Self::forget) forgets.
+    pub fn save(&self, out: &mut PlantCheckpoint) {
         (out.q, out.qdot) = (padded(&self.state.q), padded(&self.state.qdot));
         out.force = self.touch.force.into();
         (out.contacts, out.limits) = (self.touch.contacts, self.touch.limits);
-        match &self.back_end {
-            BackEnd::Reference => true,
-            BackEnd::Hybrid(hybrid) => hybrid.save(out),
+        if let BackEnd::Hybrid(hybrid) = &self.back_end {
+            hybrid.save(out);
+        }
+    }
+
+    /// Forgets what rapier3d remembers of earlier contacts: what follows is determined by what [`save`](Self::save) writes.
+    pub fn forget(&mut self) {
+        if let BackEnd::Hybrid(hybrid) = &mut self.back_end {
+            hybrid.forget();
         }
     }
 

@@ -68,6 +68,8 @@ struct Jointed {
 
 pub(crate) struct World {
     physics: PhysicsWorld,
+    /// The same before its first contact.
+    fresh: PhysicsWorld,
     /// The last joint, which leads to the multibody of all.
     arm: MultibodyJointHandle,
     /// The arm's own joints: absent ones are none of rapier's.
@@ -173,6 +175,7 @@ impl World {
         }
         let mut world = Self {
             physics,
+            fresh: PhysicsWorld::default(),
             arm,
             joints,
             solids,
@@ -182,7 +185,25 @@ impl World {
         world.collide(base);
         // Pairs with the floor are found once and for all, in one order, whatever is stepped later.
         world.step(&State::at_rest(*q), &SVector::zeros(), h);
+        std::mem::swap(&mut world.physics, &mut world.fresh);
+        world.forget();
         Ok(world)
+    }
+
+    /// Forgets all contacts: what it computes then follows from the state of the arm alone.
+    pub(crate) fn forget(&mut self) {
+        let fresh = &self.fresh;
+        self.physics = PhysicsWorld {
+            gravity: fresh.gravity,
+            integration_parameters: fresh.integration_parameters,
+            islands: fresh.islands.clone(),
+            broad_phase: fresh.broad_phase.clone(),
+            narrow_phase: fresh.narrow_phase.clone(),
+            bodies: fresh.bodies.clone(),
+            colliders: fresh.colliders.clone(),
+            multibody_joints: fresh.multibody_joints.clone(),
+            ..PhysicsWorld::default()
+        };
     }
 
     /// Gives each solid a collider that meets its partners alone.

@@ -87,6 +87,10 @@ fn what_cannot_go_on_is_refused() {
             "strategy",
         ),
         ("run --from whole@1000 --set fault.1.at_tick=650", "fault"),
+        (
+            "run --from whole@1000 --set segment.0.by_m=[0.06,0.0,0.05]",
+            "segment 0",
+        ),
     ]);
 }
 
@@ -111,7 +115,10 @@ fn survives(desk: &Desk, whole: &Value, ticks: impl Iterator<Item = u64>) -> usi
             assert_eq!(summary["task"], whole["task"], "{least}");
             killed += 1;
         }
-        desk.succeeds("clean");
+        let left = std::fs::read_dir("/dev/shm").unwrap().flatten();
+        let of_run = format!("-{launcher}-");
+        let left = left.filter(|one| one.file_name().to_string_lossy().contains(&of_run));
+        assert_eq!(left.count(), 0, "{least}");
         std::fs::remove_dir_all(desk.at("r")).unwrap();
     }
     killed

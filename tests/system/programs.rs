@@ -3,7 +3,8 @@
 use std::io::{BufRead, BufReader};
 
 use crate::command::{
-    Desk, Known, Running, children_of_run, lacks, programs_of, restarts, skipped, source, until,
+    Desk, Known, Running, Said, children_of_run, lacks, programs_of, restarts, skipped, source,
+    until,
 };
 use crate::foreign::link;
 use crate::wire::wire;
@@ -302,6 +303,60 @@ fn an_observer_in_python_sees_every_tick() {
     let said = desk.succeeds("run short.toml --no-record --json");
     let saw = format!("saw {} ticks", said.json()["ticks"]);
     assert!(said.err.contains(&saw), "{saw}: {}", said.err);
+}
+
+#[test]
+fn a_plant_that_exits_before_its_last_tick_has_died() {
+    if lacks("") {
+        return;
+    }
+    let desk = Desk::new();
+    let plant = "import os, armplane\nclass P(armplane.Plant):\n    def step(self, torque):\n        pass\n    def sample(self, tick, sensor, truth):\n        \
+                 if tick == 150:\n            os._exit(0)\n        sensor.q_encoder[:6] = truth.q[:6] = [0.35, -1.05, 2.97, 0.0, 0.52, 0.0]\nP.run()\n";
+    desk.file("plant.py", plant);
+    let process = "name = \"plant\"\ncommand = [\"python3\", \"plant.py\"]\nfeedback = [\"torque\"]\nwrites = [\"sensor\", \"plant_state\"]\n";
+    graph(&desk, process, "");
+    for mode in ["lockstep", "realtime"] {
+        let run = format!("run short.toml --no-record --mode {mode}");
+        desk.refuses(1, &run, "plant code 0 150");
+    }
+}
+
+/// A run of the program above, killed once it has passed a cut, and started with this file as `estimator.py`.
+fn killed_behind_a_cut(desk: &Desk, program: &str) -> Said {
+    estimator(desk, &python(""), "always", "");
+    desk.file("estimator.py", program);
+    let run = desk.begin("run short.toml --set segment.0.duration_s=30 --json --out killed");
+    until("the cut", || run.ticks() > 2200);
+    run.strike("estimator", "KILL");
+    run.finish()
+}
+
+#[test]
+fn a_program_goes_on_from_its_state_or_answers_its_past_again() {
+    if lacks("") {
+        return;
+    }
+    let without = ESTIMATOR
+        .replace("def state", "def kept")
+        .replace("def restore", "def resume");
+    for program in [ESTIMATOR, &without] {
+        let desk = Desk::new();
+        let said = killed_behind_a_cut(&desk, program);
+        let killed = said.json();
+        killed.holds(r#"{"outcome": "goal reached", "faults/#": 1}"#);
+        assert!(!said.err.contains("again from tick 0"), "{}", said.err);
+        let whole = desk.run("short.toml --set segment.0.duration_s=30 --out whole");
+        assert_eq!(killed["topics"], whole["topics"]);
+        let on = desk.run("--from whole@3500 --out on");
+        assert_eq!(on["topics"], whole["topics"]);
+        assert!(!desk.has("killed/messages.past") && !desk.has("on/messages.past"));
+    }
+    let desk = Desk::new();
+    let random = without.replace("e = sensor", "e = os.getpid() * 1e-12 + sensor");
+    let said = killed_behind_a_cut(&desk, &random);
+    assert_eq!(said.code, 1, "{}", said.err);
+    assert!(said.err.contains("q of `estimate`"), "{}", said.err);
 }
 
 /// In real time a program that dies is replaced alone, and goes on from what its predecessor has given.

@@ -53,7 +53,7 @@ impl<const N: usize> Snapshot for Analysis<N> {
         AnalyzerCheckpoint::default().layout()
     }
 
-    fn write(&self, out: &mut Vec<u8>) -> bool {
+    fn write(&self, out: &mut Vec<u8>) {
         let mut checkpoint = AnalyzerCheckpoint::default();
         self.0.save(&mut checkpoint);
         checkpoint.write(out)

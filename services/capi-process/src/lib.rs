@@ -269,6 +269,27 @@ pub unsafe extern "C" fn armplane_process_wait(process: *mut armplane_process) -
     }
 }
 
+/// What `at` gives for a topic with a layout, of an output or an input; null on an error.
+///
+/// # Safety
+/// `process` is null or from `armplane_process_join`; `topic` ends with a zero byte.
+unsafe fn place_of(
+    process: *mut armplane_process,
+    topic: *const c_char,
+    layout: u64,
+    is_output: bool,
+    at: impl FnOnce(&mut Joined, usize) -> *mut c_void,
+) -> *mut c_void {
+    // SAFETY: the caller's.
+    unsafe {
+        let topic = text(topic).unwrap_or_default();
+        with(process, std::ptr::null_mut(), |process| {
+            let place = topics::find(&process.joined, topic, layout, is_output)?;
+            Ok(at(&mut process.joined, place))
+        })
+    }
+}
+
 /// The message of the tick in hand, in shared memory where it was sent: valid until the next wait. NULL where none has come, which is no error, or the
 /// process does not read the topic. `layout`: the hash that the program was compiled with, 0 for a topic that only the graph knows.
 ///
@@ -282,11 +303,11 @@ pub unsafe extern "C" fn armplane_process_input(
 ) -> *const c_void {
     // SAFETY: the caller's.
     unsafe {
-        let topic = text(topic).unwrap_or_default();
-        with(process, std::ptr::null(), |process| {
-            let input = topics::input(&mut process.joined, topic, layout)?;
-            let message = input.message();
-            Ok(message.map_or(std::ptr::null(), |message| message.as_ptr().cast()))
+        place_of(process, topic, layout, false, |joined, place| {
+            let message = joined.inputs()[place].message();
+            message.map_or(std::ptr::null_mut(), |message| {
+                message.as_ptr().cast_mut().cast()
+            })
         })
     }
 }
@@ -303,10 +324,12 @@ pub unsafe extern "C" fn armplane_process_copy(
 ) -> *const c_void {
     // SAFETY: the caller's.
     unsafe {
-        let topic = text(topic).unwrap_or_default();
-        with(process, std::ptr::null(), |process| {
-            let input = topics::input(&mut process.joined, topic, layout)?;
-            Ok(input.copied().as_ptr().cast())
+        place_of(process, topic, layout, false, |joined, place| {
+            joined.inputs_mut()[place]
+                .copied()
+                .as_ptr()
+                .cast_mut()
+                .cast()
         })
     }
 }
@@ -324,10 +347,8 @@ pub unsafe extern "C" fn armplane_process_output(
 ) -> *mut c_void {
     // SAFETY: the caller's.
     unsafe {
-        let topic = text(topic).unwrap_or_default();
-        with(process, std::ptr::null_mut(), |process| {
-            let output = topics::output(&mut process.joined, topic, layout)?;
-            Ok(output.place().as_mut_ptr().cast())
+        place_of(process, topic, layout, true, |joined, place| {
+            joined.outputs_mut()[place].place().as_mut_ptr().cast()
         })
     }
 }

@@ -3,7 +3,6 @@
 use std::ffi::CString;
 
 use runtime::{Input, Joined, JoinedError, Output};
-use shared_types::layout::MessageLayout;
 
 use crate::armplane_process_topic;
 
@@ -51,51 +50,38 @@ pub(crate) fn fresh(joined: &Joined) -> u64 {
         .sum()
 }
 
-/// The input of a topic, whose messages have the layout that the program was compiled with.
-pub(crate) fn input<'a>(
-    joined: &'a mut Joined,
+/// The place among a process's inputs, or outputs, of a topic whose messages have the layout that the program was compiled with; 0: it does not say.
+pub(crate) fn find(
+    joined: &Joined,
     topic: &str,
     layout: u64,
-) -> Result<&'a mut Input, JoinedError> {
-    let is_asked = |input: &Input| input.topic() == topic;
-    let Some(place) = joined.inputs().iter().position(is_asked) else {
-        return Err(unlisted(joined, topic, "reads"));
+    is_output: bool,
+) -> Result<usize, JoinedError> {
+    let process = || joined.shell().name().to_owned();
+    let inputs = joined.inputs().iter().map(Input::layout);
+    let outputs = joined.outputs().iter().map(Output::layout);
+    let (found, key) = match is_output {
+        true => (
+            outputs.enumerate().find(|(_, one)| one.topic == topic),
+            "writes",
+        ),
+        false => (
+            inputs.enumerate().find(|(_, one)| one.topic == topic),
+            "reads",
+        ),
     };
-    check(joined, joined.inputs()[place].layout(), layout)?;
-    Ok(&mut joined.inputs_mut()[place])
-}
-
-/// The output of a topic, likewise.
-pub(crate) fn output<'a>(
-    joined: &'a mut Joined,
-    topic: &str,
-    layout: u64,
-) -> Result<&'a mut Output, JoinedError> {
-    let is_asked = |output: &Output| output.topic() == topic;
-    let Some(place) = joined.outputs().iter().position(is_asked) else {
-        return Err(unlisted(joined, topic, "writes"));
-    };
-    check(joined, joined.outputs()[place].layout(), layout)?;
-    Ok(&mut joined.outputs_mut()[place])
-}
-
-/// Whether a program uses the layout that its messages have; 0: it does not say.
-fn check(joined: &Joined, ours: &MessageLayout, theirs: u64) -> Result<(), JoinedError> {
-    if theirs == 0 || theirs == ours.hash {
-        return Ok(());
-    }
-    Err(JoinedError::Layout {
-        process: joined.shell().name().to_owned(),
-        topic: ours.topic.clone(),
-        theirs,
-        ours: ours.hash,
-    })
-}
-
-fn unlisted(joined: &Joined, topic: &str, key: &'static str) -> JoinedError {
-    JoinedError::Unlisted {
-        process: joined.shell().name().to_owned(),
-        topic: topic.to_owned(),
-        key,
+    match found {
+        None => Err(JoinedError::Unlisted {
+            process: process(),
+            topic: topic.to_owned(),
+            key,
+        }),
+        Some((_, ours)) if layout != 0 && layout != ours.hash => Err(JoinedError::Layout {
+            process: process(),
+            topic: topic.to_owned(),
+            theirs: layout,
+            ours: ours.hash,
+        }),
+        Some((place, _)) => Ok(place),
     }
 }

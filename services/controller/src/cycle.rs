@@ -119,7 +119,7 @@ impl<const N: usize> Snapshot for Law<N> {
         ControllerCheckpoint::default().layout()
     }
 
-    fn write(&self, out: &mut Vec<u8>) -> bool {
+    fn write(&self, out: &mut Vec<u8>) {
         let mut checkpoint = ControllerCheckpoint::default();
         self.0.save(&mut checkpoint);
         checkpoint.write(out)

@@ -139,7 +139,7 @@ impl<const N: usize> Snapshot for Known<N> {
         EstimatorCheckpoint::default().layout()
     }
 
-    fn write(&self, out: &mut Vec<u8>) -> bool {
+    fn write(&self, out: &mut Vec<u8>) {
         let checkpoint =
             self.0
                 .map_or_else(EstimatorCheckpoint::default, |state| EstimatorCheckpoint {
@@ -156,7 +156,7 @@ impl<const N: usize> Snapshot for Known<N> {
                     samples: state.ticks,
                     reserved: 0,
                 });
-        checkpoint.write(out)
+        checkpoint.write(out);
     }
 
     fn read(&mut self, from: &[u8]) -> Result<(), Damaged> {

@@ -89,6 +89,11 @@ impl Launcher {
         self.started.run.path()
     }
 
+    /// The place at which the processes begin.
+    pub fn begin(&self) -> &Begin {
+        &self.started.plan.begin
+    }
+
     /// Starts all processes, watches them to the end, stops them and removes the run's directory.
     ///
     /// # Errors

@@ -30,7 +30,7 @@ pub enum Restart {
 pub struct Child {
     /// As the others see it.
     pub process: Process,
-    /// Its successful end is the end of the run (the plant has done all ticks).
+    /// Its successful end, after all ticks, is the end of the run.
     pub ends_run: bool,
     /// The response to its unrequested end.
     pub restart: Restart,

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use runtime::{ControlPage, Exit, Hub, PROCESS_VARIABLE, RUN_VARIABLE, RunDir, now_ns};
+use runtime::{ControlPage, Exit, Hub, PROCESS_VARIABLE, RUN_VARIABLE, RunDir, State, now_ns};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::time::Timespec;
 
@@ -58,6 +58,8 @@ pub(crate) struct Slot {
     pub(crate) pid: u32,
     pub(crate) restarts: u32,
     pub(crate) exit: Option<Exit>,
+    /// It has made all ticks before it ended.
+    pub(crate) is_done: bool,
     /// The end of its standard error.
     pub(crate) last_words: Vec<String>,
     /// Listeners of ended processes: their later output goes nowhere.
@@ -170,6 +172,7 @@ impl Supervised {
                 });
             }
             (slot.exit, slot.last_words, slot.child) = (Some(exit), last_words, None);
+            slot.is_done = self.control_page.process(index).state() == State::Done;
             self.control_page.process(index).end();
             if !exit.is_success() {
                 self.control_page

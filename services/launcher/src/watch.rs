@@ -92,8 +92,9 @@ impl Supervised {
     fn halt_of_ends(&mut self, report: Report<'_>) -> Option<Halt> {
         let ended = self.take_in_exits(report);
         let is_end = |index: &usize| {
-            self.plan.children[*index].ends_run
-                && self.slots.0[*index].exit.is_some_and(Exit::is_success)
+            let slot = &self.slots.0[*index];
+            let is_well = slot.is_done && slot.exit.is_some_and(Exit::is_success);
+            self.plan.children[*index].ends_run && is_well
         };
         let end = ended.iter().copied().find(is_end);
         for index in ended.into_iter().filter(|index| Some(*index) != end) {

@@ -3,7 +3,7 @@
 use bytemuck::{bytes_of, pod_read_unaligned};
 use model::{ArmMotion, Model, ModelError, PostureError, Robot, embedded, joints, padded};
 use nalgebra::SVector;
-use process::{Damaged, Flow, Inputs, Outputs, Port, Process, Snapshot};
+use process::{CUT_TICKS, Damaged, Flow, Inputs, Outputs, Port, Process, Snapshot};
 use shared_types::checkpoints::PlantCheckpoint;
 use shared_types::codes::DRIVE_DIVERGED;
 use shared_types::fault::ScheduledFault;
@@ -196,7 +196,7 @@ impl<const N: usize> Snapshot for World<N> {
         PlantCheckpoint::layout_hash()
     }
 
-    fn write(&self, out: &mut Vec<u8>) -> bool {
+    fn write(&self, out: &mut Vec<u8>) {
         let begin = out.len();
         out.resize(begin + size_of::<PlantCheckpoint>(), 0);
         let stuck = self.hardware_faults.save(out);
@@ -214,9 +214,8 @@ impl<const N: usize> Snapshot for World<N> {
             contradicted: self.contradicted.into(),
             ..PlantCheckpoint::default()
         };
-        let is_whole = self.plant.save(&mut checkpoint);
+        self.plant.save(&mut checkpoint);
         out[begin..][..size_of::<PlantCheckpoint>()].copy_from_slice(bytes_of(&checkpoint));
-        is_whole
     }
 
     fn read(&mut self, from: &[u8]) -> Result<(), Damaged> {
@@ -246,6 +245,9 @@ impl<const N: usize> Process for Cycle<N> {
 
     /// The torque of the tick before acts until this tick, at which the sensors are read.
     fn step(&self, world: &mut World<N>, inputs: &Inputs<'_>, outputs: &mut Outputs<'_>) -> Flow {
+        if inputs.tick.is_multiple_of(CUT_TICKS) {
+            world.plant.forget();
+        }
         if inputs.tick > 0 {
             self.advance(world, inputs.get());
             if world.is_over() {

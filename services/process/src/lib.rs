@@ -31,7 +31,7 @@ pub use member::Member;
 pub use message_faults::{Shaper, apply_to_outgoing, happens, is_cut};
 pub use packed::Packed;
 pub use port::{Inputs, MOST_PORTS, Outputs, Port};
-pub use saved::{NamedSaved, Saved};
+pub use saved::{CUT_TICKS, NamedSaved, Saved};
 pub use scratch::Scratch;
 pub use snapshot::{Damaged, Snapshot, Stateless};
 pub use step::{Flow, Process, Running, Step};

@@ -1,9 +1,12 @@
 //! The state of a process before a tick, with all that belongs to it, as bytes.
 
-use bytemuck::pod_read_unaligned;
+use bytemuck::{bytes_of, pod_read_unaligned};
 
 /// Tick and length of the state, before it.
 const HEAD: usize = 2 * size_of::<u64>();
+
+/// Ticks between two cuts.
+pub const CUT_TICKS: u64 = 1000;
 
 /// A process by its name, and what it has saved: the bytes of a [`Saved`].
 pub type NamedSaved = (String, Vec<u8>);
@@ -33,14 +36,14 @@ impl<'a> Saved<'a> {
         })
     }
 
-    /// The bytes, in place of what `out` holds.
-    pub fn write(&self, out: &mut Vec<u8>) {
+    /// Writes the bytes in place of what `out` holds; `state` appends those of the state.
+    pub fn write(tick: u64, carried: &[u8], out: &mut Vec<u8>, state: impl FnOnce(&mut Vec<u8>)) {
         out.clear();
-        for word in [self.tick, self.state.len() as u64] {
-            out.extend_from_slice(&word.to_ne_bytes());
-        }
-        out.extend_from_slice(self.state);
-        out.extend_from_slice(self.carried);
+        out.resize(HEAD, 0);
+        state(out);
+        let words = [tick, (out.len() - HEAD) as u64];
+        out[..HEAD].copy_from_slice(bytes_of(&words));
+        out.extend_from_slice(carried);
     }
 }
 
@@ -56,7 +59,7 @@ mod tests {
             carried: &[4; 9],
         };
         let mut bytes = Vec::new();
-        saved.write(&mut bytes);
+        Saved::write(3000, &[4; 9], &mut bytes, |out| out.extend([1, 2, 3]));
         assert_eq!(Saved::of(&bytes), Some(saved));
         assert_eq!(Saved::of(&bytes[..HEAD + 2]), None);
     }

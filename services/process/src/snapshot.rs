@@ -40,8 +40,8 @@ pub trait Snapshot {
     /// A hash of what [`write`](Self::write) writes: it differs where the bytes mean something else.
     fn layout(&self) -> u64;
 
-    /// Appends all of it. `false`: it cannot be saved now, and what was appended is none.
-    fn write(&self, out: &mut Vec<u8>) -> bool;
+    /// Appends all of it.
+    fn write(&self, out: &mut Vec<u8>);
 
     /// Takes up what [`write`](Self::write) has written.
     ///
@@ -56,9 +56,8 @@ impl<T: Layout> Snapshot for T {
         T::layout_hash()
     }
 
-    fn write(&self, out: &mut Vec<u8>) -> bool {
+    fn write(&self, out: &mut Vec<u8>) {
         out.extend_from_slice(bytes_of(self));
-        true
     }
 
     fn read(&mut self, from: &[u8]) -> Result<(), Damaged> {
@@ -78,9 +77,7 @@ impl Snapshot for Stateless {
     fn layout(&self) -> u64 {
         0
     }
-    fn write(&self, _out: &mut Vec<u8>) -> bool {
-        true
-    }
+    fn write(&self, _out: &mut Vec<u8>) {}
     fn read(&mut self, from: &[u8]) -> Result<(), Damaged> {
         from.is_empty().then_some(()).ok_or(Damaged::Content)
     }
@@ -89,16 +86,14 @@ impl Snapshot for Stateless {
 /// Layout and checksum before the bytes of a state.
 const HEAD: usize = 2 * size_of::<u64>();
 
-/// Writes a state with its layout and checksum in place of what `out` holds; nothing where it cannot be saved.
+/// Appends a state with its layout and checksum.
 pub(crate) fn save(state: &impl Snapshot, out: &mut Vec<u8>) {
-    out.clear();
-    out.resize(HEAD, 0);
-    if !state.write(out) {
-        return out.clear();
-    }
-    let checksum = xxh3_64(&out[HEAD..]);
-    out[..HEAD / 2].copy_from_slice(&state.layout().to_le_bytes());
-    out[HEAD / 2..HEAD].copy_from_slice(&checksum.to_le_bytes());
+    let begin = out.len();
+    out.resize(begin + HEAD, 0);
+    state.write(out);
+    let (head, bytes) = out[begin..].split_at_mut(HEAD);
+    head[..HEAD / 2].copy_from_slice(&state.layout().to_le_bytes());
+    head[HEAD / 2..].copy_from_slice(&xxh3_64(bytes).to_le_bytes());
 }
 
 /// Takes up what [`save`] has written.

@@ -81,7 +81,7 @@ pub trait Step {
     fn writes(&self) -> &'static [Port];
     /// See [`Process::step`].
     fn step(&mut self, inputs: &Inputs<'_>, outputs: &mut Outputs<'_>) -> Flow;
-    /// Writes the state, with its layout and checksum, in place of what `out` holds; nothing where it cannot be saved now.
+    /// Appends the state, with its layout and checksum.
     fn save(&self, out: &mut Vec<u8>);
     /// Goes on from a state that [`save`](Self::save) has written.
     ///

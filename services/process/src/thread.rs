@@ -94,24 +94,18 @@ impl Thread {
         self.tick
     }
 
-    /// The states of its processes before the tick that comes next, by their names, with the messages of the last tick on `board`. `None`: one cannot be
-    /// saved now. Without faults of processes and messages.
-    pub fn save(&self, board: &mut Board) -> Option<Vec<NamedSaved>> {
-        let (mut state, parts) = (Vec::new(), board.parts_mut());
+    /// The states of its processes before the tick that comes next, by their names, with the messages of the last tick on `board`. Without faults of
+    /// processes and messages.
+    pub fn save(&self, board: &mut Board) -> Vec<NamedSaved> {
+        let parts = board.parts_mut();
         let save = |member: &Member| {
-            member.step.save(&mut state);
             let carries = member.makes_ticks && self.tick > 0;
             let carried = member.reads.first().filter(|_| carries);
+            let carried = carried.and_then(|read| parts[read.topic].as_deref());
             let mut saved = Vec::new();
-            Saved {
-                tick: self.tick,
-                state: &state,
-                carried: carried
-                    .and_then(|read| parts[read.topic].as_deref())
-                    .unwrap_or_default(),
-            }
-            .write(&mut saved);
-            (!state.is_empty()).then(|| (member.name.clone(), saved))
+            let carried = carried.unwrap_or_default();
+            Saved::write(self.tick, carried, &mut saved, |out| member.step.save(out));
+            (member.name.clone(), saved)
         };
         self.members.iter().map(save).collect()
     }

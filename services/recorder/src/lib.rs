@@ -117,7 +117,7 @@ struct Recorder<'a> {
 /// A topic that the recorder reads.
 struct Topic {
     channel: usize,
-    collector: Collector<[u8]>,
+    collector: Collector,
 }
 
 fn record(shell: &Shell, robot: &Robot, job: &Job) -> Result<Summary, ProcessError> {
@@ -150,11 +150,10 @@ impl<'a> Recorder<'a> {
                 assembler.leave_out(channel);
                 continue;
             }
-            let mut collector = shell.collector_of(&layout.topic)?;
+            let mut collector = shell.collector(&layout.topic)?;
             if !is_first {
                 let last = last.get(channel).and_then(Option::as_deref);
-                collector.resume(last.map(tick_of), 0);
-                collector.go_on();
+                collector.go_on(last.map(tick_of));
             }
             topics.push(Topic { channel, collector });
         }

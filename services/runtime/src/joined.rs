@@ -5,18 +5,21 @@
 
 mod error;
 mod gathered;
+mod kept;
+mod past;
 mod ports;
 
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+use process::{Damaged, Saved};
 use shared_types::graph::{Process, Role};
 use shared_types::job::{Job, Mode};
 use shared_types::task_end::TaskEnd;
 
-use crate::checkpoint::StateCell;
 use crate::control_page::Patience;
+use crate::saving::Saving;
 use crate::shell::{ProcessError, Shell};
 use crate::tick_source::TickSource;
 
@@ -24,12 +27,15 @@ pub use error::JoinedError;
 
 pub use ports::{Input, Output};
 
+pub use past::past_of;
+
 use gathered::Gathered;
+use past::Past;
 
 /// Time for an answer where the graph gives none.
 const USUAL_LIMIT: Duration = Duration::from_secs(10);
 
-/// Most bytes of a program's state in real time, where a replacement goes on from it.
+/// Most bytes of a program's state.
 pub const MOST_STATE: usize = 1 << 20;
 
 /// A process as its program knows it before the first tick.
@@ -59,9 +65,13 @@ pub struct Joined {
     /// The run is over for this process.
     is_over: bool,
     has_begun: bool,
-    /// The state after the tick in hand; `None` where the program has given none.
-    state: Option<Vec<u8>>,
-    cell: Option<StateCell>,
+    /// The state after the tick in hand, and whether the program has given one.
+    state: (Vec<u8>, bool),
+    /// The state that a predecessor has left.
+    previous: Option<Vec<u8>>,
+    /// What comes again, of a program that has left none.
+    past: Option<Past>,
+    saving: Saving,
     patience: Arc<Patience>,
 }
 
@@ -86,17 +96,15 @@ impl Joined {
         let role = process.role();
         let (inputs, outputs) = ports::open(&shell, &job.graph, process)?;
         let source = (role == Role::World).then(|| Source {
-            ticks: shell.tick_source(0),
+            ticks: shell.tick_source(shell.manifest().from),
             end: task_end(&job),
             is_last: false,
         });
-        let cell = match (shell.mode(), role) {
-            (Mode::Realtime, Role::Stage) => Some(shell.state_cell(MOST_STATE)?),
-            _ => None,
-        };
+        let most = MOST_STATE + kept::most(&inputs, &outputs);
+        let (saving, earlier) = Saving::open(&shell, most)?;
         let patience = shell.patience();
         patience.limit(shell.name(), role == Role::Observer, limit(process));
-        Ok(Self {
+        let mut joined = Self {
             role,
             inputs,
             outputs,
@@ -105,11 +113,44 @@ impl Joined {
             in_hand: None,
             is_over: false,
             has_begun: false,
-            state: None,
-            cell,
+            state: (Vec::new(), false),
+            previous: None,
+            past: None,
+            saving,
             patience,
             shell,
-        })
+        };
+        if let Some(earlier) = earlier.as_deref().and_then(Saved::of) {
+            joined.go_on(earlier.state, &job)?;
+        }
+        Ok(joined)
+    }
+
+    /// Goes on from what a predecessor has saved: nothing, where it had no state.
+    fn go_on(&mut self, saved: &[u8], job: &Job) -> Result<(), ProcessError> {
+        let Self {
+            shell,
+            inputs,
+            outputs,
+            ..
+        } = self;
+        if saved.is_empty() {
+            self.past = Some(Past::open(
+                shell,
+                &past_of(&job.out),
+                self.role,
+                inputs,
+                outputs,
+            )?);
+            return Ok(());
+        }
+        let other = || ProcessError::setup(format_args!("{}: {}", shell.name(), Damaged::Content));
+        let ((phase, refused), state) = kept::read(saved, inputs, outputs).ok_or_else(other)?;
+        if let Some(source) = &mut self.source {
+            source.end.resume(phase, refused);
+        }
+        self.previous = Some(state);
+        Ok(())
     }
 
     /// The process as its program knows it.
@@ -152,9 +193,9 @@ impl Joined {
         self.shell.look_out(look);
     }
 
-    /// The state that a predecessor has left: that after the last tick which it answered.
+    /// The state that a predecessor has left: in real time after the last tick that it answered, in lockstep at the cut from which the run goes on.
     pub fn previous(&self) -> Option<&[u8]> {
-        self.cell.as_ref().and_then(StateCell::previous)
+        self.previous.as_deref()
     }
 
     /// Waits for the next tick; `None` when the run is over for this process.
@@ -173,15 +214,19 @@ impl Joined {
         {
             return Err(JoinedError::Unwritten(self.named(), output.topic()));
         }
-        let tick = match self.role {
-            Role::World => self.wait_as_world()?,
-            Role::Stage => self.wait_as_stage()?,
-            Role::Observer => self
-                .gathered
-                .wait(&self.shell, &mut self.inputs)
-                .map_err(ProcessError::from)?,
+        let tick = match self.wait_again() {
+            Some(tick) => tick,
+            None => match self.role {
+                Role::World => self.wait_as_world()?,
+                Role::Stage => self.wait_as_stage()?,
+                Role::Observer => self
+                    .gathered
+                    .wait(&self.shell, &mut self.inputs)
+                    .map_err(ProcessError::from)?,
+            },
         };
         (self.in_hand, self.is_over) = (tick, tick.is_none());
+        self.state.1 = false;
         if let Some(tick) = tick {
             self.patience.begin(tick);
         }
@@ -208,29 +253,52 @@ impl Joined {
                 tick,
             });
         }
-        if let (Some(cell), Some(state)) = (&mut self.cell, &self.state)
-            && !cell.write(state)
-        {
-            return Err(JoinedError::State(self.named(), state.len()));
+        if let Some(past) = &mut self.past {
+            return past.compare(self.shell.name(), tick, &self.outputs);
+        }
+        if self.state.0.len() > MOST_STATE {
+            return Err(JoinedError::State(self.named(), self.state.0.len()));
         }
         match &mut self.source {
             // They wait for their time.
             Some(source) => source.is_last = is_last,
-            None => self.send_outputs(tick)?,
+            None => {
+                self.save(tick + 1, (0, 0))?;
+                self.send_outputs(tick)?;
+            }
+        }
+        if self.role == Role::Observer {
+            self.saving.commit();
         }
         Ok(())
     }
 
     /// Whether a state that is given for the tick in hand is kept.
     pub fn keeps(&self) -> bool {
-        self.cell.is_some()
+        let next = self.in_hand.map(|tick| tick + 1);
+        self.past.is_none() && next.is_some_and(|next| self.saving.is_due(next))
+    }
+
+    /// Saves the program if it is time. Without a state of its own it is given its past again.
+    fn save(&mut self, next: u64, end: (u32, u64)) -> Result<(), ProcessError> {
+        let (state, is_given) = &self.state;
+        let is_cut = self.shell.mode() == Mode::Lockstep;
+        if !self.saving.is_due(next) || !(is_cut || *is_given) {
+            return Ok(());
+        }
+        let (inputs, outputs) = (&self.inputs, &self.outputs);
+        self.saving.save_now(next, &[], |out| {
+            if *is_given {
+                kept::write(out, end, inputs, outputs, state);
+            }
+        })
     }
 
     /// Gives the state after the tick in hand, with which a replacement goes on.
     pub fn keep(&mut self, state: &[u8]) {
-        let kept = self.state.get_or_insert_default();
-        kept.clear();
-        kept.extend_from_slice(state);
+        self.state.0.clear();
+        self.state.0.extend_from_slice(state);
+        self.state.1 = true;
     }
 
     fn named(&self) -> String {
@@ -242,6 +310,22 @@ impl Joined {
             output.send(tick)?;
         }
         Ok(())
+    }
+
+    /// The next tick of those that come again; `None`: none does, or no more.
+    fn wait_again(&mut self) -> Option<Option<u64>> {
+        let past = self.past.as_mut()?;
+        if self.shell.is_stopping() {
+            return Some(None);
+        }
+        let tick = past.next(&mut self.inputs);
+        if let Some(source) = &mut self.source {
+            source.end.take(self.inputs.iter().find_map(Input::phase));
+        }
+        if tick.is_none() {
+            self.past = None;
+        }
+        tick.map(Some)
     }
 
     /// The outputs of the tick before leave when their time has come; then what closes the loop is taken in, and the next tick made at once.
@@ -271,7 +355,10 @@ impl Joined {
             source.ticks.finish()?;
             return Ok(None);
         }
-        Ok(Some(source.ticks.coming()))
+        let tick = source.ticks.coming();
+        self.save(tick, source.end.saved())?;
+        self.saving.commit();
+        Ok(Some(tick))
     }
 
     /// The last topic that the graph lists comes last, for it lists them in the order of the data: it is waited for, and the others are there.

@@ -228,6 +228,18 @@ impl RunDir {
         Ok(stale)
     }
 
+    /// Removes the files of a run whose launcher is dead, as far as there are some.
+    ///
+    /// # Errors
+    /// When a file cannot be removed.
+    pub fn remove_left(name: &str) -> Result<(), RunDirError> {
+        let is_left = |run: &FoundRun| run.name == name && !run.alive;
+        match Self::list().iter().any(is_left) {
+            true => remove_files(name),
+            false => Ok(()),
+        }
+    }
+
     /// Takes the rights of others away from the run's files beside the directory: iceoryx2 makes its node counter writable for everybody.
     pub(crate) fn make_private(&self) -> std::io::Result<()> {
         for (_, path) in entries()

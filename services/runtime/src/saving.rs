@@ -6,14 +6,11 @@
 
 use std::path::{Path, PathBuf};
 
-use process::{Saved, Step};
+use process::{CUT_TICKS, Saved, Step};
 use shared_types::job::Mode;
 
 use crate::checkpoint::{StateCell, newest};
 use crate::shell::{ProcessError, Shell};
-
-/// Ticks between two cuts.
-pub const CUT_TICKS: u64 = 1000;
 
 /// Room for a state to grow, at least; bytes.
 const ROOM: usize = 4096;
@@ -44,9 +41,8 @@ pub(crate) fn saved_at(run: &Path, process: &str, tick: u64) -> std::io::Result<
 
 /// Saves a process as it goes on.
 pub(crate) struct Saving {
-    /// `None`: it cannot be saved.
+    /// `None`: nobody needs its state.
     cell: Option<StateCell>,
-    state: Vec<u8>,
     saved: Vec<u8>,
     /// Ticks between two times.
     every: u64,
@@ -60,46 +56,58 @@ impl Saving {
         shell: &Shell,
         step: &mut dyn Step,
     ) -> Result<(Self, Vec<u8>), ProcessError> {
-        let mut saving = Self {
-            cell: None,
-            state: Vec::new(),
-            saved: Vec::new(),
-            every: match shell.mode() {
-                Mode::Lockstep => CUT_TICKS,
-                Mode::Realtime => 1,
-            },
-            process: shell.name().to_owned(),
-        };
-        step.save(&mut saving.state);
-        let most = 2 * saving.state.len() + ROOM;
-        saving.saved.reserve(most);
-        let is_replaced = shell.mode() == Mode::Lockstep || !shell.makes_ticks();
-        let earlier = match shell.manifest().from {
-            0 if saving.state.is_empty() || !is_replaced => return Ok((saving, Vec::new())),
-            0 => {
-                let cell = saving.cell.insert(shell.state_cell(most)?);
-                cell.previous().map(<[u8]>::to_vec)
-            }
-            tick => {
-                saving.cell = Some(shell.state_cell(most)?);
-                let path = begin_of(shell.run_dir(), shell.name());
-                let saved = std::fs::read(&path).ok();
-                let is_it = |saved: &Vec<u8>| Saved::of(saved).is_some_and(|one| one.tick == tick);
-                let missing = || {
-                    ProcessError::setup(format_args!(
-                        "{}: no state of tick {tick} to go on from",
-                        shell.name()
-                    ))
-                };
-                Some(saved.filter(is_it).ok_or_else(missing)?)
-            }
-        };
+        let mut state = Vec::new();
+        step.save(&mut state);
+        let (saving, earlier) = Self::open(shell, 2 * state.len() + ROOM)?;
         let Some(earlier) = earlier.as_deref().and_then(Saved::of) else {
             return Ok((saving, Vec::new()));
         };
         let damaged = |damaged| ProcessError::setup(format_args!("{}: {damaged}", shell.name()));
         step.restore(earlier.state).map_err(damaged)?;
         Ok((saving, earlier.carried.to_vec()))
+    }
+
+    /// Room for states of at most so many bytes, and what the process goes on from: the bytes of a [`Saved`].
+    pub(crate) fn open(
+        shell: &Shell,
+        most: usize,
+    ) -> Result<(Self, Option<Vec<u8>>), ProcessError> {
+        let (is_lockstep, from) = (shell.mode() == Mode::Lockstep, shell.manifest().from);
+        let mut saving = Self {
+            cell: None,
+            saved: Vec::new(),
+            every: if is_lockstep { CUT_TICKS } else { 1 },
+            process: shell.name().to_owned(),
+        };
+        // In real time nothing follows the process that makes the ticks, and one that only reads begins anew.
+        if !is_lockstep && (shell.makes_ticks() || shell.writes_nothing()) {
+            return Ok((saving, None));
+        }
+        saving.saved.reserve(most);
+        let cell = saving.cell.insert(shell.state_cell(most)?);
+        if from == 0 {
+            let earlier = cell.previous().map(<[u8]>::to_vec);
+            return Ok((saving, earlier));
+        }
+        let saved = std::fs::read(begin_of(shell.run_dir(), shell.name())).ok();
+        let is_it = |saved: &Vec<u8>| Saved::of(saved).is_some_and(|one| one.tick == from);
+        let missing = || {
+            ProcessError::setup(format_args!(
+                "{}: no state of tick {from} to go on from",
+                shell.name()
+            ))
+        };
+        match saved.filter(is_it) {
+            // One that only reads may have joined later.
+            None if !shell.writes_nothing() => Err(missing()),
+            saved => Ok((saving, saved)),
+        }
+    }
+
+    /// Whether what is saved before a tick is kept.
+    #[inline]
+    pub(crate) fn is_due(&self, tick: u64) -> bool {
+        self.cell.is_some() && tick.is_multiple_of(self.every)
     }
 
     /// Saves the process if it is time, before what is sent with the tick before `tick`, or, of the process that makes the ticks, is made of it.
@@ -110,33 +118,29 @@ impl Saving {
         step: &dyn Step,
         carried: &[u8],
     ) -> Result<(), ProcessError> {
-        match tick.is_multiple_of(self.every) {
-            true => self.save_now(tick, step, carried),
+        match self.is_due(tick) {
+            true => self.save_now(tick, carried, |state| step.save(state)),
             false => Ok(()),
         }
     }
 
-    fn save_now(&mut self, tick: u64, step: &dyn Step, carried: &[u8]) -> Result<(), ProcessError> {
+    /// Saves the state that `state` appends.
+    pub(crate) fn save_now(
+        &mut self,
+        tick: u64,
+        carried: &[u8],
+        state: impl FnOnce(&mut Vec<u8>),
+    ) -> Result<(), ProcessError> {
         let Some(cell) = &mut self.cell else {
             return Ok(());
         };
-        step.save(&mut self.state);
-        if self.state.is_empty() {
-            return Ok(());
-        }
-        let state = &self.state;
-        Saved {
-            tick,
-            state,
-            carried,
-        }
-        .write(&mut self.saved);
+        Saved::write(tick, carried, &mut self.saved, state);
         match cell.write(&self.saved) {
             true => Ok(()),
             false => Err(ProcessError::setup(format_args!(
-                "the state of {} has grown to {} bytes, more than twice what it began with",
+                "the state of {} has grown to {} bytes, for which there is no room",
                 self.process,
-                state.len()
+                self.saved.len()
             ))),
         }
     }

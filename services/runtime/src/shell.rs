@@ -238,18 +238,6 @@ impl Shell {
         ))
     }
 
-    /// Reads everything of a topic, in order, in rounds of [`Shell::poll`]: for the recorder.
-    ///
-    /// # Errors
-    /// See [`Shell::reader`].
-    pub fn collector<M: Message>(&self) -> Result<Collector<M>, TopicError> {
-        self.declared("read", M::TOPIC)?;
-        Ok(Collector::new(
-            Rc::clone(&self.shared),
-            self.receiver(Format::of::<M>(), RECORDER_DEPTH)?,
-        ))
-    }
-
     /// The messages of a topic, also where only the graph knows them; `None`: there is no such topic.
     pub(crate) fn format(&self, topic: &str) -> Option<Format> {
         struct Known;
@@ -263,11 +251,11 @@ impl Shell {
         topics::named(topic, &mut Known).or_else(foreign)
     }
 
-    /// Reads everything of a topic as bytes, also where only the graph knows its message: as [`Shell::collector`].
+    /// Reads everything of a topic as bytes, in order, in rounds of [`Shell::poll`], also where only the graph knows its message.
     ///
     /// # Errors
     /// When there is no such message, or the graph does not name this process as a reader.
-    pub fn collector_of(&self, topic: &str) -> Result<Collector<[u8]>, TopicError> {
+    pub fn collector(&self, topic: &str) -> Result<Collector, TopicError> {
         let Some(format) = self.format(topic).filter(|_| self.reads(topic)) else {
             return Err(TopicError::Unknown {
                 topic: topic.to_owned(),
@@ -345,15 +333,16 @@ impl Shell {
         closed.min().unwrap_or_default()
     }
 
-    /// The state that every process that sends messages has saved at the cut of a tick, with its name, in the order of the graph; `None` if one has saved nothing
-    /// there, or not yet.
+    /// The state that every process has saved at the cut of a tick, with its name, in the order of the graph; `None` if one has saved nothing there, or not
+    /// yet. One that only reads need not save itself.
     ///
     /// # Errors
     /// When a cell cannot be read.
     pub fn cut(&self, tick: u64) -> std::io::Result<Option<Vec<NamedSaved>>> {
         let processes = self.shared.manifest.processes.iter();
         let mut saved = Vec::new();
-        for process in processes.filter(|process| !process.polled) {
+        let saves = |name: &str| cell_of(self.run_dir(), name).exists();
+        for process in processes.filter(|process| !process.polled || saves(&process.name)) {
             match saved_at(self.run_dir(), &process.name, tick)? {
                 Some(state) => saved.push((process.name.clone(), state)),
                 None => return Ok(None),
@@ -406,6 +395,13 @@ impl Shell {
     pub fn writes(&self, topic: &str) -> bool {
         let own = &self.shared.manifest.processes[self.shared.me];
         own.writes.iter().any(|one| one == topic)
+    }
+
+    /// Whether this process only reads.
+    pub(crate) fn writes_nothing(&self) -> bool {
+        self.shared.manifest.processes[self.shared.me]
+            .writes
+            .is_empty()
     }
 
     /// Whether this process makes the ticks.

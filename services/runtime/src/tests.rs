@@ -7,7 +7,7 @@ use shared_types::process::Role;
 use shared_types::{PlantState, SensorSample, SingularityReport, StateEstimate};
 
 use crate::bus::error::TopicError;
-use crate::bus::format::Format;
+use crate::bus::format::{Format, header};
 use crate::bus::node::join;
 use crate::bus::topic::Topic;
 use crate::{
@@ -149,9 +149,9 @@ fn at(inlet: &mut Reader<SensorSample>, tick: u64) -> Result<Option<u64>, Interr
         .map(|message| message.map(|message| message.header.tick))
 }
 
-fn collected(collector: &mut Collector<SensorSample>) -> Vec<u64> {
+fn collected(collector: &mut Collector) -> Vec<u64> {
     let mut ticks = Vec::new();
-    let take = |message: &SensorSample| ticks.push(message.header.tick);
+    let take = |message: &[u8]| ticks.push(header(message).tick);
     collector.collect(take).unwrap();
     ticks
 }
@@ -217,7 +217,7 @@ fn in_real_time_a_replaced_recorder_gets_the_last_messages_once() {
     let stage = stage(Mode::Realtime);
     let (_estimator, mut sensors, _inlet) = stage.pair();
     let first = stage.shell("recorder");
-    let mut drain = first.collector::<SensorSample>().unwrap();
+    let mut drain = first.collector("sensor").unwrap();
     send(&mut sensors, 0..5);
     assert_eq!(collected(&mut drain), (0..5).collect::<Vec<_>>());
     // It has written three of them, and nobody reads while two more come.
@@ -225,12 +225,11 @@ fn in_real_time_a_replaced_recorder_gets_the_last_messages_once() {
     send(&mut sensors, 5..7);
     stage.control_page.process(2).begin_incarnation();
     let second = stage.shell("recorder");
-    let mut drain = second.collector::<SensorSample>().unwrap();
-    drain.resume(Some(2), 0);
-    drain.go_on();
+    let mut drain = second.collector("sensor").unwrap();
+    drain.go_on(Some(2));
     send(&mut sensors, 7..8);
     assert_eq!(collected(&mut drain), (3..8).collect::<Vec<_>>());
-    assert_eq!(drain.lost(), 0);
+    assert_eq!(second.count(Count::Lost), 0);
 }
 
 #[test]
@@ -328,7 +327,7 @@ fn a_reader_that_never_reads_blocks_nobody_and_finds_the_newest() {
     let stage = stage(Mode::Realtime);
     let (_estimator, mut sensors, mut inlet) = stage.pair();
     let recorder = stage.shell("recorder");
-    let mut drain = recorder.collector::<SensorSample>().unwrap();
+    let mut drain = recorder.collector("sensor").unwrap();
     let (count, depth) = (10 * RECORDER_DEPTH as u64, RECORDER_DEPTH as u64);
     send(&mut sensors, 0..count);
     assert_eq!(next(&mut inlet), Ok(Some(count - 1)));
@@ -336,7 +335,7 @@ fn a_reader_that_never_reads_blocks_nobody_and_finds_the_newest() {
         collected(&mut drain),
         (count - depth..count).collect::<Vec<_>>()
     );
-    assert_eq!(drain.lost(), count - depth);
+    assert_eq!(recorder.count(Count::Lost), count - depth);
 }
 
 #[test]
@@ -344,7 +343,7 @@ fn in_lockstep_the_source_waits_for_the_recorder() {
     let stage = stage_of(Mode::Lockstep, &["plant", "recorder"], |_| ());
     let (plant, recorder) = (stage.shell("plant"), stage.shell("recorder"));
     let mut sensors = plant.writer().unwrap();
-    let mut drain = recorder.collector::<SensorSample>().unwrap();
+    let mut drain = recorder.collector("sensor").unwrap();
     let mut tick_source = plant.tick_source(0);
     let mut sent = 0;
     let error = loop {
@@ -361,7 +360,7 @@ fn in_lockstep_the_source_waits_for_the_recorder() {
     collected(&mut drain);
     assert!(recorder.poll(Duration::ZERO).unwrap());
     assert_eq!(tick_source.next().unwrap(), Some(sent));
-    assert_eq!(drain.lost(), 0);
+    assert_eq!(recorder.count(Count::Lost), 0);
 }
 
 #[test]

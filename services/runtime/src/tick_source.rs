@@ -4,7 +4,7 @@ use std::rc::Rc;
 
 use crate::clock::{now_ns, sleep_until};
 use crate::context::Context;
-use crate::control_page::{Count, Stop};
+use crate::control_page::{Count, State, Stop};
 use crate::realtime::Usage;
 use crate::wait::{Interrupted, Waited};
 
@@ -100,7 +100,11 @@ impl TickSource {
     pub fn next_by(&mut self, passed: u64) -> Result<Option<u64>, Interrupted> {
         let is_ready = self.begin()?;
         let context = &self.context;
-        if !is_ready || context.is_stopping() || context.control_page.stop() == Stop::Ticks {
+        if context.control_page.stop() == Stop::Ticks {
+            self.finish()?;
+            return Ok(None);
+        }
+        if !is_ready || context.is_stopping() {
             return Ok(None);
         }
         let tick = self.next_tick;
@@ -114,17 +118,18 @@ impl TickSource {
         Ok(Some(tick))
     }
 
-    /// Waits until every process outside the loop has closed the ticks given out, so that none is stopped in the middle of them; in real time
-    /// no process is waited for.
+    /// Ends the run: without this, the end of the process that makes the ticks is a death. Waits until every process outside the loop has closed the ticks
+    /// given out, so that none is stopped in the middle of them; in real time no process is waited for.
     ///
     /// # Errors
     /// When one of them closes nothing within the limit.
     pub fn finish(&self) -> Result<(), Interrupted> {
         let context = &self.context;
-        if !context.is_lockstep() {
-            return Ok(());
+        if context.is_lockstep() {
+            context.wait_for_end(self.next_tick)?;
         }
-        context.wait_for_end(self.next_tick).map(drop)
+        context.entry().set_state(State::Done);
+        Ok(())
     }
 
     /// Until when a tick's torque is waited for, on `CLOCK_MONOTONIC`; in lockstep without limit.

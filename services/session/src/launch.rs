@@ -13,7 +13,7 @@ use shared_types::summary::Summary;
 use crate::export::joined;
 use crate::failure::Failure;
 use crate::load;
-use crate::origin;
+use crate::origin::{self, Past};
 use crate::progress::{Observer, Progress};
 
 /// Memory for the recorder's part of the summary, taken before the first process starts; bytes.
@@ -152,7 +152,7 @@ pub fn launch_watched(
     let mut launcher = Launcher::prepare(plan).map_err(Failure::work)?;
     let mut guards = Vec::new();
     loop {
-        let mut start = Start::set_up(job, launcher.run_dir(), begin)?;
+        let mut start = Start::set_up(job, &launcher, begin)?;
         let job = start.job.clone();
         let commands = |name: &str, run: &Path| command(&job, name, run);
         let newest = |faults: &FaultTable| newest_cut(&job, faults);
@@ -218,11 +218,14 @@ struct Start {
     /// The recorder's part of the summary.
     account: Option<Summary>,
     guard: Option<launcher::Guard>,
+    /// What programs without a state have done before the cut.
+    _past: Option<Past>,
 }
 
 impl Start {
     /// Puts all that the processes need to know into the run's directory.
-    fn set_up(job: &Job, run_dir: &Path, begin: Begin<'_>) -> Result<Self, Failure> {
+    fn set_up(job: &Job, launcher: &Launcher, begin: Begin<'_>) -> Result<Self, Failure> {
+        let (run_dir, cut) = (launcher.run_dir(), launcher.begin());
         let name = run_dir.file_name().unwrap_or_default();
         let job = Job {
             run: name.to_string_lossy().into_owned(),
@@ -232,6 +235,8 @@ impl Start {
         runtime::reserve(&account_path, ACCOUNT_BYTES)
             .map_err(|error| Failure::Work(format!("no memory for the run's summary: {error}")))?;
         write_job(&job, run_dir)?;
+        let has_past = origin::has_past(&cut.saved);
+        let past = has_past.then(|| Past::leave(&job, cut)).transpose()?;
         begin(&RunDir::open(run_dir).map_err(Failure::work)?)?;
         let mut programs = job.graph.process.iter().map(|process| &process.command);
         let has_programs = programs.any(|command| !command.is_empty());
@@ -244,6 +249,7 @@ impl Start {
             account_path,
             account: None,
             guard,
+            _past: past,
         })
     }
 

@@ -412,6 +412,7 @@ fn state(state: State) -> &'static str {
         State::Running => "running",
         State::Gone => "gone",
         State::Stopped => "stopped",
+        State::Done => "done",
     }
 }
 

@@ -1,11 +1,13 @@
 //! The beginning of a run that goes on from a tick of another one: the same again from there, or a branch of it with other settings.
 
+use std::fs::File;
+use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use launcher::Begin;
-use recorder::{Contents, Cut, MESSAGES, RecordReader, RecordWriter};
-use runtime::NamedSaved;
+use recorder::{Contents, Cut, Item, MESSAGES, RecordReader, RecordWriter, tick_of};
+use runtime::{NamedSaved, Saved};
 use serde_json::Value;
 use shared_types::ControlState;
 use shared_types::fault::ScheduledFault;
@@ -83,7 +85,8 @@ pub(crate) fn begin_at(place: &Place, settings: &[String]) -> Result<(Loaded, Or
     let begin = match &before {
         None => begin,
         Some(before) => {
-            check(before, &loaded, &refuse)?;
+            let begun = begun(&record, &job, place.tick)?;
+            check(before, &loaded, begun, &refuse)?;
             let earlier = |all: Vec<ScheduledFault>| {
                 all.into_iter()
                     .filter(|fault| fault.at < place.tick)
@@ -148,16 +151,103 @@ pub(crate) fn newest_cut(
     faults: &[ScheduledFault],
     last: u64,
 ) -> Result<Begin, Failure> {
+    let contents = Contents::of(job);
     let is_usable = |tick| tick <= last && !faults.iter().any(|fault| fault.unsettles(tick));
-    let cut = Cut::newest(record, &Contents::of(job), is_usable).map_err(Failure::input)?;
+    let newest = |is_usable: &dyn Fn(u64) -> bool| {
+        Cut::newest(record, &contents, is_usable).map_err(Failure::input)
+    };
+    let mut cut = newest(&is_usable)?;
+    let is_undisturbed = |tick| !faults.iter().any(|fault| fault.has_unsettled(tick));
+    // A program without a state is given its past again.
+    if cut
+        .as_ref()
+        .is_some_and(|cut| has_past(&cut.processes) && !is_undisturbed(cut.tick))
+    {
+        cut = newest(&|tick| is_usable(tick) && is_undisturbed(tick))?;
+    }
     Ok(cut.map_or_else(Begin::default, |cut| Begin {
         tick: cut.tick,
         saved: cut.processes,
     }))
 }
 
-/// Whether a branch may have these settings.
-fn check(before: &Loaded, after: &Loaded, refuse: &dyn Fn(&str) -> Failure) -> Result<(), Failure> {
+/// Whether one of these processes has saved nothing: a program without a state.
+pub(crate) fn has_past(saved: &[NamedSaved]) -> bool {
+    saved.iter().any(|(_, saved)| lacks_state(saved))
+}
+
+fn lacks_state(saved: &[u8]) -> bool {
+    Saved::of(saved).is_some_and(|saved| saved.state.is_empty())
+}
+
+/// The folder with what programs without a state have read and written before a cut; removed when it is dropped.
+pub(crate) struct Past(PathBuf);
+
+impl Past {
+    /// Leaves to the programs of a run that have saved nothing what they have read and written, by topic, from the record in its folder.
+    ///
+    /// # Errors
+    /// [`Failure::Work`] if the record cannot be read, or there is no room.
+    pub(crate) fn leave(job: &Job, begin: &Begin) -> Result<Self, Failure> {
+        let past = Self(runtime::past_of(&job.out));
+        let folder = &past.0;
+        let _ = std::fs::remove_dir_all(folder);
+        std::fs::create_dir(folder).map_err(Failure::cannot("make", folder))?;
+        let without = begin.saved.iter().filter(|(_, saved)| lacks_state(saved));
+        let processes = without.filter_map(|(name, _)| job.graph.process(name));
+        let topics: Vec<&String> = processes
+            .flat_map(|one| one.reads.iter().chain(&one.feedback).chain(&one.writes))
+            .collect();
+        let contents = Contents::of(job);
+        let mut files = Vec::new();
+        for layout in contents.layouts() {
+            let path = folder.join(&layout.topic);
+            let create = || File::create(&path).map_err(Failure::cannot("make", &path));
+            let is_needed = topics.contains(&&layout.topic);
+            files.push(is_needed.then(create).transpose()?.map(BufWriter::new));
+        }
+        let record = job.out.join(MESSAGES);
+        let mut record = RecordReader::open(&record, &contents).map_err(Failure::work)?;
+        while let Some(item) = record.next_item() {
+            if let Item::Message { channel, message } = item
+                && tick_of(message) < begin.tick
+                && let Some(file) = &mut files[channel]
+            {
+                file.write_all(message)
+                    .map_err(Failure::cannot("write", folder))?;
+            }
+        }
+        for file in files.iter_mut().flatten() {
+            file.flush().map_err(Failure::cannot("write", folder))?;
+        }
+        Ok(past)
+    }
+}
+
+impl Drop for Past {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// Segments that have begun by a tick, as the law says in the record; 0 where it says nothing.
+///
+/// # Errors
+/// [`Failure::Input`] if the record cannot be read.
+fn begun(record: &Path, job: &Job, tick: u64) -> Result<usize, Failure> {
+    let record = RecordReader::open(record, &Contents::of(job)).map_err(Failure::input)?;
+    let mut states = record.messages::<ControlState>();
+    let state = states.find(|state| state.header.tick == tick);
+    Ok(state.map_or(0, |state| state.segment as usize + 1))
+}
+
+/// Whether a branch may have these settings, so many segments having begun.
+fn check(
+    before: &Loaded,
+    after: &Loaded,
+    begun: usize,
+    refuse: &dyn Fn(&str) -> Failure,
+) -> Result<(), Failure> {
     let values = |loaded: &Loaded| serde_json::to_value(&loaded.scenario).map_err(Failure::work);
     let (was, is) = (values(before)?, values(after)?);
     let changed = |path: &str| was.pointer(path) != is.pointer(path);
@@ -165,6 +255,12 @@ fn check(before: &Loaded, after: &Loaded, refuse: &dyn Fn(&str) -> Failure) -> R
     if let Some(key) = kept {
         return Err(refuse(&format!(
             "a branch keeps the `{key}` of its run: it can change control, plant, faults and what comes after the tick"
+        )));
+    }
+    let began = (0..begun).find(|segment| changed(&format!("/segment/{segment}")));
+    if let Some(segment) = began {
+        return Err(refuse(&format!(
+            "segment {segment} has begun by then, and the law goes on along it: change a later one"
         )));
     }
     if changed("/control/strategy") {
@@ -225,9 +321,8 @@ fn advance(
         let reached = chain::advance(&loaded.robot, &loaded.scenario, from, tick);
         reached.map_err(|error| error.to_string())
     };
-    let (saved, was) = reach(before, &from.saved)?.ok_or_else(|| {
-        format!("at tick {tick} the arm touches something, or has: branch {instead}")
-    })?;
+    let (saved, was) = reach(before, &from.saved)?
+        .ok_or_else(|| format!("the run does not come to tick {tick} again: branch {instead}"))?;
     let next = reach(after, &saved)?.ok_or("with these settings no tick follows")?;
     follows(tick, &was.control_state, &next.1.control_state)?;
     Ok(Begin { tick, saved })

@@ -42,6 +42,7 @@ pub fn recover(remains: Remains, observer: Observer<'_>) -> Result<Summary, Fail
     }
     summary.machine = machine();
     add_shared_memory(&mut summary, &job, page.as_ref());
+    remove_left(&job.run);
     keep(folder, &job, &summary)?;
     draw_results(&job, &summary, observer, &mut interrupts()?)?;
     Ok(summary)
@@ -135,6 +136,7 @@ pub fn go_on(
         let records = page.fault_table().records();
         plan.faults = records.map(|(_, record)| record.scheduled).collect();
     }
+    remove_left(&job.run);
     plan.begin = newest_cut(&results.folder.join(MESSAGES), &job, &plan.faults, u64::MAX)?;
     let from = plan.begin.tick;
     observer(Progress::Line(&format!(
@@ -216,6 +218,13 @@ fn left_in_shared_memory(run: &str) -> Option<ControlPage> {
     RunDir::open(&Path::new(SHM).join(run))
         .ok()
         .and_then(|run| ControlPage::open(&run).ok())
+}
+
+/// Removes what the launcher of a run has left in shared memory.
+fn remove_left(run: &str) {
+    if let Err(error) = RunDir::remove_left(run) {
+        runtime::complain(&error);
+    }
 }
 
 /// Ticks that a process of the run has done, the most of all.

@@ -49,9 +49,15 @@ impl ScheduledFault {
     #[must_use]
     pub fn unsettles(&self, tick: u64) -> bool {
         let is_past = self.until.saturating_add(2 * MOST_DELAY_TICKS) < tick;
+        self.has_unsettled(tick) && !is_past
+    }
+
+    /// Whether it has come between messages and their readers by a tick, or takes a process down: the record does not say who was given what.
+    #[must_use]
+    pub fn has_unsettled(&self, tick: u64) -> bool {
         let is_of_edges =
             |kind: Kind| kind.takes_down() || kind.shapes_messages() || kind == Kind::Cut;
-        self.kind().is_some_and(is_of_edges) && !is_past && self.at <= tick.saturating_add(2)
+        self.kind().is_some_and(is_of_edges) && self.at <= tick.saturating_add(2)
     }
 
     /// Whether a tick is concerned.

@@ -146,11 +146,13 @@ pub fn peer(name: &str, run: &Path) -> Result<(), ProcessError> {
             .for_each(|right| tracing::warn!("measured without {right}"));
     }
     // No measurement before every process is connected, whichever mechanism comes first.
-    shell.tick_source(0).next()?;
+    let mut ticks = shell.tick_source(0);
+    ticks.next()?;
     let measured = go_round(&ring, me == 0, &mut ends)?;
     if me == 0 {
         let text = serde_json::to_vec(&measured).map_err(ProcessError::setup)?;
-        return std::fs::write(run.join(MEASURED), text).map_err(ProcessError::setup);
+        std::fs::write(run.join(MEASURED), text).map_err(ProcessError::setup)?;
+        return Ok(ticks.finish()?);
     }
     // The first process ends the run.
     while !shell.is_stopping() {

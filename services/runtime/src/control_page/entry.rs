@@ -23,6 +23,8 @@ pub enum State {
     Gone = 5,
     /// It is stopped (SIGSTOP).
     Stopped = 6,
+    /// It makes the ticks, and there are no more.
+    Done = 7,
 }
 
 /// Declares the counters: their variants, and a record of all of them.
@@ -136,6 +138,7 @@ impl ProcessEntry {
             4 => State::Running,
             5 => State::Gone,
             6 => State::Stopped,
+            7 => State::Done,
             _ => State::Absent,
         }
     }

@@ -61,8 +61,22 @@ pub enum JoinedError {
         /// The tick.
         tick: u64,
     },
+    /// It is no function of its inputs.
+    #[error(
+        "the program of {process} goes on after a death without a state, and answers tick {tick} otherwise than before: {field} of `{topic}`. Compute it from the inputs alone, or give a state to go on from"
+    )]
+    Differs {
+        /// The process.
+        process: String,
+        /// The topic.
+        topic: &'static str,
+        /// The first field that differs.
+        field: String,
+        /// The tick.
+        tick: u64,
+    },
     /// Too large a state.
-    #[error("the state of {0} has {1} bytes; in real time there is room for 1 MiB: save less")]
+    #[error("the state of {0} has {1} bytes; there is room for 1 MiB: save less")]
     State(String, usize),
 }
 

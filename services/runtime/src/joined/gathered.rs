@@ -46,8 +46,7 @@ impl Gathered {
         let oldest = self.waiting.iter().filter_map(VecDeque::front);
         let tick = oldest.map(|message| message.header().tick).min();
         for (input, waiting) in inputs.iter_mut().zip(&mut self.waiting) {
-            input.shown = waiting.pop_front_if(|message| Some(message.header().tick) == tick);
-            input.take(input.shown.is_some());
+            input.hold(waiting.pop_front_if(|message| Some(message.header().tick) == tick));
         }
         Ok(tick)
     }

@@ -8,6 +8,7 @@ use shared_types::layout::{MessageLayout, structure};
 use shared_types::wire::{Field, Header};
 use shared_types::{Message, Target, TorqueCommand};
 
+use super::past::HEADER;
 use crate::bus::collector::Collector;
 use crate::bus::format::Format;
 use crate::bus::reader::Ticks;
@@ -37,17 +38,17 @@ pub(super) enum From {
     /// Message by message.
     Ticks(Box<Ticks>),
     /// All messages of a process that only reads.
-    Collector(Collector<[u8]>),
+    Collector(Collector),
 }
 
 /// A topic that the process reads.
 pub struct Input {
     kind: Kind,
     pub(super) from: From,
-    /// The message of the tick in hand, of a process that only reads.
-    pub(super) shown: Option<Packed>,
+    /// The message of the tick in hand where it is not in shared memory: of a process that only reads, one carried over a cut, one that comes again.
+    held: Option<Packed>,
     /// A message of the tick in hand has come.
-    pub(super) is_fresh: bool,
+    is_fresh: bool,
     /// A copy that stays at its place, for who asks for one.
     copy: Option<Packed>,
 }
@@ -71,13 +72,13 @@ pub(super) fn open(
     let input = |topic: &String| {
         let kind = Kind::of(shell, graph, topic)?;
         let from = match is_observer {
-            true => From::Collector(shell.collector_of(topic)?),
+            true => From::Collector(shell.collector(topic)?),
             false => From::Ticks(Box::new(shell.inlet(kind.format)?)),
         };
         Ok(Input {
             kind,
             from,
-            shown: None,
+            held: None,
             is_fresh: false,
             copy: None,
         })
@@ -122,17 +123,47 @@ impl Input {
         if !self.is_fresh {
             return None;
         }
-        match &self.from {
-            From::Ticks(ticks) => ticks.current(),
-            From::Collector(_) => self.shown.as_ref().map(Packed::bytes),
+        match (&self.held, &self.from) {
+            (Some(held), _) => Some(held.bytes()),
+            (None, From::Ticks(ticks)) => ticks.current(),
+            (None, From::Collector(_)) => None,
         }
+    }
+
+    /// The message of the tick in hand, or else the one before, as far as the program still sees it.
+    pub(super) fn last(&self) -> Option<&[u8]> {
+        self.message().or(self.copy.as_ref().map(Packed::bytes))
+    }
+
+    /// Goes on from what [`last`](Self::last) gave, and whether that was one of the tick in hand; `None` of other bytes.
+    pub(super) fn resume(&mut self, last: &[u8], is_fresh: bool) -> Option<()> {
+        if last.is_empty() {
+            return Some(());
+        }
+        let message = Packed::checked(last).filter(|_| last.len() == self.kind.format.bytes)?;
+        self.copy = Some(message.clone());
+        self.hold(is_fresh.then_some(message));
+        Some(())
+    }
+
+    /// Shows a message that is in no shared memory, or none.
+    pub(super) fn hold(&mut self, message: Option<Packed>) {
+        self.held = message;
+        self.show(self.held.is_some());
     }
 
     /// From now on each message is copied to this place, which stays; zeros until the first.
     pub fn copied(&mut self) -> &[u8] {
-        let bytes = self.kind.format.bytes;
-        let copy = self.copy.get_or_insert_with(|| Packed::of(&vec![0; bytes]));
-        copy.bytes()
+        if self.copy.is_none() {
+            self.copy = Some(Packed::of(&vec![0; self.kind.format.bytes]));
+            self.show(self.is_fresh);
+        }
+        self.copy.as_ref().map_or(&[], Packed::bytes)
+    }
+
+    /// Whether no torque waits for its messages.
+    pub(super) fn is_target(&self) -> bool {
+        self.topic() == Target::TOPIC
     }
 
     /// The phase in a torque.
@@ -157,7 +188,7 @@ impl Input {
 
     /// The message of a tick; `false` when it will not come. Of targets, on which no torque waits, the newest.
     pub(super) fn of_tick(&mut self, tick: u64) -> Result<bool, Interrupted> {
-        let is_target = self.topic() == Target::TOPIC;
+        let is_target = self.is_target();
         let From::Ticks(ticks) = &mut self.from else {
             return Ok(false);
         };
@@ -178,8 +209,13 @@ impl Input {
         Ok(())
     }
 
-    /// A message has come, or none.
-    pub(super) fn take(&mut self, has_come: bool) {
+    /// A message has come in shared memory, or none.
+    fn take(&mut self, has_come: bool) {
+        self.held = None;
+        self.show(has_come);
+    }
+
+    fn show(&mut self, has_come: bool) {
         self.is_fresh = has_come;
         let Some(mut copy) = self.copy.take() else {
             return;
@@ -210,6 +246,32 @@ impl Output {
 
     pub(super) fn is_used(&self) -> bool {
         self.is_used
+    }
+
+    /// What it holds: the message that was sent last, as far as the program has not changed it.
+    pub(super) fn last(&self) -> &[u8] {
+        self.message.bytes()
+    }
+
+    /// Goes on from what [`last`](Self::last) gave; `None` of other bytes.
+    pub(super) fn resume(&mut self, last: &[u8]) -> Option<()> {
+        let is_one = last.len() == self.kind.format.bytes;
+        self.message = Packed::checked(last).filter(|_| is_one)?;
+        Some(())
+    }
+
+    /// The first of its fields that holds something else than a message that has been sent; headers are not the program's.
+    pub(super) fn other_than(&self, sent: &[u8]) -> Option<String> {
+        let ours = self.message.bytes();
+        if ours[HEADER..] == sent[HEADER..] {
+            return None;
+        }
+        let differs = |field: &&Field| {
+            let place = field.offset..field.offset + field.size;
+            field.offset >= HEADER && ours.get(place.clone()) != sent.get(place)
+        };
+        let field = self.kind.layout.fields.iter().find(differs);
+        Some(field.map_or_else(String::new, |field| field.name.to_string()))
     }
 
     /// The topic, and the first of its fields that holds a number that is not finite.
