@@ -33,7 +33,7 @@ pub use error::RecordError;
 pub use event::{Event, Level, Source};
 pub use hash::TopicHash;
 pub use judge::{Bounds, Judge, Limits, TaskError, Tick, Verdict};
-pub use reader::{Defect, Flaw, Item, RecordReader, part};
+pub use reader::{Item, RecordReader, part};
 pub use rebuild::{is_in_parts, rebuild};
 pub use ticks::{Account, Assembler, Row, Ticks};
 pub use writer::RecordWriter;

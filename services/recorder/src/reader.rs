@@ -31,45 +31,8 @@ const MOST_BYTES: u64 = 64 << 20;
 /// The end of a file in which the last messages of its topics are looked for; bytes.
 const TAIL: u64 = 8 << 20;
 
-/// A way in which a record is not as it was written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Defect {
-    /// Bytes have changed.
-    Damaged,
-    /// Chunks are not there.
-    Missing,
-    /// A chunk holds messages that have come before; they are passed over.
-    Repeated,
-}
-
-/// A place of a record that is not as it was written.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Flaw {
-    /// The kind.
-    pub defect: Defect,
-    /// The first tick that it concerns, as far as the messages before it tell.
-    pub tick: u64,
-    /// Messages that are lost there, by channel, as far as those behind it tell.
-    pub lost: Vec<u64>,
-    /// Nothing has come since that would tell how much is lost.
-    pub(crate) is_open: bool,
-}
-
-impl Flaw {
-    pub(crate) fn at(tick: u64, lost: Vec<u64>) -> Self {
-        Self {
-            defect: Defect::Missing,
-            tick,
-            lost,
-            is_open: false,
-        }
-    }
-
-    /// Of how many ticks messages are lost.
-    pub fn ticks(&self) -> u64 {
-        self.lost.iter().copied().max().unwrap_or(0)
-    }
-}
+/// The count of a channel that is read from the middle of a file.
+const FROM_ANYWHERE: u32 = u32::MAX / 2;
 
 /// A part of a record.
 #[derive(Debug)]
@@ -100,7 +63,8 @@ pub struct RecordReader {
     /// The messages read of each channel in this file, and the tick of the last one.
     counts: Vec<u32>,
     ticks: Vec<u64>,
-    flaws: Vec<Flaw>,
+    /// Ticks at which it is not as it was written.
+    damage: Vec<u64>,
     is_ended: bool,
     /// Messages from this tick on have been sent again: they are in a later file.
     limit: u64,
@@ -159,7 +123,7 @@ impl RecordReader {
         let magic = reader.read(0, MAGIC.len() as u64).map_err(&cannot)?;
         reader.at = MAGIC.len() as u64;
         if !MAGIC.starts_with(&magic) {
-            reader.note(Defect::Damaged);
+            reader.note();
             let chunk = reader.find_chunk(0).map_err(&cannot)?;
             reader.at = chunk.ok_or_else(|| {
                 RecordError::damaged(path, &"its first bytes are not those of such a file")
@@ -198,7 +162,7 @@ impl RecordReader {
             next: 0,
             counts: vec![0; topics],
             ticks: vec![0; topics],
-            flaws: Vec::new(),
+            damage: Vec::new(),
             is_ended: false,
             limit: u64::MAX,
             cuts: None,
@@ -248,7 +212,7 @@ impl RecordReader {
         };
         reader.at = at;
         // It may stand in the middle of a topic.
-        reader.counts.fill(u32::MAX / 2);
+        reader.counts.fill(FROM_ANYWHERE);
         Ok(Some(reader))
     }
 
@@ -277,7 +241,7 @@ impl RecordReader {
         while self.next == self.chunk.messages.len() {
             let taken = self.take_chunk(false).unwrap_or_else(|error| {
                 runtime::complain(&RecordError::file("read", &self.path)(error));
-                self.note(Defect::Damaged);
+                self.note();
                 Ok(false)
             });
             if !matches!(taken, Ok(true)) && !self.open_next() {
@@ -318,9 +282,9 @@ impl RecordReader {
         std::iter::from_fn(move || try_pod_read_unaligned(self.next_of(channel)?).ok())
     }
 
-    /// The places that are not as they were written, as far as it has been read.
-    pub fn flaws(&self) -> &[Flaw] {
-        &self.flaws
+    /// The ticks at which it is not as it was written, as far as it has been read: chunks are damaged, missing, or there again.
+    pub fn damage(&self) -> &[u64] {
+        &self.damage
     }
 
     /// Whether its writer has ended it: it lacks nothing of what that was given.
@@ -409,15 +373,15 @@ impl RecordReader {
                         Err(refused) if is_first && !matches!(refused, Refusal::Damaged) => {
                             return Ok(Err(refused));
                         }
-                        Err(_) => self.note(Defect::Damaged),
-                    };
+                        Err(_) => self.note(),
+                    }
                     // Its length may be wrong, too.
                     self.at = self.find_chunk(self.at + 1)?.unwrap_or(self.at + length);
                 }
                 Some((op, length)) if RECORDS.contains(&op) => self.at += length,
                 _ => match self.find_chunk(behind + 1)? {
                     Some(chunk) => {
-                        self.note(Defect::Damaged);
+                        self.note();
                         self.at = chunk;
                     }
                     None => return Ok(Ok(false)),
@@ -533,57 +497,44 @@ impl RecordReader {
         is_like.then_some(()).ok_or(Refusal::WireFormat)
     }
 
-    /// Takes in the messages of a chunk but for those that have come before, and counts those that are missing before it.
+    /// Takes in the messages of a chunk but for those that have come before, and notes that some are missing before it.
     fn admit(&mut self, mut chunk: Chunk) {
-        let mut lost = vec![0; self.counts.len()];
-        let (mut first_lost, mut first_again) = (u64::MAX, None);
-        let from_anywhere = u32::MAX / 2;
+        let mut is_whole = true;
         if let Some(cuts) = &mut self.cuts {
             let valid = chunk.cuts.drain(..).filter(|cut| cut.tick <= self.limit);
             cuts.extend(valid);
         }
+        let next = self.next_tick();
         chunk.messages.retain(|message| {
             let Some(count) = self.counts.get_mut(message.channel) else {
                 return self.contents.tick_at(message.time_ns) < self.limit;
             };
-            let bytes = &chunk.bytes[message.bytes.clone()];
             let ahead = message.number.wrapping_sub(*count) as i32;
-            if *count == from_anywhere {
-                *count = message.number;
-            } else if ahead < 0 {
-                first_again.get_or_insert(tick_of(bytes));
+            let is_first = *count == FROM_ANYWHERE;
+            is_whole &= ahead == 0 || is_first;
+            if ahead < 0 && !is_first {
                 return false;
-            } else if ahead > 0 {
-                lost[message.channel] += ahead as u64;
-                let had = message.number > ahead as u32;
-                let next = self.ticks[message.channel] + u64::from(had);
-                first_lost = first_lost.min(next);
             }
             *count = message.number.wrapping_add(1);
-            self.ticks[message.channel] = tick_of(bytes);
-            tick_of(bytes) < self.limit
+            let tick = tick_of(&chunk.bytes[message.bytes.clone()]);
+            self.ticks[message.channel] = tick;
+            tick < self.limit
         });
+        // Of a damaged chunk before it that is known.
+        if !is_whole && self.damage.last() != Some(&next) {
+            self.damage.push(next);
+        }
         (self.chunk, self.next) = (chunk, 0);
-        if first_lost < u64::MAX {
-            let flaw = match self.flaws.last_mut() {
-                Some(open) if open.is_open => open,
-                _ => self.note(Defect::Missing),
-            };
-            (flaw.tick, flaw.lost) = (first_lost, lost);
-        }
-        if let Some(tick) = first_again {
-            self.note(Defect::Repeated).tick = tick;
-        }
-        self.flaws.iter_mut().for_each(|flaw| flaw.is_open = false);
     }
 
-    fn note(&mut self, defect: Defect) -> &mut Flaw {
+    /// The tick behind those of which all has been read.
+    fn next_tick(&self) -> u64 {
         let next = self.ticks.iter().zip(&self.counts);
         let next = next.map(|(tick, count)| tick + u64::from(*count > 0)).max();
-        self.flaws.push_mut(Flaw {
-            defect,
-            is_open: true,
-            ..Flaw::at(next.unwrap_or_default(), vec![0; self.counts.len()])
-        })
+        next.unwrap_or_default()
+    }
+
+    fn note(&mut self) {
+        self.damage.push(self.next_tick());
     }
 }

@@ -15,7 +15,7 @@ use crate::cut::Cut;
 use crate::error::RecordError;
 use crate::event::Event;
 use crate::hash::TopicHash;
-use crate::reader::{Defect, Flaw, Item, RecordReader};
+use crate::reader::{Item, RecordReader};
 
 /// Ticks behind one that lacks messages, before it is given out without them: more than a round of the recorder takes in, so that a topic that is read
 /// first is not taken for one ahead of the others.
@@ -223,7 +223,6 @@ pub struct Ticks {
 
 const OTHER_RUN: &str = "is the record of another run";
 const DAMAGED: &str = "is damaged";
-const ABSENT: &str = "is missing or empty";
 
 impl Ticks {
     /// The ticks of a job's run from a record.
@@ -309,60 +308,41 @@ impl Ticks {
     /// for each. A topic that the summary does not name is left out of the comparison.
     pub fn damage(mut self, summary: Option<&Summary>) -> Vec<String> {
         while self.next_with(|_, _| ()).is_some() {}
-        let mut flaws = self.flaws();
-        let accounts = self.assembler.accounts();
-        let Some(summary) = summary else {
-            return clauses(&flaws);
-        };
-        let expected = |one: &Account| summary.topics.get(&one.topic);
-        let missing = accounts.iter().enumerate().map(|(channel, one)| {
-            let known = flaws.iter().fold(one.hash.count(), |known, (_, flaw)| {
-                known.saturating_add(flaw.lost[channel])
-            });
-            expected(one).map_or(0, |all| all.count.saturating_sub(known))
+        let clauses = self.damage_so_far();
+        let accounts = self.assembler.accounts().iter();
+        let expected = summary.map(|summary| &summary.topics);
+        let other = accounts.filter(|one| {
+            let expected = expected.and_then(|topics| topics.get(&one.topic));
+            expected.is_some_and(|expected| *expected != one.hash.summary())
         });
-        let lost: Vec<u64> = missing.collect();
-        let losing = accounts.iter().zip(&lost).filter(|(_, lost)| **lost > 0);
-        if let Some(tick) = losing.map(|(one, _)| one.next_tick).min() {
-            match flaws.iter_mut().find(|(_, flaw)| flaw.is_open) {
-                Some((_, open)) => (open.tick, open.lost, open.is_open) = (tick, lost, false),
-                None => flaws.push((
-                    match self.record {
-                        Some(_) => words(Defect::Missing),
-                        None => ABSENT,
-                    },
-                    Flaw::at(tick, lost),
-                )),
+        match (clauses.is_empty(), other.min_by_key(|one| one.next_tick)) {
+            (true, Some(one)) => {
+                let Account {
+                    topic, next_tick, ..
+                } = one;
+                vec![format!(
+                    "{MESSAGES} holds other messages than the run has sent: of `{topic}` {} to tick {next_tick}",
+                    one.hash.count()
+                )]
             }
+            _ => clauses,
         }
-        let mut clauses = clauses(&flaws);
-        if clauses.is_empty() {
-            let differs = |one: &&Account| {
-                expected(one).is_some_and(|expected| *expected != one.hash.summary())
-            };
-            clauses.extend(accounts.iter().filter(differs).map(|one| {
-                let topic = &one.topic;
-                format!("{MESSAGES} holds other messages of `{topic}` than the run has sent")
-            }));
-        }
-        clauses
     }
 
-    /// The damage as far as the record has been read: a clause for each kind.
+    /// The damage as far as the record has been read, in words.
     pub fn damage_so_far(&self) -> Vec<String> {
-        clauses(&self.flaws())
-    }
-
-    fn flaws(&self) -> Vec<(&'static str, Flaw)> {
-        let read = self.record.iter().flat_map(RecordReader::flaws);
-        let read = read.map(|flaw| (words(flaw.defect), flaw.clone()));
-        let refused = self.refused.map(|words| {
-            let none = vec![0; self.assembler.accounts().len()];
-            let mut flaw = Flaw::at(0, none);
-            flaw.is_open = true;
-            (words, flaw)
-        });
-        read.chain(refused).collect()
+        let read = self.record.as_ref().map_or(&[][..], RecordReader::damage);
+        let place = match read {
+            [] => None,
+            [tick] => Some(format!("{MESSAGES} is damaged at tick {tick}")),
+            [tick, ..] => Some(format!(
+                "{MESSAGES} is damaged in {} places, first at tick {tick}",
+                read.len()
+            )),
+        };
+        let place = place.map(|place| format!("{place}: what can be read there is used"));
+        let refused = self.refused.map(|words| format!("{MESSAGES} {words}"));
+        place.into_iter().chain(refused).collect()
     }
 }
 
@@ -372,44 +352,4 @@ impl Iterator for Ticks {
     fn next(&mut self) -> Option<Box<Row>> {
         self.next_with(|_, _| ())
     }
-}
-
-/// The words for a defect behind the name of the file.
-fn words(defect: Defect) -> &'static str {
-    match defect {
-        Defect::Damaged => DAMAGED,
-        Defect::Missing => "lacks chunks",
-        Defect::Repeated => "holds chunks twice or out of their order",
-    }
-}
-
-/// A clause for each kind of flaw.
-fn clauses(flaws: &[(&'static str, Flaw)]) -> Vec<String> {
-    let mut kinds: Vec<&str> = Vec::new();
-    for (words, _) in flaws {
-        if !kinds.contains(words) {
-            kinds.push(words);
-        }
-    }
-    let clause = |kind: &str| {
-        let alike = || flaws.iter().filter(|(words, _)| *words == kind);
-        let first = alike().map(|(_, flaw)| flaw.tick).min().unwrap_or(0);
-        let ticks = alike().fold(0, |ticks: u64, (_, flaw)| {
-            ticks.saturating_add(flaw.ticks())
-        });
-        let place = match alike().count() {
-            _ if [OTHER_RUN, ABSENT].contains(&kind) => String::new(),
-            1 => format!(" at tick {first}"),
-            places => format!(" in {places} places, first at tick {first}"),
-        };
-        let lost = match ticks {
-            0 if alike().any(|(_, flaw)| flaw.is_open) => {
-                "its messages from there on are lost".to_owned()
-            }
-            0 => "no message is lost".to_owned(),
-            ticks => format!("its messages of {ticks} ticks are lost"),
-        };
-        format!("{MESSAGES} {kind}{place}: {lost}")
-    };
-    kinds.into_iter().map(clause).collect()
 }

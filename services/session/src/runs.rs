@@ -3,7 +3,7 @@
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-use recorder::{Flaw, MESSAGES, RecordReader, Ticks};
+use recorder::{MESSAGES, Ticks};
 use shared_types::job::{JOB, Job};
 use shared_types::summary::Summary;
 use viz::RECORDING;
@@ -157,15 +157,14 @@ impl Run {
         Ok(job)
     }
 
-    /// A clause for each way in which the record is damaged or does not match the summary's counts; and whether messages are lost amid it.
+    /// A clause for each way in which the record is damaged or does not match the summary's counts; and whether messages may be lost amid it.
     pub fn message_damage(&self, job: &Job, summary: Option<&Summary>) -> (Vec<String>, bool) {
         match Ticks::open_left(&self.folder.join(MESSAGES), job) {
             _ if !job.record => (Vec::new(), false),
             Ok(mut ticks) => {
                 ticks.by_ref().for_each(drop);
-                let mut flaws = ticks.record().into_iter().flat_map(RecordReader::flaws);
-                let has_holes = flaws.any(|flaw: &Flaw| flaw.ticks() > 0);
-                (ticks.damage(summary), has_holes)
+                let may_lack = !ticks.damage_so_far().is_empty();
+                (ticks.damage(summary), may_lack)
             }
             Err(error) => (vec![error.to_string()], false),
         }

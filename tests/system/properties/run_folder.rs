@@ -44,7 +44,7 @@ pub fn record(bytes: &[u8]) {
                         messages += message.len();
                     }
                 }
-                let flaws = record.flaws().len();
+                let flaws = record.damage().len();
                 assert!(messages <= file.len() * 300 && flaws <= 2 * file.len() + 1);
                 let mut again = RecordReader::open(&path, &contents).expect("a record");
                 let copy = path.with_added_extension("copy");
