@@ -53,7 +53,8 @@ pub(crate) fn floor(z: f64) -> Solid {
 
 /// The robot's own shapes but meshes, or, where it has none, capsules from joint to joint.
 pub(crate) fn solids(robot: &Robot) -> Vec<Solid> {
-    let described: Vec<Solid> = robot.shapes.iter().filter_map(described).collect();
+    let touching = robot.shapes.iter().filter(|shape| shape.touches);
+    let described: Vec<Solid> = touching.filter_map(described).collect();
     if described.is_empty() {
         return guessed(robot);
     }

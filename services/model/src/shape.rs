@@ -1,4 +1,4 @@
-//! Visual geometry.
+//! Visual and collision geometry.
 
 use crate::pose::Pose;
 use nalgebra::Vector3;
@@ -39,7 +39,7 @@ pub enum Geometry {
     },
 }
 
-/// A piece of visual geometry fixed to a link.
+/// A piece of visual or collision geometry fixed to a link.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shape {
     /// Index of the joint whose link carries it; `None` for the base.
@@ -52,4 +52,6 @@ pub struct Shape {
     pub colour: Option<[f64; 4]>,
     /// Whether it is collision geometry, for the eye only where the link's own meshes cannot be read.
     pub stands_in: bool,
+    /// Whether it is what can touch the world: collision geometry, or visual geometry of a link that has none.
+    pub touches: bool,
 }

@@ -345,25 +345,27 @@ impl<'a> Tree<'a> {
                 X_LF,
             });
             let link = self.links[name];
-            let shape = |form, origin, colour, stands_in| Shape {
+            let shape = |form, origin, colour, stands_in, touches| Shape {
                 joint,
                 X_LS: X_LF * pose(origin),
                 geometry: geometry(form),
                 colour,
                 stands_in,
+                touches,
             };
+            let is_mesh = |form: &_| matches!(form, urdf_rs::Geometry::Mesh { .. });
+            let closed = link.collision.iter().filter(|one| !is_mesh(&one.geometry));
+            let closed: Vec<_> = closed.collect();
             chain.shapes.extend(link.visual.iter().map(|visual| {
                 let colour = self.colour(visual.material.as_ref());
-                shape(&visual.geometry, &visual.origin, colour, false)
+                let (form, touches) = (&visual.geometry, closed.is_empty());
+                shape(form, &visual.origin, colour, false, touches)
             }));
-            let is_mesh = |form: &_| matches!(form, urdf_rs::Geometry::Mesh { .. });
-            if link.visual.iter().all(|visual| is_mesh(&visual.geometry)) {
-                let closed = link.collision.iter().filter(|one| !is_mesh(&one.geometry));
-                let instead = !link.visual.is_empty();
-                chain
-                    .shapes
-                    .extend(closed.map(|one| shape(&one.geometry, &one.origin, None, instead)));
-            }
+            let instead = !link.visual.is_empty();
+            let closed = closed.into_iter();
+            chain
+                .shapes
+                .extend(closed.map(|one| shape(&one.geometry, &one.origin, None, instead, true)));
             for child in self.joints_of(name) {
                 let is_held = rigid.iter().any(|(link, _)| *link == child.child.link);
                 if is_held && self.is_movable(child) {
